@@ -1,0 +1,82 @@
+"""The body asset: mean adult, shape basis, skeleton and skinning weights, built by ``tools/build_body_asset.py``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+
+import numpy as np
+
+from anchorpose.joints import JOINT_NAMES
+
+JOINT_BONES = {
+    "SpineBase": "Hips", "SpineMid": "Spine", "SpineShoulder": "Neck", "Neck": "Neck1", "Head": "Head",
+    "ShoulderLeft": "LeftArm", "ElbowLeft": "LeftForeArm", "WristLeft": "LeftHand", "HandLeft": "LeftFingerBase",
+    "ShoulderRight": "RightArm", "ElbowRight": "RightForeArm", "WristRight": "RightHand",
+    "HandRight": "RightFingerBase",
+    "HipLeft": "LeftUpLeg", "KneeLeft": "LeftLeg", "AnkleLeft": "LeftFoot", "FootLeft": "LeftToeBase",
+    "HipRight": "RightUpLeg", "KneeRight": "RightLeg", "AnkleRight": "RightFoot", "FootRight": "RightToeBase",
+}  # fmt: skip
+"""The bone whose head is the joint; for ``Head`` it is the middle of the bone."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BodyAsset:
+    """Linear shape space over a skinned mesh. Axes X forward, Y up, Z to the body's right; metres; rest pose.
+
+    vertices (v, 3), vertex_basis (k, v, 3): skin of the mean adult and what one standard deviation of each shape
+    coefficient adds. bone_heads, bone_tails (b, 3) and their bases (k, b, 3): the skeleton, moved by the same
+    coefficients. bone_parents (b,) int, -1 for the root; parents stand before children. skin_bones, skin_weights
+    (v, w): linear blend skinning, rows sum to 1. faces (f, 3) int32, counter-clockwise from outside.
+    """
+
+    vertices: np.ndarray
+    vertex_basis: np.ndarray
+    bone_heads: np.ndarray
+    bone_head_basis: np.ndarray
+    bone_tails: np.ndarray
+    bone_tail_basis: np.ndarray
+    bone_names: tuple[str, ...]
+    bone_parents: np.ndarray
+    skin_bones: np.ndarray
+    skin_weights: np.ndarray
+    faces: np.ndarray
+
+    @property
+    def shape_count(self) -> int:
+        """Number of shape coefficients."""
+        return len(self.vertex_basis)
+
+    def bone(self, name: str) -> int:
+        """Index of a bone."""
+        return self.bone_names.index(name)
+
+    def main_bone(self) -> np.ndarray:
+        """(v,) int: the bone that moves each vertex most; the vertex's body part."""
+        return self.skin_bones[np.arange(len(self.skin_bones)), self.skin_weights.argmax(axis=1)]
+
+
+@cache
+def load_body_asset() -> BodyAsset:
+    """The asset that ships with the package."""
+    with resources.files("anchorpose.body").joinpath("data/body.npz").open("rb") as stream, np.load(stream) as stored:
+        weights = stored["skin_weights"].astype(np.float64)
+        return BodyAsset(
+            vertices=stored["vertices"].astype(np.float64),
+            vertex_basis=stored["vertex_basis"].astype(np.float64),
+            bone_heads=stored["bone_heads"],
+            bone_head_basis=stored["bone_head_basis"],
+            bone_tails=stored["bone_tails"],
+            bone_tail_basis=stored["bone_tail_basis"],
+            bone_names=tuple(str(name) for name in stored["bone_names"]),
+            bone_parents=stored["bone_parents"].astype(np.int64),
+            skin_bones=stored["skin_bones"].astype(np.int64),
+            skin_weights=weights / weights.sum(axis=1, keepdims=True),
+            faces=stored["faces"].astype(np.int32),
+        )
+
+
+def joint_bones(asset: BodyAsset) -> np.ndarray:
+    """(21,) int: the bone that carries each joint, in the order of ``JOINT_NAMES``."""
+    return np.array([asset.bone(JOINT_BONES[name]) for name in JOINT_NAMES])

@@ -1,0 +1,87 @@
+"""A depth camera: intrinsics, pose, and the way between pixels and metres."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Intrinsics:
+    """Pinhole with OpenCV's distortion; pixel centres at whole numbers."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)  # k1 k2 p1 p2 k3
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """(3, 3) float64 camera matrix."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Camera:
+    """One camera of a recording. Camera frame: x right, y down, z away (OpenCV), metres."""
+
+    name: str
+    width: int
+    height: int
+    depth_scale: float  # metres a grey value
+    intrinsics: Intrinsics
+    T_world_camera: np.ndarray | None = field(default=None)  # (4, 4); None where the pose is unknown
+
+    @property
+    def position_m(self) -> np.ndarray:
+        """(3,) centre of projection in the world frame; raises ValueError where the pose is unknown."""
+        return self.require_pose()[:3, 3]
+
+    def require_pose(self) -> np.ndarray:
+        """T_world_camera, or ValueError: no stage may invent a pose."""
+        if self.T_world_camera is None:
+            raise ValueError(f"the pose of camera {self.name} is unknown")
+        return self.T_world_camera
+
+    def pixel_rays(self) -> np.ndarray:
+        """(height, width, 2) float32: x/z and y/z of each undistorted pixel ray, camera frame."""
+        import cv2
+
+        columns, rows = np.meshgrid(np.arange(self.width), np.arange(self.height))
+        pixels = np.stack([columns, rows], axis=-1).reshape(-1, 1, 2).astype(np.float64)
+        rays = cv2.undistortPoints(pixels, self.intrinsics.matrix, np.array(self.intrinsics.distortion))
+        return rays.reshape(self.height, self.width, 2).astype(np.float32)
+
+    def back_project(self, depth_m: np.ndarray) -> np.ndarray:
+        """Depth picture (height, width) in metres to (height, width, 3) float32 camera points; NaN where depth is 0."""
+        depth = np.where(depth_m > 0, depth_m, np.nan).astype(np.float32)
+        return np.concatenate([self.pixel_rays() * depth[..., None], depth[..., None]], axis=-1)
+
+    def project(self, points_camera_m: np.ndarray) -> np.ndarray:
+        """(n, 3) camera points to (n, 2) pixels (column, row), distorted; NaN behind the camera."""
+        import cv2
+
+        points = np.asarray(points_camera_m, dtype=np.float64).reshape(-1, 3)
+        ahead = points[:, 2] > 1e-6
+        pixels = np.full((len(points), 2), np.nan)
+        if ahead.any():
+            found, _ = cv2.projectPoints(
+                points[ahead], np.zeros(3), np.zeros(3), self.intrinsics.matrix, np.array(self.intrinsics.distortion)
+            )
+            pixels[ahead] = found.reshape(-1, 2)
+        return pixels
+
+
+def transform_points(T_target_source: np.ndarray, points_source: np.ndarray) -> np.ndarray:
+    """``p_target = T_target_source @ p_source`` for points of shape (..., 3)."""
+    return points_source @ T_target_source[:3, :3].T + T_target_source[:3, 3]
+
+
+def invert_rigid(T_target_source: np.ndarray) -> np.ndarray:
+    """T_source_target of a rigid (4, 4) transform."""
+    inverse = np.eye(4)
+    inverse[:3, :3] = T_target_source[:3, :3].T
+    inverse[:3, 3] = -T_target_source[:3, :3].T @ T_target_source[:3, 3]
+    return inverse

@@ -1,0 +1,21 @@
+"""What can go wrong, as one sentence with a remedy each."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class AnchorposeError(Exception):
+    """An error that the person at the keyboard can mend; the command line prints it and exits with 2."""
+
+
+class InputError(AnchorposeError):
+    """A file that cannot be used: which one, what is wrong with it, and what to do."""
+
+    def __init__(self, path: Path | str, problem: str, remedy: str) -> None:
+        self.path, self.problem, self.remedy = Path(path), problem, remedy
+        super().__init__(f"{path}: {problem}; {remedy}.")
+
+
+class DegenerateGeometry(AnchorposeError):
+    """Points that do not determine what was asked of them (too few, collinear, flat)."""

@@ -1,0 +1,35 @@
+"""One camera's frame with every pixel told apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+
+class PixelLabel(IntEnum):
+    """What a pixel shows. Labels above ``OTHER_PERSON`` are further people, one label each."""
+
+    NO_READING = 0
+    BACKGROUND = 1
+    EQUIPMENT = 2  # remembered, not just removed: the patient may be behind it
+    CLUTTER = 3  # foreground that is nobody: flying pixels, crumbs
+    PATIENT = 4
+    OTHER_PERSON = 5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """One camera's depth picture and the label of each pixel.
+
+    depth_m (height, width) float32 metres, 0 = no reading; labels (height, width) uint8 of ``PixelLabel``.
+    """
+
+    depth_m: np.ndarray
+    labels: np.ndarray
+
+    @property
+    def patient(self) -> np.ndarray:
+        """(height, width) bool: pixels on the patient."""
+        return self.labels == PixelLabel.PATIENT

@@ -1,0 +1,31 @@
+"""The 21 joints, their order, and the limbs between them."""
+
+from __future__ import annotations
+
+from typing import Final
+
+JOINT_NAMES: Final = (
+    "SpineBase", "SpineMid", "SpineShoulder", "Neck", "Head",
+    "ShoulderLeft", "ElbowLeft", "WristLeft", "HandLeft",
+    "ShoulderRight", "ElbowRight", "WristRight", "HandRight",
+    "HipLeft", "KneeLeft", "AnkleLeft", "FootLeft",
+    "HipRight", "KneeRight", "AnkleRight", "FootRight",
+)  # fmt: skip
+"""Kinect v2's 25 joints without hand tips and thumbs (paper, Section III: N_J = 21); left is the patient's left."""
+
+JOINT_COUNT: Final = len(JOINT_NAMES)
+
+JOINT_INDEX: Final = {name: index for index, name in enumerate(JOINT_NAMES)}
+
+LIMBS: Final = tuple(
+    (JOINT_INDEX[start], JOINT_INDEX[end])
+    for start, end in (
+        ("SpineBase", "SpineMid"), ("SpineMid", "SpineShoulder"), ("SpineShoulder", "Neck"), ("Neck", "Head"),
+        ("SpineShoulder", "ShoulderLeft"), ("ShoulderLeft", "ElbowLeft"), ("ElbowLeft", "WristLeft"),
+        ("WristLeft", "HandLeft"), ("SpineShoulder", "ShoulderRight"), ("ShoulderRight", "ElbowRight"),
+        ("ElbowRight", "WristRight"), ("WristRight", "HandRight"), ("SpineBase", "HipLeft"), ("HipLeft", "KneeLeft"),
+        ("KneeLeft", "AnkleLeft"), ("AnkleLeft", "FootLeft"), ("SpineBase", "HipRight"), ("HipRight", "KneeRight"),
+        ("KneeRight", "AnkleRight"), ("AnkleRight", "FootRight"),
+    )
+)  # fmt: skip
+"""Pairs of joint indices that a picture connects by a line."""

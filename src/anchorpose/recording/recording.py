@@ -1,0 +1,42 @@
+"""What a recording folder holds, once read and checked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from anchorpose.camera import Camera
+from anchorpose.recording.equipment import EquipmentModel
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DepthStream:
+    """The depth pictures of one camera, in the order of time."""
+
+    files: tuple[Path, ...]
+    time_s: np.ndarray  # (n,) float64, strictly increasing, the camera's own clock
+    frame: np.ndarray  # (n,) int64, the number in the file's name
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Recording:
+    """A checked recording folder; pictures are read on demand, one frame at a time."""
+
+    folder: Path
+    cameras: tuple[Camera, ...]
+    streams: tuple[DepthStream, ...]  # one a camera
+    backgrounds_m: tuple[np.ndarray | None, ...]  # one a camera: (height, width) float32, 0 = no reading
+    equipment: EquipmentModel | None
+    subject_height_m: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FrameSet:
+    """The pictures of all cameras at one time of the reference clock (the first camera's)."""
+
+    frame: int
+    time_s: float
+    depths_m: tuple[np.ndarray | None, ...]  # one a camera: (height, width) float32, 0 = no reading; None = no picture
+    problems: tuple[str, ...] = ()  # one sentence for each picture that should be there and cannot be used

