@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 
@@ -46,13 +47,8 @@ class Camera:
         return self.T_world_camera
 
     def pixel_rays(self) -> np.ndarray:
-        """(height, width, 2) float32: x/z and y/z of each undistorted pixel ray, camera frame."""
-        import cv2
-
-        columns, rows = np.meshgrid(np.arange(self.width), np.arange(self.height))
-        pixels = np.stack([columns, rows], axis=-1).reshape(-1, 1, 2).astype(np.float64)
-        rays = cv2.undistortPoints(pixels, self.intrinsics.matrix, np.array(self.intrinsics.distortion))
-        return rays.reshape(self.height, self.width, 2).astype(np.float32)
+        """(height, width, 2) float32, read only: x/z and y/z of each undistorted pixel ray, camera frame."""
+        return _pixel_rays(self.intrinsics, self.width, self.height)
 
     def back_project(self, depth_m: np.ndarray) -> np.ndarray:
         """Depth picture (height, width) in metres to (height, width, 3) float32 camera points; NaN where depth is 0."""
@@ -72,6 +68,26 @@ class Camera:
             )
             pixels[ahead] = found.reshape(-1, 2)
         return pixels
+
+    def pixel_of(self, points_camera_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Column, row (n,) int64 of the pixel each point falls on, and whether it does; 0, 0 where it does not."""
+        place = self.project(points_camera_m)
+        place = np.where(np.isfinite(place), np.clip(place, -1e6, 1e6), -1.0)
+        column, row = np.rint(place).astype(np.int64).T
+        inside = (column >= 0) & (column < self.width) & (row >= 0) & (row < self.height)
+        return np.where(inside, column, 0), np.where(inside, row, 0), inside
+
+
+@lru_cache(maxsize=16)
+def _pixel_rays(intrinsics: Intrinsics, width: int, height: int) -> np.ndarray:
+    import cv2
+
+    columns, rows = np.meshgrid(np.arange(width), np.arange(height))
+    pixels = np.stack([columns, rows], axis=-1).reshape(-1, 1, 2).astype(np.float64)
+    rays = cv2.undistortPoints(pixels, intrinsics.matrix, np.array(intrinsics.distortion))
+    rays = rays.reshape(height, width, 2).astype(np.float32)
+    rays.setflags(write=False)
+    return rays
 
 
 def transform_points(T_target_source: np.ndarray, points_source: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from typing import Final
 
 JOINT_NAMES: Final = (
@@ -29,3 +30,15 @@ LIMBS: Final = tuple(
     )
 )  # fmt: skip
 """Pairs of joint indices that a picture connects by a line."""
+
+
+class JointState(StrEnum):
+    """What is known of a joint in a frame (the values of the results tables)."""
+
+    OBSERVED = "observed"
+    HIDDEN_BY_SELF = "hidden_by_self"
+    HIDDEN_BY_EQUIPMENT = "hidden_by_equipment"
+    HIDDEN_BY_PERSON = "hidden_by_person"
+    HIDDEN = "hidden"
+    OUT_OF_VIEW = "out_of_view"
+    LOST = "lost"

@@ -3,8 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
+from numba import njit
+
+from anchorpose.association.gate import GateConfig, error_bound
+from anchorpose.association.voxels import sort_into_voxels
+from anchorpose.surface.surface import Surface
+
+MAX_SUBSETS = 63  # one bit a subset; five anchors have ten
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -16,3 +24,181 @@ class Hypotheses:
 
     match: np.ndarray
     subsets: np.ndarray
+
+
+def anchor_subsets(found: np.ndarray, size: int = 3) -> np.ndarray:
+    """S_A,m: every subset of ``size`` of the found anchors, as rows of anchor indices in ascending order.
+
+    found (5,) bool: anchors found in both frames. Returns (C(N_A, size), size) int64; with fewer anchors than ``size``
+    the one subset of all of them, with none a (0, size) array. Three suffice to tell nodes apart (paper, Section IV-D).
+    """
+    if size < 1:
+        raise ValueError(f"size must be at least 1, got {size}")
+    anchors = np.flatnonzero(found)
+    if len(anchors) == 0:
+        return np.empty((0, size), np.int64)
+    return np.array(list(combinations(anchors, min(size, len(anchors)))), np.int64)
+
+
+def match_hypotheses(
+    source_descriptor: np.ndarray,
+    target_surface: Surface,
+    target_descriptor: np.ndarray,
+    subsets: np.ndarray,
+    predicted_m: np.ndarray | None = None,
+    config: GateConfig | None = None,
+) -> Hypotheses:
+    """The match of every source node under every subset: the node of psi closest to the average position of psi.
+
+    source_descriptor (m, 5), target_descriptor (n, 5) float32 metres, NaN = missed anchor, inf = unreachable: neither
+    is ever within the gate. subsets (s, n_s) of ``anchor_subsets``. predicted_m (m, 3) world: where each source node is
+    expected in the target frame; psi is then looked for within ``search_radius_m`` of it, and a node whose prediction
+    is NaN has no match. Without it psi is looked for on the whole surface, as the paper does: some fifty times slower.
+    psi(v) holds the nodes whose descriptor distance over the subset is below ``error_bound``. Source: the paper, Section IV-C (psi and its average) and Section V (track tree construction).
+    """
+    config = config or GateConfig()
+    _refuse_mismatch(source_descriptor, target_surface, target_descriptor, subsets, predicted_m)
+    count = len(source_descriptor)
+    if len(target_surface) == 0 or len(subsets) == 0:
+        return Hypotheses(match=np.full((count, len(subsets)), -1, np.int32), subsets=subsets)
+    centres = np.zeros((count, 3), np.float32) if predicted_m is None else predicted_m.astype(np.float32)
+    radius = np.inf if predicted_m is None else config.search_radius_m
+    voxels = sort_into_voxels(target_surface.points_m, radius)
+    source = np.ascontiguousarray(source_descriptor, dtype=np.float32)
+    match = _match(
+        source,
+        error_bound(source, subsets, config) ** 2,
+        centres,
+        np.ascontiguousarray(target_surface.points_m[voxels.order]),
+        np.ascontiguousarray(target_descriptor[voxels.order], dtype=np.float32),
+        voxels.order,
+        voxels.start,
+        voxels.origin_m,
+        np.float64(voxels.side_m),
+        voxels.shape,
+        np.float64(radius),
+        np.ascontiguousarray(subsets, dtype=np.int64),
+    )
+    return Hypotheses(match=match, subsets=subsets)
+
+
+def _refuse_mismatch(
+    source_descriptor: np.ndarray,
+    target_surface: Surface,
+    target_descriptor: np.ndarray,
+    subsets: np.ndarray,
+    predicted_m: np.ndarray | None,
+) -> None:
+    if target_descriptor.shape[0] != len(target_surface) or target_descriptor.shape[1:] != source_descriptor.shape[1:]:
+        raise ValueError(
+            f"descriptors {source_descriptor.shape} and {target_descriptor.shape} do not fit {len(target_surface)} nodes"
+        )
+    if len(subsets) > MAX_SUBSETS:
+        raise ValueError(f"at most {MAX_SUBSETS} subsets, got {len(subsets)}")
+    if len(subsets) and not ((subsets >= 0) & (subsets < source_descriptor.shape[1])).all():
+        raise ValueError(f"subsets name anchors beyond the {source_descriptor.shape[1]} of the descriptor")
+    if predicted_m is not None and predicted_m.shape != (len(source_descriptor), 3):
+        raise ValueError(f"predicted_m is {predicted_m.shape}, wanted ({len(source_descriptor)}, 3)")
+
+
+@njit(cache=True)
+def _match(
+    source: np.ndarray,
+    limit2: np.ndarray,
+    centres: np.ndarray,
+    points: np.ndarray,
+    target: np.ndarray,
+    order: np.ndarray,
+    start: np.ndarray,
+    origin: np.ndarray,
+    side: float,
+    shape: np.ndarray,
+    radius: float,
+    subsets: np.ndarray,
+) -> np.ndarray:
+    """Two passes a source node: psi and its sums, then the member of psi nearest to each average."""
+    match = np.full((len(source), len(subsets)), -1, np.int32)
+    anchors = source.shape[1]
+    member = np.empty(len(points), np.int32)
+    inside = np.empty(len(points), np.int64)
+    offset2 = np.empty(anchors, np.float64)
+    total = np.empty((len(subsets), 3), np.float64)
+    size = np.empty(len(subsets), np.int64)
+    nearest = np.empty(len(subsets), np.float64)
+    low, high = np.zeros(3, np.int64), np.zeros(3, np.int64)
+    for node in range(len(source)):
+        if not _voxel_range(centres[node], radius, origin, side, shape, low, high):
+            continue
+        largest = 0.0
+        for s in range(len(subsets)):
+            if np.isfinite(limit2[node, s]):
+                largest = max(largest, np.float64(limit2[node, s]))
+        total[:], size[:], found = 0.0, 0, 0
+        for i in range(low[0], high[0] + 1):
+            for j in range(low[1], high[1] + 1):
+                row = (i * shape[1] + j) * shape[2]
+                for spot in range(start[row + low[2]], start[row + high[2] + 1]):  # voxels along z follow one another
+                    near = 0
+                    for k in range(anchors):
+                        offset = np.float64(target[spot, k]) - np.float64(source[node, k])
+                        offset2[k] = offset * offset
+                        if offset2[k] < largest:
+                            near += 1
+                    if near < subsets.shape[1] or _beyond(points, spot, centres, node, radius):
+                        continue
+                    bits = 0
+                    for s in range(len(subsets)):
+                        distance2 = 0.0
+                        for k in range(subsets.shape[1]):
+                            distance2 += offset2[subsets[s, k]]
+                        if distance2 < limit2[node, s]:
+                            bits |= 1 << s
+                            size[s] += 1
+                            for axis in range(3):
+                                total[s, axis] += points[spot, axis]
+                    if bits:
+                        member[found], inside[found] = spot, bits
+                        found += 1
+        for s in range(len(subsets)):
+            nearest[s] = np.inf
+            if size[s] > 0:
+                total[s] /= size[s]
+        for m in range(found):
+            for s in range(len(subsets)):
+                if inside[m] >> s & 1:
+                    away = 0.0
+                    for axis in range(3):
+                        away += (points[member[m], axis] - total[s, axis]) ** 2
+                    if away < nearest[s]:
+                        nearest[s], match[node, s] = away, order[member[m]]
+    return match
+
+
+@njit(cache=True)
+def _beyond(points: np.ndarray, spot: int, centres: np.ndarray, node: int, radius: float) -> bool:
+    distance2 = 0.0
+    for axis in range(3):
+        distance2 += (np.float64(points[spot, axis]) - np.float64(centres[node, axis])) ** 2
+    return distance2 > radius * radius
+
+
+@njit(cache=True)
+def _voxel_range(
+    centre: np.ndarray,
+    radius: float,
+    origin: np.ndarray,
+    side: float,
+    shape: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+) -> bool:
+    """The voxels that a ball touches; False where it misses all of them or has no centre."""
+    for axis in range(3):
+        low[axis], high[axis] = 0, shape[axis] - 1
+        if radius < np.inf:
+            first = np.floor((centre[axis] - radius - origin[axis]) / side)
+            last = np.floor((centre[axis] + radius - origin[axis]) / side)
+            if not (last >= 0 and first < shape[axis]):  # also where the centre is NaN
+                return False
+            low[axis], high[axis] = max(0, int(first)), min(shape[axis] - 1, int(last))
+    return True

@@ -1,0 +1,1 @@
+"""Simulated clinics: bodies that move, therapists who hold them, a standing frame, and a depth sensor that errs."""

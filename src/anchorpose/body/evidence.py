@@ -1,0 +1,49 @@
+"""What one frame offers to the registration of the body."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from anchorpose.body.constraints import (
+    ConstraintConfig,
+    Constraints,
+    Outline,
+    find_outline,
+    join,
+    outline_constraints,
+    surface_constraints,
+)
+from anchorpose.body.pose import Pose
+from anchorpose.body.skin_points import RestPoints, SkinPoints, pose_points
+from anchorpose.camera import Camera
+from anchorpose.isolation.view import View
+from anchorpose.surface.surface import Surface
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evidence:
+    """The patient's surface, and every camera's labelled picture with the patient's outline in it (None: no picture)."""
+
+    surface: Surface
+    views: tuple[View | None, ...]
+    outlines: tuple[Outline | None, ...]
+    cameras: tuple[Camera, ...]
+
+
+def gather_evidence(surface: Surface, views: Sequence[View | None], cameras: Sequence[Camera]) -> Evidence:
+    """Evidence of one frame; outlines are found once."""
+    outlines = tuple(None if view is None else find_outline(view) for view in views)
+    return Evidence(surface, tuple(views), outlines, tuple(cameras))
+
+
+def evidence_rows(
+    points: SkinPoints, rest: RestPoints, pose: Pose, evidence: Evidence, reach_m: float, config: ConstraintConfig
+) -> Constraints:
+    """Both directions: every node to the skin, and skin that should be seen to the outline."""
+    posed = pose_points(points, rest, pose)
+    rows = [surface_constraints(posed, evidence.surface, evidence.cameras, reach_m, config)]
+    for view, outline, camera in zip(evidence.views, evidence.outlines, evidence.cameras, strict=True):
+        if view is not None and outline is not None:
+            rows.append(outline_constraints(posed, view, outline, camera, reach_m, config))
+    return join(rows)

@@ -1,0 +1,186 @@
+"""Articulated registration: Gauss-Newton on pose (and shape) against the constraints, with joint ranges as priors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.spatial.transform import Rotation
+
+from anchorpose.body.constraints import Constraints
+from anchorpose.body.pose import DEGREE, POSE_SIZE, Pose, inverse_left_jacobian, joint_range
+from anchorpose.body.skin_points import (
+    FittedShape,
+    PosedPoints,
+    RestPoints,
+    SkinPoints,
+    pose_jacobian,
+    pose_points,
+    rest_points,
+    shape_jacobian,
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FitConfig:
+    """Strength of what is known before the depth is looked at."""
+
+    hinge_limit_sigma: float = 3.0 * DEGREE  # how far past straight a knee or elbow may be read
+    turn_rate_sigma: float = 15.0 * DEGREE  # a second's root: a predicted limb strays by 4 degrees in 1/15 s
+    root_rate_sigma_m: float = 0.08  # a second's root: a predicted trunk strays by 2 cm in 1/15 s
+    rows_per_observation: float = 8.0  # neighbouring nodes share their error: so many count as one
+    max_turn: float = 30.0 * DEGREE  # one step of the solver
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+
+    def process_variance(self, elapsed_s: float) -> np.ndarray:
+        """(POSE_SIZE,) variance that a prediction gains over a time: a random walk about the predicted motion."""
+        variance = np.full(POSE_SIZE, self.turn_rate_sigma**2 * elapsed_s)
+        variance[-3:] = self.root_rate_sigma_m**2 * elapsed_s
+        return variance
+
+
+Predicted = tuple[Pose, np.ndarray]
+"""A predicted pose and the information (POSE_SIZE, POSE_SIZE) it carries."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NormalEquations:
+    """``hessian @ change = -gradient`` in pose, then shape; cost in units of one observation."""
+
+    hessian: np.ndarray
+    gradient: np.ndarray
+    cost: float
+
+
+def pose_equations(
+    points: SkinPoints, rest: RestPoints, pose: Pose, posed: PosedPoints, constraints: Constraints,
+    predicted: Predicted | None, config: FitConfig, shape_count: int = 0,
+) -> NormalEquations:  # fmt: skip
+    """Normal equations of one frame: data, joint range, hinge limits, prediction; shape columns where asked for."""
+    size = POSE_SIZE + (shape_count + 1 if shape_count else 0)
+    hessian, gradient = np.zeros((size, size)), np.zeros(size)
+    hessian[:POSE_SIZE, :POSE_SIZE], gradient[:POSE_SIZE], prior_cost = prior_equations(points, pose, predicted, config)
+    residual = constraints.residuals(posed)
+    weight = constraints.weights(residual) / config.rows_per_observation
+    jacobian = np.empty((len(constraints), size))
+    jacobian[:, :POSE_SIZE] = pose_jacobian(points, rest, posed, constraints.point, constraints.direction)
+    if shape_count:
+        jacobian[:, POSE_SIZE:] = shape_jacobian(
+            points, rest, posed, constraints.point, constraints.direction, shape_count
+        )
+    weighted = jacobian * weight[:, None]
+    hessian += weighted.T @ jacobian
+    gradient += weighted.T @ residual
+    scaled = (residual / constraints.scale_m) ** 2
+    robust = (constraints.scale_m / constraints.sigma_m) ** 2 * scaled / (1.0 + scaled)
+    cost = float(robust.sum()) / config.rows_per_observation
+    return NormalEquations(hessian, gradient, cost + prior_cost)
+
+
+def prior_equations(
+    points: SkinPoints, pose: Pose, predicted: Predicted | None, config: FitConfig
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Hessian, gradient and cost of the joint range, the hinge limits and, where there is one, the prediction."""
+    hessian, gradient = np.zeros((POSE_SIZE, POSE_SIZE)), np.zeros(POSE_SIZE)
+    ranges = joint_range(points.asset)
+    vectors = pose.rotation_vectors(points.moving)
+    change = inverse_left_jacobian(vectors)
+    deviation = np.einsum("mij,mj->mi", ranges.whiten, vectors - ranges.mean)
+    cost = float((deviation**2).sum())
+    slope = ranges.whiten @ change
+    past = ranges.hinge_limit - (vectors * ranges.hinge).sum(axis=1)
+    past = np.where(past > 0.0, past, 0.0) / config.hinge_limit_sigma
+    cost += float((past**2).sum())
+    bend = -np.einsum("mi,mij->mj", ranges.hinge, change) / config.hinge_limit_sigma
+    for row in range(len(vectors)):
+        block = slice(3 * row, 3 * row + 3)
+        hessian[block, block] += slope[row].T @ slope[row]
+        gradient[block] += slope[row].T @ deviation[row]
+        if past[row] > 0.0:
+            hessian[block, block] += np.outer(bend[row], bend[row])
+            gradient[block] += bend[row] * past[row]
+    if predicted is not None:
+        expected, information = predicted
+        away = _away_from(points, pose, expected)
+        hessian += information
+        gradient += information @ away
+        cost += float(away @ information @ away)
+    return hessian, gradient, cost
+
+
+def range_information(points: SkinPoints, pose: Pose, config: FitConfig) -> np.ndarray:
+    """(POSE_SIZE, POSE_SIZE) what joint range and hinge limits alone say at a pose."""
+    return prior_equations(points, pose, None, config)[0]
+
+
+def _away_from(points: SkinPoints, pose: Pose, predicted: Pose) -> np.ndarray:
+    """(POSE_SIZE,) the change that leads from the predicted pose to the pose."""
+    ahead = pose.rotations[points.moving] @ predicted.rotations[points.moving].transpose(0, 2, 1)
+    return np.append(Rotation.from_matrix(ahead).as_rotvec().ravel(), pose.root_m - predicted.root_m)
+
+
+def solve_damped(equations: NormalEquations) -> np.ndarray:
+    """The Gauss-Newton change with a little of Marquardt's damping (doi:10.1137/0111030)."""
+    hessian = equations.hessian + 1e-3 * np.diag(np.diag(equations.hessian))
+    return -cho_solve(cho_factor(hessian), equations.gradient)
+
+
+def limited(change: np.ndarray, config: FitConfig) -> np.ndarray:
+    """The change, shortened so that no bone turns farther than one step may."""
+    largest = np.abs(change[: POSE_SIZE - 3]).max()
+    return change * min(1.0, config.max_turn / largest) if largest > 0 else change
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShapeFrame:
+    """One frame that takes part in learning the shape: its pose so far and its constraints."""
+
+    pose: Pose
+    constraints: Constraints
+
+
+def learn_shape_step(
+    points: SkinPoints, shape: FittedShape, frames: Sequence[ShapeFrame], prior: ShapePrior, config: FitConfig
+) -> tuple[FittedShape, list[Pose]]:
+    """One Gauss-Newton step on the shape that all frames share and on every frame's pose (Schur complement)."""
+    rest = rest_points(points, shape)
+    count = len(shape.coefficients)
+    size = count + 1
+    schur, right = np.diag(prior.information(count)), prior.information(count) * prior.deviation(shape)
+    eliminated = []
+    for frame in frames:
+        posed = pose_points(points, rest, frame.pose)
+        equations = pose_equations(points, rest, frame.pose, posed, frame.constraints, None, config, count)
+        h, g = equations.hessian, equations.gradient
+        factor = cho_factor(h[:POSE_SIZE, :POSE_SIZE] + 1e-3 * np.diag(np.diag(h)[:POSE_SIZE]))
+        cross = cho_solve(factor, h[:POSE_SIZE, POSE_SIZE:])
+        own = cho_solve(factor, g[:POSE_SIZE])
+        schur += h[POSE_SIZE:, POSE_SIZE:] - h[POSE_SIZE:, :POSE_SIZE] @ cross
+        right += g[POSE_SIZE:] - h[POSE_SIZE:, :POSE_SIZE] @ own
+        eliminated.append((cross, own))
+    change = -np.linalg.solve(schur, right)
+    poses = [frame.pose.moved(limited(-own - cross @ change, config), points.moving)
+             for frame, (cross, own) in zip(frames, eliminated, strict=True)]  # fmt: skip
+    return FittedShape(shape.coefficients + change[:count], shape.clothing_m + change[size - 1]), poses
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ShapePrior:
+    """Adults vary by one in each coefficient; clothes are some millimetres thick."""
+
+    clothing_mean_m: float = 0.006
+    clothing_sigma_m: float = 0.004
+
+    def information(self, count: int) -> np.ndarray:
+        """(count + 1,) inverse variances."""
+        return np.append(np.ones(count), 1.0 / self.clothing_sigma_m**2)
+
+    def deviation(self, shape: FittedShape) -> np.ndarray:
+        """(count + 1,) distance from the mean."""
+        return np.append(shape.coefficients, shape.clothing_m - self.clothing_mean_m)

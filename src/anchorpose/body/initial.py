@@ -1,0 +1,183 @@
+"""The first pose and a first guess of the shape, from the anchors and the surface; nobody clicks anything."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from anchorpose.body.asset import BodyAsset
+from anchorpose.body.constraints import ConstraintConfig, Constraints, join, place_constraints
+from anchorpose.body.evidence import Evidence, evidence_rows
+from anchorpose.body.fit import (
+    FitConfig,
+    ShapeFrame,
+    ShapePrior,
+    learn_shape_step,
+    limited,
+    pose_equations,
+    solve_damped,
+)
+from anchorpose.body.pose import DEGREE, Pose
+from anchorpose.body.skin_points import FittedShape, RestPoints, SkinPoints, pose_points, rest_points
+from anchorpose.geodesics.anchors import ANCHOR_NAMES, Anchors
+from anchorpose.surface.surface import Surface
+
+# Rotations about (X, Y, Z) in degrees that make a starting pose from the rest pose; mirrored for the right side.
+_STARTS = {
+    "standing": {},
+    "arms down": {"LeftArm": (-25, 0, 0)},
+    "arms forward": {"LeftArm": (0, 0, 40)},
+    "arms up": {"LeftArm": (80, 0, 0)},
+    "sitting": {"LeftUpLeg": (0, 0, 80), "LeftLeg": (0, 0, -80)},
+}
+_ANNEALING_M = (0.40, 0.40, 0.30, 0.30, 0.25, 0.25, 0.20, 0.20, 0.15, 0.15, 0.15, 0.12, 0.12, 0.12)
+_TRIAL_STEPS = 6  # every start gets so many, the finalists the rest
+_FINALISTS = 3
+_ANCHOR_STEPS = 6
+_RIGID_SHAPE_REACH_M = 0.28  # nearer, the shape may give way too: a wrong height would pull limbs into false places
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FirstPose:
+    """The best of several starts; cost is per constraint, comparable between frames."""
+
+    pose: Pose
+    shape: FittedShape
+    start: str
+    cost: float
+
+
+def find_first_pose(
+    points: SkinPoints, evidence: Evidence, anchors: Anchors, shapes: Sequence[FittedShape], shape_known: bool,
+    config: ConstraintConfig, fit_config: FitConfig, turns: Sequence[float] = (0.0,),
+) -> FirstPose:  # fmt: skip
+    """Register bodies from several starting poses and keep the cheapest.
+
+    shapes : the patient's learnt shape, or guesses that may still change (``shape_of_height``) where shape_known is
+    False. turns : headings to try, radians about the world's Y; 0 faces X.
+    """
+    starts = [
+        _settle(points, FirstPose(_placed(points, shape, pose, evidence.surface), shape, name, np.inf), evidence,
+                anchors, _ANNEALING_M[:_TRIAL_STEPS], shape_known, config, fit_config)
+        for shape in shapes
+        for name, pose in _starting_poses(points.asset, turns)
+    ]  # fmt: skip
+    best = sorted(starts, key=lambda first: first.cost)[:_FINALISTS]
+    found = [
+        _settle(points, first, evidence, _no_anchors(), _ANNEALING_M[_TRIAL_STEPS:], shape_known, config, fit_config)
+        for first in best
+    ]
+    return min(found, key=lambda first: first.cost)
+
+
+def _settle(
+    points: SkinPoints, first: FirstPose, evidence: Evidence, anchors: Anchors, reaches_m: Sequence[float],
+    shape_known: bool, config: ConstraintConfig, fit_config: FitConfig,
+) -> FirstPose:  # fmt: skip
+    """Anchors place the tips, then the surface draws the body in, with less and less reach."""
+    pose, shape = first.pose, first.shape
+    rest = rest_points(points, shape)
+    held = anchor_constraints(points, anchors)
+    for _ in range(_ANCHOR_STEPS if len(held) else 0):
+        posed = pose_points(points, rest, pose)
+        equations = pose_equations(points, rest, pose, posed, held, None, fit_config)
+        pose = pose.moved(limited(solve_damped(equations), fit_config), points.moving)
+    for reach_m in reaches_m:
+        rows = join([evidence_rows(points, rest, pose, evidence, reach_m, config), held])
+        if shape_known or reach_m > _RIGID_SHAPE_REACH_M:
+            posed = pose_points(points, rest, pose)
+            equations = pose_equations(points, rest, pose, posed, rows, None, fit_config)
+            pose = pose.moved(limited(solve_damped(equations), fit_config), points.moving)
+        else:
+            shape, (pose,) = learn_shape_step(points, shape, [ShapeFrame(pose, rows)], ShapePrior(), fit_config)
+            rest = rest_points(points, shape)
+    rows = evidence_rows(points, rest, pose, evidence, reaches_m[-1], config)
+    cost = _cost(points, rest, pose, rows, evidence, config, fit_config) + _shape_cost(shape)
+    return FirstPose(pose, shape, first.start, cost)
+
+
+def _cost(
+    points: SkinPoints, rest: RestPoints, pose: Pose, rows: Constraints, evidence: Evidence,
+    config: ConstraintConfig, fit_config: FitConfig,
+) -> float:  # fmt: skip
+    posed = pose_points(points, rest, pose)
+    equations = pose_equations(points, rest, pose, posed, rows, None, fit_config)
+    return equations.cost + _unexplained(len(evidence.surface), rows, config)
+
+
+def _shape_cost(shape: FittedShape) -> float:
+    return float((ShapePrior().information(len(shape.coefficients)) * ShapePrior().deviation(shape) ** 2).sum())
+
+
+def _unexplained(node_count: int, rows: Constraints, config: ConstraintConfig) -> float:
+    """Nodes that no skin point explains cost as much as a fully doubted row."""
+    missing = max(0, min(node_count, config.node_count) - len(rows))
+    return missing * float((0.05 / config.surface_sigma_m) ** 2) / 8.0
+
+
+def _placed(points: SkinPoints, shape: FittedShape, pose: Pose, surface: Surface) -> Pose:
+    """Move the root so that the middle of the body lies at the middle of what is seen."""
+    rest = rest_points(points, shape)
+    posed = pose_points(points, rest, pose)
+    middle = (np.percentile(surface.points_m, 2, axis=0) + np.percentile(surface.points_m, 98, axis=0)) / 2.0
+    own = (posed.points_m.min(axis=0) + posed.points_m.max(axis=0)) / 2.0
+    return Pose(pose.rotations, pose.root_m + middle - own)
+
+
+def _starting_poses(asset: BodyAsset, turns: Sequence[float]) -> list[tuple[str, Pose]]:
+    poses = []
+    for turn in turns:
+        for name, left in _STARTS.items():
+            rotations = np.tile(np.eye(3), (len(asset.bone_names), 1, 1))
+            rotations[asset.bone("Hips")] = Rotation.from_euler("y", turn).as_matrix()
+            for bone, (x, y, z) in left.items():
+                for side, sign in (("Left", 1.0), ("Right", -1.0)):
+                    angles = np.array([sign * x, sign * y, z]) * DEGREE
+                    rotations[asset.bone(bone.replace("Left", side))] = Rotation.from_rotvec(angles).as_matrix()
+            poses.append((name, Pose(rotations, np.zeros(3))))
+    return poses
+
+
+def _no_anchors() -> Anchors:
+    count = len(ANCHOR_NAMES)
+    return Anchors(np.full(count, -1, np.int32), np.full((count, 3), np.nan))
+
+
+@cache
+def anchor_points(asset: BodyAsset, points: SkinPoints) -> np.ndarray:
+    """(5,) skin points at the tips that the anchors lie on, in the order of ``ANCHOR_NAMES``."""
+    place = asset.vertices[points.vertex]
+    names = np.array(asset.bone_names)[points.part]
+    tips = []
+    for words, axis in (
+        (("Head",), (0, 1, 0)),
+        (("LeftHand", "LeftFingerBase", "LeftHandFinger1"), None),
+        (("RightHand", "RightFingerBase", "RightHandFinger1"), None),
+        (("LeftFoot", "LeftToeBase"), (1, 0, 0)),
+        (("RightFoot", "RightToeBase"), (1, 0, 0)),
+    ):
+        mine = np.flatnonzero(np.isin(names, words))
+        reach = place[mine] @ np.array(axis) if axis else np.abs(place[mine] @ np.array([0.4, -0.4, 0.0])
+                                                                 ) + np.abs(place[mine, 2])  # fmt: skip
+        tips.append(mine[reach.argmax()])
+    return np.array(tips)
+
+
+def anchor_constraints(points: SkinPoints, anchors: Anchors, sigma_m: float = 0.05) -> Constraints:
+    """The anchors that were found hold the tips; sigma is the paper's bound on their localisation (Section V)."""
+    found = anchors.found
+    return place_constraints(
+        anchor_points(points.asset, points)[found], anchors.position_m[found], sigma_m, 5.0 * sigma_m
+    )
+
+
+def shape_of_height(asset: BodyAsset, height_m: float) -> FittedShape:
+    """The most likely adult of a height: along the coefficient that changes it, clothes of ordinary thickness."""
+    coefficients = np.zeros(asset.shape_count)
+    per_unit = np.ptp(asset.vertices[:, 1] + asset.vertex_basis[0, :, 1]) - np.ptp(asset.vertices[:, 1])
+    coefficients[0] = np.clip((height_m - np.ptp(asset.vertices[:, 1])) / per_unit, -2.5, 2.5)
+    return FittedShape(coefficients, 0.006)

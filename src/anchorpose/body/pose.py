@@ -1,0 +1,137 @@
+"""The pose of the articulated body: which bones turn, how far they usually turn, and how a pose is changed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from anchorpose.body.asset import BodyAsset
+
+MOVING_BONES: Final = (
+    "Hips", "LowerBack", "Spine", "Spine1", "Neck", "Neck1", "Head",
+    "LeftShoulder", "LeftArm", "LeftForeArm", "LeftHand",
+    "RightShoulder", "RightArm", "RightForeArm", "RightHand",
+    "LeftUpLeg", "LeftLeg", "LeftFoot", "RightUpLeg", "RightLeg", "RightFoot",
+)  # fmt: skip
+"""The bones whose rotation is estimated; fingers, toes and the pelvis' two stubs keep the rest pose."""
+
+POSE_SIZE: Final = 3 * len(MOVING_BONES) + 3
+"""Parameters of a pose change: a rotation vector a moving bone, then the translation of the root."""
+
+DEGREE: Final = np.pi / 180.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pose:
+    """rotations (b, 3, 3): each bone relative to its parent, rest axes. root_m (3,): the root bone's head, world."""
+
+    rotations: np.ndarray
+    root_m: np.ndarray
+
+    def moved(self, change: np.ndarray, moving: np.ndarray) -> Pose:
+        """The pose after a change (POSE_SIZE,): ``exp(change) @ rotation`` in the parent's frame, then translation."""
+        rotations = self.rotations.copy()
+        turns = Rotation.from_rotvec(change[:-3].reshape(-1, 3)).as_matrix()
+        rotations[moving] = turns @ rotations[moving]
+        return Pose(rotations, self.root_m + change[-3:])
+
+    def rotation_vectors(self, moving: np.ndarray) -> np.ndarray:
+        """(m, 3) rotation vectors of the moving bones, radians."""
+        return Rotation.from_matrix(self.rotations[moving]).as_rotvec()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointRange:
+    """How bones turn in people: a Gaussian on the rotation vector of each moving bone, and hinge limits.
+
+    mean (m, 3) radians; whiten (m, 3, 3): rotation vector deviations to standard deviations. hinge (m, 3): unit axis of
+    a hinge or zero; hinge_limit (m,): least rotation about it (radians), where the bones are straight.
+    """
+
+    mean: np.ndarray
+    whiten: np.ndarray
+    hinge: np.ndarray
+    hinge_limit: np.ndarray
+
+
+def moving_bones(asset: BodyAsset) -> np.ndarray:
+    """(m,) bone index of each of ``MOVING_BONES``."""
+    return np.array([asset.bone(name) for name in MOVING_BONES])
+
+
+def descendants(asset: BodyAsset) -> np.ndarray:
+    """(m, b) float64: 1 where the bone is the moving bone or hangs on it."""
+    below = np.zeros((len(MOVING_BONES), len(asset.bone_names)))
+    for row, bone in enumerate(moving_bones(asset)):
+        for other in range(len(asset.bone_names)):
+            ancestor = other
+            while ancestor >= 0 and ancestor != bone:
+                ancestor = asset.bone_parents[ancestor]
+            below[row, other] = float(ancestor == bone)
+    return below
+
+
+# Standard deviations in degrees about X (abduction), Y (twist) and Z (flexion) of the rest pose, and the mean flexion.
+# Broad by intent: they only decide what the depth does not; about half of the passive ranges in the textbooks.
+_SPREAD_DEG: Final = {
+    "LowerBack": (8, 8, 14, 0), "Spine": (8, 8, 10, 0), "Spine1": (7, 8, 8, 0),
+    "Neck": (8, 12, 10, 0), "Neck1": (8, 14, 10, 0), "Head": (8, 14, 10, 0),
+    "Shoulder": (8, 8, 8, 0), "Arm": (45, 40, 45, 0), "Hand": (14, 14, 14, 0),
+    "UpLeg": (16, 16, 35, 12), "Foot": (9, 9, 14, 0),
+}  # fmt: skip
+_HINGE_SPREAD_DEG: Final = {"ForeArm": (45, 9, 25), "Leg": (40, 5, 8)}  # about the hinge, across, along the bone
+
+
+def _limb(name: str) -> str:
+    return name.removeprefix("Left").removeprefix("Right")
+
+
+def _hinge_axes(asset: BodyAsset, name: str) -> tuple[np.ndarray, float]:
+    """Rows: hinge axis (positive turn bends the limb), across, along; and the bend of the rest pose in radians."""
+    bone = asset.bone(name)
+    parent, child = asset.bone_parents[bone], bone + 1
+    upper = asset.bone_heads[bone] - asset.bone_heads[parent]
+    lower = asset.bone_heads[child] - asset.bone_heads[bone]
+    upper, lower = upper / np.linalg.norm(upper), lower / np.linalg.norm(lower)
+    bend = float(np.arccos(np.clip(upper @ lower, -1.0, 1.0)))
+    axis = np.array([0.0, 0.0, -1.0]) if _limb(name) == "Leg" else np.cross(upper, lower)
+    axis -= (axis @ lower) * lower
+    axis /= np.linalg.norm(axis)
+    return np.stack([axis, np.cross(lower, axis), lower]), bend
+
+
+@cache
+def joint_range(asset: BodyAsset) -> JointRange:
+    """The joint range of the asset's skeleton; the root is free."""
+    count = len(MOVING_BONES)
+    mean, whiten, hinge, limit = np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros((count, 3)), np.zeros(count)
+    for row, name in enumerate(MOVING_BONES):
+        limb = _limb(name)
+        if limb in _HINGE_SPREAD_DEG:
+            axes, bend = _hinge_axes(asset, name)
+            whiten[row] = axes / (np.array(_HINGE_SPREAD_DEG[limb])[:, None] * DEGREE)
+            hinge[row] = axes[0]
+            # A knee bends from the rest pose as from a straight leg; an elbow is already bent there.
+            limit[row] = -bend if limb == "ForeArm" else -3.0 * DEGREE
+            mean[row] = axes[0] * (15.0 * DEGREE)
+        elif limb in _SPREAD_DEG:
+            *spread, flexion = _SPREAD_DEG[limb]
+            whiten[row] = np.diag(1.0 / (np.array(spread) * DEGREE))
+            mean[row, 2] = flexion * DEGREE
+    return JointRange(mean, whiten, hinge, limit)
+
+
+def inverse_left_jacobian(rotation_vectors: np.ndarray) -> np.ndarray:
+    """(m, 3, 3): ``log(exp(d) exp(w)) = w + J d`` to first order (Barfoot 2017, eq. 7.77b; doi:10.1017/9781316671528)."""
+    angle = np.linalg.norm(rotation_vectors, axis=1)
+    safe = np.where(angle < 1e-6, 1.0, angle)
+    half = safe / 2.0
+    factor = np.where(angle < 1e-6, 1.0 / 12.0, (1.0 - half / np.tan(half)) / safe**2)
+    x, y, z = rotation_vectors.T
+    zero = np.zeros_like(x)
+    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(-1, 3, 3)
+    return np.eye(3) - cross / 2.0 + factor[:, None, None] * (cross @ cross)

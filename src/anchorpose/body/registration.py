@@ -1,0 +1,130 @@
+"""One frame's pose: articulated registration from the predicted pose, with the pairs of the tree (paper, Section IV)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from anchorpose.body.constraints import ConstraintConfig, Constraints, join, surface_constraints
+from anchorpose.body.evidence import Evidence, evidence_rows
+from anchorpose.body.fit import FitConfig, NormalEquations, limited, pose_equations, range_information, solve_damped
+from anchorpose.body.pose import POSE_SIZE, Pose
+from anchorpose.body.skin_points import RestPoints, SkinPoints, pose_points
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RegistrationConfig:
+    """How one frame is registered."""
+
+    reaches_m: tuple[float, ...] = (0.12, 0.10, 0.08, 0.06, 0.06)  # from a fast arm's surprise to clothes
+    held_steps: int = 2  # pairs and anchors are centimetres off: they start the registration and do not end it
+    least_explained: float = 0.3  # share of nodes near the body below which it is not this body that is seen
+    least_nodes: int = 150  # of about 3,500: less is a hand in the picture, not a patient
+    constraints: ConstraintConfig = field(default_factory=ConstraintConfig)
+    fit: FitConfig = field(default_factory=FitConfig)
+
+    def __post_init__(self) -> None:
+        if not self.reaches_m or min(self.reaches_m) <= 0:
+            raise ValueError("reaches_m needs at least one positive distance")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseBelief:
+    """A pose and how sure it is, in the parameters of ``Pose.moved``.
+
+    covariance (POSE_SIZE, POSE_SIZE): of the pose, all knowledge together. information (POSE_SIZE, POSE_SIZE): of what was
+    seen so far, without the joint range, which every frame adds anew and which must not count twice.
+    """
+
+    pose: Pose
+    covariance: np.ndarray
+    information: np.ndarray
+
+    def later(self, pose: Pose, elapsed_s: float, config: FitConfig) -> PoseBelief:
+        """The belief in a predicted pose: what is not seen grows less sure with time."""
+        growth = np.diag(config.process_variance(elapsed_s))
+        return PoseBelief(pose, self.covariance + growth, np.linalg.inv(np.linalg.inv(self.information) + growth))
+
+
+def vague_belief(pose: Pose) -> PoseBelief:
+    """A pose of which nothing was seen yet: half a radian and a quarter of a metre."""
+    variance = np.full(POSE_SIZE, 0.5**2)
+    variance[-3:] = 0.25**2
+    return PoseBelief(pose, np.diag(variance), np.diag(1.0 / variance))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Registration:
+    """belief in the pose; explained: share of the surface's nodes that the body accounts for, 0 where nothing was seen.
+
+    found is False where too little was seen or it is not this body: the belief is then the prediction, unchanged.
+    """
+
+    belief: PoseBelief
+    explained: float
+    found: bool
+
+
+def register(
+    points: SkinPoints, rest: RestPoints, predicted: PoseBelief, evidence: Evidence, held: Constraints,
+    config: RegistrationConfig,
+) -> Registration:  # fmt: skip
+    """tau-hat = ICP(tau, phi), for all parts at once: they stay joined, and bones keep their length.
+
+    held: what the tree and the anchors say; it starts the registration, the surface itself ends it.
+    """
+    if len(evidence.surface) < config.least_nodes:
+        return Registration(predicted, 0.0, False)
+    pose = predicted.pose
+    for number, reach_m in enumerate(config.reaches_m):
+        rows = evidence_rows(points, rest, pose, evidence, reach_m, config.constraints)
+        if number < config.held_steps:
+            rows = join([rows, held])
+        equations = _equations(points, rest, pose, predicted, rows, config)
+        pose = pose.moved(limited(solve_damped(equations), config.fit), points.moving)
+    return posterior(points, rest, pose, predicted, evidence, config)
+
+
+def posterior(
+    points: SkinPoints, rest: RestPoints, pose: Pose, predicted: PoseBelief, evidence: Evidence,
+    config: RegistrationConfig,
+) -> Registration:  # fmt: skip
+    """What the evidence says of a pose that was found: how sure it is, and whether it is this body that is seen."""
+    share = explained_share(points, rest, pose, evidence, config)
+    if share < config.least_explained:
+        return Registration(predicted, share, False)
+    rows = evidence_rows(points, rest, pose, evidence, config.reaches_m[-1], config.constraints)
+    hessian = _equations(points, rest, pose, predicted, rows, config).hessian
+    seen = hessian - range_information(points, pose, config.fit)
+    return Registration(PoseBelief(pose, np.linalg.inv(hessian), seen), share, True)
+
+
+def _equations(
+    points: SkinPoints, rest: RestPoints, pose: Pose, predicted: PoseBelief, rows: Constraints,
+    config: RegistrationConfig,
+) -> NormalEquations:  # fmt: skip
+    posed = pose_points(points, rest, pose)
+    return pose_equations(points, rest, pose, posed, rows, (predicted.pose, predicted.information), config.fit)
+
+
+def explained_share(
+    points: SkinPoints, rest: RestPoints, pose: Pose, evidence: Evidence, config: RegistrationConfig
+) -> float:
+    """Share of the surface's nodes within the last reach of the posed skin."""
+    posed = pose_points(points, rest, pose)
+    rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], config.constraints)
+    return len(rows) / min(len(evidence.surface), config.constraints.node_count)
+
+
+def node_parts(
+    points: SkinPoints, rest: RestPoints, pose: Pose, nodes_m: np.ndarray, reach_m: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Nearest skin point of each node (n,), -1 beyond reach, and the bone (n,) that moves it, -1 likewise."""
+    from scipy.spatial import cKDTree
+
+    posed = pose_points(points, rest, pose)
+    distance, nearest = cKDTree(posed.points_m).query(nodes_m, distance_upper_bound=reach_m)
+    near = np.isfinite(distance)
+    point = np.where(near, nearest, -1)
+    return point, np.where(near, points.part[np.where(near, nearest, 0)], -1)

@@ -1,0 +1,203 @@
+"""A sparse, even sample of the skin that registration works with, its positions and their derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from anchorpose.body.asset import BodyAsset
+from anchorpose.body.pose import MOVING_BONES, POSE_SIZE, Pose, descendants, moving_bones
+from anchorpose.body.shaped import ShapedBody, shape_body
+
+POINT_COUNT = 2400  # about 28 mm apart on an adult: half of the narrowest limb's width
+COVERED_BONES = ("Hips", "LowerBack", "Spine", "Spine1", "UpLeg", "Leg", "Arm", "ForeArm", "Shoulder", "HipJoint")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SkinPoints:
+    """What does not change while one asset is fitted.
+
+    vertex (p,) index into the asset's skin. weights (p, b) dense skinning weights. part (p,) bone that moves the point
+    most. covered (p,) float64: 1 where clothes may lie on the skin. basis (k, p, 3), below (m, b): see ``descendants``.
+    moving (m,) bones.
+    """
+
+    asset: BodyAsset
+    vertex: np.ndarray
+    weights: np.ndarray
+    part: np.ndarray
+    covered: np.ndarray
+    below: np.ndarray
+    moving: np.ndarray
+    faces_of: np.ndarray  # (p, f) faces around each point, padded by repeating the first
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FittedShape:
+    """The patient's shape: coefficients (k,) of the asset, and the thickness of the clothes in metres."""
+
+    coefficients: np.ndarray
+    clothing_m: float
+
+    def body(self, asset: BodyAsset) -> ShapedBody:
+        """Skin and skeleton without clothes."""
+        return shape_body(asset, self.coefficients)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RestPoints:
+    """One shape's points at rest: points_m (p, 3) with clothes, normals (p, 3), and the body they come from."""
+
+    points_m: np.ndarray
+    normals: np.ndarray
+    body: ShapedBody
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PosedPoints:
+    """points_m, normals (p, 3) in the world; transforms (b, 4, 4) T_world_rest of the bones."""
+
+    points_m: np.ndarray
+    normals: np.ndarray
+    transforms: np.ndarray
+
+
+@cache
+def skin_points(asset: BodyAsset) -> SkinPoints:
+    """Farthest-point sample of the outer skin."""
+    vertex = _spread_out(asset, POINT_COUNT)
+    weights = np.zeros((len(vertex), len(asset.bone_names)))
+    rows = np.arange(len(vertex))[:, None]
+    np.add.at(weights, (rows, asset.skin_bones[vertex]), asset.skin_weights[vertex])
+    part = weights.argmax(axis=1)
+    covered = np.array([asset.bone_names[bone].removeprefix("Left").removeprefix("Right").endswith(COVERED_BONES)
+                        and "Hand" not in asset.bone_names[bone] for bone in part])  # fmt: skip
+    return SkinPoints(
+        asset=asset,
+        vertex=vertex,
+        weights=weights,
+        part=part,
+        covered=covered.astype(np.float64),
+        below=descendants(asset),
+        moving=moving_bones(asset),
+        faces_of=_faces_around(asset, vertex),
+    )
+
+
+def _outer_vertices(asset: BodyAsset) -> np.ndarray:
+    """Vertices of the mesh's largest connected piece: the skin without eyes, teeth and tongue."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    f = asset.faces
+    count = len(asset.vertices)
+    edges = coo_matrix((np.ones(3 * len(f)), (f.ravel(), np.roll(f, 1, axis=1).ravel())), shape=(count, count))
+    _, piece = connected_components(edges, directed=False)
+    return np.flatnonzero(piece == np.bincount(piece).argmax())
+
+
+def _spread_out(asset: BodyAsset, count: int) -> np.ndarray:
+    candidates = _outer_vertices(asset)
+    points = asset.vertices[candidates]
+    chosen = np.zeros(count, dtype=np.int64)
+    distance = np.full(len(points), np.inf)
+    chosen[0] = points[:, 1].argmax()
+    for i in range(1, count):
+        distance = np.minimum(distance, ((points - points[chosen[i - 1]]) ** 2).sum(axis=1))
+        chosen[i] = distance.argmax()
+    return candidates[np.sort(chosen)]
+
+
+def _faces_around(asset: BodyAsset, vertex: np.ndarray) -> np.ndarray:
+    corner = asset.faces.ravel()
+    order = np.argsort(corner, kind="stable")
+    start = np.searchsorted(corner[order], vertex)
+    end = np.searchsorted(corner[order], vertex, side="right")
+    width = int((end - start).max())
+    column = np.minimum(np.arange(width), (end - start - 1)[:, None])
+    return order[start[:, None] + column] // 3
+
+
+def rest_points(points: SkinPoints, shape: FittedShape) -> RestPoints:
+    """Points and normals of a shape in the rest pose."""
+    body = shape.body(points.asset)
+    corners = body.vertices[points.asset.faces[points.faces_of]]  # (p, f, 3, 3)
+    normals = np.cross(corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0]).sum(axis=1)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    skin = body.vertices[points.vertex]
+    return RestPoints(skin + shape.clothing_m * points.covered[:, None] * normals, normals, body)
+
+
+def pose_points(points: SkinPoints, rest: RestPoints, pose: Pose) -> PosedPoints:
+    """Linear blend skinning of the sampled points."""
+    transforms = rest.body.bone_transforms(pose.rotations, pose.root_m)
+    blended = (points.weights @ transforms.reshape(len(transforms), 16)).reshape(-1, 4, 4)
+    posed = np.einsum("pij,pj->pi", blended[:, :3, :3], rest.points_m) + blended[:, :3, 3]
+    normals = np.einsum("pij,pj->pi", blended[:, :3, :3], rest.normals)
+    return PosedPoints(posed, normals / np.linalg.norm(normals, axis=1, keepdims=True), transforms)
+
+
+def pose_jacobian(
+    points: SkinPoints, rest: RestPoints, posed: PosedPoints, index: np.ndarray, direction: np.ndarray
+) -> np.ndarray:
+    """How far each chosen point moves along its direction with each pose parameter.
+
+    index (n,) points, direction (n, 3) unit vectors. Returns (n, POSE_SIZE): rotations in the parent's frame, then root.
+    """
+    transforms, moving = posed.transforms, points.moving
+    used, back = np.unique(index, return_inverse=True)
+    weights = points.weights[used]
+    placed = np.einsum("bij,nj->nbi", transforms[:, :3, :3], rest.points_m[used]) + transforms[:, :3, 3]
+    carried = points.below @ (weights[..., None] * placed)  # (n, m, 3): sum over the bones below of weight x place
+    share = weights @ points.below.T
+    heads = rest.body.bone_heads[moving]
+    pivot = np.einsum("mij,mj->mi", transforms[moving, :3, :3], heads) + transforms[moving, :3, 3]
+    lever = carried - share[..., None] * pivot
+    torque = np.cross(lever[back], direction[:, None, :])  # d(point . direction) = turn . (lever x direction)
+    parent = points.asset.bone_parents[moving]
+    frame = np.where((parent >= 0)[:, None, None], transforms[parent, :3, :3], np.eye(3))
+    jacobian = np.empty((len(index), POSE_SIZE))
+    jacobian[:, :-3] = np.einsum("nmi,mij->nmj", torque, frame).reshape(len(index), 3 * len(MOVING_BONES))
+    jacobian[:, -3:] = direction
+    return jacobian
+
+
+def shape_jacobian(
+    points: SkinPoints, rest: RestPoints, posed: PosedPoints, index: np.ndarray, direction: np.ndarray, count: int
+) -> np.ndarray:
+    """How far each chosen point moves along its direction with each shape coefficient and the clothing: (n, count+1)."""
+    asset, transforms = points.asset, posed.transforms
+    head_basis = asset.bone_head_basis[:count]
+    shift = np.zeros((len(transforms), count, 3))  # of each bone's head in the world
+    for bone, parent in enumerate(asset.bone_parents):
+        if parent >= 0:
+            step = head_basis[:, bone] - head_basis[:, parent]
+            shift[bone] = shift[parent] + step @ transforms[parent, :3, :3].T
+    offset = shift - np.einsum("bij,kbj->bki", transforms[:, :3, :3], head_basis)
+    weights = points.weights[index]
+    blended = (weights @ transforms[:, :3, :3].reshape(-1, 9)).reshape(-1, 3, 3)
+    local = np.einsum("nij,ni->nj", blended, direction)
+    jacobian = np.empty((len(index), count + 1))
+    jacobian[:, :count] = np.einsum("nj,knj->nk", local, asset.vertex_basis[:count, points.vertex[index]])
+    jacobian[:, :count] += np.einsum("nki,ni->nk", np.einsum("nb,bki->nki", weights, offset), direction)
+    jacobian[:, count] = points.covered[index] * (posed.normals[index] * direction).sum(axis=1)
+    return jacobian
+
+
+def joint_jacobian(
+    points: SkinPoints, rest: RestPoints, posed: PosedPoints, bones: np.ndarray, joints_m: np.ndarray
+) -> np.ndarray:
+    """Derivative (n, 3, POSE_SIZE) of points fixed to bones, in the world, with respect to the pose."""
+    transforms, moving = posed.transforms, points.moving
+    heads = rest.body.bone_heads[moving]
+    pivot = np.einsum("mij,mj->mi", transforms[moving, :3, :3], heads) + transforms[moving, :3, 3]
+    lever = (joints_m[:, None] - pivot) * points.below[:, bones].T[..., None]
+    parent = points.asset.bone_parents[moving]
+    frame = np.where((parent >= 0)[:, None, None], transforms[parent, :3, :3], np.eye(3))
+    turned = np.cross(frame.transpose(0, 2, 1)[None], lever[:, :, None, :])  # axis k of the parent's frame x lever
+    jacobian = np.zeros((len(bones), 3, POSE_SIZE))
+    jacobian[:, :, :-3] = turned.transpose(0, 3, 1, 2).reshape(len(bones), 3, -1)
+    jacobian[:, :, -3:] = np.eye(3)
+    return jacobian

@@ -1,0 +1,36 @@
+"""How far off each joint may be: the posterior of the registration, carried to the joints and calibrated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from anchorpose.body.asset import joint_bones
+from anchorpose.body.skin_points import PosedPoints, RestPoints, SkinPoints, joint_jacobian
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UncertaintyConfig:
+    """What the linear posterior does not know, measured on simulated clinics (docs/architecture.md says how)."""
+
+    floor_m: float = 0.006  # joints lie inside the body; the learnt shape places them no better than this
+    inflation: float = 1.0  # errors of neighbouring nodes and frames go together
+
+    def __post_init__(self) -> None:
+        if not (self.floor_m > 0 and self.inflation > 0):
+            raise ValueError("floor_m and inflation must be positive")
+
+
+def joint_sigma(
+    points: SkinPoints, rest: RestPoints, posed: PosedPoints, covariance: np.ndarray, config: UncertaintyConfig
+) -> np.ndarray:
+    """(21,) one standard deviation of the position error per axis, metres.
+
+    covariance (POSE_SIZE, POSE_SIZE): of the pose, inverse of the normal equations' hessian.
+    """
+    bones = joint_bones(points.asset)
+    joints = rest.body.joints(posed.transforms)
+    jacobian = joint_jacobian(points, rest, posed, bones, joints)
+    variance = np.einsum("jap,pq,jaq->j", jacobian, covariance, jacobian, optimize=True) / 3.0
+    return np.sqrt(config.floor_m**2 + config.inflation**2 * variance)

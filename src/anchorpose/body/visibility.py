@@ -1,0 +1,105 @@
+"""Was a joint seen, and if not, what hid it: asked of the skin around the joint, pixel by pixel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from anchorpose.body.asset import BodyAsset, joint_bones
+from anchorpose.body.shaped import shape_body
+from anchorpose.body.skin_points import PosedPoints, SkinPoints
+from anchorpose.camera import Camera, invert_rigid, transform_points
+from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.joints import JOINT_COUNT, JointState
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VisibilityConfig:
+    """When skin counts as seen."""
+
+    reach_m: float = 0.04  # clothes, sensor and pose error together
+    joint_radius_m: float = 0.13  # skin that moves with the joint: half a shank
+    least_seen: float = 0.25  # share of the skin around a joint, facing one camera, that must be seen there
+    grazing: float = 0.25  # cosine below which skin is edge-on and returns no depth to speak of
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+
+
+_REASONS = (
+    JointState.OBSERVED,
+    JointState.HIDDEN_BY_SELF,
+    JointState.HIDDEN_BY_EQUIPMENT,
+    JointState.HIDDEN_BY_PERSON,
+    JointState.HIDDEN,
+    JointState.OUT_OF_VIEW,
+)
+_SEEN, _SELF, _EQUIPMENT, _PERSON, _HOLE, _OUTSIDE, _MISFIT = range(7)
+
+
+@cache
+def skin_around_joints(points: SkinPoints, radius_m: float) -> tuple[np.ndarray, ...]:
+    """For each joint the skin points of its own and the adjacent part that lie within the radius at rest."""
+    asset: BodyAsset = points.asset
+    body = shape_body(asset, np.zeros(1))
+    place = body.vertices[points.vertex]
+    around = []
+    for joint, bone in zip(body.rest_joints(), joint_bones(asset), strict=True):
+        distance = np.linalg.norm(place - joint, axis=1)
+        near = distance < max(radius_m, np.partition(distance, 24)[24])
+        own = points.below[:, bone].astype(bool)
+        related = np.isin(points.part, [bone, asset.bone_parents[bone], *np.flatnonzero(asset.bone_parents == bone)])
+        around.append(np.flatnonzero(near & related) if (near & related).any() or own.any() else np.flatnonzero(near))
+    return tuple(around)
+
+
+def joint_states(
+    points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera],
+    config: VisibilityConfig,
+) -> tuple[JointState, ...]:  # fmt: skip
+    """The state of each of the 21 joints: the best any camera offers, else what hides most of it."""
+    votes = np.zeros((JOINT_COUNT, len(_REASONS)))
+    observed = np.zeros(JOINT_COUNT, dtype=bool)
+    around = skin_around_joints(points, config.joint_radius_m)
+    for view, camera in zip(views, cameras, strict=True):
+        if view is None:
+            continue
+        reason, facing = _reasons(posed, view, camera, config)
+        for joint, skin in enumerate(around):
+            mine = skin[facing[skin]]
+            if not len(mine):
+                votes[joint, _SELF] += 1.0
+                continue
+            counts = np.bincount(reason[mine], minlength=7)
+            observed[joint] |= counts[_SEEN] >= config.least_seen * len(mine)
+            votes[joint] += counts[: len(_REASONS)] / len(mine)
+    votes[:, _SEEN] = 0.0
+    unexplained = ~observed & (votes.sum(axis=1) == 0.0)
+    states = [_REASONS[0] if seen else _REASONS[vote.argmax()] for seen, vote in zip(observed, votes, strict=True)]
+    return tuple(JointState.HIDDEN if odd else state for odd, state in zip(unexplained, states, strict=True))
+
+
+def _reasons(
+    posed: PosedPoints, view: View, camera: Camera, config: VisibilityConfig
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """What the pixel of each skin point says of it (p,), and which points face the camera (p,) bool."""
+    in_camera = transform_points(invert_rigid(camera.require_pose()), posed.points_m)
+    ray = camera.position_m - posed.points_m
+    facing = (ray * posed.normals).sum(axis=1) > config.grazing * np.linalg.norm(ray, axis=1)
+    column, row, inside = camera.pixel_of(in_camera)
+    label, depth = view.labels[row, column], view.depth_m[row, column]
+    before = depth < in_camera[:, 2] - config.reach_m
+    near = np.abs(depth - in_camera[:, 2]) <= config.reach_m
+    reason = np.full(len(facing), _MISFIT)
+    reason[(label == PixelLabel.PATIENT) & before] = _SELF
+    reason[(label == PixelLabel.EQUIPMENT) & (before | near)] = _EQUIPMENT
+    reason[(label >= PixelLabel.OTHER_PERSON) & (before | near)] = _PERSON
+    reason[(label == PixelLabel.NO_READING) | (label == PixelLabel.CLUTTER)] = _HOLE
+    reason[(label == PixelLabel.PATIENT) & near] = _SEEN
+    reason[~inside] = _OUTSIDE
+    return reason, facing

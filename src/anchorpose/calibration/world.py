@@ -1,0 +1,136 @@
+"""The world frame and every camera's pose in it (paper, Section III: tau_0,i; first form)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from anchorpose.calibration.floor import FloorConfig, FloorPlane, NoFloor, find_floor
+from anchorpose.calibration.noise import noise_per_m
+from anchorpose.calibration.start import start_of_patient
+from anchorpose.camera import Camera, transform_points
+from anchorpose.errors import InputError
+from anchorpose.recording.recording import FrameSet, Recording
+
+WORST_FLOOR_TILT_RAD = 0.09  # five degrees between a measured floor and a given world's: one of them is wrong
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FloorResidual:
+    """How well one camera sees the floor: its name, rms of the plane, share of readings on it, tilt against world Y."""
+
+    camera: str
+    residual_m: float
+    inlier_share: float
+    tilt_rad: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibration:
+    """cameras: all with a pose; floor_height_m: the floor's Y in the world, None where no camera sees it; notes: what
+    was assumed, one sentence each, for the run's report."""
+
+    cameras: tuple[Camera, ...]
+    floor_height_m: float | None
+    residuals: tuple[FloorResidual, ...]
+    notes: tuple[str, ...]
+
+
+def find_world(recording: Recording, sample_frames: Sequence[FrameSet], config: FloorConfig) -> Calibration:
+    """Poses of all cameras: as given, or of a single camera from the floor and from where the patient stands.
+
+    sample_frames: spread over the recording, in the order of time. Found worlds have Y up, the origin on the floor below
+    the patient's start, and X from him towards the camera: he is taken to face it, and a note says so.
+    Raises InputError where poses are missing that the floor cannot give.
+    """
+    missing = [camera.name for camera in recording.cameras if camera.T_world_camera is None]
+    _refuse_what_the_floor_cannot_give(recording, missing)
+    floors = [_floor_of(recording, index, sample_frames, config) for index in range(len(recording.cameras))]
+    if not missing:
+        return _given(recording.cameras, floors)
+    return _from_one_camera(recording, sample_frames, floors[0])
+
+
+def _refuse_what_the_floor_cannot_give(recording: Recording, missing: Sequence[str]) -> None:
+    path = recording.folder / "recording.json"
+    if missing and len(recording.cameras) > 1:
+        raise InputError(
+            path,
+            f"camera_to_world is null for {', '.join(missing)}, and {len(recording.cameras)} cameras need one world",
+            "give every camera_to_world, or keep one camera only",
+        )
+    if missing and recording.equipment is not None:
+        raise InputError(
+            path,
+            f"camera_to_world is null for {missing[0]}, so the equipment cannot be placed in its picture",
+            'give camera_to_world, or set "equipment" to null',
+        )
+
+
+def _floor_of(
+    recording: Recording, index: int, sample_frames: Sequence[FrameSet], config: FloorConfig
+) -> FloorPlane | NoFloor:
+    """The floor in the empty room's picture or, without one, in the median of the sampled frames."""
+    pictures = [depth for frame in sample_frames if (depth := frame.depths_m[index]) is not None]
+    background = recording.backgrounds_m[index]
+    if background is None and not pictures:
+        return NoFloor.NO_READINGS
+    room = background if background is not None else np.median(np.stack(pictures), axis=0).astype(np.float32)
+    try:
+        noise = noise_per_m(pictures or [room])
+    except ValueError:
+        return NoFloor.NO_READINGS
+    return find_floor(room, recording.cameras[index], noise, config)
+
+
+def _given(cameras: tuple[Camera, ...], floors: Sequence[FloorPlane | NoFloor]) -> Calibration:
+    residuals, heights, notes = [], [], ["the cameras' given poses are used"]
+    for camera, floor in zip(cameras, floors, strict=True):
+        if isinstance(floor, NoFloor):
+            notes.append(f"camera {camera.name} sees no floor: {floor.value}")
+            continue
+        T_world_camera = camera.require_pose()
+        up = T_world_camera[:3, :3] @ floor.up
+        tilt = float(np.arccos(np.clip(up[1], -1.0, 1.0)))
+        residuals.append(FloorResidual(camera.name, floor.residual_m, floor.inlier_share, tilt))
+        if tilt > WORST_FLOOR_TILT_RAD:
+            notes.append(f"the floor camera {camera.name} sees is tilted by {np.degrees(tilt):.1f} degrees: not used")
+            continue
+        # The floor's height where the camera looks: below the camera a small tilt would be a lever.
+        ahead = floor.height_m / max(0.2, float(-floor.up @ [0.0, 0.0, 1.0])) * np.array([0.0, 0.0, 1.0])
+        on_floor = ahead - (floor.up @ ahead + floor.height_m) * floor.up
+        heights.append(float(transform_points(T_world_camera, on_floor)[1]))
+    return Calibration(cameras, float(np.median(heights)) if heights else None, tuple(residuals), tuple(notes))
+
+
+def _from_one_camera(
+    recording: Recording, sample_frames: Sequence[FrameSet], floor: FloorPlane | NoFloor
+) -> Calibration:
+    camera = recording.cameras[0]
+    notes, residuals = [], []
+    if isinstance(floor, FloorPlane):
+        up, height = floor.up, floor.height_m
+        residuals.append(FloorResidual(camera.name, floor.residual_m, floor.inlier_share, 0.0))
+        notes.append(f"the world stands on the floor camera {camera.name} sees, {height:.2f} m below it")
+    else:
+        up, height = np.array([0.0, -1.0, 0.0]), None
+        notes.append(f"no floor was found ({floor.value}): Y is the camera's up, and the floor's height is unknown")
+    start = start_of_patient(camera, sample_frames, recording.backgrounds_m[0], up, height)
+    notes.append(start.reason)
+    notes.append("the patient is taken to face the camera: X points from his start towards it")
+    T_world_camera = _world_at(start.point_camera_m, up)
+    posed = replace(camera, T_world_camera=T_world_camera)
+    return Calibration((posed,), None if height is None else 0.0, tuple(residuals), tuple(notes))
+
+
+def _world_at(origin_camera_m: np.ndarray, up_camera: np.ndarray) -> np.ndarray:
+    """T_world_camera (4, 4) with the origin at a camera point, Y along ``up_camera``, X level and towards the camera."""
+    towards = -origin_camera_m + (up_camera @ origin_camera_m) * up_camera
+    forward = towards / np.linalg.norm(towards)
+    R_world_camera = np.stack([forward, up_camera, np.cross(forward, up_camera)])
+    T_world_camera = np.eye(4)
+    T_world_camera[:3, :3] = R_world_camera
+    T_world_camera[:3, 3] = -R_world_camera @ origin_camera_m
+    return T_world_camera

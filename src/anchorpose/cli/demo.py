@@ -1,0 +1,54 @@
+"""``anchorpose demo``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from anchorpose.errors import InputError
+
+DEMO_SECONDS, QUICK_SECONDS = 3.0, 1.0
+DEMO_FPS = 15.0  # enough for slow movements, and half the work of 30
+
+
+def demo(out: Path = Path("anchorpose-demo"), /, *, quick: bool = False) -> None:
+    """See it work: a simulated patient in a standing frame is recorded, tracked and compared with the truth.
+
+    Takes one to two minutes, the first time longest, and needs nothing but this program.
+
+    Parameters
+    ----------
+    out
+        The folder to write.
+    quick
+        One second of recording only, to check an installation.
+    """
+    from anchorpose.cli.evaluate import print_evaluation
+    from anchorpose.cli.outcome import print_outcome
+    from anchorpose.cli.progress import progress_bar
+    from anchorpose.pipeline import TrackConfig, track_recording
+    from anchorpose.results.evaluate import evaluate
+    from anchorpose.results.evaluation_file import write_evaluation
+    from anchorpose.results.folder import whole_or_nothing
+    from anchorpose.simulate.config import SimulationConfig
+    from anchorpose.simulate.write import simulate_recording
+
+    if out.is_symlink() or (out.exists() and (not out.is_dir() or any(out.iterdir()))):
+        raise InputError(out, "exists already", "choose another name or remove it first")
+    scene = SimulationConfig(
+        seed=1, seconds=QUICK_SECONDS if quick else DEMO_SECONDS, fps=DEMO_FPS, cameras=1, therapists=1, speed="slow"
+    )
+    with whole_or_nothing(out) as folder:
+        simulated, results = folder / "simulated", folder / "results"
+        print(f"1. Simulating {scene.frames} pictures of a patient in a standing frame, one camera, one therapist.")
+        with progress_bar("Simulating") as progress:
+            simulate_recording(simulated, scene, progress)
+        print("2. Tracking 21 joints; the first run compiles, which takes a while.")
+        results.mkdir()
+        with progress_bar("Tracking") as progress:
+            track_recording(simulated / "recording", results, TrackConfig(), progress)
+        print("3. Comparing with the truth, which a real recording does not have.")
+        evaluation = evaluate(results, simulated / "truth" / "truth.npz")
+        write_evaluation(folder / "evaluation.json", evaluation)
+    print_evaluation(evaluation)
+    print_outcome(out / "results")
+    print(f"The recording is {out / 'simulated' / 'recording'}, the figures above are {out / 'evaluation.json'}.")

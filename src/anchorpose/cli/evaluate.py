@@ -1,0 +1,66 @@
+"""``anchorpose evaluate``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    from anchorpose.results.evaluate import Evaluation
+
+
+def evaluate(
+    results: Path,
+    /,
+    *,
+    truth: Path,
+    json: Path | None = None,
+    skip: Annotated[float, Parameter(name="--skip-s")] = 0.0,
+) -> None:
+    """Compare results with the truth: how far off the joints are, and whether the stated uncertainty is honest.
+
+    Parameters
+    ----------
+    results
+        A results folder made by 'anchorpose track'.
+    truth
+        The truth.npz that belongs to the recording (simulated recordings have one in truth/).
+    json
+        Write all figures to this JSON file as well.
+    skip
+        Leave out this many seconds at the start.
+    """
+    from anchorpose.errors import AnchorposeError
+    from anchorpose.results.evaluate import evaluate as evaluate_results
+    from anchorpose.results.evaluation_file import write_evaluation
+
+    if not 0.0 <= skip < float("inf"):
+        raise AnchorposeError(f"--skip-s is {skip:g}; give a number of seconds, 0 or more.")
+    evaluation = evaluate_results(results, truth, skip)
+    if json is not None:
+        write_evaluation(json, evaluation)
+    print_evaluation(evaluation)
+
+
+def print_evaluation(evaluation: Evaluation) -> None:
+    """The figures as a table on the output."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from anchorpose.results.evaluation_file import evaluation_rows
+
+    table = Table("", "mean mm", "median mm", "95 % mm", "lost %", "in 95 % band")
+    table.columns[0].no_wrap = True
+    for column in table.columns[1:]:
+        column.justify = "right"
+    for row in evaluation_rows(evaluation):
+        table.add_row(*row)
+    console = Console()
+    console.print(table)
+    drift = f"{evaluation.drift_ratio:.2f}" if evaluation.drift_ratio is not None else "unknown"
+    console.print(
+        f"{evaluation.matched_frames} of {evaluation.truth_frames} frames of the truth were compared; "
+        f"mean error of the second half over the first: {drift}."
+    )

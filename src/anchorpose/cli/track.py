@@ -1,0 +1,76 @@
+"""``anchorpose track``."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from anchorpose.errors import AnchorposeError
+
+
+def track(
+    recording: Path,
+    /,
+    *,
+    results: Annotated[Path, Parameter(name=["--output", "-o"])],
+    patient: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
+    config: Path | None = None,
+    overwrite: bool = False,
+    start: int | None = None,
+    stop: int | None = None,
+) -> None:
+    """Find the patient's 21 joints in every frame of a recording, with what was seen and how sure it is.
+
+    Parameters
+    ----------
+    recording
+        The folder with recording.json and the depth pictures of each camera.
+    results
+        The folder to write: joints.parquet, angles.parquet, run.json, report.html. It appears when all is done.
+    patient
+        Where the patient stands at the start, as x,z in metres on the floor (x forward, z to the patient's right);
+        needed only where several people are in the picture and the choice comes out wrong.
+    config
+        A TOML or JSON file with settings that differ from the defaults.
+    overwrite
+        Replace an existing results folder.
+    start
+        First frame to track, counted from 0; the default is the beginning.
+    stop
+        Frame to stop before; the default is the end.
+    """
+    from anchorpose.cli.config_file import load_config
+    from anchorpose.cli.outcome import print_outcome
+    from anchorpose.cli.progress import progress_bar
+    from anchorpose.pipeline import TrackConfig, track_recording
+    from anchorpose.results.folder import new_results_folder
+
+    settings = load_config(config, TrackConfig) if config is not None else TrackConfig()
+    given: dict[str, Any] = {
+        "start": start,
+        "stop": stop,
+        "patient_xz_m": None if patient is None else parse_place(patient),
+    }
+    try:
+        settings = replace(settings, **{name: value for name, value in given.items() if value is not None})
+    except ValueError as error:
+        raise AnchorposeError(f"{error}.") from None
+    with new_results_folder(results, recording, overwrite) as folder, progress_bar("Tracking") as progress:
+        track_recording(recording, folder, settings, progress)
+    print_outcome(results)
+
+
+def parse_place(text: str) -> tuple[float, float]:
+    """``x,z`` as two finite numbers; raises AnchorposeError otherwise."""
+    import math
+
+    try:
+        x, z = (float(part) for part in text.split(","))
+    except ValueError:
+        x = z = math.nan
+    if not (math.isfinite(x) and math.isfinite(z)):
+        raise AnchorposeError(f"--patient is '{text}'; write two numbers in metres with a comma, for example 0.1,-0.2.")
+    return x, z

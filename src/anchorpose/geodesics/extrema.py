@@ -1,0 +1,105 @@
+"""The centre of the surface and its geodesic extrema (paper, Section IV-B, after Definition 2)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from anchorpose.errors import DegenerateGeometry
+from anchorpose.geodesics.fast_marching import _lift, _pop, _spread
+from anchorpose.surface.surface import Surface
+
+
+def surface_center(surface: Surface) -> int:
+    """V_c: the node closest to the average position of all nodes.
+
+    A hole at the centre leaves the nearest node of its rim. Raises DegenerateGeometry on a surface without nodes.
+    """
+    if len(surface) == 0:
+        raise DegenerateGeometry("a surface without nodes has no centre")
+    points = surface.points_m.astype(np.float64)
+    return int(np.argmin(((points - points.mean(axis=0)) ** 2).sum(axis=1)))
+
+
+def geodesic_extrema(surface: Surface, field: np.ndarray, radius_m: float) -> np.ndarray:
+    """Nodes farther from the centre than every other node within ``radius_m`` of them, the farthest first.
+
+    field (n,) float32: geodesic distance from the centre; inf (unreachable) nodes are never extrema. radius_m: r of
+    the paper, geodesic. Returns (k,) int32. The rule is exact: nodes that no direct neighbour exceeds are marched from
+    until a node as far from the centre turns up.
+    """
+    if field.shape != (len(surface),):
+        raise ValueError(f"field is {field.shape}, the surface has {len(surface)} nodes")
+    if not radius_m > 0:
+        raise ValueError(f"radius_m must be positive, got {radius_m}")
+    field = np.ascontiguousarray(field, dtype=np.float32)
+    links = (surface.ring, surface.link_start, surface.link_node)
+    candidates = _one_ring_maxima(field, *links)
+    stands = _is_extremum(surface.points_m, *links, field, candidates, np.float64(radius_m))
+    extrema = candidates[stands]
+    return extrema[np.argsort(-field[extrema], kind="stable")]
+
+
+@njit(cache=True)
+def _one_ring_maxima(
+    field: np.ndarray, ring: np.ndarray, link_start: np.ndarray, link_node: np.ndarray
+) -> np.ndarray:
+    maxima = np.empty(len(field), np.int32)
+    count = 0
+    for node in range(len(field)):
+        highest = np.isfinite(field[node])
+        for k in range(8):
+            if highest and ring[node, k] >= 0:
+                highest = field[ring[node, k]] < field[node]
+        for k in range(link_start[node], link_start[node + 1]):
+            if highest:
+                highest = field[link_node[k]] < field[node]
+        if highest:
+            maxima[count] = node
+            count += 1
+    return maxima[:count].copy()
+
+
+@njit(cache=True)
+def _is_extremum(
+    points: np.ndarray,
+    ring: np.ndarray,
+    link_start: np.ndarray,
+    link_node: np.ndarray,
+    field: np.ndarray,
+    candidates: np.ndarray,
+    radius: float,
+) -> np.ndarray:
+    """Fast marching from each candidate that ends at the first node as far from the centre."""
+    count = len(points)
+    stands = np.ones(len(candidates), np.bool_)
+    distance = np.full(count, np.inf)
+    fixed = np.zeros(count, np.uint8)
+    place = np.full(count, -1, np.int32)
+    heap = np.empty(count, np.int32)
+    visited = np.empty(count, np.int32)
+    for k in range(len(candidates)):
+        candidate = candidates[k]
+        distance[candidate] = 0.0
+        size = _lift(heap, place, distance, 0, candidate)
+        seen = 0
+        while size > 0:
+            node = heap[0]
+            size = _pop(heap, place, distance, size)
+            if distance[node] >= radius:
+                distance[node] = np.inf
+                break
+            fixed[node] = 1
+            visited[seen] = node
+            seen += 1
+            if node != candidate and field[node] >= field[candidate]:
+                stands[k] = False
+                break
+            size = _spread(points, ring, link_start, link_node, distance, fixed, heap, place, size, node)
+        for spot in range(size):  # leave the scratch arrays as they were, at the cost of what was touched
+            place[heap[spot]] = -1
+            distance[heap[spot]] = np.inf
+        for spot in range(seen):
+            distance[visited[spot]] = np.inf
+            fixed[visited[spot]] = 0
+    return stands

@@ -1,0 +1,32 @@
+"""What isolation may be told."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IsolationConfig:
+    """Each default with its reason; gates are in standard deviations of the measured sensor noise."""
+
+    background_gate: float = 2.0  # applied to a 3x3 median, whose deviation is 0.4 of a pixel's: five of its sigmas
+    equipment_gate: float = 3.0  # a bar is told from skin by one pixel, not by a median: thin bars are 3 pixels wide
+    equipment_tolerance_m: float = 0.01  # the equipment was measured by hand, and its pose was estimated
+    jump_gate: float = 4.0  # neighbours on one surface differ by noise and by slope, and by no more than this noise
+    steepest_slope_rad: float = 1.40  # 80 degrees: steeper surfaces give a depth camera no reading
+    person_radius_m: float = 0.25  # half a shoulder breadth (95th percentile of men 0.26 m)
+    reach_m: float = 0.90  # from the body's axis to an outstretched hand
+    person_height_m: float = 0.60  # what must be seen of a person, from top to bottom: half of a crouching one
+    person_area_m2: float = 0.10  # what must be seen of a person: a fifth of an adult's frontal area
+    crumb_area_m2: float = 0.0005  # a piece smaller than a finger's end is nobody
+    hand_area_m2: float = 0.005  # a smaller piece that is not the patient's is nobody: half a hand
+    skin_margin_m: float = 0.08  # clothes, the predicted pose's error and the spacing of the predicted points
+    contact_m: float = 0.04  # on the predicted skin: 1 cm of clothes, half a vertex spacing, three sigmas of noise
+    prediction_growth_m: float = 0.04  # added for each frame without a fit: 1.2 m/s at 30 Hz, a fast leg
+
+    def __post_init__(self) -> None:
+        for entry in fields(self):
+            if not getattr(self, entry.name) > 0:
+                raise ValueError(f"{entry.name} must be positive, got {getattr(self, entry.name)}")
+        if self.steepest_slope_rad >= 1.57:
+            raise ValueError(f"steepest_slope_rad must stay below a right angle, got {self.steepest_slope_rad}")

@@ -1,0 +1,162 @@
+"""Who is in the picture: people as upright columns over the ground, and which of them is the patient."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from anchorpose.isolation.config import IsolationConfig
+from anchorpose.isolation.scene import Pieces
+from anchorpose.recording.equipment import EquipmentModel
+
+CELL_M = 0.04  # ground cells: a sixth of a person's radius
+SAME_PERSON_SADDLE = 0.5  # two peaks with at least half the mass between them are one body; arms carry less
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Person:
+    """ground_xz_m (2,) float64: the body's axis on the ground; bottom_m, top_m: heights; area_m2: surface seen."""
+
+    ground_xz_m: np.ndarray
+    bottom_m: float
+    top_m: float
+    area_m2: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class People:
+    """The people of one moment; of: one a camera, (n,) int32 person of each foreground pixel, -1 = nobody."""
+
+    people: tuple[Person, ...]
+    of: tuple[np.ndarray | None, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PatientChoice:
+    """Where the patient stands at the start, (2,) float64 X and Z, and how we know."""
+
+    ground_xz_m: np.ndarray
+    reason: str
+
+
+def find_people(pieces: Sequence[Pieces | None], config: IsolationConfig) -> People:
+    """Split the foreground of all cameras into persons.
+
+    Each person is a column of mass over the ground (Y is up); a connected piece that covers one column belongs to it,
+    one that covers several is divided by the nearest axis, one that covers none goes to the nearest person in reach.
+    """
+    seen = [view for view in pieces if view is not None]
+    points = np.concatenate([view.points_m for view in seen]) if seen else np.empty((0, 3), np.float32)
+    area = np.concatenate([view.area_m2 for view in seen]) if seen else np.empty(0, np.float32)
+    people = _columns(points, area, config)
+    return People(people, tuple(None if view is None else _owners(view, people, config) for view in pieces))
+
+
+def choose_patient(
+    sightings: Sequence[People],
+    equipment: EquipmentModel | None,
+    patient_xz: tuple[float, float] | None,
+    look_at_xz: np.ndarray,
+    config: IsolationConfig,
+) -> PatientChoice | None:
+    """The patient among the people of the first sighting; later ones tell who stays. None where nobody is seen.
+
+    In this order: the person at ``patient_xz``, if the user said so; who stands within the equipment's outline; who
+    stays in place longest and, of these, is nearest to ``look_at_xz``, where the first camera's axis meets the scene.
+    """
+    if not sightings or not sightings[0].people:
+        return None
+    people = sightings[0].people
+    axes = np.array([person.ground_xz_m for person in people])
+    among = f"of {len(people)} people" if len(people) > 1 else "the only person"
+    if patient_xz is not None:
+        nearest = int(np.argmin(np.linalg.norm(axes - patient_xz, axis=1)))
+        return PatientChoice(axes[nearest], f"nearest to the place that was given, {among}")
+    if equipment is not None:
+        inside = _inside_outline(axes, equipment)
+        if inside.any():
+            centre = equipment.triangles()[0][:, [0, 2]].mean(axis=0)
+            nearest = int(np.argmin(np.where(inside, np.linalg.norm(axes - centre, axis=1), np.inf)))
+            return PatientChoice(axes[nearest], f"stands within the equipment, {among}")
+    stays = np.array([[_is_there(axis, sighting, config) for sighting in sightings] for axis in axes]).sum(axis=1)
+    off_axis = np.linalg.norm(axes - look_at_xz, axis=1)
+    best = int(np.lexsort((off_axis, -stays))[0])
+    reason = f"seen in place in {stays[best]} of {len(sightings)} frames and nearest to the middle of the view, {among}"
+    return PatientChoice(axes[best], reason)
+
+
+def _columns(points_m: np.ndarray, area_m2: np.ndarray, config: IsolationConfig) -> tuple[Person, ...]:
+    """Peaks of the ground's smoothed mass that are tall enough and large enough to be a person."""
+    if not len(points_m):
+        return ()
+    ground = points_m[:, [0, 2]]
+    low = ground.min(axis=0) - 2 * config.person_radius_m
+    cell = ((ground - low) / CELL_M).astype(np.int64)
+    shape = cell.max(axis=0) + 1 + int(2 * config.person_radius_m / CELL_M)
+    mass = np.bincount(cell[:, 0] * shape[1] + cell[:, 1], weights=area_m2, minlength=shape.prod()).reshape(shape)
+    mass = cv2.GaussianBlur(mass, (0, 0), config.person_radius_m / (2 * CELL_M))
+    left = mass.copy()
+    found: list[Person] = []
+    peaks: list[np.ndarray] = []
+    while True:
+        peak = np.array(np.unravel_index(np.argmax(left), left.shape))
+        height = left[tuple(peak)]
+        if height <= 0.02 * mass.max():
+            return tuple(found)
+        cv2.circle(left, (int(peak[1]), int(peak[0])), int(1.5 * config.person_radius_m / CELL_M), 0.0, -1)
+        person = _person_at(low + (peak + 0.5) * CELL_M, points_m, area_m2, config)
+        one_body = any(_saddle(mass, peak, other) > SAME_PERSON_SADDLE * height for other in peaks)
+        if person is not None and not one_body:
+            found.append(person)
+            peaks.append(peak)
+
+
+def _person_at(
+    axis_xz: np.ndarray, points_m: np.ndarray, area_m2: np.ndarray, config: IsolationConfig
+) -> Person | None:
+    near = ((points_m[:, [0, 2]] - axis_xz) ** 2).sum(axis=1) < config.person_radius_m**2
+    area = float(area_m2[near].sum())
+    if area < config.person_area_m2:
+        return None
+    bottom, top = np.percentile(points_m[near, 1], [1, 99])
+    if top - bottom < config.person_height_m:
+        return None
+    return Person(axis_xz.astype(np.float64), float(bottom), float(top), area)
+
+
+def _saddle(mass: np.ndarray, start: np.ndarray, end: np.ndarray) -> float:
+    """Least mass on the straight line between two cells."""
+    steps = int(np.abs(end - start).max()) + 1
+    line = np.rint(np.linspace(start, end, steps)).astype(np.int64)
+    return float(mass[line[:, 0], line[:, 1]].min())
+
+
+def _owners(view: Pieces, people: tuple[Person, ...], config: IsolationConfig) -> np.ndarray:
+    """(n,) int32 person of each foreground pixel of one camera, -1 = nobody."""
+    if not people or not len(view.row):
+        return np.full(len(view.row), -1, dtype=np.int32)
+    axes = np.array([person.ground_xz_m for person in people], dtype=np.float32)
+    distance = np.linalg.norm(view.points_m[:, None, [0, 2]] - axes, axis=2)  # (n, people)
+    nearest = distance.argmin(axis=1)
+    in_core = distance < config.person_radius_m
+    covered = np.stack(
+        [np.bincount(view.piece, view.area_m2 * core, view.piece_count + 1) for core in in_core.T], axis=1
+    )  # (pieces, people)
+    covers = covered > config.person_area_m2 / 4
+    only = np.where(covers.sum(axis=1) == 1, covers.argmax(axis=1), -1)[view.piece]
+    owner = np.where(only >= 0, only, nearest)
+    out_of_reach = distance[np.arange(len(owner)), owner] > config.reach_m
+    return np.where(out_of_reach, -1, owner).astype(np.int32)
+
+
+def _inside_outline(axes_xz: np.ndarray, equipment: EquipmentModel) -> np.ndarray:
+    outline = cv2.convexHull(equipment.triangles()[0][:, [0, 2]].astype(np.float32))
+    return np.array([cv2.pointPolygonTest(outline, (float(x), float(z)), False) >= 0 for x, z in axes_xz])
+
+
+def _is_there(axis_xz: np.ndarray, sighting: People, config: IsolationConfig) -> bool:
+    """Whether somebody stands within a step of this place."""
+    return any(np.linalg.norm(person.ground_xz_m - axis_xz) < 2 * config.person_radius_m for person in sighting.people)

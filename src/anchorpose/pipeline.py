@@ -1,0 +1,156 @@
+"""From a recording folder to a results folder: the order of the stages.
+
+recording -> calibration -> isolation -> surface -> geodesics -> association -> tracking -> body -> results
+
+The room is prepared once; then every frame goes through ``tracker.observation`` (isolation to descriptor) and
+``tracker.patient`` (association to body). The patient's body is learnt on a first pass over the first seconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from anchorpose.body.skin_points import FittedShape
+from anchorpose.recording.inputs import input_files
+from anchorpose.recording.reader import open_recording, read_frames
+from anchorpose.recording.recording import FrameSet, Recording
+from anchorpose.results.angles import ANGLES_FILE, joint_angles, write_angles
+from anchorpose.results.joint_frame import JointFrame
+from anchorpose.results.pictures import FramePicture, save_pictures
+from anchorpose.results.report import write_report
+from anchorpose.results.run_record import (
+    RUN_FILE,
+    CameraRecord,
+    DroppedFrame,
+    Residual,
+    RunRecord,
+    StageTiming,
+    hash_files,
+    write_run_record,
+)
+from anchorpose.results.tables import JOINTS_FILE, read_joints, write_joints
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.estimate import Estimate
+from anchorpose.tracker.learning import learn_patient
+from anchorpose.tracker.patient import follow_patient
+from anchorpose.tracker.pictures import draw_estimate
+from anchorpose.tracker.room import Room, prepare_room
+from anchorpose.tracker.stopwatch import Stopwatch
+
+__all__ = ["TrackConfig", "track_recording"]
+
+PICTURES = 6  # frames shown in the report, spread over the recording
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Written:
+    """What the pass over all frames leaves behind besides the table."""
+
+    frame_count: int
+    dropped: tuple[DroppedFrame, ...]
+    pictures: tuple[FramePicture, ...]
+
+
+def track_recording(recording: Path, results: Path, config: TrackConfig, progress: Progress) -> None:
+    """Track the patient through a recording and write everything into an existing, empty results folder.
+
+    progress is called with frames done and frames to do; the frames the body is learnt from count twice.
+    Raises InputError where the recording cannot be used.
+    """
+    watch = Stopwatch()
+    opened = open_recording(recording)
+    frames = read_frames(opened, config.start, config.stop)  # refuses an empty range before any work is done
+    total, window = _frame_counts(opened, config)
+    with watch.stage("calibration and background"):
+        room = prepare_room(opened, config)
+    first_pass = _counted(read_frames(opened, config.start, config.stop), 0, window, window + total, progress)
+    shape = learn_patient(room, first_pass, None, config, watch)
+    second_pass = _counted(frames, window, window + total, window + total, progress)
+    estimates = follow_patient(room, second_pass, None, shape, config, watch)
+    written = _write_estimates(results, estimates, shape, total)
+    with watch.stage("results"):
+        write_angles(results / ANGLES_FILE, joint_angles(read_joints(results / JOINTS_FILE)))
+        _write_record(results, room, written, shape, config, watch)
+        write_report(results)
+    progress(window + total, window + total)
+
+
+def _frame_counts(recording: Recording, config: TrackConfig) -> tuple[int, int]:
+    """Frames to track, and how many of them lie in the learning window."""
+    time_s = recording.streams[0].time_s[config.start : config.stop]
+    return len(time_s), int((time_s <= time_s[0] + config.learning.window_s).sum())
+
+
+def _counted(frames: Iterable[FrameSet], first: int, most: int, total: int, progress: Progress) -> Iterator[FrameSet]:
+    """The frames, with progress told from ``first`` on and up to ``most``."""
+    for done, frame_set in enumerate(frames, first):
+        progress(min(done, most), total)
+        yield frame_set
+
+
+def _write_estimates(results: Path, estimates: Iterable[Estimate], shape: FittedShape | None, total: int) -> _Written:
+    """Stream the joints to their table; keep a few pictures and every problem."""
+    shown = set(np.unique(np.linspace(0, total - 1, min(PICTURES, total)).astype(int)).tolist())
+    dropped, pictures, count = list[DroppedFrame](), list[FramePicture](), 0
+    with write_joints(results / JOINTS_FILE) as table:
+        for number, estimate in enumerate(estimates):
+            frame_set = estimate.frame_set
+            table.append(
+                JointFrame(
+                    frame=frame_set.frame,
+                    time_s=frame_set.time_s,
+                    position_m=estimate.joints_m,
+                    state=estimate.states,
+                    sigma_m=estimate.sigma_m,
+                )
+            )
+            dropped += [DroppedFrame(frame_set.frame, frame_set.time_s, why) for why in frame_set.problems]
+            if number in shown and shape is not None:
+                pictures += draw_estimate(estimate, shape)
+            count = number + 1
+    return _Written(count, tuple(dropped), tuple(pictures))
+
+
+def _write_record(
+    results: Path, room: Room, written: _Written, shape: FittedShape | None, config: TrackConfig, watch: Stopwatch
+) -> None:
+    given = [camera.T_world_camera is not None for camera in room.recording.cameras]
+    calibration = room.calibration
+    record = RunRecord(
+        recording=room.recording.folder.resolve().name,
+        config=config,
+        inputs_sha256=hash_files(input_files(room.recording), room.recording.folder),
+        cameras=tuple(
+            CameraRecord(camera.name, camera.T_world_camera, "given" if known else "floor and patient")
+            for camera, known in zip(room.cameras, given, strict=True)
+        ),
+        residuals=tuple(
+            Residual(floor.camera, "floor, rms distance to the plane", floor.residual_m, "m")
+            for floor in calibration.residuals
+        ),
+        timings=tuple(StageTiming(stage, seconds) for stage, seconds in watch.seconds.items()),
+        frame_count=written.frame_count,
+        dropped=written.dropped,
+        pictures=save_pictures(results, written.pictures),
+        notes=(*calibration.notes, *_notes(room, shape)),
+    )
+    write_run_record(results / RUN_FILE, record)
+
+
+def _notes(room: Room, shape: FittedShape | None) -> list[str]:
+    """Sentences on who was tracked and with which body."""
+    if room.choice is None:
+        return ["nobody was seen in the sampled frames, so no joint could be tracked"]
+    x, z = room.choice.ground_xz_m
+    notes = [f"the patient was taken to be the person at x {x:.2f} m, z {z:.2f} m, who {room.choice.reason}"]
+    if shape is None:
+        notes.append("no body could be fitted to this person, so no joint could be tracked")
+    else:
+        notes.append(f"the learnt clothes are {1000 * shape.clothing_m:.0f} mm thick")
+    return notes

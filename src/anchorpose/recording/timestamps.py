@@ -1,0 +1,60 @@
+"""When each picture was taken: timestamps.csv, or a frame rate where the recorder kept no times."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from anchorpose.errors import InputError
+
+
+def read_timestamps(path: Path) -> dict[int, float]:
+    """Frame number to time in seconds, in the order of the file; raises InputError unless both strictly increase."""
+    times: dict[int, float] = {}
+    last_frame, last_time = -1, -math.inf
+    for line, cells in _rows(path):
+        frame, time_s = _parse_row(path, line, cells)
+        if frame <= last_frame:
+            raise InputError(path, f"line {line}: frame {frame} does not come after {last_frame}", "sort the rows")
+        if time_s <= last_time:
+            problem = f"line {line}: time {time_s:g} s of frame {frame} is not later than {last_time:g} s"
+            raise InputError(path, problem, "times must increase strictly: remove the repeated frame")
+        times[frame] = time_s
+        last_frame, last_time = frame, time_s
+    if not times:
+        raise InputError(path, "lists no frame", "add one row a picture or remove the recording")
+    return times
+
+
+def times_from_rate(frames: np.ndarray, fps: float) -> np.ndarray:
+    """(n,) float64 seconds of frames (n,) numbered at a steady rate; a number left out is a frame dropped."""
+    return frames / fps
+
+
+def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})", "check the file") from None
+    except UnicodeDecodeError:
+        raise InputError(path, "is not text in UTF-8", "save it again as UTF-8") from None
+    lines = text.splitlines()
+    if not lines or [cell.strip() for cell in lines[0].split(",")] != ["frame", "time_s"]:
+        raise InputError(path, f"starts with {lines[0][:60] if lines else ''!r}", "its first line must be frame,time_s")
+    for number, line in enumerate(lines[1:], start=2):
+        if line.strip():
+            yield number, line.split(",")
+
+
+def _parse_row(path: Path, line: int, cells: list[str]) -> tuple[int, float]:
+    try:
+        frame, time_s = int(cells[0]), float(cells[1])
+        if len(cells) == 2 and frame >= 0 and math.isfinite(time_s):
+            return frame, time_s
+    except (ValueError, IndexError):
+        pass
+    problem = f"line {line} is {','.join(cells)[:60]!r}, not a frame number and a time"
+    raise InputError(path, problem, "write for example 12,0.400")

@@ -1,0 +1,46 @@
+"""An evaluation as JSON for programs and as text for people."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from anchorpose.results.evaluate import ErrorSummary, Evaluation
+from anchorpose.results.folder import write_text_whole
+from anchorpose.results.run_record import plain
+
+
+def write_evaluation(path: Path, evaluation: Evaluation) -> None:
+    """Writes the evaluation: the overall figures at the top, then per joint, per state and the rest."""
+    document = {
+        **plain(evaluation.overall),
+        "matched_frames": evaluation.matched_frames,
+        "truth_frames": evaluation.truth_frames,
+        "missing_frames": evaluation.missing_frames,
+        "drift_ratio": evaluation.drift_ratio,
+        "per_joint": {name: plain(summary) for name, summary in evaluation.per_joint},
+        "per_state": {name: plain(summary) for name, summary in evaluation.per_state},
+        "occluded_frames": plain(evaluation.occluded_frames),
+        "clear_frames": plain(evaluation.clear_frames),
+    }
+    write_text_whole(path, json.dumps(document, indent=1, allow_nan=False) + "\n")
+
+
+def evaluation_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
+    """Rows of text (what, mean, median, 95 %, lost, coverage): all joints, each joint, each state that occurs, ..."""
+    groups = [
+        ("all joints", evaluation.overall),
+        *evaluation.per_joint,
+        *evaluation.per_state,
+        ("frames called occluded", evaluation.occluded_frames),
+        ("other frames", evaluation.clear_frames),
+    ]
+    return [(name, *_cells(summary)) for name, summary in groups if summary.joint_frames]
+
+
+def _cells(summary: ErrorSummary) -> tuple[str, ...]:
+    lengths = (summary.mean_mm, summary.median_mm, summary.p95_mm)
+    shares = (summary.lost_share, summary.coverage_95)
+    return tuple("–" if v is None else f"{v:.1f}" for v in lengths) + tuple(
+        "–" if v is None else f"{100 * v:.1f}" for v in shares
+    )

@@ -1,0 +1,152 @@
+"""run.json: what a result was made from, with what, how long it took and what was left out."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import math
+import platform
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum
+from importlib import metadata
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from anchorpose import __version__
+from anchorpose.errors import InputError
+from anchorpose.recording.document import read_json_object
+
+RUN_FILE: Final = "run.json"
+
+_LIBRARIES: Final = ("numpy", "scipy", "numba", "pyarrow", "opencv-python-headless", "embreex")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraRecord:
+    """The pose that was used for a camera, and whether the recording gave it or it was found."""
+
+    name: str
+    camera_to_world: np.ndarray | None  # (4, 4); None where the camera was not used for want of a pose
+    source: str  # for example "given", "equipment", "floor"
+
+
+@dataclass(frozen=True, slots=True)
+class Residual:
+    """What a calibration left unexplained."""
+
+    camera: str
+    what: str  # for example "equipment, median distance to the model"
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class StageTiming:
+    """Time spent in one stage of the flow over the whole run."""
+
+    stage: str
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class DroppedFrame:
+    """A frame, or one camera's picture of it, that was not used, and why."""
+
+    frame: int
+    time_s: float
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class PictureRecord:
+    """A picture kept for the report, under the results folder."""
+
+    file: str  # relative to the results folder
+    frame: int
+    time_s: float
+    camera: str
+    caption: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunRecord:
+    """Everything about a run that its tables do not say."""
+
+    recording: str  # name of the recording folder, not its path: results travel
+    config: Any  # the resolved configuration, a dataclass of stage configurations
+    inputs_sha256: tuple[tuple[str, str], ...]  # (path in the recording folder, hash)
+    cameras: tuple[CameraRecord, ...]
+    residuals: tuple[Residual, ...] = ()
+    timings: tuple[StageTiming, ...] = ()
+    frame_count: int = 0
+    dropped: tuple[DroppedFrame, ...] = ()
+    pictures: tuple[PictureRecord, ...] = ()
+    notes: tuple[str, ...] = ()  # sentences for people: what was assumed, what to beware of
+
+
+def hash_files(files: Iterable[Path], folder: Path) -> tuple[tuple[str, str], ...]:
+    """(path relative to ``folder``, SHA-256 in hex) of each file."""
+    hashes = []
+    for file in files:
+        with file.open("rb") as stream:
+            digest = hashlib.file_digest(stream, "sha256").hexdigest()
+        hashes.append((file.relative_to(folder).as_posix(), digest))
+    return tuple(hashes)
+
+
+def write_run_record(path: Path, record: RunRecord) -> None:
+    """Writes run.json."""
+    document = {
+        "format": "anchorpose-run",
+        "version": 1,
+        "versions": _versions(),
+        "recording": record.recording,
+        "frame_count": record.frame_count,
+        "cameras": plain(record.cameras),
+        "residuals": plain(record.residuals),
+        "timings": plain(record.timings),
+        "dropped": plain(record.dropped),
+        "pictures": plain(record.pictures),
+        "notes": plain(record.notes),
+        "config": plain(record.config),
+        "inputs_sha256": dict(record.inputs_sha256),
+    }
+    path.write_text(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def read_run_document(path: Path) -> dict[str, Any]:
+    """A run.json as it stands in the file; raises InputError unless it is one."""
+    top = read_json_object(path)
+    if top.values.get("format") != "anchorpose-run":
+        raise InputError(path, "is no run.json of anchorpose", "give a results folder made by 'anchorpose track'")
+    return top.values
+
+
+def plain(value: Any) -> Any:
+    """Dataclasses, arrays, enums and paths as what JSON knows; a number that is not finite becomes null."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, dict):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, set | frozenset):
+        return sorted(plain(item) for item in value)
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, Enum):
+        return plain(value.value)
+    return str(value) if isinstance(value, Path) else value
+
+
+def _versions() -> dict[str, str]:
+    libraries = {name: metadata.version(name) for name in _LIBRARIES}
+    return {"anchorpose": __version__, "python": platform.python_version(), **libraries}

@@ -1,0 +1,142 @@
+"""Everything in the room, drawn from one seed, and where it all is at any time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from anchorpose.camera import Camera
+from anchorpose.recording.equipment import EquipmentModel, EquipmentPart
+from anchorpose.simulate.channels import ball_ahead_m, standing_pelvis_m
+from anchorpose.simulate.config import SimulationConfig
+from anchorpose.simulate.frame import StandingFrame, build_stool, fit_standing_frame
+from anchorpose.simulate.patient import LONG_AGO_S, Actor, draw_patient, resting_channels, seated_offsets
+from anchorpose.simulate.person import Person, draw_person
+from anchorpose.simulate.render import PATIENT, Figure
+from anchorpose.simulate.room import place_cameras, room_triangles
+from anchorpose.simulate.therapist import Therapist, draw_therapists
+from anchorpose.simulate.timeline import Footwork, Movement, stance_places
+
+STREAMS = ("patient", "programme", "therapists", "room", "cameras", "holes", "sensor")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Clinic:
+    """The cast and the scenery of one recording."""
+
+    config: SimulationConfig
+    cameras: tuple[Camera, ...]
+    room: np.ndarray  # (n, 3, 3) triangles
+    equipment: EquipmentModel | None
+    patient: Actor
+    therapists: tuple[Therapist, ...]
+
+    def true_times_s(self, camera: int) -> np.ndarray:
+        """(t,) when a camera really looks; its stamps say frame / fps."""
+        stamps = np.arange(self.config.frames) / self.config.fps
+        late = self.config.clock_late_s[camera] if self.config.clock_late_s else 0.0
+        drift = self.config.clock_drift[camera] if self.config.clock_drift else 0.0
+        return stamps + late + drift * stamps
+
+    def act(self, times_s: np.ndarray) -> Performance:
+        """Where every bone is at the given times."""
+        patient = self.patient.bones(times_s)
+        others = tuple(therapist.bones(times_s, self.patient, patient) for therapist in self.therapists)
+        return Performance(self, times_s, (patient, *others))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Performance:
+    """Bones of everybody, patient first: (t, b, 4, 4) T_world_rest each."""
+
+    clinic: Clinic
+    times_s: np.ndarray
+    bones: tuple[np.ndarray, ...]
+
+    def figures(self, frame: int) -> tuple[Figure, ...]:
+        """Everybody's dressed skin in one frame."""
+        people = [self.clinic.patient.person, *(therapist.actor.person for therapist in self.clinic.therapists)]
+        return tuple(
+            Figure(
+                skin_m=person.skin(bones[frame], float(self.times_s[frame])),
+                faces=person.body.asset.faces,
+                face_part=face_parts(person),
+                label=PATIENT + index,
+            )
+            for index, (person, bones) in enumerate(zip(people, self.bones, strict=True))
+        )
+
+    def joints_m(self) -> np.ndarray:
+        """(t, 21, 3) the patient's joints."""
+        body = self.clinic.patient.person.body
+        return np.array([body.joints(bones) for bones in self.bones[0]])
+
+
+def random_stream(config: SimulationConfig, name: str, *keys: int) -> np.random.Generator:
+    """A generator of its own for each purpose, so that changing one thing leaves the others as they were."""
+    return np.random.default_rng([config.seed, STREAMS.index(name), *keys])
+
+
+def draw_clinic(config: SimulationConfig) -> Clinic:
+    """Cast and scenery from ``config.seed``."""
+    person = draw_person(random_stream(config, "patient"), config.clothing_m, config.height_m)
+    scenery = random_stream(config, "room")
+    frame = _fitted_frame(scenery, person) if config.standing_frame else None
+    patient = draw_patient(random_stream(config, "programme"), config, person, frame)
+    parts: tuple[EquipmentPart, ...] = () if frame is None else frame.parts
+    if config.stool and patient.sits():
+        parts += _fitted_stool(scenery, patient)
+    return Clinic(
+        config=config,
+        cameras=place_cameras(random_stream(config, "cameras"), config.sensor, config.cameras),
+        room=room_triangles(random_stream(config, "room", 1), config.cameras == 4)
+        if config.room
+        else np.zeros((0, 3, 3)),
+        equipment=EquipmentModel(parts) if parts else None,
+        patient=patient,
+        therapists=draw_therapists(random_stream(config, "therapists"), config, patient),
+    )
+
+
+def face_parts(person: Person) -> np.ndarray:
+    """(f,) uint8: 1 + bone index of each face's body part (of its first corner)."""
+    asset = person.body.asset
+    return (asset.main_bone()[asset.faces[:, 0]] + 1).astype(np.uint8)
+
+
+def _fitted_frame(rng: np.random.Generator, person: Person) -> StandingFrame:
+    body = person.body
+    actor = _posed(person, ())
+    skin = person.skin(actor.bones(np.zeros(1))[0], 0.0)
+    arms = np.array(
+        [any(k in body.asset.bone_names[b] for k in ("Arm", "Hand", "Finger", "Thumb")) for b in body.asset.main_bone()]
+    )
+    knee_m = float(body.bone_heads[body.asset.bone("LeftLeg"), 1])
+    trunk = ~arms & (skin[:, 1] > knee_m - 0.1)
+    return fit_standing_frame(
+        rng,
+        pelvis_m=standing_pelvis_m(body),
+        knee_m=knee_m,
+        front_m=float(skin[trunk & (skin[:, 1] < 1.2), 0].max()),
+        half_width_m=float(np.abs(skin[trunk, 2]).max()) + 0.14,
+    )
+
+
+def _fitted_stool(rng: np.random.Generator, patient: Actor) -> tuple[EquipmentPart, ...]:
+    """A stool under the seated patient: its top just where the buttocks' lowest skin is."""
+    person = patient.person
+    seated = Movement(seated_offsets(person), LONG_AGO_S, 1.0, 1e3, 1.0)
+    sitter = Actor(person, patient.base, [seated], patient.footwork, ())
+    bones = sitter.bones(np.zeros(1))[0]
+    skin = person.skin(bones, 0.0)
+    hips_m = bones[0, :3, :3] @ person.body.bone_heads[0] + bones[0, :3, 3]
+    center = (float(hips_m[0] + 0.02), float(hips_m[2]))
+    above = (np.abs(skin[:, 0] - center[0]) < 0.2) & (np.abs(skin[:, 2] - center[1]) < 0.2)
+    return build_stool(rng, center, float(skin[above, 1].min()) + 0.01)
+
+
+def _posed(person: Person, offsets: tuple[tuple[str, float], ...]) -> Actor:
+    """A person who stands as the asset does, for measuring."""
+    feet = Footwork(stance_places(np.array([ball_ahead_m(person.body), 0.0]), 0.0, 0.26), np.zeros(2))
+    return Actor(person, resting_channels(person, False), [Movement(offsets, LONG_AGO_S, 1.0, 1e3, 1.0)], feet, ())

@@ -1,0 +1,108 @@
+"""What to simulate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal, get_args
+
+Sensor = Literal["kinect-v2", "azure-kinect", "realsense"]
+Speed = Literal["slow", "normal", "fast", "mixed"]
+
+MOTIONS: Final = (
+    "standing", "squat", "weight-shift", "trunk", "steps", "sit-to-stand",
+    "reach", "arm-raise", "head", "rails",
+)  # fmt: skip
+"""What a patient can be asked to do; ``mixed`` draws from all of them, legs and arms at once."""
+
+FRAMELESS_MOTIONS: Final = frozenset({"sit-to-stand"})
+"""Motions that a standing frame with a knee bar does not leave room for."""
+
+SMALLEST_HOLE_M, LARGEST_HOLE_M = 0.03, 0.15  # the paper's five sizes, Section V
+THICKEST_CLOTHING_M = 0.015  # beyond this the skin says little about the body
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulationConfig:
+    """One simulated recording. The same values give the same bytes."""
+
+    seed: int
+    seconds: float = 10.0
+    fps: float = 30.0  # every sensor simulated here runs at 30 Hz
+    cameras: int = 3  # front, left, right, then behind
+    sensor: Sensor = "kinect-v2"  # the paper's
+    standing_frame: bool = True
+    stool: bool = True  # something solid under a patient who sits
+    therapists: int = 2
+    motions: tuple[str, ...] = ("mixed",)
+    speed: Speed = "mixed"
+    clothing_m: float = 0.009  # how far loose clothes stand off the skin where they stand off most
+    hole_radius_m: float = 0.0  # 0: no holes
+    hole_share: float = 0.5  # of the frames
+    height_m: float | None = None  # None: drawn between 1.5 and 1.9
+    room: bool = True
+    pose_known: bool = True  # False: camera_to_world is null
+    clock_late_s: tuple[float, ...] = ()  # one a camera: how much later than its stamps say it looked
+    clock_drift: tuple[float, ...] = ()  # one a camera: seconds of further lateness a second
+
+    def __post_init__(self) -> None:
+        _require(self.seconds > 0 and self.fps > 0, f"seconds and fps must be positive: {self.seconds}, {self.fps}")
+        _require(1 <= self.cameras <= 4, f"cameras must be 1 to 4, got {self.cameras}")
+        _require(0 <= self.therapists <= 3, f"therapists must be 0 to 3, got {self.therapists}")
+        _require(self.sensor in get_args(Sensor), f"sensor must be one of {get_args(Sensor)}, got {self.sensor}")
+        _require(self.speed in get_args(Speed), f"speed must be one of {get_args(Speed)}, got {self.speed}")
+        _require(len(self.motions) > 0, "motions must name at least one motion")
+        for motion in self.motions:
+            _require(motion in ("mixed", *MOTIONS), f"motion must be mixed or one of {MOTIONS}, got {motion}")
+        clash = FRAMELESS_MOTIONS.intersection(self.motions) if self.standing_frame else frozenset()
+        _require(not clash, f"{', '.join(sorted(clash))} does not fit into a standing frame; set standing_frame=False")
+        _require(
+            0 <= self.clothing_m <= THICKEST_CLOTHING_M,
+            f"clothing_m must be 0 to {THICKEST_CLOTHING_M}, got {self.clothing_m}",
+        )
+        _require(
+            self.hole_radius_m == 0 or SMALLEST_HOLE_M <= self.hole_radius_m <= LARGEST_HOLE_M,
+            f"hole_radius_m must be 0 or {SMALLEST_HOLE_M} to {LARGEST_HOLE_M}, got {self.hole_radius_m}",
+        )
+        _require(0 <= self.hole_share <= 1, f"hole_share must be 0 to 1, got {self.hole_share}")
+        _require(
+            self.height_m is None or 1.45 <= self.height_m <= 2.0,
+            f"height_m must be 1.45 to 2.0 (the bodies the shape space knows), got {self.height_m}",
+        )
+        for name, values in (("clock_late_s", self.clock_late_s), ("clock_drift", self.clock_drift)):
+            _require(len(values) in (0, self.cameras), f"{name} needs one value a camera, got {len(values)}")
+
+    @property
+    def frames(self) -> int:
+        """Pictures of each camera."""
+        return max(1, round(self.seconds * self.fps))
+
+
+def _require(holds: bool, problem: str) -> None:
+    if not holds:
+        raise ValueError(problem)
+
+
+def clinic(seed: int, seconds: float = 10.0, fps: float = 15.0) -> SimulationConfig:
+    """Stand training: three cameras, a standing frame, two therapists."""
+    return SimulationConfig(seed=seed, seconds=seconds, fps=fps)
+
+
+def holes(seed: int, radius_m: float, seconds: float = 10.0, fps: float = 15.0) -> SimulationConfig:
+    """The paper's experiment: one camera, one person, a hole at the body's centre in random frames (Section V)."""
+    return SimulationConfig(
+        seed=seed,
+        seconds=seconds,
+        fps=fps,
+        cameras=1,
+        standing_frame=False,
+        stool=False,
+        therapists=0,
+        hole_radius_m=radius_m,
+    )
+
+
+def single(seed: int, seconds: float = 10.0, fps: float = 15.0) -> SimulationConfig:
+    """One camera, one person, nothing in the way."""
+    return SimulationConfig(
+        seed=seed, seconds=seconds, fps=fps, cameras=1, standing_frame=False, stool=False, therapists=0
+    )

@@ -1,0 +1,86 @@
+"""The equipment of a simulated clinic: a standing frame fitted to the patient, or a stool."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from anchorpose.recording.equipment import Box, Cylinder, EquipmentPart
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StandingFrame:
+    """Posts, rails to hold, a cross-bar before the belly, a bar before the knees, runners on the floor.
+
+    grip_m (2, 3): where the left and the right hand hold a rail's top.
+    """
+
+    parts: tuple[EquipmentPart, ...]
+    grip_m: np.ndarray
+
+
+def fit_standing_frame(
+    rng: np.random.Generator, pelvis_m: float, knee_m: float, front_m: float, half_width_m: float
+) -> StandingFrame:
+    """A frame set up for a patient at the origin.
+
+    pelvis_m, knee_m: heights of pelvis and knees; front_m: x of the foremost of belly and knees; half_width_m: room
+    that the arms need beside the trunk.
+    """
+    bar_height_m = rng.uniform(0.05, 0.09)
+    bar_depth_m = rng.uniform(0.03, 0.05)
+    x = front_m + bar_depth_m / 2.0 + rng.uniform(0.04, 0.08)
+    half_m = max(half_width_m, 0.40) + rng.uniform(0.0, 0.06)
+    tube_m = rng.uniform(0.035, 0.05)
+    rail_m = pelvis_m + rng.uniform(-0.02, 0.08)
+    cross_m = rail_m + rng.uniform(0.04, 0.12)
+    parts: list[EquipmentPart] = []
+    for side, z in (("left", -half_m), ("right", half_m)):
+        parts += [
+            _tube(rng, f"post-{side}", (x, (cross_m + 0.05) / 2.0, z), tube_m, cross_m + 0.05, 1),
+            _tube(rng, f"rail-{side}", (x - 0.35, rail_m, z), tube_m, 0.75, 0),
+            _box(f"base-{side}", (x - 0.3, 0.03, z), (1.0, 0.06, 0.06)),
+        ]
+    parts.append(_box("cross-bar", (x + 0.02, cross_m, 0.0), (0.04, 0.05, 2.0 * half_m)))
+    knee_bar_m = knee_m + rng.uniform(-0.06, 0.02)
+    parts.append(_box("knee-bar", (x, knee_bar_m, 0.0), (bar_depth_m, bar_height_m, 2.0 * half_m - tube_m)))
+    grip_x, top_m = x - rng.uniform(0.08, 0.18), rail_m + tube_m / 2.0
+    return StandingFrame(tuple(parts), np.array([[grip_x, top_m, -half_m], [grip_x, top_m, half_m]]))
+
+
+def build_stool(rng: np.random.Generator, center_m: tuple[float, float], height_m: float) -> tuple[EquipmentPart, ...]:
+    """A round or square stool whose top is at ``height_m``, centred at (x, z)."""
+    x, z = center_m
+    if rng.random() < 0.5:
+        up = np.array([0.0, 1.0, 0.0])
+        column_m = height_m - 0.06
+        return (
+            Cylinder("seat", np.array([x, height_m - 0.03, z]), up, 0.18, 0.06),
+            Cylinder("column", np.array([x, column_m / 2.0, z]), up, 0.03, column_m),
+        )
+    leg_m = height_m - 0.05
+    legs = [
+        _box(f"leg-{number}", (x + dx, leg_m / 2.0, z + dz), (0.03, leg_m, 0.03))
+        for number, (dx, dz) in enumerate([(-0.15, -0.16), (-0.15, 0.16), (0.15, -0.16), (0.15, 0.16)])
+    ]
+    return (_box("seat", (x, height_m - 0.025, z), (0.36, 0.05, 0.38)), *legs)
+
+
+def _box(name: str, center_m: tuple[float, float, float], size_m: tuple[float, float, float]) -> Box:
+    return Box(name, np.array(center_m), np.array(size_m), np.eye(3))
+
+
+def _tube(
+    rng: np.random.Generator,
+    name: str,
+    center_m: tuple[float, float, float],
+    tube_m: float,
+    length_m: float,
+    axis: int,
+) -> EquipmentPart:
+    """A round or a square tube along axis 0, 1 or 2."""
+    along = np.eye(3)[axis]
+    if rng.random() < 0.5:
+        return Cylinder(name, np.array(center_m), along, tube_m / 2.0, length_m)
+    return Box(name, np.array(center_m), np.where(along > 0, length_m, tube_m), np.eye(3))

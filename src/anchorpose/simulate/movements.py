@@ -1,0 +1,135 @@
+"""What a patient does in stand training: each motion as offsets on channels, with sizes drawn at random."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from anchorpose.simulate.timeline import Movement
+
+Offsets = tuple[tuple[str, float], ...]
+SIDES = ("left", "right")
+PACE = {"slow": 1.5, "normal": 1.0, "fast": 0.6}  # durations; fast reaches pass 3 m/s at the wrist
+REST_ELBOW = 0.35
+STRAIGHT_ELBOW = 0.15
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """What bounds the sizes of motions: the patient's leg, and whether bars stand in the way."""
+
+    leg_m: float
+    in_frame: bool
+    elbow: float  # at rest
+
+
+def squat(rng: np.random.Generator, here: Situation) -> Offsets:
+    depth = rng.uniform(0.10, 0.20 if here.in_frame else 0.34) * here.leg_m / 0.85
+    arms = () if here.in_frame else _each_side("shoulder_flex", rng.uniform(2.0, 4.0) * depth)
+    return (
+        ("pelvis_up", -depth),
+        ("pelvis_forward", -(0.95 if here.in_frame else 0.72) * depth),
+        ("pelvis_flex", 0.8 * depth),
+        ("trunk_flex", rng.uniform(0.8, 1.4) * depth),
+        *_each_side("knee_out", rng.uniform(0.0, 0.2)),
+        *arms,
+    )
+
+
+def weight_shift(rng: np.random.Generator, here: Situation) -> Offsets:
+    way = rng.choice([-1.0, 1.0])
+    return (
+        ("pelvis_right", way * rng.uniform(0.04, 0.09)),
+        ("pelvis_side", -way * rng.uniform(0.0, 0.06)),
+        ("trunk_side", -way * rng.uniform(0.0, 0.12)),
+        ("pelvis_turn", rng.uniform(-0.08, 0.08)),
+    )
+
+
+def trunk(rng: np.random.Generator, here: Situation) -> Offsets:
+    way = rng.choice([-1.0, 1.0])
+    match rng.integers(3):
+        case 0:
+            return (("trunk_turn", way * rng.uniform(0.25, 0.6)), ("pelvis_turn", way * rng.uniform(0.0, 0.15)))
+        case 1:
+            bend = rng.uniform(0.25, 0.4 if here.in_frame else 0.8)
+            return (("trunk_flex", bend), ("pelvis_flex", 0.5 * bend), ("pelvis_forward", -0.16 * bend))
+        case _:
+            return (("trunk_side", way * rng.uniform(0.15, 0.35)), ("pelvis_right", -way * 0.03))
+
+
+def reach(rng: np.random.Generator, here: Situation) -> Offsets:
+    sides = [("left",), ("right",), SIDES][rng.integers(3)]
+    straighten = STRAIGHT_ELBOW - here.elbow + rng.uniform(0.0, 0.3)
+    found: list[tuple[str, float]] = []
+    direction = rng.integers(3)
+    for side in sides:
+        rise = (
+            [(f"shoulder_flex_{side}", rng.uniform(1.0, 1.5)), (f"shoulder_abduct_{side}", rng.uniform(-0.1, 0.3))],
+            [(f"shoulder_abduct_{side}", rng.uniform(0.9, 1.3)), (f"shoulder_flex_{side}", rng.uniform(0.0, 0.4))],
+            [(f"shoulder_flex_{side}", rng.uniform(2.0, 2.6)), (f"shoulder_abduct_{side}", rng.uniform(0.0, 0.3))],
+        )[direction]
+        found += [*rise, (f"elbow_{side}", straighten), (f"pronate_{side}", rng.uniform(0.0, 0.8))]
+        found += [(f"pull_{side}", -1.0)]
+    if len(sides) == 1:
+        way = 1.0 if sides[0] == "right" else -1.0
+        found += [("trunk_turn", way * rng.uniform(0.0, 0.3)), ("head_turn", -way * rng.uniform(0.0, 0.3))]
+    return (*found, ("trunk_flex", rng.uniform(0.0, 0.25)))
+
+
+def arm_raise(rng: np.random.Generator, here: Situation) -> Offsets:
+    channel = ("shoulder_flex", "shoulder_abduct")[rng.integers(2)]
+    return (
+        *_each_side(channel, rng.uniform(1.2, 2.4) if channel == "shoulder_flex" else rng.uniform(0.9, 1.5)),
+        *_each_side("elbow", STRAIGHT_ELBOW - here.elbow + rng.uniform(0.0, 0.6)),
+        *_each_side("pull", -1.0),
+    )
+
+
+def head(rng: np.random.Generator, here: Situation) -> Offsets:
+    return (
+        ("head_turn", rng.choice([-1.0, 1.0]) * rng.uniform(0.2, 0.9)),
+        ("head_flex", rng.uniform(-0.3, 0.4)),
+        ("head_side", rng.uniform(-0.25, 0.25)),
+    )
+
+
+def rails(rng: np.random.Generator, here: Situation) -> Offsets:
+    """A hand leaves its rail and comes back; without rails, hands held as if on them."""
+    if here.in_frame:
+        side = SIDES[rng.integers(2)]
+        return ((f"pull_{side}", -1.0), (f"elbow_{side}", rng.uniform(-0.2, 0.6)))
+    return (
+        *_each_side("elbow", rng.uniform(0.9, 1.2)),
+        *_each_side("shoulder_abduct", rng.uniform(0.1, 0.3)),
+        *_each_side("shoulder_flex", rng.uniform(0.0, 0.3)),
+    )
+
+
+def standing(rng: np.random.Generator, here: Situation) -> Offsets:
+    return ()
+
+
+LEG_MOTIONS: dict[str, Callable[[np.random.Generator, Situation], Offsets]] = {
+    "squat": squat, "weight-shift": weight_shift, "trunk": trunk, "standing": standing,
+}  # fmt: skip
+ARM_MOTIONS: dict[str, Callable[[np.random.Generator, Situation], Offsets]] = {
+    "reach": reach, "arm-raise": arm_raise, "head": head, "rails": rails, "standing": standing,
+}  # fmt: skip
+
+
+def timed(rng: np.random.Generator, offsets: Offsets, start_s: float, pace: float) -> Movement:
+    """A movement of about a second each way at normal pace."""
+    rise_s, fall_s = rng.uniform(0.8, 1.5, 2) * pace
+    return Movement(offsets, start_s, rise_s, rng.uniform(0.1, 0.9) * pace, fall_s)
+
+
+def draw_pace(rng: np.random.Generator, speed: str) -> float:
+    """Factor on durations."""
+    return PACE[str(rng.choice(list(PACE)))] if speed == "mixed" else PACE[speed]
+
+
+def _each_side(channel: str, amount: float) -> Offsets:
+    return tuple((f"{channel}_{side}", float(amount)) for side in SIDES)

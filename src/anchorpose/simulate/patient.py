@@ -1,0 +1,212 @@
+"""The patient: a person at the origin who follows a drawn programme of motions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from anchorpose.simulate.channels import HandGoals, ball_ahead_m, posture_from, standing_pelvis_m
+from anchorpose.simulate.config import SimulationConfig
+from anchorpose.simulate.frame import StandingFrame
+from anchorpose.simulate.movements import ARM_MOTIONS, LEG_MOTIONS, REST_ELBOW, Situation, draw_pace, timed
+from anchorpose.simulate.person import Person
+from anchorpose.simulate.posture import OUTWARD, finger_direction, palm_normal, pose_bones
+from anchorpose.simulate.rotations import FORWARD, UP, orthonormal_frame
+from anchorpose.simulate.timeline import (
+    CHANNEL_INDEX,
+    CHANNELS,
+    Footwork,
+    Movement,
+    Step,
+    channel_values,
+    final_stance,
+    stance_places,
+)
+
+SWAY_M = 0.005  # amplitude of each of the sway's waves
+TREMOR_RAD = 0.004
+PALM_ABOVE_BONE_M = 0.018  # from the hand's bone to the skin of the palm
+SIT_CHANCE = 0.4  # that a mixed programme with a stool begins or ends on it
+LONG_AGO_S = -100.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Wave:
+    """Small sinusoids on one channel: quiet sway and tremor."""
+
+    channel: str
+    amplitude: np.ndarray
+    frequency_hz: np.ndarray
+    phase: np.ndarray
+
+    def at(self, times_s: np.ndarray) -> np.ndarray:
+        """(t,)."""
+        angle = 2.0 * np.pi * times_s[:, None] * self.frequency_hz + self.phase
+        return (self.amplitude * np.sin(angle)).sum(axis=1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Actor:
+    """A person with a programme: resting channels (c,), movements, steps, waves, and the rails to hold if any."""
+
+    person: Person
+    base: np.ndarray
+    movements: list[Movement]
+    footwork: Footwork
+    waves: tuple[Wave, ...]
+    grip_m: np.ndarray | None = None  # (2, 3)
+
+    def channels(self, times_s: np.ndarray) -> np.ndarray:
+        """(c, t)."""
+        values = channel_values(self.base, self.movements, times_s)
+        for wave in self.waves:
+            values[CHANNEL_INDEX[wave.channel]] += wave.at(times_s)
+        return values
+
+    def sits(self) -> bool:
+        """Whether the programme has the person seated at any time."""
+        seated = seated_offsets(self.person)[0]
+        return any(seated in movement.offsets for movement in self.movements)
+
+    def bones(self, times_s: np.ndarray) -> np.ndarray:
+        """(t, b, 4, 4) T_world_rest."""
+        goals = HandGoals.none(len(times_s))
+        if self.grip_m is not None:
+            goals = _rail_goals(self.person, self.grip_m, len(times_s))
+        posture = posture_from(self.person.body, self.channels(times_s), self.footwork, times_s, goals)
+        return pose_bones(self.person.body, posture)
+
+
+def resting_channels(person: Person, in_frame: bool) -> np.ndarray:
+    """(c,) upright, arms beside the body, or on the rails of a frame."""
+    base = np.zeros(len(CHANNELS))
+    base[CHANNEL_INDEX["pelvis_up"]] = 0.03  # the rest pose stands with bent knees
+    for side in ("left", "right"):
+        base[CHANNEL_INDEX[f"shoulder_abduct_{side}"]] = 0.45 if in_frame else 0.27
+        base[CHANNEL_INDEX[f"shoulder_flex_{side}"]] = 0.25 if in_frame else 0.0
+        base[CHANNEL_INDEX[f"elbow_{side}"]] = 1.25 if in_frame else REST_ELBOW
+        base[CHANNEL_INDEX[f"fingers_{side}"]] = 0.25
+        base[CHANNEL_INDEX[f"pull_{side}"]] = 1.0 if in_frame else 0.0
+    return base
+
+
+def draw_waves(rng: np.random.Generator) -> tuple[Wave, ...]:
+    """Sway below 1 Hz of the pelvis, tremor of 4 to 8 Hz of the arms."""
+
+    def wave(channel: str, amplitude: float, lowest_hz: float, highest_hz: float) -> Wave:
+        amplitudes = amplitude * rng.uniform(0.3, 1.0, 3)
+        return Wave(channel, amplitudes, rng.uniform(lowest_hz, highest_hz, 3), rng.uniform(0.0, 2.0 * np.pi, 3))
+
+    sway = [wave(channel, SWAY_M, 0.1, 0.7) for channel in ("pelvis_forward", "pelvis_right")]
+    lean = [wave(channel, 2.0 * SWAY_M, 0.1, 0.6) for channel in ("trunk_flex", "trunk_side", "head_turn", "head_flex")]
+    tremor = [
+        wave(f"{channel}_{side}", TREMOR_RAD, 4.0, 8.0)
+        for channel in ("shoulder_flex", "elbow")
+        for side in ("left", "right")
+    ]
+    return (*sway, *lean, *tremor)
+
+
+def draw_patient(
+    rng: np.random.Generator, config: SimulationConfig, person: Person, frame: StandingFrame | None
+) -> Actor:
+    """A patient's programme for the recording."""
+    base = resting_channels(person, frame is not None)
+    footwork = _first_stance(rng, person)
+    here = Situation(
+        leg_m=standing_pelvis_m(person.body),
+        in_frame=frame is not None,
+        elbow=float(base[CHANNEL_INDEX["elbow_left"]]),
+    )
+    begin_s, end_s, sitting = _draw_sitting(rng, config, person)
+    mixed = "mixed" in config.motions
+    legs = [m for m in (*LEG_MOTIONS, "steps") if mixed or m in config.motions]
+    arms = [m for m in ARM_MOTIONS if mixed or m in config.motions]
+    movements = [*sitting]
+    now = begin_s
+    while legs and now < end_s:
+        name, pace = str(rng.choice(legs)), draw_pace(rng, config.speed)
+        if name == "steps":
+            footwork, shifts = _draw_steps(rng, footwork, now, pace, here)
+            movements += shifts
+            now = footwork.steps[-1].start_s + footwork.steps[-1].duration_s + 0.3
+        else:
+            movements.append(timed(rng, LEG_MOTIONS[name](rng, here), now, pace))
+            now = movements[-1].end_s + rng.uniform(-0.2, 0.3)
+    now = rng.uniform(0.0, 0.6)
+    while arms and now < config.seconds:
+        movements.append(timed(rng, ARM_MOTIONS[str(rng.choice(arms))](rng, here), now, draw_pace(rng, config.speed)))
+        now = movements[-1].end_s + rng.uniform(-0.2, 0.2)
+    return Actor(person, base, movements, footwork, draw_waves(rng), None if frame is None else frame.grip_m)
+
+
+def _first_stance(rng: np.random.Generator, person: Person) -> Footwork:
+    """Ankles below a pelvis at the origin, feet 0.2 to 0.32 m apart, toes a little out."""
+    places = stance_places(np.array([ball_ahead_m(person.body), 0.0]), 0.0, rng.uniform(0.20, 0.32))
+    return Footwork(places + rng.uniform(-0.02, 0.02, (2, 2)), -OUTWARD * rng.uniform(0.0, 0.15, 2))
+
+
+def _draw_sitting(
+    rng: np.random.Generator, config: SimulationConfig, person: Person
+) -> tuple[float, float, list[Movement]]:
+    """When the patient is on his feet, and the movements that bring him up or down."""
+    named = "sit-to-stand" in config.motions
+    possible = named or ("mixed" in config.motions and config.stool and not config.standing_frame)
+    if not possible or (not named and rng.random() > SIT_CHANCE):
+        return rng.uniform(0.0, 0.5), config.seconds, []
+    pace = draw_pace(rng, config.speed)
+    seated, leaning = seated_offsets(person), (("trunk_flex", rng.uniform(0.3, 0.6)), ("pelvis_flex", 0.25))
+    take_s = 1.8 * pace
+    if rng.random() < 0.5:
+        up_s = rng.uniform(0.15, 0.4) * config.seconds
+        rising = Movement(seated, LONG_AGO_S, 1.0, up_s - LONG_AGO_S - 1.0, take_s)
+        lean = Movement(leaning, up_s - 0.6 * pace, 0.9 * pace, 0.1, 1.2 * pace)
+        return up_s + take_s, config.seconds, [rising, lean]
+    down_s = max(rng.uniform(0.6, 0.8) * config.seconds - take_s, 0.2)
+    lowering = Movement(seated, down_s, take_s, 1e3, 1.0)
+    lean = Movement(leaning, down_s - 0.2 * pace, 1.2 * pace, 0.1, 0.9 * pace)
+    return rng.uniform(0.0, 0.5), down_s - 2.0, [lowering, lean]
+
+
+def seated_offsets(person: Person) -> tuple[tuple[str, float], ...]:
+    """Thighs level, shanks upright."""
+    heads, asset = person.body.bone_heads, person.body.asset
+    thigh_m = float(np.linalg.norm(heads[asset.bone("LeftLeg")] - heads[asset.bone("LeftUpLeg")]))
+    return (
+        ("pelvis_up", -(thigh_m - 0.02)),
+        ("pelvis_forward", -0.93 * thigh_m),
+        ("trunk_flex", 0.15),
+        ("knee_out_left", 0.15),
+        ("knee_out_right", 0.15),
+    )
+
+
+def _draw_steps(
+    rng: np.random.Generator, footwork: Footwork, start_s: float, pace: float, here: Situation
+) -> tuple[Footwork, list[Movement]]:
+    """Two to four steps, in place or forward and back again, the weight over the standing foot."""
+    places, yaws = final_stance(footwork)
+    stride_m = 0.0 if here.in_frame or rng.random() < 0.4 else rng.uniform(0.12, 0.28)
+    duration_s = 0.7 * pace + 0.15
+    first, steps, shifts = int(rng.integers(2)), [], []
+    now = start_s + 0.35 * pace
+    for k in range(2 * int(rng.integers(1, 3))):
+        side = (first + k) % 2
+        ahead = stride_m if k < 2 else 0.0
+        place = (float(places[side, 0] + ahead), float(places[side, 1]))
+        steps.append(Step(side, now, duration_s, place, float(yaws[side])))
+        lean = -OUTWARD[side] * rng.uniform(0.05, 0.08)
+        shifts.append(Movement((("pelvis_right", lean),), now - 0.35 * pace, 0.4 * pace, duration_s * 0.5, 0.4 * pace))
+        now += duration_s + 0.3 * pace
+    return Footwork(footwork.places_m, footwork.yaws, (*footwork.steps, *steps)), shifts
+
+
+def _rail_goals(person: Person, grip_m: np.ndarray, times: int) -> HandGoals:
+    """Palms down on the rails, fingers forward."""
+    wrists, turns = [], []
+    for side in (0, 1):
+        along, palm = finger_direction(person.body, side), palm_normal(person.body, side)
+        turns.append(orthonormal_frame(FORWARD, -UP) @ orthonormal_frame(along, palm).T)
+        wrists.append(grip_m[side] + PALM_ABOVE_BONE_M * UP - 0.06 * FORWARD)
+    return HandGoals(np.tile(wrists, (times, 1, 1)), np.tile(turns, (times, 1, 1, 1)))

@@ -1,0 +1,183 @@
+"""One simulated person: a body that no shape basis quite contains, dressed in clothes that fold."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba as nb
+import numpy as np
+
+from anchorpose.body.asset import BodyAsset, load_body_asset
+from anchorpose.body.shaped import ShapedBody, shape_body
+
+SHORTEST_M, TALLEST_M = 1.5, 1.9
+COEFFICIENT_SPREAD = 0.8  # of the shape space's standard deviations; below 1, for all sixteen vary at once
+BUMPS = 14
+FOLDS = 7
+BARE = ("Head", "Neck1", "Hand", "Thumb", "Finger", "Foot", "Toe")  # parts of the names of undressed bones
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Clothes:
+    """Folds that stand off the skin: a sum of waves over the rest skin, whose phases run with time and with the pose.
+
+    cover (v,) 0 bare to 1 dressed; waves (k, 3) radians a metre; phase, drift (k,) radians and radians a second;
+    bend_gain (k,) radians of phase a radian of joint bend; amplitude_m the height of a fold.
+    """
+
+    cover: np.ndarray
+    waves: np.ndarray
+    phase: np.ndarray
+    drift: np.ndarray
+    bend_gain: np.ndarray
+    amplitude_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Person:
+    """A shaped body with the arrays its fast skinning needs, and what it wears."""
+
+    body: ShapedBody
+    coefficients: np.ndarray  # (k,)
+    height_m: float
+    clothes: Clothes
+    normals: np.ndarray  # (v, 3) outward at rest
+
+    def skin(self, transforms: np.ndarray, time_s: float) -> np.ndarray:
+        """(v, 3) float32 dressed skin in the world for bone motions (b, 4, 4)."""
+        asset, clothes = self.body.asset, self.clothes
+        skin = np.empty((len(self.normals), 3), dtype=np.float32)
+        _dress_and_skin(
+            self.body.vertices.astype(np.float32),
+            self.normals.astype(np.float32),
+            asset.skin_bones.astype(np.int32),
+            asset.skin_weights.astype(np.float32),
+            transforms[:, :3, :].astype(np.float32),
+            bends(asset, transforms).astype(np.float32),
+            clothes.cover.astype(np.float32),
+            clothes.waves.astype(np.float32),
+            (clothes.phase + clothes.drift * time_s).astype(np.float32),
+            clothes.bend_gain.astype(np.float32),
+            clothes.amplitude_m,
+            skin,
+        )
+        return skin
+
+
+def draw_person(rng: np.random.Generator, clothing_m: float, height_m: float | None = None) -> Person:
+    """A random adult of the given height (drawn where None), with every shape coefficient in use."""
+    asset = load_body_asset()
+    height_m = float(rng.uniform(SHORTEST_M, TALLEST_M)) if height_m is None else height_m
+    coefficients = rng.normal(0.0, COEFFICIENT_SPREAD, asset.shape_count).clip(-1.8, 1.8)
+    coefficients[0] = 0.0
+    coefficients[0] = (height_m - _stature_m(asset, coefficients)) / _stature_gain_m(asset)
+    plain = shape_body(asset, coefficients)
+    normals = vertex_normals(plain.vertices, asset.faces)
+    bumpy = plain.vertices + normals * _bumps_m(rng, asset, plain.vertices)[:, None]
+    drop = np.array([0.0, bumpy[:, 1].min(), 0.0])
+    body = ShapedBody(asset, bumpy - drop, plain.bone_heads - drop, plain.bone_tails - drop)
+    return Person(body, coefficients, height_m, _draw_clothes(rng, asset, clothing_m), normals)
+
+
+def bends(asset: BodyAsset, transforms: np.ndarray) -> np.ndarray:
+    """(b,) how far each bone is turned from its parent since the rest pose, radians."""
+    turns = transforms[:, :3, :3]
+    parents = np.maximum(asset.bone_parents, 0)
+    cosine = (np.einsum("bij,bij->b", turns[parents], turns) - 1.0) / 2.0
+    return np.where(asset.bone_parents >= 0, np.arccos(np.clip(cosine, -1.0, 1.0)), 0.0)
+
+
+def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(v, 3) area-weighted unit normals."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    areas = np.cross(b - a, c - a)
+    normals = np.zeros_like(vertices)
+    for corner in range(3):
+        np.add.at(normals, faces[:, corner], areas)
+    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+
+
+def _stature_m(asset: BodyAsset, coefficients: np.ndarray) -> float:
+    return float(np.ptp(shape_body(asset, coefficients).vertices[:, 1]))
+
+
+def _stature_gain_m(asset: BodyAsset) -> float:
+    """Metres of height that one unit of the first coefficient adds."""
+    step = np.zeros(asset.shape_count)
+    step[0] = 1.0
+    return _stature_m(asset, step) - _stature_m(asset, 0.0 * step)
+
+
+def _dressed(asset: BodyAsset) -> np.ndarray:
+    """(v,) 1 under clothes, 0 on hands, head and feet, between them at the hems."""
+    wears = np.array([not any(bare in name for bare in BARE) for name in asset.bone_names], dtype=np.float64)
+    return (asset.skin_weights * wears[asset.skin_bones]).sum(axis=1)
+
+
+def _bumps_m(rng: np.random.Generator, asset: BodyAsset, vertices: np.ndarray) -> np.ndarray:
+    """(v,) metres outward: what muscle, fat and a spasm add on one side only."""
+    dressed = _dressed(asset)
+    centres = vertices[rng.choice(np.flatnonzero(dressed > 0.9), BUMPS)]
+    height_m = rng.normal(0.0, 0.005, BUMPS).clip(-0.008, 0.008)
+    radius_m = rng.uniform(0.05, 0.11, BUMPS)
+    distance2 = ((vertices[:, None] - centres) ** 2).sum(axis=2)
+    return dressed * (height_m * np.exp(-0.5 * distance2 / radius_m**2)).sum(axis=1)
+
+
+def _draw_clothes(rng: np.random.Generator, asset: BodyAsset, amplitude_m: float) -> Clothes:
+    """Folds of 6 to 25 cm from crest to crest, more across the limbs than along them."""
+    direction = rng.normal(size=(FOLDS, 3)) * [0.7, 1.0, 0.7]
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    wavelength_m = rng.uniform(0.06, 0.25, FOLDS)
+    return Clothes(
+        cover=_dressed(asset),
+        waves=direction * (2.0 * np.pi / wavelength_m)[:, None],
+        phase=rng.uniform(0.0, 2.0 * np.pi, FOLDS),
+        drift=rng.normal(0.0, 0.6, FOLDS),
+        bend_gain=rng.normal(0.0, 2.0, FOLDS),
+        amplitude_m=amplitude_m,
+    )
+
+
+@nb.njit(cache=True)
+def _dress_and_skin(
+    vertices: np.ndarray,
+    normals: np.ndarray,
+    bones: np.ndarray,
+    weights: np.ndarray,
+    transforms: np.ndarray,
+    bend: np.ndarray,
+    cover: np.ndarray,
+    waves: np.ndarray,
+    phase: np.ndarray,
+    bend_gain: np.ndarray,
+    amplitude_m: float,
+    skin: np.ndarray,
+) -> None:
+    folds = len(phase)
+    scale = np.float32(np.sqrt(2.0 / folds))
+    blend = np.empty((3, 4), dtype=np.float32)
+    for v in range(len(vertices)):
+        blend[:] = 0.0
+        bent = np.float32(0.0)
+        for k in range(bones.shape[1]):
+            weight = weights[v, k]
+            if weight == 0.0:
+                continue
+            bone = bones[v, k]
+            bent += weight * bend[bone]
+            for i in range(3):
+                for j in range(4):
+                    blend[i, j] += weight * transforms[bone, i, j]
+        x, y, z = vertices[v]
+        off = np.float32(0.0)
+        if cover[v] > 0.0 and amplitude_m > 0.0:
+            wave = np.float32(0.0)
+            for k in range(folds):
+                argument = waves[k, 0] * x + waves[k, 1] * y + waves[k, 2] * z + phase[k] + bend_gain[k] * bent
+                wave += np.sin(argument)
+            # mean 0.75 and two standard deviations of the folds within (0.1, 1.4) of the amplitude: outward
+            off = amplitude_m * cover[v] * (np.float32(0.75) + np.float32(0.32) * scale * wave)
+        x, y, z = x + off * normals[v, 0], y + off * normals[v, 1], z + off * normals[v, 2]
+        for i in range(3):
+            skin[v, i] = blend[i, 0] * x + blend[i, 1] * y + blend[i, 2] * z + blend[i, 3]

@@ -1,0 +1,245 @@
+"""A posture in anatomical terms over time, and the bones that take it.
+
+Sides are indexed 0 left, 1 right. Angles are radians from upright standing with arms that hang down, thumbs forward.
+Feet are placed first and the legs reach for them (two-bone inverse kinematics), so that a planted foot stays planted
+whatever the trunk does; arms follow their angles and are pulled towards a target where they hold something.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from anchorpose.body.shaped import ShapedBody
+from anchorpose.simulate.rotations import (
+    FORWARD,
+    RIGHT,
+    UP,
+    apply,
+    orthonormal_frame,
+    rotation_vector,
+    turn_about,
+    turn_by,
+    unit,
+)
+
+SIDES = ("Left", "Right")
+OUTWARD = np.array([-1.0, 1.0])  # along Z
+FULL_REACH = 0.985  # of a limb's length: a straight limb has no defined plane
+HEIGHT_SOFTNESS_M = 0.004  # how gently a straightening leg stops the pelvis
+SPINE_SHARES = (("LowerBack", 0.35), ("Spine", 0.35), ("Spine1", 0.30))
+NECK_SHARES = (("Neck", 0.3), ("Neck1", 0.3), ("Head", 0.4))
+CLAVICLE_SHARE = 0.25  # of the arm's elevation beyond the first 30 degrees (scapulohumeral rhythm)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Posture:
+    """All arrays start with time (t); the second axis of limbs is the side."""
+
+    pelvis_m: np.ndarray  # (t, 3) where the pelvis would like its centre; straight legs may hold it lower
+    pelvis_turn: np.ndarray  # (t, 3, 3)
+    trunk: np.ndarray  # (t, 3) bend forward, bend to the right, turn to the left
+    head: np.ndarray  # (t, 3) the same
+    ball_m: np.ndarray  # (t, 2, 3) ball of the foot
+    foot_yaw: np.ndarray  # (t, 2) to the left
+    heel_lift: np.ndarray  # (t, 2) rotation about the ball
+    knee_out: np.ndarray  # (t, 2) knees apart
+    shoulder: np.ndarray  # (t, 2, 3) flexion, abduction, inward rotation
+    elbow: np.ndarray  # (t, 2) flexion, 0 straight
+    pronation: np.ndarray  # (t, 2)
+    wrist: np.ndarray  # (t, 2) flexion towards the palm
+    fingers: np.ndarray  # (t, 2) curl
+    hand_m: np.ndarray  # (t, 2, 3) where the wrist is pulled to; unused where pull is 0
+    hand_turn: np.ndarray  # (t, 2, 3, 3) turn of the hand bone from rest, likewise
+    pull: np.ndarray  # (t, 2) 0: the arm follows its angles, 1: the hand is at its target
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Limb:
+    """Two bones in the rest pose: their directions, lengths and the axis that bends the second towards ``flexed``."""
+
+    first: np.ndarray
+    second: np.ndarray
+    axis: np.ndarray
+    lengths: tuple[float, float]
+    rest_bend: float
+
+
+def _limb(body: ShapedBody, names: tuple[str, str, str]) -> _Limb:
+    start, middle, end = (body.bone_heads[body.asset.bone(name)] for name in names)
+    first, second = unit(middle - start), unit(end - middle)
+    return _Limb(
+        first=first,
+        second=second,
+        axis=unit(np.cross(first, second)),
+        lengths=(float(np.linalg.norm(middle - start)), float(np.linalg.norm(end - middle))),
+        rest_bend=float(np.arccos(np.clip(first @ second, -1.0, 1.0))),
+    )
+
+
+def pose_bones(body: ShapedBody, posture: Posture) -> np.ndarray:
+    """(t, b, 4, 4) float64 T_world_rest of every bone."""
+    return _Poser(body, len(posture.pelvis_m)).run(posture)
+
+
+def palm_normal(body: ShapedBody, side: int) -> np.ndarray:
+    """(3,) out of the palm in the rest pose."""
+    name = SIDES[side]
+    fingers = body.bone_tails[body.asset.bone(f"{name}FingerBase")] - body.bone_heads[body.asset.bone(f"{name}Hand")]
+    thumb = body.bone_tails[body.asset.bone(f"{name[0]}Thumb")] - body.bone_heads[body.asset.bone(f"{name}Hand")]
+    normal = unit(np.cross(fingers, thumb))
+    return normal * np.sign(normal @ np.array([0.0, -1.0, -OUTWARD[side]]))
+
+
+def finger_direction(body: ShapedBody, side: int) -> np.ndarray:
+    """(3,) from the wrist to the fingers in the rest pose."""
+    name = SIDES[side]
+    return unit(body.bone_tails[body.asset.bone(f"{name}FingerBase")] - body.bone_heads[body.asset.bone(f"{name}Hand")])
+
+
+class _Poser:
+    """Walks the skeleton from the pelvis outwards, for all times at once."""
+
+    def __init__(self, body: ShapedBody, times: int) -> None:
+        self.body = body
+        self.turn = np.tile(np.eye(3), (times, len(body.bone_heads), 1, 1))
+        self.place = np.zeros((times, len(body.bone_heads), 3))
+
+    def run(self, posture: Posture) -> np.ndarray:
+        ankles_m, feet = self._feet(posture)
+        self._pelvis(posture, ankles_m)
+        for side in (0, 1):
+            self._leg(posture, side, ankles_m[:, side], feet[:, side])
+        self._spine(posture)
+        for side in (0, 1):
+            self._arm(posture, side)
+        transforms = np.zeros((*self.turn.shape[:2], 4, 4))
+        transforms[..., :3, :3] = self.turn
+        transforms[..., :3, 3] = self.place - apply(self.turn, self.body.bone_heads)
+        transforms[..., 3, 3] = 1.0
+        return transforms
+
+    def _bone(self, name: str) -> int:
+        return self.body.asset.bone(name)
+
+    def _set(self, name: str, turn: np.ndarray) -> None:
+        """Turn a bone in the world and hang it on its parent."""
+        bone = self._bone(name)
+        parent = self.body.asset.bone_parents[bone]
+        offset = self.body.bone_heads[bone] - self.body.bone_heads[parent]
+        self.turn[:, bone] = turn
+        self.place[:, bone] = self.place[:, parent] + apply(self.turn[:, parent], offset)
+
+    def _follow(self, name: str, local: np.ndarray | None = None) -> None:
+        """Turn a bone by ``local`` relative to its parent."""
+        parent = self.turn[:, self.body.asset.bone_parents[self._bone(name)]]
+        self._set(name, parent if local is None else parent @ local)
+
+    def _feet(self, posture: Posture) -> tuple[np.ndarray, np.ndarray]:
+        """Ankles (t, 2, 3) and turns of the feet (t, 2, 3, 3)."""
+        turn = turn_by(UP, posture.foot_yaw) @ turn_by(RIGHT, -posture.heel_lift)
+        heads = self.body.bone_heads
+        offsets = np.array([heads[self._bone(f"{s}Foot")] - heads[self._bone(f"{s}ToeBase")] for s in SIDES])
+        return posture.ball_m + apply(turn, offsets), turn
+
+    def _pelvis(self, posture: Posture, ankles_m: np.ndarray) -> None:
+        hips = self._bone("Hips")
+        self.turn[:, hips] = posture.pelvis_turn
+        place = posture.pelvis_m.copy()
+        highest = [place[:, 1]]
+        for side, name in enumerate(SIDES):
+            offset = apply(
+                posture.pelvis_turn, self.body.bone_heads[self._bone(f"{name}UpLeg")] - self.body.bone_heads[hips]
+            )
+            length = FULL_REACH * sum(_limb(self.body, (f"{name}UpLeg", f"{name}Leg", f"{name}Foot")).lengths)
+            gap = place + offset - ankles_m[:, side]
+            rise = np.sqrt(np.maximum(length**2 - gap[:, 0] ** 2 - gap[:, 2] ** 2, 0.01))
+            highest.append(ankles_m[:, side, 1] - offset[:, 1] + rise)
+        lowest = np.min(highest, axis=0)
+        excess = sum(np.exp((lowest - height) / HEIGHT_SOFTNESS_M) for height in highest)
+        place[:, 1] = lowest - HEIGHT_SOFTNESS_M * np.log(excess)
+        self.place[:, hips] = place
+        for name in ("LHipJoint", "RHipJoint"):
+            self._follow(name)
+
+    def _leg(self, posture: Posture, side: int, ankle_m: np.ndarray, foot: np.ndarray) -> None:
+        name = SIDES[side]
+        limb = _limb(self.body, (f"{name}UpLeg", f"{name}Leg", f"{name}Foot"))
+        self._follow(f"{name}UpLeg")
+        hip_m = self.place[:, self._bone(f"{name}UpLeg")]
+        ahead = posture.foot_yaw[:, side] - OUTWARD[side] * posture.knee_out[:, side]
+        thigh, shank = _reach(limb, hip_m, ankle_m, apply(turn_by(UP, ahead), FORWARD))
+        self._set(f"{name}UpLeg", thigh)
+        self._set(f"{name}Leg", shank)
+        self._set(f"{name}Foot", foot)
+        self._set(f"{name}ToeBase", turn_by(UP, posture.foot_yaw[:, side]))
+
+    def _spine(self, posture: Posture) -> None:
+        for shares, angles in ((SPINE_SHARES, posture.trunk), (NECK_SHARES, posture.head)):
+            bend = np.stack([angles[:, 1], angles[:, 2], -angles[:, 0]], axis=1)
+            for name, share in shares:
+                self._follow(name, turn_about(share * bend))
+
+    def _arm(self, posture: Posture, side: int) -> None:
+        name, outward = SIDES[side], OUTWARD[side]
+        flexion, abduction, inward = posture.shoulder[:, side].T
+        swing = np.stack([-outward * abduction, np.zeros_like(flexion), flexion], axis=1)
+        raised = np.logaddexp(0.0, (np.linalg.norm(swing, axis=1) - 0.5) * 8.0) / 8.0
+        self._follow(f"{name}Shoulder", turn_by(FORWARD, -outward * CLAVICLE_SHARE * raised))
+        self._follow(f"{name}Arm")
+
+        limb = _limb(self.body, (f"{name}Arm", f"{name}ForeArm", f"{name}Hand"))
+        hanging = orthonormal_frame(-UP, RIGHT) @ orthonormal_frame(limb.first, limb.axis).T
+        thorax = self.turn[:, self._bone("Spine1")]
+        upper = thorax @ turn_about(swing) @ turn_by(UP, outward * inward) @ hanging
+        fore = upper @ turn_by(limb.axis, posture.elbow[:, side] - limb.rest_bend)
+        upper, fore = self._pulled(posture, side, limb, upper, fore)
+
+        self._set(f"{name}Arm", upper)
+        self._set(f"{name}ForeArm", fore @ turn_by(limb.second, -outward * posture.pronation[:, side]))
+        palm, along = palm_normal(self.body, side), finger_direction(self.body, side)
+        across = unit(np.cross(along, palm))
+        free = self.turn[:, self._bone(f"{name}ForeArm")] @ turn_by(across, posture.wrist[:, side])
+        held = rotation_vector(np.swapaxes(free, -1, -2) @ posture.hand_turn[:, side])
+        self._set(f"{name}Hand", free @ turn_about(posture.pull[:, side, None] * held))
+        curl = turn_by(across, posture.fingers[:, side])
+        self._follow(f"{name[0]}Thumb")
+        self._follow(f"{name}FingerBase", curl)
+        self._follow(f"{name}HandFinger1", curl)
+
+    def _pulled(
+        self, posture: Posture, side: int, limb: _Limb, upper: np.ndarray, fore: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The arm drawn towards the hand's target, elbow near where the angles alone would have it."""
+        pull = posture.pull[:, side, None]
+        if not pull.any():
+            return upper, fore
+        shoulder_m = self.place[:, self._bone(f"{SIDES[side]}Arm")]
+        elbow_m = shoulder_m + limb.lengths[0] * apply(upper, limb.first)
+        wrist_m = elbow_m + limb.lengths[1] * apply(fore, limb.second)
+        goal_m = wrist_m + pull * (posture.hand_m[:, side] - wrist_m)
+        return _reach(limb, shoulder_m, goal_m, elbow_m - shoulder_m)
+
+
+def _reach(limb: _Limb, start_m: np.ndarray, goal_m: np.ndarray, pole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """World turns (t, 3, 3) of both bones so that the limb ends at the goal, its middle joint towards ``pole``.
+
+    A goal out of reach is pointed at.
+    """
+    first_m, second_m = limb.lengths
+    gap = goal_m - start_m
+    reach_m = np.linalg.norm(gap, axis=1)
+    along = gap / reach_m[:, None]
+    reach_m = np.clip(reach_m, abs(first_m - second_m) + 0.01, FULL_REACH * (first_m + second_m))
+    shadow_m = (first_m**2 - second_m**2 + reach_m**2) / (2.0 * reach_m)
+    height_m = np.sqrt(np.maximum(first_m**2 - shadow_m**2, 0.0))
+    aside = unit(pole - (pole * along).sum(axis=1, keepdims=True) * along)
+    middle = shadow_m[:, None] * along + height_m[:, None] * aside
+    first = unit(middle)
+    second = unit(reach_m[:, None] * along - middle)
+    axis = np.cross(first, second)
+    return tuple(
+        orthonormal_frame(now, axis) @ orthonormal_frame(rest, limb.axis).T
+        for now, rest in ((first, limb.first), (second, limb.second))
+    )

@@ -1,0 +1,154 @@
+"""What a depth sensor makes of what is there: noise, edges, flying pixels, holes, millimetres."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numba as nb
+import numpy as np
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorSpec:
+    """A sensor's picture and its limits."""
+
+    kind: Literal["time-of-flight", "stereo"]
+    width: int
+    height: int
+    focal_px: float
+    nearest_m: float
+    farthest_m: float
+    noise_gain: float = 1.0  # of the Kinect v2's axial noise
+    baseline_m: float = 0.0  # stereo only
+
+
+SENSORS = {
+    "kinect-v2": SensorSpec(
+        kind="time-of-flight", width=512, height=424, focal_px=365.0, nearest_m=0.5, farthest_m=4.5
+    ),
+    # NFOV unbinned; about half the Kinect v2's noise (Toelgyessy et al. 2021, doi:10.3390/s21020413)
+    "azure-kinect": SensorSpec(
+        kind="time-of-flight", width=640, height=576, focal_px=504.0, nearest_m=0.5, farthest_m=3.86, noise_gain=0.6
+    ),
+    # D455: 95 mm between the imagers
+    "realsense": SensorSpec(
+        kind="stereo", width=848, height=480, focal_px=424.0, nearest_m=0.4, farthest_m=6.0, baseline_m=0.095
+    ),
+}
+
+EDGE_STEP_M = 0.03  # neighbours farther apart than this, and than the slope explains, are an edge
+SLOPE_ALLOWANCE = 4.0  # pixels of slope in a window of three, with a margin
+DROPOUT = 0.003  # readings lost anywhere
+EDGE_JITTER = 0.5  # chance that an edge pixel looks one pixel aside
+FLYING = 0.22  # chance that an edge pixel mixes near and far
+EDGE_LOSS = 0.12  # chance that an edge pixel returns nothing
+GRAZING_COSINE = 0.10  # beyond 84 degrees of incidence nothing comes back
+WIGGLE_M = 0.0012  # amplitude of the smooth error that a time-of-flight camera keeps over a session
+DISPARITY_NOISE_PX = 0.06  # standard deviation of subpixel matching
+BLOB_PX = 2.2  # standard deviation of the matching window
+DISPARITY_STEPS = 32.0  # a stereo sensor's disparity is quantised
+SPECKLE_DEVIATIONS = 2.7  # matching fails where its noise field is beyond this
+
+
+def draw_wiggle(rng: np.random.Generator, spec: SensorSpec) -> np.ndarray:
+    """(height, width) float32 metres: the smooth error of one device, the same in all its pictures."""
+    import cv2
+
+    coarse = rng.normal(0.0, WIGGLE_M, (6, 7)).astype(np.float32)
+    return cv2.resize(coarse, (spec.width, spec.height), interpolation=cv2.INTER_CUBIC)
+
+
+def sense(
+    rng: np.random.Generator, spec: SensorSpec, depth_m: np.ndarray, cosine: np.ndarray, wiggle_m: np.ndarray
+) -> np.ndarray:
+    """A noisy depth picture in whole millimetres, (height, width) uint16, 0 = no reading.
+
+    depth_m (height, width) float32 true depth along the optical axis, 0 = nothing there; cosine likewise, of the angle
+    between ray and surface normal.
+    """
+    if spec.kind == "stereo":
+        sensed_m = _sense_stereo(rng, spec, depth_m)
+    else:
+        chance = rng.random((2, *depth_m.shape), dtype=np.float32)
+        noise = rng.standard_normal(depth_m.shape, dtype=np.float32)
+        sensed_m = np.zeros_like(depth_m)
+        _sense_time_of_flight(depth_m, cosine, wiggle_m, chance, noise, spec.noise_gain, spec.focal_px, sensed_m)
+    kept = (sensed_m >= spec.nearest_m) & (sensed_m <= spec.farthest_m)
+    return np.where(kept, np.rint(sensed_m * 1000.0), 0.0).astype(np.uint16)
+
+
+@nb.njit(cache=True)
+def _sense_time_of_flight(
+    depth_m: np.ndarray,
+    cosine: np.ndarray,
+    wiggle_m: np.ndarray,
+    chance: np.ndarray,
+    noise: np.ndarray,
+    gain: float,
+    focal_px: float,
+    sensed_m: np.ndarray,
+) -> None:
+    """Axial noise by range and incidence after Fankhauser et al. 2015 (doi:10.1109/ICAR.2015.7251485)."""
+    height, width = depth_m.shape
+    for row in range(height):
+        for column in range(width):
+            near, far = np.float32(1e9), np.float32(0.0)
+            for r in range(max(row - 1, 0), min(row + 2, height)):
+                for c in range(max(column - 1, 0), min(column + 2, width)):
+                    z = depth_m[r, c]
+                    if z > 0.0:
+                        near = min(near, z)
+                        far = max(far, z)
+            z = depth_m[row, column]
+            facing = cosine[row, column]
+            slope = np.sqrt(max(1.0 - facing * facing, 0.0)) / max(facing, np.float32(0.02)) * z / focal_px
+            if far - near > EDGE_STEP_M + SLOPE_ALLOWANCE * slope:
+                u = chance[1, row, column]
+                if u < EDGE_LOSS:
+                    continue
+                if u < EDGE_LOSS + FLYING:
+                    z = near + (u - EDGE_LOSS) / FLYING * (far - near)
+                elif u > 1.0 - EDGE_JITTER:
+                    pick = int((1.0 - u) / EDGE_JITTER * 9.0)
+                    r = min(max(row + pick // 3 - 1, 0), height - 1)
+                    c = min(max(column + pick % 3 - 1, 0), width - 1)
+                    z, facing = depth_m[r, c], cosine[r, c]
+            if z <= 0.0 or facing < GRAZING_COSINE or chance[0, row, column] < DROPOUT:
+                continue
+            slant = np.arccos(min(facing, np.float32(1.0)))
+            sigma_mm = 1.5 - 0.5 * z + 0.3 * z * z + 0.1 * z**1.5 * slant**2 / (np.pi / 2.0 - slant) ** 2
+            sensed_m[row, column] = z + wiggle_m[row, column] + gain * 0.001 * min(sigma_mm, 30.0) * noise[row, column]
+
+
+def _sense_stereo(rng: np.random.Generator, spec: SensorSpec, depth_m: np.ndarray) -> np.ndarray:
+    """Error grows with the square of range and comes in blobs of the matching window (after Ahn et al. 2019)."""
+    import cv2
+
+    near_first = cv2.erode(np.where(depth_m > 0, depth_m, np.float32(100.0)), np.ones((1, 3), np.uint8))
+    fattened = np.where(rng.random(depth_m.shape, dtype=np.float32) < 0.5, near_first, depth_m)
+    fattened = cv2.medianBlur(np.where(fattened < 99.0, fattened, 0.0).astype(np.float32), 3)
+    blobs = cv2.GaussianBlur(rng.standard_normal(depth_m.shape, dtype=np.float32), (0, 0), BLOB_PX)
+    blobs = blobs * np.float32(2.0 * np.sqrt(np.pi) * BLOB_PX)  # back to unit variance
+    gain = np.float32(spec.focal_px * spec.baseline_m)
+    disparity = np.divide(gain, fattened, out=np.zeros_like(fattened), where=fattened > 0)
+    lost = (np.abs(blobs) > SPECKLE_DEVIATIONS) | _shadowed(disparity) | (disparity <= 0)
+    noisy = np.rint((disparity + DISPARITY_NOISE_PX * blobs) * DISPARITY_STEPS) / DISPARITY_STEPS
+    return np.where(lost | (noisy <= 0), 0.0, gain / np.maximum(noisy, 1e-3)).astype(np.float32)
+
+
+@nb.njit(cache=True)
+def _shadowed(disparity: np.ndarray) -> np.ndarray:
+    """Pixels of the left imager that the right imager cannot see past something nearer."""
+    height, width = disparity.shape
+    hidden = np.zeros((height, width), dtype=np.bool_)
+    for row in range(height):
+        leftmost = np.float32(1e9)
+        for column in range(width - 1, -1, -1):
+            d = disparity[row, column]
+            if d <= 0.0:
+                continue
+            seen_at = column - d
+            hidden[row, column] = seen_at >= leftmost
+            leftmost = min(leftmost, seen_at)
+    return hidden

@@ -1,0 +1,115 @@
+"""Taking the pictures: each camera's view of a moment, without error and as the sensor reads it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from anchorpose.camera import Camera, transform_points
+from anchorpose.simulate.clinic import Clinic, Performance, random_stream
+from anchorpose.simulate.render import PATIENT, Figure, Picture, draw_figures, render_still
+from anchorpose.simulate.sensor import SENSORS, draw_wiggle, sense
+
+BACKGROUND_FRAMES = 9  # the empty room is the median of so many pictures
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shot:
+    """One moment: the error-free picture and the reading (height, width) uint16 millimetres of each camera."""
+
+    figures: tuple[Figure, ...]  # as the first camera saw them
+    pictures: tuple[Picture, ...]
+    depths_mm: tuple[np.ndarray, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Studio:
+    """A clinic with its cameras set up: the empty room and the steady error of each."""
+
+    clinic: Clinic
+    stills: tuple[Picture, ...]
+    wiggles_m: tuple[np.ndarray, ...]
+    performances: tuple[Performance, ...]  # one a camera; the same object where clocks agree
+    in_hole: np.ndarray  # (t,) bool
+
+    def shoot(self, frame: int) -> Shot:
+        """All cameras' pictures with one number."""
+        clinic, spec = self.clinic, SENSORS[self.clinic.config.sensor]
+        figures = {id(p): p.figures(frame) for p in self.performances}
+        pictures, depths = [], []
+        for index, camera in enumerate(clinic.cameras):
+            picture = draw_figures(camera, self.stills[index], figures[id(self.performances[index])])
+            rng = random_stream(clinic.config, "sensor", index, frame)
+            pictures.append(picture)
+            depths.append(sense(rng, spec, picture.depth_m, picture.cosine, self.wiggles_m[index]))
+        if self.in_hole[frame]:
+            depths = _pierce(clinic, pictures, depths)
+        return Shot(figures[id(self.performances[0])], tuple(pictures), tuple(depths))
+
+    def background_mm(self, index: int) -> np.ndarray:
+        """(height, width) uint16: the empty room with its equipment, as a recorder would average it."""
+        config, still = self.clinic.config, self.stills[index]
+        empty = [
+            sense(
+                random_stream(config, "sensor", index, config.frames + number),
+                SENSORS[config.sensor],
+                still.depth_m,
+                still.cosine,
+                self.wiggles_m[index],
+            )
+            for number in range(BACKGROUND_FRAMES)
+        ]
+        return np.median(empty, axis=0).astype(np.uint16)
+
+
+def set_up(clinic: Clinic) -> Studio:
+    """Render the empty room and let everybody act."""
+    config = clinic.config
+    equipment = np.zeros((0, 3, 3))
+    if clinic.equipment is not None:
+        vertices, faces = clinic.equipment.triangles()
+        equipment = vertices[faces]
+    performances: list[Performance] = []
+    for index in range(config.cameras):
+        times_s = clinic.true_times_s(index)
+        same = [p for p in performances if np.array_equal(p.times_s, times_s)]
+        performances.append(same[0] if same else clinic.act(times_s))
+    spec = SENSORS[config.sensor]
+    return Studio(
+        clinic=clinic,
+        stills=tuple(render_still(camera, clinic.room, equipment) for camera in clinic.cameras),
+        wiggles_m=tuple(draw_wiggle(random_stream(config, "sensor", index), spec) for index in range(config.cameras)),
+        performances=tuple(performances),
+        in_hole=_draw_hole_frames(clinic),
+    )
+
+
+def body_centre_m(cameras: tuple[Camera, ...], pictures: list[Picture]) -> np.ndarray | None:
+    """(3,) mean of the patient's visible points of all cameras, world frame; None where he is not seen."""
+    seen = [
+        transform_points(camera.require_pose(), camera.back_project(picture.depth_m)[picture.label == PATIENT])
+        for camera, picture in zip(cameras, pictures, strict=True)
+    ]
+    points_world = np.concatenate(seen)
+    return points_world.mean(axis=0) if len(points_world) else None
+
+
+def _pierce(clinic: Clinic, pictures: list[Picture], depths_mm: list[np.ndarray]) -> list[np.ndarray]:
+    """The paper's hole (Section V): every reading within a radius of the body's centre is gone."""
+    centre_m = body_centre_m(clinic.cameras, pictures)
+    if centre_m is None:
+        return depths_mm
+    pierced = []
+    for camera, depth in zip(clinic.cameras, depths_mm, strict=True):
+        points = camera.back_project(depth * camera.depth_scale)
+        distance_m = np.linalg.norm(transform_points(camera.require_pose(), points) - centre_m, axis=2)
+        pierced.append(np.where(distance_m < clinic.config.hole_radius_m, 0, depth).astype(np.uint16))
+    return pierced
+
+
+def _draw_hole_frames(clinic: Clinic) -> np.ndarray:
+    config = clinic.config
+    if config.hole_radius_m == 0:
+        return np.zeros(config.frames, dtype=bool)
+    return random_stream(config, "holes").random(config.frames) < config.hole_share

@@ -1,0 +1,285 @@
+"""Therapists: they walk in, crouch or stand by the patient, hold him, follow him, let go and leave."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from anchorpose.joints import JOINT_INDEX
+from anchorpose.simulate.channels import HandGoals, posture_from
+from anchorpose.simulate.config import SimulationConfig
+from anchorpose.simulate.patient import LONG_AGO_S, PALM_ABOVE_BONE_M, Actor, draw_waves, resting_channels
+from anchorpose.simulate.person import Person, draw_person
+from anchorpose.simulate.posture import OUTWARD, finger_direction, palm_normal, pose_bones
+from anchorpose.simulate.rotations import UP, orthonormal_frame, unit
+from anchorpose.simulate.timeline import CHANNEL_INDEX, Footwork, Movement, channel_values, stance_places, walk
+
+STANCE_M = 0.28
+WALK_STEP_S = 0.5
+CROUCHES = np.linspace(0.0, 1.0, 21)
+SHOULDERS_ABOVE_HOLD_M = 0.22
+COMFORTABLE_REACH = 0.86  # of the arm's length from shoulder to hold
+FOLLOW = 0.7  # of the patient's motion that the therapist's body follows; the arms do the rest
+FARTHEST_FOLLOW_M = 0.15
+FLATTENING = -0.17  # radians that the fingers straighten to lie on the skin
+KEPT = 1.0 - 1e-6  # pull at which a hand is where it holds
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What a therapist does: where around the patient (azimuth ranges, radians, 0 in front, left positive) and what
+    each hand (the therapist's left, right) holds."""
+
+    name: str
+    azimuth: tuple[float, float]
+    holds: tuple[str, str]
+
+
+TASKS = (
+    Task("both knees from the front", (-0.5, 0.5), ("KneeRight", "KneeLeft")),
+    Task("left knee and hip", (1.1, 1.6), ("HipLeft", "KneeLeft")),
+    Task("right knee and hip", (-1.6, -1.1), ("KneeRight", "HipRight")),
+    Task("hips from behind", (2.7, 3.6), ("HipLeft", "HipRight")),
+    Task("trunk from behind", (2.8, 3.5), ("SpineMid", "SpineMid")),
+    Task("left knee from the front", (0.45, 0.9), ("KneeLeft", "KneeLeft")),
+    Task("right knee from the front", (-0.9, -0.45), ("KneeRight", "KneeRight")),
+)
+HOLD_BONES = {
+    "Knee": ("{side}UpLeg", "{side}Leg"),
+    "Hip": ("{side}UpLeg", "{initial}HipJoint", "Hips"),
+    "SpineMid": ("LowerBack", "Spine", "Spine1"),
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hold:
+    """A therapist's two hands on the patient's skin: vertices (2,), joints (2,), and the way the fingers point."""
+
+    vertices: np.ndarray
+    joints: np.ndarray
+    facing: np.ndarray  # (3,)
+    reference_m: np.ndarray  # (3,) where the holds were, on average, when the therapist chose his place
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Therapist:
+    """Somebody else in the room."""
+
+    actor: Actor
+    hold: Hold | None
+
+    def bones(self, times_s: np.ndarray, patient: Actor, patient_bones: np.ndarray) -> np.ndarray:
+        """(t, b, 4, 4) T_world_rest, hands on the patient as his bones (t, b, 4, 4) move."""
+        if self.hold is None:
+            return self.actor.bones(times_s)
+        person = self.actor.person
+        channels = self.actor.channels(times_s)
+        place_m, normal = skin_points(patient.person, patient_bones, self.hold.vertices)
+        _follow(channels, self.hold, place_m)
+        goals = _hand_goals(person, self.hold, place_m, normal)
+        posture = posture_from(person.body, channels, self.actor.footwork, times_s, goals)
+        return pose_bones(person.body, posture)
+
+    def held_joints(self, times_s: np.ndarray) -> np.ndarray:
+        """(t, 2) int: the patient's joint that each hand holds firmly, -1 none."""
+        if self.hold is None:
+            return np.full((len(times_s), 2), -1)
+        channels = self.actor.channels(times_s)
+        pull = np.stack([channels[CHANNEL_INDEX[f"pull_{side}"]] for side in ("left", "right")], axis=1)
+        return np.where(pull >= KEPT, self.hold.joints, -1)
+
+
+def draw_therapists(rng: np.random.Generator, config: SimulationConfig, patient: Actor) -> tuple[Therapist, ...]:
+    """As many as the configuration asks for, each with a task of their own; the third of three only walks by."""
+    tasks: list[Task] = []
+    for index in rng.permutation(len(TASKS)):
+        on_stool = patient.sits() and TASKS[index].azimuth[0] > np.pi / 2.0
+        if not on_stool and all(_apart(TASKS[index], taken) for taken in tasks):
+            tasks.append(TASKS[index])
+    holding = min(config.therapists, 2, len(tasks))
+    found = [_draw_holder(rng, config, patient, draw_person(rng, config.clothing_m), task) for task in tasks[:holding]]
+    found += [
+        _draw_passer(rng, config, draw_person(rng, config.clothing_m)) for _ in range(config.therapists - holding)
+    ]
+    return tuple(found)
+
+
+def skin_points(person: Person, bones: np.ndarray, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Some dressed skin points and their normals over time, (t, n, 3) each; folds at their mean height."""
+    asset, clothes = person.body.asset, person.clothes
+    normals = person.normals[vertices]
+    rest = person.body.vertices[vertices] + 0.75 * clothes.amplitude_m * clothes.cover[vertices, None] * normals
+    moved = bones[:, asset.skin_bones[vertices]]
+    weights = asset.skin_weights[vertices]
+    place = np.einsum("nw,tnwij,nj->tni", weights, moved[..., :3, :3], rest)
+    place += np.einsum("nw,tnwi->tni", weights, moved[..., :3, 3])
+    return place, unit(np.einsum("nw,tnwij,nj->tni", weights, moved[..., :3, :3], normals))
+
+
+def _apart(task: Task, other: Task) -> bool:
+    """Whether two therapists have room, each for himself."""
+    gap = np.mean(task.azimuth) - np.mean(other.azimuth)
+    return bool(abs((gap + np.pi) % (2.0 * np.pi) - np.pi) > 1.5)
+
+
+def _draw_holder(
+    rng: np.random.Generator, config: SimulationConfig, patient: Actor, person: Person, task: Task
+) -> Therapist:
+    azimuth = rng.uniform(*task.azimuth)
+    outward = np.array([np.cos(azimuth), 0.0, -np.sin(azimuth)])
+    already_there = rng.random() < 0.25
+    arrive_s = -5.0 if already_there else rng.uniform(0.1, 0.35) * config.seconds
+    crouch_s, grasp_s = rng.uniform(0.8, 1.2), rng.uniform(0.5, 0.8)
+    hold_from_s = arrive_s + crouch_s + grasp_s
+    leaves = rng.random() < 0.75
+    hold_until_s = max(hold_from_s, 0.0) + rng.uniform(0.3, 0.55) * config.seconds if leaves else 1e3
+
+    hold = _choose_hold(patient, task, -outward, max(hold_from_s, 0.0))
+    base = resting_channels(person, in_frame=False)
+    crouch, spot = _choose_spot(person, base, hold.reference_m, outward)
+    stays_s = hold_until_s - arrive_s
+    movements = [
+        Movement(_crouch_offsets(crouch), arrive_s - 0.2, crouch_s, stays_s, 1.0),
+        Movement(
+            (("pull_left", 1.0), ("pull_right", 1.0), ("fingers_left", FLATTENING), ("fingers_right", FLATTENING)),
+            arrive_s + crouch_s,
+            grasp_s,
+            hold_until_s - hold_from_s,
+            rng.uniform(0.4, 0.7),
+        ),
+    ]
+    footwork = _visit(rng, spot, azimuth + np.pi, arrive_s, hold_until_s + 1.2 if leaves else None)
+    return Therapist(Actor(person, base, movements, footwork, draw_waves(rng)), hold)
+
+
+def _draw_passer(rng: np.random.Generator, config: SimulationConfig, person: Person) -> Therapist:
+    """Someone who walks through between the front camera and the patient, or behind the patient."""
+    way = rng.choice([-1.0, 1.0])
+    x = rng.uniform(1.1, 1.5) if rng.random() < 0.6 else -rng.uniform(0.8, 1.2)
+    start, goal = np.array([x, -way * 2.2]), np.array([x + rng.uniform(-0.3, 0.3), way * 2.2])
+    facing = float(np.arctan2(-(goal - start)[1], (goal - start)[0]))
+    standing = Footwork(stance_places(start, facing, STANCE_M), np.full(2, facing))
+    start_s = rng.uniform(-0.2, 0.5) * config.seconds - 1.5
+    footwork = walk(standing, goal, facing, start_s, WALK_STEP_S, STANCE_M)
+    return Therapist(Actor(person, resting_channels(person, in_frame=False), [], footwork, draw_waves(rng)), None)
+
+
+def _visit(
+    rng: np.random.Generator, spot: np.ndarray, facing: float, arrive_s: float, leave_s: float | None
+) -> Footwork:
+    """Walk in from the side so as to be at ``spot`` (x, z) at ``arrive_s``, and out again."""
+    outside = spot + rng.uniform(1.6, 2.2) * _sideways(rng, spot)
+    course = float(np.arctan2(-(spot - outside)[1], (spot - outside)[0]))
+    standing = Footwork(stance_places(outside, course, STANCE_M), np.full(2, course))
+    footwork = walk(standing, spot, facing, 0.0, WALK_STEP_S, STANCE_M)
+    footwork = walk(standing, spot, facing, arrive_s - len(footwork.steps) * WALK_STEP_S, WALK_STEP_S, STANCE_M)
+    if leave_s is None:
+        return footwork
+    exit_m = spot + rng.uniform(1.6, 2.2) * _sideways(rng, spot)
+    away = float(np.arctan2(-(exit_m - spot)[1], (exit_m - spot)[0]))
+    return walk(footwork, exit_m, away, leave_s, WALK_STEP_S, STANCE_M)
+
+
+def _sideways(rng: np.random.Generator, spot: np.ndarray) -> np.ndarray:
+    """(2,) unit x, z: away from the patient, to the left or the right."""
+    way = np.sign(spot[1]) if abs(spot[1]) > 0.35 else rng.choice([-1.0, 1.0])
+    direction = np.array([np.sign(spot[0]) * rng.uniform(0.0, 0.5), way])
+    return direction / np.linalg.norm(direction)
+
+
+def _crouch_offsets(crouch: float) -> tuple[tuple[str, float], ...]:
+    """From standing (0) to deep crouching on raised heels (1)."""
+    both = [("knee_out", 0.5 * crouch), ("heel", 0.9 * max(0.0, crouch - 0.3))]
+    return (
+        ("pelvis_up", -0.6 * crouch),
+        ("pelvis_forward", -0.1 * crouch),
+        ("pelvis_flex", 0.1 + 0.2 * crouch),
+        ("trunk_flex", 0.2 + 0.35 * crouch),
+        ("head_flex", 0.1 - 0.5 * crouch),
+        *((f"{channel}_{side}", amount) for channel, amount in both for side in ("left", "right")),
+    )
+
+
+def _choose_spot(person: Person, base: np.ndarray, hold_m: np.ndarray, outward: np.ndarray) -> tuple[float, np.ndarray]:
+    """How deep to crouch and where to stand (x, z) so that both hands reach ``hold_m`` in comfort."""
+    asset, body = person.body.asset, person.body
+    channels = np.stack(
+        [
+            channel_values(base, [Movement(_crouch_offsets(c), LONG_AGO_S, 1.0, 1e3, 1.0)], np.zeros(1))[:, 0]
+            for c in CROUCHES
+        ],
+        axis=1,
+    )
+    times = np.zeros(len(CROUCHES))
+    footwork = Footwork(stance_places(np.zeros(2), 0.0, STANCE_M), np.zeros(2))
+    bones = pose_bones(body, posture_from(body, channels, footwork, times, HandGoals.none(len(times))))
+    arms = [asset.bone("LeftArm"), asset.bone("RightArm")]
+    moved = bones[:, arms]
+    shoulders = np.einsum("tbij,bj->tbi", moved[..., :3, :3], body.bone_heads[arms]) + moved[..., :3, 3]
+    shoulder = shoulders.mean(axis=1)
+    arm_m = sum(
+        np.linalg.norm(body.bone_heads[asset.bone(end)] - body.bone_heads[asset.bone(start)])
+        for start, end in (("LeftArm", "LeftForeArm"), ("LeftForeArm", "LeftHand"))
+    )
+    best = int(np.argmin(np.abs(shoulder[:, 1] - hold_m[1] - SHOULDERS_ABOVE_HOLD_M)))
+    rise_m = shoulder[best, 1] - hold_m[1]
+    across_m = np.sqrt(max((COMFORTABLE_REACH * arm_m) ** 2 - rise_m**2, (0.35 * arm_m) ** 2))
+    spot = hold_m + outward * (across_m + shoulder[best, 0])
+    return float(CROUCHES[best]), spot[[0, 2]]
+
+
+def _choose_hold(patient: Actor, task: Task, facing: np.ndarray, at_s: float) -> Hold:
+    """Skin points around the joints to hold, on the sides that the therapist's hands come to."""
+    person = patient.person
+    bones = patient.bones(np.array([at_s]))
+    everything = np.arange(len(person.normals))
+    skin = skin_points(person, bones, everything)[0][0]
+    joints_m = person.body.joints(bones[0])
+    right = np.cross(facing, UP)
+    vertices = []
+    for hand, name in enumerate(task.holds):
+        inner = 0.25 if task.holds[0] != task.holds[1] else 1.0
+        wanted = unit(-facing + inner * OUTWARD[hand] * right)
+        vertices.append(_skin_towards(person, skin, joints_m[JOINT_INDEX[name]], name, wanted))
+    index = np.array(vertices)
+    joints = np.array([JOINT_INDEX[name] for name in task.holds])
+    return Hold(index, joints, facing, skin[index].mean(axis=0))
+
+
+def _skin_towards(person: Person, skin_m: np.ndarray, joint_m: np.ndarray, name: str, wanted: np.ndarray) -> int:
+    """The vertex of the parts beside a joint that lies farthest in a level direction, near the joint's height."""
+    asset = person.body.asset
+    side = "Left" if name.endswith("Left") else "Right"
+    patterns = next(bones for key, bones in HOLD_BONES.items() if name.startswith(key))
+    allowed = [asset.bone(pattern.format(side=side, initial=side[0])) for pattern in patterns]
+    offset = skin_m - joint_m
+    along = offset @ wanted
+    aside = np.linalg.norm(offset - along[:, None] * wanted, axis=1)
+    usable = np.isin(asset.main_bone(), allowed) & (np.linalg.norm(offset, axis=1) < 0.3)
+    return int(np.argmax(np.where(usable, along - 2.0 * aside, -np.inf)))
+
+
+def _follow(channels: np.ndarray, hold: Hold, place_m: np.ndarray) -> None:
+    """Shift the therapist's pelvis with the patient while he holds him."""
+    pull = channels[CHANNEL_INDEX["pull_left"]]
+    moved = (FOLLOW * (place_m.mean(axis=1) - hold.reference_m)).clip(-FARTHEST_FOLLOW_M, FARTHEST_FOLLOW_M)
+    channels[CHANNEL_INDEX["pelvis_up"]] += pull * moved[:, 1]
+    channels[CHANNEL_INDEX["pelvis_forward"]] += pull * (moved @ hold.facing)
+    channels[CHANNEL_INDEX["pelvis_right"]] += pull * (moved @ np.cross(hold.facing, UP))
+
+
+def _hand_goals(person: Person, hold: Hold, place_m: np.ndarray, normal: np.ndarray) -> HandGoals:
+    """Palms flat on the skin, fingers away from the therapist and upwards."""
+    wrists, turns = np.zeros_like(place_m), np.zeros((*place_m.shape, 3))
+    for side in (0, 1):
+        along, palm = finger_direction(person.body, side), palm_normal(person.body, side)
+        asset, heads = person.body.asset, person.body.bone_heads
+        name = ("Left", "Right")[side]
+        palm_m = np.linalg.norm(heads[asset.bone(f"{name}FingerBase")] - heads[asset.bone(f"{name}Hand")])
+        n = normal[:, side]
+        wanted = hold.facing + 0.5 * UP
+        fingers = unit(wanted - (n @ wanted)[:, None] * n)
+        turns[:, side] = orthonormal_frame(fingers, -n) @ orthonormal_frame(along, palm).T
+        wrists[:, side] = place_m[:, side] + PALM_ABOVE_BONE_M * n - palm_m * fingers
+    return HandGoals(wrists, turns)

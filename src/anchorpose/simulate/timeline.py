@@ -1,0 +1,156 @@
+"""Smooth movements laid out in time, and feet that step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+TRUNK_CHANNELS = (
+    "pelvis_forward", "pelvis_up", "pelvis_right", "pelvis_flex", "pelvis_side", "pelvis_turn",
+    "trunk_flex", "trunk_side", "trunk_turn", "head_flex", "head_side", "head_turn",
+)  # fmt: skip
+SIDE_CHANNELS = ("shoulder_flex", "shoulder_abduct", "shoulder_inward", "elbow", "pronate", "wrist", "fingers",
+                 "knee_out", "heel", "pull")  # fmt: skip
+CHANNELS = (*TRUNK_CHANNELS, *(f"{name}_{side}" for side in ("left", "right") for name in SIDE_CHANNELS))
+CHANNEL_INDEX = {name: index for index, name in enumerate(CHANNELS)}
+
+STEP_HEIGHT_M = 0.07
+TOE_OFF_RAD = 0.5  # heel rise as a foot leaves the floor
+BODY_LAG_S = 0.3  # the trunk travels more evenly than the feet
+
+
+@dataclass(frozen=True, slots=True)
+class Movement:
+    """Offsets on some channels that come, stay and go; metres or radians."""
+
+    offsets: tuple[tuple[str, float], ...]
+    start_s: float
+    rise_s: float
+    hold_s: float
+    fall_s: float
+
+    @property
+    def end_s(self) -> float:
+        """When it is over."""
+        return self.start_s + self.rise_s + self.hold_s + self.fall_s
+
+    def strength(self, times_s: np.ndarray) -> np.ndarray:
+        """(t,) 0 to 1."""
+        coming = ease((times_s - self.start_s) / self.rise_s)
+        return coming - ease((times_s - self.start_s - self.rise_s - self.hold_s) / self.fall_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One foot lifted and set down: ball of the foot in the floor's x, z, metres."""
+
+    side: int
+    start_s: float
+    duration_s: float
+    place_m: tuple[float, float]
+    yaw: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Footwork:
+    """Where the feet stand at first (two (x, z) places and yaws, left then right), and the steps in order of time."""
+
+    places_m: np.ndarray
+    yaws: np.ndarray
+    steps: tuple[Step, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FootTrack:
+    """Both feet over time: ball (t, 2, 3) with its lift above the floor as y, yaw (t, 2), heel lift (t, 2)."""
+
+    ball_m: np.ndarray
+    yaw: np.ndarray
+    heel: np.ndarray
+
+
+def ease(x: np.ndarray) -> np.ndarray:
+    """Minimum-jerk course from 0 to 1 (Flash and Hogan 1985, doi:10.1523/JNEUROSCI.05-07-01688.1985)."""
+    x = np.clip(x, 0.0, 1.0)
+    return x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
+
+
+def channel_values(base: np.ndarray, movements: list[Movement], times_s: np.ndarray) -> np.ndarray:
+    """(c, t) channels: the resting values (c,) and all movements added."""
+    values = np.repeat(base[:, None], len(times_s), axis=1)
+    for movement in movements:
+        strength = movement.strength(times_s)
+        for channel, amount in movement.offsets:
+            values[CHANNEL_INDEX[channel]] += amount * strength
+    return values
+
+
+def foot_track(footwork: Footwork, times_s: np.ndarray) -> FootTrack:
+    """Feet at the given times; a foot that does not step does not move at all."""
+    ball = np.zeros((len(times_s), 2, 3))
+    ball[:, :, [0, 2]] = footwork.places_m
+    yaw = np.tile(footwork.yaws, (len(times_s), 1))
+    heel = np.zeros((len(times_s), 2))
+    places, yaws = footwork.places_m.copy(), footwork.yaws.copy()
+    for step in footwork.steps:
+        x = np.clip((times_s - step.start_s) / step.duration_s, 0.0, 1.0)
+        done, side = ease(x), step.side
+        ball[:, side, [0, 2]] += done[:, None] * (np.array(step.place_m) - places[side])
+        ball[:, side, 1] += STEP_HEIGHT_M * np.sin(np.pi * done) ** 2
+        yaw[:, side] += done * (step.yaw - yaws[side])
+        heel[:, side] += TOE_OFF_RAD * np.sin(np.pi * np.sqrt(done)) ** 2
+        places[side], yaws[side] = step.place_m, step.yaw
+    return FootTrack(ball, yaw, heel)
+
+
+def body_course(footwork: Footwork, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Between the feet, smoothed over time: where the body is, (t, 2) x and z, and which way it faces, (t,)."""
+    weights = np.hanning(9)[1:-1]
+    place, yaw = np.zeros((len(times_s), 2)), np.zeros(len(times_s))
+    for weight, lag in zip(weights / weights.sum(), np.linspace(-BODY_LAG_S, BODY_LAG_S, len(weights)), strict=True):
+        track = foot_track(footwork, times_s + lag)
+        place += weight * track.ball_m[:, :, [0, 2]].mean(axis=1)
+        yaw += weight * track.yaw.mean(axis=1)
+    return place, yaw
+
+
+def walk(
+    footwork: Footwork, goal_m: np.ndarray, facing: float, start_s: float, step_s: float, stance_m: float
+) -> Footwork:
+    """``footwork`` with a walk appended: straight to ``goal_m`` (x, z), turning to ``facing`` on the last steps."""
+    places, yaws = final_stance(footwork)
+    here = places.mean(axis=0)
+    gap = goal_m - here
+    distance = float(np.linalg.norm(gap))
+    count = max(4, int(np.ceil(distance / 0.42)) + 2)
+    course = float(np.arctan2(-gap[1], gap[0])) if distance > 0.3 else facing
+    course = yaws.mean() + _wrap(course - yaws.mean())
+    facing = course + _wrap(facing - course)
+    first = int(np.argmin(places @ np.array([np.cos(course), -np.sin(course)])))
+    steps = []
+    for k in range(count):
+        side = (first + k) % 2
+        heading = course + (facing - course) * float(ease(np.array((k - count + 4) / 3.0)))
+        middle = here + gap * min(1.0, (k + 1) / (count - 2))
+        place = stance_places(middle, heading, stance_m)[side]
+        steps.append(Step(side, start_s + k * step_s, step_s, (float(place[0]), float(place[1])), heading))
+    return Footwork(footwork.places_m, footwork.yaws, (*footwork.steps, *steps))
+
+
+def final_stance(footwork: Footwork) -> tuple[np.ndarray, np.ndarray]:
+    """Places (2, 2) and yaws (2,) of the feet after the last step."""
+    places, yaws = footwork.places_m.copy(), footwork.yaws.copy()
+    for step in footwork.steps:
+        places[step.side], yaws[step.side] = step.place_m, step.yaw
+    return places, yaws
+
+
+def stance_places(middle_m: np.ndarray, yaw: float, stance_m: float) -> np.ndarray:
+    """(2, 2) x, z of the left and right foot of someone who stands at ``middle_m`` and faces ``yaw``."""
+    right = np.array([np.sin(yaw), np.cos(yaw)])
+    return middle_m + np.array([[-0.5], [0.5]]) * stance_m * right
+
+
+def _wrap(angle: float) -> float:
+    return float((angle + np.pi) % (2.0 * np.pi) - np.pi)

@@ -1,0 +1,44 @@
+"""Links between pieces that the depth edges cut apart although the body is one: a chin before the neck."""
+
+from __future__ import annotations
+
+import numpy as np
+
+FORWARD = ((0, 1), (-1, 1), (-1, 0), (-1, -1))
+"""Row and column offset of ring places E, NE, N, NW: every pair of grid neighbours once."""
+
+SPREAD = 1.5  # the seam is where the jump is within half of its smallest; elsewhere the pieces merely overlap
+
+
+def join_pairs(index: np.ndarray, points_m: np.ndarray, piece: np.ndarray, max_gap_m: float) -> np.ndarray:
+    """Pairs of grid neighbours that join pieces of surface into one where they come nearest, at most ``max_gap_m``.
+
+    index (rows, cols) int32: node on the grid, -1 = none; points_m (n, 3); piece (n,) int32 of ``pieces``. Two pieces
+    are joined once, by the shortest way (Kruskal's rule), so that an arm before the trunk stays apart from it as long
+    as the shoulder holds it. Returns (m, 2) int32.
+    """
+    pair = _seams(index, piece)
+    gap = np.linalg.norm(points_m[pair[:, 0]] - points_m[pair[:, 1]], axis=1)
+    pair, gap = pair[gap <= max_gap_m], gap[gap <= max_gap_m]
+    sides = np.sort(piece[pair], axis=1)
+    merged = np.arange(piece.max(initial=-1) + 1)
+    chosen = np.zeros(len(pair), bool)
+    for place in np.argsort(gap, kind="stable"):
+        one, two = sides[place]
+        if merged[one] != merged[two]:
+            merged[merged == merged[two]] = merged[one]
+            chosen |= (sides == sides[place]).all(axis=1) & (gap <= SPREAD * gap[place])
+    return pair[chosen].astype(np.int32)
+
+
+def _seams(index: np.ndarray, piece: np.ndarray) -> np.ndarray:
+    """(k, 2) grid neighbours on different pieces."""
+    rows, cols = index.shape
+    found = []
+    for down, right in FORWARD:
+        here = index[max(0, -down) :, max(0, -right) : cols - max(0, right)]
+        there = index[: rows + down, max(0, right) : cols + min(0, right)]
+        both = (here >= 0) & (there >= 0)
+        pair = np.stack([here[both], there[both]], axis=1)
+        found.append(pair[piece[pair[:, 0]] != piece[pair[:, 1]]])
+    return np.concatenate(found)

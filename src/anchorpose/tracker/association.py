@@ -1,0 +1,123 @@
+"""From two to four frames' surfaces to pairs: hypotheses, track tree, global hypothesis (paper, Section IV)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from anchorpose.association.hypotheses import Hypotheses, anchor_subsets, match_hypotheses
+from anchorpose.body.constraints import Constraints, join, place_constraints
+from anchorpose.body.initial import anchor_constraints
+from anchorpose.body.part_registration import register_parts
+from anchorpose.body.pose import Pose
+from anchorpose.body.registration import node_parts
+from anchorpose.body.skin_points import PosedPoints, RestPoints, SkinPoints, pose_points
+from anchorpose.geodesics.anchors import ANCHOR_NAMES
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.observation import Observation
+from anchorpose.tracking.tree import TrackResult, best_branches
+
+SUBSET_SIZE = 3  # three anchors tell nodes apart where nothing is hidden (paper, Section IV-D)
+_ALL_SUBSETS = tuple(combinations(range(len(ANCHOR_NAMES)), SUBSET_SIZE))
+
+PAIR_SIGMA_M = 0.04  # the descriptor's own error: 17 to 40 mm with the best subset
+ANCHOR_SIGMA_M = 0.05  # the paper's bound on the anchors' localisation
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GlobalHypothesis:
+    """The best branch's pairs: node (m,) of frame t, part (m,) bone, point (m,) skin point, and where it goes.
+
+    matched_m (m, 3) node of t + 1, NaN where missed; predicted_m (m, depth, 3) what the motion dynamics expected.
+    """
+
+    node: np.ndarray
+    part: np.ndarray
+    point: np.ndarray
+    matched_m: np.ndarray
+    predicted_m: np.ndarray
+    tree: TrackResult
+
+
+def link(now: Observation, following: Observation, config: TrackConfig) -> Hypotheses:
+    """The hypotheses of every node of one frame in the next: one column for each of the ten subsets of five anchors.
+
+    A subset with a missed anchor has no match; with fewer than three common anchors, the one subset of all of them
+    stands in the first column.
+    """
+    common = now.anchors.found & following.anchors.found
+    subsets = anchor_subsets(common, SUBSET_SIZE)
+    found = match_hypotheses(
+        now.descriptor, following.surface, following.descriptor, subsets, now.surface.points_m, config.gate
+    )
+    match = np.full((len(now.surface), len(_ALL_SUBSETS)), -1, np.int32)
+    for column, subset in enumerate(found.subsets):
+        anchors = tuple(int(anchor) for anchor in subset)
+        match[:, _ALL_SUBSETS.index(anchors) if anchors in _ALL_SUBSETS else 0] = found.match[:, column]
+    return Hypotheses(match, np.array(_ALL_SUBSETS))
+
+
+def global_hypothesis(
+    points: SkinPoints, rest: RestPoints, pose: Pose, predicted: Sequence[Pose], window: Sequence[Observation],
+    links: Sequence[Hypotheses], config: TrackConfig,
+) -> GlobalHypothesis:  # fmt: skip
+    """Build, score and search the tree from the first frame of the window over the others.
+
+    predicted: one pose for each frame after the first. A node moves with the part that it lies on.
+    """
+    source = window[0].surface
+    chosen = np.unique(np.linspace(0, len(source) - 1, min(len(source), config.follow.tree_nodes)).astype(np.int64))
+    nodes = source.points_m[chosen].astype(np.float64)
+    point, part = node_parts(points, rest, pose, nodes, config.isolation.skin_margin_m)
+    chosen, nodes, point, part = (a[part >= 0] for a in (chosen, nodes, point, part))
+    places = carried(points, rest, pose, predicted, nodes, part)
+    matches = [links[0].match[chosen], *(link.match for link in links[1:])]
+    tree = best_branches(matches, [seen.surface.points_m for seen in window[1:]], places, config.tree)
+    matched = np.full((len(chosen), 3), np.nan)
+    found = tree.match >= 0
+    matched[found] = window[1].surface.points_m[tree.match[found]]
+    return GlobalHypothesis(chosen, part, point, matched, places, tree)
+
+
+def carried(
+    points: SkinPoints, rest: RestPoints, pose: Pose, predicted: Sequence[Pose], nodes_m: np.ndarray, part: np.ndarray
+) -> np.ndarray:
+    """(m, depth, 3): where nodes go that move with their parts from one pose to the predicted ones."""
+    T_world_rest = pose_points(points, rest, pose).transforms
+    places = np.empty((len(nodes_m), len(predicted), 3))
+    for level, later in enumerate(predicted):
+        T_next_now = part_motion(T_world_rest, pose_points(points, rest, later).transforms)
+        places[:, level] = np.einsum("mij,mj->mi", T_next_now[part, :3, :3], nodes_m) + T_next_now[part, :3, 3]
+    return places
+
+
+def part_motion(T_world_rest_now: np.ndarray, T_world_rest_next: np.ndarray) -> np.ndarray:
+    """tau^(t,t+1): (b, 4, 4) T_next_now of every part."""
+    return T_world_rest_next @ np.linalg.inv(T_world_rest_now)
+
+
+def held_by(
+    points: SkinPoints, now: PosedPoints, hypothesis: GlobalHypothesis, window: Sequence[Observation],
+    T_next_now: np.ndarray,
+) -> Constraints:  # fmt: skip
+    """Rows for the registration: the tree's pairs, carried from the node to the skin point beside it, and the anchors."""
+    found = np.isfinite(hypothesis.matched_m).all(axis=1)
+    point, part = hypothesis.point[found], hypothesis.part[found]
+    nodes = window[0].surface.points_m[hypothesis.node[found]].astype(np.float64)
+    beside = np.einsum("mij,mj->mi", T_next_now[part, :3, :3], now.points_m[point] - nodes)
+    pairs = place_constraints(point, hypothesis.matched_m[found] + beside, PAIR_SIGMA_M, 3.0 * PAIR_SIGMA_M)
+    return join([pairs, anchor_constraints(points, window[1].anchors, ANCHOR_SIGMA_M)])
+
+
+def parts_by_icp(
+    hypothesis: GlobalHypothesis, window: Sequence[Observation], T_predicted: np.ndarray, config: TrackConfig
+) -> np.ndarray:
+    """(b, 4, 4) T_next_now of every part by the paper's ICP; parts without evidence keep their prediction."""
+    nodes = window[0].surface.points_m[hypothesis.node].astype(np.float64)
+    registered = register_parts(
+        nodes, hypothesis.part, hypothesis.matched_m, window[1].surface.points_m, T_predicted, config.parts
+    )
+    return registered.T_next_now

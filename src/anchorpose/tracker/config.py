@@ -1,0 +1,73 @@
+"""Everything that tracking may be told, stage by stage."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from anchorpose.association.gate import GateConfig
+from anchorpose.body.learning import LearningConfig
+from anchorpose.body.part_registration import PartRegistrationConfig
+from anchorpose.body.registration import RegistrationConfig
+from anchorpose.body.uncertainty import UncertaintyConfig
+from anchorpose.body.visibility import VisibilityConfig
+from anchorpose.calibration.floor import FloorConfig
+from anchorpose.geodesics.anchors import AnchorConfig
+from anchorpose.isolation.config import IsolationConfig
+from anchorpose.surface.fusion import FusionConfig
+from anchorpose.surface.mesh import SurfaceConfig
+from anchorpose.tracking.motion import MotionConfig
+from anchorpose.tracking.tree import TreeConfig
+
+
+class Method(StrEnum):
+    """How a frame's pairs become a pose."""
+
+    ARTICULATED = "articulated"  # all parts at once, joined, on the learnt body
+    PARTS = "parts"  # the paper's own: every part by itself, from frame to frame
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FollowConfig:
+    """How the patient is followed over time."""
+
+    look_ahead: int = 3  # N_Tr, depth of the track tree (paper, Section V)
+    tree_nodes: int = 800  # source nodes of the tree: 40 a body part
+    history: int = 12  # frames kept for the motion dynamics
+    samples: int = 16  # frames looked at beforehand for the background and for who stays
+    lost_sigma_m: float = 0.25  # a joint less sure than half a forearm is lost, not estimated
+    lost_after_s: float = 1.0  # without any evidence the whole patient is searched for again
+    least_explained: float = 0.55  # share of the surface a first pose must account for
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrackConfig:
+    """The resolved configuration of a run, saved in run.json."""
+
+    method: Method = Method.ARTICULATED
+    start: int = 0  # first frame to track
+    stop: int | None = None  # frame to stop before; None = the end
+    patient_xz_m: tuple[float, float] | None = None  # where the patient stands at the start, if the user says so
+    floor: FloorConfig = field(default_factory=FloorConfig)
+    isolation: IsolationConfig = field(default_factory=IsolationConfig)
+    surface: SurfaceConfig = field(default_factory=SurfaceConfig)
+    fusion: FusionConfig = field(default_factory=FusionConfig)
+    anchors: AnchorConfig = field(default_factory=AnchorConfig)
+    gate: GateConfig = field(default_factory=GateConfig)
+    tree: TreeConfig = field(default_factory=TreeConfig)
+    motion: MotionConfig = field(default_factory=MotionConfig)
+    registration: RegistrationConfig = field(default_factory=RegistrationConfig)
+    parts: PartRegistrationConfig = field(default_factory=PartRegistrationConfig)
+    learning: LearningConfig = field(default_factory=LearningConfig)
+    visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
+    uncertainty: UncertaintyConfig = field(default_factory=UncertaintyConfig)
+    follow: FollowConfig = field(default_factory=FollowConfig)
+
+    def __post_init__(self) -> None:
+        if self.start < 0 or (self.stop is not None and self.stop <= self.start):
+            raise ValueError(f"start must not be negative and stop must come after it, got {self.start} to {self.stop}")

@@ -1,0 +1,70 @@
+"""What is reported of one frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from anchorpose.body.registration import PoseBelief, Registration
+from anchorpose.body.skin_points import FittedShape, RestPoints, SkinPoints, pose_points
+from anchorpose.body.uncertainty import joint_sigma
+from anchorpose.body.visibility import joint_states
+from anchorpose.joints import JOINT_COUNT, JointState
+from anchorpose.recording.recording import FrameSet
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.observation import Observation
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """One frame's answer: joints_m (21, 3) and sigma_m (21,), NaN where lost; states; the pose, None where lost.
+
+    observation and shape are None where nobody was looked for or found.
+    """
+
+    frame_set: FrameSet
+    observation: Observation | None
+    belief: PoseBelief | None
+    shape: FittedShape | None
+    explained: float
+    joints_m: np.ndarray
+    sigma_m: np.ndarray
+    states: tuple[JointState, ...]
+
+
+def nobody_found(frame_set: FrameSet, observation: Observation | None = None) -> Estimate:
+    """A frame in which every joint is lost."""
+    return Estimate(
+        frame_set,
+        observation,
+        None,
+        None,
+        0.0,
+        np.full((JOINT_COUNT, 3), np.nan),
+        np.full(JOINT_COUNT, np.nan),
+        (JointState.LOST,) * JOINT_COUNT,
+    )
+
+
+def estimate_of(
+    points: SkinPoints, rest: RestPoints, shape: FittedShape, registration: Registration, observation: Observation,
+    config: TrackConfig,
+) -> Estimate:  # fmt: skip
+    """Joints by the rule J, their states from the pictures, their sigma from the posterior."""
+    belief = registration.belief
+    posed = pose_points(points, rest, belief.pose)
+    joints = rest.body.joints(posed.transforms)
+    sigma = joint_sigma(points, rest, posed, belief.covariance, config.uncertainty)
+    states = joint_states(points, posed, observation.evidence.views, observation.evidence.cameras, config.visibility)
+    lost = sigma > config.follow.lost_sigma_m
+    return Estimate(
+        observation.frame_set,
+        observation,
+        belief,
+        shape,
+        registration.explained,
+        np.where(lost[:, None], np.nan, joints),
+        np.where(lost, np.nan, sigma),
+        tuple(JointState.LOST if gone else state for gone, state in zip(lost, states, strict=True)),
+    )

@@ -1,0 +1,107 @@
+"""What one frame shows of the patient: isolation, surface, geodesics, descriptor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from anchorpose.body.evidence import Evidence, gather_evidence
+from anchorpose.geodesics.anchors import Anchors, find_anchors
+from anchorpose.geodesics.descriptor import anchor_descriptor
+from anchorpose.isolation.patient import isolate, isolate_at_start, other_people
+from anchorpose.isolation.people import PatientChoice, find_people
+from anchorpose.isolation.scene import Pieces, find_pieces
+from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.recording.recording import FrameSet
+from anchorpose.surface.border import Border, border
+from anchorpose.surface.fusion import fuse
+from anchorpose.surface.mesh import build_surface
+from anchorpose.surface.surface import Surface
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.room import FACING, UP, Room
+from anchorpose.tracker.stopwatch import Stopwatch
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observation:
+    """One frame after the stages up to geodesics. others_m (m, 3): skin of other people, for the next frame."""
+
+    frame_set: FrameSet
+    evidence: Evidence
+    anchors: Anchors
+    descriptor: np.ndarray
+    others_m: np.ndarray
+
+    @property
+    def surface(self) -> Surface:
+        """The patient's surface."""
+        return self.evidence.surface
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Expectation:
+    """Where the patient should be: skin_m (k, 3), anchors_m (5, 3), heading (3,) unit; frames since the last fit."""
+
+    skin_m: np.ndarray
+    anchors_m: np.ndarray
+    facing: np.ndarray
+    frames_without_fit: int
+
+
+def observe_first(
+    frame_set: FrameSet, room: Room, choice: PatientChoice, height_m: float, config: TrackConfig, watch: Stopwatch
+) -> Observation:
+    """A frame of which nothing is expected but where the patient stands."""
+    with watch.stage("isolation"):
+        pieces = _find_pieces(frame_set, room, config)
+        views = isolate_at_start(pieces, find_people(pieces, config.isolation), choice)
+    return _observed(frame_set, room, pieces, views, None, height_m, config, watch)
+
+
+def observe(
+    frame_set: FrameSet, room: Room, expected: Expectation, others_m: np.ndarray, height_m: float, config: TrackConfig,
+    watch: Stopwatch,
+) -> Observation:  # fmt: skip
+    """A frame in which the patient is expected at a place; others_m as in the last observation."""
+    with watch.stage("isolation"):
+        pieces = _find_pieces(frame_set, room, config)
+        views = isolate(pieces, expected.skin_m, others_m, config.isolation, expected.frames_without_fit)
+    return _observed(frame_set, room, pieces, views, expected, height_m, config, watch)
+
+
+def _find_pieces(frame_set: FrameSet, room: Room, config: TrackConfig) -> list[Pieces | None]:
+    return [
+        None if depth is None else find_pieces(depth, scene, config.isolation)
+        for depth, scene in zip(frame_set.depths_m, room.scenes, strict=True)
+    ]
+
+
+def _observed(
+    frame_set: FrameSet, room: Room, pieces: Sequence[Pieces | None], views: Sequence[View | None],
+    expected: Expectation | None, height_m: float, config: TrackConfig, watch: Stopwatch,
+) -> Observation:  # fmt: skip
+    shown = [view if view is not None else _blank(room, number) for number, view in enumerate(views)]
+    with watch.stage("surface"):
+        meshes = [
+            build_surface(view.depth_m, view.patient, camera, config.surface, view.labels == PixelLabel.EQUIPMENT)
+            for view, camera in zip(shown, room.cameras, strict=True)
+        ]
+        surface = fuse(meshes, room.cameras, config.fusion)
+        cut = border(surface, shown) == Border.CUT
+    with watch.stage("geodesics"):
+        facing, places = (FACING, None) if expected is None else (expected.facing, expected.anchors_m)
+        anchors = find_anchors(surface, UP, facing, height_m, cut, places, config.anchors)
+        descriptor = anchor_descriptor(surface, anchors)
+    with watch.stage("isolation"):
+        others = other_people(pieces, views)
+    with watch.stage("registration"):
+        evidence = gather_evidence(surface, views, room.cameras)
+    return Observation(frame_set, evidence, anchors, descriptor, others)
+
+
+def _blank(room: Room, number: int) -> View:
+    camera = room.cameras[number]
+    shape = camera.height, camera.width
+    return View(np.zeros(shape, np.float32), np.zeros(shape, np.uint8))

@@ -1,0 +1,184 @@
+"""One patient followed through time: predict, associate, register, frame by frame (paper, Section IV)."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from anchorpose.association.hypotheses import Hypotheses
+from anchorpose.body.initial import anchor_points
+from anchorpose.body.inverse_kinematics import pose_from_joints
+from anchorpose.body.part_registration import joints_of_parts
+from anchorpose.body.pose import Pose
+from anchorpose.body.registration import PoseBelief, Registration, posterior, register
+from anchorpose.body.skin_points import FittedShape, pose_points, rest_points
+from anchorpose.isolation.people import PatientChoice
+from anchorpose.recording.recording import FrameSet
+from anchorpose.tracker.association import (
+    GlobalHypothesis,
+    global_hypothesis,
+    held_by,
+    link,
+    part_motion,
+    parts_by_icp,
+)
+from anchorpose.tracker.config import Method, TrackConfig
+from anchorpose.tracker.estimate import Estimate, estimate_of, nobody_found
+from anchorpose.tracker.observation import Expectation, Observation, observe
+from anchorpose.tracker.room import Room
+from anchorpose.tracker.start import Start, body_points, find_start
+from anchorpose.tracker.stopwatch import Stopwatch
+from anchorpose.tracking.joint_motion import predict_joints
+from anchorpose.tracking.motion import MotionDatabase
+
+RETRY_FRAMES = 5  # a search for a lost patient costs as much as thirty frames
+
+
+class PatientTracker:
+    """The patient from a start on. The window holds the frame last registered and up to ``look_ahead`` later ones."""
+
+    def __init__(
+        self, room: Room, start: Start, motions: MotionDatabase | None, config: TrackConfig, watch: Stopwatch
+    ) -> None:
+        self.watch = watch
+        self.room, self.config, self.motions = room, config, motions
+        self.points = body_points()
+        self.shape = start.shape
+        self.rest = rest_points(self.points, start.shape)
+        self.belief = start.belief
+        self.window: deque[Observation] = deque([start.observation])
+        self.links: deque[Hypotheses] = deque()
+        joints = self.rest.body.joints(pose_points(self.points, self.rest, start.belief.pose).transforms)
+        self.history: deque[np.ndarray] = deque([joints], maxlen=config.follow.history)
+        self.unseen_s = 0.0
+        self.first = self._estimate(Registration(start.belief, start.explained, True), start.observation)
+
+    @property
+    def height_m(self) -> float:
+        """Standing height of the learnt body."""
+        return float(np.ptp(self.rest.body.vertices[:, 1]))
+
+    def push(self, frame_set: FrameSet) -> Iterator[Estimate]:
+        """Take one more frame; yields the estimate of the frame that now has enough look-ahead."""
+        expected = self._expect(len(self.window))
+        others = self.window[-1].others_m
+        seen = observe(frame_set, self.room, expected, others, self.height_m, self.config, self.watch)
+        with self.watch.stage("association"):
+            self.links.append(link(self.window[-1], seen, self.config))
+        self.window.append(seen)
+        if len(self.window) > self.config.follow.look_ahead:
+            yield self._advance()
+
+    def finish(self) -> Iterator[Estimate]:
+        """The estimates of the frames still in the window, with what look-ahead is left."""
+        while len(self.window) > 1:
+            yield self._advance()
+
+    def _estimate(self, registration: Registration, seen: Observation) -> Estimate:
+        with self.watch.stage("states and sigma"):
+            return estimate_of(self.points, self.rest, self.shape, registration, seen, self.config)
+
+    def _predict(self, steps: int) -> list[Pose]:
+        """The next poses by scaled motion dynamics."""
+        ahead = predict_joints(np.array(self.history), steps, self.motions, self.config.motion)
+        poses, pose = [], self.belief.pose
+        for joints in ahead.joints_m:
+            pose = pose_from_joints(self.points, self.rest, pose, joints, self.config.registration.fit)
+            poses.append(pose)
+        return poses
+
+    def _expect(self, steps: int) -> Expectation:
+        with self.watch.stage("prediction"):
+            pose = self._predict(steps)[-1]
+        posed = pose_points(self.points, self.rest, pose)
+        trunk = posed.transforms[self.points.asset.bone("Spine1"), :3, 0]
+        level = np.array([trunk[0], 0.0, trunk[2]])
+        rate = max(self._interval_s(), 1e-3)
+        return Expectation(
+            posed.points_m,
+            posed.points_m[anchor_points(self.points.asset, self.points)],
+            level / max(float(np.linalg.norm(level)), 1e-9),
+            round(self.unseen_s / rate),
+        )
+
+    def _interval_s(self) -> float:
+        if len(self.window) < 2:
+            return 1.0 / 30.0
+        return self.window[1].frame_set.time_s - self.window[0].frame_set.time_s
+
+    def _advance(self) -> Estimate:
+        """Register the second frame of the window and make it the first."""
+        now, following = self.window[0], self.window[1]
+        elapsed_s = following.frame_set.time_s - now.frame_set.time_s
+        with self.watch.stage("prediction"):
+            poses = self._predict(len(self.window) - 1)
+        predicted = self.belief.later(poses[0], elapsed_s, self.config.registration.fit)
+        if len(now.surface) and len(following.surface):
+            registration = self._associate_and_register(poses, predicted)
+        else:
+            registration = Registration(predicted, 0.0, False)
+        self.unseen_s = 0.0 if registration.found else self.unseen_s + elapsed_s
+        self.belief = registration.belief
+        joints = self.rest.body.joints(pose_points(self.points, self.rest, self.belief.pose).transforms)
+        self.history.append(joints)
+        self.window.popleft()
+        self.links.popleft()
+        return self._estimate(registration, following)
+
+    def _associate_and_register(self, poses: list[Pose], predicted: PoseBelief) -> Registration:
+        window, config = list(self.window), self.config
+        with self.watch.stage("track tree"):
+            hypothesis = global_hypothesis(
+                self.points, self.rest, self.belief.pose, poses, window, list(self.links), config
+            )
+        with self.watch.stage("registration"):
+            return self._register(hypothesis, window, poses, predicted)
+
+    def _register(
+        self, hypothesis: GlobalHypothesis, window: list[Observation], poses: list[Pose], predicted: PoseBelief
+    ) -> Registration:
+        config = self.config
+        now = pose_points(self.points, self.rest, self.belief.pose)
+        T_predicted = part_motion(now.transforms, pose_points(self.points, self.rest, poses[0]).transforms)
+        evidence = window[1].evidence
+        if config.method is Method.ARTICULATED:
+            held = held_by(self.points, now, hypothesis, window, T_predicted)
+            return register(self.points, self.rest, predicted, evidence, held, config.registration)
+        T_next_now = parts_by_icp(hypothesis, window, T_predicted, config)
+        joints = joints_of_parts(self.points.asset, self.rest.body, T_next_now @ now.transforms)
+        pose = pose_from_joints(self.points, self.rest, poses[0], joints, config.registration.fit)
+        return posterior(self.points, self.rest, pose, predicted, evidence, config.registration)
+
+
+def follow_patient(
+    room: Room, frames: Iterable[FrameSet], motions: MotionDatabase | None, known: FittedShape | None,
+    config: TrackConfig, watch: Stopwatch,
+) -> Iterator[Estimate]:  # fmt: skip
+    """An estimate for every frame, in order: lost until he is found, followed, and searched for again when lost.
+
+    known: the learnt shape; None where it is still to be learnt.
+    """
+    tracker: PatientTracker | None = None
+    choice, waited = room.choice, RETRY_FRAMES
+    for frame_set in frames:
+        if tracker is None:
+            start = None
+            if choice is not None and waited >= RETRY_FRAMES:
+                start, waited = find_start(frame_set, room, choice, known, config, watch), 0
+            waited += 1
+            if start is None:
+                yield nobody_found(frame_set)
+                continue
+            tracker = PatientTracker(room, start, motions, config, watch)
+            yield tracker.first
+            continue
+        yield from tracker.push(frame_set)
+        if tracker.unseen_s > config.follow.lost_after_s:
+            choice = PatientChoice(tracker.belief.pose.root_m[[0, 2]], "where he was lost")
+            known = tracker.shape
+            yield from (nobody_found(seen.frame_set, seen) for seen in list(tracker.window)[1:])
+            tracker, waited = None, RETRY_FRAMES
+    if tracker is not None:
+        yield from tracker.finish()

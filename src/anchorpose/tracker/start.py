@@ -1,0 +1,77 @@
+"""The beginning of a track: the first frame in which the patient is found, with the body that explains him."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from anchorpose.body.asset import load_body_asset
+from anchorpose.body.initial import find_first_pose, shape_of_height
+from anchorpose.body.registration import PoseBelief, posterior, vague_belief
+from anchorpose.body.skin_points import FittedShape, SkinPoints, rest_points, skin_points
+from anchorpose.isolation.people import PatientChoice
+from anchorpose.recording.recording import FrameSet
+from anchorpose.surface.surface import Surface
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.observation import Observation, observe_first
+from anchorpose.tracker.room import Room
+from anchorpose.tracker.stopwatch import Stopwatch
+
+ADULT_HEIGHTS_M = (1.45, 2.0)
+CUT_OFF = 1.08  # feet at the picture's edge or lost on the floor take a twelfth of the height
+SEATED_BELOW_M = 1.35  # who is seen no taller sits, or is half hidden: then the extent says nothing of the height
+ORDINARY_HEIGHT_M = 1.70  # of an adult whose height is not given
+ORDINARY_HEIGHTS_M = (1.60, 1.75)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Start:
+    """The first frame of a track: what was seen, the body, the belief in its pose."""
+
+    observation: Observation
+    shape: FittedShape
+    belief: PoseBelief
+    explained: float
+
+
+def body_points() -> SkinPoints:
+    """The skin points of the shipped body."""
+    return skin_points(load_body_asset())
+
+
+def find_start(
+    frame_set: FrameSet, room: Room, choice: PatientChoice, known: FittedShape | None, config: TrackConfig,
+    watch: Stopwatch,
+) -> Start | None:  # fmt: skip
+    """The patient in this frame, or None where too little of him is seen or no body explains it."""
+    points = body_points()
+    observation = observe_first(
+        frame_set, room, choice, room.recording.subject_height_m or ORDINARY_HEIGHT_M, config, watch
+    )
+    if len(observation.surface) < config.registration.least_nodes:
+        return None
+    shapes = [known] if known else [shape_of_height(points.asset, h) for h in _heights(observation.surface, room)]
+    with watch.stage("first pose"):
+        first = find_first_pose(
+            points, observation.evidence, observation.anchors, shapes, known is not None,
+            config.registration.constraints, config.registration.fit,
+        )  # fmt: skip
+    rest = rest_points(points, first.shape)
+    found = posterior(points, rest, first.pose, vague_belief(first.pose), observation.evidence, config.registration)
+    if not found.found or found.explained < config.follow.least_explained:
+        return None
+    return Start(observation, first.shape, found.belief, found.explained)
+
+
+def _heights(surface: Surface, room: Room) -> Sequence[float]:
+    """Standing heights to try: the given one, else what is seen and a little more."""
+    if room.recording.subject_height_m is not None:
+        return (room.recording.subject_height_m,)
+    top, bottom = np.percentile(surface.points_m[:, 1], [99.9, 0.1])
+    floor = room.calibration.floor_height_m
+    extent = float(top - (bottom if floor is None else min(floor, bottom)))
+    if extent < SEATED_BELOW_M:
+        return ORDINARY_HEIGHTS_M
+    return tuple(float(np.clip(extent * factor, *ADULT_HEIGHTS_M)) for factor in (1.0, CUT_OFF))

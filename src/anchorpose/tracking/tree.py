@@ -1,0 +1,165 @@
+"""The track tree: which chain of hypotheses over N_Tr frames follows the prediction best (paper, Section IV)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TreeConfig:
+    """missed_cost_m: what a frame without a match costs; max_branches: the tree size above which it is pruned."""
+
+    missed_cost_m: float = 0.10  # a branch worse than this a frame is no match: the anchor bound (0.05 m), twice
+    max_branches: int = 200  # of 10 + 100 + 1000 possible ones; exact search visits 30 to 60
+
+    def __post_init__(self) -> None:
+        if not self.missed_cost_m > 0:
+            raise ValueError(f"missed_cost_m must be positive, got {self.missed_cost_m}")
+        if self.max_branches < 1:
+            raise ValueError(f"max_branches must be at least 1, got {self.max_branches}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackResult:
+    """The global hypothesis: of every source node, the first link of its best branch.
+
+    match (m,) int32: node of the next surface, -1 = missed. score (m,) float32: the best branch's sum of distances to
+    the prediction, metres, smaller is better; NaN where the prediction is unknown. subset (m,) int32: anchor subset of
+    the match, -1 = missed. pruned: trees that outgrew their size, whose branch is good but not proven best.
+    """
+
+    match: np.ndarray
+    score: np.ndarray
+    subset: np.ndarray
+    pruned: int
+
+
+def best_branches(
+    matches: Sequence[np.ndarray], positions_m: Sequence[np.ndarray], predicted_m: np.ndarray, config: TreeConfig
+) -> TrackResult:
+    """Score every branch R = sum of ed(node, predicted node) over the levels and keep the best of each source node.
+
+    matches: level l holds (n_l, s) int, the match in surface l + 1 of each node of surface l under each subset, -1 =
+    missed; surface 0 is the source. positions_m: level l holds the (n_(l+1), 3) nodes of surface l + 1, world.
+    predicted_m (m, depth, 3): where each source node should be, level by level; NaN = unknown.
+    A missed node has no children: its branch ends and pays ``missed_cost_m`` for each level left, and every branch may
+    be given up at that price. Branch and bound: children by distance, a branch is left as soon as it cannot win; so the
+    optimum is exact unless the tree is pruned. Ties go to the lower subset.
+    Raises ValueError where the shapes do not fit or a match points outside its surface.
+    """
+    _check(matches, positions_m, predicted_m)
+    first = np.cumsum([0, *(len(level) for level in matches)]).astype(np.int64)
+    first_node = np.cumsum([0, *(len(level) for level in positions_m)]).astype(np.int64)
+    match, score, subset, pruned = _search(
+        np.concatenate(matches).astype(np.int32, copy=False),
+        first,
+        np.concatenate(positions_m).astype(np.float32, copy=False),
+        first_node,
+        np.ascontiguousarray(predicted_m, dtype=np.float32),
+        np.float32(config.missed_cost_m),
+        config.max_branches,
+    )
+    return TrackResult(match, score, subset, pruned)
+
+
+def _check(matches: Sequence[np.ndarray], positions_m: Sequence[np.ndarray], predicted_m: np.ndarray) -> None:
+    depth = len(matches)
+    if depth == 0 or len(positions_m) != depth:
+        raise ValueError(f"a tree needs as many surfaces as levels, got {depth} levels and {len(positions_m)} surfaces")
+    if predicted_m.shape != (len(matches[0]), depth, 3):
+        raise ValueError(f"predictions must be {(len(matches[0]), depth, 3)}, got {predicted_m.shape}")
+    for level, (match, nodes) in enumerate(zip(matches, positions_m, strict=True)):
+        if match.shape[1] != matches[0].shape[1]:
+            raise ValueError(f"level {level} has {match.shape[1]} subsets, level 0 has {matches[0].shape[1]}")
+        if match.size and match.max() >= len(nodes):
+            raise ValueError(f"level {level} points at node {match.max()} of {len(nodes)}")
+        if level and len(match) != len(positions_m[level - 1]):
+            raise ValueError(f"level {level} has {len(match)} nodes, its surface {len(positions_m[level - 1])}")
+
+
+@njit(cache=True)
+def _children(
+    row: np.ndarray, nodes: np.ndarray, target: np.ndarray, node: np.ndarray, cost: np.ndarray, subset: np.ndarray
+) -> int:
+    """Distinct children by rising distance to ``target`` (insertion sort, stable); returns how many."""
+    count = 0
+    for s in range(len(row)):
+        child = row[s]
+        if child < 0:
+            continue
+        known = False
+        for k in range(count):
+            known = known or node[k] == child
+        if known:
+            continue
+        d_x, d_y, d_z = nodes[child, 0] - target[0], nodes[child, 1] - target[1], nodes[child, 2] - target[2]
+        distance = np.float32(np.sqrt(d_x * d_x + d_y * d_y + d_z * d_z))
+        place = count
+        while place > 0 and cost[place - 1] > distance:
+            node[place], cost[place], subset[place] = node[place - 1], cost[place - 1], subset[place - 1]
+            place -= 1
+        node[place], cost[place], subset[place] = child, distance, s
+        count += 1
+    return count
+
+
+@njit(cache=True)
+def _search(
+    matches: np.ndarray,
+    first: np.ndarray,
+    positions: np.ndarray,
+    first_node: np.ndarray,
+    predicted: np.ndarray,
+    missed_cost: np.float32,
+    max_branches: int,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    m, depth, _ = predicted.shape
+    width = matches.shape[1]
+    match, subset = np.full(m, -1, dtype=np.int32), np.full(m, -1, dtype=np.int32)
+    score = np.full(m, np.nan, dtype=np.float32)
+    node, by = np.empty((depth, width), dtype=np.int32), np.empty((depth, width), dtype=np.int32)
+    cost = np.empty((depth, width), dtype=np.float32)
+    count, turn = np.zeros(depth, dtype=np.int64), np.zeros(depth, dtype=np.int64)
+    so_far = np.zeros(depth + 1, dtype=np.float32)
+    pruned = 0
+    for i in range(m):
+        if not np.isfinite(predicted[i].sum()):
+            continue
+        best = np.float32(depth * missed_cost)  # all missed
+        visited = 0
+        level = 0
+        count[0] = _children(matches[i], positions[: first_node[1]], predicted[i, 0], node[0], cost[0], by[0])
+        turn[0] = 0
+        while level >= 0:
+            if turn[level] >= count[level] or so_far[level] + cost[level, turn[level]] >= best:
+                level -= 1  # children come by rising cost: the rest is worse
+                continue
+            child = node[level, turn[level]]
+            total = so_far[level] + cost[level, turn[level]]
+            turn[level] += 1
+            visited += 1
+            ended = total + np.float32(depth - 1 - level) * missed_cost
+            if ended < best:
+                best = ended
+                match[i], subset[i] = node[0, turn[0] - 1], by[0, turn[0] - 1]
+            if visited >= max_branches:
+                pruned += 1
+                break
+            if level + 1 < depth:
+                level += 1
+                so_far[level] = total
+                turn[level] = 0
+                count[level] = _children(
+                    matches[first[level] + child],
+                    positions[first_node[level] : first_node[level + 1]],
+                    predicted[i, level],
+                    node[level],
+                    cost[level],
+                    by[level],
+                )
+        score[i] = best
+    return match, score, subset, pruned

@@ -1,0 +1,68 @@
+"""Results made up for the tests: a walking stick figure, with noise and states as asked for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, JointState
+from anchorpose.results.angles import ANGLES_FILE, joint_angles, write_angles
+from anchorpose.results.joint_frame import JointFrame
+from anchorpose.results.run_record import (
+    RUN_FILE,
+    CameraRecord,
+    DroppedFrame,
+    PictureRecord,
+    RunRecord,
+    write_run_record,
+)
+from anchorpose.results.tables import JOINTS_FILE, read_joints, write_joints
+
+
+def standing_joints() -> np.ndarray:
+    """(21, 3) metres: upright, arms and legs straight down, facing X."""
+    place = {
+        "SpineBase": (0, 0.95, 0), "SpineMid": (0, 1.15, 0), "SpineShoulder": (0, 1.42, 0), "Neck": (0, 1.5, 0),
+        "Head": (0, 1.62, 0),
+    }  # fmt: skip
+    for side, z in (("Left", -1), ("Right", 1)):
+        place |= {f"{name}{side}": (0, y, 0.18 * z) for name, y in
+                  (("Shoulder", 1.4), ("Elbow", 1.1), ("Wrist", 0.85), ("Hand", 0.77))}  # fmt: skip
+        place |= {f"{name}{side}": (0, y, 0.09 * z) for name, y in (("Hip", 0.92), ("Knee", 0.5), ("Ankle", 0.08))}
+        place[f"Foot{side}"] = (0.15, 0.03, 0.09 * z)
+    return np.array([place[name] for name in JOINT_NAMES], dtype=np.float64)
+
+
+def make_frame(frame: int, time_s: float, position_m: np.ndarray, lost: tuple[str, ...] = (), sigma_m: float = 0.02):
+    """A frame in which all joints are observed but the lost ones."""
+    position, sigma = position_m.copy(), np.full(JOINT_COUNT, sigma_m)
+    state = [JointState.OBSERVED] * JOINT_COUNT
+    for name in lost:
+        position[JOINT_INDEX[name]], sigma[JOINT_INDEX[name]], state[JOINT_INDEX[name]] = (
+            np.nan,
+            np.nan,
+            JointState.LOST,
+        )
+    return JointFrame(frame=frame, time_s=time_s, position_m=position, state=tuple(state), sigma_m=sigma)
+
+
+def write_results(folder: Path, frames: list[JointFrame], pictures: tuple[PictureRecord, ...] = ()) -> Path:
+    """A results folder without a report."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with write_joints(folder / JOINTS_FILE) as joints:
+        for frame in frames:
+            joints.append(frame)
+    write_angles(folder / ANGLES_FILE, joint_angles(read_joints(folder / JOINTS_FILE)))
+    record = RunRecord(
+        recording="<ward> & garden",
+        config={"gate_m": 0.05},
+        inputs_sha256=(("recording.json", "0" * 64),),
+        cameras=(CameraRecord("front", np.eye(4), "given"),),
+        frame_count=len(frames),
+        dropped=(DroppedFrame(3, 0.3, "front/depth/000003.png is truncated"),),
+        pictures=pictures,
+        notes=("The floor was found <by itself>.",),
+    )
+    write_run_record(folder / RUN_FILE, record)
+    return folder

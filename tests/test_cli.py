@@ -1,0 +1,166 @@
+"""The command line: helpful, quick to answer, and clean when it stops."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import stand_in_pipeline
+from recording_builder import write_recording
+from results_builder import make_frame, standing_joints, write_results
+
+from anchorpose.cli import main
+from anchorpose.joints import JOINT_NAMES
+
+VERBS = ("demo", "simulate", "track", "evaluate", "report")
+
+
+@pytest.fixture(autouse=True)
+def _stand_in_for_the_tracker(monkeypatch):
+    monkeypatch.setitem(sys.modules, "anchorpose.pipeline", stand_in_pipeline)
+
+
+def test_help_loads_nothing_heavy_and_names_every_verb():
+    script = (
+        "import sys; from anchorpose.cli import main; code = main(['--help']);"
+        "print([m for m in ('numpy', 'scipy', 'numba', 'cv2', 'pyarrow', 'plotly') if m in sys.modules], code)"
+    )
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert run.stdout.strip().endswith("[] 0")
+    assert all(f"│ {verb} " in run.stdout for verb in VERBS)
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_explains_itself(verb, capsys):
+    assert main([verb, "--help"]) == 0
+    text = capsys.readouterr().out
+    assert f"anchorpose {verb}" in text
+    assert len(text) > 300
+
+
+def test_tracking_writes_the_results_and_says_where(tmp_path, capsys):
+    recording = write_recording(tmp_path / "r", frames=3)
+    assert main(["track", str(recording), "-o", str(tmp_path / "out")]) == 0
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"joints.parquet", "run.json", "report.html"}
+    assert "3 frames" in capsys.readouterr().out
+    assert {path.name for path in tmp_path.iterdir()} == {"r", "out"}
+
+
+def test_one_damaged_picture_is_reported_and_the_rest_is_tracked(tmp_path, capsys):
+    recording = write_recording(tmp_path / "r", frames=4)
+    damaged = recording / "front" / "depth" / "000002.png"
+    damaged.write_bytes(damaged.read_bytes()[:60])
+    assert main(["track", str(recording), "-o", str(tmp_path / "out")]) == 0
+    assert "Frames with problems: 1" in capsys.readouterr().out
+    run = json.loads((tmp_path / "out" / "run.json").read_text())
+    assert run["frame_count"] == 4
+    assert [drop["frame"] for drop in run["dropped"]] == [2]
+    assert "000002.png is truncated" in run["dropped"][0]["why"]
+
+
+def test_options_reach_the_tracker_on_top_of_the_file(tmp_path):
+    recording = write_recording(tmp_path / "r", frames=5)
+    (tmp_path / "c.toml").write_text("start = 2\n[association]\ngate_m = 0.07\n")
+    command = ["track", str(recording), "-o", str(tmp_path / "out"), "--config", str(tmp_path / "c.toml")]
+    assert main([*command, "--patient", "-0.5,1.25", "--stop", "4"]) == 0
+    config = json.loads((tmp_path / "out" / "run.json").read_text())["config"]
+    assert config["association"] == {"gate_m": 0.07, "steps": 3}
+    assert (config["patient_xz_m"], config["start"], config["stop"]) == ([-0.5, 1.25], 2, 4)
+
+
+def test_an_existing_result_is_replaced_only_when_asked(tmp_path, capsys):
+    recording = write_recording(tmp_path / "r", frames=2)
+    command = ["track", str(recording), "-o", str(tmp_path / "out")]
+    assert main(command) == 0
+    assert main(command) == 2
+    assert "--overwrite" in capsys.readouterr().err
+    assert main([*command, "--overwrite", "--stop", "1"]) == 0
+    assert json.loads((tmp_path / "out" / "run.json").read_text())["frame_count"] == 1
+
+
+def test_an_interrupt_leaves_nothing_and_exits_with_130(tmp_path, monkeypatch, capsys):
+    recording = write_recording(tmp_path / "r", frames=3)
+
+    def interrupted(path, results, config, progress):
+        (results / "joints.parquet").write_bytes(b"half")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(stand_in_pipeline, "track_recording", interrupted)
+    assert main(["track", str(recording), "-o", str(tmp_path / "out")]) == 130
+    assert {path.name for path in tmp_path.iterdir()} == {"r"}
+    assert "nothing was written" in capsys.readouterr().err
+
+
+def test_a_full_disk_is_one_sentence(tmp_path, monkeypatch, capsys):
+    recording = write_recording(tmp_path / "r", frames=2)
+
+    def full(path, results, config, progress):
+        raise OSError(28, "No space left on device", str(results / "joints.parquet"))
+
+    monkeypatch.setattr(stand_in_pipeline, "track_recording", full)
+    assert main(["track", str(recording), "-o", str(tmp_path / "out")]) == 2
+    assert "No space left on device" in capsys.readouterr().err
+    assert {path.name for path in tmp_path.iterdir()} == {"r"}
+
+
+def test_evaluate_prints_the_figures_and_writes_them(tmp_path, capsys):
+    results = write_results(tmp_path / "out", [make_frame(i, i / 10, standing_joints() + 0.01) for i in range(3)])
+    truth = np.stack([standing_joints()] * 3)
+    np.savez(tmp_path / "truth.npz", joints=truth, names=np.array(JOINT_NAMES), time=np.arange(3) / 10)
+    command = ["evaluate", str(results), "--truth", str(tmp_path / "truth.npz"), "--json", str(tmp_path / "e.json")]
+    assert main(command) == 0
+    assert "17.3" in capsys.readouterr().out  # sqrt(3) x 10 mm
+    assert json.loads((tmp_path / "e.json").read_text())["mean_mm"] == pytest.approx(10 * np.sqrt(3))
+
+
+def test_report_makes_the_page_again(tmp_path, capsys):
+    results = write_results(tmp_path / "out", [make_frame(0, 0.0, standing_joints())])
+    assert main(["report", str(results)]) == 0
+    assert str(results / "report.html") in capsys.readouterr().out
+    assert (results / "report.html").stat().st_size > 1_000_000
+
+
+@pytest.mark.parametrize(
+    ("command", "sentence"),
+    [
+        (["track", "somewhere", "-o", "out", "--patient", "here"], "--patient is 'here'"),
+        (["track", "somewhere", "-o", "out", "--patient", "1,2,3"], "two numbers"),
+        (["track", "somewhere", "-o", "out", "--patient", "nan,1"], "two numbers"),
+        (["track", "somewhere", "-o", "out", "--start", "-1"], "start must not be negative"),
+        (["track", "somewhere"], "--output"),
+        (["trak"], 'Did you mean "track"'),
+        (["simulate", "out", "--preset", "ward"], "clinic"),
+        (["simulate", "out", "--motions", "flying"], "motion"),
+        (["simulate", "out", "--cameras", "9"], "cameras"),
+        (["evaluate", "out", "--truth", "t.npz"], "joints.parquet"),
+        (["report", "out"], "joints.parquet"),
+        (["evaluate", "out", "--truth", "t.npz", "--skip-s", "-1"], "--skip-s"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_with_a_remedy(tmp_path, monkeypatch, capsys, command, sentence):
+    monkeypatch.chdir(tmp_path)
+    assert main(command) == 2
+    assert sentence in " ".join(capsys.readouterr().err.replace("│", " ").split())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_simulated_recording_can_be_tracked(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["simulate", "sim", "--preset", "single", "--seconds", "0.2", "--seed", "4"]) == 0
+    assert main(["track", "sim/recording", "-o", "out"]) == 0
+    assert main(["evaluate", "out", "--truth", "sim/truth/truth.npz", "--json", "e.json"]) == 0
+    assert json.loads((tmp_path / "e.json").read_text())["lost_share"] == 1.0
+
+
+def test_the_demo_writes_everything_it_names_and_refuses_to_replace_it(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["demo", "--quick"]) == 0
+    out = tmp_path / "anchorpose-demo"
+    assert {path.name for path in out.iterdir()} == {"simulated", "results", "evaluation.json"}
+    assert (out / "results" / "report.html").exists()
+    assert "anchorpose-demo/results/report.html" in capsys.readouterr().out
+    assert main(["demo", "--quick"]) == 2
+    assert {path.name for path in tmp_path.iterdir()} == {"anchorpose-demo"}

@@ -1,0 +1,100 @@
+"""Configuration files: what fits is taken as it is, what does not is refused by place."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Literal
+
+import pytest
+
+from anchorpose.cli.config_file import load_config
+from anchorpose.errors import InputError
+
+
+class Mode(Enum):
+    FAST = "fast"
+    EXACT = "exact"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Inner:
+    radius_m: float = 0.5
+    count: int = 3
+    mode: Mode = Mode.EXACT
+    sensor: Literal["kinect", "realsense"] = "kinect"
+
+    def __post_init__(self) -> None:
+        if not self.radius_m > 0:
+            raise ValueError(f"radius_m must be positive, got {self.radius_m}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outer:
+    inner: Inner = field(default_factory=Inner)
+    place: tuple[float, float] | None = None
+    names: tuple[str, ...] = ()
+    strict: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Demanding:
+    height_m: float
+
+
+def _load(tmp_path, text, kind=Outer, name="c.toml"):
+    (tmp_path / name).write_text(text)
+    return load_config(tmp_path / name, kind)
+
+
+def test_an_empty_file_is_the_defaults(tmp_path):
+    assert _load(tmp_path, "") == Outer()
+
+
+def test_toml_and_json_give_the_same(tmp_path):
+    text = 'place = [1, 2.5]\nnames = ["a", "b"]\nstrict = true\n[inner]\nradius_m = 1\nmode = "fast"\n'
+    document = {"place": [1, 2.5], "names": ["a", "b"], "strict": True, "inner": {"radius_m": 1, "mode": "fast"}}
+    wanted = Outer(inner=Inner(radius_m=1.0, mode=Mode.FAST), place=(1.0, 2.5), names=("a", "b"), strict=True)
+    assert _load(tmp_path, text) == wanted
+    assert _load(tmp_path, json.dumps(document), name="c.json") == wanted
+    assert isinstance(_load(tmp_path, text).inner.radius_m, float)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("[inner]\nradius = 1", "unknown key 'inner.radius'; did you mean 'radius_m'"),
+        ("[iner]\n", "did you mean 'inner'"),
+        ("zzz = 1", "remove it, known keys are inner, names, place, strict"),
+        ('[inner]\nradius_m = "wide"', "inner.radius_m is 'wide'; write a finite number"),
+        ("[inner]\nradius_m = nan", "inner.radius_m is nan"),
+        ("[inner]\nradius_m = true", "inner.radius_m is True"),
+        ("[inner]\ncount = 3.0", "inner.count is 3.0; write a whole number"),
+        ("[inner]\nradius_m = -1", "inner is refused: radius_m must be positive"),
+        ('[inner]\nmode = "slow"', "write one of fast, exact"),
+        ('[inner]\nsensor = "lidar"', "write one of kinect, realsense"),
+        ("strict = 1", "write true or false"),
+        ("place = [1]", "place is"),
+        ("place = [1, inf]", "place is"),
+        ("names = [1]", "names is"),
+        ("inner = 3", "inner is not a table"),
+        ("inner = ", "is not TOML"),
+    ],
+)
+def test_what_does_not_fit_is_refused_by_place(tmp_path, text, sentence):
+    with pytest.raises(InputError) as refusal:
+        _load(tmp_path, text)
+    assert str(refusal.value).startswith(str(tmp_path / "c.toml"))
+    assert sentence in str(refusal.value)
+
+
+def test_a_missing_setting_without_default_is_named(tmp_path):
+    with pytest.raises(InputError, match="'height_m' is missing"):
+        _load(tmp_path, "", Demanding)
+
+
+def test_a_missing_file_and_an_unknown_kind_are_refused(tmp_path):
+    for name in ("none.toml", "none.json", "none.yaml"):
+        with pytest.raises(InputError, match=name):
+            load_config(tmp_path / name, Outer)

@@ -1,0 +1,146 @@
+"""Evaluation against values worked out by hand, and refusal of what does not belong together."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from results_builder import make_frame, standing_joints, write_results
+
+from anchorpose.errors import InputError
+from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES
+from anchorpose.results.evaluate import evaluate
+from anchorpose.results.evaluation_file import write_evaluation
+
+
+def _write_truth(path, position_m, time_s, **more):
+    np.savez(path, joints=position_m, names=np.array(JOINT_NAMES), time=np.array(time_s), **more)
+    return path
+
+
+def _shifted(shift_m, joints=None):
+    return (standing_joints() if joints is None else joints) + shift_m
+
+
+def test_errors_are_distances_in_millimetres(tmp_path):
+    """Four frames 30 mm off, six 50 mm off (3-4-5 triangles): every figure can be read off."""
+    shifts = [(0.03, 0, 0)] * 4 + [(0.03, 0.04, 0)] * 6
+    frames = [make_frame(i, i / 10, _shifted(shift), sigma_m=0.018) for i, shift in enumerate(shifts)]
+    results = write_results(tmp_path / "results", frames)
+    truth = _write_truth(tmp_path / "truth.npz", np.stack([standing_joints()] * 10), np.arange(10) / 10)
+    found = evaluate(results, truth)
+    assert found.overall.mean_mm == pytest.approx(42.0)
+    assert found.overall.median_mm == pytest.approx(50.0)
+    assert found.overall.p95_mm == pytest.approx(50.0)
+    assert found.overall.lost_share == 0.0
+    assert found.overall.coverage_95 == pytest.approx((4 * 3 + 6 * 2) / 30)  # 1.96 x 18 = 35 mm: only 40 mm is outside
+    assert found.drift_ratio == pytest.approx(50.0 / 34.0)
+    assert (found.matched_frames, found.truth_frames, found.missing_frames) == (10, 10, 0)
+    assert dict(found.per_joint)["Head"].mean_mm == pytest.approx(42.0)
+    assert dict(found.per_state)["observed"].joint_frames == 210
+    assert dict(found.per_state)["hidden"].mean_mm is None
+
+
+def test_lost_joints_are_counted_and_leave_the_means_alone(tmp_path):
+    frames = [make_frame(i, i / 10, _shifted((0.01, 0, 0)), lost=("Head",) if i < 2 else ()) for i in range(4)]
+    results = write_results(tmp_path / "results", frames)
+    truth = _write_truth(tmp_path / "truth.npz", np.stack([standing_joints()] * 4), np.arange(4) / 10)
+    found = evaluate(results, truth)
+    assert found.overall.lost_share == pytest.approx(2 / 84)
+    assert found.overall.mean_mm == pytest.approx(10.0)
+    assert dict(found.per_joint)["Head"].lost_share == pytest.approx(0.5)
+    assert dict(found.per_state)["lost"].joint_frames == 2
+    assert dict(found.per_state)["lost"].mean_mm is None
+
+
+def test_frames_called_occluded_are_told_apart(tmp_path):
+    frames = [make_frame(i, i / 10, _shifted((0.01 * (1 + i % 2), 0, 0))) for i in range(6)]
+    results = write_results(tmp_path / "results", frames)
+    truth = _write_truth(
+        tmp_path / "t.npz", np.stack([standing_joints()] * 6), np.arange(6) / 10, occluded=np.arange(6) % 2 == 1
+    )
+    found = evaluate(results, truth)
+    assert found.occluded_frames.mean_mm == pytest.approx(20.0)
+    assert found.clear_frames.mean_mm == pytest.approx(10.0)
+
+
+def test_frames_are_matched_by_the_nearest_time_and_the_start_may_be_skipped(tmp_path):
+    """The result lacks the frame at 0.2 s and its clock is 20 ms late; positions tell the frames apart."""
+    places = [_shifted((0, 0, 0.1 * i)) for i in range(5)]
+    frames = [make_frame(i, i / 10 + 0.02, places[i]) for i in (0, 1, 3, 4)]
+    results = write_results(tmp_path / "results", frames)
+    truth = _write_truth(tmp_path / "truth.npz", np.stack(places), np.arange(5) / 10)
+    found = evaluate(results, truth)
+    assert found.overall.mean_mm == pytest.approx(0.0, abs=1e-9)
+    assert (found.matched_frames, found.missing_frames) == (4, 1)
+    assert evaluate(results, truth, skip_s=0.25).truth_frames == 2
+
+
+def test_truth_in_another_order_or_with_unknown_joints_is_the_same(tmp_path):
+    results = write_results(tmp_path / "results", [make_frame(i, i / 10, _shifted((0.01, 0, 0))) for i in range(3)])
+    order = np.random.default_rng(1).permutation(JOINT_COUNT)
+    joints = np.stack([standing_joints()] * 3)
+    joints[:, JOINT_INDEX["Neck"]] = np.nan
+    names = np.array(JOINT_NAMES)[order]
+    np.savez(tmp_path / "t.npz", joints=joints[:, order], names=names, time=np.arange(3) / 10)
+    found = evaluate(results, tmp_path / "t.npz")
+    assert found.overall.mean_mm == pytest.approx(10.0)
+    assert found.overall.joint_frames == 60
+    assert dict(found.per_joint)["Neck"].lost_share is None
+
+
+def test_the_json_has_the_names_that_are_agreed(tmp_path):
+    results = write_results(tmp_path / "results", [make_frame(0, 0.0, standing_joints())])
+    truth = _write_truth(tmp_path / "truth.npz", standing_joints()[None], [0.0])
+    write_evaluation(tmp_path / "e.json", evaluate(results, truth))
+    document = json.loads((tmp_path / "e.json").read_text())
+    agreed = {"mean_mm", "median_mm", "p95_mm", "per_joint", "per_state", "lost_share", "coverage_95"}
+    assert agreed <= document.keys()
+    assert set(document["per_joint"]) == set(JOINT_NAMES)
+    assert document["per_state"]["lost"]["mean_mm"] is None
+
+
+BAD_TRUTH = {
+    "shares no time": {"time": np.array([90.0, 90.1])},
+    "no array 'time'": {"time": None},
+    "do not fit together": {"time": np.array([0.0])},
+    "do not increase": {"time": np.array([0.1, 0.0])},
+    "not numbers": {"time": np.array(["0", "1"])},
+    "unknown or given twice": {"names": np.array(["Head"] * JOINT_COUNT)},
+}
+
+
+@pytest.mark.parametrize("problem", BAD_TRUTH)
+def test_a_truth_that_does_not_belong_is_refused_by_name(tmp_path, problem):
+    results = write_results(tmp_path / "results", [make_frame(i, i / 10, standing_joints()) for i in range(2)])
+    arrays = {"joints": np.stack([standing_joints()] * 2), "names": np.array(JOINT_NAMES), "time": np.arange(2) / 10}
+    arrays |= BAD_TRUTH[problem]
+    np.savez(tmp_path / "truth.npz", **{name: array for name, array in arrays.items() if array is not None})
+    with pytest.raises(InputError, match=rf"truth\.npz: .*{problem}"):
+        evaluate(results, tmp_path / "truth.npz")
+
+
+@pytest.mark.parametrize("content", [None, b"", b"PK\x03\x04 cut", b"no archive"])
+def test_a_truth_file_that_is_none_is_refused(tmp_path, content):
+    results = write_results(tmp_path / "results", [make_frame(0, 0.0, standing_joints())])
+    if content is not None:
+        (tmp_path / "truth.npz").write_bytes(content)
+    with pytest.raises(InputError, match=r"truth\.npz: "):
+        evaluate(results, tmp_path / "truth.npz")
+
+
+def test_pickled_objects_in_a_truth_file_are_not_run(tmp_path):
+    results = write_results(tmp_path / "results", [make_frame(0, 0.0, standing_joints())])
+    np.savez(
+        tmp_path / "truth.npz", joints=np.array([{}], dtype=object), names=np.array(["Head"]), time=np.array([0.0])
+    )
+    with pytest.raises(InputError, match="cannot be read"):
+        evaluate(results, tmp_path / "truth.npz")
+
+
+def test_skipping_more_than_there_is_is_refused(tmp_path):
+    results = write_results(tmp_path / "results", [make_frame(0, 0.0, standing_joints())])
+    truth = _write_truth(tmp_path / "truth.npz", standing_joints()[None], [0.0])
+    with pytest.raises(InputError, match="skip less"):
+        evaluate(results, truth, skip_s=5.0)

@@ -1,0 +1,111 @@
+"""A results folder appears whole or not at all, and nobody's files are lost."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from anchorpose.errors import InputError
+from anchorpose.results.folder import RESULTS_MARKS, new_results_folder, write_text_whole
+
+
+@pytest.fixture
+def recording(tmp_path) -> Path:
+    (tmp_path / "recording").mkdir()
+    (tmp_path / "recording" / "recording.json").write_text("{}")
+    return tmp_path / "recording"
+
+
+def _fill(folder: Path, text: str) -> None:
+    for name in RESULTS_MARKS:
+        (folder / name).write_text(text)
+
+
+def _names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+def test_a_folder_appears_only_when_it_is_complete(tmp_path, recording):
+    with new_results_folder(tmp_path / "out", recording) as folder:
+        _fill(folder, "new")
+        assert not (tmp_path / "out").exists()
+    assert _names(tmp_path / "out") == set(RESULTS_MARKS)
+    assert _names(tmp_path) == {"recording", "out"}
+
+
+def _fail_half_way(path: Path, recording: Path, error: type[BaseException], overwrite: bool = False) -> None:
+    with new_results_folder(path, recording, overwrite) as folder:
+        _fill(folder, "new")
+        raise error
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
+def test_whatever_stops_the_work_leaves_nothing_behind(tmp_path, recording, error):
+    with pytest.raises(error):
+        _fail_half_way(tmp_path / "deep" / "er" / "out", recording, error)
+    assert _names(tmp_path) == {"recording"}
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
+def test_a_failed_replacement_leaves_the_old_result(tmp_path, recording, error):
+    (tmp_path / "out").mkdir()
+    _fill(tmp_path / "out", "old")
+    with pytest.raises(error):
+        _fail_half_way(tmp_path / "out", recording, error, overwrite=True)
+    assert (tmp_path / "out" / "run.json").read_text() == "old"
+    assert _names(tmp_path) == {"recording", "out"}
+
+
+def test_a_result_is_replaced_only_when_asked(tmp_path, recording):
+    (tmp_path / "out").mkdir()
+    _fill(tmp_path / "out", "old")
+    with pytest.raises(InputError, match="--overwrite"), new_results_folder(tmp_path / "out", recording):
+        pass
+    with new_results_folder(tmp_path / "out", recording, overwrite=True) as folder:
+        _fill(folder, "new")
+    assert (tmp_path / "out" / "run.json").read_text() == "new"
+    assert _names(tmp_path) == {"recording", "out"}
+
+
+def test_a_folder_that_is_no_result_is_never_touched(tmp_path, recording):
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis" / "chapter.txt").write_text("years of work")
+    with (
+        pytest.raises(InputError, match="no results folder"),
+        new_results_folder(tmp_path / "thesis", recording, overwrite=True),
+    ):
+        pass
+    assert (tmp_path / "thesis" / "chapter.txt").read_text() == "years of work"
+
+
+def test_results_may_not_go_into_the_recording_nor_replace_it(tmp_path, recording):
+    for bad in (recording, recording / "out", recording / "a" / ".." / "out", tmp_path):
+        with pytest.raises(InputError, match="recording"), new_results_folder(bad, recording, overwrite=True):
+            pass
+    assert _names(recording) == {"recording.json"}
+
+
+def test_a_file_or_a_link_is_not_replaced(tmp_path, recording):
+    (tmp_path / "file").write_text("x")
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "elsewhere")
+    for name in ("file", "link"):
+        with pytest.raises(InputError, match="another name"), new_results_folder(tmp_path / name, recording, True):
+            pass
+
+
+def test_an_empty_folder_may_be_filled(tmp_path, recording):
+    (tmp_path / "out").mkdir()
+    with new_results_folder(tmp_path / "out", recording) as folder:
+        _fill(folder, "new")
+    assert _names(tmp_path / "out") == set(RESULTS_MARKS)
+
+
+def test_a_text_file_is_replaced_whole_or_kept(tmp_path):
+    path = tmp_path / "report.html"
+    write_text_whole(path, "old")
+    with pytest.raises(UnicodeEncodeError):
+        write_text_whole(path, "half \udc80")
+    assert path.read_text() == "old"
+    assert _names(tmp_path) == {"report.html"}
