@@ -14,6 +14,7 @@ from anchorpose.body.constraints import (
     outline_constraints,
     surface_constraints,
 )
+from anchorpose.body.fit import FitConfig, pose_equations
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import RestPoints, SkinPoints, pose_points
 from anchorpose.camera import Camera
@@ -47,3 +48,18 @@ def evidence_rows(
         if view is not None and outline is not None:
             rows.append(outline_constraints(posed, view, outline, camera, reach_m, config))
     return join(rows)
+
+
+def evidence_cost(
+    points: SkinPoints, rest: RestPoints, pose: Pose, evidence: Evidence, reach_m: float, config: ConstraintConfig,
+    fit: FitConfig,
+) -> float:  # fmt: skip
+    """How badly a pose explains a frame, comparable between poses: rows, joint range, and nodes that nothing explains.
+
+    A node beyond the reach of all skin costs as much as a row that the robust kernel fully doubts.
+    """
+    rows = evidence_rows(points, rest, pose, evidence, reach_m, config)
+    cost = pose_equations(points, rest, pose, pose_points(points, rest, pose), rows, None, fit).cost
+    explained = int((rows.sigma_m == config.surface_sigma_m).sum())
+    missing = min(len(evidence.surface), config.node_count) - explained
+    return cost + missing * (reach_m / 3.0 / config.surface_sigma_m) ** 2 / fit.rows_per_observation

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from anchorpose.body.constraints import Constraints
 from anchorpose.body.pose import DEGREE, POSE_SIZE, Pose, inverse_left_jacobian, joint_range
+from anchorpose.body.pose_accumulation import accumulate_pose
 from anchorpose.body.skin_points import (
     FittedShape,
     PosedPoints,
@@ -68,19 +69,30 @@ def pose_equations(
     hessian[:POSE_SIZE, :POSE_SIZE], gradient[:POSE_SIZE], prior_cost = prior_equations(points, pose, predicted, config)
     residual = constraints.residuals(posed)
     weight = constraints.weights(residual) / config.rows_per_observation
-    jacobian = np.empty((len(constraints), size))
-    jacobian[:, :POSE_SIZE] = pose_jacobian(points, rest, posed, constraints.point, constraints.direction)
     if shape_count:
-        jacobian[:, POSE_SIZE:] = shape_jacobian(
-            points, rest, posed, constraints.point, constraints.direction, shape_count
-        )
-    weighted = jacobian * weight[:, None]
-    hessian += weighted.T @ jacobian
-    gradient += weighted.T @ residual
+        jacobian = _full_jacobian(points, rest, posed, constraints, shape_count)
+        weighted = jacobian * weight[:, None]
+        hessian += weighted.T @ jacobian
+        gradient += weighted.T @ residual
+    else:
+        of_rows = accumulate_pose(points, rest, posed, constraints.point, constraints.direction, residual, weight)
+        hessian += of_rows[0]
+        gradient += of_rows[1]
     scaled = (residual / constraints.scale_m) ** 2
     robust = (constraints.scale_m / constraints.sigma_m) ** 2 * scaled / (1.0 + scaled)
     cost = float(robust.sum()) / config.rows_per_observation
     return NormalEquations(hessian, gradient, cost + prior_cost)
+
+
+def _full_jacobian(
+    points: SkinPoints, rest: RestPoints, posed: PosedPoints, constraints: Constraints, shape_count: int
+) -> np.ndarray:
+    """(n, POSE_SIZE + shape_count + 1): rows by pose and shape."""
+    index, direction = constraints.point, constraints.direction
+    return np.hstack([
+        pose_jacobian(points, rest, posed, index, direction),
+        shape_jacobian(points, rest, posed, index, direction, shape_count),
+    ])  # fmt: skip
 
 
 def prior_equations(

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from anchorpose.body.asset import BodyAsset
 from anchorpose.body.constraints import ConstraintConfig, Constraints, join, place_constraints
-from anchorpose.body.evidence import Evidence, evidence_rows
+from anchorpose.body.evidence import Evidence, evidence_cost, evidence_rows
 from anchorpose.body.fit import (
     FitConfig,
     ShapeFrame,
@@ -22,7 +22,7 @@ from anchorpose.body.fit import (
     solve_damped,
 )
 from anchorpose.body.pose import DEGREE, Pose
-from anchorpose.body.skin_points import FittedShape, RestPoints, SkinPoints, pose_points, rest_points
+from anchorpose.body.skin_points import FittedShape, SkinPoints, pose_points, rest_points
 from anchorpose.geodesics.anchors import ANCHOR_NAMES, Anchors
 from anchorpose.surface.surface import Surface
 
@@ -95,28 +95,12 @@ def _settle(
         else:
             shape, (pose,) = learn_shape_step(points, shape, [ShapeFrame(pose, rows)], ShapePrior(), fit_config)
             rest = rest_points(points, shape)
-    rows = evidence_rows(points, rest, pose, evidence, reaches_m[-1], config)
-    cost = _cost(points, rest, pose, rows, evidence, config, fit_config) + _shape_cost(shape)
+    cost = evidence_cost(points, rest, pose, evidence, reaches_m[-1], config, fit_config) + _shape_cost(shape)
     return FirstPose(pose, shape, first.start, cost)
-
-
-def _cost(
-    points: SkinPoints, rest: RestPoints, pose: Pose, rows: Constraints, evidence: Evidence,
-    config: ConstraintConfig, fit_config: FitConfig,
-) -> float:  # fmt: skip
-    posed = pose_points(points, rest, pose)
-    equations = pose_equations(points, rest, pose, posed, rows, None, fit_config)
-    return equations.cost + _unexplained(len(evidence.surface), rows, config)
 
 
 def _shape_cost(shape: FittedShape) -> float:
     return float((ShapePrior().information(len(shape.coefficients)) * ShapePrior().deviation(shape) ** 2).sum())
-
-
-def _unexplained(node_count: int, rows: Constraints, config: ConstraintConfig) -> float:
-    """Nodes that no skin point explains cost as much as a fully doubted row."""
-    missing = max(0, min(node_count, config.node_count) - len(rows))
-    return missing * float((0.05 / config.surface_sigma_m) ** 2) / 8.0
 
 
 def _placed(points: SkinPoints, shape: FittedShape, pose: Pose, surface: Surface) -> Pose:

@@ -90,8 +90,8 @@ def _limb(name: str) -> str:
     return name.removeprefix("Left").removeprefix("Right")
 
 
-def _hinge_axes(asset: BodyAsset, name: str) -> tuple[np.ndarray, float]:
-    """Rows: hinge axis (positive turn bends the limb), across, along; and the bend of the rest pose in radians."""
+def hinge_axes(asset: BodyAsset, name: str) -> tuple[np.ndarray, float]:
+    """(3, 3) rows: hinge axis (a positive turn bends the limb), across, along; and the bend at rest, radians."""
     bone = asset.bone(name)
     parent, child = asset.bone_parents[bone], bone + 1
     upper = asset.bone_heads[bone] - asset.bone_heads[parent]
@@ -112,7 +112,7 @@ def joint_range(asset: BodyAsset) -> JointRange:
     for row, name in enumerate(MOVING_BONES):
         limb = _limb(name)
         if limb in _HINGE_SPREAD_DEG:
-            axes, bend = _hinge_axes(asset, name)
+            axes, bend = hinge_axes(asset, name)
             whiten[row] = axes / (np.array(_HINGE_SPREAD_DEG[limb])[:, None] * DEGREE)
             hinge[row] = axes[0]
             # A knee bends from the rest pose as from a straight leg; an elbow is already bent there.

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from anchorpose.body.constraints import ConstraintConfig, Constraints, join, surface_constraints
-from anchorpose.body.evidence import Evidence, evidence_rows
+from anchorpose.body.evidence import Evidence, evidence_cost, evidence_rows
 from anchorpose.body.fit import FitConfig, NormalEquations, limited, pose_equations, range_information, solve_damped
 from anchorpose.body.pose import POSE_SIZE, Pose
+from anchorpose.body.restarts import arm_restarts
 from anchorpose.body.skin_points import RestPoints, SkinPoints, pose_points
 
 
@@ -19,6 +22,11 @@ class RegistrationConfig:
 
     reaches_m: tuple[float, ...] = (0.12, 0.10, 0.08, 0.06, 0.06)  # from a fast arm's surprise to clothes
     held_steps: int = 2  # pairs and anchors are centimetres off: they start the registration and do not end it
+    restart_reaches_m: tuple[float, ...] = (0.25, 0.20, 0.15)  # from one direction of an arm to the next
+    restart_doubt_s: float = 4.0  # a limb that was not where it was expected may be anywhere
+    uncovered_m: float = 0.08  # farther from all skin points than that, a node is on a limb the body does not cover
+    most_uncovered: float = 0.025  # of the nodes: half a forearm
+    uncovered_stride: int = 3  # a third of the nodes tell a share
     least_explained: float = 0.3  # share of nodes near the body below which it is not this body that is seen
     least_nodes: int = 150  # of about 3,500: less is a hand in the picture, not a patient
     constraints: ConstraintConfig = field(default_factory=ConstraintConfig)
@@ -76,14 +84,61 @@ def register(
     """
     if len(evidence.surface) < config.least_nodes:
         return Registration(predicted, 0.0, False)
-    pose = predicted.pose
-    for number, reach_m in enumerate(config.reaches_m):
+    pose = _descend(points, rest, predicted.pose, predicted, evidence, held, config.reaches_m, config)
+    if _uncovered(points, rest, pose, evidence, config) > config.most_uncovered:
+        pose, predicted = _restart(points, rest, pose, predicted, evidence, held, config)
+    return posterior(points, rest, pose, predicted, evidence, config)
+
+
+def _descend(
+    points: SkinPoints, rest: RestPoints, pose: Pose, predicted: PoseBelief, evidence: Evidence, held: Constraints,
+    reaches_m: Sequence[float], config: RegistrationConfig,
+) -> Pose:  # fmt: skip
+    """Gauss-Newton from one pose, with less and less reach."""
+    for number, reach_m in enumerate(reaches_m):
         rows = evidence_rows(points, rest, pose, evidence, reach_m, config.constraints)
         if number < config.held_steps:
             rows = join([rows, held])
         equations = _equations(points, rest, pose, predicted, rows, config)
         pose = pose.moved(limited(solve_damped(equations), config.fit), points.moving)
-    return posterior(points, rest, pose, predicted, evidence, config)
+    return pose
+
+
+def _restart(
+    points: SkinPoints, rest: RestPoints, pose: Pose, predicted: PoseBelief, evidence: Evidence, held: Constraints,
+    config: RegistrationConfig,
+) -> tuple[Pose, PoseBelief]:  # fmt: skip
+    """Seen skin that the body does not cover: look for the arms elsewhere, keep what explains the frame best.
+
+    Returns the pose and the belief it is to be judged by: where an arm was found anew, the prediction was wrong.
+    """
+    doubted = predicted.later(predicted.pose, config.restart_doubt_s, config.fit)
+    best = evidence_cost(points, rest, pose, evidence, config.restart_reaches_m[-1], config.constraints, config.fit)
+    found = pose
+    for side in ("Left", "Right"):
+        for start in arm_restarts(points.asset, found, side):
+            belief = PoseBelief(start, doubted.covariance, doubted.information)
+            tried = _descend(points, rest, start, belief, evidence, held, config.restart_reaches_m, config)
+            cost = evidence_cost(
+                points, rest, tried, evidence, config.restart_reaches_m[-1], config.constraints, config.fit
+            )
+            if cost < best:
+                found, best = tried, cost
+    if found is pose:
+        return pose, predicted
+    settled = PoseBelief(found, doubted.covariance, doubted.information)
+    return _descend(points, rest, found, settled, evidence, held, config.reaches_m[2:], config), settled
+
+
+def _uncovered(
+    points: SkinPoints, rest: RestPoints, pose: Pose, evidence: Evidence, config: RegistrationConfig
+) -> float:
+    """Share of the nodes that lie off the body by more than a limb's thickness."""
+    posed = pose_points(points, rest, pose)
+    distance, _ = cKDTree(posed.points_m).query(
+        evidence.surface.points_m[:: config.uncovered_stride], distance_upper_bound=config.uncovered_m
+    )
+    return float(np.mean(~np.isfinite(distance)))
 
 
 def posterior(
@@ -121,8 +176,6 @@ def node_parts(
     points: SkinPoints, rest: RestPoints, pose: Pose, nodes_m: np.ndarray, reach_m: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Nearest skin point of each node (n,), -1 beyond reach, and the bone (n,) that moves it, -1 likewise."""
-    from scipy.spatial import cKDTree
-
     posed = pose_points(points, rest, pose)
     distance, nearest = cKDTree(posed.points_m).query(nodes_m, distance_upper_bound=reach_m)
     near = np.isfinite(distance)

@@ -63,9 +63,9 @@ def find_floor(
 ) -> FloorPlane | NoFloor:
     """The largest plane that faces the camera's up, with next to nothing below it.
 
-    depth_m (height, width) float32, best without people; noise_per_m: ``calibration.noise``. RANSAC on a sample, strict
-    first; then weighted least squares on the inliers, whose gate shrinks to three of their own deviations: a wall's foot
-    within the first gate would tilt the plane.
+    depth_m (height, width) float32, best without people; noise_per_m: ``calibration.noise``. RANSAC on a sample,
+    strict first; then weighted least squares on the inliers, whose gate shrinks to three of their own deviations: a
+    wall's foot within the first gate would tilt the plane.
     """
     points = camera.back_project(depth_m).reshape(-1, 3).astype(np.float64)
     points = points[np.isfinite(points[:, 2])]

@@ -55,7 +55,9 @@ def start_of_patient(
                 ground = _dropped(place, points, up, height_m)
                 return Start(ground, f"the origin is below the first person, found in frame {number} {standing_out}")
     ahead = np.array([0.0, 0.0, 2.5])  # no person at all: the usual distance of such recordings
-    return Start(_dropped(ahead, ahead[None], up, height_m), "nobody was found: the origin is 2.5 m ahead of the camera")
+    return Start(
+        _dropped(ahead, ahead[None], up, height_m), "nobody was found: the origin is 2.5 m ahead of the camera"
+    )
 
 
 def people_only(depth_m: np.ndarray) -> bool:
@@ -67,9 +69,7 @@ def people_only(depth_m: np.ndarray) -> bool:
     return bool(readings.size < ALONE_SHARE * depth_m.size and high - low < ALONE_DEPTH_M)
 
 
-def _rooms(
-    pictures: Sequence[np.ndarray], background_m: np.ndarray | None
-) -> Iterator[tuple[np.ndarray | None, str]]:
+def _rooms(pictures: Sequence[np.ndarray], background_m: np.ndarray | None) -> Iterator[tuple[np.ndarray | None, str]]:
     """What people may stand out from, the surest first, and the words for it; None = nothing is known of the room."""
     if background_m is not None:
         yield background_m, "in front of the empty room"

@@ -41,8 +41,8 @@ class Calibration:
 def find_world(recording: Recording, sample_frames: Sequence[FrameSet], config: FloorConfig) -> Calibration:
     """Poses of all cameras: as given, or of a single camera from the floor and from where the patient stands.
 
-    sample_frames: spread over the recording, in the order of time. Found worlds have Y up, the origin on the floor below
-    the patient's start, and X from him towards the camera: he is taken to face it, and a note says so.
+    sample_frames: spread over the recording, in the order of time. Found worlds have Y up, the origin on the floor
+    below the patient's start, and X from him towards the camera: he is taken to face it, and a note says so.
     Raises InputError where poses are missing that the floor cannot give.
     """
     missing = [camera.name for camera in recording.cameras if camera.T_world_camera is None]
@@ -126,7 +126,7 @@ def _from_one_camera(
 
 
 def _world_at(origin_camera_m: np.ndarray, up_camera: np.ndarray) -> np.ndarray:
-    """T_world_camera (4, 4) with the origin at a camera point, Y along ``up_camera``, X level and towards the camera."""
+    """T_world_camera (4, 4) with the origin at a camera point, Y along ``up_camera``, X level towards the camera."""
     towards = -origin_camera_m + (up_camera @ origin_camera_m) * up_camera
     forward = towards / np.linalg.norm(towards)
     R_world_camera = np.stack([forward, up_camera, np.cross(forward, up_camera)])

@@ -97,18 +97,21 @@ def identify_anchors(
 
     field (n,) float32: geodesic distance from the centre; extrema (k,) int: nodes of ``geodesic_extrema``. up, facing
     (3,) unit, world: against gravity, and the way the patient faces. cut (n,) bool: nodes at an edge that something
-    else cut (``surface.border``); an extremum there is a stump, not an anchor. predicted_m (5, 3) world: where each
+    else cut (``surface.border``); an extremum there is a stump, not an anchor, unless another camera sees its end. predicted_m (5, 3) world: where each
     anchor is expected; for one without (NaN, or None for all) the proportions of a standing body decide.
     The names are the assignment of least total cost; whatever is out of the gate is missed.
     """
     config = config or AnchorConfig()
-    if cut is not None:
-        extrema = extrema[~cut[extrema]]
-    if len(extrema) == 0:
-        return _nothing_found()
     caps = [_cap(surface, field, int(node), config.cap * height_m) for node in extrema]
+    if cut is not None:
+        caps = [cap for cap in caps if not _is_stump(surface, field, cap, cut)]
+    if not caps:
+        return _nothing_found()
     tips = np.array([surface.points_m[cap].astype(np.float64).mean(axis=0) for cap in caps])
-    cost = _proportion_cost(surface, field[extrema], tips, up, facing, height_m) / config.first_gate
+    cost = (
+        _proportion_cost(surface, np.array([field[cap].max() for cap in caps]), tips, up, facing, height_m)
+        / config.first_gate
+    )
     if predicted_m is not None:
         away = np.linalg.norm(tips[:, None] - predicted_m[None], axis=2) / (config.gate * height_m)
         cost = np.where(np.isfinite(predicted_m).all(axis=1), away, cost)
@@ -129,6 +132,14 @@ def _cap(surface: Surface, field: np.ndarray, tip: int, depth_m: float) -> np.nd
     """Nodes around a tip that lie at most ``depth_m`` nearer to the centre, connected through it."""
     near = geodesic_distance(surface, np.array([tip]), 2.0 * depth_m)[0]
     return np.flatnonzero(np.isfinite(near) & (field > field[tip] - depth_m))
+
+
+def _is_stump(surface: Surface, field: np.ndarray, cap: np.ndarray, cut: np.ndarray) -> bool:
+    """Whether every camera that sees the outer half of a cap sees it end at a cut."""
+    outer = cap[field[cap] >= (field[cap].max() + field[cap].min()) / 2.0]
+    outermost = outer[np.argsort(-field[outer], kind="stable")]
+    _, first = np.unique(surface.camera[outermost], return_index=True)
+    return bool(cut[outermost[first]].all())
 
 
 def _nearest(surface: Surface, nodes: np.ndarray, point_m: np.ndarray) -> int:

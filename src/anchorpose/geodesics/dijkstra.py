@@ -6,6 +6,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
+from anchorpose.geodesics.fast_marching import require_finite, require_nodes
 from anchorpose.surface.mesh import edges
 from anchorpose.surface.surface import Surface
 
@@ -23,7 +24,6 @@ def edge_distance(surface: Surface, sources: np.ndarray, max_distance_m: float =
 
     Source: Dijkstra 1959 (doi:10.1007/BF01386390) by scipy.
     """
-    nodes = np.atleast_1d(np.asarray(sources))
-    if not np.isfinite(surface.points_m).all():
-        raise ValueError("the surface has nodes whose position is not finite")
+    nodes = require_nodes(surface, sources)
+    require_finite(surface)
     return dijkstra(edge_graph(surface), directed=False, indices=nodes, limit=max_distance_m).astype(np.float32)

@@ -41,9 +41,7 @@ def geodesic_extrema(surface: Surface, field: np.ndarray, radius_m: float) -> np
 
 
 @njit(cache=True)
-def _one_ring_maxima(
-    field: np.ndarray, ring: np.ndarray, link_start: np.ndarray, link_node: np.ndarray
-) -> np.ndarray:
+def _one_ring_maxima(field: np.ndarray, ring: np.ndarray, link_start: np.ndarray, link_node: np.ndarray) -> np.ndarray:
     maxima = np.empty(len(field), np.int32)
     count = 0
     for node in range(len(field)):

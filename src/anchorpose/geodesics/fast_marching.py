@@ -20,21 +20,26 @@ def geodesic_distance(surface: Surface, sources: np.ndarray, max_distance_m: flo
     sources (s,) int: nodes. Returns (s, n) float32 metres; inf where the source's piece of surface does not reach, or
     beyond ``max_distance_m``. Raises ValueError on a source that is no node, or nodes that are not finite.
     """
-    sources = _require_nodes(surface, sources)
-    points = _require_finite(surface)
+    sources = require_nodes(surface, sources)
+    points = require_finite(surface)
     fields = np.empty((len(sources), len(surface)), np.float32)
     for row, source in enumerate(sources):
         fields[row] = _march(
-            points, surface.ring, surface.link_start, surface.link_node, sources[row : row + 1], np.float64(max_distance_m)
+            points,
+            surface.ring,
+            surface.link_start,
+            surface.link_node,
+            sources[row : row + 1],
+            np.float64(max_distance_m),
         )
     return fields
 
 
 def geodesic_distance_to_set(surface: Surface, sources: np.ndarray, max_distance_m: float = np.inf) -> np.ndarray:
     """(n,) float32 distance in metres to the nearest of the sources (s,); else as ``geodesic_distance``."""
-    sources = _require_nodes(surface, sources)
+    sources = require_nodes(surface, sources)
     field = _march(
-        _require_finite(surface),
+        require_finite(surface),
         surface.ring,
         surface.link_start,
         surface.link_node,
@@ -44,14 +49,16 @@ def geodesic_distance_to_set(surface: Surface, sources: np.ndarray, max_distance
     return field.astype(np.float32)
 
 
-def _require_nodes(surface: Surface, sources: np.ndarray) -> np.ndarray:
+def require_nodes(surface: Surface, sources: np.ndarray) -> np.ndarray:
+    """(s,) int32 sources, or ValueError where one is no node of the surface."""
     nodes = np.atleast_1d(np.asarray(sources)).astype(np.int32)
     if ((nodes < 0) | (nodes >= len(surface))).any():
         raise ValueError(f"sources {nodes.tolist()} are not all nodes of a surface of {len(surface)}")
     return nodes
 
 
-def _require_finite(surface: Surface) -> np.ndarray:
+def require_finite(surface: Surface) -> np.ndarray:
+    """(n, 3) float32 positions, or ValueError where one is not finite."""
     if not np.isfinite(surface.points_m).all():
         raise ValueError("the surface has nodes whose position is not finite")
     return np.ascontiguousarray(surface.points_m, dtype=np.float32)

@@ -57,7 +57,7 @@ def learn_background(
 
     picture_m (height, width) float32 or None; frames_m: pictures of the same shape, spread over the recording; the
     camera has a pose. Without a picture the background is what is farthest most of the time, less those who never
-    leave their place (``people_who_stay``, which wants the floor's height): behind them nothing is known.
+    leave their place (``people_who_stay``): behind them nothing is known. floor_height_m: None where no floor is seen.
     Raises ValueError without frames.
     """
     if not frames_m:
@@ -71,10 +71,9 @@ def learn_background(
         nothing = np.zeros_like(frames_m[0], dtype=np.float32)
         return BackgroundModel(nothing, nothing, noise, focal_px, BackgroundSource.REMOVED)
     depth, sigma = _what_stays(np.stack(frames_m), noise)
-    if floor_height_m is not None:
-        ever = np.any([(frame > 0) & (frame < depth - MOVED_SIGMAS * sigma) for frame in frames_m], axis=0)
-        moved = ever if len(frames_m) >= FRAMES_NEEDED else None
-        depth[people_who_stay(depth, moved, camera, floor_height_m, noise, config)] = 0.0
+    moved = np.any([(frame > 0) & (frame < depth - MOVED_SIGMAS * sigma) for frame in frames_m], axis=0)
+    many = len(frames_m) >= FRAMES_NEEDED
+    depth[people_who_stay(depth, moved if many else None, camera, floor_height_m, noise, config)] = 0.0
     return BackgroundModel(depth, sigma, noise, focal_px, BackgroundSource.RECORDING)
 
 
@@ -92,9 +91,7 @@ def foreground(depth_m: np.ndarray, model: BackgroundModel, config: IsolationCon
     nearer[seen & ~known] = np.float32(1e3)
     nearer[~seen] = np.float32(-1e3)
     mask = seen & (cv2.medianBlur(nearer, 3) > config.background_gate) & (nearer > 0)
-    limit = jump_limit_m(
-        depth_m, model.noise_per_m, model.focal_px, config.jump_gate, config.steepest_slope_rad
-    )
+    limit = jump_limit_m(depth_m, model.noise_per_m, model.focal_px, config.jump_gate, config.steepest_slope_rad)
     return without_flying_pixels(depth_m, mask, limit)
 
 

@@ -17,7 +17,7 @@ class IsolationConfig:
     person_radius_m: float = 0.25  # half a shoulder breadth (95th percentile of men 0.26 m)
     reach_m: float = 0.90  # from the body's axis to an outstretched hand
     person_height_m: float = 0.60  # what must be seen of a person, from top to bottom: half of a crouching one
-    person_area_m2: float = 0.10  # what must be seen of a person: a fifth of an adult's frontal area
+    person_area_m2: float = 0.15  # what must be seen of a person: a quarter of an adult's frontal area
     crumb_area_m2: float = 0.0005  # a piece smaller than a finger's end is nobody
     hand_area_m2: float = 0.005  # a smaller piece that is not the patient's is nobody: half a hand
     skin_margin_m: float = 0.08  # clothes, the predicted pose's error and the spacing of the predicted points

@@ -41,9 +41,7 @@ def view_equipment(camera: Camera, rays: np.ndarray, equipment: EquipmentModel) 
     return EquipmentView(np.where(distance < 1e6, distance, 0.0).astype(np.float32))  # a miss is reported as 1e37
 
 
-def equipment_mask(
-    depth_m: np.ndarray, view: EquipmentView, noise_per_m: float, config: IsolationConfig
-) -> np.ndarray:
+def equipment_mask(depth_m: np.ndarray, view: EquipmentView, noise_per_m: float, config: IsolationConfig) -> np.ndarray:
     """(height, width) bool: pixels that show the equipment, or nothing where the equipment should be.
 
     Whatever is nearer than the equipment by more than noise and tolerance is in front of it and stays. The expected

@@ -43,9 +43,9 @@ def isolate(
     predicted_skin_m (k, 3) world: vertices of the patient's body where it is expected now. others_m (m, 3) world:
     where the other people were one frame ago (``other_people``); may be empty. A pixel is the patient's if it lies
     on his skin (``contact_m``), or within the margin and not nearer to somebody else. What was somebody else's and now
-    lies on his skin is no evidence: were it used, one mistake would spread over the body from frame to frame. A piece that is mostly his and touches nobody is his
-    whole, so that an arm that outruns its prediction is kept. The rest is OTHER_PERSON, or CLUTTER where a piece is
-    smaller than a hand.
+    lies on his skin is no evidence: were it used, one mistake would spread over the body from frame to frame. A piece
+    that is mostly his and touches nobody is his whole, so that an arm that outruns its prediction is kept. The rest is
+    OTHER_PERSON, or CLUTTER where a piece is smaller than a hand.
     """
     skin = distance_field(predicted_skin_m, config.skin_margin_m + config.prediction_growth_m * frames_without_fit)
     others = same_grid(others_m[skin.at(others_m) > config.contact_m], skin)

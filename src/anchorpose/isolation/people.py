@@ -13,7 +13,7 @@ from anchorpose.isolation.scene import Pieces
 from anchorpose.recording.equipment import EquipmentModel
 
 CELL_M = 0.04  # ground cells: a sixth of a person's radius
-SAME_PERSON_SADDLE = 0.5  # two peaks with at least half the mass between them are one body; arms carry less
+SAME_PERSON_SADDLE = 0.6  # two peaks with more mass than this between them are one body; arms carry less
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,7 +97,7 @@ def _columns(points_m: np.ndarray, area_m2: np.ndarray, config: IsolationConfig)
     cell = ((ground - low) / CELL_M).astype(np.int64)
     shape = cell.max(axis=0) + 1 + int(2 * config.person_radius_m / CELL_M)
     mass = np.bincount(cell[:, 0] * shape[1] + cell[:, 1], weights=area_m2, minlength=shape.prod()).reshape(shape)
-    mass = cv2.GaussianBlur(mass, (0, 0), config.person_radius_m / (2 * CELL_M))
+    mass = cv2.GaussianBlur(mass, (0, 0), config.person_radius_m / (3 * CELL_M))
     left = mass.copy()
     found: list[Person] = []
     peaks: list[np.ndarray] = []

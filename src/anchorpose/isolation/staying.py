@@ -22,22 +22,24 @@ def people_who_stay(
     room_m: np.ndarray,
     moved: np.ndarray | None,
     camera: Camera,
-    floor_height_m: float,
+    floor_height_m: float | None,
     noise_per_m: float,
     config: IsolationConfig,
 ) -> np.ndarray:
     """(height, width) bool: connected pieces of ``room_m`` that stand on the floor, are as large as a person and move.
 
     room_m (height, width) float32: what was farthest over time, 0 = unknown; moved (height, width) bool: pixels where
-    something nearer was seen in some frame, None where there are too few frames to ask for movement.
+    something nearer was seen in some frame, None where there are too few frames to ask for movement. Where no floor is
+    seen (floor_height_m None) nobody is connected to it either, and the height above it is not asked for.
     """
     points = transform_points(camera.require_pose(), camera.back_project(room_m))
-    height = points[..., 1] - floor_height_m
-    rough = SOLE_M + config.jump_gate * noise_per_m * room_m  # noise across the floor a z h, camera a metre above it
+    upright = room_m > 0
+    if floor_height_m is not None:  # noise across the floor is a z h, the camera about a metre above it
+        upright &= points[..., 1] - floor_height_m > SOLE_M + config.jump_gate * noise_per_m * room_m
     limit = jump_limit_m(room_m, noise_per_m, camera.intrinsics.fx, config.jump_gate, config.steepest_slope_rad)
-    pieces, count = label_components(room_m, (room_m > 0) & (height > rough), limit)
-    area = np.bincount(pieces.ravel(), (room_m.astype(np.float64) ** 2).ravel(), count + 1)
-    area /= camera.intrinsics.fx * camera.intrinsics.fy
+    pieces, count = label_components(room_m, upright, limit)
+    pixel_m2 = room_m.astype(np.float64) ** 2 / (camera.intrinsics.fx * camera.intrinsics.fy)
+    area = np.bincount(pieces.ravel(), pixel_m2.ravel(), count + 1)
     mask = np.zeros(room_m.shape, dtype=bool)
     for piece in np.flatnonzero(area > config.person_area_m2):
         body = pieces == piece
@@ -46,12 +48,12 @@ def people_who_stay(
     return mask
 
 
-def _has_a_body_size(points_m: np.ndarray, floor_height_m: float, config: IsolationConfig) -> bool:
+def _has_a_body_size(points_m: np.ndarray, floor_height_m: float | None, config: IsolationConfig) -> bool:
     low, high = np.percentile(points_m, [1, 99], axis=0)
-    top = float(high[1]) - floor_height_m
+    top_fits = floor_height_m is None or TOP_M[0] < high[1] - floor_height_m < TOP_M[1]
     return bool(
-        TOP_M[0] < top < TOP_M[1]
-        and high[1] - low[1] > config.person_height_m
+        top_fits
+        and config.person_height_m < high[1] - low[1] < TOP_M[1]
         and np.hypot(high[0] - low[0], high[2] - low[2]) < WIDEST_M
     )
 

@@ -114,7 +114,7 @@ def read_json_object(path: Path) -> JsonObject:
     except UnicodeDecodeError:
         raise InputError(path, "is not text in UTF-8", "save it again as UTF-8") from None
     try:
-        values = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_unique_pairs)
+        values = json.loads(text, object_pairs_hook=_unique_pairs)
     except json.JSONDecodeError as error:
         raise InputError(path, f"is not JSON (line {error.lineno}: {error.msg})", "correct that line") from None
     except (ValueError, RecursionError) as error:
@@ -163,10 +163,6 @@ def _range(above: float, at_most: float) -> str:
     low = "" if above == -math.inf else f"more than {above:g}"
     high = "" if at_most == math.inf else f"at most {at_most:g}"
     return " and ".join(part for part in (low, high) if part)
-
-
-def _refuse_constant(name: str) -> float:
-    raise ValueError(f"it holds {name}, which is no number")
 
 
 def _unique_pairs(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -53,7 +53,7 @@ def write_report(results: Path) -> Path:
         pictures=_pictures(results, run.get("pictures", [])),
         notes=_notes(run),
         provenance=_provenance(run),
-        data=_script_json(_plot_data(joints, joint_angles(joints))),
+        data=json.dumps(_plot_data(joints, joint_angles(joints)), separators=(",", ":"), allow_nan=False),
         plotly=get_plotlyjs(),
     )
     write_text_whole(results / REPORT_FILE, page)
@@ -146,8 +146,3 @@ def _scaled(values: np.ndarray, factor: float) -> list[Any]:
     if values.ndim > 1:
         return [_scaled(row, factor) for row in values]
     return [None if math.isnan(value) else round(value * factor) for value in values.tolist()]
-
-
-def _script_json(data: dict[str, Any]) -> str:
-    """JSON that cannot end the script element it stands in."""
-    return json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")

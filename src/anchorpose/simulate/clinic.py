@@ -18,7 +18,7 @@ from anchorpose.simulate.room import place_cameras, room_triangles
 from anchorpose.simulate.therapist import Therapist, draw_therapists
 from anchorpose.simulate.timeline import Footwork, Movement, stance_places
 
-STREAMS = ("patient", "programme", "therapists", "room", "cameras", "holes", "sensor")
+STREAMS = ("patient", "programme", "therapists", "room", "cameras", "holes", "sensor", "drops")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,10 +72,18 @@ class Performance:
         body = self.clinic.patient.person.body
         return np.array([body.joints(bones) for bones in self.bones[0]])
 
+    def held_joints(self) -> np.ndarray:
+        """(t, n, 2) int: the joint in each hand of each therapist, -1 none."""
+        patient, therapists = self.clinic.patient, self.clinic.therapists
+        held = np.full((len(self.times_s), len(therapists), 2), -1)
+        for index, therapist in enumerate(therapists):
+            held[:, index] = therapist.held_joints(self.times_s, patient, self.bones[0], self.bones[1 + index])
+        return held
+
 
 def random_stream(config: SimulationConfig, name: str, *keys: int) -> np.random.Generator:
     """A generator of its own for each purpose, so that changing one thing leaves the others as they were."""
-    return np.random.default_rng([config.seed, STREAMS.index(name), *keys])
+    return np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(STREAMS.index(name), *keys)))
 
 
 def draw_clinic(config: SimulationConfig) -> Clinic:

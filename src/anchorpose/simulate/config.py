@@ -43,6 +43,7 @@ class SimulationConfig:
     pose_known: bool = True  # False: camera_to_world is null
     clock_late_s: tuple[float, ...] = ()  # one a camera: how much later than its stamps say it looked
     clock_drift: tuple[float, ...] = ()  # one a camera: seconds of further lateness a second
+    dropped_share: float = 0.0  # of the pictures of every camera but the first, lost on the way to the disk
 
     def __post_init__(self) -> None:
         _require(self.seconds > 0 and self.fps > 0, f"seconds and fps must be positive: {self.seconds}, {self.fps}")
@@ -63,6 +64,8 @@ class SimulationConfig:
             self.hole_radius_m == 0 or SMALLEST_HOLE_M <= self.hole_radius_m <= LARGEST_HOLE_M,
             f"hole_radius_m must be 0 or {SMALLEST_HOLE_M} to {LARGEST_HOLE_M}, got {self.hole_radius_m}",
         )
+        _require(self.seed >= 0, f"seed must not be negative, got {self.seed}")
+        _require(0 <= self.dropped_share < 1, f"dropped_share must be 0 to below 1, got {self.dropped_share}")
         _require(0 <= self.hole_share <= 1, f"hole_share must be 0 to 1, got {self.hole_share}")
         _require(
             self.height_m is None or 1.45 <= self.height_m <= 2.0,

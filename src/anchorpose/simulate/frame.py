@@ -33,8 +33,8 @@ def fit_standing_frame(
     x = front_m + bar_depth_m / 2.0 + rng.uniform(0.04, 0.08)
     half_m = max(half_width_m, 0.40) + rng.uniform(0.0, 0.06)
     tube_m = rng.uniform(0.035, 0.05)
-    rail_m = pelvis_m + rng.uniform(-0.02, 0.08)
-    cross_m = rail_m + rng.uniform(0.04, 0.12)
+    rail_m = pelvis_m + rng.uniform(-0.06, 0.04)
+    cross_m = rail_m + rng.uniform(0.05, 0.13)
     parts: list[EquipmentPart] = []
     for side, z in (("left", -half_m), ("right", half_m)):
         parts += [

@@ -27,6 +27,8 @@ from anchorpose.simulate.timeline import (
 SWAY_M = 0.005  # amplitude of each of the sway's waves
 TREMOR_RAD = 0.004
 PALM_ABOVE_BONE_M = 0.018  # from the hand's bone to the skin of the palm
+GRIP_TILT_RAD = 0.5
+WRIST_TO_GRIP_M = 0.06  # the ball of the hand lies on the rail
 SIT_CHANCE = 0.4  # that a mixed programme with a stool begins or ends on it
 LONG_AGO_S = -100.0
 
@@ -113,6 +115,8 @@ def draw_patient(
 ) -> Actor:
     """A patient's programme for the recording."""
     base = resting_channels(person, frame is not None)
+    if frame is None:
+        _loosen_arms(rng, base)
     footwork = _first_stance(rng, person)
     here = Situation(
         leg_m=standing_pelvis_m(person.body),
@@ -139,6 +143,14 @@ def draw_patient(
         movements.append(timed(rng, ARM_MOTIONS[str(rng.choice(arms))](rng, here), now, draw_pace(rng, config.speed)))
         now = movements[-1].end_s + rng.uniform(-0.2, 0.2)
     return Actor(person, base, movements, footwork, draw_waves(rng), None if frame is None else frame.grip_m)
+
+
+def _loosen_arms(rng: np.random.Generator, base: np.ndarray) -> None:
+    """From arms that hang along the thighs to arms held away from the body, as people hold them for balance."""
+    away = rng.uniform(0.0, 1.0)
+    for side in ("left", "right"):
+        base[CHANNEL_INDEX[f"shoulder_abduct_{side}"]] += 0.35 * away * rng.uniform(0.7, 1.0)
+        base[CHANNEL_INDEX[f"elbow_{side}"]] += 0.6 * away * rng.uniform(0.5, 1.0)
 
 
 def _first_stance(rng: np.random.Generator, person: Person) -> Footwork:
@@ -203,10 +215,12 @@ def _draw_steps(
 
 
 def _rail_goals(person: Person, grip_m: np.ndarray, times: int) -> HandGoals:
-    """Palms down on the rails, fingers forward."""
+    """Palms on the rails, fingers forward and down, wrists above the rail so that the forearms clear it."""
+    fingers = np.cos(GRIP_TILT_RAD) * FORWARD - np.sin(GRIP_TILT_RAD) * UP
+    palm_out = -np.sin(GRIP_TILT_RAD) * FORWARD - np.cos(GRIP_TILT_RAD) * UP
     wrists, turns = [], []
     for side in (0, 1):
         along, palm = finger_direction(person.body, side), palm_normal(person.body, side)
-        turns.append(orthonormal_frame(FORWARD, -UP) @ orthonormal_frame(along, palm).T)
-        wrists.append(grip_m[side] + PALM_ABOVE_BONE_M * UP - 0.06 * FORWARD)
+        turns.append(orthonormal_frame(fingers, palm_out) @ orthonormal_frame(along, palm).T)
+        wrists.append(grip_m[side] - PALM_ABOVE_BONE_M * palm_out - WRIST_TO_GRIP_M * fingers)
     return HandGoals(np.tile(wrists, (times, 1, 1)), np.tile(turns, (times, 1, 1, 1)))

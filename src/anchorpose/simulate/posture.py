@@ -28,8 +28,8 @@ SIDES = ("Left", "Right")
 OUTWARD = np.array([-1.0, 1.0])  # along Z
 FULL_REACH = 0.985  # of a limb's length: a straight limb has no defined plane
 HEIGHT_SOFTNESS_M = 0.004  # how gently a straightening leg stops the pelvis
-SPINE_SHARES = (("LowerBack", 0.35), ("Spine", 0.35), ("Spine1", 0.30))
-NECK_SHARES = (("Neck", 0.3), ("Neck1", 0.3), ("Head", 0.4))
+SPINE_SHARES = (("LowerBack", 0.5), ("Spine", 0.5), ("Spine1", 0.0))
+NECK_SHARES = (("Neck", 0.4), ("Neck1", 0.6), ("Head", 0.0))
 CLAVICLE_SHARE = 0.25  # of the arm's elevation beyond the first 30 degrees (scapulohumeral rhythm)
 
 

@@ -19,7 +19,9 @@ class SensorSpec:
     focal_px: float
     nearest_m: float
     farthest_m: float
-    noise_gain: float = 1.0  # of the Kinect v2's axial noise
+    # of the axial noise measured on white targets; clothes, skin and floors return a quarter of the light, and the
+    # noise of a time-of-flight camera goes with the inverse square root of what returns
+    noise_gain: float = 2.0
     baseline_m: float = 0.0  # stereo only
 
 
@@ -29,7 +31,7 @@ SENSORS = {
     ),
     # NFOV unbinned; about half the Kinect v2's noise (Toelgyessy et al. 2021, doi:10.3390/s21020413)
     "azure-kinect": SensorSpec(
-        kind="time-of-flight", width=640, height=576, focal_px=504.0, nearest_m=0.5, farthest_m=3.86, noise_gain=0.6
+        kind="time-of-flight", width=640, height=576, focal_px=504.0, nearest_m=0.5, farthest_m=3.86, noise_gain=1.2
     ),
     # D455: 95 mm between the imagers
     "realsense": SensorSpec(
@@ -40,9 +42,9 @@ SENSORS = {
 EDGE_STEP_M = 0.03  # neighbours farther apart than this, and than the slope explains, are an edge
 SLOPE_ALLOWANCE = 4.0  # pixels of slope in a window of three, with a margin
 DROPOUT = 0.003  # readings lost anywhere
-EDGE_JITTER = 0.5  # chance that an edge pixel looks one pixel aside
+EDGE_JITTER = 0.35  # chance that an edge pixel looks one pixel aside
 FLYING = 0.22  # chance that an edge pixel mixes near and far
-EDGE_LOSS = 0.12  # chance that an edge pixel returns nothing
+EDGE_LOSS = 0.08  # chance that an edge pixel returns nothing
 GRAZING_COSINE = 0.10  # beyond 84 degrees of incidence nothing comes back
 WIGGLE_M = 0.0012  # amplitude of the smooth error that a time-of-flight camera keeps over a session
 DISPARITY_NOISE_PX = 0.06  # standard deviation of subpixel matching

@@ -11,19 +11,20 @@ from anchorpose.simulate.channels import HandGoals, posture_from
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.patient import LONG_AGO_S, PALM_ABOVE_BONE_M, Actor, draw_waves, resting_channels
 from anchorpose.simulate.person import Person, draw_person
-from anchorpose.simulate.posture import OUTWARD, finger_direction, palm_normal, pose_bones
-from anchorpose.simulate.rotations import UP, orthonormal_frame, unit
+from anchorpose.simulate.posture import OUTWARD, SIDES, finger_direction, palm_normal, pose_bones
+from anchorpose.simulate.rotations import FORWARD, UP, apply, orthonormal_frame, unit
 from anchorpose.simulate.timeline import CHANNEL_INDEX, Footwork, Movement, channel_values, stance_places, walk
 
 STANCE_M = 0.28
 WALK_STEP_S = 0.5
 CROUCHES = np.linspace(0.0, 1.0, 21)
 SHOULDERS_ABOVE_HOLD_M = 0.22
-COMFORTABLE_REACH = 0.86  # of the arm's length from shoulder to hold
-FOLLOW = 0.7  # of the patient's motion that the therapist's body follows; the arms do the rest
-FARTHEST_FOLLOW_M = 0.15
+COMFORTABLE_REACH = 0.85  # of the arm's length, from shoulder to hold
+DISTANCES_M = np.linspace(0.3, 1.1, 33)  # from the balls of the feet to the holds
+FOLLOW = 0.85  # of the patient's motion that the therapist's body follows; the arms do the rest
+FARTHEST_FOLLOW_M = 0.25
 FLATTENING = -0.17  # radians that the fingers straighten to lie on the skin
-KEPT = 1.0 - 1e-6  # pull at which a hand is where it holds
+HELD_M = 0.005  # a wrist so near to where it wants to be holds
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +60,12 @@ class Hold:
     vertices: np.ndarray
     joints: np.ndarray
     facing: np.ndarray  # (3,)
-    reference_m: np.ndarray  # (3,) where the holds were, on average, when the therapist chose his place
+    places_m: np.ndarray  # (2, 3) where the therapist found them on choosing a place to stand
+
+    @property
+    def reference_m(self) -> np.ndarray:
+        """(3,) between the two."""
+        return self.places_m.mean(axis=0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,13 +87,17 @@ class Therapist:
         posture = posture_from(person.body, channels, self.actor.footwork, times_s, goals)
         return pose_bones(person.body, posture)
 
-    def held_joints(self, times_s: np.ndarray) -> np.ndarray:
-        """(t, 2) int: the patient's joint that each hand holds firmly, -1 none."""
+    def held_joints(
+        self, times_s: np.ndarray, patient: Actor, patient_bones: np.ndarray, bones: np.ndarray
+    ) -> np.ndarray:
+        """(t, 2) int: the patient's joint that each hand holds, -1 where it does not, or is left behind."""
         if self.hold is None:
             return np.full((len(times_s), 2), -1)
-        channels = self.actor.channels(times_s)
-        pull = np.stack([channels[CHANNEL_INDEX[f"pull_{side}"]] for side in ("left", "right")], axis=1)
-        return np.where(pull >= KEPT, self.hold.joints, -1)
+        person, wrist_bones = self.actor.person, [self.actor.person.body.asset.bone(f"{side}Hand") for side in SIDES]
+        goals = _hand_goals(person, self.hold, *skin_points(patient.person, patient_bones, self.hold.vertices))
+        hands = bones[:, wrist_bones]
+        wrists_m = apply(hands[..., :3, :3], person.body.bone_heads[wrist_bones]) + hands[..., :3, 3]
+        return np.where(np.linalg.norm(wrists_m - goals.wrist_m, axis=2) < HELD_M, self.hold.joints, -1)
 
 
 def draw_therapists(rng: np.random.Generator, config: SimulationConfig, patient: Actor) -> tuple[Therapist, ...]:
@@ -137,7 +147,7 @@ def _draw_holder(
 
     hold = _choose_hold(patient, task, -outward, max(hold_from_s, 0.0))
     base = resting_channels(person, in_frame=False)
-    crouch, spot = _choose_spot(person, base, hold.reference_m, outward)
+    crouch, spot = _choose_spot(person, base, hold)
     stays_s = hold_until_s - arrive_s
     movements = [
         Movement(_crouch_offsets(crouch), arrive_s - 0.2, crouch_s, stays_s, 1.0),
@@ -201,32 +211,35 @@ def _crouch_offsets(crouch: float) -> tuple[tuple[str, float], ...]:
     )
 
 
-def _choose_spot(person: Person, base: np.ndarray, hold_m: np.ndarray, outward: np.ndarray) -> tuple[float, np.ndarray]:
-    """How deep to crouch and where to stand (x, z) so that both hands reach ``hold_m`` in comfort."""
+def _choose_spot(person: Person, base: np.ndarray, hold: Hold) -> tuple[float, np.ndarray]:
+    """How deep to crouch and where to stand (x, z) so that the farther hand reaches in comfort."""
+    shoulders, arm_m = _crouched_shoulders(person, base)
+    across = np.cross(hold.facing, UP)
+    offset = hold.places_m - hold.reference_m
+    local = np.stack([offset @ hold.facing, hold.places_m[:, 1], offset @ across], axis=1)
+    holds = local[None, None] + DISTANCES_M[None, :, None, None] * FORWARD
+    reach = np.linalg.norm(holds - shoulders[:, None], axis=3)
+    above_m = shoulders[..., 1].mean(axis=1) - hold.reference_m[1] - SHOULDERS_ABOVE_HOLD_M
+    strain = np.maximum(reach.max(axis=2) - COMFORTABLE_REACH * arm_m, 0.0)
+    crowding = np.maximum(COMFORTABLE_REACH * arm_m - reach.mean(axis=2), 0.0)
+    best = np.unravel_index(np.argmin(5.0 * strain + crowding + 0.5 * np.abs(above_m)[:, None]), strain.shape)
+    spot = hold.reference_m - DISTANCES_M[best[1]] * hold.facing
+    return float(CROUCHES[best[0]]), spot[[0, 2]]
+
+
+def _crouched_shoulders(person: Person, base: np.ndarray) -> tuple[np.ndarray, float]:
+    """Shoulders (c, 2, 3) of the therapist at the origin, facing +X, at each depth of crouching; length of the arm."""
     asset, body = person.body.asset, person.body
-    channels = np.stack(
-        [
-            channel_values(base, [Movement(_crouch_offsets(c), LONG_AGO_S, 1.0, 1e3, 1.0)], np.zeros(1))[:, 0]
-            for c in CROUCHES
-        ],
-        axis=1,
-    )
-    times = np.zeros(len(CROUCHES))
+    crouching = [Movement(_crouch_offsets(crouch), LONG_AGO_S, 1.0, 1e3, 1.0) for crouch in CROUCHES]
+    channels = np.concatenate([channel_values(base, [movement], np.zeros(1)) for movement in crouching], axis=1)
+    times_s = np.zeros(len(CROUCHES))
     footwork = Footwork(stance_places(np.zeros(2), 0.0, STANCE_M), np.zeros(2))
-    bones = pose_bones(body, posture_from(body, channels, footwork, times, HandGoals.none(len(times))))
-    arms = [asset.bone("LeftArm"), asset.bone("RightArm")]
+    bones = pose_bones(body, posture_from(body, channels, footwork, times_s, HandGoals.none(len(times_s))))
+    arms = [asset.bone(f"{side}Arm") for side in SIDES]
     moved = bones[:, arms]
-    shoulders = np.einsum("tbij,bj->tbi", moved[..., :3, :3], body.bone_heads[arms]) + moved[..., :3, 3]
-    shoulder = shoulders.mean(axis=1)
-    arm_m = sum(
-        np.linalg.norm(body.bone_heads[asset.bone(end)] - body.bone_heads[asset.bone(start)])
-        for start, end in (("LeftArm", "LeftForeArm"), ("LeftForeArm", "LeftHand"))
-    )
-    best = int(np.argmin(np.abs(shoulder[:, 1] - hold_m[1] - SHOULDERS_ABOVE_HOLD_M)))
-    rise_m = shoulder[best, 1] - hold_m[1]
-    across_m = np.sqrt(max((COMFORTABLE_REACH * arm_m) ** 2 - rise_m**2, (0.35 * arm_m) ** 2))
-    spot = hold_m + outward * (across_m + shoulder[best, 0])
-    return float(CROUCHES[best]), spot[[0, 2]]
+    chain = [body.bone_heads[asset.bone(name)] for name in ("LeftArm", "LeftForeArm", "LeftHand")]
+    arm_m = float(np.linalg.norm(chain[1] - chain[0]) + np.linalg.norm(chain[2] - chain[1]))
+    return apply(moved[..., :3, :3], body.bone_heads[arms]) + moved[..., :3, 3], arm_m
 
 
 def _choose_hold(patient: Actor, task: Task, facing: np.ndarray, at_s: float) -> Hold:
@@ -244,7 +257,7 @@ def _choose_hold(patient: Actor, task: Task, facing: np.ndarray, at_s: float) ->
         vertices.append(_skin_towards(person, skin, joints_m[JOINT_INDEX[name]], name, wanted))
     index = np.array(vertices)
     joints = np.array([JOINT_INDEX[name] for name in task.holds])
-    return Hold(index, joints, facing, skin[index].mean(axis=0))
+    return Hold(index, joints, facing, skin[index])
 
 
 def _skin_towards(person: Person, skin_m: np.ndarray, joint_m: np.ndarray, name: str, wanted: np.ndarray) -> int:
@@ -275,7 +288,7 @@ def _hand_goals(person: Person, hold: Hold, place_m: np.ndarray, normal: np.ndar
     for side in (0, 1):
         along, palm = finger_direction(person.body, side), palm_normal(person.body, side)
         asset, heads = person.body.asset, person.body.bone_heads
-        name = ("Left", "Right")[side]
+        name = SIDES[side]
         palm_m = np.linalg.norm(heads[asset.bone(f"{name}FingerBase")] - heads[asset.bone(f"{name}Hand")])
         n = normal[:, side]
         wanted = hold.facing + 0.5 * UP

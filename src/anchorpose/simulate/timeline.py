@@ -131,7 +131,7 @@ def walk(
     steps = []
     for k in range(count):
         side = (first + k) % 2
-        heading = course + (facing - course) * float(ease(np.array((k - count + 4) / 3.0)))
+        heading = course + (facing - course) * float(ease(np.array((k - count + 4) / 2.0)))
         middle = here + gap * min(1.0, (k + 1) / (count - 2))
         place = stance_places(middle, heading, stance_m)[side]
         steps.append(Step(side, start_s + k * step_s, step_s, (float(place[0]), float(place[1])), heading))

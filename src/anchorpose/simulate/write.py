@@ -54,13 +54,14 @@ def _write_all(work: Path, clinic: Clinic, progress: Callable[[int, int], None] 
     studio = set_up(clinic)
     for index, camera in enumerate(clinic.cameras):
         _write_png(recording / camera.name / "background.png", studio.background_mm(index))
-        _write_stamps(recording / camera.name / "timestamps.csv", config)
+        _write_stamps(recording / camera.name / "timestamps.csv", config, studio.kept[index])
     patient_pixels, contacts = [], []
     for frame in range(config.frames):
         shot = studio.shoot(frame)
-        for camera, picture, depth in zip(clinic.cameras, shot.pictures, shot.depths_mm, strict=True):
-            name = f"{frame:06d}.png"
-            _write_png(recording / camera.name / "depth" / name, depth)
+        for index, camera in enumerate(clinic.cameras):
+            name, picture = f"{frame:06d}.png", shot.pictures[index]
+            if studio.kept[index][frame]:
+                _write_png(recording / camera.name / "depth" / name, shot.depths_mm[index])
             _write_png(truth / "labels" / camera.name / name, picture.label)
             _write_png(truth / "parts" / camera.name / name, picture.part)
         patient_pixels.append(sum(int((picture.label == PATIENT).sum()) for picture in shot.pictures))
@@ -71,10 +72,14 @@ def _write_all(work: Path, clinic: Clinic, progress: Callable[[int, int], None] 
 
 
 def _write_truth(path: Path, studio: Studio, patient_pixels: np.ndarray, contacts: list[Touch]) -> None:
-    """What the README of a simulated recording calls the truth; times are of the first camera's clock."""
+    """Everything that a tracker should find out, by frame of the first camera, world frame, metres.
+
+    Beyond the format's own keys: patient_pixels (t,) of all cameras together; touched (t, 31) bones whose skin a
+    therapist's is within 3 cm of, named by part_names; touched_joints (t, n, 21) the same by therapist and joint;
+    held_joints (t, n, 2) the joint in each hand of each therapist, -1 none; clock_late, clock_drift by camera.
+    """
     clinic, config, performance = studio.clinic, studio.clinic.config, studio.performances[0]
     person = clinic.patient.person
-    held = [therapist.held_joints(performance.times_s) for therapist in clinic.therapists]
     np.savez_compressed(
         path,
         joints=performance.joints_m(),
@@ -84,7 +89,7 @@ def _write_truth(path: Path, studio: Studio, patient_pixels: np.ndarray, contact
         patient_pixels=patient_pixels,
         touched=np.array([contact.bones for contact in contacts]),
         touched_joints=np.array([contact.joints for contact in contacts]),
-        held_joints=np.stack(held, axis=1) if held else np.zeros((config.frames, 0, 2), dtype=np.int64),
+        held_joints=performance.held_joints(),
         part_names=np.array(person.body.asset.bone_names),
         camera_names=np.array([camera.name for camera in clinic.cameras]),
         T_world_camera=np.array([camera.require_pose() for camera in clinic.cameras]),
@@ -95,8 +100,8 @@ def _write_truth(path: Path, studio: Studio, patient_pixels: np.ndarray, contact
     )
 
 
-def _write_stamps(path: Path, config: SimulationConfig) -> None:
-    rows = [f"{frame},{frame / config.fps:.6f}" for frame in range(config.frames)]
+def _write_stamps(path: Path, config: SimulationConfig, kept: np.ndarray) -> None:
+    rows = [f"{frame},{frame / config.fps:.6f}" for frame in np.flatnonzero(kept)]
     path.write_text("\n".join(["frame,time_s", *rows]) + "\n", encoding="utf-8")
 
 

@@ -11,14 +11,17 @@ from enum import IntEnum
 
 import cv2
 import numpy as np
+from numba import njit
 
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface.surface import Surface
 
-REACH_PX = 5  # two nodes, and the pixels that a depth edge loses
-IN_FRONT_M = 0.03  # beyond sensor noise and the depth a surface gains over REACH_PX
-TOUCHING_M = 0.10  # a hand that holds the patient lies at the patient's own depth
+REACH_PX = 5  # from an edge to the nodes it speaks for: two nodes, and the pixels that a depth edge loses
+LOOK_PX = 3  # across the lost or mixed pixels of an edge
+IN_FRONT_M = 0.04  # a bar that touches the skin is at least this thick; sensor noise is less
+TOUCHING_M = 0.10  # a hand that holds the patient lies at the patient's own depth, give or take its thickness
 HOLE_RADIUS_PX = 3  # the rim of lost readings around every silhouette is thinner
+MARGIN_PX = 24  # around the patient: half a hole of 0.15 m at 2.4 m
 HOLE_ENCLOSED = 0.4  # share of a hole's rim that is patient; half a hole over a limb's end still counts
 
 
@@ -27,61 +30,91 @@ class Border(IntEnum):
 
     INSIDE = 0  # skin all around, or the patient's own silhouette before what is farther away
     SELF = 1  # another part of the patient stands in front
-    CUT = 2  # equipment, another person, an unknown thing in front, a hole, or the edge of the picture
+    CUT = 2  # equipment, another person or a thing of the room in front, a hole, or the edge of the picture
 
 
 def border(surface: Surface, views: Sequence[View]) -> np.ndarray:
-    """(n,) uint8 of ``Border`` for each node; views: one a camera, in the order of ``surface.camera``."""
+    """(n,) uint8 of ``Border`` for each node; views: one a camera, in the order of ``surface.camera``.
+
+    A camera without a node of the surface is not looked at.
+    """
     kind = np.zeros(len(surface), np.uint8)
-    for camera, view in enumerate(views):
+    for camera in np.unique(surface.camera):
         seen = surface.camera == camera
         row, column = surface.pixel[seen].T
-        depth = view.depth_m[row, column]
-        nearest_patient = _nearest(view.depth_m, view.patient)[row, column]
-        nearest_other = _nearest(view.depth_m, _foreign(view.labels))[row, column]
-        nearest_holder = _nearest(view.depth_m, _holders(view.labels))[row, column]
-        behind_self = nearest_patient < depth - TOUCHING_M
-        cut = (nearest_other < depth - IN_FRONT_M) | (nearest_holder < depth + TOUCHING_M)
-        cut |= _near(_holes(view))[row, column] | _off_picture(row, column, depth.size, view.depth_m.shape)
-        kind[seen] = np.where(cut, Border.CUT, np.where(behind_self, Border.SELF, Border.INSIDE))
+        kind[seen] = _border_picture(views[camera])[row, column]
     return kind
 
 
-def _holders(labels: np.ndarray) -> np.ndarray:
-    """Things that may touch the patient: at his own depth they cut as well as in front of him."""
-    return (labels == PixelLabel.EQUIPMENT) | (labels >= PixelLabel.OTHER_PERSON)
+def _border_picture(view: View) -> np.ndarray:
+    """(height, width) uint8 of ``Border``, of use on the patient's pixels; only their surroundings are looked at."""
+    whole = np.zeros(view.labels.shape, np.uint8)
+    rows, columns = (np.flatnonzero(view.patient.any(axis=axis)) for axis in (1, 0))
+    if len(rows) == 0:
+        return whole
+    part = tuple(np.s_[max(0, line[0] - MARGIN_PX) : line[-1] + MARGIN_PX + 1] for line in (rows, columns))
+    labels = np.ascontiguousarray(view.labels[part], dtype=np.uint8)
+    kind = _edge_kinds(np.ascontiguousarray(view.depth_m[part], dtype=np.float32), labels)
+    kind[_holes(labels)] = Border.CUT
+    whole[part] = cv2.dilate(kind, _disc(REACH_PX))
+    whole[:REACH_PX], whole[-REACH_PX:], whole[:, :REACH_PX], whole[:, -REACH_PX:] = (Border.CUT,) * 4
+    return whole
 
 
-def _foreign(labels: np.ndarray) -> np.ndarray:
-    return (labels != PixelLabel.PATIENT) & (labels != PixelLabel.NO_READING)
+@njit(cache=True)
+def _edge_kinds(depth: np.ndarray, labels: np.ndarray) -> np.ndarray:
+    """What each patient pixel meets within ``LOOK_PX`` in eight directions.
 
-
-def _nearest(depth_m: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Smallest depth of masked readings within reach of each pixel; inf where there is none."""
-    depth = np.where(mask & (depth_m > 0), depth_m, np.inf).astype(np.float32)
-    return cv2.erode(depth, _disc(REACH_PX), borderValue=np.inf)
-
-
-def _near(mask: np.ndarray) -> np.ndarray:
-    return cv2.dilate(mask.astype(np.uint8), _disc(REACH_PX)) > 0
+    The floor and the foot plate run to the camera below every sole and cut nothing. So what is in front is judged by
+    its own slope, carried on to the patient's pixel: floor arrives there at the sole's depth, a bar well before it.
+    """
+    height, width = depth.shape
+    kinds = np.zeros((height, width), np.uint8)
+    for row in range(height):
+        for col in range(width):
+            if labels[row, col] != PixelLabel.PATIENT or depth[row, col] <= 0.0:
+                continue
+            z = depth[row, col]
+            kind = 0
+            for way in range(8):
+                down, right = (0, -1, -1, -1, 0, 1, 1, 1)[way], (1, 1, 0, -1, -1, -1, 0, 1)[way]
+                for walk in range(1, LOOK_PX + 1):
+                    i, j = row + walk * down, col + walk * right
+                    if i < 0 or i >= height or j < 0 or j >= width:
+                        break
+                    if depth[i, j] <= 0.0:
+                        continue
+                    other, label = depth[i, j], labels[i, j]
+                    if label == PixelLabel.PATIENT:
+                        if other < z - TOUCHING_M:
+                            kind = max(kind, 1)
+                        break
+                    if label >= PixelLabel.OTHER_PERSON:
+                        if other < z + TOUCHING_M:
+                            kind = 2
+                        break
+                    i, j = i + 2 * down, j + 2 * right
+                    slope = 0.0
+                    if 0 <= i < height and 0 <= j < width and labels[i, j] == label and depth[i, j] > 0.0:
+                        slope = min((depth[i, j] - other) / 2.0, 0.0)
+                    if other - walk * slope < z - IN_FRONT_M:
+                        kind = 2
+                        break
+            kinds[row, col] = kind
+    return kinds
 
 
 def _disc(radius: int) -> np.ndarray:
     return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
 
 
-def _off_picture(row: np.ndarray, column: np.ndarray, count: int, shape: tuple[int, ...]) -> np.ndarray:
-    margin = np.minimum(np.minimum(row, shape[0] - 1 - row), np.minimum(column, shape[1] - 1 - column))
-    return np.asarray(margin < REACH_PX)
-
-
-def _holes(view: View) -> np.ndarray:
+def _holes(labels: np.ndarray) -> np.ndarray:
     """(height, width) bool: lost readings thick enough to hide something and largely within the patient.
 
     Recordings whose background was removed lose everything around the patient; that is no hole, for it reaches the
-    edge of the picture.
+    edge of what is looked at.
     """
-    lost = (view.labels == PixelLabel.NO_READING).astype(np.uint8)
+    lost = (labels == PixelLabel.NO_READING).astype(np.uint8)
     thick = cv2.morphologyEx(lost, cv2.MORPH_OPEN, _disc(HOLE_RADIUS_PX))
     count, component, box, _ = cv2.connectedComponentsWithStats(thick, connectivity=4)
     hole = np.zeros(count, bool)
@@ -91,6 +124,6 @@ def _holes(view: View) -> np.ndarray:
             continue
         inside = np.s_[max(0, top - 3) : top + height + 3, max(0, left - 3) : left + width + 3]
         own = (component[inside] == k).astype(np.uint8)
-        rim = (cv2.dilate(own, _disc(2)) > own) & (view.labels[inside] != PixelLabel.NO_READING)
-        hole[k] = rim.any() and view.patient[inside][rim].mean() >= HOLE_ENCLOSED
+        rim = (cv2.dilate(own, _disc(2)) > own) & (lost[inside] == 0)
+        hole[k] = rim.any() and (labels[inside][rim] == PixelLabel.PATIENT).mean() >= HOLE_ENCLOSED
     return hole[component]

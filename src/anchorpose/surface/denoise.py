@@ -20,6 +20,7 @@ class DenoiseConfig:
 
     radius_px: int = 2  # a 5x5 window: below the width of a finger at 2.4 m, enough to bring path error to about 1 %
     range_sigmas: float = 6.0  # where the biweight ends; twice the usual 3 because the centre pixel is as noisy
+    max_step: float = 0.02  # of the depth: coarser steps than any sensor's are edges of the body, not of its numbers
     quantised_share: float = 0.3  # equal neighbours beyond this share mean the depth steps, not the noise, are seen
 
     def __post_init__(self) -> None:
@@ -27,8 +28,9 @@ class DenoiseConfig:
             raise ValueError(f"radius_px must be at least 1, got {self.radius_px}")
         if not self.range_sigmas > 0:
             raise ValueError(f"range_sigmas must be positive, got {self.range_sigmas}")
-        if not 0 < self.quantised_share <= 1:
-            raise ValueError(f"quantised_share must lie in (0, 1], got {self.quantised_share}")
+        for name in ("max_step", "quantised_share"):
+            if not 0 < getattr(self, name) <= 1:
+                raise ValueError(f"{name} must lie in (0, 1], got {getattr(self, name)}")
 
 
 def estimate_noise(depth_m: np.ndarray, mask: np.ndarray, config: DenoiseConfig | None = None) -> float:
@@ -50,10 +52,10 @@ def estimate_noise(depth_m: np.ndarray, mask: np.ndarray, config: DenoiseConfig 
     left, middle, right = left[usable], middle[usable], right[usable]
     bend = np.abs(left - 2.0 * middle + right) / middle**2
     noise = MAD_TO_SIGMA * float(np.median(bend)) / SECOND_DIFFERENCE_GAIN
-    step = np.abs(right - middle) / middle**2
-    stepped = step > 0
-    if stepped.mean() < 1.0 - config.quantised_share and stepped.any():
-        return max(noise, float(np.median(step[stepped])) / 2.0)  # half a step each way is what quantising may hide
+    step = np.abs(right - middle)
+    stepped = (step > 0) & (step <= config.max_step * middle)
+    if (step == 0).mean() > config.quantised_share and stepped.any():
+        return max(noise, float(np.median((step / middle**2)[stepped])) / 2.0)  # what quantising hides each way
     return noise
 
 

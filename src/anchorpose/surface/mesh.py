@@ -167,9 +167,10 @@ def keep_nodes(surface: Surface, keep: np.ndarray) -> Surface:
 
 def compress_links(pairs: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Undirected pairs (m, 2) to compressed rows (link_start, link_node), symmetric, each link once a side."""
-    both = np.unique(np.concatenate([pairs, pairs[:, ::-1]]).astype(np.int64), axis=0)
-    start = np.concatenate([[0], np.cumsum(np.bincount(both[:, 0], minlength=count))])
-    return start.astype(np.int32), both[:, 1].astype(np.int32)
+    one, other = np.concatenate([pairs, pairs[:, ::-1]]).astype(np.int64).T
+    row, node = np.divmod(np.unique(one * count + other), max(count, 1))
+    start = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=count))])
+    return start.astype(np.int32), node.astype(np.int32)
 
 
 def _refuse_wrong_size(camera: Camera, *pictures: np.ndarray | None) -> None:

@@ -69,9 +69,7 @@ def joints_after(last_m: np.ndarray, last_theta: np.ndarray, theta: np.ndarray) 
     return _turned(relative, headings) + root[:, None]
 
 
-def joint_database(
-    clips_m: Sequence[np.ndarray], rate_hz: float, at_hz: float, config: MotionConfig
-) -> MotionDatabase:
+def joint_database(clips_m: Sequence[np.ndarray], rate_hz: float, at_hz: float, config: MotionConfig) -> MotionDatabase:
     """Motion database of clips of joints, (n_i, 21, 3) world metres each, Y up; any place, any heading."""
     return build_database([pose_vectors(clip) for clip in clips_m], rate_hz, at_hz, COMPARED, config)
 

@@ -67,7 +67,7 @@ class Match:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prediction:
-    """theta (steps, d) float64, NaN where the last pose is unknown; match: the movement it rests on or fell short of."""
+    """theta (steps, d) float64, NaN where the last pose is unknown; match: the best one found, good enough or not."""
 
     theta: np.ndarray
     source: PredictionSource
@@ -118,9 +118,7 @@ def best_match(history: np.ndarray, database: MotionDatabase, steps: int, displa
     return Match(row, float(database.speed[clip]), total / k / float(np.sqrt(len(known) / 3.0)))
 
 
-def predict(
-    history: np.ndarray, steps: int, database: MotionDatabase | None, config: MotionConfig
-) -> Prediction:
+def predict(history: np.ndarray, steps: int, database: MotionDatabase | None, config: MotionConfig) -> Prediction:
     """theta^(t+h) = theta^t + theta_s^(j+h) - theta_s^j for h = 1...steps, newest pose of the history (k, d) last.
 
     Falls back to a damped constant velocity, and says so, where the history is short, or the best match is farther off

@@ -14,7 +14,7 @@ class TreeConfig:
     """missed_cost_m: what a frame without a match costs; max_branches: the tree size above which it is pruned."""
 
     missed_cost_m: float = 0.10  # a branch worse than this a frame is no match: the anchor bound (0.05 m), twice
-    max_branches: int = 200  # of 10 + 100 + 1000 possible ones; exact search visits 30 to 60
+    max_branches: int = 200  # of 10 + 100 + 1000; on 3650 nodes with ten noisy subsets no exact search visited 50
 
     def __post_init__(self) -> None:
         if not self.missed_cost_m > 0:

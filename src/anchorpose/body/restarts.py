@@ -1,0 +1,47 @@
+"""Other poses worth trying when a limb has outrun its prediction: each arm anew, in the directions arms are held."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from anchorpose.body.asset import BodyAsset
+from anchorpose.body.pose import DEGREE, Pose, hinge_axes
+
+_DIRECTIONS = (
+    (0.2, -1.0, 0.3),
+    (1.0, -0.3, 0.2),
+    (0.2, -0.2, 1.0),
+    (0.5, 0.7, 0.5),
+    (0.2, 1.0, 0.2),
+    (0.7, -0.7, -0.2),
+)
+"""Of the right upper arm in the trunk's axes, X forward, Y up, Z to the right: down, forward, sideways, up, across."""
+
+_ELBOWS = (15.0 * DEGREE, 90.0 * DEGREE)
+
+
+def arm_restarts(asset: BodyAsset, pose: Pose, side: str) -> Iterator[Pose]:
+    """The pose with one arm, ``Left`` or ``Right``, laid in each of some directions, elbow nearly straight or bent."""
+    arm, forearm, hand = (asset.bone(f"{side}{bone}") for bone in ("Arm", "ForeArm", "Hand"))
+    rest = asset.bone_heads[forearm] - asset.bone_heads[arm]
+    axes, bend = hinge_axes(asset, f"{side}ForeArm")
+    for direction in _DIRECTIONS:
+        wanted = np.array(direction) * (1.0, 1.0, 1.0 if side == "Right" else -1.0)
+        for elbow in _ELBOWS:
+            rotations = pose.rotations.copy()
+            rotations[arm] = _shortest_turn(rest, wanted)
+            rotations[forearm] = Rotation.from_rotvec(axes[0] * (elbow - bend)).as_matrix()
+            rotations[hand] = np.eye(3)
+            yield Pose(rotations, pose.root_m)
+
+
+def _shortest_turn(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """(3, 3) rotation that takes one direction to another by the shortest way."""
+    start, end = start / np.linalg.norm(start), end / np.linalg.norm(end)
+    axis = np.cross(start, end)
+    sine, cosine = np.linalg.norm(axis), start @ end
+    turn = axis / max(float(sine), 1e-9) * np.arctan2(sine, cosine)
+    return np.asarray(Rotation.from_rotvec(turn).as_matrix())

@@ -1,0 +1,150 @@
+"""Simulated recordings on disk: complete, repeatable, readable, refused where they cannot be."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from anchorpose.errors import InputError
+from anchorpose.joints import JOINT_NAMES
+from anchorpose.recording.reader import open_recording
+from anchorpose.simulate import config as presets
+from anchorpose.simulate.config import SimulationConfig
+from anchorpose.simulate.write import simulate_recording
+
+SHORT = SimulationConfig(seed=31, seconds=1.0, fps=3.0, cameras=2, therapists=2)
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+@pytest.fixture(scope="module")
+def clinic(tmp_path_factory) -> Path:
+    out = tmp_path_factory.mktemp("simulated") / "clinic"
+    simulate_recording(out, SHORT)
+    return out
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_does_not(clinic, tmp_path):
+    simulate_recording(tmp_path / "again", SHORT)
+    assert contents(tmp_path / "again") == contents(clinic)
+    simulate_recording(tmp_path / "other", dataclasses.replace(SHORT, seed=32))
+    other = contents(tmp_path / "other")
+    assert other["recording/front/depth/000000.png"] != contents(clinic)["recording/front/depth/000000.png"]
+
+
+def test_the_recording_reads_as_any_other(clinic):
+    recording = open_recording(clinic / "recording")
+    assert [camera.name for camera in recording.cameras] == ["front", "left"]
+    assert [len(stream.files) for stream in recording.streams] == [3, 3]
+    assert recording.streams[1].time_s == pytest.approx([0, 1 / 3, 2 / 3], abs=1e-6)
+    assert recording.equipment is not None
+    assert {"knee-bar", "cross-bar", "rail-left", "post-right"} <= {part.name for part in recording.equipment.parts}
+    assert all((background > 0).mean() > 0.5 for background in recording.backgrounds_m)
+
+
+def test_the_truth_is_beside_the_recording_and_complete(clinic):
+    assert sorted(p.name for p in clinic.iterdir()) == ["recording", "truth"]
+    with np.load(clinic / "truth/truth.npz") as truth:
+        assert truth["joints"].shape == (3, 21, 3)
+        assert tuple(truth["names"]) == JOINT_NAMES
+        assert truth["time"] == pytest.approx(np.arange(3) / 3)
+        assert truth["occluded"].dtype == bool
+        assert truth["touched"].shape == (3, 31)
+        assert truth["touched_joints"].shape == (3, 2, 21)
+        assert truth["held_joints"].shape == (3, 2, 2)
+        assert truth["part_names"].shape == (31,)
+        seen = sum(
+            int((cv2.imread(str(clinic / f"truth/labels/{name}/000001.png"), cv2.IMREAD_UNCHANGED) == 2).sum())
+            for name in ("front", "left")
+        )
+        assert truth["patient_pixels"][1] == seen > 5000
+
+
+def test_labels_and_parts_fit_the_depth(clinic):
+    depth = cv2.imread(str(clinic / "recording/front/depth/000002.png"), cv2.IMREAD_UNCHANGED)
+    background = cv2.imread(str(clinic / "recording/front/background.png"), cv2.IMREAD_UNCHANGED)
+    label = cv2.imread(str(clinic / "truth/labels/front/000002.png"), cv2.IMREAD_UNCHANGED)
+    part = cv2.imread(str(clinic / "truth/parts/front/000002.png"), cv2.IMREAD_UNCHANGED)
+    assert depth.dtype == background.dtype == np.uint16
+    assert np.array_equal(part > 0, label >= 2)
+    assert part.max() <= 31
+    both = (depth > 0) & (background > 0)
+    away = np.abs(depth.astype(int) - background)
+    assert np.median(away[both & (label <= 1)]) < 12
+    assert np.median(away[both & (label == 2)]) > 300
+
+
+def test_an_unknown_pose_is_written_as_null(tmp_path):
+    config = dataclasses.replace(presets.single(1, seconds=0.2, fps=5), pose_known=False)
+    simulate_recording(tmp_path / "out", config)
+    document = json.loads((tmp_path / "out/recording/recording.json").read_text())
+    assert document["cameras"][0]["camera_to_world"] is None
+    assert document["equipment"] is None
+    with np.load(tmp_path / "out/truth/truth.npz") as truth:
+        assert truth["T_world_camera"].shape == (1, 4, 4)
+
+
+def test_dropped_pictures_leave_gaps_in_every_camera_but_the_first(tmp_path):
+    config = SimulationConfig(seed=3, seconds=2, fps=6, cameras=2, therapists=0, dropped_share=0.5)
+    simulate_recording(tmp_path / "out", config)
+    front, left = open_recording(tmp_path / "out/recording").streams
+    assert list(front.frame) == list(range(12))
+    assert 2 < len(left.frame) < 10
+    assert left.time_s == pytest.approx(left.frame / 6, abs=1e-6)
+
+
+def test_a_folder_that_is_not_empty_is_refused_and_left_alone(tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/notes.txt").write_text("mine")
+    with pytest.raises(InputError, match="not empty"):
+        simulate_recording(tmp_path / "out", SHORT)
+    assert contents(tmp_path) == {"out/notes.txt": b"mine"}
+
+
+def test_an_interrupted_run_leaves_nothing_behind(tmp_path):
+    def interrupt(done: int, total: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        simulate_recording(tmp_path / "out", SHORT, interrupt)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_progress_counts_to_the_end(tmp_path):
+    calls = []
+    config = presets.single(2, seconds=0.6, fps=5)
+    simulate_recording(tmp_path / "out", config, lambda done, total: calls.append((done, total)))
+    assert calls == [(1, 3), (2, 3), (3, 3)]
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"seed": -1},
+        {"seconds": 0.0},
+        {"fps": -1.0},
+        {"cameras": 5},
+        {"therapists": 4},
+        {"sensor": "xtion"},
+        {"speed": "brisk"},
+        {"motions": ("dance",)},
+        {"motions": ()},
+        {"motions": ("sit-to-stand",), "standing_frame": True},
+        {"clothing_m": 0.05},
+        {"hole_radius_m": 0.5},
+        {"hole_share": 1.5},
+        {"dropped_share": 1.0},
+        {"height_m": 0.9},
+        {"clock_late_s": (0.1,), "cameras": 3},
+    ],
+)
+def test_what_cannot_be_simulated_is_refused(wrong):
+    with pytest.raises(ValueError, match=r"must|needs|fit"):
+        SimulationConfig(**{"seed": 1, **wrong})
