@@ -26,8 +26,8 @@ class GateConfig:
 def error_bound(descriptor: np.ndarray, subsets: np.ndarray, config: GateConfig) -> np.ndarray:
     """(m, s) float32: e_max in metres for every node and subset of anchors, linear in distance (paper, Section V).
 
-    descriptor (m, 5) metres; subsets (s, n_s) of anchor indices, whose mean distance counts. NaN or inf where a distance
-    is missing or unreachable: what is not known has no bound.
+    descriptor (m, 5) metres; subsets (s, n_s) of anchor indices, whose mean distance counts. NaN or inf where a
+    distance is missing or unreachable: what is not known has no bound.
     """
     distance = np.asarray(descriptor, dtype=np.float32)[:, subsets].mean(axis=2)
     return config.anchor_bound_m + config.surface_bound_per_m * distance

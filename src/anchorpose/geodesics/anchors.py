@@ -97,8 +97,9 @@ def identify_anchors(
 
     field (n,) float32: geodesic distance from the centre; extrema (k,) int: nodes of ``geodesic_extrema``. up, facing
     (3,) unit, world: against gravity, and the way the patient faces. cut (n,) bool: nodes at an edge that something
-    else cut (``surface.border``); an extremum there is a stump, not an anchor, unless another camera sees its end. predicted_m (5, 3) world: where each
-    anchor is expected; for one without (NaN, or None for all) the proportions of a standing body decide.
+    else cut (``surface.border``); an extremum there is a stump, not an anchor, unless another camera sees its end.
+    predicted_m (5, 3) world: where each anchor is expected; for one without (NaN, or None for all) the proportions of a
+    standing body decide.
     The names are the assignment of least total cost; whatever is out of the gate is missed.
     """
     config = config or AnchorConfig()

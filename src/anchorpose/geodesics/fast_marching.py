@@ -23,7 +23,7 @@ def geodesic_distance(surface: Surface, sources: np.ndarray, max_distance_m: flo
     sources = require_nodes(surface, sources)
     points = require_finite(surface)
     fields = np.empty((len(sources), len(surface)), np.float32)
-    for row, source in enumerate(sources):
+    for row in range(len(sources)):
         fields[row] = _march(
             points,
             surface.ring,

@@ -57,12 +57,6 @@ def distance_field(sources_m: np.ndarray, margin_m: float) -> DistanceField:
     return _filled(sources_m, origin, (int(shape[0]), int(shape[1]), int(shape[2])), margin_m)
 
 
-def same_grid(sources_m: np.ndarray, like: DistanceField) -> DistanceField:
-    """The distance to other sources (k, 3), k may be zero, on the voxels of another field."""
-    shape = like.distance_m.shape
-    return _filled(sources_m, like.origin_m, (shape[0], shape[1], shape[2]), like.margin_m)
-
-
 def thinned(points_m: np.ndarray, spacing_m: float) -> np.ndarray:
     """One point (m, 3) of each cube of edge ``spacing_m`` that holds any of points (n, 3), in their order."""
     if not len(points_m):

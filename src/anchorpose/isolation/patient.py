@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from anchorpose.isolation.config import IsolationConfig
-from anchorpose.isolation.near_skin import DistanceField, distance_field, same_grid, thinned
+from anchorpose.isolation.growth import NOBODY, OTHER, PATIENT, grow_owners
+from anchorpose.isolation.near_skin import DistanceField, distance_field, thinned
 from anchorpose.isolation.people import PatientChoice, People
 from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel, View
@@ -43,13 +45,23 @@ def isolate(
     predicted_skin_m (k, 3) world: vertices of the patient's body where it is expected now. others_m (m, 3) world:
     where the other people were one frame ago (``other_people``); may be empty. A pixel is the patient's if it lies
     on his skin (``contact_m``), or within the margin and not nearer to somebody else. What was somebody else's and now
-    lies on his skin is no evidence: were it used, one mistake would spread over the body from frame to frame. A piece
-    that is mostly his and touches nobody is his whole, so that an arm that outruns its prediction is kept. The rest is
-    OTHER_PERSON, or CLUTTER where a piece is smaller than a hand.
+    lies on his skin is no evidence: were it used, one mistake would spread over the body from frame to frame. What lies
+    off every prediction belongs to whom it hangs together with, so that an arm that outruns its prediction is kept; a
+    piece on its own is the patient's if it is nearly in touch with him (a bar cuts a forearm off), else OTHER_PERSON,
+    or CLUTTER where it is smaller than a hand.
     """
-    skin = distance_field(predicted_skin_m, config.skin_margin_m + config.prediction_growth_m * frames_without_fit)
-    others = same_grid(others_m[skin.at(others_m) > config.contact_m], skin)
-    return tuple(None if view is None else _labelled(view, _by_skin(view, skin, others, config)) for view in pieces)
+    growth = config.prediction_growth_m * frames_without_fit
+    skin = distance_field(predicted_skin_m, config.skin_margin_m + growth)
+    apart = others_m[skin.at(others_m) > config.contact_m]
+    others = distance_field(apart, config.skin_margin_m + growth) if len(apart) else None
+    owners = [None if view is None else _owners(view, skin, others, config) for view in pieces]
+    own = [view.points_m[owner == PATIENT] for view, owner in zip(pieces, owners, strict=True)
+           if view is not None and owner is not None]  # fmt: skip
+    near = cKDTree(thinned(np.concatenate(own), OTHERS_SPACING_M)) if own else None
+    return tuple(
+        None if view is None or owner is None else _labelled(view, _labels(view, owner, near, config))
+        for view, owner in zip(pieces, owners, strict=True)
+    )
 
 
 def other_people(pieces: Sequence[Pieces | None], views: Sequence[View | None]) -> np.ndarray:
@@ -62,17 +74,26 @@ def other_people(pieces: Sequence[Pieces | None], views: Sequence[View | None]) 
     return thinned(np.concatenate(samples), OTHERS_SPACING_M)
 
 
-def _by_skin(view: Pieces, skin: DistanceField, others: DistanceField, config: IsolationConfig) -> np.ndarray:
-    """(n,) int64 label of each foreground pixel."""
-    to_patient, to_others = skin.at(view.points_m), others.at(view.points_m)
+def _owners(view: Pieces, skin: DistanceField, others: DistanceField | None, config: IsolationConfig) -> np.ndarray:
+    """(n,) uint8 of ``growth``: who owns each foreground pixel, by prediction and by what hangs together."""
+    to_patient = skin.at(view.points_m)
+    to_others = np.full(len(to_patient), np.inf, np.float32) if others is None else others.at(view.points_m)
     patient = np.isfinite(to_patient) & ((to_patient <= config.contact_m) | (to_patient <= to_others))
-    size, his, touched, area = (
-        np.bincount(view.piece, weights, view.piece_count + 1)
-        for weights in (None, patient, np.isfinite(to_others), view.area_m2)
-    )
-    whole = (his > size / 2) & (touched == 0)
+    owner = np.where(patient, PATIENT, np.where(np.isfinite(to_others), OTHER, NOBODY)).astype(np.uint8)
+    return grow_owners(view, owner)
+
+
+def _labels(view: Pieces, owner: np.ndarray, patient: cKDTree | None, config: IsolationConfig) -> np.ndarray:
+    """(n,) int64 pixel labels; pieces that nobody owns go to the patient if they nearly touch him."""
+    open_pixels = np.flatnonzero(owner == NOBODY)
+    touching = np.zeros(view.piece_count + 1, dtype=bool)
+    if patient is not None and len(open_pixels):
+        distance, _ = patient.query(view.points_m[open_pixels], distance_upper_bound=config.detached_m)
+        touching[view.piece[open_pixels[np.isfinite(distance)]]] = True
+    his = (owner == PATIENT) | ((owner == NOBODY) & touching[view.piece])
+    area = np.bincount(view.piece, view.area_m2, view.piece_count + 1)
     somebody = np.where(area >= config.hand_area_m2, PixelLabel.OTHER_PERSON, PixelLabel.CLUTTER)
-    return np.where(patient | whole[view.piece], PixelLabel.PATIENT, somebody[view.piece])
+    return np.where(his, PixelLabel.PATIENT, somebody[view.piece])
 
 
 def _labelled(view: Pieces, label: np.ndarray) -> View:

@@ -31,7 +31,8 @@ class Pieces:
 
     depth_m (height, width) float32; labels (height, width) uint8 of ``PixelLabel``, CLUTTER where someone may be;
     row, column, piece (n,) int32: the foreground pixels and the connected piece (from 1) each belongs to;
-    points_m (n, 3) float32 world; area_m2 (n,) float32: surface a pixel covers if it faces the camera.
+    points_m (n, 3) float32 world; area_m2 (n,) float32: surface a pixel covers if it faces the camera;
+    jump_limit_m (height, width) float32: how far neighbours of one surface may differ in depth.
     """
 
     depth_m: np.ndarray
@@ -42,6 +43,7 @@ class Pieces:
     piece_count: int
     points_m: np.ndarray
     area_m2: np.ndarray
+    jump_limit_m: np.ndarray
 
 
 def set_scene(camera: Camera, background: BackgroundModel, equipment: EquipmentModel | None) -> Scene:
@@ -73,9 +75,8 @@ def find_pieces(depth_m: np.ndarray, scene: Scene, config: IsolationConfig) -> P
     row, column, area = row[kept].astype(np.int32), column[kept].astype(np.int32), area[kept]
     renumbered = np.cumsum(large[1:]).astype(np.int32)
     piece = renumbered[piece[kept] - 1]
-    return Pieces(
-        depth_m, labels, row, column, piece, int(large[1:].sum()), _world_points(depth_m, scene, row, column), area
-    )
+    points = _world_points(depth_m, scene, row, column)
+    return Pieces(depth_m, labels, row, column, piece, int(large[1:].sum()), points, area, limit)
 
 
 def _world_points(depth_m: np.ndarray, scene: Scene, row: np.ndarray, column: np.ndarray) -> np.ndarray:

@@ -23,7 +23,7 @@ COMFORTABLE_REACH = 0.85  # of the arm's length, from shoulder to hold
 DISTANCES_M = np.linspace(0.3, 1.1, 33)  # from the balls of the feet to the holds
 FOLLOW = 0.85  # of the patient's motion that the therapist's body follows; the arms do the rest
 FARTHEST_FOLLOW_M = 0.25
-FLATTENING = -0.17  # radians that the fingers straighten to lie on the skin
+FLATTENING = -0.45  # radians that the fingers, curled at rest, straighten at each joint to lie on the skin
 HELD_M = 0.005  # a wrist so near to where it wants to be holds
 
 

@@ -76,7 +76,7 @@ def denoise(
     masked = np.where(mask, depth_m, 0.0).astype(np.float32)
     if noise <= 0:
         return masked
-    return _bilateral(masked, np.float64(noise * config.range_sigmas), np.int64(config.radius_px))
+    return _bilateral(masked, np.float64(noise * config.range_sigmas), config.radius_px)
 
 
 @njit(cache=True)

@@ -36,7 +36,7 @@ def drop_flying_pixels(depth_m: np.ndarray, slope: float, spread: float, min_sup
     depth_m (height, width) float32 metres, 0 = no reading. A pixel stays when at least ``min_support`` of its eight
     neighbours are within the jump limit of ``jump_coefficients``.
     """
-    return _supported(depth_m.astype(np.float32), np.float64(slope), np.float64(spread), np.int64(min_support))
+    return _supported(depth_m.astype(np.float32), np.float64(slope), np.float64(spread), min_support)
 
 
 @njit(cache=True)

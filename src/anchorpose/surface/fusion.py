@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.surface.mesh import compress_links, links
@@ -46,7 +47,7 @@ def fuse(surfaces: Sequence[Surface], cameras: Sequence[Camera], config: FusionC
         for source in range(len(surfaces)):
             if source != target:
                 found = _same_skin(surfaces[source], surfaces[target], camera, config)
-                pairs.append(found + [first[source], first[target]])
+                pairs.append(found + np.array([first[source], first[target]]))
     start, node = compress_links(np.concatenate(pairs), int(first[-1]))
     return Surface(
         points_m=np.concatenate([surface.points_m for surface in surfaces]),
@@ -62,28 +63,24 @@ def fuse(surfaces: Sequence[Surface], cameras: Sequence[Camera], config: FusionC
 
 
 def _same_skin(source: Surface, target: Surface, camera: Camera, config: FusionConfig) -> np.ndarray:
-    """(m, 2) pairs (node of source, node of target): each source node with the nearest of the target's grid around it."""
+    """(m, 2) int32 pairs (node of source, node of target): each source node with the nearest node around its pixel."""
     if len(source) == 0 or len(target) == 0:
-        return np.empty((0, 2), np.int64)
+        return np.empty((0, 2), np.int32)
     step = _grid_step(target)
-    grid = np.full((camera.height // step + 3, camera.width // step + 3), -1)
-    grid[target.pixel[:, 0] // step + 1, target.pixel[:, 1] // step + 1] = np.arange(len(target))
+    grid = np.full((-(-camera.height // step), -(-camera.width // step)), -1, np.int32)
+    grid[target.pixel[:, 0] // step, target.pixel[:, 1] // step] = np.arange(len(target))
     pixel = camera.project(transform_points(invert_rigid(camera.require_pose()), source.points_m.astype(np.float64)))
-    cell = np.round(np.nan_to_num(pixel, nan=-1e6) / step).astype(np.int64)[:, ::-1] + 1
-    inside = ((cell >= 1) & (cell < np.array(grid.shape) - 1)).all(axis=1)
-    node = np.flatnonzero(inside)
-    around = np.stack([grid[cell[node, 0] + i, cell[node, 1] + j] for i in (-1, 0, 1) for j in (-1, 0, 1)], axis=1)
-    gap = target.points_m[around] - source.points_m[node, None]
-    distance = np.where(around >= 0, np.linalg.norm(gap, axis=2), np.inf)
-    best = distance.argmin(axis=1)
-    row = np.arange(len(node))
-    other, gap, distance = around[row, best], gap[row, best], distance[row, best]
-    off_plane = np.maximum(
-        np.abs((gap * source.normals[node]).sum(axis=1)), np.abs((gap * target.normals[other]).sum(axis=1))
+    return _nearest_on_skin(
+        pixel / step,
+        grid,
+        source.points_m,
+        source.normals,
+        target.points_m,
+        target.normals,
+        float(config.max_apart_m),
+        float(config.max_off_plane_m),
+        float(np.cos(np.radians(config.max_turn_deg))),
     )
-    agree = (source.normals[node] * target.normals[other]).sum(axis=1) >= np.cos(np.radians(config.max_turn_deg))
-    same = (distance <= config.max_apart_m) & (off_plane <= config.max_off_plane_m) & agree
-    return np.stack([node[same], other[same]], axis=1)
 
 
 def _grid_step(surface: Surface) -> int:
@@ -92,3 +89,46 @@ def _grid_step(surface: Surface) -> int:
     if len(node) == 0:
         return 1
     return int(surface.pixel[surface.ring[node[0], place[0]], 1] - surface.pixel[node[0], 1])
+
+
+@njit(cache=True)
+def _nearest_on_skin(
+    cell: np.ndarray,
+    grid: np.ndarray,
+    points: np.ndarray,
+    normals: np.ndarray,
+    target_points: np.ndarray,
+    target_normals: np.ndarray,
+    max_apart: float,
+    max_off_plane: float,
+    min_cosine: float,
+) -> np.ndarray:
+    """cell (n, 2): where each source node falls on the target's grid, column and row, NaN behind the camera."""
+    rows, cols = grid.shape
+    pairs = np.empty((len(points), 2), np.int32)
+    count = 0
+    for node in range(len(points)):
+        if not (-1.0 <= cell[node, 0] <= cols and -1.0 <= cell[node, 1] <= rows):
+            continue
+        row, col = int(np.rint(cell[node, 1])), int(np.rint(cell[node, 0]))
+        best, nearest2 = -1, max_apart * max_apart
+        for i in range(max(0, row - 1), min(rows, row + 2)):
+            for j in range(max(0, col - 1), min(cols, col + 2)):
+                if grid[i, j] >= 0:
+                    apart2 = 0.0
+                    for axis in range(3):
+                        apart2 += (np.float64(target_points[grid[i, j], axis]) - points[node, axis]) ** 2
+                    if apart2 <= nearest2:
+                        best, nearest2 = grid[i, j], apart2
+        if best < 0:
+            continue
+        cosine, off_source, off_target = 0.0, 0.0, 0.0
+        for axis in range(3):
+            gap = np.float64(target_points[best, axis]) - points[node, axis]
+            cosine += normals[node, axis] * target_normals[best, axis]
+            off_source += gap * normals[node, axis]
+            off_target += gap * target_normals[best, axis]
+        if cosine >= min_cosine and abs(off_source) <= max_off_plane and abs(off_target) <= max_off_plane:
+            pairs[count, 0], pairs[count, 1] = node, best
+            count += 1
+    return pairs[:count].copy()

@@ -71,7 +71,7 @@ def build_surface(
     depth = clean[pixel[:, 0], pixel[:, 1]]
     points = np.concatenate([rays[pixel[:, 0], pixel[:, 1]] * depth[:, None], depth[:, None]], axis=1)
     normals = estimate_normals(clean, rays, pixel, config.normal_radius_px, slope, spread)
-    ring = _link_ring(clean, index, pixel.astype(np.int32), RING, np.int64(config.step), slope, spread)
+    ring = _link_ring(clean, index, pixel.astype(np.int32), RING, config.step, slope, spread)
     pairs = np.empty((0, 2), np.int32)
     if bridge is not None and bridge.any() and len(points) > 0:
         spacing = config.step * float(depth.min()) / max(camera.intrinsics.fx, camera.intrinsics.fy)

@@ -16,9 +16,7 @@ def estimate_normals(
     float32. A plane has an inverse depth linear in the rays, so the fit is exact on planes however slanted, and with a
     noise that grows with z**2 every pixel has the same variance in it.
     """
-    return _plane_normals(
-        depth_m, rays, pixel.astype(np.int32), np.int64(radius_px), np.float64(slope), np.float64(spread)
-    )
+    return _plane_normals(depth_m, rays, pixel.astype(np.int32), radius_px, np.float64(slope), np.float64(spread))
 
 
 @njit(cache=True)

@@ -12,8 +12,8 @@ class Surface:
     """Nodes on the patient's visible skin and the edges between them, from one camera or several.
 
     points_m (n, 3) float32, world frame; normals (n, 3) float32, unit, towards the camera that saw the node.
-    ring (n, 8) int32: the node's neighbours on its camera's grid in circular order (E, NE, N, NW, W, SW, S, SE), -1 where
-    there is none. Consecutive neighbours that both exist form a triangle with the node.
+    ring (n, 8) int32: the node's neighbours on its camera's grid in circular order (E, NE, N, NW, W, SW, S, SE), -1
+    where there is none. Consecutive neighbours that both exist form a triangle with the node.
     link_start (n + 1,) int32 and link_node (m,) int32: edges to nodes of other cameras, compressed rows, symmetric.
     camera (n,) uint8, pixel (n, 2) int16 row and column: where the node was seen.
     """
