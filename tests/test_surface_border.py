@@ -62,7 +62,7 @@ def test_a_person_far_behind_cuts_nothing():
 def test_the_floor_under_the_sole_cuts_nothing(label):
     depth, labels = scene()
     below = np.arange(80, CAMERA.height)
-    depth[below] = (2.4 - 0.013 * (below - 79))[:, None]  # as seen from 1.25 m above it
+    depth[below] = (2.4 - 0.03 * (below - 79))[:, None]  # as seen from 0.5 m above it
     labels[below] = label
     assert kinds_by_row(depth, labels)[78] == Border.INSIDE
 

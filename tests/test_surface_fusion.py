@@ -63,10 +63,11 @@ def test_nodes_keep_their_camera_and_its_edges():
         np.testing.assert_array_equal(np.where(surface.ring[own] >= 0, surface.ring[own] - first, -1), part.ring)
 
 
-def test_an_arm_is_not_linked_to_the_trunk_behind_it():
+@pytest.mark.parametrize("ahead_m", [0.02, 0.06])
+def test_an_arm_is_not_linked_to_the_trunk_behind_it(ahead_m):
     side = turned(0.0)
     trunk = plane_depth(FRONT, np.array([0, 0, 1.0]), 2.4)
-    arm = plane_depth(side, np.array([0, 0, 1.0]), 2.34)
+    arm = plane_depth(side, np.array([0, 0, 1.0]), 2.4 - ahead_m)
     everywhere = np.ones(trunk.shape, bool)
     parts = [build_surface(trunk, everywhere, FRONT), build_surface(arm, everywhere, side)]
     assert len(links(fuse(parts, [FRONT, side]))) == 0

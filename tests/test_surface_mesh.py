@@ -159,7 +159,7 @@ def test_a_gap_that_nothing_hides_is_not_bridged():
 
 
 def test_a_bar_wider_than_the_limit_is_not_bridged():
-    depth, hidden = shins(np.s_[40:70])
+    depth, hidden = shins(np.s_[42:66])  # 16 cm
     config = SurfaceConfig(bridge=BridgeConfig(max_width_m=0.12))
     assert len(links(mesh(depth, config, hidden))) == 0
 

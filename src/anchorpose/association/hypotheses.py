@@ -12,8 +12,6 @@ from anchorpose.association.gate import GateConfig, error_bound
 from anchorpose.association.voxels import sort_into_voxels
 from anchorpose.surface.surface import Surface
 
-MAX_SUBSETS = 63  # one bit a subset; five anchors have ten
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hypotheses:
@@ -95,8 +93,6 @@ def _refuse_mismatch(
             f"descriptors {source_descriptor.shape} and {target_descriptor.shape} do not fit"
             f" {len(target_surface)} nodes"
         )
-    if len(subsets) > MAX_SUBSETS:
-        raise ValueError(f"at most {MAX_SUBSETS} subsets, got {len(subsets)}")
     if len(subsets) and not ((subsets >= 0) & (subsets < source_descriptor.shape[1])).all():
         raise ValueError(f"subsets name anchors beyond the {source_descriptor.shape[1]} of the descriptor")
     if predicted_m is not None and predicted_m.shape != (len(source_descriptor), 3):
@@ -125,12 +121,10 @@ def _match(
     for s in range(len(subsets)):
         for k in range(subsets.shape[1]):
             needed[s] |= 1 << subsets[s, k]
-    member = np.empty(len(points), np.int32)
-    inside = np.empty(len(points), np.int64)
+    member = np.empty((len(subsets), len(points)), np.int32)
     offset2 = np.empty(anchors, np.float32)
     total = np.empty((len(subsets), 3), np.float64)
     size = np.empty(len(subsets), np.int64)
-    nearest = np.empty(len(subsets), np.float64)
     low, high = np.zeros(3, np.int64), np.zeros(3, np.int64)
     for node in range(len(source)):
         if not _voxel_range(centres[node], radius, origin, side, shape, low, high):
@@ -139,7 +133,7 @@ def _match(
         for s in range(len(subsets)):
             if np.isfinite(limit2[node, s]):
                 largest = max(largest, np.float64(limit2[node, s]))
-        total[:], size[:], found = 0.0, 0, 0
+        total[:], size[:] = 0.0, 0
         for i in range(low[0], high[0] + 1):
             for j in range(low[1], high[1] + 1):
                 row = (i * shape[1] + j) * shape[2]
@@ -153,7 +147,6 @@ def _match(
                             near += 1
                     if near < subsets.shape[1] or _beyond(points, spot, centres, node, radius):
                         continue
-                    bits = 0
                     for s in range(len(subsets)):
                         if close & needed[s] != needed[s]:
                             continue
@@ -161,25 +154,19 @@ def _match(
                         for k in range(subsets.shape[1]):
                             distance2 += offset2[subsets[s, k]]
                         if distance2 < limit2[node, s]:
-                            bits |= 1 << s
+                            member[s, size[s]] = spot
                             size[s] += 1
                             for axis in range(3):
                                 total[s, axis] += points[spot, axis]
-                    if bits:
-                        member[found], inside[found] = spot, bits
-                        found += 1
         for s in range(len(subsets)):
-            nearest[s] = np.inf
-            if size[s] > 0:
-                total[s] /= size[s]
-        for m in range(found):
-            for s in range(len(subsets)):
-                if inside[m] >> s & 1:
-                    away = 0.0
-                    for axis in range(3):
-                        away += (points[member[m], axis] - total[s, axis]) ** 2
-                    if away < nearest[s]:
-                        nearest[s], match[node, s] = away, order[member[m]]
+            nearest = np.inf
+            for m in range(size[s]):
+                spot = member[s, m]
+                away = 0.0
+                for axis in range(3):
+                    away += (points[spot, axis] - total[s, axis] / size[s]) ** 2
+                if away < nearest:
+                    nearest, match[node, s] = away, order[spot]
     return match
 
 

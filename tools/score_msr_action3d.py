@@ -1,0 +1,181 @@
+"""Track the MSR Action3D depth sequences and say how far the joints lie from the skeletons recorded with them.
+
+    python tools/score_msr_action3d.py DATA_FOLDER OUT [--sequences a01_s01_e02 ...] [--jobs 2]
+
+DATA_FOLDER holds one recording folder a sequence, ``aAA_sSS_eEE``, each with ``skeleton.npz``. Tracks go to OUT, one
+results folder a sequence; those that exist are reused, so a broken run goes on where it stopped.
+
+The reference is an early tracker's output, good to 5 to 10 cm, not motion capture (Li, Zhang and Liu 2010,
+doi:10.1109/CVPRW.2010.5543273). Only its joints of confidence 1 are compared, and a joint that we call lost counts as a
+miss. Some joints are other points of the body than ours: such a joint keeps the same offset from subject to subject.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+
+from anchorpose.errors import AnchorposeError
+from anchorpose.joints import JOINT_INDEX
+from anchorpose.pipeline import TrackConfig, track_recording
+from anchorpose.results.folder import new_results_folder
+from anchorpose.results.run_record import RUN_FILE, read_run_document
+from anchorpose.results.tables import JOINTS_FILE, read_joints
+
+WITHIN_MM = 100.0  # the reference's own error at its worst
+DEFINITION_MM = 40.0  # less is within the coarse depth steps, 9 to 27 mm, and the unknown depth unit, 5 %
+DEFINITION_RATIO = 2.0  # an offset is systematic where it is twice the spread of the subjects about it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparison:
+    """One sequence against its reference; m joints of the reference, in its order.
+
+    offset_mm (t, m, 3): ours minus the reference in world axes (forward, up, to the patient's right), NaN where ours
+    is lost or the reference is not sure. sure (t, m) bool: confidence 1.
+    """
+
+    sequence: str
+    names: tuple[str, ...]
+    offset_mm: np.ndarray
+    sure: np.ndarray
+
+    @property
+    def subject(self) -> str:
+        """The ``sSS`` of the sequence's name."""
+        return self.sequence.split("_")[1]
+
+
+def track_sequence(sequence: str, data: Path, out: Path) -> str | None:
+    """Tracks one sequence unless its results exist; returns what went wrong, or None."""
+    if (out / sequence / RUN_FILE).is_file():
+        return None
+    try:
+        with new_results_folder(out / sequence, data / sequence) as folder:
+            track_recording(data / sequence, folder, TrackConfig(), lambda _done, _total: None)
+    except Exception as error:  # the other sequences are still worth scoring; the failure is printed and counted
+        return f"{sequence}: {type(error).__name__}: {error}"
+    return None
+
+
+def compare(sequence: str, data: Path, out: Path) -> Comparison:
+    """Brings the reference (camera x right, y up, z away) into the world of the track and takes the difference."""
+    table = read_joints(out / sequence / JOINTS_FILE)
+    pose = read_run_document(out / sequence / RUN_FILE)["cameras"][0]["camera_to_world"]
+    if pose is None:
+        raise AnchorposeError(f"{sequence}: the run gives no camera pose, so nothing can be compared.")
+    T_world_camera = np.array(pose)
+    with np.load(data / sequence / "skeleton.npz") as skeleton:
+        names, reference = tuple(str(name) for name in skeleton["names"]), skeleton["xyz"][table.frame]
+    camera_m = reference[..., :3] * [1.0, -1.0, 1.0]
+    world_m = camera_m @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
+    offset = 1000.0 * (table.position_m[:, [JOINT_INDEX[name] for name in names]] - world_m)
+    sure = reference[..., 3] >= 1.0
+    offset[~sure] = np.nan
+    return Comparison(sequence, names, offset, sure)
+
+
+def subject_offsets(comparisons: list[Comparison]) -> dict[str, np.ndarray]:
+    """subject -> (m, 3) median offset of each joint over that subject's frames, NaN where there is none."""
+    subjects = sorted({comparison.subject for comparison in comparisons})
+    return {
+        subject: _median(np.concatenate([c.offset_mm for c in comparisons if c.subject == subject]))
+        for subject in subjects
+    }
+
+
+def systematic(offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Which joints differ by definition: offsets (s, m, 3) of s subjects -> bool (m,), offset (m, 3), spread (m,)."""
+    centre = _median(offsets)
+    spread = _median(np.linalg.norm(offsets - centre, axis=2))
+    size = np.linalg.norm(centre, axis=1)
+    return (size > DEFINITION_MM) & (size > DEFINITION_RATIO * spread), centre, spread
+
+
+def without_definition(comparison: Comparison, offsets: dict[str, np.ndarray]) -> np.ndarray:
+    """(t, m, 3) offsets less what the *other* subjects say is systematic, so that no subject corrects itself."""
+    others = np.array([own for subject, own in offsets.items() if subject != comparison.subject])
+    if len(others) < 2:
+        return comparison.offset_mm
+    differs, centre, _ = systematic(others)
+    return comparison.offset_mm - np.where(differs[:, None], centre, 0.0)
+
+
+def share_within(offsets_mm: np.ndarray, sure: np.ndarray) -> np.ndarray:
+    """(m,) share of the sure reference joints that have ours within ``WITHIN_MM``; lost joints are misses."""
+    near = np.linalg.norm(offsets_mm, axis=2) < WITHIN_MM  # NaN compares as a miss
+    return np.where(sure.any(axis=0), (near & sure).sum(axis=0) / np.maximum(sure.sum(axis=0), 1), np.nan)
+
+
+def print_scores(comparisons: list[Comparison]) -> None:
+    """The table of joints, the overall shares, the joints that differ by definition, and the worst sequences."""
+    names = comparisons[0].names
+    offset, sure = np.concatenate([c.offset_mm for c in comparisons]), np.concatenate([c.sure for c in comparisons])
+    corrected = np.concatenate([without_definition(c, by_subject) for c in comparisons]) if (
+        by_subject := subject_offsets(comparisons)
+    ) else offset
+    differs, _, spread = systematic(np.array(list(by_subject.values())))
+    shares, error = share_within(offset, sure), _median(np.linalg.norm(offset, axis=2))
+    middle, gone = _median(offset), sure & ~np.isfinite(offset).all(axis=2)
+    print(f"{'joint':14s} {'sure':>6s} {'lost':>5s} {'<100mm':>6s} {'median':>6s}   offset: forward   up right   subjects ±")
+    for j, name in enumerate(names):
+        forward, up, right = middle[j]
+        mark = "  differs by definition" if differs[j] else ""
+        lost = gone[:, j].sum() / max(1, sure[:, j].sum())
+        print(f"{name:14s} {sure[:, j].sum():6d} {lost:5.2f} {shares[j]:6.2f} {error[j]:6.0f}   "
+              f"{forward:+15.0f} {up:+4.0f} {right:+5.0f} {spread[j]:12.0f}{mark}")  # fmt: skip
+    print(f"\n{len(comparisons)} sequences, {len(by_subject)} subjects, {len(offset)} frames, {sure.sum()} joints of confidence 1")
+    print(f"share within {WITHIN_MM:.0f} mm: {_overall(offset, sure):.3f} (lost {gone.sum() / sure.sum():.3f}, counted as misses)")
+    print(f"the same with the systematic offsets of the other subjects removed: {_overall(corrected, sure):.3f}")
+    print("joints that differ by definition: " + (", ".join(np.array(names)[differs]) or "none"))
+    worst = sorted((_overall(c.offset_mm, c.sure), c.sequence) for c in comparisons)
+    print("by sequence, worst first: " + ", ".join(f"{sequence} {share:.2f}" for share, sequence in worst))
+
+
+def _overall(offsets_mm: np.ndarray, sure: np.ndarray) -> float:
+    return float((np.linalg.norm(offsets_mm, axis=2) < WITHIN_MM)[sure].mean())
+
+
+def _median(values: np.ndarray) -> np.ndarray:
+    """Median over the first axis without NaN; NaN where there is nothing."""
+    empty = np.isnan(values).all(axis=0)
+    return np.where(empty, np.nan, np.nanmedian(np.where(empty, 0.0, values), axis=0))
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("data", type=Path, help="folder with the sequences")
+    parser.add_argument("out", type=Path, help="folder for the tracks")
+    parser.add_argument("--sequences", nargs="+", help="names of sequences; the default is all of them")
+    parser.add_argument("--jobs", type=int, default=2, help="sequences tracked at the same time")
+    arguments = parser.parse_args()
+
+    sequences = arguments.sequences or sorted(folder.parent.name for folder in arguments.data.glob("*/skeleton.npz"))
+    if not sequences:
+        parser.error(f"{arguments.data} holds no sequence with a skeleton.npz")
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # one core a job
+    failures: list[str] = []
+    with ProcessPoolExecutor(arguments.jobs, mp_context=get_context("spawn")) as pool:
+        work = pool.map(partial(track_sequence, data=arguments.data, out=arguments.out), sequences)
+        for sequence, problem in zip(sequences, work, strict=True):
+            print(f"{sequence}: {'FAILED' if problem else 'tracked'}", file=sys.stderr, flush=True)
+            failures += [problem] if problem else []
+    tracked = [name for name in sequences if (arguments.out / name / RUN_FILE).is_file()]
+    if tracked:
+        print_scores([compare(name, arguments.data, arguments.out) for name in tracked])
+    for problem in failures:
+        print(f"FAILED {problem}")
+    return 1 if failures else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
