@@ -7,7 +7,9 @@ results folder a sequence; those that exist are reused, so a broken run goes on 
 
 The reference is an early tracker's output, good to 5 to 10 cm, not motion capture (Li, Zhang and Liu 2010,
 doi:10.1109/CVPRW.2010.5543273). Only its joints of confidence 1 are compared, and a joint that we call lost counts as a
-miss. Some joints are other points of the body than ours: such a joint keeps the same offset from subject to subject.
+miss. Some joints are other points of the body than ours: such a joint keeps the same offset from subject to subject,
+and many of the reference's lie on the visible skin where ours lie inside the limb: see the column "behind skin".
+Results are reused whatever code made them: choose a new OUT after a change of the tracker.
 """
 
 from __future__ import annotations
@@ -26,12 +28,15 @@ import numpy as np
 from anchorpose.errors import AnchorposeError
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.pipeline import TrackConfig, track_recording
+from anchorpose.recording.reader import open_recording, read_frames
 from anchorpose.results.folder import new_results_folder
 from anchorpose.results.run_record import RUN_FILE, read_run_document
 from anchorpose.results.tables import JOINTS_FILE, read_joints
 
 WITHIN_MM = 100.0  # the reference's own error at its worst
+ON_SKIN_MM = 25.0  # a joint's centre lies deeper in every limb; the wrist, the thinnest, is 4 cm thick
 DEFINITION_MM = 40.0  # less is within the coarse depth steps, 9 to 27 mm, and the unknown depth unit, 5 %
+SUBJECTS_NEEDED, FRAMES_NEEDED = 3, 10  # for a median that one slip of the reference does not move
 DEFINITION_RATIO = 2.0  # an offset is systematic where it is twice the spread of the subjects about it
 
 
@@ -40,13 +45,17 @@ class Comparison:
     """One sequence against its reference; m joints of the reference, in its order.
 
     offset_mm (t, m, 3): ours minus the reference in world axes (forward, up, to the patient's right), NaN where ours
-    is lost or the reference is not sure. sure (t, m) bool: confidence 1.
+    is lost or the reference is not sure. sure (t, m) bool: confidence 1. behind_skin_mm (t, m): how far the reference
+    lies behind the depth picture at its own pixel, NaN where the picture has no reading there or it is not sure.
+    other_side_mm (t, m, 3): as offset_mm, with left and right of the reference exchanged.
     """
 
     sequence: str
     names: tuple[str, ...]
     offset_mm: np.ndarray
     sure: np.ndarray
+    behind_skin_mm: np.ndarray
+    other_side_mm: np.ndarray
 
     @property
     def subject(self) -> str:
@@ -77,27 +86,56 @@ def compare(sequence: str, data: Path, out: Path) -> Comparison:
         names, reference = tuple(str(name) for name in skeleton["names"]), skeleton["xyz"][table.frame]
     camera_m = reference[..., :3] * [1.0, -1.0, 1.0]
     world_m = camera_m @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
-    offset = 1000.0 * (table.position_m[:, [JOINT_INDEX[name] for name in names]] - world_m)
     sure = reference[..., 3] >= 1.0
-    offset[~sure] = np.nan
-    return Comparison(sequence, names, offset, sure)
+    behind = _behind_skin_mm(data / sequence, table.frame, camera_m)
+    own = [JOINT_INDEX[name] for name in names]
+    opposite = [JOINT_INDEX[_other_side(name)] for name in names]
+    offset, other = (table.position_m[:, joints] - world_m for joints in (own, opposite))
+    offset[~sure], other[~sure] = np.nan, np.nan
+    return Comparison(sequence, names, 1000.0 * offset, sure, np.where(sure, behind, np.nan), 1000.0 * other)
+
+
+def _other_side(name: str) -> str:
+    """The joint's name with left and right exchanged."""
+    if name.endswith("Left"):
+        return name.removesuffix("Left") + "Right"
+    return name.removesuffix("Right") + "Left" if name.endswith("Right") else name
+
+
+def _behind_skin_mm(recording: Path, frames: np.ndarray, camera_m: np.ndarray) -> np.ndarray:
+    """(t, m) depth of camera points (t, m, 3) less the picture's at the same pixel, NaN where nothing was read."""
+    opened = open_recording(recording)
+    behind = np.full(camera_m.shape[:2], np.nan)
+    for row, frame_set in enumerate(read_frames(opened, int(frames[0]), int(frames[-1]) + 1)):
+        depth = frame_set.depths_m[0]
+        if depth is None:
+            continue
+        column, line, inside = opened.cameras[0].pixel_of(camera_m[row])
+        seen = depth[line, column]
+        behind[row] = np.where(inside & (seen > 0), 1000.0 * (camera_m[row, :, 2] - seen), np.nan)
+    return behind
 
 
 def subject_offsets(comparisons: list[Comparison]) -> dict[str, np.ndarray]:
-    """subject -> (m, 3) median offset of each joint over that subject's frames, NaN where there is none."""
-    subjects = sorted({comparison.subject for comparison in comparisons})
-    return {
-        subject: _median(np.concatenate([c.offset_mm for c in comparisons if c.subject == subject]))
-        for subject in subjects
-    }
+    """subject -> (m, 3) median offset of each joint over that subject's frames, NaN where there are few."""
+    medians = {}
+    for subject in sorted({comparison.subject for comparison in comparisons}):
+        offset = np.concatenate([c.offset_mm for c in comparisons if c.subject == subject])
+        few = np.isfinite(offset).all(axis=2).sum(axis=0) < FRAMES_NEEDED
+        medians[subject] = np.where(few[:, None], np.nan, _median(offset))
+    return medians
 
 
 def systematic(offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Which joints differ by definition: offsets (s, m, 3) of s subjects -> bool (m,), offset (m, 3), spread (m,)."""
+    """Which joints differ by definition: offsets (s, m, 3) of s subjects -> bool (m,), offset (m, 3), spread (m,).
+
+    A joint that fewer than ``SUBJECTS_NEEDED`` show is not called so.
+    """
     centre = _median(offsets)
     spread = _median(np.linalg.norm(offsets - centre, axis=2))
     size = np.linalg.norm(centre, axis=1)
-    return (size > DEFINITION_MM) & (size > DEFINITION_RATIO * spread), centre, spread
+    enough = np.isfinite(offsets).all(axis=2).sum(axis=0) >= SUBJECTS_NEEDED
+    return enough & (size > DEFINITION_MM) & (size > DEFINITION_RATIO * spread), centre, spread
 
 
 def without_definition(comparison: Comparison, offsets: dict[str, np.ndarray]) -> np.ndarray:
@@ -119,25 +157,43 @@ def print_scores(comparisons: list[Comparison]) -> None:
     """The table of joints, the overall shares, the joints that differ by definition, and the worst sequences."""
     names = comparisons[0].names
     offset, sure = np.concatenate([c.offset_mm for c in comparisons]), np.concatenate([c.sure for c in comparisons])
-    corrected = np.concatenate([without_definition(c, by_subject) for c in comparisons]) if (
-        by_subject := subject_offsets(comparisons)
-    ) else offset
+    by_subject = subject_offsets(comparisons)
+    corrected = np.concatenate([without_definition(comparison, by_subject) for comparison in comparisons])
     differs, _, spread = systematic(np.array(list(by_subject.values())))
     shares, error = share_within(offset, sure), _median(np.linalg.norm(offset, axis=2))
     middle, gone = _median(offset), sure & ~np.isfinite(offset).all(axis=2)
-    print(f"{'joint':14s} {'sure':>6s} {'lost':>5s} {'<100mm':>6s} {'median':>6s}   offset: forward   up right   subjects ±")
+    skin = _median(np.concatenate([c.behind_skin_mm for c in comparisons]))
+    print("mm              sure  lost <100mm median   ours - reference: forward   up right   subjects ±   behind skin")
     for j, name in enumerate(names):
         forward, up, right = middle[j]
         mark = "  differs by definition" if differs[j] else ""
         lost = gone[:, j].sum() / max(1, sure[:, j].sum())
-        print(f"{name:14s} {sure[:, j].sum():6d} {lost:5.2f} {shares[j]:6.2f} {error[j]:6.0f}   "
-              f"{forward:+15.0f} {up:+4.0f} {right:+5.0f} {spread[j]:12.0f}{mark}")  # fmt: skip
-    print(f"\n{len(comparisons)} sequences, {len(by_subject)} subjects, {len(offset)} frames, {sure.sum()} joints of confidence 1")
-    print(f"share within {WITHIN_MM:.0f} mm: {_overall(offset, sure):.3f} (lost {gone.sum() / sure.sum():.3f}, counted as misses)")
+        print(f"{name:14s} {sure[:, j].sum():5d} {lost:5.2f} {shares[j]:6.2f} {error[j]:6.0f}   "
+              f"{forward:+25.0f} {up:+4.0f} {right:+5.0f} {spread[j]:12.0f} {skin[j]:13.0f}{mark}")  # fmt: skip
+    seen = f"{len(comparisons)} sequences, {len(by_subject)} subjects, {len(offset)} frames"
+    print(f"\n{seen}, {sure.sum()} joints of confidence 1, {gone.sum() / sure.sum():.3f} of them lost by us: misses")
+    print(f"share within {WITHIN_MM:.0f} mm: {_overall(offset, sure):.3f}")
     print(f"the same with the systematic offsets of the other subjects removed: {_overall(corrected, sure):.3f}")
     print("joints that differ by definition: " + (", ".join(np.array(names)[differs]) or "none"))
+    on_skin = [name for name, depth in zip(names, skin, strict=True) if depth < ON_SKIN_MM]
+    print(f"joints that the reference puts on the skin, less than {ON_SKIN_MM:.0f} mm deep: " + ", ".join(on_skin))
+    _print_exchanged(comparisons, sure)
     worst = sorted((_overall(c.offset_mm, c.sure), c.sequence) for c in comparisons)
     print("by sequence, worst first: " + ", ".join(f"{sequence} {share:.2f}" for share, sequence in worst))
+
+
+def _print_exchanged(comparisons: list[Comparison], sure: np.ndarray) -> None:
+    """Sequences that fit better with the reference's left and right exchanged: it turned the person round.
+
+    The score itself picks the naming, so this share is an upper bound.
+    """
+    wrong = [_overall(c.other_side_mm, c.sure) > _overall(c.offset_mm, c.sure) for c in comparisons]
+    either = [c.other_side_mm if swap else c.offset_mm for c, swap in zip(comparisons, wrong, strict=True)]
+    print(
+        f"the same with the better of the two namings of left and right: {_overall(np.concatenate(either), sure):.3f}"
+    )
+    named = [c.sequence for c, swap in zip(comparisons, wrong, strict=True) if swap]
+    print(f"sequences that fit better with left and right exchanged ({len(named)}): {', '.join(named) or 'none'}")
 
 
 def _overall(offsets_mm: np.ndarray, sure: np.ndarray) -> float:

@@ -8,7 +8,7 @@ The room is prepared once; then every frame goes through ``tracker.observation``
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,9 +17,8 @@ import numpy as np
 from anchorpose.body.skin_points import FittedShape
 from anchorpose.recording.inputs import input_files
 from anchorpose.recording.reader import open_recording, read_frames
-from anchorpose.recording.recording import FrameSet, Recording
+from anchorpose.recording.recording import Recording
 from anchorpose.results.angles import ANGLES_FILE, joint_angles, write_angles
-from anchorpose.results.joint_frame import JointFrame
 from anchorpose.results.pictures import FramePicture, save_pictures
 from anchorpose.results.report import write_report
 from anchorpose.results.run_record import (
@@ -33,13 +32,11 @@ from anchorpose.results.run_record import (
     write_run_record,
 )
 from anchorpose.results.tables import JOINTS_FILE, read_joints, write_joints
+from anchorpose.tracker.both_ways import FrameRecord, learn_on, plan_route, track_on
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.estimate import Estimate
-from anchorpose.tracker.learning import learn_patient
-from anchorpose.tracker.patient import follow_patient
-from anchorpose.tracker.pictures import draw_estimate
 from anchorpose.tracker.room import Room, prepare_room
 from anchorpose.tracker.stopwatch import Stopwatch
+from anchorpose.tracking.default_motions import default_motions
 
 __all__ = ["TrackConfig", "track_recording"]
 
@@ -65,15 +62,15 @@ def track_recording(recording: Path, results: Path, config: TrackConfig, progres
     """
     watch = Stopwatch()
     opened = open_recording(recording)
-    frames = read_frames(opened, config.start, config.stop)  # refuses an empty range before any work is done
+    read_frames(opened, config.start, config.stop)  # refuses an empty range before any work is done
     total, window = _frame_counts(opened, config)
     with watch.stage("calibration and background"):
         room = prepare_room(opened, config)
-    first_pass = _counted(read_frames(opened, config.start, config.stop), 0, window, window + total, progress)
-    shape = learn_patient(room, first_pass, None, config, watch)
-    second_pass = _counted(frames, window, window + total, window + total, progress)
-    estimates = follow_patient(room, second_pass, None, shape, config, watch)
-    written = _write_estimates(results, estimates, shape, total)
+    motions = default_motions(_rate_hz(opened), config.motion)
+    route = plan_route(room, config, _counter(progress, window + total))
+    shape = learn_on(route, room, motions, config, watch)
+    shown = set(np.unique(np.linspace(config.start, config.start + total - 1, PICTURES).astype(int)).tolist())
+    written = _write_frames(results, track_on(route, room, motions, shape, shown, config, watch))
     with watch.stage("results"):
         write_angles(results / ANGLES_FILE, joint_angles(read_joints(results / JOINTS_FILE)))
         _write_record(results, room, written, shape, config, watch)
@@ -82,38 +79,39 @@ def track_recording(recording: Path, results: Path, config: TrackConfig, progres
 
 
 def _frame_counts(recording: Recording, config: TrackConfig) -> tuple[int, int]:
-    """Frames to track, and how many of them lie in the learning window."""
+    """Frames to track, and about how many are read beforehand to learn the body."""
     time_s = recording.streams[0].time_s[config.start : config.stop]
     return len(time_s), int((time_s <= time_s[0] + config.learning.window_s).sum())
 
 
-def _counted(frames: Iterable[FrameSet], first: int, most: int, total: int, progress: Progress) -> Iterator[FrameSet]:
-    """The frames, with progress told from ``first`` on and up to ``most``."""
-    for done, frame_set in enumerate(frames, first):
-        progress(min(done, most), total)
-        yield frame_set
+def _rate_hz(recording: Recording) -> float:
+    """Frames a second of the reference camera; dropped frames do not count."""
+    time_s = recording.streams[0].time_s
+    return 1.0 / float(np.median(np.diff(time_s))) if len(time_s) > 1 else 30.0
 
 
-def _write_estimates(results: Path, estimates: Iterable[Estimate], shape: FittedShape | None, total: int) -> _Written:
-    """Stream the joints to their table; keep a few pictures and every problem."""
-    shown = set(np.unique(np.linspace(0, total - 1, min(PICTURES, total)).astype(int)).tolist())
+def _counter(progress: Progress, total: int) -> Callable[[], None]:
+    """Tells progress of one more frame at each call."""
+    done = 0
+
+    def tick() -> None:
+        nonlocal done
+        done = min(done + 1, total)
+        progress(done, total)
+
+    return tick
+
+
+def _write_frames(results: Path, records: Iterable[FrameRecord]) -> _Written:
+    """Stream the joints to their table; keep pictures and problems."""
     dropped, pictures, count = list[DroppedFrame](), list[FramePicture](), 0
     with write_joints(results / JOINTS_FILE) as table:
-        for number, estimate in enumerate(estimates):
-            frame_set = estimate.frame_set
-            table.append(
-                JointFrame(
-                    frame=frame_set.frame,
-                    time_s=frame_set.time_s,
-                    position_m=estimate.joints_m,
-                    state=estimate.states,
-                    sigma_m=estimate.sigma_m,
-                )
-            )
-            dropped += [DroppedFrame(frame_set.frame, frame_set.time_s, why) for why in frame_set.problems]
-            if number in shown and shape is not None:
-                pictures += draw_estimate(estimate, shape)
-            count = number + 1
+        for record in records:
+            table.append(record.joints)
+            frame, time_s = record.joints.frame, record.joints.time_s
+            dropped += [DroppedFrame(frame, time_s, why) for why in record.problems]
+            pictures += record.pictures
+            count += 1
     return _Written(count, tuple(dropped), tuple(pictures))
 
 
@@ -145,10 +143,14 @@ def _write_record(
 
 def _notes(room: Room, shape: FittedShape | None) -> list[str]:
     """Sentences on who was tracked and with which body."""
-    if room.choice is None:
+    if room.opening is None:
         return ["nobody was seen in the sampled frames, so no joint could be tracked"]
-    x, z = room.choice.ground_xz_m
-    notes = [f"the patient was taken to be the person at x {x:.2f} m, z {z:.2f} m, who {room.choice.reason}"]
+    choice = room.opening.choice
+    x, z = choice.ground_xz_m
+    notes = [
+        f"the patient was taken to be the person at x {x:.2f} m, z {z:.2f} m in frame {room.opening.frame}, "
+        f"who {choice.reason}; tracking goes from there to both ends"
+    ]
     if shape is None:
         notes.append("no body could be fitted to this person, so no joint could be tracked")
     else:

@@ -16,6 +16,7 @@ from anchorpose.body.constraints import (
 )
 from anchorpose.body.fit import FitConfig, pose_equations
 from anchorpose.body.pose import Pose
+from anchorpose.body.separation import separation_rows
 from anchorpose.body.skin_points import RestPoints, SkinPoints, pose_points
 from anchorpose.camera import Camera
 from anchorpose.isolation.view import View
@@ -41,9 +42,10 @@ def gather_evidence(surface: Surface, views: Sequence[View | None], cameras: Seq
 def evidence_rows(
     points: SkinPoints, rest: RestPoints, pose: Pose, evidence: Evidence, reach_m: float, config: ConstraintConfig
 ) -> Constraints:
-    """Both directions: every node to the skin, and skin that should be seen to the outline."""
+    """Every node to the skin, skin that should be seen to the outline, and limbs out of the trunk."""
     posed = pose_points(points, rest, pose)
     rows = [surface_constraints(posed, evidence.surface, evidence.cameras, reach_m, config)]
+    rows.append(separation_rows(points, posed))
     for view, outline, camera in zip(evidence.views, evidence.outlines, evidence.cameras, strict=True):
         if view is not None and outline is not None:
             rows.append(outline_constraints(posed, view, outline, camera, reach_m, config))
@@ -60,6 +62,12 @@ def evidence_cost(
     """
     rows = evidence_rows(points, rest, pose, evidence, reach_m, config)
     cost = pose_equations(points, rest, pose, pose_points(points, rest, pose), rows, None, fit).cost
-    explained = int((rows.sigma_m == config.surface_sigma_m).sum())
+    posed = pose_points(points, rest, pose)
+    explained = len(surface_constraints(posed, evidence.surface, evidence.cameras, reach_m, config))
     missing = min(len(evidence.surface), config.node_count) - explained
-    return cost + missing * (reach_m / 3.0 / config.surface_sigma_m) ** 2 / fit.rows_per_observation
+    return cost + missing * doubted_node_cost(reach_m, config, fit)
+
+
+def doubted_node_cost(reach_m: float, config: ConstraintConfig, fit: FitConfig) -> float:
+    """What a node costs that nothing explains: a row at the plateau of the robust kernel."""
+    return (reach_m / 3.0 / config.surface_sigma_m) ** 2 / fit.rows_per_observation

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from anchorpose.body.constraints import ConstraintConfig, Constraints, join, surface_constraints
-from anchorpose.body.evidence import Evidence, evidence_cost, evidence_rows
+from anchorpose.body.evidence import Evidence, doubted_node_cost, evidence_cost, evidence_rows
 from anchorpose.body.fit import FitConfig, NormalEquations, limited, pose_equations, range_information, solve_damped
 from anchorpose.body.pose import POSE_SIZE, Pose
 from anchorpose.body.restarts import arm_restarts
@@ -23,6 +23,7 @@ class RegistrationConfig:
     reaches_m: tuple[float, ...] = (0.12, 0.10, 0.08, 0.06, 0.06)  # from a fast arm's surprise to clothes
     held_steps: int = 2  # pairs and anchors are centimetres off: they start the registration and do not end it
     restart_reaches_m: tuple[float, ...] = (0.25, 0.20, 0.15)  # from one direction of an arm to the next
+    restart_gain: float = 0.02  # of the nodes that a new arm must explain: half a forearm; else it stays predicted
     restart_doubt_s: float = 4.0  # a limb that was not where it was expected may be anywhere
     uncovered_m: float = 0.08  # farther from all skin points than that, a node is on a limb the body does not cover
     most_uncovered: float = 0.025  # of the nodes: half a forearm
@@ -67,27 +68,31 @@ class Registration:
     """belief in the pose; explained: share of the surface's nodes that the body accounts for, 0 where nothing was seen.
 
     found is False where too little was seen or it is not this body: the belief is then the prediction, unchanged.
+    searched: whether the arms were looked for anew.
     """
 
     belief: PoseBelief
     explained: float
     found: bool
+    searched: bool = False
 
 
 def register(
     points: SkinPoints, rest: RestPoints, predicted: PoseBelief, evidence: Evidence, held: Constraints,
-    config: RegistrationConfig,
+    config: RegistrationConfig, may_search: bool = True,
 ) -> Registration:  # fmt: skip
     """tau-hat = ICP(tau, phi), for all parts at once: they stay joined, and bones keep their length.
 
-    held: what the tree and the anchors say; it starts the registration, the surface itself ends it.
+    held: what the tree and the anchors say; it starts the registration, the surface itself ends it. may_search: whether
+    the arms may be looked for anew where seen skin is not covered.
     """
     if len(evidence.surface) < config.least_nodes:
         return Registration(predicted, 0.0, False)
     pose = _descend(points, rest, predicted.pose, predicted, evidence, held, config.reaches_m, config)
-    if _uncovered(points, rest, pose, evidence, config) > config.most_uncovered:
+    search = may_search and _uncovered(points, rest, pose, evidence, config) > config.most_uncovered
+    if search:
         pose, predicted = _restart(points, rest, pose, predicted, evidence, held, config)
-    return posterior(points, rest, pose, predicted, evidence, config)
+    return replace(posterior(points, rest, pose, predicted, evidence, config), searched=search)
 
 
 def _descend(
@@ -113,15 +118,16 @@ def _restart(
     Returns the pose and the belief it is to be judged by: where an arm was found anew, the prediction was wrong.
     """
     doubted = predicted.later(predicted.pose, config.restart_doubt_s, config.fit)
-    best = evidence_cost(points, rest, pose, evidence, config.restart_reaches_m[-1], config.constraints, config.fit)
+    reach_m, constraints = config.restart_reaches_m[-1], config.constraints
+    nodes = min(len(evidence.surface), constraints.node_count)
+    worth = config.restart_gain * nodes * doubted_node_cost(reach_m, constraints, config.fit)
+    best = evidence_cost(points, rest, pose, evidence, reach_m, constraints, config.fit) - worth
     found = pose
     for side in ("Left", "Right"):
         for start in arm_restarts(points.asset, found, side):
             belief = PoseBelief(start, doubted.covariance, doubted.information)
             tried = _descend(points, rest, start, belief, evidence, held, config.restart_reaches_m, config)
-            cost = evidence_cost(
-                points, rest, tried, evidence, config.restart_reaches_m[-1], config.constraints, config.fit
-            )
+            cost = evidence_cost(points, rest, tried, evidence, reach_m, constraints, config.fit)
             if cost < best:
                 found, best = tried, cost
     if found is pose:

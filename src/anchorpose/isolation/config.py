@@ -22,6 +22,7 @@ class IsolationConfig:
     hand_area_m2: float = 0.005  # a smaller piece that is not the patient's is nobody: half a hand
     skin_margin_m: float = 0.08  # clothes, the predicted pose's error and the spacing of the predicted points
     contact_m: float = 0.04  # on the predicted skin: 1 cm of clothes, half a vertex spacing, three sigmas of noise
+    other_surface_m2: float = 0.25  # of a person's skin, seen by all cameras together: more than an arm, 0.15
     detached_m: float = 0.12  # a bar's width, and what a forearm moves behind it unseen
     prediction_growth_m: float = 0.04  # added for each frame without a fit: 1.2 m/s at 30 Hz, a fast leg
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from anchorpose.isolation.config import IsolationConfig
@@ -64,14 +65,31 @@ def isolate(
     )
 
 
-def other_people(pieces: Sequence[Pieces | None], views: Sequence[View | None]) -> np.ndarray:
-    """(m, 3) float32 world: a thinned sample of the skin of everyone but the patient."""
+def other_people(pieces: Sequence[Pieces | None], views: Sequence[View | None], config: IsolationConfig) -> np.ndarray:
+    """(m, 3) float32 world: a thinned sample of the skin of everyone but the patient.
+
+    Clusters too small to be a person are left out: an arm of the patient that was once taken for somebody else's must
+    not claim itself again in the next frame.
+    """
     samples = [np.empty((0, 3), dtype=np.float32)]
     for piece, view in zip(pieces, views, strict=True):
         if piece is not None and view is not None:
             points = piece.points_m[view.labels[piece.row, piece.column] >= PixelLabel.OTHER_PERSON]
             samples.append(points)
-    return thinned(np.concatenate(samples), OTHERS_SPACING_M)
+    sample = thinned(np.concatenate(samples), OTHERS_SPACING_M)
+    return sample[_cluster_sizes(sample) * OTHERS_SPACING_M**2 >= config.other_surface_m2]
+
+
+def _cluster_sizes(points_m: np.ndarray) -> np.ndarray:
+    """(m,) how many of the points hang together with each one, over gaps of two spacings."""
+    if not len(points_m):
+        return np.zeros(0, dtype=np.int64)
+    cube = np.floor((points_m - points_m.min(axis=0)) / (2.0 * OTHERS_SPACING_M)).astype(np.int64)
+    filled = np.zeros(cube.max(axis=0) + 1, dtype=bool)
+    filled[tuple(cube.T)] = True
+    cluster, _ = ndimage.label(filled, structure=np.ones((3, 3, 3), dtype=int))
+    own = cluster[tuple(cube.T)]
+    return np.bincount(own)[own]
 
 
 def _owners(view: Pieces, skin: DistanceField, others: DistanceField | None, config: IsolationConfig) -> np.ndarray:

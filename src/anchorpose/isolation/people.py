@@ -36,10 +36,11 @@ class People:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PatientChoice:
-    """Where the patient stands at the start, (2,) float64 X and Z, and how we know."""
+    """Where the patient stands at the start, (2,) float64 X and Z, and how we know; sure: named or in the equipment."""
 
     ground_xz_m: np.ndarray
     reason: str
+    sure: bool
 
 
 def find_people(pieces: Sequence[Pieces | None], config: IsolationConfig) -> People:
@@ -74,18 +75,18 @@ def choose_patient(
     among = f"of {len(people)} people" if len(people) > 1 else "the only person"
     if patient_xz is not None:
         nearest = int(np.argmin(np.linalg.norm(axes - patient_xz, axis=1)))
-        return PatientChoice(axes[nearest], f"nearest to the place that was given, {among}")
+        return PatientChoice(axes[nearest], f"nearest to the place that was given, {among}", sure=True)
     if equipment is not None:
         inside = _inside_outline(axes, equipment)
         if inside.any():
             centre = equipment.triangles()[0][:, [0, 2]].mean(axis=0)
             nearest = int(np.argmin(np.where(inside, np.linalg.norm(axes - centre, axis=1), np.inf)))
-            return PatientChoice(axes[nearest], f"stands within the equipment, {among}")
+            return PatientChoice(axes[nearest], f"stands within the equipment, {among}", sure=True)
     stays = np.array([[_is_there(axis, sighting, config) for sighting in sightings] for axis in axes]).sum(axis=1)
     off_axis = np.linalg.norm(axes - look_at_xz, axis=1)
     best = int(np.lexsort((off_axis, -stays))[0])
     reason = f"seen in place in {stays[best]} of {len(sightings)} frames and nearest to the middle of the view, {among}"
-    return PatientChoice(axes[best], reason)
+    return PatientChoice(axes[best], reason, sure=False)
 
 
 def _columns(points_m: np.ndarray, area_m2: np.ndarray, config: IsolationConfig) -> tuple[Person, ...]:

@@ -37,6 +37,7 @@ class FollowConfig:
     samples: int = 16  # frames looked at beforehand for the background and for who stays
     lost_sigma_m: float = 0.25  # a joint less sure than half a forearm is lost, not estimated
     lost_after_s: float = 1.0  # without any evidence the whole patient is searched for again
+    search_pause: int = 4  # frames between two searches for an arm, which cost as much as ten frames
     least_explained: float = 0.55  # share of the surface a first pose must account for
 
     def __post_init__(self) -> None:

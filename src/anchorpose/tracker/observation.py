@@ -26,12 +26,16 @@ from anchorpose.tracker.stopwatch import Stopwatch
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observation:
-    """One frame after the stages up to geodesics. others_m (m, 3): skin of other people, for the next frame."""
+    """One frame after the stages up to geodesics.
+
+    pieces: the people's pixels, so that they can be told apart again. others_m (m, 3): skin of other people.
+    """
 
     frame_set: FrameSet
     evidence: Evidence
     anchors: Anchors
     descriptor: np.ndarray
+    pieces: tuple[Pieces | None, ...]
     others_m: np.ndarray
 
     @property
@@ -71,6 +75,16 @@ def observe(
     return _observed(frame_set, room, pieces, views, expected, height_m, config, watch)
 
 
+def observe_again(
+    seen: Observation, room: Room, expected: Expectation, others_m: np.ndarray, height_m: float, config: TrackConfig,
+    watch: Stopwatch,
+) -> Observation:  # fmt: skip
+    """The same frame, isolated by a better expectation than there was when it came in."""
+    with watch.stage("isolation"):
+        views = isolate(seen.pieces, expected.skin_m, others_m, config.isolation, expected.frames_without_fit)
+    return _observed(seen.frame_set, room, seen.pieces, views, expected, height_m, config, watch)
+
+
 def _find_pieces(frame_set: FrameSet, room: Room, config: TrackConfig) -> list[Pieces | None]:
     return [
         None if depth is None else find_pieces(depth, scene, config.isolation)
@@ -95,10 +109,10 @@ def _observed(
         anchors = find_anchors(surface, UP, facing, height_m, cut, places, config.anchors)
         descriptor = anchor_descriptor(surface, anchors)
     with watch.stage("isolation"):
-        others = other_people(pieces, views)
+        others = other_people(pieces, views, config.isolation)
     with watch.stage("registration"):
         evidence = gather_evidence(surface, views, room.cameras)
-    return Observation(frame_set, evidence, anchors, descriptor, others)
+    return Observation(frame_set, evidence, anchors, descriptor, tuple(pieces), others)
 
 
 def _blank(room: Room, number: int) -> View:

@@ -26,7 +26,7 @@ from anchorpose.tracker.association import (
 )
 from anchorpose.tracker.config import Method, TrackConfig
 from anchorpose.tracker.estimate import Estimate, estimate_of, nobody_found
-from anchorpose.tracker.observation import Expectation, Observation, observe
+from anchorpose.tracker.observation import Expectation, Observation, observe, observe_again
 from anchorpose.tracker.room import Room
 from anchorpose.tracker.start import Start, body_points, find_start
 from anchorpose.tracker.stopwatch import Stopwatch
@@ -53,6 +53,7 @@ class PatientTracker:
         joints = self.rest.body.joints(pose_points(self.points, self.rest, start.belief.pose).transforms)
         self.history: deque[np.ndarray] = deque([joints], maxlen=config.follow.history)
         self.unseen_s = 0.0
+        self.search_wait = 0  # frames until arms may be searched for again
         self.first = self._estimate(Registration(start.belief, start.explained, True), start.observation)
 
     @property
@@ -89,9 +90,24 @@ class PatientTracker:
             poses.append(pose)
         return poses
 
+    def _see_again(self, pose: Pose) -> Observation:
+        """Tell people apart anew in the frame to be registered: now its pose is predicted from the frame before."""
+        now, config = self.window[0], self.config
+        expected = self._expectation(pose)
+        seen = observe_again(self.window[1], self.room, expected, now.others_m, self.height_m, config, self.watch)
+        self.window[1] = seen
+        with self.watch.stage("association"):
+            self.links[0] = link(now, seen, config)
+            if len(self.window) > 2:
+                self.links[1] = link(seen, self.window[2], config)
+        return seen
+
     def _expect(self, steps: int) -> Expectation:
         with self.watch.stage("prediction"):
             pose = self._predict(steps)[-1]
+        return self._expectation(pose)
+
+    def _expectation(self, pose: Pose) -> Expectation:
         posed = pose_points(self.points, self.rest, pose)
         trunk = posed.transforms[self.points.asset.bone("Spine1"), :3, 0]
         level = np.array([trunk[0], 0.0, trunk[2]])
@@ -106,15 +122,17 @@ class PatientTracker:
     def _interval_s(self) -> float:
         if len(self.window) < 2:
             return 1.0 / 30.0
-        return self.window[1].frame_set.time_s - self.window[0].frame_set.time_s
+        return abs(self.window[1].frame_set.time_s - self.window[0].frame_set.time_s)
 
     def _advance(self) -> Estimate:
         """Register the second frame of the window and make it the first."""
         now, following = self.window[0], self.window[1]
-        elapsed_s = following.frame_set.time_s - now.frame_set.time_s
+        elapsed_s = abs(following.frame_set.time_s - now.frame_set.time_s)
         with self.watch.stage("prediction"):
             poses = self._predict(len(self.window) - 1)
         predicted = self.belief.later(poses[0], elapsed_s, self.config.registration.fit)
+        if len(following.others_m):
+            following = self._see_again(poses[0])
         if len(now.surface) and len(following.surface):
             registration = self._associate_and_register(poses, predicted)
         else:
@@ -145,7 +163,11 @@ class PatientTracker:
         evidence = window[1].evidence
         if config.method is Method.ARTICULATED:
             held = held_by(self.points, now, hypothesis, window, T_predicted)
-            return register(self.points, self.rest, predicted, evidence, held, config.registration)
+            found = register(
+                self.points, self.rest, predicted, evidence, held, config.registration, self.search_wait == 0
+            )
+            self.search_wait = config.follow.search_pause if found.searched else max(0, self.search_wait - 1)
+            return found
         T_next_now = parts_by_icp(hypothesis, window, T_predicted, config)
         joints = joints_of_parts(self.points.asset, self.rest.body, T_next_now @ now.transforms)
         pose = pose_from_joints(self.points, self.rest, poses[0], joints, config.registration.fit)
@@ -158,10 +180,10 @@ def follow_patient(
 ) -> Iterator[Estimate]:  # fmt: skip
     """An estimate for every frame, in order: lost until he is found, followed, and searched for again when lost.
 
-    known: the learnt shape; None where it is still to be learnt.
+    frames: in the order of time, or against it; the first one should be the room's opening. known: the learnt shape; None where it is still to be learnt.
     """
     tracker: PatientTracker | None = None
-    choice, waited = room.choice, RETRY_FRAMES
+    choice, waited = room.opening.choice if room.opening else None, RETRY_FRAMES
     for frame_set in frames:
         if tracker is None:
             start = None
@@ -176,7 +198,7 @@ def follow_patient(
             continue
         yield from tracker.push(frame_set)
         if tracker.unseen_s > config.follow.lost_after_s:
-            choice = PatientChoice(tracker.belief.pose.root_m[[0, 2]], "where he was lost")
+            choice = PatientChoice(tracker.belief.pose.root_m[[0, 2]], "where he was lost", sure=False)
             known = tracker.shape
             yield from (nobody_found(seen.frame_set, seen) for seen in list(tracker.window)[1:])
             tracker, waited = None, RETRY_FRAMES

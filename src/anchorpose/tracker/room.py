@@ -18,17 +18,27 @@ from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.tracker.config import TrackConfig
 
 UP = np.array([0.0, 1.0, 0.0])
+UNSURE_M2 = 10.0  # more than all cameras see of a person: a choice that is sure comes before any other
+CROWDED_M = 0.8  # an outstretched arm from axis to axis
 FACING = np.array([1.0, 0.0, 0.0])  # design: X of the world is the way the patient faces
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Opening:
+    """The frame (position in the recording) in which the patient is seen best, and where he stands in it."""
+
+    frame: int
+    choice: PatientChoice
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Room:
-    """cameras and scenes in the order of the recording; choice None where nobody was seen in the sampled frames."""
+    """cameras and scenes in the order of the recording; opening None where nobody was seen in the sampled frames."""
 
     recording: Recording
     calibration: Calibration
     scenes: tuple[Scene, ...]
-    choice: PatientChoice | None
+    opening: Opening | None
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
@@ -38,14 +48,16 @@ class Room:
 
 def prepare_room(recording: Recording, config: TrackConfig) -> Room:
     """Calibration, background of every camera, and which person is the patient, from frames spread over the recording."""
-    samples = _sample_frames(recording, config.follow.samples)
+    first, count = config.start, len(recording.streams[0].time_s[config.start : config.stop])
+    chosen = np.unique(np.linspace(first, first + count - 1, min(config.follow.samples, count)).astype(int)).tolist()
+    samples = [next(iter(read_frames(recording, k, k + 1))) for k in chosen]
     calibration = find_world(recording, samples, config.floor)
     scenes = tuple(
         set_scene(camera, _background(recording, number, samples, calibration, config), recording.equipment)
         for number, camera in enumerate(calibration.cameras)
     )
     sightings = [sight_people(frame_set, scenes, config) for frame_set in samples]
-    return Room(recording, calibration, scenes, _choose(sightings, calibration, recording, config))
+    return Room(recording, calibration, scenes, _choose_opening(chosen, sightings, calibration, recording, config))
 
 
 def sight_people(frame_set: FrameSet, scenes: Sequence[Scene], config: TrackConfig) -> People:
@@ -55,12 +67,6 @@ def sight_people(frame_set: FrameSet, scenes: Sequence[Scene], config: TrackConf
         for depth, scene in zip(frame_set.depths_m, scenes, strict=True)
     ]
     return find_people(pieces, config.isolation)
-
-
-def _sample_frames(recording: Recording, wanted: int) -> list[FrameSet]:
-    count = len(recording.streams[0].files)
-    chosen = np.unique(np.linspace(0, count - 1, min(wanted, count)).astype(int))
-    return [next(iter(read_frames(recording, int(k), int(k) + 1))) for k in chosen]
 
 
 def _background(
@@ -76,16 +82,31 @@ def _background(
     )
 
 
-def _choose(
-    sightings: Sequence[People], calibration: Calibration, recording: Recording, config: TrackConfig
-) -> PatientChoice | None:
-    """The first sampled frame that shows anybody decides; later ones say who stays."""
-    first = next((k for k, sighting in enumerate(sightings) if sighting.people), None)
-    if first is None:
+def _choose_opening(
+    frames: Sequence[int], sightings: Sequence[People], calibration: Calibration, recording: Recording,
+    config: TrackConfig,
+) -> Opening | None:  # fmt: skip
+    """The sampled frame in which most of the patient is seen and nobody is near him; the first one if he was named."""
+    look_at = _look_at(calibration.cameras[0])
+    openings, scores = [], []
+    for number, frame in enumerate(frames):
+        seen = [sightings[number], *sightings[:number], *sightings[number + 1 :]]
+        choice = choose_patient(seen, recording.equipment, config.patient_xz_m, look_at, config.isolation)
+        if choice is not None:
+            openings.append(Opening(frame, choice))
+            scores.append(_seen_alone(sightings[number], choice) + (UNSURE_M2 if choice.sure else 0.0))
+    if not openings:
         return None
-    return choose_patient(
-        sightings[first:], recording.equipment, config.patient_xz_m, _look_at(calibration.cameras[0]), config.isolation
-    )
+    return openings[0 if config.patient_xz_m is not None else int(np.argmax(scores))]
+
+
+def _seen_alone(sighting: People, choice: PatientChoice) -> float:
+    """Surface of the patient that is seen, m^2; what a person within an arm's length may hide or touch counts little."""
+    axes = np.array([person.ground_xz_m for person in sighting.people])
+    distance = np.linalg.norm(axes - choice.ground_xz_m, axis=1)
+    patient = int(distance.argmin())
+    crowded = (np.delete(distance, patient) < CROWDED_M).any()
+    return sighting.people[patient].area_m2 * (0.3 if crowded else 1.0)
 
 
 def _look_at(camera: Camera) -> np.ndarray:

@@ -1,0 +1,127 @@
+"""How far off the joints are on simulated recordings: python benchmarks/accuracy.py --seeds 5 --seconds 10.
+
+Each seed is another body, other clothes and other movements. A recording is made, tracked with the defaults (the body
+shape is not known to the tracker) and compared with the truth; the table has the mean over the seeds, in brackets the
+worst seed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from itertools import product
+from multiprocessing import get_context
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+from anchorpose.pipeline import TrackConfig, track_recording
+from anchorpose.results.evaluate import Evaluation, evaluate
+from anchorpose.results.tables import JOINTS_FILE, read_joints
+from anchorpose.simulate import config as presets
+from anchorpose.simulate.write import simulate_recording
+
+LARGEST_HOLE_M: Final = 0.15  # the paper's largest
+SCENES: Final[dict[str, Callable[[int, float], presets.SimulationConfig]]] = {
+    "single": presets.single,
+    "holes": lambda seed, seconds: presets.holes(seed, LARGEST_HOLE_M, seconds),
+    "clinic": presets.clinic,
+}
+TITLES: Final = {
+    "single": "one camera, nobody else",
+    "holes": "the same with the 0.15 m hole",
+    "clinic": "clinic: three cameras, frame, two therapists",
+}
+THREADS: Final = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """One recording: what the comparison says, joints lost in the last frame, tracking time a frame."""
+
+    scene: str
+    seed: int
+    evaluation: Evaluation
+    lost_at_end: int
+    seconds_a_frame: float
+
+
+def score(job: tuple[str, int], seconds: float) -> Outcome:
+    """Simulate, track and evaluate one scene."""
+    scene, seed = job
+    with TemporaryDirectory() as folder:
+        simulated, results = Path(folder) / "simulated", Path(folder) / "results"
+        simulate_recording(simulated, SCENES[scene](seed, seconds))
+        results.mkdir()
+        start = time.perf_counter()
+        track_recording(simulated / "recording", results, TrackConfig(), lambda done, total: None)
+        elapsed_s = time.perf_counter() - start
+        joints = read_joints(results / JOINTS_FILE)
+        evaluation = evaluate(results, simulated / "truth" / "truth.npz")
+    return Outcome(scene, seed, evaluation, int(joints.lost[-1].sum()), elapsed_s / len(joints.frame))
+
+
+def table(outcomes: Sequence[Outcome]) -> str:
+    """The outcomes as Markdown, one row a scene."""
+    lines = [
+        "| simulated recording | seeds | mean mm | 95 % mm | lost % | in 95 % band | lost at the end | s a frame |",
+        "|---|--:|--:|--:|--:|--:|--:|--:|",
+    ]
+    for scene, title in TITLES.items():
+        of_scene = [outcome for outcome in outcomes if outcome.scene == scene]
+        if not of_scene:
+            continue
+        overall = [outcome.evaluation.overall for outcome in of_scene]
+        cells = (
+            _mean_and_worst([summary.mean_mm for summary in overall], max),
+            _mean_and_worst([summary.p95_mm for summary in overall], max),
+            _mean_and_worst([_percent(summary.lost_share) for summary in overall], max),
+            _mean_and_worst([_percent(summary.coverage_95) for summary in overall], min),
+            f"{sum(outcome.lost_at_end > 0 for outcome in of_scene)} of {len(of_scene)}",
+            f"{sum(outcome.seconds_a_frame for outcome in of_scene) / len(of_scene):.2f}",
+        )
+        lines.append(f"| {title} | {len(of_scene)} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _percent(share: float | None) -> float | None:
+    return None if share is None else 100.0 * share
+
+
+def _mean_and_worst(values: Sequence[float | None], worst: Callable[[Sequence[float]], float]) -> str:
+    """A recording of which everything was lost has no error; it says so instead of improving the mean."""
+    known = [value for value in values if value is not None]
+    if not known:
+        return "–"
+    text = f"{sum(known) / len(known):.1f} ({worst(known):.1f})"
+    return text if len(known) == len(values) else f"{text}, {len(values) - len(known)} without"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=5, help="recordings of each scene")
+    parser.add_argument("--first-seed", type=int, default=101)
+    parser.add_argument("--seconds", type=float, default=10.0, help="length of each recording, at 15 pictures a second")
+    parser.add_argument("--scenes", nargs="+", choices=list(SCENES), default=list(SCENES))
+    parser.add_argument("--processes", type=int, default=2)
+    chosen = parser.parse_args()
+    for name in THREADS:
+        os.environ[name] = "1"  # one core each; a new process reads it before it loads a library
+    jobs = list(product(chosen.scenes, range(chosen.first_seed, chosen.first_seed + chosen.seeds)))
+    outcomes = []
+    with ProcessPoolExecutor(chosen.processes, mp_context=get_context("spawn")) as pool:
+        for outcome in pool.map(partial(score, seconds=chosen.seconds), jobs):
+            outcomes.append(outcome)
+            found = outcome.evaluation.overall
+            print(f"{outcome.scene} seed {outcome.seed}: mean {found.mean_mm} mm", file=sys.stderr)
+    print(table(outcomes))
+
+
+if __name__ == "__main__":
+    main()

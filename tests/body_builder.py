@@ -1,0 +1,210 @@
+"""Bodies of known shape and pose, and what depth cameras would see of them, for the tests of body and tracker."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from anchorpose.body.asset import BodyAsset, load_body_asset
+from anchorpose.body.constraints import Constraints
+from anchorpose.body.evidence import Evidence, gather_evidence
+from anchorpose.body.initial import shape_of_height
+from anchorpose.body.pose import DEGREE, MOVING_BONES, POSE_SIZE, Pose, joint_range
+from anchorpose.body.skin_points import FittedShape, RestPoints, SkinPoints, pose_points, rest_points, skin_points
+from anchorpose.camera import Camera, Intrinsics, transform_points
+from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.simulate.person import vertex_normals
+from anchorpose.simulate.render import Figure, Picture, draw_figures
+from anchorpose.surface.fusion import fuse
+from anchorpose.surface.mesh import build_surface
+
+NOTHING = Constraints(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+"""No pairs, no anchors: the surface alone."""
+
+
+@cache
+def asset() -> BodyAsset:
+    return load_body_asset()
+
+
+@cache
+def points() -> SkinPoints:
+    return skin_points(asset())
+
+
+@cache
+def adult(height_m: float = 1.72, clothing_m: float = 0.0) -> FittedShape:
+    return FittedShape(shape_of_height(asset(), height_m).coefficients, clothing_m)
+
+
+@cache
+def adult_rest(height_m: float = 1.72, clothing_m: float = 0.0) -> RestPoints:
+    return rest_points(points(), adult(height_m, clothing_m))
+
+
+def standing(root_m: Sequence[float] = (0.0, 0.95, 0.0), **turns_deg: tuple[float, float, float]) -> Pose:
+    """The rest pose with the named bones turned by a rotation vector in degrees, X forward, Y up, Z right."""
+    rotations = np.tile(np.eye(3), (len(asset().bone_names), 1, 1))
+    for bone, turn in turns_deg.items():
+        rotations[asset().bone(bone)] = Rotation.from_rotvec(np.array(turn) * DEGREE).as_matrix()
+    return Pose(rotations, np.array(root_m, dtype=np.float64))
+
+
+def random_pose(seed: int, spread: float = 0.4) -> Pose:
+    """A standing person's pose, ``spread`` standard deviations of the joint range wide; hinges bend forward only."""
+    rng = np.random.default_rng(seed)
+    ranges = joint_range(asset())
+    rotations = np.tile(np.eye(3), (len(asset().bone_names), 1, 1))
+    for row, name in enumerate(MOVING_BONES):
+        vector = np.zeros(3)
+        if ranges.whiten[row].any():
+            vector = ranges.mean[row] + np.linalg.solve(ranges.whiten[row], spread * rng.normal(size=3))
+        short = ranges.hinge_limit[row] + 3.0 * DEGREE - vector @ ranges.hinge[row]
+        vector = vector + max(short, 0.0) * ranges.hinge[row]
+        rotations[asset().bone(name)] = Rotation.from_rotvec(vector).as_matrix()
+    rotations[0] = Rotation.from_rotvec(rng.normal(size=3) * np.array([4.0, 12.0, 4.0]) * DEGREE).as_matrix()
+    return Pose(rotations, np.array([0.0, 0.95, 0.0]) + rng.normal(0.0, 0.03, 3))
+
+
+def stepped(pose: Pose, *shift_m: float) -> Pose:
+    """The same pose in another place."""
+    return Pose(pose.rotations, pose.root_m + np.array(shift_m))
+
+
+def shaken(pose: Pose, seed: int, turn_deg: float, shift_m: float) -> Pose:
+    """A pose near another: every moving bone turned, the root shifted, by so much (one standard deviation an axis)."""
+    rng = np.random.default_rng(seed)
+    change = np.append(rng.normal(0.0, turn_deg * DEGREE, POSE_SIZE - 3), rng.normal(0.0, shift_m, 3))
+    return pose.moved(change, points().moving)
+
+
+def joints_of(rest: RestPoints, pose: Pose) -> np.ndarray:
+    return rest.body.joints(pose_points(points(), rest, pose).transforms)
+
+
+def joint_errors_m(rest: RestPoints, pose: Pose, truth: Pose) -> np.ndarray:
+    return np.linalg.norm(joints_of(rest, pose) - joints_of(rest, truth), axis=1)
+
+
+def camera_at(position_m: Sequence[float], look_at_m: Sequence[float], name: str = "front", shrink: int = 1) -> Camera:
+    """A level Kinect v2 that looks at a place, with 1/shrink of its pixels each way."""
+    away = np.subtract(look_at_m, position_m).astype(float)
+    away /= np.linalg.norm(away)
+    right = np.cross(away, [0.0, 1.0, 0.0])
+    right /= np.linalg.norm(right)
+    T_world_camera = np.eye(4)
+    T_world_camera[:3, :3] = np.stack([right, np.cross(away, right), away], axis=1)
+    T_world_camera[:3, 3] = position_m
+    lens = Intrinsics(fx=365.0 / shrink, fy=365.0 / shrink, cx=256.0 / shrink, cy=212.0 / shrink)
+    return Camera(name=name, width=512 // shrink, height=424 // shrink, depth_scale=0.001, intrinsics=lens,
+                  T_world_camera=T_world_camera)  # fmt: skip
+
+
+FRONT = camera_at((2.4, 1.1, 0.0), (0.0, 0.9, 0.0))
+LEFT = camera_at((0.9, 1.2, -2.2), (0.0, 0.9, 0.0), "left")
+
+
+def blank(camera: Camera) -> Picture:
+    shape = (camera.height, camera.width)
+    return Picture(np.zeros(shape, np.float32), np.ones(shape, np.float32), np.zeros(shape, np.uint8),
+                   np.zeros(shape, np.uint8))  # fmt: skip
+
+
+def photograph(skin_m: np.ndarray, camera: Camera) -> Picture:
+    """Depth and parts (1 + bone) of the asset's skin (v, 3) in the world, free of noise, with nothing behind it."""
+    part = (asset().main_bone()[asset().faces[:, 0]] + 1).astype(np.uint8)
+    figure = Figure(skin_m.astype(np.float32), asset().faces, part, int(PixelLabel.PATIENT))
+    return draw_figures(camera, blank(camera), (figure,))
+
+
+def before_wall(picture: Picture, camera: Camera, distance_m: float = 4.0) -> View:
+    """The picture as isolation would label it, a wall behind the body."""
+    body = picture.depth_m > 0
+    labels = np.where(body, PixelLabel.PATIENT, PixelLabel.BACKGROUND).astype(np.uint8)
+    return View(np.where(body, picture.depth_m, np.float32(distance_m)).astype(np.float32), labels)
+
+
+def skin_in(pose: Pose, rest: RestPoints) -> np.ndarray:
+    """(v, 3) naked skin in the world."""
+    return rest.body.skin(rest.body.bone_transforms(pose.rotations, pose.root_m))
+
+
+def dressed_in(pose: Pose, shape: FittedShape) -> np.ndarray:
+    """(v, 3) skin in the world with clothes of even thickness on the covered parts."""
+    body = shape.body(asset())
+    covered = np.zeros(len(asset().bone_names))
+    covered[points().part] = points().covered
+    cover = covered[asset().main_bone()]
+    dressed = body.vertices + shape.clothing_m * cover[:, None] * vertex_normals(body.vertices, asset().faces)
+    return replace(body, vertices=dressed).skin(body.bone_transforms(pose.rotations, pose.root_m))
+
+
+def evidence_of(views: Sequence[View], cameras: Sequence[Camera]) -> Evidence:
+    """What the stages before registration make of labelled pictures."""
+    meshes = [build_surface(view.depth_m, view.patient, camera) for view, camera in zip(views, cameras, strict=True)]
+    return gather_evidence(fuse(meshes, cameras), views, cameras)
+
+
+def seen_body(
+    pose: Pose,
+    rest: RestPoints,
+    cameras: Sequence[Camera] = (FRONT,),
+    change: Callable[[View, Picture], View] | None = None,
+) -> Evidence:
+    """The evidence that cameras gather of a naked body in a pose; ``change`` may hide some of it."""
+    views = []
+    for camera in cameras:
+        picture = photograph(skin_in(pose, rest), camera)
+        view = before_wall(picture, camera)
+        views.append(view if change is None else change(view, picture))
+    return evidence_of(views, cameras)
+
+
+def hide_bones(*names: str) -> Callable[[View, Picture], View]:
+    """A change for ``seen_body``: the pixels of these bones return no reading."""
+    numbers = [asset().bone(name) + 1 for name in names]
+
+    def change(view: View, picture: Picture) -> View:
+        gone = np.isin(picture.part, numbers)
+        return View(np.where(gone, np.float32(0.0), view.depth_m),
+                    np.where(gone, PixelLabel.NO_READING, view.labels).astype(np.uint8))  # fmt: skip
+
+    return change
+
+
+def winding_numbers(vertices: np.ndarray, faces: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """How often a surface wraps each place: 1 inside, 0 outside (van Oosterom and Strackee 1983)."""
+    wraps = []
+    for place in places:
+        a, b, c = (vertices[faces[:, k]] - place for k in range(3))
+        la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
+        volume = np.einsum("ni,ni->n", a, np.cross(b, c))
+        dots = ((a * b).sum(1) * lc, (b * c).sum(1) * la, (c * a).sum(1) * lb)
+        wraps.append(2.0 * np.arctan2(volume, la * lb * lc + sum(dots)).sum() / (4.0 * np.pi))
+    return np.array(wraps)
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """A rigid motion of the world."""
+
+    T: np.ndarray
+
+    def of_camera(self, camera: Camera) -> Camera:
+        return replace(camera, T_world_camera=self.T @ camera.require_pose())
+
+    def of_pose(self, pose: Pose) -> Pose:
+        rotations = pose.rotations.copy()
+        rotations[0] = self.T[:3, :3] @ rotations[0]
+        return Pose(rotations, transform_points(self.T, pose.root_m))
+
+
+def turned_about_y(degrees: float, shift_m: Sequence[float]) -> Motion:
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_euler("y", degrees, degrees=True).as_matrix()
+    T[:3, 3] = shift_m
+    return Motion(T)

@@ -1,0 +1,182 @@
+"""The normal equations of a frame, the priors in them, and the joint step on shape and poses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from body_builder import adult, adult_rest, points, random_pose, seen_body, shaken, standing
+
+from anchorpose.body.constraints import ConstraintConfig
+from anchorpose.body.evidence import evidence_rows
+from anchorpose.body.fit import (
+    FitConfig,
+    NormalEquations,
+    ShapeFrame,
+    ShapePrior,
+    learn_shape_step,
+    limited,
+    pose_equations,
+    prior_equations,
+    range_information,
+    solve_damped,
+)
+from anchorpose.body.pose import DEGREE, MOVING_BONES, POSE_SIZE, Pose, hinge_axes, joint_range
+from anchorpose.body.skin_points import FittedShape, pose_points, rest_points
+
+REST = adult_rest()
+CONFIG = FitConfig()
+STEP = 1e-5
+
+
+def equations_at(pose: Pose, constraints, shape_count: int = 0) -> NormalEquations:
+    posed = pose_points(points(), REST, pose)
+    return pose_equations(points(), REST, pose, posed, constraints, None, CONFIG, shape_count)
+
+
+def slope(cost, pose: Pose) -> np.ndarray:
+    moving = points().moving
+    return np.array([
+        (cost(pose.moved(d, moving)) - cost(pose.moved(-d, moving))) / (2.0 * STEP) for d in STEP * np.eye(POSE_SIZE)
+    ])  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_gradient_is_half_the_slope_of_the_cost(seed):
+    truth = random_pose(seed)
+    pose = shaken(truth, seed + 5, 3.0, 0.02)
+    rows = evidence_rows(points(), REST, pose, seen_body(truth, REST), 0.1, ConstraintConfig(node_count=400))
+    numeric = slope(lambda p: equations_at(p, rows).cost, pose)
+    gradient = equations_at(pose, rows).gradient
+    np.testing.assert_allclose(gradient, numeric / 2.0, atol=1e-4 * np.abs(gradient).max())
+
+
+@pytest.mark.parametrize("bend_deg", [-25.0, 5.0, 60.0])
+def test_the_priors_gradient_is_half_the_slope_of_its_cost_on_both_sides_of_the_limit(bend_deg):
+    axes, _ = hinge_axes(points().asset, "LeftLeg")
+    pose = standing(LeftLeg=tuple(bend_deg * axes[0]), RightArm=(50.0, 20.0, -30.0), Spine=(5.0, -9.0, 3.0))
+    numeric = slope(lambda p: prior_equations(points(), p, None, CONFIG)[2], pose)
+    gradient = prior_equations(points(), pose, None, CONFIG)[1]
+    np.testing.assert_allclose(gradient, numeric / 2.0, atol=1e-5 * np.abs(gradient).max())
+
+
+def test_a_knee_past_straight_is_driven_back_and_a_bent_one_is_not():
+    axes, _ = hinge_axes(points().asset, "LeftLeg")
+    row = MOVING_BONES.index("LeftLeg")
+    pull = [
+        float(
+            -prior_equations(points(), standing(LeftLeg=tuple(bend * axes[0])), None, CONFIG)[1][3 * row : 3 * row + 3]
+            @ axes[0]
+        )
+        for bend in (-20.0, 15.0)
+    ]
+    assert pull[0] > 10.0 * abs(pull[1])
+
+
+def test_at_the_mean_of_the_joint_range_the_prior_is_at_rest():
+    ranges = joint_range(points().asset)
+    pose = standing().moved(np.append(ranges.mean.ravel(), np.zeros(3)), points().moving)
+    _, gradient, cost = prior_equations(points(), pose, None, CONFIG)
+    np.testing.assert_allclose(gradient, 0.0, atol=1e-9)
+    assert cost == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_joint_range_says_nothing_about_where_the_patient_stands_and_faces():
+    information = range_information(points(), random_pose(3), CONFIG)
+    free = [*range(3), *range(POSE_SIZE - 3, POSE_SIZE)]
+    assert not information[free].any()
+    assert np.linalg.eigvalsh(information[3:-3, 3:-3]).min() > 0.0
+
+
+def test_a_prediction_that_is_met_changes_only_the_certainty():
+    pose, information = random_pose(4), np.diag(np.linspace(1.0, 9.0, POSE_SIZE))
+    alone = prior_equations(points(), pose, None, CONFIG)
+    with_it = prior_equations(points(), pose, (pose, information), CONFIG)
+    np.testing.assert_allclose(with_it[0] - alone[0], information, atol=1e-9)
+    np.testing.assert_allclose(with_it[1], alone[1], atol=1e-9)
+
+
+def test_a_strong_prediction_is_obeyed():
+    pose, predicted = random_pose(5), shaken(random_pose(5), 6, 3.0, 0.03)
+    information = np.eye(POSE_SIZE) * 1e8
+    for _ in range(4):
+        hessian, gradient, _ = prior_equations(points(), pose, (predicted, information), CONFIG)
+        pose = pose.moved(-np.linalg.solve(hessian, gradient), points().moving)
+    np.testing.assert_allclose(pose.rotations, predicted.rotations, atol=1e-4)
+    np.testing.assert_allclose(pose.root_m, predicted.root_m, atol=1e-6)
+
+
+def test_shape_columns_leave_the_equations_of_the_pose_as_they_are():
+    pose = random_pose(6)
+    rows = evidence_rows(points(), REST, pose, seen_body(pose, REST), 0.1, ConstraintConfig(node_count=400))
+    plain, shaped = equations_at(pose, rows), equations_at(pose, rows, 5)
+    assert shaped.hessian.shape == (POSE_SIZE + 6, POSE_SIZE + 6)
+    np.testing.assert_allclose(shaped.hessian[:POSE_SIZE, :POSE_SIZE], plain.hessian, rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(shaped.gradient[:POSE_SIZE], plain.gradient, rtol=1e-9, atol=1e-6)
+    assert shaped.cost == pytest.approx(plain.cost)
+
+
+def test_the_damped_step_solves_the_equations_but_for_a_thousandth():
+    rng = np.random.default_rng(7)
+    factor = rng.normal(size=(POSE_SIZE, POSE_SIZE))
+    hessian, step = factor @ factor.T + 50.0 * np.eye(POSE_SIZE), rng.normal(size=POSE_SIZE)
+    found = solve_damped(NormalEquations(hessian, -hessian @ step, 0.0))
+    np.testing.assert_allclose(found, step, atol=0.02)
+    assert np.abs(found - step).max() > 1e-6
+
+
+def test_a_step_is_shortened_to_the_largest_turn_and_not_lengthened():
+    change = np.zeros(POSE_SIZE)
+    change[4], change[-1] = 120.0 * DEGREE, 0.4
+    short = limited(change, CONFIG)
+    assert short[4] == pytest.approx(CONFIG.max_turn)
+    assert short[-1] == pytest.approx(0.1)
+    np.testing.assert_array_equal(limited(short / 10.0, CONFIG), short / 10.0)
+    shift = np.append(np.zeros(POSE_SIZE - 3), [1.0, 0.0, 0.0])
+    np.testing.assert_array_equal(limited(shift, CONFIG), shift)
+
+
+def test_what_is_not_seen_grows_less_sure_with_the_square_root_of_time():
+    one, four = CONFIG.process_variance(1.0), CONFIG.process_variance(4.0)
+    np.testing.assert_allclose(np.sqrt(four), 2.0 * np.sqrt(one))
+    np.testing.assert_allclose(one[:-3], CONFIG.turn_rate_sigma**2)
+    np.testing.assert_allclose(one[-3:], CONFIG.root_rate_sigma_m**2)
+
+
+def test_the_step_on_the_shape_is_the_step_of_the_whole_system():
+    """The Schur complement against one dense solve over shape and all poses."""
+    shape, prior, count = FittedShape(adult().coefficients[:4], 0.006), ShapePrior(), 4
+    rest = rest_points(points(), shape)
+    truths = [random_pose(seed) for seed in (8, 9)]
+    poses = [shaken(truth, 3, 2.0, 0.01) for truth in truths]
+    frames = [
+        ShapeFrame(
+            pose, evidence_rows(points(), rest, pose, seen_body(truth, REST), 0.1, ConstraintConfig(node_count=500))
+        )
+        for pose, truth in zip(poses, truths, strict=True)
+    ]
+    size = count + 1
+    whole, right = np.zeros((2 * POSE_SIZE + size,) * 2), np.zeros(2 * POSE_SIZE + size)
+    whole[-size:, -size:] = np.diag(prior.information(count))
+    right[-size:] = prior.information(count) * prior.deviation(shape)
+    for number, frame in enumerate(frames):
+        posed = pose_points(points(), rest, frame.pose)
+        own = pose_equations(points(), rest, frame.pose, posed, frame.constraints, None, CONFIG, count)
+        place = [*range(number * POSE_SIZE, (number + 1) * POSE_SIZE), *range(2 * POSE_SIZE, 2 * POSE_SIZE + size)]
+        damped = own.hessian + 1e-3 * np.diag(np.append(np.diag(own.hessian)[:POSE_SIZE], np.zeros(size)))
+        whole[np.ix_(place, place)] += damped
+        right[place] += own.gradient
+    change = -np.linalg.solve(whole, right)
+    found, moved = learn_shape_step(points(), shape, frames, prior, CONFIG)
+    np.testing.assert_allclose(found.coefficients - shape.coefficients, change[-size:-1], atol=1e-7)
+    assert found.clothing_m - shape.clothing_m == pytest.approx(change[-1], abs=1e-9)
+    for number, pose in enumerate(poses):
+        expected = pose.moved(limited(change[number * POSE_SIZE : (number + 1) * POSE_SIZE], CONFIG), points().moving)
+        np.testing.assert_allclose(moved[number].rotations, expected.rotations, atol=1e-7)
+        np.testing.assert_allclose(moved[number].root_m, expected.root_m, atol=1e-7)
+
+
+@pytest.mark.parametrize("name", FitConfig.__slots__)
+@pytest.mark.parametrize("value", [0.0, -1.0, float("nan")])
+def test_a_configuration_that_cannot_work_is_refused(name, value):
+    with pytest.raises(ValueError, match=name):
+        FitConfig(**{name: value})

@@ -1,0 +1,268 @@
+"""Registration of the whole body: known poses are found again, doubt grows unseen, strangers are refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from body_builder import (
+    FRONT,
+    LEFT,
+    NOTHING,
+    adult_rest,
+    asset,
+    before_wall,
+    blank,
+    evidence_of,
+    hide_bones,
+    joint_errors_m,
+    joints_of,
+    points,
+    random_pose,
+    seen_body,
+    shaken,
+    standing,
+    stepped,
+    turned_about_y,
+)
+
+from anchorpose.body.evidence import Evidence
+from anchorpose.body.fit import FitConfig
+from anchorpose.body.pose import DEGREE, POSE_SIZE, Pose
+from anchorpose.body.registration import (
+    PoseBelief,
+    Registration,
+    RegistrationConfig,
+    explained_share,
+    node_parts,
+    posterior,
+    register,
+    vague_belief,
+)
+from anchorpose.body.skin_points import pose_points
+from anchorpose.body.uncertainty import UncertaintyConfig, joint_sigma
+from anchorpose.camera import transform_points
+from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.joints import JOINT_INDEX
+
+CONFIG = RegistrationConfig()
+REST = adult_rest()
+ARM_LEFT = [JOINT_INDEX[name] for name in ("WristLeft", "HandLeft")]
+ARM_RIGHT = [JOINT_INDEX[name] for name in ("WristRight", "HandRight")]
+
+
+def predicted(pose: Pose, turn_deg: float, shift_m: float) -> PoseBelief:
+    """A prediction that is believed as far as it strays."""
+    variance = np.full(POSE_SIZE, (turn_deg * DEGREE) ** 2)
+    variance[-3:] = shift_m**2
+    return PoseBelief(pose, np.diag(variance), np.diag(1.0 / variance))
+
+
+def registered(belief: PoseBelief, evidence: Evidence, config: RegistrationConfig = CONFIG) -> Registration:
+    return register(points(), REST, belief, evidence, NOTHING, config)
+
+
+def sigmas(belief: PoseBelief) -> np.ndarray:
+    posed = pose_points(points(), REST, belief.pose)
+    return joint_sigma(points(), REST, posed, belief.covariance, UncertaintyConfig())
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("cameras", [(FRONT,), (FRONT, LEFT)], ids=["one camera", "two cameras"])
+def test_a_pose_is_found_again_from_two_degrees_a_bone_and_two_centimetres_away(seed, cameras):
+    truth = random_pose(seed, 0.3)
+    evidence = seen_body(truth, REST, cameras)
+    start = shaken(truth, seed + 100, turn_deg=2.0, shift_m=0.015)
+    assert joint_errors_m(REST, start, truth).mean() > 0.025
+    # without noise the mesh and the 28 mm sample of the skin leave 1 to 2 mm
+    free = registered(vague_belief(start), evidence)
+    assert free.found
+    assert joint_errors_m(REST, free.belief.pose, truth).mean() < 0.004
+    assert joint_errors_m(REST, free.belief.pose, truth).max() < 0.015
+    # a prediction that is wrong by one of its sigmas keeps a tenth of its error
+    held = registered(predicted(start, 2.0, 0.015), evidence)
+    assert held.found
+    assert joint_errors_m(REST, held.belief.pose, truth).mean() < 0.008
+    for found in (free, held):
+        assert found.explained > 0.95
+        assert np.isfinite(found.belief.pose.rotations).all()
+        assert np.isfinite(found.belief.covariance).all()
+
+
+def test_a_tight_prior_holds_the_start_and_a_vague_one_lets_go():
+    truth = random_pose(1, 0.3)
+    evidence, start = seen_body(truth, REST), shaken(random_pose(1, 0.3), 101, 2.0, 0.015)
+    errors = [
+        joint_errors_m(REST, registered(belief, evidence).belief.pose, truth).mean()
+        for belief in (vague_belief(start), predicted(start, 2.0, 0.015), predicted(start, 0.05, 0.0005))
+    ]
+    assert errors[0] < errors[1] < errors[2]
+    assert errors[2] > 0.5 * joint_errors_m(REST, start, truth).mean()
+
+
+def test_a_registered_pose_is_where_registration_ends_again():
+    truth = random_pose(2, 0.3)
+    evidence = seen_body(truth, REST)
+    once = registered(vague_belief(shaken(truth, 3, 2.0, 0.01)), evidence).belief.pose
+    again = registered(vague_belief(once), evidence).belief.pose
+    assert joint_errors_m(REST, again, once).max() < 0.003
+
+
+def test_the_same_input_gives_the_same_bits():
+    truth = random_pose(4, 0.3)
+    evidence, start = seen_body(truth, REST), vague_belief(shaken(random_pose(4, 0.3), 5, 2.0, 0.01))
+    first, again = (registered(start, evidence).belief for _ in range(2))
+    np.testing.assert_array_equal(first.pose.rotations, again.pose.rotations)
+    np.testing.assert_array_equal(first.pose.root_m, again.pose.root_m)
+    np.testing.assert_array_equal(first.covariance, again.covariance)
+
+
+@pytest.mark.parametrize("degrees", [35.0, 180.0])
+def test_a_room_that_is_turned_and_shifted_turns_and_shifts_the_answer(degrees):
+    motion = turned_about_y(degrees, (0.7, 0.0, -1.2))
+    truth = random_pose(6, 0.3)
+    start = shaken(truth, 7, 2.0, 0.015)
+    here = registered(vague_belief(start), seen_body(truth, REST)).belief
+    there = registered(
+        vague_belief(motion.of_pose(start)), seen_body(motion.of_pose(truth), REST, (motion.of_camera(FRONT),))
+    ).belief
+    # float32 surfaces and pixels on the silhouette differ a little
+    expected = transform_points(motion.T, joints_of(REST, here.pose))
+    np.testing.assert_allclose(joints_of(REST, there.pose), expected, atol=0.002)
+    np.testing.assert_allclose(sigmas(there), sigmas(here), rtol=0.05)
+
+
+def a_curtain() -> View:
+    """A flat curtain, much wider than a person, taken for one."""
+    view = before_wall(blank(FRONT), FRONT)
+    labels, depth = view.labels.copy(), view.depth_m.copy()
+    labels[40:380, 20:490], depth[40:380, 20:490] = PixelLabel.PATIENT, 2.3
+    return View(depth, labels)
+
+
+def test_a_surface_that_is_not_this_body_is_not_found():
+    found = registered(predicted(standing(), 3.0, 0.02), evidence_of((a_curtain(),), (FRONT,)))
+    assert not found.found
+    assert 0.0 < found.explained < CONFIG.least_explained
+
+
+@pytest.mark.xfail(reason="a restart's pose and doubt stand in for the prediction when the body is not found after all")
+def test_a_surface_that_is_not_this_body_leaves_the_prediction():
+    belief = predicted(standing(), 3.0, 0.02)
+    assert registered(belief, evidence_of((a_curtain(),), (FRONT,))).belief is belief
+
+
+@pytest.mark.parametrize("kept", ["LeftHand", None])
+def test_too_little_of_a_body_is_not_found_and_leaves_the_prediction(kept):
+    truth = random_pose(8, 0.3)
+    gone = [name for name in asset().bone_names if name != kept]
+    evidence = seen_body(truth, REST, change=hide_bones(*gone))
+    assert len(evidence.surface) < CONFIG.least_nodes
+    belief = predicted(truth, 3.0, 0.02)
+    found = registered(belief, evidence)
+    assert not found.found
+    assert found.explained == 0.0
+    assert found.belief is belief
+
+
+def test_a_body_across_the_room_is_not_found():
+    far = predicted(random_pose(9, 0.3), 3.0, 0.02)
+    far = replace(far, pose=stepped(far.pose, 0.0, 0.0, 1.5))
+    found = registered(far, seen_body(random_pose(9, 0.3), REST))
+    assert not found.found
+    assert found.belief is far
+
+
+def test_seeing_makes_surer():
+    truth = random_pose(10, 0.3)
+    belief = vague_belief(shaken(truth, 11, 2.0, 0.01))
+    found = registered(belief, seen_body(truth, REST))
+    assert (sigmas(found.belief) < 0.5 * sigmas(belief)).all()
+
+
+def test_a_forearm_that_is_not_seen_is_less_sure_than_the_one_that_is():
+    truth = random_pose(12, 0.2)
+    belief = predicted(shaken(truth, 13, 1.0, 0.01), 10.0, 0.05)
+    hidden = hide_bones("LeftArm", "LeftForeArm", "LeftHand", "LThumb", "LeftFingerBase", "LeftHandFinger1")
+    seen, unseen = (registered(belief, seen_body(truth, REST, change=change)).belief for change in (None, hidden))
+    assert (sigmas(unseen)[ARM_LEFT] > 3.0 * sigmas(seen)[ARM_LEFT]).all()
+    assert (sigmas(unseen)[ARM_LEFT] > 3.0 * sigmas(unseen)[ARM_RIGHT]).all()
+    np.testing.assert_allclose(sigmas(unseen)[ARM_RIGHT], sigmas(seen)[ARM_RIGHT], rtol=0.2)
+
+
+def test_a_limb_out_of_sight_grows_less_sure_from_frame_to_frame_and_sure_again_when_it_is_back():
+    truth = random_pose(14, 0.2)
+    hidden = seen_body(truth, REST, change=hide_bones("RightForeArm", "RightHand", "RThumb", "RightFingerBase"))
+    open_view = seen_body(truth, REST)
+    belief = registered(vague_belief(truth), open_view).belief
+    course = [sigmas(belief)[ARM_RIGHT].max()]
+    for evidence in (*[hidden] * 5, open_view):
+        belief = registered(belief.later(belief.pose, 1.0 / 15.0, CONFIG.fit), evidence).belief
+        course.append(sigmas(belief)[ARM_RIGHT].max())
+    assert (np.diff(course[:-1]) > 0.0).all(), course
+    assert course[-1] < 0.7 * course[-2]
+    assert course[-1] == pytest.approx(course[0], rel=0.2)
+
+
+def test_without_evidence_a_belief_only_grows_less_sure():
+    belief = registered(vague_belief(random_pose(15)), seen_body(random_pose(15), REST)).belief
+    course = [sigmas(belief)]
+    for _ in range(10):
+        belief = belief.later(belief.pose, 0.1, FitConfig())
+        course.append(sigmas(belief))
+        assert np.linalg.eigvalsh(belief.information).min() > 0.0
+    assert (np.diff(course, axis=0) > 0.0).all()
+
+
+def test_time_that_does_not_pass_changes_no_belief():
+    belief = registered(vague_belief(random_pose(16)), seen_body(random_pose(16), REST)).belief
+    later = belief.later(belief.pose, 0.0, FitConfig())
+    np.testing.assert_allclose(later.covariance, belief.covariance, rtol=1e-9)
+    np.testing.assert_allclose(later.information, belief.information, rtol=1e-6, atol=1e-6 * belief.information.max())
+
+
+def test_an_arm_that_is_not_where_it_was_expected_is_looked_for_elsewhere():
+    truth = standing(LeftArm=(70.0, 0.0, 0.0), RightArm=(25.0, 0.0, 0.0))
+    start = standing(LeftArm=(-25.0, 0.0, 0.0), RightArm=(25.0, 0.0, 0.0))
+    belief = predicted(start, 4.0, 0.02)
+    evidence = seen_body(truth, REST)
+    assert joint_errors_m(REST, start, truth)[JOINT_INDEX["WristLeft"]] > 0.5
+    found = registered(belief, evidence)
+    assert joint_errors_m(REST, found.belief.pose, truth).max() < 0.05
+    never = registered(belief, evidence, replace(CONFIG, most_uncovered=1.0))
+    assert joint_errors_m(REST, never.belief.pose, truth).max() > 0.2
+
+
+def test_the_body_accounts_for_its_own_surface_and_not_for_one_a_step_away():
+    truth = random_pose(17, 0.3)
+    evidence = seen_body(truth, REST)
+    shares = [explained_share(points(), REST, stepped(truth, x, 0.0, 0.0), evidence, CONFIG) for x in (0.0, 0.08, 0.3)]
+    assert shares[0] > 0.98
+    assert shares[0] > shares[1] > shares[2]
+    assert shares[2] < 0.05
+
+
+def test_a_posterior_leaves_the_pose_that_was_found():
+    truth = random_pose(18, 0.3)
+    found = posterior(points(), REST, truth, vague_belief(truth), seen_body(truth, REST), CONFIG)
+    assert found.found
+    assert found.belief.pose is truth
+    assert np.linalg.eigvalsh(found.belief.covariance).min() > 0.0
+    assert np.linalg.eigvalsh(found.belief.information).min() > 0.0
+
+
+def test_nodes_on_the_skin_belong_to_the_bone_that_moves_it():
+    pose = random_pose(19, 0.3)
+    posed = pose_points(points(), REST, pose)
+    nodes = np.vstack([posed.points_m, [[0.0, 5.0, 0.0]]])
+    point, part = node_parts(points(), REST, pose, nodes, 0.05)
+    np.testing.assert_array_equal(point[:-1], np.arange(len(posed.points_m)))
+    np.testing.assert_array_equal(part[:-1], points().part)
+    assert point[-1] == part[-1] == -1
+
+
+@pytest.mark.parametrize("reaches", [(), (0.1, 0.0), (0.1, -0.2)])
+def test_a_registration_without_reach_is_refused(reaches):
+    with pytest.raises(ValueError, match="reaches_m"):
+        RegistrationConfig(reaches_m=reaches)

@@ -1,0 +1,60 @@
+"""Arms laid anew, when a limb has outrun its prediction."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from body_builder import adult_rest, asset, joints_of, random_pose, turned_about_y
+
+from anchorpose.body.restarts import arm_restarts
+from anchorpose.joints import JOINT_INDEX
+
+POSE = random_pose(2, 0.5)
+REST = adult_rest()
+FIRST = {"Left": np.array([0.2, -1.0, -0.3]), "Right": np.array([0.2, -1.0, 0.3])}
+
+
+@pytest.mark.parametrize("side", ["Left", "Right"])
+def test_a_restart_keeps_all_bones_but_one_arm(side):
+    arm = [asset().bone(f"{side}{bone}") for bone in ("Arm", "ForeArm", "Hand")]
+    others = np.setdiff1d(np.arange(len(asset().bone_names)), arm)
+    before = POSE.rotations.copy()
+    restarts = list(arm_restarts(asset(), POSE, side))
+    assert len(restarts) == 12
+    for restart in restarts:
+        np.testing.assert_array_equal(restart.rotations[others], before[others])
+        np.testing.assert_array_equal(restart.root_m, POSE.root_m)
+        turns = restart.rotations[arm]
+        np.testing.assert_allclose(turns @ turns.transpose(0, 2, 1), np.tile(np.eye(3), (3, 1, 1)), atol=1e-12)
+    np.testing.assert_array_equal(POSE.rotations, before)
+
+
+@pytest.mark.parametrize("side", ["Left", "Right"])
+def test_restarts_differ_from_one_another_by_more_than_a_wrists_width(side):
+    wrists = [joints_of(REST, pose)[JOINT_INDEX[f"Wrist{side}"]] for pose in arm_restarts(asset(), POSE, side)]
+    apart = np.linalg.norm(np.array(wrists)[:, None] - wrists, axis=2) + np.eye(len(wrists))
+    assert apart.min() > 0.04
+
+
+@pytest.mark.parametrize("side", ["Left", "Right"])
+def test_elbows_are_nearly_straight_or_bent_by_a_right_angle(side):
+    for number, restart in enumerate(arm_restarts(asset(), POSE, side)):
+        shoulder, elbow, wrist = (
+            joints_of(REST, restart)[JOINT_INDEX[f"{j}{side}"]] for j in ("Shoulder", "Elbow", "Wrist")
+        )
+        cosine = (elbow - shoulder) @ (wrist - elbow) / np.linalg.norm(elbow - shoulder) / np.linalg.norm(wrist - elbow)
+        # the asset's arm and this adult's differ by a degree or two at rest
+        assert np.degrees(np.arccos(cosine)) == pytest.approx((15.0, 90.0)[number % 2], abs=4.0)
+
+
+@pytest.mark.parametrize("side", ["Left", "Right"])
+def test_directions_are_in_the_axes_of_the_trunk(side):
+    turned = turned_about_y(90.0, (1.0, 0.0, 0.0)).of_pose(random_pose(3, 0.0))
+    for pose in (random_pose(3, 0.0), turned):
+        first = next(iter(arm_restarts(asset(), pose, side)))
+        transforms = REST.body.bone_transforms(first.rotations, first.root_m)
+        parent = transforms[asset().bone(f"{side}Shoulder"), :3, :3]
+        joints = joints_of(REST, first)
+        upper = parent.T @ (joints[JOINT_INDEX[f"Elbow{side}"]] - joints[JOINT_INDEX[f"Shoulder{side}"]])
+        cosine = upper @ FIRST[side] / np.linalg.norm(upper) / np.linalg.norm(FIRST[side])
+        assert cosine > np.cos(np.radians(5.0))

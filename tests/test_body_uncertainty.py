@@ -1,0 +1,82 @@
+"""From the covariance of a pose to how far off each joint may be."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from body_builder import adult_rest, joints_of, points, random_pose, turned_about_y
+
+from anchorpose.body.pose import DEGREE, POSE_SIZE, Pose
+from anchorpose.body.skin_points import pose_points
+from anchorpose.body.uncertainty import UncertaintyConfig, joint_sigma
+from anchorpose.joints import JOINT_INDEX
+
+REST = adult_rest()
+POSE = random_pose(1)
+
+
+def sigma(covariance: np.ndarray, pose: Pose = POSE, **config: float) -> np.ndarray:
+    return joint_sigma(points(), REST, pose_points(points(), REST, pose), covariance, UncertaintyConfig(**config))
+
+
+def some_covariance(seed: int) -> np.ndarray:
+    factor = 0.05 * np.random.default_rng(seed).normal(size=(POSE_SIZE, POSE_SIZE)) / np.sqrt(POSE_SIZE)
+    return factor @ factor.T
+
+
+def test_a_pose_known_exactly_leaves_the_floor():
+    np.testing.assert_allclose(sigma(np.zeros((POSE_SIZE, POSE_SIZE)), floor_m=0.007), 0.007, rtol=1e-12)
+
+
+def test_a_root_that_strays_takes_every_joint_with_it():
+    variance = np.zeros(POSE_SIZE)
+    variance[-3:] = 0.02**2
+    np.testing.assert_allclose(sigma(np.diag(variance), floor_m=0.005), np.hypot(0.005, 0.02), rtol=1e-12)
+
+
+def test_inflation_scales_what_the_posterior_says_and_not_the_floor():
+    covariance = some_covariance(1)
+    plain, inflated = sigma(covariance, floor_m=0.004), sigma(covariance, floor_m=0.004, inflation=3.0)
+    np.testing.assert_allclose(inflated**2 - 0.004**2, 9.0 * (plain**2 - 0.004**2), rtol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_less_knowledge_is_never_less_sigma(seed):
+    less = some_covariance(seed)
+    more = less + some_covariance(seed + 10)
+    assert (sigma(more) > sigma(less)).all()
+    assert (sigma(less) >= UncertaintyConfig().floor_m).all()
+
+
+def test_sigma_is_the_spread_of_the_joints_of_drawn_poses():
+    """Monte Carlo oracle: draw poses from the covariance and look where the joints go."""
+    rng = np.random.default_rng(4)
+    variance = np.full(POSE_SIZE, (1.0 * DEGREE) ** 2)
+    variance[-3:] = 0.005**2
+    drawn = np.array([
+        joints_of(REST, POSE.moved(rng.normal(size=POSE_SIZE) * np.sqrt(variance), points().moving)) for _ in range(600)
+    ])  # fmt: skip
+    spread = np.sqrt(drawn.var(axis=0).mean(axis=1))
+    # 600 draws know a standard deviation to 3 %; turns of a degree are linear to less than that
+    np.testing.assert_allclose(sigma(np.diag(variance), floor_m=1e-9), spread, rtol=0.1)
+
+
+def test_a_doubtful_elbow_moves_wrist_and_hand_but_no_other_joint():
+    variance = np.zeros(POSE_SIZE)
+    row = points().moving.tolist().index(points().asset.bone("LeftForeArm"))
+    variance[3 * row : 3 * row + 3] = 0.3**2
+    found = sigma(np.diag(variance), floor_m=0.005)
+    moved = {name for name, index in JOINT_INDEX.items() if found[index] > 0.0051}
+    assert moved == {"WristLeft", "HandLeft"}
+
+
+def test_sigma_does_not_depend_on_where_the_patient_stands_and_faces():
+    variance = np.full(POSE_SIZE, 0.05**2)
+    there = turned_about_y(70.0, (2.0, 0.1, -1.0)).of_pose(POSE)
+    np.testing.assert_allclose(sigma(np.diag(variance), there), sigma(np.diag(variance)), rtol=1e-9)
+
+
+@pytest.mark.parametrize("wrong", [{"floor_m": 0.0}, {"inflation": -1.0}, {"floor_m": float("nan")}])
+def test_a_configuration_that_cannot_work_is_refused(wrong):
+    with pytest.raises(ValueError, match="floor_m and inflation"):
+        UncertaintyConfig(**wrong)

@@ -1,0 +1,224 @@
+"""From a recording folder to a results folder, end to end."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from recording_builder import DATA
+
+from anchorpose.errors import InputError
+from anchorpose.joints import JOINT_INDEX, LIMBS, JointState
+from anchorpose.pipeline import TrackConfig, track_recording
+from anchorpose.results.joint_frame import SEVERITY
+from anchorpose.results.tables import JointTable, read_joints
+from anchorpose.simulate.config import SimulationConfig, clinic, single
+from anchorpose.simulate.write import simulate_recording
+
+FRAMES, FPS, DAMAGED = 9, 8.0, 5
+TABLES = ("joints.parquet", "angles.parquet")
+AGAIN = (
+    "import sys; from pathlib import Path; from anchorpose.pipeline import TrackConfig, track_recording; "
+    "track_recording(Path(sys.argv[1]), Path(sys.argv[2]), TrackConfig(), lambda done, total: None)"
+)
+
+
+def silent(done: int, total: int) -> None: ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Run:
+    """A tracked recording: its folders, run.json, joints, truth (t, 21, 3), and what progress was told."""
+
+    results: Path
+    document: dict
+    joints: JointTable
+    truth_m: np.ndarray
+    told: list[tuple[int, int]]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Run:
+    folder = tmp_path_factory.mktemp("pipeline")
+    simulate_recording(folder / "out", single(5, seconds=FRAMES / FPS, fps=FPS))
+    damaged = folder / f"out/recording/front/depth/{DAMAGED:06d}.png"
+    damaged.write_bytes(damaged.read_bytes()[:2000])
+    results, told = folder / "results", list[tuple[int, int]]()
+    results.mkdir()
+    track_recording(folder / "out/recording", results, TrackConfig(), lambda *progress: told.append(progress))
+    with np.load(folder / "out/truth/truth.npz") as truth:
+        truth_m = truth["joints"]
+    document = json.loads((results / "run.json").read_text())
+    return Run(results, document, read_joints(results / "joints.parquet"), truth_m, told)
+
+
+def errors_m(joints: JointTable, truth_m: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(joints.position_m - truth_m, axis=2)
+
+
+def test_joints_are_close_to_the_truth(run):
+    sound = np.arange(FRAMES) != DAMAGED
+    errors = errors_m(run.joints, run.truth_m)[sound]
+    # a body learnt from 1 s of one camera through 9 mm of clothes: 7 to 8 mm over three seeds, twice that is a fault
+    assert np.isfinite(errors).all()
+    assert errors.mean() < 0.016
+    assert np.percentile(errors, 95) < 0.035
+
+
+def test_most_joints_lie_within_their_sigma(run):
+    off = np.abs(run.joints.position_m - run.truth_m)
+    assert np.mean(off <= 1.96 * run.joints.sigma_m[..., None]) > 0.85  # 0.95 is meant, over many bodies
+
+
+def test_every_frame_is_in_the_tables(run):
+    np.testing.assert_array_equal(run.joints.frame, np.arange(FRAMES))
+    np.testing.assert_allclose(run.joints.time_s, np.arange(FRAMES) / FPS, atol=1e-6)
+    assert sorted(path.name for path in run.results.iterdir() if path.is_file()) == [
+        "angles.parquet", "joints.parquet", "report.html", "run.json",
+    ]  # fmt: skip
+
+
+def test_a_damaged_picture_is_counted_and_the_rest_tracked(run):
+    (dropped,) = run.document["dropped"]
+    assert dropped["frame"] == DAMAGED
+    assert f"front/depth/{DAMAGED:06d}.png" in dropped["why"]
+    assert dropped["time_s"] == pytest.approx(DAMAGED / FPS)
+    observed = (run.joints.severity == SEVERITY[JointState.OBSERVED]).sum(axis=1)
+    assert observed[DAMAGED] == 0
+    assert np.delete(observed, DAMAGED).min() > 14
+    assert (run.joints.sigma_m[DAMAGED] > 2.0 * run.joints.sigma_m[DAMAGED - 1]).all()
+
+
+@pytest.mark.xfail(reason="a frame is not registered when the one before it shows nothing")
+def test_the_picture_after_a_damaged_one_is_used_again(run):
+    assert (run.joints.sigma_m[DAMAGED + 1] < run.joints.sigma_m[DAMAGED]).all()
+
+
+def test_bones_keep_their_length_over_the_whole_recording(run):
+    start, end = np.array([pair for pair in LIMBS if min(pair) > JOINT_INDEX["Neck"]]).T
+    length = np.linalg.norm(run.joints.position_m[:, start] - run.joints.position_m[:, end], axis=2)
+    assert np.ptp(length, axis=0).max() < 1e-6
+    assert length.min() > 0.02
+    assert length.max() < 0.6
+
+
+def test_angles_are_those_of_a_person(run):
+    rows = pq.read_table(run.results / "angles.parquet").to_pylist()
+    bends = [row for row in rows if row["angle"].startswith(("knee_flexion", "elbow_flexion"))]
+    assert len(bends) == 4 * FRAMES
+    assert all(-10.0 < row["degrees"] < 160.0 for row in bends)
+
+
+@pytest.mark.slow
+def test_another_process_gives_the_same_bytes(run, tmp_path):
+    command = [sys.executable, "-c", AGAIN, str(run.results.parent / "out/recording"), str(tmp_path)]
+    environment = {**os.environ, "PYTHONHASHSEED": "7", "NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    subprocess.run(command, env=environment, check=True, timeout=300)
+    for name in TABLES:
+        assert (tmp_path / name).read_bytes() == (run.results / name).read_bytes(), name
+
+
+def test_the_record_says_with_what_and_from_what(run):
+    document = run.document
+    assert document["frame_count"] == FRAMES
+    (camera,) = document["cameras"]
+    assert camera["name"] == "front"
+    assert camera["source"] == "given"
+    recorded = json.loads((run.results.parent / "out/recording/recording.json").read_text())
+    np.testing.assert_allclose(camera["camera_to_world"], recorded["cameras"][0]["camera_to_world"])
+    assert document["config"]["method"] == "articulated"
+    assert {"isolation", "surface", "anchors", "tree", "registration", "learning", "follow"} <= document[
+        "config"
+    ].keys()
+    assert {"recording.json", "front/background.png", "front/depth/000000.png"} <= document["inputs_sha256"].keys()
+    stages = {timing["stage"]: timing["seconds"] for timing in document["timings"]}
+    assert {"calibration and background", "isolation", "first pose", "body shape", "registration"} <= stages.keys()
+    assert all(seconds >= 0.0 for seconds in stages.values())
+    assert any("clothes" in note for note in document["notes"])
+
+
+def test_pictures_of_some_frames_are_kept(run):
+    assert len(run.document["pictures"]) >= 3
+    for picture in run.document["pictures"]:
+        assert (run.results / picture["file"]).stat().st_size > 1000
+
+
+def test_progress_goes_from_nothing_to_all_and_never_back(run):
+    done, total = np.array(run.told).T
+    assert len(set(total.tolist())) == 1
+    assert done[0] == 0
+    assert done[-1] == total[-1]
+    assert (np.diff(done) >= 0).all()
+
+
+@pytest.fixture(scope="module")
+def empty_room(tmp_path_factory) -> Path:
+    """A recording in which nobody is ever seen."""
+    out = tmp_path_factory.mktemp("empty") / "out"
+    simulate_recording(out, single(6, seconds=4 / FPS, fps=FPS))
+    front = out / "recording/front"
+    for picture in (front / "depth").iterdir():
+        shutil.copy(front / "background.png", picture)
+    return out / "recording"
+
+
+def test_a_recording_without_anybody_is_lost_from_end_to_end_and_says_so(empty_room, tmp_path):
+    track_recording(empty_room, tmp_path, TrackConfig(), silent)
+    joints = read_joints(tmp_path / "joints.parquet")
+    assert (joints.severity == SEVERITY[JointState.LOST]).all()
+    assert np.isnan(joints.position_m).all()
+    document = json.loads((tmp_path / "run.json").read_text())
+    assert document["frame_count"] == 4
+    assert any("nobody was seen" in note for note in document["notes"])
+    assert document["pictures"] == []
+
+
+def test_a_range_without_frames_is_refused_before_anything_is_written(empty_room, tmp_path):
+    with pytest.raises(InputError, match="has no frames"):
+        track_recording(empty_room, tmp_path, TrackConfig(start=99), silent)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_part_of_a_recording_keeps_its_frame_numbers(empty_room, tmp_path):
+    track_recording(empty_room, tmp_path, TrackConfig(start=1, stop=3), silent)
+    joints = read_joints(tmp_path / "joints.parquet")
+    np.testing.assert_array_equal(joints.frame, [1, 2])
+    np.testing.assert_allclose(joints.time_s, [1 / FPS, 2 / FPS], atol=1e-6)
+
+
+def tracked(folder: Path, config: SimulationConfig) -> tuple[JointTable, np.ndarray]:
+    simulate_recording(folder / "out", config)
+    (folder / "results").mkdir()
+    track_recording(folder / "out/recording", folder / "results", TrackConfig(), silent)
+    with np.load(folder / "out/truth/truth.npz") as truth:
+        return read_joints(folder / "results/joints.parquet"), truth["joints"]
+
+
+@pytest.mark.slow
+def test_three_cameras_see_through_a_frame_and_therapists(tmp_path):
+    joints, truth_m = tracked(tmp_path, clinic(21, seconds=3.0, fps=15.0))
+    errors = errors_m(joints, truth_m)
+    assert np.isnan(errors).mean() < 0.02
+    assert np.nanmean(errors) < 0.03
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("sample", "bound_m"), [("sample_holes", 0.03), ("sample_clinic", 0.04)])
+def test_the_sample_recordings_are_tracked(sample, bound_m, tmp_path):
+    folder = DATA / sample
+    if not folder.exists():
+        pytest.skip(f"{sample} is not beside the project")
+    recording = folder / "recording" if (folder / "recording").is_dir() else folder
+    track_recording(recording, tmp_path, TrackConfig(), silent)
+    with np.load(folder / "truth/truth.npz") as truth:
+        errors = errors_m(read_joints(tmp_path / "joints.parquet"), truth["joints"])
+    assert np.isnan(errors).mean() < 0.02
+    assert np.nanmean(errors) < bound_m

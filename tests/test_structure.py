@@ -1,0 +1,186 @@
+"""How the project is laid out: who imports whom, what an import costs, what a committed file may not hold."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+import tomllib
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+import anchorpose
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "src" / "anchorpose"
+
+FLOW = (
+    "recording", "calibration", "isolation", "surface", "geodesics", "association", "tracking", "body", "results",
+)  # fmt: skip
+VALUES = ("errors", "joints", "camera")
+BESIDE_THE_FLOW = ("simulate", "tracker", "pipeline", "cli")
+PACKAGE_ITSELF = "anchorpose"  # `from anchorpose import __version__`
+
+HEAVY = {"numpy", "scipy", "numba", "cv2", "pyarrow", "plotly", "embreex"}
+
+# Put together from pieces, so that this file does not hold what it forbids.
+MACHINE_PATH = re.compile(r"(?<![\w.~/])/(?:" + "|".join(("work", "root", "home", "Users", "opt", "tmp/lab")) + r")/")
+REGISTRY = re.compile("|".join((r"pypi\.", r"pythonhosted\.", r"registry\.npm", r"deb\.debian", "index" + "-url")))
+
+
+def imported_names(source: str) -> set[str]:
+    """What the source imports from anchorpose: stages, modules and the package itself; imports in functions count."""
+    names = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            dotted = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "imports are written in full, so that this test can read them"
+            dotted = [f"{node.module}.{alias.name}" for alias in node.names]
+        else:
+            continue
+        own = [name.split(".") for name in dotted if name.split(".")[0] == "anchorpose"]
+        names |= {PACKAGE_ITSELF if name[1:] in ([], ["__version__"]) else name[1] for name in own}
+    return names
+
+
+def modules_of(name: str) -> list[Path]:
+    """The modules of a stage, or the one module of that name."""
+    return sorted((PACKAGE / name).rglob("*.py")) or [PACKAGE / f"{name}.py"]
+
+
+def forbidden_imports(name: str, allowed: set[str]) -> list[str]:
+    return [
+        f"{module.relative_to(PACKAGE)} imports {unwanted}"
+        for module in modules_of(name)
+        for unwanted in sorted(imported_names(module.read_text(encoding="utf-8")) - allowed)
+    ]
+
+
+def project_files() -> list[Path]:
+    """Everything that is or could be committed; skips where this is no git work tree."""
+    listed = subprocess.run(
+        ["git", "ls-files", "-co", "--exclude-standard", "-z"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    if listed.returncode:
+        pytest.skip("this is no git work tree, so what is committed is not known")
+    return [ROOT / name for name in listed.stdout.split("\0") if name and (ROOT / name).is_file()]
+
+
+def lines_of(path: Path) -> list[str]:
+    """The lines of a text file; none of one that is not text."""
+    content = path.read_bytes()
+    return [] if b"\0" in content else content.decode("utf-8").splitlines()
+
+
+def commands_of(path: Path) -> list[str]:
+    """Commands chained with && in a README or a script, one string each, without their line breaks."""
+    joined = re.sub(r"(&&|\\)\n\s*", r"\1 ", path.read_text(encoding="utf-8")).replace("\\ ", "")
+    return [line.strip() for line in joined.splitlines() if line.strip().startswith("python3 -m venv")]
+
+
+@pytest.mark.parametrize("stage", FLOW)
+def test_a_stage_imports_only_what_stands_before_it_in_the_flow(stage: str) -> None:
+    earlier = FLOW[: FLOW.index(stage) + 1]
+    assert forbidden_imports(stage, {*earlier, *VALUES, PACKAGE_ITSELF}) == []
+
+
+@pytest.mark.parametrize("value", VALUES)
+def test_value_modules_import_nothing_but_each_other(value: str) -> None:
+    assert forbidden_imports(value, set(VALUES)) == []
+
+
+def test_nothing_that_tracks_can_reach_the_simulation_and_its_truth() -> None:
+    assert forbidden_imports("tracker", {*FLOW, *VALUES, "tracker"}) == []
+    assert forbidden_imports("pipeline", {*FLOW, *VALUES, "tracker"}) == []
+
+
+def test_the_simulation_uses_the_body_and_the_format_but_no_stage_that_is_judged_by_it() -> None:
+    assert forbidden_imports("simulate", {"simulate", "recording", "body", *VALUES}) == []
+
+
+def test_every_folder_and_module_has_a_place_in_the_layout() -> None:
+    found = {path.stem for path in PACKAGE.iterdir() if not path.name.startswith("__")}
+    assert found == {*FLOW, *VALUES, *BESIDE_THE_FLOW}
+
+
+def test_no_module_is_a_drawer_for_odds_and_ends() -> None:
+    drawers = {"util", "utils", "common", "helper", "helpers", "misc", "tools"}
+    assert [path for path in PACKAGE.rglob("*") if path.stem in drawers] == []
+
+
+@pytest.mark.parametrize(
+    ("source", "found"),
+    [
+        ("import anchorpose.body.fit", {"body"}),
+        ("from anchorpose import cli, __version__", {"cli", PACKAGE_ITSELF}),
+        ("def f():\n    from anchorpose.results.tables import read_joints", {"results"}),
+        ("import numpy\nfrom anchorposed import x", set()),
+    ],
+)
+def test_the_reader_of_imports_sees_all_forms_of_them(source: str, found: set[str]) -> None:
+    assert imported_names(source) == found
+
+
+@pytest.mark.parametrize("arguments", [None, ["--help"], ["track", "--help"], ["demo", "--help"], ["--version"]])
+def test_importing_and_asking_for_help_load_no_library_that_computes(arguments: list[str] | None) -> None:
+    ask = "" if arguments is None else f"from anchorpose.cli import main; assert main({arguments}) == 0"
+    script = f"import sys, anchorpose\n{ask}\nprint('loaded:', *sorted({HEAVY} & set(sys.modules)))"
+    answer = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert answer.stdout.splitlines()[-1] == "loaded:"
+
+
+def test_importing_the_package_imports_nothing_else_of_it() -> None:
+    script = "import sys, anchorpose; print(*[name for name in sys.modules if name.startswith('anchorpose.')])"
+    answer = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert answer.stdout.strip() == ""
+
+
+def test_the_version_is_written_once() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    assert "version" not in project["project"]
+    assert (ROOT / project["tool"]["hatch"]["version"]["path"]).read_text().count(f'"{anchorpose.__version__}"') == 1
+    assert version("anchorpose") == anchorpose.__version__
+    assert not re.search(r"^version:", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)
+
+
+def test_committed_files_name_no_path_of_a_machine_and_no_registry() -> None:
+    found = [
+        f"{path.relative_to(ROOT)}:{number}: {line.strip()[:80]}"
+        for path in project_files()
+        for number, line in enumerate(lines_of(path), 1)
+        if MACHINE_PATH.search(line) or REGISTRY.search(line)
+    ]
+    assert found == []
+
+
+@pytest.mark.parametrize("text", ["/" + "work/x", 'open("/' + 'root/a")', "https://py" + "pi.org/simple"])
+def test_the_search_for_such_names_bites(text: str) -> None:
+    assert MACHINE_PATH.search(text) or REGISTRY.search(text)
+
+
+def test_ci_runs_the_commands_of_the_readme() -> None:
+    demo, tests = commands_of(ROOT / "README.md")
+    in_ci = commands_of(ROOT / ".ci" / "run")
+    assert tests in in_ci
+    assert demo.endswith("anchorpose demo")
+    assert any(command.startswith(demo) for command in in_ci)
+
+
+@pytest.mark.parametrize(("lock", "extra"), [("requirements.lock", ()), ("requirements-dev.lock", ("dev",))])
+def test_every_dependency_is_locked_with_hashes(lock: str, extra: tuple[str, ...]) -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    wanted = [*project["dependencies"], *(line for name in extra for line in project["optional-dependencies"][name])]
+    entries = re.split(r"\n(?=\S)", (ROOT / lock).read_text(encoding="utf-8"))
+    locked = {entry.split("==")[0]: entry for entry in entries}
+    assert {re.split(r"[<>=~]", line)[0] for line in wanted} <= set(locked)
+    assert [name for name, entry in locked.items() if "--hash=sha256:" not in entry] == []
+
+
+def test_both_locks_agree_on_what_runs() -> None:
+    dev = set((ROOT / "requirements-dev.lock").read_text(encoding="utf-8").splitlines())
+    run = set((ROOT / "requirements.lock").read_text(encoding="utf-8").splitlines())
+    assert run <= dev
