@@ -196,12 +196,11 @@ def test_a_view_without_the_patient_has_no_outline():
 def stray_rows(
     labels: np.ndarray | None = None, shift_m: float = 0.06, depth_m: np.ndarray | None = None
 ) -> Constraints:
-    """Rows of a body that stands to the side of where the picture shows it."""
+    """Rows of a body that stands to the side of where the picture shows it; the patient himself is near everything."""
     view = view_of_body()
-    outline = find_outline(view)
-    if labels is not None or depth_m is not None:
-        view = View(view.depth_m if depth_m is None else depth_m, view.labels if labels is None else labels)
-    return outline_constraints(moved((0.0, 0.0, shift_m)), view, outline, FRONT, 0.1, CONFIG)
+    depth = np.where(view.patient, np.float32(0.2), view.depth_m) if depth_m is None else depth_m
+    shown = View(depth, view.labels if labels is None else labels)
+    return outline_constraints(moved((0.0, 0.0, shift_m)), shown, find_outline(view), FRONT, 0.1, CONFIG)
 
 
 def test_skin_beside_the_outline_is_pulled_back_to_it():
@@ -240,7 +239,7 @@ def test_another_person_behind_the_skin_pushes_it_away_as_the_background_does(la
 
 def test_skin_behind_what_the_pixel_shows_may_be_there():
     view = view_of_body()
-    nearer = np.where(view.patient, view.depth_m, np.float32(1.0)).astype(np.float32)
+    nearer = np.full_like(view.depth_m, 1.0)
     assert len(stray_rows(depth_m=nearer)) == 0
 
 
@@ -254,6 +253,21 @@ def test_skin_outside_the_picture_is_not_pulled():
     view = view_of_body()
     posed = moved((0.0, -3.0, 0.0))
     assert len(outline_constraints(posed, view, find_outline(view), FRONT, 0.1, CONFIG)) == 0
+
+
+def test_skin_before_the_patients_own_surface_is_pulled_along_the_ray_onto_it():
+    view, posed = view_of_body(), moved((0.3, 0.0, 0.0))
+    rows = outline_constraints(posed, view, find_outline(view), FRONT, 0.1, CONFIG)
+    ray = rows.target_m - FRONT.position_m
+    along = np.abs((ray / np.linalg.norm(ray, axis=1, keepdims=True) * rows.direction).sum(axis=1)) > 0.999
+    assert along.sum() > 400
+    in_camera = transform_points(invert_rigid(FRONT.require_pose()), rows.target_m[along])
+    column, row, inside = FRONT.pixel_of(in_camera)
+    assert inside.all()
+    np.testing.assert_allclose(in_camera[:, 2], view.depth_m[row, column], atol=1e-5)
+    assert view.patient[row, column].all()
+    assert (rows.residuals(posed)[along] < 0.0).all()  # nearer to the camera than what it saw
+    assert np.median(rows.residuals(posed)[along]) == pytest.approx(-0.3, abs=0.05)
 
 
 def test_following_the_rows_brings_a_strayed_body_back():

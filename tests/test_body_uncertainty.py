@@ -16,7 +16,8 @@ POSE = random_pose(1)
 
 
 def sigma(covariance: np.ndarray, pose: Pose = POSE, **config: float) -> np.ndarray:
-    return joint_sigma(points(), REST, pose_points(points(), REST, pose), covariance, UncertaintyConfig(**config))
+    settings = UncertaintyConfig(**{"floor_m": 0.006, "inflation": 1.0, **config})
+    return joint_sigma(points(), REST, pose_points(points(), REST, pose), covariance, settings)
 
 
 def some_covariance(seed: int) -> np.ndarray:
@@ -45,7 +46,7 @@ def test_less_knowledge_is_never_less_sigma(seed):
     less = some_covariance(seed)
     more = less + some_covariance(seed + 10)
     assert (sigma(more) > sigma(less)).all()
-    assert (sigma(less) >= UncertaintyConfig().floor_m).all()
+    assert (sigma(less) >= 0.006).all()
 
 
 def test_sigma_is_the_spread_of_the_joints_of_drawn_poses():

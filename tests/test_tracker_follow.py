@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from anchorpose.body.skin_points import FittedShape
-from anchorpose.joints import JOINT_COUNT, LIMBS, JointState
+from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, LIMBS, JointState
 from anchorpose.recording.reader import open_recording, read_frames
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
@@ -22,7 +22,8 @@ from anchorpose.tracker.stopwatch import Stopwatch
 
 FPS, FRAMES = 8.0, 20
 APPEARS, VANISHES, RETURNS = 2, 8, 15  # frames: the room is empty, he is there, the camera is blind, he is there again
-CONFIG = TrackConfig(follow=FollowConfig(lost_after_s=0.5))  # half the default keeps the recording short
+# half the default's patience and doubt keep the recording short
+CONFIG = TrackConfig(follow=FollowConfig(lost_after_s=0.5, lost_sigma_m=0.12))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,6 +111,12 @@ def test_doubt_grows_while_nothing_is_seen_until_he_is_lost(course):
     assert all(lost(estimate) for estimate in blind[len(held) :])
 
 
+def test_hands_are_lost_to_doubt_before_the_trunk_is(course):
+    last = course.estimates[VANISHES + int(CONFIG.follow.lost_after_s * FPS)]
+    assert last.states[JOINT_INDEX["HandLeft"]] == last.states[JOINT_INDEX["HandRight"]] == JointState.LOST
+    assert last.states[JOINT_INDEX["SpineBase"]] != JointState.LOST
+
+
 def test_nothing_is_observed_while_nothing_is_seen(course):
     for estimate in course.estimates[VANISHES:RETURNS]:
         assert JointState.OBSERVED not in estimate.states
@@ -140,6 +147,16 @@ def test_bones_keep_their_length_while_he_is_followed(course):
     assert np.ptp(lengths, axis=0).max() < 1e-6
 
 
+def test_a_body_found_by_itself_is_kept_when_he_is_found_again(course):
+    frames = list(read_frames(course.room.recording))[VANISHES - 1 : RETURNS + 2]
+    estimates = list(follow_patient(course.room, frames, None, None, CONFIG, Stopwatch()))
+    shapes = [estimate.shape for estimate in estimates if estimate.shape is not None]
+    assert not lost(estimates[0])
+    assert not lost(estimates[-1])
+    assert all(lost(estimate) for estimate in estimates[-4:-2])
+    assert all(shape is shapes[0] for shape in shapes)
+
+
 def test_following_from_the_middle_is_following(course):
     frames = read_frames(course.room.recording, APPEARS, APPEARS + 2)
     estimates = list(follow_patient(course.room, frames, None, course.shape, CONFIG, Stopwatch()))
@@ -153,15 +170,16 @@ def test_the_papers_own_parts_follow_roughly(course):
     watch = Stopwatch()
     estimates = list(follow_patient(course.room, frames, None, course.shape, config, watch))
     assert len(estimates) == VANISHES - APPEARS
-    errors = [float(np.linalg.norm(e.joints_m - course.truth_m[e.frame_set.frame], axis=1).mean()) for e in estimates]
-    assert errors[0] < 0.02
+    off = np.linalg.norm([e.joints_m - course.truth_m[e.frame_set.frame] for e in estimates], axis=2)
+    assert off[0].mean() < 0.02
+    assert np.isnan(off).mean() < 0.2
     # frame-to-frame ICP drifts by some millimetres a frame at 8 frames a second; a lost limb is off by 0.3 m
-    assert max(errors) < 0.08, errors
-    assert errors[-1] > errors[0]
+    assert np.nanmean(off, axis=1).max() < 0.08
+    assert np.nanmean(off[-1]) > off[0].mean()
 
 
 def test_a_room_without_a_patient_loses_every_frame(course):
-    empty = replace(course.room, choice=None)
+    empty = replace(course.room, opening=None)
     frames = read_frames(course.room.recording, APPEARS, VANISHES)
     estimates = list(follow_patient(empty, frames, None, course.shape, CONFIG, Stopwatch()))
     assert len(estimates) == VANISHES - APPEARS

@@ -42,7 +42,8 @@ def main() -> None:
     np.savez_compressed(
         arguments.out, joints_mm=np.concatenate(clips), start=start, names=np.array(names), rate_hz=RATE_HZ
     )
-    print(f"{arguments.out}: {start[-1]} samples of {len(MOTIONS)} movements, {arguments.out.stat().st_size / 1e3:.0f} kB")
+    size_kb = arguments.out.stat().st_size / 1000
+    print(f"{arguments.out}: {start[-1]} samples of {len(MOTIONS)} movements, {size_kb:.0f} kB")
 
 
 if __name__ == "__main__":

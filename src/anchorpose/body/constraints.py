@@ -101,23 +101,30 @@ def surface_constraints(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outline:
-    """For every pixel of a view the nearest pixel on the patient: (height, width) int32 rows and columns."""
+    """For every pixel of a view the nearest one where the patient may be: (height, width) int32 rows and columns."""
 
     row: np.ndarray
     column: np.ndarray
 
 
 def find_outline(view: View) -> Outline | None:
-    """The outline of the patient in a view; None where he is not in the picture."""
+    """Where the patient is in a view, or may be unseen; None where he is not in the picture.
+
+    He may be where he is seen, behind equipment, where nothing was read, and behind another person before him. Only
+    background, and another person behind him, say that he is not there.
+    """
     import cv2
 
     patient = view.patient
     if not patient.any():
         return None
+    other = view.labels >= PixelLabel.OTHER_PERSON
+    behind = other & (view.depth_m > np.median(view.depth_m[patient]))
+    possible = (view.labels != PixelLabel.BACKGROUND) & ~behind
     _, nearest = cv2.distanceTransformWithLabels(
-        (~patient).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+        (~possible).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )
-    rows, columns = np.nonzero(patient)
+    rows, columns = np.nonzero(possible)
     place = np.zeros((int(nearest.max()) + 1, 2), dtype=np.int32)
     place[nearest[rows, columns]] = np.stack([rows, columns], axis=1)
     return Outline(place[nearest, 0], place[nearest, 1])
@@ -128,13 +135,16 @@ def outline_constraints(
 ) -> Constraints:
     """Skin that should be seen but is not is pulled to the patient's outline: model to data.
 
-    A skin point in front of what its pixel shows (background, another person) cannot be there; it is moved across the
-    ray to the nearest pixel of the patient. Pixels without reading, and what equipment hides, say nothing.
+    A skin point in front of what its pixel shows cannot be there. Where the pixel shows background (without a reading
+    where the room was removed) or another person, the point is moved across the ray to the nearest pixel where the
+    patient is or may be; where it shows the patient himself, along the ray to his surface. Pixels without reading, and what equipment
+    hides, say nothing.
     """
     in_camera = transform_points(invert_rigid(camera.require_pose()), posed.points_m)
     column, row, inside = camera.pixel_of(in_camera)
     label = view.labels[row, column]
-    before = in_camera[:, 2] < view.depth_m[row, column] - reach_m
+    depth = view.depth_m[row, column].astype(np.float64)
+    before = in_camera[:, 2] < np.where(depth > 0, depth, np.inf) - reach_m
     empty = (label == PixelLabel.BACKGROUND) | (label >= PixelLabel.OTHER_PERSON)
     stray = np.flatnonzero(inside & empty & before)
     goal_row, goal_column = outline.row[row[stray], column[stray]], outline.column[row[stray], column[stray]]
@@ -144,14 +154,19 @@ def outline_constraints(
     offset = posed.points_m[stray] - target
     length = np.linalg.norm(offset, axis=1)
     kept = (length > 1e-4) & (length < 3.0 * reach_m)
-    count = int(kept.sum())
-    return Constraints(
-        stray[kept],
-        target[kept],
-        offset[kept] / length[kept, None],
-        np.full(count, config.outline_sigma_m),
-        np.full(count, reach_m),
-    )
+    aside = _outline_rows(stray[kept], target[kept], offset[kept] / length[kept, None], reach_m, config)
+    front = np.flatnonzero(inside & (label == PixelLabel.PATIENT) & before)
+    rays = np.column_stack([camera.pixel_rays()[row[front], column[front]], np.ones(len(front))])
+    surface = transform_points(camera.require_pose(), rays * depth[front, None])
+    along = (rays / np.linalg.norm(rays, axis=1, keepdims=True)) @ camera.require_pose()[:3, :3].T
+    return join([aside, _outline_rows(front, surface, along, reach_m, config)])
+
+
+def _outline_rows(
+    point: np.ndarray, target_m: np.ndarray, direction: np.ndarray, reach_m: float, config: ConstraintConfig
+) -> Constraints:
+    count = len(point)
+    return Constraints(point, target_m, direction, np.full(count, config.outline_sigma_m), np.full(count, reach_m))
 
 
 def place_constraints(point: np.ndarray, target_m: np.ndarray, sigma_m: float, scale_m: float) -> Constraints:

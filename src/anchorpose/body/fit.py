@@ -179,7 +179,8 @@ def learn_shape_step(
     change = -np.linalg.solve(schur, right)
     poses = [frame.pose.moved(limited(-own - cross @ change, config), points.moving)
              for frame, (cross, own) in zip(frames, eliminated, strict=True)]  # fmt: skip
-    return FittedShape(shape.coefficients + change[:count], shape.clothing_m + change[size - 1]), poses
+    learned = FittedShape(shape.coefficients + change[:count], shape.clothing_m + change[size - 1])
+    return prior.possible(learned), poses
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -188,6 +189,16 @@ class ShapePrior:
 
     clothing_mean_m: float = 0.006
     clothing_sigma_m: float = 0.004
+
+    most_deviations: float = 3.0  # of a coefficient: one adult in a thousand
+    thickest_m: float = 0.03
+
+    def possible(self, shape: FittedShape) -> FittedShape:
+        """The shape, held within what adults and their clothes can be: bad depth must not make a giant."""
+        return FittedShape(
+            np.clip(shape.coefficients, -self.most_deviations, self.most_deviations),
+            float(np.clip(shape.clothing_m, 0.0, self.thickest_m)),
+        )
 
     def information(self, count: int) -> np.ndarray:
         """(count + 1,) inverse variances."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from anchorpose.body.asset import joint_bones
 from anchorpose.body.fit import FitConfig, limited, prior_equations
-from anchorpose.body.pose import Pose
+from anchorpose.body.pose import POSE_SIZE, Pose
 from anchorpose.body.skin_points import RestPoints, SkinPoints, joint_jacobian, pose_points
 
 _JOINT_SIGMA_M = 0.01  # predicted joints are means of whole parts: closer than that they need not be met
@@ -24,7 +24,7 @@ def pose_from_joints(
     for _ in range(_STEPS):
         posed = pose_points(points, rest, pose)
         at = rest.body.joints(posed.transforms)
-        jacobian = joint_jacobian(points, rest, posed, bones[known], at[known]).reshape(3 * known.sum(), -1)
+        jacobian = joint_jacobian(points, rest, posed, bones[known], at[known]).reshape(-1, POSE_SIZE)
         error = (at[known] - joints_m[known]).ravel()
         hessian, gradient, _ = prior_equations(points, pose, (start, nearby), config)
         hessian += jacobian.T @ jacobian / _JOINT_SIGMA_M**2

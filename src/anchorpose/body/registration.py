@@ -89,10 +89,12 @@ def register(
     if len(evidence.surface) < config.least_nodes:
         return Registration(predicted, 0.0, False)
     pose = _descend(points, rest, predicted.pose, predicted, evidence, held, config.reaches_m, config)
+    expected = predicted
     search = may_search and _uncovered(points, rest, pose, evidence, config) > config.most_uncovered
     if search:
         pose, predicted = _restart(points, rest, pose, predicted, evidence, held, config)
-    return replace(posterior(points, rest, pose, predicted, evidence, config), searched=search)
+    found = posterior(points, rest, pose, predicted, evidence, config)
+    return replace(found if found.found else replace(found, belief=expected), searched=search)
 
 
 def _descend(

@@ -198,6 +198,6 @@ def joint_jacobian(
     frame = np.where((parent >= 0)[:, None, None], transforms[parent, :3, :3], np.eye(3))
     turned = np.cross(frame.transpose(0, 2, 1)[None], lever[:, :, None, :])  # axis k of the parent's frame x lever
     jacobian = np.zeros((len(bones), 3, POSE_SIZE))
-    jacobian[:, :, :-3] = turned.transpose(0, 3, 1, 2).reshape(len(bones), 3, -1)
+    jacobian[:, :, :-3] = turned.transpose(0, 3, 1, 2).reshape(len(bones), 3, 3 * len(moving))
     jacobian[:, :, -3:] = np.eye(3)
     return jacobian

@@ -14,8 +14,8 @@ from anchorpose.body.skin_points import PosedPoints, RestPoints, SkinPoints, joi
 class UncertaintyConfig:
     """What the linear posterior does not know, measured on simulated clinics (docs/architecture.md says how)."""
 
-    floor_m: float = 0.006  # joints lie inside the body; the learnt shape places them no better than this
-    inflation: float = 1.0  # errors of neighbouring nodes and frames go together
+    floor_m: float = 0.005  # joints lie inside the body; the learnt shape places them no better than this
+    inflation: float = 0.8  # of the posterior: simulated errors of seen joints are that much smaller
 
     def __post_init__(self) -> None:
         if not (self.floor_m > 0 and self.inflation > 0):

@@ -22,6 +22,7 @@ class VisibilityConfig:
 
     reach_m: float = 0.04  # clothes, sensor and pose error together
     joint_radius_m: float = 0.13  # skin that moves with the joint: half a shank
+    trunk_radius_m: float = 0.22  # the spine lies at the back: so far to the skin of the belly
     least_seen: float = 0.25  # share of the skin around a joint, facing one camera, that must be seen there
     grazing: float = 0.25  # cosine below which skin is edge-on and returns no depth to speak of
 
@@ -31,6 +32,7 @@ class VisibilityConfig:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
 
 
+_TRUNK = ("Hips", "Spine")
 _REASONS = (
     JointState.OBSERVED,
     JointState.HIDDEN_BY_SELF,
@@ -43,18 +45,18 @@ _SEEN, _SELF, _EQUIPMENT, _PERSON, _HOLE, _OUTSIDE, _MISFIT = range(7)
 
 
 @cache
-def skin_around_joints(points: SkinPoints, radius_m: float) -> tuple[np.ndarray, ...]:
-    """For each joint the skin points of its own and the adjacent part that lie within the radius at rest."""
+def skin_around_joints(points: SkinPoints, radius_m: float, trunk_radius_m: float) -> tuple[np.ndarray, ...]:
+    """For each joint the skin points of its own and the adjacent part that lie within its radius at rest."""
     asset: BodyAsset = points.asset
     body = shape_body(asset, np.zeros(1))
     place = body.vertices[points.vertex]
     around = []
     for joint, bone in zip(body.rest_joints(), joint_bones(asset), strict=True):
         distance = np.linalg.norm(place - joint, axis=1)
-        near = distance < max(radius_m, np.partition(distance, 24)[24])
-        own = points.below[:, bone].astype(bool)
+        radius = trunk_radius_m if asset.bone_names[bone] in _TRUNK else radius_m
+        near = distance < max(radius, np.partition(distance, 24)[24])
         related = np.isin(points.part, [bone, asset.bone_parents[bone], *np.flatnonzero(asset.bone_parents == bone)])
-        around.append(np.flatnonzero(near & related) if (near & related).any() or own.any() else np.flatnonzero(near))
+        around.append(np.flatnonzero(near & related))
     return tuple(around)
 
 
@@ -62,10 +64,13 @@ def joint_states(
     points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera],
     config: VisibilityConfig,
 ) -> tuple[JointState, ...]:  # fmt: skip
-    """The state of each of the 21 joints: the best any camera offers, else what hides most of it."""
-    votes = np.zeros((JOINT_COUNT, len(_REASONS)))
+    """The state of each of the 21 joints: the best any camera offers, else what hides most of it.
+
+    Lost where the cameras look past most of the skin around it: then the joint is not where the body was laid.
+    """
+    votes = np.zeros((JOINT_COUNT, _MISFIT + 1))
     observed = np.zeros(JOINT_COUNT, dtype=bool)
-    around = skin_around_joints(points, config.joint_radius_m)
+    around = skin_around_joints(points, config.joint_radius_m, config.trunk_radius_m)
     for view, camera in zip(views, cameras, strict=True):
         if view is None:
             continue
@@ -75,13 +80,16 @@ def joint_states(
             if not len(mine):
                 votes[joint, _SELF] += 1.0
                 continue
-            counts = np.bincount(reason[mine], minlength=7)
+            counts = np.bincount(reason[mine], minlength=_MISFIT + 1)
             observed[joint] |= counts[_SEEN] >= config.least_seen * len(mine)
-            votes[joint] += counts[: len(_REASONS)] / len(mine)
+            votes[joint] += counts / len(mine)
     votes[:, _SEEN] = 0.0
-    unexplained = ~observed & (votes.sum(axis=1) == 0.0)
-    states = [_REASONS[0] if seen else _REASONS[vote.argmax()] for seen, vote in zip(observed, votes, strict=True)]
-    return tuple(JointState.HIDDEN if odd else state for odd, state in zip(unexplained, states, strict=True))
+    votes[:, _HOLE] += (votes.sum(axis=1) == 0.0) & ~observed  # no camera has a picture
+    misfit = ~observed & (votes[:, _MISFIT] > votes[:, :_MISFIT].sum(axis=1))
+    states = [
+        _REASONS[0] if seen else _REASONS[vote[:_MISFIT].argmax()] for seen, vote in zip(observed, votes, strict=True)
+    ]
+    return tuple(JointState.LOST if odd else state for odd, state in zip(misfit, states, strict=True))
 
 
 def _reasons(

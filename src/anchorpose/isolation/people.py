@@ -85,7 +85,9 @@ def choose_patient(
     stays = np.array([[_is_there(axis, sighting, config) for sighting in sightings] for axis in axes]).sum(axis=1)
     off_axis = np.linalg.norm(axes - look_at_xz, axis=1)
     best = int(np.lexsort((off_axis, -stays))[0])
-    reason = f"seen in place in {stays[best]} of {len(sightings)} frames and nearest to the middle of the view, {among}"
+    reason = (
+        f"was seen in place in {stays[best]} of {len(sightings)} frames and nearest to the middle of the view, {among}"
+    )
     return PatientChoice(axes[best], reason, sure=False)
 
 
@@ -98,7 +100,7 @@ def _columns(points_m: np.ndarray, area_m2: np.ndarray, config: IsolationConfig)
     cell = ((ground - low) / CELL_M).astype(np.int64)
     shape = cell.max(axis=0) + 1 + int(2 * config.person_radius_m / CELL_M)
     mass = np.bincount(cell[:, 0] * shape[1] + cell[:, 1], weights=area_m2, minlength=shape.prod()).reshape(shape)
-    mass = cv2.GaussianBlur(mass, (0, 0), config.person_radius_m / (3 * CELL_M))
+    mass = cv2.GaussianBlur(mass, (0, 0), config.person_radius_m / (4 * CELL_M))
     left = mass.copy()
     found: list[Person] = []
     peaks: list[np.ndarray] = []

@@ -7,12 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from anchorpose.camera import Camera
-from anchorpose.isolation.background import BackgroundModel, foreground
+from anchorpose.isolation.background import BackgroundModel, BackgroundSource, foreground
 from anchorpose.isolation.components import jump_limit_m, label_components
 from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.equipment import EquipmentView, equipment_mask, view_equipment
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.recording.equipment import EquipmentModel
+
+
+FEET_M = 0.3  # an ankle's height, and what a removed floor takes with it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,6 +68,8 @@ def find_pieces(depth_m: np.ndarray, scene: Scene, config: IsolationConfig) -> P
         labels[equipment] = PixelLabel.EQUIPMENT
         people &= ~equipment
     labels[people] = PixelLabel.CLUTTER
+    if model.source is BackgroundSource.REMOVED and people.any():
+        labels[_empty_around(depth_m, people, camera)] = PixelLabel.BACKGROUND
     limit = jump_limit_m(depth_m, model.noise_per_m, model.focal_px, config.jump_gate, config.steepest_slope_rad)
     pieces, _ = label_components(depth_m, people, limit)
     row, column = np.nonzero(people)
@@ -77,6 +82,18 @@ def find_pieces(depth_m: np.ndarray, scene: Scene, config: IsolationConfig) -> P
     piece = renumbered[piece[kept] - 1]
     points = _world_points(depth_m, scene, row, column)
     return Pieces(depth_m, labels, row, column, piece, int(large[1:].sum()), points, area, limit)
+
+
+def _empty_around(depth_m: np.ndarray, people: np.ndarray, camera: Camera) -> np.ndarray:
+    """(height, width) bool: pixels without reading that were certainly removed as room, so nobody is there.
+
+    Recorders that remove the room remove feet with the floor: near the lowest pixel, nothing is certain.
+    """
+    rows = np.flatnonzero(people.any(axis=1))
+    feet_px = int(FEET_M * camera.intrinsics.fy / float(np.median(depth_m[people])))
+    empty = depth_m <= 0
+    empty[max(0, int(rows[-1]) - feet_px) :] = False
+    return empty
 
 
 def _world_points(depth_m: np.ndarray, scene: Scene, row: np.ndarray, column: np.ndarray) -> np.ndarray:

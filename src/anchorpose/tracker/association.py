@@ -72,7 +72,8 @@ def global_hypothesis(
     chosen = np.unique(np.linspace(0, len(source) - 1, min(len(source), config.follow.tree_nodes)).astype(np.int64))
     nodes = source.points_m[chosen].astype(np.float64)
     point, part = node_parts(points, rest, pose, nodes, config.isolation.skin_margin_m)
-    chosen, nodes, point, part = (a[part >= 0] for a in (chosen, nodes, point, part))
+    on_body = part >= 0
+    chosen, nodes, point, part = chosen[on_body], nodes[on_body], point[on_body], part[on_body]
     places = carried(points, rest, pose, predicted, nodes, part)
     matches = [links[0].match[chosen], *(link.match for link in links[1:])]
     tree = best_branches(matches, [seen.surface.points_m for seen in window[1:]], places, config.tree)

@@ -57,7 +57,7 @@ def estimate_of(
     joints = rest.body.joints(posed.transforms)
     sigma = joint_sigma(points, rest, posed, belief.covariance, config.uncertainty)
     states = joint_states(points, posed, observation.evidence.views, observation.evidence.cameras, config.visibility)
-    lost = sigma > config.follow.lost_sigma_m
+    lost = (sigma > config.follow.lost_sigma_m) | np.array([state is JointState.LOST for state in states])
     return Estimate(
         observation.frame_set,
         observation,

@@ -133,7 +133,7 @@ class PatientTracker:
         predicted = self.belief.later(poses[0], elapsed_s, self.config.registration.fit)
         if len(following.others_m):
             following = self._see_again(poses[0])
-        if len(now.surface) and len(following.surface):
+        if len(following.surface):
             registration = self._associate_and_register(poses, predicted)
         else:
             registration = Registration(predicted, 0.0, False)

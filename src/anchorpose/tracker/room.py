@@ -18,8 +18,7 @@ from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.tracker.config import TrackConfig
 
 UP = np.array([0.0, 1.0, 0.0])
-UNSURE_M2 = 10.0  # more than all cameras see of a person: a choice that is sure comes before any other
-CROWDED_M = 0.8  # an outstretched arm from axis to axis
+CROWDED_M = 1.0  # from axis to axis: an outstretched arm and half a trunk
 FACING = np.array([1.0, 0.0, 0.0])  # design: X of the world is the way the patient faces
 
 
@@ -86,27 +85,39 @@ def _choose_opening(
     frames: Sequence[int], sightings: Sequence[People], calibration: Calibration, recording: Recording,
     config: TrackConfig,
 ) -> Opening | None:  # fmt: skip
-    """The sampled frame in which most of the patient is seen and nobody is near him; the first one if he was named."""
+    """The first sampled frame in which the patient is well seen and nobody is near him; the very first if he was named."""
     look_at = _look_at(calibration.cameras[0])
-    openings, scores = [], []
+    openings, seen = [], []
     for number, frame in enumerate(frames):
-        seen = [sightings[number], *sightings[:number], *sightings[number + 1 :]]
-        choice = choose_patient(seen, recording.equipment, config.patient_xz_m, look_at, config.isolation)
+        others = [*sightings[:number], *sightings[number + 1 :]]
+        choice = choose_patient(
+            [sightings[number], *others], recording.equipment, config.patient_xz_m, look_at, config.isolation
+        )
         if choice is not None:
             openings.append(Opening(frame, choice))
-            scores.append(_seen_alone(sightings[number], choice) + (UNSURE_M2 if choice.sure else 0.0))
+            seen.append(_patient_and_distance(sightings[number], choice))
     if not openings:
         return None
-    return openings[0 if config.patient_xz_m is not None else int(np.argmax(scores))]
+    if config.patient_xz_m is not None:
+        return openings[0]
+    ordinary_m2 = float(np.median([area_m2 for area_m2, _ in seen]))
+    sure = any(opening.choice.sure for opening in openings)
+    scores = [
+        float(opening.choice.sure or not sure) * min(area_m2 / ordinary_m2, 1.0) * min(distance_m / CROWDED_M, 1.0)
+        for opening, (area_m2, distance_m) in zip(openings, seen, strict=True)
+    ]
+    return openings[int(np.argmax(np.round(scores, 1)))]  # of equals the first: the patient is named as he stands there
 
 
-def _seen_alone(sighting: People, choice: PatientChoice) -> float:
-    """Surface of the patient that is seen, m^2; what a person within an arm's length may hide or touch counts little."""
+def _patient_and_distance(sighting: People, choice: PatientChoice) -> tuple[float, float]:
+    """Surface of the patient that is seen, m^2, and how far the nearest other person is, m (inf where he is alone).
+
+    More surface than usual is no better: it may be somebody else's who touches him.
+    """
     axes = np.array([person.ground_xz_m for person in sighting.people])
     distance = np.linalg.norm(axes - choice.ground_xz_m, axis=1)
     patient = int(distance.argmin())
-    crowded = (np.delete(distance, patient) < CROWDED_M).any()
-    return sighting.people[patient].area_m2 * (0.3 if crowded else 1.0)
+    return sighting.people[patient].area_m2, float(np.delete(distance, patient).min(initial=np.inf))
 
 
 def _look_at(camera: Camera) -> np.ndarray:
