@@ -34,7 +34,6 @@ from anchorpose.body.registration import (
     PoseBelief,
     Registration,
     RegistrationConfig,
-    explained_share,
     node_parts,
     posterior,
     register,
@@ -242,15 +241,6 @@ def test_an_arm_that_is_not_where_it_was_expected_is_looked_for_elsewhere():
     assert joint_errors_m(REST, found.belief.pose, truth).max() < 0.05
     never = registered(belief, evidence, replace(CONFIG, most_uncovered=1.0))
     assert joint_errors_m(REST, never.belief.pose, truth).max() > 0.2
-
-
-def test_the_body_accounts_for_its_own_surface_and_not_for_one_a_step_away():
-    truth = random_pose(17, 0.3)
-    evidence = seen_body(truth, REST)
-    shares = [explained_share(points(), REST, stepped(truth, x, 0.0, 0.0), evidence, CONFIG) for x in (0.0, 0.08, 0.3)]
-    assert shares[0] > 0.98
-    assert shares[0] > shares[1] > shares[2]
-    assert shares[2] < 0.05
 
 
 def test_a_posterior_leaves_the_pose_that_was_found():

@@ -67,7 +67,8 @@ def surface_constraints(
     """Each node of the surface pulls the nearest skin point that faces its camera: data to model.
 
     The plane's normal is the mean of both normals, which cancels the curvature (Rusinkiewicz 2019,
-    doi:10.1145/3306346.3323037). A node that no skin covers pulls straight: planes alone let limbs slide along themselves.
+    doi:10.1145/3306346.3323037). A node that no skin covers pulls straight: planes alone let limbs slide along
+    themselves.
     """
     chosen = _thin(len(surface), config.node_count)
     nodes = surface.points_m[chosen].astype(np.float64)
@@ -137,8 +138,8 @@ def outline_constraints(
 
     A skin point in front of what its pixel shows cannot be there. Where the pixel shows background (without a reading
     where the room was removed) or another person, the point is moved across the ray to the nearest pixel where the
-    patient is or may be; where it shows the patient himself, along the ray to his surface. Pixels without reading, and what equipment
-    hides, say nothing.
+    patient is or may be; where it shows the patient himself, along the ray to his surface. Pixels without
+    reading, and what equipment hides, say nothing.
     """
     in_camera = transform_points(invert_rigid(camera.require_pose()), posed.points_m)
     column, row, inside = camera.pixel_of(in_camera)

@@ -25,7 +25,7 @@ from anchorpose.surface.surface import Surface
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
-    """The patient's surface, and every camera's labelled picture with the patient's outline in it (None: no picture)."""
+    """The patient's surface, and every camera's labelled picture with his outline in it (None: no picture)."""
 
     surface: Surface
     views: tuple[View | None, ...]

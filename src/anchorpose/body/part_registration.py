@@ -62,9 +62,9 @@ def register_parts(
 ) -> PartRegistration:  # fmt: skip
     """tau-hat = ICP(tau, phi): pairs of the global hypothesis start each part, nearest nodes refine it.
 
-    nodes_m (n, 3) nodes of frame t and their part (n,) bone index; matched_m (n, 3) where the tree puts them in t+1, NaN
-    where it found nothing; surface_m (k, 3) nodes of t+1; T_predicted (b, 4, 4) predicted motion of each part. A part
-    with too few pairs, or pairs on a line, keeps its prediction and says so.
+    nodes_m (n, 3) nodes of frame t and their part (n,) bone index; matched_m (n, 3) where the tree puts them in t+1,
+    NaN where it found nothing; surface_m (k, 3) nodes of t+1; T_predicted (b, 4, 4) predicted motion of each part. A
+    part with too few pairs, or pairs on a line, keeps its prediction and says so.
     """
     tree = cKDTree(surface_m)
     transforms, registered = T_predicted.copy(), np.zeros(len(T_predicted), dtype=bool)

@@ -126,7 +126,7 @@ def joint_range(asset: BodyAsset) -> JointRange:
 
 
 def inverse_left_jacobian(rotation_vectors: np.ndarray) -> np.ndarray:
-    """(m, 3, 3): ``log(exp(d) exp(w)) = w + J d`` to first order (Barfoot 2017, eq. 7.77b; doi:10.1017/9781316671528)."""
+    """(m, 3, 3): ``log(exp(d) exp(w)) = w + J d`` to first order (Barfoot 2017, doi:10.1017/9781316671528)."""
     angle = np.linalg.norm(rotation_vectors, axis=1)
     safe = np.where(angle < 1e-6, 1.0, angle)
     half = safe / 2.0

@@ -16,7 +16,7 @@ def accumulate_pose(
     points: SkinPoints, rest: RestPoints, posed: PosedPoints, index: np.ndarray, direction: np.ndarray,
     residual_m: np.ndarray, weight: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """``J^T W J`` (POSE_SIZE, POSE_SIZE) and ``J^T W r`` (POSE_SIZE,) of the rows; arguments as in ``pose_jacobian``."""
+    """``J^T W J`` (POSE_SIZE, POSE_SIZE) and ``J^T W r`` (POSE_SIZE,); arguments as in ``pose_jacobian``."""
     transforms, moving = posed.transforms, points.moving
     parent = points.asset.bone_parents[moving]
     frame = np.where((parent >= 0)[:, None, None], transforms[parent, :3, :3], np.eye(3))

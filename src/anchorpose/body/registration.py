@@ -1,4 +1,4 @@
-"""One frame's pose: articulated registration from the predicted pose, with the pairs of the tree (paper, Section IV)."""
+"""One frame's pose: articulated registration from the predicted pose and the tree's pairs (paper, Section IV)."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ class RegistrationConfig:
     reaches_m: tuple[float, ...] = (0.12, 0.10, 0.08, 0.06, 0.06)  # from a fast arm's surprise to clothes
     held_steps: int = 2  # pairs and anchors are centimetres off: they start the registration and do not end it
     restart_reaches_m: tuple[float, ...] = (0.25, 0.20, 0.15)  # from one direction of an arm to the next
-    restart_gain: float = 0.02  # of the nodes that a new arm must explain: half a forearm; else it stays predicted
+    restart_gain: float = 0.008  # of the nodes that a new arm must explain besides; else it stays as predicted
     restart_doubt_s: float = 4.0  # a limb that was not where it was expected may be anywhere
     uncovered_m: float = 0.08  # farther from all skin points than that, a node is on a limb the body does not cover
-    most_uncovered: float = 0.025  # of the nodes: half a forearm
+    most_uncovered: float = 0.012  # of the nodes: half a forearm that one of three cameras sees
     uncovered_stride: int = 3  # a third of the nodes tell a share
     least_explained: float = 0.3  # share of nodes near the body below which it is not this body that is seen
     least_nodes: int = 150  # of about 3,500: less is a hand in the picture, not a patient
@@ -42,8 +42,8 @@ class RegistrationConfig:
 class PoseBelief:
     """A pose and how sure it is, in the parameters of ``Pose.moved``.
 
-    covariance (POSE_SIZE, POSE_SIZE): of the pose, all knowledge together. information (POSE_SIZE, POSE_SIZE): of what was
-    seen so far, without the joint range, which every frame adds anew and which must not count twice.
+    covariance (POSE_SIZE, POSE_SIZE): of the pose, all knowledge together. information (POSE_SIZE, POSE_SIZE): of what
+    was seen so far, without the joint range, which every frame adds anew and which must not count twice.
     """
 
     pose: Pose
@@ -153,11 +153,15 @@ def posterior(
     points: SkinPoints, rest: RestPoints, pose: Pose, predicted: PoseBelief, evidence: Evidence,
     config: RegistrationConfig,
 ) -> Registration:  # fmt: skip
-    """What the evidence says of a pose that was found: how sure it is, and whether it is this body that is seen."""
-    share = explained_share(points, rest, pose, evidence, config)
+    """What the evidence says of a pose that was found: how sure it is, and whether it is this body that is seen.
+
+    Only skin that is seen makes a pose surer. That a limb is not where the room is seen tells a side, not a place.
+    """
+    posed = pose_points(points, rest, pose)
+    rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], config.constraints)
+    share = len(rows) / max(1, min(len(evidence.surface), config.constraints.node_count))
     if share < config.least_explained:
         return Registration(predicted, share, False)
-    rows = evidence_rows(points, rest, pose, evidence, config.reaches_m[-1], config.constraints)
     hessian = _equations(points, rest, pose, predicted, rows, config).hessian
     seen = hessian - range_information(points, pose, config.fit)
     return Registration(PoseBelief(pose, np.linalg.inv(hessian), seen), share, True)
@@ -169,15 +173,6 @@ def _equations(
 ) -> NormalEquations:  # fmt: skip
     posed = pose_points(points, rest, pose)
     return pose_equations(points, rest, pose, posed, rows, (predicted.pose, predicted.information), config.fit)
-
-
-def explained_share(
-    points: SkinPoints, rest: RestPoints, pose: Pose, evidence: Evidence, config: RegistrationConfig
-) -> float:
-    """Share of the surface's nodes within the last reach of the posed skin."""
-    posed = pose_points(points, rest, pose)
-    rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], config.constraints)
-    return len(rows) / min(len(evidence.surface), config.constraints.node_count)
 
 
 def node_parts(

@@ -20,14 +20,28 @@ _DIRECTIONS = (
 )
 """Of the right upper arm in the trunk's axes, X forward, Y up, Z to the right: down, forward, sideways, up, across."""
 
+_ELBOW_TURNS = tuple(turn * DEGREE for turn in (-90.0, -45.0, 0.0, 45.0, 90.0, 180.0))
+"""Of a bent forearm about the upper arm, from where it is."""
+
 _ELBOWS = (15.0 * DEGREE, 90.0 * DEGREE)
 
 
 def arm_restarts(asset: BodyAsset, pose: Pose, side: str) -> Iterator[Pose]:
-    """The pose with one arm, ``Left`` or ``Right``, laid in each of some directions, elbow nearly straight or bent."""
+    """The pose with one arm, ``Left`` or ``Right``, laid elsewhere: the forearm alone, then the whole arm.
+
+    The elbow is nearly straight or bent; a bent forearm is turned about the upper arm, the whole arm is laid in each of
+    some directions.
+    """
     arm, forearm, hand = (asset.bone(f"{side}{bone}") for bone in ("Arm", "ForeArm", "Hand"))
     rest = asset.bone_heads[forearm] - asset.bone_heads[arm]
     axes, bend = hinge_axes(asset, f"{side}ForeArm")
+    along = rest / np.linalg.norm(rest)
+    for turn in _ELBOW_TURNS:
+        rotations = pose.rotations.copy()
+        rotations[arm] = pose.rotations[arm] @ Rotation.from_rotvec(along * turn).as_matrix()
+        rotations[forearm] = Rotation.from_rotvec(axes[0] * (_ELBOWS[1] - bend)).as_matrix()
+        rotations[hand] = np.eye(3)
+        yield Pose(rotations, pose.root_m)
     for direction in _DIRECTIONS:
         wanted = np.array(direction) * (1.0, 1.0, 1.0 if side == "Right" else -1.0)
         for elbow in _ELBOWS:

@@ -144,7 +144,8 @@ def pose_jacobian(
 ) -> np.ndarray:
     """How far each chosen point moves along its direction with each pose parameter.
 
-    index (n,) points, direction (n, 3) unit vectors. Returns (n, POSE_SIZE): rotations in the parent's frame, then root.
+    index (n,) points, direction (n, 3) unit vectors. Returns (n, POSE_SIZE): rotations in the parent's frame, then the
+    root.
     """
     transforms, moving = posed.transforms, points.moving
     used, back = np.unique(index, return_inverse=True)
@@ -167,7 +168,7 @@ def pose_jacobian(
 def shape_jacobian(
     points: SkinPoints, rest: RestPoints, posed: PosedPoints, index: np.ndarray, direction: np.ndarray, count: int
 ) -> np.ndarray:
-    """How far each chosen point moves along its direction with each shape coefficient and the clothing: (n, count+1)."""
+    """How far each point moves along its direction with each shape coefficient and the clothing: (n, count + 1)."""
     asset, transforms = points.asset, posed.transforms
     head_basis = asset.bone_head_basis[:count]
     shift = np.zeros((len(transforms), count, 3))  # of each bone's head in the world

@@ -14,7 +14,6 @@ from anchorpose.isolation.equipment import EquipmentView, equipment_mask, view_e
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.recording.equipment import EquipmentModel
 
-
 FEET_M = 0.3  # an ankle's height, and what a removed floor takes with it
 
 

@@ -104,7 +104,7 @@ def held_by(
     points: SkinPoints, now: PosedPoints, hypothesis: GlobalHypothesis, window: Sequence[Observation],
     T_next_now: np.ndarray,
 ) -> Constraints:  # fmt: skip
-    """Rows for the registration: the tree's pairs, carried from the node to the skin point beside it, and the anchors."""
+    """Rows for the registration: the tree's pairs, carried from node to the skin point beside it, and the anchors."""
     found = np.isfinite(hypothesis.matched_m).all(axis=1)
     point, part = hypothesis.point[found], hypothesis.part[found]
     nodes = window[0].surface.points_m[hypothesis.node[found]].astype(np.float64)

@@ -180,7 +180,8 @@ def follow_patient(
 ) -> Iterator[Estimate]:  # fmt: skip
     """An estimate for every frame, in order: lost until he is found, followed, and searched for again when lost.
 
-    frames: in the order of time, or against it; the first one should be the room's opening. known: the learnt shape; None where it is still to be learnt.
+    frames: in the order of time, or against it; the first one should be the room's opening. known: the learnt shape;
+    None where it is still to be learnt.
     """
     tracker: PatientTracker | None = None
     choice, waited = room.opening.choice if room.opening else None, RETRY_FRAMES

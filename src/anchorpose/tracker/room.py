@@ -46,7 +46,7 @@ class Room:
 
 
 def prepare_room(recording: Recording, config: TrackConfig) -> Room:
-    """Calibration, background of every camera, and which person is the patient, from frames spread over the recording."""
+    """Calibration, background of every camera, and who is the patient, from frames spread over the recording."""
     first, count = config.start, len(recording.streams[0].time_s[config.start : config.stop])
     chosen = np.unique(np.linspace(first, first + count - 1, min(config.follow.samples, count)).astype(int)).tolist()
     samples = [next(iter(read_frames(recording, k, k + 1))) for k in chosen]
@@ -85,7 +85,7 @@ def _choose_opening(
     frames: Sequence[int], sightings: Sequence[People], calibration: Calibration, recording: Recording,
     config: TrackConfig,
 ) -> Opening | None:  # fmt: skip
-    """The first sampled frame in which the patient is well seen and nobody is near him; the very first if he was named."""
+    """The first sampled frame that shows the patient well and nobody near him; the very first if he was named."""
     look_at = _look_at(calibration.cameras[0])
     openings, seen = [], []
     for number, frame in enumerate(frames):
