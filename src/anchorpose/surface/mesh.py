@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 
 import numpy as np
 from numba import njit
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from anchorpose.camera import Camera, Intrinsics, transform_points
+from anchorpose.camera import Camera, transform_points
 from anchorpose.surface.bridge import BridgeConfig, bridge_pairs
 from anchorpose.surface.denoise import DenoiseConfig, denoise, estimate_noise
 from anchorpose.surface.edges import EdgeConfig, drop_flying_pixels, jump_coefficients
@@ -66,7 +65,7 @@ def build_surface(
     clean = denoise(depth_m, mask, noise, config.denoise)
     clean = drop_flying_pixels(clean, slope, spread, config.edge.min_support)
 
-    rays = _pixel_rays(camera.intrinsics, camera.width, camera.height)
+    rays = camera.pixel_rays()
     index, pixel = _grid_nodes(clean, config.step)
     depth = clean[pixel[:, 0], pixel[:, 1]]
     points = np.concatenate([rays[pixel[:, 0], pixel[:, 1]] * depth[:, None], depth[:, None]], axis=1)
@@ -179,12 +178,6 @@ def _refuse_wrong_size(camera: Camera, *pictures: np.ndarray | None) -> None:
             raise ValueError(
                 f"camera {camera.name} has pictures of {camera.height}x{camera.width}, got {picture.shape}"
             )
-
-
-@lru_cache(maxsize=16)
-def _pixel_rays(intrinsics: Intrinsics, width: int, height: int) -> np.ndarray:
-    """Rays of a camera, undistorted once: that takes longer than the mesh."""
-    return Camera(name="", width=width, height=height, depth_scale=1.0, intrinsics=intrinsics).pixel_rays()
 
 
 def _grid_nodes(depth: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray]:

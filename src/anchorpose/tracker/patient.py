@@ -52,7 +52,7 @@ class PatientTracker:
         self.links: deque[Hypotheses] = deque()
         joints = self.rest.body.joints(pose_points(self.points, self.rest, start.belief.pose).transforms)
         self.history: deque[np.ndarray] = deque([joints], maxlen=config.follow.history)
-        self.unseen_s = 0.0
+        self.unseen_s, self.unseen_frames = 0.0, 0
         self.search_wait = 0  # frames until arms may be searched for again
         self.first = self._estimate(Registration(start.belief, start.explained, True), start.observation)
 
@@ -111,18 +111,12 @@ class PatientTracker:
         posed = pose_points(self.points, self.rest, pose)
         trunk = posed.transforms[self.points.asset.bone("Spine1"), :3, 0]
         level = np.array([trunk[0], 0.0, trunk[2]])
-        rate = max(self._interval_s(), 1e-3)
         return Expectation(
             posed.points_m,
             posed.points_m[anchor_points(self.points.asset, self.points)],
             level / max(float(np.linalg.norm(level)), 1e-9),
-            round(self.unseen_s / rate),
+            self.unseen_frames,
         )
-
-    def _interval_s(self) -> float:
-        if len(self.window) < 2:
-            return 1.0 / 30.0
-        return abs(self.window[1].frame_set.time_s - self.window[0].frame_set.time_s)
 
     def _advance(self) -> Estimate:
         """Register the second frame of the window and make it the first."""
@@ -138,6 +132,7 @@ class PatientTracker:
         else:
             registration = Registration(predicted, 0.0, False)
         self.unseen_s = 0.0 if registration.found else self.unseen_s + elapsed_s
+        self.unseen_frames = 0 if registration.found else self.unseen_frames + 1
         self.belief = registration.belief
         joints = self.rest.body.joints(pose_points(self.points, self.rest, self.belief.pose).transforms)
         self.history.append(joints)
