@@ -45,6 +45,9 @@ def join(parts: Sequence[Constraints]) -> Constraints:
     return Constraints(*(np.concatenate([getattr(p, name) for p in parts]) for name in Constraints.__slots__))
 
 
+THICK_PX = 5  # what hides a limb is wider; a silhouette's rim of lost readings is thinner
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConstraintConfig:
     """Noise and reach of the constraints; reach shrinks as the pose settles."""
@@ -112,7 +115,8 @@ def find_outline(view: View) -> Outline | None:
     """Where the patient is in a view, or may be unseen; None where he is not in the picture.
 
     He may be where he is seen, behind equipment, where nothing was read, and behind another person before him. Only
-    background, and another person behind him, say that he is not there.
+    background, and another person behind him, say that he is not there; and the thin rim of lost and flying readings
+    along every silhouette says nothing else than the background beside it.
     """
     import cv2
 
@@ -121,7 +125,9 @@ def find_outline(view: View) -> Outline | None:
         return None
     other = view.labels >= PixelLabel.OTHER_PERSON
     behind = other & (view.depth_m > np.median(view.depth_m[patient]))
-    possible = (view.labels != PixelLabel.BACKGROUND) & ~behind
+    unseen = (view.labels != PixelLabel.BACKGROUND) & ~behind & ~patient
+    thick = cv2.morphologyEx(unseen.astype(np.uint8), cv2.MORPH_OPEN, np.ones((THICK_PX, THICK_PX), np.uint8))
+    possible = patient | (thick > 0)
     _, nearest = cv2.distanceTransformWithLabels(
         (~possible).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )
@@ -136,10 +142,9 @@ def outline_constraints(
 ) -> Constraints:
     """Skin that should be seen but is not is pulled to the patient's outline: model to data.
 
-    A skin point in front of what its pixel shows cannot be there. Where the pixel shows background (without a reading
-    where the room was removed) or another person, the point is moved across the ray to the nearest pixel where the
-    patient is or may be; where it shows the patient himself, along the ray to his surface. Pixels without
-    reading, and what equipment hides, say nothing.
+    A skin point before background (without a reading where the room was removed) or before another person cannot be
+    there; it is moved across the ray to the nearest pixel where the patient is or may be. Pixels without reading, and
+    what equipment hides, say nothing.
     """
     in_camera = transform_points(invert_rigid(camera.require_pose()), posed.points_m)
     column, row, inside = camera.pixel_of(in_camera)
@@ -155,19 +160,14 @@ def outline_constraints(
     offset = posed.points_m[stray] - target
     length = np.linalg.norm(offset, axis=1)
     kept = (length > 1e-4) & (length < 3.0 * reach_m)
-    aside = _outline_rows(stray[kept], target[kept], offset[kept] / length[kept, None], reach_m, config)
-    front = np.flatnonzero(inside & (label == PixelLabel.PATIENT) & before)
-    rays = np.column_stack([camera.pixel_rays()[row[front], column[front]], np.ones(len(front))])
-    surface = transform_points(camera.require_pose(), rays * depth[front, None])
-    along = (rays / np.linalg.norm(rays, axis=1, keepdims=True)) @ camera.require_pose()[:3, :3].T
-    return join([aside, _outline_rows(front, surface, along, reach_m, config)])
-
-
-def _outline_rows(
-    point: np.ndarray, target_m: np.ndarray, direction: np.ndarray, reach_m: float, config: ConstraintConfig
-) -> Constraints:
-    count = len(point)
-    return Constraints(point, target_m, direction, np.full(count, config.outline_sigma_m), np.full(count, reach_m))
+    count = int(kept.sum())
+    return Constraints(
+        stray[kept],
+        target[kept],
+        offset[kept] / length[kept, None],
+        np.full(count, config.outline_sigma_m),
+        np.full(count, reach_m),
+    )
 
 
 def place_constraints(point: np.ndarray, target_m: np.ndarray, sigma_m: float, scale_m: float) -> Constraints:
