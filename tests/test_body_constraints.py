@@ -255,19 +255,17 @@ def test_skin_outside_the_picture_is_not_pulled():
     assert len(outline_constraints(posed, view, find_outline(view), FRONT, 0.1, CONFIG)) == 0
 
 
-def test_skin_before_the_patients_own_surface_is_pulled_along_the_ray_onto_it():
-    view, posed = view_of_body(), moved((0.3, 0.0, 0.0))
-    rows = outline_constraints(posed, view, find_outline(view), FRONT, 0.1, CONFIG)
-    ray = rows.target_m - FRONT.position_m
-    along = np.abs((ray / np.linalg.norm(ray, axis=1, keepdims=True) * rows.direction).sum(axis=1)) > 0.999
-    assert along.sum() > 400
-    in_camera = transform_points(invert_rigid(FRONT.require_pose()), rows.target_m[along])
-    column, row, inside = FRONT.pixel_of(in_camera)
-    assert inside.all()
-    np.testing.assert_allclose(in_camera[:, 2], view.depth_m[row, column], atol=1e-5)
-    assert view.patient[row, column].all()
-    assert (rows.residuals(posed)[along] < 0.0).all()  # nearer to the camera than what it saw
-    assert np.median(rows.residuals(posed)[along]) == pytest.approx(-0.3, abs=0.05)
+def test_a_limb_may_be_hidden_in_a_wide_hole_and_not_in_the_rim_of_lost_readings():
+    view = view_of_body()
+    rows, columns = np.nonzero(view.patient)
+    row, left = int(np.median(rows)), int(columns.min())
+    labels = view.labels.copy()
+    labels[row - 40 : row + 40, left - 32 : left - 30] = PixelLabel.NO_READING  # two pixels wide
+    thin = find_outline(View(view.depth_m, labels))
+    labels[row - 40 : row + 40, left - 50 : left - 30] = PixelLabel.NO_READING
+    wide = find_outline(View(view.depth_m, labels))
+    assert thin.column[row, left - 60] >= left
+    assert wide.column[row, left - 60] == left - 50
 
 
 def test_following_the_rows_brings_a_strayed_body_back():

@@ -10,6 +10,7 @@ from anchorpose.body.restarts import arm_restarts
 from anchorpose.joints import JOINT_INDEX
 
 POSE = random_pose(2, 0.5)
+FOREARM_ONLY = 6  # these come first
 REST = adult_rest()
 FIRST = {"Left": np.array([0.2, -1.0, -0.3]), "Right": np.array([0.2, -1.0, 0.3])}
 
@@ -20,7 +21,7 @@ def test_a_restart_keeps_all_bones_but_one_arm(side):
     others = np.setdiff1d(np.arange(len(asset().bone_names)), arm)
     before = POSE.rotations.copy()
     restarts = list(arm_restarts(asset(), POSE, side))
-    assert len(restarts) == 12
+    assert len(restarts) == FOREARM_ONLY + 12
     for restart in restarts:
         np.testing.assert_array_equal(restart.rotations[others], before[others])
         np.testing.assert_array_equal(restart.root_m, POSE.root_m)
@@ -38,7 +39,7 @@ def test_restarts_differ_from_one_another_by_more_than_a_wrists_width(side):
 
 @pytest.mark.parametrize("side", ["Left", "Right"])
 def test_elbows_are_nearly_straight_or_bent_by_a_right_angle(side):
-    for number, restart in enumerate(arm_restarts(asset(), POSE, side)):
+    for number, restart in enumerate(list(arm_restarts(asset(), POSE, side))[FOREARM_ONLY:]):
         shoulder, elbow, wrist = (
             joints_of(REST, restart)[JOINT_INDEX[f"{j}{side}"]] for j in ("Shoulder", "Elbow", "Wrist")
         )
@@ -51,10 +52,24 @@ def test_elbows_are_nearly_straight_or_bent_by_a_right_angle(side):
 def test_directions_are_in_the_axes_of_the_trunk(side):
     turned = turned_about_y(90.0, (1.0, 0.0, 0.0)).of_pose(random_pose(3, 0.0))
     for pose in (random_pose(3, 0.0), turned):
-        first = next(iter(arm_restarts(asset(), pose, side)))
+        first = list(arm_restarts(asset(), pose, side))[FOREARM_ONLY]
         transforms = REST.body.bone_transforms(first.rotations, first.root_m)
         parent = transforms[asset().bone(f"{side}Shoulder"), :3, :3]
         joints = joints_of(REST, first)
         upper = parent.T @ (joints[JOINT_INDEX[f"Elbow{side}"]] - joints[JOINT_INDEX[f"Shoulder{side}"]])
         cosine = upper @ FIRST[side] / np.linalg.norm(upper) / np.linalg.norm(FIRST[side])
         assert cosine > np.cos(np.radians(5.0))
+
+
+@pytest.mark.parametrize("side", ["Left", "Right"])
+def test_the_first_restarts_turn_a_bent_forearm_about_an_upper_arm_that_stays(side):
+    shoulder, elbow, wrist = (JOINT_INDEX[f"{joint}{side}"] for joint in ("Shoulder", "Elbow", "Wrist"))
+    before = joints_of(REST, POSE)
+    forearms = []
+    for restart in list(arm_restarts(asset(), POSE, side))[:FOREARM_ONLY]:
+        joints = joints_of(REST, restart)
+        np.testing.assert_allclose(joints[[shoulder, elbow]], before[[shoulder, elbow]], atol=0.01)
+        forearms.append((joints[wrist] - joints[elbow]) / np.linalg.norm(joints[wrist] - joints[elbow]))
+    upper = (before[elbow] - before[shoulder]) / np.linalg.norm(before[elbow] - before[shoulder])
+    assert np.abs(np.degrees(np.arccos(np.array(forearms) @ upper)) - 90.0).max() < 5.0
+    assert (np.array(forearms) @ np.array(forearms).T - np.eye(FOREARM_ONLY)).max() < 0.8  # all different ways
