@@ -1,4 +1,4 @@
-"""How far off the joints are on simulated recordings: python benchmarks/accuracy.py --seeds 5 --seconds 10.
+"""How far off the joints are on simulated recordings: python benchmarks/accuracy.py --seeds 4 --seconds 6.
 
 Each seed is another body, other clothes and other movements. A recording is made, tracked with the defaults (the body
 shape is not known to the tracker) and compared with the truth; the table has the mean over the seeds, in brackets the

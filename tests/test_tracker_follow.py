@@ -16,7 +16,7 @@ from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker.config import FollowConfig, Method, TrackConfig
 from anchorpose.tracker.estimate import Estimate, nobody_found
-from anchorpose.tracker.patient import RETRY_FRAMES, follow_patient
+from anchorpose.tracker.patient import FIRST_PAUSE, follow_patient
 from anchorpose.tracker.room import Room, prepare_room
 from anchorpose.tracker.stopwatch import Stopwatch
 
@@ -87,7 +87,7 @@ def test_an_empty_room_is_a_lost_patient(course):
 
 def test_he_is_found_soon_after_he_appears_and_followed_closely(course):
     first = next(k for k, estimate in enumerate(course.estimates) if not lost(estimate))
-    assert APPEARS <= first < APPEARS + RETRY_FRAMES
+    assert APPEARS <= first < APPEARS + FIRST_PAUSE
     for frame in range(first, VANISHES):
         # the body is known but for bumps and folds of a centimetre
         assert course.errors_m(frame).mean() < 0.02
@@ -132,7 +132,7 @@ def test_the_truth_stays_within_what_the_doubt_allows(course):
 
 def test_he_is_found_again_where_he_is(course):
     again = next(k for k in range(RETURNS, FRAMES) if not lost(course.estimates[k]))
-    assert again < RETURNS + RETRY_FRAMES
+    assert again < RETURNS + FIRST_PAUSE
     for frame in range(again, FRAMES):
         assert course.errors_m(frame).mean() < 0.02
 

@@ -28,12 +28,12 @@ from anchorpose.tracker.config import Method, TrackConfig
 from anchorpose.tracker.estimate import Estimate, estimate_of, nobody_found
 from anchorpose.tracker.observation import Expectation, Observation, observe, observe_again
 from anchorpose.tracker.room import Room
-from anchorpose.tracker.start import Start, body_points, find_start
+from anchorpose.tracker.start import NoStart, Start, body_points, find_start
 from anchorpose.tracker.stopwatch import Stopwatch
 from anchorpose.tracking.joint_motion import predict_joints
 from anchorpose.tracking.motion import MotionDatabase
 
-RETRY_FRAMES = 5  # a search for a lost patient costs as much as thirty frames
+FIRST_PAUSE, LONGEST_PAUSE = 5, 40  # frames between searches that fail, doubled each time: one costs thirty frames
 
 
 class PatientTracker:
@@ -179,17 +179,22 @@ def follow_patient(
     None where it is still to be learnt.
     """
     tracker: PatientTracker | None = None
-    choice, waited = room.opening.choice if room.opening else None, RETRY_FRAMES
+    choice = room.opening.choice if room.opening else None
+    wait, pause = 0, FIRST_PAUSE
     for frame_set in frames:
         if tracker is None:
-            start = None
-            if choice is not None and waited >= RETRY_FRAMES:
-                start, waited = find_start(frame_set, room, choice, known, config, watch), 0
-            waited += 1
-            if start is None:
+            wait -= 1
+            if choice is None or wait >= 0:
+                yield nobody_found(frame_set)
+                continue
+            start = find_start(frame_set, room, choice, known, config, watch)
+            if isinstance(start, NoStart):
+                if start is NoStart.NO_BODY_FITS:
+                    wait, pause = pause, min(2 * pause, LONGEST_PAUSE)
                 yield nobody_found(frame_set)
                 continue
             tracker = PatientTracker(room, start, motions, config, watch)
+            wait, pause = 0, FIRST_PAUSE
             yield tracker.first
             continue
         yield from tracker.push(frame_set)
@@ -197,6 +202,6 @@ def follow_patient(
             choice = PatientChoice(tracker.belief.pose.root_m[[0, 2]], "where he was lost", sure=False)
             known = tracker.shape
             yield from (nobody_found(seen.frame_set, seen) for seen in list(tracker.window)[1:])
-            tracker, waited = None, RETRY_FRAMES
+            tracker = None
     if tracker is not None:
         yield from tracker.finish()

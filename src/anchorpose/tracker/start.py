@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 
@@ -36,6 +37,13 @@ class Start:
     explained: float
 
 
+class NoStart(StrEnum):
+    """Why a track does not begin in a frame."""
+
+    TOO_LITTLE_SEEN = "too little of anybody is seen where the patient should be"
+    NO_BODY_FITS = "no body explains what is seen there"
+
+
 def body_points() -> SkinPoints:
     """The skin points of the shipped body."""
     return skin_points(load_body_asset())
@@ -44,14 +52,14 @@ def body_points() -> SkinPoints:
 def find_start(
     frame_set: FrameSet, room: Room, choice: PatientChoice, known: FittedShape | None, config: TrackConfig,
     watch: Stopwatch,
-) -> Start | None:  # fmt: skip
-    """The patient in this frame, or None where too little of him is seen or no body explains it."""
+) -> Start | NoStart:  # fmt: skip
+    """The patient in this frame, or why he is not found."""
     points = body_points()
     observation = observe_first(
         frame_set, room, choice, room.recording.subject_height_m or ORDINARY_HEIGHT_M, config, watch
     )
     if len(observation.surface) < config.registration.least_nodes:
-        return None
+        return NoStart.TOO_LITTLE_SEEN
     shapes = [known] if known else [shape_of_height(points.asset, h) for h in _heights(observation.surface, room)]
     with watch.stage("first pose"):
         first = find_first_pose(
@@ -61,7 +69,7 @@ def find_start(
     rest = rest_points(points, first.shape)
     found = posterior(points, rest, first.pose, vague_belief(first.pose), observation.evidence, config.registration)
     if not found.found or found.explained < config.follow.least_explained:
-        return None
+        return NoStart.NO_BODY_FITS
     return Start(observation, first.shape, found.belief, found.explained)
 
 
