@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from anchorpose.body.skin_points import FittedShape
 from anchorpose.recording.inputs import input_files
@@ -58,8 +59,14 @@ def track_recording(recording: Path, results: Path, config: TrackConfig, progres
     """Track the patient through a recording and write everything into an existing, empty results folder.
 
     progress is called with frames done and frames to do; the frames the body is learnt from count twice.
+    Linear algebra runs on one thread: on several, sums are added in another order, and the tables get other bytes.
     Raises InputError where the recording cannot be used.
     """
+    with threadpool_limits(limits=1):
+        _track(recording, results, config, progress)
+
+
+def _track(recording: Path, results: Path, config: TrackConfig, progress: Progress) -> None:
     watch = Stopwatch()
     opened = open_recording(recording)
     read_frames(opened, config.start, config.stop)  # refuses an empty range before any work is done
