@@ -11,7 +11,7 @@ import numpy as np
 class GateConfig:
     """e_max = e_1 + e_2: what the anchors' jitter and the surface's noise may add between two frames."""
 
-    anchor_bound_m: float = 0.020  # 3 cm in all at arm's length; the paper's 5 cm gave matches a quarter farther off
+    anchor_bound_m: float = 0.020  # 3 cm in all at 1 m; the paper's 5 cm gave best matches a quarter worse
     surface_bound_per_m: float = 0.010  # geodesic noise left after smoothing: 1 % of the way to the anchor
     search_radius_m: float = 0.12  # a 3.6 m/s hand over one 33 ms frame, about its predicted place
 
