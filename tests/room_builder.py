@@ -7,7 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from anchorpose.camera import Camera, Intrinsics
-from anchorpose.isolation.equipment import view_equipment
+from anchorpose.isolation.background import learn_background
+from anchorpose.isolation.config import IsolationConfig
+from anchorpose.isolation.equipment import equipment_depth
+from anchorpose.isolation.scene import Scene, set_scene
 from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel
 
 NOISE_PER_M = 0.0012  # sigma = NOISE_PER_M z^2, about a Kinect v2's
@@ -47,7 +50,7 @@ def body(x: float, z: float, height_m: float = 1.7) -> tuple[Cylinder, ...]:
 
 def picture(camera: Camera, *parts, seed: int | None = None) -> np.ndarray:
     """(height, width) float32 depth of the parts, millimetre steps, with noise where a seed is given."""
-    depth = view_equipment(camera, camera.pixel_rays(), EquipmentModel(parts)).depth_m.astype(np.float64)
+    depth = equipment_depth(camera, camera.pixel_rays(), EquipmentModel(parts)).astype(np.float64)
     if seed is not None:
         depth += np.random.default_rng(seed).normal(0, 1, depth.shape) * NOISE_PER_M * depth**2
     return (np.round(np.maximum(depth, 0) / 0.001) * 0.001).astype(np.float32)
@@ -55,3 +58,16 @@ def picture(camera: Camera, *parts, seed: int | None = None) -> np.ndarray:
 
 def unposed(camera: Camera) -> Camera:
     return replace(camera, T_world_camera=None)
+
+
+def in_front(camera: Camera, *parts) -> np.ndarray:
+    """(height, width) bool: pixels where the parts are in front of the room."""
+    return picture(camera, *ROOM, *parts) < picture(camera, *ROOM) - 1e-3
+
+
+def built_scene(*equipment, camera: Camera = FRONT) -> Scene:
+    """The room with equipment in it, as isolation knows it from a picture of it and four frames."""
+    config = IsolationConfig()
+    frames = [picture(camera, *ROOM, *equipment, seed=k) for k in range(5)]
+    model = learn_background(frames[0], frames[1:], camera, 0.0, config)
+    return set_scene(camera, model, EquipmentModel(equipment) if equipment else None, config)

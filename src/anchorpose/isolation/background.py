@@ -8,11 +8,12 @@ from enum import StrEnum
 
 import cv2
 import numpy as np
+from numba import njit
 
 from anchorpose.calibration.noise import MAD_OF_NORMAL, noise_per_m
 from anchorpose.calibration.start import FRAMES_NEEDED, people_only
 from anchorpose.camera import Camera
-from anchorpose.isolation.components import jump_limit_m, without_flying_pixels
+from anchorpose.isolation.components import JumpLimit, jump_limit, without_flying_pixels
 from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.staying import people_who_stay
 
@@ -44,6 +45,10 @@ class BackgroundModel:
     noise_per_m: float
     focal_px: float
     source: BackgroundSource
+
+    def jump_limit(self, config: IsolationConfig) -> JumpLimit:
+        """How far neighbours on one surface may differ in this camera's pictures."""
+        return jump_limit(self.noise_per_m, self.focal_px, config.jump_gate, config.steepest_slope_rad)
 
 
 def learn_background(
@@ -84,15 +89,24 @@ def foreground(depth_m: np.ndarray, model: BackgroundModel, config: IsolationCon
     two sigmas along the ray, at grazing incidence a centimetre of height. Where the background is unknown, a
     reading counts as foreground; what hangs together with nobody is sorted out later.
     """
-    seen = depth_m > 0
-    known = model.depth_m > 0
-    nearer = np.zeros_like(depth_m, dtype=np.float32)
-    np.divide(model.depth_m - depth_m, model.sigma_m, out=nearer, where=seen & known)
-    nearer[seen & ~known] = np.float32(1e3)
-    nearer[~seen] = np.float32(-1e3)
-    mask = seen & (cv2.medianBlur(nearer, 3) > config.background_gate) & (nearer > 0)
-    limit = jump_limit_m(depth_m, model.noise_per_m, model.focal_px, config.jump_gate, config.steepest_slope_rad)
-    return without_flying_pixels(depth_m, mask, limit)
+    nearer = _sigmas_nearer(depth_m, model.depth_m, model.sigma_m)
+    mask = (cv2.medianBlur(nearer, 3) > config.background_gate) & (nearer > 0)
+    return without_flying_pixels(depth_m, mask, model.jump_limit(config))
+
+
+@njit(cache=True)
+def _sigmas_nearer(depth: np.ndarray, room: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """How many sigmas each reading is before the room; 1e3 where the room is unknown, -1e3 without a reading."""
+    nearer = np.empty_like(depth)
+    for row in range(depth.shape[0]):
+        for column in range(depth.shape[1]):
+            if depth[row, column] <= 0:
+                nearer[row, column] = -1e3
+            elif room[row, column] <= 0:
+                nearer[row, column] = 1e3
+            else:
+                nearer[row, column] = (room[row, column] - depth[row, column]) / sigma[row, column]
+    return nearer
 
 
 def _fill_specks(depth_m: np.ndarray) -> np.ndarray:

@@ -2,8 +2,49 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numba import njit
+
+SUPPORT = 3  # of eight neighbours: what the corner of a convex outline still has
+
+
+@dataclass(frozen=True, slots=True)
+class JumpLimit:
+    """How far neighbouring pixels of one surface may differ in depth: ``square z^2 + slope z`` metres at depth z.
+
+    square (1/m): of the noise; slope: of the steepest surface that gives a reading, for one pixel.
+    """
+
+    square: float
+    slope: float
+
+    def at(self, depth_m: np.ndarray) -> np.ndarray:
+        """The limit of every pixel, in the shape of ``depth_m``."""
+        return self.square * depth_m**2 + self.slope * depth_m
+
+
+def jump_limit(noise_per_m: float, focal_px: float, gate: float, slope_rad: float) -> JumpLimit:
+    """The limit for a sensor of noise ``noise_per_m z^2``, ``gate`` deviations of a difference above the slope."""
+    return JumpLimit(float(gate * np.sqrt(2.0) * noise_per_m), float(np.tan(slope_rad) / focal_px))
+
+
+def label_components(depth_m: np.ndarray, mask: np.ndarray, limit: JumpLimit) -> tuple[np.ndarray, int]:
+    """Pieces of ``mask`` whose neighbouring pixels (8-neighbourhood) differ in depth by no more than the limit.
+
+    depth_m (height, width) float32 metres; mask (height, width) bool. Of two pixels the farther one's limit counts.
+    Returns labels (height, width) int32, 0 = outside the mask, 1... in the order of the first pixel, and their number.
+    """
+    return _label(depth_m, mask, limit.square, limit.slope)
+
+
+def without_flying_pixels(depth_m: np.ndarray, mask: np.ndarray, limit: JumpLimit) -> np.ndarray:
+    """``mask`` without pixels that hang between two surfaces: fewer than three neighbours at their own depth.
+
+    Time-of-flight cameras report such mixed depths along every silhouette.
+    """
+    return _supported(depth_m, mask, limit.square, limit.slope)
 
 
 @njit(cache=True)
@@ -15,20 +56,22 @@ def _root(parent: np.ndarray, node: int) -> int:
 
 
 @njit(cache=True)
-def _label(depth: np.ndarray, mask: np.ndarray, limit: np.ndarray) -> tuple[np.ndarray, int]:
-    """Union-find over the 8-neighbourhood; labels 1... in the order of the first pixel."""
+def _label(depth: np.ndarray, mask: np.ndarray, square: float, slope: float) -> tuple[np.ndarray, int]:
+    """Union-find; the smallest index of a piece is its root, so it comes first."""
     height, width = depth.shape
-    parent = np.arange(height * width, dtype=np.int32)
+    parent = np.empty(height * width, dtype=np.int32)
     for row in range(height):
         for column in range(width):
             if not mask[row, column]:
                 continue
             here = row * width + column
+            parent[here] = here
             for d_row, d_column in ((0, -1), (-1, -1), (-1, 0), (-1, 1)):
                 r, c = row + d_row, column + d_column
                 if r < 0 or c < 0 or c >= width or not mask[r, c]:
                     continue
-                if abs(depth[row, column] - depth[r, c]) > max(limit[row, column], limit[r, c]):
+                far = max(depth[row, column], depth[r, c])
+                if abs(depth[row, column] - depth[r, c]) > square * far * far + slope * far:
                     continue
                 a, b = _root(parent, here), _root(parent, r * width + c)
                 if a < b:
@@ -42,7 +85,7 @@ def _label(depth: np.ndarray, mask: np.ndarray, limit: np.ndarray) -> tuple[np.n
             if mask[row, column]:
                 here = row * width + column
                 root = _root(parent, here)
-                if root == here:  # the smallest index of its piece, so it comes first
+                if root == here:
                     count += 1
                     labels[row, column] = count
                 else:
@@ -51,41 +94,19 @@ def _label(depth: np.ndarray, mask: np.ndarray, limit: np.ndarray) -> tuple[np.n
 
 
 @njit(cache=True)
-def _supported(depth: np.ndarray, mask: np.ndarray, limit: np.ndarray, needed: int) -> np.ndarray:
+def _supported(depth: np.ndarray, mask: np.ndarray, square: float, slope: float) -> np.ndarray:
     height, width = depth.shape
     kept = np.zeros((height, width), dtype=np.bool_)
     for row in range(height):
         for column in range(width):
             if not mask[row, column]:
                 continue
+            z = depth[row, column]
+            limit = square * z * z + slope * z
             support = 0
             for r in range(max(row - 1, 0), min(row + 2, height)):
                 for c in range(max(column - 1, 0), min(column + 2, width)):
-                    if mask[r, c] and abs(depth[row, column] - depth[r, c]) <= limit[row, column]:
+                    if mask[r, c] and abs(z - depth[r, c]) <= limit:
                         support += 1
-            kept[row, column] = support > needed  # the pixel itself is counted
+            kept[row, column] = support > SUPPORT  # the pixel itself is counted
     return kept
-
-
-def label_components(depth_m: np.ndarray, mask: np.ndarray, limit_m: np.ndarray) -> tuple[np.ndarray, int]:
-    """Pieces of ``mask`` whose neighbouring pixels (8-neighbourhood) differ in depth by at most ``limit_m``.
-
-    depth_m, limit_m (height, width) float32 metres; mask (height, width) bool.
-    Returns labels (height, width) int32, 0 = outside the mask, and how many pieces there are.
-    """
-    return _label(depth_m, mask, limit_m)
-
-
-def without_flying_pixels(depth_m: np.ndarray, mask: np.ndarray, limit_m: np.ndarray) -> np.ndarray:
-    """``mask`` without pixels that hang between two surfaces: fewer than three neighbours at their own depth.
-
-    Time-of-flight cameras report such mixed depths along every silhouette. Three of eight is what the corner of a
-    convex outline still has.
-    """
-    return _supported(depth_m, mask, limit_m, 3)
-
-
-def jump_limit_m(depth_m: np.ndarray, noise: float, focal_px: float, gate: float, slope_rad: float) -> np.ndarray:
-    """(height, width) float32: how far two neighbouring pixels of one surface may differ in depth, metres."""
-    limit = gate * np.sqrt(2.0) * noise * depth_m**2 + depth_m * (np.tan(slope_rad) / focal_px)
-    return limit.astype(np.float32)

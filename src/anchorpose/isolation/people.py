@@ -130,6 +130,11 @@ def _person_at(
     return Person(axis_xz.astype(np.float64), float(bottom), float(top), area)
 
 
+def ground_distance(points_m: np.ndarray, axes_xz: np.ndarray) -> np.ndarray:
+    """(n,) distance over the ground of points (n, 3) from axes (n, 2) or one axis (2,)."""
+    return np.hypot(points_m[:, 0] - axes_xz[..., 0], points_m[:, 2] - axes_xz[..., 1])
+
+
 def _saddle(mass: np.ndarray, start: np.ndarray, end: np.ndarray) -> float:
     """Least mass on the straight line between two cells."""
     steps = int(np.abs(end - start).max()) + 1

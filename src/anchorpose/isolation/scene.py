@@ -1,16 +1,17 @@
-"""What isolation knows of one camera before the first frame."""
+"""What isolation knows of one camera before the first frame, and what it cuts out of each."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import njit
 
 from anchorpose.camera import Camera
 from anchorpose.isolation.background import BackgroundModel, BackgroundSource, foreground
-from anchorpose.isolation.components import jump_limit_m, label_components
+from anchorpose.isolation.components import JumpLimit, label_components
 from anchorpose.isolation.config import IsolationConfig
-from anchorpose.isolation.equipment import EquipmentView, equipment_mask, view_equipment
+from anchorpose.isolation.equipment import ExpectedEquipment, equipment_depth, equipment_mask, expect_equipment
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.recording.equipment import EquipmentModel
 
@@ -24,7 +25,7 @@ class Scene:
     camera: Camera
     rays: np.ndarray
     background: BackgroundModel
-    equipment: EquipmentView | None
+    equipment: ExpectedEquipment | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,55 +33,92 @@ class Pieces:
     """The people's pixels of one camera's frame, all people together.
 
     depth_m (height, width) float32; labels (height, width) uint8 of ``PixelLabel``, CLUTTER where someone may be;
-    row, column, piece (n,) int32: the foreground pixels and the connected piece (from 1) each belongs to;
-    points_m (n, 3) float32 world; area_m2 (n,) float32: surface a pixel covers if it faces the camera;
-    jump_limit_m (height, width) float32: how far neighbours of one surface may differ in depth.
+    index (height, width) int32: which foreground pixel this is, -1 = none; row, column, piece (n,) int32: the
+    foreground pixels and the connected piece (from 1) each belongs to; points_m (n, 3) float32 world; area_m2 (n,)
+    float32: surface a pixel covers if it faces the camera; limit: how far neighbours of one surface may differ in
+    depth; noise_per_m: deviation of a reading at one metre.
     """
 
     depth_m: np.ndarray
     labels: np.ndarray
+    index: np.ndarray
     row: np.ndarray
     column: np.ndarray
     piece: np.ndarray
     piece_count: int
     points_m: np.ndarray
     area_m2: np.ndarray
-    jump_limit_m: np.ndarray
+    limit: JumpLimit
+    noise_per_m: float
+
+    def only(self, kept: np.ndarray) -> Pieces:
+        """The same picture with some of the foreground pixels, kept (n,) bool."""
+        index = np.full_like(self.index, -1)
+        row, column = self.row[kept], self.column[kept]
+        index[row, column] = np.arange(len(row), dtype=np.int32)
+        return replace(
+            self, index=index, row=row, column=column, piece=self.piece[kept], points_m=self.points_m[kept],
+            area_m2=self.area_m2[kept],
+        )  # fmt: skip
 
 
-def set_scene(camera: Camera, background: BackgroundModel, equipment: EquipmentModel | None) -> Scene:
+def set_scene(
+    camera: Camera, background: BackgroundModel, equipment: EquipmentModel | None, config: IsolationConfig
+) -> Scene:
     """Prepare one camera; raises ValueError where its pose is unknown."""
     camera.require_pose()
     rays = camera.pixel_rays()
-    return Scene(camera, rays, background, None if equipment is None else view_equipment(camera, rays, equipment))
+    if equipment is None:
+        return Scene(camera, rays, background, None)
+    return Scene(
+        camera, rays, background, expect_equipment(equipment_depth(camera, rays, equipment), background, config)
+    )
 
 
 def find_pieces(depth_m: np.ndarray, scene: Scene, config: IsolationConfig) -> Pieces:
     """Take room and equipment away from one frame and cut the rest at its depth jumps."""
     model, camera = scene.background, scene.camera
     people = foreground(depth_m, model, config)
-    labels = np.where(depth_m > 0, np.uint8(PixelLabel.BACKGROUND), np.uint8(PixelLabel.NO_READING))
-    nearer = (depth_m > 0) & (depth_m < model.depth_m - config.jump_gate * model.sigma_m)
-    labels[nearer] = PixelLabel.CLUTTER  # in front of the room, yet flying
-    if scene.equipment is not None:
-        equipment = equipment_mask(depth_m, scene.equipment, model.noise_per_m, config)
-        labels[equipment] = PixelLabel.EQUIPMENT
+    equipment = None if scene.equipment is None else equipment_mask(depth_m, people, scene.equipment)
+    if equipment is not None:
         people &= ~equipment
+    labels = _first_labels(depth_m, people, scene, equipment, config)
+    limit = model.jump_limit(config)
+    piece_of, count = label_components(depth_m, people, limit)
+    focal = camera.intrinsics.fx * camera.intrinsics.fy
+    large = _areas(depth_m, piece_of, count, focal) >= config.crumb_area_m2
+    large[0] = False
+    renumbered = np.where(large, np.cumsum(large), 0).astype(np.int32)
+    T_world_camera = camera.require_pose().astype(np.float32)
+    index, row, column, piece, points, area = _listed(depth_m, piece_of, renumbered, scene.rays, T_world_camera, focal)
+    return Pieces(depth_m, labels, index, row, column, piece, int(large.sum()), points, area, limit, model.noise_per_m)
+
+
+def _first_labels(
+    depth_m: np.ndarray, people: np.ndarray, scene: Scene, equipment: np.ndarray | None, config: IsolationConfig
+) -> np.ndarray:
+    """(height, width) uint8 of ``PixelLabel`` before anybody is told from anybody."""
+    model = scene.background
+    labels = _nearness(depth_m, model.depth_m, model.sigma_m, config.jump_gate)
+    if equipment is not None:
+        labels[equipment] = PixelLabel.EQUIPMENT
     labels[people] = PixelLabel.CLUTTER
     if model.source is BackgroundSource.REMOVED and people.any():
-        labels[_empty_around(depth_m, people, camera)] = PixelLabel.BACKGROUND
-    limit = jump_limit_m(depth_m, model.noise_per_m, model.focal_px, config.jump_gate, config.steepest_slope_rad)
-    pieces, _ = label_components(depth_m, people, limit)
-    row, column = np.nonzero(people)
-    area = depth_m[row, column] ** 2 / np.float32(camera.intrinsics.fx * camera.intrinsics.fy)
-    piece = pieces[row, column]
-    large = np.bincount(piece, weights=area) >= config.crumb_area_m2
-    kept = large[piece]
-    row, column, area = row[kept].astype(np.int32), column[kept].astype(np.int32), area[kept]
-    renumbered = np.cumsum(large[1:]).astype(np.int32)
-    piece = renumbered[piece[kept] - 1]
-    points = _world_points(depth_m, scene, row, column)
-    return Pieces(depth_m, labels, row, column, piece, int(large[1:].sum()), points, area, limit)
+        labels[_empty_around(depth_m, people, scene.camera)] = PixelLabel.BACKGROUND
+    return labels
+
+
+@njit(cache=True)
+def _nearness(depth: np.ndarray, room: np.ndarray, sigma: np.ndarray, gate: float) -> np.ndarray:
+    """NO_READING, BACKGROUND, or CLUTTER for what is in front of the room, yet may be flying."""
+    labels = np.zeros(depth.shape, np.uint8)
+    for row in range(depth.shape[0]):
+        for column in range(depth.shape[1]):
+            z = depth[row, column]
+            if z > 0:
+                near = z < room[row, column] - gate * sigma[row, column]
+                labels[row, column] = PixelLabel.CLUTTER if near else PixelLabel.BACKGROUND
+    return labels
 
 
 def _empty_around(depth_m: np.ndarray, people: np.ndarray, camera: Camera) -> np.ndarray:
@@ -95,9 +133,41 @@ def _empty_around(depth_m: np.ndarray, people: np.ndarray, camera: Camera) -> np
     return empty
 
 
-def _world_points(depth_m: np.ndarray, scene: Scene, row: np.ndarray, column: np.ndarray) -> np.ndarray:
-    T_world_camera = scene.camera.require_pose().astype(np.float32)
-    depth = depth_m[row, column][:, None]
-    points_camera = np.concatenate([scene.rays[row, column] * depth, depth], axis=1)
-    points: np.ndarray = points_camera @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
-    return points
+@njit(cache=True)
+def _areas(depth: np.ndarray, piece: np.ndarray, count: int, focal: float) -> np.ndarray:
+    """(count + 1,) square metres of each piece, if it faces the camera."""
+    area = np.zeros(count + 1)
+    for row in range(depth.shape[0]):
+        for column in range(depth.shape[1]):
+            if piece[row, column] > 0:
+                area[piece[row, column]] += depth[row, column] * depth[row, column] / focal
+    return area
+
+
+@njit(cache=True)
+def _listed(
+    depth: np.ndarray, piece_of: np.ndarray, renumbered: np.ndarray, rays: np.ndarray, T: np.ndarray, focal: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The pixels of the pieces that are kept: index, row, column, piece, points_m, area_m2 of ``Pieces``."""
+    height, width = depth.shape
+    index = np.full((height, width), -1, np.int32)
+    count = 0
+    for row in range(height):
+        for column in range(width):
+            if renumbered[piece_of[row, column]] > 0:
+                index[row, column] = count
+                count += 1
+    rows, columns, pieces = np.empty(count, np.int32), np.empty(count, np.int32), np.empty(count, np.int32)
+    points, area = np.empty((count, 3), np.float32), np.empty(count, np.float32)
+    for row in range(height):
+        for column in range(width):
+            k = index[row, column]
+            if k < 0:
+                continue
+            z = depth[row, column]
+            x, y = rays[row, column, 0] * z, rays[row, column, 1] * z
+            rows[k], columns[k], pieces[k] = row, column, renumbered[piece_of[row, column]]
+            for axis in range(3):
+                points[k, axis] = T[axis, 0] * x + T[axis, 1] * y + T[axis, 2] * z + T[axis, 3]
+            area[k] = z * z / focal
+    return index, rows, columns, pieces, points, area

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from anchorpose.camera import Camera, transform_points
-from anchorpose.isolation.components import jump_limit_m, label_components
+from anchorpose.isolation.components import jump_limit, label_components
 from anchorpose.isolation.config import IsolationConfig
 
 SOLE_M: Final = 0.05  # above the floor; what is lower is the floor's noise
@@ -36,7 +36,7 @@ def people_who_stay(
     upright = room_m > 0
     if floor_height_m is not None:  # noise across the floor is a z h, the camera about a metre above it
         upright &= points[..., 1] - floor_height_m > SOLE_M + config.jump_gate * noise_per_m * room_m
-    limit = jump_limit_m(room_m, noise_per_m, camera.intrinsics.fx, config.jump_gate, config.steepest_slope_rad)
+    limit = jump_limit(noise_per_m, camera.intrinsics.fx, config.jump_gate, config.steepest_slope_rad)
     pieces, count = label_components(room_m, upright, limit)
     pixel_m2 = room_m.astype(np.float64) ** 2 / (camera.intrinsics.fx * camera.intrinsics.fy)
     area = np.bincount(pieces.ravel(), pixel_m2.ravel(), count + 1)

@@ -71,7 +71,7 @@ def global_hypothesis(
     source = window[0].surface
     chosen = np.unique(np.linspace(0, len(source) - 1, min(len(source), config.follow.tree_nodes)).astype(np.int64))
     nodes = source.points_m[chosen].astype(np.float64)
-    point, part = node_parts(points, rest, pose, nodes, config.isolation.skin_margin_m)
+    point, part = node_parts(points, rest, pose, nodes, config.follow.part_reach_m)
     on_body = part >= 0
     chosen, nodes, point, part = chosen[on_body], nodes[on_body], point[on_body], part[on_body]
     places = carried(points, rest, pose, predicted, nodes, part)

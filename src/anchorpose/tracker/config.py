@@ -33,6 +33,7 @@ class FollowConfig:
 
     look_ahead: int = 3  # N_Tr, depth of the track tree (paper, Section V)
     tree_nodes: int = 800  # source nodes of the tree: 40 a body part
+    part_reach_m: float = 0.08  # a node farther off the skin moves with no part
     history: int = 12  # frames kept for the motion dynamics
     samples: int = 16  # frames looked at beforehand for the background and for who stays
     lost_sigma_m: float = 0.25  # a joint less sure than half a forearm is lost, not estimated

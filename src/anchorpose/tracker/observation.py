@@ -10,8 +10,10 @@ import numpy as np
 from anchorpose.body.evidence import Evidence, gather_evidence
 from anchorpose.geodesics.anchors import Anchors, find_anchors
 from anchorpose.geodesics.descriptor import anchor_descriptor
-from anchorpose.isolation.patient import isolate, isolate_at_start, other_people
+from anchorpose.isolation.claims import Claims
+from anchorpose.isolation.crowd import Crowd, nobody, remember
 from anchorpose.isolation.people import PatientChoice, find_people
+from anchorpose.isolation.people_apart import separate, separate_first
 from anchorpose.isolation.scene import Pieces, find_pieces
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.recording.recording import FrameSet
@@ -28,7 +30,7 @@ from anchorpose.tracker.stopwatch import Stopwatch
 class Observation:
     """One frame after the stages up to geodesics.
 
-    pieces: the people's pixels, so that they can be told apart again. others_m (m, 3): skin of other people.
+    pieces: the people's pixels, so that they can be told apart again; crowd: where everybody's skin is.
     """
 
     frame_set: FrameSet
@@ -36,7 +38,7 @@ class Observation:
     anchors: Anchors
     descriptor: np.ndarray
     pieces: tuple[Pieces | None, ...]
-    others_m: np.ndarray
+    crowd: Crowd
 
     @property
     def surface(self) -> Surface:
@@ -60,29 +62,48 @@ def observe_first(
     """A frame of which nothing is expected but where the patient stands."""
     with watch.stage("isolation"):
         pieces = _find_pieces(frame_set, room, config)
-        views = isolate_at_start(pieces, find_people(pieces, config.isolation), choice)
-    return _observed(frame_set, room, pieces, views, None, height_m, config, watch)
+        views = separate_first(pieces, find_people(pieces, config.isolation), choice, config.isolation)
+    return _observed(frame_set, room, pieces, views, None, nobody(), 0.0, height_m, config, watch)
 
 
 def observe(
-    frame_set: FrameSet, room: Room, expected: Expectation, others_m: np.ndarray, height_m: float, config: TrackConfig,
+    frame_set: FrameSet, room: Room, expected: Expectation, before: Observation, height_m: float, config: TrackConfig,
     watch: Stopwatch,
 ) -> Observation:  # fmt: skip
-    """A frame in which the patient is expected at a place; others_m as in the last observation."""
+    """A frame in which the patient is expected at a place, and the others where they were in the frame before."""
     with watch.stage("isolation"):
         pieces = _find_pieces(frame_set, room, config)
-        views = isolate(pieces, expected.skin_m, others_m, config.isolation, expected.frames_without_fit)
-    return _observed(frame_set, room, pieces, views, expected, height_m, config, watch)
+    return _separated(frame_set, room, pieces, expected, before, height_m, config, watch)
 
 
 def observe_again(
-    seen: Observation, room: Room, expected: Expectation, others_m: np.ndarray, height_m: float, config: TrackConfig,
+    seen: Observation, room: Room, expected: Expectation, before: Observation, height_m: float, config: TrackConfig,
     watch: Stopwatch,
 ) -> Observation:  # fmt: skip
     """The same frame, isolated by a better expectation than there was when it came in."""
+    return _separated(seen.frame_set, room, seen.pieces, expected, before, height_m, config, watch)
+
+
+def _separated(
+    frame_set: FrameSet, room: Room, pieces: Sequence[Pieces | None], expected: Expectation, before: Observation,
+    height_m: float, config: TrackConfig, watch: Stopwatch,
+) -> Observation:  # fmt: skip
+    elapsed_s = abs(frame_set.time_s - before.frame_set.time_s)
     with watch.stage("isolation"):
-        views = isolate(seen.pieces, expected.skin_m, others_m, config.isolation, expected.frames_without_fit)
-    return _observed(seen.frame_set, room, seen.pieces, views, expected, height_m, config, watch)
+        claims = _claims(expected, config)
+        views = separate(pieces, before.crowd, claims, elapsed_s, config.isolation)
+    return _observed(frame_set, room, pieces, views, expected, before.crowd, elapsed_s, height_m, config, watch)
+
+
+def _claims(expected: Expectation, config: TrackConfig) -> Claims:
+    """What the patient claims by his predicted skin."""
+    spread = config.isolation.skin_sigma_m + config.isolation.prediction_growth_m * expected.frames_without_fit
+    count = len(expected.skin_m)
+    return Claims(
+        expected.skin_m.astype(np.float32),
+        np.full(count, PixelLabel.PATIENT, np.uint8),
+        np.full(count, spread, np.float32),
+    )
 
 
 def _find_pieces(frame_set: FrameSet, room: Room, config: TrackConfig) -> list[Pieces | None]:
@@ -94,7 +115,8 @@ def _find_pieces(frame_set: FrameSet, room: Room, config: TrackConfig) -> list[P
 
 def _observed(
     frame_set: FrameSet, room: Room, pieces: Sequence[Pieces | None], views: Sequence[View | None],
-    expected: Expectation | None, height_m: float, config: TrackConfig, watch: Stopwatch,
+    expected: Expectation | None, before: Crowd, elapsed_s: float, height_m: float, config: TrackConfig,
+    watch: Stopwatch,
 ) -> Observation:  # fmt: skip
     shown = [view if view is not None else _blank(room, number) for number, view in enumerate(views)]
     with watch.stage("surface"):
@@ -109,10 +131,10 @@ def _observed(
         anchors = find_anchors(surface, UP, facing, height_m, cut, places, config.anchors)
         descriptor = anchor_descriptor(surface, anchors)
     with watch.stage("isolation"):
-        others = other_people(pieces, views, config.isolation)
+        crowd = remember(before, pieces, views, room.cameras, elapsed_s, config.isolation)
     with watch.stage("registration"):
         evidence = gather_evidence(surface, views, room.cameras)
-    return Observation(frame_set, evidence, anchors, descriptor, tuple(pieces), others)
+    return Observation(frame_set, evidence, anchors, descriptor, tuple(pieces), crowd)
 
 
 def _blank(room: Room, number: int) -> View:

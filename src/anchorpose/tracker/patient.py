@@ -64,8 +64,7 @@ class PatientTracker:
     def push(self, frame_set: FrameSet) -> Iterator[Estimate]:
         """Take one more frame; yields the estimate of the frame that now has enough look-ahead."""
         expected = self._expect(len(self.window))
-        others = self.window[-1].others_m
-        seen = observe(frame_set, self.room, expected, others, self.height_m, self.config, self.watch)
+        seen = observe(frame_set, self.room, expected, self.window[-1], self.height_m, self.config, self.watch)
         with self.watch.stage("association"):
             self.links.append(link(self.window[-1], seen, self.config))
         self.window.append(seen)
@@ -94,7 +93,7 @@ class PatientTracker:
         """Tell people apart anew in the frame to be registered: now its pose is predicted from the frame before."""
         now, config = self.window[0], self.config
         expected = self._expectation(pose)
-        seen = observe_again(self.window[1], self.room, expected, now.others_m, self.height_m, config, self.watch)
+        seen = observe_again(self.window[1], self.room, expected, now, self.height_m, config, self.watch)
         self.window[1] = seen
         with self.watch.stage("association"):
             self.links[0] = link(now, seen, config)
@@ -125,7 +124,7 @@ class PatientTracker:
         with self.watch.stage("prediction"):
             poses = self._predict(len(self.window) - 1)
         predicted = self.belief.later(poses[0], elapsed_s, self.config.registration.fit)
-        if len(following.others_m):
+        if len(following.crowd.others.owner):
             following = self._see_again(poses[0])
         if len(following.surface):
             registration = self._associate_and_register(poses, predicted)

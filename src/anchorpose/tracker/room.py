@@ -52,7 +52,12 @@ def prepare_room(recording: Recording, config: TrackConfig) -> Room:
     samples = [next(iter(read_frames(recording, k, k + 1))) for k in chosen]
     calibration = find_world(recording, samples, config.floor)
     scenes = tuple(
-        set_scene(camera, _background(recording, number, samples, calibration, config), recording.equipment)
+        set_scene(
+            camera,
+            _background(recording, number, samples, calibration, config),
+            recording.equipment,
+            config.isolation,
+        )
         for number, camera in enumerate(calibration.cameras)
     )
     sightings = [sight_people(frame_set, scenes, config) for frame_set in samples]

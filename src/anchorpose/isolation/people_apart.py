@@ -1,0 +1,156 @@
+"""Every pixel to its person (transient occlusion; paper, Section III): by claims, creases and reach."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from anchorpose.isolation.claims import ClaimGrid, Claims, contest, join_claims, sort_claims
+from anchorpose.isolation.config import IsolationConfig
+from anchorpose.isolation.crowd import SAMPLE_PX, Crowd
+from anchorpose.isolation.growth import NOBODY, grow_owners
+from anchorpose.isolation.people import PatientChoice, People, find_people, ground_distance
+from anchorpose.isolation.scene import Pieces
+from anchorpose.isolation.view import PixelLabel, View
+
+CONTEST_PX = 2  # of what two people claim every second row and column is contested; the pixels between grow from them
+LAST_LABEL = 254
+
+
+def separate_first(
+    pieces: Sequence[Pieces | None], people: People, choice: PatientChoice, config: IsolationConfig
+) -> tuple[View | None, ...]:
+    """Label each camera's pixels where nothing is known of an earlier frame.
+
+    The patient is the person nearest to the chosen place. Trunks are told apart by their place on the ground; arms and
+    legs grow from them over the surface, up to the creases between people who touch.
+    """
+    label = np.full(len(people.people) + 1, NOBODY, np.uint8)  # the last one: nobody
+    axes = np.array([person.ground_xz_m for person in people.people]).reshape(-1, 2)
+    if len(axes):
+        order = np.argsort(np.linalg.norm(axes - choice.ground_xz_m, axis=1), kind="stable")
+        label[order] = np.minimum(PixelLabel.PATIENT + np.arange(len(order)), LAST_LABEL)
+    owners: list[np.ndarray | None] = []
+    for view, of in zip(pieces, people.of, strict=True):
+        trunks = None if view is None or of is None else _trunks(view, of, axes, label, config)
+        owners.append(None if view is None or trunks is None else grow_owners(view, trunks, config.crease_cost))
+    return _views(pieces, _with_detached(pieces, owners, config))
+
+
+def separate(
+    pieces: Sequence[Pieces | None], crowd: Crowd, expected: Claims | None, elapsed_s: float, config: IsolationConfig
+) -> tuple[View | None, ...]:
+    """Label each camera's pixels by who was where ``elapsed_s`` ago and, if given, by the patient's predicted skin.
+
+    expected: what the patient claims by prediction; None: he claims, like everybody, where he was seen last. A pixel
+    goes to the strongest claim if that is clearly stronger than all others' (``sure_lead``). What is left, between two
+    people or outrunning every claim, goes to whom it hangs together with (``grow_owners``); a piece by itself to whom
+    it nearly touches (a bar cuts a forearm off); what is far from everybody and as large as a person is a new person.
+    """
+    claims = join_claims([crowd.claims(elapsed_s, config)] if expected is None else
+                         [crowd.others.claims(elapsed_s, config), expected])  # fmt: skip
+    grid = sort_claims(claims) if len(claims) else None
+    owners = [None if view is None else _contested(view, grid, config) for view in pieces]
+    owners = _with_detached(pieces, owners, config)
+    return _views(pieces, _with_newcomers(pieces, owners, crowd.next_label, config))
+
+
+def _trunks(view: Pieces, of: np.ndarray, axes: np.ndarray, label: np.ndarray, config: IsolationConfig) -> np.ndarray:
+    """(n,) uint8: labels of the pixels in the middle of a person's column, and of pieces that one person has alone."""
+    if not len(axes):
+        return np.zeros(len(of), np.uint8)
+    near = ground_distance(view.points_m, axes[of]) < config.trunk_radius_m
+    owners = np.zeros((view.piece_count + 1, len(axes)), dtype=bool)
+    owners[view.piece[of >= 0], of[of >= 0]] = True
+    alone = owners.sum(axis=1) == 1
+    return np.where((of >= 0) & (near | alone[view.piece]), label[of], NOBODY).astype(np.uint8)
+
+
+def _contested(view: Pieces, grid: ClaimGrid | None, config: IsolationConfig) -> np.ndarray:
+    """(n,) uint8 owner of each foreground pixel by claims and growth."""
+    if grid is None:
+        return np.zeros(len(view.row), np.uint8)
+    asked = (view.row % CONTEST_PX == 0) & (view.column % CONTEST_PX == 0)
+    owner = contest(grid, view.points_m, asked, config.claim_gate, config.sure_lead)
+    return grow_owners(view, owner, config.crease_cost)
+
+
+def _with_detached(
+    pieces: Sequence[Pieces | None], owners: Sequence[np.ndarray | None], config: IsolationConfig
+) -> list[np.ndarray | None]:
+    """Owners with pieces that nobody owns given to whom they nearly touch, in any camera."""
+    own = [
+        _sampled(view, owner)
+        for view, owner in zip(pieces, owners, strict=True)
+        if view is not None and owner is not None
+    ]
+    points = np.concatenate([place for place, _ in own]) if own else np.zeros((0, 3))
+    if not len(points):
+        return list(owners)
+    label, tree = np.concatenate([whose for _, whose in own]), cKDTree(points)
+    return [
+        None if view is None or owner is None else _given_to_neighbour(view, owner, tree, label, config)
+        for view, owner in zip(pieces, owners, strict=True)
+    ]
+
+
+def _sampled(view: Pieces, owner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    chosen = view.index[::SAMPLE_PX, ::SAMPLE_PX]
+    chosen = chosen[chosen >= 0]
+    chosen = chosen[owner[chosen] != NOBODY]
+    return view.points_m[chosen], owner[chosen]
+
+
+def _given_to_neighbour(
+    view: Pieces, owner: np.ndarray, tree: cKDTree, label: np.ndarray, config: IsolationConfig
+) -> np.ndarray:
+    open_pixels = np.flatnonzero(owner == NOBODY)
+    if not len(open_pixels):
+        return owner
+    distance, nearest = tree.query(view.points_m[open_pixels], distance_upper_bound=config.detached_m)
+    found = np.isfinite(distance)
+    piece, distance, whose = view.piece[open_pixels[found]], distance[found], label[nearest[found]]
+    to = np.zeros(view.piece_count + 1, np.uint8)
+    order = np.argsort(-distance, kind="stable")  # the nearest comes last and stays
+    to[piece[order]] = whose[order]
+    given = owner.copy()
+    given[open_pixels] = to[view.piece[open_pixels]]
+    return given
+
+
+def _with_newcomers(
+    pieces: Sequence[Pieces | None], owners: Sequence[np.ndarray | None], next_label: int, config: IsolationConfig
+) -> list[np.ndarray | None]:
+    """Owners with new labels for what nobody owns and is a person by size."""
+    area = sum(float(view.area_m2[owner == NOBODY].sum()) for view, owner in zip(pieces, owners, strict=True)
+               if view is not None and owner is not None)  # fmt: skip
+    if area < config.person_area_m2:
+        return list(owners)
+    open_only = [
+        None if view is None or owner is None else view.only(owner == NOBODY)
+        for view, owner in zip(pieces, owners, strict=True)
+    ]
+    people = find_people(open_only, config)
+    label = np.minimum(next_label + np.arange(len(people.people) + 1), LAST_LABEL)
+    label[-1] = NOBODY
+    named = []
+    for owner, of in zip(owners, people.of, strict=True):
+        if owner is not None and of is not None:
+            owner = owner.copy()
+            owner[owner == NOBODY] = label[of]
+        named.append(owner)
+    return named
+
+
+def _views(pieces: Sequence[Pieces | None], owners: Sequence[np.ndarray | None]) -> tuple[View | None, ...]:
+    views: list[View | None] = []
+    for view, owner in zip(pieces, owners, strict=True):
+        if view is None or owner is None:
+            views.append(None)
+            continue
+        labels = view.labels.copy()
+        labels[view.row, view.column] = np.where(owner == NOBODY, np.uint8(PixelLabel.CLUTTER), owner)
+        views.append(View(view.depth_m, labels))
+    return tuple(views)
