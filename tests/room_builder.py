@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from anchorpose.camera import Camera, Intrinsics
-from anchorpose.isolation.background import learn_background
 from anchorpose.isolation.config import IsolationConfig
+from anchorpose.isolation.empty_room import learn_background
 from anchorpose.isolation.equipment import equipment_depth
 from anchorpose.isolation.scene import Scene, set_scene
 from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel

@@ -7,8 +7,9 @@ import pytest
 from room_builder import FRONT, NOISE_PER_M, ROOM, body, in_front, picture
 
 from anchorpose.camera import transform_points
-from anchorpose.isolation.background import BackgroundSource, foreground, learn_background
+from anchorpose.isolation.background import BackgroundSource, foreground
 from anchorpose.isolation.config import IsolationConfig
+from anchorpose.isolation.empty_room import learn_background
 from anchorpose.recording.equipment import Box
 
 CONFIG = IsolationConfig()

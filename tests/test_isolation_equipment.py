@@ -7,9 +7,10 @@ from room_builder import FRONT, KNEE_BAR, ROOM, body, built_scene, in_front, pic
 from scipy.ndimage import label as label_mask
 
 from anchorpose.camera import transform_points
-from anchorpose.isolation.background import foreground, learn_background
+from anchorpose.isolation.background import foreground
 from anchorpose.isolation.components import jump_limit, label_components, without_flying_pixels
 from anchorpose.isolation.config import IsolationConfig
+from anchorpose.isolation.empty_room import learn_background
 from anchorpose.isolation.equipment import equipment_depth, equipment_mask
 from anchorpose.isolation.scene import find_pieces, set_scene
 from anchorpose.isolation.view import PixelLabel

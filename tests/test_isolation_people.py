@@ -11,8 +11,8 @@ from scipy.spatial import cKDTree
 
 from anchorpose.calibration.floor import FloorConfig
 from anchorpose.calibration.world import find_world
-from anchorpose.isolation.background import learn_background
 from anchorpose.isolation.config import IsolationConfig
+from anchorpose.isolation.empty_room import learn_background
 from anchorpose.isolation.people import choose_patient, find_people
 from anchorpose.isolation.people_apart import separate_first
 from anchorpose.isolation.scene import find_pieces, set_scene
@@ -57,10 +57,10 @@ def test_two_cameras_agree_on_one_person():
     assert np.linalg.norm(people.people[0].ground_xz_m) < 0.15
 
 
-def choose(*places, equipment=None, patient_xz=None):
+def choose(*places, equipment=None, patient_xz=None, times=8):
     parts = [part for place in places for part in body(*place)]
     people = find_people([find_pieces(picture(FRONT, *ROOM, *parts, seed=3), built_scene(), CONFIG)], CONFIG)
-    return choose_patient([people], equipment, patient_xz, np.zeros(2), CONFIG)
+    return choose_patient([people] * times, equipment, patient_xz, np.zeros(2), CONFIG)
 
 
 def test_the_patient_is_who_the_user_says():
@@ -82,6 +82,22 @@ def test_otherwise_the_patient_is_in_the_middle_and_the_reason_counts_the_others
     assert "of 3 people" in choice.reason
 
 
+def test_of_a_single_picture_the_patient_is_who_fills_most_of_it():
+    choice = choose((0.0, 0.0), (1.0, 0.8), times=1)
+    assert choice.ground_xz_m[1] > 0.7
+    assert "fills most of the picture" in choice.reason
+
+
+def test_a_board_held_up_is_nobody_and_no_part_of_anybody():
+    board = Box("board", np.array([0.5, 1.1, 0.0]), np.array([0.01, 0.5, 0.5]), np.eye(3))
+    pieces = find_pieces(picture(FRONT, *ROOM, *body(0, 0), board, seed=3), built_scene(), CONFIG)
+    on_board = picture(FRONT, *ROOM, *body(0, 0), board) < picture(FRONT, *ROOM, *body(0, 0)) - 1e-3
+    assert (pieces.index[on_board] < 0).mean() > 0.97
+    assert (pieces.labels[on_board] == PixelLabel.CLUTTER).mean() > 0.9
+    people = find_people([pieces], CONFIG)
+    assert len(people.people) == 1
+
+
 def test_nobody_in_the_room_is_nobody_chosen():
     assert choose() is None
 
@@ -95,13 +111,12 @@ def shared_people(name: str, frame: int, with_picture: bool = True):
         next(iter(read_frames(opened, int(k), int(k) + 1))) for k in np.unique(np.linspace(0, last, 12).astype(int))
     ]
     world = find_world(opened, sampled, FloorConfig())
-    scenes = [
-        set_scene(camera, learn_background(
-            opened.backgrounds_m[number] if with_picture else None,
-            [depth for s in sampled if (depth := s.depths_m[number]) is not None], camera, world.floor_height_m, CONFIG,
-        ), opened.equipment, CONFIG)
-        for number, camera in enumerate(world.cameras)
-    ]  # fmt: skip
+    scenes = []
+    for number, camera in enumerate(world.cameras):
+        seen = [depth for frame_set in sampled if (depth := frame_set.depths_m[number]) is not None]
+        background = opened.backgrounds_m[number] if with_picture else None
+        room = learn_background(background, seen, camera, world.floor_height_m, CONFIG, opened.equipment)
+        scenes.append(set_scene(camera, room, opened.equipment, CONFIG))
     depths = next(iter(read_frames(opened, frame, frame + 1))).depths_m
     pieces = [None if d is None else find_pieces(d, s, CONFIG) for d, s in zip(depths, scenes, strict=True)]
     return opened, pieces, find_people(pieces, CONFIG)

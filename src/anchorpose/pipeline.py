@@ -8,7 +8,8 @@ The room is prepared once; then every frame goes through ``tracker.observation``
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -62,8 +63,22 @@ def track_recording(recording: Path, results: Path, config: TrackConfig, progres
     Linear algebra runs on one thread: on several, sums are added in another order, and the tables get other bytes.
     Raises InputError where the recording cannot be used.
     """
-    with threadpool_limits(limits=1):
+    with one_thread():
         _track(recording, results, config, progress)
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Linear algebra and pictures on one thread; OpenCV's threads wait for each other longer than they work."""
+    import cv2
+
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        with threadpool_limits(limits=1):
+            yield
+    finally:
+        cv2.setNumThreads(before)
 
 
 def _track(recording: Path, results: Path, config: TrackConfig, progress: Progress) -> None:

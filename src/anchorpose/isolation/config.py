@@ -16,8 +16,8 @@ class IsolationConfig:
     steepest_slope_rad: float = 1.40  # 80 degrees: steeper surfaces give a depth camera no reading
     person_radius_m: float = 0.25  # half a shoulder breadth (95th percentile of men 0.26 m)
     reach_m: float = 0.90  # from the body's axis to an outstretched hand
-    person_height_m: float = 0.60  # what must be seen of a person, from top to bottom: half of a crouching one
-    person_area_m2: float = 0.15  # what must be seen of a person: a quarter of an adult's frontal area
+    person_height_m: float = 0.50  # what must be seen of a person, from top to bottom: half of one who sits
+    person_area_m2: float = 0.12  # what must be seen of a person: a fifth of an adult's frontal area
     crumb_area_m2: float = 0.0005  # a piece smaller than a finger's end is nobody
     trunk_radius_m: float = 0.15  # half a trunk's depth and some clothes: what stands there is this person
     claim_gate: float = 3.0  # sigmas: skin farther from where it is expected is not claimed, it has to grow

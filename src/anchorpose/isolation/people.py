@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from anchorpose.calibration.start import FRAMES_NEEDED
 from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.scene import Pieces
 from anchorpose.recording.equipment import EquipmentModel
@@ -18,12 +19,14 @@ SAME_PERSON_SADDLE = 0.6  # two peaks with more mass than this between them are 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Person:
-    """ground_xz_m (2,) float64: the body's axis on the ground; bottom_m, top_m: heights; area_m2: surface seen."""
+    """ground_xz_m (2,) float64: the body's axis on the ground; bottom_m, top_m: heights; area_m2: surface seen about
+    the axis, by how many pixels."""
 
     ground_xz_m: np.ndarray
     bottom_m: float
     top_m: float
     area_m2: float
+    pixels: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,8 +68,9 @@ def choose_patient(
 ) -> PatientChoice | None:
     """The patient among the people of the first sighting; later ones tell who stays. None where nobody is seen.
 
-    In this order: the person at ``patient_xz``, if the user said so; who stands within the equipment's outline; who
-    stays in place longest and, of these, is nearest to ``look_at_xz``, where the first camera's axis meets the scene.
+    In this order: the person at ``patient_xz``, if the user said so; who stands within the equipment's outline; of a
+    few sightings, in which furniture stays as well as anybody, who fills most of the picture; who stays in place
+    longest and, of these, is nearest to ``look_at_xz``, where the first camera's axis meets the scene.
     """
     if not sightings or not sightings[0].people:
         return None
@@ -82,6 +86,9 @@ def choose_patient(
             centre = equipment.triangles()[0][:, [0, 2]].mean(axis=0)
             nearest = int(np.argmin(np.where(inside, np.linalg.norm(axes - centre, axis=1), np.inf)))
             return PatientChoice(axes[nearest], f"stands within the equipment, {among}", sure=True)
+    if len(sightings) < FRAMES_NEEDED:
+        largest = int(np.argmax([person.pixels for person in people]))
+        return PatientChoice(axes[largest], f"fills most of the picture, {among}", sure=False)
     stays = np.array([[_is_there(axis, sighting, config) for sighting in sightings] for axis in axes]).sum(axis=1)
     off_axis = np.linalg.norm(axes - look_at_xz, axis=1)
     best = int(np.lexsort((off_axis, -stays))[0])
@@ -127,7 +134,7 @@ def _person_at(
     bottom, top = np.percentile(points_m[near, 1], [1, 99])
     if top - bottom < config.person_height_m:
         return None
-    return Person(axis_xz.astype(np.float64), float(bottom), float(top), area)
+    return Person(axis_xz.astype(np.float64), float(bottom), float(top), area, int(near.sum()))
 
 
 def ground_distance(points_m: np.ndarray, axes_xz: np.ndarray) -> np.ndarray:

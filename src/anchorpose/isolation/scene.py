@@ -12,6 +12,7 @@ from anchorpose.isolation.background import BackgroundModel, BackgroundSource, f
 from anchorpose.isolation.components import JumpLimit, label_components
 from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.equipment import ExpectedEquipment, equipment_depth, equipment_mask, expect_equipment
+from anchorpose.isolation.flat import flat_pieces
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.recording.equipment import EquipmentModel
 
@@ -91,7 +92,9 @@ def find_pieces(depth_m: np.ndarray, scene: Scene, config: IsolationConfig) -> P
     renumbered = np.where(large, np.cumsum(large), 0).astype(np.int32)
     T_world_camera = camera.require_pose().astype(np.float32)
     index, row, column, piece, points, area = _listed(depth_m, piece_of, renumbered, scene.rays, T_world_camera, focal)
-    return Pieces(depth_m, labels, index, row, column, piece, int(large.sum()), points, area, limit, model.noise_per_m)
+    found = Pieces(depth_m, labels, index, row, column, piece, int(large.sum()), points, area, limit, model.noise_per_m)
+    flat = flat_pieces(points, depth_m[row, column], piece, area, model.noise_per_m)
+    return found.only(~flat) if flat.any() else found
 
 
 def _first_labels(

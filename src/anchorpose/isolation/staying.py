@@ -1,36 +1,41 @@
-"""People who never leave their place, told from the room by floor, size and movement."""
+"""People who never leave their place, told from the room by floor, size, movement and what hangs on to them."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import cv2
 import numpy as np
 
 from anchorpose.camera import Camera, transform_points
-from anchorpose.isolation.components import jump_limit, label_components
+from anchorpose.isolation.components import JumpLimit, jump_limit, label_components
 from anchorpose.isolation.config import IsolationConfig
 
 SOLE_M: Final = 0.05  # above the floor; what is lower is the floor's noise
 TOP_M: Final = (0.9, 2.3)  # heads of people who sit and of people who raise an arm
 WIDEST_M: Final = 1.3  # from hand to hand with bent arms; walls and tables are wider
+LARGEST_M2: Final = 1.0  # of a person, seen from one side
 LEAST_MOVED_SHARE: Final = 0.1  # of the pixels around a body that were covered in some frame: it sways, a cupboard not
+LEAST_ATTACHED_SHARE: Final = 0.3  # of a piece's border that moving surface hung on to: a trunk's limbs, a chair's not
 RING_PX: Final = 11  # around a body, 3 cm at 2 m
+BESIDE_PX: Final = 2  # from the border of a piece to what may hang on to it
 
 
 def people_who_stay(
     room_m: np.ndarray,
-    moved: np.ndarray | None,
+    nearer: Sequence[np.ndarray],
     camera: Camera,
     floor_height_m: float | None,
     noise_per_m: float,
     config: IsolationConfig,
 ) -> np.ndarray:
-    """(height, width) bool: connected pieces of ``room_m`` that stand on the floor, are as large as a person and move.
+    """(height, width) bool: pieces of ``room_m`` that are somebody: connected, above the floor, and moving or moved on.
 
-    room_m (height, width) float32: what was farthest over time, 0 = unknown; moved (height, width) bool: pixels where
-    something nearer was seen in some frame, None where there are too few frames to ask for movement. Where no floor is
-    seen (floor_height_m None) nobody is connected to it either, and the height above it is not asked for.
+    room_m (height, width) float32: what was farthest over time, 0 = unknown; nearer: frames (height, width) float32
+    with only what was in front of it, 0 elsewhere; none where there are too few frames to ask for movement. Somebody is
+    as large as a person and sways, or is a still part that moving surface hangs on to. Where no floor is seen
+    (floor_height_m None) nobody is connected to it either, and the height above it is not asked for.
     """
     points = transform_points(camera.require_pose(), camera.back_project(room_m))
     upright = room_m > 0
@@ -40,12 +45,36 @@ def people_who_stay(
     pieces, count = label_components(room_m, upright, limit)
     pixel_m2 = room_m.astype(np.float64) ** 2 / (camera.intrinsics.fx * camera.intrinsics.fy)
     area = np.bincount(pieces.ravel(), pixel_m2.ravel(), count + 1)
-    mask = np.zeros(room_m.shape, dtype=bool)
+    area[0] = 0.0
+    moved = np.any([frame > 0 for frame in nearer], axis=0) if len(nearer) else None
+    attached = _attached_share(room_m, pieces, count, nearer, limit)
+    mask = (attached > LEAST_ATTACHED_SHARE)[pieces] & (area < LARGEST_M2)[pieces] & (pieces > 0)
     for piece in np.flatnonzero(area > config.person_area_m2):
         body = pieces == piece
-        if piece > 0 and _has_a_body_size(points[body], floor_height_m, config) and _moves(body, moved):
+        if _has_a_body_size(points[body], floor_height_m, config) and _moves(body, moved):
             mask |= body
     return mask
+
+
+def _attached_share(
+    room_m: np.ndarray, pieces: np.ndarray, count: int, nearer: Sequence[np.ndarray], limit: JumpLimit
+) -> np.ndarray:
+    """(count + 1,) of each piece's border pixels the share beside which a nearer surface went on without a jump."""
+    same = cv2.erode(pieces.astype(np.float32), np.ones((3, 3))) == pieces
+    same &= cv2.dilate(pieces.astype(np.float32), np.ones((3, 3))) == pieces
+    row, column = np.nonzero(~same & (pieces > 0))
+    inside = (row >= BESIDE_PX) & (column >= BESIDE_PX)
+    inside &= (row < room_m.shape[0] - BESIDE_PX) & (column < room_m.shape[1] - BESIDE_PX)
+    row, column = row[inside], column[inside]
+    own = room_m[row, column]
+    reach = BESIDE_PX * limit.at(own)
+    hung = np.zeros(len(row), dtype=bool)
+    for frame in nearer:
+        for d_row, d_column in ((0, BESIDE_PX), (0, -BESIDE_PX), (BESIDE_PX, 0), (-BESIDE_PX, 0)):
+            beside = frame[row + d_row, column + d_column]
+            hung |= (beside > 0) & (np.abs(beside - own) < reach)
+    border = np.bincount(pieces[row, column], minlength=count + 1)
+    return np.bincount(pieces[row, column], hung, count + 1) / np.maximum(border, 1)
 
 
 def _has_a_body_size(points_m: np.ndarray, floor_height_m: float | None, config: IsolationConfig) -> bool:

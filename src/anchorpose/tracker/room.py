@@ -10,7 +10,8 @@ import numpy as np
 from anchorpose.calibration.world import Calibration, find_world
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
-from anchorpose.isolation.background import BackgroundModel, learn_background
+from anchorpose.isolation.background import BackgroundModel
+from anchorpose.isolation.empty_room import learn_background
 from anchorpose.isolation.people import PatientChoice, People, choose_patient, find_people
 from anchorpose.isolation.scene import Scene, find_pieces, set_scene
 from anchorpose.recording.reader import read_frames
@@ -19,6 +20,7 @@ from anchorpose.tracker.config import TrackConfig
 
 UP = np.array([0.0, 1.0, 0.0])
 CROWDED_M = 1.0  # from axis to axis: an outstretched arm and half a trunk
+BLIND_SAMPLES = 3  # times as many where the empty room has to be put together from moments in which it is free
 FACING = np.array([1.0, 0.0, 0.0])  # design: X of the world is the way the patient faces
 
 
@@ -48,7 +50,8 @@ class Room:
 def prepare_room(recording: Recording, config: TrackConfig) -> Room:
     """Calibration, background of every camera, and who is the patient, from frames spread over the recording."""
     first, count = config.start, len(recording.streams[0].time_s[config.start : config.stop])
-    chosen = np.unique(np.linspace(first, first + count - 1, min(config.follow.samples, count)).astype(int)).tolist()
+    wanted = config.follow.samples * (1 if all(room is not None for room in recording.backgrounds_m) else BLIND_SAMPLES)
+    chosen = np.unique(np.linspace(first, first + count - 1, min(wanted, count)).astype(int)).tolist()
     samples = [next(iter(read_frames(recording, k, k + 1))) for k in chosen]
     calibration = find_world(recording, samples, config.floor)
     scenes = tuple(
@@ -82,7 +85,12 @@ def _background(
         where = recording.folder / camera.name
         raise InputError(where, "none of the sampled pictures can be read", "record or copy this camera again")
     return learn_background(
-        recording.backgrounds_m[number], frames, camera, calibration.floor_height_m, config.isolation
+        recording.backgrounds_m[number],
+        frames,
+        camera,
+        calibration.floor_height_m,
+        config.isolation,
+        recording.equipment,
     )
 
 

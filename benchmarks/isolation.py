@@ -1,0 +1,189 @@
+"""Who is told from whom, pixel by pixel, on simulated clinics: python benchmarks/isolation.py --seeds 4 --seconds 6.
+
+Readings are counted that lie on what they are said to show: within 3 cm of the true surface at their own pixel, so that
+flying pixels and pixels that look one aside are nobody's. --no-background takes the pictures of the empty room away,
+--no-tracker tells people apart without the predicted patient. Time is that of one core for all cameras, of isolation
+alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+import numpy as np
+
+from anchorpose.isolation.crowd import nobody, remember
+from anchorpose.isolation.people import find_people
+from anchorpose.isolation.people_apart import separate, separate_first
+from anchorpose.isolation.scene import find_pieces
+from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.pipeline import TrackConfig, one_thread
+from anchorpose.recording.reader import open_recording, read_frames
+from anchorpose.recording.recording import Recording
+from anchorpose.simulate import config as presets
+from anchorpose.simulate.clinic import draw_clinic
+from anchorpose.simulate.render import EQUIPMENT, PATIENT
+from anchorpose.simulate.shoot import Shot, Studio, set_up
+from anchorpose.simulate.write import simulate_recording
+from anchorpose.tracker.both_ways import learn_on, plan_route
+from anchorpose.tracker.patient import follow_patient
+from anchorpose.tracker.room import Room, prepare_room
+from anchorpose.tracker.stopwatch import Stopwatch
+from anchorpose.tracking.default_motions import default_motions
+
+ON_IT_M: Final = 0.03
+COLUMNS: Final = ("equipment removed %", "patient lost to it %", "kept %", "others taken %", "kept, held %",
+                  "others taken, held %", "swapped", "ms a frame")  # fmt: skip
+
+
+@dataclass(slots=True)
+class Count:
+    """Readings of one frame."""
+
+    equipment: int = 0
+    equipment_left: int = 0
+    patient: int = 0
+    lost_to_equipment: int = 0
+    kept: int = 0
+    called_patient: int = 0
+    taken: int = 0
+
+
+def count(views: Sequence[View | None], shot: Shot) -> Count:
+    """Labels against the truth, all cameras together."""
+    total = Count()
+    for view, picture in zip(views, shot.pictures, strict=True):
+        if view is None:
+            continue
+        on_it = (view.depth_m > 0) & (np.abs(view.depth_m - picture.depth_m) < ON_IT_M)
+        equipment, patient = (on_it & (picture.label == label) for label in (EQUIPMENT, PATIENT))
+        others = on_it & (picture.label > PATIENT)
+        total.equipment += int(equipment.sum())
+        total.equipment_left += int((equipment & (view.labels >= PixelLabel.PATIENT)).sum())
+        total.patient += int(patient.sum())
+        total.lost_to_equipment += int((patient & (view.labels == PixelLabel.EQUIPMENT)).sum())
+        total.kept += int((patient & view.patient).sum())
+        total.called_patient += int((on_it & view.patient).sum())
+        total.taken += int((others & view.patient).sum())
+    return total
+
+
+def tracked_views(recording: Recording, room: Room, config: TrackConfig) -> Iterator[tuple[int, Sequence[View | None]]]:
+    """The labels that tracking used, frame by frame."""
+    watch, motions = Stopwatch(), default_motions(15.0, config.motion)
+    route = plan_route(room, config, lambda: None)
+    shape = learn_on(route, room, motions, config, watch)
+    for positions in (route.back[1:], route.forth):
+        for estimate in follow_patient(room, route.frames(positions), motions, shape, config, watch):
+            if estimate.observation is not None:
+                yield estimate.frame_set.frame, estimate.observation.evidence.views
+
+
+def untracked_views(
+    recording: Recording, room: Room, config: TrackConfig
+) -> Iterator[tuple[int, Sequence[View | None]]]:
+    """The labels without any prediction, from the opening frame to both ends."""
+    if room.opening is None:
+        return
+    count, first = len(recording.streams[0].files), room.opening.frame
+    for positions in (range(first, -1, -1), range(first, count)):
+        crowd, before_s = nobody(), None
+        for position in positions:
+            frame = next(iter(read_frames(recording, position, position + 1)))
+            pieces = [None if depth is None else find_pieces(depth, scene, config.isolation)
+                      for depth, scene in zip(frame.depths_m, room.scenes, strict=True)]  # fmt: skip
+            elapsed_s = 0.0 if before_s is None else abs(frame.time_s - before_s)
+            if before_s is None:
+                people = find_people(pieces, config.isolation)
+                views = separate_first(pieces, people, room.opening.choice, config.isolation)
+            else:
+                views = separate(pieces, crowd, None, elapsed_s, config.isolation)
+            crowd, before_s = remember(crowd, pieces, views, room.cameras, elapsed_s, config.isolation), frame.time_s
+            yield frame.frame, views
+
+
+def milliseconds(recording: Recording, room: Room, config: TrackConfig) -> float:
+    """Median time of isolation over ten frames that are in memory, all cameras."""
+    if room.opening is None:
+        return float("nan")
+    frames = list(read_frames(recording, 0, 11))
+    crowd, spent = nobody(), []
+    for number, frame in enumerate(frames):
+        start = time.perf_counter()
+        pieces = [None if depth is None else find_pieces(depth, scene, config.isolation)
+                  for depth, scene in zip(frame.depths_m, room.scenes, strict=True)]  # fmt: skip
+        if number == 0:
+            views = separate_first(pieces, find_people(pieces, config.isolation), room.opening.choice, config.isolation)
+        else:
+            views = separate(pieces, crowd, None, 1.0 / 15.0, config.isolation)
+        crowd = remember(crowd, pieces, views, room.cameras, 1.0 / 15.0, config.isolation)
+        spent.append(time.perf_counter() - start)
+    return 1000.0 * float(np.median(spent[1:]))
+
+
+def score(seed: int, seconds: float, background: bool, tracker: bool) -> tuple[list[Count], np.ndarray, float]:
+    """Counts of every frame, which frames somebody touches the patient in, milliseconds a frame."""
+    config, scene = TrackConfig(), presets.clinic(seed, seconds)
+    with TemporaryDirectory() as folder:
+        simulate_recording(Path(folder) / "s", scene)
+        recording = open_recording(Path(folder) / "s" / "recording")
+        if not background:
+            recording = replace(recording, backgrounds_m=tuple(None for _ in recording.cameras))
+        touched = np.load(Path(folder) / "s" / "truth" / "truth.npz")["touched"].any(axis=1)
+        room = prepare_room(recording, config)
+        studio: Studio = set_up(draw_clinic(scene))
+        views = (tracked_views if tracker else untracked_views)(recording, room, config)
+        counts = {frame: count(labels, studio.shoot(frame)) for frame, labels in views}
+        spent = milliseconds(recording, room, config)
+    frames = sorted(counts)
+    return [counts[frame] for frame in frames], touched[frames], spent
+
+
+def row(name: str, counts: Sequence[Count], touched: np.ndarray, spent: float) -> str:
+    """One line of the table."""
+
+    def share(part: str, whole: str, of: np.ndarray) -> float:
+        chosen = [entry for entry, used in zip(counts, of, strict=True) if used]
+        return 100.0 * sum(getattr(c, part) for c in chosen) / max(sum(getattr(c, whole) for c in chosen), 1)
+
+    every = np.ones(len(touched), dtype=bool)
+    swapped = sum(c.taken > c.called_patient / 2 for c in counts)
+    figures = [
+        f"{100.0 - share('equipment_left', 'equipment', every):.2f}",
+        f"{share('lost_to_equipment', 'patient', every):.2f}",
+        *(f"{share(*pair, of):.2f}" for of in (~touched, touched)
+          for pair in (("kept", "patient"), ("taken", "called_patient"))),
+        str(swapped), f"{spent:.1f}",
+    ]  # fmt: skip
+    return f"| {name} | " + " | ".join(figures) + " |"
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=4)
+    parser.add_argument("--first-seed", type=int, default=501)
+    parser.add_argument("--seconds", type=float, default=6.0)
+    parser.add_argument("--no-background", action="store_true")
+    parser.add_argument("--no-tracker", action="store_true")
+    options = parser.parse_args()
+    print("| seed | " + " | ".join(COLUMNS) + " |\n|---|" + "--:|" * len(COLUMNS))
+    all_counts, all_touched, times = list[Count](), list[np.ndarray](), list[float]()
+    for seed in range(options.first_seed, options.first_seed + options.seeds):
+        with one_thread():
+            counts, touched, spent = score(seed, options.seconds, not options.no_background, not options.no_tracker)
+        print(row(str(seed), counts, touched, spent), flush=True)
+        all_counts += counts
+        all_touched.append(touched)
+        times.append(spent)
+    print(row("all", all_counts, np.concatenate(all_touched), float(np.median(times))))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,128 @@
+"""Learning the empty room: from its picture or, without one, from what stays in place in the recording."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from anchorpose.calibration.noise import MAD_OF_NORMAL, noise_per_m
+from anchorpose.calibration.start import FRAMES_NEEDED, people_only
+from anchorpose.camera import Camera
+from anchorpose.isolation.background import BackgroundModel, BackgroundSource
+from anchorpose.isolation.config import IsolationConfig
+from anchorpose.isolation.equipment import equipment_depth
+from anchorpose.isolation.floor_behind import floor_behind
+from anchorpose.isolation.inside_equipment import clear_equipment
+from anchorpose.isolation.staying import people_who_stay
+from anchorpose.recording.equipment import EquipmentModel
+
+BLOCK_PX = 16  # noise changes slowly over the picture: it is measured in blocks of this size
+READINGS_NEEDED = 32  # of one block, for a median good to a sixth of itself
+FAR_PERCENTILE, NEAR_PERCENTILE = 95, 80  # both show the room where a pixel is free a fifth of the time
+MOVED_SIGMAS = 5.0  # of a pixel's noise, over a dozen frames
+FAR_SIGMAS, NEAR_SIGMAS = 1.6449, 0.8416  # where these percentiles lie on a normal distribution
+
+
+def learn_background(
+    picture_m: np.ndarray | None,
+    frames_m: Sequence[np.ndarray],
+    camera: Camera,
+    floor_height_m: float | None,
+    config: IsolationConfig,
+    equipment: EquipmentModel | None = None,
+) -> BackgroundModel:
+    """The background of one camera from its picture of the empty room or, without one, from sampled frames.
+
+    picture_m (height, width) float32 or None; frames_m: pictures of the same shape, spread over the recording; the
+    camera has a pose. Without a picture the background is what is farthest most of the time, less those who never
+    leave their place: who stands in the equipment (``clear_equipment``), and ``people_who_stay``, behind whom
+    nothing is known but the floor. floor_height_m: None where no floor is seen; the equipment is not needed beside a
+    picture.
+    Raises ValueError without frames.
+    """
+    if not frames_m:
+        raise ValueError("a background needs at least one frame of the recording to measure the noise on")
+    noise, focal_px = noise_per_m(frames_m), camera.intrinsics.fx
+    if picture_m is not None:
+        depth = _fill_specks(picture_m.astype(np.float32))
+        sigma = _noise_behind(depth, frames_m, noise)
+        return BackgroundModel(depth, sigma, noise, focal_px, BackgroundSource.PICTURE)
+    if all(people_only(frame) for frame in frames_m):
+        nothing = np.zeros_like(frames_m[0], dtype=np.float32)
+        return BackgroundModel(nothing, nothing, noise, focal_px, BackgroundSource.REMOVED)
+    depth, sigma = _what_stays(np.stack(frames_m), noise)
+    nearer = [np.where(frame < depth - MOVED_SIGMAS * sigma, frame, np.float32(0.0)) for frame in frames_m]
+    floor = floor_behind(depth, camera, floor_height_m)
+    drawn = None
+    if equipment is not None:
+        drawn = equipment_depth(camera, camera.pixel_rays(), equipment)
+        depth = clear_equipment(depth, sigma, camera, equipment, drawn, floor, floor_height_m, noise, config)
+    room = depth if drawn is None else np.where(drawn > 0, np.float32(0.0), depth)  # a rail joins people to each other
+    if len(frames_m) < FRAMES_NEEDED:
+        nearer = []
+    somebody = people_who_stay(room, nearer, camera, floor_height_m, noise, config)
+    depth[somebody] = floor[somebody]
+    sigma = np.maximum(sigma, np.float32(noise) * depth**2)  # also where geometry put the background in
+    return BackgroundModel(depth, sigma, noise, focal_px, BackgroundSource.RECORDING)
+
+
+def _fill_specks(depth_m: np.ndarray) -> np.ndarray:
+    """Single lost pixels of the background take the median of their 5x5 surroundings, where most of it was read."""
+    seen = (depth_m > 0).astype(np.float32)
+    trusted = cv2.blur(seen, (5, 5)) > 0.6
+    return np.where((depth_m <= 0) & trusted, cv2.medianBlur(depth_m, 5), depth_m)
+
+
+def _noise_behind(depth_m: np.ndarray, frames_m: Sequence[np.ndarray], noise: float) -> np.ndarray:
+    """Deviation of live readings from the background, block by block.
+
+    Only readings *behind* the background are used: nobody can stand there, so they are noise, and the median of their
+    size is that of a half normal distribution. Blocks that are always covered take the picture's typical z^2 law.
+    """
+    known = depth_m > 0
+    behind = np.stack([np.where((frame > depth_m) & known, frame - depth_m, np.nan) for frame in frames_m])
+    per_square = behind / np.where(known, depth_m, 1.0) ** 2
+    factor = _block_median(per_square) / MAD_OF_NORMAL
+    return _as_sigma(factor, depth_m, floor=noise)
+
+
+def _what_stays(frames_m: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray]:
+    """(depth_m, sigma_m) of what is farthest most of the time, from (n, height, width) frames."""
+    count = (frames_m > 0).sum(axis=0)
+    rising = np.sort(frames_m, axis=0)  # lost readings are 0 and come first
+    if len(frames_m) < FRAMES_NEEDED:  # a single reading may be anybody; of several the farthest is the room
+        depth = np.where(count >= min(2, len(frames_m)), rising[-1], np.float32(0.0))
+        return depth, (np.sqrt(2.0) * noise * depth**2).astype(np.float32)
+    near, far = (_percentile_of_last(rising, count, percent) for percent in (NEAR_PERCENTILE, FAR_PERCENTILE))
+    spread = (far - near) / ((FAR_SIGMAS - NEAR_SIGMAS) * np.where(count > 0, far, 1.0) ** 2)
+    sigma = _as_sigma(_block_median(np.where(count > 0, spread, np.nan)[None]), far, floor=noise)
+    return np.maximum(far - FAR_SIGMAS * sigma, 0.0).astype(np.float32), sigma
+
+
+def _percentile_of_last(rising: np.ndarray, count: np.ndarray, percent: float) -> np.ndarray:
+    """Percentile along the first axis of the last ``count`` sorted values of each pixel; 0 where count is 0."""
+    place = len(rising) - count + np.rint((np.maximum(count, 1) - 1) * percent / 100.0).astype(np.int64)
+    return np.take_along_axis(rising, np.minimum(place, len(rising) - 1)[None], axis=0)[0]
+
+
+def _block_median(values: np.ndarray) -> np.ndarray:
+    """(n, height, width) with NaN to (rows, columns) of block medians; NaN where a block has too few values."""
+    rows, columns = (-(-size // BLOCK_PX) for size in values.shape[1:])
+    medians = np.full((rows, columns), np.nan)
+    for row in range(rows):
+        for column in range(columns):
+            block = values[:, row * BLOCK_PX : (row + 1) * BLOCK_PX, column * BLOCK_PX : (column + 1) * BLOCK_PX]
+            block = block[np.isfinite(block)]
+            if block.size >= READINGS_NEEDED:
+                medians[row, column] = np.median(block)
+    return medians
+
+
+def _as_sigma(factor: np.ndarray, depth_m: np.ndarray, floor: float) -> np.ndarray:
+    """Block factors of z^2 to (height, width) sigma in metres, never below the sensor's own noise ``floor``."""
+    typical = float(np.nanmedian(factor)) if np.isfinite(factor).any() else floor
+    whole = np.maximum(np.where(np.isfinite(factor), factor, typical), floor).astype(np.float32)
+    smooth = cv2.resize(whole, depth_m.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    return (smooth * np.where(depth_m > 0, depth_m, 1.0) ** 2).astype(np.float32)

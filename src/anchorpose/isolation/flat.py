@@ -1,0 +1,28 @@
+"""Boards, doors and cloths held up: things in front of the room that are too flat to be a body."""
+
+from __future__ import annotations
+
+import numpy as np
+
+LEAST_M2 = 0.1  # a smaller patch of a trunk may be flat
+FLATTEST = 0.025  # deviation from a plane over the width; trunks bulge by 5 %
+
+
+def flat_pieces(
+    points_m: np.ndarray, depth_m: np.ndarray, piece: np.ndarray, area_m2: np.ndarray, noise_per_m: float
+) -> np.ndarray:
+    """(n,) bool: pixels of pieces that are planes within the noise and ``FLATTEST`` of their width.
+
+    points_m (n, 3), depth_m (n,), piece (n,) from 1, area_m2 (n,): the foreground pixels of one camera.
+    """
+    area = np.bincount(piece, area_m2, minlength=1)
+    flat = np.zeros(len(area), dtype=bool)
+    for large in np.flatnonzero(area > LEAST_M2):
+        mine = piece == large
+        own = points_m[mine].astype(np.float64)
+        spread, axes = np.linalg.eigh(np.cov(own.T))
+        across = np.abs((own - own.mean(axis=0)) @ axes[:, 0])
+        thickness = 1.483 * float(np.median(across))  # of most of it: a hand at the edge may stick out
+        noise = noise_per_m * float(np.median(depth_m[mine])) ** 2
+        flat[large] = thickness - noise < FLATTEST * np.sqrt(12.0 * spread[1])  # a width w has variance w^2 / 12
+    return flat[piece]
