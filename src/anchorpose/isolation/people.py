@@ -14,7 +14,8 @@ from anchorpose.isolation.scene import Pieces
 from anchorpose.recording.equipment import EquipmentModel
 
 CELL_M = 0.04  # ground cells: a sixth of a person's radius
-SAME_PERSON_SADDLE = 0.6  # two peaks with more mass than this between them are one body; arms carry less
+SADDLE_NEAR, SADDLE_FAR = 0.6, 0.8  # two peaks with more than this of the lower one between them are one body, near
+NEAR_M, FAR_M = 0.35, 0.50  # each other and far apart: arms carry less, the thighs of who sits carry more
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,7 +119,7 @@ def _columns(points_m: np.ndarray, area_m2: np.ndarray, config: IsolationConfig)
             return tuple(found)
         cv2.circle(left, (int(peak[1]), int(peak[0])), int(1.5 * config.person_radius_m / CELL_M), 0.0, -1)
         person = _person_at(low + (peak + 0.5) * CELL_M, points_m, area_m2, config)
-        one_body = any(_saddle(mass, peak, other) > SAME_PERSON_SADDLE * height for other in peaks)
+        one_body = any(_saddle(mass, peak, other) > _one_body_share(peak - other) * height for other in peaks)
         if person is not None and not one_body:
             found.append(person)
             peaks.append(peak)
@@ -140,6 +141,11 @@ def _person_at(
 def ground_distance(points_m: np.ndarray, axes_xz: np.ndarray) -> np.ndarray:
     """(n,) distance over the ground of points (n, 3) from axes (n, 2) or one axis (2,)."""
     return np.hypot(points_m[:, 0] - axes_xz[..., 0], points_m[:, 2] - axes_xz[..., 1])
+
+
+def _one_body_share(cells: np.ndarray) -> float:
+    """The least saddle of one body whose two peaks are so many cells apart."""
+    return float(np.interp(CELL_M * np.linalg.norm(cells), (NEAR_M, FAR_M), (SADDLE_NEAR, SADDLE_FAR)))
 
 
 def _saddle(mass: np.ndarray, start: np.ndarray, end: np.ndarray) -> float:
