@@ -44,11 +44,12 @@ def foreground(depth_m: np.ndarray, model: BackgroundModel, config: IsolationCon
     """(height, width) bool: pixels nearer than the room by more than the noise explains, flying pixels left out.
 
     The test is on the 3x3 median of the difference in sigmas, so it reaches down to a sole on the floor: the margin is
-    two sigmas along the ray, at grazing incidence a centimetre of height. Where the background is unknown, a
+    two sigmas along the ray, at grazing incidence a centimetre of height. A pixel that is nearer beyond doubt needs no
+    such company: fingers and corners of the outline are smaller than the median. Where the background is unknown, a
     reading counts as foreground; what hangs together with nobody is sorted out later.
     """
     nearer = _sigmas_nearer(depth_m, model.depth_m, model.sigma_m)
-    mask = (cv2.medianBlur(nearer, 3) > config.background_gate) & (nearer > 0)
+    mask = ((cv2.medianBlur(nearer, 3) > config.background_gate) & (nearer > 0)) | (nearer > config.jump_gate)
     return without_flying_pixels(depth_m, mask, model.jump_limit(config))
 
 

@@ -101,12 +101,20 @@ def _supported(depth: np.ndarray, mask: np.ndarray, square: float, slope: float)
         for column in range(width):
             if not mask[row, column]:
                 continue
-            z = depth[row, column]
-            limit = square * z * z + slope * z
-            support = 0
-            for r in range(max(row - 1, 0), min(row + 2, height)):
-                for c in range(max(column - 1, 0), min(column + 2, width)):
-                    if mask[r, c] and abs(z - depth[r, c]) <= limit:
-                        support += 1
-            kept[row, column] = support > SUPPORT  # the pixel itself is counted
+            kept[row, column] = _has_support(depth, mask, row, column, square, slope)
     return kept
+
+
+@njit(cache=True)
+def _has_support(depth: np.ndarray, mask: np.ndarray, row: int, column: int, square: float, slope: float) -> bool:
+    height, width = depth.shape
+    z = depth[row, column]
+    limit = square * z * z + slope * z
+    support = 0
+    for r in range(max(row - 1, 0), min(row + 2, height)):
+        for c in range(max(column - 1, 0), min(column + 2, width)):
+            if mask[r, c] and abs(z - depth[r, c]) <= limit:
+                support += 1
+        if support > SUPPORT:  # the pixel itself is counted
+            return True
+    return False

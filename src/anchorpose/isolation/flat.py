@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 LEAST_M2 = 0.1  # a smaller patch of a trunk may be flat
+SAMPLE = 500  # points of a piece that are asked
 FLATTEST = 0.025  # deviation from a plane over the width; trunks bulge by 5 %
 
 
@@ -18,7 +19,8 @@ def flat_pieces(
     area = np.bincount(piece, area_m2, minlength=1)
     flat = np.zeros(len(area), dtype=bool)
     for large in np.flatnonzero(area > LEAST_M2):
-        mine = piece == large
+        mine = np.flatnonzero(piece == large)
+        mine = mine[:: max(1, len(mine) // SAMPLE)]
         own = points_m[mine].astype(np.float64)
         spread, axes = np.linalg.eigh(np.cov(own.T))
         across = np.abs((own - own.mean(axis=0)) @ axes[:, 0])

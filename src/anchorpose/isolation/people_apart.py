@@ -81,6 +81,8 @@ def _with_detached(
     pieces: Sequence[Pieces | None], owners: Sequence[np.ndarray | None], config: IsolationConfig
 ) -> list[np.ndarray | None]:
     """Owners with pieces that nobody owns given to whom they nearly touch, in any camera."""
+    if not any(_has_open_piece(view, owner, config) for view, owner in zip(pieces, owners, strict=True)):
+        return list(owners)
     own = [
         _sampled(view, owner)
         for view, owner in zip(pieces, owners, strict=True)
@@ -94,6 +96,10 @@ def _with_detached(
         None if view is None or owner is None else _given_to_neighbour(view, owner, tree, label, config)
         for view, owner in zip(pieces, owners, strict=True)
     ]
+
+
+def _has_open_piece(view: Pieces | None, owner: np.ndarray | None, config: IsolationConfig) -> bool:
+    return view is not None and owner is not None and view.area_m2[owner == NOBODY].sum() >= config.crumb_area_m2
 
 
 def _sampled(view: Pieces, owner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
