@@ -13,8 +13,8 @@ from anchorpose.camera import Camera
 from anchorpose.isolation.background import BackgroundModel, BackgroundSource
 from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.equipment import equipment_depth
-from anchorpose.isolation.floor_behind import floor_behind
 from anchorpose.isolation.inside_equipment import clear_equipment
+from anchorpose.isolation.room_planes import depth_of_room
 from anchorpose.isolation.staying import people_who_stay
 from anchorpose.recording.equipment import EquipmentModel
 
@@ -38,7 +38,7 @@ def learn_background(
     picture_m (height, width) float32 or None; frames_m: pictures of the same shape, spread over the recording; the
     camera has a pose. Without a picture the background is what is farthest most of the time, less those who never
     leave their place: who stands in the equipment (``clear_equipment``), and ``people_who_stay``, behind whom
-    nothing is known but the floor. floor_height_m: None where no floor is seen; the equipment is not needed beside a
+    only floor and walls are known. floor_height_m: None where no floor is seen; the equipment is not needed beside a
     picture.
     Raises ValueError without frames.
     """
@@ -54,16 +54,16 @@ def learn_background(
         return BackgroundModel(nothing, nothing, noise, focal_px, BackgroundSource.REMOVED)
     depth, sigma = _what_stays(np.stack(frames_m), noise)
     nearer = [np.where(frame < depth - MOVED_SIGMAS * sigma, frame, np.float32(0.0)) for frame in frames_m]
-    floor = floor_behind(depth, camera, floor_height_m)
+    walls = depth_of_room(depth, camera, noise)
     drawn = None
     if equipment is not None:
         drawn = equipment_depth(camera, camera.pixel_rays(), equipment)
-        depth = clear_equipment(depth, sigma, camera, equipment, drawn, floor, floor_height_m, noise, config)
+        depth = clear_equipment(depth, sigma, camera, equipment, drawn, walls, floor_height_m, noise, config)
     room = depth if drawn is None else np.where(drawn > 0, np.float32(0.0), depth)  # a rail joins people to each other
     if len(frames_m) < FRAMES_NEEDED:
         nearer = []
     somebody = people_who_stay(room, nearer, camera, floor_height_m, noise, config)
-    depth[somebody] = floor[somebody]
+    depth[somebody] = walls[somebody]
     sigma = np.maximum(sigma, np.float32(noise) * depth**2)  # also where geometry put the background in
     return BackgroundModel(depth, sigma, noise, focal_px, BackgroundSource.RECORDING)
 

@@ -16,13 +16,13 @@ SOLE_M = 0.015  # above the floor: what the plane may be off, and a third of a f
 
 def clear_equipment(
     room_m: np.ndarray, sigma_m: np.ndarray, camera: Camera, equipment: EquipmentModel, drawn_m: np.ndarray,
-    floor_m: np.ndarray, floor_height_m: float | None, noise_per_m: float, config: IsolationConfig,
+    walls_m: np.ndarray, floor_height_m: float | None, noise_per_m: float, config: IsolationConfig,
 ) -> np.ndarray:  # fmt: skip
     """``room_m`` as it would be if nobody stood in the equipment, (height, width) float32.
 
-    room_m, sigma_m (height, width): what stays in place, 0 = unknown; drawn_m: ``equipment_depth``; floor_m:
-    ``floor_behind``. What is above the floor, within the equipment's outline and not the equipment itself is taken
-    away. What is behind it is the equipment as drawn or else the floor; where neither is known, 0.
+    room_m, sigma_m (height, width): what stays in place, 0 = unknown; drawn_m: ``equipment_depth``; walls_m:
+    ``depth_of_room``. What is above the floor, within the equipment's outline and not the equipment itself is taken
+    away. What is behind it is the equipment as drawn or else floor or wall; where neither is known, 0.
     """
     points = transform_points(camera.require_pose(), camera.back_project(room_m))
     lowest = float(equipment.triangles()[0][:, 1].min()) if floor_height_m is None else floor_height_m
@@ -32,7 +32,7 @@ def clear_equipment(
     margin = config.equipment_tolerance_m + config.equipment_gate * np.maximum(sigma_m, noise_per_m * drawn_m**2)
     standing &= ~((drawn_m > 0) & (room_m > drawn_m - margin))
     cleared = room_m.copy()
-    cleared[standing] = np.where(drawn_m > 0, drawn_m, floor_m)[standing]
+    cleared[standing] = np.where(drawn_m > 0, drawn_m, walls_m)[standing]
     return cleared
 
 
