@@ -27,7 +27,7 @@ class IsolationConfig:
     memory_speed_m_s: float = 0.30  # of skin between frames: people who hold or stand; who walks grows
     memory_s: float = 1.0  # for which hidden skin is remembered: somebody crosses in front of it
     skin_sigma_m: float = 0.02  # clothes and shape, for the patient's predicted skin
-    cluster_gap_m: float = 0.06  # two spacings of remembered points at 3 m: wider gaps part people
+    cluster_gap_m: float = 0.10  # a bar with its margins: a head over a rail is still its owner's
     other_surface_m2: float = 0.25  # of a person's skin, seen by all cameras together: more than an arm, 0.15
     detached_m: float = 0.12  # a bar's width, and what a forearm moves behind it unseen
     prediction_growth_m: float = 0.04  # added for each frame without a fit: 1.2 m/s at 30 Hz, a fast leg

@@ -60,7 +60,7 @@ def remember(
 
     Skin that no camera can see now, because something stands before it, is remembered for ``memory_s``; where a camera
     looks past it, it has gone. Clusters too small to be a person are left out: an arm of the patient that was once
-    taken for somebody else's must not claim itself again.
+    taken for somebody else's, or a head taken for the patient's, must not claim itself again.
     """
     points, owner = _seen_now(pieces, views)
     kept = _hidden_since(before, points, pieces, cameras, elapsed_s, config)
@@ -121,9 +121,9 @@ def _near(points_m: np.ndarray, seen_m: np.ndarray) -> np.ndarray:
 
 
 def _in_large_clusters(crowd: Crowd, config: IsolationConfig) -> np.ndarray:
-    """(n,) bool: points of the patient, and of others that hang together with enough of their own to be a person."""
-    large = crowd.owner == PixelLabel.PATIENT
-    for label in np.unique(crowd.owner[~large]):
+    """(n,) bool: points that hang together with enough of the same person's to be a person."""
+    large = np.zeros(len(crowd.owner), dtype=bool)
+    for label in np.unique(crowd.owner):
         own = np.flatnonzero(crowd.owner == label)
         points = crowd.points_m[own]
         cube = np.floor((points - points.min(axis=0)) / config.cluster_gap_m).astype(np.int64)

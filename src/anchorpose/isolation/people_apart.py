@@ -54,7 +54,8 @@ def separate(
     grid = sort_claims(claims) if len(claims) else None
     owners = [None if view is None else _contested(view, grid, config) for view in pieces]
     owners = _with_detached(pieces, owners, config)
-    return _views(pieces, _with_newcomers(pieces, owners, crowd.next_label, config))
+    owners = _with_newcomers(pieces, owners, crowd.next_label, config)
+    return _views(pieces, _one_patient(pieces, owners, crowd, config))
 
 
 def _trunks(view: Pieces, of: np.ndarray, axes: np.ndarray, label: np.ndarray, config: IsolationConfig) -> np.ndarray:
@@ -148,6 +149,40 @@ def _with_newcomers(
             owner[owner == NOBODY] = label[of]
         named.append(owner)
     return named
+
+
+def _one_patient(
+    pieces: Sequence[Pieces | None], owners: Sequence[np.ndarray | None], crowd: Crowd, config: IsolationConfig
+) -> list[np.ndarray | None]:
+    """Owners with whoever stands apart from the patient, and was taken for part of him, split off.
+
+    The patient is where most of what he owns is; a further column of his that is a person by size is one.
+    """
+    own = [
+        None if view is None or owner is None else view.only(owner == PixelLabel.PATIENT)
+        for view, owner in zip(pieces, owners, strict=True)
+    ]
+    people = find_people([None if view is None else view.thinned(SAMPLE_PX) for view in own], config)
+    if len(people.people) < 2:
+        return list(owners)
+    axes = np.array([person.ground_xz_m for person in people.people])
+    label = np.minimum(_next_free(owners, crowd) + np.arange(len(axes)), LAST_LABEL)
+    label[int(np.argmax([person.area_m2 for person in people.people]))] = PixelLabel.PATIENT
+    split = []
+    for view, owner in zip(own, owners, strict=True):
+        if view is not None and owner is not None:
+            of = np.argmin([ground_distance(view.points_m, axis) for axis in axes], axis=0)
+            seeds = np.where(ground_distance(view.points_m, axes[of]) < config.trunk_radius_m, label[of], NOBODY)
+            grown = grow_owners(view, seeds.astype(np.uint8), config.crease_cost)
+            owner = owner.copy()
+            owner[owner == PixelLabel.PATIENT] = np.where(grown == NOBODY, PixelLabel.PATIENT, grown)
+        split.append(owner)
+    return split
+
+
+def _next_free(owners: Sequence[np.ndarray | None], crowd: Crowd) -> int:
+    used = max((int(owner.max(initial=0)) for owner in owners if owner is not None), default=0)
+    return max(crowd.next_label, used + 1)
 
 
 def _views(pieces: Sequence[Pieces | None], owners: Sequence[np.ndarray | None]) -> tuple[View | None, ...]:

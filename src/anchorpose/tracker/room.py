@@ -21,6 +21,7 @@ from anchorpose.tracker.config import TrackConfig
 UP = np.array([0.0, 1.0, 0.0])
 CROWDED_M = 1.0  # from axis to axis: an outstretched arm and half a trunk
 BLIND_SAMPLES = 3  # times as many where the empty room has to be put together from moments in which it is free
+MERGED = 0.5  # worth of a frame with fewer people than usual: somebody may stand so near that two are taken for one
 FACING = np.array([1.0, 0.0, 0.0])  # design: X of the world is the way the patient faces
 
 
@@ -115,10 +116,13 @@ def _choose_opening(
         return openings[0]
     ordinary_m2 = float(np.median([area_m2 for area_m2, _ in seen]))
     sure = any(opening.choice.sure for opening in openings)
+    counts = [len(sightings[frames.index(opening.frame)].people) for opening in openings]
+    usual = float(np.median(counts))
     scores = [
         float(opening.choice.sure or not sure) * min(area_m2 / ordinary_m2, 1.0) * min(distance_m / CROWDED_M, 1.0)
-        for opening, (area_m2, distance_m) in zip(openings, seen, strict=True)
-    ]
+        * (1.0 if count >= usual else MERGED)
+        for opening, count, (area_m2, distance_m) in zip(openings, counts, seen, strict=True)
+    ]  # fmt: skip
     return openings[int(np.argmax(np.round(scores, 1)))]  # of equals the first: the patient is named as he stands there
 
 
