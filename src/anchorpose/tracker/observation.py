@@ -28,13 +28,15 @@ from anchorpose.tracker.stopwatch import Stopwatch
 class Observation:
     """One frame after the stages up to geodesics.
 
-    pieces: the people's pixels, so that they can be told apart again. others_m (m, 3): skin of other people.
+    border (n,) uint8 of ``Border``: what each node ends at. pieces: the people's pixels, so that they can be told
+    apart again. others_m (m, 3): skin of other people.
     """
 
     frame_set: FrameSet
     evidence: Evidence
     anchors: Anchors
     descriptor: np.ndarray
+    border: np.ndarray
     pieces: tuple[Pieces | None, ...]
     others_m: np.ndarray
 
@@ -103,16 +105,16 @@ def _observed(
             for view, camera in zip(shown, room.cameras, strict=True)
         ]
         surface = fuse(meshes, room.cameras, config.fusion)
-        cut = border(surface, shown) == Border.CUT
+        kind = border(surface, shown)
     with watch.stage("geodesics"):
         facing, places = (FACING, None) if expected is None else (expected.facing, expected.anchors_m)
-        anchors = find_anchors(surface, UP, facing, height_m, cut, places, config.anchors)
+        anchors = find_anchors(surface, UP, facing, height_m, kind == Border.CUT, places, config.anchors)
         descriptor = anchor_descriptor(surface, anchors)
     with watch.stage("isolation"):
         others = other_people(pieces, views, config.isolation)
     with watch.stage("registration"):
         evidence = gather_evidence(surface, views, room.cameras)
-    return Observation(frame_set, evidence, anchors, descriptor, tuple(pieces), others)
+    return Observation(frame_set, evidence, anchors, descriptor, kind, tuple(pieces), others)
 
 
 def _blank(room: Room, number: int) -> View:
