@@ -26,6 +26,7 @@ class DetectionConfig:
     plate_radius_m: float = 0.09  # a disc of this size is filled on a plate and never on a bar
     plate_filled: float = 0.85  # of the disc's cells
     plate_flatness_m: float = 0.02  # noise and upholstery
+    plate_edge_m: float = 0.05  # a seat's edge, which is no bar of its own
     cell_m: float = 0.02  # three pixels at 2.4 m
     most: int = 40  # parts of one piece of equipment
 
@@ -61,13 +62,15 @@ def find_parts(points_m: np.ndarray, config: DetectionConfig, seed: int = 0) -> 
             if found is None:
                 break
             parts.append(found)
-            left = left[~_inside(points_m[left], found, 0.01)]
+            left = left[~_inside(points_m[left], found, 0.01, config.plate_edge_m if found.plate else 0.01)]
     return parts
 
 
-def _inside(points_m: np.ndarray, part: Found, margin_m: float) -> np.ndarray:
+def _inside(points_m: np.ndarray, part: Found, margin_m: float, margin_last_m: float) -> np.ndarray:
+    """(n,) bool: within the part's extent and a margin, another one along its last axis."""
     local = (points_m - part.center_m) @ part.rotation
-    return np.asarray(((local > part.low - margin_m) & (local < part.high + margin_m)).all(axis=1))
+    margin = np.array([margin_m, margin_m, margin_last_m])
+    return np.asarray(((local > part.low - margin) & (local < part.high + margin)).all(axis=1))
 
 
 def _best_bar(

@@ -16,6 +16,7 @@ from anchorpose.recording.equipment import Box, Cylinder
 LEAST_SIGMA_M = 0.003  # tubes are not straighter than this, nor are cameras placed better
 REACH_M = 0.03  # from a part: readings that are its own
 BEYOND_M = 0.05  # a ray that ends this far behind a part has passed it by
+STEP_M = 0.015  # half a thin plate's thickness
 ROWS = 300  # readings and as many rays that speak for one part: faces to half a millimetre
 TRIALS = 25  # of the solver; most settle after ten
 SQUARE_SIGMA_M = 0.02  # how far from square a bar's cross-section usually is; any seen side overrules it
@@ -97,11 +98,11 @@ def refine(fit: Fit, readings: Readings, own: np.ndarray, turn: bool = False, tu
     """
     evidence = _evidence(fit, readings, own)
     fit = replace(fit, blind=_blind(fit, readings.origin_m[own]))
-    box = _solve(replace(fit, round=False), evidence, turn)
-    if fit.plate or not tubes:
-        return box
-    tube = _solve(_as_tube(box), evidence, turn)
-    return tube if tube.cost < ROUNDER * box.cost else box
+    best = _solve(replace(fit, round=False), evidence, turn)
+    if tubes and not fit.plate:
+        tube = _solve(_as_tube(best), evidence, turn)
+        best = tube if tube.cost < ROUNDER * best.cost else best
+    return replace(best, readings=int(own.sum()))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,9 +155,10 @@ def _blind(fit: Fit, origins_m: np.ndarray) -> np.ndarray:
 
 
 def _along_rays(readings: Readings, rows: np.ndarray, near: np.ndarray, thick_m: float) -> np.ndarray:
-    """(n, 5, 3) places on rays, around where they come nearest to the part."""
+    """(n, k, 3) places on rays, around where they come nearest to the part, no farther apart than a bar is thick."""
     length = np.linalg.norm(readings.ray[rows], axis=1)
-    along = near[rows, None] + np.linspace(-1.0, 1.0, 5) * thick_m / length[:, None]
+    count = max(5, int(np.ceil(2.0 * thick_m / STEP_M)))
+    along = near[rows, None] + np.linspace(-1.0, 1.0, count) * thick_m / length[:, None]
     places: np.ndarray = readings.origin_m[rows, None] + along[..., None] * readings.ray[rows, None]
     return places
 
@@ -270,4 +272,4 @@ def _judged(fit: Fit, evidence: _Evidence, cost: float) -> Fit:
             for side, face in enumerate((fit.low[axis], fit.high[axis])):
                 support[axis, side] += np.count_nonzero(near & (np.abs(local[:, axis] - face) < 0.008))
     residual = float(np.median(np.abs(distance)) / 0.6745) if len(distance) else np.inf
-    return replace(fit, cost=cost, residual_m=residual, support=support, readings=len(distance))
+    return replace(fit, cost=cost, residual_m=residual, support=support)
