@@ -24,7 +24,7 @@ from anchorpose.results.tables import read_joints
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
 
-FPS, FRAMES, LOOKED_AT = 8.0, 6, 2
+FPS, FRAMES, LOOKED_AT = 8.0, 4, 1
 STAGES = (
     "depth", "background", "standing_out", "equipment", "people", "surface", "geodesics", "anchors", "hypotheses",
     "tree", "registration",
@@ -96,7 +96,7 @@ def test_as_tracked_shows_the_very_joints_of_track(recording, tmp_path):
 def test_a_frame_that_does_not_exist_is_refused_in_one_sentence(recording, tmp_path, capsys):
     assert main(["inspect", str(recording), "--frame", "77", "-o", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err.strip()
-    assert "has no frame 77 (its frames are 0 to 5)" in said
+    assert "has no frame 77 (its frames are 0 to 3)" in said
     assert "\n" not in said
     assert not (tmp_path / "out").exists()
 
