@@ -21,6 +21,7 @@ from anchorpose.recording.inputs import input_files
 from anchorpose.recording.reader import open_recording, read_frames
 from anchorpose.recording.recording import Recording
 from anchorpose.results.angles import ANGLES_FILE, joint_angles, write_angles
+from anchorpose.results.inspection_page import write_inspection
 from anchorpose.results.pictures import FramePicture, save_pictures
 from anchorpose.results.report import write_report
 from anchorpose.results.run_record import (
@@ -36,11 +37,13 @@ from anchorpose.results.run_record import (
 from anchorpose.results.tables import JOINTS_FILE, read_joints, write_joints
 from anchorpose.tracker.both_ways import FrameRecord, learn_on, plan_route, track_on
 from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.inspection import Inspection, inspect_frame
+from anchorpose.tracker.inspection_pictures import inspection_facts, inspection_sections
 from anchorpose.tracker.room import Room, prepare_room
 from anchorpose.tracker.stopwatch import Stopwatch
 from anchorpose.tracking.default_motions import default_motions
 
-__all__ = ["TrackConfig", "track_recording"]
+__all__ = ["TrackConfig", "inspect_recording", "track_recording"]
 
 PICTURES = 6  # frames shown in the report, spread over the recording
 
@@ -81,6 +84,18 @@ def one_thread() -> Iterator[None]:
         cv2.setNumThreads(before)
 
 
+def inspect_recording(
+    recording: Path, out: Path, frame: int, config: TrackConfig, as_tracked: bool, tick: Callable[[], None]
+) -> Inspection:
+    """Write pictures of what every stage makes of one frame into an existing, empty folder; see ``inspect_frame``."""
+    with one_thread():
+        inspection = inspect_frame(open_recording(recording), frame, config, as_tracked, tick)
+        title = f"{recording.resolve().name}: frame {frame}, {inspection.frame_set.time_s:.2f} s"
+        account = (*inspection.account, *inspection.frame_set.problems)
+        write_inspection(out, title, inspection_sections(inspection, config), account, inspection_facts(inspection))
+    return inspection
+
+
 def _track(recording: Path, results: Path, config: TrackConfig, progress: Progress) -> None:
     watch = Stopwatch()
     opened = open_recording(recording)
@@ -88,7 +103,7 @@ def _track(recording: Path, results: Path, config: TrackConfig, progress: Progre
     total, window = _frame_counts(opened, config)
     with watch.stage("calibration and background"):
         room = prepare_room(opened, config)
-    motions = default_motions(_rate_hz(opened), config.motion)
+    motions = default_motions(opened.rate_hz, config.motion)
     route = plan_route(room, config, _counter(progress, window + total))
     shape = learn_on(route, room, motions, config, watch)
     shown = set(np.unique(np.linspace(config.start, config.start + total - 1, PICTURES).astype(int)).tolist())
@@ -104,12 +119,6 @@ def _frame_counts(recording: Recording, config: TrackConfig) -> tuple[int, int]:
     """Frames to track, and about how many are read beforehand to learn the body."""
     time_s = recording.streams[0].time_s[config.start : config.stop]
     return len(time_s), int((time_s <= time_s[0] + config.learning.window_s).sum())
-
-
-def _rate_hz(recording: Recording) -> float:
-    """Frames a second of the reference camera; dropped frames do not count."""
-    time_s = recording.streams[0].time_s
-    return 1.0 / float(np.median(np.diff(time_s))) if len(time_s) > 1 else 30.0
 
 
 def _counter(progress: Progress, total: int) -> Callable[[], None]:

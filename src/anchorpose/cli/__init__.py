@@ -12,7 +12,9 @@ from cyclopts import App, CycloptsError, Parameter
 
 from anchorpose import __version__
 from anchorpose.cli.demo import demo
+from anchorpose.cli.equipment import equipment
 from anchorpose.cli.evaluate import evaluate
+from anchorpose.cli.inspect import inspect
 from anchorpose.cli.report import report
 from anchorpose.cli.simulate import simulate
 from anchorpose.cli.track import track
@@ -30,7 +32,7 @@ app = App(
     default_parameter=Parameter(negative=()),
     suppress_keyboard_interrupt=False,
 )
-for _verb in (demo, simulate, track, evaluate, report):
+for _verb in (demo, simulate, track, evaluate, report, inspect, equipment):
     app.command(_verb)
 
 

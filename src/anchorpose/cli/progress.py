@@ -34,3 +34,19 @@ def progress_bar(description: str) -> Iterator[Callable[[int, int], None]]:
             progress.update(task, completed=done, total=total)
 
         yield advance
+
+
+@contextmanager
+def counter(what: str) -> Iterator[Callable[[], None]]:
+    """A line on the error stream that counts calls, for work whose end is not known beforehand."""
+    from rich.console import Console
+
+    count = 0
+    with Console(stderr=True).status("Working") as status:
+
+        def tick() -> None:
+            nonlocal count
+            count += 1
+            status.update(f"Working: {count} {what}")
+
+        yield tick

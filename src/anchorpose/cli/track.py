@@ -63,7 +63,7 @@ def track(
     print_outcome(results)
 
 
-def parse_place(text: str) -> tuple[float, float]:
+def parse_place(text: str, option: str = "--patient") -> tuple[float, float]:
     """``x,z`` as two finite numbers; raises AnchorposeError otherwise."""
     import math
 
@@ -72,5 +72,5 @@ def parse_place(text: str) -> tuple[float, float]:
     except ValueError:
         x = z = math.nan
     if not (math.isfinite(x) and math.isfinite(z)):
-        raise AnchorposeError(f"--patient is '{text}'; write two numbers in metres with a comma, for example 0.1,-0.2.")
+        raise AnchorposeError(f"{option} is '{text}'; write two numbers in metres with a comma, for example 0.1,-0.2.")
     return x, z

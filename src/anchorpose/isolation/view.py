@@ -33,3 +33,8 @@ class View:
     def patient(self) -> np.ndarray:
         """(height, width) bool: pixels on the patient."""
         return self.labels == PixelLabel.PATIENT
+
+    @property
+    def hidden_by_equipment(self) -> np.ndarray:
+        """(height, width) bool: pixels whose view ends at the equipment, so that the patient may be behind it."""
+        return self.labels == PixelLabel.EQUIPMENT

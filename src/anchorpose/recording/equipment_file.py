@@ -1,9 +1,10 @@
-"""Parsing equipment.json, the format ``equipment-model``."""
+"""Reading and writing equipment.json, the format ``equipment-model``."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path, PurePosixPath
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -33,6 +34,12 @@ def read_equipment(path: Path) -> EquipmentModel:
     return EquipmentModel(parts)
 
 
+def write_equipment(path: Path, equipment: EquipmentModel) -> None:
+    """Writes boxes and cylinders as an equipment.json; raises TypeError on a mesh, which is a file of its own."""
+    document = {"format": "equipment-model", "version": 1, "parts": [_part_entry(part) for part in equipment.parts]}
+    path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+
+
 def is_rotation(matrix: np.ndarray) -> bool:
     """Whether a (3, 3) matrix is a proper rotation within ``ROTATION_TOLERANCE``."""
     orthonormal = np.abs(matrix.T @ matrix - np.eye(3)).max() <= ROTATION_TOLERANCE
@@ -58,6 +65,18 @@ def _parse_part(part: JsonObject) -> EquipmentPart:
             return _parse_mesh(part)
         case other:
             raise part.refuse("shape", f"is '{other}'", "it must be box, cylinder or mesh")
+
+
+def _part_entry(part: EquipmentPart) -> dict[str, Any]:
+    entry: dict[str, Any] = {"name": part.name, "shape": type(part).__name__.lower()}
+    match part:
+        case Box():
+            lengths = {"size": part.size_m.tolist(), "rotation": part.rotation.tolist()}
+        case Cylinder():
+            lengths = {"radius": float(part.radius_m), "length": float(part.length_m), "axis": part.axis.tolist()}
+        case _:
+            raise TypeError(f"{part.name} is a mesh; only boxes and cylinders are written")
+    return {**entry, "center": part.center_m.tolist(), **lengths}
 
 
 def _parse_box(part: JsonObject) -> Box:

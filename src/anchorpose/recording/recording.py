@@ -31,6 +31,12 @@ class Recording:
     equipment: EquipmentModel | None
     subject_height_m: float | None
 
+    @property
+    def rate_hz(self) -> float:
+        """Frames a second of the reference camera; dropped frames do not count, and of one frame it is the usual 30."""
+        time_s = self.streams[0].time_s
+        return 1.0 / float(np.median(np.diff(time_s))) if len(time_s) > 1 else 30.0
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrameSet:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from anchorpose.camera import Camera
-from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel, EquipmentPart
+from anchorpose.recording.equipment_file import write_equipment
 from anchorpose.simulate.clinic import Clinic
 
 EQUIPMENT_FILE = "equipment.json"
@@ -24,7 +24,7 @@ def write_documents(recording: Path, clinic: Clinic) -> None:
     }
     _write_json(recording / "recording.json", document)
     if equipment is not None:
-        _write_json(recording / EQUIPMENT_FILE, _equipment_document(equipment))
+        write_equipment(recording / EQUIPMENT_FILE, equipment)
 
 
 def _camera_entry(camera: Camera, pose_known: bool) -> dict[str, Any]:
@@ -43,33 +43,6 @@ def _camera_entry(camera: Camera, pose_known: bool) -> dict[str, Any]:
         },
         "camera_to_world": camera.require_pose().tolist() if pose_known else None,
     }
-
-
-def _equipment_document(equipment: EquipmentModel) -> dict[str, Any]:
-    return {"format": "equipment-model", "version": 1, "parts": [_part_entry(part) for part in equipment.parts]}
-
-
-def _part_entry(part: EquipmentPart) -> dict[str, Any]:
-    match part:
-        case Box():
-            return {
-                "name": part.name,
-                "shape": "box",
-                "center": part.center_m.tolist(),
-                "size": part.size_m.tolist(),
-                "rotation": part.rotation.tolist(),
-            }
-        case Cylinder():
-            return {
-                "name": part.name,
-                "shape": "cylinder",
-                "center": part.center_m.tolist(),
-                "radius": float(part.radius_m),
-                "length": float(part.length_m),
-                "axis": part.axis.tolist(),
-            }
-        case _:
-            raise TypeError(f"simulated equipment is made of boxes and cylinders, not {type(part).__name__}")
 
 
 def _write_json(path: Path, document: dict[str, Any]) -> None:

@@ -30,13 +30,15 @@ from anchorpose.tracker.stopwatch import Stopwatch
 class Observation:
     """One frame after the stages up to geodesics.
 
-    pieces: the people's pixels, so that they can be told apart again; crowd: where everybody's skin is.
+    border (n,) uint8 of ``Border``: what each node ends at. pieces: the people's pixels, so that they can be told
+    apart again; crowd: where everybody's skin is.
     """
 
     frame_set: FrameSet
     evidence: Evidence
     anchors: Anchors
     descriptor: np.ndarray
+    border: np.ndarray
     pieces: tuple[Pieces | None, ...]
     crowd: Crowd
 
@@ -121,20 +123,20 @@ def _observed(
     shown = [view if view is not None else _blank(room, number) for number, view in enumerate(views)]
     with watch.stage("surface"):
         meshes = [
-            build_surface(view.depth_m, view.patient, camera, config.surface, view.labels == PixelLabel.EQUIPMENT)
+            build_surface(view.depth_m, view.patient, camera, config.surface, view.hidden_by_equipment)
             for view, camera in zip(shown, room.cameras, strict=True)
         ]
         surface = fuse(meshes, room.cameras, config.fusion)
-        cut = border(surface, shown) == Border.CUT
+        kind = border(surface, shown)
     with watch.stage("geodesics"):
         facing, places = (FACING, None) if expected is None else (expected.facing, expected.anchors_m)
-        anchors = find_anchors(surface, UP, facing, height_m, cut, places, config.anchors)
+        anchors = find_anchors(surface, UP, facing, height_m, kind == Border.CUT, places, config.anchors)
         descriptor = anchor_descriptor(surface, anchors)
     with watch.stage("isolation"):
         crowd = remember(before, pieces, views, room.cameras, elapsed_s, config.isolation)
     with watch.stage("registration"):
         evidence = gather_evidence(surface, views, room.cameras)
-    return Observation(frame_set, evidence, anchors, descriptor, tuple(pieces), crowd)
+    return Observation(frame_set, evidence, anchors, descriptor, kind, tuple(pieces), crowd)
 
 
 def _blank(room: Room, number: int) -> View:

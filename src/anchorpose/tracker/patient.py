@@ -63,13 +63,24 @@ class PatientTracker:
 
     def push(self, frame_set: FrameSet) -> Iterator[Estimate]:
         """Take one more frame; yields the estimate of the frame that now has enough look-ahead."""
+        self.take(frame_set)
+        if len(self.window) > self.config.follow.look_ahead:
+            yield self._advance()
+
+    def take(self, frame_set: FrameSet) -> None:
+        """Look at one more frame of the look-ahead and link it with the last."""
         expected = self._expect(len(self.window))
         seen = observe(frame_set, self.room, expected, self.window[-1], self.height_m, self.config, self.watch)
         with self.watch.stage("association"):
             self.links.append(link(self.window[-1], seen, self.config))
         self.window.append(seen)
-        if len(self.window) > self.config.follow.look_ahead:
-            yield self._advance()
+
+    def next_hypothesis(self) -> GlobalHypothesis | None:
+        """What the registration of the next frame will start from; None without a next frame that shows the patient."""
+        if len(self.window) < 2:
+            return None
+        poses = self._look_ahead()
+        return self._hypothesise(poses) if len(self.window[1].surface) else None
 
     def finish(self) -> Iterator[Estimate]:
         """The estimates of the frames still in the window, with what look-ahead is left."""
@@ -89,7 +100,15 @@ class PatientTracker:
             poses.append(pose)
         return poses
 
-    def _see_again(self, pose: Pose) -> Observation:
+    def _look_ahead(self) -> list[Pose]:
+        """Predicted poses of the window's later frames; in the next one, people are told apart anew."""
+        with self.watch.stage("prediction"):
+            poses = self._predict(len(self.window) - 1)
+        if len(self.window[1].crowd.others.owner):
+            self._see_again(poses[0])
+        return poses
+
+    def _see_again(self, pose: Pose) -> None:
         """Tell people apart anew in the frame to be registered: now its pose is predicted from the frame before."""
         now, config = self.window[0], self.config
         expected = self._expectation(pose)
@@ -99,7 +118,6 @@ class PatientTracker:
             self.links[0] = link(now, seen, config)
             if len(self.window) > 2:
                 self.links[1] = link(seen, self.window[2], config)
-        return seen
 
     def _expect(self, steps: int) -> Expectation:
         with self.watch.stage("prediction"):
@@ -119,13 +137,10 @@ class PatientTracker:
 
     def _advance(self) -> Estimate:
         """Register the second frame of the window and make it the first."""
-        now, following = self.window[0], self.window[1]
-        elapsed_s = abs(following.frame_set.time_s - now.frame_set.time_s)
-        with self.watch.stage("prediction"):
-            poses = self._predict(len(self.window) - 1)
+        elapsed_s = abs(self.window[1].frame_set.time_s - self.window[0].frame_set.time_s)
+        poses = self._look_ahead()
+        following = self.window[1]
         predicted = self.belief.later(poses[0], elapsed_s, self.config.registration.fit)
-        if len(following.crowd.others.owner):
-            following = self._see_again(poses[0])
         if len(following.surface):
             registration = self._associate_and_register(poses, predicted)
         else:
@@ -140,13 +155,15 @@ class PatientTracker:
         return self._estimate(registration, following)
 
     def _associate_and_register(self, poses: list[Pose], predicted: PoseBelief) -> Registration:
-        window, config = list(self.window), self.config
-        with self.watch.stage("track tree"):
-            hypothesis = global_hypothesis(
-                self.points, self.rest, self.belief.pose, poses, window, list(self.links), config
-            )
+        hypothesis = self._hypothesise(poses)
         with self.watch.stage("registration"):
-            return self._register(hypothesis, window, poses, predicted)
+            return self._register(hypothesis, list(self.window), poses, predicted)
+
+    def _hypothesise(self, poses: list[Pose]) -> GlobalHypothesis:
+        with self.watch.stage("track tree"):
+            return global_hypothesis(
+                self.points, self.rest, self.belief.pose, poses, list(self.window), list(self.links), self.config
+            )
 
     def _register(
         self, hypothesis: GlobalHypothesis, window: list[Observation], poses: list[Pose], predicted: PoseBelief
@@ -177,30 +194,44 @@ def follow_patient(
     frames: in the order of time, or against it; the first one should be the room's opening. known: the learnt shape;
     None where it is still to be learnt.
     """
-    tracker: PatientTracker | None = None
     choice = room.opening.choice if room.opening else None
+    for estimate, _ in follow_openly(room, frames, choice, motions, known, config, watch):
+        yield estimate
+
+
+def follow_openly(
+    room: Room, frames: Iterable[FrameSet], choice: PatientChoice | None, motions: MotionDatabase | None,
+    known: FittedShape | None, config: TrackConfig, watch: Stopwatch,
+) -> Iterator[tuple[Estimate, PatientTracker | None]]:  # fmt: skip
+    """As ``follow_patient``, from any frame, and with the tracker as it stands after each estimate, if any.
+
+    choice: where he stands in the first frame, None where nobody is to be looked for.
+    """
+    tracker: PatientTracker | None = None
     wait, pause = 0, FIRST_PAUSE
     for frame_set in frames:
         if tracker is None:
             wait -= 1
             if choice is None or wait >= 0:
-                yield nobody_found(frame_set)
+                yield nobody_found(frame_set), None
                 continue
             start = find_start(frame_set, room, choice, known, config, watch)
             if isinstance(start, NoStart):
                 if start is NoStart.NO_BODY_FITS:
                     wait, pause = pause, min(2 * pause, LONGEST_PAUSE)
-                yield nobody_found(frame_set)
+                yield nobody_found(frame_set), None
                 continue
             tracker = PatientTracker(room, start, motions, config, watch)
             wait, pause = 0, FIRST_PAUSE
-            yield tracker.first
+            yield tracker.first, tracker
             continue
-        yield from tracker.push(frame_set)
+        for estimate in tracker.push(frame_set):
+            yield estimate, tracker
         if tracker.unseen_s > config.follow.lost_after_s:
             choice = PatientChoice(tracker.belief.pose.root_m[[0, 2]], "where he was lost", sure=False)
             known = tracker.shape
-            yield from (nobody_found(seen.frame_set, seen) for seen in list(tracker.window)[1:])
+            yield from ((nobody_found(seen.frame_set, seen), None) for seen in list(tracker.window)[1:])
             tracker = None
     if tracker is not None:
-        yield from tracker.finish()
+        for estimate in tracker.finish():
+            yield estimate, tracker

@@ -65,7 +65,7 @@ def prepare_room(recording: Recording, config: TrackConfig) -> Room:
         for number, camera in enumerate(calibration.cameras)
     )
     sightings = [sight_people(frame_set, scenes, config) for frame_set in samples]
-    return Room(recording, calibration, scenes, _choose_opening(chosen, sightings, calibration, recording, config))
+    return Room(recording, calibration, scenes, choose_opening(chosen, sightings, calibration, recording, config))
 
 
 def sight_people(frame_set: FrameSet, scenes: Sequence[Scene], config: TrackConfig) -> People:
@@ -95,11 +95,14 @@ def _background(
     )
 
 
-def _choose_opening(
+def choose_opening(
     frames: Sequence[int], sightings: Sequence[People], calibration: Calibration, recording: Recording,
     config: TrackConfig,
 ) -> Opening | None:  # fmt: skip
-    """The first sampled frame that shows the patient well and nobody near him; the very first if he was named."""
+    """The first of the frames that shows the patient well and nobody near him; the very first if he was named.
+
+    frames: positions in the recording, sightings: the people of each. None where nobody is seen in any of them.
+    """
     look_at = _look_at(calibration.cameras[0])
     openings, seen = [], []
     for number, frame in enumerate(frames):

@@ -1,0 +1,99 @@
+"""``anchorpose equipment``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import App, Parameter
+
+from anchorpose.errors import AnchorposeError, InputError
+
+if TYPE_CHECKING:
+    from anchorpose.calibration.equipment_fit_recording import FittedRoom
+
+equipment = App(name="equipment", help="The model of the equipment, equipment.json.")
+
+
+@equipment.command
+def fit(
+    recording: Path,
+    /,
+    *,
+    out: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("equipment.json"),
+    camera: str | None = None,
+    around: Annotated[str, Parameter(allow_leading_hyphen=True)] = "0,0",
+    radius: float = 1.0,
+    overwrite: bool = False,
+) -> None:
+    """Propose equipment.json: the posts, rails and bars in the pictures of the empty room, as boxes and tubes.
+
+    Look at the pictures that it writes and correct the file by hand: a side that no camera sees is a guess, and the
+    table says which. Then name the file as "equipment" in recording.json.
+
+    Parameters
+    ----------
+    recording
+        The folder of a recording with a background.png for each camera.
+    out
+        The file to write; a picture of each camera with the parts drawn in goes beside it.
+    camera
+        Use this camera only; needed where the poses of several cameras are unknown.
+    around
+        Where the equipment stands, as x,z in metres on the floor; the default is the world's origin.
+    radius
+        How far around that place it is looked for, in metres.
+    overwrite
+        Replace an existing file.
+    """
+    from anchorpose.calibration.equipment_fit import EquipmentFitConfig
+    from anchorpose.calibration.equipment_fit_points import Region
+    from anchorpose.calibration.equipment_fit_recording import fit_equipment
+    from anchorpose.cli.track import parse_place
+    from anchorpose.recording.equipment_file import read_equipment, write_equipment
+    from anchorpose.recording.reader import open_recording
+    from anchorpose.results.canvas import as_png
+    from anchorpose.results.model_picture import draw_model
+
+    if out.exists() and not overwrite:
+        raise InputError(out, "exists already", "choose another name, or give --overwrite to replace it")
+    try:
+        region = Region(center_xz_m=parse_place(around, "--around"), radius_m=radius)
+    except ValueError:
+        raise AnchorposeError(f"--radius is {radius:g}; give a length in metres, above 0.") from None
+    fitted = fit_equipment(open_recording(recording), camera, EquipmentFitConfig(region=region))
+    out.parent.mkdir(parents=True, exist_ok=True)
+    write_equipment(out, fitted.proposal.model)
+    model = read_equipment(out)
+    for view, room in zip(fitted.cameras, fitted.rooms_m, strict=True):
+        out.with_name(f"{out.stem}_{view.name}.png").write_bytes(as_png(draw_model(view, room, model)))
+    _print_parts(fitted)
+    print(f"{out} is a proposal: compare it with {out.stem}_<camera>.png beside it before you use it.")
+
+
+def _print_parts(fitted: FittedRoom) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from anchorpose.recording.equipment import Box
+
+    table = Table("part", "shape", "size mm", "off by mm", "pixels", "a guess")
+    for proposed in fitted.proposal.parts:
+        part = proposed.part
+        box = isinstance(part, Box)
+        lengths = part.size_m if isinstance(part, Box) else (2.0 * part.radius_m, part.length_m)
+        size = " x ".join(f"{1000 * length:.0f}" for length in lengths)
+        table.add_row(
+            part.name, "box" if box else "tube", size if box else f"ø {size}", f"{1000 * proposed.residual_m:.1f}",
+            str(proposed.readings), ", ".join(proposed.guessed),
+        )  # fmt: skip
+    console = Console()
+    console.print(table)
+    for note in fitted.notes:
+        print(f"{note[0].upper()}{note[1:]}.")
+    share = 100 * fitted.proposal.explained_share
+    print(f"{share:.1f} % of what stands free there lies within 15 mm of a part.")
+    if any(proposed.guessed for proposed in fitted.proposal.parts):
+        print(
+            "Guessed: no camera sees the other side, so the bar is taken to be square, or to end where it is last seen."
+        )

@@ -1,0 +1,222 @@
+"""One frame through all stages, as ``track`` sees it, with everything kept that tracking throws away."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from anchorpose.association.hypotheses import Hypotheses
+from anchorpose.body.skin_points import FittedShape
+from anchorpose.camera import Camera
+from anchorpose.errors import InputError
+from anchorpose.isolation.scene import Scene
+from anchorpose.recording.recording import FrameSet, Recording
+from anchorpose.tracker.association import GlobalHypothesis
+from anchorpose.tracker.both_ways import Route, learn_on, plan_route
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.estimate import Estimate
+from anchorpose.tracker.observation import Observation, observe_first
+from anchorpose.tracker.patient import PatientTracker, follow_openly
+from anchorpose.tracker.room import Opening, Room, choose_opening, prepare_room, sight_people
+from anchorpose.tracker.start import ORDINARY_HEIGHT_M
+from anchorpose.tracker.stopwatch import Stopwatch
+from anchorpose.tracking.default_motions import default_motions
+from anchorpose.tracking.motion import MotionDatabase
+
+WORTH_THE_WAIT = (
+    60  # frames that are followed from the recording's opening: half a minute; beyond, one nearby is chosen
+)
+NEARBY, NEARBY_SAMPLES = 45, 10  # frames before the one looked at, and how many of them are looked at for an opening
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Next:
+    """The next frame that is tracked: what it shows, the links of every node to it, and the best branches."""
+
+    observation: Observation
+    links: Hypotheses
+    hypothesis: GlobalHypothesis
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Inspection:
+    """What every stage made of one frame.
+
+    observation: up to geodesics, None where nobody could be looked for. estimate: None where the patient was not found.
+    next: None where the recording ends or he is not found. height_m: what the anchors' lengths go by. account: what was
+    done and why something is missing, one sentence each.
+    """
+
+    room: Room
+    frame_set: FrameSet
+    observation: Observation | None
+    estimate: Estimate | None
+    next: Next | None
+    height_m: float
+    account: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InspectedCamera:
+    """One camera's share of an inspection: its number, and its picture of the frame (height, width) metres."""
+
+    inspection: Inspection
+    number: int
+    depth_m: np.ndarray
+    config: TrackConfig
+
+    @property
+    def camera(self) -> Camera:
+        """The camera with the pose that was used."""
+        return self.inspection.room.cameras[self.number]
+
+    @property
+    def scene(self) -> Scene:
+        """What isolation knew of the camera beforehand."""
+        return self.inspection.room.scenes[self.number]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Reached:
+    """The patient in the frame looked at."""
+
+    estimate: Estimate
+    next: Next | None
+    height_m: float
+
+
+def position_of(recording: Recording, frame: int) -> int:
+    """Where the frame with this number stands in the first camera's stream; raises InputError where there is none."""
+    numbers = recording.streams[0].frame
+    found = np.flatnonzero(numbers == frame)
+    if not len(found):
+        problem = f"has no frame {frame} (its frames are {numbers[0]} to {numbers[-1]})"
+        raise InputError(recording.folder, problem, "choose one of these; the number is that of the picture's file")
+    return int(found[0])
+
+
+def inspect_frame(
+    recording: Recording, frame: int, config: TrackConfig, as_tracked: bool, tick: Callable[[], None]
+) -> Inspection:
+    """Everything that the stages make of the frame with this number.
+
+    as_tracked: learn the body and follow the patient from the opening frame, as ``track`` does: the same joints to the
+    last digit, after as long a time. Otherwise he is followed from an opening nearby with the first guess of a body.
+    config.patient_xz_m: where he stands; with as_tracked at the start, otherwise here. tick is called for every frame
+    that is read. Raises InputError where there is no such frame.
+    """
+    position, watch = position_of(recording, frame), Stopwatch()
+    room = prepare_room(recording, config)
+    motions = default_motions(recording.rate_hz, config.motion)
+    route = plan_route(room, config, tick)
+    if position not in {*route.forth, *route.back}:
+        problem = f"frame {frame} is outside of the frames that the settings track"
+        raise InputError(recording.folder, problem, "change start and stop in the settings")
+    frame_set = next(route.frames([position]))
+    if room.opening is None:
+        why = "Nobody was seen in the frames that were sampled, so there is no patient to look for."
+        return Inspection(room, frame_set, None, None, None, ORDINARY_HEIGHT_M, (why,))
+    if as_tracked:
+        reached, account = _as_tracked(route, position, room, motions, config, watch)
+    else:
+        reached, account = _from_nearby(route, position, room, motions, config, watch)
+    if reached is not None:
+        return Inspection(
+            room, frame_set, reached.estimate.observation, reached.estimate, reached.next, reached.height_m, account
+        )
+    height_m = recording.subject_height_m or ORDINARY_HEIGHT_M
+    here = _choose(route, [position], room, config)
+    seen = observe_first(frame_set, room, (here or [room.opening])[0].choice, height_m, config, watch)
+    return Inspection(room, frame_set, seen, None, None, height_m, account)
+
+
+def _as_tracked(
+    route: Route, position: int, room: Room, motions: MotionDatabase | None, config: TrackConfig, watch: Stopwatch
+) -> tuple[_Reached | None, tuple[str, ...]]:
+    shape = learn_on(route, room, motions, config, watch)
+    if shape is None or room.opening is None:
+        return None, ("No body could be fitted to this person, so track finds no joint in any frame.",)
+    reached = _follow(route, room.opening, position, room, shape, motions, config, watch)
+    if reached is None:
+        return None, ("The patient is lost in this frame: track gives no joint here either.",)
+    return reached, (f"As in track: the body was learnt, and followed from frame {_number(room, room.opening.frame)}.",)
+
+
+def _from_nearby(
+    route: Route, position: int, room: Room, motions: MotionDatabase | None, config: TrackConfig, watch: Stopwatch
+) -> tuple[_Reached | None, tuple[str, ...]]:
+    """As ``track`` does it, but from an opening near the frame and with a first guess of the body."""
+    for opening in _openings_nearby(route, position, room, config):
+        reached = _follow(route, opening, position, room, None, motions, config, watch)
+        if reached is not None:
+            return reached, (
+                "The body here is a first guess from the height; track learns it over four seconds "
+                "(--as-tracked does the same, and takes as long).",
+                f"The patient was looked for in frame {_number(room, opening.frame)} and followed from there.",
+            )
+    return None, (
+        "No body explains what is seen where the patient should be, so there are no joints in this frame.",
+        "If track finds him in other frames, --as-tracked follows him from there; "
+        "if the wrong person is blue, --patient x,z says where he stands.",
+    )
+
+
+def _openings_nearby(route: Route, position: int, room: Room, config: TrackConfig) -> list[Opening]:
+    """Where to begin: the recording's own opening if it is near, else the best of the frames before; then the frame."""
+    here = _choose(route, [position], room, config)
+    if config.patient_xz_m is not None or room.opening is None:
+        return here
+    distance = position - room.opening.frame
+    if abs(distance) <= WORTH_THE_WAIT:
+        return [room.opening, *here]
+    before = np.linspace(position - np.sign(distance) * NEARBY, position, NEARBY_SAMPLES).astype(int)
+    return [*_choose(route, before.tolist(), room, config), *here]
+
+
+def _choose(route: Route, positions: Sequence[int], room: Room, config: TrackConfig) -> list[Opening]:
+    """The opening among some frames as ``track`` chooses it, or none; one camera's view of nobody is no opening."""
+    sightings = [sight_people(frame_set, room.scenes, config) for frame_set in route.frames(positions)]
+    found = choose_opening(positions, sightings, room.calibration, room.recording, config)
+    return [] if found is None else [found]
+
+
+def _follow(
+    route: Route, opening: Opening, position: int, room: Room, shape: FittedShape | None,
+    motions: MotionDatabase | None, config: TrackConfig, watch: Stopwatch,
+) -> _Reached | None:  # fmt: skip
+    """The patient in the frame at ``position``, followed from an opening; None where he is not found there."""
+    frames = route.frames(_course(opening.frame, position, room, route, config))
+    for estimate, tracker in follow_openly(room, frames, opening.choice, motions, shape, config, watch):
+        if tracker is None and shape is None:
+            return None  # without a known body the search goes on for long: another opening is tried
+        if estimate.frame_set.frame == _number(room, position):
+            if tracker is None or estimate.belief is None:
+                return None
+            return _Reached(estimate, _what_comes_next(tracker, frames), tracker.height_m)
+    return None
+
+
+def _course(first: int, position: int, room: Room, route: Route, config: TrackConfig) -> Sequence[int]:
+    """Positions from the first frame to the one looked at and on over the look-ahead, within what is tracked."""
+    opening = room.opening.frame if room.opening else position
+    direction = 1 if position >= opening else -1
+    low, high = min([*route.forth, *route.back]), max([*route.forth, *route.back])
+    last = int(np.clip(position + direction * config.follow.look_ahead, low, high))
+    return range(int(np.clip(first, low, high)), last + direction, direction)
+
+
+def _what_comes_next(tracker: PatientTracker, frames: Iterator[FrameSet]) -> Next | None:
+    """Fills the tracker's window from the frames that follow and asks for its hypotheses."""
+    while len(tracker.window) <= tracker.config.follow.look_ahead:
+        frame_set = next(frames, None)
+        if frame_set is None:
+            break
+        tracker.take(frame_set)
+    hypothesis = tracker.next_hypothesis()
+    return None if hypothesis is None else Next(tracker.window[1], tracker.links[0], hypothesis)
+
+
+def _number(room: Room, position: int) -> int:
+    return int(room.recording.streams[0].frame[position])

@@ -1,0 +1,144 @@
+"""Pictures of the stages that work on the patient's surface: mesh, geodesics, anchors, hypotheses, registration."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from anchorpose.geodesics.anchors import ANCHOR_NAMES
+from anchorpose.geodesics.extrema import geodesic_extrema, surface_center
+from anchorpose.geodesics.fast_marching import geodesic_distance
+from anchorpose.results.canvas import enlarge, projector, scale_of, shade, write
+from anchorpose.results.overlay import OverlayScene, draw_scene
+from anchorpose.results.palette import ORANGE, PURPLE, SKY, VERMILLION, WHITE, YELLOW
+from anchorpose.results.stage_pictures import (
+    draw_arrows,
+    draw_bar,
+    draw_crosses,
+    draw_dots,
+    draw_lines,
+    draw_shading,
+    draw_values,
+)
+from anchorpose.surface.border import Border
+from anchorpose.surface.mesh import links
+from anchorpose.tracker.inspection import InspectedCamera
+from anchorpose.tracker.observation import Observation
+from anchorpose.tracker.start import body_points
+
+ISO_M = 0.1
+MAGNIFIED = 3.0  # a hand moves 3 cm in a frame: nine pixels, too few for an arrow
+LIGHT = np.array([-0.4, -0.5, -0.77])  # towards the light, camera frame: from above on the left
+SEEN_ONCE, SEEN_TWICE = np.array([235.0, 235.0, 235.0]), np.array([255.0, 200.0, 130.0])
+
+Projection = Callable[[np.ndarray], np.ndarray]
+
+
+def draw_mesh(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray:
+    """The surface in relief, its bridges and joins, and where something else cuts it off."""
+    picture, to_pixel = _canvas(one)
+    surface, pairs = seen.surface, links(seen.surface)
+    same = surface.camera[pairs[:, 0]] == surface.camera[pairs[:, 1]]
+    twice = np.zeros(len(surface), dtype=bool)
+    twice[pairs[~same].ravel()] = True
+    normals = surface.normals[own] @ one.camera.require_pose()[:3, :3]
+    light = 0.2 + 0.8 * np.clip(normals @ (LIGHT / np.linalg.norm(LIGHT)), 0.0, 1.0)
+    draw_shading(picture, one.camera, surface.pixel[own], light, np.where(twice[own, None], SEEN_TWICE, SEEN_ONCE))
+    for kind, colour in ((Border.SELF, PURPLE), (Border.CUT, VERMILLION)):
+        draw_dots(picture, to_pixel(surface.points_m[own & (seen.border == kind)]), colour, 1, rim=False)
+    bridges = pairs[same & own[pairs[:, 0]]]
+    draw_lines(picture, to_pixel(surface.points_m[bridges[:, 0]]), to_pixel(surface.points_m[bridges[:, 1]]), YELLOW)
+    return picture
+
+
+def draw_geodesics(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray:
+    """Distance along the skin from the centre, a line every ``ISO_M``."""
+    picture, to_pixel = _canvas(one)
+    field, centre = _field(seen)
+    reached = field[np.isfinite(field)]
+    highest = float(reached.max()) if len(reached) else 1.0
+    draw_values(picture, one.camera, seen.surface.pixel[own], field[own], highest, ISO_M)
+    if own[centre]:
+        draw_dots(picture, to_pixel(seen.surface.points_m[[centre]]), VERMILLION, 7, ["centre"])
+    return draw_bar(picture, "0 m", f"{highest:.2f} m")
+
+
+def draw_anchors(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray:
+    """The extrema, those that were taken for head, hands and feet, and which of the five are missed."""
+    picture, to_pixel = _canvas(one)
+    field, _ = _field(seen)
+    extrema = geodesic_extrema(seen.surface, field, one.config.anchors.radius * one.inspection.height_m)
+    draw_values(picture, one.camera, seen.surface.pixel[own], np.full(int(own.sum()), 0.35), 1.0, None)
+    draw_dots(picture, to_pixel(seen.surface.points_m[extrema[own[extrema]]]), WHITE, 11, hollow=True)
+    found = seen.anchors.found
+    here = np.where(own[seen.anchors.node, None] & found[:, None], seen.anchors.position_m, np.nan)
+    elsewhere = np.where(found[:, None] & ~own[seen.anchors.node, None], seen.anchors.position_m, np.nan)
+    draw_dots(picture, to_pixel(elsewhere), SKY, 6, [f"{name} (seen by another camera)" for name in ANCHOR_NAMES])
+    draw_dots(picture, to_pixel(here), VERMILLION, 8, ANCHOR_NAMES)
+    missed = [name for name, known in zip(ANCHOR_NAMES, found, strict=True) if not known]
+    write(picture, f"missed: {', '.join(missed) if missed else 'none'}", (0, 16))
+    return picture
+
+
+def draw_hypotheses(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray | None:
+    """Under how many subsets of the anchors each node has a match in the next frame; None without a next frame."""
+    following = one.inspection.next
+    if following is None:
+        return None
+    picture, _ = _canvas(one)
+    matched = (following.links.match >= 0).sum(axis=1).astype(np.float64)
+    subsets = following.links.match.shape[1]
+    values = np.where(matched > 0, matched, np.nan)
+    draw_values(picture, one.camera, seen.surface.pixel[own], values[own], float(subsets), None)
+    return draw_bar(picture, "1", f"{subsets} hypotheses")
+
+
+def draw_tree(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray | None:
+    """Where the best branches say that the skin goes; None without a next frame."""
+    following = one.inspection.next
+    if following is None:
+        return None
+    picture, to_pixel = _canvas(one)
+    chosen = own[following.hypothesis.node]
+    nodes = seen.surface.points_m[following.hypothesis.node[chosen]].astype(np.float64)
+    matched = following.hypothesis.matched_m[chosen]
+    missed = ~np.isfinite(matched).all(axis=1)
+    draw_crosses(picture, to_pixel(nodes[missed]), ORANGE)
+    draw_arrows(picture, to_pixel(nodes), to_pixel(nodes + MAGNIFIED * (matched - nodes)), SKY)
+    return picture
+
+
+def draw_registration(one: InspectedCamera) -> np.ndarray | None:
+    """The body in its pose and the joints; None where the patient was not found."""
+    estimate = one.inspection.estimate
+    if estimate is None or estimate.belief is None or estimate.shape is None:
+        return None
+    asset = body_points().asset
+    body = estimate.shape.body(asset)
+    pose = estimate.belief.pose
+    view = estimate.observation.evidence.views[one.number] if estimate.observation else None
+    return draw_scene(
+        OverlayScene(
+            camera=one.camera,
+            depth_m=one.depth_m,
+            labels=None if view is None else view.labels,
+            joints_m=estimate.joints_m,
+            joint_states=estimate.states,
+            sigma_m=estimate.sigma_m,
+            body_m=body.skin(body.bone_transforms(pose.rotations, pose.root_m)),
+            body_faces=asset.faces,
+        )
+    )
+
+
+def _canvas(one: InspectedCamera) -> tuple[np.ndarray, Projection]:
+    """The dimmed depth picture to draw on, and the way from the world onto it."""
+    picture = enlarge(shade(one.depth_m) // 2, scale_of(one.camera))
+    return picture, projector(one.camera, scale_of(one.camera))
+
+
+def _field(seen: Observation) -> tuple[np.ndarray, int]:
+    """(n,) geodesic distance from the centre, and the centre, as ``find_anchors`` has them."""
+    centre = surface_center(seen.surface)
+    return geodesic_distance(seen.surface, np.array([centre]))[0], centre
