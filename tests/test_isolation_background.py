@@ -10,7 +10,8 @@ from anchorpose.camera import transform_points
 from anchorpose.isolation.background import BackgroundSource, foreground
 from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.empty_room import learn_background
-from anchorpose.recording.equipment import Box
+from anchorpose.isolation.room_planes import depth_of_room
+from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel
 
 CONFIG = IsolationConfig()
 EMPTY = picture(FRONT, *ROOM, seed=0)
@@ -76,3 +77,69 @@ def test_a_recording_of_people_only_is_all_foreground():
     model = learn_background(None, [alone], FRONT, None, CONFIG)
     assert model.source == BackgroundSource.REMOVED
     assert (foreground(alone, model, CONFIG) & (alone > 0)).sum() > 0.97 * (alone > 0).sum()
+
+
+FRAME = EquipmentModel(
+    tuple(Box("rail", np.array([0.0, 0.9, z]), np.array([0.8, 0.04, 0.04]), np.eye(3)) for z in (-0.45, 0.45))
+)
+
+
+def seen_over_time(*still, walker=None, equipment=None):
+    """The background learnt without a picture while ``still`` parts stay and a walker crosses behind."""
+    frames = []
+    for k, z in enumerate(np.linspace(-1.8, 1.8, 12)):
+        moving = body(-0.8, z) if walker else ()
+        frames.append(picture(FRONT, *ROOM, *(equipment.parts if equipment else ()), *still, *moving, seed=k))
+    return learn_background(None, frames, FRONT, 0.0, CONFIG, equipment)
+
+
+def test_who_stands_still_in_the_equipment_is_no_furniture():
+    patient = body(0.0, 0.0)
+    live = picture(FRONT, *ROOM, *FRAME.parts, *patient, seed=20)
+    expected = picture(FRONT, *ROOM, *FRAME.parts, *patient) < picture(FRONT, *ROOM, *FRAME.parts) - 1e-3
+    found = foreground(live, seen_over_time(*patient, equipment=FRAME), CONFIG)
+    assert (found & expected).sum() > 0.93 * expected.sum()
+    assert (found & ~expected).sum() < 0.03 * expected.sum()
+
+
+def test_the_room_behind_who_stands_still_is_put_together_from_floor_and_wall():
+    model = seen_over_time(*body(0.0, 0.0), equipment=FRAME)
+    hidden = in_front(FRONT, *body(0.0, 0.0)) & (picture(FRONT, *FRAME.parts) == 0)
+    assert np.median(np.abs(model.depth_m - picture(FRONT, *ROOM))[hidden]) < 0.02
+
+
+def test_a_still_part_that_moving_surface_hangs_on_to_is_somebodys():
+    """A trunk that stays with an arm that swings is no furniture; the same trunk alone is taken for it."""
+    trunk = Cylinder(
+        "trunk", np.array([0.0, 0.75, 0.0]), np.array([0.0, 1.0, 0.0]), 0.14, 0.55
+    )  # too short for a person
+
+    def arm(k):
+        return Box("arm", np.array([0.02, 0.8, 0.22]), np.array([0.08, 0.42 + 0.02 * (k % 3), 0.3]), np.eye(3))
+
+    frames = [picture(FRONT, *ROOM, trunk, *([arm(k)] if k % 2 else []), seed=k) for k in range(12)]
+    moving = learn_background(None, frames, FRONT, 0.0, CONFIG)
+    still = learn_background(None, [picture(FRONT, *ROOM, trunk, seed=k) for k in range(12)], FRONT, 0.0, CONFIG)
+    live, expected = picture(FRONT, *ROOM, trunk, seed=30), in_front(FRONT, trunk)
+    assert foreground(live, still, CONFIG)[expected].mean() < 0.05
+    assert foreground(live, moving, CONFIG)[expected].mean() > 0.9
+
+
+def test_the_nearest_of_the_rooms_planes_is_where_a_wall_or_the_floor_is():
+    known = EMPTY.copy()
+    known[60:150, 90:170] = 0
+    found = depth_of_room(known, FRONT, NOISE_PER_M)
+    true = picture(FRONT, *ROOM)
+    assert np.median(np.abs(found - true)[60:150, 90:170]) < 0.01
+    assert np.percentile(np.abs(found - true)[true > 0], 95) < 0.05
+
+
+def test_furniture_is_no_wall():
+    """There is room behind it, so its front says nothing of what people hide."""
+    cupboard = Box("cupboard", np.array([-0.5, 1.0, 0.9]), np.array([0.4, 2.0, 1.0]), np.eye(3))
+    found = depth_of_room(picture(FRONT, *ROOM, cupboard, seed=1), FRONT, NOISE_PER_M)
+    assert np.median(np.abs(found - picture(FRONT, *ROOM))[picture(FRONT, *ROOM) > 0]) < 0.01
+
+
+def test_a_picture_without_any_plane_tells_no_room():
+    assert not depth_of_room(picture(FRONT, *body(0, 0), seed=1), FRONT, NOISE_PER_M)[:40, :40].any()
