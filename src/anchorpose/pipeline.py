@@ -125,19 +125,23 @@ def _write_frames(results: Path, records: Iterable[FrameRecord]) -> _Written:
 def _write_record(
     results: Path, room: Room, written: _Written, shape: FittedShape | None, config: TrackConfig, watch: Stopwatch
 ) -> None:
-    given = [camera.T_world_camera is not None for camera in room.recording.cameras]
     calibration = room.calibration
     record = RunRecord(
         recording=room.recording.folder.resolve().name,
         config=config,
         inputs_sha256=hash_files(input_files(room.recording), room.recording.folder),
         cameras=tuple(
-            CameraRecord(camera.name, camera.T_world_camera, "given" if known else "floor and patient")
-            for camera, known in zip(room.cameras, given, strict=True)
+            CameraRecord(camera.name, camera.T_world_camera, pose.source.value)
+            for camera, pose in zip(room.cameras, calibration.poses, strict=True)
         ),
         residuals=tuple(
             Residual(floor.camera, "floor, rms distance to the plane", floor.residual_m, "m")
             for floor in calibration.residuals
+        )
+        + tuple(
+            Residual(pose.camera, figure.what, figure.value, figure.unit)
+            for pose in calibration.poses
+            for figure in pose.figures
         ),
         timings=tuple(StageTiming(stage, seconds) for stage, seconds in watch.seconds.items()),
         frame_count=written.frame_count,

@@ -35,17 +35,19 @@ def find_symmetry(model: EquipmentModel, samples: EquipmentSamples) -> Symmetry:
     """Try every turn in steps of ``STEP_DEG`` about the middle of the surface, which any symmetry leaves in place."""
     points = samples.surface_m[:: max(1, len(samples.surface_m) // TRIED_POINTS)]
     middle = samples.surface_m.mean(axis=0)
-    same, alike, turns = [], [], range(STEP_DEG, 360, STEP_DEG)
-    apart = []
+    same, alike, apart = list[np.ndarray](), list[np.ndarray](), list[float]()
+    turns = range(STEP_DEG, 360, STEP_DEG)
     for degrees in turns:
         T = turn_about(middle, np.radians(degrees))
         apart.append(float(np.quantile(np.abs(model.distance_m(transform_points(T, points))), 0.95)))
+    around = np.array([np.inf, *apart, np.inf])  # next to no turn at all nothing is a place of its own
     for index, degrees in enumerate(turns):
-        T = turn_about(middle, np.radians(degrees))
-        if apart[index] < SAME_M and apart[index] <= min(apart[max(0, index - 3) : index + 4]):
-            same.append(T)
-        elif apart[index] < ALIKE_M and degrees > 30 and degrees < 330:
-            alike.append(T)
+        if around[index + 1] > min(around[index], around[index + 2]) or index in (0, len(apart) - 1):
+            continue
+        if apart[index] < SAME_M:
+            same.append(turn_about(middle, np.radians(degrees)))
+        elif apart[index] < ALIKE_M:
+            alike.append(turn_about(middle, np.radians(degrees)))
     is_round = np.mean(np.array(apart) < SAME_M) > ROUND_SHARE
     return Symmetry(tuple(same), tuple(alike), bool(is_round))
 

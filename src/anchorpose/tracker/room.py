@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from anchorpose.calibration.world import Calibration, find_world
+from anchorpose.calibration.calibration import Calibration
+from anchorpose.calibration.world import find_world
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
 from anchorpose.isolation.background import BackgroundModel, learn_background

@@ -1,0 +1,335 @@
+"""The world of the equipment: every camera's pose in Gamma_0, found where it is not given."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+from typing import Final
+
+import numpy as np
+
+from anchorpose.calibration.calibration import PoseFigure, PoseRecord, PoseSource
+from anchorpose.calibration.camera_agreement import agreement
+from anchorpose.calibration.equipment_pose import (
+    Equipment,
+    EquipmentPose,
+    EquipmentPoseConfig,
+    NoEquipmentPose,
+    find_equipment,
+    prepare_equipment,
+    refit,
+    standing_prior,
+)
+from anchorpose.calibration.equipment_pose_refine import FloorPrior
+from anchorpose.calibration.equipment_pose_still import StillView, see_still, what_stays
+from anchorpose.calibration.equipment_pose_verdict import NoPose
+from anchorpose.calibration.facing import FacingConfig, patient_faces
+from anchorpose.calibration.floor import FloorConfig, NoFloor, find_floor
+from anchorpose.calibration.moved import Moved, MovedConfig, notice_movement
+from anchorpose.calibration.noise import noise_per_m
+from anchorpose.camera import Camera, invert_rigid, transform_points
+from anchorpose.errors import InputError
+from anchorpose.recording.recording import FrameSet, Recording
+
+REMEDY: Final = (
+    "compare equipment.json with the room, add a background.png of the empty room, or give camera_to_world yourself"
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EquipmentWorldConfig:
+    """All cameras together."""
+
+    pose: EquipmentPoseConfig = field(default_factory=EquipmentPoseConfig)
+    moved: MovedConfig = field(default_factory=MovedConfig)
+    facing: FacingConfig = field(default_factory=FacingConfig)
+    floor_sigma_m: float = 0.002  # of the floor all cameras see together
+    floor_sigma_rad: float = 0.0009  # 0.05 degrees
+    most_disagreement: float = 0.25  # of one camera's points, seen through by another
+    least_lead: float = 0.15  # of disagreement, between the best of symmetric choices and the next
+    least_compared: int = 300  # points
+
+    def __post_init__(self) -> None:
+        for name in ("floor_sigma_m", "floor_sigma_rad", "most_disagreement", "least_lead", "least_compared"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EquipmentWorld:
+    """cameras, all with a pose, and one record each; floor_height_m: Y of the floor; notes for people."""
+
+    cameras: tuple[Camera, ...]
+    poses: tuple[PoseRecord, ...]
+    floor_height_m: float
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Seen:
+    """One camera without a pose: what it saw over time, and what was found in it."""
+
+    index: int
+    view: StillView
+    frames_m: tuple[np.ndarray, ...]
+    times_s: tuple[float, ...]
+    pose: EquipmentPose
+
+
+def world_from_equipment(
+    recording: Recording, sample_frames: Sequence[FrameSet], floor_config: FloorConfig, config: EquipmentWorldConfig
+) -> EquipmentWorld:
+    """Poses in Gamma_0 of all cameras that have none; given poses are in Gamma_0 already.
+
+    Each camera by itself first; then chi_0's symmetry is resolved between the cameras and by the patient's feet, all
+    share one floor, and no two may contradict each other. Raises InputError where a pose is not to be trusted.
+    """
+    if recording.equipment is None:
+        raise ValueError("the recording has no equipment to find the cameras from")
+    equipment = prepare_equipment(recording.equipment)
+    seen = [
+        _find_in_camera(recording, index, sample_frames, equipment, floor_config, config)
+        for index, camera in enumerate(recording.cameras)
+        if camera.T_world_camera is None
+    ]
+    notes: list[str] = []
+    cameras = _resolve_symmetry(recording, sample_frames, seen, equipment, config, notes)
+    prior = _common_floor(seen, cameras)
+    polished, moves = [], []
+    for one in seen:
+        moved = notice_movement(
+            one.view, one.frames_m, invert_rigid(cameras[one.index].require_pose()), equipment, prior, config.pose,
+            config.moved,
+        )  # fmt: skip
+        moves.append(moved)
+        polished.append(_polish(one, cameras[one.index], moved, equipment, prior, config))
+        cameras[one.index] = replace(cameras[one.index], T_world_camera=polished[-1].T_world_camera)
+    notes += _moved_notes(seen, moves, len(cameras))
+    _refuse_contradiction(recording, cameras, sample_frames, seen, prior, config)
+    records = [PoseRecord(camera.name, PoseSource.GIVEN) for camera in cameras]
+    for one, pose in zip(seen, polished, strict=True):
+        records[one.index] = _record(cameras[one.index].name, pose)
+    return EquipmentWorld(tuple(cameras), tuple(records), prior.height_m, tuple(notes))
+
+
+def _find_in_camera(
+    recording: Recording, index: int, sample_frames: Sequence[FrameSet], equipment: Equipment,
+    floor_config: FloorConfig, config: EquipmentWorldConfig,
+) -> _Seen:  # fmt: skip
+    """The equipment in one camera; if it cannot be found in all pictures together, in the first half of them."""
+    camera, background = recording.cameras[index], recording.backgrounds_m[index]
+    pairs = [(frame.time_s, depth) for frame in sample_frames if (depth := frame.depths_m[index]) is not None]
+    frames, times = tuple(depth for _, depth in pairs), tuple(time for time, _ in pairs)
+    if not frames:
+        raise InputError(recording.folder / camera.name, "has no readable picture among the sampled ones", REMEDY)
+    attempts: list[tuple[np.ndarray | None, tuple[np.ndarray, ...]]] = [(background, frames)]
+    if background is not None:
+        attempts.append((None, frames))
+    elif len(frames) >= 4:
+        attempts.append((None, frames[: len(frames) // 2]))
+    first: NoEquipmentPose | None = None
+    for picture, used in attempts:
+        found = _attempt(camera, used, picture, equipment, floor_config, config)
+        if not isinstance(found, NoEquipmentPose):
+            return _Seen(index, found[0], frames, times, found[1])
+        first = first or found
+    raise _refusal(recording, camera, first or NoEquipmentPose(NoPose.NOT_SEEN))
+
+
+def _attempt(
+    camera: Camera, frames_m: Sequence[np.ndarray], background_m: np.ndarray | None, equipment: Equipment,
+    floor_config: FloorConfig, config: EquipmentWorldConfig,
+) -> tuple[StillView, EquipmentPose] | NoEquipmentPose:  # fmt: skip
+    try:
+        noise = noise_per_m(frames_m)
+    except ValueError:
+        return NoEquipmentPose(NoPose.NOT_SEEN)
+    still = background_m if background_m is not None else what_stays(np.stack(frames_m), noise)
+    floor = find_floor(still, camera, noise, floor_config)
+    if isinstance(floor, NoFloor):
+        return NoEquipmentPose(NoPose.NO_FLOOR)
+    view = see_still(camera, frames_m, background_m, noise, floor)
+    pose = find_equipment(view, equipment, config.pose)
+    return pose if isinstance(pose, NoEquipmentPose) else (view, pose)
+
+
+def _refusal(recording: Recording, camera: Camera, why: NoEquipmentPose) -> InputError:
+    part = f" ({why.part})" if why.part else ""
+    problem = f"camera_to_world is null for {camera.name}, and this camera {why.why.value}{part}"
+    return InputError(recording.folder / "recording.json", problem, REMEDY)
+
+
+def _resolve_symmetry(
+    recording: Recording, sample_frames: Sequence[FrameSet], seen: Sequence[_Seen], equipment: Equipment,
+    config: EquipmentWorldConfig, notes: list[str],
+) -> list[Camera]:  # fmt: skip
+    """The cameras with poses that belong to one world, X the way the patient faces."""
+    cameras = list(recording.cameras)
+    for one in seen:
+        cameras[one.index] = replace(cameras[one.index], T_world_camera=one.pose.T_world_camera)
+    turns = equipment.symmetry.same
+    if not turns:
+        return cameras
+    choices = [np.eye(4), *(invert_rigid(turn) for turn in turns)]
+    given = [index for index, camera in enumerate(recording.cameras) if camera.T_world_camera is not None]
+    free = seen if given else seen[1:]
+    if free:
+        best = _agreeing_turns(recording, cameras, sample_frames, free, choices, equipment, config)
+        for one, turn in zip(free, best, strict=True):
+            cameras[one.index] = replace(cameras[one.index], T_world_camera=turn @ one.pose.T_world_camera)
+    if given:
+        return cameras
+    clouds = [_cloud(cameras, frame) for frame in sample_frames]
+    floor_m = _common_floor(seen, cameras).height_m
+    facing = patient_faces(
+        clouds, [turn[:3, :3].T @ [1.0, 0.0, 0.0] for turn in choices], equipment.model, floor_m, config.facing
+    )
+    if facing is None:
+        raise InputError(
+            recording.folder / "recording.json",
+            "camera_to_world is null, the equipment looks the same from several sides, and the patient's feet do not "
+            "show which way he faces",
+            "add to equipment.json a part that one side has and the other has not, or give camera_to_world",
+        )
+    notes.append("the equipment looks the same from several sides: the patient's feet decided which way X points")
+    return [replace(camera, T_world_camera=choices[facing] @ camera.require_pose()) for camera in cameras]
+
+
+def _agreeing_turns(
+    recording: Recording, cameras: Sequence[Camera], sample_frames: Sequence[FrameSet], free: Sequence[_Seen],
+    choices: Sequence[np.ndarray], equipment: Equipment, config: EquipmentWorldConfig,
+) -> list[np.ndarray]:  # fmt: skip
+    """For each free camera the turn with which it agrees best with the first camera that is not free."""
+    anchor = next(index for index in range(len(cameras)) if index not in {one.index for one in free})
+    taken = []
+    for one in free:
+        shares = []
+        for turn in choices:
+            turned = replace(cameras[one.index], T_world_camera=turn @ one.pose.T_world_camera)
+            shares.append(_disagreement((cameras[anchor], turned), (anchor, one.index), sample_frames, one, config))
+        known = [1.0 if share is None else share for share in shares]
+        order = np.argsort(known, kind="stable")
+        if known[order[0]] > config.most_disagreement or known[order[1]] - known[order[0]] < config.least_lead:
+            raise InputError(
+                recording.folder / "recording.json",
+                f"camera_to_world is null for {cameras[one.index].name}, the equipment looks the same from several "
+                f"sides, and what cameras {cameras[anchor].name} and {cameras[one.index].name} see does not tell them "
+                "apart",
+                "give camera_to_world",
+            )
+        taken.append(choices[int(order[0])])
+    return taken
+
+
+def _disagreement(
+    cameras: tuple[Camera, Camera], indices: tuple[int, int], sample_frames: Sequence[FrameSet], one: _Seen,
+    config: EquipmentWorldConfig,
+) -> float | None:  # fmt: skip
+    """Share of points that one of two cameras sees and the other sees through; None where too few can be compared."""
+    pairs = [
+        (here, there)
+        for frame in sample_frames[:: max(1, len(sample_frames) // 6)]
+        if (here := frame.depths_m[indices[0]]) is not None and (there := frame.depths_m[indices[1]]) is not None
+    ]
+    up = cameras[1].require_pose()[:3, :3] @ one.view.floor.up
+    foot = transform_points(cameras[1].require_pose(), -one.view.floor.height_m * one.view.floor.up)
+    floor_m = float(foot @ up / up[1])
+    found = agreement(cameras, pairs, floor_m, (one.view.noise_per_m, one.view.noise_per_m))
+    return found.through_share if found.tested >= config.least_compared else None
+
+
+def _common_floor(seen: Sequence[_Seen], cameras: Sequence[Camera]) -> FloorPrior:
+    """The floor of Gamma_0 that the cameras see, each at the equipment: up and height are their means."""
+    ups, heights = [], []
+    for one in seen:
+        T = cameras[one.index].require_pose()
+        ups.append(T[:3, :3] @ one.view.floor.up)
+        heights.append(T[:3, 3] @ ups[-1] - one.view.floor.height_m)
+    up = np.mean(ups, axis=0)
+    config = EquipmentWorldConfig()
+    return FloorPrior(
+        up / np.linalg.norm(up), float(np.mean(heights)), config.floor_sigma_m, config.floor_sigma_rad
+    )
+
+
+def _polish(
+    one: _Seen, camera: Camera, moved: Moved | None, equipment: Equipment, prior: FloorPrior,
+    config: EquipmentWorldConfig,
+) -> EquipmentPose:  # fmt: skip
+    """The pose once more with the floor all cameras share, on the empty room and all frames that show it so."""
+    before = one.frames_m if moved is None else one.frames_m[: moved.first]
+    start = invert_rigid(camera.require_pose())
+    own = one.view.frames_m if len(one.view.frames_m) == 1 or not before else np.stack(before)
+    stacks = [np.concatenate([own, np.stack(before)])] if len(own) == 1 and before else []
+    for stack in (*stacks, own):
+        again = refit(replace(one.view, frames_m=stack), equipment, start, prior, config.pose)
+        if isinstance(again, EquipmentPose):
+            return again
+    again = refit(one.view, equipment, start, standing_prior(prior.height_m, config.pose.refine), config.pose)
+    return again if isinstance(again, EquipmentPose) else one.pose
+
+
+def _refuse_contradiction(
+    recording: Recording, cameras: Sequence[Camera], sample_frames: Sequence[FrameSet], seen: Sequence[_Seen],
+    prior: FloorPrior, config: EquipmentWorldConfig,
+) -> None:  # fmt: skip
+    """Raises InputError where two cameras, one of them newly found, see through what the other sees."""
+    of_index = {one.index: one for one in seen}
+    for a, b in product(range(len(cameras)), range(len(cameras))):
+        if a == b or b not in of_index or (a in of_index and a > b):
+            continue
+        share = _disagreement((cameras[a], cameras[b]), (a, b), sample_frames, of_index[b], config)
+        if share is not None and share > config.most_disagreement:
+            raise InputError(
+                recording.folder / "recording.json",
+                f"the poses found for {cameras[a].name} and {cameras[b].name} contradict each other: one sees through "
+                f"{100 * share:.0f} % of what the other sees",
+                REMEDY,
+            )
+
+
+def _moved_notes(seen: Sequence[_Seen], moves: Sequence[Moved | None], count: int) -> list[str]:
+    notes = []
+    for one, moved in zip(seen, moves, strict=True):
+        if moved is None:
+            continue
+        notes.append(moved_note(one.view.camera.name, moved, one.times_s))
+    if len(notes) == 1 and count > 1 and len(seen) > 1:
+        notes.append("only this camera saw that, so it may be the camera that was moved")
+    return notes
+
+
+def moved_note(camera: str, moved: Moved, times_s: Sequence[float]) -> str:
+    """One sentence for people."""
+    since = f"from about {times_s[moved.first]:.1f} s on"
+    if moved.shift_m is None or moved.turn_rad is None:
+        return f"camera {camera} no longer sees the equipment in its place {since}: what it hides there is not known"
+    return (
+        f"the equipment was moved as camera {camera} sees it: {since} it stands {1000 * moved.shift_m:.0f} mm and "
+        f"{np.degrees(moved.turn_rad):.1f} degrees from where it stood; the world stays where it was"
+    )
+
+
+def _record(name: str, pose: EquipmentPose) -> PoseRecord:
+    fit, evidence = pose.fit, pose.evidence
+    figures = (
+        PoseFigure("equipment, rms distance of the readings to its surface", fit.surface_rms_m, "m"),
+        PoseFigure("equipment, rms distance of its outline", fit.outline_rms_px, "px"),
+        PoseFigure("equipment, share of the surface that is seen", evidence.seen_share, "1"),
+        PoseFigure("equipment, share of the unhidden surface that is seen through", evidence.through_share, "1"),
+        PoseFigure("equipment, standard deviation of its place", pose.sigma_m, "m"),
+        PoseFigure("equipment, standard deviation of its direction", float(np.degrees(pose.sigma_rad)), "degree"),
+    )
+    return PoseRecord(name, PoseSource.EQUIPMENT, pose.sigma_m, pose.sigma_rad, figures)
+
+
+def _cloud(cameras: Sequence[Camera], frame: FrameSet) -> np.ndarray:
+    """(n, 3) everything all cameras see at one moment, world frame; every second pixel."""
+    points = [
+        transform_points(camera.require_pose(), camera.back_project(depth)[::2, ::2].reshape(-1, 3).astype(np.float64))
+        for camera, depth in zip(cameras, frame.depths_m, strict=True)
+        if depth is not None
+    ]
+    cloud = np.concatenate(points) if points else np.zeros((0, 3))
+    return cloud[np.isfinite(cloud[:, 2])]
