@@ -22,8 +22,6 @@ from typing import Final, get_args
 import numpy as np
 
 from anchorpose.calibration.equipment_pose import angle_between
-from anchorpose.calibration.floor import FloorConfig
-from anchorpose.calibration.world import find_world
 from anchorpose.camera import Camera, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.equipment import EquipmentModel
@@ -31,6 +29,8 @@ from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.simulate.clinic import Clinic, draw_clinic
 from anchorpose.simulate.config import Sensor, SimulationConfig
 from anchorpose.simulate.shoot import set_up
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.preparation import calibrate as find_poses
 
 SAMPLES: Final = 16  # frames, as in tracking
 WRONG_M, WRONG_RAD = 0.02, np.radians(1.0)
@@ -92,7 +92,7 @@ def calibrate(seed: int, way: str, recording: Recording, frames: Sequence[FrameS
     """One calibration and its error."""
     start = time.perf_counter()
     try:
-        found = find_world(recording, frames, FloorConfig())
+        found = find_poses(recording, frames, TrackConfig())
     except InputError as error:
         return Outcome(seed, way, error.problem, seconds=time.perf_counter() - start)
     seconds = time.perf_counter() - start

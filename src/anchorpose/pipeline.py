@@ -35,7 +35,8 @@ from anchorpose.results.run_record import (
 from anchorpose.results.tables import JOINTS_FILE, read_joints, write_joints
 from anchorpose.tracker.both_ways import FrameRecord, learn_on, plan_route, track_on
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.room import Room, prepare_room
+from anchorpose.tracker.preparation import prepare_room
+from anchorpose.tracker.room import Room
 from anchorpose.tracker.stopwatch import Stopwatch
 from anchorpose.tracking.default_motions import default_motions
 

@@ -32,22 +32,26 @@ class Symmetry:
 
 
 def find_symmetry(model: EquipmentModel, samples: EquipmentSamples) -> Symmetry:
-    """Try every turn in steps of ``STEP_DEG`` about the middle of the surface, which any symmetry leaves in place."""
+    """Try every turn in steps of ``STEP_DEG`` about two middles, of the outline and of the surface.
+
+    Any symmetry leaves both in place, but a model that mixes round and square tubes shifts the second.
+    """
     points = samples.surface_m[:: max(1, len(samples.surface_m) // TRIED_POINTS)]
-    middle = samples.surface_m.mean(axis=0)
     same, alike, apart = list[np.ndarray](), list[np.ndarray](), list[float]()
-    turns = range(STEP_DEG, 360, STEP_DEG)
-    for degrees in turns:
-        T = turn_about(middle, np.radians(degrees))
-        apart.append(float(np.quantile(np.abs(model.distance_m(transform_points(T, points))), 0.95)))
-    around = np.array([np.inf, *apart, np.inf])  # next to no turn at all nothing is a place of its own
-    for index, degrees in enumerate(turns):
-        if around[index + 1] > min(around[index], around[index + 2]) or index in (0, len(apart) - 1):
+    turns = []
+    for degrees in range(STEP_DEG, 360, STEP_DEG):
+        tried = [turn_about(middle, np.radians(degrees)) for middle in (samples.centre_m, samples.surface_m.mean(axis=0))]
+        off = [float(np.quantile(np.abs(model.distance_m(transform_points(T, points))), 0.95)) for T in tried]
+        turns.append(tried[int(np.argmin(off))])
+        apart.append(min(off))
+    around = np.array([np.inf, *apart, np.inf])
+    for index in range(1, len(turns) - 1):  # next to no turn at all nothing is a place of its own
+        if around[index + 1] > min(around[index], around[index + 2]):
             continue
         if apart[index] < SAME_M:
-            same.append(turn_about(middle, np.radians(degrees)))
+            same.append(turns[index])
         elif apart[index] < ALIKE_M:
-            alike.append(turn_about(middle, np.radians(degrees)))
+            alike.append(turns[index])
     is_round = np.mean(np.array(apart) < SAME_M) > ROUND_SHARE
     return Symmetry(tuple(same), tuple(alike), bool(is_round))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Final
@@ -24,7 +24,6 @@ from anchorpose.calibration.equipment_pose import (
 from anchorpose.calibration.equipment_pose_refine import FloorPrior
 from anchorpose.calibration.equipment_pose_still import StillView, see_still, what_stays
 from anchorpose.calibration.equipment_pose_verdict import NoPose
-from anchorpose.calibration.facing import FacingConfig, patient_faces
 from anchorpose.calibration.floor import FloorConfig, NoFloor, find_floor
 from anchorpose.calibration.moved import Moved, MovedConfig, notice_movement
 from anchorpose.calibration.noise import noise_per_m
@@ -36,6 +35,10 @@ REMEDY: Final = (
     "compare equipment.json with the room, add a background.png of the empty room, or give camera_to_world yourself"
 )
 
+TellFacing = Callable[[tuple[Camera, ...], float, Sequence[np.ndarray]], int | None]
+"""Which of several level unit vectors the patient faces, None where unsure; from all cameras with their poses in
+Gamma_0 and the floor's Y. It takes a body model, which calibration does not know, so the layer above hands it in."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EquipmentWorldConfig:
@@ -43,7 +46,6 @@ class EquipmentWorldConfig:
 
     pose: EquipmentPoseConfig = field(default_factory=EquipmentPoseConfig)
     moved: MovedConfig = field(default_factory=MovedConfig)
-    facing: FacingConfig = field(default_factory=FacingConfig)
     floor_sigma_m: float = 0.002  # of the floor all cameras see together
     floor_sigma_rad: float = 0.0009  # 0.05 degrees
     most_disagreement: float = 0.25  # of one camera's points, seen through by another
@@ -78,11 +80,12 @@ class _Seen:
 
 
 def world_from_equipment(
-    recording: Recording, sample_frames: Sequence[FrameSet], floor_config: FloorConfig, config: EquipmentWorldConfig
-) -> EquipmentWorld:
+    recording: Recording, sample_frames: Sequence[FrameSet], floor_config: FloorConfig, config: EquipmentWorldConfig,
+    tell_facing: TellFacing | None = None,
+) -> EquipmentWorld:  # fmt: skip
     """Poses in Gamma_0 of all cameras that have none; given poses are in Gamma_0 already.
 
-    Each camera by itself first; then chi_0's symmetry is resolved between the cameras and by the patient's feet, all
+    Each camera by itself first; then chi_0's symmetry is resolved between the cameras and by ``tell_facing``, all
     share one floor, and no two may contradict each other. Raises InputError where a pose is not to be trusted.
     """
     if recording.equipment is None:
@@ -94,8 +97,8 @@ def world_from_equipment(
         if camera.T_world_camera is None
     ]
     notes: list[str] = []
-    cameras = _resolve_symmetry(recording, sample_frames, seen, equipment, config, notes)
-    prior = _common_floor(seen, cameras)
+    cameras = _resolve_symmetry(recording, sample_frames, seen, equipment, config, tell_facing, notes)
+    prior = _common_floor(seen, cameras, config)
     polished, moves = [], []
     for one in seen:
         moved = notice_movement(
@@ -162,7 +165,7 @@ def _refusal(recording: Recording, camera: Camera, why: NoEquipmentPose) -> Inpu
 
 def _resolve_symmetry(
     recording: Recording, sample_frames: Sequence[FrameSet], seen: Sequence[_Seen], equipment: Equipment,
-    config: EquipmentWorldConfig, notes: list[str],
+    config: EquipmentWorldConfig, tell_facing: TellFacing | None, notes: list[str],
 ) -> list[Camera]:  # fmt: skip
     """The cameras with poses that belong to one world, X the way the patient faces."""
     cameras = list(recording.cameras)
@@ -175,30 +178,28 @@ def _resolve_symmetry(
     given = [index for index, camera in enumerate(recording.cameras) if camera.T_world_camera is not None]
     free = seen if given else seen[1:]
     if free:
-        best = _agreeing_turns(recording, cameras, sample_frames, free, choices, equipment, config)
+        best = _agreeing_turns(recording, cameras, sample_frames, free, choices, config)
         for one, turn in zip(free, best, strict=True):
             cameras[one.index] = replace(cameras[one.index], T_world_camera=turn @ one.pose.T_world_camera)
     if given:
         return cameras
-    clouds = [_cloud(cameras, frame) for frame in sample_frames]
-    floor_m = _common_floor(seen, cameras).height_m
-    facing = patient_faces(
-        clouds, [turn[:3, :3].T @ [1.0, 0.0, 0.0] for turn in choices], equipment.model, floor_m, config.facing
-    )
+    headings = [turn[:3, :3].T @ [1.0, 0.0, 0.0] for turn in choices]
+    floor_m = _common_floor(seen, cameras, config).height_m
+    facing = None if tell_facing is None else tell_facing(tuple(cameras), floor_m, headings)
     if facing is None:
         raise InputError(
             recording.folder / "recording.json",
-            "camera_to_world is null, the equipment looks the same from several sides, and the patient's feet do not "
-            "show which way he faces",
+            "camera_to_world is null, the equipment looks the same from several sides, and which way the patient faces "
+            "is not sure",
             "add to equipment.json a part that one side has and the other has not, or give camera_to_world",
         )
-    notes.append("the equipment looks the same from several sides: the patient's feet decided which way X points")
+    notes.append("the equipment looks the same from several sides: which way X points was decided by how a body fits the patient")
     return [replace(camera, T_world_camera=choices[facing] @ camera.require_pose()) for camera in cameras]
 
 
 def _agreeing_turns(
     recording: Recording, cameras: Sequence[Camera], sample_frames: Sequence[FrameSet], free: Sequence[_Seen],
-    choices: Sequence[np.ndarray], equipment: Equipment, config: EquipmentWorldConfig,
+    choices: Sequence[np.ndarray], config: EquipmentWorldConfig,
 ) -> list[np.ndarray]:  # fmt: skip
     """For each free camera the turn with which it agrees best with the first camera that is not free."""
     anchor = next(index for index in range(len(cameras)) if index not in {one.index for one in free})
@@ -239,7 +240,7 @@ def _disagreement(
     return found.through_share if found.tested >= config.least_compared else None
 
 
-def _common_floor(seen: Sequence[_Seen], cameras: Sequence[Camera]) -> FloorPrior:
+def _common_floor(seen: Sequence[_Seen], cameras: Sequence[Camera], config: EquipmentWorldConfig) -> FloorPrior:
     """The floor of Gamma_0 that the cameras see, each at the equipment: up and height are their means."""
     ups, heights = [], []
     for one in seen:
@@ -247,7 +248,6 @@ def _common_floor(seen: Sequence[_Seen], cameras: Sequence[Camera]) -> FloorPrio
         ups.append(T[:3, :3] @ one.view.floor.up)
         heights.append(T[:3, 3] @ ups[-1] - one.view.floor.height_m)
     up = np.mean(ups, axis=0)
-    config = EquipmentWorldConfig()
     return FloorPrior(
         up / np.linalg.norm(up), float(np.mean(heights)), config.floor_sigma_m, config.floor_sigma_rad
     )
@@ -322,14 +322,3 @@ def _record(name: str, pose: EquipmentPose) -> PoseRecord:
         PoseFigure("equipment, standard deviation of its direction", float(np.degrees(pose.sigma_rad)), "degree"),
     )
     return PoseRecord(name, PoseSource.EQUIPMENT, pose.sigma_m, pose.sigma_rad, figures)
-
-
-def _cloud(cameras: Sequence[Camera], frame: FrameSet) -> np.ndarray:
-    """(n, 3) everything all cameras see at one moment, world frame; every second pixel."""
-    points = [
-        transform_points(camera.require_pose(), camera.back_project(depth)[::2, ::2].reshape(-1, 3).astype(np.float64))
-        for camera, depth in zip(cameras, frame.depths_m, strict=True)
-        if depth is not None
-    ]
-    cloud = np.concatenate(points) if points else np.zeros((0, 3))
-    return cloud[np.isfinite(cloud[:, 2])]

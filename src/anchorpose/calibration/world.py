@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from anchorpose.calibration.calibration import Calibration, FloorResidual, PoseRecord, PoseSource
-from anchorpose.calibration.equipment_world import EquipmentWorldConfig, world_from_equipment
+from anchorpose.calibration.equipment_world import EquipmentWorldConfig, TellFacing, world_from_equipment
 from anchorpose.calibration.given_poses import watch_given_poses
 from anchorpose.calibration.floor import FloorConfig, FloorPlane, NoFloor, find_floor
 from anchorpose.calibration.noise import noise_per_m
@@ -25,6 +25,7 @@ def find_world(
     sample_frames: Sequence[FrameSet],
     config: FloorConfig,
     equipment_config: EquipmentWorldConfig | None = None,
+    tell_facing: TellFacing | None = None,
 ) -> Calibration:
     """Poses of all cameras: as given, from the equipment, or of a single camera from the floor and the patient.
 
@@ -35,7 +36,7 @@ def find_world(
     missing = [camera.name for camera in recording.cameras if camera.T_world_camera is None]
     settings = equipment_config or EquipmentWorldConfig()
     if missing and recording.equipment is not None:
-        found = world_from_equipment(recording, sample_frames, config, settings)
+        found = world_from_equipment(recording, sample_frames, config, settings, tell_facing)
         floors = _floors(recording, sample_frames, config)
         checked = _checked(found.cameras, floors, [f"the poses of {', '.join(missing)} were found from the equipment"])
         return replace(checked, floor_height_m=found.floor_height_m, poses=found.poses, notes=checked.notes + found.notes)
