@@ -176,7 +176,8 @@ def main() -> None:
             outcomes += each
             for outcome in each:
                 shifts = " ".join(
-                    f"{1000 * a:.1f}/{np.degrees(b):.2f}" for a, b in zip(outcome.shift_m, outcome.turn_rad, strict=True)
+                    f"{1000 * a:.1f}/{np.degrees(b):.2f}"
+                    for a, b in zip(outcome.shift_m, outcome.turn_rad, strict=True)
                 )
                 print(f"seed {outcome.seed} {outcome.way}: {outcome.refusal or shifts}", file=sys.stderr)
     print("Mean / 95 % / worst of all cameras:")

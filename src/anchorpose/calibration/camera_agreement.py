@@ -18,7 +18,7 @@ ABOVE_FLOOR_M: Final = 0.15  # the floor agrees whichever way a camera looks
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """tested: points of one camera that the other should see or see something before; through: those it sees through."""
+    """tested: points of one camera that are not hidden from the other; through: those that it sees through."""
 
     tested: int
     through: int

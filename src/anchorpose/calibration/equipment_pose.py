@@ -30,6 +30,7 @@ class EquipmentPoseConfig:
 
     tried: int = 6  # places of the search that are refined; the right one was always among the first two
     least_lead: float = 0.9  # the pose taken explains so much of what the best-scoring one does
+    rival: float = 0.6  # another believable pose that explains this share of it leaves the choice open
     distinct_m: float = 0.03
     distinct_rad: float = 0.05  # two poses nearer than a bar's width are one
     two_heights_m: float = 0.03  # between chi_0's lowest point and Y = 0: either may be the floor
@@ -38,7 +39,7 @@ class EquipmentPoseConfig:
     verdict: VerdictConfig = field(default_factory=VerdictConfig)
 
     def __post_init__(self) -> None:
-        for name in ("tried", "least_lead", "distinct_m", "distinct_rad", "two_heights_m"):
+        for name in ("tried", "least_lead", "rival", "distinct_m", "distinct_rad", "two_heights_m"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
 
@@ -66,8 +67,8 @@ class EquipmentPose:
     evidence: PartEvidence
 
     @property
-    def T_world_camera(self) -> np.ndarray:
-        """The camera in Gamma_0."""
+    def camera_to_world(self) -> np.ndarray:
+        """T_world_camera (4, 4), the world being Gamma_0."""
         inverse: np.ndarray = np.linalg.inv(self.fit.T_camera_model)
         return inverse
 
@@ -114,7 +115,8 @@ def find_equipment(
     if not good or good[0].evidence.score_m2 < config.least_lead * fits[0].evidence.score_m2:
         why, part = verdicts[0]
         return NoEquipmentPose(why or NoPose.AMBIGUOUS, None if part is None else equipment.names[part])
-    if any(_is_rival(good[0], other, equipment, config) for other in good[1:]):
+    rivals = [pose for pose in good[1:] if pose.evidence.score_m2 > config.rival * good[0].evidence.score_m2]
+    if any(_is_rival(good[0], other, equipment, config) for other in rivals):
         return NoEquipmentPose(NoPose.AMBIGUOUS)
     return good[0]
 

@@ -100,7 +100,9 @@ def refine(
             return None
         centre = transform_points(T, centre_m)
         surface = surface_rows(view, rendering, centre, tolerance, config)
-        outline = outline_rows(view, caster.outline(view.camera, T, rendering), rendering, centre, bias, tolerance, config)
+        outline = outline_rows(
+            view, caster.outline(view.camera, T, rendering), rendering, centre, bias, tolerance, config
+        )
         if len(surface.residual) + len(outline.residual) < LEAST_ROWS:
             return None
         floor = _floor_rows(view, T, centre, centre_m, prior)
@@ -137,9 +139,7 @@ def surface_rows(
     point = ahead * depth[:, None]
     jacobian = np.concatenate([np.cross(point - centre, normal), normal, np.zeros((len(point), 1))], axis=1)
     part = rendering.part[row, column][used]
-    return _Rows(
-        jacobian / sigma[:, None], (mean - depth) * slant / sigma, part, config.surface_rows_per_observation
-    )
+    return _Rows(jacobian / sigma[:, None], (mean - depth) * slant / sigma, part, config.surface_rows_per_observation)
 
 
 def outline_rows(

@@ -140,7 +140,7 @@ class EquipmentCaster:
 
 
 def _window(camera: Camera, points_m: np.ndarray) -> tuple[int, int, int, int] | None:
-    """Rows and columns that hold the equipment, with a margin; the whole picture where some of it is behind the lens."""
+    """Rows and columns that hold the equipment, with a margin; all where some is behind the lens."""
     if points_m[:, 2].max() < 0.1:
         return None
     if points_m[:, 2].min() < 0.1:

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
-import numba as nb
 import numpy as np
 
+from anchorpose.calibration.equipment_pose_kernels import climb, correlate, fill_space, weigh_broad
 from anchorpose.calibration.equipment_pose_samples import EquipmentSamples
 from anchorpose.calibration.floor import FloorPlane
 from anchorpose.camera import Camera
-
-UNKNOWN, OCCUPIED, FREE = 0, 1, 2
-LEAST_Z_M = 0.3  # nearer than any depth camera measures
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,6 +27,8 @@ class SearchConfig:
     tolerances_m: tuple[float, ...] = (0.05, 0.03, 0.02)  # what counts as on the surface, from coarse to fine
     noise_gate: float = 3.0  # sigmas of the sensor's noise on top
     through_weight: float = 2.0  # a point that is seen through speaks against a pose twice as loud as one for it
+    broad_m: float = 0.10  # a surface that goes on flat so far to all four sides is a wall, a panel or a table:
+    broad_weight: float = 0.25  # a bar may lie anywhere in it, so it says less than what ends where a bar ends
     outside_weight: float = 1.0  # of points beside the equipment that are filled: within a wall they cancel the rest
 
     def __post_init__(self) -> None:
@@ -49,7 +48,7 @@ class Candidate:
 
 
 def ground_frame(floor: FloorPlane) -> np.ndarray:
-    """T_camera_ground (4, 4): Y along the floor's up, Z level and away from the camera, origin on the floor below it."""
+    """T_camera_ground (4, 4): Y along the floor's up, Z level and away from the camera, origin below it."""
     away = np.array([0.0, 0.0, 1.0])
     away = away - (away @ floor.up) * floor.up
     away /= np.linalg.norm(away)
@@ -75,18 +74,21 @@ def search_floor(
     best places are improved on the picture itself.
     """
     lens, T_camera_ground = lens_array(camera), ground_frame(floor)
-    starts = _coarse(still_m, camera, T_camera_ground, samples, lowest_m, noise_per_m, config)
+    still = np.ascontiguousarray(still_m, dtype=np.float32)
+    weight = weigh_broad(
+        still, camera.intrinsics.fx, config.broad_m, config.broad_weight, config.tolerances_m[-1], noise_per_m,
+        config.noise_gate,
+    )  # fmt: skip
+    starts = _coarse(still, weight, camera, T_camera_ground, samples, lowest_m, noise_per_m, config)
     if not len(starts):
         return ()
     surface, outside = samples.surface_m - samples.centre_m, samples.outside_m - samples.centre_m
-    still = np.ascontiguousarray(still_m, dtype=np.float32)
+    seen = np.stack([still, weight])
     starts[:, 2] += samples.centre_m[1]  # the height of the centre above the floor
     for tolerance in config.tolerances_m:
         last = tolerance == config.tolerances_m[-1]
-        scores = _climb(
-            starts, still, lens, T_camera_ground, surface, samples.normal, samples.two_sided, outside,
-            tolerance, noise_per_m, config.noise_gate, config.through_weight, config.outside_weight,
-        )  # fmt: skip
+        limits = np.array([tolerance, noise_per_m, config.noise_gate, config.through_weight, config.outside_weight])
+        scores = climb(starts, seen, lens, T_camera_ground, surface, samples.normal, samples.two_sided, outside, limits)
         keep = _distinct(starts, scores, config, config.kept if last else config.starts // 4)
         starts, scores = starts[keep], scores[keep]
     return tuple(
@@ -126,6 +128,7 @@ def _distinct(places: np.ndarray, scores: np.ndarray, config: SearchConfig, most
 
 def _coarse(
     still_m: np.ndarray,
+    weight: np.ndarray,
     camera: Camera,
     T_camera_ground: np.ndarray,
     samples: EquipmentSamples,
@@ -142,11 +145,11 @@ def _coarse(
     farthest = min(config.farthest_m, float(np.percentile(seen, 99)) + reach)
     wide = farthest * max(camera.width / 2 / camera.intrinsics.fx, 0.3) + reach
     counts = (int(heights.max() / cell) + 2, int(2 * wide / cell) + 1, int(farthest / cell) + 1)
-    space = _fill(
-        np.ascontiguousarray(still_m, dtype=np.float32), lens_array(camera), T_camera_ground, counts, wide, cell,
+    space = fill_space(
+        still_m, weight, lens_array(camera), T_camera_ground, counts, wide, cell,
         config.above_floor_m, noise_per_m, config.noise_gate,
     )  # fmt: skip
-    value = np.array([0, 1, -config.through_weight])[space].astype(np.float32)
+    value = np.array([0, 1, -config.through_weight, config.broad_weight], np.float32)[space]
     yaws = np.arange(0.0, 2 * np.pi - 1e-9, config.yaw_step_rad)
     sums = np.empty((len(yaws), counts[1], counts[2]), np.float32)
     level = samples.surface_m[:, [0, 2]] - samples.centre_m[[0, 2]]
@@ -154,7 +157,7 @@ def _coarse(
         turned = level @ np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
         cells = np.rint(np.stack([heights - cell / 2, turned[:, 0], turned[:, 1]], axis=1) / cell).astype(np.int64)
         unique, weight = np.unique(np.maximum(cells, [0, -(10**6), -(10**6)]), axis=0, return_counts=True)
-        sums[number] = _correlate(value, unique, weight.astype(np.float32))
+        sums[number] = correlate(value, unique, weight.astype(np.float32))
     best = np.argsort(-sums, axis=None, kind="stable")[: 20 * config.starts]
     turn, x, z = np.unravel_index(best, sums.shape)
     rest = np.full(len(best), -lowest_m)
@@ -168,162 +171,3 @@ def _distinct_cells(places: np.ndarray, config: SearchConfig) -> np.ndarray:
     groups = np.floor(places / size + 0.25).astype(np.int64)
     _, first = np.unique(groups, axis=0, return_index=True)
     return np.sort(first)[: config.starts]
-
-
-@nb.njit(cache=True)
-def pixel_of(x: float, y: float, z: float, lens: np.ndarray) -> tuple[float, float]:
-    """Column and row of a camera point ahead, OpenCV's distortion."""
-    u, v = x / z, y / z
-    r2 = u * u + v * v
-    radial = 1.0 + r2 * (lens[4] + r2 * (lens[5] + r2 * lens[8]))
-    du = 2.0 * lens[6] * u * v + lens[7] * (r2 + 2.0 * u * u)
-    dv = lens[6] * (r2 + 2.0 * v * v) + 2.0 * lens[7] * u * v
-    return (u * radial + du) * lens[0] + lens[2], (v * radial + dv) * lens[1] + lens[3]
-
-
-@nb.njit(cache=True)
-def _fill(
-    still: np.ndarray, lens: np.ndarray, T: np.ndarray, counts: tuple[int, int, int], wide: float, cell: float,
-    above: float, noise: float, gate: float,
-) -> np.ndarray:  # fmt: skip
-    """(y, x, z) int8 map of the ground frame: what each cell's own window of pixels says of it."""
-    height, width = still.shape
-    space = np.zeros(counts, np.int8)
-    for iy in range(counts[0]):
-        y = (iy + 0.5) * cell
-        if y < above:
-            continue
-        for ix in range(counts[1]):
-            x = ix * cell - wide
-            for iz in range(counts[2]):
-                z = iz * cell
-                cz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
-                if cz < LEAST_Z_M:
-                    continue
-                cx = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
-                cy = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
-                column, row = pixel_of(cx, cy, cz, lens)
-                reach = int(min(max(0.5 * cell * lens[0] / cz, 1.0), 6.0))
-                c0, r0 = int(round(column)), int(round(row))
-                if c0 < reach or r0 < reach or c0 >= width - reach or r0 >= height - reach:
-                    continue
-                margin = cell + gate * noise * cz * cz
-                filled, behind, step = False, 0, max(1, reach // 2)
-                for r in range(r0 - reach, r0 + reach + 1, step):
-                    for c in range(c0 - reach, c0 + reach + 1, step):
-                        d = still[r, c]
-                        if d > 0.0 and abs(d - cz) < margin:
-                            filled = True
-                        if d > cz:
-                            behind += 1
-                if filled:
-                    space[iy, ix, iz] = OCCUPIED
-                elif behind > 0 and still[r0, c0] > cz:
-                    space[iy, ix, iz] = FREE
-    return space
-
-
-@nb.njit(cache=True, fastmath=True)
-def _correlate(value: np.ndarray, cells: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """(x, z) sum of the map's values over the cells (n, 3) of y, x, z, moved to every place."""
-    _, nx, nz = value.shape
-    total = np.zeros((nx, nz), np.float32)
-    for k in range(len(cells)):
-        iy, dx, dz = cells[k]
-        if iy >= value.shape[0]:
-            continue
-        w = weight[k]
-        low, high = max(0, -dz), min(nz, nz - dz)
-        for ix in range(max(0, -dx), min(nx, nx - dx)):
-            source = value[iy, ix + dx]
-            target = total[ix]
-            for iz in range(low, high):
-                target[iz] += w * source[iz + dz]
-    return total
-
-
-@nb.njit(cache=True)
-def _fit(
-    place: np.ndarray, still: np.ndarray, lens: np.ndarray, T: np.ndarray, surface: np.ndarray, normal: np.ndarray,
-    two_sided: np.ndarray, outside: np.ndarray, tolerance: float, noise: float, gate: float, through: float,
-    beside: float,
-) -> float:  # fmt: skip
-    """How well (yaw, x, y, z) explains the picture, per point of the surface that faces the camera."""
-    height, width = still.shape
-    cos, sin = np.cos(place[0]), np.sin(place[0])
-    total, facing = 0.0, 0
-    for k in range(len(surface) + len(outside)):
-        on_surface = k < len(surface)
-        p = surface[k] if on_surface else outside[k - len(surface)]
-        x = cos * p[0] + sin * p[2] + place[1]
-        y = p[1] + place[2]
-        z = -sin * p[0] + cos * p[2] + place[3]
-        cx = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
-        cy = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
-        cz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
-        if on_surface:
-            n = normal[k]
-            gx, gy, gz = cos * n[0] + sin * n[2], n[1], -sin * n[0] + cos * n[2]
-            nx = T[0, 0] * gx + T[0, 1] * gy + T[0, 2] * gz
-            ny = T[1, 0] * gx + T[1, 1] * gy + T[1, 2] * gz
-            nz = T[2, 0] * gx + T[2, 1] * gy + T[2, 2] * gz
-            if not two_sided[k] and nx * cx + ny * cy + nz * cz > 0.0:
-                continue
-            facing += 1
-        elif y < 0.1:
-            continue  # the floor is allowed beside the equipment
-        if cz < LEAST_Z_M:
-            continue
-        column, row = pixel_of(cx, cy, cz, lens)
-        c, r = int(round(column)), int(round(row))
-        if c < 0 or r < 0 or c >= width or r >= height:
-            continue
-        d = still[r, c]
-        if d <= 0.0:
-            continue
-        margin = tolerance + gate * noise * cz * cz
-        if on_surface:
-            if abs(d - cz) < margin:
-                total += 1.0
-            elif d > cz:
-                total -= through
-        elif abs(d - cz) < margin:
-            total -= beside * len(surface) / len(outside) * 0.5
-    return total / max(facing, 1)
-
-
-@nb.njit(cache=True)
-def _climb(
-    places: np.ndarray, still: np.ndarray, lens: np.ndarray, T: np.ndarray, surface: np.ndarray, normal: np.ndarray,
-    two_sided: np.ndarray, outside: np.ndarray, tolerance: float, noise: float, gate: float, through: float,
-    beside: float,
-) -> np.ndarray:  # fmt: skip
-    """Improves each place in turn along yaw, x and z, with steps of half and a quarter of the tolerance."""
-    scores = np.empty(len(places))
-    trial = np.empty(4)
-    radius = 0.5
-    for k in range(len(places)):
-        best = _fit(
-            places[k], still, lens, T, surface, normal, two_sided, outside, tolerance, noise, gate, through, beside
-        )
-        step = tolerance / 2.0
-        for _ in range(8):
-            improved = False
-            for axis in (0, 1, 3):
-                for sign in (-1.0, 1.0):
-                    trial[:] = places[k]
-                    trial[axis] += sign * (step / radius if axis == 0 else step)
-                    value = _fit(
-                        trial, still, lens, T, surface, normal, two_sided, outside, tolerance, noise, gate, through,
-                        beside,
-                    )  # fmt: skip
-                    if value > best + 1e-9:
-                        best = value
-                        places[k] = trial
-                        improved = True
-            if not improved:
-                if step < tolerance / 3.0:
-                    break
-                step /= 2.0
-        scores[k] = best
-    return scores

@@ -40,7 +40,9 @@ def find_symmetry(model: EquipmentModel, samples: EquipmentSamples) -> Symmetry:
     same, alike, apart = list[np.ndarray](), list[np.ndarray](), list[float]()
     turns = []
     for degrees in range(STEP_DEG, 360, STEP_DEG):
-        tried = [turn_about(middle, np.radians(degrees)) for middle in (samples.centre_m, samples.surface_m.mean(axis=0))]
+        tried = [
+            turn_about(middle, np.radians(degrees)) for middle in (samples.centre_m, samples.surface_m.mean(axis=0))
+        ]
         off = [float(np.quantile(np.abs(model.distance_m(transform_points(T, points))), 0.95)) for T in tried]
         turns.append(tried[int(np.argmin(off))])
         apart.append(min(off))

@@ -12,6 +12,8 @@ from anchorpose.calibration.equipment_pose_refine import RefineConfig, Refined, 
 from anchorpose.calibration.equipment_pose_render import EquipmentCaster
 from anchorpose.calibration.equipment_pose_still import StillView
 
+STEADY_M, STEADY_RAD = 0.0015, 0.0008  # 1 to 2 mm over the picture; between bars a metre apart 0.05 degrees
+
 
 class NoPose(StrEnum):
     """Why a camera has no pose: a result."""
@@ -36,7 +38,9 @@ class VerdictConfig:
     least_seen: float = 0.2  # of the surface that faces the camera, on it: people hide up to half, the picture ends
     most_through: float = 0.15  # of what is not hidden, seen through: edges of thin bars flicker
     most_through_of_part: float = 0.5
-    most_unread_of_part: float = 0.7  # of what nothing hides: a part that is absent before a far wall is not read either
+    most_unread_of_part: float = (
+        0.7  # of what nothing hides: a part that is absent before a far wall is not read either
+    )
     least_pixels_of_part: int = 40  # fewer say nothing about a part
     most_part_shift_m: float = 0.012  # equipment is measured with a tape; two clinics' frames differ by more
     surest_shift_m: float = 0.003  # one sigma: less sure shifts say nothing
@@ -56,8 +60,8 @@ class VerdictConfig:
 class PartEvidence:
     """Areas (m^2) and pixels of each part as expected in the picture, arrays (parts,).
 
-    on, through, hidden, unread: share the expected surface; pixels: all but the hidden; shift_m: by how much the part looks
-    displaced, NaN where that is not sure.
+    on, through, hidden, unread: share the expected surface; pixels: all but the hidden; shift_m: by how much the
+    part looks displaced, NaN where that is not sure.
     """
 
     on_m2: np.ndarray
@@ -149,9 +153,12 @@ def judge(fit: Refined, evidence: PartEvidence, config: VerdictConfig) -> tuple[
 
 
 def sigma_of(fit: Refined) -> tuple[float, float]:
-    """One standard deviation of the angle (rad) and of the place of the equipment's centre (m), worst direction."""
+    """One standard deviation of the angle (rad) and of the place of the equipment's centre (m), worst direction.
+
+    What a device's steady error adds does not shrink with the number of pixels.
+    """
     turn, place = (np.linalg.eigvalsh(block)[-1] for block in (fit.covariance[:3, :3], fit.covariance[3:, 3:]))
-    return float(np.sqrt(turn)), float(np.sqrt(place))
+    return float(np.hypot(np.sqrt(turn), STEADY_RAD)), float(np.hypot(np.sqrt(place), STEADY_M))
 
 
 def _filled_share(

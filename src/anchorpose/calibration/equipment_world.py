@@ -107,7 +107,7 @@ def world_from_equipment(
         )  # fmt: skip
         moves.append(moved)
         polished.append(_polish(one, cameras[one.index], moved, equipment, prior, config))
-        cameras[one.index] = replace(cameras[one.index], T_world_camera=polished[-1].T_world_camera)
+        cameras[one.index] = replace(cameras[one.index], T_world_camera=polished[-1].camera_to_world)
     notes += _moved_notes(seen, moves, len(cameras))
     _refuse_contradiction(recording, cameras, sample_frames, seen, prior, config)
     records = [PoseRecord(camera.name, PoseSource.GIVEN) for camera in cameras]
@@ -170,7 +170,7 @@ def _resolve_symmetry(
     """The cameras with poses that belong to one world, X the way the patient faces."""
     cameras = list(recording.cameras)
     for one in seen:
-        cameras[one.index] = replace(cameras[one.index], T_world_camera=one.pose.T_world_camera)
+        cameras[one.index] = replace(cameras[one.index], T_world_camera=one.pose.camera_to_world)
     turns = equipment.symmetry.same
     if not turns:
         return cameras
@@ -180,7 +180,7 @@ def _resolve_symmetry(
     if free:
         best = _agreeing_turns(recording, cameras, sample_frames, free, choices, config)
         for one, turn in zip(free, best, strict=True):
-            cameras[one.index] = replace(cameras[one.index], T_world_camera=turn @ one.pose.T_world_camera)
+            cameras[one.index] = replace(cameras[one.index], T_world_camera=turn @ one.pose.camera_to_world)
     if given:
         return cameras
     headings = [turn[:3, :3].T @ [1.0, 0.0, 0.0] for turn in choices]
@@ -193,7 +193,9 @@ def _resolve_symmetry(
             "is not sure",
             "add to equipment.json a part that one side has and the other has not, or give camera_to_world",
         )
-    notes.append("the equipment looks the same from several sides: which way X points was decided by how a body fits the patient")
+    notes.append(
+        "the equipment looks the same from several sides: which way X points was decided by how a body fits the patient"
+    )
     return [replace(camera, T_world_camera=choices[facing] @ camera.require_pose()) for camera in cameras]
 
 
@@ -207,7 +209,7 @@ def _agreeing_turns(
     for one in free:
         shares = []
         for turn in choices:
-            turned = replace(cameras[one.index], T_world_camera=turn @ one.pose.T_world_camera)
+            turned = replace(cameras[one.index], T_world_camera=turn @ one.pose.camera_to_world)
             shares.append(_disagreement((cameras[anchor], turned), (anchor, one.index), sample_frames, one, config))
         known = [1.0 if share is None else share for share in shares]
         order = np.argsort(known, kind="stable")
@@ -248,9 +250,7 @@ def _common_floor(seen: Sequence[_Seen], cameras: Sequence[Camera], config: Equi
         ups.append(T[:3, :3] @ one.view.floor.up)
         heights.append(T[:3, 3] @ ups[-1] - one.view.floor.height_m)
     up = np.mean(ups, axis=0)
-    return FloorPrior(
-        up / np.linalg.norm(up), float(np.mean(heights)), config.floor_sigma_m, config.floor_sigma_rad
-    )
+    return FloorPrior(up / np.linalg.norm(up), float(np.mean(heights)), config.floor_sigma_m, config.floor_sigma_rad)
 
 
 def _polish(

@@ -74,5 +74,7 @@ def _view(
         return None
     camera = replace(recording.cameras[index], T_world_camera=None)
     still = recording.backgrounds_m[index]
-    floor = find_floor(still if still is not None else np.median(np.stack(frames_m), axis=0), camera, noise, floor_config)
+    floor = find_floor(
+        still if still is not None else np.median(np.stack(frames_m), axis=0), camera, noise, floor_config
+    )
     return None if isinstance(floor, NoFloor) else see_still(camera, frames_m, still, noise, floor)

@@ -9,8 +9,8 @@ import numpy as np
 
 from anchorpose.calibration.calibration import Calibration, FloorResidual, PoseRecord, PoseSource
 from anchorpose.calibration.equipment_world import EquipmentWorldConfig, TellFacing, world_from_equipment
-from anchorpose.calibration.given_poses import watch_given_poses
 from anchorpose.calibration.floor import FloorConfig, FloorPlane, NoFloor, find_floor
+from anchorpose.calibration.given_poses import watch_given_poses
 from anchorpose.calibration.noise import noise_per_m
 from anchorpose.calibration.start import start_of_patient
 from anchorpose.camera import Camera, transform_points
@@ -39,7 +39,9 @@ def find_world(
         found = world_from_equipment(recording, sample_frames, config, settings, tell_facing)
         floors = _floors(recording, sample_frames, config)
         checked = _checked(found.cameras, floors, [f"the poses of {', '.join(missing)} were found from the equipment"])
-        return replace(checked, floor_height_m=found.floor_height_m, poses=found.poses, notes=checked.notes + found.notes)
+        return replace(
+            checked, floor_height_m=found.floor_height_m, poses=found.poses, notes=checked.notes + found.notes
+        )
     if not missing:
         checked = _checked(
             recording.cameras, _floors(recording, sample_frames, config), ["the cameras' given poses are used"]
@@ -57,9 +59,7 @@ def find_world(
     return _from_one_camera(recording, sample_frames, _floor_of(recording, 0, sample_frames, config))
 
 
-def _floors(
-    recording: Recording, sample_frames: Sequence[FrameSet], config: FloorConfig
-) -> list[FloorPlane | NoFloor]:
+def _floors(recording: Recording, sample_frames: Sequence[FrameSet], config: FloorConfig) -> list[FloorPlane | NoFloor]:
     return [_floor_of(recording, index, sample_frames, config) for index in range(len(recording.cameras))]
 
 

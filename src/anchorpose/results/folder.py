@@ -16,13 +16,15 @@ RESULTS_MARKS: Final = ("run.json", "joints.parquet")
 
 
 @contextmanager
-def new_results_folder(path: Path, recording: Path, overwrite: bool = False) -> Iterator[Path]:
+def new_results_folder(
+    path: Path, recording: Path, overwrite: bool = False, marks: tuple[str, ...] = RESULTS_MARKS
+) -> Iterator[Path]:
     """A folder to write results of ``recording`` into that becomes ``path`` at the end; see ``whole_or_nothing``.
 
-    An existing result is replaced only with ``overwrite``, and only at the end; any other folder that is not empty is
-    never touched. Raises InputError before anything is written where the results may not go to ``path``.
+    An existing result, known by the files ``marks``, is replaced only with ``overwrite``; any other folder that
+    is not empty is never touched. Raises InputError before anything is written where results may not go to ``path``.
     """
-    check_results_path(path, recording, overwrite)
+    check_results_path(path, recording, overwrite, marks)
     with whole_or_nothing(path) as partial:
         yield partial
 
@@ -61,7 +63,7 @@ def write_text_whole(path: Path, text: str) -> None:
         raise
 
 
-def check_results_path(path: Path, recording: Path, overwrite: bool) -> None:
+def check_results_path(path: Path, recording: Path, overwrite: bool, marks: tuple[str, ...] = RESULTS_MARKS) -> None:
     """Raises InputError unless results of ``recording`` may be written to ``path``."""
     target, source = path.resolve(), recording.resolve()
     if target.is_relative_to(source):
@@ -72,7 +74,7 @@ def check_results_path(path: Path, recording: Path, overwrite: bool) -> None:
         raise InputError(path, "is a file or a link", "choose another name for the results folder")
     if not path.exists() or not any(path.iterdir()):
         return
-    if not all((path / mark).is_file() for mark in RESULTS_MARKS):
+    if not all((path / mark).is_file() for mark in marks):
         raise InputError(path, "exists and is no results folder", "choose another name; nothing in it was touched")
     if not overwrite:
         raise InputError(path, "exists already", "choose another name, or give --overwrite to replace it")

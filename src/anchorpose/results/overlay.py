@@ -58,9 +58,7 @@ class OverlayScene:
 
 def draw_frame(scene: OverlayScene) -> bytes:
     """The scene as a PNG: filled joints are observed, hollow ones inferred, crossed ones of unknown cause."""
-    scale = max(1, round(PICTURE_WIDTH / scene.camera.width))
-    picture = _shade(scene.depth_m, scene.labels)
-    picture = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST)
+    picture, scale = enlarge(shade(scene.depth_m, scene.labels), scene.camera)
     to_pixel = _projector(scene.camera, scale)
     if scene.mesh_m is not None:
         _draw_mesh(picture, to_pixel(scene.mesh_m), scene.mesh_edges)
@@ -70,11 +68,32 @@ def draw_frame(scene: OverlayScene) -> bytes:
         _draw_joints(picture, to_pixel(scene.joints_m), scene.joint_states)
     if scene.anchors_m is not None:
         _draw_anchors(picture, to_pixel(scene.anchors_m), scene.anchor_names)
+    return encode(picture)
+
+
+def encode(picture: np.ndarray) -> bytes:
+    """The picture as a PNG."""
     _, encoded = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])
     return bytes(encoded)
 
 
-def _shade(depth_m: np.ndarray, labels: np.ndarray | None) -> np.ndarray:
+def enlarge(picture: np.ndarray, camera: Camera) -> tuple[np.ndarray, int]:
+    """The camera's picture about ``PICTURE_WIDTH`` wide, and how many pixels each of its pixels became."""
+    scale = max(1, round(PICTURE_WIDTH / camera.width))
+    return cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST), scale
+
+
+def draw_axes(picture: np.ndarray, camera: Camera, scale: int) -> None:
+    """The world's axes, 0.3 m each from its origin, named, into an enlarged picture."""
+    ends = _projector(camera, scale)(np.concatenate([np.zeros((1, 3)), 0.3 * np.eye(3)]))
+    for end, name, colour in zip(ends[1:], "XYZ", (_VERMILLION, _GREEN, _SKY), strict=True):
+        if np.isfinite(ends[0]).all() and np.isfinite(end).all():
+            cv2.line(picture, _whole(ends[0]), _whole(end), _BLACK, 4, cv2.LINE_AA)
+            cv2.line(picture, _whole(ends[0]), _whole(end), colour, 2, cv2.LINE_AA)
+            _write(picture, name, _whole(end))
+
+
+def shade(depth_m: np.ndarray, labels: np.ndarray | None) -> np.ndarray:
     """Near is light, far is dark, no reading is black with a blue cast; people and equipment are tinted."""
     seen = depth_m > 0
     near, far = np.percentile(depth_m[seen], [1, 99]) if seen.any() else (0.0, 1.0)

@@ -68,7 +68,9 @@ class SimulationConfig:
             self.hole_radius_m == 0 or SMALLEST_HOLE_M <= self.hole_radius_m <= LARGEST_HOLE_M,
             f"hole_radius_m must be 0 or {SMALLEST_HOLE_M} to {LARGEST_HOLE_M}, got {self.hole_radius_m}",
         )
-        _require(self.standing_frame or not self.parallel_bars, "parallel bars stand in for the standing frame: ask for it")
+        _require(
+            self.standing_frame or not self.parallel_bars, "parallel bars stand in for the standing frame: ask for it"
+        )
         _require(self.seed >= 0, f"seed must not be negative, got {self.seed}")
         _require(0 <= self.dropped_share < 1, f"dropped_share must be 0 to below 1, got {self.dropped_share}")
         _require(0 <= self.hole_share <= 1, f"hole_share must be 0 to 1, got {self.hole_share}")

@@ -104,7 +104,8 @@ def equipment_triangles(clinic: Clinic, moved: bool) -> np.ndarray:
         cos, sin = np.cos(config.equipment_turn_rad), np.sin(config.equipment_turn_rad)
         turn = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
         vertices = (vertices - middle) @ turn.T + middle
-        vertices = vertices + [config.equipment_shift_m[0], 0.0, config.equipment_shift_m[1]]
+        x, z = config.equipment_shift_m
+        vertices = vertices + np.array([x, 0.0, z])
     triangles: np.ndarray = vertices[faces]
     return triangles
 
