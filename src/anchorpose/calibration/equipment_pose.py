@@ -30,9 +30,9 @@ class EquipmentPoseConfig:
 
     tried: int = 6  # places of the search that are refined; the right one was always among the first two
     least_lead: float = 0.9  # the pose taken explains so much of what the best-scoring one does
-    rival: float = 0.6  # another believable pose that explains this share of it leaves the choice open
-    distinct_m: float = 0.03
-    distinct_rad: float = 0.05  # two poses nearer than a bar's width are one
+    rival: float = 0.75  # another believable pose that explains this share of it leaves the choice open
+    distinct_m: float = 0.08
+    distinct_rad: float = 0.12  # two poses nearer than this are one, of which one has not settled
     two_heights_m: float = 0.03  # between chi_0's lowest point and Y = 0: either may be the floor
     search: SearchConfig = field(default_factory=SearchConfig)
     refine: RefineConfig = field(default_factory=RefineConfig)
@@ -108,17 +108,24 @@ def find_equipment(
     for floor_m in _floor_heights(equipment, config):
         fits += _fits(view, equipment, floor_m, config)
     fits.sort(key=lambda pose: -pose.evidence.score_m2)
-    if not fits or fits[0].evidence.score_m2 <= 0.0:
-        return NoEquipmentPose(NoPose.NOT_SEEN)
-    verdicts = [judge(pose.fit, pose.evidence, config.verdict) for pose in fits]
-    good = [pose for pose, (why, _) in zip(fits, verdicts, strict=True) if why is None]
+    good = [pose for pose in fits if judge(pose.fit, pose.evidence, config.verdict)[0] is None]
     if not good or good[0].evidence.score_m2 < config.least_lead * fits[0].evidence.score_m2:
-        why, part = verdicts[0]
-        return NoEquipmentPose(why or NoPose.AMBIGUOUS, None if part is None else equipment.names[part])
+        return _reason(fits, equipment, config)
     rivals = [pose for pose in good[1:] if pose.evidence.score_m2 > config.rival * good[0].evidence.score_m2]
     if any(_is_rival(good[0], other, equipment, config) for other in rivals):
         return NoEquipmentPose(NoPose.AMBIGUOUS)
     return good[0]
+
+
+def _reason(fits: list[EquipmentPose], equipment: Equipment, config: EquipmentPoseConfig) -> NoEquipmentPose:
+    """What is wrong with the pose that finds most of the surface and its outline."""
+    if not fits:
+        return NoEquipmentPose(NoPose.NOT_SEEN)
+    likely = max(fits, key=lambda pose: pose.evidence.on_m2.sum() * (1.0 - pose.evidence.filled_share))
+    why, part = judge(likely.fit, likely.evidence, config.verdict)
+    if why == NoPose.FILLED:
+        return NoEquipmentPose(NoPose.NOT_SEEN)
+    return NoEquipmentPose(why or NoPose.AMBIGUOUS, None if part is None else equipment.names[part])
 
 
 def refit(

@@ -10,7 +10,6 @@ from anchorpose.calibration.equipment_pose_render import EquipmentCaster, Outlin
 from anchorpose.calibration.equipment_pose_still import StillView
 from anchorpose.camera import transform_points
 
-INNER_PX, OUTER_PX = 3, 3  # of an outline's profile; thin bars have less inside
 LEAST_ROWS = 60
 SHIFT_STEPS = 8  # of reweighting: the shift is settled to a tenth of a millimetre
 MOSTLY = 0.4  # of the frames: an edge pixel of a thin bar reads the bar six times in ten
@@ -20,7 +19,28 @@ MOSTLY = 0.4  # of the frames: an edge pixel of a thin bar reads the bar six tim
 class RefineConfig:
     """Which pixels count, and how much."""
 
-    tolerances_m: tuple[float, ...] = (0.04, 0.03, 0.02, 0.02, 0.015, 0.015)  # one a step: on the surface or not
+    tolerances_m: tuple[float, ...] = (
+        0.04,
+        0.04,
+        0.04,
+        0.03,
+        0.03,
+        0.02,
+        0.02,
+        0.015,
+        0.015,
+    )  # one a step: on the surface or not
+    reaches_px: tuple[int, ...] = (
+        7,
+        7,
+        7,
+        6,
+        6,
+        5,
+        4,
+        3,
+        3,
+    )  # likewise: how far on each side of an outline its edge is sought
     noise_gate: float = 3.0  # sigmas of the sensor's noise on top
     steady_error_m: float = 0.0015  # smooth error of a device, the same in all its pictures
     outline_sigma_px: float = 0.6  # of one place of the outline: edge pixels look aside
@@ -66,22 +86,24 @@ class Refined:
 @dataclass(frozen=True, slots=True, eq=False)
 class ObservedEdges:
     """Each (n,): how many pixels beyond an outline pixel's centre the part is seen to end; whether it is seen to end at
-    all; whether what is seen goes on at the same depth instead."""
+    all; whether what is seen goes on at the same depth instead; whether the part is not there at all."""
 
     beyond_px: np.ndarray
     usable: np.ndarray
     goes_on: np.ndarray
+    absent: np.ndarray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rows:
     """jacobian (n, 7): turn, shift, edge bias; residual (n,) in sigmas; part (n,) it speaks of; together: rows that
-    count as one."""
+    count as one; reach: residuals beyond it have no weight, inf where all count."""
 
     jacobian: np.ndarray
     residual: np.ndarray
     part: np.ndarray
     together: float
+    reach: float
 
 
 def refine(
@@ -94,19 +116,19 @@ def refine(
     bias: sensors make bars look thicker or thinner, the same on both sides.
     """
     T, bias = start, 0.0
-    for tolerance in config.tolerances_m:
+    for tolerance, reach in zip(config.tolerances_m, config.reaches_px, strict=True):
         rendering = caster.render(view.camera, T)
         if rendering is None:
             return None
         centre = transform_points(T, centre_m)
         surface = surface_rows(view, rendering, centre, tolerance, config)
         outline = outline_rows(
-            view, caster.outline(view.camera, T, rendering), rendering, centre, bias, tolerance, config
+            view, caster.outline(view.camera, T, rendering), rendering, centre, bias, tolerance, reach, config
         )
         if len(surface.residual) + len(outline.residual) < LEAST_ROWS:
             return None
         floor = _floor_rows(view, T, centre, centre_m, prior)
-        step, covariance = _solve([surface, outline, floor], config.robust)
+        step, covariance = _solve([surface, outline, floor])
         bias += float(step[6])
         T = _moved(T, centre, step)
     return Refined(
@@ -139,15 +161,21 @@ def surface_rows(
     point = ahead * depth[:, None]
     jacobian = np.concatenate([np.cross(point - centre, normal), normal, np.zeros((len(point), 1))], axis=1)
     part = rendering.part[row, column][used]
-    return _Rows(jacobian / sigma[:, None], (mean - depth) * slant / sigma, part, config.surface_rows_per_observation)
+    return _Rows(
+        jacobian / sigma[:, None],
+        (mean - depth) * slant / sigma,
+        part,
+        config.surface_rows_per_observation,
+        2.0 * config.robust,
+    )
 
 
 def outline_rows(
     view: StillView, outline: Outline, rendering: Rendering, centre: np.ndarray, bias_px: float, tolerance_m: float,
-    config: RefineConfig,
+    reach_px: int, config: RefineConfig,
 ) -> _Rows:  # fmt: skip
     """Across the outline, in pixels: along a profile the readings on the part are counted, then it ends."""
-    edges = observed_edges(view, outline, rendering, tolerance_m, config)
+    edges = observed_edges(view, outline, rendering, tolerance_m, reach_px, config)
     usable, along = edges.usable, np.sum(outline.across * outline.step, axis=1)
     residual = ((edges.beyond_px - outline.beyond_px) * along - bias_px)[usable]
     depth = outline.depth_m[usable].astype(np.float64)
@@ -158,17 +186,24 @@ def outline_rows(
     gradient = np.concatenate([gradient_xy, -np.sum(gradient_xy * ray, axis=1, keepdims=True)], axis=1)
     jacobian = np.concatenate([np.cross(point - centre, gradient), gradient, np.ones((len(point), 1))], axis=1)
     sigma = config.outline_sigma_px
-    return _Rows(jacobian / sigma, residual / sigma, outline.part[usable], config.outline_rows_per_observation)
+    return _Rows(
+        jacobian / sigma,
+        residual / sigma,
+        outline.part[usable],
+        config.outline_rows_per_observation,
+        max(2.0 * config.robust, reach_px / sigma),
+    )
 
 
 def observed_edges(
-    view: StillView, outline: Outline, rendering: Rendering, tolerance_m: float, config: RefineConfig
-) -> ObservedEdges:
+    view: StillView, outline: Outline, rendering: Rendering, tolerance_m: float, reach_px: int,
+    config: RefineConfig,
+) -> ObservedEdges:  # fmt: skip
     """Each place of the outline in the frames.
 
     A frame in which something nearer stands before a pixel of the profile says nothing of that pixel.
     """
-    steps = np.arange(-INNER_PX + 1, OUTER_PX + 1)
+    steps = np.arange(-reach_px + 1, reach_px + 1)
     row = outline.row[:, None] + outline.step[:, :1] * steps
     column = outline.column[:, None] + outline.step[:, 1:] * steps
     inside = (row >= 0) & (row < view.camera.height) & (column >= 0) & (column < view.camera.width)
@@ -182,15 +217,15 @@ def observed_edges(
     share = on.sum(axis=0) / np.maximum(free, 1)
     expected = _at(rendering, row, column)
     same = np.abs(expected - depth) < gate
-    first = np.cumprod(same[:, :INNER_PX][:, ::-1], axis=1)[:, ::-1].astype(bool)  # from the outline inward
-    counted = np.concatenate([first, np.ones((len(row), OUTER_PX), bool)], axis=1)
+    first = np.cumprod(same[:, :reach_px][:, ::-1], axis=1)[:, ::-1].astype(bool)  # from the outline inward
+    counted = np.concatenate([first, np.ones((len(row), reach_px), bool)], axis=1)
     inner = first.sum(axis=1)
     seen = -(inner - 1) - 0.5 + np.where(counted, share, 0.0).sum(axis=1)
-    deepest = share[np.arange(len(row)), INNER_PX - np.maximum(inner, 1)]
-    usable = (inner > 0) & (deepest > MOSTLY) & inside.all(axis=1)
-    usable &= ((free > 0) | ~counted).all(axis=1) & ~same[:, INNER_PX:].any(axis=1)
-    goes_on = share[:, -1] > MOSTLY
-    return ObservedEdges(seen, usable & ~goes_on, usable & goes_on)
+    deepest = share[np.arange(len(row)), reach_px - np.maximum(inner, 1)]
+    usable = (inner > 0) & inside.all(axis=1)
+    usable &= ((free > 0) | ~counted).all(axis=1) & ~same[:, reach_px:].any(axis=1)
+    there, goes_on = deepest > MOSTLY, share[:, -1] > MOSTLY
+    return ObservedEdges(seen, usable & there & ~goes_on, usable & there & goes_on, usable & ~there)
 
 
 def part_shifts(
@@ -206,7 +241,14 @@ def part_shifts(
     tolerance, centre = config.tolerances_m[0], np.zeros(3)
     surface = surface_rows(view, rendering, centre, tolerance, config)
     outline = outline_rows(
-        view, caster.outline(view.camera, T, rendering), rendering, centre, bias_px, tolerance, config
+        view,
+        caster.outline(view.camera, T, rendering),
+        rendering,
+        centre,
+        bias_px,
+        tolerance,
+        config.reaches_px[0],
+        config,
     )
     for part in range(caster.part_count):
         shifts[part] = _shift_alone([surface, outline], part, surest_m, config.robust)
@@ -240,15 +282,15 @@ def _floor_rows(view: StillView, T: np.ndarray, centre: np.ndarray, centre_m: np
     residual = np.append(
         level @ (view.floor.up - up) / prior.sigma_rad, -(view.floor.up @ foot + view.floor.height_m) / prior.sigma_m
     )
-    return _Rows(np.concatenate([turn, shift]), residual, np.full(3, -1), 1.0)
+    return _Rows(np.concatenate([turn, shift]), residual, np.full(3, -1), 1.0, np.inf)
 
 
-def _solve(rows: list[_Rows], robust: float) -> tuple[np.ndarray, np.ndarray]:
+def _solve(rows: list[_Rows]) -> tuple[np.ndarray, np.ndarray]:
     """Step (7,) and covariance (7, 7)."""
     information, pull = np.diag([1e-6] * 6 + [1.0]), np.zeros(7)  # the edge bias is a pixel at most
     for group in rows:
-        ratio = np.minimum(np.abs(group.residual) / (2.0 * robust), 1.0)
-        weight = (1.0 - ratio**2) ** 2 / group.together if group.together > 1.0 else np.ones(len(group.residual))
+        ratio = np.minimum(np.abs(group.residual) / group.reach, 1.0)
+        weight = (1.0 - ratio**2) ** 2 / group.together
         weighted = group.jacobian * weight[:, None]
         information += weighted.T @ group.jacobian
         pull += weighted.T @ group.residual

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from enum import StrEnum
 
 import numpy as np
 
 from anchorpose.calibration.equipment_pose_refine import RefineConfig, Refined, observed_edges, part_shifts
-from anchorpose.calibration.equipment_pose_render import EquipmentCaster
+from anchorpose.calibration.equipment_pose_render import EquipmentCaster, Rendering
 from anchorpose.calibration.equipment_pose_still import StillView
 
 STEADY_M, STEADY_RAD = 0.0015, 0.0008  # 1 to 2 mm over the picture; between bars a metre apart 0.05 degrees
@@ -26,6 +25,7 @@ class NoPose(StrEnum):
     PART_UNREAD = "has no reading where a part of the equipment model should be"
     PART_ELSEWHERE = "shows a part of the equipment model beside its place"
     FILLED = "shows as much beside the equipment as on it, so its outline is not seen"
+    OUTLINE = "does not show the equipment's outline where it should be"
     UNSURE = "shows the equipment too vaguely to tell its pose"
     AMBIGUOUS = "shows two places that the equipment model fits"
     ROUND = "shows equipment that looks the same from every side"
@@ -36,8 +36,8 @@ class VerdictConfig:
     """What a pose must withstand. Shares are of surface area, so that near parts do not outvote far ones."""
 
     least_seen: float = 0.2  # of the surface that faces the camera, on it: people hide up to half, the picture ends
-    most_through: float = 0.15  # of what is not hidden, seen through: edges of thin bars flicker
-    most_through_of_part: float = 0.5
+    most_through: float = 0.10  # of what is not hidden, seen through: edges of thin bars flicker
+    most_through_of_part: float = 0.35
     most_unread_of_part: float = (
         0.7  # of what nothing hides: a part that is absent before a far wall is not read either
     )
@@ -45,6 +45,8 @@ class VerdictConfig:
     most_part_shift_m: float = 0.012  # equipment is measured with a tape; two clinics' frames differ by more
     surest_shift_m: float = 0.003  # one sigma: less sure shifts say nothing
     most_filled: float = 0.5  # of the outline's places: within a wall it is all
+    least_outlined: float = 0.6  # of the outline's places that nothing hides: the part ends there
+    most_off_px: float = 2.0  # within this of its place; edge pixels look one aside
     most_sigma_m: float = 0.006
     most_sigma_rad: float = 0.0087  # half a degree
     least_cosine: float = 0.25  # of incidence: flatter, no camera reads a surface well
@@ -61,7 +63,8 @@ class PartEvidence:
     """Areas (m^2) and pixels of each part as expected in the picture, arrays (parts,).
 
     on, through, hidden, unread: share the expected surface; pixels: all but the hidden; shift_m: by how much the
-    part looks displaced, NaN where that is not sure.
+    part looks displaced, NaN where that is not sure. filled_share,
+    outlined_share: see ``_outline_shares``.
     """
 
     on_m2: np.ndarray
@@ -71,6 +74,7 @@ class PartEvidence:
     pixels: np.ndarray
     shift_m: np.ndarray
     filled_share: float
+    outlined_share: float
 
     @property
     def seen_share(self) -> float:
@@ -97,7 +101,7 @@ def gather_evidence(
     rendering = caster.render(view.camera, T)
     nothing = np.zeros(parts)
     if rendering is None:
-        return PartEvidence(nothing, nothing, nothing, nothing, nothing, np.full(parts, np.nan), 1.0)
+        return PartEvidence(nothing, nothing, nothing, nothing, nothing, np.full(parts, np.nan), 1.0, 0.0)
     row, column = np.nonzero(rendering.part >= 0)
     rays = view.camera.pixel_rays()[row + rendering.top, column + rendering.left].astype(np.float64)
     ahead = np.concatenate([rays, np.ones((len(rays), 1))], axis=1)
@@ -117,12 +121,14 @@ def gather_evidence(
         return np.bincount(part[mask], area[mask], parts)
 
     is_on, is_through = (free > 0) & (on >= behind), (free > 0) & (on < behind)
+    filled, outlined = _outline_shares(view, caster, fit, rendering, config, refine_config)
     is_hidden = (free == 0) & (before > 0)
     return PartEvidence(
         on_m2=total(is_on), through_m2=total(is_through), hidden_m2=total(is_hidden),
         unread_m2=total((free == 0) & (before == 0)), pixels=np.bincount(part[~is_hidden], minlength=parts),
         shift_m=part_shifts(view, caster, T, fit.edge_bias_px, config.surest_shift_m, refine_config),
-        filled_share=_filled_share(view, caster, T, config, refine_config),
+        filled_share=filled,
+        outlined_share=outlined,
     )  # fmt: skip
 
 
@@ -146,6 +152,8 @@ def judge(fit: Refined, evidence: PartEvidence, config: VerdictConfig) -> tuple[
     shift = np.nan_to_num(evidence.shift_m)
     if shift.max(initial=0.0) > config.most_part_shift_m:
         return NoPose.PART_ELSEWHERE, int(shift.argmax())
+    if evidence.outlined_share < config.least_outlined:
+        return NoPose.OUTLINE, None
     turn, place = sigma_of(fit)
     if turn > config.most_sigma_rad or place > config.most_sigma_m:
         return NoPose.UNSURE, None
@@ -161,19 +169,16 @@ def sigma_of(fit: Refined) -> tuple[float, float]:
     return float(np.hypot(np.sqrt(turn), STEADY_RAD)), float(np.hypot(np.sqrt(place), STEADY_M))
 
 
-def _filled_share(
-    view: StillView, caster: EquipmentCaster, T: np.ndarray, config: VerdictConfig, refine_config: RefineConfig
-) -> float:
-    """Of the outline's places with the part in them, how many do not end there: a wall, the floor, somebody leaning."""
-    rendering = caster.render(view.camera, T)
-    if rendering is None:
-        return 1.0
-    outline = caster.outline(view.camera, T, rendering)
-    edges = observed_edges(view, outline, rendering, config.tolerance_m, refine_config)
-    ends, goes_on = int(edges.usable.sum()), int(edges.goes_on.sum())
-    return goes_on / (ends + goes_on) if ends + goes_on else 1.0
-
-
-def worst_part(names: Sequence[str], index: int | None) -> str:
-    """`` (knee-bar)`` for a message, nothing where no part is to blame."""
-    return "" if index is None else f" ({names[index]})"
+def _outline_shares(
+    view: StillView, caster: EquipmentCaster, fit: Refined, rendering: Rendering, config: VerdictConfig,
+    refine_config: RefineConfig,
+) -> tuple[float, float]:  # fmt: skip
+    """Of the outline's places that nothing hides: the share that does not end there, among those with the part in them
+    (a wall, the floor, somebody leaning on it), and the share that ends just where it should."""
+    outline = caster.outline(view.camera, fit.T_camera_model, rendering)
+    reach = refine_config.reaches_px[-1]
+    edges = observed_edges(view, outline, rendering, config.tolerance_m, reach, refine_config)
+    off = np.abs(edges.beyond_px - outline.beyond_px - fit.edge_bias_px)
+    ends, goes_on, absent = (int(mask.sum()) for mask in (edges.usable, edges.goes_on, edges.absent))
+    right = int((edges.usable & (off < config.most_off_px)).sum())
+    return goes_on / max(ends + goes_on, 1) if ends + goes_on else 1.0, right / max(ends + goes_on + absent, 1)

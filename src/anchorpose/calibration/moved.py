@@ -29,6 +29,7 @@ class MovedConfig:
     least_shift_m: float = 0.008  # twice the accuracy asked of a calibration
     least_turn_rad: float = 0.0105  # 0.6 degrees
     sigmas: float = 5.0
+    doubt_share: float = 0.2  # of what is not hidden, seen through: worth a search of the whole floor
     gone_share: float = 0.4  # of what is not hidden, seen through: it is not there
     least_pixels: int = 100  # of a frame that show the equipment or what is behind it
 
@@ -70,9 +71,12 @@ def notice_movement(
     late_view = replace(view, frames_m=late, still_m=what_stays(late, view.noise_per_m))
     now = refit(late_view, equipment, T_camera_model, prior, pose_config)
     if not isinstance(now, EquipmentPose):
-        if _through_share(late, view, T_camera_model, equipment, pose_config, config) < config.gone_share:
+        through = _through_share(late, view, T_camera_model, equipment, pose_config, config)
+        if through < config.doubt_share:
             return None
         now = find_equipment(late_view, equipment, pose_config)
+        if not isinstance(now, EquipmentPose) and through < config.gone_share:
+            return None
     if not isinstance(now, EquipmentPose):
         return Moved(_first_gone(frames_m, view, T_camera_model, equipment, pose_config, config), None, None, None)
     centre, T_now = equipment.samples.centre_m, _same_turn(now.fit.T_camera_model, T_camera_model, equipment)
