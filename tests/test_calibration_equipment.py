@@ -34,6 +34,7 @@ from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel, Mesh
 from anchorpose.simulate.config import SimulationConfig
 
 UP = np.array([0.0, 1.0, 0.0])
+SLOW = pytest.mark.slow  # seconds each, and others like them run every time
 
 
 def box(name, center, size) -> Box:
@@ -81,7 +82,9 @@ def shifted(model: EquipmentModel, by) -> EquipmentModel:
     return EquipmentModel(tuple(replace(part, center_m=part.center_m + np.array(by)) for part in model.parts))
 
 
-@pytest.mark.parametrize("place", [(2.3, 1.3, 0.8), (-0.9, 1.5, -2.2), (1.9, 1.1, 1.6)])
+@pytest.mark.parametrize(
+    "place", [pytest.param((2.3, 1.3, 0.8), marks=SLOW), (-0.9, 1.5, -2.2), pytest.param((1.9, 1.1, 1.6), marks=SLOW)]
+)
 def test_the_pose_of_a_built_frame_is_found_from_any_side(place):
     there = camera_at(place, (0.0, 0.8, 0.0), 512, 424)
     found = find_equipment(view_of(*FRAME.parts, place=there), prepare_equipment(FRAME), EquipmentPoseConfig())
@@ -92,6 +95,7 @@ def test_the_pose_of_a_built_frame_is_found_from_any_side(place):
     assert found.sigma_m < 0.004
 
 
+@pytest.mark.slow
 def test_gamma_0_may_lie_anywhere_above_the_floor():
     raised = shifted(FRAME, (1.0, 0.7, -2.0))
     view = view_of(*FRAME.parts)
@@ -113,6 +117,7 @@ def test_half_of_the_frame_behind_people_is_enough():
     assert turn_deg < 0.3
 
 
+@pytest.mark.slow
 def test_a_mesh_of_a_part_is_found_like_the_part():
     vertices, faces = FRAME.parts[4].triangles()
     meshed = EquipmentModel((*FRAME.parts[:4], Mesh("knee-bar", vertices, faces[:, ::-1].copy())))
@@ -126,7 +131,7 @@ def test_a_room_without_the_equipment_has_no_pose():
     assert isinstance(found, NoEquipmentPose)
 
 
-@pytest.mark.parametrize("rise_m", [0.03, 0.1, -0.06])
+@pytest.mark.parametrize("rise_m", [0.03, pytest.param(0.1, marks=SLOW), pytest.param(-0.06, marks=SLOW)])
 def test_a_part_that_is_elsewhere_than_the_file_says_is_named(rise_m):
     bar = replace(FRAME.parts[4], center_m=FRAME.parts[4].center_m + np.array([0.0, rise_m, 0.0]))
     found = find_equipment(
@@ -137,6 +142,7 @@ def test_a_part_that_is_elsewhere_than_the_file_says_is_named(rise_m):
     assert found.why in (NoPose.PART_MISSING, NoPose.PART_ELSEWHERE, NoPose.PART_UNREAD)
 
 
+@pytest.mark.slow
 def test_two_of_the_same_kind_in_one_room_are_ambiguous():
     twin = shifted(FRAME, (-0.8, 0.0, -1.0))
     found = find_equipment(view_of(*FRAME.parts, *twin.parts), prepare_equipment(FRAME), EquipmentPoseConfig())
@@ -161,6 +167,7 @@ def test_symmetry_is_what_the_shapes_say():
     assert turns(STOOL)[1]
 
 
+@pytest.mark.slow
 def test_a_symmetric_table_is_found_up_to_its_symmetry():
     table = prepare_equipment(TABLE)
     found = find_equipment(view_of(*TABLE.parts), table, EquipmentPoseConfig())
@@ -214,7 +221,7 @@ def clinic():
     return shoot(SimulationConfig(seed=31, seconds=6.0, fps=10.0))
 
 
-@pytest.mark.parametrize("background", [True, False])
+@pytest.mark.parametrize("background", [pytest.param(True, marks=SLOW), False])
 def test_three_cameras_of_a_clinic_are_found(clinic, background):
     true, recording, frames = clinic
     world = find_world(recording if background else bare(recording), frames, FloorConfig())
@@ -228,6 +235,7 @@ def test_three_cameras_of_a_clinic_are_found(clinic, background):
     assert not any("moved" in note for note in world.notes)
 
 
+@pytest.mark.slow
 def test_poses_that_are_given_are_kept_and_the_missing_one_joins_their_world(clinic):
     true, recording, frames = clinic
     mixed = replace(recording, cameras=(true.cameras[0], recording.cameras[1], true.cameras[2]))
@@ -258,7 +266,7 @@ def test_given_poses_that_contradict_the_equipment_are_reported(clinic):
     assert "40 mm" in notes[0] or "39 mm" in notes[0] or "41 mm" in notes[0]
 
 
-@pytest.mark.parametrize(("shift_m", "background"), [((0.03, 0.0), True), ((0.1, 0.15), False)])
+@pytest.mark.parametrize(("shift_m", "background"), [((0.03, 0.0), True), pytest.param((0.1, 0.15), False, marks=SLOW)])
 def test_equipment_that_is_pushed_is_noticed_with_when_and_how_far(shift_m, background):
     config = SimulationConfig(
         seed=32, seconds=8.0, fps=10.0, cameras=1, therapists=1, equipment_moves_at_s=4.0, equipment_shift_m=shift_m
@@ -273,6 +281,7 @@ def test_equipment_that_is_pushed_is_noticed_with_when_and_how_far(shift_m, back
     assert how_far == pytest.approx(1000 * np.hypot(*shift_m), abs=5.0)
 
 
+@pytest.mark.slow
 def test_symmetric_bars_need_someone_who_says_which_way_the_patient_faces():
     true, recording, frames = shoot(SimulationConfig(seed=4, seconds=6.0, fps=10.0, parallel_bars=True))
     with pytest.raises(InputError, match=r"looks the same from several sides, and which way the patient faces"):

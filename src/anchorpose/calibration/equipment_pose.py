@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from anchorpose.calibration.equipment_pose_refine import FloorPrior, RefineConfig, Refined, refine
+from anchorpose.calibration.equipment_pose_refine import FloorPrior, Refined, refine
 from anchorpose.calibration.equipment_pose_render import EquipmentCaster
+from anchorpose.calibration.equipment_pose_rows import RefineConfig
 from anchorpose.calibration.equipment_pose_samples import EquipmentSamples, sample_equipment
 from anchorpose.calibration.equipment_pose_search import SearchConfig, search_floor
 from anchorpose.calibration.equipment_pose_still import StillView

@@ -20,6 +20,7 @@ class SearchConfig:
     yaw_step_rad: float = 0.0873  # 5 degrees move a bar at 0.5 m by one cell
     above_floor_m: float = 0.06  # below this the floor itself fills the map
     farthest_m: float = 7.0  # no depth camera sees a bar beyond
+    thinning: int = 3  # every third point of the equipment is enough until the last and finest steps
     starts: int = 400  # places of the coarse map that are looked at closely
     kept: int = 16  # distinct places that are handed on
     distinct_m: float = 0.10  # two poses nearer than this and
@@ -87,8 +88,12 @@ def search_floor(
     starts[:, 2] += samples.centre_m[1]  # the height of the centre above the floor
     for tolerance in config.tolerances_m:
         last = tolerance == config.tolerances_m[-1]
+        thin = slice(None, None, 1 if last else config.thinning)
         limits = np.array([tolerance, noise_per_m, config.noise_gate, config.through_weight, config.outside_weight])
-        scores = climb(starts, seen, lens, T_camera_ground, surface, samples.normal, samples.two_sided, outside, limits)
+        scores = climb(
+            starts, seen, lens, T_camera_ground, surface[thin], samples.normal[thin], samples.two_sided[thin],
+            outside[thin], limits,
+        )  # fmt: skip
         keep = _distinct(starts, scores, config, config.kept if last else config.starts // 4)
         starts, scores = starts[keep], scores[keep]
     return tuple(
@@ -138,7 +143,8 @@ def _coarse(
 ) -> np.ndarray:
     """(n, 4) yaw, x, y, z of the best cells of all directions; y is of Gamma_0's origin less the centre's height."""
     cell, reach = config.cell_m, samples.radius_m
-    heights = samples.surface_m[:, 1] - lowest_m
+    surface = samples.surface_m[:: config.thinning]
+    heights = surface[:, 1] - lowest_m
     seen = still_m[still_m > 0]
     if not seen.size:
         return np.zeros((0, 4))
@@ -152,13 +158,15 @@ def _coarse(
     value = np.array([0, 1, -config.through_weight, config.broad_weight], np.float32)[space]
     yaws = np.arange(0.0, 2 * np.pi - 1e-9, config.yaw_step_rad)
     sums = np.empty((len(yaws), counts[1], counts[2]), np.float32)
-    level = samples.surface_m[:, [0, 2]] - samples.centre_m[[0, 2]]
+    level = surface[:, [0, 2]] - samples.centre_m[[0, 2]]
     for number, yaw in enumerate(yaws):
         turned = level @ np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
         cells = np.rint(np.stack([heights - cell / 2, turned[:, 0], turned[:, 1]], axis=1) / cell).astype(np.int64)
         unique, weight = np.unique(np.maximum(cells, [0, -(10**6), -(10**6)]), axis=0, return_counts=True)
         sums[number] = correlate(value, unique, weight.astype(np.float32))
-    best = np.argsort(-sums, axis=None, kind="stable")[: 20 * config.starts]
+    most = min(20 * config.starts, sums.size) - 1
+    best = np.flatnonzero(sums.ravel() >= np.partition(sums.ravel(), -most - 1)[-most - 1])
+    best = best[np.argsort(-sums.ravel()[best], kind="stable")]
     turn, x, z = np.unravel_index(best, sums.shape)
     rest = np.full(len(best), -lowest_m)
     places = np.stack([yaws[turn], x * cell - wide, rest, z * cell], axis=1)

@@ -7,8 +7,9 @@ from enum import StrEnum
 
 import numpy as np
 
-from anchorpose.calibration.equipment_pose_refine import RefineConfig, Refined, observed_edges, part_shifts
+from anchorpose.calibration.equipment_pose_refine import Refined, part_shifts
 from anchorpose.calibration.equipment_pose_render import EquipmentCaster, Rendering
+from anchorpose.calibration.equipment_pose_rows import RefineConfig, observed_edges
 from anchorpose.calibration.equipment_pose_still import StillView
 
 STEADY_M, STEADY_RAD = 0.0015, 0.0008  # 1 to 2 mm over the picture; between bars a metre apart 0.05 degrees
