@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Final
 
 import numpy as np
 
 from anchorpose.calibration.calibration import PoseFigure, PoseRecord, PoseSource
-from anchorpose.calibration.camera_agreement import agreement
 from anchorpose.calibration.equipment_pose import (
     Equipment,
     EquipmentPose,
-    EquipmentPoseConfig,
     NoEquipmentPose,
     find_equipment,
     prepare_equipment,
@@ -24,38 +22,18 @@ from anchorpose.calibration.equipment_pose import (
 from anchorpose.calibration.equipment_pose_refine import FloorPrior
 from anchorpose.calibration.equipment_pose_still import StillView, see_still, what_stays
 from anchorpose.calibration.equipment_pose_verdict import NoPose
+from anchorpose.calibration.equipment_seen import EquipmentWorldConfig, SeenEquipment, common_floor, disagreement
+from anchorpose.calibration.equipment_turns import TellFacing, resolve_symmetry
 from anchorpose.calibration.floor import FloorConfig, NoFloor, find_floor
-from anchorpose.calibration.moved import Moved, MovedConfig, notice_movement
+from anchorpose.calibration.moved import Moved, notice_movement
 from anchorpose.calibration.noise import noise_per_m
-from anchorpose.camera import Camera, invert_rigid, transform_points
+from anchorpose.camera import Camera, invert_rigid
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import FrameSet, Recording
 
 REMEDY: Final = (
     "compare equipment.json with the room, add a background.png of the empty room, or give camera_to_world yourself"
 )
-
-TellFacing = Callable[[tuple[Camera, ...], float, Sequence[np.ndarray]], int | None]
-"""Which of several level unit vectors the patient faces, None where unsure; from all cameras with their poses in
-Gamma_0 and the floor's Y. It takes a body model, which calibration does not know, so the layer above hands it in."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EquipmentWorldConfig:
-    """All cameras together."""
-
-    pose: EquipmentPoseConfig = field(default_factory=EquipmentPoseConfig)
-    moved: MovedConfig = field(default_factory=MovedConfig)
-    floor_sigma_m: float = 0.002  # of the floor all cameras see together
-    floor_sigma_rad: float = 0.0009  # 0.05 degrees
-    most_disagreement: float = 0.25  # of one camera's points, seen through by another
-    least_lead: float = 0.15  # of disagreement, between the best of symmetric choices and the next
-    least_compared: int = 300  # points
-
-    def __post_init__(self) -> None:
-        for name in ("floor_sigma_m", "floor_sigma_rad", "most_disagreement", "least_lead", "least_compared"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,17 +44,6 @@ class EquipmentWorld:
     poses: tuple[PoseRecord, ...]
     floor_height_m: float
     notes: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Seen:
-    """One camera without a pose: what it saw over time, and what was found in it."""
-
-    index: int
-    view: StillView
-    frames_m: tuple[np.ndarray, ...]
-    times_s: tuple[float, ...]
-    pose: EquipmentPose
 
 
 def world_from_equipment(
@@ -97,8 +64,8 @@ def world_from_equipment(
         if camera.T_world_camera is None
     ]
     notes: list[str] = []
-    cameras = _resolve_symmetry(recording, sample_frames, seen, equipment, config, tell_facing, notes)
-    prior = _common_floor(seen, cameras, config)
+    cameras = resolve_symmetry(recording, sample_frames, seen, equipment, config, tell_facing, notes)
+    prior = common_floor(seen, cameras, config)
     polished, moves = [], []
     for one in seen:
         moved = notice_movement(
@@ -119,7 +86,7 @@ def world_from_equipment(
 def _find_in_camera(
     recording: Recording, index: int, sample_frames: Sequence[FrameSet], equipment: Equipment,
     floor_config: FloorConfig, config: EquipmentWorldConfig,
-) -> _Seen:  # fmt: skip
+) -> SeenEquipment:  # fmt: skip
     """The equipment in one camera; if it cannot be found in all pictures together, in the first half of them."""
     camera, background = recording.cameras[index], recording.backgrounds_m[index]
     pairs = [(frame.time_s, depth) for frame in sample_frames if (depth := frame.depths_m[index]) is not None]
@@ -135,7 +102,7 @@ def _find_in_camera(
     for picture, used in attempts:
         found = _attempt(camera, used, picture, equipment, floor_config, config)
         if not isinstance(found, NoEquipmentPose):
-            return _Seen(index, found[0], frames, times, found[1])
+            return SeenEquipment(index, found[0], frames, times, found[1])
         first = first or found
     raise _refusal(recording, camera, first or NoEquipmentPose(NoPose.NOT_SEEN))
 
@@ -163,98 +130,8 @@ def _refusal(recording: Recording, camera: Camera, why: NoEquipmentPose) -> Inpu
     return InputError(recording.folder / "recording.json", problem, REMEDY)
 
 
-def _resolve_symmetry(
-    recording: Recording, sample_frames: Sequence[FrameSet], seen: Sequence[_Seen], equipment: Equipment,
-    config: EquipmentWorldConfig, tell_facing: TellFacing | None, notes: list[str],
-) -> list[Camera]:  # fmt: skip
-    """The cameras with poses that belong to one world, X the way the patient faces."""
-    cameras = list(recording.cameras)
-    for one in seen:
-        cameras[one.index] = replace(cameras[one.index], T_world_camera=one.pose.camera_to_world)
-    turns = equipment.symmetry.same
-    if not turns:
-        return cameras
-    choices = [np.eye(4), *(invert_rigid(turn) for turn in turns)]
-    given = [index for index, camera in enumerate(recording.cameras) if camera.T_world_camera is not None]
-    free = seen if given else seen[1:]
-    if free:
-        best = _agreeing_turns(recording, cameras, sample_frames, free, choices, config)
-        for one, turn in zip(free, best, strict=True):
-            cameras[one.index] = replace(cameras[one.index], T_world_camera=turn @ one.pose.camera_to_world)
-    if given:
-        return cameras
-    headings = [turn[:3, :3].T @ [1.0, 0.0, 0.0] for turn in choices]
-    floor_m = _common_floor(seen, cameras, config).height_m
-    facing = None if tell_facing is None else tell_facing(tuple(cameras), floor_m, headings)
-    if facing is None:
-        raise InputError(
-            recording.folder / "recording.json",
-            "camera_to_world is null, the equipment looks the same from several sides, and which way the patient faces "
-            "is not sure",
-            "add to equipment.json a part that one side has and the other has not, or give camera_to_world",
-        )
-    notes.append(
-        "the equipment looks the same from several sides: which way X points was decided by how a body fits the patient"
-    )
-    return [replace(camera, T_world_camera=choices[facing] @ camera.require_pose()) for camera in cameras]
-
-
-def _agreeing_turns(
-    recording: Recording, cameras: Sequence[Camera], sample_frames: Sequence[FrameSet], free: Sequence[_Seen],
-    choices: Sequence[np.ndarray], config: EquipmentWorldConfig,
-) -> list[np.ndarray]:  # fmt: skip
-    """For each free camera the turn with which it agrees best with the first camera that is not free."""
-    anchor = next(index for index in range(len(cameras)) if index not in {one.index for one in free})
-    taken = []
-    for one in free:
-        shares = []
-        for turn in choices:
-            turned = replace(cameras[one.index], T_world_camera=turn @ one.pose.camera_to_world)
-            shares.append(_disagreement((cameras[anchor], turned), (anchor, one.index), sample_frames, one, config))
-        known = [1.0 if share is None else share for share in shares]
-        order = np.argsort(known, kind="stable")
-        if known[order[0]] > config.most_disagreement or known[order[1]] - known[order[0]] < config.least_lead:
-            raise InputError(
-                recording.folder / "recording.json",
-                f"camera_to_world is null for {cameras[one.index].name}, the equipment looks the same from several "
-                f"sides, and what cameras {cameras[anchor].name} and {cameras[one.index].name} see does not tell them "
-                "apart",
-                "give camera_to_world",
-            )
-        taken.append(choices[int(order[0])])
-    return taken
-
-
-def _disagreement(
-    cameras: tuple[Camera, Camera], indices: tuple[int, int], sample_frames: Sequence[FrameSet], one: _Seen,
-    config: EquipmentWorldConfig,
-) -> float | None:  # fmt: skip
-    """Share of points that one of two cameras sees and the other sees through; None where too few can be compared."""
-    pairs = [
-        (here, there)
-        for frame in sample_frames[:: max(1, len(sample_frames) // 6)]
-        if (here := frame.depths_m[indices[0]]) is not None and (there := frame.depths_m[indices[1]]) is not None
-    ]
-    up = cameras[1].require_pose()[:3, :3] @ one.view.floor.up
-    foot = transform_points(cameras[1].require_pose(), -one.view.floor.height_m * one.view.floor.up)
-    floor_m = float(foot @ up / up[1])
-    found = agreement(cameras, pairs, floor_m, (one.view.noise_per_m, one.view.noise_per_m))
-    return found.through_share if found.tested >= config.least_compared else None
-
-
-def _common_floor(seen: Sequence[_Seen], cameras: Sequence[Camera], config: EquipmentWorldConfig) -> FloorPrior:
-    """The floor of Gamma_0 that the cameras see, each at the equipment: up and height are their means."""
-    ups, heights = [], []
-    for one in seen:
-        T = cameras[one.index].require_pose()
-        ups.append(T[:3, :3] @ one.view.floor.up)
-        heights.append(T[:3, 3] @ ups[-1] - one.view.floor.height_m)
-    up = np.mean(ups, axis=0)
-    return FloorPrior(up / np.linalg.norm(up), float(np.mean(heights)), config.floor_sigma_m, config.floor_sigma_rad)
-
-
 def _polish(
-    one: _Seen, camera: Camera, moved: Moved | None, equipment: Equipment, prior: FloorPrior,
+    one: SeenEquipment, camera: Camera, moved: Moved | None, equipment: Equipment, prior: FloorPrior,
     config: EquipmentWorldConfig,
 ) -> EquipmentPose:  # fmt: skip
     """The pose once more with the floor all cameras share, on the empty room and all frames that show it so."""
@@ -271,7 +148,7 @@ def _polish(
 
 
 def _refuse_contradiction(
-    recording: Recording, cameras: Sequence[Camera], sample_frames: Sequence[FrameSet], seen: Sequence[_Seen],
+    recording: Recording, cameras: Sequence[Camera], sample_frames: Sequence[FrameSet], seen: Sequence[SeenEquipment],
     prior: FloorPrior, config: EquipmentWorldConfig,
 ) -> None:  # fmt: skip
     """Raises InputError where two cameras, one of them newly found, see through what the other sees."""
@@ -279,7 +156,7 @@ def _refuse_contradiction(
     for a, b in product(range(len(cameras)), range(len(cameras))):
         if a == b or b not in of_index or (a in of_index and a > b):
             continue
-        share = _disagreement((cameras[a], cameras[b]), (a, b), sample_frames, of_index[b], config)
+        share = disagreement((cameras[a], cameras[b]), (a, b), sample_frames, of_index[b], config)
         if share is not None and share > config.most_disagreement:
             raise InputError(
                 recording.folder / "recording.json",
@@ -289,7 +166,7 @@ def _refuse_contradiction(
             )
 
 
-def _moved_notes(seen: Sequence[_Seen], moves: Sequence[Moved | None], count: int) -> list[str]:
+def _moved_notes(seen: Sequence[SeenEquipment], moves: Sequence[Moved | None], count: int) -> list[str]:
     notes = []
     for one, moved in zip(seen, moves, strict=True):
         if moved is None:

@@ -10,7 +10,8 @@ import numpy as np
 from anchorpose.calibration.equipment_pose import Equipment, prepare_equipment
 from anchorpose.calibration.equipment_pose_refine import FloorPrior
 from anchorpose.calibration.equipment_pose_still import StillView, see_still
-from anchorpose.calibration.equipment_world import EquipmentWorldConfig, moved_note
+from anchorpose.calibration.equipment_seen import EquipmentWorldConfig
+from anchorpose.calibration.equipment_world import moved_note
 from anchorpose.calibration.floor import FloorConfig, NoFloor, find_floor
 from anchorpose.calibration.moved import notice_movement
 from anchorpose.calibration.noise import noise_per_m

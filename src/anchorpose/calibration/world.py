@@ -8,7 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from anchorpose.calibration.calibration import Calibration, FloorResidual, PoseRecord, PoseSource
-from anchorpose.calibration.equipment_world import EquipmentWorldConfig, TellFacing, world_from_equipment
+from anchorpose.calibration.equipment_seen import EquipmentWorldConfig
+from anchorpose.calibration.equipment_turns import TellFacing
+from anchorpose.calibration.equipment_world import world_from_equipment
 from anchorpose.calibration.floor import FloorConfig, FloorPlane, NoFloor, find_floor
 from anchorpose.calibration.given_poses import watch_given_poses
 from anchorpose.calibration.noise import noise_per_m

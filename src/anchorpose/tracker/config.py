@@ -11,7 +11,7 @@ from anchorpose.body.part_registration import PartRegistrationConfig
 from anchorpose.body.registration import RegistrationConfig
 from anchorpose.body.uncertainty import UncertaintyConfig
 from anchorpose.body.visibility import VisibilityConfig
-from anchorpose.calibration.equipment_world import EquipmentWorldConfig
+from anchorpose.calibration.equipment_seen import EquipmentWorldConfig
 from anchorpose.calibration.floor import FloorConfig
 from anchorpose.geodesics.anchors import AnchorConfig
 from anchorpose.isolation.config import IsolationConfig
