@@ -70,7 +70,7 @@ def score_recording(recording: Recording, cameras: Sequence[int]) -> Score | NoE
 def _surface(camera: Camera, model: EquipmentModel) -> np.ndarray:
     """(n, 3) world: where the camera's rays meet the model first."""
     rays = camera.pixel_rays()
-    depth = equipment_depth(camera, rays, model)
+    depth = equipment_depth(camera, model)
     T = camera.require_pose()
     points = np.concatenate([rays * depth[..., None], depth[..., None]], axis=2)[depth > 0]
     return np.asarray(points @ T[:3, :3].T + T[:3, 3], dtype=np.float64)

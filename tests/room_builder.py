@@ -50,7 +50,7 @@ def body(x: float, z: float, height_m: float = 1.7) -> tuple[Cylinder, ...]:
 
 def picture(camera: Camera, *parts, seed: int | None = None) -> np.ndarray:
     """(height, width) float32 depth of the parts, millimetre steps, with noise where a seed is given."""
-    depth = equipment_depth(camera, camera.pixel_rays(), EquipmentModel(parts)).astype(np.float64)
+    depth = equipment_depth(camera, EquipmentModel(parts)).astype(np.float64)
     if seed is not None:
         depth += np.random.default_rng(seed).normal(0, 1, depth.shape) * NOISE_PER_M * depth**2
     return (np.round(np.maximum(depth, 0) / 0.001) * 0.001).astype(np.float32)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from room_builder import FRONT, NOISE_PER_M, ROOM, body, camera_at, picture, unposed
+from room_builder import FRONT, KNEE_BAR, NOISE_PER_M, ROOM, body, camera_at, picture, unposed
 
 from anchorpose.calibration.floor import FloorConfig, FloorPlane, NoFloor, find_floor
 from anchorpose.calibration.noise import noise_per_m
@@ -126,10 +126,10 @@ def test_several_cameras_without_poses_are_refused_with_a_remedy():
         find_world(recording(unposed(FRONT), replace(FRONT, name="left")), [], FloorConfig())
 
 
-def test_equipment_without_a_pose_is_refused_with_a_remedy():
-    bars = EquipmentModel(ROOM)
-    with pytest.raises(InputError, match="equipment cannot be placed"):
-        find_world(recording(unposed(FRONT), equipment=bars), [], FloorConfig())
+def test_equipment_that_is_not_in_the_picture_is_refused_with_a_remedy():
+    blind = recording(unposed(FRONT), equipment=EquipmentModel((KNEE_BAR,)))
+    with pytest.raises(InputError, match=r"null for front, and this camera .*; compare equipment\.json"):
+        find_world(blind, frames(picture(FRONT, *ROOM, seed=9)), FloorConfig())
 
 
 def test_a_config_without_sense_is_refused():

@@ -57,7 +57,7 @@ def test_a_depth_jump_cuts_a_piece():
 
 def test_the_expected_depth_of_equipment_lies_on_its_surface():
     bars = EquipmentModel((KNEE_BAR, *body(0.1, 0.5)))
-    depth = equipment_depth(FRONT, FRONT.pixel_rays(), bars)
+    depth = equipment_depth(FRONT, bars)
     hit = depth > 0
     points = transform_points(FRONT.T_world_camera, FRONT.back_project(depth)[hit].astype(np.float64))
     assert hit.sum() > 500

@@ -17,7 +17,8 @@ from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker.config import FollowConfig, Method, TrackConfig
 from anchorpose.tracker.estimate import Estimate, nobody_found
 from anchorpose.tracker.patient import FIRST_PAUSE, follow_patient
-from anchorpose.tracker.room import Room, prepare_room
+from anchorpose.tracker.preparation import prepare_room
+from anchorpose.tracker.room import Room
 from anchorpose.tracker.stopwatch import Stopwatch
 
 FPS, FRAMES = 8.0, 20

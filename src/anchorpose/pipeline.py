@@ -10,18 +10,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from anchorpose.body.skin_points import FittedShape
+from anchorpose.calibration.calibration import Calibration, PoseSource
+from anchorpose.calibration.equipment_pose_still import what_stays
+from anchorpose.calibration.noise import noise_per_m
+from anchorpose.recording.calibration_file import with_poses
 from anchorpose.recording.inputs import input_files
 from anchorpose.recording.reader import open_recording, read_frames
 from anchorpose.recording.recording import Recording
 from anchorpose.results.angles import ANGLES_FILE, joint_angles, write_angles
+from anchorpose.results.calibration_file import write_calibration
+from anchorpose.results.canvas import as_png
 from anchorpose.results.inspection_page import write_inspection
+from anchorpose.results.model_picture import draw_model
 from anchorpose.results.pictures import FramePicture, save_pictures
 from anchorpose.results.report import write_report
 from anchorpose.results.run_record import (
@@ -39,11 +46,12 @@ from anchorpose.tracker.both_ways import FrameRecord, learn_on, plan_route, trac
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.inspection import Inspection, inspect_frame
 from anchorpose.tracker.inspection_pictures import inspection_facts, inspection_sections
-from anchorpose.tracker.room import Room, prepare_room
+from anchorpose.tracker.preparation import calibrate, prepare_room
+from anchorpose.tracker.room import Room, sample_recording
 from anchorpose.tracker.stopwatch import Stopwatch
 from anchorpose.tracking.default_motions import default_motions
 
-__all__ = ["TrackConfig", "inspect_recording", "track_recording"]
+__all__ = ["TrackConfig", "calibrate_recording", "inspect_recording", "track_recording"]
 
 PICTURES = 6  # frames shown in the report, spread over the recording
 
@@ -59,15 +67,18 @@ class _Written:
     pictures: tuple[FramePicture, ...]
 
 
-def track_recording(recording: Path, results: Path, config: TrackConfig, progress: Progress) -> None:
+def track_recording(
+    recording: Path, results: Path, config: TrackConfig, progress: Progress, calibration: Path | None = None
+) -> None:
     """Track the patient through a recording and write everything into an existing, empty results folder.
 
-    progress is called with frames done and frames to do; the frames the body is learnt from count twice.
+    progress is called with frames done and frames to do; the frames the body is learnt from count twice. calibration: a
+    calibration.json whose poses are used instead of given or found ones.
     Linear algebra runs on one thread: on several, sums are added in another order, and the tables get other bytes.
     Raises InputError where the recording cannot be used.
     """
     with one_thread():
-        _track(recording, results, config, progress)
+        _track(recording, results, config, progress, calibration)
 
 
 @contextmanager
@@ -96,9 +107,35 @@ def inspect_recording(
     return inspection
 
 
-def _track(recording: Path, results: Path, config: TrackConfig, progress: Progress) -> None:
+def calibrate_recording(recording: Path, folder: Path, config: TrackConfig, ignore_given: bool = False) -> Calibration:
+    """Find every camera's pose and write calibration.json and one picture a camera into an existing folder.
+
+    ignore_given: find given poses anew. Raises InputError where the recording cannot be used or a pose is not to be
+    trusted.
+    """
+    with one_thread():
+        opened = open_recording(recording)
+        if ignore_given:
+            opened = replace(opened, cameras=tuple(replace(c, T_world_camera=None) for c in opened.cameras))
+        _, samples = sample_recording(opened, config)
+        calibration = calibrate(opened, samples, config)
+        write_calibration(folder, opened.folder.resolve().name, calibration)
+        for index, camera in enumerate(calibration.cameras):
+            seen = [depth for sample in samples if (depth := sample.depths_m[index]) is not None]
+            background = opened.backgrounds_m[index]
+            if background is not None or seen:
+                still = background if background is not None else what_stays(np.stack(seen), noise_per_m(seen))
+                (folder / f"{camera.name}.png").write_bytes(
+                    as_png(draw_model(camera, still, opened.equipment, axes=True))
+                )
+    return calibration
+
+
+def _track(recording: Path, results: Path, config: TrackConfig, progress: Progress, calibration: Path | None) -> None:
     watch = Stopwatch()
     opened = open_recording(recording)
+    if calibration is not None:
+        opened = with_poses(opened, calibration)
     read_frames(opened, config.start, config.stop)  # refuses an empty range before any work is done
     total, window = _frame_counts(opened, config)
     with watch.stage("calibration and background"):
@@ -110,7 +147,7 @@ def _track(recording: Path, results: Path, config: TrackConfig, progress: Progre
     written = _write_frames(results, track_on(route, room, motions, shape, shown, config, watch))
     with watch.stage("results"):
         write_angles(results / ANGLES_FILE, joint_angles(read_joints(results / JOINTS_FILE)))
-        _write_record(results, room, written, shape, config, watch)
+        _write_record(results, room, written, shape, config, watch, calibration)
         write_report(results)
     progress(window + total, window + total)
 
@@ -147,21 +184,27 @@ def _write_frames(results: Path, records: Iterable[FrameRecord]) -> _Written:
 
 
 def _write_record(
-    results: Path, room: Room, written: _Written, shape: FittedShape | None, config: TrackConfig, watch: Stopwatch
-) -> None:
-    given = [camera.T_world_camera is not None for camera in room.recording.cameras]
+    results: Path, room: Room, written: _Written, shape: FittedShape | None, config: TrackConfig, watch: Stopwatch,
+    calibration_file: Path | None,
+) -> None:  # fmt: skip
     calibration = room.calibration
+    source = None if calibration_file is None else PoseSource.FILE
     record = RunRecord(
         recording=room.recording.folder.resolve().name,
         config=config,
         inputs_sha256=hash_files(input_files(room.recording), room.recording.folder),
         cameras=tuple(
-            CameraRecord(camera.name, camera.T_world_camera, "given" if known else "floor and patient")
-            for camera, known in zip(room.cameras, given, strict=True)
+            CameraRecord(camera.name, camera.T_world_camera, (source or pose.source).value)
+            for camera, pose in zip(room.cameras, calibration.poses, strict=True)
         ),
         residuals=tuple(
             Residual(floor.camera, "floor, rms distance to the plane", floor.residual_m, "m")
             for floor in calibration.residuals
+        )
+        + tuple(
+            Residual(pose.camera, figure.what, figure.value, figure.unit)
+            for pose in calibration.poses
+            for figure in pose.figures
         ),
         timings=tuple(StageTiming(stage, seconds) for stage, seconds in watch.seconds.items()),
         frame_count=written.frame_count,

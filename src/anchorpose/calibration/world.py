@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
+from anchorpose.calibration.calibration import Calibration, FloorResidual, PoseRecord, PoseSource
+from anchorpose.calibration.equipment_seen import EquipmentWorldConfig
+from anchorpose.calibration.equipment_turns import TellFacing
+from anchorpose.calibration.equipment_world import world_from_equipment
 from anchorpose.calibration.floor import FloorConfig, FloorPlane, NoFloor, find_floor
+from anchorpose.calibration.given_poses import watch_given_poses
 from anchorpose.calibration.noise import noise_per_m
 from anchorpose.calibration.start import start_of_patient
 from anchorpose.camera import Camera, transform_points
@@ -17,56 +22,47 @@ from anchorpose.recording.recording import FrameSet, Recording
 WORST_FLOOR_TILT_RAD = 0.09  # five degrees between a measured floor and a given world's: one of them is wrong
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FloorResidual:
-    """How well one camera sees the floor: its name, rms of the plane, share of readings on it, tilt against world Y."""
+def find_world(
+    recording: Recording,
+    sample_frames: Sequence[FrameSet],
+    config: FloorConfig,
+    equipment_config: EquipmentWorldConfig | None = None,
+    tell_facing: TellFacing | None = None,
+) -> Calibration:
+    """Poses of all cameras: as given, from the equipment, or of a single camera from the floor and the patient.
 
-    camera: str
-    residual_m: float
-    inlier_share: float
-    tilt_rad: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Calibration:
-    """cameras: all with a pose; floor_height_m: the floor's Y in the world, None where no camera sees it; notes: what
-    was assumed, one sentence each, for the run's report."""
-
-    cameras: tuple[Camera, ...]
-    floor_height_m: float | None
-    residuals: tuple[FloorResidual, ...]
-    notes: tuple[str, ...]
-
-
-def find_world(recording: Recording, sample_frames: Sequence[FrameSet], config: FloorConfig) -> Calibration:
-    """Poses of all cameras: as given, or of a single camera from the floor and from where the patient stands.
-
-    sample_frames: spread over the recording, in the order of time. Found worlds have Y up, the origin on the floor
-    below the patient's start, and X from him towards the camera: he is taken to face it, and a note says so.
-    Raises InputError where poses are missing that the floor cannot give.
+    sample_frames: spread over the recording, in the order of time. With equipment the world is Gamma_0. Without, found
+    worlds have Y up, the origin on the floor below the patient's start, and X from him towards the camera: he is taken
+    to face it, and a note says so. Raises InputError where poses are missing and cannot be found.
     """
     missing = [camera.name for camera in recording.cameras if camera.T_world_camera is None]
-    _refuse_what_the_floor_cannot_give(recording, missing)
-    floors = [_floor_of(recording, index, sample_frames, config) for index in range(len(recording.cameras))]
+    settings = equipment_config or EquipmentWorldConfig()
+    if missing and recording.equipment is not None:
+        found = world_from_equipment(recording, sample_frames, config, settings, tell_facing)
+        floors = _floors(recording, sample_frames, config)
+        checked = _checked(found.cameras, floors, [f"the poses of {', '.join(missing)} were found from the equipment"])
+        return replace(
+            checked, floor_height_m=found.floor_height_m, poses=found.poses, notes=checked.notes + found.notes
+        )
     if not missing:
-        return _given(recording.cameras, floors)
-    return _from_one_camera(recording, sample_frames, floors[0])
-
-
-def _refuse_what_the_floor_cannot_give(recording: Recording, missing: Sequence[str]) -> None:
-    path = recording.folder / "recording.json"
-    if missing and len(recording.cameras) > 1:
+        checked = _checked(
+            recording.cameras, _floors(recording, sample_frames, config), ["the cameras' given poses are used"]
+        )
+        if recording.equipment is None:
+            return checked
+        watched = watch_given_poses(recording, sample_frames, config, checked.floor_height_m, settings)
+        return replace(checked, notes=(*checked.notes, *watched))
+    if len(recording.cameras) > 1:
         raise InputError(
-            path,
+            recording.folder / "recording.json",
             f"camera_to_world is null for {', '.join(missing)}, and {len(recording.cameras)} cameras need one world",
             "give every camera_to_world, or keep one camera only",
         )
-    if missing and recording.equipment is not None:
-        raise InputError(
-            path,
-            f"camera_to_world is null for {missing[0]}, so the equipment cannot be placed in its picture",
-            'give camera_to_world, or set "equipment" to null',
-        )
+    return _from_one_camera(recording, sample_frames, _floor_of(recording, 0, sample_frames, config))
+
+
+def _floors(recording: Recording, sample_frames: Sequence[FrameSet], config: FloorConfig) -> list[FloorPlane | NoFloor]:
+    return [_floor_of(recording, index, sample_frames, config) for index in range(len(recording.cameras))]
 
 
 def _floor_of(
@@ -85,8 +81,11 @@ def _floor_of(
     return find_floor(room, recording.cameras[index], noise, config)
 
 
-def _given(cameras: tuple[Camera, ...], floors: Sequence[FloorPlane | NoFloor]) -> Calibration:
-    residuals, heights, notes = [], [], ["the cameras' given poses are used"]
+def _checked(
+    cameras: tuple[Camera, ...], floors: Sequence[FloorPlane | NoFloor], first_notes: Sequence[str]
+) -> Calibration:
+    """Cameras with poses, and what their floors say of these."""
+    residuals, heights, notes = [], [], list(first_notes)
     for camera, floor in zip(cameras, floors, strict=True):
         if isinstance(floor, NoFloor):
             notes.append(f"camera {camera.name} sees no floor: {floor.value}")
@@ -102,7 +101,9 @@ def _given(cameras: tuple[Camera, ...], floors: Sequence[FloorPlane | NoFloor]) 
         ahead = floor.height_m / max(0.2, float(-floor.up @ [0.0, 0.0, 1.0])) * np.array([0.0, 0.0, 1.0])
         on_floor = ahead - (floor.up @ ahead + floor.height_m) * floor.up
         heights.append(float(transform_points(T_world_camera, on_floor)[1]))
-    return Calibration(cameras, float(np.median(heights)) if heights else None, tuple(residuals), tuple(notes))
+    records = tuple(PoseRecord(camera.name, PoseSource.GIVEN) for camera in cameras)
+    height = float(np.median(heights)) if heights else None
+    return Calibration(cameras, height, tuple(residuals), tuple(notes), records)
 
 
 def _from_one_camera(
@@ -122,7 +123,8 @@ def _from_one_camera(
     notes.append("the patient is taken to face the camera: X points from his start towards it")
     T_world_camera = _world_at(start.point_camera_m, up)
     posed = replace(camera, T_world_camera=T_world_camera)
-    return Calibration((posed,), None if height is None else 0.0, tuple(residuals), tuple(notes))
+    record = PoseRecord(camera.name, PoseSource.FLOOR)
+    return Calibration((posed,), None if height is None else 0.0, tuple(residuals), tuple(notes), (record,))
 
 
 def _world_at(origin_camera_m: np.ndarray, up_camera: np.ndarray) -> np.ndarray:

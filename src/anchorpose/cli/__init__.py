@@ -11,6 +11,7 @@ from typing import NoReturn
 from cyclopts import App, CycloptsError, Parameter
 
 from anchorpose import __version__
+from anchorpose.cli.calibrate import calibrate
 from anchorpose.cli.demo import demo
 from anchorpose.cli.equipment import equipment
 from anchorpose.cli.evaluate import evaluate
@@ -32,7 +33,7 @@ app = App(
     default_parameter=Parameter(negative=()),
     suppress_keyboard_interrupt=False,
 )
-for _verb in (demo, simulate, track, evaluate, report, inspect, equipment):
+for _verb in (demo, simulate, calibrate, track, evaluate, report, inspect, equipment):
     app.command(_verb)
 
 

@@ -17,6 +17,7 @@ def track(
     *,
     results: Annotated[Path, Parameter(name=["--output", "-o"])],
     patient: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
+    calibration: Path | None = None,
     config: Path | None = None,
     overwrite: bool = False,
     start: int | None = None,
@@ -33,6 +34,9 @@ def track(
     patient
         Where the patient stands at the start, as x,z in metres on the floor (x forward, z to the patient's right);
         needed only where several people are in the picture and the choice comes out wrong.
+    calibration
+        A calibration.json (or its folder) made by 'anchorpose calibrate'; its poses replace those of the recording.
+        Without it poses that are null in recording.json are found.
     config
         A TOML or JSON file with settings that differ from the defaults.
     overwrite
@@ -59,7 +63,10 @@ def track(
     except ValueError as error:
         raise AnchorposeError(f"{error}.") from None
     with new_results_folder(results, recording, overwrite) as folder, progress_bar("Tracking") as progress:
-        track_recording(recording, folder, settings, progress)
+        if calibration is None:
+            track_recording(recording, folder, settings, progress)
+        else:
+            track_recording(recording, folder, settings, progress, calibration)
     print_outcome(results)
 
 

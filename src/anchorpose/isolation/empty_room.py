@@ -57,7 +57,7 @@ def learn_background(
     walls = depth_of_room(depth, camera, noise)
     drawn = None
     if equipment is not None:
-        drawn = equipment_depth(camera, camera.pixel_rays(), equipment)
+        drawn = equipment_depth(camera, equipment)
         depth = clear_equipment(depth, sigma, camera, equipment, drawn, walls, floor_height_m, noise, config)
     room = depth if drawn is None else np.where(drawn > 0, np.float32(0.0), depth)  # a rail joins people to each other
     if len(frames_m) < FRAMES_NEEDED:

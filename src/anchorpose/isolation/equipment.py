@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from anchorpose.camera import Camera
+from anchorpose.calibration.equipment_pose_render import EquipmentCaster
+from anchorpose.camera import Camera, invert_rigid
 from anchorpose.isolation.background import BackgroundModel
 from anchorpose.isolation.config import IsolationConfig
 from anchorpose.recording.equipment import EquipmentModel
@@ -30,23 +31,12 @@ class ExpectedEquipment:
     high_m: np.ndarray
 
 
-def equipment_depth(camera: Camera, rays: np.ndarray, equipment: EquipmentModel) -> np.ndarray:
-    """(height, width) float32 depth of the equipment alone, 0 = none: every pixel's ray cast at its triangles.
-
-    rays (height, width, 2) float32: ``camera.pixel_rays()``. Raises ValueError where the camera's pose is unknown.
-    """
-    from embreex.mesh_construction import TriangleMesh
-    from embreex.rtcore_scene import EmbreeScene
-
-    T_world_camera = camera.require_pose()
-    scene = EmbreeScene()
-    vertices, faces = equipment.triangles()
-    TriangleMesh(scene, vertices[faces].astype(np.float32))
-    ahead = np.concatenate([rays, np.ones_like(rays[..., :1])], axis=-1).reshape(-1, 3)
-    directions = (ahead @ T_world_camera[:3, :3].T).astype(np.float32)  # one metre of depth long: distance = depth
-    origins = np.broadcast_to(T_world_camera[:3, 3].astype(np.float32), directions.shape).copy()
-    distance = scene.run(origins, directions, query="DISTANCE").reshape(rays.shape[:2])
-    depth: np.ndarray = np.where(distance < 1e6, distance, 0.0).astype(np.float32)  # a miss is reported as 1e37
+def equipment_depth(camera: Camera, equipment: EquipmentModel) -> np.ndarray:
+    """(height, width) float32 depth of the equipment alone, 0 = none; raises ValueError where the pose is unknown."""
+    depth = np.zeros((camera.height, camera.width), np.float32)
+    rendering = EquipmentCaster(equipment).render(camera, invert_rigid(camera.require_pose()))
+    if rendering is not None:
+        depth[rendering.window] = np.where(np.isfinite(rendering.depth_m), rendering.depth_m, 0.0)
     return depth
 
 

@@ -36,7 +36,7 @@ def depth_of_room(room_m: np.ndarray, camera: Camera, noise_per_m: float, seed: 
 
 
 def _planes(points_m: np.ndarray, least: float, noise_per_m: float, rng: np.random.Generator) -> list[np.ndarray]:
-    """(4,) each: normal away from the camera and offset, ``normal @ p = offset``; the largest first, none below least."""
+    """(4,) each: normal away from the camera and offset, ``normal @ p = offset``; largest first."""
     found, left = list[np.ndarray](), points_m
     limit = TOLERANCE_M + NOISE_GATE * noise_per_m * points_m[:, 2] ** 2
     while len(found) < PLANES and len(left) > max(least, 3):

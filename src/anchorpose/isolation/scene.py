@@ -76,9 +76,7 @@ def set_scene(
     rays = camera.pixel_rays()
     if equipment is None:
         return Scene(camera, rays, background, None)
-    return Scene(
-        camera, rays, background, expect_equipment(equipment_depth(camera, rays, equipment), background, config)
-    )
+    return Scene(camera, rays, background, expect_equipment(equipment_depth(camera, equipment), background, config))
 
 
 def find_pieces(depth_m: np.ndarray, scene: Scene, config: IsolationConfig) -> Pieces:

@@ -73,7 +73,7 @@ def _parse_camera(entry: JsonObject) -> Camera:
             meaning="metres a grey value (0.001 for millimetres)",
         ),
         intrinsics=_parse_intrinsics(entry.object("intrinsics")),
-        T_world_camera=_parse_pose(entry) if entry.has("camera_to_world") else None,
+        T_world_camera=parse_pose(entry) if entry.has("camera_to_world") else None,
     )
 
 
@@ -94,8 +94,8 @@ def _parse_intrinsics(entry: JsonObject) -> Intrinsics:
     )
 
 
-def _parse_pose(entry: JsonObject) -> np.ndarray:
-    """T_world_camera (4, 4), refused unless it is a rigid motion: a scaled or mirrored world measures nothing."""
+def parse_pose(entry: JsonObject) -> np.ndarray:
+    """``camera_to_world`` (4, 4), refused unless it is a rigid motion: a scaled or mirrored world measures nothing."""
     pose = entry.numbers("camera_to_world", (4, 4), "four rows of four numbers, or null where the pose is unknown")
     remedy = "write a rotation and a translation in metres with the last row 0 0 0 1, or null to have it estimated"
     if np.abs(pose[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-9 or not is_rotation(pose[:3, :3]):

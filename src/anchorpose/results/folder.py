@@ -21,8 +21,8 @@ def new_results_folder(
 ) -> Iterator[Path]:
     """A folder to write results of ``recording`` into that becomes ``path`` at the end; see ``whole_or_nothing``.
 
-    An existing result is replaced only with ``overwrite``, and only at the end; any other folder that is not empty is
-    never touched. Raises InputError before anything is written where the results may not go to ``path``.
+    An existing result, known by the files ``marks``, is replaced only with ``overwrite``; any other folder that
+    is not empty is never touched. Raises InputError before anything is written where results may not go to ``path``.
     """
     check_results_path(path, recording, overwrite, marks)
     with whole_or_nothing(path) as partial:

@@ -10,7 +10,7 @@ from anchorpose.camera import Camera
 from anchorpose.recording.equipment import EquipmentModel, EquipmentPart
 from anchorpose.simulate.channels import ball_ahead_m, standing_pelvis_m
 from anchorpose.simulate.config import SimulationConfig
-from anchorpose.simulate.frame import StandingFrame, build_stool, fit_standing_frame
+from anchorpose.simulate.frame import StandingFrame, build_stool, fit_parallel_bars, fit_standing_frame
 from anchorpose.simulate.patient import LONG_AGO_S, Actor, draw_patient, resting_channels, seated_offsets
 from anchorpose.simulate.person import Person, draw_person
 from anchorpose.simulate.render import PATIENT, Figure
@@ -90,7 +90,7 @@ def draw_clinic(config: SimulationConfig) -> Clinic:
     """Cast and scenery from ``config.seed``."""
     person = draw_person(random_stream(config, "patient"), config.clothing_m, config.height_m)
     scenery = random_stream(config, "room")
-    frame = _fitted_frame(scenery, person) if config.standing_frame else None
+    frame = _fitted_frame(scenery, person, config.parallel_bars) if config.standing_frame else None
     patient = draw_patient(random_stream(config, "programme"), config, person, frame)
     parts: tuple[EquipmentPart, ...] = () if frame is None else frame.parts
     if config.stool and patient.sits():
@@ -113,7 +113,7 @@ def face_parts(person: Person) -> np.ndarray:
     return (asset.main_bone()[asset.faces[:, 0]] + 1).astype(np.uint8)
 
 
-def _fitted_frame(rng: np.random.Generator, person: Person) -> StandingFrame:
+def _fitted_frame(rng: np.random.Generator, person: Person, parallel_bars: bool) -> StandingFrame:
     body = person.body
     actor = _posed(person, ())
     skin = person.skin(actor.bones(np.zeros(1))[0], 0.0)
@@ -122,12 +122,15 @@ def _fitted_frame(rng: np.random.Generator, person: Person) -> StandingFrame:
     )
     knee_m = float(body.bone_heads[body.asset.bone("LeftLeg"), 1])
     trunk = ~arms & (skin[:, 1] > knee_m - 0.1)
+    half_width_m = float(np.abs(skin[trunk, 2]).max()) + 0.14
+    if parallel_bars:
+        return fit_parallel_bars(rng, pelvis_m=standing_pelvis_m(body), half_width_m=half_width_m)
     return fit_standing_frame(
         rng,
         pelvis_m=standing_pelvis_m(body),
         knee_m=knee_m,
         front_m=float(skin[trunk & (skin[:, 1] < 1.2), 0].max()),
-        half_width_m=float(np.abs(skin[trunk, 2]).max()) + 0.14,
+        half_width_m=half_width_m,
     )
 
 

@@ -31,6 +31,10 @@ class SimulationConfig:
     cameras: int = 3  # front, left, right, then behind
     sensor: Sensor = "kinect-v2"  # the paper's
     standing_frame: bool = True
+    parallel_bars: bool = False  # instead of the standing frame: two rails that look the same from both ends
+    equipment_moves_at_s: float | None = None  # when somebody pushes the equipment; None: nobody does
+    equipment_shift_m: tuple[float, float] = (0.0, 0.0)  # along X and Z
+    equipment_turn_rad: float = 0.0  # about the vertical
     stool: bool = True  # something solid under a patient who sits
     therapists: int = 2
     motions: tuple[str, ...] = ("mixed",)
@@ -63,6 +67,9 @@ class SimulationConfig:
         _require(
             self.hole_radius_m == 0 or SMALLEST_HOLE_M <= self.hole_radius_m <= LARGEST_HOLE_M,
             f"hole_radius_m must be 0 or {SMALLEST_HOLE_M} to {LARGEST_HOLE_M}, got {self.hole_radius_m}",
+        )
+        _require(
+            self.standing_frame or not self.parallel_bars, "parallel bars stand in for the standing frame: ask for it"
         )
         _require(self.seed >= 0, f"seed must not be negative, got {self.seed}")
         _require(0 <= self.dropped_share < 1, f"dropped_share must be 0 to below 1, got {self.dropped_share}")

@@ -1,4 +1,4 @@
-"""The equipment of a simulated clinic: a standing frame fitted to the patient, or a stool."""
+"""The equipment of a simulated clinic: a standing frame or parallel bars fitted to the patient, or a stool."""
 
 from __future__ import annotations
 
@@ -47,6 +47,22 @@ def fit_standing_frame(
     parts.append(_box("knee-bar", (x, knee_bar_m, 0.0), (bar_depth_m, bar_height_m, 2.0 * half_m - tube_m)))
     grip_x, top_m = x - rng.uniform(0.08, 0.18), rail_m + tube_m / 2.0
     return StandingFrame(tuple(parts), np.array([[grip_x, top_m, -half_m], [grip_x, top_m, half_m]]))
+
+
+def fit_parallel_bars(rng: np.random.Generator, pelvis_m: float, half_width_m: float) -> StandingFrame:
+    """Two rails on four posts around a patient at the origin, the same from both ends."""
+    rail_m = pelvis_m + rng.uniform(-0.06, 0.04)
+    half_m = max(half_width_m, 0.32) + rng.uniform(0.0, 0.05)
+    tube_m, length_m = rng.uniform(0.035, 0.045), rng.uniform(1.6, 2.2)
+    parts: list[EquipmentPart] = []
+    for side, z in (("left", -half_m), ("right", half_m)):
+        parts.append(_tube(rng, f"rail-{side}", (0.0, rail_m, z), tube_m, length_m, 0))
+        for end, x in (("front", 0.4 * length_m), ("back", -0.4 * length_m)):
+            post = np.array([x, (rail_m - tube_m / 2.0) / 2.0, z])
+            up = np.array([0.0, 1.0, 0.0])
+            parts.append(Cylinder(f"post-{side}-{end}", post, up, tube_m / 2.0, rail_m - tube_m / 2.0))
+    top_m = rail_m + tube_m / 2.0
+    return StandingFrame(tuple(parts), np.array([[0.12, top_m, -half_m], [0.12, top_m, half_m]]))
 
 
 def build_stool(rng: np.random.Generator, center_m: tuple[float, float], height_m: float) -> tuple[EquipmentPart, ...]:

@@ -33,6 +33,7 @@ class Studio:
     performances: tuple[Performance, ...]  # one a camera; the same object where clocks agree
     in_hole: np.ndarray  # (t,) bool
     kept: tuple[np.ndarray, ...]  # one a camera: (t,) bool, pictures that reach the disk
+    stills_after: tuple[Picture, ...]  # one a camera: the empty room once the equipment has been moved
 
     def shoot(self, frame: int) -> Shot:
         """All cameras' pictures with one number."""
@@ -40,7 +41,11 @@ class Studio:
         figures = {id(p): p.figures(frame) for p in self.performances}
         pictures, depths = [], []
         for index, camera in enumerate(clinic.cameras):
-            picture = draw_figures(camera, self.stills[index], figures[id(self.performances[index])])
+            performance = self.performances[index]
+            moves_at_s = clinic.config.equipment_moves_at_s
+            moved = moves_at_s is not None and performance.times_s[frame] >= moves_at_s
+            stills = self.stills_after if moved else self.stills
+            picture = draw_figures(camera, stills[index], figures[id(performance)])
             rng = random_stream(clinic.config, "sensor", index, frame)
             pictures.append(picture)
             depths.append(sense(rng, spec, picture.depth_m, picture.cosine, self.wiggles_m[index]))
@@ -67,24 +72,42 @@ class Studio:
 def set_up(clinic: Clinic) -> Studio:
     """Render the empty room and let everybody act."""
     config = clinic.config
-    equipment = np.zeros((0, 3, 3))
-    if clinic.equipment is not None:
-        vertices, faces = clinic.equipment.triangles()
-        equipment = vertices[faces]
+    equipment = equipment_triangles(clinic, moved=False)
     performances: list[Performance] = []
     for index in range(config.cameras):
         times_s = clinic.true_times_s(index)
         same = [p for p in performances if np.array_equal(p.times_s, times_s)]
         performances.append(same[0] if same else clinic.act(times_s))
     spec = SENSORS[config.sensor]
+    stills = tuple(render_still(camera, clinic.room, equipment) for camera in clinic.cameras)
+    elsewhere = equipment_triangles(clinic, moved=True)
     return Studio(
         clinic=clinic,
-        stills=tuple(render_still(camera, clinic.room, equipment) for camera in clinic.cameras),
+        stills=stills,
+        stills_after=stills
+        if config.equipment_moves_at_s is None
+        else tuple(render_still(camera, clinic.room, elsewhere) for camera in clinic.cameras),
         wiggles_m=tuple(draw_wiggle(random_stream(config, "sensor", index), spec) for index in range(config.cameras)),
         performances=tuple(performances),
         in_hole=_draw_hole_frames(clinic),
         kept=tuple(_draw_kept(clinic, index) for index in range(config.cameras)),
     )
+
+
+def equipment_triangles(clinic: Clinic, moved: bool) -> np.ndarray:
+    """(n, 3, 3) world metres, before or after somebody pushed it: turned about its middle, then shifted."""
+    if clinic.equipment is None:
+        return np.zeros((0, 3, 3))
+    vertices, faces = clinic.equipment.triangles()
+    if moved:
+        config, middle = clinic.config, (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
+        cos, sin = np.cos(config.equipment_turn_rad), np.sin(config.equipment_turn_rad)
+        turn = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
+        vertices = (vertices - middle) @ turn.T + middle
+        x, z = config.equipment_shift_m
+        vertices = vertices + np.array([x, 0.0, z])
+    triangles: np.ndarray = vertices[faces]
+    return triangles
 
 
 def body_centre_m(cameras: tuple[Camera, ...], pictures: list[Picture]) -> np.ndarray | None:

@@ -11,6 +11,7 @@ from anchorpose.body.part_registration import PartRegistrationConfig
 from anchorpose.body.registration import RegistrationConfig
 from anchorpose.body.uncertainty import UncertaintyConfig
 from anchorpose.body.visibility import VisibilityConfig
+from anchorpose.calibration.equipment_seen import EquipmentWorldConfig
 from anchorpose.calibration.floor import FloorConfig
 from anchorpose.geodesics.anchors import AnchorConfig
 from anchorpose.isolation.config import IsolationConfig
@@ -56,6 +57,7 @@ class TrackConfig:
     stop: int | None = None  # frame to stop before; None = the end
     patient_xz_m: tuple[float, float] | None = None  # where the patient stands at the start, if the user says so
     floor: FloorConfig = field(default_factory=FloorConfig)
+    equipment_pose: EquipmentWorldConfig = field(default_factory=EquipmentWorldConfig)
     isolation: IsolationConfig = field(default_factory=IsolationConfig)
     surface: SurfaceConfig = field(default_factory=SurfaceConfig)
     fusion: FusionConfig = field(default_factory=FusionConfig)

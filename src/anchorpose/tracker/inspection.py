@@ -19,7 +19,8 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.observation import Observation, observe_first
 from anchorpose.tracker.patient import PatientTracker, follow_openly
-from anchorpose.tracker.room import Opening, Room, choose_opening, prepare_room, sight_people
+from anchorpose.tracker.preparation import prepare_room
+from anchorpose.tracker.room import Opening, Room, choose_opening, sight_people
 from anchorpose.tracker.start import ORDINARY_HEIGHT_M
 from anchorpose.tracker.stopwatch import Stopwatch
 from anchorpose.tracking.default_motions import default_motions

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from anchorpose.calibration.world import Calibration, find_world
+from anchorpose.calibration.calibration import Calibration
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
 from anchorpose.isolation.background import BackgroundModel
@@ -48,13 +48,19 @@ class Room:
         return self.calibration.cameras
 
 
-def prepare_room(recording: Recording, config: TrackConfig) -> Room:
-    """Calibration, background of every camera, and who is the patient, from frames spread over the recording."""
+def sample_recording(recording: Recording, config: TrackConfig) -> tuple[list[int], list[FrameSet]]:
+    """Positions of frames spread over what is to be tracked, and these frames."""
     first, count = config.start, len(recording.streams[0].time_s[config.start : config.stop])
     wanted = config.follow.samples * (1 if all(room is not None for room in recording.backgrounds_m) else BLIND_SAMPLES)
     chosen = np.unique(np.linspace(first, first + count - 1, min(wanted, count)).astype(int)).tolist()
-    samples = [next(iter(read_frames(recording, k, k + 1))) for k in chosen]
-    calibration = find_world(recording, samples, config.floor)
+    return chosen, [next(iter(read_frames(recording, k, k + 1))) for k in chosen]
+
+
+def furnish_room(
+    recording: Recording, calibration: Calibration, chosen: Sequence[int], samples: Sequence[FrameSet],
+    config: TrackConfig,
+) -> Room:  # fmt: skip
+    """Background of every camera and who is the patient, from frames at positions ``chosen``."""
     scenes = tuple(
         set_scene(
             camera,

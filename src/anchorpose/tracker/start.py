@@ -60,7 +60,7 @@ def find_start(
     )
     if len(observation.surface) < config.registration.least_nodes:
         return NoStart.TOO_LITTLE_SEEN
-    shapes = [known] if known else [shape_of_height(points.asset, h) for h in _heights(observation.surface, room)]
+    shapes = [known] if known else [shape_of_height(points.asset, h) for h in first_heights(observation.surface, room)]
     with watch.stage("first pose"):
         first = find_first_pose(
             points, observation.evidence, observation.anchors, shapes, known is not None,
@@ -73,7 +73,7 @@ def find_start(
     return Start(observation, first.shape, found.belief, found.explained)
 
 
-def _heights(surface: Surface, room: Room) -> Sequence[float]:
+def first_heights(surface: Surface, room: Room) -> Sequence[float]:
     """Standing heights to try: the given one, else what is seen and a little more."""
     if room.recording.subject_height_m is not None:
         return (room.recording.subject_height_m,)

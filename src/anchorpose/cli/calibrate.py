@@ -1,0 +1,57 @@
+"""``anchorpose calibrate``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+
+def calibrate(
+    recording: Path,
+    /,
+    *,
+    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    overwrite: bool = False,
+    ignore_given: bool = False,
+    config: Path | None = None,
+) -> None:
+    """Find where every camera stands, from the equipment in its depth pictures and equipment.json alone.
+
+    Nothing needs to be clicked or put up. Writes calibration.json, which 'track --calibration' reads, and one picture a
+    camera with the equipment drawn where it was found: look at them. A pose that is not to be trusted is refused.
+
+    Parameters
+    ----------
+    recording
+        The folder with recording.json and the depth pictures of each camera; nothing is written into it.
+    output
+        The folder to write; by default beside the recording, named like it with '-calibration' at the end.
+    overwrite
+        Replace an existing calibration folder.
+    ignore_given
+        Find also those poses that recording.json gives.
+    config
+        A TOML or JSON file with settings that differ from the defaults, as for track.
+    """
+    from rich.console import Console
+    from rich.table import Table
+
+    from anchorpose.cli.config_file import load_config
+    from anchorpose.pipeline import TrackConfig, calibrate_recording
+    from anchorpose.results.calibration_file import CALIBRATION_MARKS, calibration_rows
+    from anchorpose.results.folder import new_results_folder
+
+    settings = load_config(config, TrackConfig) if config is not None else TrackConfig()
+    source = recording.resolve()
+    target = output if output is not None else source.with_name(f"{source.name}-calibration")
+    with new_results_folder(target, recording, overwrite, CALIBRATION_MARKS) as folder:
+        found = calibrate_recording(recording, folder, settings, ignore_given)
+    table = Table("camera", "pose", "± mm", "± degrees", "surface rms mm", "outline rms px")
+    for row in calibration_rows(found):
+        table.add_row(*row)
+    Console().print(table)
+    for note in found.notes:
+        print(f"- {note}")
+    print(f"The calibration is in {target}; look at its pictures before you use it.")
