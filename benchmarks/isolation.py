@@ -1,7 +1,8 @@
 """Who is told from whom, pixel by pixel, on simulated clinics: python benchmarks/isolation.py --seeds 4 --seconds 6.
 
 Readings are counted that lie on what they are said to show: within 3 cm of the true surface at their own pixel, so that
-flying pixels and pixels that look one aside are nobody's. --no-background takes the pictures of the empty room away,
+flying pixels and pixels that look one aside are nobody's; and, but for --with-outline, not on the outermost pixels of
+anything, which the sensor mixes with what is beside them. --no-background takes the pictures of the empty room away,
 --no-tracker tells people apart without the predicted patient. Time is that of one core for all cameras, of isolation
 alone.
 """
@@ -16,6 +17,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
 
+import cv2
 import numpy as np
 
 from anchorpose.isolation.crowd import nobody, remember
@@ -23,7 +25,7 @@ from anchorpose.isolation.people import find_people
 from anchorpose.isolation.people_apart import separate, separate_first
 from anchorpose.isolation.scene import find_pieces
 from anchorpose.isolation.view import PixelLabel, View
-from anchorpose.pipeline import TrackConfig, one_thread
+from anchorpose.pipeline import TrackConfig
 from anchorpose.recording.reader import open_recording, read_frames
 from anchorpose.recording.recording import Recording
 from anchorpose.simulate import config as presets
@@ -31,6 +33,7 @@ from anchorpose.simulate.clinic import draw_clinic
 from anchorpose.simulate.render import EQUIPMENT, PATIENT
 from anchorpose.simulate.shoot import Shot, Studio, set_up
 from anchorpose.simulate.write import simulate_recording
+from anchorpose.threads import one_thread
 from anchorpose.tracker.both_ways import learn_on, plan_route
 from anchorpose.tracker.patient import follow_patient
 from anchorpose.tracker.preparation import prepare_room
@@ -56,13 +59,15 @@ class Count:
     taken: int = 0
 
 
-def count(views: Sequence[View | None], shot: Shot) -> Count:
-    """Labels against the truth, all cameras together."""
+def count(views: Sequence[View | None], shot: Shot, outline: bool) -> Count:
+    """Labels against the truth, all cameras together; outline: also the outermost pixels."""
     total = Count()
     for view, picture in zip(views, shot.pictures, strict=True):
         if view is None:
             continue
         on_it = (view.depth_m > 0) & (np.abs(view.depth_m - picture.depth_m) < ON_IT_M)
+        if not outline:
+            on_it &= cv2.dilate(picture.label, np.ones((3, 3))) == cv2.erode(picture.label, np.ones((3, 3)))
         equipment, patient = (on_it & (picture.label == label) for label in (EQUIPMENT, PATIENT))
         others = on_it & (picture.label > PATIENT)
         total.equipment += int(equipment.sum())
@@ -128,7 +133,9 @@ def milliseconds(recording: Recording, room: Room, config: TrackConfig) -> float
     return 1000.0 * float(np.median(spent[1:]))
 
 
-def score(seed: int, seconds: float, background: bool, tracker: bool) -> tuple[list[Count], np.ndarray, float]:
+def score(
+    seed: int, seconds: float, background: bool, tracker: bool, outline: bool
+) -> tuple[list[Count], np.ndarray, float]:
     """Counts of every frame, which frames somebody touches the patient in, milliseconds a frame."""
     config, scene = TrackConfig(), presets.clinic(seed, seconds)
     with TemporaryDirectory() as folder:
@@ -140,7 +147,7 @@ def score(seed: int, seconds: float, background: bool, tracker: bool) -> tuple[l
         room = prepare_room(recording, config)
         studio: Studio = set_up(draw_clinic(scene))
         views = (tracked_views if tracker else untracked_views)(recording, room, config)
-        counts = {frame: count(labels, studio.shoot(frame)) for frame, labels in views}
+        counts = {frame: count(labels, studio.shoot(frame), outline) for frame, labels in views}
         spent = milliseconds(recording, room, config)
     frames = sorted(counts)
     return [counts[frame] for frame in frames], touched[frames], spent
@@ -173,12 +180,15 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=6.0)
     parser.add_argument("--no-background", action="store_true")
     parser.add_argument("--no-tracker", action="store_true")
+    parser.add_argument("--with-outline", action="store_true")
     options = parser.parse_args()
     print("| seed | " + " | ".join(COLUMNS) + " |\n|---|" + "--:|" * len(COLUMNS))
     all_counts, all_touched, times = list[Count](), list[np.ndarray](), list[float]()
     for seed in range(options.first_seed, options.first_seed + options.seeds):
         with one_thread():
-            counts, touched, spent = score(seed, options.seconds, not options.no_background, not options.no_tracker)
+            counts, touched, spent = score(
+                seed, options.seconds, not options.no_background, not options.no_tracker, options.with_outline
+            )
         print(row(str(seed), counts, touched, spent), flush=True)
         all_counts += counts
         all_touched.append(touched)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -10,10 +11,13 @@ import pytest
 from room_builder import camera_at
 from scipy.spatial.transform import Rotation
 
+from anchorpose.calibration.calibration import PoseSource
 from anchorpose.calibration.marker_layout import Board, MarkerLayout, Tag, read_marker_layout
+from anchorpose.calibration.marker_poses import place_by_markers
 from anchorpose.calibration.markers import MarkerConfig, MarkerPose, NoMarkers, pose_from_markers
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.errors import InputError
+from anchorpose.recording.recording import Recording
 
 DICTIONARY = "DICT_APRILTAG_36h11"
 FACING_X = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])  # a tag that is read from +X: its x is -Z, its z is X
@@ -253,3 +257,42 @@ def test_a_layout_that_cannot_be_used_is_refused_with_a_remedy(tmp_path, changes
     with pytest.raises(InputError, match=said) as refusal:
         read_marker_layout(path)
     assert "markers.json" in str(refusal.value)
+
+
+def recording_with(folder, *cameras: Camera) -> Recording:
+    for camera in cameras:
+        (folder / camera.name).mkdir()
+    nothing = (None,) * len(cameras)
+    return Recording(
+        folder=folder, cameras=cameras, streams=(), backgrounds_m=nothing, equipment=None, subject_height_m=None
+    )
+
+
+def test_a_camera_with_a_picture_of_the_markers_is_placed_and_the_others_keep_what_they_have(tmp_path):
+    unplaced = replace(CAMERA, T_world_camera=None)
+    side = replace(unplaced, name="side")
+    recording = recording_with(tmp_path, unplaced, side)
+    cv2.imwrite(str(tmp_path / CAMERA.name / "infrared.png"), photo(CAMERA, SPREAD))
+    placed, records = place_by_markers(recording, MarkerLayout(DICTIONARY, SPREAD, None))
+    assert np.abs(placed.cameras[0].require_pose() - CAMERA.require_pose()).max() < 0.02
+    assert placed.cameras[1].T_world_camera is None
+    assert list(records) == [CAMERA.name]
+    assert records[CAMERA.name].source is PoseSource.MARKERS
+    assert 0 < records[CAMERA.name].sigma_m < 0.02
+
+
+def test_pictures_that_tell_no_pose_are_refused_by_name(tmp_path):
+    recording = recording_with(tmp_path, CAMERA)
+    layout = MarkerLayout(DICTIONARY, SPREAD, None)
+    with pytest.raises(InputError, match=r"infrared\.png or color\.png"):
+        place_by_markers(recording, layout)
+    path = tmp_path / CAMERA.name / "color.png"
+    cv2.imwrite(str(path), np.full((CAMERA.height, CAMERA.width), 90, np.uint8))
+    with pytest.raises(InputError, match=r"color\.png.*none of the markers"):
+        place_by_markers(recording, layout)
+    cv2.imwrite(str(path), np.full((40, 30), 90, np.uint8))
+    with pytest.raises(InputError, match="30 x 40 pixels"):
+        place_by_markers(recording, layout)
+    path.write_bytes(b"no picture")
+    with pytest.raises(InputError, match="no picture"):
+        place_by_markers(recording, layout)

@@ -13,8 +13,9 @@ import pytest
 from room_builder import FRONT, KNEE_BAR, ROOM, body, picture
 
 from anchorpose.cli import main
+from anchorpose.inspecting import inspect_recording
 from anchorpose.joints import JOINT_NAMES
-from anchorpose.pipeline import TrackConfig, inspect_recording, track_recording
+from anchorpose.pipeline import TrackConfig, track_recording
 from anchorpose.results.canvas import enlarge, scale_of, shade
 from anchorpose.results.folder import new_results_folder
 from anchorpose.results.inspection_page import FACTS_FILE, Section, StagePicture, write_inspection

@@ -8,27 +8,19 @@ The room is prepared once; then every frame goes through ``tracker.observation``
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from anchorpose.body.skin_points import FittedShape
-from anchorpose.calibration.calibration import Calibration, PoseSource
-from anchorpose.calibration.equipment_pose_still import what_stays
-from anchorpose.calibration.noise import noise_per_m
+from anchorpose.calibration.calibration import PoseSource
 from anchorpose.recording.calibration_file import with_poses
 from anchorpose.recording.inputs import input_files
 from anchorpose.recording.reader import open_recording, read_frames
 from anchorpose.recording.recording import Recording
 from anchorpose.results.angles import ANGLES_FILE, joint_angles, write_angles
-from anchorpose.results.calibration_file import write_calibration
-from anchorpose.results.canvas import as_png
-from anchorpose.results.inspection_page import write_inspection
-from anchorpose.results.model_picture import draw_model
 from anchorpose.results.pictures import FramePicture, save_pictures
 from anchorpose.results.report import write_report
 from anchorpose.results.run_record import (
@@ -42,16 +34,15 @@ from anchorpose.results.run_record import (
     write_run_record,
 )
 from anchorpose.results.tables import JOINTS_FILE, read_joints, write_joints
+from anchorpose.threads import one_thread
 from anchorpose.tracker.both_ways import FrameRecord, learn_on, plan_route, track_on
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.inspection import Inspection, inspect_frame
-from anchorpose.tracker.inspection_pictures import inspection_facts, inspection_sections
-from anchorpose.tracker.preparation import calibrate, prepare_room
-from anchorpose.tracker.room import Room, sample_recording
+from anchorpose.tracker.preparation import prepare_room
+from anchorpose.tracker.room import Room
 from anchorpose.tracker.stopwatch import Stopwatch
 from anchorpose.tracking.default_motions import default_motions
 
-__all__ = ["TrackConfig", "calibrate_recording", "inspect_recording", "track_recording"]
+__all__ = ["TrackConfig", "track_recording"]
 
 PICTURES = 6  # frames shown in the report, spread over the recording
 
@@ -79,56 +70,6 @@ def track_recording(
     """
     with one_thread():
         _track(recording, results, config, progress, calibration)
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Linear algebra and pictures on one thread; OpenCV's threads wait for each other longer than they work."""
-    import cv2
-
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        with threadpool_limits(limits=1):
-            yield
-    finally:
-        cv2.setNumThreads(before)
-
-
-def inspect_recording(
-    recording: Path, out: Path, frame: int, config: TrackConfig, as_tracked: bool, tick: Callable[[], None]
-) -> Inspection:
-    """Write pictures of what every stage makes of one frame into an existing, empty folder; see ``inspect_frame``."""
-    with one_thread():
-        inspection = inspect_frame(open_recording(recording), frame, config, as_tracked, tick)
-        title = f"{recording.resolve().name}: frame {frame}, {inspection.frame_set.time_s:.2f} s"
-        account = (*inspection.account, *inspection.frame_set.problems)
-        write_inspection(out, title, inspection_sections(inspection, config), account, inspection_facts(inspection))
-    return inspection
-
-
-def calibrate_recording(recording: Path, folder: Path, config: TrackConfig, ignore_given: bool = False) -> Calibration:
-    """Find every camera's pose and write calibration.json and one picture a camera into an existing folder.
-
-    ignore_given: find given poses anew. Raises InputError where the recording cannot be used or a pose is not to be
-    trusted.
-    """
-    with one_thread():
-        opened = open_recording(recording)
-        if ignore_given:
-            opened = replace(opened, cameras=tuple(replace(c, T_world_camera=None) for c in opened.cameras))
-        _, samples = sample_recording(opened, config)
-        calibration = calibrate(opened, samples, config)
-        write_calibration(folder, opened.folder.resolve().name, calibration)
-        for index, camera in enumerate(calibration.cameras):
-            seen = [depth for sample in samples if (depth := sample.depths_m[index]) is not None]
-            background = opened.backgrounds_m[index]
-            if background is not None or seen:
-                still = background if background is not None else what_stays(np.stack(seen), noise_per_m(seen))
-                (folder / f"{camera.name}.png").write_bytes(
-                    as_png(draw_model(camera, still, opened.equipment, axes=True))
-                )
-    return calibration
 
 
 def _track(recording: Path, results: Path, config: TrackConfig, progress: Progress, calibration: Path | None) -> None:

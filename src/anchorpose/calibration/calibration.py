@@ -14,6 +14,7 @@ class PoseSource(StrEnum):
     GIVEN = "given"
     FILE = "given by a calibration file"
     EQUIPMENT = "found from the equipment"
+    MARKERS = "found from markers"
     FLOOR = "floor and patient"
 
 

@@ -15,6 +15,7 @@ def calibrate(
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
     overwrite: bool = False,
     ignore_given: bool = False,
+    markers: Path | None = None,
     config: Path | None = None,
 ) -> None:
     """Find where every camera stands, from the equipment in its depth pictures and equipment.json alone.
@@ -32,14 +33,18 @@ def calibrate(
         Replace an existing calibration folder.
     ignore_given
         Find also those poses that recording.json gives.
+    markers
+        A markers.json that says which printed AprilTags or ChArUco board hang where: cameras whose folder holds a
+        picture of them, infrared.png or color.png, are placed by these instead of by depth.
     config
         A TOML or JSON file with settings that differ from the defaults, as for track.
     """
     from rich.console import Console
     from rich.table import Table
 
+    from anchorpose.calibrating import calibrate_recording
     from anchorpose.cli.config_file import load_config
-    from anchorpose.pipeline import TrackConfig, calibrate_recording
+    from anchorpose.pipeline import TrackConfig
     from anchorpose.results.calibration_file import CALIBRATION_MARKS, calibration_rows
     from anchorpose.results.folder import new_results_folder
 
@@ -47,7 +52,7 @@ def calibrate(
     source = recording.resolve()
     target = output if output is not None else source.with_name(f"{source.name}-calibration")
     with new_results_folder(target, recording, overwrite, CALIBRATION_MARKS) as folder:
-        found = calibrate_recording(recording, folder, settings, ignore_given)
+        found = calibrate_recording(recording, folder, settings, ignore_given, markers)
     table = Table("camera", "pose", "± mm", "± degrees", "surface rms mm", "outline rms px")
     for row in calibration_rows(found):
         table.add_row(*row)

@@ -47,7 +47,8 @@ def inspect(
     from anchorpose.cli.config_file import load_config
     from anchorpose.cli.progress import counter
     from anchorpose.cli.track import parse_place
-    from anchorpose.pipeline import TrackConfig, inspect_recording
+    from anchorpose.inspecting import inspect_recording
+    from anchorpose.pipeline import TrackConfig
     from anchorpose.results.folder import new_results_folder
     from anchorpose.results.inspection_page import FACTS_FILE, PAGE_FILE
 

@@ -1,0 +1,25 @@
+"""From a recording folder to pictures of what every stage makes of one frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from anchorpose.recording.reader import open_recording
+from anchorpose.results.inspection_page import write_inspection
+from anchorpose.threads import one_thread
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.inspection import Inspection, inspect_frame
+from anchorpose.tracker.inspection_pictures import inspection_facts, inspection_sections
+
+
+def inspect_recording(
+    recording: Path, out: Path, frame: int, config: TrackConfig, as_tracked: bool, tick: Callable[[], None]
+) -> Inspection:
+    """Write pictures of what every stage makes of one frame into an existing, empty folder; see ``inspect_frame``."""
+    with one_thread():
+        inspection = inspect_frame(open_recording(recording), frame, config, as_tracked, tick)
+        title = f"{recording.resolve().name}: frame {frame}, {inspection.frame_set.time_s:.2f} s"
+        account = (*inspection.account, *inspection.frame_set.problems)
+        write_inspection(out, title, inspection_sections(inspection, config), account, inspection_facts(inspection))
+    return inspection
