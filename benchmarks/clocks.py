@@ -16,12 +16,14 @@ import numpy as np
 from lazy_clinic import LazyClinic, lazy_clinic
 
 from anchorpose.calibration.clocks import ClockConfig, Clocks, estimate_clocks, pose_level
+from anchorpose.calibration.motion_signal import Level
+from anchorpose.camera import Camera
 from anchorpose.simulate import config as presets
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """One camera of one seed: errors of its clock in ms, the standard errors that were stated, and the way it was found."""
+    """One camera of one seed: errors of its clock in ms, the standard error that was stated, whether it was kept."""
 
     offset_ms: float
     drift_ms: float
@@ -36,7 +38,7 @@ class Blind:
     clinic: LazyClinic
 
     @property
-    def cameras(self):  # noqa: ANN201
+    def cameras(self) -> tuple[Camera, ...]:
         return tuple(replace(camera, T_world_camera=None) for camera in self.clinic.clinic.cameras)
 
     @property
@@ -91,7 +93,9 @@ def main() -> None:
     parser.add_argument("--rates", type=float, nargs="+", default=[30.0, 15.0])
     parser.add_argument("--jitter", type=float, default=0.0, help="standard deviation of the stamps in seconds")
     chosen = parser.parse_args()
-    print("| clocks | cameras | offset error ms | drift error ms | in 95 % band | kept | pictures read | s |", flush=True)
+    print(
+        "| clocks | cameras | offset error ms | drift error ms | in 95 % band | kept | pictures read | s |", flush=True
+    )
     print("|---|--:|--:|--:|--:|--:|--:|--:|", flush=True)
     for fps in chosen.rates:
         known, blind = ([], [], []), ([], [], [])
@@ -112,7 +116,7 @@ def main() -> None:
         print(row(f"{fps:.0f} Hz, poses unknown", *blind), flush=True)
 
 
-def _levels(footage: LazyClinic):  # noqa: ANN202
+def _levels(footage: LazyClinic) -> list[Level | None]:
     return [pose_level(camera) for camera in footage.clinic.cameras]
 
 

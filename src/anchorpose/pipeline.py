@@ -8,7 +8,7 @@ The room is prepared once; then every frame goes through ``tracker.observation``
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,8 +16,11 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from anchorpose.body.skin_points import FittedShape
+from anchorpose.calibration.clocks import Clocks
+from anchorpose.calibration.settled_clocks import clock_notes
+from anchorpose.recording.gaps import CameraGaps, find_gaps
 from anchorpose.recording.inputs import input_files
-from anchorpose.recording.reader import open_recording, read_frames
+from anchorpose.recording.reader import frame_range, open_recording
 from anchorpose.recording.recording import Recording
 from anchorpose.results.angles import ANGLES_FILE, joint_angles, write_angles
 from anchorpose.results.pictures import FramePicture, save_pictures
@@ -69,7 +72,7 @@ def track_recording(recording: Path, results: Path, config: TrackConfig, progres
 def _track(recording: Path, results: Path, config: TrackConfig, progress: Progress) -> None:
     watch = Stopwatch()
     opened = open_recording(recording)
-    read_frames(opened, config.start, config.stop)  # refuses an empty range before any work is done
+    frame_range(opened, config.start, config.stop)  # refuses an empty range before any work is done
     total, window = _frame_counts(opened, config)
     with watch.stage("calibration and background"):
         room = prepare_room(opened, config)
@@ -126,7 +129,7 @@ def _write_record(
     results: Path, room: Room, written: _Written, shape: FittedShape | None, config: TrackConfig, watch: Stopwatch
 ) -> None:
     given = [camera.T_world_camera is not None for camera in room.recording.cameras]
-    calibration = room.calibration
+    calibration, gaps = room.calibration, find_gaps(room.recording)
     record = RunRecord(
         recording=room.recording.folder.resolve().name,
         config=config,
@@ -135,17 +138,45 @@ def _write_record(
             CameraRecord(camera.name, camera.T_world_camera, "given" if known else "floor and patient")
             for camera, known in zip(room.cameras, given, strict=True)
         ),
-        residuals=tuple(
-            Residual(floor.camera, "floor, rms distance to the plane", floor.residual_m, "m")
-            for floor in calibration.residuals
+        residuals=(
+            *(
+                Residual(floor.camera, "floor, rms distance to the plane", floor.residual_m, "m")
+                for floor in calibration.residuals
+            ),
+            *_clock_residuals(room.clocks, gaps),
         ),
         timings=tuple(StageTiming(stage, seconds) for stage, seconds in watch.seconds.items()),
         frame_count=written.frame_count,
         dropped=written.dropped,
         pictures=save_pictures(results, written.pictures),
-        notes=(*calibration.notes, *_notes(room, shape)),
+        notes=(
+            *calibration.notes,
+            *clock_notes(room.clocks),
+            *(camera.sentence for camera in gaps if camera.sentence),
+            *_notes(room, shape),
+        ),
     )
     write_run_record(results / RUN_FILE, record)
+
+
+def _clock_residuals(clocks: Clocks, gaps: Sequence[CameraGaps]) -> list[Residual]:
+    """What was measured of each camera's clock, the first camera's being the reference."""
+    found = []
+    for camera, missing in zip(clocks.cameras[1:], gaps[1:], strict=True):
+        name, clock = camera.camera, camera.clock
+        if camera.sigma_s is not None:
+            found.append(
+                Residual(name, f"clock, ahead of the first camera's at {clock.at_s:.1f} s", clock.ahead_s, "s")
+            )
+            found.append(Residual(name, "clock, standard error of that", camera.sigma_s, "s"))
+        if camera.drift_sigma is not None:
+            found.append(Residual(name, "clock, drift against the first camera's", clock.drift, "s/s"))
+            found.append(Residual(name, "clock, standard error of the drift", camera.drift_sigma, "s/s"))
+            found.append(Residual(name, "clock, lags measured with other cameras", float(camera.lags), "1"))
+        found.append(Residual(name, "share of the first camera's frames with a picture", missing.paired_share, "1"))
+    if clocks.residual_s is not None:
+        found.append(Residual(clocks.cameras[0].camera, "clocks, rms of all lags", clocks.residual_s, "s"))
+    return found
 
 
 def _notes(room: Room, shape: FittedShape | None) -> list[str]:

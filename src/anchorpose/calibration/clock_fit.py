@@ -74,9 +74,7 @@ def _row(lag: PairLag, cameras: int, at_s: float) -> np.ndarray:
     return row
 
 
-def _solve(
-    lags: Sequence[PairLag], cameras: int, at_s: float, drift_sigma: float
-) -> tuple[np.ndarray, np.ndarray]:
+def _solve(lags: Sequence[PairLag], cameras: int, at_s: float, drift_sigma: float) -> tuple[np.ndarray, np.ndarray]:
     rows = np.array([_row(lag, cameras, at_s) for lag in lags])
     weight = np.array([lag.sigma_s**-2 for lag in lags])
     information = (rows * weight[:, None]).T @ rows

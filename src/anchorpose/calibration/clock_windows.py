@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 
@@ -22,7 +22,7 @@ def busiest_times(
     """
     edges = np.linspace(*span_s, windows + 1)
     found = []
-    for begin_s, end_s in zip(edges[:-1], edges[1:], strict=True):
+    for begin_s, end_s in pairwise(edges):
         looked = begin_s + (np.arange(places) + 0.5) * (end_s - begin_s) / places
         amounts = [(_amount(footage, reference, time_s), float(time_s)) for time_s in looked]
         amount, time_s = max(amounts)
@@ -31,14 +31,10 @@ def busiest_times(
     return found
 
 
-def pictures_between(
-    footage: Footage, camera: int, begin_s: float, end_s: float, tick: Callable[[int], None] | None = None
-) -> list[tuple[float, np.ndarray]]:
-    """(time, depth) of the usable pictures of a camera between two times of its own clock; tick counts what is read."""
+def pictures_between(footage: Footage, camera: int, begin_s: float, end_s: float) -> list[tuple[float, np.ndarray]]:
+    """(time, depth) of the usable pictures of a camera between two times of its own clock."""
     times_s = footage.times_s[camera]
     first, last = np.searchsorted(times_s, [begin_s, end_s])
-    if tick is not None:
-        tick(int(last - first))
     found = ((float(times_s[k]), footage.read(camera, k)) for k in range(first, last))
     return [(time_s, depth) for time_s, depth in found if depth is not None]
 

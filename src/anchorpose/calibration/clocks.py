@@ -12,17 +12,28 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from itertools import combinations
+from typing import Final
 
 import numpy as np
 
 from anchorpose.calibration.clock_fit import ClockFit, PairLag, fit_clocks
 from anchorpose.calibration.clock_windows import busiest_times, pictures_between
-from anchorpose.calibration.motion_signal import Level, MotionSignal, SignalConfig, SignalLag, motion_signal, signal_lag
+from anchorpose.calibration.motion_signal import (
+    Level,
+    MotionSignal,
+    SignalConfig,
+    SignalLag,
+    motion_signal,
+    signal_lags,
+)
 from anchorpose.calibration.noise import noise_per_m
 from anchorpose.calibration.surface_lag import Clip, SurfaceLagConfig, make_clip, surface_lag
 from anchorpose.camera import Camera
 from anchorpose.recording.clock import Clock
 from anchorpose.recording.footage import Footage
+
+
+PICTURES_KEPT: Final = 300  # 260 MB of a Kinect v2's
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,6 +53,7 @@ class ClockConfig:
     signal_sigma_s: float = 0.03  # of the first step's lags on simulated clinics
     systematic_s: float = 0.001  # of a window, whatever its residuals say: 1 mm of the sensor at 1 m/s
     outlier_gate: float = 5.0  # deviations
+    least_windows: int = 2  # that must agree where the first step is not sure by itself
     worst_sigma_s: float = 0.008  # at either end of the recording: half of what a pair of pictures is apart anyway
     signal: SignalConfig = field(default_factory=SignalConfig)
     surface: SurfaceLagConfig = field(default_factory=SurfaceLagConfig)
@@ -113,41 +125,54 @@ def estimate_clocks(footage: Footage, levels: Sequence[Level | None], config: Cl
         return _kept(footage, NoClock.FEW_PICTURES)
     reading = _Reading(footage)
     span_s = (float(footage.times_s[0][0]), float(footage.times_s[0][-1]))
-    busy = busiest_times(footage, 0, span_s, config.windows, config.places)
-    reading.pictures += 2 * config.places * config.windows
-    rough = _rough_clocks(reading, levels, sorted(busy, key=lambda place: -place[1])[: config.blocks], config)
+    windows = int(np.clip((span_s[1] - span_s[0]) / config.window_s, 1, config.windows))
+    busy = busiest_times(reading, 0, span_s, windows, config.places)
+    blocks = config.blocks if span_s[1] - span_s[0] > config.block_s else 1
+    rough = _rough_clocks(reading, levels, sorted(busy, key=lambda place: -place[1])[:blocks], config)
     lags = _fine_lags(reading, rough, [time_s for time_s, _ in busy], config)
     fit = fit_clocks(lags, count, config.drift_sigma, config.outlier_gate) if lags else None
-    cameras = tuple(_camera_clock(index, footage, rough[index], fit, span_s, config) for index in range(count))
+    cameras = tuple(_camera_clock(index, footage, rough, fit, span_s, config) for index in range(count))
     return Clocks(cameras, fit.residual_s if fit is not None else None, reading.pictures)
 
 
 @dataclass(slots=True, eq=False)
 class _Reading:
-    """Footage that counts what is read of it."""
+    """Footage that counts what is read of it and keeps the last pictures: windows of a short recording overlap."""
 
     footage: Footage
     pictures: int = 0
+    kept: dict[tuple[int, int], np.ndarray | None] = field(default_factory=dict)
 
-    def between(self, camera: int, begin_s: float, end_s: float) -> list[tuple[float, np.ndarray]]:
-        def tick(count: int) -> None:
-            self.pictures += count
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        return self.footage.cameras
 
-        return pictures_between(self.footage, camera, begin_s, end_s, tick)
+    @property
+    def times_s(self) -> tuple[np.ndarray, ...]:
+        return self.footage.times_s
+
+    def read(self, camera: int, position: int) -> np.ndarray | None:
+        """(height, width) float32 metres, or None."""
+        if (camera, position) not in self.kept:
+            self.pictures += 1
+            if len(self.kept) >= PICTURES_KEPT:
+                del self.kept[next(iter(self.kept))]
+            self.kept[camera, position] = self.footage.read(camera, position)
+        return self.kept[camera, position]
 
 
 @dataclass(frozen=True, slots=True)
 class _Rough:
-    """lag_s: the camera's clock less the reference's, at about at_s."""
+    """lag_s: the camera's clock less the reference's, at about at_s; reach_s: how far off; sure: as it stands."""
 
     lag_s: float
     at_s: float
+    reach_s: float
+    sure: bool
 
 
 def _kept(footage: Footage, doubt: NoClock) -> Clocks:
-    kept = [
-        CameraClock(camera.name, Clock(), ClockSource.KEPT, None, None, 0, doubt) for camera in footage.cameras[1:]
-    ]
+    kept = [CameraClock(camera.name, Clock(), ClockSource.KEPT, None, None, 0, doubt) for camera in footage.cameras[1:]]
     first = CameraClock(footage.cameras[0].name, Clock(), ClockSource.REFERENCE, 0.0, 0.0, 0, None)
     return Clocks((first, *kept), None, 0)
 
@@ -162,33 +187,61 @@ def pose_level(camera: Camera) -> Level | None:
 def _rough_clocks(
     reading: _Reading, levels: Sequence[Level | None], places: Sequence[tuple[float, float]], config: ClockConfig
 ) -> list[_Rough | None]:
-    """The lag of each camera from signals; None where no block of the recording tells it."""
+    """The lag of each camera from signals; where they are not sure, the surfaces choose among their best lags and what
+    the stamps say. None where neither tells it."""
     same = [level if all(other is not None for other in levels) else None for level in levels]
-    rough: list[_Rough | None] = [_Rough(0.0, 0.0), *[None] * (len(levels) - 1)]
+    rough: list[_Rough | None] = [_Rough(0.0, 0.0, 0.0, True), *[None] * (len(levels) - 1)]
+    possible: list[list[_Rough]] = [_from_stamps(reading, camera, config) for camera in range(len(levels))]
     for at_s, _ in places:
-        if all(found is not None for found in rough):
-            break
-        signals = [_block(reading, 0, at_s, config.block_s / 2, same[0], config)]
-        for camera in range(1, len(levels)):
-            best = None if rough[camera] else _best_lag(reading, camera, at_s, signals[0], same[camera], config)
-            if best is not None and best.clear(config.signal):
-                rough[camera] = _Rough(best.lag_s, at_s)
+        reference = _block(reading, 0, at_s, config.block_s / 2, same[0], config)
+        for camera in (camera for camera, found in enumerate(rough) if found is None):
+            lags = _best_lags(reading, camera, at_s, reference, same[camera], config)
+            found = [_Rough(lag.lag_s, at_s, config.reach_s, lag.sure(config.signal)) for lag in lags]
+            rough[camera] = found[0] if found and found[0].sure else None
+            possible[camera] += found
+    times_s = [at_s for at_s, _ in places[: config.least_windows]]
+    for camera in (camera for camera, found in enumerate(rough) if found is None):
+        rough[camera] = _best_by_surfaces(reading, camera, possible[camera], times_s, config)
     return rough
 
 
-def _best_lag(
-    reading: _Reading, camera: int, at_s: float, reference: MotionSignal, level: Level | None, config: ClockConfig
-) -> SignalLag | None:
-    """The clearest lag about each guess: clocks of one epoch, and recorders started together."""
-    best = None
-    for around_s, reach_s in _guesses(reading.footage.times_s[0], reading.footage.times_s[camera], config):
-        signal = _block(reading, camera, at_s + around_s, config.block_s / 2 + reach_s, level, config)
-        found = signal_lag(reference, signal, around_s, reach_s, config.signal)
-        if found is not None and (best is None or found.peak > best.peak):
-            best = found
-        if best is not None and best.clear(config.signal):
-            break
+def _from_stamps(footage: Footage, camera: int, config: ClockConfig) -> list[_Rough]:
+    """Clocks that agree, where they are of one epoch."""
+    around_s, _ = _guesses(footage.times_s[0], footage.times_s[camera], config)[0]
+    at_s = float(footage.times_s[0][len(footage.times_s[0]) // 2])
+    return [_Rough(0.0, at_s, config.reach_s, False)] if around_s == 0.0 else []
+
+
+def _best_by_surfaces(
+    reading: _Reading, camera: int, possible: Sequence[_Rough], times_s: Sequence[float], config: ClockConfig
+) -> _Rough | None:
+    """The lag at which this camera's surfaces fit the reference camera's best; None where no lag can be looked at."""
+    best, least_m = None, np.inf
+    reference = _Rough(0.0, 0.0, config.reach_s, True)
+    clips = [_clip(reading, 0, at_s, reference, config) for at_s in times_s]
+    for rough in possible:
+        misfits = []
+        for at_s, first in zip(times_s, clips, strict=True):
+            other = _clip(reading, camera, at_s, rough, config)
+            if first is not None and other is not None:
+                found = surface_lag(first, other, rough.lag_s, rough.reach_s, config.surface)
+                misfits += [] if found is None else [found.misfit_m]
+        if misfits and np.mean(misfits) < least_m:
+            best, least_m = rough, float(np.mean(misfits))
     return best
+
+
+def _best_lags(
+    reading: _Reading, camera: int, at_s: float, reference: MotionSignal, level: Level | None, config: ClockConfig
+) -> list[SignalLag]:
+    """The lags about each guess, the best first: clocks of one epoch, or recorders started together."""
+    found: list[SignalLag] = []
+    for around_s, reach_s in _guesses(reading.times_s[0], reading.times_s[camera], config):
+        signal = _block(reading, camera, at_s + around_s, config.block_s / 2 + reach_s, level, config)
+        found += signal_lags(reference, signal, around_s, reach_s, config.signal)
+        if found and found[0].sure(config.signal):
+            break
+    return sorted(found, key=lambda lag: -lag.peak)
 
 
 def _guesses(reference_s: np.ndarray, other_s: np.ndarray, config: ClockConfig) -> list[tuple[float, float]]:
@@ -202,17 +255,17 @@ def _guesses(reference_s: np.ndarray, other_s: np.ndarray, config: ClockConfig) 
 def _block(
     reading: _Reading, camera: int, at_s: float, half_s: float, level: Level | None, config: ClockConfig
 ) -> MotionSignal:
-    pictures = reading.between(camera, at_s - half_s, at_s + half_s)
+    pictures = pictures_between(reading, camera, at_s - half_s, at_s + half_s)
     if len(pictures) < 3:
         return MotionSignal(np.empty(0), np.empty((0, 1)))
     noise = noise_per_m([pictures[0][1], pictures[-1][1]])
-    return motion_signal(pictures, reading.footage.cameras[camera], level, noise, config.signal)
+    return motion_signal(pictures, reading.cameras[camera], level, noise, config.signal)
 
 
 def _fine_lags(
     reading: _Reading, rough: Sequence[_Rough | None], times_s: Sequence[float], config: ClockConfig
 ) -> list[PairLag]:
-    """The lags of all pairs of posed cameras in every window."""
+    """The lags of all pairs of posed cameras in every window, less the rough ones: times may count from 1970."""
     lags = []
     for at_s in times_s:
         clips = [_clip(reading, camera, at_s, found, config) for camera, found in enumerate(rough)]
@@ -222,39 +275,41 @@ def _fine_lags(
             if one is None or other is None or a is None or b is None:
                 continue
             far_s = max(abs(at_s - found.at_s) for found in (a, b) if found is not rough[0])
-            reach_s = config.reach_s + 2.0 * config.drift_sigma * far_s
-            found = surface_lag(one, other, b.lag_s - a.lag_s, reach_s, config.surface)
-            if found is not None:
-                sigma_s = float(np.hypot(found.sigma_s, config.systematic_s))
-                lags.append(PairLag(first, second, at_s, found.lag_s, sigma_s))
+            reach_s = max(a.reach_s, b.reach_s) + 2.0 * config.drift_sigma * far_s
+            lag = surface_lag(one, other, b.lag_s - a.lag_s, reach_s, config.surface)
+            if lag is not None:
+                sigma_s = float(np.hypot(lag.sigma_s, config.systematic_s))
+                lags.append(PairLag(first, second, at_s, lag.lag_s - (b.lag_s - a.lag_s), sigma_s))
     return lags
 
 
 def _clip(reading: _Reading, camera: int, at_s: float, rough: _Rough | None, config: ClockConfig) -> Clip | None:
     """The window's pictures of a camera, with room for its clock to be off; None where it has too few or no pose."""
-    if rough is None or reading.footage.cameras[camera].T_world_camera is None:
+    if rough is None or reading.cameras[camera].T_world_camera is None:
         return None
-    half_s = config.window_s / 2 + (0.0 if camera == 0 else 2.0 * config.reach_s)
-    pictures = reading.between(camera, at_s + rough.lag_s - half_s, at_s + rough.lag_s + half_s)
-    return make_clip(reading.footage.cameras[camera], pictures, config.surface) if len(pictures) >= 8 else None
+    half_s = config.window_s / 2 + rough.reach_s
+    pictures = pictures_between(reading, camera, at_s + rough.lag_s - half_s, at_s + rough.lag_s + half_s)
+    return make_clip(reading.cameras[camera], pictures, config.surface) if len(pictures) >= 8 else None
 
 
 def _camera_clock(
-    index: int, footage: Footage, rough: _Rough | None, fit: ClockFit | None, span_s: tuple[float, float],
+    index: int, footage: Footage, roughs: Sequence[_Rough | None], fit: ClockFit | None, span_s: tuple[float, float],
     config: ClockConfig,
 ) -> CameraClock:  # fmt: skip
-    name = footage.cameras[index].name
+    name, rough = footage.cameras[index].name, roughs[index]
     if index == 0:
         return CameraClock(name, Clock(), ClockSource.REFERENCE, 0.0, 0.0, 0, None)
     lags = sum(index in (lag.first, lag.second) for lag in fit.used) if fit is not None else 0
-    if fit is not None and np.isfinite(fit.ahead_s[index]):
+    if fit is not None and rough is not None and np.isfinite(fit.ahead_s[index]):
         sigma_s = max(fit.sigma_s(index, time_s) for time_s in span_s)
-        if sigma_s <= config.worst_sigma_s:
-            clock = Clock(ahead_s=float(fit.ahead_s[index]), drift=float(fit.drift[index]), at_s=fit.at_s)
+        windows = len({lag.at_s for lag in fit.used if index in (lag.first, lag.second)})
+        if sigma_s <= config.worst_sigma_s and (rough.sure or windows >= config.least_windows):
+            clock = Clock(ahead_s=rough.lag_s + float(fit.ahead_s[index]), drift=float(fit.drift[index]), at_s=fit.at_s)
             drift_sigma = float(np.sqrt(fit.covariance[index, 1, 1]))
             return CameraClock(name, clock, ClockSource.SURFACES, fit.sigma_s(index, fit.at_s), drift_sigma, lags, None)
-    if rough is None:
-        return CameraClock(name, Clock(), ClockSource.KEPT, None, None, lags, NoClock.NO_MOTION)
+    if rough is None or not rough.sure:
+        doubt = NoClock.UNSURE if lags or rough is not None else NoClock.NO_MOTION
+        return CameraClock(name, Clock(), ClockSource.KEPT, None, None, lags, doubt)
     if abs(rough.lag_s) < 3.0 * config.signal_sigma_s:  # nothing speaks against its stamps
         return CameraClock(name, Clock(), ClockSource.KEPT, None, None, lags, NoClock.UNSURE)
     clock = Clock(ahead_s=rough.lag_s, at_s=rough.at_s)

@@ -70,11 +70,13 @@ class Clip:
 
 @dataclass(frozen=True, slots=True)
 class SurfaceLag:
-    """lag_s: the second clock less the first at the same moment; sigma_s: its standard error; points: residuals used."""
+    """lag_s: the second clock less the first at one moment; sigma_s: its standard error; points: residuals used;
+    misfit_m: root mean square of all residuals there, none counted above that of another surface."""
 
     lag_s: float
     sigma_s: float
     points: int
+    misfit_m: float
 
 
 def make_clip(camera: Camera, pictures: Sequence[tuple[float, np.ndarray]], config: SurfaceLagConfig) -> Clip:
@@ -115,7 +117,8 @@ def surface_lag(
         lag_s += float(np.clip(step, -step_s, step_s))
         if abs(step) < config.settled_s:
             sigma_s = float(np.sqrt(sum((side.pull**2).sum() for side in sides))) / weight
-            return SurfaceLag(lag_s, sigma_s, points) if abs(lag_s - around_s) <= reach_s + step_s else None
+            misfit_m = float(np.sqrt(_truncated(there, back, lag_s, config)))
+            return SurfaceLag(lag_s, sigma_s, points, misfit_m) if abs(lag_s - around_s) <= reach_s + step_s else None
     return None
 
 
@@ -147,8 +150,8 @@ class _Residuals:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Normal:
-    """pull (chunks,): rates times residuals, which are uncorrelated at the true lag, by chunks of time; weight: how fast
-    their sum changes with the lag; points: residuals."""
+    """pull (chunks,): rates times residuals, uncorrelated at the true lag, by chunks of time; weight: how fast their
+    sum changes with the lag; points: residuals."""
 
     weight: float
     pull: np.ndarray
@@ -207,7 +210,9 @@ def _points(
     rays, seen = camera.pixel_rays(), depth_m > 0
     chosen = moving[rows, columns]
     rows, columns = rows[chosen], columns[chosen]
-    around = [(rows, columns)] + [(rows + r, columns + c) for r, c in ((0, -margin), (0, margin), (-margin, 0), (margin, 0))]
+    around = [(rows, columns)] + [
+        (rows + r, columns + c) for r, c in ((0, -margin), (0, margin), (-margin, 0), (margin, 0))
+    ]
     place = [np.column_stack([rays[at] * depth_m[at][:, None], depth_m[at]]).astype(np.float64) for at in around]
     across, down = place[2] - place[1], place[4] - place[3]
     normal = np.cross(across, down)
@@ -230,15 +235,20 @@ def _look_up(source: Clip, target: Clip, config: SurfaceLagConfig) -> _LookUp:
     towards = -np.einsum("ij,ij->i", normals, points)
     kept = inside & (towards > config.least_facing * np.linalg.norm(points, axis=1))
     pixel = (row * target.camera.width + column)[kept]
-    period = float(np.median(np.diff(target.time_s)))
     return _LookUp(
-        source.time_s, target.time_s, target.stack, target.noise_m, target.camera.width, source.frame[kept], pixel, points[kept, 2], period
-    )  # fmt: skip
+        source_s=source.time_s,
+        target_s=target.time_s,
+        stack=target.stack,
+        noise_m=target.noise_m,
+        width=target.camera.width,
+        frame=source.frame[kept],
+        pixel=pixel,
+        depth_m=points[kept, 2],
+        period_s=float(np.median(np.diff(target.time_s))),
+    )
 
 
-def _residuals(
-    look: _LookUp, lag_s: float, config: SurfaceLagConfig, every: int = 1
-) -> _Residuals:
+def _residuals(look: _LookUp, lag_s: float, config: SurfaceLagConfig, every: int = 1) -> _Residuals:
     """The residuals of the points that both cameras see at this lag.
 
     The depth comes from the pictures just before and after, its rate from the ones around those: noise that enters

@@ -85,7 +85,9 @@ class SimulationConfig:
             _require(len(values) in (0, self.cameras), f"{name} needs one value a camera, got {len(values)}")
         for name in ("starts_late_s", "ends_early_s"):
             values = getattr(self, name)
-            _require(not values or values[0] == 0, f"{name} must be 0 for the first camera: its frames number the truth")
+            _require(
+                not values or values[0] == 0, f"{name} must be 0 for the first camera: its frames number the truth"
+            )
             _require(all(value >= 0 for value in values), f"{name} must not be negative, got {values}")
         missing_s = np.add(self.starts_late_s or [0.0], self.ends_early_s or [0.0])
         _require(bool((missing_s < self.seconds).all()), "a camera must run for some time of the recording")

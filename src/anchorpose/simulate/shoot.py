@@ -116,4 +116,3 @@ def _draw_hole_frames(clinic: Clinic) -> np.ndarray:
     if config.hole_radius_m == 0:
         return np.zeros(config.frames, dtype=bool)
     return random_stream(config, "holes").random(config.frames) < config.hole_share
-

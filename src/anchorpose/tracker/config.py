@@ -11,6 +11,7 @@ from anchorpose.body.part_registration import PartRegistrationConfig
 from anchorpose.body.registration import RegistrationConfig
 from anchorpose.body.uncertainty import UncertaintyConfig
 from anchorpose.body.visibility import VisibilityConfig
+from anchorpose.calibration.clocks import ClockConfig
 from anchorpose.calibration.floor import FloorConfig
 from anchorpose.geodesics.anchors import AnchorConfig
 from anchorpose.isolation.config import IsolationConfig
@@ -54,6 +55,7 @@ class TrackConfig:
     start: int = 0  # first frame to track
     stop: int | None = None  # frame to stop before; None = the end
     patient_xz_m: tuple[float, float] | None = None  # where the patient stands at the start, if the user says so
+    clocks: ClockConfig = field(default_factory=ClockConfig)
     floor: FloorConfig = field(default_factory=FloorConfig)
     isolation: IsolationConfig = field(default_factory=IsolationConfig)
     surface: SurfaceConfig = field(default_factory=SurfaceConfig)

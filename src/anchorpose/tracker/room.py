@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from anchorpose.calibration.clocks import Clocks
+from anchorpose.calibration.settled_clocks import settle_clocks
 from anchorpose.calibration.world import Calibration, find_world
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
@@ -32,9 +34,11 @@ class Opening:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Room:
-    """cameras and scenes in the order of the recording; opening None where nobody was seen in the sampled frames."""
+    """recording: on one clock; cameras and scenes in its order; opening None where nobody was seen in the sampled
+    frames."""
 
     recording: Recording
+    clocks: Clocks
     calibration: Calibration
     scenes: tuple[Scene, ...]
     opening: Opening | None
@@ -46,17 +50,29 @@ class Room:
 
 
 def prepare_room(recording: Recording, config: TrackConfig) -> Room:
-    """Calibration, background of every camera, and who is the patient, from frames spread over the recording."""
-    first, count = config.start, len(recording.streams[0].time_s[config.start : config.stop])
-    chosen = np.unique(np.linspace(first, first + count - 1, min(config.follow.samples, count)).astype(int)).tolist()
-    samples = [next(iter(read_frames(recording, k, k + 1))) for k in chosen]
+    """Clocks, calibration, backgrounds, and who is the patient, from frames spread over the recording."""
+    stamped = recording
+    recording, clocks = settle_clocks(stamped, stamped.cameras, config.floor, config.clocks)
+    chosen, samples = _samples(recording, config)
     calibration = find_world(recording, samples, config.floor)
+    if len(stamped.cameras) > 1 and any(camera.T_world_camera is None for camera in stamped.cameras):
+        recording, clocks = settle_clocks(stamped, calibration.cameras, config.floor, config.clocks)
+        chosen, samples = _samples(recording, config)
     scenes = tuple(
         set_scene(camera, _background(recording, number, samples, calibration, config), recording.equipment)
         for number, camera in enumerate(calibration.cameras)
     )
     sightings = [sight_people(frame_set, scenes, config) for frame_set in samples]
-    return Room(recording, calibration, scenes, _choose_opening(chosen, sightings, calibration, recording, config))
+    return Room(
+        recording, clocks, calibration, scenes, _choose_opening(chosen, sightings, calibration, recording, config)
+    )
+
+
+def _samples(recording: Recording, config: TrackConfig) -> tuple[list[int], list[FrameSet]]:
+    """Positions spread over what is to be tracked, and their frames."""
+    first, count = config.start, len(recording.streams[0].time_s[config.start : config.stop])
+    chosen = np.unique(np.linspace(first, first + count - 1, min(config.follow.samples, count)).astype(int)).tolist()
+    return chosen, [next(iter(read_frames(recording, k, k + 1))) for k in chosen]
 
 
 def sight_people(frame_set: FrameSet, scenes: Sequence[Scene], config: TrackConfig) -> People:
