@@ -32,7 +32,6 @@ from anchorpose.camera import Camera
 from anchorpose.recording.clock import Clock
 from anchorpose.recording.footage import Footage
 
-
 PICTURES_KEPT: Final = 300  # 260 MB of a Kinect v2's
 
 

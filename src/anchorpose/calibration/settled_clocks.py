@@ -10,7 +10,6 @@ from anchorpose.calibration.clocks import (
     CameraClock,
     ClockConfig,
     Clocks,
-    ClockSource,
     NoClock,
     estimate_clocks,
     pose_level,
@@ -52,9 +51,9 @@ def _sentence(found: CameraClock, first: str) -> str:
         return f"the clock of camera {found.camera} was taken as it stands: {found.doubt.value}"
     ahead = f"{abs(found.clock.ahead_s):.4f} s {'ahead of' if found.clock.ahead_s > 0 else 'behind'}"
     sigma = f"± {found.sigma_s:.4f} s"
-    drift = (
-        f", drifts by {1e6 * found.clock.drift:.0f} parts in a million" if found.source is ClockSource.SURFACES else ""
-    )
+    drift = ""
+    if found.drift_sigma is not None and abs(found.clock.drift) > 2.0 * found.drift_sigma:
+        drift = f", drifts by {1e6 * found.clock.drift:.0f} parts in a million"
     return f"the clock of camera {found.camera} was {ahead} that of {first} ({sigma}{drift}), and was corrected"
 
 

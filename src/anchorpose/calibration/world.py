@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from anchorpose.calibration.camera_to_camera import CameraToCameraConfig, NoCameraToCamera, find_camera_to_camera
 from anchorpose.calibration.floor import FloorConfig, FloorPlane, NoFloor, find_floor
 from anchorpose.calibration.noise import noise_per_m
 from anchorpose.calibration.start import start_of_patient
@@ -46,11 +47,14 @@ def find_world(recording: Recording, sample_frames: Sequence[FrameSet], config: 
     Raises InputError where poses are missing that the floor cannot give.
     """
     missing = [camera.name for camera in recording.cameras if camera.T_world_camera is None]
-    _refuse_what_the_floor_cannot_give(recording, missing)
+    alone = len(missing) == len(recording.cameras) and recording.equipment is None
+    if not alone:
+        _refuse_what_the_floor_cannot_give(recording, missing)
     floors = [_floor_of(recording, index, sample_frames, config) for index in range(len(recording.cameras))]
     if not missing:
         return _given(recording.cameras, floors)
-    return _from_one_camera(recording, sample_frames, floors[0])
+    world = _from_one_camera(recording, sample_frames, floors[0])
+    return world if len(recording.cameras) == 1 else _with_other_cameras(recording, world, floors)
 
 
 def _refuse_what_the_floor_cannot_give(recording: Recording, missing: Sequence[str]) -> None:
@@ -123,6 +127,32 @@ def _from_one_camera(
     T_world_camera = _world_at(start.point_camera_m, up)
     posed = replace(camera, T_world_camera=T_world_camera)
     return Calibration((posed,), None if height is None else 0.0, tuple(residuals), tuple(notes))
+
+
+def _with_other_cameras(
+    recording: Recording, world: Calibration, floors: Sequence[FloorPlane | NoFloor]
+) -> Calibration:
+    """The other cameras placed against the first, which has found the world."""
+    found = find_camera_to_camera(recording, floors, CameraToCameraConfig())
+    if isinstance(found, NoCameraToCamera):
+        remedy = "give every camera_to_world, record people who walk in view of all cameras, or keep one camera"
+        names = ", ".join(camera.name for camera in recording.cameras)
+        raise InputError(
+            recording.folder / "recording.json",
+            f"camera_to_world is null for {names}, and the cameras cannot be placed against each other: {found.value}",
+            remedy,
+        )
+    T_world_first = world.cameras[0].require_pose()
+    cameras = tuple(
+        replace(camera, T_world_camera=T_world_first @ T_first_camera)
+        for camera, T_first_camera in zip(recording.cameras, found.T_first_camera, strict=True)
+    )
+    notes = tuple(
+        f"camera {cameras[link.second].name} was placed against camera {cameras[link.first].name} by the people both "
+        f"see: {link.fit.sentence}"
+        for link in found.links
+    )
+    return replace(world, cameras=cameras, notes=(*world.notes, *notes))
 
 
 def _world_at(origin_camera_m: np.ndarray, up_camera: np.ndarray) -> np.ndarray:
