@@ -143,7 +143,7 @@ def test_an_elbow_at_its_limit_is_straight_and_bends_from_there(side):
 
     def flexion(angle_rad: float) -> float:
         upper, lower = elbow - shoulder, bent(f"{side}ForeArm", angle_rad, f"Wrist{side}") - elbow
-        return float(np.degrees(np.arccos(upper @ lower / np.linalg.norm(upper) / np.linalg.norm(lower))))
+        return float(np.degrees(np.arccos(min(1.0, upper @ lower / np.linalg.norm(upper) / np.linalg.norm(lower)))))
 
     assert flexion(limit) < 1.0
     assert flexion(limit + np.radians(70.0)) == pytest.approx(70.0, abs=1.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal, get_args
 
 import numpy as np
@@ -20,6 +20,7 @@ FRAMELESS_MOTIONS: Final = frozenset({"sit-to-stand"})
 """Motions that a standing frame with a knee bar does not leave room for."""
 
 SMALLEST_HOLE_M, LARGEST_HOLE_M = 0.03, 0.15  # the paper's five sizes, Section V
+ROUGH_KEY: Final = 1000  # a stream of its own beside those of ``clinic``
 THICKEST_CLOTHING_M = 0.015  # beyond this the skin says little about the body
 
 
@@ -106,6 +107,20 @@ def _require(holds: bool, problem: str) -> None:
 def clinic(seed: int, seconds: float = 10.0, fps: float = 15.0) -> SimulationConfig:
     """Stand training: three cameras, a standing frame, two therapists."""
     return SimulationConfig(seed=seed, seconds=seconds, fps=fps)
+
+
+def rough_recorder(config: SimulationConfig) -> SimulationConfig:
+    """``config`` recorded by devices that were not made to work together; how, is drawn from its seed."""
+    rng = np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(ROUGH_KEY,)))
+    others = config.cameras - 1
+    return replace(
+        config,
+        clock_late_s=(0.0, *rng.uniform(-2.0, 2.0, others).tolist()),
+        clock_drift=(0.0, *rng.uniform(-1e-4, 1e-4, others).tolist()),
+        stamp_jitter_s=0.004,
+        dropped_share=0.03,
+        doubled_share=0.03,
+    )
 
 
 def holes(seed: int, radius_m: float, seconds: float = 10.0, fps: float = 15.0) -> SimulationConfig:
