@@ -32,14 +32,12 @@ class CameraToCameraConfig:
     least_moments: int = 6
     step_px: int = 3
     places: int = 8  # of the search that are looked at more closely; the right one was among the first three
-    worst_impossible: float = (
-        0.2  # of a person's surface seen through; true poses 0.05 to 0.12 (rims), wrong ones 0.3 up
-    )
-    worst_residual_m: float = 0.012  # surfaces of people fit to 2 or 3 mm; this allows for clocks 30 ms apart
-    worst_sigma_m: float = 0.01
-    worst_sigma_rad: float = 0.009  # half a degree
+    worst_impossible: float = 0.05  # of people beside those of the other camera: right placings had 0.01, wrong 0.2
+    least_common: float = 0.3  # below this the cameras look past each other, and nothing can contradict
+    worst_residual_m: float = 0.008  # right placings had 2 or 3 mm; a front laid upon a back 11
+    worst_sigma_m: float = 0.005
+    worst_sigma_rad: float = 0.0052  # 0.3 degrees
     apart_m: float = 0.05  # placings that differ by more are two
-    ambiguous: float = 1.5  # times the best placing's impossible share: a second within that is as good
 
     def __post_init__(self) -> None:
         for entry in fields(self):
@@ -53,7 +51,7 @@ class NoCameraToCamera(StrEnum):
     NO_FLOOR = "a camera sees no floor"
     FEW_MOMENTS = "the cameras have too few pictures at the same moments"
     NOTHING_COMMON = "too little of the people is seen by two cameras at once"
-    CONTRADICTED = "every placing would have one camera look through what another sees"
+    CONTRADICTED = "every placing would have people fall beside those another camera sees"
     AMBIGUOUS = "people stand where several placings are possible"
     UNSURE = "the surfaces seen by two cameras leave the placing vague"
 
@@ -142,17 +140,27 @@ def _place(first: LevelView, second: LevelView, config: CameraToCameraConfig) ->
         fit
         for place in search_ground(first, second, config.places)
         if (fit := fit_people(first, second, to_first @ place.T_first_second @ second.T_level_camera)) is not None
+        and fit.common >= config.least_common
     ]
     if not fits:
         return NoCameraToCamera.NOTHING_COMMON
-    best = min(fits, key=lambda fit: fit.impossible)
-    if best.impossible > config.worst_impossible:
+    possible = [fit for fit in fits if fit.impossible <= config.worst_impossible]
+    if not possible:
         return NoCameraToCamera.CONTRADICTED
-    others = (fit for fit in fits if _distance_m(fit, best) > config.apart_m)
-    if any(fit.impossible < config.ambiguous * best.impossible for fit in others):
-        return NoCameraToCamera.AMBIGUOUS
-    sure = best.sigma_m < config.worst_sigma_m and best.sigma_rad < config.worst_sigma_rad
-    return best if sure and best.residual_m < config.worst_residual_m else NoCameraToCamera.UNSURE
+    sure = [fit for fit in possible if _is_sure(fit, config)]
+    if not sure:
+        return NoCameraToCamera.UNSURE
+    best = min(sure, key=lambda fit: fit.residual_m)
+    others = [fit for fit in sure if _distance_m(fit, best) > config.apart_m]
+    return NoCameraToCamera.AMBIGUOUS if others else best
+
+
+def _is_sure(fit: SurfaceFit, config: CameraToCameraConfig) -> bool:
+    return (
+        fit.residual_m <= config.worst_residual_m
+        and fit.sigma_m <= config.worst_sigma_m
+        and fit.sigma_rad <= config.worst_sigma_rad
+    )
 
 
 def _distance_m(one: SurfaceFit, other: SurfaceFit) -> float:

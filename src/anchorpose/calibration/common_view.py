@@ -15,6 +15,7 @@ from anchorpose.camera import Camera
 NEARER_M: Final = 0.12  # people stand off the room by more than this
 SURFACE_STEP_M: Final = 0.07  # neighbours farther apart in depth are not on one surface
 NORMAL_PX: Final = 2
+RIM_PX: Final = 7  # 2 cm at 2 m to either side: what a limb moves in the 30 ms between two pictures
 LEAST_FACING: Final = 0.25  # cosine between normal and ray; flatter surfaces are too noisy
 
 
@@ -31,13 +32,16 @@ class Seen:
 class LevelView:
     """One camera's part. T_level_camera (4, 4): Y up, origin on the floor below the camera, Z level along its axis
     turned left; depths_m: its pictures (height, width), at the moments that all cameras share; smooth_m: ``smoothed``;
-    seen: one a picture; room_m: the empty room or what stays."""
+    people (height, width) bool: where people are, with a rim; seen: one a picture; room_m: the empty room or
+    what stays.
+    """
 
     camera: Camera
     T_level_camera: np.ndarray
     room_m: np.ndarray
     depths_m: tuple[np.ndarray, ...]
     smooth_m: tuple[np.ndarray, ...]
+    people: tuple[np.ndarray, ...]
     seen: tuple[Seen, ...]
 
 
@@ -49,7 +53,14 @@ def level_view(
     room = background_m if background_m is not None else np.quantile(stack, 0.9, axis=0).astype(np.float32)
     smooth = tuple(smoothed(depth) for depth in depths_m)
     seen = tuple(surface_points(camera, depth, room, step_px) for depth in smooth)
-    return LevelView(camera, level_frame(floor), room, tuple(depths_m), smooth, seen)
+    people = tuple(_people(depth, room) for depth in depths_m)
+    return LevelView(camera, level_frame(floor), room, tuple(depths_m), smooth, people, seen)
+
+
+def _people(depth_m: np.ndarray, room_m: np.ndarray) -> np.ndarray:
+    """(height, width) bool: nearer than the room, and what is next to it."""
+    nearer = (depth_m > 0) & ((room_m <= 0) | (depth_m < room_m - NEARER_M))
+    return np.asarray(cv2.dilate(nearer.astype(np.uint8), np.ones((RIM_PX, RIM_PX), np.uint8)) > 0)
 
 
 def level_frame(floor: FloorPlane) -> np.ndarray:

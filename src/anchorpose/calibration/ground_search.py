@@ -17,7 +17,8 @@ from scipy.fft import irfft2, next_fast_len, rfft2
 from anchorpose.calibration.common_view import LevelView
 from anchorpose.camera import transform_points
 
-CELL_M: Final = 0.08
+CELL_M: Final = 0.1
+MOMENTS: Final = 12  # of those in view: more tell the same
 REACH_M: Final = 6.0  # from each camera: beyond it depth cameras see little
 BLUR_M: Final = 0.12  # two cameras see other sides of a body
 TURNS: Final = 120  # 3 degrees: half a body's breadth at 5 m
@@ -57,9 +58,14 @@ def search_ground(first: LevelView, second: LevelView, places: int) -> tuple[Gro
 def _maps(view: LevelView, turn: float) -> np.ndarray:
     """(moments + 1, cells, cells) float32 of unit norm: where people are at each moment, and at the end the room."""
     T = view.T_level_camera
-    moments = [_deeper(transform_points(T, seen.points_m[seen.person])) for seen in view.seen]
+    moments = [_deeper(transform_points(T, seen.points_m[seen.person])) for seen in view.seen[:: _every(view)]]
     still = np.concatenate([transform_points(T, seen.points_m[~seen.person]) for seen in view.seen[:1]])
     return np.stack([_map(points, turn) for points in (*moments, still)])
+
+
+def _every(view: LevelView) -> int:
+    """Every how many-th moment is looked at."""
+    return -(-len(view.seen) // MOMENTS)
 
 
 def _deeper(points_level_m: np.ndarray) -> np.ndarray:

@@ -32,7 +32,6 @@ GATES_M = (
 )  # the search is good to 0.3 m
 WORST_CONDITION = 1e9  # a turn or shift that nothing tells
 SAME_WAY = 0.8  # cosine between the normals of one surface in two cameras
-BEHIND_M = 0.1  # a point this far before what the other camera sees there cannot be
 HUBER = 1.5
 LEAST_PAIRS = 200
 MAD_OF_NORMAL = 0.6745
@@ -41,13 +40,15 @@ MAD_OF_NORMAL = 0.6745
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceFit:
     """T_first_second (4, 4) between camera frames. residual_m: robust deviation of point to plane; pairs: points used;
-    impossible: share of the people's points of each camera that the other camera looks through; sigma_m, sigma_rad:
+    impossible: share of one camera's people that fall beside the people the other sees, the worse of both ways;
+    common: share that falls into its picture, likewise; sigma_m, sigma_rad:
     standard errors of the place and the turn, moments taken as independent."""
 
     T_first_second: np.ndarray
     residual_m: float
     pairs: int
     impossible: float
+    common: float
     sigma_m: float
     sigma_rad: float
 
@@ -55,8 +56,9 @@ class SurfaceFit:
     def sentence(self) -> str:
         """The residuals for people."""
         return (
-            f"surfaces agree to {1000.0 * self.residual_m:.1f} mm, {100.0 * self.impossible:.0f} % of what one sees is "
-            f"impossible for the other, ± {1000.0 * self.sigma_m:.1f} mm, ± {np.degrees(self.sigma_rad):.2f} degrees"
+            f"surfaces agree to {1000.0 * self.residual_m:.1f} mm, {100.0 * self.impossible:.0f} % of the people one "
+            f"sees fall beside those of the other, ± {1000.0 * self.sigma_m:.1f} mm, "
+            f"± {np.degrees(self.sigma_rad):.2f} degrees"
         )
 
 
@@ -89,9 +91,9 @@ def fit_people(first: LevelView, second: LevelView, T_first_second: np.ndarray) 
     scores = np.zeros((int(moment.max()) + 1, jacobian.shape[1]))
     np.add.at(scores, moment, jacobian * (weight * residual)[:, None])
     spread_of_pose = freedom @ covariance @ (scores.T @ scores) @ covariance @ freedom.T
-    impossible = max(_looked_through(first, second, T), _looked_through(second, first, invert_rigid(T)))
+    there, back = _outside_silhouette(first, second, T), _outside_silhouette(second, first, invert_rigid(T))
     sigma_rad, sigma_m = (float(np.sqrt(np.trace(spread_of_pose[k : k + 3, k : k + 3]))) for k in (0, 3))
-    return SurfaceFit(T, spread, len(residual), impossible, sigma_m, sigma_rad)
+    return SurfaceFit(T, spread, len(residual), max(there[0], back[0]), min(there[1], back[1]), sigma_m, sigma_rad)
 
 
 def _rows(
@@ -141,13 +143,16 @@ def _moved(T: np.ndarray, step: np.ndarray) -> np.ndarray:
     return np.asarray(motion @ T)
 
 
-def _looked_through(target: LevelView, source: LevelView, T_target_source: np.ndarray) -> float:
-    """Share of the source's people in the target's picture that lie well before what the target sees there."""
-    through = total = 0
-    for depth, seen in zip(target.depths_m, source.seen, strict=True):
-        points = transform_points(T_target_source, seen.points_m[seen.person])
-        column, row, inside = target.camera.pixel_of(points)
-        there = depth[row[inside], column[inside]]
-        through += int(((there > 0) & (points[inside, 2] < there - BEHIND_M)).sum())
-        total += int((there > 0).sum())
-    return through / total if total else 1.0
+def _outside_silhouette(target: LevelView, source: LevelView, T_target_source: np.ndarray) -> tuple[float, float]:
+    """Of the source's people: the share that falls where the target has a reading and sees no people, and the share
+    that falls into the target's picture at all."""
+    outside = readings = inside = total = 0
+    for depth, people, seen in zip(target.depths_m, target.people, source.seen, strict=True):
+        column, row, within = target.camera.pixel_of(transform_points(T_target_source, seen.points_m[seen.person]))
+        row, column = row[within], column[within]
+        read = depth[row, column] > 0
+        outside += int((read & ~people[row, column]).sum())
+        readings += int(read.sum())
+        inside += len(row)
+        total += len(within)
+    return (outside / readings if readings else 1.0), (inside / total if total else 0.0)
