@@ -16,8 +16,9 @@ from anchorpose.calibration.camera_to_camera import (
     find_camera_to_camera,
     place_cameras,
 )
-from anchorpose.calibration.common_view import level_frame
+from anchorpose.calibration.common_view import level_frame, level_view
 from anchorpose.calibration.floor import FloorConfig, FloorPlane, NoFloor, find_floor
+from anchorpose.calibration.surface_fit import outside_silhouette
 from anchorpose.camera import invert_rigid
 from anchorpose.recording.recording import FrameSet
 
@@ -108,3 +109,17 @@ def test_a_camera_without_a_floor_is_refused_before_anything_is_read():
 def test_a_config_without_sense_is_refused():
     with pytest.raises(ValueError, match="moments"):
         CameraToCameraConfig(moments=0)
+
+
+def test_people_fall_upon_the_people_another_camera_sees_and_beside_them_where_the_pose_is_wrong():
+    pictures = frames(walking, 4)
+    first, second = (
+        level_view(CAMERAS[k], FLOORS[k], EMPTY[k], [frame.depths_m[k] for frame in pictures], 2) for k in (0, 1)
+    )
+    true = invert_rigid(FRONT.T_world_camera) @ LEFT.T_world_camera
+    beside, common = outside_silhouette(first, second, true)
+    assert beside < CONFIG.worst_impossible
+    assert common > 0.8
+    wrong = true.copy()
+    wrong[0, 3] += 0.4
+    assert outside_silhouette(first, second, wrong)[0] > 4 * CONFIG.worst_impossible

@@ -91,7 +91,7 @@ def fit_people(first: LevelView, second: LevelView, T_first_second: np.ndarray) 
     scores = np.zeros((int(moment.max()) + 1, jacobian.shape[1]))
     np.add.at(scores, moment, jacobian * (weight * residual)[:, None])
     spread_of_pose = freedom @ covariance @ (scores.T @ scores) @ covariance @ freedom.T
-    there, back = _outside_silhouette(first, second, T), _outside_silhouette(second, first, invert_rigid(T))
+    there, back = outside_silhouette(first, second, T), outside_silhouette(second, first, invert_rigid(T))
     sigma_rad, sigma_m = (float(np.sqrt(np.trace(spread_of_pose[k : k + 3, k : k + 3]))) for k in (0, 3))
     return SurfaceFit(T, spread, len(residual), max(there[0], back[0]), min(there[1], back[1]), sigma_m, sigma_rad)
 
@@ -143,7 +143,7 @@ def _moved(T: np.ndarray, step: np.ndarray) -> np.ndarray:
     return np.asarray(motion @ T)
 
 
-def _outside_silhouette(target: LevelView, source: LevelView, T_target_source: np.ndarray) -> tuple[float, float]:
+def outside_silhouette(target: LevelView, source: LevelView, T_target_source: np.ndarray) -> tuple[float, float]:
     """Of the source's people: the share that falls where the target has a reading and sees no people, and the share
     that falls into the target's picture at all."""
     outside = readings = inside = total = 0
