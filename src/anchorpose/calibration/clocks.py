@@ -45,8 +45,8 @@ class ClockConfig:
     block_s: float = 12.0  # of pictures for the first step: several movements
     blocks: int = 3  # tried for the first step, the busiest first
     window_s: float = 2.0  # of pictures for the second step
-    windows: int = 6  # over the whole recording: a drift shows between its ends
-    places: int = 4  # looked at in each sixth of the recording, to find where much moves
+    windows: int = 10  # over the whole recording: a drift shows between its ends, and some windows tell little
+    places: int = 4  # looked at in each tenth of the recording, to find where much moves
     reach_s: float = 0.12  # twice what the first step was ever off
     drift_sigma: float = 1e-4  # a quartz is good to 100 parts in a million
     signal_sigma_s: float = 0.03  # of the first step's lags on simulated clinics
@@ -126,8 +126,7 @@ def estimate_clocks(footage: Footage, levels: Sequence[Level | None], config: Cl
     span_s = (float(footage.times_s[0][0]), float(footage.times_s[0][-1]))
     windows = int(np.clip((span_s[1] - span_s[0]) / config.window_s, 1, config.windows))
     busy = busiest_times(reading, 0, span_s, windows, config.places)
-    blocks = config.blocks if span_s[1] - span_s[0] > config.block_s else 1
-    rough = _rough_clocks(reading, levels, sorted(busy, key=lambda place: -place[1])[:blocks], config)
+    rough = _rough_clocks(reading, levels, [at_s for at_s, _ in sorted(busy, key=lambda place: -place[1])], config)
     lags = _fine_lags(reading, rough, [time_s for time_s, _ in busy], config)
     fit = fit_clocks(lags, count, config.drift_sigma, config.outlier_gate) if lags else None
     cameras = tuple(_camera_clock(index, footage, rough, fit, span_s, config) for index in range(count))
@@ -184,24 +183,36 @@ def pose_level(camera: Camera) -> Level | None:
 
 
 def _rough_clocks(
-    reading: _Reading, levels: Sequence[Level | None], places: Sequence[tuple[float, float]], config: ClockConfig
+    reading: _Reading, levels: Sequence[Level | None], busiest_s: Sequence[float], config: ClockConfig
 ) -> list[_Rough | None]:
     """The lag of each camera from signals; where they are not sure, the surfaces choose among their best lags and what
     the stamps say. None where neither tells it."""
     same = [level if all(other is not None for other in levels) else None for level in levels]
     rough: list[_Rough | None] = [_Rough(0.0, 0.0, 0.0, True), *[None] * (len(levels) - 1)]
     possible: list[list[_Rough]] = [_from_stamps(reading, camera, config) for camera in range(len(levels))]
-    for at_s, _ in places:
+    for at_s in _blocks(reading.times_s[0], busiest_s, config):
         reference = _block(reading, 0, at_s, config.block_s / 2, same[0], config)
         for camera in (camera for camera, found in enumerate(rough) if found is None):
             lags = _best_lags(reading, camera, at_s, reference, same[camera], config)
             found = [_Rough(lag.lag_s, at_s, config.reach_s, lag.sure(config.signal)) for lag in lags]
             rough[camera] = found[0] if found and found[0].sure else None
             possible[camera] += found
-    times_s = [at_s for at_s, _ in places[: config.least_windows]]
+    times_s = busiest_s[: config.least_windows]
     for camera in (camera for camera, found in enumerate(rough) if found is None):
         rough[camera] = _best_by_surfaces(reading, camera, possible[camera], times_s, config)
     return rough
+
+
+def _blocks(times_s: np.ndarray, busiest_s: Sequence[float], config: ClockConfig) -> list[float]:
+    """Middles of the blocks for the first step: the busiest, none reaching beyond the recording, all different."""
+    low, high = times_s[0] + config.block_s / 2, times_s[-1] - config.block_s / 2
+    if low >= high:
+        return [float(times_s[0] + times_s[-1]) / 2]
+    inside = [float(np.clip(at_s, low, high)) for at_s in busiest_s]
+    apart = [
+        at_s for k, at_s in enumerate(inside) if all(abs(at_s - other) > config.block_s / 2 for other in inside[:k])
+    ]
+    return apart[: config.blocks]
 
 
 def _from_stamps(footage: Footage, camera: int, config: ClockConfig) -> list[_Rough]:

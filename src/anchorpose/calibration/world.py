@@ -39,11 +39,17 @@ class Calibration:
     notes: tuple[str, ...]
 
 
-def find_world(recording: Recording, sample_frames: Sequence[FrameSet], config: FloorConfig) -> Calibration:
+def find_world(
+    recording: Recording,
+    sample_frames: Sequence[FrameSet],
+    config: FloorConfig,
+    placing: CameraToCameraConfig | None = None,
+) -> Calibration:
     """Poses of all cameras: as given, or of a single camera from the floor and from where the patient stands.
 
     sample_frames: spread over the recording, in the order of time. Found worlds have Y up, the origin on the floor
     below the patient's start, and X from him towards the camera: he is taken to face it, and a note says so.
+    placing: how several cameras without any pose are placed against each other.
     Raises InputError where poses are missing that the floor cannot give.
     """
     missing = [camera.name for camera in recording.cameras if camera.T_world_camera is None]
@@ -54,7 +60,11 @@ def find_world(recording: Recording, sample_frames: Sequence[FrameSet], config: 
     if not missing:
         return _given(recording.cameras, floors)
     world = _from_one_camera(recording, sample_frames, floors[0])
-    return world if len(recording.cameras) == 1 else _with_other_cameras(recording, world, floors)
+    return (
+        world
+        if len(recording.cameras) == 1
+        else _with_other_cameras(recording, world, floors, placing or CameraToCameraConfig())
+    )
 
 
 def _refuse_what_the_floor_cannot_give(recording: Recording, missing: Sequence[str]) -> None:
@@ -130,10 +140,13 @@ def _from_one_camera(
 
 
 def _with_other_cameras(
-    recording: Recording, world: Calibration, floors: Sequence[FloorPlane | NoFloor]
+    recording: Recording,
+    world: Calibration,
+    floors: Sequence[FloorPlane | NoFloor],
+    placing: CameraToCameraConfig,
 ) -> Calibration:
     """The other cameras placed against the first, which has found the world."""
-    found = find_camera_to_camera(recording, floors, CameraToCameraConfig())
+    found = find_camera_to_camera(recording, floors, placing)
     if isinstance(found, NoCameraToCamera):
         remedy = "give every camera_to_world, record people who walk in view of all cameras, or keep one camera"
         names = ", ".join(camera.name for camera in recording.cameras)

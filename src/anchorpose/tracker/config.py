@@ -11,6 +11,7 @@ from anchorpose.body.part_registration import PartRegistrationConfig
 from anchorpose.body.registration import RegistrationConfig
 from anchorpose.body.uncertainty import UncertaintyConfig
 from anchorpose.body.visibility import VisibilityConfig
+from anchorpose.calibration.camera_to_camera import CameraToCameraConfig
 from anchorpose.calibration.clocks import ClockConfig
 from anchorpose.calibration.floor import FloorConfig
 from anchorpose.geodesics.anchors import AnchorConfig
@@ -56,6 +57,7 @@ class TrackConfig:
     stop: int | None = None  # frame to stop before; None = the end
     patient_xz_m: tuple[float, float] | None = None  # where the patient stands at the start, if the user says so
     clocks: ClockConfig = field(default_factory=ClockConfig)
+    placing: CameraToCameraConfig = field(default_factory=CameraToCameraConfig)
     floor: FloorConfig = field(default_factory=FloorConfig)
     isolation: IsolationConfig = field(default_factory=IsolationConfig)
     surface: SurfaceConfig = field(default_factory=SurfaceConfig)

@@ -54,10 +54,12 @@ def prepare_room(recording: Recording, config: TrackConfig) -> Room:
     stamped = recording
     recording, clocks = settle_clocks(stamped, stamped.cameras, config.floor, config.clocks)
     chosen, samples = _samples(recording, config)
-    calibration = find_world(recording, samples, config.floor)
+    calibration = find_world(recording, samples, config.floor, config.placing.first_look())
     if len(stamped.cameras) > 1 and any(camera.T_world_camera is None for camera in stamped.cameras):
         recording, clocks = settle_clocks(stamped, calibration.cameras, config.floor, config.clocks)
         chosen, samples = _samples(recording, config)
+        if recording.equipment is None:  # poses found from people who move are as good as the clocks were
+            calibration = find_world(recording, samples, config.floor, config.placing)
     scenes = tuple(
         set_scene(camera, _background(recording, number, samples, calibration, config), recording.equipment)
         for number, camera in enumerate(calibration.cameras)
