@@ -122,7 +122,8 @@ def test_a_person_without_a_room_gets_a_world_without_a_floor():
 
 
 def test_several_cameras_without_poses_are_refused_with_a_remedy():
-    with pytest.raises(InputError, match=r"null for front.*2 cameras need one world; give every camera_to_world"):
+    """Some with a pose and some without is no question that people in view can answer."""
+    with pytest.raises(InputError, match=r"null for front.*nothing ties them to the others' world; give every camera_to_world, or none"):
         find_world(recording(unposed(FRONT), replace(FRONT, name="left")), [], FloorConfig())
 
 
@@ -130,6 +131,12 @@ def test_equipment_that_is_not_in_the_picture_is_refused_with_a_remedy():
     blind = recording(unposed(FRONT), equipment=EquipmentModel((KNEE_BAR,)))
     with pytest.raises(InputError, match=r"null for front, and this camera .*; compare equipment\.json"):
         find_world(blind, frames(picture(FRONT, *ROOM, seed=9)), FloorConfig())
+
+
+def test_cameras_without_poses_that_see_no_floor_are_refused_with_the_reason():
+    blind = recording(unposed(FRONT), replace(unposed(FRONT), name="left"))
+    with pytest.raises(InputError, match=r"null for front, left.*a camera sees no floor; give every camera_to_world"):
+        find_world(blind, [], FloorConfig())
 
 
 def test_a_config_without_sense_is_refused():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,6 +11,8 @@ from hypothesis import strategies as st
 from recording_builder import write_recording, write_timestamps
 
 from anchorpose.errors import InputError
+from anchorpose.recording.clock import Clock, put_clocks_together
+from anchorpose.recording.gaps import find_gaps
 from anchorpose.recording.pairing import nearest_within, pair_frames
 from anchorpose.recording.reader import open_recording, read_frames
 
@@ -73,3 +77,62 @@ def test_single_pictures_pair_when_a_usual_camera_would_have_taken_them_together
     folder = write_recording(tmp_path / "r", frames=1, cameras=("front", "left"))
     write_timestamps(folder / "left", [(0, 0.01)])
     np.testing.assert_array_equal(pair_frames(open_recording(folder)), [[0, 0]])
+
+
+def test_when_each_picture_was_taken_is_said_on_the_reference_clock(tmp_path):
+    folder = write_recording(tmp_path / "r", frames=3, cameras=("front", "left"))
+    write_timestamps(folder / "left", [(0, 100.01), (1, 100.11), (2, 100.31)])
+    recording = put_clocks_together(open_recording(folder), (Clock(), Clock(ahead_s=100.0)))
+    sets = list(read_frames(recording))
+    assert sets[0].taken_s == pytest.approx((0.0, 0.01))
+    assert sets[1].taken_s == pytest.approx((0.1, 0.11))
+    assert sets[2].taken_s[1] is None
+
+
+def test_a_doubled_picture_is_nobodys_pair(tmp_path):
+    folder = write_recording(tmp_path / "r", frames=4, cameras=("front", "left"))
+    shutil.copyfile(folder / "left/depth/000001.png", folder / "left/depth/000002.png")
+    shutil.copyfile(folder / "front/depth/000002.png", folder / "front/depth/000003.png")
+    recording = open_recording(folder)
+    np.testing.assert_array_equal(pair_frames(recording), [[0, 0], [1, 1], [2, -1], [-1, 3]])
+    front, left = find_gaps(recording)
+    assert (front.doubled, left.doubled, left.pictures) == (1, 1, 3)
+    assert left.sentence == "camera left: 1 hold the picture before once more and were left out"
+
+
+def test_pictures_without_noise_are_not_called_doubled(tmp_path):
+    folder = write_recording(tmp_path / "r", frames=4)
+    for frame in range(1, 4):
+        shutil.copyfile(folder / "front/depth/000000.png", folder / f"front/depth/{frame:06d}.png")
+    assert not open_recording(folder).streams[0].doubled.any()
+
+
+def test_a_stamp_given_twice_leaves_its_picture_out(tmp_path):
+    folder = write_recording(tmp_path / "r", frames=12)
+    write_timestamps(folder / "front", [(k, 0.1 * (k - (k == 5))) for k in range(12)])
+    recording = open_recording(folder)
+    assert recording.streams[0].frame.tolist() == [0, 1, 2, 3, 4, 6, 7, 8, 9, 10, 11]
+    assert find_gaps(recording)[0].repeated == 1
+
+
+def test_a_clock_set_back_is_refused(tmp_path):
+    folder = write_recording(tmp_path / "r", frames=3)
+    write_timestamps(folder / "front", [(0, 0.0), (1, 0.1), (2, 0.05)])
+    with pytest.raises(InputError, match=r"frame 2 is not later than 0.1 s; .*set back"):
+        open_recording(folder)
+
+
+def test_late_starts_early_ends_pauses_and_drops_are_said_once(tmp_path):
+    folder = write_recording(tmp_path / "r", frames=60, cameras=("front", "left"))
+    kept = [k for k in range(60) if 15 <= k <= 45 and k not in (20, 21) and not 28 <= k <= 40]
+    for k in set(range(60)) - set(kept):
+        (folder / f"left/depth/{k:06d}.png").unlink()
+    write_timestamps(folder / "left", [(k, 0.1 * k) for k in kept])
+    front, left = find_gaps(open_recording(folder))
+    assert front.sentence == ""
+    assert left.late_s == pytest.approx(1.5)
+    assert left.early_s == pytest.approx(1.4)
+    assert left.dropped == 2
+    assert left.pauses == (pytest.approx((2.7, 4.1)),)
+    assert left.paired_share == pytest.approx(len(kept) / 60)
+    assert "starts 1.5 s late; it ends 1.4 s early; it has no pictures from 2.7 to 4.1 s" in left.sentence

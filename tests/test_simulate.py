@@ -100,6 +100,28 @@ def test_dropped_pictures_leave_gaps_in_every_camera_but_the_first(tmp_path):
     assert left.time_s == pytest.approx(left.frame / 6, abs=1e-6)
 
 
+def test_a_rough_recorder_writes_what_its_truth_says(tmp_path):
+    config = SimulationConfig(
+        seed=3, seconds=2, fps=10, cameras=2, therapists=0, clock_late_s=(0.0, 0.3), clock_epoch_s=(0.0, 1.7e9),
+        stamp_jitter_s=0.004, doubled_share=0.2, starts_late_s=(0.0, 0.4), ends_early_s=(0.0, 0.5),
+    )  # fmt: skip
+    simulate_recording(tmp_path / "out", config)
+    front, left = open_recording(tmp_path / "out/recording").streams
+    with np.load(tmp_path / "out/truth/truth.npz") as truth:
+        taken_s, doubled = truth["taken_s"], truth["doubled"]
+    assert list(front.frame) == list(range(20))
+    assert list(left.frame) == list(range(4, 15))
+    assert np.flatnonzero(np.isfinite(taken_s[1])).tolist() == list(left.frame)
+    assert 0 < left.doubled.sum() < 8
+    assert (left.doubled == doubled[1, left.frame]).all()
+    assert (front.doubled == doubled[0]).all()
+    sound = ~left.doubled
+    late = taken_s[1, left.frame] - (left.time_s - 1.7e9)
+    assert late[sound] == pytest.approx(0.3, abs=0.009)
+    assert (late[~sound] < 0.25).all()
+    assert 0 < np.abs(front.time_s - front.frame / 10).max() <= 0.008 + 1e-6
+
+
 def test_a_folder_that_is_not_empty_is_refused_and_left_alone(tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out/notes.txt").write_text("mine")
@@ -141,6 +163,11 @@ def test_progress_counts_to_the_end(tmp_path):
         {"hole_radius_m": 0.5},
         {"hole_share": 1.5},
         {"dropped_share": 1.0},
+        {"doubled_share": -0.1},
+        {"stamp_jitter_s": -0.001},
+        {"starts_late_s": (1.0, 0.0), "cameras": 2},
+        {"ends_early_s": (0.0, 99.0), "cameras": 2},
+        {"clock_epoch_s": (0.0,), "cameras": 2},
         {"height_m": 0.9},
         {"clock_late_s": (0.1,), "cameras": 3},
     ],

@@ -18,8 +18,7 @@ from anchorpose.results.canvas import as_png
 from anchorpose.results.model_picture import draw_model
 from anchorpose.threads import one_thread
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.preparation import calibrate
-from anchorpose.tracker.room import sample_recording
+from anchorpose.tracker.preparation import settle
 
 
 def calibrate_recording(
@@ -38,8 +37,8 @@ def calibrate_recording(
         by_marker: dict[str, PoseRecord] = {}
         if markers is not None:
             opened, by_marker = place_by_markers(opened, read_marker_layout(markers))
-        _, samples = sample_recording(opened, config)
-        found = calibrate(opened, samples, config)
+        settled = settle(opened, config)
+        found, samples = settled.calibration, settled.samples
         records = tuple(by_marker.get(pose.camera, pose) for pose in found.poses)
         calibration = replace(found, poses=records)
         write_calibration(folder, opened.folder.resolve().name, calibration)

@@ -8,7 +8,7 @@ The room is prepared once; then every frame goes through ``tracker.observation``
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,9 +16,12 @@ import numpy as np
 
 from anchorpose.body.skin_points import FittedShape
 from anchorpose.calibration.calibration import PoseSource
+from anchorpose.calibration.clocks import Clocks
+from anchorpose.calibration.settled_clocks import clock_notes
 from anchorpose.recording.calibration_file import with_poses
+from anchorpose.recording.gaps import CameraGaps, find_gaps
 from anchorpose.recording.inputs import input_files
-from anchorpose.recording.reader import open_recording, read_frames
+from anchorpose.recording.reader import frame_range, open_recording
 from anchorpose.recording.recording import Recording
 from anchorpose.results.angles import ANGLES_FILE, joint_angles, write_angles
 from anchorpose.results.pictures import FramePicture, save_pictures
@@ -77,7 +80,7 @@ def _track(recording: Path, results: Path, config: TrackConfig, progress: Progre
     opened = open_recording(recording)
     if calibration is not None:
         opened = with_poses(opened, calibration)
-    read_frames(opened, config.start, config.stop)  # refuses an empty range before any work is done
+    frame_range(opened, config.start, config.stop)  # refuses an empty range before any work is done
     total, window = _frame_counts(opened, config)
     with watch.stage("calibration and background"):
         room = prepare_room(opened, config)
@@ -128,7 +131,7 @@ def _write_record(
     results: Path, room: Room, written: _Written, shape: FittedShape | None, config: TrackConfig, watch: Stopwatch,
     calibration_file: Path | None,
 ) -> None:  # fmt: skip
-    calibration = room.calibration
+    calibration, gaps = room.calibration, find_gaps(room.recording)
     source = None if calibration_file is None else PoseSource.FILE
     record = RunRecord(
         recording=room.recording.folder.resolve().name,
@@ -138,22 +141,50 @@ def _write_record(
             CameraRecord(camera.name, camera.T_world_camera, (source or pose.source).value)
             for camera, pose in zip(room.cameras, calibration.poses, strict=True)
         ),
-        residuals=tuple(
-            Residual(floor.camera, "floor, rms distance to the plane", floor.residual_m, "m")
-            for floor in calibration.residuals
-        )
-        + tuple(
-            Residual(pose.camera, figure.what, figure.value, figure.unit)
-            for pose in calibration.poses
-            for figure in pose.figures
+        residuals=(
+            *(
+                Residual(floor.camera, "floor, rms distance to the plane", floor.residual_m, "m")
+                for floor in calibration.residuals
+            ),
+            *(
+                Residual(pose.camera, figure.what, figure.value, figure.unit)
+                for pose in calibration.poses
+                for figure in pose.figures
+            ),
+            *_clock_residuals(room.clocks, gaps),
         ),
         timings=tuple(StageTiming(stage, seconds) for stage, seconds in watch.seconds.items()),
         frame_count=written.frame_count,
         dropped=written.dropped,
         pictures=save_pictures(results, written.pictures),
-        notes=(*calibration.notes, *_notes(room, shape)),
+        notes=(
+            *calibration.notes,
+            *clock_notes(room.clocks),
+            *(camera.sentence for camera in gaps if camera.sentence),
+            *_notes(room, shape),
+        ),
     )
     write_run_record(results / RUN_FILE, record)
+
+
+def _clock_residuals(clocks: Clocks, gaps: Sequence[CameraGaps]) -> list[Residual]:
+    """What was measured of each camera's clock, the first camera's being the reference."""
+    found = []
+    for camera, missing in zip(clocks.cameras[1:], gaps[1:], strict=True):
+        name, clock = camera.camera, camera.clock
+        if camera.sigma_s is not None:
+            found.append(
+                Residual(name, f"clock, ahead of the first camera's at {clock.at_s:.1f} s", clock.ahead_s, "s")
+            )
+            found.append(Residual(name, "clock, standard error of that", camera.sigma_s, "s"))
+        if camera.drift_sigma is not None:
+            found.append(Residual(name, "clock, drift against the first camera's", clock.drift, "s/s"))
+            found.append(Residual(name, "clock, standard error of the drift", camera.drift_sigma, "s/s"))
+            found.append(Residual(name, "clock, lags measured with other cameras", float(camera.lags), "1"))
+        found.append(Residual(name, "share of the first camera's frames with a picture", missing.paired_share, "1"))
+    if clocks.residual_s is not None:
+        found.append(Residual(clocks.cameras[0].camera, "clocks, rms of all lags", clocks.residual_s, "s"))
+    return found
 
 
 def _notes(room: Room, shape: FittedShape | None) -> list[str]:

@@ -16,6 +16,7 @@ class PoseSource(StrEnum):
     EQUIPMENT = "found from the equipment"
     MARKERS = "found from markers"
     FLOOR = "floor and patient"
+    PEOPLE = "placed by the people it sees"
 
 
 @dataclass(frozen=True, slots=True)

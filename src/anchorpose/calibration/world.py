@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from anchorpose.calibration.calibration import Calibration, FloorResidual, PoseRecord, PoseSource
+from anchorpose.calibration.camera_to_camera import CameraToCameraConfig, NoCameraToCamera, find_camera_to_camera
 from anchorpose.calibration.equipment_seen import EquipmentWorldConfig
 from anchorpose.calibration.equipment_turns import TellFacing
 from anchorpose.calibration.equipment_world import world_from_equipment
@@ -28,12 +29,14 @@ def find_world(
     config: FloorConfig,
     equipment_config: EquipmentWorldConfig | None = None,
     tell_facing: TellFacing | None = None,
+    placing: CameraToCameraConfig | None = None,
 ) -> Calibration:
-    """Poses of all cameras: as given, from the equipment, or of a single camera from the floor and the patient.
+    """Poses of all cameras: as given, from the equipment, or from the floor and the people.
 
     sample_frames: spread over the recording, in the order of time. With equipment the world is Gamma_0. Without, found
     worlds have Y up, the origin on the floor below the patient's start, and X from him towards the camera: he is taken
-    to face it, and a note says so. Raises InputError where poses are missing and cannot be found.
+    to face it, and a note says so; other cameras are placed against the first by the people they see (``placing``).
+    Raises InputError where poses are missing and cannot be found.
     """
     missing = [camera.name for camera in recording.cameras if camera.T_world_camera is None]
     settings = equipment_config or EquipmentWorldConfig()
@@ -52,13 +55,17 @@ def find_world(
             return checked
         watched = watch_given_poses(recording, sample_frames, config, checked.floor_height_m, settings)
         return replace(checked, notes=(*checked.notes, *watched))
-    if len(recording.cameras) > 1:
+    if 0 < len(missing) < len(recording.cameras):
         raise InputError(
             recording.folder / "recording.json",
-            f"camera_to_world is null for {', '.join(missing)}, and {len(recording.cameras)} cameras need one world",
-            "give every camera_to_world, or keep one camera only",
+            f"camera_to_world is null for {', '.join(missing)}, and nothing ties them to the others' world",
+            "give every camera_to_world, or none",
         )
-    return _from_one_camera(recording, sample_frames, _floor_of(recording, 0, sample_frames, config))
+    floors = _floors(recording, sample_frames, config)
+    world = _from_one_camera(recording, sample_frames, floors[0])
+    if len(recording.cameras) == 1:
+        return world
+    return _with_other_cameras(recording, world, floors, placing or CameraToCameraConfig())
 
 
 def _floors(recording: Recording, sample_frames: Sequence[FrameSet], config: FloorConfig) -> list[FloorPlane | NoFloor]:
@@ -125,6 +132,36 @@ def _from_one_camera(
     posed = replace(camera, T_world_camera=T_world_camera)
     record = PoseRecord(camera.name, PoseSource.FLOOR)
     return Calibration((posed,), None if height is None else 0.0, tuple(residuals), tuple(notes), (record,))
+
+
+def _with_other_cameras(
+    recording: Recording,
+    world: Calibration,
+    floors: Sequence[FloorPlane | NoFloor],
+    placing: CameraToCameraConfig,
+) -> Calibration:
+    """The other cameras placed against the first, which has found the world."""
+    found = find_camera_to_camera(recording, floors, placing)
+    if isinstance(found, NoCameraToCamera):
+        remedy = "give every camera_to_world, record people who walk in view of all cameras, or keep one camera"
+        names = ", ".join(camera.name for camera in recording.cameras)
+        raise InputError(
+            recording.folder / "recording.json",
+            f"camera_to_world is null for {names}, and the cameras cannot be placed against each other: {found.value}",
+            remedy,
+        )
+    T_world_first = world.cameras[0].require_pose()
+    cameras = tuple(
+        replace(camera, T_world_camera=T_world_first @ T_first_camera)
+        for camera, T_first_camera in zip(recording.cameras, found.T_first_camera, strict=True)
+    )
+    notes = tuple(
+        f"camera {cameras[link.second].name} was placed against camera {cameras[link.first].name} by the people both "
+        f"see: {link.fit.sentence}"
+        for link in found.links
+    )
+    records = tuple(PoseRecord(camera.name, PoseSource.PEOPLE) for camera in cameras[1:])
+    return replace(world, cameras=cameras, notes=(*world.notes, *notes), poses=(*world.poses, *records))
 
 
 def _world_at(origin_camera_m: np.ndarray, up_camera: np.ndarray) -> np.ndarray:

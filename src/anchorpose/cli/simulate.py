@@ -27,6 +27,7 @@ def simulate(
     speed: Literal["slow", "normal", "fast", "mixed"] | None = None,
     height: float | None = None,
     pose_unknown: bool = False,
+    rough_recorder: bool = False,
 ) -> None:
     """Make a recording of a simulated patient, whose true joints are known, to try things out on.
 
@@ -59,6 +60,9 @@ def simulate(
         The patient's height in metres; drawn at random where not given.
     pose_unknown
         Leave the poses of the cameras out of the recording, so that they have to be found.
+    rough_recorder
+        Record as untidily as real recorders do: the cameras' clocks are up to 2 s apart and drift, stamps jitter by
+        4 ms, and 3 of 100 pictures are missing or stored twice.
     """
     from anchorpose.cli.progress import progress_bar
     from anchorpose.simulate import config as presets
@@ -79,6 +83,7 @@ def simulate(
         else:
             settings = {"clinic": presets.clinic, "single": presets.single}[preset](seed, seconds, fps)
         settings = replace(settings, **{name: value for name, value in given.items() if value is not None})
+        settings = presets.rough_recorder(settings) if rough_recorder else settings
     except ValueError as error:
         raise AnchorposeError(f"{error}.") from None
     with progress_bar("Simulating") as progress:

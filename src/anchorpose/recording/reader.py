@@ -10,6 +10,7 @@ import numpy as np
 
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
+from anchorpose.recording.doubled import find_doubled
 from anchorpose.recording.equipment_file import read_equipment
 from anchorpose.recording.format import read_recording_document
 from anchorpose.recording.pairing import pair_frames
@@ -60,23 +61,34 @@ def read_frames(
     ``clock_offset_s`` as in ``pair_frames``. Raises InputError at once where the cameras never overlap in time or the
     range is empty; a damaged picture is None with a sentence in the set's ``problems``.
     """
+    positions = frame_range(recording, start, stop, reference)
     pairs = pair_frames(recording, reference, clock_offset_s)
-    count = len(pairs)
+    offsets_s = clock_offset_s if clock_offset_s is not None else (0.0,) * len(recording.cameras)
+    return (_read_set(recording, reference, pairs[position], position, offsets_s) for position in positions)
+
+
+def frame_range(recording: Recording, start: int = 0, stop: int | None = None, reference: int = 0) -> range:
+    """The positions ``start`` to ``stop`` of the reference camera; raises InputError where there are none."""
+    count = len(recording.streams[reference].files)
     stop = count if stop is None else min(stop, count)
     if not 0 <= start < stop:
         problem = f"has no frames {start} to {stop} (it has {count})"
         raise InputError(recording.folder, problem, "choose a start below the stop, both within the recording")
-    return (_read_set(recording, reference, pairs[position], position) for position in range(start, stop))
+    return range(start, stop)
 
 
-def _read_set(recording: Recording, reference: int, pair: np.ndarray, position: int) -> FrameSet:
-    depths, problems = list[np.ndarray | None](), list[str]()
-    for camera, stream, index in zip(recording.cameras, recording.streams, pair, strict=True):
+def _read_set(
+    recording: Recording, reference: int, pair: np.ndarray, position: int, offsets_s: tuple[float, ...]
+) -> FrameSet:
+    depths, taken, problems = list[np.ndarray | None](), list[float | None](), list[str]()
+    for camera, stream, index, offset_s in zip(recording.cameras, recording.streams, pair, offsets_s, strict=True):
         if index < 0:
             depths.append(None)
+            taken.append(None)
             continue
         picture = read_depth_picture(stream.files[index], camera)
         depths.append(picture.depth_m)
+        taken.append(None if picture.depth_m is None else float(stream.time_s[index]) + offset_s)
         if picture.problem:
             problems.append(f"{stream.files[index].relative_to(recording.folder).as_posix()} {picture.problem}")
     clock = recording.streams[reference]
@@ -84,23 +96,27 @@ def _read_set(recording: Recording, reference: int, pair: np.ndarray, position: 
         frame=int(clock.frame[position]),
         time_s=float(clock.time_s[position]),
         depths_m=tuple(depths),
+        taken_s=tuple(taken),
         problems=tuple(problems),
     )
 
 
 def _open_stream(folder: Path, fps: float | None) -> DepthStream:
     files = _number_files(folder / "depth")
-    numbers = np.array(sorted(files), dtype=np.int64)
+    numbers, repeated = np.array(sorted(files), dtype=np.int64), 0
     path = folder / "timestamps.csv"
     if path.exists():
         times = read_timestamps(path)
         _check_same_frames(folder, path, files, times)
         time_s = np.array([times[number] for number in numbers.tolist()])
+        later = np.append(True, np.diff(time_s) > 0)
+        repeated, numbers, time_s = int((~later).sum()), numbers[later], time_s[later]
     elif fps is not None:
         time_s = times_from_rate(numbers, fps)
     else:
         raise InputError(path, "there is no such file", 'add it, or write the camera\'s "fps" into recording.json')
-    return DepthStream(files=tuple(files[number] for number in numbers.tolist()), time_s=time_s, frame=numbers)
+    kept = tuple(files[number] for number in numbers.tolist())
+    return DepthStream(files=kept, time_s=time_s, frame=numbers, doubled=find_doubled(kept), repeated=repeated)
 
 
 def _number_files(folder: Path) -> dict[int, Path]:

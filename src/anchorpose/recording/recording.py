@@ -16,8 +16,10 @@ class DepthStream:
     """The depth pictures of one camera, in the order of time."""
 
     files: tuple[Path, ...]
-    time_s: np.ndarray  # (n,) float64, strictly increasing, the camera's own clock
+    time_s: np.ndarray  # (n,) float64, strictly increasing; the camera's own clock, or the reference once put together
     frame: np.ndarray  # (n,) int64, the number in the file's name
+    doubled: np.ndarray | None = None  # (n,) bool, the picture before once more; None where that was not looked at
+    repeated: int = 0  # files left out because their time is that of the file before
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -45,4 +47,7 @@ class FrameSet:
     frame: int
     time_s: float
     depths_m: tuple[np.ndarray | None, ...]  # one a camera: (height, width) float32, 0 = no reading; None = no picture
+    taken_s: tuple[
+        float | None, ...
+    ] = ()  # one a camera: when its picture was taken, reference clock; None = no picture
     problems: tuple[str, ...] = ()  # one sentence for each picture that should be there and cannot be used

@@ -5,27 +5,44 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
 from anchorpose.errors import InputError
 
+MOST_REPEATED: Final = 0.1
+"""Of the times of a camera: where more are those of the picture before, its clock ticks too slowly."""
+
 
 def read_timestamps(path: Path) -> dict[int, float]:
-    """Frame number to time in seconds, in the order of the file; raises InputError unless both strictly increase."""
+    """Frame number to time in seconds, in the order of the file.
+
+    Recorders stamp a picture with the time of the one before now and then; such a time is kept as it is, for the caller
+    to leave its picture out. Raises InputError where frames do not increase, where time goes back, and where so many
+    times repeat that the clock is too coarse to tell pictures apart.
+    """
     times: dict[int, float] = {}
     last_frame, last_time = -1, -math.inf
+    repeated = list[str]()
     for line, cells in _rows(path):
         frame, time_s = _parse_row(path, line, cells)
         if frame <= last_frame:
             raise InputError(path, f"line {line}: frame {frame} does not come after {last_frame}", "sort the rows")
-        if time_s <= last_time:
-            problem = f"line {line}: time {time_s:g} s of frame {frame} is not later than {last_time:g} s"
-            raise InputError(path, problem, "times must increase strictly: remove the repeated frame")
+        problem = f"line {line}: time {time_s:.15g} s of frame {frame} is not later than {last_time:.15g} s"
+        if time_s < last_time:
+            raise InputError(
+                path, problem, "times must increase: sort the rows, or correct the clock that was set back"
+            )
+        if time_s == last_time:
+            repeated.append(problem)
         times[frame] = time_s
         last_frame, last_time = frame, time_s
     if not times:
         raise InputError(path, "lists no frame", "add one row a picture or remove the recording")
+    if len(repeated) > MOST_REPEATED * len(times):
+        remedy = "write times with more decimals, or remove the pictures that were stored twice"
+        raise InputError(path, f"{repeated[0]}, and so for {len(repeated)} of {len(times)} frames", remedy)
     return times
 
 

@@ -18,7 +18,7 @@ from anchorpose.simulate.room import place_cameras, room_triangles
 from anchorpose.simulate.therapist import Therapist, draw_therapists
 from anchorpose.simulate.timeline import Footwork, Movement, stance_places
 
-STREAMS = ("patient", "programme", "therapists", "room", "cameras", "holes", "sensor", "drops")
+STREAMS = ("patient", "programme", "therapists", "room", "cameras", "holes", "sensor", "drops", "doubles", "stamps")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,7 +33,7 @@ class Clinic:
     therapists: tuple[Therapist, ...]
 
     def true_times_s(self, camera: int) -> np.ndarray:
-        """(t,) when a camera really looks; its stamps say frame / fps."""
+        """(t,) when a camera really looks; its stamps say frame / fps since its epoch."""
         stamps = np.arange(self.config.frames) / self.config.fps
         late = self.config.clock_late_s[camera] if self.config.clock_late_s else 0.0
         drift = self.config.clock_drift[camera] if self.config.clock_drift else 0.0

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal, get_args
+
+import numpy as np
 
 Sensor = Literal["kinect-v2", "azure-kinect", "realsense"]
 Speed = Literal["slow", "normal", "fast", "mixed"]
@@ -18,6 +20,7 @@ FRAMELESS_MOTIONS: Final = frozenset({"sit-to-stand"})
 """Motions that a standing frame with a knee bar does not leave room for."""
 
 SMALLEST_HOLE_M, LARGEST_HOLE_M = 0.03, 0.15  # the paper's five sizes, Section V
+ROUGH_KEY: Final = 1000  # a stream of its own beside those of ``clinic``
 THICKEST_CLOTHING_M = 0.015  # beyond this the skin says little about the body
 
 
@@ -47,7 +50,12 @@ class SimulationConfig:
     pose_known: bool = True  # False: camera_to_world is null
     clock_late_s: tuple[float, ...] = ()  # one a camera: how much later than its stamps say it looked
     clock_drift: tuple[float, ...] = ()  # one a camera: seconds of further lateness a second
+    clock_epoch_s: tuple[float, ...] = ()  # one a camera: what its stamps say at the start
+    stamp_jitter_s: float = 0.0  # standard deviation of every stamp
     dropped_share: float = 0.0  # of the pictures of every camera but the first, lost on the way to the disk
+    doubled_share: float = 0.0  # of the files of every camera that hold the picture before once more
+    starts_late_s: tuple[float, ...] = ()  # one a camera, the first 0: seconds without pictures at the start
+    ends_early_s: tuple[float, ...] = ()  # one a camera, the first 0: seconds without pictures at the end
 
     def __post_init__(self) -> None:
         _require(self.seconds > 0 and self.fps > 0, f"seconds and fps must be positive: {self.seconds}, {self.fps}")
@@ -73,13 +81,24 @@ class SimulationConfig:
         )
         _require(self.seed >= 0, f"seed must not be negative, got {self.seed}")
         _require(0 <= self.dropped_share < 1, f"dropped_share must be 0 to below 1, got {self.dropped_share}")
+        _require(0 <= self.doubled_share < 1, f"doubled_share must be 0 to below 1, got {self.doubled_share}")
+        _require(self.stamp_jitter_s >= 0, f"stamp_jitter_s must not be negative, got {self.stamp_jitter_s}")
         _require(0 <= self.hole_share <= 1, f"hole_share must be 0 to 1, got {self.hole_share}")
         _require(
             self.height_m is None or 1.45 <= self.height_m <= 2.0,
             f"height_m must be 1.45 to 2.0 (the bodies the shape space knows), got {self.height_m}",
         )
-        for name, values in (("clock_late_s", self.clock_late_s), ("clock_drift", self.clock_drift)):
+        for name in ("clock_late_s", "clock_drift", "clock_epoch_s", "starts_late_s", "ends_early_s"):
+            values = getattr(self, name)
             _require(len(values) in (0, self.cameras), f"{name} needs one value a camera, got {len(values)}")
+        for name in ("starts_late_s", "ends_early_s"):
+            values = getattr(self, name)
+            _require(
+                not values or values[0] == 0, f"{name} must be 0 for the first camera: its frames number the truth"
+            )
+            _require(all(value >= 0 for value in values), f"{name} must not be negative, got {values}")
+        missing_s = np.add(self.starts_late_s or [0.0], self.ends_early_s or [0.0])
+        _require(bool((missing_s < self.seconds).all()), "a camera must run for some time of the recording")
 
     @property
     def frames(self) -> int:
@@ -95,6 +114,20 @@ def _require(holds: bool, problem: str) -> None:
 def clinic(seed: int, seconds: float = 10.0, fps: float = 15.0) -> SimulationConfig:
     """Stand training: three cameras, a standing frame, two therapists."""
     return SimulationConfig(seed=seed, seconds=seconds, fps=fps)
+
+
+def rough_recorder(config: SimulationConfig) -> SimulationConfig:
+    """``config`` recorded by devices that were not made to work together; how, is drawn from its seed."""
+    rng = np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(ROUGH_KEY,)))
+    others = config.cameras - 1
+    return replace(
+        config,
+        clock_late_s=(0.0, *rng.uniform(-2.0, 2.0, others).tolist()),
+        clock_drift=(0.0, *rng.uniform(-1e-4, 1e-4, others).tolist()),
+        stamp_jitter_s=0.004,
+        dropped_share=0.03,
+        doubled_share=0.03,
+    )
 
 
 def holes(seed: int, radius_m: float, seconds: float = 10.0, fps: float = 15.0) -> SimulationConfig:

@@ -8,6 +8,7 @@ import numpy as np
 
 from anchorpose.camera import Camera, transform_points
 from anchorpose.simulate.clinic import Clinic, Performance, random_stream
+from anchorpose.simulate.recorder import Record, draw_record
 from anchorpose.simulate.render import PATIENT, Figure, Picture, draw_figures, render_still
 from anchorpose.simulate.sensor import SENSORS, draw_wiggle, sense
 
@@ -32,7 +33,7 @@ class Studio:
     wiggles_m: tuple[np.ndarray, ...]
     performances: tuple[Performance, ...]  # one a camera; the same object where clocks agree
     in_hole: np.ndarray  # (t,) bool
-    kept: tuple[np.ndarray, ...]  # one a camera: (t,) bool, pictures that reach the disk
+    records: tuple[Record, ...]  # one a camera: what is written of its pictures
     stills_after: tuple[Picture, ...]  # one a camera: the empty room once the equipment has been moved
 
     def shoot(self, frame: int) -> Shot:
@@ -90,7 +91,7 @@ def set_up(clinic: Clinic) -> Studio:
         wiggles_m=tuple(draw_wiggle(random_stream(config, "sensor", index), spec) for index in range(config.cameras)),
         performances=tuple(performances),
         in_hole=_draw_hole_frames(clinic),
-        kept=tuple(_draw_kept(clinic, index) for index in range(config.cameras)),
+        records=tuple(draw_record(clinic, index) for index in range(config.cameras)),
     )
 
 
@@ -138,11 +139,3 @@ def _draw_hole_frames(clinic: Clinic) -> np.ndarray:
     if config.hole_radius_m == 0:
         return np.zeros(config.frames, dtype=bool)
     return random_stream(config, "holes").random(config.frames) < config.hole_share
-
-
-def _draw_kept(clinic: Clinic, index: int) -> np.ndarray:
-    """The first camera keeps all its pictures: its frames number the truth; the others keep their first."""
-    config = clinic.config
-    kept = random_stream(config, "drops", index).random(config.frames) >= config.dropped_share
-    kept[0] = True
-    return kept | (index == 0)

@@ -14,6 +14,7 @@ from anchorpose.joints import JOINT_NAMES
 from anchorpose.simulate.clinic import Clinic, draw_clinic
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.documents import write_documents
+from anchorpose.simulate.recorder import Record
 from anchorpose.simulate.render import PATIENT
 from anchorpose.simulate.shoot import Studio, set_up
 from anchorpose.simulate.touch import Touch, touches
@@ -54,14 +55,13 @@ def _write_all(work: Path, clinic: Clinic, progress: Callable[[int, int], None] 
     studio = set_up(clinic)
     for index, camera in enumerate(clinic.cameras):
         _write_png(recording / camera.name / "background.png", studio.background_mm(index))
-        _write_stamps(recording / camera.name / "timestamps.csv", config, studio.kept[index])
+        _write_stamps(recording / camera.name / "timestamps.csv", studio.records[index])
     patient_pixels, contacts = [], []
     for frame in range(config.frames):
         shot = studio.shoot(frame)
         for index, camera in enumerate(clinic.cameras):
             name, picture = f"{frame:06d}.png", shot.pictures[index]
-            if studio.kept[index][frame]:
-                _write_png(recording / camera.name / "depth" / name, shot.depths_mm[index])
+            _write_reading(recording / camera.name / "depth", studio.records[index], frame, shot.depths_mm[index])
             _write_png(truth / "labels" / camera.name / name, picture.label)
             _write_png(truth / "parts" / camera.name / name, picture.part)
         patient_pixels.append(sum(int((picture.label == PATIENT).sum()) for picture in shot.pictures))
@@ -76,7 +76,9 @@ def _write_truth(path: Path, studio: Studio, patient_pixels: np.ndarray, contact
 
     Beyond the format's own keys: patient_pixels (t,) of all cameras together; touched (t, 31) bones whose skin a
     therapist's is within 3 cm of, named by part_names; touched_joints (t, n, 21) the same by therapist and joint;
-    held_joints (t, n, 2) the joint in each hand of each therapist, -1 none; clock_late, clock_drift by camera.
+    held_joints (t, n, 2) the joint in each hand of each therapist, -1 none; clock_late, clock_drift, clock_epoch by
+    camera: stamp s was taken at (s - epoch) + late + drift (s - epoch), and taken_s (cameras, t), when the picture of
+    that number on the disk was taken, NaN where there is none; doubled (cameras, t), it is an earlier one once more.
     """
     clinic, config, performance = studio.clinic, studio.clinic.config, studio.performances[0]
     person = clinic.patient.person
@@ -95,13 +97,23 @@ def _write_truth(path: Path, studio: Studio, patient_pixels: np.ndarray, contact
         T_world_camera=np.array([camera.require_pose() for camera in clinic.cameras]),
         clock_late=np.array(config.clock_late_s or [0.0] * config.cameras),
         clock_drift=np.array(config.clock_drift or [0.0] * config.cameras),
+        clock_epoch=np.array(config.clock_epoch_s or [0.0] * config.cameras),
+        taken_s=np.array([np.where(record.kept, record.taken_s, np.nan) for record in studio.records]),
+        doubled=np.array([record.kept & (record.shown < np.arange(config.frames)) for record in studio.records]),
         shape_coefficients=person.coefficients,
         height_m=person.height_m,
     )
 
 
-def _write_stamps(path: Path, config: SimulationConfig, kept: np.ndarray) -> None:
-    rows = [f"{frame},{frame / config.fps:.6f}" for frame in np.flatnonzero(kept)]
+def _write_reading(depth: Path, record: Record, frame: int, reading_mm: np.ndarray) -> None:
+    if record.kept[frame] and record.shown[frame] == frame:
+        _write_png(depth / f"{frame:06d}.png", reading_mm)
+    elif record.kept[frame]:
+        shutil.copyfile(depth / f"{record.shown[frame]:06d}.png", depth / f"{frame:06d}.png")
+
+
+def _write_stamps(path: Path, record: Record) -> None:
+    rows = [f"{frame},{record.stamp_s[frame]:.6f}" for frame in np.flatnonzero(record.kept)]
     path.write_text("\n".join(["frame,time_s", *rows]) + "\n", encoding="utf-8")
 
 

@@ -11,6 +11,8 @@ from anchorpose.body.part_registration import PartRegistrationConfig
 from anchorpose.body.registration import RegistrationConfig
 from anchorpose.body.uncertainty import UncertaintyConfig
 from anchorpose.body.visibility import VisibilityConfig
+from anchorpose.calibration.camera_to_camera import CameraToCameraConfig
+from anchorpose.calibration.clocks import ClockConfig
 from anchorpose.calibration.equipment_seen import EquipmentWorldConfig
 from anchorpose.calibration.floor import FloorConfig
 from anchorpose.geodesics.anchors import AnchorConfig
@@ -56,6 +58,8 @@ class TrackConfig:
     start: int = 0  # first frame to track
     stop: int | None = None  # frame to stop before; None = the end
     patient_xz_m: tuple[float, float] | None = None  # where the patient stands at the start, if the user says so
+    clocks: ClockConfig = field(default_factory=ClockConfig)
+    placing: CameraToCameraConfig = field(default_factory=CameraToCameraConfig)
     floor: FloorConfig = field(default_factory=FloorConfig)
     equipment_pose: EquipmentWorldConfig = field(default_factory=EquipmentWorldConfig)
     isolation: IsolationConfig = field(default_factory=IsolationConfig)

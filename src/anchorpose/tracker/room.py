@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from anchorpose.calibration.calibration import Calibration
+from anchorpose.calibration.clocks import Clocks
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
 from anchorpose.isolation.background import BackgroundModel
@@ -35,9 +36,11 @@ class Opening:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Room:
-    """cameras and scenes in the order of the recording; opening None where nobody was seen in the sampled frames."""
+    """recording: on one clock; cameras and scenes in its order; opening None where nobody was seen in the sampled
+    frames."""
 
     recording: Recording
+    clocks: Clocks
     calibration: Calibration
     scenes: tuple[Scene, ...]
     opening: Opening | None
@@ -57,7 +60,7 @@ def sample_recording(recording: Recording, config: TrackConfig) -> tuple[list[in
 
 
 def furnish_room(
-    recording: Recording, calibration: Calibration, chosen: Sequence[int], samples: Sequence[FrameSet],
+    recording: Recording, clocks: Clocks, calibration: Calibration, chosen: Sequence[int], samples: Sequence[FrameSet],
     config: TrackConfig,
 ) -> Room:  # fmt: skip
     """Background of every camera and who is the patient, from frames at positions ``chosen``."""
@@ -71,7 +74,8 @@ def furnish_room(
         for number, camera in enumerate(calibration.cameras)
     )
     sightings = [sight_people(frame_set, scenes, config) for frame_set in samples]
-    return Room(recording, calibration, scenes, choose_opening(chosen, sightings, calibration, recording, config))
+    opening = choose_opening(chosen, sightings, calibration, recording, config)
+    return Room(recording, clocks, calibration, scenes, opening)
 
 
 def sight_people(frame_set: FrameSet, scenes: Sequence[Scene], config: TrackConfig) -> People:
