@@ -123,7 +123,9 @@ def test_a_person_without_a_room_gets_a_world_without_a_floor():
 
 def test_several_cameras_without_poses_are_refused_with_a_remedy():
     """Some with a pose and some without is no question that people in view can answer."""
-    with pytest.raises(InputError, match=r"null for front.*nothing ties them to the others' world; give every camera_to_world, or none"):
+    with pytest.raises(
+        InputError, match=r"null for front.*nothing ties them to the others' world; give every camera_to_world, or none"
+    ):
         find_world(recording(unposed(FRONT), replace(FRONT, name="left")), [], FloorConfig())
 
 

@@ -189,3 +189,28 @@ def test_settings_that_make_no_sense_are_refused():
         IsolationConfig(sure_lead=-1)
     with pytest.raises(ValueError, match="right angle"):
         IsolationConfig(steepest_slope_rad=1.6)
+
+
+def test_whoever_was_taken_for_part_of_the_patient_is_split_off():
+    pieces = pieces_of(*body(0, 0), *body(0.2, 0.8))
+    points = pieces[0].points_m[::5]
+    mistaken = replace(
+        nobody(),
+        points_m=points,
+        owner=np.full(len(points), PATIENT, np.uint8),
+        age_s=np.zeros(len(points), np.float32),
+    )
+    (view,) = separate(pieces, mistaken, None, A_FRAME_S, CONFIG)
+    labels = [np.unique(view.labels[in_front(FRONT, *body(x, z))], return_counts=True) for x, z in ((0, 0), (0.2, 0.8))]
+    most = [int(values[counts.argmax()]) for values, counts in labels]
+    assert sorted(most) == [PATIENT, OTHER]
+
+
+def test_a_forearm_that_a_bar_cuts_off_is_its_owners():
+    """Nothing claims it: it came from behind somebody. It nearly touches the patient and nobody else."""
+    stump, forearm = bar(0.1, 1.2, 0.22, 0.2), bar(0.1, 1.2, 0.55, 0.3)
+    (view,) = separate(pieces_of(*body(0, 0), stump, forearm), nobody(), skin_claims(*body(0, 0)), A_FRAME_S, CONFIG)
+    assert view.patient[shown(forearm, *body(0, 0), stump)].mean() > 0.9
+    far = bar(0.1, 1.2, 0.9, 0.3)
+    (view,) = separate(pieces_of(*body(0, 0), stump, far), nobody(), skin_claims(*body(0, 0)), A_FRAME_S, CONFIG)
+    assert not view.patient[shown(far, *body(0, 0), stump)].any()

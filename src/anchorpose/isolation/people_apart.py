@@ -166,8 +166,9 @@ def _one_patient(
     if len(people.people) < 2:
         return list(owners)
     axes = np.array([person.ground_xz_m for person in people.people])
-    label = np.minimum(_next_free(owners, crowd) + np.arange(len(axes)), LAST_LABEL)
-    label[int(np.argmax([person.area_m2 for person in people.people]))] = PixelLabel.PATIENT
+    others = np.arange(len(axes)) != np.argmax([person.area_m2 for person in people.people])
+    label = np.full(len(axes), PixelLabel.PATIENT, np.int64)
+    label[others] = np.minimum(_next_free(owners, crowd) + np.arange(others.sum()), LAST_LABEL)
     split = []
     for view, owner in zip(own, owners, strict=True):
         if view is not None and owner is not None:

@@ -61,11 +61,11 @@ def _settled(
     """Clocks by what is known of the cameras' poses, then the poses that are not given."""
     timed, clocks = settle_clocks(recording, cameras, config.floor, config.clocks)
     chosen, samples = sample_recording(timed, config)
-    calibration = _calibrate(timed, clocks, samples, config, placing)
+    calibration = calibrate(timed, clocks, samples, config, placing)
     return Settled(timed, clocks, calibration, tuple(chosen), tuple(samples))
 
 
-def _calibrate(
+def calibrate(
     recording: Recording, clocks: Clocks, samples: Sequence[FrameSet], config: TrackConfig,
     placing: CameraToCameraConfig,
 ) -> Calibration:  # fmt: skip
