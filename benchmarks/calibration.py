@@ -21,9 +21,7 @@ from typing import Final, get_args
 
 import numpy as np
 
-from anchorpose.calibration.clocks import ClockConfig
 from anchorpose.calibration.equipment_pose import angle_between
-from anchorpose.calibration.settled_clocks import settle_clocks
 from anchorpose.camera import Camera, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.equipment import EquipmentModel
@@ -32,7 +30,7 @@ from anchorpose.simulate.clinic import Clinic, draw_clinic
 from anchorpose.simulate.config import Sensor, SimulationConfig
 from anchorpose.simulate.shoot import set_up
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.preparation import calibrate
+from anchorpose.tracker.preparation import calibrate as find_poses
 
 SAMPLES: Final = 16  # frames, as in tracking
 WRONG_M, WRONG_RAD = 0.02, np.radians(1.0)
@@ -93,10 +91,9 @@ def clinic_config(seed: int, seconds: float) -> SimulationConfig:
 def calibrate(seed: int, way: str, recording: Recording, frames: Sequence[FrameSet], clinic: Clinic) -> Outcome:
     """One calibration and its error."""
     config = TrackConfig()
-    _, clocks = settle_clocks(recording, recording.cameras, config.floor, ClockConfig(estimate=False))
     start = time.perf_counter()
     try:
-        found = calibrate(recording, clocks, frames, config, config.placing)
+        found = find_poses(recording, frames, config, config.placing)
     except InputError as error:
         return Outcome(seed, way, error.problem, seconds=time.perf_counter() - start)
     seconds = time.perf_counter() - start

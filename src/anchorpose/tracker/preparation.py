@@ -61,21 +61,21 @@ def _settled(
     """Clocks by what is known of the cameras' poses, then the poses that are not given."""
     timed, clocks = settle_clocks(recording, cameras, config.floor, config.clocks)
     chosen, samples = sample_recording(timed, config)
-    calibration = calibrate(timed, clocks, samples, config, placing)
+    calibration = calibrate(timed, samples, config, placing)
     return Settled(timed, clocks, calibration, tuple(chosen), tuple(samples))
 
 
 def calibrate(
-    recording: Recording, clocks: Clocks, samples: Sequence[FrameSet], config: TrackConfig,
-    placing: CameraToCameraConfig,
-) -> Calibration:  # fmt: skip
+    recording: Recording, samples: Sequence[FrameSet], config: TrackConfig, placing: CameraToCameraConfig
+) -> Calibration:
     """The poses of all cameras, given or found; the body model breaks the tie of equipment that is symmetric."""
 
     def tell_facing(cameras: tuple[Camera, ...], floor_m: float, headings: Sequence[np.ndarray]) -> int | None:
         records = tuple(PoseRecord(camera.name, PoseSource.EQUIPMENT) for camera in cameras)
         posed = replace(recording, cameras=cameras)
         provisional = Calibration(cameras, floor_m, (), (), records)
-        room = furnish_room(posed, clocks, provisional, range(len(samples)), samples, config)
+        timeless = Clocks((), None, 0)  # frames are paired already
+        room = furnish_room(posed, timeless, provisional, range(len(samples)), samples, config)
         return heading_of_patient(room, samples, headings, config)
 
     return find_world(recording, samples, config.floor, config.equipment_pose, tell_facing, placing)
