@@ -28,7 +28,9 @@ class SignalConfig:
     least_overlap_s: float = 1.5  # one movement
     least_overlap: float = 0.6  # of the shorter signal: over less, chance agrees as well as truth
     apart_s: float = 0.4  # a second peak nearer than this belongs to the first
-    least_peak: float = 0.3  # correlation; right ones were 0.44 to 0.84 on simulated clinics, wrong ones below 0.3
+    least_peak: float = (
+        0.4  # correlation, likewise; right ones were 0.41 to 0.84 on simulated clinics, wrong ones to 0.42
+    )
     sure_lead: float = 2.0  # times the second peak, to be believed without a closer look
     peaks: int = 4  # looked at more closely where none is sure
 
