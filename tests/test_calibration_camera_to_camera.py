@@ -85,6 +85,12 @@ def test_an_empty_room_is_refused():
     assert place_cameras(CAMERAS, FLOORS, EMPTY, frames(lambda t: (), 6), CONFIG) is NoCameraToCamera.NOTHING_COMMON
 
 
+def test_a_few_seconds_are_refused():
+    """People who have hardly walked fit at several places."""
+    short = [replace(frame, time_s=frame.time_s / 3.0) for frame in frames(walking, 3)]
+    assert place_cameras(CAMERAS, FLOORS, EMPTY, short, CONFIG) is NoCameraToCamera.TOO_SHORT
+
+
 def test_one_round_person_who_never_moves_is_refused():
     """A turn about a pillar changes nothing in any picture."""
     answer = place_cameras(CAMERAS, FLOORS, EMPTY, frames(lambda t: body(0.0, 0.0), 8), CONFIG)

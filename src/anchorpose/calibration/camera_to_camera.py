@@ -30,6 +30,7 @@ class CameraToCameraConfig:
 
     moments: int = 24  # spread over the recording: people should have walked about between them
     least_moments: int = 6
+    least_span_s: float = 8.0  # within less people hardly walk: of four seconds a wrong placing was once believed
     step_px: int = 3
     places: int = 8  # of the search that are looked at more closely; the right one was among the first three
     worst_impossible: float = 0.1  # of people beside those of the other camera: right placings had 0.01 to 0.06
@@ -59,6 +60,7 @@ class NoCameraToCamera(StrEnum):
 
     NO_FLOOR = "a camera sees no floor"
     FEW_MOMENTS = "the cameras have too few pictures at the same moments"
+    TOO_SHORT = "within so short a recording people do not walk about"
     NOTHING_COMMON = "too little of the people is seen by two cameras at once"
     CONTRADICTED = "every placing would have people fall beside those another camera sees"
     AMBIGUOUS = "people stand where several placings are possible"
@@ -105,7 +107,9 @@ def place_cameras(
     frames: Sequence[FrameSet],
     config: CameraToCameraConfig,
 ) -> CameraToCamera | NoCameraToCamera:
-    """The same from frames in which every camera has a picture."""
+    """The same from frames in which every camera has a picture, in the order of time."""
+    if frames[-1].time_s - frames[0].time_s < config.least_span_s:
+        return NoCameraToCamera.TOO_SHORT
     views = [
         level_view(
             camera, floor, background, [d for frame in frames if (d := frame.depths_m[k]) is not None], config.step_px
