@@ -21,7 +21,7 @@ from typing import Final, get_args
 
 import numpy as np
 
-from anchorpose.calibration.equipment_pose import angle_between
+from anchorpose.calibration.equipment.pose import angle_between
 from anchorpose.camera import Camera, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.equipment import EquipmentModel

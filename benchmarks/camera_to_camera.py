@@ -14,9 +14,9 @@ from dataclasses import replace
 import numpy as np
 from lazy_clinic import lazy_clinic
 
-from anchorpose.calibration.camera_to_camera import CameraToCamera, CameraToCameraConfig, place_cameras
 from anchorpose.calibration.floor import FloorConfig, FloorPlane, find_floor
 from anchorpose.calibration.noise import noise_per_m
+from anchorpose.calibration.people.camera_to_camera import CameraToCamera, CameraToCameraConfig, place_cameras
 from anchorpose.camera import invert_rigid
 from anchorpose.recording.recording import FrameSet
 from anchorpose.simulate import config as presets

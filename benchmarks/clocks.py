@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from lazy_clinic import LazyClinic, lazy_clinic
 
-from anchorpose.calibration.clocks import ClockConfig, Clocks, estimate_clocks, pose_level
-from anchorpose.calibration.motion_signal import Level
+from anchorpose.calibration.clock.clocks import ClockConfig, Clocks, estimate_clocks, pose_level
+from anchorpose.calibration.clock.motion_signal import Level
 from anchorpose.camera import Camera
 from anchorpose.simulate import config as presets
 

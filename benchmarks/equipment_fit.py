@@ -16,7 +16,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from anchorpose.calibration.equipment_fit import EquipmentFitConfig, NoEquipment, propose_equipment
+from anchorpose.calibration.proposal.proposal import EquipmentFitConfig, NoEquipment, propose_equipment
 from anchorpose.camera import Camera
 from anchorpose.isolation.equipment import equipment_depth
 from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel

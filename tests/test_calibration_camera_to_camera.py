@@ -9,16 +9,16 @@ import pytest
 from moving_room import FRONT, LEFT, walking
 from room_builder import NOISE_PER_M, ROOM, body, picture
 
-from anchorpose.calibration.camera_to_camera import (
+from anchorpose.calibration.floor import FloorConfig, FloorPlane, NoFloor, find_floor
+from anchorpose.calibration.people.camera_to_camera import (
     CameraToCamera,
     CameraToCameraConfig,
     NoCameraToCamera,
     find_camera_to_camera,
     place_cameras,
 )
-from anchorpose.calibration.common_view import level_frame, level_view
-from anchorpose.calibration.floor import FloorConfig, FloorPlane, NoFloor, find_floor
-from anchorpose.calibration.surface_fit import outside_silhouette
+from anchorpose.calibration.people.common_view import level_frame, level_view
+from anchorpose.calibration.people.surface_fit import outside_silhouette
 from anchorpose.camera import invert_rigid
 from anchorpose.recording.recording import FrameSet
 

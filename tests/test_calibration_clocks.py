@@ -9,11 +9,11 @@ import pytest
 from moving_room import FRONT, LEFT, MovingRoom, standing
 from room_builder import unposed
 
-from anchorpose.calibration.clock_fit import PairLag, fit_clocks
-from anchorpose.calibration.clocks import ClockConfig, ClockSource, NoClock, estimate_clocks, pose_level
-from anchorpose.calibration.motion_signal import MotionSignal, SignalConfig, motion_signal, signal_lags
-from anchorpose.calibration.settled_clocks import clock_notes
-from anchorpose.calibration.surface_lag import SurfaceLagConfig, make_clip, surface_lag
+from anchorpose.calibration.clock.clocks import ClockConfig, ClockSource, NoClock, estimate_clocks, pose_level
+from anchorpose.calibration.clock.fit import PairLag, fit_clocks
+from anchorpose.calibration.clock.motion_signal import MotionSignal, SignalConfig, motion_signal, signal_lags
+from anchorpose.calibration.clock.settled import clock_notes
+from anchorpose.calibration.clock.surface_lag import SurfaceLagConfig, make_clip, surface_lag
 from anchorpose.recording.clock import Clock
 
 AHEAD_S = 0.613  # neither a whole number of pictures nor half of one

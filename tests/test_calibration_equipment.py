@@ -10,8 +10,9 @@ from clinic_builder import bare, shoot
 from room_builder import NOISE_PER_M, ROOM, body, camera_at, picture, unposed
 
 from anchorpose.calibration.calibration import PoseSource
-from anchorpose.calibration.camera_agreement import agreement
-from anchorpose.calibration.equipment_pose import (
+from anchorpose.calibration.equipment.camera_agreement import agreement
+from anchorpose.calibration.equipment.kernels import pixel_of
+from anchorpose.calibration.equipment.pose import (
     EquipmentPose,
     EquipmentPoseConfig,
     NoEquipmentPose,
@@ -19,13 +20,12 @@ from anchorpose.calibration.equipment_pose import (
     find_equipment,
     prepare_equipment,
 )
-from anchorpose.calibration.equipment_pose_kernels import pixel_of
-from anchorpose.calibration.equipment_pose_render import EquipmentCaster
-from anchorpose.calibration.equipment_pose_samples import sample_equipment
-from anchorpose.calibration.equipment_pose_search import lens_array
-from anchorpose.calibration.equipment_pose_still import see_still, what_stays
-from anchorpose.calibration.equipment_pose_symmetry import find_symmetry
-from anchorpose.calibration.equipment_pose_verdict import NoPose
+from anchorpose.calibration.equipment.render import EquipmentCaster
+from anchorpose.calibration.equipment.samples import sample_equipment
+from anchorpose.calibration.equipment.search import lens_array
+from anchorpose.calibration.equipment.still import see_still, what_stays
+from anchorpose.calibration.equipment.symmetry import find_symmetry
+from anchorpose.calibration.equipment.verdict import NoPose
 from anchorpose.calibration.floor import FloorConfig, find_floor
 from anchorpose.calibration.world import find_world
 from anchorpose.camera import Intrinsics, invert_rigid, transform_points

@@ -12,9 +12,9 @@ from room_builder import camera_at
 from scipy.spatial.transform import Rotation
 
 from anchorpose.calibration.calibration import PoseSource
-from anchorpose.calibration.marker_layout import Board, MarkerLayout, Tag, read_marker_layout
-from anchorpose.calibration.marker_poses import place_by_markers
-from anchorpose.calibration.markers import MarkerConfig, MarkerPose, NoMarkers, pose_from_markers
+from anchorpose.calibration.marker.layout import Board, MarkerLayout, Tag, read_marker_layout
+from anchorpose.calibration.marker.places import place_by_markers
+from anchorpose.calibration.marker.pose import MarkerConfig, MarkerPose, NoMarkers, pose_from_markers
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import Recording

@@ -11,15 +11,15 @@ import pytest
 from recording_builder import write_recording
 from room_builder import ROOM, camera_at, picture
 
-from anchorpose.calibration.equipment_fit import (
+from anchorpose.calibration.proposal.points import Region, gather_readings
+from anchorpose.calibration.proposal.proposal import (
     EquipmentFitConfig,
     EquipmentProposal,
     NoEquipment,
     _hollow_share,
     propose_equipment,
 )
-from anchorpose.calibration.equipment_fit_points import Region, gather_readings
-from anchorpose.calibration.equipment_fit_refine import first_fit
+from anchorpose.calibration.proposal.refine import first_fit
 from anchorpose.cli import main
 from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel
 from anchorpose.recording.equipment_file import read_equipment, write_equipment

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from anchorpose.calibration.calibration import Calibration, PoseRecord
-from anchorpose.calibration.equipment_pose_still import what_stays
-from anchorpose.calibration.marker_layout import read_marker_layout
-from anchorpose.calibration.marker_poses import place_by_markers
+from anchorpose.calibration.equipment.still import what_stays
+from anchorpose.calibration.marker.layout import read_marker_layout
+from anchorpose.calibration.marker.places import place_by_markers
 from anchorpose.calibration.noise import noise_per_m
 from anchorpose.recording.reader import open_recording
 from anchorpose.results.calibration_file import write_calibration

@@ -16,8 +16,8 @@ import numpy as np
 
 from anchorpose.body.skin_points import FittedShape
 from anchorpose.calibration.calibration import PoseSource
-from anchorpose.calibration.clocks import Clocks
-from anchorpose.calibration.settled_clocks import clock_notes
+from anchorpose.calibration.clock.clocks import Clocks
+from anchorpose.calibration.clock.settled import clock_notes
 from anchorpose.recording.calibration_file import with_poses
 from anchorpose.recording.gaps import CameraGaps, find_gaps
 from anchorpose.recording.inputs import input_files

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from anchorpose.calibration.calibration import Calibration, FloorResidual, PoseRecord, PoseSource
-from anchorpose.calibration.camera_to_camera import CameraToCameraConfig, NoCameraToCamera, find_camera_to_camera
-from anchorpose.calibration.equipment_seen import EquipmentWorldConfig
-from anchorpose.calibration.equipment_turns import TellFacing
-from anchorpose.calibration.equipment_world import world_from_equipment
+from anchorpose.calibration.equipment.given_poses import watch_given_poses
+from anchorpose.calibration.equipment.seen import EquipmentWorldConfig
+from anchorpose.calibration.equipment.turns import TellFacing
+from anchorpose.calibration.equipment.world import world_from_equipment
 from anchorpose.calibration.floor import FloorConfig, FloorPlane, NoFloor, find_floor
-from anchorpose.calibration.given_poses import watch_given_poses
 from anchorpose.calibration.noise import noise_per_m
+from anchorpose.calibration.people.camera_to_camera import CameraToCameraConfig, NoCameraToCamera, find_camera_to_camera
 from anchorpose.calibration.start import start_of_patient
 from anchorpose.camera import Camera, transform_points
 from anchorpose.errors import InputError

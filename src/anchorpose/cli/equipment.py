@@ -10,7 +10,7 @@ from cyclopts import App, Parameter
 from anchorpose.errors import AnchorposeError, InputError
 
 if TYPE_CHECKING:
-    from anchorpose.calibration.equipment_fit_recording import FittedRoom
+    from anchorpose.calibration.proposal.of_recording import FittedRoom
 
 equipment = App(name="equipment", help="The model of the equipment, equipment.json.")
 
@@ -46,9 +46,9 @@ def fit(
     overwrite
         Replace an existing file.
     """
-    from anchorpose.calibration.equipment_fit import EquipmentFitConfig
-    from anchorpose.calibration.equipment_fit_points import Region
-    from anchorpose.calibration.equipment_fit_recording import fit_equipment
+    from anchorpose.calibration.proposal.of_recording import fit_equipment
+    from anchorpose.calibration.proposal.points import Region
+    from anchorpose.calibration.proposal.proposal import EquipmentFitConfig
     from anchorpose.cli.track import parse_place
     from anchorpose.recording.equipment_file import read_equipment, write_equipment
     from anchorpose.recording.reader import open_recording

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from anchorpose.calibration.equipment_pose_render import EquipmentCaster
+from anchorpose.calibration.equipment.render import EquipmentCaster
 from anchorpose.camera import Camera, invert_rigid
 from anchorpose.isolation.background import BackgroundModel
 from anchorpose.isolation.config import IsolationConfig

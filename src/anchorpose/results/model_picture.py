@@ -7,7 +7,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from anchorpose.calibration.equipment_pose_render import EquipmentCaster
+from anchorpose.calibration.equipment.render import EquipmentCaster
 from anchorpose.camera import Camera, invert_rigid
 from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.results.canvas import enlarge, projector, scale_of, shade, whole, write

@@ -11,10 +11,10 @@ from anchorpose.body.part_registration import PartRegistrationConfig
 from anchorpose.body.registration import RegistrationConfig
 from anchorpose.body.uncertainty import UncertaintyConfig
 from anchorpose.body.visibility import VisibilityConfig
-from anchorpose.calibration.camera_to_camera import CameraToCameraConfig
-from anchorpose.calibration.clocks import ClockConfig
-from anchorpose.calibration.equipment_seen import EquipmentWorldConfig
+from anchorpose.calibration.clock.clocks import ClockConfig
+from anchorpose.calibration.equipment.seen import EquipmentWorldConfig
 from anchorpose.calibration.floor import FloorConfig
+from anchorpose.calibration.people.camera_to_camera import CameraToCameraConfig
 from anchorpose.geodesics.anchors import AnchorConfig
 from anchorpose.isolation.config import IsolationConfig
 from anchorpose.surface.fusion import FusionConfig

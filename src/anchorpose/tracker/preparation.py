@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from anchorpose.calibration.calibration import Calibration, PoseRecord, PoseSource
-from anchorpose.calibration.camera_to_camera import CameraToCameraConfig
-from anchorpose.calibration.clocks import Clocks
-from anchorpose.calibration.settled_clocks import settle_clocks
+from anchorpose.calibration.clock.clocks import Clocks
+from anchorpose.calibration.clock.settled import settle_clocks
+from anchorpose.calibration.people.camera_to_camera import CameraToCameraConfig
 from anchorpose.calibration.world import find_world
 from anchorpose.camera import Camera
 from anchorpose.recording.recording import FrameSet, Recording

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from anchorpose.calibration.calibration import Calibration
-from anchorpose.calibration.clocks import Clocks
+from anchorpose.calibration.clock.clocks import Clocks
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
 from anchorpose.isolation.background import BackgroundModel

@@ -6,8 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from anchorpose.calibration.equipment_fit import EquipmentFitConfig, EquipmentProposal, NoEquipment, propose_equipment
 from anchorpose.calibration.floor import FloorConfig
+from anchorpose.calibration.proposal.proposal import (
+    EquipmentFitConfig,
+    EquipmentProposal,
+    NoEquipment,
+    propose_equipment,
+)
 from anchorpose.calibration.world import find_world
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError

@@ -10,7 +10,8 @@ from typing import Final
 import numpy as np
 
 from anchorpose.calibration.calibration import PoseFigure, PoseRecord, PoseSource
-from anchorpose.calibration.equipment_pose import (
+from anchorpose.calibration.equipment.moved import Moved, notice_movement
+from anchorpose.calibration.equipment.pose import (
     Equipment,
     EquipmentPose,
     NoEquipmentPose,
@@ -19,13 +20,12 @@ from anchorpose.calibration.equipment_pose import (
     refit,
     standing_prior,
 )
-from anchorpose.calibration.equipment_pose_refine import FloorPrior
-from anchorpose.calibration.equipment_pose_still import StillView, see_still, what_stays
-from anchorpose.calibration.equipment_pose_verdict import NoPose
-from anchorpose.calibration.equipment_seen import EquipmentWorldConfig, SeenEquipment, common_floor, disagreement
-from anchorpose.calibration.equipment_turns import TellFacing, resolve_symmetry
+from anchorpose.calibration.equipment.refine import FloorPrior
+from anchorpose.calibration.equipment.seen import EquipmentWorldConfig, SeenEquipment, common_floor, disagreement
+from anchorpose.calibration.equipment.still import StillView, see_still, what_stays
+from anchorpose.calibration.equipment.turns import TellFacing, resolve_symmetry
+from anchorpose.calibration.equipment.verdict import NoPose
 from anchorpose.calibration.floor import FloorConfig, NoFloor, find_floor
-from anchorpose.calibration.moved import Moved, notice_movement
 from anchorpose.calibration.noise import noise_per_m
 from anchorpose.camera import Camera, invert_rigid
 from anchorpose.errors import InputError

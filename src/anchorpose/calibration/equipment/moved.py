@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from anchorpose.calibration.equipment_pose import (
+from anchorpose.calibration.equipment.pose import (
     Equipment,
     EquipmentPose,
     EquipmentPoseConfig,
@@ -15,8 +15,8 @@ from anchorpose.calibration.equipment_pose import (
     find_equipment,
     refit,
 )
-from anchorpose.calibration.equipment_pose_refine import FloorPrior
-from anchorpose.calibration.equipment_pose_still import StillView, what_stays
+from anchorpose.calibration.equipment.refine import FloorPrior
+from anchorpose.calibration.equipment.still import StillView, what_stays
 from anchorpose.camera import transform_points
 
 

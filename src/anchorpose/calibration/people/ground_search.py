@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from scipy.fft import irfft2, next_fast_len, rfft2
 
-from anchorpose.calibration.common_view import LevelView
+from anchorpose.calibration.people.common_view import LevelView
 from anchorpose.camera import transform_points
 
 CELL_M: Final = 0.1

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from anchorpose.calibration.camera_agreement import agreement
-from anchorpose.calibration.equipment_pose import EquipmentPose, EquipmentPoseConfig
-from anchorpose.calibration.equipment_pose_refine import FloorPrior
-from anchorpose.calibration.equipment_pose_still import StillView
-from anchorpose.calibration.moved import MovedConfig
+from anchorpose.calibration.equipment.camera_agreement import agreement
+from anchorpose.calibration.equipment.moved import MovedConfig
+from anchorpose.calibration.equipment.pose import EquipmentPose, EquipmentPoseConfig
+from anchorpose.calibration.equipment.refine import FloorPrior
+from anchorpose.calibration.equipment.still import StillView
 from anchorpose.camera import Camera, transform_points
 from anchorpose.recording.recording import FrameSet
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from anchorpose.calibration.clocks import (
+from anchorpose.calibration.clock.clocks import (
     CameraClock,
     ClockConfig,
     Clocks,
@@ -14,8 +14,8 @@ from anchorpose.calibration.clocks import (
     estimate_clocks,
     pose_level,
 )
+from anchorpose.calibration.clock.motion_signal import Level
 from anchorpose.calibration.floor import FloorConfig, FloorPlane, find_floor
-from anchorpose.calibration.motion_signal import Level
 from anchorpose.calibration.noise import noise_per_m
 from anchorpose.camera import Camera
 from anchorpose.recording.clock import put_clocks_together

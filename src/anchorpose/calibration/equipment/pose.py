@@ -6,14 +6,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from anchorpose.calibration.equipment_pose_refine import FloorPrior, Refined, refine
-from anchorpose.calibration.equipment_pose_render import EquipmentCaster
-from anchorpose.calibration.equipment_pose_rows import RefineConfig
-from anchorpose.calibration.equipment_pose_samples import EquipmentSamples, sample_equipment
-from anchorpose.calibration.equipment_pose_search import SearchConfig, search_floor
-from anchorpose.calibration.equipment_pose_still import StillView
-from anchorpose.calibration.equipment_pose_symmetry import Symmetry, find_symmetry
-from anchorpose.calibration.equipment_pose_verdict import (
+from anchorpose.calibration.equipment.refine import FloorPrior, Refined, refine
+from anchorpose.calibration.equipment.render import EquipmentCaster
+from anchorpose.calibration.equipment.rows import RefineConfig
+from anchorpose.calibration.equipment.samples import EquipmentSamples, sample_equipment
+from anchorpose.calibration.equipment.search import SearchConfig, search_floor
+from anchorpose.calibration.equipment.still import StillView
+from anchorpose.calibration.equipment.symmetry import Symmetry, find_symmetry
+from anchorpose.calibration.equipment.verdict import (
     NoPose,
     PartEvidence,
     VerdictConfig,

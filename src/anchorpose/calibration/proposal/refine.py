@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from anchorpose.calibration.equipment_fit_points import Readings
+from anchorpose.calibration.proposal.points import Readings
 from anchorpose.recording.equipment import Box, Cylinder
 
 LEAST_SIGMA_M = 0.003  # tubes are not straighter than this, nor are cameras placed better

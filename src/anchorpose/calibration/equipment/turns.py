@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from anchorpose.calibration.equipment_pose import Equipment
-from anchorpose.calibration.equipment_seen import EquipmentWorldConfig, SeenEquipment, common_floor, disagreement
+from anchorpose.calibration.equipment.pose import Equipment
+from anchorpose.calibration.equipment.seen import EquipmentWorldConfig, SeenEquipment, common_floor, disagreement
 from anchorpose.camera import Camera, invert_rigid
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import FrameSet, Recording

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from anchorpose.calibration.marker_layout import Board, MarkerLayout
+from anchorpose.calibration.marker.layout import Board, MarkerLayout
 from anchorpose.camera import Camera, invert_rigid, transform_points
 
 SAME_M, SAME_RAD = 0.002, 0.002  # the solver's own spread; mirrored poses are degrees apart

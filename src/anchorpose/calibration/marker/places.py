@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 
 from anchorpose.calibration.calibration import PoseFigure, PoseRecord, PoseSource
-from anchorpose.calibration.marker_layout import MarkerLayout
-from anchorpose.calibration.markers import NoMarkers, pose_from_markers
+from anchorpose.calibration.marker.layout import MarkerLayout
+from anchorpose.calibration.marker.pose import NoMarkers, pose_from_markers
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import Recording

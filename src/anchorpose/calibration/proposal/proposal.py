@@ -8,9 +8,9 @@ from enum import StrEnum
 
 import numpy as np
 
-from anchorpose.calibration.equipment_fit_bars import DetectionConfig, Found, find_parts
-from anchorpose.calibration.equipment_fit_points import UNREAD_M, Readings, Region, gather_readings
-from anchorpose.calibration.equipment_fit_refine import LEAST_SUPPORT, REACH_M, Fit, first_fit, refine
+from anchorpose.calibration.proposal.bars import DetectionConfig, Found, find_parts
+from anchorpose.calibration.proposal.points import UNREAD_M, Readings, Region, gather_readings
+from anchorpose.calibration.proposal.refine import LEAST_SUPPORT, REACH_M, Fit, first_fit, refine
 from anchorpose.camera import Camera
 from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel
 

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.calibration.equipment_pose_samples import EquipmentSamples
+from anchorpose.calibration.equipment.samples import EquipmentSamples
 from anchorpose.camera import transform_points
 from anchorpose.recording.equipment import EquipmentModel
 

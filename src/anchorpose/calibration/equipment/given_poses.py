@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from anchorpose.calibration.equipment_pose import Equipment, prepare_equipment
-from anchorpose.calibration.equipment_pose_refine import FloorPrior
-from anchorpose.calibration.equipment_pose_still import StillView, see_still
-from anchorpose.calibration.equipment_seen import EquipmentWorldConfig
-from anchorpose.calibration.equipment_world import moved_note
+from anchorpose.calibration.equipment.moved import notice_movement
+from anchorpose.calibration.equipment.pose import Equipment, prepare_equipment
+from anchorpose.calibration.equipment.refine import FloorPrior
+from anchorpose.calibration.equipment.seen import EquipmentWorldConfig
+from anchorpose.calibration.equipment.still import StillView, see_still
+from anchorpose.calibration.equipment.world import moved_note
 from anchorpose.calibration.floor import FloorConfig, NoFloor, find_floor
-from anchorpose.calibration.moved import notice_movement
 from anchorpose.calibration.noise import noise_per_m
 from anchorpose.camera import invert_rigid
 from anchorpose.recording.recording import FrameSet, Recording

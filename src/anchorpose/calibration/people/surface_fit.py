@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from anchorpose.calibration.common_view import LevelView, points_with_normals
+from anchorpose.calibration.people.common_view import LevelView, points_with_normals
 from anchorpose.camera import invert_rigid, transform_points
 
 GATES_M = (

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from anchorpose.calibration.equipment_pose_render import EquipmentCaster
-from anchorpose.calibration.equipment_pose_rows import RefineConfig, Rows, outline_rows, surface_rows
-from anchorpose.calibration.equipment_pose_still import StillView
+from anchorpose.calibration.equipment.render import EquipmentCaster
+from anchorpose.calibration.equipment.rows import RefineConfig, Rows, outline_rows, surface_rows
+from anchorpose.calibration.equipment.still import StillView
 from anchorpose.camera import transform_points
 
 LEAST_ROWS = 60

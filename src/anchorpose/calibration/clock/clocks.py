@@ -16,9 +16,8 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.calibration.clock_fit import ClockFit, PairLag, fit_clocks
-from anchorpose.calibration.clock_windows import busiest_times, pictures_between
-from anchorpose.calibration.motion_signal import (
+from anchorpose.calibration.clock.fit import ClockFit, PairLag, fit_clocks
+from anchorpose.calibration.clock.motion_signal import (
     Level,
     MotionSignal,
     SignalConfig,
@@ -26,8 +25,9 @@ from anchorpose.calibration.motion_signal import (
     motion_signal,
     signal_lags,
 )
+from anchorpose.calibration.clock.surface_lag import Clip, SurfaceLagConfig, make_clip, surface_lag
+from anchorpose.calibration.clock.windows import busiest_times, pictures_between
 from anchorpose.calibration.noise import noise_per_m
-from anchorpose.calibration.surface_lag import Clip, SurfaceLagConfig, make_clip, surface_lag
 from anchorpose.camera import Camera
 from anchorpose.recording.clock import Clock
 from anchorpose.recording.footage import Footage

@@ -6,8 +6,8 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from anchorpose.calibration.equipment_pose_render import Outline, Rendering
-from anchorpose.calibration.equipment_pose_still import StillView
+from anchorpose.calibration.equipment.render import Outline, Rendering
+from anchorpose.calibration.equipment.still import StillView
 
 MOSTLY = 0.4  # of the frames: an edge pixel of a thin bar reads the bar six times in ten
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from anchorpose.calibration.equipment_pose_kernels import climb, correlate, fill_space, weigh_broad
-from anchorpose.calibration.equipment_pose_samples import EquipmentSamples
+from anchorpose.calibration.equipment.kernels import climb, correlate, fill_space, weigh_broad
+from anchorpose.calibration.equipment.samples import EquipmentSamples
 from anchorpose.calibration.floor import FloorPlane
 from anchorpose.camera import Camera
 

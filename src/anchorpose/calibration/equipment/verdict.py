@@ -7,10 +7,10 @@ from enum import StrEnum
 
 import numpy as np
 
-from anchorpose.calibration.equipment_pose_refine import Refined, part_shifts
-from anchorpose.calibration.equipment_pose_render import EquipmentCaster, Rendering
-from anchorpose.calibration.equipment_pose_rows import RefineConfig, observed_edges
-from anchorpose.calibration.equipment_pose_still import StillView
+from anchorpose.calibration.equipment.refine import Refined, part_shifts
+from anchorpose.calibration.equipment.render import EquipmentCaster, Rendering
+from anchorpose.calibration.equipment.rows import RefineConfig, observed_edges
+from anchorpose.calibration.equipment.still import StillView
 
 STEADY_M, STEADY_RAD = 0.0015, 0.0008  # 1 to 2 mm over the picture; between bars a metre apart 0.05 degrees
 

@@ -1,0 +1,1 @@
+"""The cameras' clocks, told from what moves."""

@@ -1,0 +1,1 @@
+"""Poses by printed markers."""

@@ -1,0 +1,1 @@
+"""Cameras placed against each other by the people they see."""
