@@ -3,8 +3,8 @@
 Readings are counted that lie on what they are said to show: within 3 cm of the true surface at their own pixel, so that
 flying pixels and pixels that look one aside are nobody's; and, but for --with-outline, not on the outermost pixels of
 anything, which the sensor mixes with what is beside them. --no-background takes the pictures of the empty room away,
---no-tracker tells people apart without the predicted patient. Time is that of one core for all cameras, of isolation
-alone.
+--no-tracker tells people apart without the predicted patient. Time is processor time of isolation alone, all
+cameras together, without the prediction.
 """
 
 from __future__ import annotations
@@ -115,13 +115,13 @@ def untracked_views(
 
 
 def milliseconds(recording: Recording, room: Room, config: TrackConfig) -> float:
-    """Median time of isolation over ten frames that are in memory, all cameras."""
+    """Median processor time of isolation over ten frames that are in memory, all cameras."""
     if room.opening is None:
         return float("nan")
     frames = list(read_frames(recording, 0, 11))
     crowd, spent = nobody(), []
     for number, frame in enumerate(frames):
-        start = time.perf_counter()
+        start = time.process_time()
         pieces = [None if depth is None else find_pieces(depth, scene, config.isolation)
                   for depth, scene in zip(frame.depths_m, room.scenes, strict=True)]  # fmt: skip
         if number == 0:
@@ -129,7 +129,7 @@ def milliseconds(recording: Recording, room: Room, config: TrackConfig) -> float
         else:
             views = separate(pieces, crowd, None, 1.0 / 15.0, config.isolation)
         crowd = remember(crowd, pieces, views, room.cameras, 1.0 / 15.0, config.isolation)
-        spent.append(time.perf_counter() - start)
+        spent.append(time.process_time() - start)
     return 1000.0 * float(np.median(spent[1:]))
 
 

@@ -56,7 +56,7 @@ def find_people(pieces: Sequence[Pieces | None], config: IsolationConfig) -> Peo
     seen = [view for view in pieces if view is not None]
     points = np.concatenate([view.points_m for view in seen]) if seen else np.empty((0, 3), np.float32)
     area = np.concatenate([view.area_m2 for view in seen]) if seen else np.empty(0, np.float32)
-    people = _columns(points, area, config)
+    people = find_columns(points, area, config)
     return People(people, tuple(None if view is None else _owners(view, people, config) for view in pieces))
 
 
@@ -99,7 +99,7 @@ def choose_patient(
     return PatientChoice(axes[best], reason, sure=False)
 
 
-def _columns(points_m: np.ndarray, area_m2: np.ndarray, config: IsolationConfig) -> tuple[Person, ...]:
+def find_columns(points_m: np.ndarray, area_m2: np.ndarray, config: IsolationConfig) -> tuple[Person, ...]:
     """Peaks of the ground's smoothed mass that are tall enough and large enough to be a person."""
     if not len(points_m):
         return ()

@@ -11,7 +11,7 @@ from anchorpose.isolation.claims import ClaimGrid, Claims, contest, join_claims,
 from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.crowd import SAMPLE_PX, Crowd
 from anchorpose.isolation.growth import NOBODY, grow_owners
-from anchorpose.isolation.people import PatientChoice, People, find_people, ground_distance
+from anchorpose.isolation.people import PatientChoice, People, find_columns, find_people, ground_distance
 from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel, View
 
@@ -89,10 +89,10 @@ def _with_detached(
         for view, owner in zip(pieces, owners, strict=True)
         if view is not None and owner is not None
     ]
-    points = np.concatenate([place for place, _ in own]) if own else np.zeros((0, 3))
+    points = np.concatenate([place for place, _, _ in own]) if own else np.zeros((0, 3))
     if not len(points):
         return list(owners)
-    label, tree = np.concatenate([whose for _, whose in own]), cKDTree(points)
+    label, tree = np.concatenate([whose for _, whose, _ in own]), cKDTree(points)
     return [
         None if view is None or owner is None else _given_to_neighbour(view, owner, tree, label, config)
         for view, owner in zip(pieces, owners, strict=True)
@@ -103,11 +103,12 @@ def _has_open_piece(view: Pieces | None, owner: np.ndarray | None, config: Isola
     return view is not None and owner is not None and view.area_m2[owner == NOBODY].sum() >= config.crumb_area_m2
 
 
-def _sampled(view: Pieces, owner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _sampled(view: Pieces, owner: np.ndarray, whose: int | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """points_m (k, 3), owner (k,) and area_m2 (k,) of every third row's and column's pixels of somebody, or of one."""
     chosen = view.index[::SAMPLE_PX, ::SAMPLE_PX]
     chosen = chosen[chosen >= 0]
-    chosen = chosen[owner[chosen] != NOBODY]
-    return view.points_m[chosen], owner[chosen]
+    chosen = chosen[owner[chosen] != NOBODY if whose is None else owner[chosen] == whose]
+    return view.points_m[chosen], owner[chosen], view.area_m2[chosen] * SAMPLE_PX**2
 
 
 def _given_to_neighbour(
@@ -158,23 +159,28 @@ def _one_patient(
 
     The patient is where most of what he owns is; a further column of his that is a person by size is one.
     """
-    own = [
-        None if view is None or owner is None else view.only(owner == PixelLabel.PATIENT)
+    sampled = [
+        _sampled(view, owner, PixelLabel.PATIENT)
         for view, owner in zip(pieces, owners, strict=True)
+        if view is not None and owner is not None
     ]
-    people = find_people([None if view is None else view.thinned(SAMPLE_PX) for view in own], config)
-    if len(people.people) < 2:
+    if not sampled:
         return list(owners)
-    axes = np.array([person.ground_xz_m for person in people.people])
-    others = np.arange(len(axes)) != np.argmax([person.area_m2 for person in people.people])
+    points, area = (np.concatenate(parts) for parts in zip(*[(p, a) for p, _, a in sampled], strict=True))
+    people = find_columns(points, area, config)
+    if len(people) < 2:
+        return list(owners)
+    axes = np.array([person.ground_xz_m for person in people])
+    others = np.arange(len(axes)) != np.argmax([person.area_m2 for person in people])
     label = np.full(len(axes), PixelLabel.PATIENT, np.int64)
     label[others] = np.minimum(_next_free(owners, crowd) + np.arange(others.sum()), LAST_LABEL)
     split = []
-    for view, owner in zip(own, owners, strict=True):
+    for view, owner in zip(pieces, owners, strict=True):
         if view is not None and owner is not None:
-            of = np.argmin([ground_distance(view.points_m, axis) for axis in axes], axis=0)
-            seeds = np.where(ground_distance(view.points_m, axes[of]) < config.trunk_radius_m, label[of], NOBODY)
-            grown = grow_owners(view, seeds.astype(np.uint8), config.crease_cost)
+            his = view.only(owner == PixelLabel.PATIENT)
+            of = np.argmin([ground_distance(his.points_m, axis) for axis in axes], axis=0)
+            seeds = np.where(ground_distance(his.points_m, axes[of]) < config.trunk_radius_m, label[of], NOBODY)
+            grown = grow_owners(his, seeds.astype(np.uint8), config.crease_cost)
             owner = owner.copy()
             owner[owner == PixelLabel.PATIENT] = np.where(grown == NOBODY, PixelLabel.PATIENT, grown)
         split.append(owner)

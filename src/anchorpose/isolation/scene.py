@@ -62,11 +62,6 @@ class Pieces:
             area_m2=self.area_m2[kept],
         )  # fmt: skip
 
-    def thinned(self, step: int) -> Pieces:
-        """The same surface with a pixel of every ``step``-th row and column only."""
-        kept = self.only((self.row % step == 0) & (self.column % step == 0))
-        return replace(kept, area_m2=kept.area_m2 * step**2)
-
 
 def set_scene(
     camera: Camera, background: BackgroundModel, equipment: EquipmentModel | None, config: IsolationConfig
