@@ -154,6 +154,16 @@ def test_a_person_who_comes_later_gets_a_label_of_their_own():
     assert crowd.next_label == OTHER + 2
 
 
+def test_who_is_met_on_the_way_back_in_time_bears_no_label_of_who_is_met_on_the_way_forth():
+    here = (*body(0, 0), *body(0.1, 0.7))
+    _, crowd = follow(here)
+    newcomer = in_front(FRONT, *body(0.2, -0.9))
+    pieces = pieces_of(*here, *body(0.2, -0.9))
+    forth, back = (separate(pieces, crowd, None, way * A_FRAME_S, CONFIG)[0].labels[newcomer] for way in (1, -1))
+    assert not set(forth[forth >= OTHER].tolist()) & set(back[back >= OTHER].tolist())
+    assert (back > OTHER + 1).mean() > 0.95
+
+
 def test_hidden_skin_is_remembered_and_forgotten_in_time():
     patient, helper = body(0, 0), body(0.0, 0.8)
     screen = Box("screen", np.array([0.9, 1.0, 0.5]), np.array([0.05, 2.0, 0.7]), np.eye(3))

@@ -17,6 +17,7 @@ from anchorpose.isolation.view import PixelLabel, View
 
 CONTEST_PX = 2  # of what two people claim every second row and column is contested; the pixels between grow from them
 LAST_LABEL = 254
+FIRST_EARLIER_LABEL = 128  # of people met on the way back in time
 
 
 def separate_first(
@@ -48,14 +49,17 @@ def separate(
     goes to the strongest claim if that is clearly stronger than all others' (``sure_lead``). What is left, between two
     people or outrunning every claim, goes to whom it hangs together with (``grow_owners``); a piece by itself to whom
     it nearly touches (a bar cuts a forearm off); what is far from everybody and as large as a person is a new person.
+    elapsed_s: negative where time is followed backwards; who is met there first has labels of another range, so that
+    nobody met later bears the same.
     """
     claims = join_claims([crowd.claims(elapsed_s, config)] if expected is None else
                          [crowd.others.claims(elapsed_s, config), expected])  # fmt: skip
     grid = sort_claims(claims) if len(claims) else None
     owners = [None if view is None else _contested(view, grid, config) for view in pieces]
     owners = _with_detached(pieces, owners, config)
-    owners = _with_newcomers(pieces, owners, crowd.next_label, config)
-    return _views(pieces, _one_patient(pieces, owners, crowd, config))
+    free = crowd.next_label if elapsed_s >= 0 else max(crowd.next_label, FIRST_EARLIER_LABEL)
+    owners = _with_newcomers(pieces, owners, free, config)
+    return _views(pieces, _one_patient(pieces, owners, free, config))
 
 
 def _trunks(view: Pieces, of: np.ndarray, axes: np.ndarray, label: np.ndarray, config: IsolationConfig) -> np.ndarray:
@@ -153,11 +157,12 @@ def _with_newcomers(
 
 
 def _one_patient(
-    pieces: Sequence[Pieces | None], owners: Sequence[np.ndarray | None], crowd: Crowd, config: IsolationConfig
+    pieces: Sequence[Pieces | None], owners: Sequence[np.ndarray | None], free: int, config: IsolationConfig
 ) -> list[np.ndarray | None]:
     """Owners with whoever stands apart from the patient, and was taken for part of him, split off.
 
-    The patient is where most of what he owns is; a further column of his that is a person by size is one.
+    The patient is where most of what he owns is; a further column of his that is a person by size is one. free: the
+    first label that nobody had before.
     """
     sampled = [
         _sampled(view, owner, PixelLabel.PATIENT)
@@ -173,7 +178,7 @@ def _one_patient(
     axes = np.array([person.ground_xz_m for person in people])
     others = np.arange(len(axes)) != np.argmax([person.area_m2 for person in people])
     label = np.full(len(axes), PixelLabel.PATIENT, np.int64)
-    label[others] = np.minimum(_next_free(owners, crowd) + np.arange(others.sum()), LAST_LABEL)
+    label[others] = np.minimum(_next_free(owners, free) + np.arange(others.sum()), LAST_LABEL)
     split = []
     for view, owner in zip(pieces, owners, strict=True):
         if view is not None and owner is not None:
@@ -187,9 +192,9 @@ def _one_patient(
     return split
 
 
-def _next_free(owners: Sequence[np.ndarray | None], crowd: Crowd) -> int:
+def _next_free(owners: Sequence[np.ndarray | None], free: int) -> int:
     used = max((int(owner.max(initial=0)) for owner in owners if owner is not None), default=0)
-    return max(crowd.next_label, used + 1)
+    return max(free, used + 1)
 
 
 def _views(pieces: Sequence[Pieces | None], owners: Sequence[np.ndarray | None]) -> tuple[View | None, ...]:

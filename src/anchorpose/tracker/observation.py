@@ -90,7 +90,7 @@ def _separated(
     frame_set: FrameSet, room: Room, pieces: Sequence[Pieces | None], expected: Expectation, before: Observation,
     height_m: float, config: TrackConfig, watch: Stopwatch,
 ) -> Observation:  # fmt: skip
-    elapsed_s = abs(frame_set.time_s - before.frame_set.time_s)
+    elapsed_s = frame_set.time_s - before.frame_set.time_s  # negative on the way back to the start
     with watch.stage("isolation"):
         claims = _claims(expected, config)
         views = separate(pieces, before.crowd, claims, elapsed_s, config.isolation)
