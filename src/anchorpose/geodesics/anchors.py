@@ -60,6 +60,8 @@ TOLERANCES: Final = np.array(
 )
 """By how much those vary: arms move through everything, head and feet hardly."""
 
+STUMP_SHARE: Final = 0.5  # of a cap's outer half: beside a bar all of it is cut, beside one wrong reading little
+
 
 def find_anchors(
     surface: Surface,
@@ -136,11 +138,11 @@ def _cap(surface: Surface, field: np.ndarray, tip: int, depth_m: float) -> np.nd
 
 
 def _is_stump(surface: Surface, field: np.ndarray, cap: np.ndarray, cut: np.ndarray) -> bool:
-    """Whether every camera that sees the outer half of a cap sees it end at a cut."""
+    """Whether most of what every camera sees of the outer half of a cap lies at a cut."""
     outer = cap[field[cap] >= (field[cap].max() + field[cap].min()) / 2.0]
-    outermost = outer[np.argsort(-field[outer], kind="stable")]
-    _, first = np.unique(surface.camera[outermost], return_index=True)
-    return bool(cut[outermost[first]].all())
+    seen = np.bincount(surface.camera[outer])
+    at_cut = np.bincount(surface.camera[outer], weights=cut[outer])
+    return bool((at_cut[seen > 0] >= STUMP_SHARE * seen[seen > 0]).all())
 
 
 def _nearest(surface: Surface, nodes: np.ndarray, point_m: np.ndarray) -> int:

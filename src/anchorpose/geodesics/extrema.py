@@ -35,7 +35,7 @@ def geodesic_extrema(surface: Surface, field: np.ndarray, radius_m: float) -> np
     field = np.ascontiguousarray(field, dtype=np.float32)
     links = (surface.ring, surface.link_start, surface.link_node)
     candidates = _one_ring_maxima(field, *links)
-    stands = _is_extremum(surface.points_m, *links, field, candidates, np.float64(radius_m))
+    stands = _is_extremum(surface.points_m, *links, surface.link_length_m, field, candidates, np.float64(radius_m))
     extrema = candidates[stands]
     return extrema[np.argsort(-field[extrema], kind="stable")]
 
@@ -64,6 +64,7 @@ def _is_extremum(
     ring: np.ndarray,
     link_start: np.ndarray,
     link_node: np.ndarray,
+    link_length: np.ndarray,
     field: np.ndarray,
     candidates: np.ndarray,
     radius: float,
@@ -93,7 +94,7 @@ def _is_extremum(
             if node != candidate and field[node] >= field[candidate]:
                 stands[k] = False
                 break
-            size = _spread(points, ring, link_start, link_node, distance, fixed, heap, place, size, node)
+            size = _spread(points, ring, link_start, link_node, link_length, distance, fixed, heap, place, size, node)
         for spot in range(size):  # leave the scratch arrays as they were, at the cost of what was touched
             place[heap[spot]] = -1
             distance[heap[spot]] = np.inf

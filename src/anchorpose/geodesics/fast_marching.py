@@ -29,6 +29,7 @@ def geodesic_distance(surface: Surface, sources: np.ndarray, max_distance_m: flo
             surface.ring,
             surface.link_start,
             surface.link_node,
+            surface.link_length_m,
             sources[row : row + 1],
             np.float64(max_distance_m),
         )
@@ -43,6 +44,7 @@ def geodesic_distance_to_set(surface: Surface, sources: np.ndarray, max_distance
         surface.ring,
         surface.link_start,
         surface.link_node,
+        surface.link_length_m,
         sources,
         np.float64(max_distance_m),
     )
@@ -70,6 +72,7 @@ def _march(
     ring: np.ndarray,
     link_start: np.ndarray,
     link_node: np.ndarray,
+    link_length: np.ndarray,
     sources: np.ndarray,
     max_distance: float,
 ) -> np.ndarray:
@@ -90,7 +93,7 @@ def _march(
             distance[node] = np.inf
             continue
         fixed[node] = 1
-        size = _spread(points, ring, link_start, link_node, distance, fixed, heap, place, size, node)
+        size = _spread(points, ring, link_start, link_node, link_length, distance, fixed, heap, place, size, node)
     return distance
 
 
@@ -100,6 +103,7 @@ def _spread(
     ring: np.ndarray,
     link_start: np.ndarray,
     link_node: np.ndarray,
+    link_length: np.ndarray,
     distance: np.ndarray,
     fixed: np.ndarray,
     heap: np.ndarray,
@@ -124,7 +128,7 @@ def _spread(
     for k in range(link_start[node], link_start[node + 1]):
         other = link_node[k]
         if not fixed[other]:
-            along = distance[node] + _apart(points, node, other)
+            along = distance[node] + link_length[k]
             if along < distance[other]:
                 distance[other] = along
                 size = _lift(heap, place, distance, size, other)

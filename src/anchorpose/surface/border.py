@@ -18,6 +18,7 @@ from anchorpose.surface.surface import Surface
 
 REACH_PX = 5  # from an edge to the nodes it speaks for: two nodes, and the pixels that a depth edge loses
 LOOK_PX = 3  # across the lost or mixed pixels of an edge
+SUPPORT = 3  # pixels of an edge within 5x5: one noisy reading beside the skin is no edge
 IN_FRONT_M = 0.04  # a bar that touches the skin is at least this thick; sensor noise is less
 TOUCHING_M = 0.10  # a hand that holds the patient lies at the patient's own depth, give or take its thickness
 HOLE_RADIUS_PX = 3  # the rim of lost readings around every silhouette is thinner
@@ -55,10 +56,21 @@ def _border_picture(view: View) -> np.ndarray:
     part = tuple(np.s_[max(0, line[0] - MARGIN_PX) : line[-1] + MARGIN_PX + 1] for line in (rows, columns))
     labels = np.ascontiguousarray(view.labels[part], dtype=np.uint8)
     kind = _edge_kinds(np.ascontiguousarray(view.depth_m[part], dtype=np.float32), labels)
+    kind = _supported(kind)
     kind[_holes(labels)] = Border.CUT
     whole[part] = cv2.dilate(kind, _disc(REACH_PX))
     whole[:REACH_PX], whole[-REACH_PX:], whole[:, :REACH_PX], whole[:, -REACH_PX:] = (Border.CUT,) * 4
     return whole
+
+
+def _supported(kind: np.ndarray) -> np.ndarray:
+    """Edge pixels that have others of their kind, or of a higher one, beside them."""
+    kept = np.zeros_like(kind)
+    for least in (Border.SELF, Border.CUT):
+        edge = (kind >= least).astype(np.uint8)
+        count = cv2.boxFilter(edge, cv2.CV_8U, (5, 5), normalize=False, borderType=cv2.BORDER_CONSTANT)
+        kept[(edge > 0) & (count >= SUPPORT)] = least
+    return kept
 
 
 @njit(cache=True)

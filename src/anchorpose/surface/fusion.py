@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from anchorpose.camera import Camera, invert_rigid, transform_points
-from anchorpose.surface.mesh import compress_links, links
+from anchorpose.surface.mesh import compress_links, links, straight_m
 from anchorpose.surface.surface import Surface
 
 
@@ -42,21 +42,26 @@ def fuse(surfaces: Sequence[Surface], cameras: Sequence[Camera], config: FusionC
     if len(surfaces) == 1:
         return surfaces[0]
     first = np.concatenate([[0], np.cumsum([len(surface) for surface in surfaces])])
-    pairs = [links(surface) + first[k] for k, surface in enumerate(surfaces)]
+    points = np.concatenate([surface.points_m for surface in surfaces])
+    own = [links(surface) for surface in surfaces]
+    pairs = [pair + first[k] for k, (pair, _) in enumerate(own)]
+    lengths = [length for _, length in own]
     for target, camera in enumerate(cameras):
         for source in range(len(surfaces)):
             if source != target:
                 found = _same_skin(surfaces[source], surfaces[target], camera, config)
                 pairs.append(found + np.array([first[source], first[target]]))
-    start, node = compress_links(np.concatenate(pairs), int(first[-1]))
+                lengths.append(straight_m(points, pairs[-1]))
+    start, node, length = compress_links(np.concatenate(pairs), np.concatenate(lengths), int(first[-1]))
     return Surface(
-        points_m=np.concatenate([surface.points_m for surface in surfaces]),
+        points_m=points,
         normals=np.concatenate([surface.normals for surface in surfaces]),
         ring=np.concatenate(
             [np.where(s.ring >= 0, s.ring + first[k], -1).astype(np.int32) for k, s in enumerate(surfaces)]
         ),
         link_start=start,
         link_node=node,
+        link_length_m=length,
         camera=np.repeat(np.arange(len(surfaces), dtype=np.uint8), np.diff(first)),
         pixel=np.concatenate([surface.pixel for surface in surfaces]),
     )

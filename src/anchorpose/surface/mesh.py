@@ -75,13 +75,15 @@ def build_surface(
     if bridge is not None and bridge.any() and len(points) > 0:
         spacing = config.step * float(depth.min()) / max(camera.intrinsics.fx, camera.intrinsics.fy)
         pairs = bridge_pairs(index, bridge, points, normals, config.step, spacing, config.bridge)
-    start, node = compress_links(pairs, len(points))
+    points = transform_points(T_world_camera, points.astype(np.float64)).astype(np.float32)
+    start, node, length = compress_links(pairs, straight_m(points, pairs), len(points))
     surface = Surface(
-        points_m=transform_points(T_world_camera, points.astype(np.float64)).astype(np.float32),
+        points_m=points,
         normals=(normals @ T_world_camera[:3, :3].T).astype(np.float32),
         ring=ring,
         link_start=start,
         link_node=node,
+        link_length_m=length,
         camera=np.zeros(len(points), np.uint8),
         pixel=pixel,
     )
@@ -94,14 +96,20 @@ def edges(surface: Surface) -> np.ndarray:
     """(e, 2) int32: every edge once, grid edges and links, the smaller index first."""
     node, place = np.nonzero(surface.ring[:, :4] >= 0)
     grid = np.stack([node, surface.ring[node, place]], axis=1)
-    return np.sort(np.concatenate([grid, links(surface)]), axis=1).astype(np.int32)
+    return np.sort(np.concatenate([grid, links(surface)[0]]), axis=1).astype(np.int32)
 
 
-def links(surface: Surface) -> np.ndarray:
-    """(l, 2) int32: every link once, the smaller index first."""
+def links(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
+    """(l, 2) int32 every link once, the smaller index first, and (l,) float32 metres its length."""
     source = np.repeat(np.arange(len(surface), dtype=np.int32), np.diff(surface.link_start))
     once = source < surface.link_node
-    return np.stack([source[once], surface.link_node[once]], axis=1)
+    return np.stack([source[once], surface.link_node[once]], axis=1), surface.link_length_m[once]
+
+
+def straight_m(points_m: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+    """(l,) float32: how far the nodes of each pair are apart."""
+    length: np.ndarray = np.linalg.norm(points_m[pairs[:, 0]] - points_m[pairs[:, 1]], axis=1).astype(np.float32)
+    return length
 
 
 def faces(surface: Surface) -> np.ndarray:
@@ -159,17 +167,28 @@ def keep_nodes(surface: Surface, keep: np.ndarray) -> Surface:
         ring=renumber[surface.ring[keep]],
         link_start=np.concatenate([[0], np.cumsum(counts)]).astype(np.int32),
         link_node=target[stay],
+        link_length_m=surface.link_length_m[stay],
         camera=surface.camera[keep],
         pixel=surface.pixel[keep],
     )
 
 
-def compress_links(pairs: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Undirected pairs (m, 2) to compressed rows (link_start, link_node), symmetric, each link once a side."""
+def compress_links(
+    pairs: np.ndarray, length_m: np.ndarray, count: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Undirected pairs (m, 2) with their lengths (m,) to compressed rows (link_start, link_node, link_length_m).
+
+    Symmetric, each link once a side; of a pair given twice the shorter length counts.
+    """
     one, other = np.concatenate([pairs, pairs[:, ::-1]]).astype(np.int64).T
-    row, node = np.divmod(np.unique(one * count + other), max(count, 1))
+    key, length = one * count + other, np.concatenate([length_m, length_m])
+    order = np.lexsort((length, key))
+    key, length = key[order], length[order]
+    first = np.ones(len(key), bool)
+    first[1:] = key[1:] != key[:-1]
+    row, node = np.divmod(key[first], max(count, 1))
     start = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=count))])
-    return start.astype(np.int32), node.astype(np.int32)
+    return start.astype(np.int32), node.astype(np.int32), length[first].astype(np.float32)
 
 
 def _refuse_wrong_size(camera: Camera, *pictures: np.ndarray | None) -> None:
@@ -200,8 +219,10 @@ def _join_pieces(surface: Surface, grid: tuple[int, int], config: SurfaceConfig)
     index = np.full(grid, -1, np.int32)
     index[surface.pixel[:, 0] // config.step, surface.pixel[:, 1] // config.step] = np.arange(len(surface))
     seams = join_pairs(index, surface.points_m, piece, config.max_join_m)
-    start, node = compress_links(np.concatenate([links(surface), seams]), len(surface))
-    return replace(surface, link_start=start, link_node=node)
+    pairs, length = links(surface)
+    length = np.concatenate([length, straight_m(surface.points_m, seams)])
+    start, node, length = compress_links(np.concatenate([pairs, seams]), length, len(surface))
+    return replace(surface, link_start=start, link_node=node, link_length_m=length)
 
 
 @njit(cache=True)

@@ -14,7 +14,8 @@ class Surface:
     points_m (n, 3) float32, world frame; normals (n, 3) float32, unit, towards the camera that saw the node.
     ring (n, 8) int32: the node's neighbours on its camera's grid in circular order (E, NE, N, NW, W, SW, S, SE), -1
     where there is none. Consecutive neighbours that both exist form a triangle with the node.
-    link_start (n + 1,) int32 and link_node (m,) int32: edges to nodes of other cameras, compressed rows, symmetric.
+    link_start (n + 1,) int32, link_node (m,) int32 and link_length_m (m,) float32: edges that the grid does not have, to
+    nodes of other cameras and across what hides the skin, compressed rows, symmetric.
     camera (n,) uint8, pixel (n, 2) int16 row and column: where the node was seen.
     """
 
@@ -23,6 +24,7 @@ class Surface:
     ring: np.ndarray
     link_start: np.ndarray
     link_node: np.ndarray
+    link_length_m: np.ndarray
     camera: np.ndarray
     pixel: np.ndarray
 
