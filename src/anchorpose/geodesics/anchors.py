@@ -60,6 +60,7 @@ TOLERANCES: Final = np.array(
 )
 """By how much those vary: arms move through everything, head and feet hardly."""
 
+HEAD: Final = 0
 STUMP_SHARE: Final = 0.5  # of a cap's outer half: beside a bar all of it is cut, beside one wrong reading little
 
 
@@ -80,7 +81,7 @@ def find_anchors(
     if len(surface) == 0:
         return _nothing_found()
     field = geodesic_distance(surface, np.array([surface_center(surface)]))[0]
-    extrema = geodesic_extrema(surface, field, config.radius * height_m)
+    extrema = geodesic_extrema(surface, _seen_only(surface, field), config.radius * height_m)
     return identify_anchors(surface, field, extrema, up, facing, height_m, cut, predicted_m, config)
 
 
@@ -105,19 +106,23 @@ def identify_anchors(
     The names are the assignment of least total cost; whatever is out of the gate is missed.
     """
     config = config or AnchorConfig()
-    caps = [_cap(surface, field, int(node), config.cap * height_m) for node in extrema]
-    if cut is not None:
-        caps = [cap for cap in caps if not _is_stump(surface, field, cap, cut)]
+    whole = [_cap(surface, field, int(node), config.cap * height_m) for node in extrema]
+    caps = [cap[cap < surface.seen_count] for cap in whole]
     if not caps:
         return _nothing_found()
     tips = np.array([surface.points_m[cap].astype(np.float64).mean(axis=0) for cap in caps])
-    cost = (
-        _proportion_cost(surface, np.array([field[cap].max() for cap in caps]), tips, up, facing, height_m)
-        / config.first_gate
-    )
+    reach = np.array([field[cap].max() for cap in caps])
+    cost = _proportion_cost(surface, reach, tips, up, facing, height_m) / config.first_gate
     if predicted_m is not None:
         away = np.linalg.norm(tips[:, None] - predicted_m[None], axis=2) / (config.gate * height_m)
         cost = np.where(np.isfinite(predicted_m).all(axis=1), away, cost)
+    cut = np.zeros(len(surface), bool) if cut is None else cut
+    stump = np.array([_is_stump(surface, field, cap, cut) for cap in caps])
+    goes_on = np.array([_goes_on(surface, field, cap, config.cap * height_m) for cap in caps])
+    cost[stump, HEAD] = np.inf
+    cost[goes_on, HEAD + 1 :] = np.inf
+    if surface.seen_count == len(surface):
+        cost[stump] = np.inf
     chosen = _assign(cost)
     anchors = _nothing_found()
     for name, extremum in enumerate(chosen):
@@ -125,6 +130,13 @@ def identify_anchors(
             anchors.node[name] = _nearest(surface, caps[extremum], tips[extremum])
             anchors.position_m[name] = tips[extremum]
     return anchors
+
+
+def _seen_only(surface: Surface, field: np.ndarray) -> np.ndarray:
+    """The field for the rule of extrema, in which no hidden node stands against a seen one."""
+    seen = field.copy()
+    seen[surface.seen_count :] = 0.0
+    return seen
 
 
 def _nothing_found() -> Anchors:
@@ -135,6 +147,12 @@ def _cap(surface: Surface, field: np.ndarray, tip: int, depth_m: float) -> np.nd
     """Nodes around a tip that lie at most ``depth_m`` nearer to the centre, connected through it."""
     near = geodesic_distance(surface, np.array([tip]), 2.0 * depth_m)[0]
     return np.flatnonzero(np.isfinite(near) & (field > field[tip] - depth_m))
+
+
+def _goes_on(surface: Surface, field: np.ndarray, cap: np.ndarray, beyond_m: float) -> bool:
+    """Whether hidden skin around a cap leads much farther than what is seen of it."""
+    near = geodesic_distance(surface, np.array([cap[np.argmax(field[cap])]]), 2.0 * beyond_m)[0, surface.seen_count :]
+    return bool((field[surface.seen_count :][np.isfinite(near)] > field[cap].max() + beyond_m).any())
 
 
 def _is_stump(surface: Surface, field: np.ndarray, cap: np.ndarray, cut: np.ndarray) -> bool:
@@ -154,7 +172,7 @@ def _proportion_cost(
 ) -> np.ndarray:
     """(k, 5): how many tolerances each extremum is away from each anchor's usual place."""
     left = np.cross(up, facing)
-    offset = tips_m - surface.points_m.astype(np.float64).mean(axis=0)
+    offset = tips_m - surface.points_m[: surface.seen_count].astype(np.float64).mean(axis=0)
     seen = np.stack([reach_m, offset @ up, offset @ left], axis=1) / height_m
     return np.linalg.norm((seen[:, None] - PROPORTIONS) / TOLERANCES, axis=2)
 

@@ -11,13 +11,13 @@ from anchorpose.surface.surface import Surface
 
 
 def surface_center(surface: Surface) -> int:
-    """V_c: the node closest to the average position of all nodes.
+    """V_c: the node closest to the average position of all seen nodes.
 
     A hole at the centre leaves the nearest node of its rim. Raises DegenerateGeometry on a surface without nodes.
     """
     if len(surface) == 0:
         raise DegenerateGeometry("a surface without nodes has no centre")
-    points = surface.points_m.astype(np.float64)
+    points = surface.points_m[: surface.seen_count].astype(np.float64)
     return int(np.argmin(((points - points.mean(axis=0)) ** 2).sum(axis=1)))
 
 

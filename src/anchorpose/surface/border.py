@@ -37,10 +37,10 @@ class Border(IntEnum):
 def border(surface: Surface, views: Sequence[View]) -> np.ndarray:
     """(n,) uint8 of ``Border`` for each node; views: one a camera, in the order of ``surface.camera``.
 
-    A camera without a node of the surface is not looked at.
+    A camera without a node of the surface is not looked at; a hidden node meets nothing.
     """
     kind = np.zeros(len(surface), np.uint8)
-    for camera in np.unique(surface.camera):
+    for camera in np.unique(surface.camera[: surface.seen_count]):
         seen = surface.camera == camera
         row, column = surface.pixel[seen].T
         kind[seen] = _border_picture(views[camera])[row, column]

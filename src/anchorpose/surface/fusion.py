@@ -1,15 +1,21 @@
-"""Several cameras' meshes as one surface, linked where they see the same skin."""
+"""Several cameras' meshes as one surface: one sheet where they see the same skin, sewn where one ends.
+
+Of two nodes on the same skin the one goes that its camera sees less squarely or from farther off. A border of two rings
+stays, and there every node is linked to the corners of the other camera's cell that it falls into.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
 
-from anchorpose.camera import Camera, invert_rigid, transform_points
-from anchorpose.surface.mesh import compress_links, links, straight_m
+from anchorpose.camera import Camera, invert_rigid
+from anchorpose.surface.expected_skin import ExpectedSkin, way_over_skin
+from anchorpose.surface.links import compress_links, links
+from anchorpose.surface.mesh import keep_nodes
 from anchorpose.surface.surface import Surface
 
 
@@ -20,21 +26,25 @@ class FusionConfig:
     max_apart_m: float = 0.03  # calibration to about 1 cm, plus half a mesh cell seen slantwise
     max_off_plane_m: float = 0.015  # along the normal: clothes and noise; an arm before the trunk is farther
     max_turn_deg: float = 60.0  # cameras 45 degrees apart see normals of the same skin turned by noise only
+    max_way_m: float = 0.09  # on the body: a thigh against the other is farther, skin points 3 cm apart blur less
 
     def __post_init__(self) -> None:
-        for name in ("max_apart_m", "max_off_plane_m"):
+        for name in ("max_apart_m", "max_off_plane_m", "max_way_m"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
         if not 0 < self.max_turn_deg <= 180:
             raise ValueError(f"max_turn_deg must lie in (0, 180], got {self.max_turn_deg}")
 
 
-def fuse(surfaces: Sequence[Surface], cameras: Sequence[Camera], config: FusionConfig | None = None) -> Surface:
-    """One surface of all cameras' nodes, in the order given; links join nodes that see the same skin.
+def fuse(
+    surfaces: Sequence[Surface], cameras: Sequence[Camera], expected: ExpectedSkin | None = None,
+    config: FusionConfig | None = None,
+) -> Surface:  # fmt: skip
+    """One surface of all cameras' nodes, in the order given, without those that another camera sees better.
 
     surfaces: one a camera, each in the world frame, as from ``build_surface``. ``camera`` of the result counts through
-    the arguments. A node is projected into every other camera and linked to the nearest node of the grid there, when
-    that lies close enough, in its tangent plane, with a normal that agrees.
+    the arguments. expected: what the ``skin`` of the surfaces counts through; nodes that show skin far apart on the
+    body are never the same.
     """
     config = config or FusionConfig()
     if len(surfaces) != len(cameras) or len(surfaces) == 0:
@@ -42,98 +52,154 @@ def fuse(surfaces: Sequence[Surface], cameras: Sequence[Camera], config: FusionC
     if len(surfaces) == 1:
         return surfaces[0]
     first = np.concatenate([[0], np.cumsum([len(surface) for surface in surfaces])])
-    points = np.concatenate([surface.points_m for surface in surfaces])
-    own = [links(surface) for surface in surfaces]
-    pairs = [pair + first[k] for k, (pair, _) in enumerate(own)]
-    lengths = [length for _, length in own]
-    for target, camera in enumerate(cameras):
-        for source in range(len(surfaces)):
-            if source != target:
-                found = _same_skin(surfaces[source], surfaces[target], camera, config)
-                pairs.append(found + np.array([first[source], first[target]]))
-                lengths.append(straight_m(points, pairs[-1]))
-    start, node, length = compress_links(np.concatenate(pairs), np.concatenate(lengths), int(first[-1]))
+    both = _side_by_side(surfaces, first)
+    landmarks = np.zeros((1, 1), np.float32) if expected is None else expected.map.landmarks_m
+    dropped = np.zeros(len(both), np.bool_)
+    pairs = [
+        _same_skin(
+            both, slice(first[source], first[source + 1]), slice(first[target], first[target + 1]), cameras[source],
+            camera, landmarks, dropped, config,
+        )
+        for target, camera in enumerate(cameras) for source in range(len(surfaces)) if source != target
+    ]  # fmt: skip
+    stay = _with_border(both.ring, dropped)
+    sewn = np.concatenate(pairs)
+    sewn = sewn[stay[sewn].all(axis=1)]
+    own, own_length = links(both)
+    length = np.linalg.norm(both.points_m[sewn[:, 0]] - both.points_m[sewn[:, 1]], axis=1)
+    start, node, length_m = compress_links(
+        np.concatenate([own, sewn]), np.concatenate([own_length, length.astype(np.float32)]), len(both)
+    )
+    linked = replace(both, link_start=start, link_node=node, link_length_m=length_m)
+    return keep_nodes(linked, stay)
+
+
+def _side_by_side(surfaces: Sequence[Surface], first: np.ndarray) -> Surface:
+    """All nodes, each surface's own links, nothing between the cameras."""
     return Surface(
-        points_m=points,
+        points_m=np.concatenate([surface.points_m for surface in surfaces]),
         normals=np.concatenate([surface.normals for surface in surfaces]),
         ring=np.concatenate(
             [np.where(s.ring >= 0, s.ring + first[k], -1).astype(np.int32) for k, s in enumerate(surfaces)]
         ),
-        link_start=start,
-        link_node=node,
-        link_length_m=length,
+        link_start=np.concatenate(
+            [[0], *(s.link_start[1:] + sum(len(o.link_node) for o in surfaces[:k]) for k, s in enumerate(surfaces))]
+        ).astype(np.int32),
+        link_node=np.concatenate([s.link_node + first[k] for k, s in enumerate(surfaces)]).astype(np.int32),
+        link_length_m=np.concatenate([surface.link_length_m for surface in surfaces]),
         camera=np.repeat(np.arange(len(surfaces), dtype=np.uint8), np.diff(first)),
         pixel=np.concatenate([surface.pixel for surface in surfaces]),
+        skin=np.concatenate([surface.skin for surface in surfaces]),
     )
 
 
-def _same_skin(source: Surface, target: Surface, camera: Camera, config: FusionConfig) -> np.ndarray:
-    """(m, 2) int32 pairs (node of source, node of target): each source node with the nearest node around its pixel."""
-    if len(source) == 0 or len(target) == 0:
+def _same_skin(
+    both: Surface, source: slice, target: slice, seen_by: Camera, camera: Camera, landmarks: np.ndarray, dropped: np.ndarray, config: FusionConfig,
+) -> np.ndarray:  # fmt: skip
+    """(m, 2) int32 pairs: each node of the source with the corners of the target's cell that it falls into.
+
+    Marks in ``dropped`` the nodes of the source that the target's camera sees better.
+    """
+    if source.start == source.stop or target.start == target.stop:
         return np.empty((0, 2), np.int32)
-    step = _grid_step(target)
+    step = _grid_step(both.ring[target], both.pixel, target.start)
     grid = np.full((-(-camera.height // step), -(-camera.width // step)), -1, np.int32)
-    grid[target.pixel[:, 0] // step, target.pixel[:, 1] // step] = np.arange(len(target))
-    pixel = camera.project(transform_points(invert_rigid(camera.require_pose()), source.points_m.astype(np.float64)))
-    return _nearest_on_skin(
-        pixel / step,
-        grid,
-        source.points_m,
-        source.normals,
-        target.points_m,
-        target.normals,
-        float(config.max_apart_m),
-        float(config.max_off_plane_m),
-        float(np.cos(np.radians(config.max_turn_deg))),
-    )
+    grid[both.pixel[target, 0] // step, both.pixel[target, 1] // step] = np.arange(target.start, target.stop)
+    lens = camera.intrinsics
+    return _pair_corners(
+        both.points_m, both.normals, both.ring, both.skin, source.start, source.stop, grid, step,
+        invert_rigid(camera.require_pose()).astype(np.float32),
+        np.array([lens.fx, lens.fy, lens.cx, lens.cy], np.float32), seen_by.position_m.astype(np.float32),
+        camera.position_m.astype(np.float32), landmarks, dropped, np.float32(config.max_apart_m),
+        np.float32(config.max_off_plane_m), np.float32(np.cos(np.radians(config.max_turn_deg))),
+        np.float32(config.max_way_m),
+    )  # fmt: skip
 
 
-def _grid_step(surface: Surface) -> int:
+def _grid_step(ring: np.ndarray, pixel: np.ndarray, first: int) -> int:
     """Pixels between neighbours on the grid the surface was made from."""
-    node, place = np.nonzero(surface.ring[:, :1] >= 0)
-    if len(node) == 0:
+    east = np.flatnonzero(ring[:, 0] >= 0)
+    if len(east) == 0:
         return 1
-    return int(surface.pixel[surface.ring[node[0], place[0]], 1] - surface.pixel[node[0], 1])
+    return int(pixel[ring[east[0], 0], 1] - pixel[first + east[0], 1])
+
+
+def _with_border(ring: np.ndarray, dropped: np.ndarray) -> np.ndarray:
+    """(n,) bool: what stays: nodes that are not dropped, and two rings around them to sew them on to."""
+    stay = ~dropped
+    for _ in range(2):
+        stay = stay | ((ring >= 0) & stay[ring]).any(axis=1)
+    return stay
 
 
 @njit(cache=True)
-def _nearest_on_skin(
-    cell: np.ndarray,
-    grid: np.ndarray,
-    points: np.ndarray,
-    normals: np.ndarray,
-    target_points: np.ndarray,
-    target_normals: np.ndarray,
-    max_apart: float,
-    max_off_plane: float,
-    min_cosine: float,
-) -> np.ndarray:
-    """cell (n, 2): where each source node falls on the target's grid, column and row, NaN behind the camera."""
+def _pair_corners(
+    points: np.ndarray, normals: np.ndarray, ring: np.ndarray, shown: np.ndarray, begin: int, end: int,
+    grid: np.ndarray, step: int, T_camera_world: np.ndarray, lens: np.ndarray, seen_from: np.ndarray,
+    other_from: np.ndarray, landmarks: np.ndarray, dropped: np.ndarray, max_apart: float, max_off_plane: float,
+    min_cosine: float, max_way: float,
+) -> np.ndarray:  # fmt: skip
     rows, cols = grid.shape
-    pairs = np.empty((len(points), 2), np.int32)
+    pairs = np.empty((4 * (end - begin), 2), np.int32)
     count = 0
-    for node in range(len(points)):
-        if not (-1.0 <= cell[node, 0] <= cols and -1.0 <= cell[node, 1] <= rows):
-            continue
-        row, col = int(np.rint(cell[node, 1])), int(np.rint(cell[node, 0]))
-        best, nearest2 = -1, max_apart * max_apart
-        for i in range(max(0, row - 1), min(rows, row + 2)):
-            for j in range(max(0, col - 1), min(cols, col + 2)):
-                if grid[i, j] >= 0:
-                    apart2 = 0.0
-                    for axis in range(3):
-                        apart2 += (np.float64(target_points[grid[i, j], axis]) - points[node, axis]) ** 2
-                    if apart2 <= nearest2:
-                        best, nearest2 = grid[i, j], apart2
-        if best < 0:
-            continue
-        cosine, off_source, off_target = 0.0, 0.0, 0.0
+    for p in range(begin, end):
+        x, y, z = T_camera_world[0, 3], T_camera_world[1, 3], T_camera_world[2, 3]
         for axis in range(3):
-            gap = np.float64(target_points[best, axis]) - points[node, axis]
-            cosine += normals[node, axis] * target_normals[best, axis]
-            off_source += gap * normals[node, axis]
-            off_target += gap * target_normals[best, axis]
-        if cosine >= min_cosine and abs(off_source) <= max_off_plane and abs(off_target) <= max_off_plane:
-            pairs[count, 0], pairs[count, 1] = node, best
-            count += 1
+            x += T_camera_world[0, axis] * points[p, axis]
+            y += T_camera_world[1, axis] * points[p, axis]
+            z += T_camera_world[2, axis] * points[p, axis]
+        if z <= 0.0:
+            continue
+        high, left = (lens[1] * y / z + lens[3]) / step, (lens[0] * x / z + lens[2]) / step
+        if not (-1.0 <= high <= rows and -1.0 <= left <= cols):
+            continue
+        row, col = int(np.floor(high)), int(np.floor(left))
+        whole, corners = True, 0
+        for i in range(row, row + 2):
+            for j in range(col, col + 2):
+                if not (0 <= i < rows and 0 <= j < cols) or grid[i, j] < 0:
+                    whole = False
+                    continue
+                q = grid[i, j]
+                if not _one_skin(points, normals, p, q, max_apart, max_off_plane, min_cosine) or (
+                    shown[p] >= 0 and shown[q] >= 0 and way_over_skin(landmarks, shown[p], shown[q]) > max_way
+                ):
+                    whole = False
+                    continue
+                pairs[count, 0], pairs[count, 1] = p, q
+                count += 1
+                corners += 1
+                for k in range(8):
+                    whole = whole and ring[q, k] >= 0
+        if whole and corners == 4:
+            q = pairs[count - 1, 1]
+            here = _squareness(points, normals, p, q, seen_from)
+            there = _squareness(points, normals, p, q, other_from)
+            dropped[p] = dropped[p] or there > here
     return pairs[:count].copy()
+
+
+@njit(cache=True)
+def _one_skin(
+    points: np.ndarray, normals: np.ndarray, p: int, q: int, max_apart: float, max_off_plane: float, min_cosine: float
+) -> bool:
+    apart2, cosine, off_p, off_q = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
+    for axis in range(3):
+        gap = points[q, axis] - points[p, axis]
+        apart2 += gap * gap
+        cosine += normals[p, axis] * normals[q, axis]
+        off_p += gap * normals[p, axis]
+        off_q += gap * normals[q, axis]
+    near = apart2 <= max_apart * max_apart and abs(off_p) <= max_off_plane and abs(off_q) <= max_off_plane
+    return near and cosine >= min_cosine
+
+
+@njit(cache=True)
+def _squareness(points: np.ndarray, normals: np.ndarray, p: int, q: int, position: np.ndarray) -> float:
+    """Readings that a camera has for each square metre of the skin at p and q, up to a constant."""
+    along, away2 = np.float32(0), np.float32(0)
+    for axis in range(3):
+        sight = position[axis] - points[p, axis]
+        along += sight * (normals[p, axis] + normals[q, axis])
+        away2 += sight * sight
+    return along / (away2 * np.sqrt(away2))

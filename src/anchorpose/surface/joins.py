@@ -2,12 +2,38 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+
+from anchorpose.surface.links import compress_links, links, straight_m
+from anchorpose.surface.mesh import pieces
+from anchorpose.surface.surface import Surface
 
 FORWARD = ((0, 1), (-1, 1), (-1, 0), (-1, -1))
 """Row and column offset of ring places E, NE, N, NW: every pair of grid neighbours once."""
 
 SPREAD = 1.5  # the seam is where the jump is within half of its smallest; elsewhere the pieces merely overlap
+
+
+def join_pieces(surface: Surface, step: int, max_gap_m: float) -> Surface:
+    """One camera's surface, on the grid of every ``step``-th pixel, with its pieces joined where they come nearest.
+
+    Pieces that show known skin count as one: hidden skin joins them better than the shortest way would.
+    """
+    piece = pieces(surface)
+    known = np.unique(piece[surface.skin >= 0])
+    if len(known):
+        piece = np.where(np.isin(piece, known), known[0], piece)
+    if len(piece) == 0 or (piece == piece[0]).all():
+        return surface
+    index = np.full(surface.pixel.max(axis=0) // step + 1, -1, np.int32)
+    index[surface.pixel[:, 0] // step, surface.pixel[:, 1] // step] = np.arange(len(surface))
+    seams = join_pairs(index, surface.points_m, piece, max_gap_m)
+    pairs, length = links(surface)
+    length = np.concatenate([length, straight_m(surface.points_m, seams)])
+    start, node, length = compress_links(np.concatenate([pairs, seams]), length, len(surface))
+    return replace(surface, link_start=start, link_node=node, link_length_m=length)
 
 
 def join_pairs(index: np.ndarray, points_m: np.ndarray, piece: np.ndarray, max_gap_m: float) -> np.ndarray:

@@ -17,8 +17,7 @@ from anchorpose.calibration.floor import FloorConfig
 from anchorpose.calibration.people.camera_to_camera import CameraToCameraConfig
 from anchorpose.geodesics.anchors import AnchorConfig
 from anchorpose.isolation.config import IsolationConfig
-from anchorpose.surface.fusion import FusionConfig
-from anchorpose.surface.mesh import SurfaceConfig
+from anchorpose.surface.patient_surface import SurfaceConfig
 from anchorpose.tracking.motion import MotionConfig
 from anchorpose.tracking.tree import TreeConfig
 
@@ -64,7 +63,6 @@ class TrackConfig:
     equipment_pose: EquipmentWorldConfig = field(default_factory=EquipmentWorldConfig)
     isolation: IsolationConfig = field(default_factory=IsolationConfig)
     surface: SurfaceConfig = field(default_factory=SurfaceConfig)
-    fusion: FusionConfig = field(default_factory=FusionConfig)
     anchors: AnchorConfig = field(default_factory=AnchorConfig)
     gate: GateConfig = field(default_factory=GateConfig)
     tree: TreeConfig = field(default_factory=TreeConfig)

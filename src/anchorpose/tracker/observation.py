@@ -18,9 +18,9 @@ from anchorpose.isolation.scene import Pieces, find_pieces
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.recording.recording import FrameSet
 from anchorpose.surface.border import Border, border
-from anchorpose.surface.fusion import fuse
-from anchorpose.surface.mesh import build_surface
-from anchorpose.surface.surface import Surface
+from anchorpose.surface.expected_skin import ExpectedSkin
+from anchorpose.surface.patient_surface import blank_view, patient_surface
+from anchorpose.surface.surface import Surface, seen_part
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.room import FACING, UP, Room
 from anchorpose.tracker.stopwatch import Stopwatch
@@ -50,9 +50,9 @@ class Observation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Expectation:
-    """Where the patient should be: skin_m (k, 3), anchors_m (5, 3), heading (3,) unit; frames since the last fit."""
+    """Where the patient should be: his skin, anchors_m (5, 3), heading (3,) unit; frames since the last fit."""
 
-    skin_m: np.ndarray
+    skin: ExpectedSkin
     anchors_m: np.ndarray
     facing: np.ndarray
     frames_without_fit: int
@@ -100,9 +100,9 @@ def _separated(
 def _claims(expected: Expectation, config: TrackConfig) -> Claims:
     """What the patient claims by his predicted skin."""
     spread = config.isolation.skin_sigma_m + config.isolation.prediction_growth_m * expected.frames_without_fit
-    count = len(expected.skin_m)
+    count = len(expected.skin.points_m)
     return Claims(
-        expected.skin_m.astype(np.float32),
+        expected.skin.points_m,
         np.full(count, PixelLabel.PATIENT, np.uint8),
         np.full(count, spread, np.float32),
     )
@@ -120,26 +120,18 @@ def _observed(
     expected: Expectation | None, before: Crowd, elapsed_s: float, height_m: float, config: TrackConfig,
     watch: Stopwatch,
 ) -> Observation:  # fmt: skip
-    shown = [view if view is not None else _blank(room, number) for number, view in enumerate(views)]
+    shown = [blank_view(camera) if view is None else view for view, camera in zip(views, room.cameras, strict=True)]
     with watch.stage("surface"):
-        meshes = [
-            build_surface(view.depth_m, view.patient, camera, config.surface, view.hidden_by_equipment)
-            for view, camera in zip(shown, room.cameras, strict=True)
-        ]
-        surface = fuse(meshes, room.cameras, config.fusion)
-        kind = border(surface, shown)
+        whole = patient_surface(shown, room.cameras, None if expected is None else expected.skin, config.surface)
+        kind = border(whole, shown)
+        surface = seen_part(whole)
     with watch.stage("geodesics"):
         facing, places = (FACING, None) if expected is None else (expected.facing, expected.anchors_m)
-        anchors = find_anchors(surface, UP, facing, height_m, kind == Border.CUT, places, config.anchors)
-        descriptor = anchor_descriptor(surface, anchors)
+        anchors = find_anchors(whole, UP, facing, height_m, kind == Border.CUT, places, config.anchors)
+        descriptor = anchor_descriptor(whole, anchors)[: len(surface)]
     with watch.stage("isolation"):
         crowd = remember(before, pieces, views, room.cameras, elapsed_s, config.isolation)
     with watch.stage("registration"):
         evidence = gather_evidence(surface, views, room.cameras)
-    return Observation(frame_set, evidence, anchors, descriptor, kind, tuple(pieces), crowd)
+    return Observation(frame_set, evidence, anchors, descriptor, kind[: len(surface)], tuple(pieces), crowd)
 
-
-def _blank(room: Room, number: int) -> View:
-    camera = room.cameras[number]
-    shape = camera.height, camera.width
-    return View(np.zeros(shape, np.float32), np.zeros(shape, np.uint8))

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from anchorpose.association.hypotheses import Hypotheses
+from anchorpose.body.body_map import map_body
 from anchorpose.body.initial import anchor_points
 from anchorpose.body.inverse_kinematics import pose_from_joints
 from anchorpose.body.part_registration import joints_of_parts
@@ -16,6 +17,7 @@ from anchorpose.body.registration import PoseBelief, Registration, posterior, re
 from anchorpose.body.skin_points import FittedShape, pose_points, rest_points
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.recording.recording import FrameSet
+from anchorpose.surface.expected_skin import ExpectedSkin
 from anchorpose.tracker.association import (
     GlobalHypothesis,
     global_hypothesis,
@@ -47,6 +49,7 @@ class PatientTracker:
         self.points = body_points()
         self.shape = start.shape
         self.rest = rest_points(self.points, start.shape)
+        self.map = map_body(self.points, self.rest.body)
         self.belief = start.belief
         self.window: deque[Observation] = deque([start.observation])
         self.links: deque[Hypotheses] = deque()
@@ -128,8 +131,9 @@ class PatientTracker:
         posed = pose_points(self.points, self.rest, pose)
         trunk = posed.transforms[self.points.asset.bone("Spine1"), :3, 0]
         level = np.array([trunk[0], 0.0, trunk[2]])
+        skin = ExpectedSkin(posed.points_m.astype(np.float32), posed.normals.astype(np.float32), self.map)
         return Expectation(
-            posed.points_m,
+            skin,
             posed.points_m[anchor_points(self.points.asset, self.points)],
             level / max(float(np.linalg.norm(level)), 1e-9),
             self.unseen_frames,

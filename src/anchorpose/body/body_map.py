@@ -1,0 +1,82 @@
+"""Distances along the patient's body itself, whatever of it is seen."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from anchorpose.body.shaped import ShapedBody
+from anchorpose.body.skin_points import SkinPoints
+from anchorpose.surface.expected_skin import BodyMap
+
+LANDMARKS = 24  # one every 30 cm: two skin points of an adult are then told apart to within their sampling
+
+
+def map_body(points: SkinPoints, body: ShapedBody) -> BodyMap:
+    """The map of the sampled skin of one shape, at rest.
+
+    Landmarks are spread over the skin, each as far as can be from those before; distances to them run along the edges
+    of the mesh, some 5 % too long.
+    """
+    faces, vertices = points.asset.faces, body.vertices
+    edges = np.unique(np.sort(np.concatenate([faces[:, :2], faces[:, 1:], faces[:, ::2]]), axis=1), axis=0)
+    length = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
+    mesh = csr_array((length, edges.T), shape=(len(vertices), len(vertices)))
+    skin = vertices[points.vertex]
+    pairs, via = _second_neighbours(_neighbours(mesh, edges, points.vertex), skin)
+    way = np.where(via == pairs[:, 0], 0.0, np.linalg.norm(skin[via] - skin[pairs[:, 0]], axis=1))
+    way += np.linalg.norm(skin[via] - skin[pairs[:, 1]], axis=1)
+    straight = np.linalg.norm(skin[pairs[:, 0]] - skin[pairs[:, 1]], axis=1) / way
+    return BodyMap(
+        landmarks_m=_landmark_distances(mesh, points.vertex, int(np.argmax(skin[:, 1]))),
+        pairs=pairs.astype(np.int32),
+        via=via.astype(np.int32),
+        straight=straight.astype(np.float32),
+    )
+
+
+def _landmark_distances(mesh: csr_array, vertex: np.ndarray, first: int) -> np.ndarray:
+    """(p, l) float32 metres."""
+    fields = np.empty((LANDMARKS, len(vertex)), np.float32)
+    nearest, source = np.full(len(vertex), np.inf, np.float32), first
+    for row in range(LANDMARKS):
+        fields[row] = dijkstra(mesh, directed=False, indices=vertex[source])[vertex]
+        nearest = np.minimum(nearest, fields[row])
+        source = int(np.argmax(nearest))
+    return np.ascontiguousarray(fields.T)
+
+
+def _neighbours(mesh: csr_array, edges: np.ndarray, vertex: np.ndarray) -> np.ndarray:
+    """(e, 2): sampled points whose cells, the vertices nearer to them than to any other, touch on the mesh."""
+    _, _, nearest = dijkstra(mesh, directed=False, indices=vertex, min_only=True, return_predecessors=True)
+    place = np.full(mesh.shape[0] + 1, -1)
+    place[vertex] = np.arange(len(vertex))
+    cell = place[np.maximum(nearest, -1)]  # vertices of no cell, eyes and teeth, have a negative source
+    cell[vertex] = np.arange(len(vertex))
+    touching = np.sort(cell[edges], axis=1)
+    return np.unique(touching[(touching[:, 0] >= 0) & (touching[:, 0] != touching[:, 1])], axis=0)
+
+
+def _second_neighbours(direct: np.ndarray, skin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs (e, 2) of direct neighbours and of neighbours' neighbours, and the point (e,) that each leads over.
+
+    Of several ways the shortest; of direct neighbours the first is its own ``via``.
+    """
+    both = np.concatenate([direct, direct[:, ::-1]])
+    both = both[np.argsort(both[:, 0], kind="stable")]
+    start = np.searchsorted(both[:, 0], np.arange(len(skin) + 1))
+    steps = [np.column_stack([direct, direct[:, 0]])]
+    for point in range(len(skin)):
+        around = both[start[point] : start[point + 1], 1]
+        one, two = (around[index] for index in np.triu_indices(len(around), 1))
+        steps.append(np.stack([np.minimum(one, two), np.maximum(one, two), np.full(len(one), point)], axis=1))
+    found = np.concatenate(steps)
+    way = np.linalg.norm(skin[found[:, 0]] - skin[found[:, 2]], axis=1)
+    way += np.linalg.norm(skin[found[:, 2]] - skin[found[:, 1]], axis=1)
+    way[: len(direct)] = 0.0  # a direct way goes before all others
+    order = np.lexsort((way, found[:, 1], found[:, 0]))
+    found = found[order]
+    first = np.ones(len(found), bool)
+    first[1:] = (found[1:, :2] != found[:-1, :2]).any(axis=1)
+    return found[first, :2], found[first, 2]

@@ -1,0 +1,166 @@
+"""The skin that no camera sees closes the surface: behind a bar or an arm, in the armpits, on the back.
+
+The expected skin is put where nothing was seen and nothing contradicts it, joined to the rim of what was seen. It is
+inferred, never a measurement: it lets geodesics run as they do on the body, and nothing else reads it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from anchorpose.camera import Camera, invert_rigid
+from anchorpose.surface.expected_skin import ExpectedSkin
+from anchorpose.surface.links import compress_links, links
+from anchorpose.surface.surface import HIDDEN_SKIN, Surface
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HiddenConfig:
+    """What may be added to the seen surface."""
+
+    seen_through_m: float = 0.05  # a reading so far behind a skin point shows that no skin is there
+    stretch: float = 0.98  # ways over neighbours, and neighbours of neighbours, are 2 % longer than straight ones
+
+    def __post_init__(self) -> None:
+        for name in ("seen_through_m", "stretch"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+
+
+def add_hidden_skin(
+    surface: Surface, expected: ExpectedSkin, depths_m: Sequence[np.ndarray], cameras: Sequence[Camera],
+    config: HiddenConfig | None = None,
+) -> Surface:  # fmt: skip
+    """The surface with the hidden skin as further nodes, after the seen ones: no grid, all links.
+
+    depths_m: every camera's whole picture (height, width) metres, 0 =
+    no reading. A skin point that some camera sees through is left out. Nodes at the rim of what is seen are linked to
+    the skin point that they show.
+    """
+    config = config or HiddenConfig()
+    body, first = expected.map, len(surface)
+    absent = _seen_through(expected, depths_m, cameras, config)
+    place, seen = _place_hidden(surface.ring, surface.skin, body.pairs, absent, first)
+    added = np.flatnonzero(place >= 0)
+    if len(added) == 0:
+        return surface
+    pairs, length = _link_hidden(
+        surface.points_m, surface.ring, surface.skin, place, seen, expected.points_m, body.pairs, body.via, body.straight,
+        np.float32(config.stretch),
+    )  # fmt: skip
+    own, own_length = links(surface)
+    start, node, length_m = compress_links(
+        np.concatenate([own, pairs]), np.concatenate([own_length, length]), first + len(added)
+    )
+    return Surface(
+        points_m=np.concatenate([surface.points_m, expected.points_m[added]]),
+        normals=np.concatenate([surface.normals, expected.normals[added]]),
+        ring=np.concatenate([surface.ring, np.full((len(added), 8), -1, np.int32)]),
+        link_start=start,
+        link_node=node,
+        link_length_m=length_m,
+        camera=np.concatenate([surface.camera, np.full(len(added), HIDDEN_SKIN, np.uint8)]),
+        pixel=np.concatenate([surface.pixel, np.full((len(added), 2), -1, np.int16)]),
+        skin=np.concatenate([surface.skin, added.astype(np.int32)]),
+    )
+
+
+def _seen_through(
+    expected: ExpectedSkin, depths_m: Sequence[np.ndarray], cameras: Sequence[Camera], config: HiddenConfig
+) -> np.ndarray:
+    """(k,) bool: skin points that are not there, for a camera sees what is behind them."""
+    absent = np.zeros(len(expected.points_m), np.bool_)
+    for depth, camera in zip(depths_m, cameras, strict=True):
+        lens = camera.intrinsics
+        _mark_seen_through(
+            expected.points_m, invert_rigid(camera.require_pose()).astype(np.float32),
+            np.array([lens.fx, lens.fy, lens.cx, lens.cy], np.float32), depth, np.float32(config.seen_through_m),
+            absent,
+        )  # fmt: skip
+    return absent
+
+
+@njit(cache=True)
+def _mark_seen_through(
+    skin: np.ndarray, T_camera_world: np.ndarray, lens: np.ndarray, depth: np.ndarray, behind: float, absent: np.ndarray
+) -> None:
+    for k in range(len(skin)):
+        x, y, z = T_camera_world[0, 3], T_camera_world[1, 3], T_camera_world[2, 3]
+        for axis in range(3):
+            x += T_camera_world[0, axis] * skin[k, axis]
+            y += T_camera_world[1, axis] * skin[k, axis]
+            z += T_camera_world[2, axis] * skin[k, axis]
+        if z <= 0.0:
+            continue
+        row, col = int(np.rint(lens[1] * y / z + lens[3])), int(np.rint(lens[0] * x / z + lens[2]))
+        if 0 <= row < depth.shape[0] and 0 <= col < depth.shape[1] and depth[row, col] > z + behind:
+            absent[k] = True
+
+
+@njit(cache=True)
+def _place_hidden(
+    ring: np.ndarray, skin: np.ndarray, pairs: np.ndarray, absent: np.ndarray, first: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """place (k,): the new node of each skin point, -1 for none; seen (k,): whether inner nodes of the mesh show it.
+
+    Seen ones become nodes only next to hidden ones: there the rim of the mesh is linked to them.
+    """
+    seen = np.zeros(len(absent), np.bool_)
+    for n in range(len(skin)):
+        inner = skin[n] >= 0
+        for k in range(8):
+            inner = inner and ring[n, k] >= 0
+        if inner:
+            seen[skin[n]] = True
+    wanted = np.zeros(len(absent), np.bool_)
+    for e in range(len(pairs)):
+        a, b = pairs[e, 0], pairs[e, 1]
+        if not (seen[a] and seen[b]) and not absent[a] and not absent[b]:
+            wanted[a] = True
+            wanted[b] = True
+    place = np.full(len(absent), -1, np.int32)
+    for k in range(len(absent)):
+        if wanted[k]:
+            place[k] = first
+            first += 1
+    return place, seen
+
+
+@njit(cache=True)
+def _link_hidden(
+    points: np.ndarray, ring: np.ndarray, skin: np.ndarray, place: np.ndarray, seen: np.ndarray,
+    skin_points: np.ndarray, pairs: np.ndarray, via: np.ndarray, straight: np.ndarray, stretch: float,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """(m, 2) links among new nodes, but for two seen ones, and from the rim to them; (m,) float32 their lengths."""
+    most = len(pairs) + len(points)
+    found, length = np.empty((most, 2), np.int32), np.empty(most, np.float32)
+    count = 0
+    for e in range(len(pairs)):
+        a, b = pairs[e, 0], pairs[e, 1]
+        if place[a] < 0 or place[b] < 0 or (seen[a] and seen[b]):
+            continue
+        way = _apart(skin_points, a, skin_points, b)
+        if via[e] != a:
+            way = _apart(skin_points, a, skin_points, via[e]) + _apart(skin_points, via[e], skin_points, b)
+        found[count, 0], found[count, 1], length[count] = place[a], place[b], stretch * straight[e] * way
+        count += 1
+    for n in range(len(skin)):
+        rim = False
+        for k in range(8):
+            rim = rim or ring[n, k] < 0
+        if rim and skin[n] >= 0 and place[skin[n]] >= 0:
+            found[count, 0], found[count, 1] = n, place[skin[n]]
+            length[count] = _apart(points, n, skin_points, skin[n])
+            count += 1
+    return found[:count].copy(), length[:count].copy()
+
+
+@njit(cache=True)
+def _apart(points: np.ndarray, a: int, others: np.ndarray, b: int) -> float:
+    squared = np.float32(0.0)
+    for axis in range(3):
+        squared += (points[a, axis] - others[b, axis]) ** 2
+    return np.sqrt(squared)
