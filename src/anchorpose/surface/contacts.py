@@ -21,11 +21,12 @@ class ContactConfig:
 
     least_way_m: float = 0.07  # over the body between neighbours of the mesh; less is what skin points 3 cm apart blur
     least_crease: float = 0.10  # 6 degrees a node; an arm that was predicted elsewhere is cut nowhere on its smooth skin
+    least_step: float = 0.6  # sine of the angle at which an edge leaves the skin of either end: a hand on the trunk
     sure_way_m: float = 0.25  # parts so far apart on the body are told apart without a crease ...
     sure_off_m: float = 0.02  # ... where both sides are as near as that to the sheet of their skin
 
     def __post_init__(self) -> None:
-        for name in ("least_way_m", "least_crease", "sure_way_m", "sure_off_m"):
+        for name in ("least_way_m", "least_crease", "least_step", "sure_way_m", "sure_off_m"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
 
@@ -40,7 +41,7 @@ def cut_contacts(surface: Surface, expected: ExpectedSkin, config: ContactConfig
     ring = _cut(
         surface.points_m, surface.normals, surface.ring, surface.skin, expected.points_m, expected.normals,
         expected.map.landmarks_m, np.float32(config.least_way_m), np.float32(config.least_crease),
-        np.float32(config.sure_way_m), np.float32(config.sure_off_m),
+        np.float32(config.least_step), np.float32(config.sure_way_m), np.float32(config.sure_off_m),
     )  # fmt: skip
     return replace(surface, ring=ring)
 
@@ -54,6 +55,17 @@ def _off_sheet(points: np.ndarray, node: int, skin_points: np.ndarray, skin_norm
 
 
 @njit(cache=True)
+def _steps(points: np.ndarray, normals: np.ndarray, p: int, q: int, least_step: float) -> bool:
+    apart2, from_p, from_q = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    for axis in range(3):
+        gap = points[q, axis] - points[p, axis]
+        apart2 += gap * gap
+        from_p += gap * normals[p, axis]
+        from_q += gap * normals[q, axis]
+    return max(abs(from_p), abs(from_q)) > least_step * np.sqrt(apart2)
+
+
+@njit(cache=True)
 def _root(seam: np.ndarray, node: int) -> int:
     while seam[node] != node:
         seam[node] = seam[seam[node]]
@@ -64,8 +76,8 @@ def _root(seam: np.ndarray, node: int) -> int:
 @njit(cache=True)
 def _cut(
     points: np.ndarray, normals: np.ndarray, ring: np.ndarray, skin: np.ndarray, skin_points: np.ndarray,
-    skin_normals: np.ndarray, landmarks: np.ndarray, least_way: float, least_crease: float, sure_way: float,
-    sure_off: float,
+    skin_normals: np.ndarray, landmarks: np.ndarray, least_way: float, least_crease: float, least_step: float,
+    sure_way: float, sure_off: float,
 ) -> np.ndarray:  # fmt: skip
     count = len(points)
     seam = np.arange(count).astype(np.int32)  # union-find: the nodes of one contact
@@ -93,7 +105,8 @@ def _cut(
             and _off_sheet(points, p, skin_points, skin_normals, skin[p]) < sure_off
             and _off_sheet(points, q, skin_points, skin_normals, skin[q]) < sure_off
         )
-        evidence[_root(seam, p)] += 1 if shown or crease(points, normals, p, q) > least_crease else -1
+        folds = crease(points, normals, p, q) > least_crease or _steps(points, normals, p, q, least_step)
+        evidence[_root(seam, p)] += 1 if shown or folds else -1
     ring = ring.copy()
     for c in range(cuts):
         p, k = edge[c, 0], edge[c, 1]

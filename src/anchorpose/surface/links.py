@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from anchorpose.surface.surface import Surface
 
@@ -25,14 +26,36 @@ def compress_links(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Undirected pairs (m, 2) with their lengths (m,) to compressed rows (link_start, link_node, link_length_m).
 
-    Symmetric, each link once a side; of a pair given twice the shorter length counts.
+    Symmetric, each link once a side, rows in the order of the pairs; of a pair given twice the shorter length counts.
     """
-    one, other = np.concatenate([pairs, pairs[:, ::-1]]).astype(np.int64).T
-    key, length = one * count + other, np.concatenate([length_m, length_m])
-    order = np.lexsort((length, key))
-    key, length = key[order], length[order]
-    first = np.ones(len(key), bool)
-    first[1:] = key[1:] != key[:-1]
-    row, node = np.divmod(key[first], max(count, 1))
-    start = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=count))])
-    return start.astype(np.int32), node.astype(np.int32), length[first].astype(np.float32)
+    return _compress(pairs.astype(np.int32), length_m.astype(np.float32), count)
+
+
+@njit(cache=True)
+def _compress(pairs: np.ndarray, length: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    room = np.zeros(count + 1, np.int32)
+    for e in range(len(pairs)):
+        room[pairs[e, 0] + 1] += 1
+        room[pairs[e, 1] + 1] += 1
+    for n in range(count):
+        room[n + 1] += room[n]
+    filled = room[:-1].copy()
+    node, metres = np.empty(2 * len(pairs), np.int32), np.empty(2 * len(pairs), np.float32)
+    for e in range(len(pairs)):
+        for side in range(2):
+            here, there = pairs[e, side], pairs[e, 1 - side]
+            spot = room[here]
+            while spot < filled[here] and node[spot] != there:
+                spot += 1
+            if spot == filled[here]:
+                node[spot], metres[spot] = there, length[e]
+                filled[here] += 1
+            else:
+                metres[spot] = min(metres[spot], length[e])
+    start = np.zeros(count + 1, np.int32)
+    for n in range(count):  # close the gaps that pairs given twice have left
+        size = filled[n] - room[n]
+        start[n + 1] = start[n] + size
+        for k in range(size):
+            node[start[n] + k], metres[start[n] + k] = node[room[n] + k], metres[room[n] + k]
+    return start, node[: start[count]].copy(), metres[: start[count]].copy()

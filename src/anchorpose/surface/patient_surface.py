@@ -15,7 +15,7 @@ from anchorpose.surface.fusion import FusionConfig, fuse
 from anchorpose.surface.hidden import HiddenConfig, add_hidden_skin
 from anchorpose.surface.joins import join_pieces
 from anchorpose.surface.mesh import SheetConfig, build_surface
-from anchorpose.surface.skin_under import SkinUnderConfig, show_skin
+from anchorpose.surface.skin_under import SkinUnderConfig, find_contested, show_skin
 from anchorpose.surface.surface import Surface
 
 
@@ -41,20 +41,23 @@ def patient_surface(
     nothing hidden is added.
     """
     config = config or SurfaceConfig()
-    sheets = [_sheet(view, camera, expected, config) for view, camera in zip(views, cameras, strict=True)]
+    contested = None if expected is None else find_contested(expected, config.skin_under)
+    sheets = [_sheet(view, camera, expected, contested, config) for view, camera in zip(views, cameras, strict=True)]
     surface = fuse(sheets, cameras, expected, config.fusion)
     if expected is None:
         return surface
     return add_hidden_skin(surface, expected, [view.depth_m for view in views], cameras, config.hidden)
 
 
-def _sheet(view: View, camera: Camera, expected: ExpectedSkin | None, config: SurfaceConfig) -> Surface:
+def _sheet(
+    view: View, camera: Camera, expected: ExpectedSkin | None, contested: np.ndarray | None, config: SurfaceConfig
+) -> Surface:
     """What one camera sees of him."""
-    if expected is None:
+    if expected is None or contested is None:
         sheet = build_surface(view.depth_m, view.patient, camera, config.sheet, view.hidden_by_equipment)
     else:
         sheet = build_surface(view.depth_m, view.patient, camera, config.sheet)
-        sheet = cut_contacts(show_skin(sheet, camera, expected, config.skin_under), expected, config.contact)
+        sheet = cut_contacts(show_skin(sheet, camera, expected, contested, config.skin_under), expected, config.contact)
     return join_pieces(sheet, config.sheet.step, config.sheet.max_join_m)
 
 

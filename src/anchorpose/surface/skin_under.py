@@ -16,6 +16,7 @@ from anchorpose.surface.expected_skin import ExpectedSkin, way_over_skin
 from anchorpose.surface.surface import Surface
 
 CELL_PX = 6  # skin points hang on a grid of so many pixels: 4 cm at 2.4 m, a little more than they are apart
+LEAST_FACING = np.float32(-0.5)  # skin turned farther from the optical axis than 120 degrees is on the other side
 MOST_CANDIDATES = 128  # skin points looked at for one node; there are about ten within reach
 
 
@@ -39,17 +40,29 @@ class SkinUnderConfig:
                 raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
 
 
+def find_contested(expected: ExpectedSkin, config: SkinUnderConfig | None = None) -> np.ndarray:
+    """(k,) bool: skin points with skin beside them that is far away on the body; only there a node can be in doubt."""
+    config = config or SkinUnderConfig()
+    return _contested(
+        expected.points_m, expected.map.landmarks_m, np.float32(2.0 * config.doubt_m), np.float32(config.far_m)
+    )
+
+
 def show_skin(
-    surface: Surface, camera: Camera, expected: ExpectedSkin, config: SkinUnderConfig | None = None
-) -> Surface:
-    """One camera's surface with the skin point that each node shows, -1 where none is near."""
+    surface: Surface, camera: Camera, expected: ExpectedSkin, contested: np.ndarray,
+    config: SkinUnderConfig | None = None,
+) -> Surface:  # fmt: skip
+    """One camera's surface with the skin point that each node shows, -1 where none is near.
+
+    contested (k,) of ``find_contested``.
+    """
     config = config or SkinUnderConfig()
     if len(surface) == 0:
         return surface
     lens = camera.intrinsics
     candidates = _candidates(
         surface.points_m, surface.normals, surface.pixel, expected.points_m, expected.normals,
-        expected.map.landmarks_m, invert_rigid(camera.require_pose()).astype(np.float32),
+        expected.map.landmarks_m, contested, invert_rigid(camera.require_pose()).astype(np.float32),
         np.array([lens.fx, lens.fy, lens.cx, lens.cy], np.float32), camera.height // CELL_PX + 1,
         camera.width // CELL_PX + 1, np.float32(config.reach_m), np.float32(np.cos(np.radians(config.max_turn_deg))),
         np.float32(config.off_sheet), np.float32(config.doubt_m), np.float32(config.far_m),
@@ -64,8 +77,8 @@ def show_skin(
 @njit(cache=True, fastmath=True)
 def _candidates(
     points: np.ndarray, normals: np.ndarray, pixel: np.ndarray, skin: np.ndarray, skin_normals: np.ndarray,
-    landmarks: np.ndarray, T_camera_world: np.ndarray, lens: np.ndarray, rows: int, cols: int, reach: float,
-    min_cosine: float, off_sheet: float, doubt: float, far: float,
+    landmarks: np.ndarray, contested: np.ndarray, T_camera_world: np.ndarray, lens: np.ndarray, rows: int, cols: int,
+    reach: float, min_cosine: float, off_sheet: float, doubt: float, far: float,
 ) -> np.ndarray:  # fmt: skip
     """(n, 2): the nearest skin point of each node, and the nearest of those far from that one on the body, if in doubt.
 
@@ -80,7 +93,10 @@ def _candidates(
             x += T_camera_world[0, axis] * skin[k, axis]
             y += T_camera_world[1, axis] * skin[k, axis]
             z += T_camera_world[2, axis] * skin[k, axis]
-        if z <= 0.0:
+        facing = np.float32(0.0)
+        for axis in range(3):
+            facing -= T_camera_world[2, axis] * skin_normals[k, axis]
+        if z <= 0.0 or facing < LEAST_FACING:
             continue
         row, col = int((lens[1] * y / z + lens[3]) // CELL_PX), int((lens[0] * x / z + lens[2]) // CELL_PX)
         if 0 <= row < rows and 0 <= col < cols:
@@ -90,40 +106,64 @@ def _candidates(
     found = np.full((len(points), 2), -1, np.int32)
     if not finest < np.inf:
         return found
-    widest = int(np.ceil(reach / finest))
+    widest = int(np.ceil((reach + doubt) / finest))
     near, away = np.empty(MOST_CANDIDATES, np.int32), np.empty(MOST_CANDIDATES, np.float32)
     steep = off_sheet * off_sheet - np.float32(1.0)
     for n in range(len(points)):
         row, col = pixel[n, 0] // CELL_PX, pixel[n, 1] // CELL_PX
-        nearest, count = reach, 0
-        for ring in range(widest + 1):
-            if max(ring - 1, 0) * finest > nearest + doubt:
+        limit, count = reach, 0
+        for again in range(2):  # first the nearest, then, where it is contested, what is hardly farther off
+            for ring in range(widest + 1):
+                if max(ring - 1, 0) * finest > limit:
+                    break
+                for i in range(max(0, row - ring), min(rows, row + ring + 1)):
+                    stride = 1 if i == row - ring or i == row + ring else max(2 * ring, 1)
+                    for j in range(col - ring, col + ring + 1, stride):
+                        k = head[i, j] if 0 <= j < cols else -1
+                        while k >= 0:
+                            x, y, z = points[n, 0] - skin[k, 0], points[n, 1] - skin[k, 1], points[n, 2] - skin[k, 2]
+                            squared = x * x + y * y + z * z
+                            if squared < limit * limit:
+                                off = x * skin_normals[k, 0] + y * skin_normals[k, 1] + z * skin_normals[k, 2]
+                                squared += steep * off * off
+                            if squared < limit * limit:
+                                cosine = (normals[n, 0] * skin_normals[k, 0] + normals[n, 1] * skin_normals[k, 1]
+                                          + normals[n, 2] * skin_normals[k, 2])  # fmt: skip
+                                if cosine > min_cosine and again == 0:
+                                    limit, found[n, 0] = np.sqrt(squared), k
+                                elif cosine > min_cosine and count < MOST_CANDIDATES:
+                                    near[count], away[count] = k, np.sqrt(squared)
+                                    count += 1
+                            k = following[k]
+            if found[n, 0] < 0 or not contested[found[n, 0]]:
                 break
-            for i in range(max(0, row - ring), min(rows, row + ring + 1)):
-                stride = 1 if i == row - ring or i == row + ring else max(2 * ring, 1)
-                for j in range(col - ring, col + ring + 1, stride):
-                    if not 0 <= j < cols:
-                        continue
-                    k = head[i, j]
-                    while k >= 0:
-                        x, y, z = points[n, 0] - skin[k, 0], points[n, 1] - skin[k, 1], points[n, 2] - skin[k, 2]
-                        off = x * skin_normals[k, 0] + y * skin_normals[k, 1] + z * skin_normals[k, 2]
-                        limit = nearest + doubt
-                        squared = x * x + y * y + z * z + steep * off * off
-                        if squared < limit * limit and count < MOST_CANDIDATES:
-                            cosine = (normals[n, 0] * skin_normals[k, 0] + normals[n, 1] * skin_normals[k, 1]
-                                      + normals[n, 2] * skin_normals[k, 2])  # fmt: skip
-                            if cosine > min_cosine:
-                                near[count], away[count] = k, np.sqrt(squared)
-                                if away[count] < nearest:
-                                    nearest, found[n, 0] = away[count], k
-                                count += 1
-                        k = following[k]
-        second = nearest + doubt
+            if again == 0:
+                limit += doubt
         for c in range(count):
-            if away[c] < second and way_over_skin(landmarks, near[c], found[n, 0]) > far:
-                second, found[n, 1] = away[c], near[c]
+            if away[c] < limit and way_over_skin(landmarks, near[c], found[n, 0]) > far:
+                limit, found[n, 1] = away[c], near[c]
     return found
+
+
+@njit(cache=True, fastmath=True)
+def _contested(skin: np.ndarray, landmarks: np.ndarray, radius: float, far: float) -> np.ndarray:
+    """Skin points sorted by height: those within the radius of one follow each other."""
+    order = np.argsort(skin[:, 1])
+    contested = np.zeros(len(skin), np.bool_)
+    for first in range(len(order)):
+        a = order[first]
+        for second in range(first + 1, len(order)):
+            b = order[second]
+            y = skin[b, 1] - skin[a, 1]
+            if y > radius:
+                break
+            if contested[a] and contested[b]:
+                continue
+            x, z = skin[b, 0] - skin[a, 0], skin[b, 2] - skin[a, 2]
+            if x * x + y * y + z * z < radius * radius and way_over_skin(landmarks, a, b) > far:
+                contested[a] = True
+                contested[b] = True
+    return contested
 
 
 @njit(cache=True)
