@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from anchorpose.camera import Camera, Intrinsics
-from anchorpose.surface.mesh import compress_links
+from anchorpose.surface.links import compress_links, straight_m
 from anchorpose.surface.surface import Surface
 
 RING = ((0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1), (1, 0), (1, 1))
@@ -49,16 +51,31 @@ def grid_surface(points_m: np.ndarray, present: np.ndarray | None = None) -> Sur
     pixel = np.argwhere(present)
     ring = np.stack([index[pixel[:, 0] + 1 + i, pixel[:, 1] + 1 + j] for i, j in RING], axis=1)
     count = len(pixel)
-    start, node = compress_links(np.empty((0, 2), np.int32), count)
+    start, node, length = no_links(count)
     return Surface(
         points_m=points_m[present].astype(np.float32),
         normals=np.tile(np.array([1, 0, 0], np.float32), (count, 1)),
         ring=ring,
         link_start=start,
         link_node=node,
+        link_length_m=length,
         camera=np.zeros(count, np.uint8),
         pixel=pixel.astype(np.int16),
+        skin=np.full(count, -1, np.int32),
     )
+
+
+def no_links(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """link_start, link_node and link_length_m of a surface without links."""
+    return compress_links(np.empty((0, 2), np.int32), np.empty(0, np.float32), count)
+
+
+def with_links(surface: Surface, pairs: np.ndarray, length_m: np.ndarray | None = None) -> Surface:
+    """The surface with these links only, straight ones unless their lengths are given."""
+    pairs = np.asarray(pairs, np.int32)
+    length_m = straight_m(surface.points_m, pairs) if length_m is None else np.asarray(length_m, np.float32)
+    start, node, length = compress_links(pairs, length_m, len(surface))
+    return replace(surface, link_start=start, link_node=node, link_length_m=length)
 
 
 def flat_grid(rows: int, cols: int, spacing_m: float, present: np.ndarray | None = None) -> Surface:

@@ -19,6 +19,7 @@ from body_builder import (
     skin_in,
     stepped,
 )
+from surface_builder import no_links
 
 from anchorpose.body.constraints import (
     ConstraintConfig,
@@ -34,7 +35,6 @@ from anchorpose.body.fit import FitConfig
 from anchorpose.body.skin_points import PosedPoints, pose_points
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.isolation.view import PixelLabel, View
-from anchorpose.surface.mesh import compress_links
 from anchorpose.surface.surface import Surface
 
 CONFIG = ConstraintConfig()
@@ -46,15 +46,17 @@ POSED = pose_points(points(), REST, POSE)
 def nodes(points_m: np.ndarray, normals: np.ndarray, camera: int = 0) -> Surface:
     """Loose nodes: the rows do not ask for edges."""
     count = len(points_m)
-    start, node = compress_links(np.empty((0, 2), np.int32), count)
+    start, node, length = no_links(count)
     return Surface(
         points_m=points_m.astype(np.float32),
         normals=normals.astype(np.float32),
         ring=np.full((count, 8), -1, np.int32),
         link_start=start,
         link_node=node,
+        link_length_m=length,
         camera=np.full(count, camera, np.uint8),
         pixel=np.zeros((count, 2), np.int16),
+        skin=np.full(count, -1, np.int32),
     )
 
 

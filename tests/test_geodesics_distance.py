@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from surface_builder import flat_grid, grid_surface, kinect, sphere_depth
+from surface_builder import flat_grid, grid_surface, kinect, sphere_depth, with_links
 
 from anchorpose.geodesics.dijkstra import edge_distance
 from anchorpose.geodesics.fast_marching import geodesic_distance, geodesic_distance_to_set
-from anchorpose.surface.mesh import build_surface, compress_links, keep_nodes
+from anchorpose.surface.mesh import build_surface, keep_nodes
 
 SPACING = 0.013  # every second pixel of a Kinect v2 at 2.4 m
 
@@ -105,10 +105,7 @@ def test_the_order_of_the_nodes_changes_no_distance():
     order = np.random.default_rng(3).permutation(len(surface))
     place = np.empty(len(order) + 1, np.int32)
     place[order], place[-1] = np.arange(len(order)), -1
-    start, node = compress_links(np.empty((0, 2), np.int32), len(order))
-    shuffled = replace(
-        surface, points_m=surface.points_m[order], ring=place[surface.ring[order]], link_start=start, link_node=node
-    )
+    shuffled = replace(surface, points_m=surface.points_m[order], ring=place[surface.ring[order]])
     field = geodesic_distance(surface, [77])[0]
     np.testing.assert_allclose(geodesic_distance(shuffled, [place[77]])[0], field[order], atol=1e-6)
 
@@ -121,11 +118,12 @@ def test_another_piece_of_surface_is_infinitely_far_and_a_link_makes_it_near():
     right = surface.pixel[:, 1] > 14
     assert np.isinf(field[right]).all()
     assert np.isfinite(field[~right]).all()
-    pair = np.array([[13, 14]])  # across the gap in the first row
-    start, node = compress_links(pair, len(surface))
-    linked = geodesic_distance(replace(surface, link_start=start, link_node=node), [0])[0]
+    pair = [[13, 14]]  # across the gap in the first row
+    linked = geodesic_distance(with_links(surface, pair), [0])[0]
     assert linked[14] == pytest.approx(15 * SPACING, abs=1e-5)
     assert np.isfinite(linked).all()
+    longer = geodesic_distance(with_links(surface, pair, [0.5]), [0])[0]
+    assert longer[14] == pytest.approx(13 * SPACING + 0.5, abs=1e-5)
 
 
 def test_beyond_the_wanted_distance_nothing_is_said():

@@ -10,7 +10,8 @@ from surface_builder import FACING_X, kinect, plane_depth, sphere_depth
 
 from anchorpose.geodesics.fast_marching import geodesic_distance
 from anchorpose.surface.fusion import FusionConfig, fuse
-from anchorpose.surface.mesh import build_surface, links, pieces
+from anchorpose.surface.links import links
+from anchorpose.surface.mesh import build_surface, pieces
 
 FRONT = kinect()
 
@@ -43,24 +44,55 @@ def test_two_views_of_a_ball_become_one_piece_with_geodesics_as_on_the_ball():
 def test_links_join_cameras_both_ways_and_only_close_nodes():
     cameras = [FRONT, turned(30)]
     surface = fuse([see_ball(camera) for camera in cameras], cameras)
-    pair = links(surface)
-    assert len(pair) > 500
+    pair, length = links(surface)
+    assert len(pair) > 100
     assert (surface.camera[pair[:, 0]] != surface.camera[pair[:, 1]]).all()
-    assert np.linalg.norm(np.subtract(*surface.points_m[pair.T]), axis=1).max() <= FusionConfig().max_apart_m
+    np.testing.assert_allclose(length, np.linalg.norm(np.subtract(*surface.points_m[pair.T]), axis=1), atol=1e-6)
+    assert length.max() <= FusionConfig().max_apart_m
     row = np.repeat(np.arange(len(surface)), np.diff(surface.link_start))
     both = set(zip(row.tolist(), surface.link_node.tolist(), strict=True))
     assert all((b, a) in both for a, b in both)
 
 
-def test_nodes_keep_their_camera_and_its_edges():
+def test_where_both_see_the_same_skin_one_sheet_stays_but_for_the_seam():
+    cameras = [FRONT, turned(30)]
+    parts = [see_ball(camera) for camera in cameras]
+    surface = fuse(parts, cameras)
+    share = len(surface) / sum(len(part) for part in parts)
+    assert 0.5 < share < 0.8
+    both = np.abs(surface.points_m[:, 1] - 1.0) < 0.2  # away from the outline, where neither sees all corners
+    bearing = (surface.points_m - [0, 1, 0])[both] / 0.3
+    camera = surface.camera[both]
+    for k in (0, 1):
+        other = (cameras[1 - k].position_m - [0, 1, 0]) / 2.4
+        assert (bearing[camera == k] @ other).max() < 0.995  # nothing of the other's own middle is kept
+
+
+def test_nodes_that_stay_keep_their_places_and_the_edges_among_them():
     cameras = [FRONT, turned(30)]
     parts = [see_ball(camera) for camera in cameras]
     surface = fuse(parts, cameras)
     for k, part in enumerate(parts):
-        own = surface.camera == k
-        np.testing.assert_array_equal(surface.points_m[own], part.points_m)
-        first = np.flatnonzero(own)[0]
-        np.testing.assert_array_equal(np.where(surface.ring[own] >= 0, surface.ring[own] - first, -1), part.ring)
+        whole = {tuple(pixel): row for row, pixel in enumerate(part.pixel.tolist())}
+        own = np.flatnonzero(surface.camera == k)
+        there = np.array([whole[tuple(pixel)] for pixel in surface.pixel[own].tolist()])
+        np.testing.assert_array_equal(surface.points_m[own], part.points_m[there])
+        back = np.full(len(part) + 1, -1)
+        back[there] = own
+        np.testing.assert_array_equal(surface.ring[own], back[part.ring[there]])
+
+
+def test_no_seam_lengthens_a_way_around_the_ball():
+    cameras = [turned(-40), turned(40)]
+    surface = fuse([see_ball(camera) for camera in cameras], cameras)
+    bearing = (surface.points_m - [0, 1, 0]) / 0.3
+    bearing /= np.linalg.norm(bearing, axis=1, keepdims=True)
+    source = int(np.argmax(bearing @ [0.5, 0.0, 0.87]))
+    arc = 0.3 * np.arccos(np.clip(bearing @ bearing[source], -1, 1))
+    inside = bearing[:, 0] > 0.35
+    error = geodesic_distance(surface, [source])[0][inside] - arc[inside]
+    assert np.abs(error).mean() < 0.003
+    assert np.abs(error).max() < 0.010
 
 
 @pytest.mark.parametrize("ahead_m", [0.02, 0.06])
@@ -70,14 +102,14 @@ def test_an_arm_is_not_linked_to_the_trunk_behind_it(ahead_m):
     arm = plane_depth(side, np.array([0, 0, 1.0]), 2.4 - ahead_m)
     everywhere = np.ones(trunk.shape, bool)
     parts = [build_surface(trunk, everywhere, FRONT), build_surface(arm, everywhere, side)]
-    assert len(links(fuse(parts, [FRONT, side]))) == 0
+    assert len(fuse(parts, [FRONT, side]).link_node) == 0
 
 
 def test_front_and_back_of_a_thin_sheet_are_not_linked():
     sheet = plane_depth(FRONT, np.array([0, 0, 1.0]), 2.4)
     everywhere = np.ones(sheet.shape, bool)
     cameras = [FRONT, turned(180)]
-    assert len(links(fuse([build_surface(sheet, everywhere, camera) for camera in cameras], cameras))) == 0
+    assert len(fuse([build_surface(sheet, everywhere, camera) for camera in cameras], cameras).link_node) == 0
 
 
 def test_one_camera_stays_as_it_is_and_an_empty_one_adds_nothing():

@@ -12,7 +12,8 @@ from anchorpose.camera import transform_points
 from anchorpose.geodesics.fast_marching import geodesic_distance
 from anchorpose.surface.bridge import BridgeConfig
 from anchorpose.surface.edges import EdgeConfig
-from anchorpose.surface.mesh import SurfaceConfig, build_surface, edges, faces, keep_nodes, links, pieces
+from anchorpose.surface.joins import join_pieces
+from anchorpose.surface.mesh import SheetConfig, build_surface, edges, faces, keep_nodes, pieces
 
 CAMERA = kinect()
 EVERYWHERE = np.ones((CAMERA.height, CAMERA.width), bool)
@@ -20,6 +21,11 @@ EVERYWHERE = np.ones((CAMERA.height, CAMERA.width), bool)
 
 def mesh(depth_m, config=None, bridge=None, camera=CAMERA):
     return build_surface(depth_m, depth_m > 0, camera, config, bridge)
+
+
+def joined(depth_m):
+    config = SheetConfig()
+    return join_pieces(mesh(depth_m), config.step, config.max_join_m)
 
 
 def directions_in_camera(surface):
@@ -64,7 +70,7 @@ def test_faces_cover_a_sheet_once_and_turn_towards_the_camera():
 def test_faces_of_a_ragged_sheet_are_unique_and_stand_on_edges():
     rng = np.random.default_rng(2)
     depth = np.where(rng.random((CAMERA.height, CAMERA.width)) < 0.85, 2.0, 0.0).astype(np.float32)
-    surface = mesh(depth, SurfaceConfig(step=1, edge=EdgeConfig(min_support=0)))
+    surface = mesh(depth, SheetConfig(step=1, edge=EdgeConfig(min_support=0)))
     triangle = np.sort(faces(surface), axis=1)
     assert len(np.unique(triangle, axis=0)) == len(triangle)
     known = {tuple(pair) for pair in edges(surface).tolist()}
@@ -77,17 +83,17 @@ def test_faces_of_a_ragged_sheet_are_unique_and_stand_on_edges():
 def test_an_arm_before_the_trunk_is_apart_from_it():
     depth = np.full((CAMERA.height, CAMERA.width), 2.4, np.float32)
     depth[30:70, 50:66] = 2.25
-    surface = mesh(depth)
+    surface = joined(depth)
     assert pieces(surface).max() == 1
-    assert len(links(surface)) == 0
+    assert len(surface.link_node) == 0
 
 
 def test_an_arm_that_hangs_from_the_shoulder_is_joined_nowhere_else():
     depth = np.full((CAMERA.height, CAMERA.width), 2.4, np.float32)
     depth[20:80, 50:66] = (2.4 - np.minimum(np.arange(60) * 0.004, 0.08))[:, None]  # leaves the trunk gradually
-    surface = mesh(depth)
+    surface = joined(depth)
     assert pieces(surface).max() == 0
-    assert len(links(surface)) == 0
+    assert len(surface.link_node) == 0
     low = surface.pixel[:, 0] == 78
     across = edges(surface)[low[edges(surface)].all(axis=1)]
     assert np.abs(np.diff(surface.points_m[across][:, :, 0], axis=1)).max() < 0.04
@@ -107,10 +113,10 @@ def test_a_chin_before_the_neck_is_joined_to_it():
     depth = np.zeros((CAMERA.height, CAMERA.width), np.float32)
     depth[60:, 20:100] = 2.4  # shoulders and neck
     depth[10:60, 50:80] = 2.33
-    surface = mesh(depth)
+    surface = joined(depth)
     assert pieces(surface).max() == 0
-    assert len(links(surface)) > 0
-    assert pieces(mesh(depth, SurfaceConfig(max_join_m=0.0))).max() == 1
+    assert len(surface.link_node) > 0
+    assert pieces(mesh(depth)).max() == 1
 
 
 def test_crumbs_are_left_out_and_hands_are_not():
@@ -160,8 +166,8 @@ def test_a_gap_that_nothing_hides_is_not_bridged():
 
 def test_a_bar_wider_than_the_limit_is_not_bridged():
     depth, hidden = shins(np.s_[42:66])  # 16 cm
-    config = SurfaceConfig(bridge=BridgeConfig(max_width_m=0.12))
-    assert len(links(mesh(depth, config, hidden))) == 0
+    config = SheetConfig(bridge=BridgeConfig(max_width_m=0.12))
+    assert len(mesh(depth, config, hidden).link_node) == 0
 
 
 def test_a_moved_camera_moves_the_surface_and_changes_nothing_else():
@@ -206,4 +212,4 @@ def test_a_camera_without_pose_and_a_picture_of_another_size_are_refused():
 @pytest.mark.parametrize("wrong", [{"step": 0}, {"min_piece_m2": -1.0}, {"max_join_m": -0.1}, {"normal_radius_px": 0}])
 def test_an_impossible_mesh_is_refused(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
-        SurfaceConfig(**wrong)
+        SheetConfig(**wrong)

@@ -20,13 +20,16 @@ class ContactConfig:
     """What makes a contact: edges over a way that is too long, most of them with evidence, all of them connected."""
 
     least_way_m: float = 0.07  # over the body between neighbours of the mesh; less is what skin points 3 cm apart blur
-    least_crease: float = 0.10  # 6 degrees a node; an arm that was predicted elsewhere is cut nowhere on its smooth skin
+    least_crease: float = (
+        0.10  # 6 degrees a node; an arm that was predicted elsewhere is cut nowhere on its smooth skin
+    )
     least_step: float = 0.6  # sine of the angle at which an edge leaves the skin of either end: a hand on the trunk
     sure_way_m: float = 0.25  # parts so far apart on the body are told apart without a crease ...
-    sure_off_m: float = 0.02  # ... where both sides are as near as that to the sheet of their skin
+    sure_near_m: float = 0.06  # ... where both sides are as near as that to the skin that they show, ...
+    sure_off_m: float = 0.02  # ... and to its sheet: along the skin the prediction may be off by half a limb
 
     def __post_init__(self) -> None:
-        for name in ("least_way_m", "least_crease", "least_step", "sure_way_m", "sure_off_m"):
+        for name in ("least_way_m", "least_crease", "least_step", "sure_way_m", "sure_near_m", "sure_off_m"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
 
@@ -34,24 +37,35 @@ class ContactConfig:
 def cut_contacts(surface: Surface, expected: ExpectedSkin, config: ContactConfig | None = None) -> Surface:
     """The surface without the edges that a contact made; its ``skin`` is that of ``show_skin``.
 
-    A contact is a connected set of edges; it is cut if at least half of them fold inwards or show skin that is expected
+    A contact is a connected set of edges; it is cut if at least half of them fold inwards, step or show skin that is expected
     just there.
     """
     config = config or ContactConfig()
     ring = _cut(
         surface.points_m, surface.normals, surface.ring, surface.skin, expected.points_m, expected.normals,
         expected.map.landmarks_m, np.float32(config.least_way_m), np.float32(config.least_crease),
-        np.float32(config.least_step), np.float32(config.sure_way_m), np.float32(config.sure_off_m),
+        np.float32(config.least_step), np.float32(config.sure_way_m), np.float32(config.sure_near_m),
+        np.float32(config.sure_off_m),
     )  # fmt: skip
     return replace(surface, ring=ring)
 
 
 @njit(cache=True)
-def _off_sheet(points: np.ndarray, node: int, skin_points: np.ndarray, skin_normals: np.ndarray, under: int) -> float:
-    off = np.float32(0.0)
+def _beside(
+    points: np.ndarray,
+    node: int,
+    skin_points: np.ndarray,
+    skin_normals: np.ndarray,
+    under: int,
+    near: float,
+    off: float,
+) -> bool:
+    squared, along = np.float32(0.0), np.float32(0.0)
     for axis in range(3):
-        off += (points[node, axis] - skin_points[under, axis]) * skin_normals[under, axis]
-    return abs(off)
+        gap = points[node, axis] - skin_points[under, axis]
+        squared += gap * gap
+        along += gap * skin_normals[under, axis]
+    return squared < near * near and abs(along) < off
 
 
 @njit(cache=True)
@@ -77,7 +91,7 @@ def _root(seam: np.ndarray, node: int) -> int:
 def _cut(
     points: np.ndarray, normals: np.ndarray, ring: np.ndarray, skin: np.ndarray, skin_points: np.ndarray,
     skin_normals: np.ndarray, landmarks: np.ndarray, least_way: float, least_crease: float, least_step: float,
-    sure_way: float, sure_off: float,
+    sure_way: float, sure_near: float, sure_off: float,
 ) -> np.ndarray:  # fmt: skip
     count = len(points)
     seam = np.arange(count).astype(np.int32)  # union-find: the nodes of one contact
@@ -102,8 +116,8 @@ def _cut(
         p, q = edge[c, 0], ring[edge[c, 0], edge[c, 1]]
         shown = (
             way[c] > sure_way
-            and _off_sheet(points, p, skin_points, skin_normals, skin[p]) < sure_off
-            and _off_sheet(points, q, skin_points, skin_normals, skin[q]) < sure_off
+            and _beside(points, p, skin_points, skin_normals, skin[p], sure_near, sure_off)
+            and _beside(points, q, skin_points, skin_normals, skin[q], sure_near, sure_off)
         )
         folds = crease(points, normals, p, q) > least_crease or _steps(points, normals, p, q, least_step)
         evidence[_root(seam, p)] += 1 if shown or folds else -1

@@ -17,6 +17,7 @@ from anchorpose.surface.expected_skin import ExpectedSkin
 from anchorpose.surface.links import compress_links, links
 from anchorpose.surface.surface import HIDDEN_SKIN, Surface
 
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HiddenConfig:
     """What may be added to the seen surface."""

@@ -21,9 +21,7 @@ def straight_m(points_m: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     return length
 
 
-def compress_links(
-    pairs: np.ndarray, length_m: np.ndarray, count: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def compress_links(pairs: np.ndarray, length_m: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Undirected pairs (m, 2) with their lengths (m,) to compressed rows (link_start, link_node, link_length_m).
 
     Symmetric, each link once a side, rows in the order of the pairs; of a pair given twice the shorter length counts.

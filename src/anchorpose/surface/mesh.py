@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numba import njit
@@ -13,8 +13,8 @@ from anchorpose.camera import Camera, transform_points
 from anchorpose.surface.bridge import BridgeConfig, bridge_pairs
 from anchorpose.surface.denoise import DenoiseConfig, denoise, estimate_noise
 from anchorpose.surface.edges import EdgeConfig, drop_flying_pixels, jump_coefficients
-from anchorpose.surface.normals import estimate_normals
 from anchorpose.surface.links import compress_links, links, straight_m
+from anchorpose.surface.normals import estimate_normals
 from anchorpose.surface.surface import Surface
 
 RING = np.array([[0, 1], [-1, 1], [-1, 0], [-1, -1], [0, -1], [1, -1], [1, 0], [1, 1]], dtype=np.int64)

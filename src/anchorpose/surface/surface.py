@@ -7,7 +7,6 @@ from typing import Final
 
 import numpy as np
 
-
 HIDDEN_SKIN: Final = 255
 """``Surface.camera`` of a node that no camera saw."""
 

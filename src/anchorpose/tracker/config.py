@@ -35,6 +35,7 @@ class FollowConfig:
 
     look_ahead: int = 3  # N_Tr, depth of the track tree (paper, Section V)
     tree_nodes: int = 800  # source nodes of the tree: 40 a body part
+    see_again_m: float = 0.03  # skin expected so far from where it was when the frame came in: half a forearm's width
     part_reach_m: float = 0.08  # a node farther off the skin moves with no part
     history: int = 12  # frames kept for the motion dynamics
     samples: int = 16  # frames looked at beforehand for the background and for who stays

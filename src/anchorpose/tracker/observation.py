@@ -27,14 +27,26 @@ from anchorpose.tracker.stopwatch import Stopwatch
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Expectation:
+    """Where the patient should be: his skin, anchors_m (5, 3), heading (3,) unit; frames since the last fit."""
+
+    skin: ExpectedSkin
+    anchors_m: np.ndarray
+    facing: np.ndarray
+    frames_without_fit: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Observation:
     """One frame after the stages up to geodesics.
 
-    border (n,) uint8 of ``Border``: what each node ends at. pieces: the people's pixels, so that they can be told
+    expected: where the patient was expected, None in a frame of which nothing was. border (n,) uint8 of ``Border``: what
+    each node ends at. pieces: the people's pixels, so that they can be told
     apart again; crowd: where everybody's skin is.
     """
 
     frame_set: FrameSet
+    expected: Expectation | None
     evidence: Evidence
     anchors: Anchors
     descriptor: np.ndarray
@@ -46,16 +58,6 @@ class Observation:
     def surface(self) -> Surface:
         """The patient's surface."""
         return self.evidence.surface
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Expectation:
-    """Where the patient should be: his skin, anchors_m (5, 3), heading (3,) unit; frames since the last fit."""
-
-    skin: ExpectedSkin
-    anchors_m: np.ndarray
-    facing: np.ndarray
-    frames_without_fit: int
 
 
 def observe_first(
@@ -133,5 +135,4 @@ def _observed(
         crowd = remember(before, pieces, views, room.cameras, elapsed_s, config.isolation)
     with watch.stage("registration"):
         evidence = gather_evidence(surface, views, room.cameras)
-    return Observation(frame_set, evidence, anchors, descriptor, kind[: len(surface)], tuple(pieces), crowd)
-
+    return Observation(frame_set, expected, evidence, anchors, descriptor, kind[: len(surface)], tuple(pieces), crowd)

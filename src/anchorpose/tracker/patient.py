@@ -104,17 +104,21 @@ class PatientTracker:
         return poses
 
     def _look_ahead(self) -> list[Pose]:
-        """Predicted poses of the window's later frames; in the next one, people are told apart anew."""
+        """Predicted poses of the window's later frames; the next one is looked at again where that may change it.
+
+        Its pose is now predicted from the frame before. Other people are told apart anew, and where the patient is
+        expected at another place than when the frame came in, so is his surface.
+        """
         with self.watch.stage("prediction"):
             poses = self._predict(len(self.window) - 1)
-        if len(self.window[1].crowd.others.owner):
-            self._see_again(poses[0])
+        expected, before = self._expectation(poses[0]), self.window[1].expected
+        moved = before is None or _apart_m(expected, before) > self.config.follow.see_again_m
+        if moved or len(self.window[1].crowd.others.owner):
+            self._see_again(expected)
         return poses
 
-    def _see_again(self, pose: Pose) -> None:
-        """Tell people apart anew in the frame to be registered: now its pose is predicted from the frame before."""
+    def _see_again(self, expected: Expectation) -> None:
         now, config = self.window[0], self.config
-        expected = self._expectation(pose)
         seen = observe_again(self.window[1], self.room, expected, now, self.height_m, config, self.watch)
         self.window[1] = seen
         with self.watch.stage("association"):
@@ -187,6 +191,11 @@ class PatientTracker:
         joints = joints_of_parts(self.points.asset, self.rest.body, T_next_now @ now.transforms)
         pose = pose_from_joints(self.points, self.rest, poses[0], joints, config.registration.fit)
         return posterior(self.points, self.rest, pose, predicted, evidence, config.registration)
+
+
+def _apart_m(one: Expectation, other: Expectation) -> float:
+    """How far the skin is moved between two expectations, nine tenths of it less."""
+    return float(np.quantile(np.linalg.norm(one.skin.points_m - other.skin.points_m, axis=1), 0.9))
 
 
 def follow_patient(
