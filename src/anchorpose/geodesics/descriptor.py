@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from anchorpose.geodesics.anchors import Anchors
-from anchorpose.geodesics.fast_marching import geodesic_distance
+from anchorpose.geodesics.distance import geodesic_distance
 from anchorpose.surface.surface import Surface
 
 
