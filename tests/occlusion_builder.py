@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from surface_builder import flat_grid, grid_surface
@@ -42,7 +42,10 @@ def elliptic_hole(
         away = np.linalg.norm(flat, axis=2, keepdims=True)
         sideways = flat / np.maximum(away, 1e-12) * np.sin(away / ball_m)
         points = ball_m * np.concatenate([np.cos(away / ball_m), sideways], axis=2)
-    return Pierced(grid_surface(points), (square < hole).ravel(), flat.reshape(-1, 2))
+    whole = grid_surface(points)
+    if ball_m is not None:
+        whole = replace(whole, normals=whole.points_m / np.float32(ball_m))
+    return Pierced(whole, (square < hole).ravel(), flat.reshape(-1, 2))
 
 
 def lattice_hole(rows: int, cols: int, inside) -> Pierced:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from anchorpose.geodesics.paths import adjoin, apart, by_distance, came_from, is_bare, open_nodes
 from anchorpose.surface.surface import Surface
 
 TOLERANCE_M = 0.010
@@ -25,19 +26,23 @@ def trusted_anchors(
     descriptor (n, k) metres, from ``anchor_descriptor``: the distances as they are on this surface. rim (n,) bool:
     nodes where something else ends the surface, ``surface.border.border(...) == Border.CUT``; a band of some nodes
     around it does no harm, since only nodes whose own ring of neighbours is open can be bent around. The body's own
-    outline is no rim: it is there in every frame. Anchors missed (NaN) or not reached (inf) are not trusted.
+    outline is no rim: it is there in every frame. Links across what hides the skin lead straight on. Anchors missed
+    (NaN) or not reached (inf) are not trusted. Where the outline bends a path shortly before a rim does (a hole beside
+    the armpit), too few are: the way through the hole would have been bent as well.
     """
     if not tolerance_m >= 0:
         raise ValueError(f"tolerance_m must not be negative, got {tolerance_m}")
     with np.errstate(invalid="ignore"):
-        return detour(surface, descriptor, rim) <= tolerance_m
+        return detour(surface, descriptor, rim, 2.0 * tolerance_m) <= tolerance_m
 
 
-def detour(surface: Surface, descriptor: np.ndarray, rim: np.ndarray) -> np.ndarray:
+def detour(surface: Surface, descriptor: np.ndarray, rim: np.ndarray, enough_m: float = np.inf) -> np.ndarray:
     """(n, k) float32 metres: by how much occlusions lengthen each distance, were they filled flat.
 
-    Arguments as in ``trusted_anchors``. NaN where the distance is not finite. The direction of each path at a rim comes
-    from the field's own triangles, so that any solver's distances will do.
+    Arguments as in ``trusted_anchors``. NaN where the distance is not finite. A detour only grows along a path, so what
+    lies behind nodes of more than ``enough_m`` is given a lower bound of its own, which saves half the time; inf where
+    the path squeezes through a strip without triangles beside the occlusion, whose bends nobody knows. The direction of
+    each path at a rim comes from the field's own triangles, so that any solver's distances will do.
     """
     if descriptor.ndim != 2 or len(descriptor) != len(surface) or rim.shape != (len(surface),) or rim.dtype != bool:
         raise ValueError(
@@ -52,11 +57,12 @@ def detour(surface: Surface, descriptor: np.ndarray, rim: np.ndarray) -> np.ndar
         surface.link_start,
         surface.link_node,
         np.ascontiguousarray(descriptor.T, dtype=np.float32),
-        _open(surface.ring, rim),
+        open_nodes(surface.ring, rim),
+        np.float64(enough_m),
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _detours(
     points: np.ndarray,
     normals: np.ndarray,
@@ -65,43 +71,58 @@ def _detours(
     link_node: np.ndarray,
     fields: np.ndarray,
     rim: np.ndarray,
+    enough: float,
 ) -> np.ndarray:
     """Node by node in the order of distance; only rim nodes and what lies behind them need more than a glance.
 
     place (n, 2): where a shadow node is in the plane that its path is laid out in, the anchor at the origin and the
     path's first piece along the first axis; corner (n,): the rim node around which the path bends last, -1 in the
-    light; root (n,): the one around which it bends first, which names the plane.
+    light, -2 so deep in the shadow that nobody asks; root (n,): the one around which it bends first, which names the
+    plane.
     """
     count = len(points)
     found = np.full((count, len(fields)), np.nan, np.float32)
     hole = _hole_directions(points, ring, rim)
     place, heading, side = np.zeros((count, 2)), np.zeros((count, 3)), np.zeros(count)
     corner, root = np.full(count, -1, np.int32), np.full(count, -1, np.int32)
-    watched = np.zeros(count, np.bool_)
+    at_stake = np.zeros(count, np.bool_)  # rim nodes, and nodes with a nearer neighbour at a rim or in the shadow
     for row in range(len(fields)):
         distance = fields[row]
-        corner[:], root[:], watched[:] = -1, -1, rim
-        for node in _by_distance(distance):
+        corner[:], root[:], at_stake[:] = -1, -1, rim
+        for node in by_distance(distance):
             found[node, row] = 0.0
+            if not at_stake[node]:
+                continue
             place[node, 0], place[node, 1] = distance[node], 0.0
-            if distance[node] > 0.0 and (rim[node] or _behind(ring, link_start, link_node, distance, watched, node)):
-                a, b, share = _before(points, ring, link_start, link_node, distance, node)
-                if a < 0:
+            if not rim[node]:
+                least = _least_before(ring, link_start, link_node, distance, found[:, row], node)
+                if least > enough:
+                    found[node, row], corner[node] = least, -2
+                    _hand_on(ring, link_start, link_node, node, at_stake)
                     continue
-                for axis in range(3):
+            a, b, share = came_from(points, ring, link_start, link_node, distance, node)
+            heading[node] = 0.0  # and stays so behind a link: who comes across the hole does not bend around it
+            linked = a >= 0 and not adjoin(ring, node, a)
+            if a >= 0 and not (linked and corner[a] == -1):
+                for axis in range(0 if linked else 3):
                     start = (1.0 - share) * points[a, axis] + share * points[b, axis]
                     heading[node, axis] = points[node, axis] - start
                 _cast_shadow(
-                    points, normals, hole, rim, distance, a, b, share, node, place, corner, root, side, heading
+                    points, normals, hole, rim, distance, a, b, share, linked, node, place, corner, root, side, heading
                 )
-                if corner[node] >= 0:
-                    watched[node] = True
-                    chord = np.sqrt(place[node, 0] ** 2 + place[node, 1] ** 2)
-                    found[node, row] = max(distance[node] - chord, 0.0)
+            if corner[node] >= 0:
+                chord = np.sqrt(place[node, 0] ** 2 + place[node, 1] ** 2)
+                found[node, row] = max(distance[node] - chord, 0.0)
+            elif corner[node] == -2:
+                found[node, row] = found[a if share <= 0.5 else b, row]
+            if a == b and a >= 0 and rim[a] and rim[node] and is_bare(ring, node, a):
+                found[node, row], corner[node] = np.inf, -2
+            if corner[node] != -1 or rim[node]:
+                _hand_on(ring, link_start, link_node, node, at_stake)
     return found
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _cast_shadow(
     points: np.ndarray,
     normals: np.ndarray,
@@ -111,6 +132,7 @@ def _cast_shadow(
     a: int,
     b: int,
     share: float,
+    linked: bool,
     node: int,
     place: np.ndarray,
     corner: np.ndarray,
@@ -119,9 +141,15 @@ def _cast_shadow(
     heading: np.ndarray,
 ) -> None:
     """Where the node lies in the plane of its path, if that bends; its path comes from between a and b."""
+    if corner[a] == -2 or corner[b] == -2:
+        if corner[a if share <= 0.5 else b] == -2:
+            corner[node] = -2
+            return
+        a = a if share <= 0.5 else b
+        b, share = a, 0.0
     if rim[b] and not rim[a]:
         a, b, share = b, a, 1.0 - share
-    if rim[a] and (a == b or corner[b] == a or rim[b]):  # from the corner itself, or so near that it makes no odds
+    if rim[a] and not linked and (a == b or corner[b] == a or rim[b]):
         if rim[b] and share > 0.5:
             a = b
         turn = _bend(normals, hole, heading, points, a, node)
@@ -140,8 +168,8 @@ def _cast_shadow(
     if share > 0.0 and (corner[b] < 0 or root[b] == root[a]):
         b_x, b_y = place[b, 0], place[b, 1]
         if corner[b] < 0 and b != root[a]:
-            b_x, b_y = _third_corner(at_x, at_y, 0.0, 0.0, _apart(points, a, b), distance[b], side[root[a]])
-        from_a, from_b = _apart(points, a, node), _apart(points, b, node)
+            b_x, b_y = _third_corner(at_x, at_y, 0.0, 0.0, apart(points, a, b), distance[b], side[root[a]])
+        from_a, from_b = apart(points, a, node), apart(points, b, node)
         away = np.sign((b_x - at_x) * (at_y - place[last, 1]) - (b_y - at_y) * (at_x - place[last, 0]))
         at_x, at_y = _third_corner(at_x, at_y, b_x, b_y, from_a, from_b, away)
     while last >= 0:
@@ -157,7 +185,7 @@ def _cast_shadow(
         last = corner[last]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _around(
     distance: np.ndarray,
     at: int,
@@ -177,7 +205,7 @@ def _around(
     root[node] = root[at] if corner[at] >= 0 else at
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _arrival(at: int, place: np.ndarray, corner: np.ndarray) -> tuple[float, float]:
     """The direction in which the path comes to a rim node, in the plane."""
     if corner[at] < 0:
@@ -187,7 +215,7 @@ def _arrival(at: int, place: np.ndarray, corner: np.ndarray) -> tuple[float, flo
     return x / length, y / length
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _third_corner(
     a_x: float, a_y: float, b_x: float, b_y: float, from_a: float, from_b: float, side: float
 ) -> tuple[float, float]:
@@ -199,7 +227,7 @@ def _third_corner(
     return a_x + (x * along - y * across) / length, a_y + (y * along + x * across) / length
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _bend(normals: np.ndarray, hole: np.ndarray, heading: np.ndarray, points: np.ndarray, at: int, node: int) -> float:
     """The angle between the path's pieces to and from a rim node, seen along the normal; 0 unless towards the hole."""
     cosine, sine, side, up_in, up_out = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -219,152 +247,45 @@ def _bend(normals: np.ndarray, hole: np.ndarray, heading: np.ndarray, points: np
     return np.arctan2(sine, cosine)
 
 
-@njit(cache=True)
-def _before(
-    points: np.ndarray,
+@njit(cache=True, error_model="numpy")
+def _least_before(
     ring: np.ndarray,
     link_start: np.ndarray,
     link_node: np.ndarray,
     distance: np.ndarray,
+    found: np.ndarray,
     node: int,
-) -> tuple[int, int, float]:
-    """Where a node's path comes from: the point (1 - share) a + share b on an edge of its ring, or a node, a = b."""
-    best, one, other, share = np.inf, -1, -1, 0.0
-    for k in range(8):
-        a, b = ring[node, k], ring[node, (k + 1) % 8]
-        if b < 0 and _across(ring, node, k):
-            b = ring[node, (k + 2) % 8]
-        if a >= 0 and distance[a] < distance[node]:
-            reached = distance[a] + _apart(points, node, a)
-            if reached < best:
-                best, one, other, share = reached, a, a, 0.0
-        if a >= 0 and b >= 0 and distance[a] < distance[node] and distance[b] < distance[node]:
-            reached, crossing = _unfolded(points, distance, node, a, b)
-            if reached < best:
-                best, one, other, share = reached, a, b, crossing
-    for k in range(link_start[node], link_start[node + 1]):
-        a = link_node[k]
-        if distance[a] < distance[node]:
-            reached = distance[a] + _apart(points, node, a)
-            if reached < best:
-                best, one, other, share = reached, a, a, 0.0
-    return one, other, share
-
-
-@njit(cache=True)
-def _unfolded(points: np.ndarray, distance: np.ndarray, node: int, a: int, b: int) -> tuple[float, float]:
-    """Distance by way of edge a-b laid flat, and the share of the edge where the ray crosses; inf where it misses."""
-    c2, p2, dot = 0.0, 0.0, 0.0
-    for axis in range(3):
-        edge = np.float64(points[b, axis]) - points[a, axis]
-        arm = np.float64(points[node, axis]) - points[a, axis]
-        c2 += edge * edge
-        p2 += arm * arm
-        dot += edge * arm
-    if c2 <= 0.0:
-        return np.inf, 0.0
-    c = np.sqrt(c2)
-    node_x = dot / c
-    node_y = np.sqrt(max(p2 - node_x * node_x, 0.0))
-    d_a, d_b = np.float64(distance[a]), np.float64(distance[b])
-    source_x = (d_a * d_a - d_b * d_b + c2) / (2.0 * c)
-    source_y = np.sqrt(max(d_a * d_a - source_x * source_x, 0.0))
-    if source_y + node_y <= 0.0:
-        return np.inf, 0.0
-    crossing = (source_x + (node_x - source_x) * source_y / (source_y + node_y)) / c
-    if crossing < 0.0 or crossing > 1.0:
-        return np.inf, 0.0
-    return np.sqrt((node_x - source_x) ** 2 + (node_y + source_y) ** 2), crossing
-
-
-@njit(cache=True)
-def _apart(points: np.ndarray, a: int, b: int) -> float:
-    total = 0.0
-    for axis in range(3):
-        total += (np.float64(points[a, axis]) - points[b, axis]) ** 2
-    return np.sqrt(total)
-
-
-@njit(cache=True)
-def _behind(
-    ring: np.ndarray,
-    link_start: np.ndarray,
-    link_node: np.ndarray,
-    distance: np.ndarray,
-    watched: np.ndarray,
-    node: int,
-) -> bool:
-    """Whether a nearer neighbour is at a rim or behind one."""
+) -> float:
+    """The least detour among the nearer neighbours; the node's path passes between two of them."""
+    least = np.inf
     for k in range(8):
         other = ring[node, k]
-        if other >= 0 and watched[other] and distance[other] < distance[node]:
-            return True
+        if other >= 0 and distance[other] < distance[node]:
+            least = min(least, np.float64(found[other]))
     for k in range(link_start[node], link_start[node + 1]):
         other = link_node[k]
-        if watched[other] and distance[other] < distance[node]:
-            return True
-    return False
+        if distance[other] < distance[node]:
+            least = min(least, np.float64(found[other]))
+    return least
 
 
-@njit(cache=True)
-def _open(ring: np.ndarray, rim: np.ndarray) -> np.ndarray:
-    """(n,) bool: rim nodes around which the triangles do not close; a corner that a triangle cuts off is closed."""
-    is_open = np.zeros(len(ring), np.bool_)
-    for node in range(len(ring)):
-        if rim[node]:
-            for k in range(8):
-                if ring[node, k] < 0 and not _across(ring, node, (k + 7) % 8):
-                    is_open[node] = True
-    return is_open
+@njit(cache=True, error_model="numpy")
+def _hand_on(ring: np.ndarray, link_start: np.ndarray, link_node: np.ndarray, node: int, at_stake: np.ndarray) -> None:
+    for k in range(8):
+        if ring[node, k] >= 0:
+            at_stake[ring[node, k]] = True
+    for k in range(link_start[node], link_start[node + 1]):
+        at_stake[link_node[k]] = True
 
 
-@njit(cache=True)
-def _across(ring: np.ndarray, node: int, k: int) -> bool:
-    """Whether the ring's neighbours before and after a missing diagonal one are neighbours: a triangle of the node."""
-    if k % 2 == 1 or ring[node, k] < 0 or ring[node, (k + 2) % 8] < 0 or ring[node, (k + 1) % 8] >= 0:
-        return False
-    return ring[ring[node, k], (k + 3) % 8] == ring[node, (k + 2) % 8]
-
-
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _hole_directions(points: np.ndarray, ring: np.ndarray, rim: np.ndarray) -> np.ndarray:
     """(n, 3): at a rim node, away from the neighbours it has."""
     hole = np.zeros((len(points), 3))
-    for node in np.flatnonzero(rim):
+    for node in range(len(points)):
         for k in range(8):
-            if ring[node, k] >= 0:
-                length = _apart(points, ring[node, k], node)
+            if rim[node] and ring[node, k] >= 0:
+                length = apart(points, ring[node, k], node)
                 for axis in range(3):
                     hole[node, axis] -= (points[ring[node, k], axis] - points[node, axis]) / max(length, 1e-9)
     return hole
-
-
-@njit(cache=True)
-def _by_distance(distance: np.ndarray) -> np.ndarray:
-    """The nodes at a finite distance, nearest first: sorted into as many bins as nodes, then within each."""
-    farthest, count = 0.0, 0
-    for value in distance:
-        if np.isfinite(value):
-            farthest = max(farthest, np.float64(value))
-            count += 1
-    order = np.empty(count, np.int32)
-    scale = count / max(farthest, 1e-9)
-    start = np.zeros(count + 3, np.int32)
-    for value in distance:
-        if np.isfinite(value):
-            start[int(value * scale) + 2] += 1
-    for k in range(1, len(start)):
-        start[k] += start[k - 1]
-    for node in range(len(distance)):
-        if np.isfinite(distance[node]):
-            place = int(distance[node] * scale) + 1
-            order[start[place]] = node
-            start[place] += 1
-    for k in range(1, count):
-        node = order[k]
-        spot = k
-        while spot > 0 and distance[order[spot - 1]] > distance[node]:
-            order[spot] = order[spot - 1]
-            spot -= 1
-        order[spot] = node
-    return order
