@@ -73,7 +73,7 @@ def _detours(
     rim: np.ndarray,
     enough: float,
 ) -> np.ndarray:
-    """Node by node in the order of distance; only rim nodes and what lies behind them need more than a glance.
+    """(n, k). Node by node in the order of distance; only rim nodes and what lies behind them need more than a glance.
 
     place (n, 2): where a shadow node is in the plane that its path is laid out in, the anchor at the origin and the
     path's first piece along the first axis; corner (n,): the rim node around which the path bends last, -1 in the
@@ -81,23 +81,23 @@ def _detours(
     plane.
     """
     count = len(points)
-    found = np.full((count, len(fields)), np.nan, np.float32)
+    every = np.full((len(fields), count), np.nan, np.float32)
     hole = _hole_directions(points, ring, rim)
     place, heading, side = np.zeros((count, 2)), np.zeros((count, 3)), np.zeros(count)
     corner, root = np.full(count, -1, np.int32), np.full(count, -1, np.int32)
     at_stake = np.zeros(count, np.bool_)  # rim nodes, and nodes with a nearer neighbour at a rim or in the shadow
     for row in range(len(fields)):
-        distance = fields[row]
+        distance, found = fields[row], every[row]
         corner[:], root[:], at_stake[:] = -1, -1, rim
         for node in by_distance(distance):
-            found[node, row] = 0.0
+            found[node] = 0.0
             if not at_stake[node]:
                 continue
             place[node, 0], place[node, 1] = distance[node], 0.0
             if not rim[node]:
-                least = _least_before(ring, link_start, link_node, distance, found[:, row], node)
+                least = _least_before(ring, link_start, link_node, distance, found, node)
                 if least > enough:
-                    found[node, row], corner[node] = least, -2
+                    found[node], corner[node] = least, -2
                     _hand_on(ring, link_start, link_node, node, at_stake)
                     continue
             a, b, share = came_from(points, ring, link_start, link_node, distance, node)
@@ -112,14 +112,14 @@ def _detours(
                 )
             if corner[node] >= 0:
                 chord = np.sqrt(place[node, 0] ** 2 + place[node, 1] ** 2)
-                found[node, row] = max(distance[node] - chord, 0.0)
+                found[node] = max(distance[node] - chord, 0.0)
             elif corner[node] == -2:
-                found[node, row] = found[a if share <= 0.5 else b, row]
+                found[node] = found[a if share <= 0.5 else b]
             if a == b and a >= 0 and rim[a] and rim[node] and is_bare(ring, node, a):
-                found[node, row], corner[node] = np.inf, -2
+                found[node], corner[node] = np.inf, -2
             if corner[node] != -1 or rim[node]:
                 _hand_on(ring, link_start, link_node, node, at_stake)
-    return found
+    return every.T
 
 
 @njit(cache=True, error_model="numpy")
