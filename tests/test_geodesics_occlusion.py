@@ -175,9 +175,12 @@ def test_proposition_2_holds_for_the_union_of_bright_regions_and_the_intersectio
 
 
 @settings(max_examples=25)
-@given(HOLES, st.integers(0, 1000), st.integers(2, 5))
-def test_proposition_2_whenever_the_union_covers_the_border(pierced, seed, count):
-    seen = lights(pierced, some_nodes(pierced, seed, count), tolerance_m=ROUNDING_M)
+@given(HOLES, st.floats(0.0, 2 * np.pi), st.integers(3, 5))
+def test_proposition_2_whenever_the_union_covers_the_border(pierced, first_rad, count):
+    """With anchors around the hole, which mostly cover its border."""
+    angles = first_rad + 2 * np.pi * np.arange(count) / count
+    nodes = [at(pierced, 0.15 * np.cos(angle), 0.15 * np.sin(angle)) for angle in angles]
+    seen = lights(pierced, nodes, tolerance_m=ROUNDING_M)
     least = np.min([light.distortion_m for light in seen], axis=0)
     if border_is_covered(seen):
         assert np.nanmax(least) < GRAZING_M

@@ -262,6 +262,23 @@ def test_solvers_of_triangles_refuse_links_and_say_nothing_about_what_hangs_on_b
         geodesic_distance(replace(surface, link_start=start, link_node=node), [0], solver=solver)
 
 
+@pytest.mark.parametrize("solver", [Solver.HEAT, Solver.EXACT])
+def test_a_single_common_corner_is_no_passage_between_triangles(solver):
+    present = np.zeros((7, 7), bool)
+    present[:4, :4], present[3:, 3:] = True, True  # two sheets that share one node
+    surface = flat_grid(7, 7, SPACING, present)
+    first, last = (surface.pixel <= 3).all(axis=1), (surface.pixel >= 3).all(axis=1)
+    other = last & ~first
+    ends = surface.ring.copy()
+    ends[(first & ~last)[:, None] & np.append(other, False)[surface.ring]] = -1  # no edge beside the corner
+    ends[other[:, None] & np.append(first & ~last, False)[surface.ring]] = -1
+    surface = replace(surface, ring=ends)
+    field, both = (geodesic_distance_to_set(surface, nodes, solver=solver) for nodes in ([0], [15]))
+    np.testing.assert_array_equal(np.isnan(field), other)
+    assert surface.pixel[15].tolist() == [3, 3]
+    assert np.isfinite(both).all()  # from the corner itself both sheets are reached
+
+
 @pytest.mark.parametrize("solver", [Solver.FAST_MARCHING, Solver.DIJKSTRA])
 def test_links_are_paths_for_solvers_of_edges(solver):
     surface = flat_grid(2, 20, SPACING)

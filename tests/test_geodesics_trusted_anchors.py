@@ -15,6 +15,7 @@ from surface_builder import flat_grid
 from anchorpose.geodesics.anchors import find_anchors
 from anchorpose.geodesics.distance import Solver, geodesic_distance
 from anchorpose.geodesics.occlusion import light_from, occlude
+from anchorpose.geodesics.paths import came_from
 from anchorpose.geodesics.trusted_anchors import TOLERANCE_M, detour, trusted_anchors
 from anchorpose.surface.mesh import build_surface, compress_links, keep_nodes, pieces
 from anchorpose.surface.surface import Surface
@@ -149,6 +150,22 @@ def test_where_enough_is_said_to_be_enough_the_rest_is_as_it_was():
     whole, part = detour(seen, field, rim), detour(seen, field, rim, enough_m=0.02)
     np.testing.assert_allclose(part[whole < 0.012], whole[whole < 0.012], atol=1e-3)
     assert (part[whole > 0.03] > 0.012).all()
+
+
+def test_a_path_comes_through_the_triangle_that_a_missing_corner_leaves():
+    present = np.ones((5, 5), bool)
+    present[1, 1] = False
+    surface = flat_grid(5, 5, 0.013, present)
+    index = np.full((5, 5), -1)
+    index[present] = np.arange(len(surface))
+    source_m = np.array([0.0, 0.013, 0.0])  # up and left of the sheet, in line with the missing node and the middle
+    straight = np.linalg.norm(surface.points_m - source_m, axis=1).astype(np.float32)
+    a, b, share = came_from(
+        surface.points_m, surface.ring, surface.link_start, surface.link_node, straight, index[2, 2]
+    )
+    assert {a, b} == {index[1, 2], index[2, 1]}
+    towards_left = share if b == index[2, 1] else 1.0 - share
+    assert towards_left == pytest.approx(0.4, abs=1e-3)  # 3 rows down for 2 columns right
 
 
 def test_what_does_not_fit_together_is_refused():
