@@ -17,8 +17,8 @@ from anchorpose.camera import Camera, Intrinsics
 from anchorpose.geodesics.anchors import Anchors, find_anchors
 from anchorpose.geodesics.descriptor import anchor_descriptor
 from anchorpose.geodesics.dijkstra import edge_distance
+from anchorpose.geodesics.distance import geodesic_distance
 from anchorpose.geodesics.extrema import geodesic_extrema, surface_center
-from anchorpose.geodesics.fast_marching import geodesic_distance
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface.border import border
 from anchorpose.surface.denoise import denoise

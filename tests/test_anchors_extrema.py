@@ -7,8 +7,8 @@ import pytest
 from surface_builder import flat_grid, star
 
 from anchorpose.errors import DegenerateGeometry
+from anchorpose.geodesics.distance import geodesic_distance
 from anchorpose.geodesics.extrema import geodesic_extrema, surface_center
-from anchorpose.geodesics.fast_marching import geodesic_distance
 from anchorpose.surface.mesh import keep_nodes
 
 

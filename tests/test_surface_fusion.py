@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from surface_builder import FACING_X, kinect, plane_depth, sphere_depth
 
-from anchorpose.geodesics.fast_marching import geodesic_distance
+from anchorpose.geodesics.distance import geodesic_distance
 from anchorpose.surface.fusion import FusionConfig, fuse
 from anchorpose.surface.links import links
 from anchorpose.surface.mesh import build_surface, pieces

@@ -9,7 +9,7 @@ import pytest
 from surface_builder import kinect, plane_depth, sphere_depth
 
 from anchorpose.camera import transform_points
-from anchorpose.geodesics.fast_marching import geodesic_distance
+from anchorpose.geodesics.distance import geodesic_distance
 from anchorpose.surface.bridge import BridgeConfig
 from anchorpose.surface.edges import EdgeConfig
 from anchorpose.surface.joins import join_pieces

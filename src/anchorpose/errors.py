@@ -17,5 +17,13 @@ class InputError(AnchorposeError):
         super().__init__(f"{path}: {problem}; {remedy}.")
 
 
+class MissingPackage(AnchorposeError):
+    """An optional package that is not installed: what needs it, and how to get it."""
+
+    def __init__(self, purpose: str, package: str, extra: str) -> None:
+        self.package, self.extra = package, extra
+        super().__init__(f"{purpose} needs the package {package}; install it with: pip install 'anchorpose[{extra}]'.")
+
+
 class DegenerateGeometry(AnchorposeError):
     """Points that do not determine what was asked of them (too few, collinear, flat)."""

@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from anchorpose.geodesics.distance import geodesic_distance
 from anchorpose.geodesics.extrema import geodesic_extrema, surface_center
-from anchorpose.geodesics.fast_marching import geodesic_distance
 from anchorpose.surface.surface import Surface
 
 ANCHOR_NAMES: Final = ("Head", "HandLeft", "HandRight", "FootLeft", "FootRight")

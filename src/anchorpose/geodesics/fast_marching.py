@@ -11,59 +11,39 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from anchorpose.surface.surface import Surface
 
+def march(
+    points: np.ndarray,
+    ring: np.ndarray,
+    link_start: np.ndarray,
+    link_node: np.ndarray,
+    link_length: np.ndarray,
+    sources: np.ndarray,
+    max_distance: float,
+) -> np.ndarray:
+    """(s, n) float32: one field a source; inf where it does not reach, or beyond ``max_distance``.
 
-def geodesic_distance(surface: Surface, sources: np.ndarray, max_distance_m: float = np.inf) -> np.ndarray:
-    """One distance field a source.
-
-    sources (s,) int: nodes. Returns (s, n) float32 metres; inf where the source's piece of surface does not reach, or
-    beyond ``max_distance_m``. Raises ValueError on a source that is no node, or nodes that are not finite.
+    points (n, 3) float32, finite; ring, link_start, link_node, link_length as in ``Surface``; sources (s,) int32, nodes. Nothing is
+    checked here: ``distance.geodesic_distance`` is the way in.
     """
-    sources = require_nodes(surface, sources)
-    points = require_finite(surface)
-    fields = np.empty((len(sources), len(surface)), np.float32)
+    fields = np.empty((len(sources), len(points)), np.float32)
     for row in range(len(sources)):
-        fields[row] = _march(
-            points,
-            surface.ring,
-            surface.link_start,
-            surface.link_node,
-            surface.link_length_m,
-            sources[row : row + 1],
-            np.float64(max_distance_m),
-        )
+        fields[row] = _march(points, ring, link_start, link_node, link_length, sources[row : row + 1], np.float64(max_distance))
     return fields
 
 
-def geodesic_distance_to_set(surface: Surface, sources: np.ndarray, max_distance_m: float = np.inf) -> np.ndarray:
-    """(n,) float32 distance in metres to the nearest of the sources (s,); else as ``geodesic_distance``."""
-    sources = require_nodes(surface, sources)
-    field = _march(
-        require_finite(surface),
-        surface.ring,
-        surface.link_start,
-        surface.link_node,
-        surface.link_length_m,
-        sources,
-        np.float64(max_distance_m),
-    )
+def march_from_set(
+    points: np.ndarray,
+    ring: np.ndarray,
+    link_start: np.ndarray,
+    link_node: np.ndarray,
+    link_length: np.ndarray,
+    sources: np.ndarray,
+    max_distance: float,
+) -> np.ndarray:
+    """(n,) float32: the front leaves all sources at once; else as ``march``."""
+    field = _march(points, ring, link_start, link_node, link_length, sources, np.float64(max_distance))
     return field.astype(np.float32)
-
-
-def require_nodes(surface: Surface, sources: np.ndarray) -> np.ndarray:
-    """(s,) int32 sources, or ValueError where one is no node of the surface."""
-    nodes = np.atleast_1d(np.asarray(sources)).astype(np.int32)
-    if ((nodes < 0) | (nodes >= len(surface))).any():
-        raise ValueError(f"sources {nodes.tolist()} are not all nodes of a surface of {len(surface)}")
-    return nodes
-
-
-def require_finite(surface: Surface) -> np.ndarray:
-    """(n, 3) float32 positions, or ValueError where one is not finite."""
-    if not np.isfinite(surface.points_m).all():
-        raise ValueError("the surface has nodes whose position is not finite")
-    return np.ascontiguousarray(surface.points_m, dtype=np.float32)
 
 
 @njit(cache=True)

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from anchorpose.geodesics.anchors import ANCHOR_NAMES
+from anchorpose.geodesics.distance import geodesic_distance
 from anchorpose.geodesics.extrema import geodesic_extrema, surface_center
-from anchorpose.geodesics.fast_marching import geodesic_distance
 from anchorpose.results.canvas import enlarge, projector, scale_of, shade, write
 from anchorpose.results.overlay import OverlayScene, draw_scene
 from anchorpose.results.palette import ORANGE, PURPLE, SKY, VERMILLION, WHITE, YELLOW

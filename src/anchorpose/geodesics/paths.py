@@ -1,0 +1,147 @@
+"""Where each node's shortest path comes from, read off a field of distances.
+
+Compiled pieces for whoever follows paths through a field; distances may come from any solver.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, error_model="numpy")
+def came_from(
+    points: np.ndarray,
+    ring: np.ndarray,
+    link_start: np.ndarray,
+    link_node: np.ndarray,
+    distance: np.ndarray,
+    node: int,
+) -> tuple[int, int, float]:
+    """Where a node's path comes from: the point (1 - share) a + share b on an edge of its ring, or a node, a = b."""
+    best, one, other, share = np.inf, -1, -1, 0.0
+    for k in range(8):
+        a, b = ring[node, k], ring[node, (k + 1) % 8]
+        if b < 0 and _across(ring, node, k):
+            b = ring[node, (k + 2) % 8]
+        if a >= 0 and distance[a] < distance[node]:
+            reached = distance[a] + apart(points, node, a)
+            if reached < best:
+                best, one, other, share = reached, a, a, 0.0
+        if a >= 0 and b >= 0 and distance[a] < distance[node] and distance[b] < distance[node]:
+            reached, crossing = _unfolded(points, distance, node, a, b)
+            if reached < best:
+                best, one, other, share = reached, a, b, crossing
+    for k in range(link_start[node], link_start[node + 1]):
+        a = link_node[k]
+        if distance[a] < distance[node]:
+            reached = distance[a] + apart(points, node, a)
+            if reached < best:
+                best, one, other, share = reached, a, a, 0.0
+    return one, other, share
+
+
+@njit(cache=True, error_model="numpy")
+def _unfolded(points: np.ndarray, distance: np.ndarray, node: int, a: int, b: int) -> tuple[float, float]:
+    """Distance by way of edge a-b laid flat, and the share of the edge where the ray crosses; inf where it misses."""
+    c2, p2, dot = 0.0, 0.0, 0.0
+    for axis in range(3):
+        edge = np.float64(points[b, axis]) - points[a, axis]
+        arm = np.float64(points[node, axis]) - points[a, axis]
+        c2 += edge * edge
+        p2 += arm * arm
+        dot += edge * arm
+    if c2 <= 0.0:
+        return np.inf, 0.0
+    c = np.sqrt(c2)
+    node_x = dot / c
+    node_y = np.sqrt(max(p2 - node_x * node_x, 0.0))
+    d_a, d_b = np.float64(distance[a]), np.float64(distance[b])
+    source_x = (d_a * d_a - d_b * d_b + c2) / (2.0 * c)
+    source_y = np.sqrt(max(d_a * d_a - source_x * source_x, 0.0))
+    if source_y + node_y <= 0.0:
+        return np.inf, 0.0
+    crossing = (source_x + (node_x - source_x) * source_y / (source_y + node_y)) / c
+    if crossing < 0.0 or crossing > 1.0:
+        return np.inf, 0.0
+    return np.sqrt((node_x - source_x) ** 2 + (node_y + source_y) ** 2), crossing
+
+
+@njit(cache=True, error_model="numpy")
+def apart(points: np.ndarray, a: int, b: int) -> float:
+    total = 0.0
+    for axis in range(3):
+        total += (np.float64(points[a, axis]) - points[b, axis]) ** 2
+    return np.sqrt(total)
+
+
+@njit(cache=True, error_model="numpy")
+def adjoin(ring: np.ndarray, node: int, other: int) -> bool:
+    for k in range(8):  # noqa: SIM110
+        if ring[node, k] == other:
+            return True
+    return False
+
+
+@njit(cache=True, error_model="numpy")
+def is_bare(ring: np.ndarray, node: int, other: int) -> bool:
+    """Whether no triangle holds the edge to a neighbour."""
+    for k in range(8):
+        if ring[node, k] == other:
+            for way in (1, 2, 6, 7):  # a neighbour of both, one or two places around the ring
+                third = ring[node, (k + way) % 8]
+                if third >= 0 and adjoin(ring, third, other):
+                    return False
+            return True
+    return False
+
+
+@njit(cache=True, error_model="numpy")
+def open_nodes(ring: np.ndarray, rim: np.ndarray) -> np.ndarray:
+    """(n,) bool: rim nodes around which the triangles do not close; a corner that a triangle cuts off is closed."""
+    is_open = np.zeros(len(ring), np.bool_)
+    for node in range(len(ring)):
+        if rim[node]:
+            for k in range(8):
+                if ring[node, k] < 0 and not _across(ring, node, (k + 7) % 8):
+                    is_open[node] = True
+    return is_open
+
+
+@njit(cache=True, error_model="numpy")
+def _across(ring: np.ndarray, node: int, k: int) -> bool:
+    """Whether the ring's neighbours before and after a missing diagonal one are neighbours: a triangle of the node."""
+    if k % 2 == 1 or ring[node, k] < 0 or ring[node, (k + 2) % 8] < 0 or ring[node, (k + 1) % 8] >= 0:
+        return False
+    return ring[ring[node, k], (k + 3) % 8] == ring[node, (k + 2) % 8]
+
+
+@njit(cache=True, error_model="numpy")
+def by_distance(distance: np.ndarray) -> np.ndarray:
+    """The nodes at a finite distance, nearest first: sorted into as many bins as nodes, then within each."""
+    farthest, count = 0.0, 0
+    for value in distance:
+        if np.isfinite(value):
+            farthest = max(farthest, np.float64(value))
+            count += 1
+    order = np.empty(count, np.int32)
+    scale = count / max(farthest, 1e-9)
+    start = np.zeros(count + 3, np.int32)
+    for value in distance:
+        if np.isfinite(value):
+            start[int(value * scale) + 2] += 1
+    for k in range(1, len(start)):
+        start[k] += start[k - 1]
+    for node in range(len(distance)):
+        if np.isfinite(distance[node]):
+            place = int(distance[node] * scale) + 1
+            order[start[place]] = node
+            start[place] += 1
+    for k in range(1, count):
+        node = order[k]
+        spot = k
+        while spot > 0 and distance[order[spot - 1]] > distance[node]:
+            order[spot] = order[spot - 1]
+            spot -= 1
+        order[spot] = node
+    return order
