@@ -29,7 +29,7 @@ def lay_fan(
 
     points (n, 3) float32; ring (n, 8) int32. near (n, 8) uint32 gets the neighbour in each lane, n where there is none;
     fan (n, 24) float32 the columns above. A triangle exists when all its three edges do: the dot product of any other
-    is NaN, which no comparison lets pass, or one of a neighbour that is ``AWAY``. A missing neighbour is ``AWAY``.
+    is NaN, which no comparison lets pass. A missing neighbour is ``AWAY``.
     """
     nobody = len(points)
     rim = False
@@ -42,12 +42,12 @@ def lay_fan(
         length2 = edge[lane, 0] * edge[lane, 0] + edge[lane, 1] * edge[lane, 1] + edge[lane, 2] * edge[lane, 2]
         fan[node, EDGE2 + lane] = AWAY * AWAY if other < 0 else max(length2, SMALLEST)
     for lane in range(LANES):
-        other, place = max(ring[node, PLACE[lane]], 0), PLACE[lane]
+        other, place = ring[node, PLACE[lane]], PLACE[lane]
         left, right = LEFT[lane], RIGHT[lane]
         dot_left = edge[lane, 0] * edge[left, 0] + edge[lane, 1] * edge[left, 1] + edge[lane, 2] * edge[left, 2]
         dot_right = edge[lane, 0] * edge[right, 0] + edge[lane, 1] * edge[right, 1] + edge[lane, 2] * edge[right, 2]
-        whole_left = ring[other, (place + 3) & 7] == ring[node, PLACE[left]]
-        whole_right = ring[other, (place + 5) & 7] == ring[node, PLACE[right]]
+        whole_left = other >= 0 and ring[other, (place + 3) & 7] == ring[node, PLACE[left]]
+        whole_right = other >= 0 and ring[other, (place + 5) & 7] == ring[node, PLACE[right]]
         fan[node, DOT_LEFT + lane] = dot_left if whole_left else np.nan
         fan[node, DOT_RIGHT + lane] = dot_right if whole_right else np.nan
     return rim

@@ -6,6 +6,7 @@ Raw sensor noise lengthens geodesics by about a tenth; smoothing comes before an
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -94,7 +95,7 @@ def _copy_masked(
 
 @njit(cache=True, error_model="numpy")
 def _differences(depth: np.ndarray, mask: np.ndarray, top: int, bottom: int, left: int, right: int) -> tuple:
-    """Of each three readings in a row, the middle one at z: |second difference| / z**2 (k,); step / z and step / z**2."""
+    """Of three readings in a row about z: (k,) second difference over z**2; (k, 2) step over z and over z**2."""
     bend = np.empty(max((bottom - top) * (right - left), 0))
     step = np.empty((len(bend), 2))
     count = 0
@@ -111,9 +112,9 @@ def _differences(depth: np.ndarray, mask: np.ndarray, top: int, bottom: int, lef
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
 def _bilateral(
-    depth: np.ndarray, reach: float, spatial: np.ndarray, top: int, bottom: int, left: int, right: int
+    depth: np.ndarray, reach: Any, spatial: np.ndarray, top: int, bottom: int, left: int, right: int
 ) -> np.ndarray:
-    """reach: where the biweight ends, metres per squared metre of depth. A whole row at once, one tap after the other."""
+    """reach: where the biweight ends, metres per squared metre of depth. A row at once, neighbour by neighbour."""
     radius, width = len(spatial) // 2, depth.shape[1]
     smooth = np.zeros_like(depth)
     inverse, total, weights = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
@@ -127,8 +128,8 @@ def _bilateral(
                 low, high = max(first, -j), min(last, width - j)
                 near = spatial[i - row + radius, j + radius]
                 _add_tap(
-                    depth, np.uint64(row), np.uint64(i), np.uint64(low), np.uint64(low + j), np.uint64(max(high - low, 0)),
-                    near, inverse, total, weights,
+                    depth, np.uint64(row), np.uint64(i), np.uint64(low), np.uint64(low + j),
+                    np.uint64(max(high - low, 0)), near, inverse, total, weights,
                 )  # fmt: skip
         for col in range(first, last):
             if depth[row, col] > 0.0:
@@ -138,7 +139,7 @@ def _bilateral(
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
 def _add_tap(
-    depth: np.ndarray, row: int, i: int, at: int, there: int, count: int, near: float, inverse: np.ndarray,
+    depth: np.ndarray, row: Any, i: Any, at: Any, there: Any, count: Any, near: Any, inverse: np.ndarray,
     total: np.ndarray, weights: np.ndarray,
 ) -> None:  # fmt: skip
     """One neighbour of each pixel of a row; unsigned, so that no index can mean one from the end."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -44,7 +45,7 @@ def drop_flying_pixels(depth_m: np.ndarray, slope: float, spread: float, min_sup
 
 @njit(cache=True)
 def _supported(
-    depth: np.ndarray, slope: float, spread: float, min_support: int, top: int, bottom: int, left: int, right: int
+    depth: np.ndarray, slope: Any, spread: Any, min_support: int, top: int, bottom: int, left: int, right: int
 ) -> np.ndarray:
     kept, width = np.zeros_like(depth), depth.shape[1]
     limit, support = np.empty(width, np.float32), np.empty(width, np.int32)
@@ -57,8 +58,8 @@ def _supported(
             for j in range(-1, 2):
                 low, high = max(first, -j), min(last, width - j)
                 _count_tap(
-                    depth, np.uint64(row), np.uint64(i), np.uint64(low), np.uint64(low + j), np.uint64(max(high - low, 0)),
-                    limit, support,
+                    depth, np.uint64(row), np.uint64(i), np.uint64(low), np.uint64(low + j),
+                    np.uint64(max(high - low, 0)), limit, support,
                 )  # fmt: skip
         for col in range(first, last):
             if depth[row, col] > 0.0 and support[col] >= min_support:
@@ -68,7 +69,7 @@ def _supported(
 
 @njit(cache=True)
 def _count_tap(
-    depth: np.ndarray, row: int, i: int, at: int, there: int, count: int, limit: np.ndarray, support: np.ndarray
+    depth: np.ndarray, row: Any, i: Any, at: Any, there: Any, count: Any, limit: np.ndarray, support: np.ndarray
 ) -> None:
     """One neighbour of each pixel of a row; unsigned, so that no index can mean one from the end."""
     for k in range(count):

@@ -8,7 +8,7 @@ from numba import njit
 
 @njit(cache=True)
 def extent(mask: np.ndarray) -> tuple:
-    """(top, bottom, left, right), past the last, of the nonzero entries of (height, width); all 0 where there is none."""
+    """(top, bottom, left, right), past the last, of the positive entries of (height, width); all 0 without any."""
     height, width = mask.shape
     columns = np.zeros(width, np.uint8)
     top, bottom = height, 0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 
@@ -14,11 +16,14 @@ def estimate_normals(
     """Unit normals in the camera frame, towards the camera; NaN where fewer than three neighbours fix a plane.
 
     depth_m (height, width) float32 metres, 0 = no reading; rays (height, width, 2) float32 of ``Camera.pixel_rays``;
-    pixel (n, 2) int16 row and column, in raster order. slope, spread: the jump limit a pixel of ``jump_coefficients``. Returns (n, 3)
-    float32. A plane has an inverse depth linear in the rays, so the fit is exact on planes however slanted, and with a
-    noise that grows with z**2 every pixel has the same variance in it.
+    pixel (n, 2) int16 row and column, each with a reading, fastest in raster order. slope, spread: the jump limit a
+    pixel of ``jump_coefficients``. Returns (n, 3) float32. Raises ValueError on a pixel without a reading. A plane
+    has an inverse depth linear in the rays, so the fit is exact on planes however slanted, and with a noise that grows
+    with z**2 every pixel has the same variance in it.
     """
     depth = np.ascontiguousarray(depth_m, dtype=np.float32)
+    if not (depth[pixel[:, 0], pixel[:, 1]] > 0).all():
+        raise ValueError("a normal was asked for where there is no reading")
     return _plane_normals(depth, rays, pixel, radius_px, np.float32(slope), np.float32(spread), *extent(depth))
 
 
@@ -28,10 +33,10 @@ S, SU, SV, SUU, SUV, SVV, SW, SUW, SVW, LIMIT, NX, NY, NZ = (np.uint64(TILE * pl
 
 @njit(cache=True)
 def _plane_normals(
-    depth: np.ndarray, rays: np.ndarray, pixel: np.ndarray, radius: int, slope: float, spread: float,
+    depth: np.ndarray, rays: np.ndarray, pixel: np.ndarray, radius: int, slope: Any, spread: Any,
     top: int, bottom: int, left: int, right: int,
 ) -> np.ndarray:  # fmt: skip
-    """pixel: in the order of the rows, within a row from left to right. The box holds every reading."""
+    """The box holds every reading."""
     shape = (bottom - top + 2 * radius, right - left + 2 * radius + 1)
     z, inverse, u, v = (
         np.zeros(shape, np.float32),
@@ -45,10 +50,12 @@ def _plane_normals(
     node = 0
     while node < len(pixel):
         row, first, end = pixel[node, 0], np.int64(pixel[node, 1]), node
-        while end < len(pixel) and pixel[end, 0] == row and pixel[end, 1] < first + TILE:
+        last = first
+        while end < len(pixel) and pixel[end, 0] == row and first <= pixel[end, 1] < first + TILE:
+            last = max(last, np.int64(pixel[end, 1]))
             end += 1
         own, at = np.uint64(row - top + radius), np.uint64(first - left + radius)
-        count = np.uint64(pixel[end - 1, 1] + 1 - first)
+        count = np.uint64(last + 1 - first)
         sums[: 9 * TILE] = 0.0
         for k in range(count):
             sums[LIMIT + k] = slope * z[own, at + k] + spread * z[own, at + k] * z[own, at + k]
@@ -69,8 +76,8 @@ def _plane_normals(
 
 
 @njit(cache=True)
-def _tap_weight(i: int, j: int, radius: int) -> float:
-    """Weight of a neighbour i rows and j columns away; 0 beyond the window, whose sides are odd and taken two by two."""
+def _tap_weight(i: int, j: int, radius: int) -> Any:
+    """Weight of a neighbour i rows and j columns away; 0 beyond the window, whose odd rows are taken two by two."""
     return np.float32(1.0 - (i**2 + j**2) / (2.0 * (radius + 1) ** 2)) if j <= radius else np.float32(0.0)
 
 
@@ -79,7 +86,7 @@ def _lay_out(
     depth: np.ndarray, rays: np.ndarray, z: np.ndarray, inverse: np.ndarray, u: np.ndarray, v: np.ndarray, margin: int,
     top: int, bottom: int, left: int, right: int,
 ) -> None:  # fmt: skip
-    """Depth, its inverse, and the rays of the box, each by itself, with a margin, so that no neighbour needs a test."""
+    """Depth, its inverse, and the rays of the box, each by itself, with a margin: no neighbour needs a test."""
     for i in range(bottom - top):
         for j in range(right - left):
             reading = depth[i + top, j + left]
@@ -93,8 +100,8 @@ def _lay_out(
 
 @njit(cache=True, fastmath={"contract", "nsz"})
 def _add_taps(
-    z: np.ndarray, inverse: np.ndarray, u: np.ndarray, v: np.ndarray, sums: np.ndarray, row: int, i: int, at: int,
-    there: int, count: int, apart_a: float, apart_b: float, weight_a: float, weight_b: float,
+    z: np.ndarray, inverse: np.ndarray, u: np.ndarray, v: np.ndarray, sums: np.ndarray, row: Any, i: Any, at: Any,
+    there: Any, count: Any, apart_a: Any, apart_b: Any, weight_a: Any, weight_b: Any,
 ) -> None:  # fmt: skip
     """Two neighbours of each pixel, about that pixel's own ray and inverse depth, which keeps float32 exact."""
     for k in range(count):
@@ -124,7 +131,7 @@ def _add_taps(
 
 
 @njit(cache=True, error_model="numpy")
-def _solve(inverse: np.ndarray, u: np.ndarray, v: np.ndarray, sums: np.ndarray, row: int, at: int, count: int) -> None:
+def _solve(inverse: np.ndarray, u: np.ndarray, v: np.ndarray, sums: np.ndarray, row: Any, at: Any, count: Any) -> None:
     """Plane a u + b v + c = 1 / z in the camera's own rays; NaN where the pixels seen are one, or a line of them."""
     for k in range(count):
         s, su, sv = np.float64(sums[S + k]), np.float64(sums[SU + k]), np.float64(sums[SV + k])
