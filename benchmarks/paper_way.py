@@ -21,9 +21,7 @@ from statistics import median
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from test_kernels import FACING, HEIGHT_M, UP, camera_at, render
+from test_kernels import FACING, HEIGHT_M, UP, camera_at, largest_piece, manifold, render
 
 from anchorpose.camera import Camera
 from anchorpose.geodesics.anchors import find_anchors
@@ -126,21 +124,6 @@ def errors_mm(way: Way) -> tuple[float, float, float]:
     return float(every.mean()), float(every.max()), float(np.isfinite(way.fields_m).mean())
 
 
-def manifold(triangles: np.ndarray) -> np.ndarray:
-    """The triangles less those at an edge that more than two share, which no exact method takes."""
-    sides = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
-    _, number, counts = np.unique(sides, axis=0, return_inverse=True, return_counts=True)
-    return triangles[(counts[number.reshape(3, -1)] <= 2).all(axis=0)]
-
-
-def largest_piece(triangles: np.ndarray, count: int) -> np.ndarray:
-    """The triangles that hang together by their corners, most of them; elsewhere the exact method has no answer."""
-    sides = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]]])
-    graph = coo_array((np.ones(len(sides), np.int8), sides.T), shape=(count, count))
-    piece = connected_components(graph, directed=False)[1][triangles[:, 0]]
-    return triangles[piece == np.bincount(piece).argmax()]
-
-
 def gather(runs: list[Way]) -> Way:
     """The last run's result with everybody's times."""
     last = runs[-1]
@@ -175,10 +158,13 @@ def main() -> None:
     pixels = surface.pixel[anchors.node[anchors.found]].astype(np.int64)
     seen = np.argwhere(depth > 0)
     cloud = camera.back_project(depth)[depth > 0]
-    starts = ((seen[None] - pixels[:, None]) ** 2).sum(axis=2).argmin(axis=1)
+    away = ((seen[None] - pixels[:, None]) ** 2).sum(axis=2)
     paper: list[Way] = []
     ours: dict[int, list[Way]] = {1: [], 2: []}
     with TemporaryDirectory() as folder:
+        first = run_paper(program, cloud, away.argmin(axis=1), arguments.radius, Path(folder))
+        meshed = np.unique(largest_piece(manifold(first.triangles), len(cloud)))  # greedy projection leaves tips out
+        starts = meshed[away[:, meshed].argmin(axis=1)]
         for _ in range(arguments.runs):
             paper.append(run_paper(program, cloud, starts, arguments.radius, Path(folder)))
             for step, runs in ours.items():
