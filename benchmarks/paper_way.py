@@ -2,8 +2,8 @@
 
 The paper smooths and triangulates the point cloud with PCL and runs Dijkstra along the edges of the mesh; paper_way/ is
 that as a C++ program, built here with CMake against Debian's libpcl-dev (apt install libpcl-dev libboost-graph-dev
-cmake g++). Both ways take turns in one run on one core, from the same noisy pixels, and their distances are compared
-with the exact ones (pygeodesic) on their own meshes. Printed are times, and their ratio.
+cmake g++). Both ways take turns in one run on one core, from the same noisy pixels, each warmed up. Their distances are
+compared with the exact ones (pygeodesic) on their own meshes. Printed are times, and their ratio.
 """
 
 from __future__ import annotations
@@ -83,8 +83,9 @@ def run_paper(program: Path, cloud_m: np.ndarray, sources: np.ndarray, radius_m:
 
 
 def run_ours(depth_m: np.ndarray, camera: Camera, pixels: np.ndarray, step: int) -> Way:
-    """One run of build_surface and geodesic_distance from the nodes nearest to pixels (s, 2)."""
+    """One run of build_surface and geodesic_distance from the nodes nearest to pixels (s, 2), after one to warm up."""
     config = SurfaceConfig(step=step)
+    geodesic_distance(build_surface(depth_m, depth_m > 0, camera, config), np.zeros(5, np.int32))
     begin = time.perf_counter()
     surface = build_surface(depth_m, depth_m > 0, camera, config)
     meshed = time.perf_counter()

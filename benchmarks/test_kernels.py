@@ -2,7 +2,8 @@
 
 One frame of a standing figure as a Kinect v2 sees it at 2.4 m, about 12,000 pixels, meshed on every pixel (full) and
 on every second one (half). Beside our kernels, in the same run, what else there is for the same step; each is skipped
-where its library is not installed (open3d, pygeodesic, potpourri3d). The paper's own way in C++ is in paper_way.py. On one core: OMP_NUM_THREADS=1 taskset -c 0 pytest ...
+where its library is not installed (open3d, pygeodesic, potpourri3d). The paper's own way in C++ is in paper_way.py. On
+one core: OMP_NUM_THREADS=1 taskset -c 0 pytest ...
 """
 
 from __future__ import annotations
@@ -119,7 +120,7 @@ def mesh(frames) -> Mesh:
 
 
 def manifold(triangles: np.ndarray) -> np.ndarray:
-    """The triangles less those at edges of more than two, or at nodes where several fans meet: libraries refuse both."""
+    """The triangles less those at edges of more than two, or at nodes where several fans meet: refused by libraries."""
     while True:
         sides = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
         ends, number, counts = np.unique(sides, axis=0, return_inverse=True, return_counts=True)

@@ -268,19 +268,20 @@ def _link_ring(
     linked = np.full((len(pixel), 8), -1, np.int32)
     for node in range(len(pixel)):
         row, col = np.int64(pixel[node, 0]), np.int64(pixel[node, 1])
+        own, here_row, here_col = depth[row, col], row // step, col // step
         for place in range(4):  # the other four are the same edges from their other ends
-            i, j = row // step + ring[place, 0], col // step + ring[place, 1]
+            down, right = ring[place, 0], ring[place, 1]
+            i, j = here_row + down, here_col + right
             if i < 0 or i >= rows or j < 0 or j >= cols or index[i, j] < 0:
                 continue
-            other = index[i, j]
-            far = max(depth[row, col], depth[i * step, j * step])
+            far = max(own, depth[i * step, j * step])  # of both, so that the test is the same both ways
             limit = slope * far + spread * far * far
-            last, whole = depth[row, col], True
+            last, whole = own, True
             for walk in range(1, step + 1):
-                here = depth[row + walk * ring[place, 0], col + walk * ring[place, 1]]
+                here = depth[row + walk * down, col + walk * right]
                 if here > 0.0:
                     whole = whole and abs(here - last) <= limit
                     last = here
             if whole:
-                linked[node, place], linked[other, place + 4] = other, node
+                linked[node, place], linked[index[i, j], place + 4] = index[i, j], node
     return linked
