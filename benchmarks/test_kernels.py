@@ -1,6 +1,9 @@
 """How long each step from depth picture to hypotheses takes: pytest benchmarks/test_kernels.py --benchmark-only.
 
-One frame of a standing figure as a Kinect v2 sees it at 2.4 m, about 15,000 pixels, meshed on every second pixel.
+One frame of a standing figure as a Kinect v2 sees it at 2.4 m, about 12,000 pixels, meshed on every pixel (full) and
+on every second one (half). Beside our kernels, in the same run, what else there is for the same step; each is skipped
+where its library is not installed (open3d, pygeodesic, potpourri3d). The paper's own way in C++ is in paper_way.py. On
+one core: OMP_NUM_THREADS=1 taskset -c 0 pytest ...
 """
 
 from __future__ import annotations
@@ -9,6 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components, dijkstra
 
 from anchorpose.association.hypotheses import anchor_subsets, match_hypotheses
 from anchorpose.body.asset import load_body_asset
@@ -16,14 +21,16 @@ from anchorpose.body.shaped import shape_body
 from anchorpose.camera import Camera, Intrinsics
 from anchorpose.geodesics.anchors import Anchors, find_anchors
 from anchorpose.geodesics.descriptor import anchor_descriptor
-from anchorpose.geodesics.dijkstra import edge_distance
+from anchorpose.geodesics.dijkstra import edge_distance, edge_graph
 from anchorpose.geodesics.distance import geodesic_distance
 from anchorpose.geodesics.extrema import geodesic_extrema, surface_center
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface.border import border
-from anchorpose.surface.denoise import denoise
+from anchorpose.surface.denoise import denoise, estimate_noise
+from anchorpose.surface.edges import drop_flying_pixels
 from anchorpose.surface.fusion import fuse
-from anchorpose.surface.mesh import build_surface
+from anchorpose.surface.mesh import SheetConfig, build_surface, faces, pieces
+from anchorpose.surface.normals import estimate_normals
 from anchorpose.surface.surface import Surface
 
 UP, FACING = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
@@ -40,6 +47,16 @@ class Frame:
     surface: Surface
     anchors: Anchors
     descriptor: np.ndarray
+    step: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mesh:
+    """vertices (v, 3) float64 metres, faces (f, 3) int32, sources (5,) int32."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    sources: np.ndarray
 
 
 def camera_at(angle_rad: float) -> Camera:
@@ -76,34 +93,83 @@ def render(camera: Camera, seed: int) -> np.ndarray:
     return np.where(depth > 0, np.round(noisy, 3), 0.0).astype(np.float32)
 
 
-def make_frame(seed: int, angle_rad: float = 0.0) -> Frame:
+def make_frame(seed: int, angle_rad: float = 0.0, step: int = 2) -> Frame:
     camera = camera_at(angle_rad)
     depth = render(camera, seed)
-    surface = build_surface(depth, depth > 0, camera)
+    surface = build_surface(depth, depth > 0, camera, SheetConfig(step=step))
     anchors = find_anchors(surface, UP, FACING, HEIGHT_M)
-    return Frame(camera, depth, depth > 0, surface, anchors, anchor_descriptor(surface, anchors))
+    return Frame(camera, depth, depth > 0, surface, anchors, anchor_descriptor(surface, anchors), step)
 
 
-@pytest.fixture(scope="module")
-def frames() -> tuple[Frame, Frame]:
+@pytest.fixture(scope="module", params=[1, 2], ids=["full", "half"])
+def frames(request) -> tuple[Frame, Frame]:
     """Two frames of one pose under other noise."""
-    one, two = make_frame(0), make_frame(1)
+    one, two = make_frame(0, step=request.param), make_frame(1, step=request.param)
     assert one.anchors.found.sum() >= 4, "the figure should show its limbs"
     return one, two
 
 
+@pytest.fixture(scope="module")
+def mesh(frames) -> Mesh:
+    """The first frame's largest piece as the libraries take it: vertices, faces, five vertices to measure from."""
+    surface = frames[0].surface
+    triangles = largest_piece(manifold(faces(surface)), len(surface))
+    used, corners = np.unique(triangles, return_inverse=True)
+    sources = np.linspace(0, len(used) - 1, 5).astype(np.int32)
+    return Mesh(surface.points_m[used].astype(np.float64), corners.reshape(-1, 3).astype(np.int32), sources)
+
+
+def manifold(triangles: np.ndarray) -> np.ndarray:
+    """The triangles less those at edges of more than two, or at nodes where several fans meet: refused by libraries."""
+    while True:
+        sides = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+        ends, number, counts = np.unique(sides, axis=0, return_inverse=True, return_counts=True)
+        open_ends = np.bincount(ends[counts == 1].ravel(), minlength=triangles.max() + 1)
+        crowded = (counts[number.reshape(-1, 3)] > 2).any(axis=1) | (open_ends[triangles] > 2).any(axis=1)
+        if not crowded.any():
+            return triangles
+        triangles = triangles[~crowded]
+
+
+def largest_piece(triangles: np.ndarray, count: int) -> np.ndarray:
+    """The triangles that hang together, most of them; the exact method has no answer elsewhere."""
+    sides = triangles[:, [0, 1, 1, 2]].reshape(-1, 2)
+    graph = coo_array((np.ones(len(sides), np.int8), sides.T), shape=(count, count))
+    piece = connected_components(graph, directed=False)[1][triangles[:, 0]]
+    return triangles[piece == np.bincount(piece).argmax()]
+
+
+def test_estimate_noise(benchmark, frames):
+    benchmark(estimate_noise, frames[0].depth_m, frames[0].mask)
+
+
 def test_denoise(benchmark, frames):
-    benchmark(denoise, frames[0].depth_m, frames[0].mask)
+    one = frames[0]
+    benchmark(denoise, one.depth_m, one.mask, estimate_noise(one.depth_m, one.mask))
+
+
+def test_drop_flying_pixels(benchmark, frames):
+    benchmark(drop_flying_pixels, denoise(frames[0].depth_m, frames[0].mask), 0.01, 0.001, 3)
+
+
+def test_estimate_normals(benchmark, frames):
+    one = frames[0]
+    clean = denoise(one.depth_m, one.mask)
+    benchmark(estimate_normals, clean, one.camera.pixel_rays(), one.surface.pixel, 3, 0.01, 0.001)
+
+
+def test_pieces(benchmark, frames):
+    benchmark(pieces, frames[0].surface)
 
 
 def test_build_surface(benchmark, frames):
     one = frames[0]
-    surface = benchmark(build_surface, one.depth_m, one.mask, one.camera)
+    surface = benchmark(build_surface, one.depth_m, one.mask, one.camera, SheetConfig(step=one.step))
     benchmark.extra_info["nodes"] = len(surface)
 
 
-def test_fuse_three_cameras(benchmark):
-    parts = [make_frame(0, angle) for angle in (0.0, 0.8, -0.8)]
+def test_fuse_three_cameras(benchmark, frames):
+    parts = [make_frame(0, angle, frames[0].step) for angle in (0.0, 0.8, -0.8)]
     benchmark(fuse, [part.surface for part in parts], [part.camera for part in parts])
 
 
@@ -116,6 +182,14 @@ def test_border(benchmark, frames):
 def test_five_geodesic_fields(benchmark, frames):
     surface = frames[0].surface
     benchmark(geodesic_distance, surface, np.linspace(0, len(surface) - 1, 5).astype(np.int32))
+
+
+def test_one_geodesic_field(benchmark, frames):
+    benchmark(geodesic_distance, frames[0].surface, [surface_center(frames[0].surface)])
+
+
+def test_one_geodesic_field_within_7_cm(benchmark, frames):
+    benchmark(geodesic_distance, frames[0].surface, [surface_center(frames[0].surface)], 0.07)
 
 
 def test_five_geodesic_fields_along_edges(benchmark, frames):
@@ -138,3 +212,79 @@ def test_match_hypotheses(benchmark, frames):
     subsets = anchor_subsets(one.anchors.found & two.anchors.found)
     found = benchmark(match_hypotheses, one.descriptor, two.surface, two.descriptor, subsets, one.surface.points_m)
     benchmark.extra_info["matched"] = float((found.match >= 0).mean())
+
+
+def test_reference_five_fields_dijkstra_scipy(benchmark, frames):
+    """Without building the graph."""
+    surface = frames[0].surface
+    graph, sources = edge_graph(surface), np.linspace(0, len(surface) - 1, 5).astype(np.int32)
+    benchmark(dijkstra, graph, directed=False, indices=sources)
+
+
+def test_reference_five_fields_heat_potpourri3d(benchmark, mesh):
+    potpourri3d = pytest.importorskip("potpourri3d", reason="potpourri3d is not installed")
+
+    def five_fields():
+        solver = potpourri3d.MeshHeatMethodDistanceSolver(mesh.vertices, mesh.faces)
+        return [solver.compute_distance(int(source)) for source in mesh.sources]
+
+    benchmark(five_fields)
+
+
+def test_reference_five_fields_fast_marching_potpourri3d(benchmark, mesh):
+    potpourri3d = pytest.importorskip("potpourri3d", reason="potpourri3d is not installed")
+    if not hasattr(potpourri3d, "MeshFastMarchingDistanceSolver"):
+        pytest.skip("this potpourri3d has no fast marching")
+
+    def five_fields():
+        solver = potpourri3d.MeshFastMarchingDistanceSolver(mesh.vertices, mesh.faces)
+        return [solver.compute_distance([[(int(source), [])]]) for source in mesh.sources]
+
+    benchmark(five_fields)
+
+
+def test_reference_five_fields_exact_pygeodesic(benchmark, mesh):
+    geodesic = pytest.importorskip("pygeodesic.geodesic", reason="pygeodesic is not installed")
+
+    def five_fields():
+        solver = geodesic.PyGeodesicAlgorithmExact(mesh.vertices, mesh.faces)
+        return [solver.geodesicDistances(np.array([source], np.int32), None)[0] for source in mesh.sources]
+
+    benchmark.pedantic(five_fields, rounds=3)
+
+
+def point_cloud(open3d, frame: Frame):
+    """The raw readings as Open3D takes them, in the camera's frame."""
+    seen = frame.mask.copy()
+    seen[np.arange(len(seen)) % frame.step != 0] = False
+    seen[:, np.arange(seen.shape[1]) % frame.step != 0] = False
+    points = frame.camera.back_project(frame.depth_m)[seen].astype(np.float64)
+    return open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
+
+
+def test_reference_normals_open3d(benchmark, frames):
+    open3d = pytest.importorskip("open3d", reason="Open3D is not installed")
+    cloud = point_cloud(open3d, frames[0])
+    search = open3d.geometry.KDTreeSearchParamHybrid(radius=0.03, max_nn=49)
+    benchmark(cloud.estimate_normals, search)
+
+
+def test_reference_mesh_ball_pivoting_open3d(benchmark, frames):
+    open3d = pytest.importorskip("open3d", reason="Open3D is not installed")
+    cloud = point_cloud(open3d, frames[0])
+    cloud.estimate_normals(open3d.geometry.KDTreeSearchParamHybrid(radius=0.03, max_nn=49))
+    cloud.orient_normals_towards_camera_location(np.zeros(3))
+    radii = open3d.utility.DoubleVector([0.008 * frames[0].step, 0.016 * frames[0].step])
+    make = open3d.geometry.TriangleMesh.create_from_point_cloud_ball_pivoting
+    found = benchmark.pedantic(make, (cloud, radii), rounds=5)
+    benchmark.extra_info["triangles"] = len(found.triangles)
+
+
+def test_reference_mesh_poisson_open3d(benchmark, frames):
+    open3d = pytest.importorskip("open3d", reason="Open3D is not installed")
+    cloud = point_cloud(open3d, frames[0])
+    cloud.estimate_normals(open3d.geometry.KDTreeSearchParamHybrid(radius=0.03, max_nn=49))
+    cloud.orient_normals_towards_camera_location(np.zeros(3))
+    make = open3d.geometry.TriangleMesh.create_from_point_cloud_poisson
+    found, _ = benchmark.pedantic(make, (cloud,), {"depth": 8, "n_threads": 1}, rounds=3)
+    benchmark.extra_info["triangles"] = len(found.triangles)

@@ -75,6 +75,8 @@ def cylinder(around: int, rows: int, spacing_m: float = SPACING) -> Surface:
         ring=number[wide.ring[inner]].astype(np.int32),
         link_start=np.zeros(len(inner) + 1, np.int32),
         link_node=np.zeros(0, np.int32),
+        link_length_m=np.zeros(0, np.float32),
         camera=wide.camera[inner],
         pixel=wide.pixel[inner],
+        skin=wide.skin[inner],
     )

@@ -10,7 +10,7 @@ import body_builder
 import cv2
 import numpy as np
 import pytest
-from surface_builder import flat_grid, grid_surface, kinect, sphere_depth
+from surface_builder import flat_grid, grid_surface, kinect, sphere_depth, with_links
 
 from anchorpose.camera import Camera
 from anchorpose.errors import MissingPackage
@@ -18,7 +18,7 @@ from anchorpose.geodesics.distance import Solver, geodesic_distance, geodesic_di
 from anchorpose.geodesics.extrema import surface_center
 from anchorpose.geodesics.triangulation import triangle_mesh
 from anchorpose.recording.reader import open_recording
-from anchorpose.surface.mesh import SurfaceConfig, build_surface, compress_links, faces, keep_nodes
+from anchorpose.surface.mesh import SheetConfig, build_surface, faces, keep_nodes
 from anchorpose.surface.surface import Surface
 
 SPACING = 0.013  # every second pixel of a Kinect v2 at 2.4 m
@@ -99,7 +99,7 @@ def body() -> Surface:
 
 def one_piece(depth_m: np.ndarray, camera: Camera, step: int = 2) -> Surface:
     """The largest patch of triangles, and no edge or corner beside them that is a passage for some solvers only."""
-    surface = build_surface(depth_m, depth_m > 0, camera, SurfaceConfig(step=step, max_join_m=0))
+    surface = build_surface(depth_m, depth_m > 0, camera, SheetConfig(step=step, max_join_m=0))
     while True:
         mesh = triangle_mesh(surface)
         largest = mesh.node[mesh.patch == np.bincount(mesh.patch).argmax()]
@@ -257,9 +257,8 @@ def test_solvers_of_triangles_refuse_links_and_say_nothing_about_what_hangs_on_b
     np.testing.assert_array_equal(np.isnan(field), bare)
     with pytest.raises(ValueError, match="belong to no triangle"):
         geodesic_distance(surface, [int(np.argmax(surface.pixel[:, 1]))], solver=solver)
-    start, node = compress_links(np.array([[0, 5]]), len(surface))
     with pytest.raises(ValueError, match="links between cameras"):
-        geodesic_distance(replace(surface, link_start=start, link_node=node), [0], solver=solver)
+        geodesic_distance(with_links(surface, [[0, 5]]), [0], solver=solver)
 
 
 @pytest.mark.parametrize("solver", [Solver.HEAT, Solver.EXACT])
@@ -282,12 +281,11 @@ def test_a_single_common_corner_is_no_passage_between_triangles(solver):
 @pytest.mark.parametrize("solver", [Solver.FAST_MARCHING, Solver.DIJKSTRA])
 def test_links_are_paths_for_solvers_of_edges(solver):
     surface = flat_grid(2, 20, SPACING)
-    start, node = compress_links(np.array([[0, 19]]), len(surface))
     bent = surface.points_m.copy()
     bent[:, 0] = 0.1 * np.sin(np.arange(20) / 19 * np.pi).repeat(2).reshape(20, 2).T.ravel()  # an arch over its chord
     arch = replace(surface, points_m=bent)
     over = geodesic_distance(arch, [0], solver=solver)[0, 19]
-    across = geodesic_distance(replace(arch, link_start=start, link_node=node), [0], solver=solver)[0, 19]
+    across = geodesic_distance(with_links(arch, [[0, 19]]), [0], solver=solver)[0, 19]
     assert across == pytest.approx(19 * SPACING, abs=1e-5)
     assert over > 1.2 * across
 

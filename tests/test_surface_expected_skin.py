@@ -1,4 +1,4 @@
-"""What the predicted body tells the surface: what touches is cut, what is hidden is closed, what is contradicted is not."""
+"""What the predicted body tells the surface: what touches is cut, and what is hidden is closed."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from trousers_builder import AWAY_M, CAMERA, CROTCH_M, expected_legs, legs_depth
 
 from anchorpose.body.body_map import map_body
-from anchorpose.geodesics.fast_marching import geodesic_distance
+from anchorpose.geodesics.distance import geodesic_distance
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface.contacts import ContactConfig, cut_contacts
 from anchorpose.surface.expected_skin import way_over_skin

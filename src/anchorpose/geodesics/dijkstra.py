@@ -6,14 +6,16 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from anchorpose.surface.mesh import edges
+from anchorpose.surface.links import links, straight_m
+from anchorpose.surface.mesh import grid_edges
 from anchorpose.surface.surface import Surface
 
 
 def edge_graph(surface: Surface) -> csr_array:
     """(n, n) symmetric sparse matrix of edge lengths in metres, links included."""
-    pair = edges(surface)
-    length = np.linalg.norm(np.subtract(*surface.points_m[pair.T].astype(np.float64)), axis=1)
+    grid, (linked, link_length_m) = grid_edges(surface), links(surface)
+    pair = np.concatenate([grid, linked])
+    length = np.concatenate([straight_m(surface.points_m, grid), link_length_m]).astype(np.float64)
     row, column = np.concatenate([pair, pair[:, ::-1]]).T
     return csr_array((np.concatenate([length, length]), (row, column)), shape=(len(surface), len(surface)))
 

@@ -56,7 +56,7 @@ def geodesic_distance(
     nodes, points = _require_nodes(surface, sources), _require_finite(surface)
     _refuse_negative(max_distance_m)
     if solver is Solver.FAST_MARCHING:
-        return march(points, surface.ring, surface.link_start, surface.link_node, nodes, max_distance_m)
+        return march(points, *_edges(surface), nodes, max_distance_m)
     return REFERENCES[solver][0](surface, nodes, max_distance_m)
 
 
@@ -70,8 +70,12 @@ def geodesic_distance_to_set(
     nodes, points = _require_nodes(surface, sources), _require_finite(surface)
     _refuse_negative(max_distance_m)
     if solver is Solver.FAST_MARCHING:
-        return march_from_set(points, surface.ring, surface.link_start, surface.link_node, nodes, max_distance_m)
+        return march_from_set(points, *_edges(surface), nodes, max_distance_m)
     return REFERENCES[solver][1](surface, nodes, max_distance_m)
+
+
+def _edges(surface: Surface) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    return surface.ring, surface.link_start, surface.link_node, surface.link_length_m
 
 
 def _require_nodes(surface: Surface, sources: np.ndarray) -> np.ndarray:

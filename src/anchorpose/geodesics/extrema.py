@@ -6,7 +6,8 @@ import numpy as np
 from numba import njit
 
 from anchorpose.errors import DegenerateGeometry
-from anchorpose.geodesics.fast_marching import _lift, _pop, _spread
+from anchorpose.geodesics.fast_marching import band_of, fresh_state, start_at
+from anchorpose.geodesics.front import march_on
 from anchorpose.surface.surface import Surface
 
 
@@ -35,7 +36,10 @@ def geodesic_extrema(surface: Surface, field: np.ndarray, radius_m: float) -> np
     field = np.ascontiguousarray(field, dtype=np.float32)
     links = (surface.ring, surface.link_start, surface.link_node)
     candidates = _one_ring_maxima(field, *links)
-    stands = _is_extremum(surface.points_m, *links, surface.link_length_m, field, candidates, np.float64(radius_m))
+    points = np.ascontiguousarray(surface.points_m, dtype=np.float32)
+    stands = _is_extremum(
+        points, *links, surface.link_length_m, field, candidates, float(radius_m), band_of(points, surface.ring)
+    )
     extrema = candidates[stands]
     return extrema[np.argsort(-field[extrema], kind="stable")]
 
@@ -68,37 +72,14 @@ def _is_extremum(
     field: np.ndarray,
     candidates: np.ndarray,
     radius: float,
+    band: float,
 ) -> np.ndarray:
     """Fast marching from each candidate that ends at the first node as far from the centre."""
-    count = len(points)
-    stands = np.ones(len(candidates), np.bool_)
-    distance = np.full(count, np.inf)
-    fixed = np.zeros(count, np.uint8)
-    place = np.full(count, -1, np.int32)
-    heap = np.empty(count, np.int32)
-    visited = np.empty(count, np.int32)
+    stands = np.empty(len(candidates), np.bool_)
+    fans, state, work = fresh_state(len(points))
     for k in range(len(candidates)):
-        candidate = candidates[k]
-        distance[candidate] = 0.0
-        size = _lift(heap, place, distance, 0, candidate)
-        seen = 0
-        while size > 0:
-            node = heap[0]
-            size = _pop(heap, place, distance, size)
-            if distance[node] >= radius:
-                distance[node] = np.inf
-                break
-            fixed[node] = 1
-            visited[seen] = node
-            seen += 1
-            if node != candidate and field[node] >= field[candidate]:
-                stands[k] = False
-                break
-            size = _spread(points, ring, link_start, link_node, link_length, distance, fixed, heap, place, size, node)
-        for spot in range(size):  # leave the scratch arrays as they were, at the cost of what was touched
-            place[heap[spot]] = -1
-            distance[heap[spot]] = np.inf
-        for spot in range(seen):
-            distance[visited[spot]] = np.inf
-            fixed[visited[spot]] = 0
+        start_at(state, candidates[k : k + 1])
+        level = field[candidates[k]]
+        met = march_on(points, ring, link_start, link_node, link_length, fans, state, work, radius, band, field, level)
+        stands[k] = not met
     return stands

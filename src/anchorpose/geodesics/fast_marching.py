@@ -1,15 +1,20 @@
 """Geodesic distance on the organised surface by fast marching with unfolding.
 
-A front leaves the source and fixes the nodes in the order of distance. A node takes its distance from the triangle of
-two fixed neighbours by laying both and their distances flat, which is exact where the surface is flat; across a link
-between cameras or a bridged gap it takes the straight edge.
-Source: Kimmel and Sethian 1998 (doi:10.1073/pnas.95.15.8431), with the point-source update of Novotni and Klein 2002.
+A front leaves the source and reaches the nodes in the order of distance. A node takes its distance from the triangle of
+two reached neighbours by laying both and their distances flat, which is exact where the surface is flat; across a link
+it takes the link's length. ``front`` says how.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
+
+from anchorpose.geodesics.fan import AWAY, FAN, LANES
+from anchorpose.geodesics.front import DESK, march_on
+
+BAND = 0.7  # of the mean edge: narrower has more rounds, wider more nodes with a second turn; flat in between
+EDGES_LOOKED_AT = 128  # for the mean edge, which decides on speed only
 
 
 def march(
@@ -19,17 +24,17 @@ def march(
     link_node: np.ndarray,
     link_length: np.ndarray,
     sources: np.ndarray,
-    max_distance: float,
+    max_distance: float = np.inf,
 ) -> np.ndarray:
-    """(s, n) float32: one field a source; inf where it does not reach, or beyond ``max_distance``.
+    """(s, n) float32: one field a source (s,) int32; inf beyond ``max_distance`` and where no edge leads.
 
-    points (n, 3) float32, finite; ring, link_start, link_node, link_length as in ``Surface``; sources (s,) int32, nodes. Nothing is
-    checked here: ``distance.geodesic_distance`` is the way in.
+    points (n, 3) float32 finite; ring (n, 8), link_start (n + 1,), link_node (m,) int32, link_length (m,) float32 of
+    ``Surface``. Nothing is checked here: ``distance.geodesic_distance`` is the way in.
     """
-    fields = np.empty((len(sources), len(points)), np.float32)
-    for row in range(len(sources)):
-        fields[row] = _march(points, ring, link_start, link_node, link_length, sources[row : row + 1], np.float64(max_distance))
-    return fields
+    sets = np.ascontiguousarray(sources, dtype=np.int32).reshape(-1, 1)
+    return _fields(
+        points, ring, link_start, link_node, link_length, sets, np.float32(max_distance), band_of(points, ring)
+    )
 
 
 def march_from_set(
@@ -39,163 +44,67 @@ def march_from_set(
     link_node: np.ndarray,
     link_length: np.ndarray,
     sources: np.ndarray,
-    max_distance: float,
+    max_distance: float = np.inf,
 ) -> np.ndarray:
-    """(n,) float32: the front leaves all sources at once; else as ``march``."""
-    field = _march(points, ring, link_start, link_node, link_length, sources, np.float64(max_distance))
-    return field.astype(np.float32)
+    """(n,) float32 distance to the nearest of the sources (s,); else as ``march``."""
+    one_set = np.ascontiguousarray(sources, dtype=np.int32).reshape(1, -1)
+    band = band_of(points, ring)
+    return _fields(points, ring, link_start, link_node, link_length, one_set, np.float32(max_distance), band)[0]
+
+
+def band_of(points: np.ndarray, ring: np.ndarray) -> float:
+    """Width in metres of the band of nodes that ``march_on`` takes at once."""
+    some = np.arange(0, len(points), max(1, len(points) // EDGES_LOOKED_AT))
+    other = ring[some][:, [0, 2]]
+    length = np.linalg.norm(points[other] - points[some][:, None], axis=2)[other >= 0]
+    return BAND * float(length.mean()) if len(length) > 0 else 1.0
 
 
 @njit(cache=True)
-def _march(
-    points: np.ndarray,
-    ring: np.ndarray,
-    link_start: np.ndarray,
-    link_node: np.ndarray,
-    link_length: np.ndarray,
-    sources: np.ndarray,
-    max_distance: float,
-) -> np.ndarray:
-    count = len(points)
-    distance = np.full(count, np.inf)
-    fixed = np.zeros(count, np.uint8)
-    place = np.full(count, -1, np.int32)
-    heap = np.empty(count, np.int32)
-    size = 0
+def fresh_state(count: int) -> tuple:
+    """The scratch arrays of ``march_on`` for a surface of count nodes: nothing laid, nothing reached."""
+    near, fan = np.empty((count, LANES), np.uint32), np.empty((count, FAN), np.float32)
+    desk = np.empty((count, DESK), np.float32)  # room for all, of which a round touches a few rows
+    fans = near, fan, np.full(count, 2, np.uint8), np.empty((LANES, 3), np.float32)
+    work = np.empty(count, np.uint32), desk, desk.ravel()
+    distance, bend = np.full(count + 1, AWAY, np.float32), np.zeros(count + 1, np.float32)
+    queued, waiting = np.zeros(count + 1, np.uint8), np.empty(count + LANES + 1, np.uint32)
+    return fans, (distance, bend, queued, waiting, np.zeros(1, np.int64)), work
+
+
+@njit(cache=True)
+def start_at(state: tuple, sources: np.ndarray) -> None:
+    """Forget what was reached; the sources wait at distance 0."""
+    distance, bend, queued, waiting, size = state
+    distance[:] = AWAY
+    bend[:] = 0.0
+    queued[:] = 0
+    size[0] = 0
     for source in sources:
-        if distance[source] > 0.0:
-            distance[source] = 0.0
-            size = _lift(heap, place, distance, size, source)
-    while size > 0:
-        node = heap[0]
-        size = _pop(heap, place, distance, size)
-        if distance[node] > max_distance:
-            distance[node] = np.inf
-            continue
-        fixed[node] = 1
-        size = _spread(points, ring, link_start, link_node, link_length, distance, fixed, heap, place, size, node)
-    return distance
+        if not queued[source]:
+            distance[source], queued[source], waiting[size[0]] = 0.0, 1, source
+            size[0] += 1
 
 
 @njit(cache=True)
-def _spread(
+def _fields(
     points: np.ndarray,
     ring: np.ndarray,
     link_start: np.ndarray,
     link_node: np.ndarray,
     link_length: np.ndarray,
-    distance: np.ndarray,
-    fixed: np.ndarray,
-    heap: np.ndarray,
-    place: np.ndarray,
-    size: int,
-    node: int,
-) -> int:
-    """Offer a newly fixed node's distance to its neighbours; returns the new size of the heap."""
-    for k in range(8):
-        other = ring[node, k]
-        if other < 0 or fixed[other]:
-            continue
-        best = distance[node] + _apart(points, node, other)
-        back = (k + 4) % 8  # where the neighbour sees this node
-        for side in (-1, 1):
-            third = ring[other, (back + side) % 8]
-            if third >= 0 and fixed[third]:
-                best = min(best, _unfold(points, distance, other, node, third))
-        if best < distance[other]:
-            distance[other] = best
-            size = _lift(heap, place, distance, size, other)
-    for k in range(link_start[node], link_start[node + 1]):
-        other = link_node[k]
-        if not fixed[other]:
-            along = distance[node] + link_length[k]
-            if along < distance[other]:
-                distance[other] = along
-                size = _lift(heap, place, distance, size, other)
-    return size
-
-
-@njit(cache=True)
-def _apart(points: np.ndarray, a: int, b: int) -> float:
-    dx = np.float64(points[a, 0]) - points[b, 0]
-    dy = np.float64(points[a, 1]) - points[b, 1]
-    dz = np.float64(points[a, 2]) - points[b, 2]
-    return np.sqrt(dx * dx + dy * dy + dz * dz)
-
-
-@njit(cache=True)
-def _unfold(points: np.ndarray, distance: np.ndarray, node: int, a: int, b: int) -> float:
-    """Distance of a node from the flat image of the source behind edge a-b; inf where the ray misses the edge.
-
-    In the triangle's plane, a at the origin and b at (c, 0): the source lies at (sx, -sy), the node at (px, py).
-    """
-    c2, p2, along = 0.0, 0.0, 0.0
-    for axis in range(3):
-        edge = np.float64(points[b, axis]) - points[a, axis]
-        arm = np.float64(points[node, axis]) - points[a, axis]
-        c2 += edge * edge
-        p2 += arm * arm
-        along += edge * arm
-    if c2 <= 0.0:
-        return np.inf
-    c = np.sqrt(c2)
-    px = along / c
-    py = np.sqrt(max(p2 - px * px, 0.0))
-    sx = (distance[a] ** 2 - distance[b] ** 2 + c2) / (2.0 * c)
-    sy2 = distance[a] ** 2 - sx * sx
-    if sy2 < 0.0:
-        return np.inf
-    sy = np.sqrt(sy2)
-    if sy + py <= 0.0:
-        return np.inf
-    crossing = sx + (px - sx) * sy / (sy + py)
-    if crossing < 0.0 or crossing > c:
-        return np.inf
-    return np.sqrt((px - sx) ** 2 + (py + sy) ** 2)
-
-
-@njit(cache=True)
-def _lift(heap: np.ndarray, place: np.ndarray, distance: np.ndarray, size: int, node: int) -> int:
-    """Put a node into the heap, or move it up after its distance fell; returns the new size."""
-    spot = place[node]
-    if spot < 0:
-        spot = size
-        size += 1
-    own = distance[node]
-    while spot > 0:
-        parent = (spot - 1) >> 1
-        above = heap[parent]
-        if distance[above] <= own:
-            break
-        heap[spot] = above
-        place[above] = spot
-        spot = parent
-    heap[spot] = node
-    place[node] = spot
-    return size
-
-
-@njit(cache=True)
-def _pop(heap: np.ndarray, place: np.ndarray, distance: np.ndarray, size: int) -> int:
-    """Take the nearest node off the heap; returns the new size."""
-    place[heap[0]] = -1
-    size -= 1
-    if size == 0:
-        return 0
-    node = heap[size]
-    own = distance[node]
-    spot = 0
-    while True:
-        child = 2 * spot + 1
-        if child >= size:
-            break
-        if child + 1 < size and distance[heap[child + 1]] < distance[heap[child]]:
-            child += 1
-        if distance[heap[child]] >= own:
-            break
-        heap[spot] = heap[child]
-        place[heap[child]] = spot
-        spot = child
-    heap[spot] = node
-    place[node] = spot
-    return size
+    sets: np.ndarray,
+    max_distance: np.float32,
+    band: float,
+) -> np.ndarray:
+    """sets (s, k) int32: the sources of each field. Fans are laid for the first field and serve all."""
+    fields = np.empty((len(sets), len(points)), np.float32)
+    fans, state, work = fresh_state(len(points))
+    nothing = np.empty(0, np.float32)
+    for row in range(len(sets)):
+        start_at(state, sets[row])
+        march_on(points, ring, link_start, link_node, link_length, fans, state, work, max_distance, band, nothing, 0.0)
+        for node in range(len(points)):
+            own = state[0][node]
+            fields[row, node] = own if own < AWAY and own <= max_distance else np.inf
+    return fields

@@ -15,6 +15,7 @@ def came_from(
     ring: np.ndarray,
     link_start: np.ndarray,
     link_node: np.ndarray,
+    link_length: np.ndarray,
     distance: np.ndarray,
     node: int,
 ) -> tuple[int, int, float]:
@@ -35,7 +36,7 @@ def came_from(
     for k in range(link_start[node], link_start[node + 1]):
         a = link_node[k]
         if distance[a] < distance[node]:
-            reached = distance[a] + apart(points, node, a)
+            reached = distance[a] + link_length[k]
             if reached < best:
                 best, one, other, share = reached, a, a, 0.0
     return one, other, share

@@ -56,6 +56,7 @@ def detour(surface: Surface, descriptor: np.ndarray, rim: np.ndarray, enough_m: 
         surface.ring,
         surface.link_start,
         surface.link_node,
+        surface.link_length_m,
         np.ascontiguousarray(descriptor.T, dtype=np.float32),
         open_nodes(surface.ring, rim),
         np.float64(enough_m),
@@ -69,6 +70,7 @@ def _detours(
     ring: np.ndarray,
     link_start: np.ndarray,
     link_node: np.ndarray,
+    link_length: np.ndarray,
     fields: np.ndarray,
     rim: np.ndarray,
     enough: float,
@@ -100,7 +102,7 @@ def _detours(
                     found[node], corner[node] = least, -2
                     _hand_on(ring, link_start, link_node, node, at_stake)
                     continue
-            a, b, share = came_from(points, ring, link_start, link_node, distance, node)
+            a, b, share = came_from(points, ring, link_start, link_node, link_length, distance, node)
             heading[node] = 0.0  # and stays so behind a link: who comes across the hole does not bend around it
             linked = a >= 0 and not adjoin(ring, node, a)
             if a >= 0 and not (linked and corner[a] == -1):

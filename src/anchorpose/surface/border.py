@@ -12,8 +12,10 @@ from enum import IntEnum
 import cv2
 import numpy as np
 from numba import njit
+from scipy.ndimage import find_objects
 
 from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.surface.extent import extent
 from anchorpose.surface.surface import Surface
 
 REACH_PX = 5  # from an edge to the nodes it speaks for: two nodes, and the pixels that a depth edge loses
@@ -50,14 +52,16 @@ def border(surface: Surface, views: Sequence[View]) -> np.ndarray:
 def _border_picture(view: View) -> np.ndarray:
     """(height, width) uint8 of ``Border``, of use on the patient's pixels; only their surroundings are looked at."""
     whole = np.zeros(view.labels.shape, np.uint8)
-    rows, columns = (np.flatnonzero(view.patient.any(axis=axis)) for axis in (1, 0))
-    if len(rows) == 0:
+    top, bottom, left, right = extent(view.patient)
+    if bottom == 0:
         return whole
-    part = tuple(np.s_[max(0, line[0] - MARGIN_PX) : line[-1] + MARGIN_PX + 1] for line in (rows, columns))
+    part = np.s_[max(0, top - MARGIN_PX) : bottom + MARGIN_PX, max(0, left - MARGIN_PX) : right + MARGIN_PX]
     labels = np.ascontiguousarray(view.labels[part], dtype=np.uint8)
     kind = _edge_kinds(np.ascontiguousarray(view.depth_m[part], dtype=np.float32), labels)
     kind = _supported(kind)
-    kind[_holes(labels)] = Border.CUT
+    holes = _holes(labels)
+    if holes is not None:
+        kind[holes] = Border.CUT
     whole[part] = cv2.dilate(kind, _disc(REACH_PX))
     whole[:REACH_PX], whole[-REACH_PX:], whole[:, :REACH_PX], whole[:, -REACH_PX:] = (Border.CUT,) * 4
     return whole
@@ -120,22 +124,27 @@ def _disc(radius: int) -> np.ndarray:
     return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
 
 
-def _holes(labels: np.ndarray) -> np.ndarray:
-    """(height, width) bool: lost readings thick enough to hide something and largely within the patient.
+def _holes(labels: np.ndarray) -> np.ndarray | None:
+    """(height, width) bool: lost readings thick enough to hide something and largely within the patient; None if none.
 
     Recordings whose background was removed lose everything around the patient; that is no hole, for it reaches the
     edge of what is looked at.
     """
     lost = (labels == PixelLabel.NO_READING).astype(np.uint8)
     thick = cv2.morphologyEx(lost, cv2.MORPH_OPEN, _disc(HOLE_RADIUS_PX))
-    count, component, box, _ = cv2.connectedComponentsWithStats(thick, connectivity=4)
+    if not thick.any():
+        return None
+    count, component = cv2.connectedComponents(thick, connectivity=4)
+    at_edge = np.concatenate([component[0], component[-1], component[:, 0], component[:, -1]])
+    within = np.setdiff1d(np.arange(1, count), at_edge)
+    if len(within) == 0:
+        return None
     hole = np.zeros(count, bool)
-    for k in range(1, count):
-        left, top, width, height, _ = box[k]
-        if left == 0 or top == 0 or left + width == lost.shape[1] or top + height == lost.shape[0]:
-            continue
-        inside = np.s_[max(0, top - 3) : top + height + 3, max(0, left - 3) : left + width + 3]
+    boxes = find_objects(component)
+    for k in within:
+        rows, columns = boxes[k - 1]
+        inside = np.s_[max(0, rows.start - 3) : rows.stop + 3, max(0, columns.start - 3) : columns.stop + 3]
         own = (component[inside] == k).astype(np.uint8)
         rim = (cv2.dilate(own, _disc(2)) > own) & (lost[inside] == 0)
         hole[k] = rim.any() and (labels[inside][rim] == PixelLabel.PATIENT).mean() >= HOLE_ENCLOSED
-    return hole[component]
+    return hole[component] if hole.any() else None

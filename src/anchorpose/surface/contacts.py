@@ -37,8 +37,8 @@ class ContactConfig:
 def cut_contacts(surface: Surface, expected: ExpectedSkin, config: ContactConfig | None = None) -> Surface:
     """The surface without the edges that a contact made; its ``skin`` is that of ``show_skin``.
 
-    A contact is a connected set of edges; it is cut if at least half of them fold inwards, step or show skin that is expected
-    just there.
+    A contact is a connected set of edges; it is cut if at least half of them fold inwards, step, or show skin that is
+    expected just there.
     """
     config = config or ContactConfig()
     ring = _cut(

@@ -6,9 +6,12 @@ Raw sensor noise lengthens geodesics by about a tenth; smoothing comes before an
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
+
+from anchorpose.surface.extent import extent, span
 
 MAD_TO_SIGMA = 1.4826  # median absolute deviation of a normal distribution to its standard deviation
 SECOND_DIFFERENCE_GAIN = 6.0**0.5  # standard deviation of z[-1] - 2 z[0] + z[1] over that of z
@@ -41,21 +44,14 @@ def estimate_noise(depth_m: np.ndarray, mask: np.ndarray, config: DenoiseConfig 
     without noise or with fewer than three readings in a row anywhere.
     """
     config = config or DenoiseConfig()
-    rows = np.flatnonzero((mask & (depth_m > 0)).any(axis=1))
-    if len(rows) == 0:
+    bend, step = _differences(depth_m, mask, *extent(mask))
+    if len(bend) == 0:
         return 0.0
-    depth = np.where(mask, depth_m, 0.0)[rows[0] : rows[-1] + 1].astype(np.float64)
-    left, middle, right = depth[:, :-2], depth[:, 1:-1], depth[:, 2:]
-    usable = (left > 0) & (middle > 0) & (right > 0)
-    if not usable.any():
-        return 0.0
-    left, middle, right = left[usable], middle[usable], right[usable]
-    bend = np.abs(left - 2.0 * middle + right) / middle**2
     noise = MAD_TO_SIGMA * float(np.median(bend)) / SECOND_DIFFERENCE_GAIN
-    step = np.abs(right - middle)
-    stepped = (step > 0) & (step <= config.max_step * middle)
-    if (step == 0).mean() > config.quantised_share and stepped.any():
-        return max(noise, float(np.median((step / middle**2)[stepped])) / 2.0)  # what quantising hides each way
+    if np.count_nonzero(step[:, 0] == 0) > config.quantised_share * len(step):
+        stepped = step[(step[:, 0] > 0) & (step[:, 0] <= config.max_step), 1]
+        if len(stepped) > 0:
+            return max(noise, float(np.median(stepped)) / 2.0)  # what quantising hides each way
     return noise
 
 
@@ -73,37 +69,86 @@ def denoise(
         raise ValueError(f"depth is {depth_m.shape}, mask is {mask.shape}")
     if noise is None:
         noise = estimate_noise(depth_m, mask, config)
-    masked = np.where(mask, depth_m, 0.0).astype(np.float32)
+    box = extent(mask)
+    masked = np.zeros(depth_m.shape, np.float32)
+    _copy_masked(depth_m, mask, masked, *box)
     if noise <= 0:
         return masked
-    return _bilateral(masked, np.float64(noise * config.range_sigmas), config.radius_px)
+    return _bilateral(masked, np.float32(noise * config.range_sigmas), _spatial(config.radius_px), *box)
+
+
+def _spatial(radius: int) -> np.ndarray:
+    """(side, side) float32 Gaussian weights whose spread is half the window."""
+    across = np.arange(-radius, radius + 1) ** 2
+    return np.exp(-0.5 * (across[:, None] + across) / (0.5 * len(across)) ** 2).astype(np.float32)
 
 
 @njit(cache=True)
-def _bilateral(depth: np.ndarray, reach: float, radius: int) -> np.ndarray:
-    """reach: where the biweight ends, metres per squared metre of depth."""
-    height, width = depth.shape
+def _copy_masked(
+    depth: np.ndarray, mask: np.ndarray, masked: np.ndarray, top: int, bottom: int, left: int, right: int
+) -> None:
+    for row in range(top, bottom):
+        to, reading, wanted = masked[row, left:right], depth[row, left:right], mask[row, left:right]
+        for k in range(len(to)):
+            to[k] = reading[k] if wanted[k] else 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _differences(depth: np.ndarray, mask: np.ndarray, top: int, bottom: int, left: int, right: int) -> tuple:
+    """Of three readings in a row about z: (k,) second difference over z**2; (k, 2) step over z and over z**2."""
+    bend = np.empty(max((bottom - top) * (right - left), 0))
+    step = np.empty((len(bend), 2))
+    count = 0
+    for row in range(top, bottom):
+        for col in range(left + 1, right - 1):
+            near, z, far = np.float64(depth[row, col - 1]), np.float64(depth[row, col]), np.float64(depth[row, col + 1])
+            if mask[row, col - 1] and mask[row, col] and mask[row, col + 1] and near > 0.0 and z > 0.0 and far > 0.0:
+                bend[count] = abs(near - 2.0 * z + far) / z**2
+                step[count, 0] = abs(far - z) / z
+                step[count, 1] = abs(far - z) / z**2
+                count += 1
+    return bend[:count], step[:count]
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
+def _bilateral(
+    depth: np.ndarray, reach: Any, spatial: np.ndarray, top: int, bottom: int, left: int, right: int
+) -> np.ndarray:
+    """reach: where the biweight ends, metres per squared metre of depth. A row at once, neighbour by neighbour."""
+    radius, width = len(spatial) // 2, depth.shape[1]
     smooth = np.zeros_like(depth)
-    side = 2 * radius + 1
-    spatial = np.empty((side, side))
-    for i in range(side):
-        for j in range(side):
-            spatial[i, j] = np.exp(-0.5 * ((i - radius) ** 2 + (j - radius) ** 2) / (0.5 * side) ** 2)
-    for row in range(height):
-        for col in range(width):
-            centre = np.float64(depth[row, col])
-            if centre <= 0.0:
-                continue
-            inverse = 1.0 / (reach * centre * centre)
-            total, weights = 0.0, 0.0
-            for i in range(max(0, row - radius), min(height, row + radius + 1)):
-                for j in range(max(0, col - radius), min(width, col + radius + 1)):
-                    z = np.float64(depth[i, j])
-                    offset = (z - centre) * inverse
-                    closeness = 1.0 - offset * offset
-                    if z > 0.0 and closeness > 0.0:
-                        weight = closeness * closeness * spatial[i - row + radius, j - col + radius]
-                        total += weight * z
-                        weights += weight
-            smooth[row, col] = total / weights
+    inverse, total, weights = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
+    for row in range(top, bottom):
+        first, last = span(depth, row, left, right)
+        for col in range(first, last):
+            inverse[col] = np.float32(1.0) / (reach * depth[row, col] * depth[row, col])
+            total[col], weights[col] = 0.0, 0.0
+        for i in range(max(0, row - radius), min(depth.shape[0], row + radius + 1)):
+            for j in range(-radius, radius + 1):
+                low, high = max(first, -j), min(last, width - j)
+                near = spatial[i - row + radius, j + radius]
+                _add_tap(
+                    depth, np.uint64(row), np.uint64(i), np.uint64(low), np.uint64(low + j),
+                    np.uint64(max(high - low, 0)), near, inverse, total, weights,
+                )  # fmt: skip
+        for col in range(first, last):
+            if depth[row, col] > 0.0:
+                smooth[row, col] = depth[row, col] + total[col] / weights[col]
     return smooth
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
+def _add_tap(
+    depth: np.ndarray, row: Any, i: Any, at: Any, there: Any, count: Any, near: Any, inverse: np.ndarray,
+    total: np.ndarray, weights: np.ndarray,
+) -> None:  # fmt: skip
+    """One neighbour of each pixel of a row; unsigned, so that no index can mean one from the end."""
+    zero, one = np.float32(0.0), np.float32(1.0)
+    for k in range(count):
+        z = depth[i, there + k]
+        offset = z - depth[row, at + k]
+        share = offset * inverse[at + k]
+        closeness = max(one - share * share, zero)
+        weight = closeness * closeness * near if z > zero else zero
+        total[at + k] += weight * offset
+        weights[at + k] += weight

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
+
+from anchorpose.surface.extent import extent, span
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,24 +39,39 @@ def drop_flying_pixels(depth_m: np.ndarray, slope: float, spread: float, min_sup
     depth_m (height, width) float32 metres, 0 = no reading. A pixel stays when at least ``min_support`` of its eight
     neighbours are within the jump limit of ``jump_coefficients``.
     """
-    return _supported(depth_m.astype(np.float32), np.float64(slope), np.float64(spread), min_support)
+    depth = np.ascontiguousarray(depth_m, dtype=np.float32)
+    return _supported(depth, np.float32(slope), np.float32(spread), min_support, *extent(depth))
 
 
 @njit(cache=True)
-def _supported(depth: np.ndarray, slope: float, spread: float, min_support: int) -> np.ndarray:
-    height, width = depth.shape
-    kept = np.zeros_like(depth)
-    for row in range(height):
-        for col in range(width):
-            z = np.float64(depth[row, col])
-            if z <= 0.0:
-                continue
-            limit = slope * z + spread * z * z
-            support = 0
-            for i in range(max(0, row - 1), min(height, row + 2)):
-                for j in range(max(0, col - 1), min(width, col + 2)):
-                    if (i != row or j != col) and depth[i, j] > 0.0 and abs(depth[i, j] - z) <= limit:
-                        support += 1
-            if support >= min_support:
+def _supported(
+    depth: np.ndarray, slope: Any, spread: Any, min_support: int, top: int, bottom: int, left: int, right: int
+) -> np.ndarray:
+    kept, width = np.zeros_like(depth), depth.shape[1]
+    limit, support = np.empty(width, np.float32), np.empty(width, np.int32)
+    for row in range(top, bottom):
+        first, last = span(depth, row, left, right)
+        for col in range(first, last):
+            limit[col] = slope * depth[row, col] + spread * depth[row, col] * depth[row, col]
+            support[col] = -1  # itself
+        for i in range(max(0, row - 1), min(depth.shape[0], row + 2)):
+            for j in range(-1, 2):
+                low, high = max(first, -j), min(last, width - j)
+                _count_tap(
+                    depth, np.uint64(row), np.uint64(i), np.uint64(low), np.uint64(low + j),
+                    np.uint64(max(high - low, 0)), limit, support,
+                )  # fmt: skip
+        for col in range(first, last):
+            if depth[row, col] > 0.0 and support[col] >= min_support:
                 kept[row, col] = depth[row, col]
     return kept
+
+
+@njit(cache=True)
+def _count_tap(
+    depth: np.ndarray, row: Any, i: Any, at: Any, there: Any, count: Any, limit: np.ndarray, support: np.ndarray
+) -> None:
+    """One neighbour of each pixel of a row; unsigned, so that no index can mean one from the end."""
+    for k in range(count):
+        z = depth[i, there + k]
+        support[at + k] += np.int32((z > np.float32(0.0)) & (abs(z - depth[row, at + k]) <= limit[at + k]))

@@ -94,7 +94,8 @@ def _side_by_side(surfaces: Sequence[Surface], first: np.ndarray) -> Surface:
 
 
 def _same_skin(
-    both: Surface, source: slice, target: slice, seen_by: Camera, camera: Camera, landmarks: np.ndarray, dropped: np.ndarray, config: FusionConfig,
+    both: Surface, source: slice, target: slice, seen_by: Camera, camera: Camera, landmarks: np.ndarray,
+    dropped: np.ndarray, config: FusionConfig,
 ) -> np.ndarray:  # fmt: skip
     """(m, 2) int32 pairs: each node of the source with the corners of the target's cell that it falls into.
 

@@ -49,8 +49,8 @@ def add_hidden_skin(
     if len(added) == 0:
         return surface
     pairs, length = _link_hidden(
-        surface.points_m, surface.ring, surface.skin, place, seen, expected.points_m, body.pairs, body.via, body.straight,
-        np.float32(config.stretch),
+        surface.points_m, surface.ring, surface.skin, place, seen, expected.points_m, body.pairs, body.via,
+        body.straight, np.float32(config.stretch),
     )  # fmt: skip
     own, own_length = links(surface)
     start, node, length_m = compress_links(

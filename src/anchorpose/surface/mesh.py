@@ -6,13 +6,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numba import njit
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
-from anchorpose.camera import Camera, transform_points
+from anchorpose.camera import Camera
 from anchorpose.surface.bridge import BridgeConfig, bridge_pairs
+from anchorpose.surface.connected import connected_pieces
 from anchorpose.surface.denoise import DenoiseConfig, denoise, estimate_noise
 from anchorpose.surface.edges import EdgeConfig, drop_flying_pixels, jump_coefficients
+from anchorpose.surface.extent import extent
 from anchorpose.surface.links import compress_links, links, straight_m
 from anchorpose.surface.normals import estimate_normals
 from anchorpose.surface.surface import Surface
@@ -67,19 +67,19 @@ def build_surface(
 
     rays = camera.pixel_rays()
     index, pixel = _grid_nodes(clean, config.step)
-    depth = clean[pixel[:, 0], pixel[:, 1]]
-    points = np.concatenate([rays[pixel[:, 0], pixel[:, 1]] * depth[:, None], depth[:, None]], axis=1)
+    points = _place_nodes(clean, rays, pixel)
+    depth = points[:, 2]
     normals = estimate_normals(clean, rays, pixel, config.normal_radius_px, slope, spread)
-    ring = _link_ring(clean, index, pixel.astype(np.int32), RING, config.step, slope, spread)
+    ring = _link_ring(clean, index, pixel, RING, config.step, slope, spread)
     pairs = np.empty((0, 2), np.int32)
     if bridge is not None and bridge.any() and len(points) > 0:
         spacing = config.step * float(depth.min()) / max(camera.intrinsics.fx, camera.intrinsics.fy)
         pairs = bridge_pairs(index, bridge, points, normals, config.step, spacing, config.bridge)
-    points = transform_points(T_world_camera, points.astype(np.float64)).astype(np.float32)
+    points = _moved(T_world_camera, points, 1.0)
     start, node, length = compress_links(pairs, straight_m(points, pairs), len(points))
     surface = Surface(
         points_m=points,
-        normals=(normals @ T_world_camera[:3, :3].T).astype(np.float32),
+        normals=_moved(T_world_camera, normals, 0.0),
         ring=ring,
         link_start=start,
         link_node=node,
@@ -94,9 +94,13 @@ def build_surface(
 
 def edges(surface: Surface) -> np.ndarray:
     """(e, 2) int32: every edge once, grid edges and links, the smaller index first."""
+    return np.concatenate([grid_edges(surface), links(surface)[0]])
+
+
+def grid_edges(surface: Surface) -> np.ndarray:
+    """(e, 2) int32: every edge of the grid once, the smaller index first."""
     node, place = np.nonzero(surface.ring[:, :4] >= 0)
-    grid = np.stack([node, surface.ring[node, place]], axis=1)
-    return np.sort(np.concatenate([grid, links(surface)[0]]), axis=1).astype(np.int32)
+    return np.sort(np.stack([node, surface.ring[node, place]], axis=1), axis=1).astype(np.int32)
 
 
 def faces(surface: Surface) -> np.ndarray:
@@ -133,32 +137,52 @@ def faces(surface: Surface) -> np.ndarray:
 
 def pieces(surface: Surface) -> np.ndarray:
     """(n,) int32: number of the connected piece that each node belongs to."""
-    pair, count = edges(surface), len(surface)
-    graph = coo_array((np.ones(len(pair), np.int8), (pair[:, 0], pair[:, 1])), shape=(count, count))
-    return connected_components(graph, directed=False)[1].astype(np.int32)
+    return connected_pieces(surface.ring, surface.link_start, surface.link_node)
 
 
 def keep_nodes(surface: Surface, keep: np.ndarray) -> Surface:
     """The part of a surface where keep (n,) bool is true; edges to nodes left out are gone, the order stays."""
     if keep.all():
         return surface
-    renumber = np.full(len(surface) + 1, -1, np.int32)  # the last entry answers the -1 of an empty ring place
-    renumber[:-1][keep] = np.arange(np.count_nonzero(keep), dtype=np.int32)
-    source = renumber[np.repeat(np.arange(len(surface)), np.diff(surface.link_start))]
-    target = renumber[surface.link_node]
-    stay = (source >= 0) & (target >= 0)
-    counts = np.bincount(source[stay], minlength=np.count_nonzero(keep))
-    return Surface(
-        points_m=surface.points_m[keep],
-        normals=surface.normals[keep],
-        ring=renumber[surface.ring[keep]],
-        link_start=np.concatenate([[0], np.cumsum(counts)]).astype(np.int32),
-        link_node=target[stay],
-        link_length_m=surface.link_length_m[stay],
-        camera=surface.camera[keep],
-        pixel=surface.pixel[keep],
-        skin=surface.skin[keep],
+    old = np.flatnonzero(keep)
+    ring, start, node, length = _renumber(
+        surface.ring, surface.link_start, surface.link_node, surface.link_length_m, keep, old
     )
+    return Surface(
+        points_m=surface.points_m.take(old, axis=0),
+        normals=surface.normals.take(old, axis=0),
+        ring=ring,
+        link_start=start,
+        link_node=node,
+        link_length_m=length,
+        camera=surface.camera.take(old),
+        pixel=surface.pixel.take(old, axis=0),
+        skin=surface.skin.take(old),
+    )
+
+
+@njit(cache=True)
+def _renumber(
+    ring: np.ndarray, link_start: np.ndarray, link_node: np.ndarray, link_length: np.ndarray, keep: np.ndarray,
+    old: np.ndarray,
+) -> tuple:  # fmt: skip
+    """Ring and links of the nodes that are kept, old (k,), by their new numbers."""
+    new = np.full(len(keep) + 1, -1, np.int32)  # the last entry answers the -1 of an empty ring place
+    for k in range(len(old)):
+        new[old[k]] = k
+    kept = np.empty((len(old), 8), np.int32)
+    start, node = np.zeros(len(old) + 1, np.int32), np.empty(len(link_node), np.int32)
+    length = np.empty(len(link_node), np.float32)
+    count = 0
+    for k in range(len(old)):
+        for place in range(8):
+            kept[k, place] = new[ring[old[k], place]]
+        for spot in range(link_start[old[k]], link_start[old[k] + 1]):
+            if keep[link_node[spot]]:
+                node[count], length[count] = new[link_node[spot]], link_length[spot]
+                count += 1
+        start[k + 1] = count
+    return kept, start, node[:count].copy(), length[:count].copy()
 
 
 def _refuse_wrong_size(camera: Camera, *pictures: np.ndarray | None) -> None:
@@ -171,10 +195,49 @@ def _refuse_wrong_size(camera: Camera, *pictures: np.ndarray | None) -> None:
 
 def _grid_nodes(depth: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray]:
     """index (rows, cols) int32, -1 = no node; pixel (n, 2) int16 row and column on the full picture."""
-    seen = depth[::step, ::step] > 0
-    index = np.full(seen.shape, -1, np.int32)
-    index[seen] = np.arange(np.count_nonzero(seen), dtype=np.int32)
-    return index, (np.argwhere(seen) * step).astype(np.int16)
+    index = np.full((-(-depth.shape[0] // step), -(-depth.shape[1] // step)), -1, np.int32)
+    return index, _number_nodes(depth, index, step, *extent(depth))
+
+
+@njit(cache=True)
+def _number_nodes(
+    depth: np.ndarray, index: np.ndarray, step: int, top: int, bottom: int, left: int, right: int
+) -> np.ndarray:
+    """Fill in the index; returns pixel (n, 2) int16."""
+    pixel = np.empty(((bottom - top) // step + 1) * ((right - left) // step + 1), np.int32)
+    count = 0
+    for i in range((top + step - 1) // step, (bottom + step - 1) // step):
+        for j in range((left + step - 1) // step, (right + step - 1) // step):
+            if depth[i * step, j * step] > 0.0:
+                index[i, j] = count
+                pixel[count] = (i * step << 16) | (j * step)
+                count += 1
+    nodes = np.empty((count, 2), np.int16)
+    for node in range(count):
+        nodes[node, 0], nodes[node, 1] = pixel[node] >> 16, pixel[node] & 0xFFFF
+    return nodes
+
+
+@njit(cache=True)
+def _place_nodes(depth: np.ndarray, rays: np.ndarray, pixel: np.ndarray) -> np.ndarray:
+    """(n, 3) float32 camera frame."""
+    points = np.empty((len(pixel), 3), np.float32)
+    for node in range(len(pixel)):
+        row, col = np.int64(pixel[node, 0]), np.int64(pixel[node, 1])
+        z = depth[row, col]
+        points[node, 0], points[node, 1], points[node, 2] = rays[row, col, 0] * z, rays[row, col, 1] * z, z
+    return points
+
+
+@njit(cache=True)
+def _moved(T_target_source: np.ndarray, vectors: np.ndarray, point: float) -> np.ndarray:
+    """(n, 3) float32: points turned and shifted (point 1), or directions turned (point 0), in double precision."""
+    T, moved = T_target_source, np.empty((len(vectors), 3), np.float32)
+    for k in range(len(vectors)):
+        x, y, z = np.float64(vectors[k, 0]), np.float64(vectors[k, 1]), np.float64(vectors[k, 2])
+        for axis in range(3):
+            moved[k, axis] = T[axis, 0] * x + T[axis, 1] * y + T[axis, 2] * z + point * T[axis, 3]
+    return moved
 
 
 def _large_pieces(surface: Surface, patch_m2: np.ndarray, min_piece_m2: float) -> np.ndarray:
@@ -190,20 +253,21 @@ def _link_ring(
     rows, cols = index.shape
     linked = np.full((len(pixel), 8), -1, np.int32)
     for node in range(len(pixel)):
-        row, col = pixel[node, 0], pixel[node, 1]
-        for place in range(8):
-            i, j = row // step + ring[place, 0], col // step + ring[place, 1]
+        row, col = np.int64(pixel[node, 0]), np.int64(pixel[node, 1])
+        own, here_row, here_col = depth[row, col], row // step, col // step
+        for place in range(4):  # the other four are the same edges from their other ends
+            down, right = ring[place, 0], ring[place, 1]
+            i, j = here_row + down, here_col + right
             if i < 0 or i >= rows or j < 0 or j >= cols or index[i, j] < 0:
                 continue
-            other = index[i, j]
-            far = max(depth[row, col], depth[i * step, j * step])  # of both, so that the test is the same both ways
+            far = max(own, depth[i * step, j * step])  # of both, so that the test is the same both ways
             limit = slope * far + spread * far * far
-            last, whole = depth[row, col], True
+            last, whole = own, True
             for walk in range(1, step + 1):
-                here = depth[row + walk * ring[place, 0], col + walk * ring[place, 1]]
+                here = depth[row + walk * down, col + walk * right]
                 if here > 0.0:
                     whole = whole and abs(here - last) <= limit
                     last = here
             if whole:
-                linked[node, place] = other
+                linked[node, place], linked[index[i, j], place + 4] = index[i, j], node
     return linked

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
+
+from anchorpose.surface.extent import extent
 
 
 def estimate_normals(
@@ -12,51 +16,132 @@ def estimate_normals(
     """Unit normals in the camera frame, towards the camera; NaN where fewer than three neighbours fix a plane.
 
     depth_m (height, width) float32 metres, 0 = no reading; rays (height, width, 2) float32 of ``Camera.pixel_rays``;
-    pixel (n, 2) int16 row and column. slope, spread: the jump limit a pixel of ``jump_coefficients``. Returns (n, 3)
-    float32. A plane has an inverse depth linear in the rays, so the fit is exact on planes however slanted, and with a
-    noise that grows with z**2 every pixel has the same variance in it.
+    pixel (n, 2) int16 row and column, each with a reading, fastest in raster order. slope, spread: the jump limit a
+    pixel of ``jump_coefficients``. Returns (n, 3) float32. Raises ValueError on a pixel without a reading. A plane
+    has an inverse depth linear in the rays, so the fit is exact on planes however slanted, and with a noise that grows
+    with z**2 every pixel has the same variance in it.
     """
-    return _plane_normals(depth_m, rays, pixel.astype(np.int32), radius_px, np.float64(slope), np.float64(spread))
+    depth = np.ascontiguousarray(depth_m, dtype=np.float32)
+    if not (depth[pixel[:, 0], pixel[:, 1]] > 0).all():
+        raise ValueError("a normal was asked for where there is no reading")
+    return _plane_normals(depth, rays, pixel, radius_px, np.float32(slope), np.float32(spread), *extent(depth))
+
+
+TILE = 256  # pixels of a row at once; the sums of a tile, at fixed places in one array, stay in the nearest cache
+S, SU, SV, SUU, SUV, SVV, SW, SUW, SVW, LIMIT, NX, NY, NZ = (np.uint64(TILE * place) for place in range(13))
 
 
 @njit(cache=True)
 def _plane_normals(
-    depth: np.ndarray, rays: np.ndarray, pixel: np.ndarray, radius: int, slope: float, spread: float
-) -> np.ndarray:
-    height, width = depth.shape
+    depth: np.ndarray, rays: np.ndarray, pixel: np.ndarray, radius: int, slope: Any, spread: Any,
+    top: int, bottom: int, left: int, right: int,
+) -> np.ndarray:  # fmt: skip
+    """The box holds every reading."""
+    shape = (bottom - top + 2 * radius, right - left + 2 * radius + 1)
+    z, inverse, u, v = (
+        np.zeros(shape, np.float32),
+        np.zeros(shape, np.float32),
+        np.zeros(shape, np.float32),
+        np.zeros(shape, np.float32),
+    )
+    _lay_out(depth, rays, z, inverse, u, v, radius, top, bottom, left, right)
     normals = np.empty((len(pixel), 3), np.float32)
-    for node in range(len(pixel)):
-        row, col = pixel[node, 0], pixel[node, 1]
-        z = np.float64(depth[row, col])
-        limit = slope * z + spread * z * z
-        u0, v0 = np.float64(rays[row, col, 0]), np.float64(rays[row, col, 1])
-        s, su, sv, suu, suv, svv, sw, suw, svw = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for i in range(max(0, row - radius), min(height, row + radius + 1)):
-            for j in range(max(0, col - radius), min(width, col + radius + 1)):
-                neighbour = np.float64(depth[i, j])
-                apart = max(abs(i - row), abs(j - col))
-                if neighbour <= 0.0 or abs(neighbour - z) > limit * max(1, apart):
-                    continue
-                u, v, w = rays[i, j, 0] - u0, rays[i, j, 1] - v0, 1.0 / neighbour
-                weight = 1.0 - ((i - row) ** 2 + (j - col) ** 2) / (2.0 * (radius + 1) ** 2)
-                s += weight
-                su += weight * u
-                sv += weight * v
-                suu += weight * u * u
-                suv += weight * u * v
-                svv += weight * v * v
-                sw += weight * w
-                suw += weight * u * w
-                svw += weight * v * w
-        cuu, cuv, cvv = suu - su * su / s, suv - su * sv / s, svv - sv * sv / s
-        cuw, cvw = suw - su * sw / s, svw - sv * sw / s
+    sums = np.empty(13 * TILE, np.float32)
+    node = 0
+    while node < len(pixel):
+        row, first, end = pixel[node, 0], np.int64(pixel[node, 1]), node
+        last = first
+        while end < len(pixel) and pixel[end, 0] == row and first <= pixel[end, 1] < first + TILE:
+            last = max(last, np.int64(pixel[end, 1]))
+            end += 1
+        own, at = np.uint64(row - top + radius), np.uint64(first - left + radius)
+        count = np.uint64(last + 1 - first)
+        sums[: 9 * TILE] = 0.0
+        for k in range(count):
+            sums[LIMIT + k] = slope * z[own, at + k] + spread * z[own, at + k] * z[own, at + k]
+        for i in range(-radius, radius + 1):
+            for j in range(-radius, radius + 1, 2):
+                apart, further = max(1, abs(i), abs(j)), max(1, abs(i), abs(j + 1))
+                near, nearer = _tap_weight(i, j, radius), _tap_weight(i, j + 1, radius)
+                _add_taps(
+                    z, inverse, u, v, sums, own, np.uint64(np.int64(own) + i), at, np.uint64(np.int64(at) + j), count,
+                    np.float32(apart), np.float32(further), near, nearer,
+                )  # fmt: skip
+        _solve(inverse, u, v, sums, own, at, count)
+        for k in range(node, end):
+            spot = np.uint64(pixel[k, 1] - first)
+            normals[k, 0], normals[k, 1], normals[k, 2] = sums[NX + spot], sums[NY + spot], sums[NZ + spot]
+        node = end
+    return normals
+
+
+@njit(cache=True)
+def _tap_weight(i: int, j: int, radius: int) -> Any:
+    """Weight of a neighbour i rows and j columns away; 0 beyond the window, whose odd rows are taken two by two."""
+    return np.float32(1.0 - (i**2 + j**2) / (2.0 * (radius + 1) ** 2)) if j <= radius else np.float32(0.0)
+
+
+@njit(cache=True, error_model="numpy")
+def _lay_out(
+    depth: np.ndarray, rays: np.ndarray, z: np.ndarray, inverse: np.ndarray, u: np.ndarray, v: np.ndarray, margin: int,
+    top: int, bottom: int, left: int, right: int,
+) -> None:  # fmt: skip
+    """Depth, its inverse, and the rays of the box, each by itself, with a margin: no neighbour needs a test."""
+    for i in range(bottom - top):
+        for j in range(right - left):
+            reading = depth[i + top, j + left]
+            z[i + margin, j + margin] = reading
+            inverse[i + margin, j + margin] = np.float32(1.0) / reading if reading > 0.0 else np.float32(0.0)
+            u[i + margin, j + margin], v[i + margin, j + margin] = (
+                rays[i + top, j + left, 0],
+                rays[i + top, j + left, 1],
+            )
+
+
+@njit(cache=True, fastmath={"contract", "nsz"})
+def _add_taps(
+    z: np.ndarray, inverse: np.ndarray, u: np.ndarray, v: np.ndarray, sums: np.ndarray, row: Any, i: Any, at: Any,
+    there: Any, count: Any, apart_a: Any, apart_b: Any, weight_a: Any, weight_b: Any,
+) -> None:  # fmt: skip
+    """Two neighbours of each pixel, about that pixel's own ray and inverse depth, which keeps float32 exact."""
+    for k in range(count):
+        a, b = there + k, there + k + np.uint64(1)
+        limit, own, w, own_u, own_v = (
+            sums[LIMIT + k],
+            z[row, at + k],
+            inverse[row, at + k],
+            u[row, at + k],
+            v[row, at + k],
+        )
+        seen_a = (abs(z[i, a] - own) <= limit * apart_a) & (inverse[i, a] > np.float32(0.0))
+        seen_b = (abs(z[i, b] - own) <= limit * apart_b) & (inverse[i, b] > np.float32(0.0))
+        wa, wb = weight_a if seen_a else np.float32(0.0), weight_b if seen_b else np.float32(0.0)
+        ua, va, ia = u[i, a] - own_u, v[i, a] - own_v, inverse[i, a] - w
+        ub, vb, ib = u[i, b] - own_u, v[i, b] - own_v, inverse[i, b] - w
+        wua, wva, wub, wvb = wa * ua, wa * va, wb * ub, wb * vb
+        sums[S + k] += wa + wb
+        sums[SU + k] += wua + wub
+        sums[SV + k] += wva + wvb
+        sums[SUU + k] += wua * ua + wub * ub
+        sums[SUV + k] += wua * va + wub * vb
+        sums[SVV + k] += wva * va + wvb * vb
+        sums[SW + k] += wa * ia + wb * ib
+        sums[SUW + k] += wua * ia + wub * ib
+        sums[SVW + k] += wva * ia + wvb * ib
+
+
+@njit(cache=True, error_model="numpy")
+def _solve(inverse: np.ndarray, u: np.ndarray, v: np.ndarray, sums: np.ndarray, row: Any, at: Any, count: Any) -> None:
+    """Plane a u + b v + c = 1 / z in the camera's own rays; NaN where the pixels seen are one, or a line of them."""
+    for k in range(count):
+        s, su, sv = np.float64(sums[S + k]), np.float64(sums[SU + k]), np.float64(sums[SV + k])
+        cuu, cuv, cvv = sums[SUU + k] - su * su / s, sums[SUV + k] - su * sv / s, sums[SVV + k] - sv * sv / s
+        cuw, cvw = sums[SUW + k] - su * sums[SW + k] / s, sums[SVW + k] - sv * sums[SW + k] / s
         determinant = cuu * cvv - cuv * cuv
-        if determinant <= 1e-6 * (cuu + cvv) ** 2 or determinant <= 0.0:
-            normals[node] = np.nan  # one pixel, or a line of them
-            continue
         a = (cuw * cvv - cvw * cuv) / determinant
         b = (cvw * cuu - cuw * cuv) / determinant
-        c = (sw - a * su - b * sv) / s - a * u0 - b * v0  # plane a u + b v + c = 1 / z in the camera's own rays
-        length = np.sqrt(a * a + b * b + c * c)
-        normals[node, 0], normals[node, 1], normals[node, 2] = -a / length, -b / length, -c / length
-    return normals
+        c = inverse[row, at + k] + (sums[SW + k] - a * su - b * sv) / s
+        c -= a * u[row, at + k] + b * v[row, at + k]
+        fixed = (determinant > 1e-6 * (cuu + cvv) ** 2) & (determinant > 0.0)
+        length = -np.sqrt(a * a + b * b + c * c) if fixed else np.nan
+        sums[NX + k], sums[NY + k], sums[NZ + k] = a / length, b / length, c / length

@@ -18,8 +18,8 @@ class Surface:
     points_m (n, 3) float32, world frame; normals (n, 3) float32, unit, towards the camera that saw the node.
     ring (n, 8) int32: the node's neighbours on its camera's grid in circular order (E, NE, N, NW, W, SW, S, SE), -1
     where there is none. Consecutive neighbours that both exist form a triangle with the node.
-    link_start (n + 1,) int32, link_node (m,) int32 and link_length_m (m,) float32: edges that the grid does not have, to
-    nodes of other cameras and across what hides the skin, compressed rows, symmetric.
+    link_start (n + 1,) int32, link_node (m,) int32 and link_length_m (m,) float32: edges that the grid does not have,
+    to nodes of other cameras and across what hides the skin, compressed rows, symmetric.
     camera (n,) uint8, pixel (n, 2) int16 row and column: where the node was seen; ``HIDDEN_SKIN`` and -1 where it was
     not: such nodes are inferred, come last, and only lead geodesics from one seen place to another.
     skin (n,) int32: the expected skin point that the node shows, -1 where that is not known.

@@ -40,9 +40,9 @@ class Expectation:
 class Observation:
     """One frame after the stages up to geodesics.
 
-    expected: where the patient was expected, None in a frame of which nothing was. border (n,) uint8 of ``Border``: what
-    each node ends at. pieces: the people's pixels, so that they can be told
-    apart again; crowd: where everybody's skin is.
+    expected: where the patient was expected, None in a frame of which nothing was. border (n,) uint8 of ``Border``:
+    what each node ends at. pieces: the people's pixels, so that they can be told apart again; crowd: where everybody's
+    skin is.
     """
 
     frame_set: FrameSet

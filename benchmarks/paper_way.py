@@ -1,0 +1,183 @@
+"""The paper's own way and ours from one depth frame to five geodesic fields: python benchmarks/paper_way.py.
+
+The paper smooths and triangulates the point cloud with PCL and runs Dijkstra along the edges of the mesh; paper_way/ is
+that as a C++ program, built here with CMake against Debian's libpcl-dev (apt install libpcl-dev libboost-graph-dev
+cmake g++). Both ways take turns in one run on one core, from the same noisy pixels, each warmed up. Their distances are
+compared with the exact ones (pygeodesic) on their own meshes. Printed are times, and their ratio.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from statistics import median
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from test_kernels import FACING, HEIGHT_M, UP, camera_at, largest_piece, manifold, render
+
+from anchorpose.camera import Camera
+from anchorpose.geodesics.anchors import find_anchors
+from anchorpose.geodesics.distance import geodesic_distance
+from anchorpose.surface.mesh import SheetConfig, build_surface, faces
+from anchorpose.surface.surface import Surface
+
+PROGRAM = Path(__file__).parent / "paper_way"
+TO_INSTALL = "needs PCL and a compiler: apt install libpcl-dev libboost-graph-dev cmake g++"
+STEPS = ("smoothing", "triangulation", "graph", "dijkstra")
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """One way's times in milliseconds, a list a step, and what came out: mesh (metres, world) and fields (s, n)."""
+
+    points_m: np.ndarray
+    triangles: np.ndarray
+    sources: np.ndarray
+    fields_m: np.ndarray
+    times_ms: dict[str, list[float]] = field(default_factory=dict)
+
+    @property
+    def total_ms(self) -> float:
+        return median(np.sum(list(self.times_ms.values()), axis=0).tolist())
+
+
+def build(folder: Path) -> Path:
+    """The compiled program; ends with one sentence where something to build it with is missing."""
+    if shutil.which("cmake") is None:
+        sys.exit(f"paper_way.py {TO_INSTALL}")
+    for command in (["cmake", "-S", str(PROGRAM), "-B", str(folder)], ["cmake", "--build", str(folder)]):
+        done = subprocess.run(command, capture_output=True, text=True)
+        if done.returncode != 0:
+            print(done.stderr, file=sys.stderr)
+            sys.exit(f"paper_way.py {TO_INSTALL}")
+    return folder / "paper_way"
+
+
+def run_paper(program: Path, cloud_m: np.ndarray, sources: np.ndarray, radius_m: float, folder: Path) -> Way:
+    """One run of the C++ program on points (n, 3) and the numbers (s,) of those to measure from."""
+    counts = np.array([len(cloud_m), len(sources)], np.int32)
+    parts = [counts, cloud_m.astype(np.float32), sources.astype(np.int32)]
+    (folder / "cloud").write_bytes(b"".join(part.tobytes() for part in parts))
+    command = [str(program), str(folder / "cloud"), str(folder / "mesh"), str(radius_m)]
+    times = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    raw = (folder / "mesh").read_bytes()
+    nodes, triangles, fields = np.frombuffer(raw, np.int32, 3)
+    words = np.frombuffer(raw, np.int32, offset=12)
+    ends = np.cumsum([3 * nodes, 3 * triangles, fields, fields * nodes])
+    points, corners, starts, distances = np.split(words, ends)[:4]
+    return Way(
+        points.view(np.float32).reshape(-1, 3),
+        corners.reshape(-1, 3),
+        starts,
+        distances.view(np.float32).reshape(fields, nodes),
+        {name: [times[name]] for name in STEPS},
+    )
+
+
+def run_ours(depth_m: np.ndarray, camera: Camera, pixels: np.ndarray, step: int) -> Way:
+    """One run of build_surface and geodesic_distance from the nodes nearest to pixels (s, 2), after one to warm up."""
+    config = SheetConfig(step=step)
+    geodesic_distance(build_surface(depth_m, depth_m > 0, camera, config), np.zeros(5, np.int32))
+    begin = time.perf_counter()
+    surface = build_surface(depth_m, depth_m > 0, camera, config)
+    meshed = time.perf_counter()
+    sources = nearest_nodes(surface, pixels)
+    chosen = time.perf_counter()
+    fields = geodesic_distance(surface, sources)
+    times = {"meshing": [1e3 * (meshed - begin)], "fields": [1e3 * (time.perf_counter() - chosen)]}
+    return Way(surface.points_m, faces(surface), sources, fields, times)
+
+
+def nearest_nodes(surface: Surface, pixels: np.ndarray) -> np.ndarray:
+    """(s,) int32: the node nearest to each pixel (s, 2), row and column."""
+    away = ((surface.pixel[None].astype(np.int64) - pixels[:, None]) ** 2).sum(axis=2)
+    return away.argmin(axis=1).astype(np.int32)
+
+
+def errors_mm(way: Way) -> tuple[float, float, float]:
+    """Mean and greatest error against the exact distances on the way's own mesh; share of its nodes in one piece.
+
+    Only nodes that both reach count, on the mesh's largest piece. NaN where pygeodesic is not installed.
+    """
+    import importlib
+
+    try:
+        exact_algorithm = importlib.import_module("pygeodesic.geodesic").PyGeodesicAlgorithmExact
+    except ImportError:
+        return float("nan"), float("nan"), float(np.isfinite(way.fields_m).mean())
+    used, corners = np.unique(largest_piece(manifold(way.triangles), len(way.points_m)), return_inverse=True)
+    solver = exact_algorithm(way.points_m[used].astype(np.float64), corners.reshape(-1, 3).astype(np.int32))
+    off = []
+    for source, found in zip(way.sources, way.fields_m[:, used], strict=True):
+        if source in used:  # not on a crumb that hangs on by an edge
+            exact = solver.geodesicDistances(np.array([np.searchsorted(used, source)], np.int32), None)[0]
+            both = np.isfinite(found) & np.isfinite(exact)
+            off.append(np.abs(found[both] - exact[both]))
+    every = 1e3 * np.concatenate(off)
+    return float(every.mean()), float(every.max()), float(np.isfinite(way.fields_m).mean())
+
+
+def gather(runs: list[Way]) -> Way:
+    """The last run's result with everybody's times."""
+    last = runs[-1]
+    for name in last.times_ms:
+        last.times_ms[name] = [run.times_ms[name][0] for run in runs]
+    return last
+
+
+def describe(title: str, way: Way, reference_ms: float) -> str:
+    mean, greatest, reached = errors_mm(way)
+    steps = ", ".join(f"{name} {median(times):.2f}" for name, times in way.times_ms.items())
+    return (
+        f"| {title} | {steps} | {way.total_ms:.2f} | {reference_ms / way.total_ms:.1f} "
+        f"| {len(way.points_m)} | {len(way.triangles)} | {100 * reached:.1f} % | {mean:.1f} / {greatest:.1f} |"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=int, default=11)
+    parser.add_argument("--radius", type=float, default=0.025, help="search radius of the triangulation, metres")
+    parser.add_argument("--build", type=Path, default=Path("build") / "paper_way", help="where to compile")
+    arguments = parser.parse_args()
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+    os.environ["OMP_NUM_THREADS"] = "1"
+    program = build(arguments.build)
+    camera = camera_at(0.0)
+    depth = render(camera, 0)
+    surface = build_surface(depth, depth > 0, camera, SheetConfig(step=1))
+    anchors = find_anchors(surface, UP, FACING, HEIGHT_M)
+    pixels = surface.pixel[anchors.node[anchors.found]].astype(np.int64)
+    seen = np.argwhere(depth > 0)
+    cloud = camera.back_project(depth)[depth > 0]
+    away = ((seen[None] - pixels[:, None]) ** 2).sum(axis=2)
+    paper: list[Way] = []
+    ours: dict[int, list[Way]] = {1: [], 2: []}
+    with TemporaryDirectory() as folder:
+        first = run_paper(program, cloud, away.argmin(axis=1), arguments.radius, Path(folder))
+        meshed = np.unique(largest_piece(manifold(first.triangles), len(cloud)))  # greedy projection leaves tips out
+        starts = meshed[away[:, meshed].argmin(axis=1)]
+        for _ in range(arguments.runs):
+            paper.append(run_paper(program, cloud, starts, arguments.radius, Path(folder)))
+            for step, runs in ours.items():
+                runs.append(run_ours(depth, camera, pixels, step))
+    reference = gather(paper)
+    print(f"{len(cloud)} points, {len(pixels)} fields, median of {arguments.runs} runs in turns on one core\n")
+    print("| way | steps, ms | all, ms | times as fast | nodes | triangles | reached | error mean / max, mm |")
+    print("|---|---|---|---|---|---|---|---|")
+    print(describe("the paper's: PCL, Boost", reference, reference.total_ms))
+    for step, runs in ours.items():
+        print(describe(f"anchorpose, {('every', 'every second')[step - 1]} pixel", gather(runs), reference.total_ms))
+
+
+if __name__ == "__main__":
+    main()

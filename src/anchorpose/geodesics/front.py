@@ -1,0 +1,247 @@
+"""The front of fast marching, in rounds: all nodes within a narrow band offer their distance to their rings at once.
+
+A heap fixes one node after the other, and nothing in that order can be computed side by side. Here every node that
+fell below the round's threshold makes its offers, eight abreast in the processor's vector registers; whoever gets
+nearer by an offer waits for a later round, again if it had its turn before. The band is narrower than an edge, so that
+hardly 2 nodes in 100 have a second turn. Within a round nobody sees another's new distance, which makes the result
+independent of the order of the nodes.
+Sources: the offers of Kimmel and Sethian 1998 (doi:10.1073/pnas.95.15.8431) with the point source of Novotni and Klein
+2002; the rounds after Kim 2001 (doi:10.1137/S1064827500367130).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from anchorpose.geodesics.fan import AWAY, DOT_LEFT, DOT_RIGHT, EDGE2, FAN, LANES, SMALLEST, lay_fan
+
+# columns of a desk, on which a round's nodes are worked out one row each: the fan, the sides' edges, their distances
+# and bends, the node's own three numbers, and the answers
+SIDE2_LEFT, SIDE2_RIGHT, SIDE_LEFT, SIDE_RIGHT, BEND_LEFT, BEND_RIGHT = 24, 32, 40, 48, 56, 64
+BEFORE, OFFER, OFFER_BEND, OWN, OWN_BEND, OWN_RIM, TAKERS, DESK = 72, 80, 88, 96, 97, 98, 99, 104
+
+ZERO: Any
+ONE: Any
+TWO: Any
+ZERO, ONE, TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)  # a literal would make everything float64
+
+FULL_TURN = np.float32(1.0 / (1.0 - np.cos(np.radians(4.0))))
+"""Over how sharp a turn at the surface's rim the front starts anew there: one that pixels do not make by chance."""
+
+_BITS = (np.arange(256)[:, None] >> np.arange(LANES)) & 1
+TAKER = np.argsort(1 - _BITS, axis=1, kind="stable").astype(np.uint8)  # (256, 8): the lanes whose bits are set, first
+TAKEN = _BITS.sum(axis=1).astype(np.uint8)  # (256,): how many
+FUSED = {"contract", "nsz", "arcp"}  # fused and reordered products, but NaN stays NaN
+
+
+@njit(cache=True)
+def march_on(
+    points: np.ndarray,
+    ring: np.ndarray,
+    link_start: np.ndarray,
+    link_node: np.ndarray,
+    link_length: np.ndarray,
+    fans: tuple,
+    state: tuple,
+    work: tuple,
+    reach: Any,
+    band: float,
+    field: np.ndarray,
+    level: float,
+) -> bool:
+    """March until every node within ``reach`` has its distance, or one among them has ``field`` of ``level`` or more.
+
+    fans: near (n, 8) uint32, fan (n, 24) float32, rim (n,) uint8, 2 where not laid yet, and scratch, of ``lay_fan``.
+    state: distance (n + 1,) float32, ``AWAY`` but at the sources; bend (n + 1,) float32, the distance at which the
+    front last turned around the surface's rim; queued (n + 1,) uint8, 1 for the sources; waiting (n + 9,) uint32, the
+    sources first; size (1,), their number. work: turn (n,) uint32, desk (n, 104) float32, and the same flat.
+    Returns whether such a node was met; a source never is. A field of no length is none.
+    """
+    distance, bend, queued, waiting, size = state
+    near, fan, rim, edge = fans
+    turn, desk, flat = work
+    while size[0] > 0:
+        count, low = _take_turn(distance, queued, waiting, size, turn, band)
+        if low > reach:
+            break
+        if len(field) > 0 and _meets(field, level, distance, reach, turn, count):
+            return True
+        _lay_fans(points, ring, turn, count, near, fan, rim, edge)
+        _set_desk(near, fan, rim, distance, bend, turn, count, desk)
+        _work_out(flat, count)
+        _settle(near, turn, count, desk, distance, bend, queued, waiting, size)
+        _follow_links(link_start, link_node, link_length, turn, count, desk, distance, bend, queued, waiting, size)
+    return False
+
+
+@njit(cache=True)
+def _take_turn(
+    distance: np.ndarray, queued: np.ndarray, waiting: np.ndarray, size: np.ndarray, turn: np.ndarray, band: float
+) -> tuple:
+    """Move the nodes within the band above the nearest from waiting to turn; their number, and the nearest distance."""
+    low, waits = AWAY, size[0]
+    for k in range(waits):
+        own = distance[waiting[k]]
+        low = own if own < low else low
+    threshold = low + np.float32(band)
+    count, left = np.int64(0), np.int64(0)
+    for k in range(waits):
+        node = waiting[k]
+        now = np.uint8(distance[node] <= threshold)
+        turn[count] = node
+        waiting[left] = node
+        count += np.int64(now)
+        left += 1 - np.int64(now)
+        queued[node] = 1 - now
+    size[0] = left
+    return count, low
+
+
+@njit(cache=True)
+def _meets(field: np.ndarray, level: float, distance: np.ndarray, reach: float, turn: np.ndarray, count: int) -> bool:
+    met = False
+    for k in range(count):
+        met |= field[turn[k]] >= level and 0.0 < distance[turn[k]] < reach
+    return met
+
+
+@njit(cache=True)
+def _lay_fans(
+    points: np.ndarray, ring: np.ndarray, turn: np.ndarray, count: int, near: np.ndarray, fan: np.ndarray,
+    rim: np.ndarray, edge: np.ndarray,
+) -> None:  # fmt: skip
+    """Those of this round's nodes that no earlier field laid: a march that stops early pays for what it touches."""
+    for k in range(count):
+        node = turn[k]
+        if rim[node] == 2:
+            rim[node] = lay_fan(points, ring, node, near, fan, edge)
+
+
+@njit(cache=True)
+def _set_desk(
+    near: np.ndarray, fan: np.ndarray, rim: np.ndarray, distance: np.ndarray, bend: np.ndarray, turn: np.ndarray,
+    count: int, desk: np.ndarray,
+) -> None:  # fmt: skip
+    """Copy together what this round's nodes need. Before anybody's distance changes."""
+    for k in range(count):
+        node = turn[k]
+        for column in range(FAN):
+            desk[k, column] = fan[node, column]
+        e, n, w, s = near[node, 0], near[node, 1], near[node, 2], near[node, 3]
+        _deal(desk, k, SIDE2_LEFT, fan[node, 0], fan[node, 1], fan[node, 2], fan[node, 3])
+        _deal(desk, k, SIDE_LEFT, distance[e], distance[n], distance[w], distance[s])
+        for lane in range(LANES):
+            desk[k, BEFORE + lane] = distance[near[node, lane]]
+        _deal(desk, k, BEND_LEFT, bend[e], bend[n], bend[w], bend[s])
+        desk[k, OWN], desk[k, OWN_BEND], desk[k, OWN_RIM] = distance[node], bend[node], rim[node]
+
+
+@njit(cache=True)
+def _deal(desk: np.ndarray, k: int, at: int, e: float, n: float, w: float, s: float) -> None:
+    """The four sides' values to the lanes whose triangles stand on them: ``LEFT``, then ``RIGHT``."""
+    desk[k, at], desk[k, at + 1], desk[k, at + 2], desk[k, at + 3] = n, w, s, e
+    desk[k, at + 4], desk[k, at + 5], desk[k, at + 6], desk[k, at + 7] = n, w, s, e
+    desk[k, at + 8], desk[k, at + 9], desk[k, at + 10], desk[k, at + 11] = s, e, n, w
+    desk[k, at + 12], desk[k, at + 13], desk[k, at + 14], desk[k, at + 15] = e, n, w, s
+
+
+@njit(cache=True, error_model="numpy", fastmath=FUSED)
+def _through(
+    own: float, own_bend: float, arm2: float, arm: float, side: float, side_bend: float, side2: float, dot: float
+) -> tuple:
+    """Offer through one triangle; the bend that goes with it; how much the way turns at the node if it cannot.
+
+    The triangle is laid flat, the node at the origin and the side at (c, 0): the point from which the front seems to
+    come is (x, -y), with ``towards`` = 2 c x and ``beside`` = 2 c y; the neighbour's height over the edge times c is
+    ``area``. A front that turned around the rim comes from there, so ``own_bend`` is taken off the distances and put
+    back on. ``AWAY`` where the straight line misses the edge between node and side.
+    """
+    since = min(own_bend, side_bend)
+    radius = own - since
+    area = np.sqrt(max(arm2 * side2 - dot * dot, ZERO))
+    towards = (own - side) * (own + side - TWO * since) + side2
+    beside = np.sqrt(max(TWO * TWO * side2 * radius * radius - towards * towards, ZERO))
+    gain = (area * beside - dot * towards) / side2
+    straight = since + np.sqrt(max(radius * radius + (arm2 + gain), ZERO))
+    crossing, width = towards * area + dot * beside, side2 * (beside + TWO * area)
+    known = (side < AWAY) & (dot == dot)  # NaN: no triangle
+    hits = known & (crossing >= ZERO) & (crossing <= width)
+    turn = (ONE - gain / (TWO * radius * arm + SMALLEST)) * FULL_TURN
+    offer = straight if hits else AWAY
+    return offer, own_bend + (side_bend - own_bend) * (crossing / width), turn if known else ONE
+
+
+@njit(cache=True, error_model="numpy", fastmath=FUSED)
+def _work_out(desk: np.ndarray, count: int) -> None:
+    """Each row's offers; the inner loop has no branch and one array, so that it becomes vector instructions."""
+    for k in range(count):
+        row = k * DESK
+        own, own_bend, rim = desk[row + OWN], desk[row + OWN_BEND], desk[row + OWN_RIM]
+        takers = np.int32(0)
+        for lane in range(LANES):
+            at = row + lane
+            arm2 = desk[at + EDGE2]
+            arm = np.sqrt(arm2)
+            left, left_bend, left_turn = _through(
+                own, own_bend, arm2, arm, desk[at + SIDE_LEFT], desk[at + BEND_LEFT], desk[at + SIDE2_LEFT],
+                desk[at + DOT_LEFT],
+            )  # fmt: skip
+            right, right_bend, right_turn = _through(
+                own, own_bend, arm2, arm, desk[at + SIDE_RIGHT], desk[at + BEND_RIGHT], desk[at + SIDE2_RIGHT],
+                desk[at + DOT_RIGHT],
+            )  # fmt: skip
+            turn = max(min(left_turn, right_turn, ONE), ZERO)
+            offer, turned = own + arm, own_bend + (own - own_bend) * turn * rim
+            turned = left_bend if left < offer else turned
+            offer = min(offer, left)
+            turned = right_bend if right < offer else turned
+            offer = min(offer, right)
+            desk[at + OFFER], desk[at + OFFER_BEND] = offer, turned
+            takers += np.int32(offer <= desk[at + BEFORE]) << np.int32(lane)
+        desk[row + TAKERS] = takers
+
+
+@njit(cache=True)
+def _settle(
+    near: np.ndarray, turn: np.ndarray, count: int, desk: np.ndarray, distance: np.ndarray, bend: np.ndarray,
+    queued: np.ndarray, waiting: np.ndarray, size: np.ndarray,
+) -> None:  # fmt: skip
+    """Hand the offers to the rings; whoever gets nearer waits. No branches: every second would be guessed wrong."""
+    end = size[0]
+    for k in range(count):
+        takers = np.int64(desk[k, TAKERS])
+        for spot in range(TAKEN[takers]):
+            lane = TAKER[takers, spot]
+            other = near[turn[k], lane]
+            offer, turned = desk[k, OFFER + lane], desk[k, OFFER_BEND + lane]
+            before, before_bend, waits = distance[other], bend[other], queued[other]
+            nearer = np.uint8(offer < before) | (np.uint8(offer == before) & np.uint8(turned < before_bend))
+            distance[other] = min(offer, before)
+            bend[other] = turned if nearer else before_bend
+            waiting[end] = other
+            end += np.int64(nearer & (waits ^ np.uint8(1)))
+            queued[other] = waits | nearer
+    size[0] = end
+
+
+@njit(cache=True)
+def _follow_links(
+    link_start: np.ndarray, link_node: np.ndarray, link_length: np.ndarray, turn: np.ndarray, count: int,
+    desk: np.ndarray,
+    distance: np.ndarray, bend: np.ndarray, queued: np.ndarray, waiting: np.ndarray, size: np.ndarray,
+) -> None:  # fmt: skip
+    """Along a link the way is the link's own length."""
+    for k in range(count):
+        node, own, turned = turn[k], desk[k, OWN], desk[k, OWN_BEND]
+        for spot in range(link_start[node], link_start[node + 1]):
+            other = link_node[spot]
+            offer = own + link_length[spot]
+            if offer < distance[other] or (offer == distance[other] and turned < bend[other]):
+                distance[other], bend[other] = offer, turned
+                if not queued[other]:
+                    queued[other] = 1
+                    waiting[size[0]] = other
+                    size[0] += 1
