@@ -11,11 +11,11 @@ from anchorpose.body.fit import FitConfig
 from anchorpose.body.initial import FirstPose, anchor_constraints, anchor_points, find_first_pose
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import pose_points, rest_points
-from anchorpose.geodesics.anchors import ANCHOR_NAMES, Anchors
+from anchorpose.geodesics.anchors import ANCHOR_NAMES, Anchors, no_anchors
 from anchorpose.joints import JOINT_INDEX
 
 REST = adult_rest()
-UNSEEN = Anchors(np.full(5, -1, np.int32), np.full((5, 3), np.nan))
+UNSEEN = no_anchors()
 STANDING = standing((0.05, 0.93, -0.04), LeftArm=(-20.0, 0.0, 10.0), RightArm=(15.0, 0.0, 5.0), Hips=(0.0, 8.0, 0.0))
 SITTING = standing(
     (-0.1, 0.5, 0.0), LeftUpLeg=(0.0, 0.0, 75.0), RightUpLeg=(0.0, 0.0, 75.0), LeftLeg=(0.0, 0.0, -75.0),
@@ -26,7 +26,7 @@ REACHING = standing(LeftArm=(80.0, 0.0, 0.0), RightArm=(20.0, 0.0, 0.0))
 
 def tips_of(pose: Pose) -> Anchors:
     posed = pose_points(points(), REST, pose)
-    return Anchors(np.arange(5, dtype=np.int32), posed.points_m[anchor_points(asset(), points())])
+    return Anchors(np.arange(5, dtype=np.int32), posed.points_m[anchor_points(asset(), points())], np.full(5, 0.005))
 
 
 def first_pose(truth: Pose, anchors: Anchors, height_m: float | None = None) -> FirstPose:

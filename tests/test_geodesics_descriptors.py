@@ -55,7 +55,9 @@ def corners(surface: Surface) -> Anchors:
     """Four anchors at the corners, the fifth missed."""
     corner = [int(np.argmin(surface.pixel @ np.array(way))) for way in ((1, 1), (1, -1), (-1, 1), (-1, -1))]
     node = np.array([*corner, -1], np.int32)
-    return Anchors(node=node, position_m=np.where(node[:, None] >= 0, surface.points_m[node], np.nan))
+    found = node >= 0
+    position_m = np.where(found[:, None], surface.points_m[node], np.nan)
+    return Anchors(node=node, position_m=position_m, sigma_m=np.where(found, 0.005, np.nan))
 
 
 def some_distances(seed: int, count: int) -> np.ndarray:

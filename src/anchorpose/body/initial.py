@@ -23,7 +23,7 @@ from anchorpose.body.fit import (
 )
 from anchorpose.body.pose import DEGREE, Pose
 from anchorpose.body.skin_points import FittedShape, SkinPoints, pose_points, rest_points
-from anchorpose.geodesics.anchors import ANCHOR_NAMES, Anchors
+from anchorpose.geodesics.anchors import Anchors, no_anchors
 from anchorpose.surface.surface import Surface
 
 # Rotations about (X, Y, Z) in degrees that make a starting pose from the rest pose; mirrored for the right side.
@@ -68,7 +68,7 @@ def find_first_pose(
     ]  # fmt: skip
     best = sorted(starts, key=lambda first: first.cost)[:_FINALISTS]
     found = [
-        _settle(points, first, evidence, _no_anchors(), _ANNEALING_M[_TRIAL_STEPS:], shape_known, config, fit_config)
+        _settle(points, first, evidence, no_anchors(), _ANNEALING_M[_TRIAL_STEPS:], shape_known, config, fit_config)
         for first in best
     ]
     return min(found, key=lambda first: first.cost)
@@ -124,11 +124,6 @@ def _starting_poses(asset: BodyAsset, turns: Sequence[float]) -> list[tuple[str,
                     rotations[asset.bone(bone.replace("Left", side))] = Rotation.from_rotvec(angles).as_matrix()
             poses.append((name, Pose(rotations, np.zeros(3))))
     return poses
-
-
-def _no_anchors() -> Anchors:
-    count = len(ANCHOR_NAMES)
-    return Anchors(np.full(count, -1, np.int32), np.full((count, 3), np.nan))
 
 
 @cache

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from anchorpose.geodesics.caps import Cap, find_caps
 from anchorpose.geodesics.distance import geodesic_distance
 from anchorpose.geodesics.extrema import geodesic_extrema, surface_center
 from anchorpose.surface.surface import Surface
@@ -20,13 +22,15 @@ ANCHOR_NAMES: Final = ("Head", "HandLeft", "HandRight", "FootLeft", "FootRight")
 class Anchors:
     """The five identified anchors of a surface; a missing one is said to be missing, never guessed.
 
-    node (5,) int32: index into the surface, -1 where missed. position_m (5, 3) float64 world: centroid of the extremal
-    cap, NaN where missed. The node is the cap's nearest to that centroid: from frame to frame it moves half as much as
-    the extremum itself, and so do the distances measured from it.
+    node (5,) int32: index into the surface, -1 where missed. position_m (5, 3) float64 world: centre of the extremal
+    cap, NaN where missed; sigma_m (5,) float64: one standard deviation of it on an axis, NaN where missed. The node is
+    the cap's nearest to that centre: from frame to frame it moves half as much as the extremum itself, and so do the
+    distances measured from it.
     """
 
     node: np.ndarray
     position_m: np.ndarray
+    sigma_m: np.ndarray
 
     @property
     def found(self) -> np.ndarray:
@@ -60,8 +64,7 @@ TOLERANCES: Final = np.array(
 )
 """By how much those vary: arms move through everything, head and feet hardly."""
 
-HEAD: Final = 0
-STUMP_SHARE: Final = 0.5  # of a cap's outer half: beside a bar all of it is cut, beside one wrong reading little
+HEAD: Final = 0  # the one limb whose far side is hidden from most cameras, so that hidden skin always goes on
 
 
 def find_anchors(
@@ -79,7 +82,7 @@ def find_anchors(
     """
     config = config or AnchorConfig()
     if len(surface) == 0:
-        return _nothing_found()
+        return no_anchors()
     field = geodesic_distance(surface, np.array([surface_center(surface)]))[0]
     extrema = geodesic_extrema(surface, _seen_only(surface, field), config.radius * height_m)
     return identify_anchors(surface, field, extrema, up, facing, height_m, cut, predicted_m, config)
@@ -106,30 +109,42 @@ def identify_anchors(
     The names are the assignment of least total cost; whatever is out of the gate is missed.
     """
     config = config or AnchorConfig()
-    whole = [_cap(surface, field, int(node), config.cap * height_m) for node in extrema]
-    caps = [cap[cap < surface.seen_count] for cap in whole]
+    caps = find_caps(surface, field, extrema, config.cap * height_m, cut)
     if not caps:
-        return _nothing_found()
-    tips = np.array([surface.points_m[cap].astype(np.float64).mean(axis=0) for cap in caps])
-    reach = np.array([field[cap].max() for cap in caps])
-    cost = _proportion_cost(surface, reach, tips, up, facing, height_m) / config.first_gate
+        return no_anchors()
+    centers = np.array([cap.center_m for cap in caps])
+    cost = _proportion_cost(surface, np.array([cap.reach_m for cap in caps]), centers, up, facing, height_m)
+    cost /= config.first_gate
     if predicted_m is not None:
-        away = np.linalg.norm(tips[:, None] - predicted_m[None], axis=2) / (config.gate * height_m)
+        away = np.linalg.norm(centers[:, None] - predicted_m[None], axis=2) / (config.gate * height_m)
         cost = np.where(np.isfinite(predicted_m).all(axis=1), away, cost)
-    cut = np.zeros(len(surface), bool) if cut is None else cut
-    stump = np.array([_is_stump(surface, field, cap, cut) for cap in caps])
-    goes_on = np.array([_goes_on(surface, field, cap, config.cap * height_m) for cap in caps])
-    cost[stump, HEAD] = np.inf
-    cost[goes_on, HEAD + 1 :] = np.inf
-    if surface.seen_count == len(surface):
-        cost[stump] = np.inf
-    chosen = _assign(cost)
-    anchors = _nothing_found()
-    for name, extremum in enumerate(chosen):
-        if extremum >= 0:
-            anchors.node[name] = _nearest(surface, caps[extremum], tips[extremum])
-            anchors.position_m[name] = tips[extremum]
+    cost[_untrue(caps, surface.seen_count < len(surface))] = np.inf
+    anchors = no_anchors()
+    for name, number in enumerate(_assign(cost)):
+        if number >= 0:
+            anchors.node[name] = _nearest(surface, caps[number].nodes, caps[number].center_m)
+            anchors.position_m[name] = caps[number].center_m
+            anchors.sigma_m[name] = caps[number].sigma_m
     return anchors
+
+
+def no_anchors() -> Anchors:
+    """All five missed."""
+    count = len(ANCHOR_NAMES)
+    return Anchors(np.full(count, -1, np.int32), np.full((count, 3), np.nan), np.full(count, np.nan))
+
+
+def _untrue(caps: Sequence[Cap], closed: bool) -> np.ndarray:
+    """(k, 5) bool: caps that cannot be the end of a limb.
+
+    closed: hidden skin is part of the surface. It then tells of hands and feet whether they go on, better than an edge
+    in the picture does; of the head and of surfaces without it the edge decides.
+    """
+    stump = np.array([cap.stump for cap in caps])
+    untrue = np.repeat(stump[:, None], len(ANCHOR_NAMES), axis=1)
+    if closed:
+        untrue[:, HEAD + 1 :] = np.array([cap.goes_on for cap in caps])[:, None]
+    return untrue
 
 
 def _seen_only(surface: Surface, field: np.ndarray) -> np.ndarray:
@@ -137,30 +152,6 @@ def _seen_only(surface: Surface, field: np.ndarray) -> np.ndarray:
     seen = field.copy()
     seen[surface.seen_count :] = 0.0
     return seen
-
-
-def _nothing_found() -> Anchors:
-    return Anchors(node=np.full(len(ANCHOR_NAMES), -1, np.int32), position_m=np.full((len(ANCHOR_NAMES), 3), np.nan))
-
-
-def _cap(surface: Surface, field: np.ndarray, tip: int, depth_m: float) -> np.ndarray:
-    """Nodes around a tip that lie at most ``depth_m`` nearer to the centre, connected through it."""
-    near = geodesic_distance(surface, np.array([tip]), 2.0 * depth_m)[0]
-    return np.flatnonzero(np.isfinite(near) & (field > field[tip] - depth_m))
-
-
-def _goes_on(surface: Surface, field: np.ndarray, cap: np.ndarray, beyond_m: float) -> bool:
-    """Whether hidden skin around a cap leads much farther than what is seen of it."""
-    near = geodesic_distance(surface, np.array([cap[np.argmax(field[cap])]]), 2.0 * beyond_m)[0, surface.seen_count :]
-    return bool((field[surface.seen_count :][np.isfinite(near)] > field[cap].max() + beyond_m).any())
-
-
-def _is_stump(surface: Surface, field: np.ndarray, cap: np.ndarray, cut: np.ndarray) -> bool:
-    """Whether most of what every camera sees of the outer half of a cap lies at a cut."""
-    outer = cap[field[cap] >= (field[cap].max() + field[cap].min()) / 2.0]
-    seen = np.bincount(surface.camera[outer])
-    at_cut = np.bincount(surface.camera[outer], weights=cut[outer])
-    return bool((at_cut[seen > 0] >= STUMP_SHARE * seen[seen > 0]).all())
 
 
 def _nearest(surface: Surface, nodes: np.ndarray, point_m: np.ndarray) -> int:

@@ -57,26 +57,26 @@ def _beside(
     skin_points: np.ndarray,
     skin_normals: np.ndarray,
     under: int,
-    near: float,
-    off: float,
+    near: np.float32,
+    off: np.float32,
 ) -> bool:
     squared, along = np.float32(0.0), np.float32(0.0)
     for axis in range(3):
         gap = points[node, axis] - skin_points[under, axis]
         squared += gap * gap
         along += gap * skin_normals[under, axis]
-    return squared < near * near and abs(along) < off
+    return bool(squared < near * near and abs(along) < off)
 
 
 @njit(cache=True)
-def _steps(points: np.ndarray, normals: np.ndarray, p: int, q: int, least_step: float) -> bool:
+def _steps(points: np.ndarray, normals: np.ndarray, p: int, q: int, least_step: np.float32) -> bool:
     apart2, from_p, from_q = np.float32(0.0), np.float32(0.0), np.float32(0.0)
     for axis in range(3):
         gap = points[q, axis] - points[p, axis]
         apart2 += gap * gap
         from_p += gap * normals[p, axis]
         from_q += gap * normals[q, axis]
-    return max(abs(from_p), abs(from_q)) > least_step * np.sqrt(apart2)
+    return bool(max(abs(from_p), abs(from_q)) > least_step * np.sqrt(apart2))
 
 
 @njit(cache=True)
@@ -90,8 +90,8 @@ def _root(seam: np.ndarray, node: int) -> int:
 @njit(cache=True)
 def _cut(
     points: np.ndarray, normals: np.ndarray, ring: np.ndarray, skin: np.ndarray, skin_points: np.ndarray,
-    skin_normals: np.ndarray, landmarks: np.ndarray, least_way: float, least_crease: float, least_step: float,
-    sure_way: float, sure_near: float, sure_off: float,
+    skin_normals: np.ndarray, landmarks: np.ndarray, least_way: np.float32, least_crease: np.float32,
+    least_step: np.float32, sure_way: np.float32, sure_near: np.float32, sure_off: np.float32,
 ) -> np.ndarray:  # fmt: skip
     count = len(points)
     seam = np.arange(count).astype(np.int32)  # union-find: the nodes of one contact

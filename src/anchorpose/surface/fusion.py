@@ -137,8 +137,8 @@ def _with_border(ring: np.ndarray, dropped: np.ndarray) -> np.ndarray:
 def _pair_corners(
     points: np.ndarray, normals: np.ndarray, ring: np.ndarray, shown: np.ndarray, begin: int, end: int,
     grid: np.ndarray, step: int, T_camera_world: np.ndarray, lens: np.ndarray, seen_from: np.ndarray,
-    other_from: np.ndarray, landmarks: np.ndarray, dropped: np.ndarray, max_apart: float, max_off_plane: float,
-    min_cosine: float, max_way: float,
+    other_from: np.ndarray, landmarks: np.ndarray, dropped: np.ndarray, max_apart: np.float32,
+    max_off_plane: np.float32, min_cosine: np.float32, max_way: np.float32,
 ) -> np.ndarray:  # fmt: skip
     rows, cols = grid.shape
     pairs = np.empty((4 * (end - begin), 2), np.int32)
@@ -182,7 +182,13 @@ def _pair_corners(
 
 @njit(cache=True)
 def _one_skin(
-    points: np.ndarray, normals: np.ndarray, p: int, q: int, max_apart: float, max_off_plane: float, min_cosine: float
+    points: np.ndarray,
+    normals: np.ndarray,
+    p: int,
+    q: int,
+    max_apart: np.float32,
+    max_off_plane: np.float32,
+    min_cosine: np.float32,
 ) -> bool:
     apart2, cosine, off_p, off_q = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
     for axis in range(3):
@@ -192,11 +198,11 @@ def _one_skin(
         off_p += gap * normals[p, axis]
         off_q += gap * normals[q, axis]
     near = apart2 <= max_apart * max_apart and abs(off_p) <= max_off_plane and abs(off_q) <= max_off_plane
-    return near and cosine >= min_cosine
+    return bool(near and cosine >= min_cosine)
 
 
 @njit(cache=True)
-def _squareness(points: np.ndarray, normals: np.ndarray, p: int, q: int, position: np.ndarray) -> float:
+def _squareness(points: np.ndarray, normals: np.ndarray, p: int, q: int, position: np.ndarray) -> np.float32:
     """Readings that a camera has for each square metre of the skin at p and q, up to a constant."""
     along, away2 = np.float32(0), np.float32(0)
     for axis in range(3):

@@ -86,7 +86,12 @@ def _seen_through(
 
 @njit(cache=True)
 def _mark_seen_through(
-    skin: np.ndarray, T_camera_world: np.ndarray, lens: np.ndarray, depth: np.ndarray, behind: float, absent: np.ndarray
+    skin: np.ndarray,
+    T_camera_world: np.ndarray,
+    lens: np.ndarray,
+    depth: np.ndarray,
+    behind: np.float32,
+    absent: np.ndarray,
 ) -> None:
     for k in range(len(skin)):
         x, y, z = T_camera_world[0, 3], T_camera_world[1, 3], T_camera_world[2, 3]
@@ -133,7 +138,7 @@ def _place_hidden(
 @njit(cache=True)
 def _link_hidden(
     points: np.ndarray, ring: np.ndarray, skin: np.ndarray, place: np.ndarray, seen: np.ndarray,
-    skin_points: np.ndarray, pairs: np.ndarray, via: np.ndarray, straight: np.ndarray, stretch: float,
+    skin_points: np.ndarray, pairs: np.ndarray, via: np.ndarray, straight: np.ndarray, stretch: np.float32,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """(m, 2) links among new nodes, but for two seen ones, and from the rim to them; (m,) float32 their lengths."""
     most = len(pairs) + len(points)
@@ -160,7 +165,7 @@ def _link_hidden(
 
 
 @njit(cache=True)
-def _apart(points: np.ndarray, a: int, others: np.ndarray, b: int) -> float:
+def _apart(points: np.ndarray, a: int, others: np.ndarray, b: int) -> np.float32:
     squared = np.float32(0.0)
     for axis in range(3):
         squared += (points[a, axis] - others[b, axis]) ** 2

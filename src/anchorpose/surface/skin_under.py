@@ -78,7 +78,7 @@ def show_skin(
 def _candidates(
     points: np.ndarray, normals: np.ndarray, pixel: np.ndarray, skin: np.ndarray, skin_normals: np.ndarray,
     landmarks: np.ndarray, contested: np.ndarray, T_camera_world: np.ndarray, lens: np.ndarray, rows: int, cols: int,
-    reach: float, min_cosine: float, off_sheet: float, doubt: float, far: float,
+    reach: np.float32, min_cosine: np.float32, off_sheet: np.float32, doubt: np.float32, far: np.float32,
 ) -> np.ndarray:  # fmt: skip
     """(n, 2): the nearest skin point of each node, and the nearest of those far from that one on the body, if in doubt.
 
@@ -146,28 +146,27 @@ def _candidates(
 
 
 @njit(cache=True, fastmath=True)
-def _contested(skin: np.ndarray, landmarks: np.ndarray, radius: float, far: float) -> np.ndarray:
+def _contested(skin: np.ndarray, landmarks: np.ndarray, radius: np.float32, far: np.float32) -> np.ndarray:
     """Skin points sorted by height: those within the radius of one follow each other."""
     order = np.argsort(skin[:, 1])
+    place, known = skin[order], landmarks[order]
     contested = np.zeros(len(skin), np.bool_)
-    for first in range(len(order)):
-        a = order[first]
-        for second in range(first + 1, len(order)):
-            b = order[second]
-            y = skin[b, 1] - skin[a, 1]
+    for a in range(len(order)):
+        for b in range(a + 1, len(order)):
+            y = place[b, 1] - place[a, 1]
             if y > radius:
                 break
-            if contested[a] and contested[b]:
+            x, z = place[b, 0] - place[a, 0], place[b, 2] - place[a, 2]
+            if x * x + y * y + z * z >= radius * radius or (contested[order[a]] and contested[order[b]]):
                 continue
-            x, z = skin[b, 0] - skin[a, 0], skin[b, 2] - skin[a, 2]
-            if x * x + y * y + z * z < radius * radius and way_over_skin(landmarks, a, b) > far:
-                contested[a] = True
-                contested[b] = True
+            if way_over_skin(known, a, b) > far:
+                contested[order[a]] = True
+                contested[order[b]] = True
     return contested
 
 
 @njit(cache=True)
-def crease(points: np.ndarray, normals: np.ndarray, p: int, q: int) -> float:
+def crease(points: np.ndarray, normals: np.ndarray, p: int, q: int) -> np.float32:
     """By how much the skin folds inwards from p to q: the turn of the normal, radians, positive if concave."""
     apart2, turn = np.float32(0.0), np.float32(0.0)
     for axis in range(3):
@@ -180,7 +179,7 @@ def crease(points: np.ndarray, normals: np.ndarray, p: int, q: int) -> float:
 @njit(cache=True)
 def _settle(
     points: np.ndarray, normals: np.ndarray, ring: np.ndarray, candidates: np.ndarray, landmarks: np.ndarray,
-    crease_cost: float,
+    crease_cost: np.float32,
 ) -> np.ndarray:  # fmt: skip
     """Grow from nodes with one candidate into those with two, which take the one nearer on the body to where they
     were reached from; a way over creases is longer. Label correcting, so the order of the nodes does not matter.

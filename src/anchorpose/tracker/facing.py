@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.body.initial import find_first_pose, shape_of_height
-from anchorpose.geodesics.anchors import ANCHOR_NAMES, Anchors
+from anchorpose.geodesics.anchors import no_anchors
 from anchorpose.isolation.people import choose_patient
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
@@ -56,13 +56,12 @@ def _costs(
     seen = observe_first(samples[look], room, choice, height_m, config, Stopwatch())
     if len(seen.surface) < config.registration.least_nodes:
         return None
-    points, nothing = body_points(), len(ANCHOR_NAMES)
-    anchors = Anchors(np.full(nothing, -1, np.int32), np.full((nothing, 3), np.nan))  # theirs are named by a heading
+    points = body_points()
     shapes = [shape_of_height(points.asset, height) for height in first_heights(seen.surface, room)]
-    return [
+    return [  # their anchors are named by a heading, so they are left out
         find_first_pose(
-            points, seen.evidence, anchors, shapes, False, config.registration.constraints, config.registration.fit,
-            (float(np.arctan2(-heading[2], heading[0])),),
+            points, seen.evidence, no_anchors(), shapes, False, config.registration.constraints,
+            config.registration.fit, (float(np.arctan2(-heading[2], heading[0])),),
         ).cost
         for heading in headings
     ]  # fmt: skip

@@ -22,7 +22,7 @@ from anchorpose.results.stage_pictures import (
     draw_values,
 )
 from anchorpose.surface.border import Border
-from anchorpose.surface.mesh import links
+from anchorpose.surface.links import links
 from anchorpose.tracker.inspection import InspectedCamera
 from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.start import body_points
@@ -38,7 +38,7 @@ Projection = Callable[[np.ndarray], np.ndarray]
 def draw_mesh(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray:
     """The surface in relief, its bridges and joins, and where something else cuts it off."""
     picture, to_pixel = _canvas(one)
-    surface, pairs = seen.surface, links(seen.surface)
+    surface, pairs = seen.surface, links(seen.surface)[0]
     same = surface.camera[pairs[:, 0]] == surface.camera[pairs[:, 1]]
     twice = np.zeros(len(surface), dtype=bool)
     twice[pairs[~same].ravel()] = True

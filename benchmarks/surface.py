@@ -1,0 +1,205 @@
+"""The surface, distances on it and the anchors against the true body: python benchmarks/surface.py --seeds 4 --seconds 3.
+
+Simulated recordings are tracked, and every few frames what tracking made of the surface is compared with the truth:
+distances from the found anchors to all seen nodes with exact geodesics on the whole dressed body, whatever of it is
+hidden; anchors with the limb that they lie on. A limb's end counts as visible where some camera sees half of what it
+would see of it alone. Jitter is how far an anchor moves when the same moment is read again with other sensor noise.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+import numpy as np
+from true_body import TrueBody, limb_of_bones
+
+from anchorpose.geodesics.anchors import ANCHOR_NAMES, find_anchors
+from anchorpose.isolation.view import View
+from anchorpose.pipeline import TrackConfig
+from anchorpose.recording.reader import open_recording
+from anchorpose.simulate.clinic import draw_clinic, random_stream
+from anchorpose.simulate.config import SimulationConfig
+from anchorpose.simulate.render import PATIENT, Picture, draw_figures
+from anchorpose.simulate.sensor import SENSORS, sense
+from anchorpose.simulate.shoot import Shot, Studio, set_up
+from anchorpose.simulate.write import simulate_recording
+from anchorpose.surface.border import Border, border
+from anchorpose.surface.patient_surface import blank_view, patient_surface
+from anchorpose.threads import one_thread
+from anchorpose.tracker.both_ways import learn_on, plan_route
+from anchorpose.tracker.observation import Observation
+from anchorpose.tracker.patient import follow_patient
+from anchorpose.tracker.preparation import prepare_room
+from anchorpose.tracker.room import UP
+from anchorpose.tracker.start import body_points
+from anchorpose.tracker.stopwatch import Stopwatch
+from anchorpose.tracking.default_motions import default_motions
+
+ALONE: Final = {"standing_frame": False, "stool": False, "therapists": 0}
+SCENES: Final = {
+    "one camera": {"cameras": 1, **ALONE},
+    "three cameras": {"cameras": 3, **ALONE},
+    "standing frame, one": {"cameras": 1, "therapists": 0},
+    "standing frame, three": {"cameras": 3, "therapists": 0},
+    "clinic, three": {"cameras": 3},
+}
+EVERY: Final = 4  # frames between two that are looked at
+ON_BODY_M: Final = 0.03  # a node farther off the true skin is no node of it
+VISIBLE: Final = 0.5
+COLUMNS: Final = ("mean mm", "median", "p95", "signed", "unreached %", "five of five %", "of frames", "found %",
+                  "wrong %", "jitter mm", "sigma mm")  # fmt: skip
+
+
+@dataclass(slots=True)
+class Score:
+    """What the frames of one kind of scene add up to."""
+
+    errors_m: list[np.ndarray] = field(default_factory=list)
+    unreached: int = 0
+    pairs: int = 0
+    all_right: int = 0
+    all_visible: int = 0
+    visible: int = 0
+    right: int = 0
+    found: int = 0
+    wrong: int = 0
+    jitter_m: list[float] = field(default_factory=list)
+    sigma_m: list[float] = field(default_factory=list)
+
+    def row(self) -> list[float]:
+        """In the order of ``COLUMNS``."""
+        error = 1000 * np.concatenate(self.errors_m) if self.errors_m else np.array([np.nan])
+        size = np.abs(error)
+        return [
+            size.mean(), np.median(size), np.percentile(size, 95), error.mean(),
+            100 * self.unreached / max(self.pairs, 1), 100 * self.all_right / max(self.all_visible, 1),
+            self.all_visible, 100 * self.right / max(self.visible, 1), 100 * self.wrong / max(self.found, 1),
+            1000 * float(np.mean(self.jitter_m or [np.nan])), 1000 * float(np.mean(self.sigma_m or [np.nan])),
+        ]  # fmt: skip
+
+
+def observations(folder: Path, config: TrackConfig) -> Iterator[tuple[Observation, float]]:
+    """What tracking saw in each frame it looked at anew, and the height of the learnt body."""
+    recording = open_recording(folder)
+    room = prepare_room(recording, config)
+    watch, motions = Stopwatch(), default_motions(15.0, config.motion)
+    route = plan_route(room, config, lambda: None)
+    shape = learn_on(route, room, motions, config, watch)
+    height_m = float(np.ptp(shape.body(body_points().asset).vertices[:, 1])) if shape else 1.75
+    for positions in (route.back[1:], route.forth):
+        for estimate in follow_patient(room, route.frames(positions), motions, shape, config, watch):
+            if estimate.observation is not None and estimate.observation.expected is not None:
+                yield estimate.observation, height_m
+
+
+def visible_limbs(shot: Shot, studio: Studio) -> np.ndarray:
+    """(5,) bool: of which limb's end some camera sees enough."""
+    asset = studio.clinic.patient.person.body.asset
+    limb = np.append(-1, limb_of_bones(asset))  # part 0 is nobody
+    patient = shot.figures[0]
+    seen = np.zeros(len(ANCHOR_NAMES), bool)
+    for camera, picture in zip(studio.clinic.cameras, shot.pictures, strict=True):
+        own = limb[picture.part][picture.label == PATIENT]
+        for number in range(len(ANCHOR_NAMES)):
+            faces = limb[patient.face_part] == number
+            only = replace(patient, faces=patient.faces[faces], face_part=patient.face_part[faces])
+            shape = picture.depth_m.shape
+            nothing = Picture(np.zeros(shape, np.float32), np.ones(shape, np.float32), np.zeros(shape, np.uint8),
+                              np.zeros(shape, np.uint8))  # fmt: skip
+            alone = int((draw_figures(camera, nothing, (only,)).label == PATIENT).sum())
+            seen[number] |= alone > 0 and (own == number).sum() >= VISIBLE * alone
+    return seen
+
+
+def add_frame(score: Score, seen: Observation, shot: Shot, studio: Studio, config: TrackConfig) -> None:
+    """Compare one frame."""
+    body = TrueBody(shot.figures[0].skin_m, studio.clinic.patient.person.body.asset)
+    face, share, away = body.project(seen.surface.points_m)
+    limb = np.array([-1 if node < 0 else body.limb_at(place)
+                     for node, place in zip(seen.anchors.node, seen.anchors.position_m, strict=True)])  # fmt: skip
+    right = limb == np.arange(len(limb))
+    for number in np.flatnonzero(right):
+        node = seen.anchors.node[number]
+        true = body.read(body.exact_field(face[node], share[node]), face, share)
+        error = seen.descriptor[:, number] - true
+        score.pairs += len(error)
+        score.unreached += int((~np.isfinite(seen.descriptor[:, number])).sum())
+        score.errors_m.append(error[np.isfinite(error) & (away < ON_BODY_M)])
+    visible = visible_limbs(shot, studio)
+    score.visible += int(visible.sum())
+    score.right += int((right & visible).sum())
+    score.found += int(seen.anchors.found.sum())
+    score.wrong += int((seen.anchors.found & ~right).sum())
+    if visible.all():
+        score.all_visible += 1
+        score.all_right += bool(right.all())
+
+
+def add_jitter(
+    score: Score, seen: Observation, shot: Shot, studio: Studio, height_m: float, config: TrackConfig
+) -> None:
+    """Anchors of the same moment read twice, each with noise of its own; labels and prediction as they were."""
+    expected = seen.expected
+    if expected is None:
+        return
+    clinic = studio.clinic
+    found = []
+    for again in (1, 2):
+        views = []
+        for index, (view, camera) in enumerate(zip(seen.evidence.views, seen.evidence.cameras, strict=True)):
+            rng = random_stream(clinic.config, "sensor", index, seen.frame_set.frame + 10_000 * again)
+            picture = shot.pictures[index]
+            spec, wiggle = SENSORS[clinic.config.sensor], studio.wiggles_m[index]
+            reading = sense(rng, spec, picture.depth_m, picture.cosine, wiggle)
+            depth = (reading * camera.depth_scale).astype(np.float32)
+            views.append(
+                blank_view(camera)
+                if view is None
+                else View(depth, np.where(depth > 0, view.labels, 0).astype(np.uint8))
+            )
+        whole = patient_surface(views, seen.evidence.cameras, expected.skin, config.surface)
+        cut = border(whole, views) == Border.CUT
+        found.append(find_anchors(whole, UP, expected.facing, height_m, cut, expected.anchors_m, config.anchors))
+    both = found[0].found & found[1].found
+    score.jitter_m += np.linalg.norm(found[0].position_m - found[1].position_m, axis=1)[both].tolist()
+    score.sigma_m += found[0].sigma_m[both].tolist()
+
+
+def run(kind: str, seeds: range, seconds: float) -> Score:
+    """All recordings of one kind."""
+    score, config = Score(), TrackConfig()
+    for seed in seeds:
+        scene = SimulationConfig(seed=seed, seconds=seconds, fps=15.0, **SCENES[kind])  # type: ignore[arg-type]
+        with TemporaryDirectory() as folder:
+            simulate_recording(Path(folder) / "s", scene)
+            studio = set_up(draw_clinic(scene))
+            for seen, height_m in observations(Path(folder) / "s" / "recording", config):
+                if seen.frame_set.frame % EVERY == 0:
+                    shot = studio.shoot(seen.frame_set.frame)
+                    add_frame(score, seen, shot, studio, config)
+                    add_jitter(score, seen, shot, studio, height_m, config)
+    return score
+
+
+def main() -> None:
+    """One row a kind of scene."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=4)
+    parser.add_argument("--first-seed", type=int, default=1)
+    parser.add_argument("--seconds", type=float, default=3.0)
+    parser.add_argument("--scenes", nargs="*", choices=list(SCENES), default=list(SCENES))
+    chosen = parser.parse_args()
+    print(f"{'':24s}" + " ".join(f"{name:>14s}" for name in COLUMNS))
+    with one_thread():
+        for kind in chosen.scenes:
+            score = run(kind, range(chosen.first_seed, chosen.first_seed + chosen.seeds), chosen.seconds)
+            print(f"{kind:24s}" + " ".join(f"{value:14.1f}" for value in score.row()), flush=True)
+
+
+if __name__ == "__main__":
+    main()
