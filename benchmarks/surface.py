@@ -1,4 +1,4 @@
-"""The surface, distances on it and the anchors against the true body: python benchmarks/surface.py --seeds 4 --seconds 3.
+"""Surface, geodesics and anchors against the true body: python benchmarks/surface.py --seeds 4 --seconds 3.
 
 Simulated recordings are tracked, and every few frames what tracking made of the surface is compared with the truth:
 distances from the found anchors to all seen nodes with exact geodesics on the whole dressed body, whatever of it is
@@ -19,7 +19,7 @@ import numpy as np
 from true_body import TrueBody, limb_of_bones
 
 from anchorpose.geodesics.anchors import ANCHOR_NAMES, find_anchors
-from anchorpose.isolation.view import View
+from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.pipeline import TrackConfig
 from anchorpose.recording.reader import open_recording
 from anchorpose.simulate.clinic import draw_clinic, random_stream
