@@ -88,9 +88,8 @@ def _copy_masked(
     depth: np.ndarray, mask: np.ndarray, masked: np.ndarray, top: int, bottom: int, left: int, right: int
 ) -> None:
     for row in range(top, bottom):
-        to, reading, wanted = masked[row, left:right], depth[row, left:right], mask[row, left:right]
-        for k in range(len(to)):
-            to[k] = reading[k] if wanted[k] else 0.0
+        for col in range(np.uint64(left), np.uint64(right)):
+            masked[row, col] = depth[row, col] if mask[row, col] else 0.0
 
 
 @njit(cache=True, error_model="numpy")

@@ -22,8 +22,12 @@ def extent(mask: np.ndarray) -> tuple:
             top, bottom = min(top, row), row + 1
     if bottom == 0:
         return 0, 0, 0, 0
-    inside = np.flatnonzero(columns)
-    return top, bottom, inside[0], inside[-1] + 1
+    left, right = 0, width
+    while columns[left] == 0:
+        left += 1
+    while columns[right - 1] == 0:
+        right -= 1
+    return top, bottom, left, right
 
 
 @njit(cache=True)

@@ -56,7 +56,8 @@ def _plane_normals(
             end += 1
         own, at = np.uint64(row - top + radius), np.uint64(first - left + radius)
         count = np.uint64(last + 1 - first)
-        sums[: 9 * TILE] = 0.0
+        for k in range(np.uint64(9 * TILE)):
+            sums[k] = 0.0
         for k in range(count):
             sums[LIMIT + k] = slope * z[own, at + k] + spread * z[own, at + k] * z[own, at + k]
         for i in range(-radius, radius + 1):
