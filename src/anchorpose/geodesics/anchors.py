@@ -45,10 +45,11 @@ class AnchorConfig:
     radius: float = 0.5 / 1.75  # r: 0.5 m on a person of 1.75 m
     cap: float = 0.06 / 1.75  # how far below its tip the extremal cap reaches: 6 cm, about a fist
     gate: float = 0.25 / 1.75  # how far from its prediction an anchor may be: half a forearm
+    head_gate: float = 0.15 / 1.75  # a head moves less, and a neck without its head is 20 cm away
     first_gate: float = 2.1  # without prediction: tolerances of the body's proportions; a foot is 2.15 from a hand
 
     def __post_init__(self) -> None:
-        for name in ("radius", "cap", "gate", "first_gate"):
+        for name in ("radius", "cap", "gate", "head_gate", "first_gate"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
 
@@ -116,7 +117,9 @@ def identify_anchors(
     cost = _proportion_cost(surface, np.array([cap.reach_m for cap in caps]), centers, up, facing, height_m)
     cost /= config.first_gate
     if predicted_m is not None:
-        away = np.linalg.norm(centers[:, None] - predicted_m[None], axis=2) / (config.gate * height_m)
+        gates = np.full(len(ANCHOR_NAMES), config.gate)
+        gates[HEAD] = config.head_gate
+        away = np.linalg.norm(centers[:, None] - predicted_m[None], axis=2) / (gates * height_m)
         cost = np.where(np.isfinite(predicted_m).all(axis=1), away, cost)
     cost[_untrue(caps, surface.seen_count < len(surface))] = np.inf
     anchors = no_anchors()
@@ -138,12 +141,11 @@ def _untrue(caps: Sequence[Cap], closed: bool) -> np.ndarray:
     """(k, 5) bool: caps that cannot be the end of a limb.
 
     closed: hidden skin is part of the surface. It then tells of hands and feet whether they go on, better than an edge
-    in the picture does; of the head and of surfaces without it the edge decides.
+    in the picture does; of the head its place decides.
     """
-    stump = np.array([cap.stump for cap in caps])
-    untrue = np.repeat(stump[:, None], len(ANCHOR_NAMES), axis=1)
-    if closed:
-        untrue[:, HEAD + 1 :] = np.array([cap.goes_on for cap in caps])[:, None]
+    wrong = np.array([cap.goes_on if closed else cap.stump for cap in caps])
+    untrue = np.repeat(wrong[:, None], len(ANCHOR_NAMES), axis=1)
+    untrue[:, HEAD] &= not closed
     return untrue
 
 

@@ -14,6 +14,8 @@ from anchorpose.geodesics.distance import geodesic_distance
 from anchorpose.surface.surface import Surface
 
 STUMP_SHARE: Final = 0.5  # of a cap's outer half: beside a bar all of it is cut, beside one wrong reading little
+LONGER: Final = 1.5  # cap depths, 9 cm: fingers that the sensor lost are shorter, a hand from the wrist on is not
+LONGER_AT_CUT: Final = 1.0  # where something stands in front of the end: a wrist behind a bar
 SPREAD: Final = 0.20  # of a cap's radius: by how much its centre moves from frame to frame
 
 
@@ -23,7 +25,7 @@ class Cap:
 
     nodes (m,) int: seen nodes; center_m (3,): their mean, the outermost counting most. reach_m: how far from the centre
     of the surface the outermost lies. sigma_m: one standard deviation of the centre on an axis. stump: it ends because
-    something else stands in front; goes_on: hidden skin leads more than a cap's depth farther.
+    something else stands in front; goes_on: hidden skin leads much farther.
     """
 
     nodes: np.ndarray
@@ -61,13 +63,15 @@ def _cap(
     center = weight @ points / weight.sum()
     radius = float(np.sqrt(weight @ ((points - center) ** 2).sum(axis=1) / weight.sum() / 3.0))
     unseen = float((field[hidden] > highest).sum()) / len(around)
+    stump = cut is not None and _is_stump(surface, field, nodes, cut)
+    longer = (LONGER_AT_CUT if stump else LONGER) * depth_m
     return Cap(
         nodes=nodes,
         center_m=center,
         reach_m=highest,
         sigma_m=float(np.hypot(SPREAD * radius, unseen * depth_m)),
-        stump=cut is not None and _is_stump(surface, field, nodes, cut),
-        goes_on=bool((field[hidden] > highest + depth_m).any()),
+        stump=stump,
+        goes_on=bool((field[hidden] > highest + longer).any()),
     )
 
 
