@@ -18,8 +18,7 @@ from typing import Final
 import numpy as np
 from true_body import TrueBody, limb_of_bones
 
-from anchorpose.geodesics.anchors import ANCHOR_NAMES, find_anchors
-from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.geodesics.anchors import ANCHOR_NAMES
 from anchorpose.pipeline import TrackConfig
 from anchorpose.recording.reader import open_recording
 from anchorpose.simulate.clinic import draw_clinic, random_stream
@@ -28,14 +27,12 @@ from anchorpose.simulate.render import PATIENT, Picture, draw_figures
 from anchorpose.simulate.sensor import SENSORS, sense
 from anchorpose.simulate.shoot import Shot, Studio, set_up
 from anchorpose.simulate.write import simulate_recording
-from anchorpose.surface.border import Border, border
-from anchorpose.surface.patient_surface import blank_view, patient_surface
 from anchorpose.threads import one_thread
 from anchorpose.tracker.both_ways import learn_on, plan_route
-from anchorpose.tracker.observation import Observation
+from anchorpose.tracker.observation import Observation, observe
 from anchorpose.tracker.patient import follow_patient
 from anchorpose.tracker.preparation import prepare_room
-from anchorpose.tracker.room import UP
+from anchorpose.tracker.room import Room
 from anchorpose.tracker.start import body_points
 from anchorpose.tracker.stopwatch import Stopwatch
 from anchorpose.tracking.default_motions import default_motions
@@ -52,7 +49,7 @@ EVERY: Final = 4  # frames between two that are looked at
 ON_BODY_M: Final = 0.03  # a node farther off the true skin is no node of it
 VISIBLE: Final = 0.5
 COLUMNS: Final = ("mean mm", "median", "p95", "signed", "unreached %", "five of five %", "of frames", "found %",
-                  "wrong %", "jitter mm", "sigma mm")  # fmt: skip
+                  "wrong %", "jitter mm", "median", "sigma mm")  # fmt: skip
 
 
 @dataclass(slots=True)
@@ -79,12 +76,23 @@ class Score:
             size.mean(), np.median(size), np.percentile(size, 95), error.mean(),
             100 * self.unreached / max(self.pairs, 1), 100 * self.all_right / max(self.all_visible, 1),
             self.all_visible, 100 * self.right / max(self.visible, 1), 100 * self.wrong / max(self.found, 1),
-            1000 * float(np.mean(self.jitter_m or [np.nan])), 1000 * float(np.mean(self.sigma_m or [np.nan])),
+            1000 * float(np.mean(self.jitter_m or [np.nan])), 1000 * float(np.median(self.jitter_m or [np.nan])),
+            1000 * float(np.mean(self.sigma_m or [np.nan])),
         ]  # fmt: skip
 
 
-def observations(folder: Path, config: TrackConfig) -> Iterator[tuple[Observation, float]]:
-    """What tracking saw in each frame it looked at anew, and the height of the learnt body."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Moment:
+    """What tracking saw in a frame and in the one before, the room, and the height of the learnt body."""
+
+    seen: Observation
+    before: Observation
+    room: Room
+    height_m: float
+
+
+def moments(folder: Path, config: TrackConfig) -> Iterator[Moment]:
+    """Every frame of a recording in which the patient was expected somewhere."""
     recording = open_recording(folder)
     room = prepare_room(recording, config)
     watch, motions = Stopwatch(), default_motions(15.0, config.motion)
@@ -92,9 +100,12 @@ def observations(folder: Path, config: TrackConfig) -> Iterator[tuple[Observatio
     shape = learn_on(route, room, motions, config, watch)
     height_m = float(np.ptp(shape.body(body_points().asset).vertices[:, 1])) if shape else 1.75
     for positions in (route.back[1:], route.forth):
+        before: Observation | None = None
         for estimate in follow_patient(room, route.frames(positions), motions, shape, config, watch):
-            if estimate.observation is not None and estimate.observation.expected is not None:
-                yield estimate.observation, height_m
+            seen = estimate.observation
+            if seen is not None and seen.expected is not None and before is not None:
+                yield Moment(seen, before, room, height_m)
+            before = seen
 
 
 def visible_limbs(shot: Shot, studio: Studio) -> np.ndarray:
@@ -116,7 +127,7 @@ def visible_limbs(shot: Shot, studio: Studio) -> np.ndarray:
     return seen
 
 
-def add_frame(score: Score, seen: Observation, shot: Shot, studio: Studio, config: TrackConfig) -> None:
+def add_frame(score: Score, seen: Observation, shot: Shot, studio: Studio) -> None:
     """Compare one frame."""
     body = TrueBody(shot.figures[0].skin_m, studio.clinic.patient.person.body.asset)
     face, share, away = body.project(seen.surface.points_m)
@@ -140,34 +151,30 @@ def add_frame(score: Score, seen: Observation, shot: Shot, studio: Studio, confi
         score.all_right += bool(right.all())
 
 
-def add_jitter(
-    score: Score, seen: Observation, shot: Shot, studio: Studio, height_m: float, config: TrackConfig
-) -> None:
-    """Anchors of the same moment read twice, each with noise of its own; labels and prediction as they were."""
-    expected = seen.expected
-    if expected is None:
+def add_jitter(score: Score, moment: Moment, shot: Shot, studio: Studio, config: TrackConfig) -> None:
+    """Anchors of the same moment read twice, each time with noise of its own, and isolated anew."""
+    clinic, expected = studio.clinic, moment.seen.expected
+    if expected is None or any(depth is None for depth in moment.seen.frame_set.depths_m):
         return
-    clinic = studio.clinic
     found = []
     for again in (1, 2):
-        views = []
-        for index, (view, camera) in enumerate(zip(seen.evidence.views, seen.evidence.cameras, strict=True)):
-            rng = random_stream(clinic.config, "sensor", index, seen.frame_set.frame + 10_000 * again)
-            picture = shot.pictures[index]
+        depths = []
+        for index, (picture, camera) in enumerate(zip(shot.pictures, clinic.cameras, strict=True)):
+            rng = random_stream(clinic.config, "sensor", index, shot_number(moment, again))
             spec, wiggle = SENSORS[clinic.config.sensor], studio.wiggles_m[index]
             reading = sense(rng, spec, picture.depth_m, picture.cosine, wiggle)
-            depth = (reading * camera.depth_scale).astype(np.float32)
-            views.append(
-                blank_view(camera)
-                if view is None
-                else View(depth, np.where(depth > 0, view.labels, 0).astype(np.uint8))
-            )
-        whole = patient_surface(views, seen.evidence.cameras, expected.skin, config.surface)
-        cut = border(whole, views) == Border.CUT
-        found.append(find_anchors(whole, UP, expected.facing, height_m, cut, expected.anchors_m, config.anchors))
+            depths.append((reading * camera.depth_scale).astype(np.float32))
+        frame_set = replace(moment.seen.frame_set, depths_m=tuple(depths))
+        seen = observe(frame_set, moment.room, expected, moment.before, moment.height_m, config, Stopwatch())
+        found.append(seen.anchors)
     both = found[0].found & found[1].found
     score.jitter_m += np.linalg.norm(found[0].position_m - found[1].position_m, axis=1)[both].tolist()
     score.sigma_m += found[0].sigma_m[both].tolist()
+
+
+def shot_number(moment: Moment, again: int) -> int:
+    """A stream of noise that no picture of the recording had."""
+    return moment.seen.frame_set.frame + 10_000 * again
 
 
 def run(kind: str, seeds: range, seconds: float) -> Score:
@@ -178,11 +185,11 @@ def run(kind: str, seeds: range, seconds: float) -> Score:
         with TemporaryDirectory() as folder:
             simulate_recording(Path(folder) / "s", scene)
             studio = set_up(draw_clinic(scene))
-            for seen, height_m in observations(Path(folder) / "s" / "recording", config):
-                if seen.frame_set.frame % EVERY == 0:
-                    shot = studio.shoot(seen.frame_set.frame)
-                    add_frame(score, seen, shot, studio, config)
-                    add_jitter(score, seen, shot, studio, height_m, config)
+            for moment in moments(Path(folder) / "s" / "recording", config):
+                if moment.seen.frame_set.frame % EVERY == 0:
+                    shot = studio.shoot(moment.seen.frame_set.frame)
+                    add_frame(score, moment.seen, shot, studio)
+                    add_jitter(score, moment, shot, studio, config)
     return score
 
 

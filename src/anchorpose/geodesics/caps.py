@@ -13,6 +13,7 @@ import numpy as np
 from anchorpose.geodesics.distance import geodesic_distance
 from anchorpose.surface.surface import Surface
 
+FARTHEST: Final = 10  # nodes whose mean distance is the end: the single farthest is noise by half a centimetre
 STUMP_SHARE: Final = 0.5  # of a cap's outer half: beside a bar all of it is cut, beside one wrong reading little
 LONGER: Final = 1.5  # cap depths, 9 cm: fingers that the sensor lost are shorter, a hand from the wrist on is not
 LONGER_AT_CUT: Final = 1.0  # where something stands in front of the end: a wrist behind a bar
@@ -56,9 +57,10 @@ def _cap(
     surface: Surface, field: np.ndarray, near: np.ndarray, highest: float, depth_m: float, cut: np.ndarray | None
 ) -> Cap:
     around = np.flatnonzero(near)
-    around = around[field[around] > highest - depth_m]
     nodes, hidden = around[around < surface.seen_count], around[around >= surface.seen_count]
-    weight = (field[nodes] - (highest - depth_m)).astype(np.float64)
+    end = float(np.sort(field[nodes])[-FARTHEST:].mean())
+    nodes = nodes[field[nodes] > end - depth_m]
+    weight = np.minimum(field[nodes] - (end - depth_m), depth_m).astype(np.float64)
     points = surface.points_m[nodes].astype(np.float64)
     center = weight @ points / weight.sum()
     radius = float(np.sqrt(weight @ ((points - center) ** 2).sum(axis=1) / weight.sum() / 3.0))

@@ -16,8 +16,8 @@ def surface_center(surface: Surface) -> int:
 
     A hole at the centre leaves the nearest node of its rim. Raises DegenerateGeometry on a surface without nodes.
     """
-    if len(surface) == 0:
-        raise DegenerateGeometry("a surface without nodes has no centre")
+    if surface.seen_count == 0:
+        raise DegenerateGeometry("a surface without seen nodes has no centre")
     points = surface.points_m[: surface.seen_count].astype(np.float64)
     return int(np.argmin(((points - points.mean(axis=0)) ** 2).sum(axis=1)))
 

@@ -10,6 +10,7 @@ import numpy as np
 from anchorpose.body.evidence import Evidence, gather_evidence
 from anchorpose.geodesics.anchors import Anchors, find_anchors
 from anchorpose.geodesics.descriptor import anchor_descriptor
+from anchorpose.geodesics.trusted_anchors import trusted_anchors
 from anchorpose.isolation.claims import Claims
 from anchorpose.isolation.crowd import Crowd, nobody, remember
 from anchorpose.isolation.people import PatientChoice, find_people
@@ -40,6 +41,7 @@ class Expectation:
 class Observation:
     """One frame after the stages up to geodesics.
 
+    descriptor (n, 5) metres: the distance of each node to each anchor, NaN where missed, or where a hole lengthens it.
     expected: where the patient was expected, None in a frame of which nothing was. border (n,) uint8 of ``Border``:
     what each node ends at. pieces: the people's pixels, so that they can be told apart again; crowd: where everybody's
     skin is.
@@ -130,7 +132,9 @@ def _observed(
     with watch.stage("geodesics"):
         facing, places = (FACING, None) if expected is None else (expected.facing, expected.anchors_m)
         anchors = find_anchors(whole, UP, facing, height_m, kind == Border.CUT, places, config.anchors)
-        descriptor = anchor_descriptor(whole, anchors)[: len(surface)]
+        descriptor = anchor_descriptor(whole, anchors)
+        trusted = trusted_anchors(whole, descriptor, kind == Border.CUT)
+        descriptor = np.where(trusted, descriptor, np.nan)[: len(surface)].astype(np.float32)
     with watch.stage("isolation"):
         crowd = remember(before, pieces, views, room.cameras, elapsed_s, config.isolation)
     with watch.stage("registration"):
