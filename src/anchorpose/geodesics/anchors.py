@@ -116,12 +116,14 @@ def identify_anchors(
     centers = np.array([cap.center_m for cap in caps])
     cost = _proportion_cost(surface, np.array([cap.reach_m for cap in caps]), centers, up, facing, height_m)
     cost /= config.first_gate
+    untrue = _untrue(caps, surface.seen_count < len(surface))
     if predicted_m is not None:
         gates = np.full(len(ANCHOR_NAMES), config.gate)
         gates[HEAD] = config.head_gate
-        away = np.linalg.norm(centers[:, None] - predicted_m[None], axis=2) / (gates * height_m)
-        cost = np.where(np.isfinite(predicted_m).all(axis=1), away, cost)
-    cost[_untrue(caps, surface.seen_count < len(surface))] = np.inf
+        away = np.linalg.norm(centers[:, None] - predicted_m[None], axis=2) / height_m
+        cost = np.where(np.isfinite(predicted_m).all(axis=1), away / gates, cost)
+        untrue &= ~(away < config.cap)  # a hand on a rail ends at a cut, just where its end is expected
+    cost[untrue] = np.inf
     anchors = no_anchors()
     for name, number in enumerate(_assign(cost)):
         if number >= 0:
@@ -152,7 +154,7 @@ def _untrue(caps: Sequence[Cap], closed: bool) -> np.ndarray:
 def _seen_only(surface: Surface, field: np.ndarray) -> np.ndarray:
     """The field for the rule of extrema, in which no hidden node stands against a seen one."""
     seen = field.copy()
-    seen[surface.seen_count :] = 0.0
+    seen[surface.seen_count :] = -np.inf
     return seen
 
 

@@ -15,6 +15,7 @@ from numba import njit
 from anchorpose.camera import Camera, invert_rigid
 from anchorpose.surface.expected_skin import ExpectedSkin
 from anchorpose.surface.links import compress_links, links
+from anchorpose.surface.mesh import pieces
 from anchorpose.surface.surface import HIDDEN_SKIN, Surface
 
 
@@ -44,12 +45,13 @@ def add_hidden_skin(
     config = config or HiddenConfig()
     body, first = expected.map, len(surface)
     absent = _seen_through(expected, depths_m, cameras, config)
-    place, seen = _place_hidden(surface.ring, surface.skin, body.pairs, absent, first)
+    piece = pieces(surface)
+    place, shown = _place_hidden(surface.ring, surface.skin, piece, body.pairs, absent, first)
     added = np.flatnonzero(place >= 0)
     if len(added) == 0:
         return surface
     pairs, length = _link_hidden(
-        surface.points_m, surface.ring, surface.skin, place, seen, expected.points_m, body.pairs, body.via,
+        surface.points_m, surface.ring, surface.skin, place, shown, expected.points_m, body.pairs, body.via,
         body.straight, np.float32(config.stretch),
     )  # fmt: skip
     own, own_length = links(surface)
@@ -108,45 +110,58 @@ def _mark_seen_through(
 
 @njit(cache=True)
 def _place_hidden(
-    ring: np.ndarray, skin: np.ndarray, pairs: np.ndarray, absent: np.ndarray, first: int
+    ring: np.ndarray, skin: np.ndarray, piece: np.ndarray, pairs: np.ndarray, absent: np.ndarray, first: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """place (k,): the new node of each skin point, -1 for none; seen (k,): whether inner nodes of the mesh show it.
+    """place (k,): the new node of each skin point, -1 for none; shown (k,): the piece of mesh that shows it, -1 none.
 
-    Seen ones become nodes only next to hidden ones: there the rim of the mesh is linked to them.
+    A skin point that the mesh shows becomes a node next to hidden ones and where a rim shows it.
     """
-    seen = np.zeros(len(absent), np.bool_)
-    for n in range(len(skin)):
-        inner = skin[n] >= 0
-        for k in range(8):
-            inner = inner and ring[n, k] >= 0
-        if inner:
-            seen[skin[n]] = True
+    shown = np.full(len(absent), -1, np.int32)
+    inner = np.zeros(len(absent), np.bool_)
     wanted = np.zeros(len(absent), np.bool_)
+    for n in range(len(skin)):
+        if skin[n] < 0:
+            continue
+        rim = False
+        for k in range(8):
+            rim = rim or ring[n, k] < 0
+        shown[skin[n]] = piece[n]
+        inner[skin[n]] = inner[skin[n]] or not rim
+        wanted[skin[n]] = wanted[skin[n]] or rim
+    for k in range(len(absent)):
+        if not inner[k] and not wanted[k]:
+            wanted[k] = not absent[k]
     for e in range(len(pairs)):
         a, b = pairs[e, 0], pairs[e, 1]
-        if not (seen[a] and seen[b]) and not absent[a] and not absent[b]:
-            wanted[a] = True
+        if wanted[a] and not inner[a] and inner[b]:
             wanted[b] = True
+        elif wanted[b] and not inner[b] and inner[a]:
+            wanted[a] = True
     place = np.full(len(absent), -1, np.int32)
     for k in range(len(absent)):
         if wanted[k]:
             place[k] = first
             first += 1
-    return place, seen
+        if not inner[k]:
+            shown[k] = -1
+    return place, shown
 
 
 @njit(cache=True)
 def _link_hidden(
-    points: np.ndarray, ring: np.ndarray, skin: np.ndarray, place: np.ndarray, seen: np.ndarray,
+    points: np.ndarray, ring: np.ndarray, skin: np.ndarray, place: np.ndarray, shown: np.ndarray,
     skin_points: np.ndarray, pairs: np.ndarray, via: np.ndarray, straight: np.ndarray, stretch: np.float32,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """(m, 2) links among new nodes, but for two seen ones, and from the rim to them; (m,) float32 their lengths."""
+    """(m, 2) links among new nodes and from the rim to them; (m,) float32 their lengths.
+
+    Between two that one piece of mesh shows there is none: the mesh leads from one to the other.
+    """
     most = len(pairs) + len(points)
     found, length = np.empty((most, 2), np.int32), np.empty(most, np.float32)
     count = 0
     for e in range(len(pairs)):
         a, b = pairs[e, 0], pairs[e, 1]
-        if place[a] < 0 or place[b] < 0 or (seen[a] and seen[b]):
+        if place[a] < 0 or place[b] < 0 or (shown[a] >= 0 and shown[a] == shown[b]):
             continue
         way = _apart(skin_points, a, skin_points, b)
         if via[e] != a:

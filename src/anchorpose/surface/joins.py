@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from anchorpose.surface.links import compress_links, links, straight_m
 from anchorpose.surface.mesh import pieces
@@ -33,6 +34,27 @@ def join_pieces(surface: Surface, step: int, max_gap_m: float) -> Surface:
     pairs, length = links(surface)
     length = np.concatenate([length, straight_m(surface.points_m, seams)])
     start, node, length = compress_links(np.concatenate([pairs, seams]), length, len(surface))
+    return replace(surface, link_start=start, link_node=node, link_length_m=length)
+
+
+def join_rest(surface: Surface) -> Surface:
+    """The surface with every seen piece that nothing joins to the largest one linked to it where they are nearest."""
+    piece = pieces(surface)
+    size = np.bincount(piece)
+    rest = np.setdiff1d(piece[: surface.seen_count], size.argmax())
+    if len(rest) == 0:
+        return surface
+    main = np.flatnonzero(piece == size.argmax())
+    tree = KDTree(surface.points_m[main])
+    pairs = []
+    for number in rest:
+        own = np.flatnonzero(piece == number)
+        away, nearest = tree.query(surface.points_m[own])
+        pairs.append([own[away.argmin()], main[nearest[away.argmin()]]])
+    known, length = links(surface)
+    added = np.array(pairs, np.int32)
+    length = np.concatenate([length, straight_m(surface.points_m, added)])
+    start, node, length = compress_links(np.concatenate([known, added]), length, len(surface))
     return replace(surface, link_start=start, link_node=node, link_length_m=length)
 
 

@@ -13,7 +13,7 @@ from anchorpose.surface.contacts import ContactConfig, cut_contacts
 from anchorpose.surface.expected_skin import ExpectedSkin
 from anchorpose.surface.fusion import FusionConfig, fuse
 from anchorpose.surface.hidden import HiddenConfig, add_hidden_skin
-from anchorpose.surface.joins import join_pieces
+from anchorpose.surface.joins import join_pieces, join_rest
 from anchorpose.surface.mesh import SheetConfig, build_surface
 from anchorpose.surface.skin_under import SkinUnderConfig, find_contested, show_skin
 from anchorpose.surface.surface import Surface
@@ -46,7 +46,8 @@ def patient_surface(
     surface = fuse(sheets, cameras, expected, config.fusion)
     if expected is None:
         return surface
-    return add_hidden_skin(surface, expected, [view.depth_m for view in views], cameras, config.hidden)
+    whole = add_hidden_skin(surface, expected, [view.depth_m for view in views], cameras, config.hidden)
+    return join_rest(whole)
 
 
 def _sheet(

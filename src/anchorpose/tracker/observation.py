@@ -26,6 +26,8 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.room import FACING, UP, Room
 from anchorpose.tracker.stopwatch import Stopwatch
 
+LEAST_TRUSTED = 3  # anchors tell nodes apart (paper, Section IV-D); a node with fewer trusted ones keeps all it has
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Expectation:
@@ -134,6 +136,7 @@ def _observed(
         anchors = find_anchors(whole, UP, facing, height_m, kind == Border.CUT, places, config.anchors)
         descriptor = anchor_descriptor(whole, anchors)
         trusted = trusted_anchors(whole, descriptor, kind == Border.CUT)
+        trusted |= trusted.sum(axis=1, keepdims=True) < LEAST_TRUSTED
         descriptor = np.where(trusted, descriptor, np.nan)[: len(surface)].astype(np.float32)
     with watch.stage("isolation"):
         crowd = remember(before, pieces, views, room.cameras, elapsed_s, config.isolation)
