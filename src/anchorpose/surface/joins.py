@@ -39,6 +39,8 @@ def join_pieces(surface: Surface, step: int, max_gap_m: float) -> Surface:
 
 def join_rest(surface: Surface) -> Surface:
     """The surface with every seen piece that nothing joins to the largest one linked to it where they are nearest."""
+    if surface.seen_count == 0:
+        return surface
     piece = pieces(surface)
     size = np.bincount(piece)
     rest = np.setdiff1d(piece[: surface.seen_count], size.argmax())
