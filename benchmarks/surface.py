@@ -139,7 +139,7 @@ def add_frame(score: Score, seen: Observation, shot: Shot, studio: Studio) -> No
         true = body.read(body.exact_field(face[node], share[node]), face, share)
         error = seen.descriptor[:, number] - true
         score.pairs += len(error)
-        score.unreached += int((~np.isfinite(seen.descriptor[:, number])).sum())
+        score.unreached += int(np.isinf(seen.descriptor[:, number]).sum())
         score.errors_m.append(error[np.isfinite(error) & (away < ON_BODY_M)])
     visible = visible_limbs(shot, studio)
     score.visible += int(visible.sum())

@@ -104,8 +104,7 @@ def test_a_shin_that_ends_at_something_is_no_foot(hide_below_m):
     assert np.isnan(anchors.sigma_m[3:]).all()
     assert (anchors.sigma_m[:3] > 0).all()
     field = geodesic_distance(surface, np.array([surface_center(surface)]))[0]
-    seen = np.where(np.arange(len(field)) < surface.seen_count, field, -np.inf)
-    caps = find_caps(surface, field, geodesic_extrema(surface, seen, 0.5), 0.06, cut)
+    caps = find_caps(surface, field, geodesic_extrema(surface, field, 0.5), 0.06, cut)
     low = [cap for cap in caps if cap.center_m[1] < hide_below_m + 0.15]
     assert len(low) == 2
     assert all(cap.goes_on and cap.stump for cap in low)

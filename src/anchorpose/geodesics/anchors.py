@@ -85,7 +85,7 @@ def find_anchors(
     if surface.seen_count == 0:
         return no_anchors()
     field = geodesic_distance(surface, np.array([surface_center(surface)]))[0]
-    extrema = geodesic_extrema(surface, _seen_only(surface, field), config.radius * height_m)
+    extrema = geodesic_extrema(surface, field, config.radius * height_m)
     return identify_anchors(surface, field, extrema, up, facing, height_m, cut, predicted_m, config)
 
 
@@ -149,13 +149,6 @@ def _untrue(caps: Sequence[Cap], closed: bool) -> np.ndarray:
     untrue = np.repeat(wrong[:, None], len(ANCHOR_NAMES), axis=1)
     untrue[:, HEAD] &= not closed
     return untrue
-
-
-def _seen_only(surface: Surface, field: np.ndarray) -> np.ndarray:
-    """The field for the rule of extrema, in which no hidden node stands against a seen one."""
-    seen = field.copy()
-    seen[surface.seen_count :] = -np.inf
-    return seen
 
 
 def _nearest(surface: Surface, nodes: np.ndarray, point_m: np.ndarray) -> int:

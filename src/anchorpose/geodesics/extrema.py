@@ -23,17 +23,18 @@ def surface_center(surface: Surface) -> int:
 
 
 def geodesic_extrema(surface: Surface, field: np.ndarray, radius_m: float) -> np.ndarray:
-    """Nodes farther from the centre than every other node within ``radius_m`` of them, the farthest first.
+    """Seen nodes farther from the centre than every other seen one within ``radius_m`` of them, the farthest first.
 
     field (n,) float32: geodesic distance from the centre; inf (unreachable) nodes are never extrema. radius_m: r of
-    the paper, geodesic. Returns (k,) int32. The rule is exact: nodes that no direct neighbour exceeds are marched from
-    until a node as far from the centre turns up.
+    the paper, geodesic, over hidden skin as well. Returns (k,) int32. The rule is exact: nodes that no direct neighbour
+    exceeds are marched from until a node as far from the centre turns up.
     """
     if field.shape != (len(surface),):
         raise ValueError(f"field is {field.shape}, the surface has {len(surface)} nodes")
     if not radius_m > 0:
         raise ValueError(f"radius_m must be positive, got {radius_m}")
-    field = np.ascontiguousarray(field, dtype=np.float32)
+    field = field.astype(np.float32)
+    field[surface.seen_count :] = -np.inf
     links = (surface.ring, surface.link_start, surface.link_node)
     candidates = _one_ring_maxima(field, *links)
     points = np.ascontiguousarray(surface.points_m, dtype=np.float32)

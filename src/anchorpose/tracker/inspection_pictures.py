@@ -16,6 +16,7 @@ from anchorpose.results.inspection_page import Section, StagePicture
 from anchorpose.results.palette import (
     BLUE,
     EQUIPMENT,
+    GREEN,
     GREY,
     ORANGE,
     OTHERS,
@@ -186,7 +187,8 @@ def _surface_stages(number: int | str) -> Iterable[tuple[Section, Drawing, str]]
             legend=_legend(
                 (SEEN_ONCE, "seen by this camera"),
                 (SEEN_TWICE, "and linked with another camera's surface"),
-                (YELLOW, "edges over a bar or a small gap"),
+                (YELLOW, "edges over a small gap"),
+                (GREEN, "hidden skin: inferred from where he is expected"),
                 (PURPLE, "ends behind another part of himself"),
                 (VERMILLION, "cut off by equipment, a person, a hole or the picture's edge"),
             ),

@@ -11,7 +11,7 @@ from anchorpose.geodesics.distance import geodesic_distance
 from anchorpose.geodesics.extrema import geodesic_extrema, surface_center
 from anchorpose.results.canvas import enlarge, projector, scale_of, shade, write
 from anchorpose.results.overlay import OverlayScene, draw_scene
-from anchorpose.results.palette import ORANGE, PURPLE, SKY, VERMILLION, WHITE, YELLOW
+from anchorpose.results.palette import GREEN, ORANGE, PURPLE, SKY, VERMILLION, WHITE, YELLOW
 from anchorpose.results.stage_pictures import (
     draw_arrows,
     draw_bar,
@@ -39,6 +39,7 @@ def draw_mesh(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.nd
     """The surface in relief, its bridges and joins, and where something else cuts it off."""
     picture, to_pixel = _canvas(one)
     surface, pairs = seen.surface, links(seen.surface)[0]
+    draw_dots(picture, to_pixel(seen.whole.points_m[len(surface) :]), GREEN, 1, rim=False)
     same = surface.camera[pairs[:, 0]] == surface.camera[pairs[:, 1]]
     twice = np.zeros(len(surface), dtype=bool)
     twice[pairs[~same].ravel()] = True
@@ -67,8 +68,7 @@ def draw_geodesics(one: InspectedCamera, seen: Observation, own: np.ndarray) -> 
 def draw_anchors(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray:
     """The extrema, those that were taken for head, hands and feet, and which of the five are missed."""
     picture, to_pixel = _canvas(one)
-    field, _ = _field(seen)
-    extrema = geodesic_extrema(seen.surface, field, one.config.anchors.radius * one.inspection.height_m)
+    extrema = geodesic_extrema(seen.whole, _whole_field(seen), one.config.anchors.radius * one.inspection.height_m)
     draw_values(picture, one.camera, seen.surface.pixel[own], np.full(int(own.sum()), 0.35), 1.0, None)
     draw_dots(picture, to_pixel(seen.surface.points_m[extrema[own[extrema]]]), WHITE, 11, hollow=True)
     found = seen.anchors.found
@@ -140,5 +140,9 @@ def _canvas(one: InspectedCamera) -> tuple[np.ndarray, Projection]:
 
 def _field(seen: Observation) -> tuple[np.ndarray, int]:
     """(n,) geodesic distance from the centre, and the centre, as ``find_anchors`` has them."""
-    centre = surface_center(seen.surface)
-    return geodesic_distance(seen.surface, np.array([centre]))[0], centre
+    return _whole_field(seen)[: len(seen.surface)], surface_center(seen.surface)
+
+
+def _whole_field(seen: Observation) -> np.ndarray:
+    """The same over hidden skin as well."""
+    return geodesic_distance(seen.whole, np.array([surface_center(seen.whole)]))[0]

@@ -43,15 +43,16 @@ class Expectation:
 class Observation:
     """One frame after the stages up to geodesics.
 
-    descriptor (n, 5) metres: the distance of each node to each anchor, NaN where missed, or where a hole lengthens it.
-    expected: where the patient was expected, None in a frame of which nothing was. border (n,) uint8 of ``Border``:
-    what each node ends at. pieces: the people's pixels, so that they can be told apart again; crowd: where everybody's
-    skin is.
+    whole: the patient's surface with its hidden skin, which is inferred. descriptor (n, 5) metres: the distance of each
+    seen node to each anchor, NaN where missed, or where a hole lengthens it. expected: where the patient was expected,
+    None in a frame of which nothing was. border (n,) uint8 of ``Border``: what each seen node ends at. pieces: the
+    people's pixels, so that they can be told apart again; crowd: where everybody's skin is.
     """
 
     frame_set: FrameSet
     expected: Expectation | None
     evidence: Evidence
+    whole: Surface
     anchors: Anchors
     descriptor: np.ndarray
     border: np.ndarray
@@ -60,7 +61,7 @@ class Observation:
 
     @property
     def surface(self) -> Surface:
-        """The patient's surface."""
+        """What is seen of the patient's surface."""
         return self.evidence.surface
 
 
@@ -142,4 +143,6 @@ def _observed(
         crowd = remember(before, pieces, views, room.cameras, elapsed_s, config.isolation)
     with watch.stage("registration"):
         evidence = gather_evidence(surface, views, room.cameras)
-    return Observation(frame_set, expected, evidence, anchors, descriptor, kind[: len(surface)], tuple(pieces), crowd)
+    return Observation(
+        frame_set, expected, evidence, whole, anchors, descriptor, kind[: len(surface)], tuple(pieces), crowd
+    )
