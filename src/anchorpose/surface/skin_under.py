@@ -149,19 +149,21 @@ def _candidates(
 def _contested(skin: np.ndarray, landmarks: np.ndarray, radius: np.float32, far: np.float32) -> np.ndarray:
     """Skin points sorted by height: those within the radius of one follow each other."""
     order = np.argsort(skin[:, 1])
-    place, known = skin[order], landmarks[order]
-    contested = np.zeros(len(skin), np.bool_)
+    known = landmarks[order]
+    x, y, z = skin[order, 0], skin[order, 1], skin[order, 2]
+    marked, near = np.zeros(len(skin), np.bool_), np.empty(len(skin), np.float32)
+    end = 0
     for a in range(len(order)):
-        for b in range(a + 1, len(order)):
-            y = place[b, 1] - place[a, 1]
-            if y > radius:
-                break
-            x, z = place[b, 0] - place[a, 0], place[b, 2] - place[a, 2]
-            if x * x + y * y + z * z >= radius * radius or (contested[order[a]] and contested[order[b]]):
-                continue
-            if way_over_skin(known, a, b) > far:
-                contested[order[a]] = True
-                contested[order[b]] = True
+        while end < len(order) and y[end] - y[a] <= radius:
+            end += 1
+        for b in range(a + 1, end):
+            near[b] = (x[b] - x[a]) ** 2 + (y[b] - y[a]) ** 2 + (z[b] - z[a]) ** 2
+        for b in range(a + 1, end):
+            if near[b] < radius * radius and not (marked[a] and marked[b]) and way_over_skin(known, a, b) > far:
+                marked[a] = True
+                marked[b] = True
+    contested = np.zeros(len(skin), np.bool_)
+    contested[order] = marked
     return contested
 
 
