@@ -189,7 +189,9 @@ def _pair_corners(
                     continue
                 q = grid[i, j]
                 if not _one_skin(points, normals, p, q, max_apart, max_off_plane, min_cosine) or (
-                    shown[p] >= 0 and shown[q] >= 0 and shown[p] != shown[q]
+                    shown[p] >= 0
+                    and shown[q] >= 0
+                    and shown[p] != shown[q]
                     and way_over_skin(landmarks, shown[p], shown[q]) > max_way
                 ):
                     whole = False
