@@ -19,7 +19,7 @@ import numpy as np
 from true_body import TrueBody, limb_of_bones
 
 from anchorpose.geodesics.anchors import ANCHOR_NAMES, find_anchors
-from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.isolation.view import View
 from anchorpose.pipeline import TrackConfig
 from anchorpose.recording.reader import open_recording
 from anchorpose.simulate.clinic import draw_clinic, random_stream

@@ -34,8 +34,8 @@ from anchorpose.geodesics.fan import (
     spread_spokes,
 )
 
-# columns of a desk, on which a round's nodes are worked out one row each: the fan; the sides' distances and bends, those
-# to the right from two before the end of those to the left; what the ring had; the answers; the node's own numbers
+# columns of a desk, on which a round's nodes are worked out one row each: the fan; the sides' distances and bends,
+# those to the right from two before the end of those to the left; what the ring had; the answers; the node's own
 SIDE_LEFT, SIDE_RIGHT, BEND_LEFT, BEND_RIGHT, BEFORE = FAN, FAN + 6, FAN + 14, FAN + 20, FAN + 28
 OFFER, OFFER_BEND, OWN, OWN_BEND, OWN_RIM, TAKERS = 92, 100, 108, 109, 110, 111
 UNLAID, RAW = 4, 2  # beside 0 and 1 in rim: no fan yet; its spokes are on the desk
@@ -171,7 +171,7 @@ def _set_desk(
 
 @njit(cache=True)
 def _deal(desk: np.ndarray, k: int, at: int, e: float, n: float, w: float, s: float) -> None:
-    """The four sides' values to the lanes whose triangles stand on them: ``LEFT``, and from the seventh on ``RIGHT``."""
+    """The four sides' values to the lanes whose triangles stand on them: ``LEFT``, from the seventh on ``RIGHT``."""
     desk[k, at], desk[k, at + 1], desk[k, at + 2], desk[k, at + 3] = n, w, s, e
     desk[k, at + 4], desk[k, at + 5], desk[k, at + 6], desk[k, at + 7] = n, w, s, e
     desk[k, at + 8], desk[k, at + 9], desk[k, at + 10], desk[k, at + 11] = n, w, e, n

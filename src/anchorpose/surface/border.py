@@ -147,7 +147,7 @@ def _edge_kinds(depth: np.ndarray, labels: np.ndarray) -> np.ndarray:
 
 @njit(cache=True)
 def _amid(depth: np.ndarray, labels: np.ndarray, row: int, col: int, nearest: float) -> bool:
-    """Whether the patient is all around a pixel, nowhere nearer than that: most pixels, and nothing more to look for."""
+    """Whether the patient is all around a pixel, nowhere nearer than that: so it is of most pixels."""
     amid = True
     for i in range(row - 1, row + 2):
         for j in range(col - 1, col + 2):

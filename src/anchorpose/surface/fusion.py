@@ -58,8 +58,8 @@ def fuse(
     inner = _inner(both.ring)
     pairs = [
         _same_skin(
-            both, inner, slice(first[source], first[source + 1]), slice(first[target], first[target + 1]), cameras[source],
-            camera, landmarks, dropped, config,
+            both, inner, slice(first[source], first[source + 1]), slice(first[target], first[target + 1]),
+            cameras[source], camera, landmarks, dropped, config,
         )
         for target, camera in enumerate(cameras) for source in range(len(surfaces)) if source != target
     ]  # fmt: skip
@@ -90,8 +90,8 @@ def _side_by_side(surfaces: Sequence[Surface], first: np.ndarray) -> Surface:
 
 
 def _same_skin(
-    both: Surface, inner: np.ndarray, source: slice, target: slice, seen_by: Camera, camera: Camera, landmarks: np.ndarray,
-    dropped: np.ndarray, config: FusionConfig,
+    both: Surface, inner: np.ndarray, source: slice, target: slice, seen_by: Camera, camera: Camera,
+    landmarks: np.ndarray, dropped: np.ndarray, config: FusionConfig,
 ) -> np.ndarray:  # fmt: skip
     """(m, 2) int32 pairs: each node of the source with the corners of the target's cell that it falls into.
 

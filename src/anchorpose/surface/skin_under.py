@@ -144,9 +144,9 @@ def _measure(
 
 
 @njit(cache=True)
-def _window(pixel: np.ndarray, n: int, reach_px: np.float32, rows: int, cols: int) -> tuple[int, int, int, int]:
+def _window(pixel: np.ndarray, n: int, reach_px: Any, rows: int, cols: int) -> tuple[int, int, int, int]:
     """(top, bottom, left, right), past the last, of the cells within some pixels of a node."""
-    row, col, away = np.int64(pixel[n, 0]), np.int64(pixel[n, 1]), np.int64(reach_px) + 1
+    row, col, away = int(pixel[n, 0]), int(pixel[n, 1]), int(reach_px) + 1
     top, bottom = max(row - away, 0) // CELL_PX, (row + away) // CELL_PX + 1
     left, right = max(col - away, 0) // CELL_PX, (col + away) // CELL_PX + 1
     return top, min(bottom, rows), left, min(right, cols)
@@ -211,7 +211,7 @@ def _contested(skin: np.ndarray, landmarks: np.ndarray, radius: np.float32, far:
         for b in range(a + 1, end):  # no branch: every tenth would be guessed wrong
             squared = (x[b] - x[a]) ** 2 + (y[b] - y[a]) ** 2 + (z[b] - z[a]) ** 2
             near[count] = b
-            count += np.int64(squared < radius * radius)
+            count += int(squared < radius * radius)
         for c in range(count):
             b = near[c]
             if not (marked[a] and marked[b]) and way_over_skin(known, a, b) > far:
