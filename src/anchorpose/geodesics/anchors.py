@@ -78,10 +78,10 @@ def find_anchors(
 ) -> Anchors:
     """The identified anchors of one surface: centre, its field, the extrema and their names.
 
-    Arguments as in ``identify_anchors``, height_m the subject's. A surface without nodes has no anchors.
+    Arguments as in ``identify_anchors``, height_m the subject's. A surface without seen nodes has no anchors.
     """
     config = config or AnchorConfig()
-    if len(surface) == 0:
+    if surface.seen_count == 0:
         return no_anchors()
     field = geodesic_distance(surface, np.array([surface_center(surface)]))[0]
     extrema = geodesic_extrema(surface, _seen_only(surface, field), config.radius * height_m)

@@ -14,10 +14,10 @@ from anchorpose.surface.surface import Surface
 def surface_center(surface: Surface) -> int:
     """V_c: the node closest to the average position of all seen nodes.
 
-    A hole at the centre leaves the nearest node of its rim. Raises DegenerateGeometry on a surface without nodes.
+    A hole at the centre leaves the nearest node of its rim. Raises DegenerateGeometry on a surface without seen nodes.
     """
-    if len(surface) == 0:
-        raise DegenerateGeometry("a surface without nodes has no centre")
+    if surface.seen_count == 0:
+        raise DegenerateGeometry("a surface without seen nodes has no centre")
     return int(_nearest(surface.points_m, surface.seen_count, seen_mean(surface)))
 
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from anchorpose.geodesics.fan import AWAY, DESK, FAN, LANES, WIDE
-from anchorpose.geodesics.front import UNLAID, march_on
+from anchorpose.geodesics.fan import AWAY, FAN, LANES
+from anchorpose.geodesics.front import DESK, march_on
 
 BAND = 0.7  # of the mean edge: narrower has more rounds, wider more nodes with a second turn; flat in between
 EDGES_LOOKED_AT = 128  # for the mean edge, which decides on speed only
@@ -63,10 +63,11 @@ def band_of(points: np.ndarray, ring: np.ndarray) -> float:
 @njit(cache=True)
 def fresh_state(count: int) -> tuple:
     """The scratch arrays of ``march_on`` for a surface of count nodes: nothing laid, nothing reached."""
-    near, fan = np.empty((count, LANES), np.uint32), np.empty((count, FAN // WIDE), np.complex128)
+    near, fan = np.empty((count, LANES), np.uint32), np.empty((count, FAN), np.float32)
     desk = np.empty((count, DESK), np.float32)  # room for all, of which a round touches a few rows
-    fans = near, fan, np.full(count, UNLAID, np.uint8)
-    work = np.empty(count, np.uint32), desk, desk.ravel(), desk.view(np.complex128)
+    fans = near, fan, np.full(count, 2, np.uint8), np.empty((LANES, 3), np.float32)
+    wide = desk.view(np.complex128), fan.view(np.complex128)
+    work = np.empty(count, np.uint32), desk, desk.ravel(), wide[0], wide[1]
     distance, bend = np.full(count + 1, AWAY, np.float32), np.zeros(count + 1, np.float32)
     queued, waiting = np.zeros(count + 1, np.uint8), np.empty(count + LANES + 1, np.uint32)
     return fans, (distance, bend, queued, waiting, np.zeros(1, np.int64)), work

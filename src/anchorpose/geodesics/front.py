@@ -16,29 +16,13 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from anchorpose.geodesics.fan import (
-    ARM,
-    AWAY,
-    DESK,
-    FAN,
-    LANES,
-    LEAN_LEFT,
-    LEAN_RIGHT,
-    SIDE2_LEFT,
-    SIDE2_RIGHT,
-    SMALLEST,
-    TALL_LEFT,
-    TALL_RIGHT,
-    WIDE,
-    lay_fans,
-    spread_spokes,
-)
+from anchorpose.geodesics.fan import AWAY, DOT_LEFT, DOT_RIGHT, EDGE2, FAN, LANES, SMALLEST, lay_fan
 
-# columns of a desk, on which a round's nodes are worked out one row each: the fan; the sides' distances and bends,
-# those to the right from two before the end of those to the left; what the ring had; the answers; the node's own
-SIDE_LEFT, SIDE_RIGHT, BEND_LEFT, BEND_RIGHT, BEFORE = FAN, FAN + 6, FAN + 14, FAN + 20, FAN + 28
-OFFER, OFFER_BEND, OWN, OWN_BEND, OWN_RIM, TAKERS = 92, 100, 108, 109, 110, 111
-UNLAID, RAW = 4, 2  # beside 0 and 1 in rim: no fan yet; its spokes are on the desk
+# columns of a desk, on which a round's nodes are worked out one row each: the fan; the sides' edges, distances and
+# bends, those to the right from two before the end of those to the left; the ring's; the answers; the node's own
+SIDE2_LEFT, SIDE2_RIGHT, SIDE_LEFT, SIDE_RIGHT, BEND_LEFT, BEND_RIGHT = 24, 30, 38, 44, 52, 58
+BEFORE, OFFER, OFFER_BEND, OWN, OWN_BEND, OWN_RIM, TAKERS, DESK = 66, 74, 82, 90, 91, 92, 93, 96
+WIDE = 4  # columns that are copied as one number
 
 ZERO: Any
 ONE: Any
@@ -71,24 +55,24 @@ def march_on(
 ) -> bool:
     """March until every node within ``reach`` has its distance, or one among them has ``field`` of ``level`` or more.
 
-    fans: near (n, 8) uint32; fan (n, 14) complex128, four columns in each number, which are copied at once; rim (n,)
-    uint8, whether the surface ends at a node, ``UNLAID`` for all at first. state: distance (n + 1,) float32, ``AWAY``
-    but at the sources; bend (n + 1,) float32, the distance at which the front last turned around the surface's rim;
-    queued (n + 1,) uint8, 1 for the sources; waiting (n + 9,) uint32, the sources first; size (1,), their number.
-    work: turn (n,) uint32; desk (n, 144) float32, the same flat, and the same as complex numbers.
+    fans: near (n, 8) uint32, fan (n, 24) float32, rim (n,) uint8, 2 where not laid yet, and scratch, of ``lay_fan``.
+    state: distance (n + 1,) float32, ``AWAY`` but at the sources; bend (n + 1,) float32, the distance at which the
+    front last turned around the surface's rim; queued (n + 1,) uint8, 1 for the sources; waiting (n + 9,) uint32, the
+    sources first; size (1,), their number. work: turn (n,) uint32, desk (n, 96) float32, the same flat, and desk and fan as complex
+    numbers (n, 24) and (n, 6), of which each is four columns that are copied at once.
     Returns whether such a node was met; a source never is. A field of no length is none.
     """
     distance, bend, queued, waiting, size = state
-    near, fan, rim = fans
-    turn, desk, flat, wide = work
+    near, fan, rim, edge = fans
+    turn, desk, flat, wide_desk, wide_fan = work
     while size[0] > 0:
         count, low = _take_turn(distance, queued, waiting, size, turn, band)
         if low > reach:
             break
         if len(field) > 0 and _meets(field, level, distance, reach, turn, count):
             return True
-        _lay_fans(points, ring, turn, count, near, fan, rim, desk, flat, wide)
-        _set_desk(near, fan, rim, distance, bend, turn, count, desk, wide)
+        _lay_fans(points, ring, turn, count, near, fan, rim, edge)
+        _set_desk(near, fan, rim, distance, bend, turn, count, desk, wide_desk, wide_fan)
         _work_out(flat, count)
         _settle(near, turn, count, desk, distance, bend, queued, waiting, size)
         if len(link_node) > 0:
@@ -130,42 +114,31 @@ def _meets(field: np.ndarray, level: float, distance: np.ndarray, reach: float, 
 @njit(cache=True)
 def _lay_fans(
     points: np.ndarray, ring: np.ndarray, turn: np.ndarray, count: int, near: np.ndarray, fan: np.ndarray,
-    rim: np.ndarray, desk: np.ndarray, flat: np.ndarray, wide: np.ndarray,
+    rim: np.ndarray, edge: np.ndarray,
 ) -> None:  # fmt: skip
-    """Those of this round's nodes that no earlier field laid: a march that stops early pays for what it touches.
-
-    All spokes first: numbers just written one by one are not at hand eight abreast.
-    """
-    fresh = 0
+    """Those of this round's nodes that no earlier field laid: a march that stops early pays for what it touches."""
     for k in range(count):
-        if rim[turn[k]] == UNLAID:
-            rim[turn[k]] = RAW + np.uint8(spread_spokes(points, ring, turn[k], near, desk, fresh))
-            fresh += 1
-    lay_fans(flat, fresh)
-    fresh = 0
-    for k in range(count):
-        if rim[turn[k]] >= RAW:
-            rim[turn[k]] -= RAW
-            for part in range(FAN // WIDE):
-                fan[turn[k], part] = wide[fresh, part]
-            fresh += 1
+        node = turn[k]
+        if rim[node] == 2:
+            rim[node] = lay_fan(points, ring, node, near, fan, edge)
 
 
 @njit(cache=True)
 def _set_desk(
     near: np.ndarray, fan: np.ndarray, rim: np.ndarray, distance: np.ndarray, bend: np.ndarray, turn: np.ndarray,
-    count: int, desk: np.ndarray, wide: np.ndarray,
+    count: int, desk: np.ndarray, wide_desk: np.ndarray, wide_fan: np.ndarray,
 ) -> None:  # fmt: skip
     """Copy together what this round's nodes need. Before anybody's distance changes."""
     for k in range(count):
         node = turn[k]
         for part in range(FAN // WIDE):
-            wide[k, part] = fan[node, part]
+            wide_desk[k, part] = wide_fan[node, part]
         e, n, w, s = near[node, 0], near[node, 1], near[node, 2], near[node, 3]
+        _deal(desk, k, SIDE2_LEFT, fan[node, 0], fan[node, 1], fan[node, 2], fan[node, 3])
         _deal(desk, k, SIDE_LEFT, distance[e], distance[n], distance[w], distance[s])
-        _deal(desk, k, BEND_LEFT, bend[e], bend[n], bend[w], bend[s])
         for lane in range(LANES):
             desk[k, BEFORE + lane] = distance[near[node, lane]]
+        _deal(desk, k, BEND_LEFT, bend[e], bend[n], bend[w], bend[s])
         desk[k, OWN], desk[k, OWN_BEND], desk[k, OWN_RIM] = distance[node], bend[node], rim[node]
 
 
@@ -180,59 +153,56 @@ def _deal(desk: np.ndarray, k: int, at: int, e: float, n: float, w: float, s: fl
 
 @njit(cache=True, error_model="numpy", fastmath=FUSED)
 def _through(
-    own: float, own_bend: float, arm: float, side: float, side_bend: float, side2: float, tall: float, lean: float
+    own: float, own_bend: float, arm2: float, arm: float, side: float, side_bend: float, side2: float, dot: float
 ) -> tuple:
-    """Offer through one triangle; where its way crosses the side, over what; how far its way bends off, over what.
+    """Offer through one triangle; the bend that goes with it; how much the way turns at the node if it cannot.
 
-    The triangle is laid flat, the node at the origin and the side at (c, 0), the neighbour at c (lean, tall): the point
-    from which the front seems to come is (x, -y), with ``towards`` = 2 c x and ``beside`` = 2 c y. A front that turned
-    around the rim comes from there, so ``own_bend`` is taken off the distances and put back on. ``AWAY`` where the
-    straight line misses the edge between node and side. Ratios are left to be divided by whoever needs them.
+    The triangle is laid flat, the node at the origin and the side at (c, 0): the point from which the front seems to
+    come is (x, -y), with ``towards`` = 2 c x and ``beside`` = 2 c y; the neighbour's height over the edge times c is
+    ``area``. A front that turned around the rim comes from there, so ``own_bend`` is taken off the distances and put
+    back on. ``AWAY`` where the straight line misses the edge between node and side.
     """
     since = min(own_bend, side_bend)
     radius = own - since
+    area = np.sqrt(max(arm2 * side2 - dot * dot, ZERO))
     towards = (own - side) * (own + side - TWO * since) + side2
     beside = np.sqrt(max(TWO * TWO * side2 * radius * radius - towards * towards, ZERO))
-    gain = tall * beside - lean * towards
-    straight = since + np.sqrt(max(radius * radius + (arm * arm + gain), ZERO))
-    crossing, width = towards * tall + lean * beside, beside + TWO * tall * side2
-    known = (side < AWAY) & (lean == lean)  # NaN: no triangle
+    gain = (area * beside - dot * towards) / side2
+    straight = since + np.sqrt(max(radius * radius + (arm2 + gain), ZERO))
+    crossing, width = towards * area + dot * beside, side2 * (beside + TWO * area)
+    known = (side < AWAY) & (dot == dot)  # NaN: no triangle
     hits = known & (crossing >= ZERO) & (crossing <= width)
-    return straight if hits else AWAY, crossing, width, gain if known else ZERO, TWO * radius * arm + SMALLEST
+    turn = (ONE - gain / (TWO * radius * arm + SMALLEST)) * FULL_TURN
+    offer = straight if hits else AWAY
+    return offer, own_bend + (side_bend - own_bend) * (crossing / width), turn if known else ONE
 
 
 @njit(cache=True, error_model="numpy", fastmath=FUSED)
 def _work_out(desk: np.ndarray, count: int) -> None:
-    """Each row's offers; the inner loop has no branch and one array, so that it becomes vector instructions.
-
-    Divisions and roots take most of its time: of the two triangles only the better one's ratios are worked out.
-    """
+    """Each row's offers; the inner loop has no branch and one array, so that it becomes vector instructions."""
     for k in range(count):
         row = k * DESK
         own, own_bend, rim = desk[row + OWN], desk[row + OWN_BEND], desk[row + OWN_RIM]
         takers = np.int32(0)
         for lane in range(LANES):
             at = row + lane
-            arm = desk[at + ARM]
-            left, cross_left, width_left, gain_left, room_left = _through(
-                own, own_bend, arm, desk[at + SIDE_LEFT], desk[at + BEND_LEFT], desk[at + SIDE2_LEFT],
-                desk[at + TALL_LEFT], desk[at + LEAN_LEFT],
+            arm2 = desk[at + EDGE2]
+            arm = np.sqrt(arm2)
+            left, left_bend, left_turn = _through(
+                own, own_bend, arm2, arm, desk[at + SIDE_LEFT], desk[at + BEND_LEFT], desk[at + SIDE2_LEFT],
+                desk[at + DOT_LEFT],
             )  # fmt: skip
-            right, cross_right, width_right, gain_right, room_right = _through(
-                own, own_bend, arm, desk[at + SIDE_RIGHT], desk[at + BEND_RIGHT], desk[at + SIDE2_RIGHT],
-                desk[at + TALL_RIGHT], desk[at + LEAN_RIGHT],
+            right, right_bend, right_turn = _through(
+                own, own_bend, arm2, arm, desk[at + SIDE_RIGHT], desk[at + BEND_RIGHT], desk[at + SIDE2_RIGHT],
+                desk[at + DOT_RIGHT],
             )  # fmt: skip
-            from_left = gain_left * room_right >= gain_right * room_left
-            gain, room = gain_left if from_left else gain_right, room_left if from_left else room_right
-            swing = max(min((ONE - gain / room) * FULL_TURN, ONE), ZERO)
-            through_left = left <= right
-            cross, width = cross_left if through_left else cross_right, width_left if through_left else width_right
-            side_bend = desk[at + BEND_LEFT] if through_left else desk[at + BEND_RIGHT]
-            along, through = own + arm, min(left, right)
-            turned = own_bend + (own - own_bend) * swing * rim
-            crossed = own_bend + (side_bend - own_bend) * (cross / width)
-            offer = min(along, through)
-            desk[at + OFFER], desk[at + OFFER_BEND] = offer, crossed if through < along else turned
+            turn = max(min(left_turn, right_turn, ONE), ZERO)
+            offer, turned = own + arm, own_bend + (own - own_bend) * turn * rim
+            turned = left_bend if left < offer else turned
+            offer = min(offer, left)
+            turned = right_bend if right < offer else turned
+            offer = min(offer, right)
+            desk[at + OFFER], desk[at + OFFER_BEND] = offer, turned
             takers += np.int32(offer <= desk[at + BEFORE]) << np.int32(lane)
         desk[row + TAKERS] = takers
 
