@@ -10,12 +10,16 @@ import pytest
 from surface_builder import flat_grid, kinect, with_links
 
 from anchorpose.camera import invert_rigid
+from anchorpose.errors import DegenerateGeometry
+from anchorpose.geodesics.anchors import find_anchors
+from anchorpose.geodesics.extrema import surface_center
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.surface.border import SUPPORT, _disc, _rims, _supported, _within_reach
 from anchorpose.surface.expected_skin import BodyMap, ExpectedSkin
 from anchorpose.surface.links import add_links
 from anchorpose.surface.mesh import build_surface
 from anchorpose.surface.skin_under import SkinUnderConfig, find_contested, show_skin
+from anchorpose.surface.surface import HIDDEN_SKIN
 
 CAMERA = kinect(90, 70)
 
@@ -105,3 +109,11 @@ def test_contested_skin_has_skin_beside_it_that_is_far_on_the_body(seed):
     wanted = ((apart < 0.08) & (way > 0.12)).any(axis=1)
     assert 0.05 < wanted.mean() < 0.95
     np.testing.assert_array_equal(find_contested(expected), wanted)
+
+
+def test_a_surface_of_hidden_skin_alone_has_no_anchors_and_no_centre():
+    surface = flat_grid(5, 6, 0.01)
+    hidden = replace(surface, camera=np.full(len(surface), HIDDEN_SKIN, np.uint8))
+    assert not find_anchors(hidden, np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])).found.any()
+    with pytest.raises(DegenerateGeometry, match="seen"):
+        surface_center(hidden)

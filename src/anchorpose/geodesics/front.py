@@ -58,8 +58,8 @@ def march_on(
     fans: near (n, 8) uint32, fan (n, 24) float32, rim (n,) uint8, 2 where not laid yet, and scratch, of ``lay_fan``.
     state: distance (n + 1,) float32, ``AWAY`` but at the sources; bend (n + 1,) float32, the distance at which the
     front last turned around the surface's rim; queued (n + 1,) uint8, 1 for the sources; waiting (n + 9,) uint32, the
-    sources first; size (1,), their number. work: turn (n,) uint32, desk (n, 96) float32, the same flat, and desk and fan as complex
-    numbers (n, 24) and (n, 6), of which each is four columns that are copied at once.
+    sources first; size (1,), their number. work: turn (n,) uint32, desk (n, 96) float32, the same flat,
+    and desk and fan as complex numbers (n, 24) and (n, 6), of which each is four columns that are copied at once.
     Returns whether such a node was met; a source never is. A field of no length is none.
     """
     distance, bend, queued, waiting, size = state
