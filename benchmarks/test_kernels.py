@@ -17,7 +17,9 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 
 from anchorpose.association.hypotheses import anchor_subsets, match_hypotheses
 from anchorpose.body.asset import load_body_asset
+from anchorpose.body.body_map import map_body
 from anchorpose.body.shaped import shape_body
+from anchorpose.body.skin_points import FittedShape, rest_points, skin_points
 from anchorpose.camera import Camera, Intrinsics
 from anchorpose.geodesics.anchors import Anchors, find_anchors
 from anchorpose.geodesics.descriptor import anchor_descriptor
@@ -25,12 +27,14 @@ from anchorpose.geodesics.dijkstra import edge_distance, edge_graph
 from anchorpose.geodesics.distance import geodesic_distance
 from anchorpose.geodesics.extrema import geodesic_extrema, surface_center
 from anchorpose.isolation.view import PixelLabel, View
-from anchorpose.surface.border import border
+from anchorpose.surface.border import Border, border
 from anchorpose.surface.denoise import denoise, estimate_noise
 from anchorpose.surface.edges import drop_flying_pixels
+from anchorpose.surface.expected_skin import ExpectedSkin
 from anchorpose.surface.fusion import fuse
 from anchorpose.surface.mesh import SheetConfig, build_surface, faces, pieces
 from anchorpose.surface.normals import estimate_normals
+from anchorpose.surface.patient_surface import patient_surface
 from anchorpose.surface.surface import Surface
 
 UP, FACING = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
@@ -205,6 +209,32 @@ def test_geodesic_extrema(benchmark, frames):
 
 def test_find_anchors(benchmark, frames):
     benchmark(find_anchors, frames[0].surface, UP, FACING, HEIGHT_M)
+
+
+def expected_skin() -> ExpectedSkin:
+    """The figure as a tracker would predict it."""
+    points, shape = skin_points(load_body_asset()), FittedShape(np.zeros(0), 0.0)
+    rest, body = rest_points(points, shape), shape.body(points.asset)
+    place = rest.points_m - [0.0, body.vertices[:, 1].min(), 0.0]
+    return ExpectedSkin(place.astype(np.float32), rest.normals.astype(np.float32), map_body(points, body))
+
+
+@pytest.mark.parametrize("angles", [(0.0,), (0.0, 0.8, -0.8)], ids=["one", "three"])
+def test_depth_to_anchors(benchmark, angles):
+    """Of a tracked person, every second pixel: surface with hidden skin, border, anchors."""
+    cameras = [camera_at(angle) for angle in angles]
+    views, expected = [], expected_skin()
+    for camera in cameras:
+        depth = render(camera, 0)
+        labels = np.where(depth > 0, PixelLabel.PATIENT, PixelLabel.NO_READING).astype(np.uint8)
+        views.append(View(depth, labels))
+
+    def depth_to_anchors() -> Anchors:
+        surface = patient_surface(views, cameras, expected)
+        return find_anchors(surface, UP, FACING, HEIGHT_M, border(surface, views) == Border.CUT)
+
+    anchors = benchmark(depth_to_anchors)
+    benchmark.extra_info["found"] = int(anchors.found.sum())
 
 
 def test_match_hypotheses(benchmark, frames):

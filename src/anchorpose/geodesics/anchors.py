@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from anchorpose.geodesics.caps import Cap, find_caps
 from anchorpose.geodesics.distance import geodesic_distance
-from anchorpose.geodesics.extrema import geodesic_extrema, surface_center
+from anchorpose.geodesics.extrema import geodesic_extrema, seen_mean, surface_center
 from anchorpose.surface.surface import Surface
 
 ANCHOR_NAMES: Final = ("Head", "HandLeft", "HandRight", "FootLeft", "FootRight")
@@ -160,7 +160,7 @@ def _proportion_cost(
 ) -> np.ndarray:
     """(k, 5): how many tolerances each extremum is away from each anchor's usual place."""
     left = np.cross(up, facing)
-    offset = tips_m - surface.points_m[: surface.seen_count].astype(np.float64).mean(axis=0)
+    offset = tips_m - seen_mean(surface)
     seen = np.stack([reach_m, offset @ up, offset @ left], axis=1) / height_m
     return np.linalg.norm((seen[:, None] - PROPORTIONS) / TOLERANCES, axis=2)
 

@@ -14,12 +14,16 @@ from anchorpose.surface.surface import Surface
 def surface_center(surface: Surface) -> int:
     """V_c: the node closest to the average position of all seen nodes.
 
-    A hole at the centre leaves the nearest node of its rim. Raises DegenerateGeometry on a surface without nodes.
+    A hole at the centre leaves the nearest node of its rim. Raises DegenerateGeometry on a surface without seen nodes.
     """
     if surface.seen_count == 0:
         raise DegenerateGeometry("a surface without seen nodes has no centre")
-    points = surface.points_m[: surface.seen_count].astype(np.float64)
-    return int(np.argmin(((points - points.mean(axis=0)) ** 2).sum(axis=1)))
+    return int(_nearest(surface.points_m, surface.seen_count, seen_mean(surface)))
+
+
+def seen_mean(surface: Surface) -> np.ndarray:
+    """(3,) float64: the average position of all seen nodes, NaN without any."""
+    return _mean(surface.points_m, surface.seen_count)
 
 
 def geodesic_extrema(surface: Surface, field: np.ndarray, radius_m: float) -> np.ndarray:
@@ -43,6 +47,28 @@ def geodesic_extrema(surface: Surface, field: np.ndarray, radius_m: float) -> np
     )
     extrema = candidates[stands]
     return extrema[np.argsort(-field[extrema], kind="stable")]
+
+
+@njit(cache=True, error_model="numpy")
+def _mean(points: np.ndarray, count: int) -> np.ndarray:
+    """(3,) float64 of the first count points (n, 3), summed in double precision without a copy of them."""
+    total = np.zeros(3)
+    for k in range(count):
+        for axis in range(3):
+            total[axis] += points[k, axis]
+    return total / np.float64(count)
+
+
+@njit(cache=True)
+def _nearest(points: np.ndarray, count: int, place: np.ndarray) -> int:
+    found, least = -1, np.inf
+    for k in range(count):
+        apart2 = 0.0
+        for axis in range(3):
+            apart2 += (points[k, axis] - place[axis]) ** 2
+        if apart2 < least:
+            found, least = k, apart2
+    return found
 
 
 @njit(cache=True)

@@ -66,7 +66,8 @@ def fresh_state(count: int) -> tuple:
     near, fan = np.empty((count, LANES), np.uint32), np.empty((count, FAN), np.float32)
     desk = np.empty((count, DESK), np.float32)  # room for all, of which a round touches a few rows
     fans = near, fan, np.full(count, 2, np.uint8), np.empty((LANES, 3), np.float32)
-    work = np.empty(count, np.uint32), desk, desk.ravel()
+    wide = desk.view(np.complex128), fan.view(np.complex128)
+    work = np.empty(count, np.uint32), desk, desk.ravel(), wide[0], wide[1]
     distance, bend = np.full(count + 1, AWAY, np.float32), np.zeros(count + 1, np.float32)
     queued, waiting = np.zeros(count + 1, np.uint8), np.empty(count + LANES + 1, np.uint32)
     return fans, (distance, bend, queued, waiting, np.zeros(1, np.int64)), work

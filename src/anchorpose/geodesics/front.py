@@ -18,10 +18,11 @@ from numba import njit
 
 from anchorpose.geodesics.fan import AWAY, DOT_LEFT, DOT_RIGHT, EDGE2, FAN, LANES, SMALLEST, lay_fan
 
-# columns of a desk, on which a round's nodes are worked out one row each: the fan, the sides' edges, their distances
-# and bends, the node's own three numbers, and the answers
-SIDE2_LEFT, SIDE2_RIGHT, SIDE_LEFT, SIDE_RIGHT, BEND_LEFT, BEND_RIGHT = 24, 32, 40, 48, 56, 64
-BEFORE, OFFER, OFFER_BEND, OWN, OWN_BEND, OWN_RIM, TAKERS, DESK = 72, 80, 88, 96, 97, 98, 99, 104
+# columns of a desk, on which a round's nodes are worked out one row each: the fan; the sides' edges, distances and
+# bends, those to the right from two before the end of those to the left; the ring's; the answers; the node's own
+SIDE2_LEFT, SIDE2_RIGHT, SIDE_LEFT, SIDE_RIGHT, BEND_LEFT, BEND_RIGHT = 24, 30, 38, 44, 52, 58
+BEFORE, OFFER, OFFER_BEND, OWN, OWN_BEND, OWN_RIM, TAKERS, DESK = 66, 74, 82, 90, 91, 92, 93, 96
+WIDE = 4  # columns that are copied as one number
 
 ZERO: Any
 ONE: Any
@@ -57,12 +58,13 @@ def march_on(
     fans: near (n, 8) uint32, fan (n, 24) float32, rim (n,) uint8, 2 where not laid yet, and scratch, of ``lay_fan``.
     state: distance (n + 1,) float32, ``AWAY`` but at the sources; bend (n + 1,) float32, the distance at which the
     front last turned around the surface's rim; queued (n + 1,) uint8, 1 for the sources; waiting (n + 9,) uint32, the
-    sources first; size (1,), their number. work: turn (n,) uint32, desk (n, 104) float32, and the same flat.
+    sources first; size (1,), their number. work: turn (n,) uint32, desk (n, 96) float32, the same flat,
+    and desk and fan as complex numbers (n, 24) and (n, 6), of which each is four columns that are copied at once.
     Returns whether such a node was met; a source never is. A field of no length is none.
     """
     distance, bend, queued, waiting, size = state
     near, fan, rim, edge = fans
-    turn, desk, flat = work
+    turn, desk, flat, wide_desk, wide_fan = work
     while size[0] > 0:
         count, low = _take_turn(distance, queued, waiting, size, turn, band)
         if low > reach:
@@ -70,10 +72,11 @@ def march_on(
         if len(field) > 0 and _meets(field, level, distance, reach, turn, count):
             return True
         _lay_fans(points, ring, turn, count, near, fan, rim, edge)
-        _set_desk(near, fan, rim, distance, bend, turn, count, desk)
+        _set_desk(near, fan, rim, distance, bend, turn, count, desk, wide_desk, wide_fan)
         _work_out(flat, count)
         _settle(near, turn, count, desk, distance, bend, queued, waiting, size)
-        _follow_links(link_start, link_node, link_length, turn, count, desk, distance, bend, queued, waiting, size)
+        if len(link_node) > 0:
+            _follow_links(link_start, link_node, link_length, turn, count, desk, distance, bend, queued, waiting, size)
     return False
 
 
@@ -123,13 +126,13 @@ def _lay_fans(
 @njit(cache=True)
 def _set_desk(
     near: np.ndarray, fan: np.ndarray, rim: np.ndarray, distance: np.ndarray, bend: np.ndarray, turn: np.ndarray,
-    count: int, desk: np.ndarray,
+    count: int, desk: np.ndarray, wide_desk: np.ndarray, wide_fan: np.ndarray,
 ) -> None:  # fmt: skip
     """Copy together what this round's nodes need. Before anybody's distance changes."""
     for k in range(count):
         node = turn[k]
-        for column in range(FAN):
-            desk[k, column] = fan[node, column]
+        for part in range(FAN // WIDE):
+            wide_desk[k, part] = wide_fan[node, part]
         e, n, w, s = near[node, 0], near[node, 1], near[node, 2], near[node, 3]
         _deal(desk, k, SIDE2_LEFT, fan[node, 0], fan[node, 1], fan[node, 2], fan[node, 3])
         _deal(desk, k, SIDE_LEFT, distance[e], distance[n], distance[w], distance[s])
@@ -141,11 +144,11 @@ def _set_desk(
 
 @njit(cache=True)
 def _deal(desk: np.ndarray, k: int, at: int, e: float, n: float, w: float, s: float) -> None:
-    """The four sides' values to the lanes whose triangles stand on them: ``LEFT``, then ``RIGHT``."""
+    """The four sides' values to the lanes whose triangles stand on them: ``LEFT``, from the seventh on ``RIGHT``."""
     desk[k, at], desk[k, at + 1], desk[k, at + 2], desk[k, at + 3] = n, w, s, e
     desk[k, at + 4], desk[k, at + 5], desk[k, at + 6], desk[k, at + 7] = n, w, s, e
-    desk[k, at + 8], desk[k, at + 9], desk[k, at + 10], desk[k, at + 11] = s, e, n, w
-    desk[k, at + 12], desk[k, at + 13], desk[k, at + 14], desk[k, at + 15] = e, n, w, s
+    desk[k, at + 8], desk[k, at + 9], desk[k, at + 10], desk[k, at + 11] = n, w, e, n
+    desk[k, at + 12], desk[k, at + 13] = w, s
 
 
 @njit(cache=True, error_model="numpy", fastmath=FUSED)

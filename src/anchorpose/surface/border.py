@@ -12,7 +12,6 @@ from enum import IntEnum
 import cv2
 import numpy as np
 from numba import njit
-from scipy.ndimage import find_objects
 
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface.extent import extent
@@ -58,23 +57,47 @@ def _border_picture(view: View) -> np.ndarray:
     part = np.s_[max(0, top - MARGIN_PX) : bottom + MARGIN_PX, max(0, left - MARGIN_PX) : right + MARGIN_PX]
     labels = np.ascontiguousarray(view.labels[part], dtype=np.uint8)
     kind = _edge_kinds(np.ascontiguousarray(view.depth_m[part], dtype=np.float32), labels)
-    kind = _supported(kind)
+    spots = np.flatnonzero(kind)
+    near = _within_reach(_supported(kind, spots), spots, _disc(REACH_PX))
     holes = _holes(labels)
     if holes is not None:
-        kind[holes] = Border.CUT
-    whole[part] = cv2.dilate(kind, _disc(REACH_PX))
+        near[cv2.dilate(holes, _disc(REACH_PX)) > 0] = Border.CUT
+    whole[part] = near
     whole[:REACH_PX], whole[-REACH_PX:], whole[:, :REACH_PX], whole[:, -REACH_PX:] = (Border.CUT,) * 4
     return whole
 
 
-def _supported(kind: np.ndarray) -> np.ndarray:
-    """Edge pixels that have others of their kind, or of a higher one, beside them."""
+@njit(cache=True)
+def _supported(kind: np.ndarray, spots: np.ndarray) -> np.ndarray:
+    """Edge pixels that have others of their kind, or of a higher one, beside them; spots (k,): where any kind is."""
+    height, width = kind.shape
     kept = np.zeros_like(kind)
-    for least in (Border.SELF, Border.CUT):
-        edge = (kind >= least).astype(np.uint8)
-        count = cv2.boxFilter(edge, cv2.CV_8U, (5, 5), normalize=False, borderType=cv2.BORDER_CONSTANT)
-        kept[(edge > 0) & (count >= SUPPORT)] = least
+    for spot in spots:
+        row, col = spot // width, spot % width
+        least = kind[row, col]
+        while least > 0 and kept[row, col] == 0:
+            count = 0
+            for i in range(max(0, row - 2), min(height, row + 3)):
+                for j in range(max(0, col - 2), min(width, col + 3)):
+                    count += kind[i, j] >= least
+            if count >= SUPPORT:
+                kept[row, col] = least
+            least -= 1
     return kept
+
+
+@njit(cache=True)
+def _within_reach(kind: np.ndarray, spots: np.ndarray, disc: np.ndarray) -> np.ndarray:
+    """The highest kind within a disc (odd, odd) of each pixel; edges are few, so each is spread by itself."""
+    height, width = kind.shape
+    reach = len(disc) // 2
+    near = np.zeros_like(kind)
+    for spot in spots:
+        row, col = spot // width, spot % width
+        for i in range(max(0, row - reach), min(height, row + reach + 1)):
+            for j in range(max(0, col - reach), min(width, col + reach + 1)):
+                near[i, j] = max(near[i, j], kind[row, col] * disc[i - row + reach, j - col + reach])
+    return near
 
 
 @njit(cache=True)
@@ -91,6 +114,8 @@ def _edge_kinds(depth: np.ndarray, labels: np.ndarray) -> np.ndarray:
             if labels[row, col] != PixelLabel.PATIENT or depth[row, col] <= 0.0:
                 continue
             z = depth[row, col]
+            if 0 < row < height - 1 and 0 < col < width - 1 and _amid(depth, labels, row, col, z - TOUCHING_M):
+                continue
             kind = 0
             for way in range(8):
                 down, right = (0, -1, -1, -1, 0, 1, 1, 1)[way], (1, 1, 0, -1, -1, -1, 0, 1)[way]
@@ -120,31 +145,56 @@ def _edge_kinds(depth: np.ndarray, labels: np.ndarray) -> np.ndarray:
     return kinds
 
 
+@njit(cache=True)
+def _amid(depth: np.ndarray, labels: np.ndarray, row: int, col: int, nearest: float) -> bool:
+    """Whether the patient is all around a pixel, nowhere nearer than that: so it is of most pixels."""
+    amid = True
+    for i in range(row - 1, row + 2):
+        for j in range(col - 1, col + 2):
+            amid &= (labels[i, j] == PixelLabel.PATIENT) & (depth[i, j] > 0.0) & (depth[i, j] >= nearest)
+    return amid
+
+
 def _disc(radius: int) -> np.ndarray:
     return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
 
 
 def _holes(labels: np.ndarray) -> np.ndarray | None:
-    """(height, width) bool: lost readings thick enough to hide something and largely within the patient; None if none.
+    """(height, width) uint8: lost readings thick enough to hide something and largely within the patient; None if none.
 
     Recordings whose background was removed lose everything around the patient; that is no hole, for it reaches the
     edge of what is looked at.
     """
-    lost = (labels == PixelLabel.NO_READING).astype(np.uint8)
+    lost = (labels == np.uint8(PixelLabel.NO_READING)).astype(np.uint8)
     thick = cv2.morphologyEx(lost, cv2.MORPH_OPEN, _disc(HOLE_RADIUS_PX))
     if not thick.any():
         return None
     count, component = cv2.connectedComponents(thick, connectivity=4)
-    at_edge = np.concatenate([component[0], component[-1], component[:, 0], component[:, -1]])
-    within = np.setdiff1d(np.arange(1, count), at_edge)
-    if len(within) == 0:
+    hole = np.ones(count, bool)
+    for side in (component[0], component[-1], component[:, 0], component[:, -1]):
+        hole[side] = False
+    hole[0] = False
+    if not hole.any():
         return None
-    hole = np.zeros(count, bool)
-    boxes = find_objects(component)
-    for k in within:
-        rows, columns = boxes[k - 1]
-        inside = np.s_[max(0, rows.start - 3) : rows.stop + 3, max(0, columns.start - 3) : columns.stop + 3]
-        own = (component[inside] == k).astype(np.uint8)
-        rim = (cv2.dilate(own, _disc(2)) > own) & (lost[inside] == 0)
-        hole[k] = rim.any() and (labels[inside][rim] == PixelLabel.PATIENT).mean() >= HOLE_ENCLOSED
-    return hole[component] if hole.any() else None
+    rim = np.flatnonzero(cv2.dilate(thick, _disc(2)) > lost)
+    length, enclosed = _rims(component, labels, rim, _disc(2), count)
+    hole &= (length > 0) & (enclosed >= HOLE_ENCLOSED * length)
+    return hole.view(np.uint8)[component] if hole.any() else None
+
+
+@njit(cache=True)
+def _rims(component: np.ndarray, labels: np.ndarray, rim: np.ndarray, disc: np.ndarray, count: int) -> tuple:
+    """(count,) pixels of the rim (r,) within a disc (5, 5) of each component, and how many of them are patient."""
+    height, width = component.shape
+    length, enclosed = np.zeros(count, np.int64), np.zeros(count, np.int64)
+    last = np.full(count, -1, np.int64)  # the pixel of the rim that a component has counted
+    for k in range(len(rim)):
+        row, col = rim[k] // width, rim[k] % width
+        for i in range(max(0, row - 2), min(height, row + 3)):
+            for j in range(max(0, col - 2), min(width, col + 3)):
+                own = component[i, j]
+                if own > 0 and disc[i - row + 2, j - col + 2] and last[own] != k:
+                    last[own] = k
+                    length[own] += 1
+                    enclosed[own] += labels[row, col] == PixelLabel.PATIENT
+    return length, enclosed

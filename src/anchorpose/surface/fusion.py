@@ -14,7 +14,7 @@ from numba import njit
 
 from anchorpose.camera import Camera, invert_rigid
 from anchorpose.surface.expected_skin import ExpectedSkin, way_over_skin
-from anchorpose.surface.links import compress_links, links
+from anchorpose.surface.links import add_links
 from anchorpose.surface.mesh import keep_nodes
 from anchorpose.surface.surface import Surface
 
@@ -55,21 +55,17 @@ def fuse(
     both = _side_by_side(surfaces, first)
     landmarks = np.zeros((1, 1), np.float32) if expected is None else expected.map.landmarks_m
     dropped = np.zeros(len(both), np.bool_)
+    inner = _inner(both.ring)
     pairs = [
         _same_skin(
-            both, slice(first[source], first[source + 1]), slice(first[target], first[target + 1]), cameras[source],
-            camera, landmarks, dropped, config,
+            both, inner, slice(first[source], first[source + 1]), slice(first[target], first[target + 1]),
+            cameras[source], camera, landmarks, dropped, config,
         )
         for target, camera in enumerate(cameras) for source in range(len(surfaces)) if source != target
     ]  # fmt: skip
     stay = _with_border(both.ring, dropped)
-    sewn = np.concatenate(pairs)
-    sewn = sewn[stay[sewn].all(axis=1)]
-    own, own_length = links(both)
-    length = np.linalg.norm(both.points_m[sewn[:, 0]] - both.points_m[sewn[:, 1]], axis=1)
-    start, node, length_m = compress_links(
-        np.concatenate([own, sewn]), np.concatenate([own_length, length.astype(np.float32)]), len(both)
-    )
+    sewn, length = _seam(both.points_m, np.concatenate(pairs), stay)
+    start, node, length_m = add_links(both, sewn, length, len(both))
     linked = replace(both, link_start=start, link_node=node, link_length_m=length_m)
     return keep_nodes(linked, stay)
 
@@ -94,8 +90,8 @@ def _side_by_side(surfaces: Sequence[Surface], first: np.ndarray) -> Surface:
 
 
 def _same_skin(
-    both: Surface, source: slice, target: slice, seen_by: Camera, camera: Camera, landmarks: np.ndarray,
-    dropped: np.ndarray, config: FusionConfig,
+    both: Surface, inner: np.ndarray, source: slice, target: slice, seen_by: Camera, camera: Camera,
+    landmarks: np.ndarray, dropped: np.ndarray, config: FusionConfig,
 ) -> np.ndarray:  # fmt: skip
     """(m, 2) int32 pairs: each node of the source with the corners of the target's cell that it falls into.
 
@@ -108,7 +104,7 @@ def _same_skin(
     grid[both.pixel[target, 0] // step, both.pixel[target, 1] // step] = np.arange(target.start, target.stop)
     lens = camera.intrinsics
     return _pair_corners(
-        both.points_m, both.normals, both.ring, both.skin, source.start, source.stop, grid, step,
+        both.points_m, both.normals, inner, both.skin, source.start, source.stop, grid, step,
         invert_rigid(camera.require_pose()).astype(np.float32),
         np.array([lens.fx, lens.fy, lens.cx, lens.cy], np.float32), seen_by.position_m.astype(np.float32),
         camera.position_m.astype(np.float32), landmarks, dropped, np.float32(config.max_apart_m),
@@ -125,17 +121,47 @@ def _grid_step(ring: np.ndarray, pixel: np.ndarray, first: int) -> int:
     return int(pixel[ring[east[0], 0], 1] - pixel[first + east[0], 1])
 
 
+@njit(cache=True)
+def _inner(ring: np.ndarray) -> np.ndarray:
+    """(n,) bool: nodes with a whole ring."""
+    inner = np.ones(len(ring), np.bool_)
+    for n in range(len(ring)):
+        for k in range(8):
+            inner[n] &= ring[n, k] >= 0
+    return inner
+
+
+@njit(cache=True)
 def _with_border(ring: np.ndarray, dropped: np.ndarray) -> np.ndarray:
     """(n,) bool: what stays: nodes that are not dropped, and two rings around them to sew them on to."""
     stay = ~dropped
     for _ in range(2):
-        stay = stay | ((ring >= 0) & stay[ring]).any(axis=1)
+        before = stay.copy()
+        for n in range(len(ring)):
+            for k in range(8):
+                stay[n] |= ring[n, k] >= 0 and before[ring[n, k]]
     return stay
 
 
 @njit(cache=True)
+def _seam(points: np.ndarray, pairs: np.ndarray, stay: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(m, 2) int32 the pairs of which both stay, and (m,) float32 how far they are apart."""
+    sewn, length = np.empty_like(pairs), np.empty(len(pairs), np.float32)
+    count = 0
+    for e in range(len(pairs)):
+        p, q = pairs[e, 0], pairs[e, 1]
+        if stay[p] and stay[q]:
+            squared = np.float32(0.0)
+            for axis in range(3):
+                squared += (points[p, axis] - points[q, axis]) ** 2
+            sewn[count, 0], sewn[count, 1], length[count] = p, q, np.sqrt(squared)
+            count += 1
+    return sewn[:count], length[:count]
+
+
+@njit(cache=True)
 def _pair_corners(
-    points: np.ndarray, normals: np.ndarray, ring: np.ndarray, shown: np.ndarray, begin: int, end: int,
+    points: np.ndarray, normals: np.ndarray, inner: np.ndarray, shown: np.ndarray, begin: int, end: int,
     grid: np.ndarray, step: int, T_camera_world: np.ndarray, lens: np.ndarray, seen_from: np.ndarray,
     other_from: np.ndarray, landmarks: np.ndarray, dropped: np.ndarray, max_apart: np.float32,
     max_off_plane: np.float32, min_cosine: np.float32, max_way: np.float32,
@@ -163,15 +189,17 @@ def _pair_corners(
                     continue
                 q = grid[i, j]
                 if not _one_skin(points, normals, p, q, max_apart, max_off_plane, min_cosine) or (
-                    shown[p] >= 0 and shown[q] >= 0 and way_over_skin(landmarks, shown[p], shown[q]) > max_way
+                    shown[p] >= 0
+                    and shown[q] >= 0
+                    and shown[p] != shown[q]
+                    and way_over_skin(landmarks, shown[p], shown[q]) > max_way
                 ):
                     whole = False
                     continue
                 pairs[count, 0], pairs[count, 1] = p, q
                 count += 1
                 corners += 1
-                for k in range(8):
-                    whole = whole and ring[q, k] >= 0
+                whole = whole and inner[q]
         if whole and corners == 4:
             q = pairs[count - 1, 1]
             here = _squareness(points, normals, p, q, seen_from)

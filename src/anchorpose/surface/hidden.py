@@ -14,7 +14,7 @@ from numba import njit
 
 from anchorpose.camera import Camera, invert_rigid
 from anchorpose.surface.expected_skin import ExpectedSkin
-from anchorpose.surface.links import compress_links, links
+from anchorpose.surface.links import add_links
 from anchorpose.surface.mesh import pieces
 from anchorpose.surface.surface import HIDDEN_SKIN, Surface
 
@@ -54,10 +54,7 @@ def add_hidden_skin(
         surface.points_m, surface.ring, surface.skin, place, shown, expected.points_m, body.pairs, body.via,
         body.straight, np.float32(config.stretch),
     )  # fmt: skip
-    own, own_length = links(surface)
-    start, node, length_m = compress_links(
-        np.concatenate([own, pairs]), np.concatenate([own_length, length]), first + len(added)
-    )
+    start, node, length_m = add_links(surface, pairs, length, first + len(added))
     return Surface(
         points_m=np.concatenate([surface.points_m, expected.points_m[added]]),
         normals=np.concatenate([surface.normals, expected.normals[added]]),

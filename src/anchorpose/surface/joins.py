@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import KDTree
 
-from anchorpose.surface.links import compress_links, links, straight_m
+from anchorpose.surface.links import add_links, straight_m
 from anchorpose.surface.mesh import pieces
 from anchorpose.surface.surface import Surface
 
@@ -31,9 +31,7 @@ def join_pieces(surface: Surface, step: int, max_gap_m: float) -> Surface:
     index = np.full(surface.pixel.max(axis=0) // step + 1, -1, np.int32)
     index[surface.pixel[:, 0] // step, surface.pixel[:, 1] // step] = np.arange(len(surface))
     seams = join_pairs(index, surface.points_m, piece, max_gap_m)
-    pairs, length = links(surface)
-    length = np.concatenate([length, straight_m(surface.points_m, seams)])
-    start, node, length = compress_links(np.concatenate([pairs, seams]), length, len(surface))
+    start, node, length = add_links(surface, seams, straight_m(surface.points_m, seams), len(surface))
     return replace(surface, link_start=start, link_node=node, link_length_m=length)
 
 
@@ -53,10 +51,8 @@ def join_rest(surface: Surface) -> Surface:
         own = np.flatnonzero(piece == number)
         away, nearest = tree.query(surface.points_m[own])
         pairs.append([own[away.argmin()], main[nearest[away.argmin()]]])
-    known, length = links(surface)
     added = np.array(pairs, np.int32)
-    length = np.concatenate([length, straight_m(surface.points_m, added)])
-    start, node, length = compress_links(np.concatenate([known, added]), length, len(surface))
+    start, node, length = add_links(surface, added, straight_m(surface.points_m, added), len(surface))
     return replace(surface, link_start=start, link_node=node, link_length_m=length)
 
 

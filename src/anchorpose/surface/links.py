@@ -26,34 +26,57 @@ def compress_links(pairs: np.ndarray, length_m: np.ndarray, count: int) -> tuple
 
     Symmetric, each link once a side, rows in the order of the pairs; of a pair given twice the shorter length counts.
     """
-    return _compress(pairs.astype(np.int32), length_m.astype(np.float32), count)
+    none = np.empty(0, np.int32)
+    return _compress(
+        np.zeros(1, np.int32), none, none.view(np.float32), pairs.astype(np.int32), length_m.astype(np.float32), count
+    )
+
+
+def add_links(
+    surface: Surface, pairs: np.ndarray, length_m: np.ndarray, count: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The surface's own links, and after them those of ``compress_links``, for count nodes, of which it may have fewer.
+
+    pairs (m, 2) int32, length_m (m,) float32.
+    """
+    return _compress(surface.link_start, surface.link_node, surface.link_length_m, pairs, length_m, count)
 
 
 @njit(cache=True)
-def _compress(pairs: np.ndarray, length: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _compress(
+    own_start: np.ndarray, own_node: np.ndarray, own_length: np.ndarray, pairs: np.ndarray, length: np.ndarray,
+    count: int,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """own_start (o + 1,) of the first o nodes, whose rows are as they should be."""
+    owners = len(own_start) - 1
     room = np.zeros(count + 1, np.int32)
+    for n in range(owners):
+        room[n + 1] = own_start[n + 1] - own_start[n]
     for e in range(len(pairs)):
         room[pairs[e, 0] + 1] += 1
         room[pairs[e, 1] + 1] += 1
     for n in range(count):
         room[n + 1] += room[n]
     filled = room[:-1].copy()
-    node, metres = np.empty(2 * len(pairs), np.int32), np.empty(2 * len(pairs), np.float32)
+    node, metres = np.empty(room[count], np.int32), np.empty(room[count], np.float32)
+    for n in range(owners):
+        for spot in range(own_start[n], own_start[n + 1]):
+            node[filled[n]], metres[filled[n]] = own_node[spot], own_length[spot]
+            filled[n] += 1
     for e in range(len(pairs)):
         for side in range(2):
-            here, there = pairs[e, side], pairs[e, 1 - side]
-            spot = room[here]
-            while spot < filled[here] and node[spot] != there:
-                spot += 1
-            if spot == filled[here]:
-                node[spot], metres[spot] = there, length[e]
-                filled[here] += 1
+            here = pairs[e, side]
+            node[filled[here]], metres[filled[here]] = pairs[e, 1 - side], length[e]
+            filled[here] += 1
+    start, place = np.zeros(count + 1, np.int32), np.full(count, -1, np.int32)
+    end = 0
+    for n in range(count):  # close the gaps that pairs given twice leave; place: where each node stands in this row
+        for spot in range(room[n], room[n + 1]):
+            there, metre = node[spot], metres[spot]
+            if place[there] < start[n]:
+                place[there], node[end], metres[end] = end, there, metre
+                end += 1
             else:
-                metres[spot] = min(metres[spot], length[e])
-    start = np.zeros(count + 1, np.int32)
-    for n in range(count):  # close the gaps that pairs given twice have left
-        size = filled[n] - room[n]
-        start[n + 1] = start[n] + size
-        for k in range(size):
-            node[start[n] + k], metres[start[n] + k] = node[room[n] + k], metres[room[n] + k]
-    return start, node[: start[count]].copy(), metres[: start[count]].copy()
+                metres[place[there]] = min(metres[place[there]], metre)
+        start[n + 1] = end
+    return start, node[:end].copy(), metres[:end].copy()

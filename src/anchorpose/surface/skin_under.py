@@ -7,6 +7,7 @@ two parts that are far apart on the body both come near a node, both are its can
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -17,6 +18,9 @@ from anchorpose.surface.surface import Surface
 
 CELL_PX = 6  # skin points hang on a grid of so many pixels: 4 cm at 2.4 m, a little more than they are apart
 LEAST_FACING = np.float32(-0.5)  # skin turned farther from the optical axis than 120 degrees is on the other side
+NARROWEST = np.float32(
+    0.75
+)  # of what a pixel spans at the axis: rays slant, and nodes are nearer than the nearest skin
 MOST_CANDIDATES = 128  # skin points looked at for one node; there are about ten within reach
 
 
@@ -82,11 +86,83 @@ def _candidates(
 ) -> np.ndarray:  # fmt: skip
     """(n, 2): the nearest skin point of each node, and the nearest of those far from that one on the body, if in doubt.
 
-    Skin points hang in lists on a grid of pixels; a node looks around its own cell, ring after ring.
+    A node first looks around its own pixel, and then at all pixels that may be as near as what it found.
     """
-    head = np.full((rows, cols), -1, np.int32)
-    following = np.full(len(skin), -1, np.int32)
-    finest = np.float32(np.inf)  # metres that a cell spans where the skin is nearest
+    found = np.full((len(points), 2), -1, np.int32)
+    start, which, place, span = _hang_on_grid(skin, skin_normals, T_camera_world, lens, rows, cols)
+    if not span < np.inf:
+        return found
+    squared = np.empty(len(which), np.float32)
+    near, away = np.empty(MOST_CANDIDATES, np.int32), np.empty(MOST_CANDIDATES, np.float32)
+    steep = off_sheet * off_sheet - np.float32(1.0)
+    for n in range(len(points)):
+        limit2 = reach * reach
+        for again in range(2):
+            reached = np.sqrt(limit2) / span if again else np.float32(CELL_PX // 2)
+            top, bottom, left, right = _window(pixel, n, reached, rows, cols)
+            for row in range(top, bottom):
+                first, last = start[row * cols + left], start[row * cols + right]
+                _measure(points, normals, n, place, np.uint64(first), np.uint64(last), min_cosine, steep, squared)
+                for spot in range(first, last):
+                    if squared[spot] < limit2:
+                        limit2, found[n, 0] = squared[spot], which[spot]
+        if found[n, 0] < 0 or not contested[found[n, 0]]:
+            continue
+        limit = np.sqrt(limit2) + doubt
+        count = 0
+        top, bottom, left, right = _window(pixel, n, limit / span, rows, cols)
+        for row in range(top, bottom):
+            first, last = start[row * cols + left], start[row * cols + right]
+            _measure(points, normals, n, place, np.uint64(first), np.uint64(last), min_cosine, steep, squared)
+            for spot in range(first, last):
+                if squared[spot] < limit * limit and count < MOST_CANDIDATES:
+                    near[count], away[count] = which[spot], np.sqrt(squared[spot])
+                    count += 1
+        for c in range(count):
+            if away[c] < limit and way_over_skin(landmarks, near[c], found[n, 0]) > far:
+                limit, found[n, 1] = away[c], near[c]
+    return found
+
+
+@njit(cache=True, fastmath={"contract", "nsz"})
+def _measure(
+    points: np.ndarray, normals: np.ndarray, n: int, place: np.ndarray, first: Any, last: Any, min_cosine: np.float32,
+    steep: np.float32, squared: np.ndarray,
+) -> None:  # fmt: skip
+    """How far a node is off some skin points, squared, what is off their sheet counting more; inf if turned too far.
+
+    First and last unsigned, so that no index can mean one from the end and this becomes vector instructions.
+    """
+    at_x, at_y, at_z = points[n, 0], points[n, 1], points[n, 2]
+    up_x, up_y, up_z = normals[n, 0], normals[n, 1], normals[n, 2]
+    for spot in range(first, last):
+        x, y, z = at_x - place[0, spot], at_y - place[1, spot], at_z - place[2, spot]
+        off = x * place[3, spot] + y * place[4, spot] + z * place[5, spot]
+        cosine = up_x * place[3, spot] + up_y * place[4, spot] + up_z * place[5, spot]
+        away = x * x + y * y + z * z + steep * off * off
+        squared[spot] = away if cosine > min_cosine else np.float32(np.inf)
+
+
+@njit(cache=True)
+def _window(pixel: np.ndarray, n: int, reach_px: Any, rows: int, cols: int) -> tuple[int, int, int, int]:
+    """(top, bottom, left, right), past the last, of the cells within some pixels of a node."""
+    row, col, away = int(pixel[n, 0]), int(pixel[n, 1]), int(reach_px) + 1
+    top, bottom = max(row - away, 0) // CELL_PX, (row + away) // CELL_PX + 1
+    left, right = max(col - away, 0) // CELL_PX, (col + away) // CELL_PX + 1
+    return top, min(bottom, rows), left, min(right, cols)
+
+
+@njit(cache=True, fastmath=True)
+def _hang_on_grid(
+    skin: np.ndarray, skin_normals: np.ndarray, T_camera_world: np.ndarray, lens: np.ndarray, rows: int, cols: int
+) -> tuple:
+    """Skin that faces the camera, sorted by the cell of pixels that it falls into.
+
+    start (rows * cols + 1,): where each cell's begin; which (m,): the skin points; place (6, m): their positions
+    and normals; and the metres that a pixel spans at least, inf without any skin.
+    """
+    cell, start = np.full(len(skin), -1, np.int32), np.zeros(rows * cols + 1, np.int32)
+    nearest = np.float32(np.inf)
     for k in range(len(skin)):
         x, y, z = T_camera_world[0, 3], T_camera_world[1, 3], T_camera_world[2, 3]
         for axis in range(3):
@@ -98,70 +174,51 @@ def _candidates(
             facing -= T_camera_world[2, axis] * skin_normals[k, axis]
         if z <= 0.0 or facing < LEAST_FACING:
             continue
-        row, col = int((lens[1] * y / z + lens[3]) // CELL_PX), int((lens[0] * x / z + lens[2]) // CELL_PX)
+        row, col = (
+            int(np.floor((lens[1] * y / z + lens[3]) / CELL_PX)),
+            int(np.floor((lens[0] * x / z + lens[2]) / CELL_PX)),
+        )
         if 0 <= row < rows and 0 <= col < cols:
-            following[k] = head[row, col]
-            head[row, col] = k
-            finest = min(finest, z * CELL_PX / max(lens[0], lens[1]))
-    found = np.full((len(points), 2), -1, np.int32)
-    if not finest < np.inf:
-        return found
-    widest = int(np.ceil((reach + doubt) / finest))
-    near, away = np.empty(MOST_CANDIDATES, np.int32), np.empty(MOST_CANDIDATES, np.float32)
-    steep = off_sheet * off_sheet - np.float32(1.0)
-    for n in range(len(points)):
-        row, col = pixel[n, 0] // CELL_PX, pixel[n, 1] // CELL_PX
-        limit, count = reach, 0
-        for again in range(2):  # first the nearest, then, where it is contested, what is hardly farther off
-            for ring in range(widest + 1):
-                if max(ring - 1, 0) * finest > limit:
-                    break
-                for i in range(max(0, row - ring), min(rows, row + ring + 1)):
-                    stride = 1 if i == row - ring or i == row + ring else max(2 * ring, 1)
-                    for j in range(col - ring, col + ring + 1, stride):
-                        k = head[i, j] if 0 <= j < cols else -1
-                        while k >= 0:
-                            x, y, z = points[n, 0] - skin[k, 0], points[n, 1] - skin[k, 1], points[n, 2] - skin[k, 2]
-                            squared = x * x + y * y + z * z
-                            if squared < limit * limit:
-                                off = x * skin_normals[k, 0] + y * skin_normals[k, 1] + z * skin_normals[k, 2]
-                                squared += steep * off * off
-                            if squared < limit * limit:
-                                cosine = (normals[n, 0] * skin_normals[k, 0] + normals[n, 1] * skin_normals[k, 1]
-                                          + normals[n, 2] * skin_normals[k, 2])  # fmt: skip
-                                if cosine > min_cosine and again == 0:
-                                    limit, found[n, 0] = np.sqrt(squared), k
-                                elif cosine > min_cosine and count < MOST_CANDIDATES:
-                                    near[count], away[count] = k, np.sqrt(squared)
-                                    count += 1
-                            k = following[k]
-            if found[n, 0] < 0 or not contested[found[n, 0]]:
-                break
-            if again == 0:
-                limit += doubt
-        for c in range(count):
-            if away[c] < limit and way_over_skin(landmarks, near[c], found[n, 0]) > far:
-                limit, found[n, 1] = away[c], near[c]
-    return found
+            cell[k] = row * cols + col
+            start[cell[k] + 1] += 1
+            nearest = min(nearest, z)
+    for c in range(rows * cols):
+        start[c + 1] += start[c]
+    which, place = np.empty(start[-1], np.int32), np.empty((6, start[-1]), np.float32)
+    filled = start.copy()
+    for k in range(len(skin)):
+        if cell[k] >= 0:
+            spot = filled[cell[k]]
+            filled[cell[k]] += 1
+            which[spot] = k
+            for axis in range(3):
+                place[axis, spot], place[3 + axis, spot] = skin[k, axis], skin_normals[k, axis]
+    return start, which, place, NARROWEST * nearest / max(lens[0], lens[1])
 
 
 @njit(cache=True, fastmath=True)
 def _contested(skin: np.ndarray, landmarks: np.ndarray, radius: np.float32, far: np.float32) -> np.ndarray:
     """Skin points sorted by height: those within the radius of one follow each other."""
     order = np.argsort(skin[:, 1])
-    place, known = skin[order], landmarks[order]
-    contested = np.zeros(len(skin), np.bool_)
+    known = landmarks[order]
+    x, y, z = skin[order, 0], skin[order, 1], skin[order, 2]
+    marked, near = np.zeros(len(skin), np.bool_), np.empty(len(skin) + 1, np.int32)
+    end = 0
     for a in range(len(order)):
-        for b in range(a + 1, len(order)):
-            y = place[b, 1] - place[a, 1]
-            if y > radius:
-                break
-            x, z = place[b, 0] - place[a, 0], place[b, 2] - place[a, 2]
-            if x * x + y * y + z * z >= radius * radius or (contested[order[a]] and contested[order[b]]):
-                continue
-            if way_over_skin(known, a, b) > far:
-                contested[order[a]] = True
-                contested[order[b]] = True
+        while end < len(order) and y[end] - y[a] <= radius:
+            end += 1
+        count = 0
+        for b in range(a + 1, end):  # no branch: every tenth would be guessed wrong
+            squared = (x[b] - x[a]) ** 2 + (y[b] - y[a]) ** 2 + (z[b] - z[a]) ** 2
+            near[count] = b
+            count += int(squared < radius * radius)
+        for c in range(count):
+            b = near[c]
+            if not (marked[a] and marked[b]) and way_over_skin(known, a, b) > far:
+                marked[a] = True
+                marked[b] = True
+    contested = np.zeros(len(skin), np.bool_)
+    contested[order] = marked
     return contested
 
 
