@@ -45,11 +45,12 @@ class AnchorConfig:
     radius: float = 0.5 / 1.75  # r: 0.5 m on a person of 1.75 m
     cap: float = 0.06 / 1.75  # how far below its tip the extremal cap reaches: 6 cm, about a fist
     gate: float = 0.25 / 1.75  # how far from its prediction an anchor may be: half a forearm
-    head_gate: float = 0.15 / 1.75  # a head moves less, and a neck without its head is 20 cm away
+    head_gate: float = 0.18 / 1.75  # a head moves less, and a neck without its head is 20 cm away
+    end_gate: float = 0.09 / 1.75  # an end so near its prediction is one, though hidden skin seems to lead on
     first_gate: float = 2.1  # without prediction: tolerances of the body's proportions; a foot is 2.15 from a hand
 
     def __post_init__(self) -> None:
-        for name in ("radius", "cap", "gate", "head_gate", "first_gate"):
+        for name in ("radius", "cap", "gate", "head_gate", "end_gate", "first_gate"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
 
@@ -122,7 +123,7 @@ def identify_anchors(
         gates[HEAD] = config.head_gate
         away = np.linalg.norm(centers[:, None] - predicted_m[None], axis=2) / height_m
         cost = np.where(np.isfinite(predicted_m).all(axis=1), away / gates, cost)
-        untrue &= ~(away < config.cap)  # a hand on a rail ends at a cut, just where its end is expected
+        untrue &= ~(away < config.end_gate)  # a hand on a rail ends at a cut, just where its end is expected
     cost[untrue] = np.inf
     anchors = no_anchors()
     for name, number in enumerate(_assign(cost)):

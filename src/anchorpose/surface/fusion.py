@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
-from anchorpose.camera import Camera, invert_rigid
+from anchorpose.camera import Camera
 from anchorpose.surface.expected_skin import ExpectedSkin, way_over_skin
 from anchorpose.surface.links import add_links
 from anchorpose.surface.mesh import keep_nodes
+from anchorpose.surface.projection import into_camera, pinhole
 from anchorpose.surface.surface import Surface
 
 
@@ -102,11 +103,9 @@ def _same_skin(
     step = _grid_step(both.ring[target], both.pixel, target.start)
     grid = np.full((-(-camera.height // step), -(-camera.width // step)), -1, np.int32)
     grid[both.pixel[target, 0] // step, both.pixel[target, 1] // step] = np.arange(target.start, target.stop)
-    lens = camera.intrinsics
     return _pair_corners(
-        both.points_m, both.normals, inner, both.skin, source.start, source.stop, grid, step,
-        invert_rigid(camera.require_pose()).astype(np.float32),
-        np.array([lens.fx, lens.fy, lens.cx, lens.cy], np.float32), seen_by.position_m.astype(np.float32),
+        both.points_m, both.normals, inner, both.skin, source.start, source.stop, grid, step, *pinhole(camera),
+        seen_by.position_m.astype(np.float32),
         camera.position_m.astype(np.float32), landmarks, dropped, np.float32(config.max_apart_m),
         np.float32(config.max_off_plane_m), np.float32(np.cos(np.radians(config.max_turn_deg))),
         np.float32(config.max_way_m),
@@ -170,14 +169,8 @@ def _pair_corners(
     pairs = np.empty((4 * (end - begin), 2), np.int32)
     count = 0
     for p in range(begin, end):
-        x, y, z = T_camera_world[0, 3], T_camera_world[1, 3], T_camera_world[2, 3]
-        for axis in range(3):
-            x += T_camera_world[0, axis] * points[p, axis]
-            y += T_camera_world[1, axis] * points[p, axis]
-            z += T_camera_world[2, axis] * points[p, axis]
-        if z <= 0.0:
-            continue
-        high, left = (lens[1] * y / z + lens[3]) / step, (lens[0] * x / z + lens[2]) / step
+        high, left, _ = into_camera(T_camera_world, lens, points, p)
+        high, left = high / step, left / step
         if not (-1.0 <= high <= rows and -1.0 <= left <= cols):
             continue
         row, col = int(np.floor(high)), int(np.floor(left))

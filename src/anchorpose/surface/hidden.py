@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from anchorpose.camera import Camera, invert_rigid
+from anchorpose.camera import Camera
 from anchorpose.surface.expected_skin import ExpectedSkin
 from anchorpose.surface.links import add_links
 from anchorpose.surface.mesh import pieces
+from anchorpose.surface.projection import into_camera, pinhole
 from anchorpose.surface.surface import HIDDEN_SKIN, Surface
 
 
@@ -74,12 +75,7 @@ def _seen_through(
     """(k,) bool: skin points that are not there, for a camera sees what is behind them."""
     absent = np.zeros(len(expected.points_m), np.bool_)
     for depth, camera in zip(depths_m, cameras, strict=True):
-        lens = camera.intrinsics
-        _mark_seen_through(
-            expected.points_m, invert_rigid(camera.require_pose()).astype(np.float32),
-            np.array([lens.fx, lens.fy, lens.cx, lens.cy], np.float32), depth, np.float32(config.seen_through_m),
-            absent,
-        )  # fmt: skip
+        _mark_seen_through(expected.points_m, *pinhole(camera), depth, np.float32(config.seen_through_m), absent)
     return absent
 
 
@@ -93,14 +89,10 @@ def _mark_seen_through(
     absent: np.ndarray,
 ) -> None:
     for k in range(len(skin)):
-        x, y, z = T_camera_world[0, 3], T_camera_world[1, 3], T_camera_world[2, 3]
-        for axis in range(3):
-            x += T_camera_world[0, axis] * skin[k, axis]
-            y += T_camera_world[1, axis] * skin[k, axis]
-            z += T_camera_world[2, axis] * skin[k, axis]
+        high, left, z = into_camera(T_camera_world, lens, skin, k)
         if z <= 0.0:
             continue
-        row, col = int(np.rint(lens[1] * y / z + lens[3])), int(np.rint(lens[0] * x / z + lens[2]))
+        row, col = int(np.rint(high)), int(np.rint(left))
         if 0 <= row < depth.shape[0] and 0 <= col < depth.shape[1] and depth[row, col] > z + behind:
             absent[k] = True
 

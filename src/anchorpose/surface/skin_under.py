@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from anchorpose.camera import Camera, invert_rigid
+from anchorpose.camera import Camera
 from anchorpose.surface.expected_skin import ExpectedSkin, way_over_skin
+from anchorpose.surface.projection import into_camera, pinhole
 from anchorpose.surface.surface import Surface
 
 CELL_PX = 6  # skin points hang on a grid of so many pixels: 4 cm at 2.4 m, a little more than they are apart
@@ -63,11 +64,9 @@ def show_skin(
     config = config or SkinUnderConfig()
     if len(surface) == 0:
         return surface
-    lens = camera.intrinsics
     candidates = _candidates(
         surface.points_m, surface.normals, surface.pixel, expected.points_m, expected.normals,
-        expected.map.landmarks_m, contested, invert_rigid(camera.require_pose()).astype(np.float32),
-        np.array([lens.fx, lens.fy, lens.cx, lens.cy], np.float32), camera.height // CELL_PX + 1,
+        expected.map.landmarks_m, contested, *pinhole(camera), camera.height // CELL_PX + 1,
         camera.width // CELL_PX + 1, np.float32(config.reach_m), np.float32(np.cos(np.radians(config.max_turn_deg))),
         np.float32(config.off_sheet), np.float32(config.doubt_m), np.float32(config.far_m),
     )  # fmt: skip
@@ -164,20 +163,13 @@ def _hang_on_grid(
     cell, start = np.full(len(skin), -1, np.int32), np.zeros(rows * cols + 1, np.int32)
     nearest = np.float32(np.inf)
     for k in range(len(skin)):
-        x, y, z = T_camera_world[0, 3], T_camera_world[1, 3], T_camera_world[2, 3]
-        for axis in range(3):
-            x += T_camera_world[0, axis] * skin[k, axis]
-            y += T_camera_world[1, axis] * skin[k, axis]
-            z += T_camera_world[2, axis] * skin[k, axis]
+        high, left, z = into_camera(T_camera_world, lens, skin, k)
         facing = np.float32(0.0)
         for axis in range(3):
             facing -= T_camera_world[2, axis] * skin_normals[k, axis]
         if z <= 0.0 or facing < LEAST_FACING:
             continue
-        row, col = (
-            int(np.floor((lens[1] * y / z + lens[3]) / CELL_PX)),
-            int(np.floor((lens[0] * x / z + lens[2]) / CELL_PX)),
-        )
+        row, col = int(np.floor(high / CELL_PX)), int(np.floor(left / CELL_PX))
         if 0 <= row < rows and 0 <= col < cols:
             cell[k] = row * cols + col
             start[cell[k] + 1] += 1
