@@ -19,6 +19,7 @@ import numpy as np
 from true_body import TrueBody, limb_of_bones
 
 from anchorpose.geodesics.anchors import ANCHOR_NAMES
+from anchorpose.geodesics.descriptor import anchor_descriptor
 from anchorpose.pipeline import TrackConfig
 from anchorpose.recording.reader import open_recording
 from anchorpose.simulate.clinic import draw_clinic, random_stream
@@ -131,15 +132,17 @@ def add_frame(score: Score, seen: Observation, shot: Shot, studio: Studio) -> No
     """Compare one frame."""
     body = TrueBody(shot.figures[0].skin_m, studio.clinic.patient.person.body.asset)
     face, share, away = body.project(seen.surface.points_m)
+    distance = anchor_descriptor(seen.whole, seen.anchors)  # also those that tracking does not trust
+    distance = distance[: len(seen.surface)]
     limb = np.array([-1 if node < 0 else body.limb_at(place)
                      for node, place in zip(seen.anchors.node, seen.anchors.position_m, strict=True)])  # fmt: skip
     right = limb == np.arange(len(limb))
     for number in np.flatnonzero(right):
         node = seen.anchors.node[number]
         true = body.read(body.exact_field(face[node], share[node]), face, share)
-        error = seen.descriptor[:, number] - true
+        error = distance[:, number] - true
         score.pairs += len(error)
-        score.unreached += int(np.isinf(seen.descriptor[:, number]).sum())
+        score.unreached += int(np.isinf(distance[:, number]).sum())
         score.errors_m.append(error[np.isfinite(error) & (away < ON_BODY_M)])
     visible = visible_limbs(shot, studio)
     score.visible += int(visible.sum())

@@ -78,7 +78,7 @@ def test_five_true_anchors_of_five_behind_knee_bar_and_hip_bar(pose, bars, seed)
     assert np.isfinite(anchor_descriptor(surface, anchors)[: surface.seen_count]).all()
 
 
-def test_a_bar_changes_the_ways_along_the_legs_by_a_centimetre_at_most():
+def test_a_bar_changes_the_ways_between_head_and_feet_by_a_centimetre_on_average():
     true = POSES["standing"]
     skin, places = expected_in(true)
     ways = []
@@ -89,7 +89,8 @@ def test_a_bar_changes_the_ways_along_the_legs_by_a_centimetre_at_most():
         ends = anchors.node[[0, 3, 4]]  # the bar at the hip hides the hands in part, and so moves their caps
         ways.append(geodesic_distance(surface, ends)[:, ends])
     np.testing.assert_allclose(ways[1], ways[0], atol=0.025)
-    assert np.abs(ways[1] - ways[0]).mean() < 0.01
+    apart = ~np.eye(3, dtype=bool)
+    assert np.abs(ways[1] - ways[0])[apart].mean() < 0.012
 
 
 @pytest.mark.parametrize("hide_below_m", [0.30, 0.45])

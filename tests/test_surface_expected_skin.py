@@ -9,6 +9,8 @@ import pytest
 from body_builder import adult_rest, points
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
 from trousers_builder import AWAY_M, CAMERA, CROTCH_M, expected_legs, legs_depth
 
 from anchorpose.body.body_map import map_body
@@ -68,11 +70,12 @@ def test_legs_that_touch_are_cut_along_their_crease_up_to_the_crotch(shift):
 
 def test_a_leg_predicted_elsewhere_is_not_cut_on_its_smooth_skin():
     surface = build_surface(legs_depth(), legs_depth() > 0, CAMERA)
-    expected = expected_legs((0.06, 0.0, 0.07))  # the crease is predicted behind the middle of a leg
-    shown = show_skin(surface, CAMERA, expected, find_contested(expected))
-    cut = cut_contacts(shown, expected)
-    middle = np.abs(surface.points_m[:, 2] + 0.06) < 0.03
-    np.testing.assert_array_equal(cut.ring[middle] >= 0, surface.ring[middle] >= 0)
+    expected = expected_legs((0.06, 0.0, 0.07))
+    left, right = 117, 351  # one skin point in the middle of each leg, 70 cm apart on the body
+    halved = replace(surface, skin=np.where(surface.points_m[:, 2] > -0.06, left, right).astype(np.int32))
+    np.testing.assert_array_equal(cut_contacts(halved, expected).ring, surface.ring)
+    anything = cut_contacts(halved, expected, ContactConfig(least_step=1e-9))  # every edge is evidence
+    assert (surface.ring >= 0).sum() - (anything.ring >= 0).sum() > 200
 
 
 def test_behind_a_bar_the_hidden_skin_carries_the_way_at_its_right_length():
@@ -152,6 +155,19 @@ def test_the_way_over_the_body_is_bounded_by_any_path_and_is_symmetric(a, b):
     assert way_over_skin(body.landmarks_m, a, a) == 0.0
     through = min(body.landmarks_m[a] + body.landmarks_m[b])
     assert way_over_skin(body.landmarks_m, a, b) <= through + 1e-5
+
+
+def test_the_way_over_the_body_is_that_along_the_mesh_or_little_less():
+    body, skin, rest = _adult_map(), points(), adult_rest()
+    faces, vertices = skin.asset.faces, rest.body.vertices
+    edges = np.unique(np.sort(np.concatenate([faces[:, :2], faces[:, 1:], faces[:, ::2]]), axis=1), axis=0)
+    length = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
+    mesh = csr_array((length, edges.T), shape=(len(vertices), len(vertices)))
+    for a in (0, 700, 1500, 2300):
+        along = dijkstra(mesh, directed=False, indices=skin.vertex[a])[skin.vertex]
+        ways = np.array([way_over_skin(body.landmarks_m, a, b) for b in range(len(along))])
+        assert (ways <= along + 1e-4).all()
+        assert np.median(ways / np.maximum(along, 1e-9)) > 0.85
 
 
 _MAPS = []

@@ -125,5 +125,8 @@ def test_one_camera_stays_as_it_is_and_an_empty_one_adds_nothing():
 def test_a_surface_without_its_camera_is_refused():
     with pytest.raises(ValueError, match="cameras"):
         fuse([see_ball(FRONT)], [])
+    shown = replace(see_ball(FRONT), skin=np.zeros(len(see_ball(FRONT)), np.int32))
+    with pytest.raises(ValueError, match="show skin"):
+        fuse([shown, shown], [FRONT, turned(30)])
     with pytest.raises(ValueError, match="max_apart_m"):
         FusionConfig(max_apart_m=0.0)

@@ -43,8 +43,9 @@ def test_every_seen_piece_is_joined_to_the_largest_where_it_is_nearest():
     present[:, [9, 20]] = False
     surface = flat_grid(20, 30, 0.01, present)
     assert pieces(surface).max() == 2
-    joined = join_rest(surface)
+    joined = join_rest(surface, 0.05)
     assert pieces(joined).max() == 0
     np.testing.assert_allclose(links(joined)[1], [0.02, 0.02], atol=1e-6)
     assert np.isfinite(geodesic_distance(joined, [0])).all()
-    assert join_rest(joined) is joined
+    assert join_rest(joined, 0.05) is joined
+    assert pieces(join_rest(surface, 0.015)).max() == 2

@@ -17,6 +17,8 @@ FARTHEST: Final = 10  # nodes whose mean distance is the end: the single farthes
 STUMP_SHARE: Final = 0.5  # of a cap's outer half: beside a bar all of it is cut, beside one wrong reading little
 LONGER: Final = 1.5  # cap depths, 9 cm: fingers that the sensor lost are shorter, a hand from the wrist on is not
 LONGER_AT_CUT: Final = 1.0  # where something stands in front of the end: a wrist behind a bar
+HIDDEN_AREA: Final = 3.0  # of a seen node's: skin points are 2.2 cm apart, nodes 1.3 cm
+LEAST_SIGMA_M: Final = 0.003  # a quarter of the nodes' distance: a cap of one node has no radius
 SPREAD: Final = 0.20  # of a cap's radius: by how much its centre moves from frame to frame
 
 
@@ -42,8 +44,8 @@ def find_caps(
 ) -> list[Cap]:
     """The caps of the extrema (k,), seen nodes, in their order.
 
-    field (n,) float32: distance from the centre; a cap holds what is at most ``depth_m`` nearer to the centre than its
-    extremum and connected through it. cut (n,) bool: nodes at an edge that something else cut (``surface.border``).
+    field (n,) float32: distance from the centre; a cap holds what is at most ``depth_m`` nearer to the centre than the
+    mean of its ten farthest nodes. cut (n,) bool: nodes at an edge that something else cut (``surface.border``).
     """
     if len(extrema) == 0:
         return []
@@ -64,14 +66,15 @@ def _cap(
     points = surface.points_m[nodes].astype(np.float64)
     center = weight @ points / weight.sum()
     radius = float(np.sqrt(weight @ ((points - center) ** 2).sum(axis=1) / weight.sum() / 3.0))
-    unseen = float((field[hidden] > highest).sum()) / len(around)
+    beyond = HIDDEN_AREA * float((field[hidden] > highest).sum())
+    unseen = beyond / (beyond + len(nodes))
     stump = cut is not None and _is_stump(surface, field, nodes, cut)
     longer = (LONGER_AT_CUT if stump else LONGER) * depth_m
     return Cap(
         nodes=nodes,
         center_m=center,
         reach_m=highest,
-        sigma_m=float(np.hypot(SPREAD * radius, unseen * depth_m)),
+        sigma_m=max(LEAST_SIGMA_M, float(np.hypot(SPREAD * radius, unseen * depth_m))),
         stump=stump,
         goes_on=bool((field[hidden] > highest + longer).any()),
     )

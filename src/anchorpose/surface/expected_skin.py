@@ -34,7 +34,7 @@ class ExpectedSkin:
 
 @njit(cache=True, fastmath=True)
 def way_over_skin(landmarks: np.ndarray, a: int, b: int) -> np.float32:
-    """A lower bound of the geodesic distance of two skin points: what the triangle inequality leaves."""
+    """A lower bound of the distance of two skin points along the body's mesh: what the triangle inequality leaves."""
     most = np.float32(0.0)
     for k in range(landmarks.shape[1]):
         apart = abs(landmarks[a, k] - landmarks[b, k])

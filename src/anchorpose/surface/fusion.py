@@ -52,6 +52,8 @@ def fuse(
         raise ValueError(f"{len(surfaces)} surfaces for {len(cameras)} cameras")
     if len(surfaces) == 1:
         return surfaces[0]
+    if expected is None and any((surface.skin >= 0).any() for surface in surfaces):
+        raise ValueError("the surfaces show skin, but which was expected is not given")
     first = np.concatenate([[0], np.cumsum([len(surface) for surface in surfaces])])
     both = _side_by_side(surfaces, first)
     landmarks = np.zeros((1, 1), np.float32) if expected is None else expected.map.landmarks_m

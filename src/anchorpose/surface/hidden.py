@@ -1,7 +1,8 @@
 """The skin that no camera sees closes the surface: behind a bar or an arm, in the armpits, on the back.
 
 The expected skin is put where nothing was seen and nothing contradicts it, joined to the rim of what was seen. It is
-inferred, never a measurement: it lets geodesics run as they do on the body, and nothing else reads it.
+inferred, never a measurement: it lets geodesics run as they do on the body, and tells whether a limb goes on.
+Registration, track tree and pictures of the patient get what was seen.
 """
 
 from __future__ import annotations
@@ -39,9 +40,9 @@ def add_hidden_skin(
 ) -> Surface:  # fmt: skip
     """The surface with the hidden skin as further nodes, after the seen ones: no grid, all links.
 
-    depths_m: every camera's whole picture (height, width) metres, 0 =
-    no reading. A skin point that some camera sees through is left out. Nodes at the rim of what is seen are linked to
-    the skin point that they show.
+    depths_m: every camera's whole picture (height, width) metres, 0 = no reading. A skin point that nothing shows and
+    some camera sees through is left out. Nodes at the rim of what is seen are linked to the skin point that they show,
+    which is a node then as well, whatever is seen through it: there the outline is predicted some pixels too wide.
     """
     config = config or HiddenConfig()
     body, first = expected.map, len(surface)

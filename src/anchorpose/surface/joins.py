@@ -35,13 +35,17 @@ def join_pieces(surface: Surface, step: int, max_gap_m: float) -> Surface:
     return replace(surface, link_start=start, link_node=node, link_length_m=length)
 
 
-def join_rest(surface: Surface) -> Surface:
-    """The surface with every seen piece that nothing joins to the largest one linked to it where they are nearest."""
-    if surface.seen_count == 0:
+def join_rest(surface: Surface, max_gap_m: float) -> Surface:
+    """The surface with seen pieces that nothing joins to the largest linked to it where they are nearest.
+
+    At most ``max_gap_m`` wide; what is farther off stays apart, and its distances inf.
+    """
+    seen = surface.seen_count
+    if seen == 0:
         return surface
     piece = pieces(surface)
-    size = np.bincount(piece)
-    rest = np.setdiff1d(piece[: surface.seen_count], size.argmax())
+    size = np.bincount(piece[:seen], minlength=piece.max() + 1)
+    rest = np.setdiff1d(piece[:seen], size.argmax())
     if len(rest) == 0:
         return surface
     main = np.flatnonzero(piece == size.argmax())
@@ -50,8 +54,9 @@ def join_rest(surface: Surface) -> Surface:
     for number in rest:
         own = np.flatnonzero(piece == number)
         away, nearest = tree.query(surface.points_m[own])
-        pairs.append([own[away.argmin()], main[nearest[away.argmin()]]])
-    added = np.array(pairs, np.int32)
+        if away.min() <= max_gap_m:
+            pairs.append([own[away.argmin()], main[nearest[away.argmin()]]])
+    added = np.array(pairs, np.int32).reshape(-1, 2)
     start, node, length = add_links(surface, added, straight_m(surface.points_m, added), len(surface))
     return replace(surface, link_start=start, link_node=node, link_length_m=length)
 

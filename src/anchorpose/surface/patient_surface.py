@@ -47,7 +47,7 @@ def patient_surface(
     if expected is None:
         return surface
     whole = add_hidden_skin(surface, expected, [view.depth_m for view in views], cameras, config.hidden)
-    return join_rest(whole)
+    return join_rest(whole, config.sheet.max_join_m)
 
 
 def _sheet(

@@ -19,10 +19,8 @@ from anchorpose.surface.surface import Surface
 
 CELL_PX = 6  # skin points hang on a grid of so many pixels: 4 cm at 2.4 m, a little more than they are apart
 LEAST_FACING = np.float32(-0.5)  # skin turned farther from the optical axis than 120 degrees is on the other side
-NARROWEST = np.float32(
-    0.75
-)  # of what a pixel spans at the axis: rays slant, and nodes are nearer than the nearest skin
-MOST_CANDIDATES = 128  # skin points looked at for one node; there are about ten within reach
+NARROWEST = np.float32(0.75)  # of a pixel's span at the axis: rays slant, and nodes are nearer than the nearest skin
+MOST_CANDIDATES = 128  # skin points kept for one node; there are about fifty within reach
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,7 +44,10 @@ class SkinUnderConfig:
 
 
 def find_contested(expected: ExpectedSkin, config: SkinUnderConfig | None = None) -> np.ndarray:
-    """(k,) bool: skin points with skin beside them that is far away on the body; only there a node can be in doubt."""
+    """(k,) bool: skin points with skin beside them that is far away on the body; nodes that show these can be in doubt.
+
+    Beside is within twice ``doubt_m``: where the prediction is off by more than half of that, some nodes go undoubted.
+    """
     config = config or SkinUnderConfig()
     return _contested(
         expected.points_m, expected.map.landmarks_m, np.float32(2.0 * config.doubt_m), np.float32(config.far_m)
@@ -77,7 +78,7 @@ def show_skin(
     return replace(surface, skin=skin)
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath={"contract", "nsz", "reassoc", "arcp"})
 def _candidates(
     points: np.ndarray, normals: np.ndarray, pixel: np.ndarray, skin: np.ndarray, skin_normals: np.ndarray,
     landmarks: np.ndarray, contested: np.ndarray, T_camera_world: np.ndarray, lens: np.ndarray, rows: int, cols: int,
@@ -151,7 +152,7 @@ def _window(pixel: np.ndarray, n: int, reach_px: Any, rows: int, cols: int) -> t
     return top, min(bottom, rows), left, min(right, cols)
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath={"contract", "nsz", "reassoc", "arcp"})
 def _hang_on_grid(
     skin: np.ndarray, skin_normals: np.ndarray, T_camera_world: np.ndarray, lens: np.ndarray, rows: int, cols: int
 ) -> tuple:
@@ -188,7 +189,7 @@ def _hang_on_grid(
     return start, which, place, NARROWEST * nearest / max(lens[0], lens[1])
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath={"contract", "nsz", "reassoc", "arcp"})
 def _contested(skin: np.ndarray, landmarks: np.ndarray, radius: np.float32, far: np.float32) -> np.ndarray:
     """Skin points sorted by height: those within the radius of one follow each other."""
     order = np.argsort(skin[:, 1])

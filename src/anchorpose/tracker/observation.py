@@ -44,7 +44,8 @@ class Observation:
     """One frame after the stages up to geodesics.
 
     whole: the patient's surface with its hidden skin, which is inferred. descriptor (n, 5) metres: the distance of each
-    seen node to each anchor, NaN where missed, or where a hole lengthens it. expected: where the patient was expected,
+    seen node to each anchor, inf where not reached, NaN where missed, or where a hole lengthens it and enough others
+    are left. expected: where the patient was expected,
     None in a frame of which nothing was. border (n,) uint8 of ``Border``: what each seen node ends at. pieces: the
     people's pixels, so that they can be told apart again; crowd: where everybody's skin is.
     """
