@@ -26,7 +26,7 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.room import FACING, UP, Room
 from anchorpose.tracker.stopwatch import Stopwatch
 
-LEAST_TRUSTED = 3  # anchors tell nodes apart (paper, Section IV-D); a node with fewer trusted ones keeps all it has
+LEAST_TRUSTED = 4  # three tell nodes apart (paper, Section IV-D), four make two subsets; with fewer a node keeps all
 
 
 @dataclass(frozen=True, slots=True, eq=False)
