@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -34,10 +35,13 @@ def standing_joints() -> np.ndarray:
     return np.array([place[name] for name in JOINT_NAMES], dtype=np.float64)
 
 
-def make_frame(frame: int, time_s: float, position_m: np.ndarray, lost: tuple[str, ...] = (), sigma_m: float = 0.02):
-    """A frame in which all joints are observed but the lost ones."""
+def make_frame(
+    frame: int, time_s: float, position_m: np.ndarray, lost: tuple[str, ...] = (), sigma_m: float = 0.02,
+    states: Mapping[str, JointState] | None = None,
+) -> JointFrame:  # fmt: skip
+    """A frame in which all joints are observed but the lost ones and those of other ``states``."""
     position, sigma = position_m.copy(), np.full(JOINT_COUNT, sigma_m)
-    state = [JointState.OBSERVED] * JOINT_COUNT
+    state = [(states or {}).get(name, JointState.OBSERVED) for name in JOINT_NAMES]
     for name in lost:
         position[JOINT_INDEX[name]], sigma[JOINT_INDEX[name]], state[JOINT_INDEX[name]] = (
             np.nan,

@@ -7,9 +7,10 @@ import json
 import numpy as np
 import pytest
 from results_builder import make_frame, standing_joints, write_results
+from scipy.spatial.transform import Rotation
 
 from anchorpose.errors import InputError
-from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES
+from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, JointState
 from anchorpose.results.evaluate import evaluate
 from anchorpose.results.evaluation_file import write_evaluation
 
@@ -99,6 +100,59 @@ def test_the_json_has_the_names_that_are_agreed(tmp_path):
     assert agreed <= document.keys()
     assert set(document["per_joint"]) == set(JOINT_NAMES)
     assert document["per_state"]["lost"]["mean_mm"] is None
+
+
+def test_hidden_joints_are_those_that_were_inferred(tmp_path):
+    """A head seen to 10 mm, hidden by a person at 20 mm and by a hole at 40 mm: the mean of the hidden ones is 30."""
+    shifts = [(0.01, 0, 0), (0.02, 0, 0), (0.04, 0, 0)]
+    states = [{}, {"Head": JointState.HIDDEN_BY_PERSON}, {"Head": JointState.HIDDEN}]
+    frames = [make_frame(i, i / 10, _shifted(shift), states=states[i]) for i, shift in enumerate(shifts)]
+    results = write_results(tmp_path / "results", frames)
+    truth = _write_truth(tmp_path / "truth.npz", np.stack([standing_joints()] * 3), np.arange(3) / 10)
+    found = evaluate(results, truth)
+    assert found.hidden.joint_frames == 2
+    assert found.hidden.mean_mm == pytest.approx(30.0)
+
+
+def test_angles_are_compared_with_those_of_the_true_joints(tmp_path):
+    """An ankle turned about the knee by 10 degrees bends that knee by 10 degrees more, and no other angle."""
+    joints = standing_joints()
+    knee, ankle = joints[JOINT_INDEX["KneeLeft"]], joints[JOINT_INDEX["AnkleLeft"]]
+    hip = joints[JOINT_INDEX["HipLeft"]]
+    shank, thigh = ankle - knee, knee - hip
+    normal = np.cross(thigh, shank)
+    normal = normal / np.linalg.norm(normal) if np.linalg.norm(normal) > 1e-9 else np.array([0.0, 0.0, 1.0])
+    bent = joints.copy()
+    bent[JOINT_INDEX["AnkleLeft"]] = knee + Rotation.from_rotvec(normal * np.radians(10.0)).apply(shank)
+    results = write_results(tmp_path / "results", [make_frame(i, i / 10, bent) for i in range(3)])
+    truth = _write_truth(tmp_path / "truth.npz", np.stack([joints] * 3), np.arange(3) / 10)
+    angles = dict(evaluate(results, truth).angles)
+    assert angles["knee_flexion_left"].mean_abs_deg == pytest.approx(10.0, abs=0.1)
+    assert angles["knee_flexion_right"].mean_abs_deg == pytest.approx(0.0, abs=1e-6)
+    assert angles["elbow_flexion_left"].frames == 3
+
+
+def test_the_longest_time_far_off_is_that_of_one_joint_without_a_break(tmp_path):
+    """A wrist 0.2 m off in frames 1, 2 and 4 to 7 of ten a second, lost in 5, and a hand 0.14 m off all the time."""
+    frames = []
+    for i in range(10):
+        joints = standing_joints().copy()
+        joints[JOINT_INDEX["HandRight"]] += (0.14, 0, 0)
+        if i in (1, 2, 4, 5, 6, 7):
+            joints[JOINT_INDEX["WristLeft"]] += (0, 0.2, 0)
+        frames.append(make_frame(i, i / 10, joints, lost=("WristLeft",) if i == 4 else ()))
+    results = write_results(tmp_path / "results", frames)
+    truth = _write_truth(tmp_path / "truth.npz", np.stack([standing_joints()] * 10), np.arange(10) / 10)
+    off = evaluate(results, truth).longest_off
+    assert (off.joint, off.start_s) == ("WristLeft", pytest.approx(0.5))
+    assert off.seconds == pytest.approx(0.3)
+
+
+def test_nothing_far_off_is_said_so(tmp_path):
+    results = write_results(tmp_path / "results", [make_frame(0, 0.0, standing_joints())])
+    truth = _write_truth(tmp_path / "truth.npz", standing_joints()[None], [0.0])
+    off = evaluate(results, truth).longest_off
+    assert (off.joint, off.start_s, off.seconds) == (None, None, 0.0)
 
 
 BAD_TRUTH = {

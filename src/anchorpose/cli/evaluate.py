@@ -49,7 +49,7 @@ def print_evaluation(evaluation: Evaluation) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from anchorpose.results.evaluation_file import evaluation_rows
+    from anchorpose.results.evaluation_file import angle_rows, evaluation_rows, off_track_sentence
 
     table = Table("", "mean mm", "median mm", "95 % mm", "lost %", "in 95 % band")
     table.columns[0].no_wrap = True
@@ -57,8 +57,15 @@ def print_evaluation(evaluation: Evaluation) -> None:
         column.justify = "right"
     for row in evaluation_rows(evaluation):
         table.add_row(*row)
+    angles = Table("angle", "mean error, degrees", "95 %, degrees")
+    for column in angles.columns[1:]:
+        column.justify = "right"
+    for row in angle_rows(evaluation):
+        angles.add_row(*row)
     console = Console()
     console.print(table)
+    console.print(angles)
+    console.print(off_track_sentence(evaluation), highlight=False)
     drift = f"{evaluation.drift_ratio:.2f}" if evaluation.drift_ratio is not None else "unknown"
     console.print(
         f"{evaluation.matched_frames} of {evaluation.truth_frames} frames of the truth were compared; "

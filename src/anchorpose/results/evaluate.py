@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -10,22 +9,19 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, JointState
+from anchorpose.joints import JOINT_COUNT, JOINT_NAMES, JointState
 from anchorpose.recording.pairing import half_period_s, nearest_within
+from anchorpose.results.angle_errors import AngleError, angle_errors
 from anchorpose.results.joint_frame import SEVERITY
+from anchorpose.results.off_track import OffTrack, longest_off
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
+from anchorpose.results.truth import Truth, read_truth
 
 NORMAL_95: Final = 1.96
 """Standard deviations within which 95 of 100 values of a normal distribution lie."""
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Truth:
-    """True joints: time_s (t,), position_m (t, 21, 3) world, NaN where not known; occluded (t,) bool."""
-
-    time_s: np.ndarray
-    position_m: np.ndarray
-    occluded: np.ndarray
+HIDDEN: Final = tuple(state for state in JointState if state not in (JointState.OBSERVED, JointState.LOST))
+"""The states of a joint that is inferred."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,6 +46,9 @@ class Evaluation:
     overall: ErrorSummary
     per_joint: tuple[tuple[str, ErrorSummary], ...]
     per_state: tuple[tuple[str, ErrorSummary], ...]
+    hidden: ErrorSummary  # joints that the result calls hidden, by whatever
+    angles: tuple[tuple[str, AngleError], ...]
+    longest_off: OffTrack  # how long a joint was another limb's, somebody else's or nowhere
     occluded_frames: ErrorSummary  # frames that the truth calls occluded
     clear_frames: ErrorSummary
     drift_ratio: float | None  # mean error of the second half of the frames over that of the first
@@ -93,46 +92,13 @@ def compare(joints: JointTable, truth: Truth, truth_frames: int) -> Evaluation:
         per_state=tuple(
             (str(state), _summary(joints, truth, joints.severity == SEVERITY[state])) for state in JointState
         ),
+        hidden=_summary(joints, truth, np.isin(joints.severity, [SEVERITY[state] for state in HIDDEN])),
+        angles=angle_errors(joints, truth.position_m),
+        longest_off=longest_off(joints, truth.position_m),
         occluded_frames=_summary(joints, truth, occluded),
         clear_frames=_summary(joints, truth, ~occluded),
         drift_ratio=second.mean_mm / first.mean_mm if first.mean_mm and second.mean_mm is not None else None,
     )
-
-
-def read_truth(path: Path) -> Truth:
-    """A truth.npz with ``joints`` (t, n, 3), ``names`` (n), ``time`` (t) and perhaps ``occluded`` (t).
-
-    Joints may come in any order and some may be missing (NaN). Raises InputError where that is not what it holds.
-    """
-    remedy = "give a truth.npz with joints (t, 21, 3), names (21) and time (t)"
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in ("joints", "names", "time", "occluded") if name in file.files}
-    except FileNotFoundError:
-        raise InputError(path, "there is no such file", "check the path of the truth") from None
-    except (OSError, ValueError, zipfile.BadZipFile, EOFError, AttributeError) as error:
-        raise InputError(path, f"cannot be read ({str(error).splitlines()[0][:80]})", remedy) from None
-    missing = [name for name in ("joints", "names", "time") if name not in arrays]
-    if missing:
-        raise InputError(path, f"has no array '{missing[0]}'", remedy)
-    joints, names, time_s = arrays["joints"], [str(name) for name in arrays["names"].ravel()], arrays["time"]
-    occluded = arrays.get("occluded", np.zeros(len(time_s), dtype=bool))
-    if joints.shape != (len(time_s), len(names), 3) or occluded.shape != time_s.shape or time_s.ndim != 1:
-        raise InputError(path, f"its arrays do not fit together (joints {joints.shape}, time {time_s.shape})", remedy)
-    if joints.dtype.kind not in "fiu" or time_s.dtype.kind not in "fiu":
-        raise InputError(path, "its joints or times are not numbers", remedy)
-    if len(time_s) == 0 or not (np.diff(time_s) > 0).all():
-        raise InputError(path, "its times are none or do not increase", remedy)
-    return Truth(time_s.astype(np.float64), _in_order(path, joints, names), occluded.astype(bool))
-
-
-def _in_order(path: Path, joints: np.ndarray, names: list[str]) -> np.ndarray:
-    position_m = np.full((len(joints), JOINT_COUNT, 3), np.nan)
-    for column, name in enumerate(names):
-        if name not in JOINT_INDEX or names.count(name) > 1:
-            raise InputError(path, f"its joint '{name}' is unknown or given twice", f"use {', '.join(JOINT_NAMES)}")
-        position_m[:, JOINT_INDEX[name]] = joints[:, column]
-    return position_m
 
 
 def _summary(joints: JointTable, truth: Truth, chosen: np.ndarray) -> ErrorSummary:

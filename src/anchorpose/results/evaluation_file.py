@@ -7,6 +7,7 @@ from pathlib import Path
 
 from anchorpose.results.evaluate import ErrorSummary, Evaluation
 from anchorpose.results.folder import write_text_whole
+from anchorpose.results.off_track import OFF_M
 from anchorpose.results.run_record import plain
 
 
@@ -20,6 +21,9 @@ def write_evaluation(path: Path, evaluation: Evaluation) -> None:
         "drift_ratio": evaluation.drift_ratio,
         "per_joint": {name: plain(summary) for name, summary in evaluation.per_joint},
         "per_state": {name: plain(summary) for name, summary in evaluation.per_state},
+        "hidden": plain(evaluation.hidden),
+        "angles": {name: plain(error) for name, error in evaluation.angles},
+        "longest_off": plain(evaluation.longest_off),
         "occluded_frames": plain(evaluation.occluded_frames),
         "clear_frames": plain(evaluation.clear_frames),
     }
@@ -32,10 +36,31 @@ def evaluation_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
         ("all joints", evaluation.overall),
         *evaluation.per_joint,
         *evaluation.per_state,
+        ("all hidden joints", evaluation.hidden),
         ("frames called occluded", evaluation.occluded_frames),
         ("other frames", evaluation.clear_frames),
     ]
     return [(name, *_cells(summary)) for name, summary in groups if summary.joint_frames]
+
+
+def angle_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
+    """Rows of text (angle, mean error, 95 %), degrees."""
+    return [
+        (name.replace("_", " "), f"{error.mean_abs_deg:.1f}", f"{error.p95_deg:.1f}")
+        for name, error in evaluation.angles
+        if error.mean_abs_deg is not None and error.p95_deg is not None
+    ]
+
+
+def off_track_sentence(evaluation: Evaluation) -> str:
+    """Whether a joint was ever far away, and for how long."""
+    off = evaluation.longest_off
+    if off.joint is None:
+        return f"No joint was ever more than {1000 * OFF_M:.0f} mm off."
+    return (
+        f"The longest time in which a joint was more than {1000 * OFF_M:.0f} mm off was {off.seconds:.2f} s: "
+        f"{off.joint}, from {off.start_s:.2f} s on."
+    )
 
 
 def _cells(summary: ErrorSummary) -> tuple[str, ...]:

@@ -1,0 +1,39 @@
+"""How far the joint angles are from those of the true joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from anchorpose.results.angles import joint_angles
+from anchorpose.results.tables import JointTable
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AngleError:
+    """Of one angle; None where no frame has both it and its truth."""
+
+    frames: int
+    mean_abs_deg: float | None
+    p95_deg: float | None
+
+
+def angle_errors(joints: JointTable, truth_m: np.ndarray) -> tuple[tuple[str, AngleError], ...]:
+    """Each angle's error; truth_m (n, 21, 3) true joints, metres, of the frames of ``joints``, NaN where unknown."""
+    found = joint_angles(joints)
+    exact = np.zeros_like(joints.sigma_m)
+    true = joint_angles(JointTable(joints.frame, joints.time_s, truth_m, joints.severity, exact))
+    away = np.radians(found.degrees - true.degrees)
+    error = np.degrees(np.abs(np.arctan2(np.sin(away), np.cos(away))))
+    return tuple((name, _summary(error[:, column])) for column, name in enumerate(found.names))
+
+
+def _summary(error_deg: np.ndarray) -> AngleError:
+    known = error_deg[np.isfinite(error_deg)]
+    some = len(known) > 0
+    return AngleError(
+        frames=len(known),
+        mean_abs_deg=float(known.mean()) if some else None,
+        p95_deg=float(np.percentile(known, 95)) if some else None,
+    )
