@@ -192,6 +192,6 @@ def shape_jacobian(
 def joint_jacobian(
     points: SkinPoints, rest: RestPoints, transforms: np.ndarray, bones: np.ndarray, joints_m: np.ndarray
 ) -> np.ndarray:
-    """Derivative (n, 3, POSE_SIZE) of points joints_m (n, 3) fixed to bones (n,), in the world, with respect to the pose."""
+    """Derivative (n, 3, POSE_SIZE) by the pose of points joints_m (n, 3) in the world, each fixed to a bone (n,)."""
     pivot, frame = turning(transforms, rest.body.bone_heads, points.asset.bone_parents, points.moving)
     return joint_derivative(pivot, frame, points.below, bones, joints_m)
