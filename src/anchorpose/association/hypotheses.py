@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numba import njit
 
 from anchorpose.association.gate import GateConfig, error_bound
+from anchorpose.association.matching import match_all
 from anchorpose.association.voxels import sort_into_voxels
 from anchorpose.surface.surface import Surface
 
@@ -64,7 +64,7 @@ def match_hypotheses(
     radius = np.inf if predicted_m is None else config.search_radius_m
     voxels = sort_into_voxels(target_surface.points_m, radius)
     source = np.ascontiguousarray(source_descriptor, dtype=np.float32)
-    match = _match(
+    match = match_all(
         source,
         error_bound(source, subsets, config) ** 2,
         centres,
@@ -97,104 +97,3 @@ def _refuse_mismatch(
         raise ValueError(f"subsets name anchors beyond the {source_descriptor.shape[1]} of the descriptor")
     if predicted_m is not None and predicted_m.shape != (len(source_descriptor), 3):
         raise ValueError(f"predicted_m is {predicted_m.shape}, wanted ({len(source_descriptor)}, 3)")
-
-
-@njit(cache=True)
-def _match(
-    source: np.ndarray,
-    limit2: np.ndarray,
-    centres: np.ndarray,
-    points: np.ndarray,
-    target: np.ndarray,
-    order: np.ndarray,
-    start: np.ndarray,
-    origin: np.ndarray,
-    side: float,
-    shape: np.ndarray,
-    radius: float,
-    subsets: np.ndarray,
-) -> np.ndarray:
-    """Two passes a source node: psi and its sums, then the member of psi nearest to each average."""
-    match = np.full((len(source), len(subsets)), -1, np.int32)
-    anchors = source.shape[1]
-    needed = np.zeros(len(subsets), np.int64)
-    for s in range(len(subsets)):
-        for k in range(subsets.shape[1]):
-            needed[s] |= 1 << subsets[s, k]
-    member = np.empty((len(subsets), len(points)), np.int32)
-    offset2 = np.empty(anchors, np.float32)
-    total = np.empty((len(subsets), 3), np.float64)
-    size = np.empty(len(subsets), np.int64)
-    low, high = np.zeros(3, np.int64), np.zeros(3, np.int64)
-    for node in range(len(source)):
-        if not _voxel_range(centres[node], radius, origin, side, shape, low, high):
-            continue
-        largest = 0.0
-        for s in range(len(subsets)):
-            if np.isfinite(limit2[node, s]):
-                largest = max(largest, np.float64(limit2[node, s]))
-        total[:], size[:] = 0.0, 0
-        for i in range(low[0], high[0] + 1):
-            for j in range(low[1], high[1] + 1):
-                row = (i * shape[1] + j) * shape[2]
-                for spot in range(start[row + low[2]], start[row + high[2] + 1]):  # voxels along z follow one another
-                    close, near = 0, 0
-                    for k in range(anchors):
-                        offset = target[spot, k] - source[node, k]
-                        offset2[k] = offset * offset
-                        if offset2[k] < largest:  # never where it is NaN
-                            close |= 1 << k
-                            near += 1
-                    if near < subsets.shape[1] or _beyond(points, spot, centres, node, radius):
-                        continue
-                    for s in range(len(subsets)):
-                        if close & needed[s] != needed[s]:
-                            continue
-                        distance2 = 0.0
-                        for k in range(subsets.shape[1]):
-                            distance2 += offset2[subsets[s, k]]
-                        if distance2 < limit2[node, s]:
-                            member[s, size[s]] = spot
-                            size[s] += 1
-                            for axis in range(3):
-                                total[s, axis] += points[spot, axis]
-        for s in range(len(subsets)):
-            nearest = np.inf
-            for m in range(size[s]):
-                spot = member[s, m]
-                away = 0.0
-                for axis in range(3):
-                    away += (points[spot, axis] - total[s, axis] / size[s]) ** 2
-                if away < nearest:
-                    nearest, match[node, s] = away, order[spot]
-    return match
-
-
-@njit(cache=True)
-def _beyond(points: np.ndarray, spot: int, centres: np.ndarray, node: int, radius: float) -> bool:
-    distance2 = 0.0
-    for axis in range(3):
-        distance2 += (np.float64(points[spot, axis]) - np.float64(centres[node, axis])) ** 2
-    return distance2 > radius * radius
-
-
-@njit(cache=True)
-def _voxel_range(
-    centre: np.ndarray,
-    radius: float,
-    origin: np.ndarray,
-    side: float,
-    shape: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
-) -> bool:
-    """The voxels that a ball touches; False where it misses all of them or has no centre."""
-    for axis in range(3):
-        low[axis], high[axis] = 0, shape[axis] - 1
-        if radius < np.inf:
-            first = np.floor((centre[axis] - radius - origin[axis]) / side)
-            last = np.floor((centre[axis] + radius - origin[axis]) / side)
-            if not (last >= 0 and first < shape[axis]):  # also where the centre is NaN
-                return False
-            low[axis], high[axis] = max(0, int(first)), min(shape[axis] - 1, int(last))
-    return True

@@ -49,7 +49,10 @@ def _by_bones(
     bones: np.ndarray, influence: np.ndarray, transforms: np.ndarray, rest_m: np.ndarray, spread: np.ndarray,
     pull: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Moments (b, b, 6, 6) of each pair of bones, and forces (b, 6) on each: torque about the origin, then force."""
+    """Moments (b, b, 6, 6) of each pair of bones, and forces (b, 6) on each: torque about the origin, then force.
+
+    Of two bones the heavier comes first, so that the other half of the moments is what ``_mirror`` adds.
+    """
     count = len(transforms)
     pairs, forces = np.zeros((count, count, 6, 6)), np.zeros((count, 6))
     arms, half = np.zeros((bones.shape[1], 6, 3)), np.empty((6, 3))
@@ -79,12 +82,24 @@ def _by_bones(
                     half[i, j] = 0.0
                     for k in range(3):
                         half[i, j] += arms[one, i, k] * spread[p, k, j]
-            for other in range(used):
+            for other in range(one, used):
                 moment, arm = pairs[bones[p, one], bones[p, other]], arms[other]
                 for i in range(6):
                     for j in range(6):
                         moment[i, j] += half[i, 0] * arm[j, 0] + half[i, 1] * arm[j, 1] + half[i, 2] * arm[j, 2]
+    _mirror(pairs)
     return pairs, forces
+
+
+@njit(cache=True)
+def _mirror(pairs: np.ndarray) -> None:
+    """In place: adds the transpose, but to a bone's moments with itself, which are whole."""
+    for one in range(len(pairs)):
+        for other in range(one):
+            for i in range(6):
+                for j in range(6):
+                    both = pairs[one, other, i, j] + pairs[other, one, j, i]
+                    pairs[one, other, i, j], pairs[other, one, j, i] = both, both
 
 
 @njit(cache=True)

@@ -20,7 +20,7 @@ from anchorpose.body.skin_points import RestPoints, SkinPoints, pose_points
 class RegistrationConfig:
     """How one frame is registered."""
 
-    reaches_m: tuple[float, ...] = (0.12, 0.10, 0.08, 0.06, 0.06)  # from a fast arm's surprise to clothes
+    reaches_m: tuple[float, ...] = (0.12, 0.10, 0.07, 0.06)  # from a fast arm's surprise to clothes
     held_steps: int = 2  # pairs and anchors are centimetres off: they start the registration and do not end it
     restart_reaches_m: tuple[float, ...] = (0.25, 0.20, 0.15)  # from one direction of an arm to the next
     restart_gain: float = 0.008  # of the nodes that a new arm must explain besides; else it stays as predicted
@@ -121,8 +121,8 @@ def _restart(
     """
     doubted = predicted.later(predicted.pose, config.restart_doubt_s, config.fit)
     reach_m, constraints = config.restart_reaches_m[-1], config.constraints
-    nodes = min(len(evidence.surface), constraints.node_count)
-    worth = config.restart_gain * nodes * doubted_node_cost(reach_m, constraints, config.fit)
+    rows = constraints.row_count(len(evidence.surface))
+    worth = config.restart_gain * rows * doubted_node_cost(reach_m, constraints, config.fit)
     best = evidence_cost(points, rest, pose, evidence, reach_m, constraints, config.fit) - worth
     found = pose
     for side in ("Left", "Right"):
@@ -159,7 +159,7 @@ def posterior(
     """
     posed = pose_points(points, rest, pose)
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], config.constraints)
-    share = len(rows) / max(1, min(len(evidence.surface), config.constraints.node_count))
+    share = len(rows) / max(1, config.constraints.row_count(len(evidence.surface)))
     if share < config.least_explained:
         return Registration(predicted, share, False)
     hessian = _equations(points, rest, pose, predicted, rows, config).hessian

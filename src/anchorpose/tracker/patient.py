@@ -114,13 +114,12 @@ class PatientTracker:
     def _look_ahead(self) -> list[Pose]:
         """Predicted poses of the window's later frames; the next one is looked at again where that may change it.
 
-        Its pose is now predicted from the frame before. Other people are told apart anew, and where the patient is
-        expected at another place than when the frame came in, so is his surface.
+        Its pose is now predicted from the frame before. Where the patient is expected at another place than when the
+        frame came in, he is told apart from others anew, and his surface is made anew.
         """
         poses = self._predict(len(self.window) - 1)
         expected, before = self._expectation(poses[0]), self.window[1].expected
-        moved = before is None or _apart_m(expected, before) > self.config.follow.see_again_m
-        if moved or len(self.window[1].crowd.others.owner):
+        if before is None or _apart_m(expected, before) > self.config.follow.see_again_m:
             self._see_again(expected)
         return poses
 
