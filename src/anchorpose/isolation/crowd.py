@@ -34,9 +34,13 @@ class Crowd:
     next_label: int
 
     @property
-    def others(self) -> Crowd:
-        """Everybody but the patient."""
-        return self._of(self.owner != PixelLabel.PATIENT)
+    def has_others(self) -> bool:
+        """Whether anybody but the patient is there."""
+        return bool((self.owner != PixelLabel.PATIENT).any())
+
+    def without(self, labels: np.ndarray) -> Crowd:
+        """Everybody but those of the labels (k,)."""
+        return self._of(~np.isin(self.owner, labels))
 
     def _of(self, kept: np.ndarray) -> Crowd:
         return Crowd(self.points_m[kept], self.owner[kept], self.age_s[kept], self.next_label)
