@@ -24,14 +24,13 @@ from surface_builder import no_links
 from anchorpose.body.constraints import (
     ConstraintConfig,
     Constraints,
-    find_outline,
     join,
-    outline_constraints,
     place_constraints,
     surface_constraints,
 )
 from anchorpose.body.evidence import evidence_cost, evidence_rows
 from anchorpose.body.fit import FitConfig
+from anchorpose.body.outline import find_outline, nearest_possible, outline_constraints
 from anchorpose.body.skin_points import PosedPoints, pose_points
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.isolation.view import PixelLabel, View
@@ -99,6 +98,24 @@ def test_a_step_off_the_skin_is_the_residual_along_the_normal():
     own = rows.point == mine
     assert own.mean() > 0.99
     np.testing.assert_allclose(rows.residuals(POSED)[own], -0.004, atol=1e-6)
+
+
+@pytest.mark.parametrize("reach_m", [0.06, 0.12, 0.4])
+def test_every_node_pulls_the_nearest_skin_in_place_and_normal_of_all_skin_that_faces_it(reach_m):
+    behind = camera_at((-2.4, 1.1, 0.0), (0.0, 0.9, 0.0), "behind")
+    evidence, posed = seen_body(POSE, REST, (FRONT, behind)), moved((0.05, 0.03, 0.08))
+    config = replace(CONFIG, node_count=10_000)
+    rows = surface_constraints(posed, evidence.surface, evidence.cameras, reach_m, config)
+    place, wanted = 0, evidence.surface
+    for node in range(len(wanted)):
+        mine = facing(posed, 0.0, evidence.cameras[wanted.camera[node]])
+        six = np.hstack([posed.points_m[mine], config.normal_weight_m * posed.normals[mine]])
+        own = np.hstack([wanted.points_m[node], config.normal_weight_m * wanted.normals[node]]).astype(np.float64)
+        away = np.linalg.norm(six - own, axis=1)
+        if away.min() < reach_m:
+            assert rows.point[place] == mine[away.argmin()]
+            place += 1
+    assert place == len(rows)
 
 
 def test_the_plane_of_a_row_is_the_mean_of_both_normals():
@@ -177,16 +194,14 @@ def test_the_outline_is_the_nearest_pixel_of_the_patient():
     rng = np.random.default_rng(3)
     labels = np.where(rng.random((40, 50)) < 0.01, PixelLabel.PATIENT, PixelLabel.BACKGROUND).astype(np.uint8)
     labels[20:24, 10:30] = PixelLabel.PATIENT
-    outline = find_outline(View(np.ones(labels.shape, np.float32), labels))
-    rows, columns = np.mgrid[:40, :50]
+    possible = find_outline(View(np.ones(labels.shape, np.float32), labels)).possible
     goals = np.argwhere(labels == PixelLabel.PATIENT)
-    assert (labels[outline.row, outline.column] == PixelLabel.PATIENT).all()
-    nearest = np.sqrt(((np.argwhere(labels >= 0)[:, None] - goals) ** 2).sum(axis=2)).min(axis=1).reshape(40, 50)
-    found = np.hypot(outline.row - rows, outline.column - columns)
-    # OpenCV's 5x5 mask measures distances to 2 %
-    assert (found <= 1.03 * nearest + 1e-9).all()
-    own = labels == PixelLabel.PATIENT
-    np.testing.assert_array_equal(outline.row[own], rows[own])
+    np.testing.assert_array_equal(np.argwhere(possible), goals)
+    for row, column in np.ndindex(labels.shape):
+        found = nearest_possible(possible, row, column, 60)
+        away = np.sqrt(((goals - (row, column)) ** 2).sum(axis=1))
+        assert np.hypot(found[0] - row, found[1] - column) == away.min()
+        assert nearest_possible(possible, row, column, int(away.min() / 1.5))[0] == -1 or possible[found]
 
 
 def test_a_view_without_the_patient_has_no_outline():
@@ -266,8 +281,8 @@ def test_a_limb_may_be_hidden_in_a_wide_hole_and_not_in_the_rim_of_lost_readings
     thin = find_outline(View(view.depth_m, labels))
     labels[row - 40 : row + 40, left - 50 : left - 30] = PixelLabel.NO_READING
     wide = find_outline(View(view.depth_m, labels))
-    assert thin.column[row, left - 60] >= left
-    assert wide.column[row, left - 60] == left - 50
+    assert nearest_possible(thin.possible, row, left - 60, 99)[1] >= left
+    assert nearest_possible(wide.possible, row, left - 60, 99)[1] == left - 50
 
 
 def test_following_the_rows_brings_a_strayed_body_back():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from body_builder import adult, adult_rest, points, random_pose, seen_body, shaken, standing
+from body_builder import adult, adult_rest, asset, points, random_pose, seen_body, shaken, standing
 
 from anchorpose.body.constraints import ConstraintConfig
 from anchorpose.body.evidence import evidence_rows
@@ -57,6 +57,21 @@ def test_the_priors_gradient_is_half_the_slope_of_its_cost_on_both_sides_of_the_
     numeric = slope(lambda p: prior_equations(points(), p, None, CONFIG)[2], pose)
     gradient = prior_equations(points(), pose, None, CONFIG)[1]
     np.testing.assert_allclose(gradient, numeric / 2.0, atol=1e-5 * np.abs(gradient).max())
+
+
+def test_the_priors_hessian_is_that_of_its_deviations_multiplied_out():
+    pose, ranges, step = standing(LeftLeg=(0.0, 0.0, 20.0), RightArm=(50.0, 20.0, -30.0)), joint_range(asset()), 1e-6
+
+    def deviations(change: np.ndarray) -> np.ndarray:
+        vectors = pose.moved(change, points().moving).rotation_vectors(points().moving)
+        past = np.maximum(ranges.hinge_limit - (vectors * ranges.hinge).sum(axis=1), 0.0) / CONFIG.hinge_limit_sigma
+        return np.append(np.einsum("mij,mj->mi", ranges.whiten, vectors - ranges.mean), past)
+
+    slope = np.stack([(deviations(d) - deviations(-d)) / (2.0 * step) for d in step * np.eye(POSE_SIZE)], axis=1)
+    hessian, gradient, cost = prior_equations(points(), pose, None, CONFIG)
+    np.testing.assert_allclose(hessian, slope.T @ slope, atol=1e-5 * hessian.max())
+    np.testing.assert_allclose(gradient, slope.T @ deviations(np.zeros(POSE_SIZE)), atol=1e-5 * np.abs(gradient).max())
+    assert cost == pytest.approx((deviations(np.zeros(POSE_SIZE)) ** 2).sum())
 
 
 def test_a_knee_past_straight_is_driven_back_and_a_bent_one_is_not():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from body_builder import adult_rest, asset, points, standing, turned_about_y
+from scipy.spatial import cKDTree
 
 from anchorpose.body.fit import FitConfig, limited, pose_equations, solve_damped
 from anchorpose.body.pose import POSE_SIZE, Pose
@@ -61,3 +62,13 @@ def test_the_rows_turn_with_the_body(degrees):
     here, there = rows_of(INSIDE), rows_of(motion.of_pose(INSIDE))
     np.testing.assert_array_equal(there.point, here.point)
     np.testing.assert_allclose(there.direction, here.direction @ motion.T[:3, :3].T, atol=1e-9)
+
+
+def test_the_nearest_skin_of_the_trunk_is_that_of_a_search_tree():
+    trunk, arms = trunk_and_arms(points())
+    posed = pose_points(points(), REST, INSIDE)
+    distance, nearest = cKDTree(posed.points_m[trunk]).query(posed.points_m[arms], distance_upper_bound=0.15)
+    skin = trunk[nearest[distance < 0.15]]
+    depth = ((posed.points_m[skin] - posed.points_m[arms[distance < 0.15]]) * posed.normals[skin]).sum(axis=1)
+    np.testing.assert_array_equal(rows_of(INSIDE).point, arms[distance < 0.15][depth > 0.01])
+    np.testing.assert_array_equal(rows_of(INSIDE).target_m, posed.points_m[skin[depth > 0.01]])

@@ -22,10 +22,11 @@ from body_builder import (
     turned_about_y,
 )
 
+from anchorpose.body.pixels import lens_of, pixels_of
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import pose_points
 from anchorpose.body.visibility import VisibilityConfig, joint_states, skin_around_joints
-from anchorpose.camera import Camera
+from anchorpose.camera import Camera, Intrinsics, invert_rigid, transform_points
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_NAMES, JointState
 from anchorpose.simulate.render import Picture
@@ -164,3 +165,15 @@ def test_every_joint_has_skin_around_it_that_moves_with_it():
 def test_a_configuration_that_cannot_work_is_refused(name, value):
     with pytest.raises(ValueError, match=name):
         replace(CONFIG, **{name: value})
+
+
+def test_skin_falls_on_the_pixels_that_the_camera_says():
+    lens = Intrinsics(fx=365.0, fy=360.0, cx=250.0, cy=205.0, distortion=(0.09, -0.27, 0.002, -0.001, 0.1))
+    camera = replace(FRONT, intrinsics=lens)
+    places = np.random.default_rng(3).normal(0.0, 2.5, (4000, 3))
+    in_camera = transform_points(invert_rigid(camera.require_pose()), places)
+    column, row, inside = camera.pixel_of(in_camera)
+    found = pixels_of(places, invert_rigid(camera.require_pose()), *lens_of(camera), camera.height, camera.width)
+    np.testing.assert_array_equal(found[0], np.where(inside, column, -1))
+    np.testing.assert_array_equal(found[1], np.where(inside, row, -1))
+    np.testing.assert_allclose(found[2], in_camera[:, 2], atol=1e-12)

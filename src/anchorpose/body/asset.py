@@ -77,6 +77,9 @@ def load_body_asset() -> BodyAsset:
         )
 
 
+@cache
 def joint_bones(asset: BodyAsset) -> np.ndarray:
-    """(21,) int: the bone that carries each joint, in the order of ``JOINT_NAMES``."""
-    return np.array([asset.bone(JOINT_BONES[name]) for name in JOINT_NAMES])
+    """(21,) int, read only: the bone that carries each joint, in the order of ``JOINT_NAMES``."""
+    bones = np.array([asset.bone(JOINT_BONES[name]) for name in JOINT_NAMES])
+    bones.setflags(write=False)
+    return bones

@@ -5,16 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from anchorpose.body.constraints import (
-    ConstraintConfig,
-    Constraints,
-    Outline,
-    find_outline,
-    join,
-    outline_constraints,
-    surface_constraints,
-)
+from anchorpose.body.constraints import ConstraintConfig, Constraints, join, surface_constraints
 from anchorpose.body.fit import FitConfig, pose_equations
+from anchorpose.body.outline import Outline, find_outline, outline_constraints
 from anchorpose.body.pose import Pose
 from anchorpose.body.separation import separation_rows
 from anchorpose.body.skin_points import RestPoints, SkinPoints, pose_points

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
-from scipy.spatial.transform import Rotation
 
 from anchorpose.body.constraints import Constraints
-from anchorpose.body.pose import DEGREE, POSE_SIZE, Pose, inverse_left_jacobian, joint_range
+from anchorpose.body.joint_range_equations import range_equations
+from anchorpose.body.pose import DEGREE, POSE_SIZE, Pose, joint_range
 from anchorpose.body.pose_accumulation import accumulate_pose
+from anchorpose.body.rotations import vectors_of
 from anchorpose.body.skin_points import (
     FittedShape,
     PosedPoints,
@@ -99,30 +100,18 @@ def prior_equations(
     points: SkinPoints, pose: Pose, predicted: Predicted | None, config: FitConfig
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Hessian, gradient and cost of the joint range, the hinge limits and, where there is one, the prediction."""
-    hessian, gradient = np.zeros((POSE_SIZE, POSE_SIZE)), np.zeros(POSE_SIZE)
     ranges = joint_range(points.asset)
-    vectors = pose.rotation_vectors(points.moving)
-    change = inverse_left_jacobian(vectors)
-    deviation = np.einsum("mij,mj->mi", ranges.whiten, vectors - ranges.mean)
-    cost = float((deviation**2).sum())
-    slope = ranges.whiten @ change
-    past = ranges.hinge_limit - (vectors * ranges.hinge).sum(axis=1)
-    past = np.where(past > 0.0, past, 0.0) / config.hinge_limit_sigma
-    cost += float((past**2).sum())
-    bend = -np.einsum("mi,mij->mj", ranges.hinge, change) / config.hinge_limit_sigma
-    for row in range(len(vectors)):
-        block = slice(3 * row, 3 * row + 3)
-        hessian[block, block] += slope[row].T @ slope[row]
-        gradient[block] += slope[row].T @ deviation[row]
-        if past[row] > 0.0:
-            hessian[block, block] += np.outer(bend[row], bend[row])
-            gradient[block] += bend[row] * past[row]
+    hessian, gradient, cost = range_equations(
+        pose.rotation_vectors(points.moving), ranges.mean, ranges.whiten, ranges.hinge, ranges.hinge_limit,
+        config.hinge_limit_sigma,
+    )  # fmt: skip
     if predicted is not None:
         expected, information = predicted
         away = _away_from(points, pose, expected)
         hessian += information
-        gradient += information @ away
-        cost += float(away @ information @ away)
+        pull = information @ away
+        gradient += pull
+        cost += float(away @ pull)
     return hessian, gradient, cost
 
 
@@ -134,7 +123,7 @@ def range_information(points: SkinPoints, pose: Pose, config: FitConfig) -> np.n
 def _away_from(points: SkinPoints, pose: Pose, predicted: Pose) -> np.ndarray:
     """(POSE_SIZE,) the change that leads from the predicted pose to the pose."""
     ahead = pose.rotations[points.moving] @ predicted.rotations[points.moving].transpose(0, 2, 1)
-    return np.append(Rotation.from_matrix(ahead).as_rotvec().ravel(), pose.root_m - predicted.root_m)
+    return np.append(vectors_of(ahead).ravel(), pose.root_m - predicted.root_m)
 
 
 def solve_damped(equations: NormalEquations) -> np.ndarray:

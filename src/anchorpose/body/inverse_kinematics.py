@@ -7,7 +7,7 @@ import numpy as np
 from anchorpose.body.asset import joint_bones
 from anchorpose.body.fit import FitConfig, limited, prior_equations
 from anchorpose.body.pose import POSE_SIZE, Pose
-from anchorpose.body.skin_points import RestPoints, SkinPoints, joint_jacobian, pose_points
+from anchorpose.body.skin_points import RestPoints, SkinPoints, joint_jacobian
 
 _JOINT_SIGMA_M = 0.01  # predicted joints are means of whole parts: closer than that they need not be met
 _STEPS = 3
@@ -22,9 +22,9 @@ def pose_from_joints(
     nearby = np.diag(1.0 / config.process_variance(1.0))  # what the joints leave open stays as it was
     pose = start
     for _ in range(_STEPS):
-        posed = pose_points(points, rest, pose)
-        at = rest.body.joints(posed.transforms)
-        jacobian = joint_jacobian(points, rest, posed, bones[known], at[known]).reshape(-1, POSE_SIZE)
+        transforms = rest.body.bone_transforms(pose.rotations, pose.root_m)
+        at = rest.body.joints(transforms)
+        jacobian = joint_jacobian(points, rest, transforms, bones[known], at[known]).reshape(-1, POSE_SIZE)
         error = (at[known] - joints_m[known]).ravel()
         hessian, gradient, _ = prior_equations(points, pose, (start, nearby), config)
         hessian += jacobian.T @ jacobian / _JOINT_SIGMA_M**2

@@ -7,9 +7,9 @@ from functools import cache
 from typing import Final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from anchorpose.body.asset import BodyAsset
+from anchorpose.body.rotations import turns_of, vectors_of
 
 MOVING_BONES: Final = (
     "Hips", "LowerBack", "Spine", "Spine1", "Neck", "Neck1", "Head",
@@ -35,13 +35,12 @@ class Pose:
     def moved(self, change: np.ndarray, moving: np.ndarray) -> Pose:
         """The pose after a change (POSE_SIZE,): ``exp(change) @ rotation`` in the parent's frame, then translation."""
         rotations = self.rotations.copy()
-        turns = Rotation.from_rotvec(change[:-3].reshape(-1, 3)).as_matrix()
-        rotations[moving] = turns @ rotations[moving]
+        rotations[moving] = turns_of(change[:-3].reshape(-1, 3)) @ rotations[moving]
         return Pose(rotations, self.root_m + change[-3:])
 
     def rotation_vectors(self, moving: np.ndarray) -> np.ndarray:
         """(m, 3) rotation vectors of the moving bones, radians."""
-        return Rotation.from_matrix(self.rotations[moving]).as_rotvec()
+        return vectors_of(self.rotations[moving])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,15 +122,3 @@ def joint_range(asset: BodyAsset) -> JointRange:
             whiten[row] = np.diag(1.0 / (np.array(spread) * DEGREE))
             mean[row, 2] = flexion * DEGREE
     return JointRange(mean, whiten, hinge, limit)
-
-
-def inverse_left_jacobian(rotation_vectors: np.ndarray) -> np.ndarray:
-    """(m, 3, 3): ``log(exp(d) exp(w)) = w + J d`` to first order (Barfoot 2017, doi:10.1017/9781316671528)."""
-    angle = np.linalg.norm(rotation_vectors, axis=1)
-    safe = np.where(angle < 1e-6, 1.0, angle)
-    half = safe / 2.0
-    factor = np.where(angle < 1e-6, 1.0 / 12.0, (1.0 - half / np.tan(half)) / safe**2)
-    x, y, z = rotation_vectors.T
-    zero = np.zeros_like(x)
-    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(-1, 3, 3)
-    return np.eye(3) - cross / 2.0 + factor[:, None, None] * (cross @ cross)

@@ -1,6 +1,9 @@
 """Hessian and gradient of many rows with respect to the pose, without ever writing down their Jacobian.
 
-A skin point moves with few bones, so most columns of its row are zero. ``skin_points.pose_jacobian`` is the plain form.
+A row of a point x on a rigid bone moves with the bone's turn by ``(x - pivot) x direction``, which is linear in the six
+numbers ``(x x direction, direction)``. So rows are first summed up by skin point (3 x 3), then by pairs of bones that
+move a point together (6 x 6), then down the skeleton, and only then turned into parameters.
+``skin_points.pose_jacobian`` is the plain form.
 """
 
 from __future__ import annotations
@@ -8,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from anchorpose.body.pose import POSE_SIZE
+from anchorpose.body.kinematics import turning
 from anchorpose.body.skin_points import PosedPoints, RestPoints, SkinPoints
 
 
@@ -17,70 +20,120 @@ def accumulate_pose(
     residual_m: np.ndarray, weight: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """``J^T W J`` (POSE_SIZE, POSE_SIZE) and ``J^T W r`` (POSE_SIZE,); arguments as in ``pose_jacobian``."""
-    transforms, moving = posed.transforms, points.moving
-    parent = points.asset.bone_parents[moving]
-    frame = np.where((parent >= 0)[:, None, None], transforms[parent, :3, :3], np.eye(3))
-    pivot = np.einsum("mij,mj->mi", transforms[moving, :3, :3], rest.body.bone_heads[moving])
-    pivot += transforms[moving, :3, 3]
-    lever, share = _levers(points.weights, points.below, transforms, rest.points_m, pivot)
-    hessian, gradient = np.zeros((POSE_SIZE, POSE_SIZE)), np.zeros(POSE_SIZE)
-    _accumulate(lever, share, frame, index, direction, residual_m, weight, hessian, gradient)
-    lower = np.tril_indices(POSE_SIZE, -1)
-    hessian[lower] = hessian.T[lower]
-    return hessian, gradient
+    parents = points.asset.bone_parents
+    pivot, frame = turning(posed.transforms, rest.body.bone_heads, parents, points.moving)
+    spread, pull = _by_point(len(rest.points_m), index, direction, residual_m, weight)
+    pairs, forces = _by_bones(points.bones, points.influence, posed.transforms, rest.points_m, spread, pull)
+    _down_the_skeleton(parents, pairs, forces)
+    return _by_parameter(points.moving, pivot, frame, pairs, forces)
 
 
 @njit(cache=True)
-def _levers(
-    weights: np.ndarray, below: np.ndarray, transforms: np.ndarray, rest_m: np.ndarray, pivot: np.ndarray
+def _by_point(
+    count: int, index: np.ndarray, direction: np.ndarray, residual: np.ndarray, weight: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(p, m, 3) weighted arm from each moving bone's head to what it carries of each point, and the weight (p, m)."""
-    count, moving, bones = len(weights), len(below), weights.shape[1]
-    lever, share = np.zeros((count, moving, 3)), np.zeros((count, moving))
-    place = np.empty(3)
-    for p in range(count):
-        for b in range(bones):
-            w = weights[p, b]
-            if w == 0.0:
-                continue
-            for i in range(3):
-                place[i] = transforms[b, i, 3]
-                for j in range(3):
-                    place[i] += transforms[b, i, j] * rest_m[p, j]
-            for m in range(moving):
-                if below[m, b] > 0.0:
-                    share[p, m] += w
-                    for i in range(3):
-                        lever[p, m, i] += w * (place[i] - pivot[m, i])
-    return lever, share
-
-
-@njit(cache=True)
-def _accumulate(
-    lever: np.ndarray, share: np.ndarray, frame: np.ndarray, index: np.ndarray, direction: np.ndarray,
-    residual: np.ndarray, weight: np.ndarray, hessian: np.ndarray, gradient: np.ndarray,
-) -> None:  # fmt: skip
-    """Upper triangle of the hessian, and the gradient, in place."""
-    moving, size = lever.shape[1], len(gradient)
-    column, value, torque = np.empty(size, np.int64), np.empty(size), np.empty(3)
+    """Sums over the rows of each skin point: weight x direction x direction^T (p, 3, 3), and x residual (p, 3)."""
+    spread, pull = np.zeros((count, 3, 3)), np.zeros((count, 3))
     for r in range(len(index)):
         p = index[r]
-        d0, d1, d2 = direction[r, 0], direction[r, 1], direction[r, 2]
+        for i in range(3):
+            scaled = weight[r] * direction[r, i]
+            pull[p, i] += scaled * residual[r]
+            for j in range(3):
+                spread[p, i, j] += scaled * direction[r, j]
+    return spread, pull
+
+
+@njit(cache=True)
+def _by_bones(
+    bones: np.ndarray, influence: np.ndarray, transforms: np.ndarray, rest_m: np.ndarray, spread: np.ndarray,
+    pull: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Moments (b, b, 6, 6) of each pair of bones, and forces (b, 6) on each: torque about the origin, then force."""
+    count = len(transforms)
+    pairs, forces = np.zeros((count, count, 6, 6)), np.zeros((count, 6))
+    arms, half = np.zeros((bones.shape[1], 6, 3)), np.empty((6, 3))
+    place = np.empty(3)
+    for p in range(len(rest_m)):
+        if spread[p, 0, 0] + spread[p, 1, 1] + spread[p, 2, 2] == 0.0:
+            continue
         used = 0
-        for m in range(moving):
-            if share[p, m] == 0.0:
-                continue
-            l0, l1, l2 = lever[p, m, 0], lever[p, m, 1], lever[p, m, 2]
-            torque[0], torque[1], torque[2] = l1 * d2 - l2 * d1, l2 * d0 - l0 * d2, l0 * d1 - l1 * d0
-            for k in range(3):
-                column[used] = 3 * m + k
-                value[used] = torque[0] * frame[m, 0, k] + torque[1] * frame[m, 1, k] + torque[2] * frame[m, 2, k]
-                used += 1
-        for k in range(3):
-            column[used], value[used] = size - 3 + k, direction[r, k]
+        while used < bones.shape[1] and influence[p, used] > 0.0:
+            bone, share = bones[p, used], influence[p, used]
+            for i in range(3):
+                place[i] = transforms[bone, i, 3]
+                for j in range(3):
+                    place[i] += transforms[bone, i, j] * rest_m[p, j]
+                place[i] *= share
+            arm = arms[used]
+            arm[0, 1], arm[0, 2], arm[1, 0] = -place[2], place[1], place[2]
+            arm[1, 2], arm[2, 0], arm[2, 1] = -place[0], -place[1], place[0]
+            arm[3, 0], arm[4, 1], arm[5, 2] = share, share, share
+            for i in range(6):
+                for j in range(3):
+                    forces[bone, i] += arm[i, j] * pull[p, j]
             used += 1
-        for a in range(used):
-            scaled = weight[r] * value[a]
-            gradient[column[a]] += scaled * residual[r]
-            for b in range(a, used):
-                hessian[column[a], column[b]] += scaled * value[b]
+        for one in range(used):
+            for i in range(6):
+                for j in range(3):
+                    half[i, j] = 0.0
+                    for k in range(3):
+                        half[i, j] += arms[one, i, k] * spread[p, k, j]
+            for other in range(used):
+                moment, arm = pairs[bones[p, one], bones[p, other]], arms[other]
+                for i in range(6):
+                    for j in range(6):
+                        moment[i, j] += half[i, 0] * arm[j, 0] + half[i, 1] * arm[j, 1] + half[i, 2] * arm[j, 2]
+    return pairs, forces
+
+
+@njit(cache=True)
+def _down_the_skeleton(parents: np.ndarray, pairs: np.ndarray, forces: np.ndarray) -> None:
+    """In place: what moves a bone moves with everything it hangs on. Parents stand before children."""
+    for bone in range(len(parents) - 1, 0, -1):
+        forces[parents[bone]] += forces[bone]
+        pairs[parents[bone]] += pairs[bone]
+    for bone in range(len(parents) - 1, 0, -1):
+        for other in range(len(parents)):
+            pairs[other, parents[bone]] += pairs[other, bone]
+
+
+@njit(cache=True)
+def _by_parameter(
+    moving: np.ndarray, pivot: np.ndarray, frame: np.ndarray, pairs: np.ndarray, forces: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Moments about the origin to turns about the pivots in the parents' axes; the last three are the root's shift."""
+    count = len(moving)
+    turns = np.zeros((count + 1, 3, 6))
+    bone = np.zeros(count + 1, np.int64)  # the root carries everything
+    for m in range(count):
+        bone[m] = moving[m]
+        for k in range(3):
+            x, y, z = frame[m, 0, k], frame[m, 1, k], frame[m, 2, k]
+            turns[m, k, 0], turns[m, k, 1], turns[m, k, 2] = x, y, z
+            turns[m, k, 3] = z * pivot[m, 1] - y * pivot[m, 2]
+            turns[m, k, 4] = x * pivot[m, 2] - z * pivot[m, 0]
+            turns[m, k, 5] = y * pivot[m, 0] - x * pivot[m, 1]
+    for k in range(3):
+        turns[count, k, 3 + k] = 1.0
+    size = 3 * count + 3
+    hessian, gradient = np.zeros((size, size)), np.zeros(size)
+    half = np.empty(6)
+    for m in range(count + 1):
+        for k in range(3):
+            row = 3 * m + k
+            for i in range(6):
+                gradient[row] += turns[m, k, i] * forces[bone[m], i]
+            for n in range(m, count + 1):
+                moment = pairs[bone[m], bone[n]]
+                for j in range(6):
+                    half[j] = 0.0
+                    for i in range(6):
+                        half[j] += turns[m, k, i] * moment[i, j]
+                for c in range(3):
+                    total = 0.0
+                    for j in range(6):
+                        total += half[j] * turns[n, c, j]
+                    hessian[row, 3 * n + c] = total
+                    hessian[3 * n + c, row] = total
+    return hessian, gradient

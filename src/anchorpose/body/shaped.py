@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from anchorpose.body.asset import BodyAsset, joint_bones
+from anchorpose.body.kinematics import forward
 from anchorpose.joints import JOINT_INDEX
 
 
@@ -26,18 +27,7 @@ class ShapedBody:
         root_m : (3,), where the head of the root bone goes.
         Returns T_world_rest : (b, 4, 4).
         """
-        transforms = np.zeros((len(rotations), 4, 4))
-        transforms[:, 3, 3] = 1.0
-        for bone, parent in enumerate(self.asset.bone_parents):
-            head = self.bone_heads[bone]
-            if parent < 0:
-                turn, place = rotations[bone], root_m
-            else:
-                turn = transforms[parent, :3, :3] @ rotations[bone]
-                place = transforms[parent, :3, :3] @ head + transforms[parent, :3, 3]
-            transforms[bone, :3, :3] = turn
-            transforms[bone, :3, 3] = place - turn @ head
-        return transforms
+        return forward(self.asset.bone_parents, self.bone_heads, rotations, root_m)
 
     def skin(self, transforms: np.ndarray) -> np.ndarray:
         """(v, 3) posed skin for ``transforms`` of ``bone_transforms``."""

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 
 from anchorpose.body.asset import BodyAsset, load_body_asset
+from anchorpose.body.kinematics import joint_derivative, skin, turning
 from anchorpose.body.pose import MOVING_BONES, POSE_SIZE, Pose, descendants, moving_bones
 from anchorpose.body.shaped import ShapedBody, shape_body
 
@@ -19,7 +20,8 @@ COVERED_BONES = ("Hips", "LowerBack", "Spine", "Spine1", "UpLeg", "Leg", "Arm", 
 class SkinPoints:
     """What does not change while one asset is fitted.
 
-    vertex (p,) index into the asset's skin. weights (p, b) dense skinning weights. part (p,) bone that moves the point
+    vertex (p,) index into the asset's skin. weights (p, b) dense skinning weights; bones, influence (p, w) the same,
+    heaviest first, 0 where there is no more. part (p,) bone that moves the point
     most. covered (p,) float64: 1 where clothes may lie on the skin. basis (k, p, 3), below (m, b): see ``descendants``.
     moving (m,) bones.
     """
@@ -27,6 +29,8 @@ class SkinPoints:
     asset: BodyAsset
     vertex: np.ndarray
     weights: np.ndarray
+    bones: np.ndarray
+    influence: np.ndarray
     part: np.ndarray
     covered: np.ndarray
     below: np.ndarray
@@ -72,12 +76,15 @@ def skin_points(asset: BodyAsset) -> SkinPoints:
     rows = np.arange(len(vertex))[:, None]
     np.add.at(weights, (rows, asset.skin_bones[vertex]), asset.skin_weights[vertex])
     part = weights.argmax(axis=1)
+    bones = np.argsort(-weights, axis=1, kind="stable")[:, : (weights > 0.0).sum(axis=1).max()]
     covered = np.array([asset.bone_names[bone].removeprefix("Left").removeprefix("Right").endswith(COVERED_BONES)
                         and "Hand" not in asset.bone_names[bone] for bone in part])  # fmt: skip
     return SkinPoints(
         asset=asset,
         vertex=vertex,
         weights=weights,
+        bones=np.ascontiguousarray(bones),
+        influence=np.take_along_axis(weights, bones, axis=1),
         part=part,
         covered=covered.astype(np.float64),
         below=descendants(asset),
@@ -138,10 +145,8 @@ def rest_points(points: SkinPoints, shape: FittedShape) -> RestPoints:
 def pose_points(points: SkinPoints, rest: RestPoints, pose: Pose) -> PosedPoints:
     """Linear blend skinning of the sampled points."""
     transforms = rest.body.bone_transforms(pose.rotations, pose.root_m)
-    blended = (points.weights @ transforms.reshape(len(transforms), 16)).reshape(-1, 4, 4)
-    posed = np.einsum("pij,pj->pi", blended[:, :3, :3], rest.points_m) + blended[:, :3, 3]
-    normals = np.einsum("pij,pj->pi", blended[:, :3, :3], rest.normals)
-    return PosedPoints(posed, normals / np.linalg.norm(normals, axis=1, keepdims=True), transforms)
+    posed, normals = skin(points.bones, points.influence, transforms, rest.points_m, rest.normals)
+    return PosedPoints(posed, normals, transforms)
 
 
 def pose_jacobian(
@@ -152,18 +157,15 @@ def pose_jacobian(
     index (n,) points, direction (n, 3) unit vectors. Returns (n, POSE_SIZE): rotations in the parent's frame, then the
     root.
     """
-    transforms, moving = posed.transforms, points.moving
+    transforms = posed.transforms
     used, back = np.unique(index, return_inverse=True)
     weights = points.weights[used]
     placed = np.einsum("bij,nj->nbi", transforms[:, :3, :3], rest.points_m[used]) + transforms[:, :3, 3]
     carried = points.below @ (weights[..., None] * placed)  # (n, m, 3): sum over the bones below of weight x place
     share = weights @ points.below.T
-    heads = rest.body.bone_heads[moving]
-    pivot = np.einsum("mij,mj->mi", transforms[moving, :3, :3], heads) + transforms[moving, :3, 3]
+    pivot, frame = turning(transforms, rest.body.bone_heads, points.asset.bone_parents, points.moving)
     lever = carried - share[..., None] * pivot
     torque = np.cross(lever[back], direction[:, None, :])  # d(point . direction) = turn . (lever x direction)
-    parent = points.asset.bone_parents[moving]
-    frame = np.where((parent >= 0)[:, None, None], transforms[parent, :3, :3], np.eye(3))
     jacobian = np.empty((len(index), POSE_SIZE))
     jacobian[:, :-3] = np.einsum("nmi,mij->nmj", torque, frame).reshape(len(index), 3 * len(MOVING_BONES))
     jacobian[:, -3:] = direction
@@ -193,17 +195,8 @@ def shape_jacobian(
 
 
 def joint_jacobian(
-    points: SkinPoints, rest: RestPoints, posed: PosedPoints, bones: np.ndarray, joints_m: np.ndarray
+    points: SkinPoints, rest: RestPoints, transforms: np.ndarray, bones: np.ndarray, joints_m: np.ndarray
 ) -> np.ndarray:
-    """Derivative (n, 3, POSE_SIZE) of points fixed to bones, in the world, with respect to the pose."""
-    transforms, moving = posed.transforms, points.moving
-    heads = rest.body.bone_heads[moving]
-    pivot = np.einsum("mij,mj->mi", transforms[moving, :3, :3], heads) + transforms[moving, :3, 3]
-    lever = (joints_m[:, None] - pivot) * points.below[:, bones].T[..., None]
-    parent = points.asset.bone_parents[moving]
-    frame = np.where((parent >= 0)[:, None, None], transforms[parent, :3, :3], np.eye(3))
-    turned = np.cross(frame.transpose(0, 2, 1)[None], lever[:, :, None, :])  # axis k of the parent's frame x lever
-    jacobian = np.zeros((len(bones), 3, POSE_SIZE))
-    jacobian[:, :, :-3] = turned.transpose(0, 3, 1, 2).reshape(len(bones), 3, 3 * len(moving))
-    jacobian[:, :, -3:] = np.eye(3)
-    return jacobian
+    """Derivative (n, 3, POSE_SIZE) by the pose of points joints_m (n, 3) in the world, each fixed to a bone (n,)."""
+    pivot, frame = turning(transforms, rest.body.bone_heads, points.asset.bone_parents, points.moving)
+    return joint_derivative(pivot, frame, points.below, bones, joints_m)

@@ -31,6 +31,6 @@ def joint_sigma(
     """
     bones = joint_bones(points.asset)
     joints = rest.body.joints(posed.transforms)
-    jacobian = joint_jacobian(points, rest, posed, bones, joints)
-    variance = np.einsum("jap,pq,jaq->j", jacobian, covariance, jacobian, optimize=True) / 3.0
+    jacobian = joint_jacobian(points, rest, posed.transforms, bones, joints)
+    variance = ((jacobian @ covariance) * jacobian).sum(axis=(1, 2)) / 3.0
     return np.sqrt(config.floor_m**2 + config.inflation**2 * variance)

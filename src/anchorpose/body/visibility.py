@@ -9,9 +9,10 @@ from functools import cache
 import numpy as np
 
 from anchorpose.body.asset import BodyAsset, joint_bones
+from anchorpose.body.pixels import lens_of, pixels_of
 from anchorpose.body.shaped import shape_body
 from anchorpose.body.skin_points import PosedPoints, SkinPoints
-from anchorpose.camera import Camera, invert_rigid, transform_points
+from anchorpose.camera import Camera, invert_rigid
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_COUNT, JointState
 
@@ -96,18 +97,18 @@ def _reasons(
     posed: PosedPoints, view: View, camera: Camera, config: VisibilityConfig
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """What the pixel of each skin point says of it (p,), and which points face the camera (p,) bool."""
-    in_camera = transform_points(invert_rigid(camera.require_pose()), posed.points_m)
+    T_camera_world, (lens, distortion) = invert_rigid(camera.require_pose()), lens_of(camera)
+    column, row, far = pixels_of(posed.points_m, T_camera_world, lens, distortion, *view.labels.shape)
     ray = camera.position_m - posed.points_m
     facing = (ray * posed.normals).sum(axis=1) > config.grazing * np.linalg.norm(ray, axis=1)
-    column, row, inside = camera.pixel_of(in_camera)
     label, depth = view.labels[row, column], view.depth_m[row, column]
-    before = depth < in_camera[:, 2] - config.reach_m
-    near = np.abs(depth - in_camera[:, 2]) <= config.reach_m
+    before = depth < far - config.reach_m
+    near = np.abs(depth - far) <= config.reach_m
     reason = np.full(len(facing), _MISFIT)
     reason[(label == PixelLabel.PATIENT) & before] = _SELF
     reason[(label == PixelLabel.EQUIPMENT) & (before | near)] = _EQUIPMENT
     reason[(label >= PixelLabel.OTHER_PERSON) & (before | near)] = _PERSON
     reason[(label == PixelLabel.NO_READING) | (label == PixelLabel.CLUTTER)] = _HOLE
     reason[(label == PixelLabel.PATIENT) & near] = _SEEN
-    reason[~inside] = _OUTSIDE
+    reason[column < 0] = _OUTSIDE
     return reason, facing

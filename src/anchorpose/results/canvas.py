@@ -70,5 +70,7 @@ def whole(place: np.ndarray) -> tuple[int, int]:
 
 def as_png(picture: np.ndarray) -> bytes:
     """The picture as a PNG; the same picture gives the same bytes."""
-    _, encoded = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    _, encoded = cv2.imencode(
+        ".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 6]
+    )  # 9 saves 3 % more in eight times the time
     return bytes(encoded)

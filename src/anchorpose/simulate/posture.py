@@ -31,6 +31,7 @@ HEIGHT_SOFTNESS_M = 0.004  # how gently a straightening leg stops the pelvis
 SPINE_SHARES = (("LowerBack", 0.5), ("Spine", 0.5), ("Spine1", 0.0))
 NECK_SHARES = (("Neck", 0.4), ("Neck1", 0.6), ("Head", 0.0))
 CLAVICLE_SHARE = 0.25  # of the arm's elevation beyond the first 30 degrees (scapulohumeral rhythm)
+ELBOW_BEHIND_M = 0.3  # an upper arm: hands on rails beside the hips have their elbows behind them
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -211,7 +212,7 @@ class _Poser:
     def _pulled(
         self, posture: Posture, side: int, limb: _Limb, upper: np.ndarray, fore: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The arm drawn towards the hand's target, elbow near where the angles alone would have it."""
+        """The arm drawn towards the hand's target, the elbow behind and outside of the way there, as elbows bend."""
         pull = posture.pull[:, side, None]
         if not pull.any():
             return upper, fore
@@ -219,7 +220,8 @@ class _Poser:
         elbow_m = shoulder_m + limb.lengths[0] * apply(upper, limb.first)
         wrist_m = elbow_m + limb.lengths[1] * apply(fore, limb.second)
         goal_m = wrist_m + pull * (posture.hand_m[:, side] - wrist_m)
-        return _reach(limb, shoulder_m, goal_m, elbow_m - shoulder_m)
+        behind = apply(self.turn[:, self._bone("Spine1")], ELBOW_BEHIND_M * unit(OUTWARD[side] * 0.4 * RIGHT - FORWARD))
+        return _reach(limb, shoulder_m, goal_m, elbow_m - shoulder_m + pull * behind)
 
 
 def _reach(limb: _Limb, start_m: np.ndarray, goal_m: np.ndarray, pole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

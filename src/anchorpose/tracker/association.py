@@ -14,7 +14,7 @@ from anchorpose.body.initial import anchor_constraints
 from anchorpose.body.part_registration import register_parts
 from anchorpose.body.pose import Pose
 from anchorpose.body.registration import node_parts
-from anchorpose.body.skin_points import PosedPoints, RestPoints, SkinPoints, pose_points
+from anchorpose.body.skin_points import PosedPoints, RestPoints, SkinPoints
 from anchorpose.geodesics.anchors import ANCHOR_NAMES
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Observation
@@ -74,7 +74,7 @@ def global_hypothesis(
     point, part = node_parts(points, rest, pose, nodes, config.follow.part_reach_m)
     on_body = part >= 0
     chosen, nodes, point, part = chosen[on_body], nodes[on_body], point[on_body], part[on_body]
-    places = carried(points, rest, pose, predicted, nodes, part)
+    places = carried(rest, pose, predicted, nodes, part)
     matches = [links[0].match[chosen], *(link.match for link in links[1:])]
     tree = best_branches(matches, [seen.surface.points_m for seen in window[1:]], places, config.tree)
     matched = np.full((len(chosen), 3), np.nan)
@@ -84,13 +84,13 @@ def global_hypothesis(
 
 
 def carried(
-    points: SkinPoints, rest: RestPoints, pose: Pose, predicted: Sequence[Pose], nodes_m: np.ndarray, part: np.ndarray
+    rest: RestPoints, pose: Pose, predicted: Sequence[Pose], nodes_m: np.ndarray, part: np.ndarray
 ) -> np.ndarray:
     """(m, depth, 3): where nodes go that move with their parts from one pose to the predicted ones."""
-    T_world_rest = pose_points(points, rest, pose).transforms
+    T_world_rest = rest.body.bone_transforms(pose.rotations, pose.root_m)
     places = np.empty((len(nodes_m), len(predicted), 3))
     for level, later in enumerate(predicted):
-        T_next_now = part_motion(T_world_rest, pose_points(points, rest, later).transforms)
+        T_next_now = part_motion(T_world_rest, rest.body.bone_transforms(later.rotations, later.root_m))
         places[:, level] = np.einsum("mij,mj->mi", T_next_now[part, :3, :3], nodes_m) + T_next_now[part, :3, 3]
     return places
 

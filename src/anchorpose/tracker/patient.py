@@ -53,8 +53,8 @@ class PatientTracker:
         self.belief = start.belief
         self.window: deque[Observation] = deque([start.observation])
         self.links: deque[Hypotheses] = deque()
-        joints = self.rest.body.joints(pose_points(self.points, self.rest, start.belief.pose).transforms)
-        self.history: deque[np.ndarray] = deque([joints], maxlen=config.follow.history)
+        self.history: deque[np.ndarray] = deque([self._joints(start.belief.pose)], maxlen=config.follow.history)
+        self.ahead: list[Pose] = []
         self.unseen_s, self.unseen_frames = 0.0, 0
         self.search_wait = 0  # frames until arms may be searched for again
         self.first = self._estimate(Registration(start.belief, start.explained, True), start.observation)
@@ -63,6 +63,9 @@ class PatientTracker:
     def height_m(self) -> float:
         """Standing height of the learnt body."""
         return float(np.ptp(self.rest.body.vertices[:, 1]))
+
+    def _joints(self, pose: Pose) -> np.ndarray:
+        return self.rest.body.joints(self.rest.body.bone_transforms(pose.rotations, pose.root_m))
 
     def push(self, frame_set: FrameSet) -> Iterator[Estimate]:
         """Take one more frame; yields the estimate of the frame that now has enough look-ahead."""
@@ -95,13 +98,18 @@ class PatientTracker:
             return estimate_of(self.points, self.rest, self.shape, registration, seen, self.config)
 
     def _predict(self, steps: int) -> list[Pose]:
-        """The next poses by scaled motion dynamics."""
-        ahead = predict_joints(np.array(self.history), steps, self.motions, self.config.motion)
-        poses, pose = [], self.belief.pose
-        for joints in ahead.joints_m:
-            pose = pose_from_joints(self.points, self.rest, pose, joints, self.config.registration.fit)
-            poses.append(pose)
-        return poses
+        """The next poses by scaled motion dynamics: those of the whole look-ahead, once a registered frame."""
+        with self.watch.stage("prediction"):
+            if not self.ahead:
+                config = self.config
+                joints = predict_joints(
+                    np.array(self.history), config.follow.look_ahead, self.motions, config.motion
+                ).joints_m
+                pose = self.belief.pose
+                for joints_m in joints:
+                    pose = pose_from_joints(self.points, self.rest, pose, joints_m, config.registration.fit)
+                    self.ahead.append(pose)
+        return self.ahead[:steps]
 
     def _look_ahead(self) -> list[Pose]:
         """Predicted poses of the window's later frames; the next one is looked at again where that may change it.
@@ -109,8 +117,7 @@ class PatientTracker:
         Its pose is now predicted from the frame before. Other people are told apart anew, and where the patient is
         expected at another place than when the frame came in, so is his surface.
         """
-        with self.watch.stage("prediction"):
-            poses = self._predict(len(self.window) - 1)
+        poses = self._predict(len(self.window) - 1)
         expected, before = self._expectation(poses[0]), self.window[1].expected
         moved = before is None or _apart_m(expected, before) > self.config.follow.see_again_m
         if moved or self.window[1].crowd.has_others:
@@ -127,9 +134,7 @@ class PatientTracker:
                 self.links[1] = link(seen, self.window[2], config)
 
     def _expect(self, steps: int) -> Expectation:
-        with self.watch.stage("prediction"):
-            pose = self._predict(steps)[-1]
-        return self._expectation(pose)
+        return self._expectation(self._predict(steps)[-1])
 
     def _expectation(self, pose: Pose) -> Expectation:
         posed = pose_points(self.points, self.rest, pose)
@@ -155,9 +160,8 @@ class PatientTracker:
             registration = Registration(predicted, 0.0, False)
         self.unseen_s = 0.0 if registration.found else self.unseen_s + elapsed_s
         self.unseen_frames = 0 if registration.found else self.unseen_frames + 1
-        self.belief = registration.belief
-        joints = self.rest.body.joints(pose_points(self.points, self.rest, self.belief.pose).transforms)
-        self.history.append(joints)
+        self.belief, self.ahead = registration.belief, []
+        self.history.append(self._joints(self.belief.pose))
         self.window.popleft()
         self.links.popleft()
         return self._estimate(registration, following)

@@ -1,0 +1,104 @@
+"""Compiled kinematics: bones from their turns, skin from its bones, and where the moving bones turn about."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True)
+def forward(parents: np.ndarray, heads: np.ndarray, rotations: np.ndarray, root: np.ndarray) -> np.ndarray:
+    """T_world_rest (b, 4, 4) of ``ShapedBody.bone_transforms``."""
+    transforms = np.zeros((len(parents), 4, 4))
+    for bone in range(len(parents)):
+        parent = parents[bone]
+        turn = transforms[bone]
+        turn[3, 3] = 1.0
+        for i in range(3):
+            if parent < 0:
+                place = root[i]
+                for j in range(3):
+                    turn[i, j] = rotations[bone, i, j]
+            else:
+                place = transforms[parent, i, 3]
+                for j in range(3):
+                    place += transforms[parent, i, j] * heads[bone, j]
+                    total = 0.0
+                    for k in range(3):
+                        total += transforms[parent, i, k] * rotations[bone, k, j]
+                    turn[i, j] = total
+            for j in range(3):
+                place -= turn[i, j] * heads[bone, j]
+            turn[i, 3] = place
+    return transforms
+
+
+@njit(cache=True)
+def skin(
+    bones: np.ndarray, weights: np.ndarray, transforms: np.ndarray, rest_m: np.ndarray, rest_normals: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Linear blend skinning: points and unit normals (p, 3). bones, weights (p, w): heaviest first, 0 ends a row."""
+    points, normals = np.empty_like(rest_m), np.empty_like(rest_normals)
+    blend = np.empty((3, 4))
+    for p in range(len(rest_m)):
+        blend[:] = 0.0
+        for influence in range(bones.shape[1]):
+            weight = weights[p, influence]
+            if weight == 0.0:
+                break
+            bone = transforms[bones[p, influence]]
+            for i in range(3):
+                for j in range(4):
+                    blend[i, j] += weight * bone[i, j]
+        squared = 0.0
+        for i in range(3):
+            points[p, i], normals[p, i] = blend[i, 3], 0.0
+            for j in range(3):
+                points[p, i] += blend[i, j] * rest_m[p, j]
+                normals[p, i] += blend[i, j] * rest_normals[p, j]
+            squared += normals[p, i] ** 2
+        length = np.sqrt(squared)
+        for i in range(3):
+            normals[p, i] /= length
+    return points, normals
+
+
+@njit(cache=True)
+def turning(
+    transforms: np.ndarray, heads: np.ndarray, parents: np.ndarray, moving: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """pivot (m, 3): each moving bone's head in the world; frame (m, 3, 3): its parent's axes, which its turn is in."""
+    pivot, frame = np.empty((len(moving), 3)), np.empty((len(moving), 3, 3))
+    for m in range(len(moving)):
+        bone, parent = moving[m], parents[moving[m]]
+        for i in range(3):
+            pivot[m, i] = transforms[bone, i, 3]
+            for j in range(3):
+                pivot[m, i] += transforms[bone, i, j] * heads[bone, j]
+                if parent >= 0:
+                    frame[m, i, j] = transforms[parent, i, j]
+                else:
+                    frame[m, i, j] = 1.0 if i == j else 0.0
+    return pivot, frame
+
+
+@njit(cache=True)
+def joint_derivative(
+    pivot: np.ndarray, frame: np.ndarray, below: np.ndarray, bones: np.ndarray, joints_m: np.ndarray
+) -> np.ndarray:
+    """(n, 3, 3 m + 3) of ``joint_jacobian``: axis k of a bone's frame, crossed with the arm from its pivot."""
+    moving = len(pivot)
+    jacobian = np.zeros((len(bones), 3, 3 * moving + 3))
+    for n in range(len(bones)):
+        for m in range(moving):
+            if below[m, bones[n]] == 0.0:
+                continue
+            x, y, z = joints_m[n, 0] - pivot[m, 0], joints_m[n, 1] - pivot[m, 1], joints_m[n, 2] - pivot[m, 2]
+            for k in range(3):
+                a, b, c = frame[m, 0, k], frame[m, 1, k], frame[m, 2, k]
+                jacobian[n, 0, 3 * m + k] = b * z - c * y
+                jacobian[n, 1, 3 * m + k] = c * x - a * z
+                jacobian[n, 2, 3 * m + k] = a * y - b * x
+        for i in range(3):
+            jacobian[n, i, 3 * moving + i] = 1.0
+    return jacobian

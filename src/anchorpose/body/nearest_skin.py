@@ -1,0 +1,150 @@
+"""Which skin point each node pulls: the nearest in place and normal among those that face the node's camera."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+CELL_M = 0.04  # a skin point or two a cell: a node's own neighbourhood is then a few dozen candidates
+
+
+@njit(cache=True)
+def nearest_facing(
+    points: np.ndarray, normals: np.ndarray, nodes: np.ndarray, node_normals: np.ndarray, seen_from: np.ndarray,
+    eyes: np.ndarray, reach: float, normal_weight: float,
+) -> np.ndarray:  # fmt: skip
+    """(n,) int64 skin point of each node, -1 where none is nearer than reach.
+
+    The distance is that of place and ``normal_weight`` times normal, six numbers. points, normals (p, 3): skin; nodes,
+    node_normals (n, 3) and seen_from (n,): the camera that saw it; eyes (c, 3) where the cameras are. Exact: cells that
+    are farther off than the best found so far are left out, and the match of the node before is the first guess.
+    """
+    nearest = np.full(len(nodes), -1, np.int64)
+    for camera in range(len(eyes)):
+        facing = _facing(points, normals, eyes[camera])
+        if not len(facing):
+            continue
+        order, start, origin, shape = _cells(points, facing)
+        guess = order[0]
+        for node in range(len(nodes)):
+            if seen_from[node] != camera:
+                continue
+            best = min(_distance2(points, normals, guess, nodes, node_normals, node, normal_weight), reach * reach)
+            guess_wins = best < reach * reach
+            found = _search(
+                points, normals, nodes, node_normals, node, normal_weight, order, start, origin, shape, best
+            )
+            if found >= 0:
+                guess, guess_wins = found, True
+            if guess_wins:
+                nearest[node] = guess
+    return nearest
+
+
+@njit(cache=True)
+def facing_rows(
+    points: np.ndarray, normals: np.ndarray, nodes: np.ndarray, node_normals: np.ndarray, seen_from: np.ndarray,
+    eyes: np.ndarray, reach: float, normal_weight: float, uncovered: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """Skin point (m,), node (m, 3) and unit direction (m, 3) of every node that has a nearest point.
+
+    The direction is the mean of both normals, and straight to the node where it is farther off than ``uncovered``.
+    """
+    nearest = nearest_facing(points, normals, nodes, node_normals, seen_from, eyes, reach, normal_weight)
+    point, count = np.empty(len(nodes), np.int64), 0
+    target, direction, offset = np.empty((len(nodes), 3)), np.empty((len(nodes), 3)), np.empty(3)
+    for node in range(len(nodes)):
+        p = nearest[node]
+        if p < 0:
+            continue
+        away, squared = 0.0, 0.0
+        for i in range(3):
+            target[count, i], offset[i] = nodes[node, i], points[p, i] - nodes[node, i]
+            direction[count, i] = node_normals[node, i] + normals[p, i]
+            away += offset[i] ** 2
+            squared += direction[count, i] ** 2
+        if away > uncovered * uncovered:
+            direction[count], squared = offset, away
+        direction[count] /= max(np.sqrt(squared), 1e-9)
+        point[count] = p
+        count += 1
+    return point[:count].copy(), target[:count].copy(), direction[:count].copy()
+
+
+@njit(cache=True)
+def _facing(points: np.ndarray, normals: np.ndarray, eye: np.ndarray) -> np.ndarray:
+    facing, count = np.empty(len(points), np.int64), 0
+    for p in range(len(points)):
+        towards = 0.0
+        for axis in range(3):
+            towards += (eye[axis] - points[p, axis]) * normals[p, axis]
+        if towards > 0.0:
+            facing[count] = p
+            count += 1
+    return facing[:count]
+
+
+@njit(cache=True)
+def _cells(points: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Chosen points, cell after cell; where each cell begins; the lowest corner; how many cells along each axis."""
+    origin, top = points[chosen[0]].copy(), points[chosen[0]].copy()
+    for p in chosen:
+        for axis in range(3):
+            origin[axis] = min(origin[axis], points[p, axis])
+            top[axis] = max(top[axis], points[p, axis])
+    shape = np.empty(3, np.int64)
+    for axis in range(3):
+        shape[axis] = int((top[axis] - origin[axis]) / CELL_M) + 1
+    start = np.zeros(shape[0] * shape[1] * shape[2] + 1, np.int64)
+    cell = np.empty(len(chosen), np.int64)
+    for k in range(len(chosen)):
+        spot = 0
+        for axis in range(3):
+            spot = spot * shape[axis] + int((points[chosen[k], axis] - origin[axis]) / CELL_M)
+        cell[k] = spot
+        start[spot + 1] += 1
+    for spot in range(len(start) - 1):
+        start[spot + 1] += start[spot]
+    order, filled = np.empty(len(chosen), np.int64), start[:-1].copy()
+    for k in range(len(chosen)):
+        order[filled[cell[k]]] = chosen[k]
+        filled[cell[k]] += 1
+    return order, start, origin, shape
+
+
+@njit(cache=True)
+def _distance2(
+    points: np.ndarray, normals: np.ndarray, p: int, nodes: np.ndarray, node_normals: np.ndarray, node: int,
+    normal_weight: float,
+) -> float:  # fmt: skip
+    away, turned = 0.0, 0.0
+    for axis in range(3):
+        away += (points[p, axis] - nodes[node, axis]) ** 2
+        turned += (normals[p, axis] - node_normals[node, axis]) ** 2
+    return away + normal_weight * normal_weight * turned
+
+
+@njit(cache=True)
+def _search(
+    points: np.ndarray, normals: np.ndarray, nodes: np.ndarray, node_normals: np.ndarray, node: int,
+    normal_weight: float, order: np.ndarray, start: np.ndarray, origin: np.ndarray, shape: np.ndarray, best: float,
+) -> int:  # fmt: skip
+    """The nearest point that is nearer than the root of ``best``, -1 where there is none."""
+    found = -1
+    radius = np.sqrt(best)
+    low, high = np.empty(3, np.int64), np.empty(3, np.int64)
+    for axis in range(3):
+        place = nodes[node, axis] - origin[axis]
+        low[axis] = max(0, int(np.floor((place - radius) / CELL_M)))
+        high[axis] = min(shape[axis] - 1, int(np.floor((place + radius) / CELL_M)))
+    for i in range(low[0], high[0] + 1):
+        for j in range(low[1], high[1] + 1):
+            row = (i * shape[1] + j) * shape[2]
+            if low[2] > high[2]:
+                continue
+            for spot in range(start[row + low[2]], start[row + high[2] + 1]):  # cells along z follow one another
+                p = order[spot]
+                distance = _distance2(points, normals, p, nodes, node_normals, node, normal_weight)
+                if distance < best:
+                    best, found = distance, p
+    return found
