@@ -1,7 +1,8 @@
-"""A rough first pose of somebody of whom nothing is known: any heading, standing, bent, reaching or squatting."""
+"""A rough first pose of somebody of whom nothing is known: any heading, standing, bent or squatting."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -10,77 +11,70 @@ from scipy.spatial.transform import Rotation
 
 from anchorpose.body.asset import BodyAsset
 from anchorpose.body.constraints import surface_constraints
-from anchorpose.body.evidence import Evidence
+from anchorpose.body.evidence import Evidence, doubted_node_cost
 from anchorpose.body.fit import limited, pose_equations, solve_damped
 from anchorpose.body.pose import DEGREE, Pose
 from anchorpose.body.registration import RegistrationConfig
 from anchorpose.body.skin_points import RestPoints, SkinPoints, pose_points
 
-_POSTURES: Final = {
-    "standing": {"LeftArm": (-25, 0, 0)},
-    "bent": {"LowerBack": (0, 0, -25), "Spine": (0, 0, -20), "LeftUpLeg": (0, 0, 30), "LeftArm": (0, 0, 50)},
-    "squatting": {"LeftUpLeg": (0, 0, 95), "LeftLeg": (0, 0, -110), "LeftArm": (0, 0, 40), "LowerBack": (0, 0, -15)},
-}
-"""Rotations about (X, Y, Z) in degrees from the rest pose; those of the left are mirrored for the right."""
+_POSTURES: Final = (
+    {"Arm": (-25, 0, 0)},  # upright, arms hang down
+    {"LowerBack": (0, 0, -25), "Spine": (0, 0, -20), "UpLeg": (0, 0, 30), "Arm": (0, 0, 50)},  # bent forward
+    {"LowerBack": (0, 0, -15), "UpLeg": (0, 0, 95), "Leg": (0, 0, -110), "Arm": (0, 0, 40)},  # squatting
+)
+"""Turns about X, Y and Z of the rest pose in degrees, limbs' of the left side; the right side's are mirrored."""
 
 _HEADINGS: Final = tuple(np.arange(8) * np.pi / 4)
-_FIRST_M, _THEN_M, _LAST_M = (0.45, 0.35, 0.28), (0.25, 0.2, 0.2, 0.15), (0.12, 0.12, 0.10, 0.08)
-_SECOND_ROUND, _THIRD_ROUND = 6, 2  # of the 24 starts that go on
+
+_ROUNDS: Final = (((0.45, 0.35, 0.28), 6), ((0.25, 0.20, 0.20, 0.15), 2), ((0.12, 0.12, 0.10, 0.08), 1))
+"""The reach of each step, metres, and how many starts go on: most are given up early."""
+
+_FEW_NODES: Final = 250  # of all rounds but the last: enough to tell a back from a front
 
 
 def find_rough_pose(points: SkinPoints, rest: RestPoints, evidence: Evidence, config: RegistrationConfig) -> Pose:
-    """The best of many starts, most of them given up early."""
-    poses = [
-        _placed(points, rest, pose, evidence)
-        for heading in _HEADINGS
-        for pose in _postures(points.asset, float(heading))
-    ]
-    few = replace(config, constraints=replace(config.constraints, node_count=250))
-    for reaches, kept, settings in ((_FIRST_M, _SECOND_ROUND, few), (_THEN_M, _THIRD_ROUND, few), (_LAST_M, 1, config)):
-        tried = [_settle(points, rest, pose, evidence, reaches, settings) for pose in poses]
-        order = np.argsort([cost for _, cost in tried], kind="stable")
-        poses = [tried[place][0] for place in order[:kept]]
+    """The pose in which the body explains the nodes best, of many starts."""
+    coarse = replace(config, constraints=replace(config.constraints, node_count=_FEW_NODES))
+    poses = [_placed(points, rest, pose, evidence) for pose in _starts(points.asset)]
+    for number, (reaches_m, kept) in enumerate(_ROUNDS):
+        settings = config if number == len(_ROUNDS) - 1 else coarse
+        tried = [_settle(points, rest, pose, evidence, reaches_m, settings) for pose in poses]
+        cheapest = np.argsort([cost for _, cost in tried], kind="stable")[:kept]
+        poses = [tried[place][0] for place in cheapest]
     return poses[0]
 
 
 def _settle(
-    points: SkinPoints, rest: RestPoints, pose: Pose, evidence: Evidence, reaches_m: tuple[float, ...],
+    points: SkinPoints, rest: RestPoints, pose: Pose, evidence: Evidence, reaches_m: Sequence[float],
     config: RegistrationConfig,
 ) -> tuple[Pose, float]:  # fmt: skip
-    for reach_m in reaches_m:
+    """A few steps of registration, and how badly the pose then explains the nodes."""
+    for reach_m in (*reaches_m, reaches_m[-1]):
         posed = pose_points(points, rest, pose)
         rows = surface_constraints(posed, evidence.surface, evidence.cameras, reach_m, config.constraints)
         equations = pose_equations(points, rest, pose, posed, rows, None, config.fit)
-        pose = pose.moved(limited(solve_damped(equations), config.fit), points.moving)
-    posed = pose_points(points, rest, pose)
-    rows = surface_constraints(posed, evidence.surface, evidence.cameras, reaches_m[-1], config.constraints)
-    cost = pose_equations(points, rest, pose, posed, rows, None, config.fit).cost
+        settled, pose = pose, pose.moved(limited(solve_damped(equations), config.fit), points.moving)
     missing = min(len(evidence.surface), config.constraints.node_count) - len(rows)
-    return pose, cost + missing * (
-        reaches_m[-1] / 3.0 / config.constraints.surface_sigma_m
-    ) ** 2 / config.fit.rows_per_observation
+    return settled, equations.cost + missing * doubted_node_cost(reaches_m[-1], config.constraints, config.fit)
 
 
 def _placed(points: SkinPoints, rest: RestPoints, pose: Pose, evidence: Evidence) -> Pose:
-    seen = evidence.surface.points_m
-    posed = pose_points(points, rest, pose).points_m
-    middle = np.median(seen, axis=0)
-    own = (posed.min(axis=0) + posed.max(axis=0)) / 2.0
-    shift = middle - own
-    shift[1] = seen[:, 1].max() - posed[:, 1].max()  # heads are seldom hidden, feet often
+    """The pose with its middle over the middle of what is seen, its top at the top: heads are seldom hidden."""
+    seen, own = evidence.surface.points_m, pose_points(points, rest, pose).points_m
+    shift = np.median(seen, axis=0) - (own.min(axis=0) + own.max(axis=0)) / 2.0
+    shift[1] = seen[:, 1].max() - own[:, 1].max()
     return Pose(pose.rotations, pose.root_m + shift)
 
 
-def _postures(asset: BodyAsset, heading: float) -> list[Pose]:
-    poses = []
-    for turns in _POSTURES.values():
-        rotations = np.tile(np.eye(3), (len(asset.bone_names), 1, 1))
-        rotations[asset.bone("Hips")] = Rotation.from_euler("y", heading).as_matrix()
-        for bone, (x, y, z) in turns.items():
-            for side, sign in (("Left", 1.0), ("Right", -1.0)) if bone.startswith("Left") else (("", 1.0),):
-                angles = np.array([sign * x, sign * y, z]) * DEGREE
-                rotations[asset.bone(bone.replace("Left", side) if side else bone)] = Rotation.from_rotvec(
-                    angles
-                ).as_matrix()
-        poses.append(Pose(rotations, np.zeros(3)))
-    return poses
+def _starts(asset: BodyAsset) -> Iterator[Pose]:
+    """Every posture in every heading, the root in the world's origin."""
+    for heading in _HEADINGS:
+        for posture in _POSTURES:
+            rotations = np.tile(np.eye(3), (len(asset.bone_names), 1, 1))
+            rotations[asset.bone("Hips")] = Rotation.from_euler("y", heading).as_matrix()
+            for name, (x, y, z) in posture.items():
+                sides = ((name, 1),) if name in asset.bone_names else ((f"Left{name}", 1), (f"Right{name}", -1))
+                for bone, sign in sides:
+                    turn = Rotation.from_rotvec(np.array([sign * x, sign * y, z]) * DEGREE)
+                    rotations[asset.bone(bone)] = turn.as_matrix()
+            yield Pose(rotations, np.zeros(3))

@@ -45,9 +45,10 @@ def separate(
 ) -> tuple[View | None, ...]:
     """Label each camera's pixels by who was where ``elapsed_s`` ago and, if given, by predicted skin.
 
-    expected: what those claim whose skin is predicted; the others claim where they were seen last. A pixel goes to the strongest claim if that is clearly stronger than all others' (``sure_lead``). What is left, between two
-    people or outrunning every claim, goes to whom it hangs together with (``grow_owners``); a piece by itself to whom
-    it nearly touches (a bar cuts a forearm off); what is far from everybody and as large as a person is a new person.
+    expected: what those claim whose skin is predicted; the others claim where they were seen last. A pixel goes to the
+    strongest claim if that is clearly stronger than all others' (``sure_lead``). What is left, between two people or
+    outrunning every claim, goes to whom it hangs together with (``grow_owners``); a piece by itself to whom it nearly
+    touches (a bar cuts a forearm off); what is far from everybody and as large as a person is a new person.
     elapsed_s: negative where time is followed backwards; who is met there first has labels of another range, so that
     nobody met later bears the same.
     """
