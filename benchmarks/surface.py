@@ -18,6 +18,7 @@ from typing import Final
 import numpy as np
 from true_body import TrueBody, limb_of_bones
 
+from anchorpose.body.skin_points import body_points
 from anchorpose.geodesics.anchors import ANCHOR_NAMES
 from anchorpose.geodesics.descriptor import anchor_descriptor
 from anchorpose.pipeline import TrackConfig
@@ -34,7 +35,6 @@ from anchorpose.tracker.observation import Observation, observe
 from anchorpose.tracker.patient import follow_patient
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room
-from anchorpose.tracker.start import body_points
 from anchorpose.tracker.stopwatch import Stopwatch
 from anchorpose.tracking.default_motions import default_motions
 

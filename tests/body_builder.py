@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from anchorpose.body.asset import BodyAsset, load_body_asset
-from anchorpose.body.constraints import Constraints
+from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence, gather_evidence
 from anchorpose.body.initial import shape_of_height
 from anchorpose.body.pose import DEGREE, MOVING_BONES, POSE_SIZE, Pose, joint_range
@@ -22,7 +22,7 @@ from anchorpose.simulate.render import Figure, Picture, draw_figures
 from anchorpose.surface.fusion import fuse
 from anchorpose.surface.mesh import build_surface
 
-NOTHING = Constraints(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+NOTHING = no_constraints()
 """No pairs, no anchors: the surface alone."""
 
 

@@ -39,6 +39,11 @@ class Constraints:
         return 1.0 / (self.sigma_m * (1.0 + (residual_m / self.scale_m) ** 2)) ** 2
 
 
+def no_constraints() -> Constraints:
+    """No row."""
+    return Constraints(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+
+
 def join(parts: Sequence[Constraints]) -> Constraints:
     """All rows of several sets."""
     return Constraints(*(np.concatenate([getattr(p, name) for p in parts]) for name in Constraints.__slots__))

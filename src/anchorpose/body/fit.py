@@ -12,7 +12,6 @@ from anchorpose.body.constraints import Constraints
 from anchorpose.body.joint_range_equations import range_equations
 from anchorpose.body.pose import DEGREE, POSE_SIZE, Pose, joint_range
 from anchorpose.body.pose_accumulation import accumulate_pose
-from anchorpose.body.rotations import vectors_of
 from anchorpose.body.skin_points import (
     FittedShape,
     PosedPoints,
@@ -107,7 +106,7 @@ def prior_equations(
     )  # fmt: skip
     if predicted is not None:
         expected, information = predicted
-        away = _away_from(points, pose, expected)
+        away = expected.change_to(pose, points.moving)
         hessian += information
         pull = information @ away
         gradient += pull
@@ -118,12 +117,6 @@ def prior_equations(
 def range_information(points: SkinPoints, pose: Pose, config: FitConfig) -> np.ndarray:
     """(POSE_SIZE, POSE_SIZE) what joint range and hinge limits alone say at a pose."""
     return prior_equations(points, pose, None, config)[0]
-
-
-def _away_from(points: SkinPoints, pose: Pose, predicted: Pose) -> np.ndarray:
-    """(POSE_SIZE,) the change that leads from the predicted pose to the pose."""
-    ahead = pose.rotations[points.moving] @ predicted.rotations[points.moving].transpose(0, 2, 1)
-    return np.append(vectors_of(ahead).ravel(), pose.root_m - predicted.root_m)
 
 
 def solve_damped(equations: NormalEquations) -> np.ndarray:

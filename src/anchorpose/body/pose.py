@@ -38,6 +38,11 @@ class Pose:
         rotations[moving] = turns_of(change[:-3].reshape(-1, 3)) @ rotations[moving]
         return Pose(rotations, self.root_m + change[-3:])
 
+    def change_to(self, after: Pose, moving: np.ndarray) -> np.ndarray:
+        """(POSE_SIZE,) the change that leads to another pose: ``self.moved(change, moving)`` is ``after``."""
+        turned = after.rotations[moving] @ self.rotations[moving].transpose(0, 2, 1)
+        return np.append(vectors_of(turned).ravel(), after.root_m - self.root_m)
+
     def rotation_vectors(self, moving: np.ndarray) -> np.ndarray:
         """(m, 3) rotation vectors of the moving bones, radians."""
         return vectors_of(self.rotations[moving])

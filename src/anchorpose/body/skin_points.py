@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from anchorpose.body.asset import BodyAsset
+from anchorpose.body.asset import BodyAsset, load_body_asset
 from anchorpose.body.kinematics import joint_derivative, skin, turning
 from anchorpose.body.pose import MOVING_BONES, POSE_SIZE, Pose, descendants, moving_bones
 from anchorpose.body.shaped import ShapedBody, shape_body
@@ -91,6 +91,11 @@ def skin_points(asset: BodyAsset) -> SkinPoints:
         moving=moving_bones(asset),
         faces_of=_faces_around(asset, vertex),
     )
+
+
+def body_points() -> SkinPoints:
+    """The skin points of the shipped body."""
+    return skin_points(load_body_asset())
 
 
 def _outer_vertices(asset: BodyAsset) -> np.ndarray:

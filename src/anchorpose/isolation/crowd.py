@@ -33,10 +33,9 @@ class Crowd:
     age_s: np.ndarray
     next_label: int
 
-    @property
-    def others(self) -> Crowd:
-        """Everybody but the patient."""
-        return self._of(self.owner != PixelLabel.PATIENT)
+    def without(self, labels: np.ndarray) -> Crowd:
+        """Everybody but those of the labels (k,)."""
+        return self._of(~np.isin(self.owner, labels))
 
     def _of(self, kept: np.ndarray) -> Crowd:
         return Crowd(self.points_m[kept], self.owner[kept], self.age_s[kept], self.next_label)

@@ -43,17 +43,17 @@ def separate_first(
 def separate(
     pieces: Sequence[Pieces | None], crowd: Crowd, expected: Claims | None, elapsed_s: float, config: IsolationConfig
 ) -> tuple[View | None, ...]:
-    """Label each camera's pixels by who was where ``elapsed_s`` ago and, if given, by the patient's predicted skin.
+    """Label each camera's pixels by who was where ``elapsed_s`` ago and, if given, by predicted skin.
 
-    expected: what the patient claims by prediction; None: he claims, like everybody, where he was seen last. A pixel
-    goes to the strongest claim if that is clearly stronger than all others' (``sure_lead``). What is left, between two
-    people or outrunning every claim, goes to whom it hangs together with (``grow_owners``); a piece by itself to whom
-    it nearly touches (a bar cuts a forearm off); what is far from everybody and as large as a person is a new person.
+    expected: what those claim whose skin is predicted; the others claim where they were seen last. A pixel goes to the
+    strongest claim if that is clearly stronger than all others' (``sure_lead``). What is left, between two people or
+    outrunning every claim, goes to whom it hangs together with (``grow_owners``); a piece by itself to whom it nearly
+    touches (a bar cuts a forearm off); what is far from everybody and as large as a person is a new person.
     elapsed_s: negative where time is followed backwards; who is met there first has labels of another range, so that
     nobody met later bears the same.
     """
-    claims = join_claims([crowd.claims(elapsed_s, config)] if expected is None else
-                         [crowd.others.claims(elapsed_s, config), expected])  # fmt: skip
+    remembered = crowd if expected is None else crowd.without(np.unique(expected.owner))
+    claims = join_claims([remembered.claims(elapsed_s, config), *([] if expected is None else [expected])])
     grid = sort_claims(claims) if len(claims) else None
     owners = [None if view is None else _contested(view, grid, config) for view in pieces]
     owners = _with_detached(pieces, owners, config)

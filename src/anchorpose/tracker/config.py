@@ -18,6 +18,7 @@ from anchorpose.calibration.people.camera_to_camera import CameraToCameraConfig
 from anchorpose.geodesics.anchors import AnchorConfig
 from anchorpose.isolation.config import IsolationConfig
 from anchorpose.surface.patient_surface import SurfaceConfig
+from anchorpose.tracker.bystanders import BystanderConfig
 from anchorpose.tracking.motion import MotionConfig
 from anchorpose.tracking.tree import TreeConfig
 
@@ -63,6 +64,7 @@ class TrackConfig:
     floor: FloorConfig = field(default_factory=FloorConfig)
     equipment_pose: EquipmentWorldConfig = field(default_factory=EquipmentWorldConfig)
     isolation: IsolationConfig = field(default_factory=IsolationConfig)
+    bystanders: BystanderConfig = field(default_factory=BystanderConfig)
     surface: SurfaceConfig = field(default_factory=SurfaceConfig)
     anchors: AnchorConfig = field(default_factory=AnchorConfig)
     gate: GateConfig = field(default_factory=GateConfig)

@@ -8,13 +8,14 @@ from typing import Final
 import numpy as np
 
 from anchorpose.body.initial import find_first_pose, shape_of_height
+from anchorpose.body.skin_points import body_points
 from anchorpose.geodesics.anchors import no_anchors
 from anchorpose.isolation.people import choose_patient
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import observe_first
 from anchorpose.tracker.room import Room, sight_people
-from anchorpose.tracker.start import ORDINARY_HEIGHT_M, body_points, first_heights
+from anchorpose.tracker.start import ORDINARY_HEIGHT_M, first_heights
 from anchorpose.tracker.stopwatch import Stopwatch
 
 LOOKS: Final = 3  # frames, each 2 to 6 s of fitting

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from anchorpose.body.skin_points import body_points
 from anchorpose.geodesics.anchors import ANCHOR_NAMES
 from anchorpose.geodesics.distance import geodesic_distance
 from anchorpose.geodesics.extrema import geodesic_extrema, surface_center
@@ -25,7 +26,6 @@ from anchorpose.surface.border import Border
 from anchorpose.surface.links import links
 from anchorpose.tracker.inspection import InspectedCamera
 from anchorpose.tracker.observation import Observation
-from anchorpose.tracker.start import body_points
 
 ISO_M = 0.1
 MAGNIFIED = 3.0  # a hand moves 3 cm in a frame: nine pixels, too few for an arrow

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from anchorpose.body.learning import learn_body
-from anchorpose.body.skin_points import FittedShape
+from anchorpose.body.skin_points import FittedShape, body_points
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.patient import follow_patient
 from anchorpose.tracker.room import Room
-from anchorpose.tracker.start import body_points
 from anchorpose.tracker.stopwatch import Stopwatch
 from anchorpose.tracking.motion import MotionDatabase
 

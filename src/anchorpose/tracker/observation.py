@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from anchorpose.body.evidence import Evidence, gather_evidence
+from anchorpose.body.skin_points import body_points
 from anchorpose.geodesics.anchors import Anchors, find_anchors
 from anchorpose.geodesics.descriptor import anchor_descriptor
 from anchorpose.geodesics.trusted_anchors import trusted_anchors
-from anchorpose.isolation.claims import Claims
+from anchorpose.isolation.claims import Claims, join_claims
 from anchorpose.isolation.crowd import Crowd, nobody, remember
 from anchorpose.isolation.people import PatientChoice, find_people
 from anchorpose.isolation.people_apart import separate, separate_first
@@ -22,6 +23,7 @@ from anchorpose.surface.border import Border, border
 from anchorpose.surface.expected_skin import ExpectedSkin
 from anchorpose.surface.patient_surface import blank_view, patient_surface
 from anchorpose.surface.surface import Surface, seen_part
+from anchorpose.tracker.bystanders import Bystanders, claims_of, follow_bystanders
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.room import FACING, UP, Room
 from anchorpose.tracker.stopwatch import Stopwatch
@@ -59,6 +61,7 @@ class Observation:
     border: np.ndarray
     pieces: tuple[Pieces | None, ...]
     crowd: Crowd
+    bystanders: Bystanders
 
     @property
     def surface(self) -> Surface:
@@ -73,7 +76,8 @@ def observe_first(
     with watch.stage("isolation"):
         pieces = _find_pieces(frame_set, room, config)
         views = separate_first(pieces, find_people(pieces, config.isolation), choice, config.isolation)
-    return _observed(frame_set, room, pieces, views, None, nobody(), 0.0, height_m, config, watch)
+    others = _follow_others(Bystanders(), views, room, 0.0, config, watch)
+    return _observed(frame_set, room, pieces, views, None, nobody(), others, 0.0, height_m, config, watch)
 
 
 def observe(
@@ -83,7 +87,10 @@ def observe(
     """A frame in which the patient is expected at a place, and the others where they were in the frame before."""
     with watch.stage("isolation"):
         pieces = _find_pieces(frame_set, room, config)
-    return _separated(frame_set, room, pieces, expected, before, height_m, config, watch)
+    elapsed_s = frame_set.time_s - before.frame_set.time_s  # negative on the way back to the start
+    views = _separated(pieces, expected, before, before.bystanders, elapsed_s, elapsed_s, config, watch)
+    others = _follow_others(before.bystanders, views, room, elapsed_s, config, watch)
+    return _observed(frame_set, room, pieces, views, expected, before.crowd, others, elapsed_s, height_m, config, watch)
 
 
 def observe_again(
@@ -91,18 +98,31 @@ def observe_again(
     watch: Stopwatch,
 ) -> Observation:  # fmt: skip
     """The same frame, isolated by a better expectation than there was when it came in."""
-    return _separated(seen.frame_set, room, seen.pieces, expected, before, height_m, config, watch)
+    elapsed_s = seen.frame_set.time_s - before.frame_set.time_s
+    views = _separated(seen.pieces, expected, before, seen.bystanders, elapsed_s, 0.0, config, watch)
+    return _observed(
+        seen.frame_set, room, seen.pieces, views, expected, before.crowd, seen.bystanders, elapsed_s, height_m, config,
+        watch,
+    )  # fmt: skip
 
 
 def _separated(
-    frame_set: FrameSet, room: Room, pieces: Sequence[Pieces | None], expected: Expectation, before: Observation,
-    height_m: float, config: TrackConfig, watch: Stopwatch,
-) -> Observation:  # fmt: skip
-    elapsed_s = frame_set.time_s - before.frame_set.time_s  # negative on the way back to the start
+    pieces: Sequence[Pieces | None], expected: Expectation, before: Observation, bystanders: Bystanders,
+    elapsed_s: float, ahead_s: float, config: TrackConfig, watch: Stopwatch,
+) -> tuple[View | None, ...]:  # fmt: skip
+    """Everybody's pixels; ahead_s: from the frame that the bystanders' bodies were fitted to to this one."""
     with watch.stage("isolation"):
-        claims = _claims(expected, config)
-        views = separate(pieces, before.crowd, claims, elapsed_s, config.isolation)
-    return _observed(frame_set, room, pieces, views, expected, before.crowd, elapsed_s, height_m, config, watch)
+        others = claims_of(bystanders, body_points(), ahead_s, config.bystanders)
+        claims = join_claims([others, _claims(expected, config)])
+        return separate(pieces, before.crowd, claims, elapsed_s, config.isolation)
+
+
+def _follow_others(
+    before: Bystanders, views: Sequence[View | None], room: Room, elapsed_s: float, config: TrackConfig,
+    watch: Stopwatch,
+) -> Bystanders:  # fmt: skip
+    with watch.stage("bystanders"):
+        return follow_bystanders(before, views, room.cameras, body_points(), elapsed_s, config.bystanders)
 
 
 def _claims(expected: Expectation, config: TrackConfig) -> Claims:
@@ -125,8 +145,8 @@ def _find_pieces(frame_set: FrameSet, room: Room, config: TrackConfig) -> list[P
 
 def _observed(
     frame_set: FrameSet, room: Room, pieces: Sequence[Pieces | None], views: Sequence[View | None],
-    expected: Expectation | None, before: Crowd, elapsed_s: float, height_m: float, config: TrackConfig,
-    watch: Stopwatch,
+    expected: Expectation | None, before: Crowd, bystanders: Bystanders, elapsed_s: float, height_m: float,
+    config: TrackConfig, watch: Stopwatch,
 ) -> Observation:  # fmt: skip
     shown = [blank_view(camera) if view is None else view for view, camera in zip(views, room.cameras, strict=True)]
     with watch.stage("surface"):
@@ -145,5 +165,6 @@ def _observed(
     with watch.stage("registration"):
         evidence = gather_evidence(surface, views, room.cameras)
     return Observation(
-        frame_set, expected, evidence, whole, anchors, descriptor, kind[: len(surface)], tuple(pieces), crowd
-    )
+        frame_set, expected, evidence, whole, anchors, descriptor, kind[: len(surface)], tuple(pieces), crowd,
+        bystanders,
+    )  # fmt: skip

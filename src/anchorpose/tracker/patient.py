@@ -14,7 +14,7 @@ from anchorpose.body.inverse_kinematics import pose_from_joints
 from anchorpose.body.part_registration import joints_of_parts
 from anchorpose.body.pose import Pose
 from anchorpose.body.registration import PoseBelief, Registration, posterior, register
-from anchorpose.body.skin_points import FittedShape, pose_points, rest_points
+from anchorpose.body.skin_points import FittedShape, body_points, pose_points, rest_points
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.recording.recording import FrameSet
 from anchorpose.surface.expected_skin import ExpectedSkin
@@ -30,7 +30,7 @@ from anchorpose.tracker.config import Method, TrackConfig
 from anchorpose.tracker.estimate import Estimate, estimate_of, nobody_found
 from anchorpose.tracker.observation import Expectation, Observation, observe, observe_again
 from anchorpose.tracker.room import Room
-from anchorpose.tracker.start import NoStart, Start, body_points, find_start
+from anchorpose.tracker.start import NoStart, Start, find_start
 from anchorpose.tracker.stopwatch import Stopwatch
 from anchorpose.tracking.joint_motion import predict_joints
 from anchorpose.tracking.motion import MotionDatabase

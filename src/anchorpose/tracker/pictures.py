@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from anchorpose.body.skin_points import FittedShape
+from anchorpose.body.skin_points import FittedShape, body_points
 from anchorpose.geodesics.anchors import ANCHOR_NAMES
 from anchorpose.results.overlay import OverlayScene, draw_frame
 from anchorpose.results.pictures import FramePicture
 from anchorpose.surface.mesh import edges
 from anchorpose.tracker.estimate import Estimate
-from anchorpose.tracker.start import body_points
 
 
 def draw_estimate(estimate: Estimate, shape: FittedShape) -> list[FramePicture]:

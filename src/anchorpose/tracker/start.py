@@ -8,10 +8,9 @@ from enum import StrEnum
 
 import numpy as np
 
-from anchorpose.body.asset import load_body_asset
 from anchorpose.body.initial import find_first_pose, shape_of_height
 from anchorpose.body.registration import PoseBelief, posterior, vague_belief
-from anchorpose.body.skin_points import FittedShape, SkinPoints, rest_points, skin_points
+from anchorpose.body.skin_points import FittedShape, body_points, rest_points
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.recording.recording import FrameSet
 from anchorpose.surface.surface import Surface
@@ -42,11 +41,6 @@ class NoStart(StrEnum):
 
     TOO_LITTLE_SEEN = "too little of anybody is seen where the patient should be"
     NO_BODY_FITS = "no body explains what is seen there"
-
-
-def body_points() -> SkinPoints:
-    """The skin points of the shipped body."""
-    return skin_points(load_body_asset())
 
 
 def find_start(
