@@ -19,6 +19,7 @@ from body_builder import (
     skin_in,
     stepped,
 )
+from scipy.spatial import cKDTree
 from surface_builder import no_links
 
 from anchorpose.body.constraints import (
@@ -30,6 +31,7 @@ from anchorpose.body.constraints import (
 )
 from anchorpose.body.evidence import evidence_cost, evidence_rows
 from anchorpose.body.fit import FitConfig
+from anchorpose.body.nearest_skin import nearest_point
 from anchorpose.body.outline import find_outline, nearest_possible, outline_constraints
 from anchorpose.body.skin_points import PosedPoints, pose_points
 from anchorpose.camera import Camera, invert_rigid, transform_points
@@ -117,6 +119,14 @@ def test_every_node_pulls_the_nearest_skin_in_place_and_normal_of_all_skin_that_
             assert rows.point[place] == mine[away.argmin()]
             place += 1
     assert place == len(rows)
+
+
+@pytest.mark.parametrize("reach_m", [0.01, 0.08, 0.5])
+def test_the_nearest_point_by_place_is_that_of_a_search_tree(reach_m):
+    nodes_m = POSED.points_m[::3] + np.random.default_rng(4).normal(0.0, 0.1, POSED.points_m[::3].shape)
+    distance, nearest = cKDTree(POSED.points_m).query(nodes_m)
+    found = nearest_point(POSED.points_m, nodes_m, reach_m)
+    np.testing.assert_array_equal(found, np.where(distance < reach_m, nearest, -1))
 
 
 def test_the_plane_of_a_row_is_the_mean_of_both_normals():
