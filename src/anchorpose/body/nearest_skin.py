@@ -73,7 +73,7 @@ def facing_rows(
 
 @njit(cache=True)
 def nearest_point(points: np.ndarray, nodes: np.ndarray, reach: float) -> np.ndarray:
-    """(n,) int64: the nearest of points (p, 3) to each node (n, 3) by place alone, -1 where none is nearer than reach."""
+    """(n,) int64: the point (p, 3) nearest to each node (n, 3) by place alone, -1 where none is nearer than reach."""
     nearest = np.full(len(nodes), -1, np.int64)
     order, start, origin, shape = _cells(points, np.arange(len(points)))
     for node in range(len(nodes)):

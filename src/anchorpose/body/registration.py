@@ -121,8 +121,8 @@ def _restart(
     """
     doubted = predicted.later(predicted.pose, config.restart_doubt_s, config.fit)
     reach_m, constraints = config.restart_reaches_m[-1], config.constraints
-    rows = constraints.row_count(len(evidence.surface))
-    worth = config.restart_gain * rows * doubted_node_cost(reach_m, constraints, config.fit)
+    nodes = min(len(evidence.surface), constraints.node_count)
+    worth = config.restart_gain * nodes * doubted_node_cost(reach_m, constraints, config.fit)
     best = evidence_cost(points, rest, pose, evidence, reach_m, constraints, config.fit) - worth
     found = pose
     for side in ("Left", "Right"):
@@ -157,7 +157,7 @@ def posterior(
     """
     posed = pose_points(points, rest, pose)
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], config.constraints)
-    share = len(rows) / max(1, config.constraints.row_count(len(evidence.surface)))
+    share = len(rows) / max(1, min(len(evidence.surface), config.constraints.node_count))
     if share < config.least_explained:
         return Registration(predicted, share, False)
     hessian = _equations(points, rest, pose, predicted, rows, config).hessian
