@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -228,3 +229,20 @@ def test_a_stopwatch_adds_up_and_counts_what_fails_too():
         raise KeyError
     assert watch.seconds["a"] >= first
     assert list(watch.seconds) == ["a"]
+
+
+def test_no_more_frames_are_held_than_the_look_ahead_needs(course):
+    """Memory does not grow with the recording: a frame is let go of when its estimate is."""
+    pictures: list[weakref.ref[np.ndarray]] = []
+
+    def watched():
+        for frame_set in read_frames(course.room.recording):
+            pictures.extend(weakref.ref(depth) for depth in frame_set.depths_m if depth is not None)
+            yield frame_set
+
+    held = []
+    for _ in follow_patient(course.room, watched(), None, course.shape, CONFIG, Stopwatch()):
+        held.append(sum(picture() is not None for picture in pictures))
+    assert len(held) == FRAMES
+    assert len(pictures) == FRAMES - (RETURNS - VANISHES)
+    assert max(held) <= CONFIG.follow.look_ahead + 3  # the look-ahead, the last frame, the one reported, the one read

@@ -53,10 +53,9 @@ def join(parts: Sequence[Constraints]) -> Constraints:
 class ConstraintConfig:
     """Noise and reach of the constraints; reach shrinks as the pose settles."""
 
-    surface_sigma_m: float = 0.010  # of one node: clothes and sensor together
+    surface_sigma_m: float = 0.010  # clothes and sensor together
     outline_sigma_m: float = 0.020  # one to two pixels at 2.5 m, edges flicker
     node_count: int = 2500  # enough for 60 parameters; more only costs time
-    nodes_per_row: int = 2  # neighbours err together: one of two speaks for both, in half the time
     normal_weight_m: float = 0.10  # 60 degrees between normals count like 10 cm
     uncovered_m: float = 0.03  # the spacing of the skin points: a node farther from all of them lies off the body
 
@@ -64,15 +63,6 @@ class ConstraintConfig:
         for name in self.__slots__:
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
-
-    @property
-    def row_sigma_m(self) -> float:
-        """Standard deviation of a row that says as much as the nodes it stands for."""
-        return self.surface_sigma_m / float(np.sqrt(self.nodes_per_row))
-
-    def row_count(self, nodes: int) -> int:
-        """How many rows a surface of so many nodes gives at most."""
-        return -(-min(nodes, self.node_count) // self.nodes_per_row)
 
 
 def surface_constraints(
@@ -84,7 +74,7 @@ def surface_constraints(
     doi:10.1145/3306346.3323037). A node that no skin covers pulls straight: planes alone let limbs slide along
     themselves.
     """
-    chosen = _thin(len(surface), config.row_count(len(surface)))
+    chosen = _thin(len(surface), config.node_count)
     point, target, direction = facing_rows(
         posed.points_m,
         posed.normals,
@@ -97,7 +87,7 @@ def surface_constraints(
         config.uncovered_m,
     )
     count = len(point)
-    return Constraints(point, target, direction, np.full(count, config.row_sigma_m), np.full(count, reach_m / 3.0))
+    return Constraints(point, target, direction, np.full(count, config.surface_sigma_m), np.full(count, reach_m / 3.0))
 
 
 def place_constraints(point: np.ndarray, target_m: np.ndarray, sigma_m: float, scale_m: float) -> Constraints:

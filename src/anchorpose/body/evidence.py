@@ -57,10 +57,10 @@ def evidence_cost(
     cost = pose_equations(points, rest, pose, pose_points(points, rest, pose), rows, None, fit).cost
     posed = pose_points(points, rest, pose)
     explained = len(surface_constraints(posed, evidence.surface, evidence.cameras, reach_m, config))
-    missing = config.row_count(len(evidence.surface)) - explained
+    missing = min(len(evidence.surface), config.node_count) - explained
     return cost + missing * doubted_node_cost(reach_m, config, fit)
 
 
 def doubted_node_cost(reach_m: float, config: ConstraintConfig, fit: FitConfig) -> float:
     """What a node costs that nothing explains: a row at the plateau of the robust kernel."""
-    return (reach_m / 3.0 / config.row_sigma_m) ** 2 / fit.rows_per_observation
+    return (reach_m / 3.0 / config.surface_sigma_m) ** 2 / fit.rows_per_observation

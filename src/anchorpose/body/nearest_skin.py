@@ -72,6 +72,16 @@ def facing_rows(
 
 
 @njit(cache=True)
+def nearest_point(points: np.ndarray, nodes: np.ndarray, reach: float) -> np.ndarray:
+    """(n,) int64: the point (p, 3) nearest to each node (n, 3) by place alone, -1 where none is nearer than reach."""
+    nearest = np.full(len(nodes), -1, np.int64)
+    order, start, origin, shape = _cells(points, np.arange(len(points)))
+    for node in range(len(nodes)):
+        nearest[node] = _search(points, points, nodes, nodes, node, 0.0, order, start, origin, shape, reach * reach)
+    return nearest
+
+
+@njit(cache=True)
 def _facing(points: np.ndarray, normals: np.ndarray, eye: np.ndarray) -> np.ndarray:
     facing, count = np.empty(len(points), np.int64), 0
     for p in range(len(points)):

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from anchorpose.body.constraints import ConstraintConfig, Constraints, join, surface_constraints
 from anchorpose.body.evidence import Evidence, doubted_node_cost, evidence_cost, evidence_rows
 from anchorpose.body.fit import FitConfig, NormalEquations, limited, pose_equations, range_information, solve_damped
+from anchorpose.body.nearest_skin import nearest_point
 from anchorpose.body.pose import POSE_SIZE, Pose
 from anchorpose.body.restarts import arm_restarts
 from anchorpose.body.skin_points import RestPoints, SkinPoints, pose_points
@@ -121,8 +121,8 @@ def _restart(
     """
     doubted = predicted.later(predicted.pose, config.restart_doubt_s, config.fit)
     reach_m, constraints = config.restart_reaches_m[-1], config.constraints
-    rows = constraints.row_count(len(evidence.surface))
-    worth = config.restart_gain * rows * doubted_node_cost(reach_m, constraints, config.fit)
+    nodes = min(len(evidence.surface), constraints.node_count)
+    worth = config.restart_gain * nodes * doubted_node_cost(reach_m, constraints, config.fit)
     best = evidence_cost(points, rest, pose, evidence, reach_m, constraints, config.fit) - worth
     found = pose
     for side in ("Left", "Right"):
@@ -143,10 +143,8 @@ def _uncovered(
 ) -> float:
     """Share of the nodes that lie off the body by more than a limb's thickness."""
     posed = pose_points(points, rest, pose)
-    distance, _ = cKDTree(posed.points_m).query(
-        evidence.surface.points_m[:: config.uncovered_stride], distance_upper_bound=config.uncovered_m
-    )
-    return float(np.mean(~np.isfinite(distance)))
+    nodes = evidence.surface.points_m[:: config.uncovered_stride].astype(np.float64)
+    return float(np.mean(nearest_point(posed.points_m, nodes, config.uncovered_m) < 0))
 
 
 def posterior(
@@ -159,7 +157,7 @@ def posterior(
     """
     posed = pose_points(points, rest, pose)
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], config.constraints)
-    share = len(rows) / max(1, config.constraints.row_count(len(evidence.surface)))
+    share = len(rows) / max(1, min(len(evidence.surface), config.constraints.node_count))
     if share < config.least_explained:
         return Registration(predicted, share, False)
     hessian = _equations(points, rest, pose, predicted, rows, config).hessian
@@ -180,7 +178,5 @@ def node_parts(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Nearest skin point of each node (n,), -1 beyond reach, and the bone (n,) that moves it, -1 likewise."""
     posed = pose_points(points, rest, pose)
-    distance, nearest = cKDTree(posed.points_m).query(nodes_m, distance_upper_bound=reach_m)
-    near = np.isfinite(distance)
-    point = np.where(near, nearest, -1)
-    return point, np.where(near, points.part[np.where(near, nearest, 0)], -1)
+    point = nearest_point(posed.points_m, nodes_m, reach_m)
+    return point, np.where(point >= 0, points.part[point], -1)
