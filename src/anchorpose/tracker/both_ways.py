@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
-from anchorpose.body.skin_points import FittedShape
+from anchorpose.body.skin_points import FittedShape, RestPoints, pose_points, rest_points
+from anchorpose.body.touching import Nearness, find_nearness
 from anchorpose.recording.reader import read_frames
 from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.results.joint_frame import JointFrame
@@ -16,15 +17,18 @@ from anchorpose.tracker.learning import learn_patient
 from anchorpose.tracker.patient import follow_patient
 from anchorpose.tracker.pictures import draw_estimate
 from anchorpose.tracker.room import Room
+from anchorpose.tracker.start import body_points
 from anchorpose.tracker.stopwatch import Stopwatch
 from anchorpose.tracking.motion import MotionDatabase
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameRecord:
-    """What is kept of one frame: the joints, what was wrong with its pictures, and pictures of it for the report."""
+    """What is kept of one frame: the joints, how near others are to the patient (None where he is lost), what was wrong
+    with its pictures, and pictures of it for the report."""
 
     joints: JointFrame
+    near: Nearness | None
     problems: tuple[str, ...]
     pictures: tuple[FramePicture, ...]
 
@@ -67,17 +71,30 @@ def track_on(
 ) -> Iterator[FrameRecord]:  # fmt: skip
     """A record of every frame in the order of time; shown: positions of the frames that pictures are made of."""
 
+    rest = None if shape is None else rest_points(body_points(), shape)
+
     def recorded(positions: Sequence[int]) -> Iterator[FrameRecord]:
         estimates = follow_patient(room, route.frames(positions), motions, shape, config, watch)
         for position, estimate in zip(positions, estimates, strict=True):
-            yield _record(estimate, shape if position in shown else None)
+            with watch.stage("contacts"):
+                near = _nearness(estimate, rest, config)
+            yield _record(estimate, near, shape if position in shown else None)
 
     before = list(recorded(route.back))[1:] if len(route.back) > 1 else []
     yield from reversed(before)
     yield from recorded(route.forth)
 
 
-def _record(estimate: Estimate, shape: FittedShape | None) -> FrameRecord:
+def _nearness(estimate: Estimate, rest: RestPoints | None, config: TrackConfig) -> Nearness | None:
+    """How near others are to the patient of the learnt body; None where he is lost."""
+    seen, belief = estimate.observation, estimate.belief
+    if rest is None or seen is None or belief is None:
+        return None
+    posed = pose_points(body_points(), rest, belief.pose)
+    return find_nearness(posed, seen.crowd, seen.evidence.views, seen.evidence.cameras, config.visibility)
+
+
+def _record(estimate: Estimate, near: Nearness | None, shape: FittedShape | None) -> FrameRecord:
     frame_set = estimate.frame_set
     joints = JointFrame(
         frame=frame_set.frame,
@@ -87,4 +104,4 @@ def _record(estimate: Estimate, shape: FittedShape | None) -> FrameRecord:
         sigma_m=estimate.sigma_m,
     )
     pictures = tuple(draw_estimate(estimate, shape)) if shape is not None else ()
-    return FrameRecord(joints, frame_set.problems, pictures)
+    return FrameRecord(joints, near, frame_set.problems, pictures)

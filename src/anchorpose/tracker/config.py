@@ -17,6 +17,7 @@ from anchorpose.calibration.floor import FloorConfig
 from anchorpose.calibration.people.camera_to_camera import CameraToCameraConfig
 from anchorpose.geodesics.anchors import AnchorConfig
 from anchorpose.isolation.config import IsolationConfig
+from anchorpose.results.contact_intervals import ContactConfig
 from anchorpose.surface.patient_surface import SurfaceConfig
 from anchorpose.tracking.motion import MotionConfig
 from anchorpose.tracking.tree import TreeConfig
@@ -74,6 +75,7 @@ class TrackConfig:
     visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
     uncertainty: UncertaintyConfig = field(default_factory=UncertaintyConfig)
     follow: FollowConfig = field(default_factory=FollowConfig)
+    contacts: ContactConfig = field(default_factory=ContactConfig)
 
     def __post_init__(self) -> None:
         if self.start < 0 or (self.stop is not None and self.stop <= self.start):
