@@ -28,7 +28,7 @@ FPS = 10.0
 
 def region(name: str) -> np.ndarray:
     """The skin points of a part."""
-    return np.flatnonzero(REGION == REGIONS.index(name))
+    return np.flatnonzero(np.isin(REGION, REGIONS.index(name)))
 
 
 def crowd_at(place_m: np.ndarray, label: int = PixelLabel.OTHER_PERSON, age_s: float = 0.0) -> Crowd:
