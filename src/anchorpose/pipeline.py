@@ -89,7 +89,8 @@ def _track(recording: Path, results: Path, config: TrackConfig, progress: Progre
     with watch.stage("calibration and background"):
         room = prepare_room(opened, config)
     motions = default_motions(opened.rate_hz, config.motion)
-    route = plan_route(room, config, _counter(progress, window + total))
+    work = window + total * (2 if config.smooth else 1)
+    route = plan_route(room, config, _counter(progress, work))
     shape = learn_on(route, room, motions, config, watch)
     shown = set(np.unique(np.linspace(config.start, config.start + total - 1, PICTURES).astype(int)).tolist())
     written = _write_frames(results, track_on(route, room, motions, shape, shown, config, watch), config)
@@ -97,7 +98,7 @@ def _track(recording: Path, results: Path, config: TrackConfig, progress: Progre
         write_angles(results / ANGLES_FILE, joint_angles(read_joints(results / JOINTS_FILE)))
         _write_record(results, room, written, shape, config, watch, calibration)
         write_report(results)
-    progress(window + total, window + total)
+    progress(work, work)
 
 
 def _frame_counts(recording: Recording, config: TrackConfig) -> tuple[int, int]:

@@ -200,21 +200,21 @@ def _apart_m(one: Expectation, other: Expectation) -> float:
 
 def follow_patient(
     room: Room, frames: Iterable[FrameSet], motions: MotionDatabase | None, known: FittedShape | None,
-    config: TrackConfig, watch: Stopwatch,
+    config: TrackConfig, watch: Stopwatch, begin: Start | None = None,
 ) -> Iterator[Estimate]:  # fmt: skip
     """An estimate for every frame, in order: lost until he is found, followed, and searched for again when lost.
 
     frames: in the order of time, or against it; the first one should be the room's opening. known: the learnt shape;
-    None where it is still to be learnt.
+    None where it is still to be learnt. begin: the patient as he was found in the first frame already.
     """
     choice = room.opening.choice if room.opening else None
-    for estimate, _ in follow_openly(room, frames, choice, motions, known, config, watch):
+    for estimate, _ in follow_openly(room, frames, choice, motions, known, config, watch, begin):
         yield estimate
 
 
 def follow_openly(
     room: Room, frames: Iterable[FrameSet], choice: PatientChoice | None, motions: MotionDatabase | None,
-    known: FittedShape | None, config: TrackConfig, watch: Stopwatch,
+    known: FittedShape | None, config: TrackConfig, watch: Stopwatch, begin: Start | None = None,
 ) -> Iterator[tuple[Estimate, PatientTracker | None]]:  # fmt: skip
     """As ``follow_patient``, from any frame, and with the tracker as it stands after each estimate, if any.
 
@@ -228,7 +228,8 @@ def follow_openly(
             if choice is None or wait >= 0:
                 yield nobody_found(frame_set), None
                 continue
-            start = find_start(frame_set, room, choice, known, config, watch)
+            start = begin or find_start(frame_set, room, choice, known, config, watch)
+            begin = None
             if isinstance(start, NoStart):
                 if start is NoStart.NO_BODY_FITS:
                     wait, pause = pause, min(2 * pause, LONGEST_PAUSE)
