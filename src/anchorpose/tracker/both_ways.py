@@ -120,7 +120,15 @@ class _Work:
         begin = None if last is None else turn_round(last, self.config)
         back = [passed(rest, estimate) for estimate in self._follow(positions[::-1], begin)][::-1]
         with self.watch.stage("smoothing"):
-            smoothed = smooth(body_points(), rest, there, back, self.config.smoothing, self.config.registration.fit)
+            smoothed = smooth(
+                body_points(),
+                rest,
+                np.array([record.joints.time_s for record in records]),
+                there,
+                back,
+                self.config.smoothing,
+                self.config.registration.fit,
+            )
         for number, (record, answer) in enumerate(zip(records, smoothed, strict=True)):
             yield self._smoothed(record, answer, kept.get(number))
 

@@ -61,6 +61,9 @@ class SmoothingConfig:
     lost_cost: float = 2.0  # of a joint where the cameras look past it: it is not there
     switch_cost: float = 0.2  # of going over from one pass to the other: less than a hidden joint in one frame
     switch_cost_per_m: float = 10.0  # a jump of 0.2 m has to save one lost joint
+    acceleration: float = (
+        2.0  # m/s in a second, with the root of time: 1 m/s in the quarter of a second that a reach starts in
+    )
     lost_sigma_m: float = 0.25  # what a lost joint's place is worth: as FollowConfig.lost_sigma_m
 
     def __post_init__(self) -> None:

@@ -30,12 +30,13 @@ from anchorpose.tracker.config import Method, TrackConfig
 from anchorpose.tracker.estimate import Estimate, estimate_of, nobody_found
 from anchorpose.tracker.observation import Expectation, Observation, observe, observe_again
 from anchorpose.tracker.room import Room
+from anchorpose.tracker.search import Search
 from anchorpose.tracker.start import NoStart, Start, body_points, find_start
 from anchorpose.tracker.stopwatch import Stopwatch
 from anchorpose.tracking.joint_motion import predict_joints
 from anchorpose.tracking.motion import MotionDatabase
 
-FIRST_PAUSE, LONGEST_PAUSE = 5, 40  # frames between searches that fail, doubled each time: one costs thirty frames
+FIRST_PAUSE, LONGEST_PAUSE = 5, 15  # frames between searches that fail, doubled each time: one costs thirty frames
 
 
 class PatientTracker:
@@ -56,6 +57,7 @@ class PatientTracker:
         joints = self.rest.body.joints(pose_points(self.points, self.rest, start.belief.pose).transforms)
         self.history: deque[np.ndarray] = deque([joints], maxlen=config.follow.history)
         self.unseen_s, self.unseen_frames = 0.0, 0
+        self.last_found = start.observation
         self.search_wait = 0  # frames until arms may be searched for again
         self.first = self._estimate(Registration(start.belief, start.explained, True), start.observation)
 
@@ -155,6 +157,7 @@ class PatientTracker:
             registration = Registration(predicted, 0.0, False)
         self.unseen_s = 0.0 if registration.found else self.unseen_s + elapsed_s
         self.unseen_frames = 0 if registration.found else self.unseen_frames + 1
+        self.last_found = following if registration.found else self.last_found
         self.belief = registration.belief
         joints = self.rest.body.joints(pose_points(self.points, self.rest, self.belief.pose).transforms)
         self.history.append(joints)
@@ -221,10 +224,14 @@ def follow_openly(
     choice: where he stands in the first frame, None where nobody is to be looked for.
     """
     tracker: PatientTracker | None = None
+    search: Search | None = None  # once he was followed and lost
     wait, pause = 0, FIRST_PAUSE
     for frame_set in frames:
         if tracker is None:
             wait -= 1
+            if search is not None:
+                with watch.stage("isolation"):
+                    choice = search.look(frame_set, room, config)
             if choice is None or wait >= 0:
                 yield nobody_found(frame_set), None
                 continue
@@ -235,15 +242,14 @@ def follow_openly(
                     wait, pause = pause, min(2 * pause, LONGEST_PAUSE)
                 yield nobody_found(frame_set), None
                 continue
-            tracker = PatientTracker(room, start, motions, config, watch)
+            tracker, search = PatientTracker(room, start, motions, config, watch), None
             wait, pause = 0, FIRST_PAUSE
             yield tracker.first, tracker
             continue
         for estimate in tracker.push(frame_set):
             yield estimate, tracker
         if tracker.unseen_s > config.follow.lost_after_s:
-            choice = PatientChoice(tracker.belief.pose.root_m[[0, 2]], "where he was lost", sure=False)
-            known = tracker.shape
+            search, known = Search(tracker.window[-1], tracker.last_found, tracker.belief.pose.root_m), tracker.shape
             yield from ((nobody_found(seen.frame_set, seen), None) for seen in list(tracker.window)[1:])
             tracker = None
     if tracker is not None:

@@ -1,13 +1,14 @@
 """Both directions in time together: what was followed there and back again, limb by limb.
 
 A limb that is lost behind somebody going one way is often held on to going the other way. Where the two passes agree
-they are averaged; where they do not, the limb is taken from the pass that sees more of it where it is said to be.
+they are averaged; where they do not, the limb is taken from the pass that sees more of it where it is said to be. Then
+all joints are smoothed over time.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -19,6 +20,7 @@ from anchorpose.body.skin_points import RestPoints, SkinPoints
 from anchorpose.joints import JOINT_COUNT, JOINT_NAMES, JointState
 from anchorpose.tracker.config import SmoothingConfig
 from anchorpose.tracker.estimate import Estimate
+from anchorpose.tracker.in_time import smooth_in_time
 
 _LIMBS: Final = tuple(
     (f"{side}{part}", bones, tuple(f"{joint}{side}" for joint in joints))
@@ -74,12 +76,35 @@ def passed(rest: RestPoints, estimate: Estimate) -> Passed:
 
 
 def smooth(
-    points: SkinPoints, rest: RestPoints, there: Sequence[Passed], back: Sequence[Passed], config: SmoothingConfig,
-    fit: FitConfig,
+    points: SkinPoints, rest: RestPoints, time_s: np.ndarray, there: Sequence[Passed], back: Sequence[Passed],
+    config: SmoothingConfig, fit: FitConfig,
 ) -> list[Passed]:  # fmt: skip
-    """The frames of two passes, both in the order of the first, as one."""
+    """The frames (t,) of two passes, both in the order of the first, as one.
+
+    Joints are put together, smoothed over each stretch without a gap, and the body is posed to meet them: bones keep
+    their lengths, joints their ranges, and frames in which both passes lost the patient stay lost.
+    """
     weight = _weights_of_back(there, back, config)
-    return [_fused(points, rest, *frame, fit) for frame in zip(there, back, weight, strict=True)]
+    mixed = [_mixed(*frame) for frame in zip(there, back, weight[:, LIMB_OF_JOINTS], strict=True)]
+    joints = _smoothed_stretches(time_s, mixed, config)
+    answers = []
+    for one, other, answer, wanted, share in zip(there, back, mixed, joints, weight, strict=True):
+        start = _nearer_pose(one.pose, other.pose, points, share)
+        pose = None if start is None else pose_from_joints(points, rest, start, wanted, fit)
+        answers.append(replace(answer, pose=pose, joints_m=wanted if pose is None else _joints(rest, pose)))
+    return answers
+
+
+def _smoothed_stretches(time_s: np.ndarray, frames: Sequence[Passed], config: SmoothingConfig) -> np.ndarray:
+    """(t, 21, 3) joints, NaN where the patient is lost."""
+    joints = np.array([frame.joints_m for frame in frames])
+    sigma = np.array([_known_sigma(frame, config) for frame in frames])
+    followed = np.isfinite(joints).all(axis=(1, 2))
+    edges = np.flatnonzero(np.diff(followed.astype(np.int64), prepend=0, append=0)).reshape(-1, 2)
+    for start, stop in edges.tolist():
+        own = slice(start, stop)
+        joints[own] = smooth_in_time(time_s[own], joints[own], sigma[own], config.acceleration)
+    return joints
 
 
 def _weights_of_back(there: Sequence[Passed], back: Sequence[Passed], config: SmoothingConfig) -> np.ndarray:
@@ -131,19 +156,14 @@ def _course(cost: np.ndarray, distance_m: np.ndarray, config: SmoothingConfig) -
     return course
 
 
-def _fused(
-    points: SkinPoints, rest: RestPoints, there: Passed, back: Passed, weight: np.ndarray, fit: FitConfig
-) -> Passed:
-    """weight (PARTS,): share of the second pass. Bones keep their lengths and joints their ranges."""
+def _mixed(there: Passed, back: Passed, weight: np.ndarray) -> Passed:
+    """Joints, sigma and states of both; weight (21,): share of the second pass. The pose is the first pass'."""
     if there.pose is None or back.pose is None:
         return there if back.pose is None else back
-    of_joint = weight[LIMB_OF_JOINTS]
-    between = there.joints_m + of_joint[:, None] * (back.joints_m - there.joints_m)
-    pose = pose_from_joints(points, rest, _mixed(there.pose, back.pose, points, weight), between, fit)
-    states = tuple(b if w > 0.5 else a for a, b, w in zip(there.states, back.states, of_joint, strict=True))
+    states = tuple(b if w > 0.5 else a for a, b, w in zip(there.states, back.states, weight, strict=True))
     lost = np.array([state is JointState.LOST for state in states])
-    sigma = np.where(lost, np.nan, _mixed_sigma(there, back, of_joint))
-    return Passed(pose, _joints(rest, pose), sigma, states)
+    joints = there.joints_m + weight[:, None] * (back.joints_m - there.joints_m)
+    return Passed(there.pose, joints, np.where(lost, np.nan, _mixed_sigma(there, back, weight)), states)
 
 
 def _mixed_sigma(there: Passed, back: Passed, weight: np.ndarray) -> np.ndarray:
@@ -155,8 +175,10 @@ def _mixed_sigma(there: Passed, back: Passed, weight: np.ndarray) -> np.ndarray:
     return np.asarray(np.sqrt((1.0 - weight) * a**2 + weight * b**2 + weight * (1.0 - weight) * apart2))
 
 
-def _mixed(one: Pose, other: Pose, points: SkinPoints, weight: np.ndarray) -> Pose:
-    """Each part's bones from the pose that has more weight there."""
+def _nearer_pose(one: Pose | None, other: Pose | None, points: SkinPoints, weight: np.ndarray) -> Pose | None:
+    """Each part's bones from the pose that has more weight there; None where both are lost."""
+    if one is None or other is None:
+        return one or other
     rotations = one.rotations.copy()
     taken = points.moving[weight[LIMB_OF_BONES] > 0.5]
     rotations[taken] = other.rotations[taken]
