@@ -9,6 +9,9 @@ import numpy as np
 
 from anchorpose.association.hypotheses import Hypotheses
 from anchorpose.body.body_map import map_body
+from anchorpose.body.constraints import place_constraints
+from anchorpose.body.crossed_legs import uncrossed
+from anchorpose.body.evidence import Evidence, evidence_cost
 from anchorpose.body.initial import anchor_points
 from anchorpose.body.inverse_kinematics import pose_from_joints
 from anchorpose.body.part_registration import joints_of_parts
@@ -37,6 +40,7 @@ from anchorpose.tracking.joint_motion import predict_joints
 from anchorpose.tracking.motion import MotionDatabase
 
 FIRST_PAUSE, LONGEST_PAUSE = 5, 15  # frames between searches that fail, doubled each time: one costs thirty frames
+NOTHING_HELD = place_constraints(np.zeros(0, np.int64), np.zeros((0, 3)), 1.0, 1.0)  # pairs and anchors go by the legs
 
 
 class PatientTracker:
@@ -189,11 +193,36 @@ class PatientTracker:
                 self.points, self.rest, predicted, evidence, held, config.registration, self.search_wait == 0
             )
             self.search_wait = config.follow.search_pause if found.searched else max(0, self.search_wait - 1)
-            return found
+            return self._uncross(found, predicted, evidence) if found.found else found
         T_next_now = parts_by_icp(hypothesis, window, T_predicted, config)
         joints = joints_of_parts(self.points.asset, self.rest.body, T_next_now @ now.transforms)
         pose = pose_from_joints(self.points, self.rest, poses[0], joints, config.registration.fit)
         return posterior(self.points, self.rest, pose, predicted, evidence, config.registration)
+
+    def _uncross(self, found: Registration, predicted: PoseBelief, evidence: Evidence) -> Registration:
+        """The registration with the legs exchanged where they are crossed and the frame is explained better so."""
+        config = self.config.registration
+        pose = uncrossed(self.points, self.rest, found.belief.pose, config.fit)
+        if pose is None:
+            return found
+        doubted = predicted.later(pose, config.restart_doubt_s, config.fit)
+        other = register(self.points, self.rest, doubted, evidence, NOTHING_HELD, config, may_search=False)
+        costs = [
+            evidence_cost(
+                self.points,
+                self.rest,
+                tried.belief.pose,
+                evidence,
+                config.reaches_m[-1],
+                config.constraints,
+                config.fit,
+            )
+            for tried in (found, other)
+        ]
+        if not other.found or costs[1] >= costs[0]:
+            return found
+        self.history.clear()  # its legs moved as each other's
+        return other
 
 
 def _apart_m(one: Expectation, other: Expectation) -> float:
