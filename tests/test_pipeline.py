@@ -195,6 +195,22 @@ def test_a_part_of_a_recording_keeps_its_frame_numbers(empty_room, tmp_path):
     np.testing.assert_allclose(joints.time_s, [1 / FPS, 2 / FPS], atol=1e-6)
 
 
+def test_smoothing_is_recorded_and_gives_every_frame_in_order(run, tmp_path):
+    told = list[tuple[int, int]]()
+    recording = run.results.parent / "out/recording"
+    track_recording(recording, tmp_path, TrackConfig(smooth=True), lambda *progress: told.append(progress))
+    joints = read_joints(tmp_path / "joints.parquet")
+    np.testing.assert_array_equal(joints.frame, np.arange(FRAMES))
+    assert told[-1][0] == told[-1][1] > run.told[-1][1]
+    document = json.loads((tmp_path / "run.json").read_text())
+    assert document["config"]["smooth"]
+    assert not run.document["config"]["smooth"]
+    assert len(document["pictures"]) == len(run.document["pictures"])
+    assert np.nanmean(errors_m(joints, run.truth_m)) < 1.1 * np.nanmean(errors_m(run.joints, run.truth_m))
+    jitter, before = (np.diff(table.position_m, 2, axis=0) for table in (joints, run.joints))
+    assert np.abs(jitter).mean() < np.abs(before).mean()
+
+
 def tracked(folder: Path, config: SimulationConfig) -> tuple[JointTable, np.ndarray]:
     simulate_recording(folder / "out", config)
     (folder / "results").mkdir()
