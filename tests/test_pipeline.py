@@ -24,7 +24,7 @@ from anchorpose.simulate.config import SimulationConfig, clinic, single
 from anchorpose.simulate.write import simulate_recording
 
 FRAMES, FPS, DAMAGED = 9, 8.0, 5
-TABLES = ("joints.parquet", "angles.parquet")
+TABLES = ("joints.parquet", "angles.parquet", "contacts.parquet")
 AGAIN = (
     "import sys; from pathlib import Path; from anchorpose.pipeline import TrackConfig, track_recording; "
     "track_recording(Path(sys.argv[1]), Path(sys.argv[2]), TrackConfig(), lambda done, total: None)"
@@ -82,7 +82,7 @@ def test_every_frame_is_in_the_tables(run):
     np.testing.assert_array_equal(run.joints.frame, np.arange(FRAMES))
     np.testing.assert_allclose(run.joints.time_s, np.arange(FRAMES) / FPS, atol=1e-6)
     assert sorted(path.name for path in run.results.iterdir() if path.is_file()) == [
-        "angles.parquet", "joints.parquet", "report.html", "run.json",
+        "angles.parquet", "contacts.parquet", "joints.parquet", "report.html", "run.json",
     ]  # fmt: skip
 
 
@@ -193,6 +193,22 @@ def test_a_part_of_a_recording_keeps_its_frame_numbers(empty_room, tmp_path):
     joints = read_joints(tmp_path / "joints.parquet")
     np.testing.assert_array_equal(joints.frame, [1, 2])
     np.testing.assert_allclose(joints.time_s, [1 / FPS, 2 / FPS], atol=1e-6)
+
+
+def test_smoothing_is_recorded_and_gives_every_frame_in_order(run, tmp_path):
+    told = list[tuple[int, int]]()
+    recording = run.results.parent / "out/recording"
+    track_recording(recording, tmp_path, TrackConfig(smooth=True), lambda *progress: told.append(progress))
+    joints = read_joints(tmp_path / "joints.parquet")
+    np.testing.assert_array_equal(joints.frame, np.arange(FRAMES))
+    assert told[-1][0] == told[-1][1] > run.told[-1][1]
+    document = json.loads((tmp_path / "run.json").read_text())
+    assert document["config"]["smooth"]
+    assert not run.document["config"]["smooth"]
+    assert len(document["pictures"]) == len(run.document["pictures"])
+    assert np.nanmean(errors_m(joints, run.truth_m)) < 1.1 * np.nanmean(errors_m(run.joints, run.truth_m))
+    jitter, before = (np.diff(table.position_m, 2, axis=0) for table in (joints, run.joints))
+    assert np.abs(jitter).mean() < np.abs(before).mean()
 
 
 def tracked(folder: Path, config: SimulationConfig) -> tuple[JointTable, np.ndarray]:

@@ -14,6 +14,7 @@ from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.recording.reader import open_recording
 from anchorpose.simulate import config as presets
+from anchorpose.simulate.clinic import draw_clinic
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.write import simulate_recording
 
@@ -175,3 +176,50 @@ def test_progress_counts_to_the_end(tmp_path):
 def test_what_cannot_be_simulated_is_refused(wrong):
     with pytest.raises(ValueError, match=r"must|needs|fit"):
         SimulationConfig(**{"seed": 1, **wrong})
+
+
+def test_a_patient_who_is_away_is_in_no_picture_and_has_no_joints(tmp_path):
+    config = presets.scene(presets.single(7, seconds=4.0, fps=2.0), "enters-late")
+    simulate_recording(tmp_path / "late", config)
+    with np.load(tmp_path / "late/truth/truth.npz") as truth:
+        away = truth["time"] < config.away_s[0][1]
+        assert away.any()
+        assert not away.all()
+        np.testing.assert_array_equal(np.isnan(truth["joints"]).all(axis=(1, 2)), away)
+        assert (truth["patient_pixels"][away] == 0).all()
+        middle_m = np.linalg.norm(truth["joints"][:, 0, [0, 2]], axis=1)[~away]
+    assert middle_m[0] > 1.0  # he walks in from the side
+    assert (np.diff(middle_m) < 0.05).all()
+
+
+def test_who_leaves_comes_back_to_his_place():
+    clinic = draw_clinic(presets.scene(presets.single(7, seconds=16.0, fps=5.0), "leaves"))
+    performance = clinic.act(clinic.true_times_s(0))
+    middle_m = np.linalg.norm(performance.joints_m()[:, 0, [0, 2]], axis=1)
+    (gone_s, back_s), times_s = clinic.config.away_s[0], performance.times_s
+    assert middle_m[times_s < gone_s - 5.0].max() < 0.5
+    assert middle_m[np.isfinite(middle_m)].max() > 2.0
+    assert middle_m[times_s > back_s + 3.5].max() < 0.5
+
+
+def test_a_curtain_hides_him_for_two_seconds_and_no_longer(tmp_path):
+    config = presets.scene(presets.single(7, seconds=6.0, fps=1.0), "hidden")
+    simulate_recording(tmp_path / "hidden", config)
+    with np.load(tmp_path / "hidden/truth/truth.npz") as truth:
+        behind = (truth["time"] >= config.curtain_s[0]) & (truth["time"] < config.curtain_s[1])
+        assert behind.sum() == 2
+        np.testing.assert_array_equal(truth["patient_pixels"] == 0, behind)
+        assert np.isfinite(truth["joints"]).all()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"away_s": ((3.0, 1.0),), "standing_frame": False},
+        {"away_s": ((1.0, 2.0),), "standing_frame": True},
+        {"curtain_s": (2.0, 2.0)},
+    ],
+)
+def test_a_scene_that_cannot_be_is_refused(wrong):
+    with pytest.raises(ValueError, match=r"away|curtain|standing frame"):
+        SimulationConfig(seed=1, **wrong)

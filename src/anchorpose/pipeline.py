@@ -14,7 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from anchorpose.body.skin_points import FittedShape
+from anchorpose.body.regions import area_of_point, region_of_points
+from anchorpose.body.skin_points import FittedShape, body_points
 from anchorpose.calibration.calibration import PoseSource
 from anchorpose.calibration.clock.clocks import Clocks
 from anchorpose.calibration.clock.settled import clock_notes
@@ -24,6 +25,8 @@ from anchorpose.recording.inputs import input_files
 from anchorpose.recording.reader import frame_range, open_recording
 from anchorpose.recording.recording import Recording
 from anchorpose.results.angles import ANGLES_FILE, joint_angles, write_angles
+from anchorpose.results.contact_intervals import ContactIntervals
+from anchorpose.results.contacts import CONTACTS_FILE, write_contacts
 from anchorpose.results.pictures import FramePicture, save_pictures
 from anchorpose.results.report import write_report
 from anchorpose.results.run_record import (
@@ -85,15 +88,16 @@ def _track(recording: Path, results: Path, config: TrackConfig, progress: Progre
     with watch.stage("calibration and background"):
         room = prepare_room(opened, config)
     motions = default_motions(opened.rate_hz, config.motion)
-    route = plan_route(room, config, _counter(progress, window + total))
+    work = window + total * (2 if config.smooth else 1)
+    route = plan_route(room, config, _counter(progress, work))
     shape = learn_on(route, room, motions, config, watch)
     shown = set(np.unique(np.linspace(config.start, config.start + total - 1, PICTURES).astype(int)).tolist())
-    written = _write_frames(results, track_on(route, room, motions, shape, shown, config, watch))
+    written = _write_frames(results, track_on(route, room, motions, shape, shown, config, watch), config)
     with watch.stage("results"):
         write_angles(results / ANGLES_FILE, joint_angles(read_joints(results / JOINTS_FILE)))
         _write_record(results, room, written, shape, config, watch, calibration)
         write_report(results)
-    progress(window + total, window + total)
+    progress(work, work)
 
 
 def _frame_counts(recording: Recording, config: TrackConfig) -> tuple[int, int]:
@@ -114,16 +118,20 @@ def _counter(progress: Progress, total: int) -> Callable[[], None]:
     return tick
 
 
-def _write_frames(results: Path, records: Iterable[FrameRecord]) -> _Written:
-    """Stream the joints to their table; keep pictures and problems."""
+def _write_frames(results: Path, records: Iterable[FrameRecord], config: TrackConfig) -> _Written:
+    """Stream joints and contacts to their tables; keep pictures and problems."""
     dropped, pictures, count = list[DroppedFrame](), list[FramePicture](), 0
-    with write_joints(results / JOINTS_FILE) as table:
+    points = body_points()
+    intervals = ContactIntervals(region_of_points(points), area_of_point(points), config.contacts)
+    with write_joints(results / JOINTS_FILE) as table, write_contacts(results / CONTACTS_FILE) as contacts:
         for record in records:
             table.append(record.joints)
             frame, time_s = record.joints.frame, record.joints.time_s
+            contacts.extend(intervals.push(frame, time_s, record.near))
             dropped += [DroppedFrame(frame, time_s, why) for why in record.problems]
             pictures += record.pictures
             count += 1
+        contacts.extend(intervals.finish())
     return _Written(count, tuple(dropped), tuple(pictures))
 
 

@@ -93,6 +93,18 @@ def joint_states(
     return tuple(JointState.LOST if odd else state for odd, state in zip(misfit, states, strict=True))
 
 
+def seen_skin(
+    posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera], config: VisibilityConfig
+) -> np.ndarray:
+    """(p,) bool: skin points that face some camera and are seen there as the patient's."""
+    seen = np.zeros(len(posed.points_m), dtype=bool)
+    for view, camera in zip(views, cameras, strict=True):
+        if view is not None:
+            reason, facing = _reasons(posed, view, camera, config)
+            seen |= facing & (reason == _SEEN)
+    return seen
+
+
 def _reasons(
     posed: PosedPoints, view: View, camera: Camera, config: VisibilityConfig
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip

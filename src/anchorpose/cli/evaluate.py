@@ -19,7 +19,8 @@ def evaluate(
     json: Path | None = None,
     skip: Annotated[float, Parameter(name="--skip-s")] = 0.0,
 ) -> None:
-    """Compare results with the truth: how far off the joints are, and whether the stated uncertainty is honest.
+    """Compare results with the truth: how far off the joints are, whether the stated uncertainty is honest, and which
+    contacts were found.
 
     Parameters
     ----------
@@ -49,7 +50,7 @@ def print_evaluation(evaluation: Evaluation) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from anchorpose.results.evaluation_file import angle_rows, evaluation_rows, off_track_sentence
+    from anchorpose.results.evaluation_file import angle_rows, contact_rows, evaluation_rows, off_track_sentence
 
     table = Table("", "mean mm", "median mm", "95 % mm", "lost %", "in 95 % band")
     table.columns[0].no_wrap = True
@@ -71,3 +72,8 @@ def print_evaluation(evaluation: Evaluation) -> None:
         f"{evaluation.matched_frames} of {evaluation.truth_frames} frames of the truth were compared; "
         f"mean error of the second half over the first: {drift}."
     )
+    if evaluation.contacts is not None:
+        touched = Table("contacts", "frames touched", "rightly reported %", "found %")
+        for row in contact_rows(evaluation.contacts):
+            touched.add_row(*row)
+        console.print(touched)

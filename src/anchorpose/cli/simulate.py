@@ -26,6 +26,7 @@ def simulate(
     motions: Annotated[tuple[str, ...] | None, Parameter(consume_multiple=True)] = None,
     speed: Literal["slow", "normal", "fast", "mixed"] | None = None,
     height: float | None = None,
+    scene: Literal["enters-late", "leaves", "hidden", "sits"] | None = None,
     pose_unknown: bool = False,
     rough_recorder: bool = False,
 ) -> None:
@@ -58,6 +59,10 @@ def simulate(
         How fast the patient moves, instead of the preset's.
     height
         The patient's height in metres; drawn at random where not given.
+    scene
+        Something that makes a tracker lose the patient. enters-late: the therapists are there first, he walks in later.
+        leaves: he walks out and comes back. hidden: a curtain hides him from all cameras for two seconds. sits: he sits
+        down or stands up. Who walks or sits does so without the standing frame. Allow 12 seconds for walking.
     pose_unknown
         Leave the poses of the cameras out of the recording, so that they have to be found.
     rough_recorder
@@ -83,6 +88,7 @@ def simulate(
         else:
             settings = {"clinic": presets.clinic, "single": presets.single}[preset](seed, seconds, fps)
         settings = replace(settings, **{name: value for name, value in given.items() if value is not None})
+        settings = presets.scene(settings, scene) if scene else settings
         settings = presets.rough_recorder(settings) if rough_recorder else settings
     except ValueError as error:
         raise AnchorposeError(f"{error}.") from None

@@ -19,6 +19,7 @@ def track(
     patient: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
     calibration: Path | None = None,
     config: Path | None = None,
+    smooth: bool = False,
     overwrite: bool = False,
     start: int | None = None,
     stop: int | None = None,
@@ -30,7 +31,8 @@ def track(
     recording
         The folder with recording.json and the depth pictures of each camera.
     results
-        The folder to write: joints.parquet, angles.parquet, run.json, report.html. It appears when all is done.
+        The folder to write: joints.parquet, angles.parquet, contacts.parquet, run.json, report.html. It appears when
+        all is done.
     patient
         Where the patient stands at the start, as x,z in metres on the floor (x forward, z to the patient's right);
         needed only where several people are in the picture and the choice comes out wrong.
@@ -39,6 +41,9 @@ def track(
         Without it poses that are null in recording.json are found.
     config
         A TOML or JSON file with settings that differ from the defaults.
+    smooth
+        Follow the patient against time as well and put both together: limbs that are lost in one direction are often
+        found in the other. Takes about twice as long, and cannot be done while recording.
     overwrite
         Replace an existing results folder.
     start
@@ -56,6 +61,7 @@ def track(
     given: dict[str, Any] = {
         "start": start,
         "stop": stop,
+        "smooth": smooth or None,
         "patient_xz_m": None if patient is None else parse_place(patient),
     }
     try:

@@ -33,6 +33,11 @@ class Crowd:
     age_s: np.ndarray
     next_label: int
 
+    @property
+    def others(self) -> Crowd:
+        """Everybody but the patient."""
+        return self.without(np.array([PixelLabel.PATIENT]))
+
     def without(self, labels: np.ndarray) -> Crowd:
         """Everybody but those of the labels (k,)."""
         return self._of(~np.isin(self.owner, labels))

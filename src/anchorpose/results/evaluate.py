@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -12,6 +12,8 @@ from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_NAMES, JointState
 from anchorpose.recording.pairing import half_period_s, nearest_within
 from anchorpose.results.angle_errors import AngleError, angle_errors
+from anchorpose.results.contacts import CONTACTS_FILE, read_contacts
+from anchorpose.results.evaluate_contacts import ContactEvaluation, TrueTouch, evaluate_contacts, read_true_touch
 from anchorpose.results.joint_frame import SEVERITY
 from anchorpose.results.off_track import OffTrack, longest_off
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
@@ -52,6 +54,7 @@ class Evaluation:
     occluded_frames: ErrorSummary  # frames that the truth calls occluded
     clear_frames: ErrorSummary
     drift_ratio: float | None  # mean error of the second half of the frames over that of the first
+    contacts: ContactEvaluation | None = None  # None where the truth or the result tells no contacts
 
 
 def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
@@ -68,7 +71,13 @@ def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
     match = nearest_within(known.time_s, joints.time_s, half_period_s(known.time_s))
     if (match < 0).all():
         raise InputError(truth, f"shares no time with {results / JOINTS_FILE}", "give the truth of that recording")
-    return compare(_frames(joints, match[match >= 0]), _truth_frames(known, match >= 0), truth_frames=len(match))
+    evaluation = compare(_frames(joints, match[match >= 0]), _truth_frames(known, match >= 0), truth_frames=len(match))
+    touch = read_true_touch(truth)
+    if touch is None or not (results / CONTACTS_FILE).exists():
+        return evaluation
+    touch = TrueTouch(touch.bones[kept][match >= 0], touch.names)
+    contacts = evaluate_contacts(read_contacts(results / CONTACTS_FILE), joints.frame[match[match >= 0]], touch)
+    return replace(evaluation, contacts=contacts)
 
 
 def compare(joints: JointTable, truth: Truth, truth_frames: int) -> Evaluation:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 from anchorpose.results.evaluate import ErrorSummary, Evaluation
+from anchorpose.results.evaluate_contacts import ContactEvaluation
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.off_track import OFF_M
 from anchorpose.results.run_record import plain
@@ -26,8 +28,25 @@ def write_evaluation(path: Path, evaluation: Evaluation) -> None:
         "longest_off": plain(evaluation.longest_off),
         "occluded_frames": plain(evaluation.occluded_frames),
         "clear_frames": plain(evaluation.clear_frames),
+        "contacts": _contacts(evaluation),
     }
     write_text_whole(path, json.dumps(document, indent=1, allow_nan=False) + "\n")
+
+
+def _contacts(evaluation: Evaluation) -> dict[str, Any] | None:
+    if evaluation.contacts is None:
+        return None
+    per_part = {name: plain(score) for name, score in evaluation.contacts.per_part}
+    return {**plain(evaluation.contacts.overall), "per_part": per_part}
+
+
+def contact_rows(contacts: ContactEvaluation) -> list[tuple[str, ...]]:
+    """Rows of text (part, frames touched, precision, recall): all parts, then each that was touched or reported."""
+    return [
+        (name.replace("_", " "), str(score.touched), *("–" if v is None else f"{100 * v:.0f}" for v in shares))
+        for name, score in (("all parts", contacts.overall), *contacts.per_part)
+        for shares in ((score.precision, score.recall),)
+    ]
 
 
 def evaluation_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:

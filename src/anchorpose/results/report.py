@@ -6,6 +6,7 @@ import base64
 import html
 import json
 import math
+from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
 from string import Template
@@ -13,8 +14,10 @@ from typing import Any, Final
 
 import numpy as np
 
+from anchorpose.body.regions import REGIONS
 from anchorpose.joints import JOINT_NAMES, JointState
 from anchorpose.results.angles import AngleTable, joint_angles
+from anchorpose.results.contacts import CONTACTS_FILE, SEEN, Contact, read_contacts
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.joint_frame import LOST, SEVERITY
 from anchorpose.results.run_record import RUN_FILE, read_run_document
@@ -45,15 +48,18 @@ def write_report(results: Path) -> Path:
     from plotly.offline import get_plotlyjs
 
     joints, run = read_joints(results / JOINTS_FILE), read_run_document(results / RUN_FILE)
+    touched = results / CONTACTS_FILE
+    contacts = read_contacts(touched) if touched.exists() else ()
     template = Template(resources.files("anchorpose.results").joinpath("report_page.html").read_text(encoding="utf-8"))
     page = template.substitute(
         title=html.escape(f"anchorpose: {run.get('recording', results.name)}"),
         summary=_summary(joints, run),
         states=_state_table(joints),
+        contacts=_contact_table(contacts),
         pictures=_pictures(results, run.get("pictures", [])),
         notes=_notes(run),
         provenance=_provenance(run),
-        data=json.dumps(_plot_data(joints, joint_angles(joints)), separators=(",", ":"), allow_nan=False),
+        data=json.dumps(_plot_data(joints, joint_angles(joints), contacts), separators=(",", ":"), allow_nan=False),
         plotly=get_plotlyjs(),
     )
     write_text_whole(results / REPORT_FILE, page)
@@ -90,6 +96,30 @@ def _state_table(joints: JointTable) -> str:
     return f"<thead><tr><th>joint</th>{head}<th>one sigma</th></tr></thead><tbody>{''.join(rows)}</tbody>"
 
 
+def _contact_table(contacts: Sequence[Contact]) -> str:
+    """One row a contact, in the order in which they began."""
+    rows = [
+        f"<tr><th>{_words(contact.part)}</th><td>{contact.person}</td><td>{contact.start_s:.2f}</td>"
+        f"<td>{contact.end_s:.2f}</td><td>{contact.state}</td><td>{contact.area_cm2:.0f}</td></tr>"
+        for contact in sorted(contacts, key=lambda contact: (contact.start_s, contact.part))
+    ]
+    head = "".join(f"<th>{name}</th>" for name in ("part", "by", "from (s)", "to (s)", "", "area (cm²)"))
+    return f"<thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody>"
+
+
+def _words(part: str) -> str:
+    return part.replace("_", " ")
+
+
+def _plot_contacts(contacts: Sequence[Contact]) -> list[dict[str, Any]]:
+    """What the page's script draws: one bar a contact, parts from head to foot."""
+    return [
+        {"part": _words(c.part), "person": c.person, "from": round(c.start_s, 3), "to": round(c.end_s, 3),
+         "seen": c.state == SEEN, "area": round(c.area_cm2)}
+        for c in sorted(contacts, key=lambda contact: (REGIONS.index(contact.part), contact.start_s))
+    ]  # fmt: skip
+
+
 def _pictures(results: Path, pictures: list[dict[str, Any]]) -> str:
     figures = []
     for picture in pictures:
@@ -121,7 +151,7 @@ def _provenance(run: dict[str, Any]) -> str:
     return "".join(f"<details><summary>{key}</summary><pre>{text}</pre></details>" for key, text in texts.items())
 
 
-def _plot_data(joints: JointTable, angles: AngleTable) -> dict[str, Any]:
+def _plot_data(joints: JointTable, angles: AngleTable, contacts: Sequence[Contact]) -> dict[str, Any]:
     """What the page's script draws: lengths in whole millimetres, angles in tenths of a degree, null where lost."""
     step = max(1, -(-len(joints.frame) // MOST_POINTS))
     rows = slice(None, None, step)
@@ -136,6 +166,7 @@ def _plot_data(joints: JointTable, angles: AngleTable) -> dict[str, Any]:
         "degrees": _scaled(angles.degrees[rows].T, 10.0),
         "sigmaDegrees": _scaled(angles.sigma_deg[rows].T, 10.0),
         "angleState": angles.severity[rows].T.tolist(),
+        "contacts": _plot_contacts(contacts),
         "stateText": [text for text, _ in STATE_TEXT.values()],
         "stateColour": [colour for _, colour in STATE_TEXT.values()],
     }

@@ -55,12 +55,13 @@ class Performance:
     bones: tuple[np.ndarray, ...]
 
     def figures(self, frame: int) -> tuple[Figure, ...]:
-        """Everybody's dressed skin in one frame."""
+        """Everybody's dressed skin in one frame; a patient who is away has no faces to draw."""
+        nobody = self.away[frame]
         people = [self.clinic.patient.person, *(therapist.actor.person for therapist in self.clinic.therapists)]
         return tuple(
             Figure(
                 skin_m=person.skin(bones[frame], float(self.times_s[frame])),
-                faces=person.body.asset.faces,
+                faces=person.body.asset.faces[: 0 if nobody and index == 0 else None],
                 face_part=face_parts(person),
                 label=PATIENT + index,
             )
@@ -68,9 +69,17 @@ class Performance:
         )
 
     def joints_m(self) -> np.ndarray:
-        """(t, 21, 3) the patient's joints."""
+        """(t, 21, 3) the patient's joints, NaN while he is away."""
         body = self.clinic.patient.person.body
-        return np.array([body.joints(bones) for bones in self.bones[0]])
+        joints = np.array([body.joints(bones) for bones in self.bones[0]])
+        joints[self.away] = np.nan
+        return joints
+
+    @property
+    def away(self) -> np.ndarray:
+        """(t,) bool: the patient is out of the room."""
+        spans = self.clinic.config.away_s
+        return np.array([any(a <= time_s < b for a, b in spans) for time_s in self.times_s.tolist()], dtype=bool)
 
     def held_joints(self) -> np.ndarray:
         """(t, n, 2) int: the joint in each hand of each therapist, -1 none."""

@@ -9,6 +9,7 @@ import numpy as np
 
 Sensor = Literal["kinect-v2", "azure-kinect", "realsense"]
 Speed = Literal["slow", "normal", "fast", "mixed"]
+Scene = Literal["enters-late", "leaves", "hidden", "sits"]
 
 MOTIONS: Final = (
     "standing", "squat", "weight-shift", "trunk", "steps", "sit-to-stand",
@@ -21,6 +22,7 @@ FRAMELESS_MOTIONS: Final = frozenset({"sit-to-stand"})
 
 SMALLEST_HOLE_M, LARGEST_HOLE_M = 0.03, 0.15  # the paper's five sizes, Section V
 ROUGH_KEY: Final = 1000  # a stream of its own beside those of ``clinic``
+HIDDEN_S: Final = 2.0  # behind a curtain
 THICKEST_CLOTHING_M = 0.015  # beyond this the skin says little about the body
 
 
@@ -43,6 +45,12 @@ class SimulationConfig:
     motions: tuple[str, ...] = ("mixed",)
     speed: Speed = "mixed"
     clothing_m: float = 0.009  # how far loose clothes stand off the skin where they stand off most
+    away_s: tuple[
+        tuple[float, float], ...
+    ] = ()  # from when to when the patient is out of the room; he walks out and in
+    curtain_s: tuple[float, float] | None = (
+        None  # from when to when a curtain hangs between the patient and all cameras
+    )
     hole_radius_m: float = 0.0  # 0: no holes
     hole_share: float = 0.5  # of the frames
     height_m: float | None = None  # None: drawn between 1.5 and 1.9
@@ -97,6 +105,7 @@ class SimulationConfig:
                 not values or values[0] == 0, f"{name} must be 0 for the first camera: its frames number the truth"
             )
             _require(all(value >= 0 for value in values), f"{name} must not be negative, got {values}")
+        _check_scene(self)
         missing_s = np.add(self.starts_late_s or [0.0], self.ends_early_s or [0.0])
         _require(bool((missing_s < self.seconds).all()), "a camera must run for some time of the recording")
 
@@ -104,6 +113,15 @@ class SimulationConfig:
     def frames(self) -> int:
         """Pictures of each camera."""
         return max(1, round(self.seconds * self.fps))
+
+
+def _check_scene(config: SimulationConfig) -> None:
+    """Raises ValueError where the patient cannot be away or hidden as asked."""
+    times = [time_s for span in config.away_s for time_s in span]
+    _require(times == sorted(times), f"away_s must be spans in the order of time, got {config.away_s}")
+    _require(not (times and config.standing_frame), "a patient in a standing frame cannot walk out; set it to False")
+    span = config.curtain_s or (0.0, 1.0)
+    _require(span[0] < span[1], f"curtain_s must end after it begins, got {config.curtain_s}")
 
 
 def _require(holds: bool, problem: str) -> None:
@@ -114,6 +132,21 @@ def _require(holds: bool, problem: str) -> None:
 def clinic(seed: int, seconds: float = 10.0, fps: float = 15.0) -> SimulationConfig:
     """Stand training: three cameras, a standing frame, two therapists."""
     return SimulationConfig(seed=seed, seconds=seconds, fps=fps)
+
+
+def scene(config: SimulationConfig, name: Scene) -> SimulationConfig:
+    """``config`` with what makes a tracker lose the patient: he is away at first or in the middle, hidden, or sits."""
+    seconds = config.seconds
+    free = replace(config, standing_frame=False, stool=False, motions=("squat", "reach"))
+    match name:
+        case "enters-late":
+            return replace(free, away_s=((-1.0, 0.3 * seconds),))
+        case "leaves":
+            return replace(free, away_s=((0.4 * seconds, 0.65 * seconds),))
+        case "hidden":
+            return replace(config, curtain_s=(0.45 * seconds, 0.45 * seconds + HIDDEN_S))
+        case "sits":
+            return replace(config, standing_frame=False, stool=True, motions=("sit-to-stand", "reach"))
 
 
 def rough_recorder(config: SimulationConfig) -> SimulationConfig:

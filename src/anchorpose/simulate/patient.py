@@ -22,6 +22,7 @@ from anchorpose.simulate.timeline import (
     channel_values,
     final_stance,
     stance_places,
+    walk,
 )
 
 SWAY_M = 0.005  # amplitude of each of the sway's waves
@@ -31,6 +32,10 @@ GRIP_TILT_RAD = 0.5
 WRIST_TO_GRIP_M = 0.06  # the ball of the hand lies on the rail
 SIT_CHANCE = 0.4  # that a mixed programme with a stool begins or ends on it
 LONG_AGO_S = -100.0
+OUTSIDE_M = 2.4  # beside the place to train: out of the front camera's view
+STANCE_M = 0.26
+WALK_STEP_S = 0.5
+WALK_S = 3.0  # from outside to his place
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,8 +129,11 @@ def draw_patient(
         elbow=float(base[CHANNEL_INDEX["elbow_left"]]),
     )
     begin_s, end_s, sitting = _draw_sitting(rng, config, person)
+    footwork = _come_and_go(rng, footwork, config)
     mixed = "mixed" in config.motions
     legs = [m for m in (*LEG_MOTIONS, "steps") if mixed or m in config.motions]
+    if config.away_s:
+        legs = [m for m in legs if m != "steps"]  # who walks in and out steps enough
     arms = [m for m in ARM_MOTIONS if mixed or m in config.motions]
     movements = [*sitting]
     now = begin_s
@@ -143,6 +151,27 @@ def draw_patient(
         movements.append(timed(rng, ARM_MOTIONS[str(rng.choice(arms))](rng, here), now, draw_pace(rng, config.speed)))
         now = movements[-1].end_s + rng.uniform(-0.2, 0.2)
     return Actor(person, base, movements, footwork, draw_waves(rng), None if frame is None else frame.grip_m)
+
+
+def _come_and_go(rng: np.random.Generator, footwork: Footwork, config: SimulationConfig) -> Footwork:
+    """Walks out to one side and in again from there, so as to be in place when the patient is not away."""
+    home, facing = footwork.places_m.mean(axis=0), float(footwork.yaws.mean())
+    for gone_s, back_s in config.away_s:
+        outside = home + np.array([rng.uniform(-0.3, 0.0), rng.choice([-1.0, 1.0]) * OUTSIDE_M])
+        if gone_s <= 0.0:
+            course = float(np.arctan2(-(home - outside)[1], (home - outside)[0]))
+            footwork = Footwork(stance_places(outside, course, STANCE_M), np.full(2, course))
+        else:
+            away = float(np.arctan2(-(outside - home)[1], (outside - home)[0]))
+            footwork = _arriving(footwork, outside, away, gone_s)
+        footwork = _arriving(footwork, home, facing, back_s + WALK_S)
+    return footwork
+
+
+def _arriving(footwork: Footwork, goal_m: np.ndarray, facing: float, at_s: float) -> Footwork:
+    """``footwork`` with a walk that ends at a time."""
+    steps = len(walk(footwork, goal_m, facing, 0.0, WALK_STEP_S, STANCE_M).steps) - len(footwork.steps)
+    return walk(footwork, goal_m, facing, at_s - steps * WALK_STEP_S, WALK_STEP_S, STANCE_M)
 
 
 def _loosen_arms(rng: np.random.Generator, base: np.ndarray) -> None:

@@ -12,6 +12,7 @@ from anchorpose.simulate.recorder import Record, draw_record
 from anchorpose.simulate.render import PATIENT, Figure, Picture, draw_figures, render_still
 from anchorpose.simulate.sensor import SENSORS, draw_wiggle, sense
 
+CURTAIN_M, CURTAIN_HALF_WIDTH_M, CURTAIN_HEIGHT_M = 1.0, 1.3, 2.2  # before the patient: an arm's length and some
 BACKGROUND_FRAMES = 9  # the empty room is the median of so many pictures
 
 
@@ -35,6 +36,7 @@ class Studio:
     in_hole: np.ndarray  # (t,) bool
     records: tuple[Record, ...]  # one a camera: what is written of its pictures
     stills_after: tuple[Picture, ...]  # one a camera: the empty room once the equipment has been moved
+    stills_curtained: tuple[Picture, ...]  # one a camera: the empty room behind a curtain
 
     def shoot(self, frame: int) -> Shot:
         """All cameras' pictures with one number."""
@@ -46,6 +48,7 @@ class Studio:
             moves_at_s = clinic.config.equipment_moves_at_s
             moved = moves_at_s is not None and performance.times_s[frame] >= moves_at_s
             stills = self.stills_after if moved else self.stills
+            stills = self.stills_curtained if _curtain_hangs(clinic, float(performance.times_s[frame])) else stills
             picture = draw_figures(camera, stills[index], figures[id(performance)])
             rng = random_stream(clinic.config, "sensor", index, frame)
             pictures.append(picture)
@@ -88,6 +91,12 @@ def set_up(clinic: Clinic) -> Studio:
         stills_after=stills
         if config.equipment_moves_at_s is None
         else tuple(render_still(camera, clinic.room, elsewhere) for camera in clinic.cameras),
+        stills_curtained=stills
+        if config.curtain_s is None
+        else tuple(
+            render_still(camera, np.concatenate([clinic.room, curtain_triangles(camera)]), equipment)
+            for camera in clinic.cameras
+        ),
         wiggles_m=tuple(draw_wiggle(random_stream(config, "sensor", index), spec) for index in range(config.cameras)),
         performances=tuple(performances),
         in_hole=_draw_hole_frames(clinic),
@@ -109,6 +118,21 @@ def equipment_triangles(clinic: Clinic, moved: bool) -> np.ndarray:
         vertices = vertices + np.array([x, 0.0, z])
     triangles: np.ndarray = vertices[faces]
     return triangles
+
+
+def _curtain_hangs(clinic: Clinic, time_s: float) -> bool:
+    span = clinic.config.curtain_s
+    return span is not None and span[0] <= time_s < span[1]
+
+
+def curtain_triangles(camera: Camera) -> np.ndarray:
+    """(2, 3, 3) world metres: a curtain from the floor up that hides the patient's place from one camera."""
+    towards = camera.position_m * [1.0, 0.0, 1.0]
+    towards /= np.linalg.norm(towards)
+    middle, aside = CURTAIN_M * towards, CURTAIN_HALF_WIDTH_M * np.cross(towards, [0.0, 1.0, 0.0])
+    low, high = [0.0, 0.01, 0.0], [0.0, CURTAIN_HEIGHT_M, 0.0]
+    corners = [middle - aside + low, middle + aside + low, middle + aside + high, middle - aside + high]
+    return np.array([[corners[0], corners[1], corners[2]], [corners[0], corners[2], corners[3]]])
 
 
 def body_centre_m(cameras: tuple[Camera, ...], pictures: list[Picture]) -> np.ndarray | None:

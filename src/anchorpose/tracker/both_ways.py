@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from anchorpose.body.skin_points import FittedShape
+import numpy as np
+
+from anchorpose.body.skin_points import FittedShape, RestPoints, body_points, pose_points, rest_points
+from anchorpose.body.touching import Nearness, find_nearness
+from anchorpose.joints import JointState
 from anchorpose.recording.reader import read_frames
 from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.results.joint_frame import JointFrame
@@ -16,15 +20,19 @@ from anchorpose.tracker.learning import learn_patient
 from anchorpose.tracker.patient import follow_patient
 from anchorpose.tracker.pictures import draw_estimate
 from anchorpose.tracker.room import Room
+from anchorpose.tracker.smoothing import Passed, passed, smooth
+from anchorpose.tracker.start import Start, turn_round
 from anchorpose.tracker.stopwatch import Stopwatch
 from anchorpose.tracking.motion import MotionDatabase
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameRecord:
-    """What is kept of one frame: the joints, what was wrong with its pictures, and pictures of it for the report."""
+    """What is kept of one frame: the joints, how near others are to the patient (None where he is lost), what was wrong
+    with its pictures, and pictures of it for the report."""
 
     joints: JointFrame
+    near: Nearness | None
     problems: tuple[str, ...]
     pictures: tuple[FramePicture, ...]
 
@@ -66,25 +74,102 @@ def track_on(
     config: TrackConfig, watch: Stopwatch,
 ) -> Iterator[FrameRecord]:  # fmt: skip
     """A record of every frame in the order of time; shown: positions of the frames that pictures are made of."""
-
-    def recorded(positions: Sequence[int]) -> Iterator[FrameRecord]:
-        estimates = follow_patient(room, route.frames(positions), motions, shape, config, watch)
-        for position, estimate in zip(positions, estimates, strict=True):
-            yield _record(estimate, shape if position in shown else None)
-
-    before = list(recorded(route.back))[1:] if len(route.back) > 1 else []
+    rest = None if shape is None else rest_points(body_points(), shape)
+    work = _Work(route, room, motions, shape, rest, frozenset(shown), config, watch)
+    before = list(work.side(route.back))[1:] if len(route.back) > 1 else []
     yield from reversed(before)
-    yield from recorded(route.forth)
+    yield from work.side(route.forth)
 
 
-def _record(estimate: Estimate, shape: FittedShape | None) -> FrameRecord:
-    frame_set = estimate.frame_set
-    joints = JointFrame(
-        frame=frame_set.frame,
-        time_s=frame_set.time_s,
-        position_m=estimate.joints_m,
-        state=estimate.states,
-        sigma_m=estimate.sigma_m,
-    )
-    pictures = tuple(draw_estimate(estimate, shape)) if shape is not None else ()
-    return FrameRecord(joints, frame_set.problems, pictures)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Work:
+    """What the passes over both sides of the opening share."""
+
+    route: Route
+    room: Room
+    motions: MotionDatabase | None
+    shape: FittedShape | None
+    rest: RestPoints | None
+    shown: frozenset[int]
+    config: TrackConfig
+    watch: Stopwatch
+
+    def side(self, positions: Sequence[int]) -> Iterator[FrameRecord]:
+        """All frames from the opening to one end, in this order."""
+        if self.config.smooth and self.rest is not None:
+            return self._there_and_back(positions, self.rest)
+        return self._there(positions)
+
+    def _there(self, positions: Sequence[int]) -> Iterator[FrameRecord]:
+        for position, estimate in zip(positions, self._follow(positions), strict=True):
+            yield self._record(estimate, position in self.shown)
+
+    def _there_and_back(self, positions: Sequence[int], rest: RestPoints) -> Iterator[FrameRecord]:
+        """To one end and back to the opening, both passes put together.
+
+        Until the two have met, joints, pose and contacts are kept of every frame, some kilobytes, and all that was seen
+        only of the frames that pictures are made of.
+        """
+        there, records, kept, last = list[Passed](), list[FrameRecord](), dict[int, Estimate](), None
+        for position, estimate in zip(positions, self._follow(positions), strict=True):
+            there.append(passed(rest, estimate))
+            records.append(self._record(estimate, False))
+            last = estimate
+            if position in self.shown:
+                kept[len(records) - 1] = estimate
+        begin = None if last is None else turn_round(last, self.config)
+        back = [passed(rest, estimate) for estimate in self._follow(positions[::-1], begin)][::-1]
+        with self.watch.stage("smoothing"):
+            smoothed = smooth(
+                body_points(),
+                rest,
+                np.array([record.joints.time_s for record in records]),
+                there,
+                back,
+                self.config.smoothing,
+                self.config.registration.fit,
+            )
+        for number, (record, answer) in enumerate(zip(records, smoothed, strict=True)):
+            yield self._smoothed(record, answer, kept.get(number))
+
+    def _follow(self, positions: Sequence[int], begin: Start | None = None) -> Iterator[Estimate]:
+        frames = self.route.frames(positions)
+        return follow_patient(self.room, frames, self.motions, self.shape, self.config, self.watch, begin)
+
+    def _record(self, estimate: Estimate, with_pictures: bool) -> FrameRecord:
+        frame_set = estimate.frame_set
+        joints = JointFrame(
+            frame=frame_set.frame,
+            time_s=frame_set.time_s,
+            position_m=estimate.joints_m,
+            state=estimate.states,
+            sigma_m=estimate.sigma_m,
+        )
+        pictures = tuple(draw_estimate(estimate, self.shape)) if with_pictures and self.shape else ()
+        return FrameRecord(joints, self._near(estimate), frame_set.problems, pictures)
+
+    def _near(self, estimate: Estimate) -> Nearness | None:
+        """How near others are to the patient of the learnt body; None where he is lost."""
+        seen, belief = estimate.observation, estimate.belief
+        if self.rest is None or seen is None or belief is None:
+            return None
+        with self.watch.stage("contacts"):
+            posed = pose_points(body_points(), self.rest, belief.pose)
+            return find_nearness(posed, seen.crowd, seen.evidence.views, seen.evidence.cameras, self.config.visibility)
+
+    def _smoothed(self, record: FrameRecord, answer: Passed, estimate: Estimate | None) -> FrameRecord:
+        """The record with both passes' answer; estimate: the first pass', where pictures are wanted."""
+        lost = np.array([state is JointState.LOST for state in answer.states])
+        position = np.where(lost[:, None], np.nan, answer.joints_m)
+        joints = replace(record.joints, position_m=position, sigma_m=answer.sigma_m, state=answer.states)
+        pictures: tuple[FramePicture, ...] = ()
+        if estimate is not None and estimate.belief is not None and answer.pose is not None and self.shape is not None:
+            drawn = replace(
+                estimate,
+                belief=replace(estimate.belief, pose=answer.pose),
+                joints_m=position,
+                sigma_m=answer.sigma_m,
+                states=answer.states,
+            )
+            pictures = tuple(draw_estimate(drawn, self.shape))
+        return replace(record, joints=joints, pictures=pictures)

@@ -17,6 +17,7 @@ from anchorpose.calibration.floor import FloorConfig
 from anchorpose.calibration.people.camera_to_camera import CameraToCameraConfig
 from anchorpose.geodesics.anchors import AnchorConfig
 from anchorpose.isolation.config import IsolationConfig
+from anchorpose.results.contact_intervals import ContactConfig
 from anchorpose.surface.patient_surface import SurfaceConfig
 from anchorpose.tracker.bystanders import BystanderConfig
 from anchorpose.tracking.motion import MotionConfig
@@ -52,12 +53,34 @@ class FollowConfig:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SmoothingConfig:
+    """How two passes over a recording, there and back again, are put together."""
+
+    apart_m: float = 0.06  # a limb's joints nearer than this are averaged: the width of a wrist, so it is the same limb
+    trunk_apart_m: float = 0.15  # half a shoulder breadth: beyond, the trunk is in two places, and no limb can be mixed
+    hidden_cost: float = 0.5  # of a joint that is not seen, in a frame; of one that is, 0
+    lost_cost: float = 2.0  # of a joint where the cameras look past it: it is not there
+    switch_cost: float = 0.2  # of going over from one pass to the other: less than a hidden joint in one frame
+    switch_cost_per_m: float = 10.0  # a jump of 0.2 m has to save one lost joint
+    acceleration: float = (
+        2.0  # m/s in a second, with the root of time: 1 m/s in the quarter of a second that a reach starts in
+    )
+    lost_sigma_m: float = 0.25  # what a lost joint's place is worth: as FollowConfig.lost_sigma_m
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TrackConfig:
     """The resolved configuration of a run, saved in run.json."""
 
     method: Method = Method.ARTICULATED
     start: int = 0  # first frame to track
     stop: int | None = None  # frame to stop before; None = the end
+    smooth: bool = False  # track against time as well and put both together: not for live use, and twice the work
     patient_xz_m: tuple[float, float] | None = None  # where the patient stands at the start, if the user says so
     clocks: ClockConfig = field(default_factory=ClockConfig)
     placing: CameraToCameraConfig = field(default_factory=CameraToCameraConfig)
@@ -76,6 +99,8 @@ class TrackConfig:
     visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
     uncertainty: UncertaintyConfig = field(default_factory=UncertaintyConfig)
     follow: FollowConfig = field(default_factory=FollowConfig)
+    smoothing: SmoothingConfig = field(default_factory=SmoothingConfig)
+    contacts: ContactConfig = field(default_factory=ContactConfig)
 
     def __post_init__(self) -> None:
         if self.start < 0 or (self.stop is not None and self.stop <= self.start):

@@ -9,6 +9,9 @@ import numpy as np
 
 from anchorpose.association.hypotheses import Hypotheses
 from anchorpose.body.body_map import map_body
+from anchorpose.body.constraints import place_constraints
+from anchorpose.body.crossed_legs import uncrossed
+from anchorpose.body.evidence import Evidence, evidence_cost
 from anchorpose.body.initial import anchor_points
 from anchorpose.body.inverse_kinematics import pose_from_joints
 from anchorpose.body.part_registration import joints_of_parts
@@ -30,12 +33,14 @@ from anchorpose.tracker.config import Method, TrackConfig
 from anchorpose.tracker.estimate import Estimate, estimate_of, nobody_found
 from anchorpose.tracker.observation import Expectation, Observation, observe, observe_again
 from anchorpose.tracker.room import Room
+from anchorpose.tracker.search import Search
 from anchorpose.tracker.start import NoStart, Start, find_start
 from anchorpose.tracker.stopwatch import Stopwatch
 from anchorpose.tracking.joint_motion import predict_joints
 from anchorpose.tracking.motion import MotionDatabase
 
-FIRST_PAUSE, LONGEST_PAUSE = 5, 40  # frames between searches that fail, doubled each time: one costs thirty frames
+FIRST_PAUSE, LONGEST_PAUSE = 5, 15  # frames between searches that fail, doubled each time: one costs thirty frames
+NOTHING_HELD = place_constraints(np.zeros(0, np.int64), np.zeros((0, 3)), 1.0, 1.0)  # pairs and anchors go by the legs
 
 
 class PatientTracker:
@@ -56,6 +61,7 @@ class PatientTracker:
         self.history: deque[np.ndarray] = deque([self._joints(start.belief.pose)], maxlen=config.follow.history)
         self.ahead: list[Pose] = []
         self.unseen_s, self.unseen_frames = 0.0, 0
+        self.last_found = start.observation
         self.search_wait = 0  # frames until arms may be searched for again
         self.first = self._estimate(Registration(start.belief, start.explained, True), start.observation)
 
@@ -159,6 +165,7 @@ class PatientTracker:
             registration = Registration(predicted, 0.0, False)
         self.unseen_s = 0.0 if registration.found else self.unseen_s + elapsed_s
         self.unseen_frames = 0 if registration.found else self.unseen_frames + 1
+        self.last_found = following if registration.found else self.last_found
         self.belief, self.ahead = registration.belief, []
         self.history.append(self._joints(self.belief.pose))
         self.window.popleft()
@@ -189,11 +196,36 @@ class PatientTracker:
                 self.points, self.rest, predicted, evidence, held, config.registration, self.search_wait == 0
             )
             self.search_wait = config.follow.search_pause if found.searched else max(0, self.search_wait - 1)
-            return found
+            return self._uncross(found, predicted, evidence) if found.found else found
         T_next_now = parts_by_icp(hypothesis, window, T_predicted, config)
         joints = joints_of_parts(self.points.asset, self.rest.body, T_next_now @ now.transforms)
         pose = pose_from_joints(self.points, self.rest, poses[0], joints, config.registration.fit)
         return posterior(self.points, self.rest, pose, predicted, evidence, config.registration)
+
+    def _uncross(self, found: Registration, predicted: PoseBelief, evidence: Evidence) -> Registration:
+        """The registration with the legs exchanged where they are crossed and the frame is explained better so."""
+        config = self.config.registration
+        pose = uncrossed(self.points, self.rest, found.belief.pose, config.fit)
+        if pose is None:
+            return found
+        doubted = predicted.later(pose, config.restart_doubt_s, config.fit)
+        other = register(self.points, self.rest, doubted, evidence, NOTHING_HELD, config, may_search=False)
+        costs = [
+            evidence_cost(
+                self.points,
+                self.rest,
+                tried.belief.pose,
+                evidence,
+                config.reaches_m[-1],
+                config.constraints,
+                config.fit,
+            )
+            for tried in (found, other)
+        ]
+        if not other.found or costs[1] >= costs[0]:
+            return found
+        self.history.clear()  # its legs moved as each other's
+        return other
 
 
 def _apart_m(one: Expectation, other: Expectation) -> float:
@@ -203,49 +235,53 @@ def _apart_m(one: Expectation, other: Expectation) -> float:
 
 def follow_patient(
     room: Room, frames: Iterable[FrameSet], motions: MotionDatabase | None, known: FittedShape | None,
-    config: TrackConfig, watch: Stopwatch,
+    config: TrackConfig, watch: Stopwatch, begin: Start | None = None,
 ) -> Iterator[Estimate]:  # fmt: skip
     """An estimate for every frame, in order: lost until he is found, followed, and searched for again when lost.
 
     frames: in the order of time, or against it; the first one should be the room's opening. known: the learnt shape;
-    None where it is still to be learnt.
+    None where it is still to be learnt. begin: the patient as he was found in the first frame already.
     """
     choice = room.opening.choice if room.opening else None
-    for estimate, _ in follow_openly(room, frames, choice, motions, known, config, watch):
+    for estimate, _ in follow_openly(room, frames, choice, motions, known, config, watch, begin):
         yield estimate
 
 
 def follow_openly(
     room: Room, frames: Iterable[FrameSet], choice: PatientChoice | None, motions: MotionDatabase | None,
-    known: FittedShape | None, config: TrackConfig, watch: Stopwatch,
+    known: FittedShape | None, config: TrackConfig, watch: Stopwatch, begin: Start | None = None,
 ) -> Iterator[tuple[Estimate, PatientTracker | None]]:  # fmt: skip
     """As ``follow_patient``, from any frame, and with the tracker as it stands after each estimate, if any.
 
     choice: where he stands in the first frame, None where nobody is to be looked for.
     """
     tracker: PatientTracker | None = None
+    search: Search | None = None  # once he was followed and lost
     wait, pause = 0, FIRST_PAUSE
     for frame_set in frames:
         if tracker is None:
             wait -= 1
+            if search is not None:
+                with watch.stage("isolation"):
+                    choice = search.look(frame_set, room, config)
             if choice is None or wait >= 0:
                 yield nobody_found(frame_set), None
                 continue
-            start = find_start(frame_set, room, choice, known, config, watch)
+            start = begin or find_start(frame_set, room, choice, known, config, watch)
+            begin = None
             if isinstance(start, NoStart):
                 if start is NoStart.NO_BODY_FITS:
                     wait, pause = pause, min(2 * pause, LONGEST_PAUSE)
                 yield nobody_found(frame_set), None
                 continue
-            tracker = PatientTracker(room, start, motions, config, watch)
+            tracker, search = PatientTracker(room, start, motions, config, watch), None
             wait, pause = 0, FIRST_PAUSE
             yield tracker.first, tracker
             continue
         for estimate in tracker.push(frame_set):
             yield estimate, tracker
         if tracker.unseen_s > config.follow.lost_after_s:
-            choice = PatientChoice(tracker.belief.pose.root_m[[0, 2]], "where he was lost", sure=False)
-            known = tracker.shape
+            search, known = Search(tracker.window[-1], tracker.last_found, tracker.belief.pose.root_m), tracker.shape
             yield from ((nobody_found(seen.frame_set, seen), None) for seen in list(tracker.window)[1:])
             tracker = None
     if tracker is not None:

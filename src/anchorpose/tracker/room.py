@@ -20,6 +20,7 @@ from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.tracker.config import TrackConfig
 
 UP = np.array([0.0, 1.0, 0.0])
+THERE_M = 0.5  # from the place that was named: beyond, somebody else is seen and the patient has not come yet
 CROWDED_M = 1.0  # from axis to axis: an outstretched arm and half a trunk
 BLIND_SAMPLES = 3  # times as many where the empty room has to be put together from moments in which it is free
 MERGED = 0.5  # worth of a frame with fewer people than usual: somebody may stand so near that two are taken for one
@@ -109,7 +110,8 @@ def choose_opening(
     frames: Sequence[int], sightings: Sequence[People], calibration: Calibration, recording: Recording,
     config: TrackConfig,
 ) -> Opening | None:  # fmt: skip
-    """The first of the frames that shows the patient well and nobody near him; the very first if he was named.
+    """The first of the frames that shows the patient well and nobody near him; if he was named, the first with
+    somebody at that place.
 
     frames: positions in the recording, sightings: the people of each. None where nobody is seen in any of them.
     """
@@ -126,7 +128,9 @@ def choose_opening(
     if not openings:
         return None
     if config.patient_xz_m is not None:
-        return openings[0]
+        named_m = [float(np.linalg.norm(opening.choice.ground_xz_m - config.patient_xz_m)) for opening in openings]
+        there = [opening for opening, off_m in zip(openings, named_m, strict=True) if off_m < THERE_M]
+        return (there or openings)[0]
     ordinary_m2 = float(np.median([area_m2 for area_m2, _ in seen]))
     sure = any(opening.choice.sure for opening in openings)
     counts = [len(sightings[frames.index(opening.frame)].people) for opening in openings]

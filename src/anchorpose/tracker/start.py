@@ -15,6 +15,7 @@ from anchorpose.isolation.people import PatientChoice
 from anchorpose.recording.recording import FrameSet
 from anchorpose.surface.surface import Surface
 from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.observation import Observation, observe_first
 from anchorpose.tracker.room import Room
 from anchorpose.tracker.stopwatch import Stopwatch
@@ -65,6 +66,20 @@ def find_start(
     if not found.found or found.explained < config.follow.least_explained:
         return NoStart.NO_BODY_FITS
     return Start(observation, first.shape, found.belief, found.explained)
+
+
+def turn_round(estimate: Estimate, config: TrackConfig) -> Start | None:
+    """The start of a pass the other way from the frame in which one ended; None where the patient is lost there.
+
+    Only what this frame shows makes the pose sure: the other way is to see for itself.
+    """
+    seen, belief, shape = estimate.observation, estimate.belief, estimate.shape
+    if seen is None or belief is None or shape is None:
+        return None
+    points = body_points()
+    rest = rest_points(points, shape)
+    found = posterior(points, rest, belief.pose, vague_belief(belief.pose), seen.evidence, config.registration)
+    return Start(seen, shape, found.belief, found.explained)
 
 
 def first_heights(surface: Surface, room: Room) -> Sequence[float]:

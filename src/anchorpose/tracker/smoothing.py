@@ -1,0 +1,189 @@
+"""Both directions in time together: what was followed there and back again, limb by limb.
+
+A limb that is lost behind somebody going one way is often held on to going the other way. Where the two passes agree
+they are averaged; where they do not, the limb is taken from the pass that sees more of it where it is said to be. Then
+all joints are smoothed over time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from anchorpose.body.fit import FitConfig
+from anchorpose.body.inverse_kinematics import pose_from_joints
+from anchorpose.body.pose import MOVING_BONES, Pose
+from anchorpose.body.skin_points import RestPoints, SkinPoints
+from anchorpose.joints import JOINT_COUNT, JOINT_NAMES, JointState
+from anchorpose.tracker.config import SmoothingConfig
+from anchorpose.tracker.estimate import Estimate
+from anchorpose.tracker.in_time import smooth_in_time
+
+_LIMBS: Final = tuple(
+    (f"{side}{part}", bones, tuple(f"{joint}{side}" for joint in joints))
+    for side in ("Left", "Right")
+    for part, bones, joints in (
+        ("Arm", ("Shoulder", "Arm", "ForeArm", "Hand"), ("Shoulder", "Elbow", "Wrist", "Hand")),
+        ("Leg", ("UpLeg", "Leg", "Foot"), ("Knee", "Ankle", "Foot")),
+    )
+)
+
+
+def _limb_of_bones() -> np.ndarray:
+    """(m,) the limb of each moving bone, counted from 1; 0 is the trunk with the head."""
+    limb_of = np.zeros(len(MOVING_BONES), dtype=np.int64)
+    for number, (name, bones, _) in enumerate(_LIMBS, 1):
+        side = "Left" if name.startswith("Left") else "Right"
+        limb_of[[MOVING_BONES.index(f"{side}{bone}") for bone in bones]] = number
+    return limb_of
+
+
+def _limb_of_joints() -> np.ndarray:
+    limb_of = np.zeros(JOINT_COUNT, dtype=np.int64)
+    for number, (_, _, joints) in enumerate(_LIMBS, 1):
+        limb_of[[JOINT_NAMES.index(joint) for joint in joints]] = number
+    return limb_of
+
+
+LIMB_OF_BONES: Final = _limb_of_bones()
+LIMB_OF_JOINTS: Final = _limb_of_joints()
+PARTS: Final = len(_LIMBS) + 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Passed:
+    """What one pass, or both together, answer for a frame, without what it was seen by: a kilobyte.
+
+    pose: None where the patient is lost; joints_m (21, 3) by that pose, also of lost joints; sigma_m (21,), NaN where
+    lost.
+    """
+
+    pose: Pose | None
+    joints_m: np.ndarray
+    sigma_m: np.ndarray
+    states: tuple[JointState, ...]
+
+
+def passed(rest: RestPoints, estimate: Estimate) -> Passed:
+    """What is kept of an estimate until the other pass has come to the same frame."""
+    if estimate.belief is None:
+        return Passed(None, np.full((JOINT_COUNT, 3), np.nan), estimate.sigma_m, estimate.states)
+    pose = estimate.belief.pose
+    return Passed(pose, _joints(rest, pose), estimate.sigma_m, estimate.states)
+
+
+def smooth(
+    points: SkinPoints, rest: RestPoints, time_s: np.ndarray, there: Sequence[Passed], back: Sequence[Passed],
+    config: SmoothingConfig, fit: FitConfig,
+) -> list[Passed]:  # fmt: skip
+    """The frames (t,) of two passes, both in the order of the first, as one.
+
+    Joints are put together, smoothed over each stretch without a gap, and the body is posed to meet them: bones keep
+    their lengths, joints their ranges, and frames in which both passes lost the patient stay lost.
+    """
+    weight = _weights_of_back(there, back, config)
+    mixed = [_mixed(*frame) for frame in zip(there, back, weight[:, LIMB_OF_JOINTS], strict=True)]
+    joints = _smoothed_stretches(time_s, mixed, config)
+    answers = []
+    for one, other, answer, wanted, share in zip(there, back, mixed, joints, weight, strict=True):
+        start = _nearer_pose(one.pose, other.pose, points, share)
+        pose = None if start is None else pose_from_joints(points, rest, start, wanted, fit)
+        answers.append(replace(answer, pose=pose, joints_m=wanted if pose is None else _joints(rest, pose)))
+    return answers
+
+
+def _smoothed_stretches(time_s: np.ndarray, frames: Sequence[Passed], config: SmoothingConfig) -> np.ndarray:
+    """(t, 21, 3) joints, NaN where the patient is lost."""
+    joints = np.array([frame.joints_m for frame in frames])
+    sigma = np.array([_known_sigma(frame, config) for frame in frames])
+    followed = np.isfinite(joints).all(axis=(1, 2))
+    edges = np.flatnonzero(np.diff(followed.astype(np.int64), prepend=0, append=0)).reshape(-1, 2)
+    for start, stop in edges.tolist():
+        own = slice(start, stop)
+        joints[own] = smooth_in_time(time_s[own], joints[own], sigma[own], config.acceleration)
+    return joints
+
+
+def _weights_of_back(there: Sequence[Passed], back: Sequence[Passed], config: SmoothingConfig) -> np.ndarray:
+    """(t, PARTS) share of the second pass in trunk and limbs: by information where the two agree, else 0 or 1."""
+    apart_m = np.linalg.norm([f.joints_m - s.joints_m for f, s in zip(there, back, strict=True)], axis=2)
+    apart_m = np.nan_to_num(apart_m).reshape(-1, JOINT_COUNT)
+    costs = np.array([[_joint_costs(frame.states, config) for frame in way] for way in (there, back)])
+    variance = np.array([[_known_sigma(frame, config) ** 2 for frame in way] for way in (there, back)])
+    weight = np.zeros((len(there), PARTS))
+    split = np.zeros(len(there), dtype=bool)
+    for part in range(PARTS):
+        own = np.isin(LIMB_OF_JOINTS, part)
+        distance, cost = apart_m[:, own].max(axis=1), costs[:, :, own].sum(axis=2)
+        agree = distance < (config.apart_m if part else config.trunk_apart_m)
+        chosen = _course(np.where(agree, 0.0, cost), distance, config)
+        spread = variance[:, :, own].mean(axis=2)
+        weight[:, part] = np.where(agree, spread[0] / spread.sum(axis=0), chosen)
+        if part == 0:
+            split = ~agree
+        weight[split, part] = weight[split, 0]  # limbs hang on the trunk: where that is in two places, they go with it
+    return weight
+
+
+def _joint_costs(states: Sequence[JointState], config: SmoothingConfig) -> list[float]:
+    known = {JointState.OBSERVED: 0.0, JointState.LOST: config.lost_cost}
+    return [known.get(state, config.hidden_cost) for state in states]
+
+
+def _known_sigma(frame: Passed, config: SmoothingConfig) -> np.ndarray:
+    return np.where(np.isnan(frame.sigma_m), config.lost_sigma_m, frame.sigma_m)
+
+
+def _course(cost: np.ndarray, distance_m: np.ndarray, config: SmoothingConfig) -> np.ndarray:
+    """(t,) which of two ways, (2, t) cost, is the cheapest course through all frames (Viterbi 1967).
+
+    Changing over costs more the farther the two are apart: limbs do not jump.
+    """
+    change = config.switch_cost + config.switch_cost_per_m * distance_m
+    total, came_from = cost[:, 0].copy(), np.zeros((len(distance_m), 2), dtype=np.int64)
+    for frame in range(1, len(distance_m)):
+        other = total[::-1] + change[frame]
+        came_from[frame] = np.where(other < total, [1, 0], [0, 1])
+        total = np.minimum(total, other) + cost[:, frame]
+    way = int(total.argmin())
+    course = np.zeros(len(distance_m), dtype=np.int64)
+    for frame in range(len(distance_m) - 1, -1, -1):
+        course[frame] = way
+        way = int(came_from[frame, way])
+    return course
+
+
+def _mixed(there: Passed, back: Passed, weight: np.ndarray) -> Passed:
+    """Joints, sigma and states of both; weight (21,): share of the second pass. The pose is the first pass'."""
+    if there.pose is None or back.pose is None:
+        return there if back.pose is None else back
+    states = tuple(b if w > 0.5 else a for a, b, w in zip(there.states, back.states, weight, strict=True))
+    lost = np.array([state is JointState.LOST for state in states])
+    joints = there.joints_m + weight[:, None] * (back.joints_m - there.joints_m)
+    return Passed(there.pose, joints, np.where(lost, np.nan, _mixed_sigma(there, back, weight)), states)
+
+
+def _mixed_sigma(there: Passed, back: Passed, weight: np.ndarray) -> np.ndarray:
+    """(21,) of the mixture of both answers. The two saw the same pictures: agreeing makes them no surer, disagreeing
+    less sure."""
+    a = np.where(np.isnan(there.sigma_m), back.sigma_m, there.sigma_m)
+    b = np.where(np.isnan(back.sigma_m), there.sigma_m, back.sigma_m)
+    apart2 = ((there.joints_m - back.joints_m) ** 2).sum(axis=1) / 3.0
+    return np.asarray(np.sqrt((1.0 - weight) * a**2 + weight * b**2 + weight * (1.0 - weight) * apart2))
+
+
+def _nearer_pose(one: Pose | None, other: Pose | None, points: SkinPoints, weight: np.ndarray) -> Pose | None:
+    """Each part's bones from the pose that has more weight there; None where both are lost."""
+    if one is None or other is None:
+        return one or other
+    rotations = one.rotations.copy()
+    taken = points.moving[weight[LIMB_OF_BONES] > 0.5]
+    rotations[taken] = other.rotations[taken]
+    return Pose(rotations, other.root_m if weight[0] > 0.5 else one.root_m)
+
+
+def _joints(rest: RestPoints, pose: Pose) -> np.ndarray:
+    return rest.body.joints(rest.body.bone_transforms(pose.rotations, pose.root_m))
