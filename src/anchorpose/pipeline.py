@@ -43,7 +43,7 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room
 from anchorpose.tracker.stopwatch import Stopwatch
-from anchorpose.tracking.default_motions import default_motions
+from anchorpose.tracking.motion_file import load_motions
 
 __all__ = ["TrackConfig", "track_recording"]
 
@@ -81,10 +81,10 @@ def _track(recording: Path, results: Path, config: TrackConfig, progress: Progre
     if calibration is not None:
         opened = with_poses(opened, calibration)
     frame_range(opened, config.start, config.stop)  # refuses an empty range before any work is done
+    motions = load_motions(config.motion_file, opened.rate_hz, config.motion)  # likewise a file that is none
     total, window = _frame_counts(opened, config)
     with watch.stage("calibration and background"):
         room = prepare_room(opened, config)
-    motions = default_motions(opened.rate_hz, config.motion)
     route = plan_route(room, config, _counter(progress, window + total))
     shape = learn_on(route, room, motions, config, watch)
     shown = set(np.unique(np.linspace(config.start, config.start + total - 1, PICTURES).astype(int)).tolist())
@@ -132,11 +132,15 @@ def _write_record(
     calibration_file: Path | None,
 ) -> None:  # fmt: skip
     calibration, gaps = room.calibration, find_gaps(room.recording)
+    movements = config.motion_file
     source = None if calibration_file is None else PoseSource.FILE
     record = RunRecord(
         recording=room.recording.folder.resolve().name,
         config=config,
-        inputs_sha256=hash_files(input_files(room.recording), room.recording.folder),
+        inputs_sha256=(
+            *hash_files(input_files(room.recording), room.recording.folder),
+            *(hash_files([movements], movements.parent) if config.motion.uses_database else ()),
+        ),
         cameras=tuple(
             CameraRecord(camera.name, camera.T_world_camera, (source or pose.source).value)
             for camera, pose in zip(room.cameras, calibration.poses, strict=True)

@@ -17,7 +17,7 @@ from anchorpose.tracker.patient import follow_patient
 from anchorpose.tracker.pictures import draw_estimate
 from anchorpose.tracker.room import Room
 from anchorpose.tracker.stopwatch import Stopwatch
-from anchorpose.tracking.motion import MotionDatabase
+from anchorpose.tracking.motion_database import MotionDatabase
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import StrEnum
+from pathlib import Path
 
 from anchorpose.association.gate import GateConfig
 from anchorpose.body.learning import LearningConfig
@@ -19,6 +20,7 @@ from anchorpose.geodesics.anchors import AnchorConfig
 from anchorpose.isolation.config import IsolationConfig
 from anchorpose.surface.patient_surface import SurfaceConfig
 from anchorpose.tracking.motion import MotionConfig
+from anchorpose.tracking.motion_file import SHIPPED
 from anchorpose.tracking.tree import TreeConfig
 
 
@@ -58,6 +60,7 @@ class TrackConfig:
     start: int = 0  # first frame to track
     stop: int | None = None  # frame to stop before; None = the end
     patient_xz_m: tuple[float, float] | None = None  # where the patient stands at the start, if the user says so
+    motions: str | None = None  # file of reference movements; None = those that ship with the package
     clocks: ClockConfig = field(default_factory=ClockConfig)
     placing: CameraToCameraConfig = field(default_factory=CameraToCameraConfig)
     floor: FloorConfig = field(default_factory=FloorConfig)
@@ -78,3 +81,8 @@ class TrackConfig:
     def __post_init__(self) -> None:
         if self.start < 0 or (self.stop is not None and self.stop <= self.start):
             raise ValueError(f"start must not be negative and stop must come after it, got {self.start} to {self.stop}")
+
+    @property
+    def motion_file(self) -> Path:
+        """The file of reference movements."""
+        return SHIPPED if self.motions is None else Path(self.motions)

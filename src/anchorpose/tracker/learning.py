@@ -13,7 +13,7 @@ from anchorpose.tracker.patient import follow_patient
 from anchorpose.tracker.room import Room
 from anchorpose.tracker.start import body_points
 from anchorpose.tracker.stopwatch import Stopwatch
-from anchorpose.tracking.motion import MotionDatabase
+from anchorpose.tracking.motion_database import MotionDatabase
 
 
 def learn_patient(

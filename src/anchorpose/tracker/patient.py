@@ -33,7 +33,7 @@ from anchorpose.tracker.room import Room
 from anchorpose.tracker.start import NoStart, Start, body_points, find_start
 from anchorpose.tracker.stopwatch import Stopwatch
 from anchorpose.tracking.joint_motion import predict_joints
-from anchorpose.tracking.motion import MotionDatabase
+from anchorpose.tracking.motion_database import MotionDatabase
 
 FIRST_PAUSE, LONGEST_PAUSE = 5, 40  # frames between searches that fail, doubled each time: one costs thirty frames
 
