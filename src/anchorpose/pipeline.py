@@ -28,6 +28,7 @@ from anchorpose.results.pictures import FramePicture, save_pictures
 from anchorpose.results.report import write_report
 from anchorpose.results.run_record import (
     RUN_FILE,
+    Association,
     CameraRecord,
     DroppedFrame,
     Residual,
@@ -56,7 +57,7 @@ Progress = Callable[[int, int], None]
 class _Written:
     """What the pass over all frames leaves behind besides the table."""
 
-    frame_count: int
+    association: Association
     dropped: tuple[DroppedFrame, ...]
     pictures: tuple[FramePicture, ...]
 
@@ -116,15 +117,15 @@ def _counter(progress: Progress, total: int) -> Callable[[], None]:
 
 def _write_frames(results: Path, records: Iterable[FrameRecord]) -> _Written:
     """Stream the joints to their table; keep pictures and problems."""
-    dropped, pictures, count = list[DroppedFrame](), list[FramePicture](), 0
+    dropped, pictures, shares = list[DroppedFrame](), list[FramePicture](), list[float | None]()
     with write_joints(results / JOINTS_FILE) as table:
         for record in records:
             table.append(record.joints)
             frame, time_s = record.joints.frame, record.joints.time_s
             dropped += [DroppedFrame(frame, time_s, why) for why in record.problems]
             pictures += record.pictures
-            count += 1
-    return _Written(count, tuple(dropped), tuple(pictures))
+            shares.append(None if record.matched_share is None else round(record.matched_share, 3))
+    return _Written(Association(tuple(shares)), tuple(dropped), tuple(pictures))
 
 
 def _write_record(
@@ -158,7 +159,8 @@ def _write_record(
             *_clock_residuals(room.clocks, gaps),
         ),
         timings=tuple(StageTiming(stage, seconds) for stage, seconds in watch.seconds.items()),
-        frame_count=written.frame_count,
+        frame_count=len(written.association.matched_share),
+        association=written.association,
         dropped=written.dropped,
         pictures=save_pictures(results, written.pictures),
         notes=(
@@ -166,6 +168,7 @@ def _write_record(
             *clock_notes(room.clocks),
             *(camera.sentence for camera in gaps if camera.sentence),
             *_notes(room, shape),
+            *written.association.sentences,
         ),
     )
     write_run_record(results / RUN_FILE, record)

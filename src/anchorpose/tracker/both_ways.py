@@ -22,9 +22,10 @@ from anchorpose.tracking.motion_database import MotionDatabase
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameRecord:
-    """What is kept of one frame: the joints, what was wrong with its pictures, and pictures of it for the report."""
+    """What is kept of a frame: joints, share of nodes matched, what was wrong with its pictures, some for people."""
 
     joints: JointFrame
+    matched_share: float | None
     problems: tuple[str, ...]
     pictures: tuple[FramePicture, ...]
 
@@ -87,4 +88,4 @@ def _record(estimate: Estimate, shape: FittedShape | None) -> FrameRecord:
         sigma_m=estimate.sigma_m,
     )
     pictures = tuple(draw_estimate(estimate, shape)) if shape is not None else ()
-    return FrameRecord(joints, frame_set.problems, pictures)
+    return FrameRecord(joints, estimate.matched_share, frame_set.problems, pictures)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 
+from anchorpose.association.feature import HypothesisConfig
 from anchorpose.association.gate import GateConfig
 from anchorpose.body.learning import LearningConfig
 from anchorpose.body.part_registration import PartRegistrationConfig
@@ -68,6 +69,7 @@ class TrackConfig:
     isolation: IsolationConfig = field(default_factory=IsolationConfig)
     surface: SurfaceConfig = field(default_factory=SurfaceConfig)
     anchors: AnchorConfig = field(default_factory=AnchorConfig)
+    hypotheses: HypothesisConfig = field(default_factory=HypothesisConfig)
     gate: GateConfig = field(default_factory=GateConfig)
     tree: TreeConfig = field(default_factory=TreeConfig)
     motion: MotionConfig = field(default_factory=MotionConfig)

@@ -31,6 +31,8 @@ def learn_patient(
         time_s = estimate.frame_set.time_s
         if kept and time_s - kept[0].frame_set.time_s > config.learning.window_s:
             break
+        if not config.learning.own_shape:
+            return estimate.shape
         if not kept or time_s - kept[-1].frame_set.time_s >= spacing_s - 1e-6:
             kept.append(estimate)
     if not kept or kept[0].shape is None:

@@ -90,9 +90,12 @@ class PatientTracker:
         while len(self.window) > 1:
             yield self._advance()
 
-    def _estimate(self, registration: Registration, seen: Observation) -> Estimate:
+    def _estimate(
+        self, registration: Registration, seen: Observation, hypothesis: GlobalHypothesis | None = None
+    ) -> Estimate:
+        share = None if hypothesis is None else hypothesis.matched_share
         with self.watch.stage("states and sigma"):
-            return estimate_of(self.points, self.rest, self.shape, registration, seen, self.config)
+            return estimate_of(self.points, self.rest, self.shape, registration, seen, share, self.config)
 
     def _predict(self, steps: int) -> list[Pose]:
         """The next poses by scaled motion dynamics."""
@@ -149,8 +152,10 @@ class PatientTracker:
         poses = self._look_ahead()
         following = self.window[1]
         predicted = self.belief.later(poses[0], elapsed_s, self.config.registration.fit)
-        if len(following.surface):
-            registration = self._associate_and_register(poses, predicted)
+        hypothesis = self._hypothesise(poses) if len(following.surface) else None
+        if hypothesis is not None:
+            with self.watch.stage("registration"):
+                registration = self._register(hypothesis, list(self.window), poses, predicted)
         else:
             registration = Registration(predicted, 0.0, False)
         self.unseen_s = 0.0 if registration.found else self.unseen_s + elapsed_s
@@ -160,12 +165,7 @@ class PatientTracker:
         self.history.append(joints)
         self.window.popleft()
         self.links.popleft()
-        return self._estimate(registration, following)
-
-    def _associate_and_register(self, poses: list[Pose], predicted: PoseBelief) -> Registration:
-        hypothesis = self._hypothesise(poses)
-        with self.watch.stage("registration"):
-            return self._register(hypothesis, list(self.window), poses, predicted)
+        return self._estimate(registration, following, hypothesis)
 
     def _hypothesise(self, poses: list[Pose]) -> GlobalHypothesis:
         with self.watch.stage("track tree"):
