@@ -1,7 +1,7 @@
 """How long the track tree takes and how often it is pruned: pytest benchmarks/test_tree.py --benchmark-only.
 
 Windows as tracking meets them in two simulated recordings (one camera and a hole of 0.15 m in half of the frames; a
-clinic with three cameras), beside every branch of the same trees spelled out, which also says that the optimum is found.
+clinic with three cameras), beside every branch of the same trees spelled out, which also proves the optimum.
 """
 
 from __future__ import annotations
