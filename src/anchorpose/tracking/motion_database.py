@@ -13,8 +13,7 @@ from typing import Final
 import numpy as np
 
 SEGMENT: Final = 4  # neighbours in time with a common bound; more of them lie farther apart than they save tests
-COLUMNS: Final = 16  # principal columns of a sub-list's bound: nine tenths of its cost
-COARSE: Final = 8  # of these, columns of a segment's bound
+COLUMNS: Final = 16  # principal columns of the bounds, which with these come to nine tenths of the cost
 _SAMPLES: Final = 5000  # poses that the principal directions are taken from
 
 
@@ -25,7 +24,7 @@ class SubLists:
     place (w,) float64: row of theta, between two rows also, of the newest pose. stride (w,) float64: rows a frame.
     followed (w,) int32: frames that come after it in its clip.
     told (w, 2, COLUMNS) float32: its mean pose and the way it moved, in the leading columns of ``turned``.
-    segment (s + 1,) int64: where each group of neighbours begins; centre (s, 2, COARSE) float32 the mean of what is
+    segment (s + 1,) int64: where each group of neighbours begins; centre (s, 2, COLUMNS) float32 the mean of what is
     told of them, and radius (s, 2) float32 how far from that the mean poses, and the ways moved, lie at most.
     """
 
@@ -119,7 +118,7 @@ def _list(runs: Sequence[tuple[int, float, int]], turned: np.ndarray, history: i
         segment.append(np.append(np.arange(listed - len(newest), listed, SEGMENT)[1:], listed))
     places, strides, begins = np.concatenate(place), np.concatenate(stride), np.concatenate(segment)
     told = tell(turned, places, strides, history)
-    centre, radius = _enclose(told[:, :, :COARSE], begins)
+    centre, radius = _enclose(told, begins)
     return SubLists(places, strides, np.concatenate(followed).astype(np.int32), told, begins, centre, radius)
 
 

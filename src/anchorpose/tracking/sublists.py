@@ -8,10 +8,11 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-from anchorpose.tracking.motion_database import MotionDatabase, poses_at, tell
+from anchorpose.tracking.motion_database import COLUMNS, MotionDatabase, poses_at
 
 _SEEDS: Final = 16  # segments looked at first, for a cost to beat
-_ROUNDED: Final = np.float32(0.9999)  # bounds are kept in single precision, which may round up
+_ROUNDED: Final = np.float32(0.9999)  # bounds are kept in single precision, which may round up ...
+_SLACK_M: Final = np.float32(1e-5)  # ... and near nothing by more than a share
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +51,8 @@ def best_sublists(
         return None
     if len(known) == database.compared:
         recent = history[:, : database.compared] @ database.basis.astype(np.float64)
-        asked = tell(recent, np.array([k - 1.0]), np.array([1.0]), k)[0]
+        leading = recent[:, :COLUMNS]
+        asked = np.stack([leading.mean(axis=0), leading[-1] - leading[0]]).astype(np.float32)
         columns = database.turned
     else:
         columns, recent, asked = np.ascontiguousarray(database.theta[:, known]), history[:, known], None
@@ -96,7 +98,7 @@ def _rank(
         for w in range(segment[s], segment[s + 1]):
             if followed[w] < steps:
                 continue
-            if asked is not None and scale * _apart(told[w], asked, weight) > cost[-1]:
+            if asked is not None and scale * _apart(told[w], asked, weight) - _SLACK_M > cost[-1]:
                 continue
             total = _cost(theta, history, place[w], stride[w], displacement_weight, cost[-1])
             found = _insert(best, cost, found, w, total)
@@ -142,7 +144,7 @@ def _bound_segments(
         pose, moved = np.sqrt(pose), np.sqrt(moved)
         away = pose + weight * moved
         pose, moved = max(np.float32(0.0), pose - radius[s, 0]), max(np.float32(0.0), moved - radius[s, 1])
-        bound[s] = scale * (pose + weight * moved)
+        bound[s] = max(np.float32(0.0), scale * (pose + weight * moved) - _SLACK_M)
         if away < reach[-1]:
             spot = len(reach) - 1
             while spot > 0 and reach[spot - 1] > away:
