@@ -109,8 +109,8 @@ def main() -> None:
     parser.add_argument("--scenes", nargs="+", choices=list(SCENES), default=list(SCENES))
     chosen = parser.parse_args()
     rows: dict[tuple[str, str], list[Row]] = {(variant, scene): [] for variant in VARIANTS for scene in chosen.scenes}
-    for scene in chosen.scenes:
-        for seed in range(chosen.first_seed, chosen.first_seed + chosen.seeds):
+    for seed in range(chosen.first_seed, chosen.first_seed + chosen.seeds):
+        for scene in chosen.scenes:
             with TemporaryDirectory() as folder:
                 simulated = Path(folder) / "simulated"
                 simulate_recording(simulated, SCENES[scene](seed, chosen.seconds))
