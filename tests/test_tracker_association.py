@@ -63,4 +63,5 @@ def test_a_hypothesis_that_no_anchor_supports_says_so_and_the_run_counts_it():
     (sentence,) = Association((None, 0.5, 0.0, 1.0)).sentences
     assert sentence.startswith("50 % of the followed points were found again")
     assert "in 1 of 3 frames none was" in sentence
+    assert Association((0.5,)).sentences == ["50 % of the followed points were found again in the next frame"]
     assert Association((None,)).sentences == []

@@ -70,7 +70,11 @@ class Association:
             return []
         without = sum(share == 0 for share in known)
         told = f"{100 * sum(known) / len(known):.0f} % of the followed points were found again in the next frame"
-        return [f"{told}; in {without} of {len(known)} frames none was, and only the prediction and the surface count"]
+        if without:
+            told += (
+                f"; in {without} of {len(known)} frames none was, and only the prediction and the surface count there"
+            )
+        return [told]
 
 
 @dataclass(frozen=True, slots=True)
