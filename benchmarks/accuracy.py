@@ -23,12 +23,13 @@ from typing import Final
 
 from anchorpose.pipeline import TrackConfig, track_recording
 from anchorpose.results.evaluate import Evaluation, evaluate
-from anchorpose.results.tables import JOINTS_FILE, read_joints
+from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 from anchorpose.simulate import config as presets
 from anchorpose.simulate.write import simulate_recording
 
 SKIP_S: Final = 1.0  # tracking may settle in it
 HOLES_M: Final = (0.03, 0.06, 0.09, 0.12, 0.15)  # the paper's
+TRUTH_FILE: Final = "truth/truth.npz"
 SCENES: Final[dict[str, Callable[[int, float], presets.SimulationConfig]]] = {
     "single": presets.single,
     **{f"hole-{radius_m:.2f}": partial(presets.holes, radius_m=radius_m) for radius_m in HOLES_M},
@@ -63,13 +64,17 @@ def score(job: tuple[str, int], seconds: float) -> Outcome:
     with TemporaryDirectory() as folder:
         simulated, results = Path(folder) / "simulated", Path(folder) / "results"
         simulate_recording(simulated, SCENES[scene](seed, seconds))
-        results.mkdir()
         start = time.perf_counter()
-        track_recording(simulated / "recording", results, TrackConfig(), lambda done, total: None)
+        joints, evaluation = track_simulated(simulated, results, TrackConfig())
         elapsed_s = time.perf_counter() - start
-        joints = read_joints(results / JOINTS_FILE)
-        evaluation = evaluate(results, simulated / "truth" / "truth.npz", SKIP_S)
     return Outcome(scene, seed, evaluation, int(joints.lost[-1].sum()), elapsed_s / len(joints.frame))
+
+
+def track_simulated(simulated: Path, results: Path, config: TrackConfig) -> tuple[JointTable, Evaluation]:
+    """Track a simulated recording into a new results folder and compare it with its truth."""
+    results.mkdir()
+    track_recording(simulated / "recording", results, config, lambda done, total: None)
+    return read_joints(results / JOINTS_FILE), evaluate(results, simulated / TRUTH_FILE, SKIP_S)
 
 
 def table(outcomes: Sequence[Outcome]) -> str:

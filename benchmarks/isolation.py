@@ -39,7 +39,7 @@ from anchorpose.tracker.patient import follow_patient
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room
 from anchorpose.tracker.stopwatch import Stopwatch
-from anchorpose.tracking.default_motions import default_motions
+from anchorpose.tracking.motion_file import load_motions
 
 ON_IT_M: Final = 0.03
 COLUMNS: Final = ("equipment removed %", "patient lost to it %", "kept %", "others taken %", "kept, held %",
@@ -82,7 +82,7 @@ def count(views: Sequence[View | None], shot: Shot, outline: bool) -> Count:
 
 def tracked_views(recording: Recording, room: Room, config: TrackConfig) -> Iterator[tuple[int, Sequence[View | None]]]:
     """The labels that tracking used, frame by frame."""
-    watch, motions = Stopwatch(), default_motions(15.0, config.motion)
+    watch, motions = Stopwatch(), load_motions(config.motion_file, 15.0, config.motion)
     route = plan_route(room, config, lambda: None)
     shape = learn_on(route, room, motions, config, watch)
     for positions in (route.back[1:], route.forth):

@@ -36,7 +36,7 @@ from anchorpose.tracker.patient import follow_patient
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room
 from anchorpose.tracker.stopwatch import Stopwatch
-from anchorpose.tracking.default_motions import default_motions
+from anchorpose.tracking.motion_file import load_motions
 
 ALONE: Final = {"standing_frame": False, "stool": False, "therapists": 0}
 SCENES: Final = {
@@ -96,7 +96,7 @@ def moments(folder: Path, config: TrackConfig) -> Iterator[Moment]:
     """Every frame of a recording in which the patient was expected somewhere."""
     recording = open_recording(folder)
     room = prepare_room(recording, config)
-    watch, motions = Stopwatch(), default_motions(15.0, config.motion)
+    watch, motions = Stopwatch(), load_motions(config.motion_file, 15.0, config.motion)
     route = plan_route(room, config, lambda: None)
     shape = learn_on(route, room, motions, config, watch)
     height_m = float(np.ptp(shape.body(body_points().asset).vertices[:, 1])) if shape else 1.75

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from surface_builder import flat_grid
 
+from anchorpose.association.feature import HypothesisConfig, nearest_hypotheses
 from anchorpose.association.gate import GateConfig, error_bound
 from anchorpose.association.hypotheses import anchor_subsets, match_hypotheses
 from anchorpose.association.voxels import sort_into_voxels
@@ -135,6 +136,21 @@ def test_without_anchors_or_without_a_surface_there_are_no_matches():
     empty = keep_nodes(surface, np.zeros(len(surface), bool))
     lost = match_hypotheses(descriptor, empty, np.empty((0, 5), np.float32), ALL)
     assert (lost.match == -1).all()
+
+
+def test_without_a_descriptor_the_match_is_the_nearest_node_within_reach():
+    surface, _ = sheet()
+    rng = np.random.default_rng(3)
+    moved = replace(surface, points_m=surface.points_m + rng.normal(0, 0.02, (len(surface), 3)).astype(np.float32))
+    found = nearest_hypotheses(surface, moved, GateConfig(search_radius_m=0.02))
+    away = np.linalg.norm(surface.points_m[:, None] - moved.points_m, axis=2)
+    expected = np.where(away.min(axis=1) < 0.02, away.argmin(axis=1), -1)
+    np.testing.assert_array_equal(found.match[:, 0], expected)
+    assert 0.01 < (expected < 0).mean() < 0.5
+    empty = keep_nodes(surface, np.zeros(len(surface), bool))
+    assert (nearest_hypotheses(surface, empty, GateConfig()).match == -1).all()
+    with pytest.raises(ValueError, match="subset_size"):
+        HypothesisConfig(subset_size=0)
 
 
 def test_the_bound_grows_linearly_with_the_distance():

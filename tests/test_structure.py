@@ -21,7 +21,7 @@ FLOW = (
     "recording", "calibration", "isolation", "surface", "geodesics", "association", "tracking", "body", "results",
 )  # fmt: skip
 VALUES = ("errors", "joints", "camera")
-BESIDE_THE_FLOW = ("simulate", "tracker", "pipeline", "calibrating", "inspecting", "threads", "cli")
+BESIDE_THE_FLOW = ("simulate", "tracker", "pipeline", "calibrating", "inspecting", "collecting", "threads", "cli")
 PACKAGE_ITSELF = "anchorpose"  # `from anchorpose import __version__`
 
 HEAVY = {"numpy", "scipy", "numba", "cv2", "pyarrow", "plotly", "embreex"}
@@ -95,7 +95,7 @@ def test_value_modules_import_nothing_but_each_other(value: str) -> None:
 
 def test_nothing_that_tracks_can_reach_the_simulation_and_its_truth() -> None:
     assert forbidden_imports("tracker", {*FLOW, *VALUES, "tracker"}) == []
-    for way in ("pipeline", "calibrating", "inspecting"):
+    for way in ("pipeline", "calibrating", "inspecting", "collecting"):
         assert forbidden_imports(way, {*FLOW, *VALUES, "tracker", "threads"}) == []
 
 

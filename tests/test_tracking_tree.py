@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from anchorpose.tracking.tree import TreeConfig, best_branches
+from anchorpose.tracking.tree import Support, TreeConfig, best_branches
 
 
 def small_tree(seed: int, nodes: int = 6, subsets: int = 4, depth: int = 3):
@@ -55,7 +55,37 @@ def test_a_node_none_of_whose_matches_is_near_the_prediction_is_missed():
     result = best_branches([np.array([[0, 0]], np.int32)], [np.array([[1.0, 0, 0]])], np.zeros((1, 1, 3)), TreeConfig())
     assert result.match[0] == -1
     assert result.subset[0] == -1
+    assert result.support[0] == Support.TOO_FAR
     assert result.score[0] == pytest.approx(TreeConfig().missed_cost_m)
+
+
+def test_every_node_says_what_its_place_rests_on():
+    matches = np.array([[0, -1], [1, 0], [-1, -1], [0, 0]], np.int32)
+    predicted = np.zeros((4, 1, 3))
+    predicted[1], predicted[3] = 5.0, np.nan
+    result = best_branches([matches], [np.array([[0.01, 0, 0], [0.02, 0, 0]])], predicted, TreeConfig())
+    assert result.support.tolist() == [Support.MATCHED, Support.TOO_FAR, Support.NO_HYPOTHESIS, Support.UNKNOWN]
+    np.testing.assert_array_equal(result.support == Support.MATCHED, result.match >= 0)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_levels_that_know_other_numbers_of_subsets_make_one_tree(seed):
+    """Fewer anchors in one frame: as if the subsets that it lacks had found nothing."""
+    matches, positions, predicted = small_tree(seed)
+    narrow = [matches[0][:, :1], matches[1][:, :3], matches[2][:, :0]]
+    wide = [np.full_like(level, -1) for level in matches]
+    for level, known in zip(wide, narrow, strict=True):
+        level[:, : known.shape[1]] = known
+    config = TreeConfig(missed_cost_m=0.2, max_branches=10**6)
+    found, expected = best_branches(narrow, positions, predicted, config), brute_force(wide, positions, predicted, 0.2)
+    assert found.score == pytest.approx([score for score, _ in expected], abs=1e-5)
+    np.testing.assert_array_equal(found.match, best_branches(wide, positions, predicted, config).match)
+
+
+def test_without_any_subset_every_node_is_left_to_its_prediction():
+    none = best_branches([np.empty((3, 0), np.int32)], [np.zeros((5, 3))], np.zeros((3, 1, 3)), TreeConfig())
+    assert none.support.tolist() == [Support.NO_HYPOTHESIS] * 3
+    assert none.score == pytest.approx(TreeConfig().missed_cost_m)
 
 
 def test_looking_ahead_overrules_the_nearest_match():

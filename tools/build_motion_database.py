@@ -15,6 +15,7 @@ import numpy as np
 
 from anchorpose.simulate.clinic import draw_clinic
 from anchorpose.simulate.config import MOTIONS, SimulationConfig
+from anchorpose.tracking.motion_file import SHIPPED, ReferenceClips, write_motions
 
 RATE_HZ = 15.0
 SECONDS = 4.0
@@ -24,8 +25,8 @@ FIRST_SEED = 900_001  # far from the seeds of examples and tests
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("src/anchorpose/tracking/data/motions.npz"))
-    arguments = parser.parse_args()
+    parser.add_argument("--out", type=Path, default=SHIPPED)
+    out = parser.parse_args().out
     clips, names = [], []
     for number, motion in enumerate(MOTIONS):
         for person in range(PEOPLE):
@@ -34,16 +35,12 @@ def main() -> None:
                 therapists=0, motions=(motion,), speed="mixed",
             )  # fmt: skip
             clinic = draw_clinic(config)
-            joints_m = clinic.act(np.arange(config.frames) / RATE_HZ).joints_m()
-            clips.append(np.rint(joints_m * 1000.0).astype(np.int16))
+            clips.append(clinic.act(np.arange(config.frames) / RATE_HZ).joints_m())
             names.append(motion)
-    arguments.out.parent.mkdir(exist_ok=True)
-    start = np.cumsum([0, *(len(clip) for clip in clips)])
-    np.savez_compressed(
-        arguments.out, joints_mm=np.concatenate(clips), start=start, names=np.array(names), rate_hz=RATE_HZ
-    )
-    size_kb = arguments.out.stat().st_size / 1000
-    print(f"{arguments.out}: {start[-1]} samples of {len(MOTIONS)} movements, {size_kb:.0f} kB")
+    note = f"{len(MOTIONS)} simulated movements of stand training by {PEOPLE} people each"
+    movements = ReferenceClips(tuple(clips), tuple(names), (RATE_HZ,) * len(clips), (note,))
+    write_motions(out, movements)
+    print(f"{out}: {movements.frame_count} samples; {note}; {out.stat().st_size / 1000:.0f} kB")
 
 
 if __name__ == "__main__":

@@ -31,6 +31,7 @@ from anchorpose.results.pictures import FramePicture, save_pictures
 from anchorpose.results.report import write_report
 from anchorpose.results.run_record import (
     RUN_FILE,
+    Association,
     CameraRecord,
     DroppedFrame,
     Residual,
@@ -46,7 +47,7 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room
 from anchorpose.tracker.stopwatch import Stopwatch
-from anchorpose.tracking.default_motions import default_motions
+from anchorpose.tracking.motion_file import load_motions
 
 __all__ = ["TrackConfig", "track_recording"]
 
@@ -59,7 +60,7 @@ Progress = Callable[[int, int], None]
 class _Written:
     """What the pass over all frames leaves behind besides the table."""
 
-    frame_count: int
+    association: Association
     dropped: tuple[DroppedFrame, ...]
     pictures: tuple[FramePicture, ...]
 
@@ -84,10 +85,10 @@ def _track(recording: Path, results: Path, config: TrackConfig, progress: Progre
     if calibration is not None:
         opened = with_poses(opened, calibration)
     frame_range(opened, config.start, config.stop)  # refuses an empty range before any work is done
+    motions = load_motions(config.motion_file, opened.rate_hz, config.motion)  # likewise a file that is none
     total, window = _frame_counts(opened, config)
     with watch.stage("calibration and background"):
         room = prepare_room(opened, config)
-    motions = default_motions(opened.rate_hz, config.motion)
     work = window + total * (2 if config.smooth else 1)
     route = plan_route(room, config, _counter(progress, work))
     shape = learn_on(route, room, motions, config, watch)
@@ -120,7 +121,7 @@ def _counter(progress: Progress, total: int) -> Callable[[], None]:
 
 def _write_frames(results: Path, records: Iterable[FrameRecord], config: TrackConfig) -> _Written:
     """Stream joints and contacts to their tables; keep pictures and problems."""
-    dropped, pictures, count = list[DroppedFrame](), list[FramePicture](), 0
+    dropped, pictures, shares = list[DroppedFrame](), list[FramePicture](), list[float | None]()
     points = body_points()
     intervals = ContactIntervals(region_of_points(points), area_of_point(points), config.contacts)
     with write_joints(results / JOINTS_FILE) as table, write_contacts(results / CONTACTS_FILE) as contacts:
@@ -130,9 +131,9 @@ def _write_frames(results: Path, records: Iterable[FrameRecord], config: TrackCo
             contacts.extend(intervals.push(frame, time_s, record.near))
             dropped += [DroppedFrame(frame, time_s, why) for why in record.problems]
             pictures += record.pictures
-            count += 1
+            shares.append(None if record.matched_share is None else round(record.matched_share, 3))
         contacts.extend(intervals.finish())
-    return _Written(count, tuple(dropped), tuple(pictures))
+    return _Written(Association(tuple(shares)), tuple(dropped), tuple(pictures))
 
 
 def _write_record(
@@ -140,11 +141,15 @@ def _write_record(
     calibration_file: Path | None,
 ) -> None:  # fmt: skip
     calibration, gaps = room.calibration, find_gaps(room.recording)
+    movements = config.motion_file
     source = None if calibration_file is None else PoseSource.FILE
     record = RunRecord(
         recording=room.recording.folder.resolve().name,
         config=config,
-        inputs_sha256=hash_files(input_files(room.recording), room.recording.folder),
+        inputs_sha256=(
+            *hash_files(input_files(room.recording), room.recording.folder),
+            *(hash_files([movements], movements.parent) if config.motion.uses_database else ()),
+        ),
         cameras=tuple(
             CameraRecord(camera.name, camera.T_world_camera, (source or pose.source).value)
             for camera, pose in zip(room.cameras, calibration.poses, strict=True)
@@ -162,7 +167,8 @@ def _write_record(
             *_clock_residuals(room.clocks, gaps),
         ),
         timings=tuple(StageTiming(stage, seconds) for stage, seconds in watch.seconds.items()),
-        frame_count=written.frame_count,
+        frame_count=len(written.association.matched_share),
+        association=written.association,
         dropped=written.dropped,
         pictures=save_pictures(results, written.pictures),
         notes=(
@@ -170,6 +176,7 @@ def _write_record(
             *clock_notes(room.clocks),
             *(camera.sentence for camera in gaps if camera.sentence),
             *_notes(room, shape),
+            *written.association.sentences,
         ),
     )
     write_run_record(results / RUN_FILE, record)

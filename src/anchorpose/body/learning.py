@@ -17,6 +17,7 @@ class LearningConfig:
     """How much of the recording the shape is learnt from, and how."""
 
     window_s: float = 4.0  # a patient moves enough in it to show where the limbs turn
+    own_shape: bool = True  # False: nothing is learnt, everybody is the mean adult of the given or seen height
     frame_count: int = 12  # spread over the window; more frames say the same again
     reaches_m: tuple[float, ...] = (0.12, 0.10, 0.10, 0.08, 0.08, 0.06, 0.06, 0.06)
     prior: ShapePrior = field(default_factory=ShapePrior)

@@ -16,6 +16,7 @@ from anchorpose.cli.demo import demo
 from anchorpose.cli.equipment import equipment
 from anchorpose.cli.evaluate import evaluate
 from anchorpose.cli.inspect import inspect
+from anchorpose.cli.motions import motions
 from anchorpose.cli.report import report
 from anchorpose.cli.simulate import simulate
 from anchorpose.cli.track import track
@@ -33,7 +34,7 @@ app = App(
     default_parameter=Parameter(negative=()),
     suppress_keyboard_interrupt=False,
 )
-for _verb in (demo, simulate, calibrate, track, evaluate, report, inspect, equipment):
+for _verb in (demo, simulate, calibrate, track, evaluate, report, inspect, equipment, motions):
     app.command(_verb)
 
 

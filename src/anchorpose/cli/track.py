@@ -18,6 +18,7 @@ def track(
     results: Annotated[Path, Parameter(name=["--output", "-o"])],
     patient: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
     calibration: Path | None = None,
+    motions: Path | None = None,
     config: Path | None = None,
     smooth: bool = False,
     overwrite: bool = False,
@@ -39,6 +40,9 @@ def track(
     calibration
         A calibration.json (or its folder) made by 'anchorpose calibrate'; its poses replace those of the recording.
         Without it poses that are null in recording.json are found.
+    motions
+        A file of reference movements made by 'anchorpose motions build', to predict by instead of those that come with
+        the program.
     config
         A TOML or JSON file with settings that differ from the defaults.
     smooth
@@ -62,6 +66,7 @@ def track(
         "start": start,
         "stop": stop,
         "smooth": smooth or None,
+        "motions": None if motions is None else str(motions),
         "patient_xz_m": None if patient is None else parse_place(patient),
     }
     try:

@@ -53,6 +53,31 @@ class StageTiming:
 
 
 @dataclass(frozen=True, slots=True)
+class Association:
+    """How far each frame's pose rests on matches: matched_share, frame by frame, of the nodes that were asked.
+
+    The place of the others is their prediction. None where nothing was asked: the frame that a track begins with, and
+    frames that show nothing of the patient.
+    """
+
+    matched_share: tuple[float | None, ...] = ()
+
+    @property
+    def sentences(self) -> list[str]:
+        """For people: how much was matched on average, and in how many frames nothing was."""
+        known = [share for share in self.matched_share if share is not None]
+        if not known:
+            return []
+        without = sum(share == 0 for share in known)
+        told = f"{100 * sum(known) / len(known):.0f} % of the followed points were found again in the next frame"
+        if without:
+            told += (
+                f"; in {without} of {len(known)} frames none was, and only the prediction and the surface count there"
+            )
+        return [told]
+
+
+@dataclass(frozen=True, slots=True)
 class DroppedFrame:
     """A frame, or one camera's picture of it, that was not used, and why."""
 
@@ -83,6 +108,7 @@ class RunRecord:
     residuals: tuple[Residual, ...] = ()
     timings: tuple[StageTiming, ...] = ()
     frame_count: int = 0
+    association: Association = Association()
     dropped: tuple[DroppedFrame, ...] = ()
     pictures: tuple[PictureRecord, ...] = ()
     notes: tuple[str, ...] = ()  # sentences for people: what was assumed, what to beware of
@@ -109,6 +135,7 @@ def write_run_record(path: Path, record: RunRecord) -> None:
         "cameras": plain(record.cameras),
         "residuals": plain(record.residuals),
         "timings": plain(record.timings),
+        "association": plain(record.association),
         "dropped": plain(record.dropped),
         "pictures": plain(record.pictures),
         "notes": plain(record.notes),

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
+from anchorpose.association.feature import Feature, nearest_hypotheses
 from anchorpose.association.hypotheses import Hypotheses, anchor_subsets, match_hypotheses
 from anchorpose.body.constraints import Constraints, join, place_constraints
 from anchorpose.body.initial import anchor_constraints
@@ -15,13 +15,9 @@ from anchorpose.body.part_registration import register_parts
 from anchorpose.body.pose import Pose
 from anchorpose.body.registration import node_parts
 from anchorpose.body.skin_points import PosedPoints, RestPoints, SkinPoints
-from anchorpose.geodesics.anchors import ANCHOR_NAMES
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Observation
-from anchorpose.tracking.tree import TrackResult, best_branches
-
-SUBSET_SIZE = 3  # three anchors tell nodes apart where nothing is hidden (paper, Section IV-D)
-_ALL_SUBSETS = tuple(combinations(range(len(ANCHOR_NAMES)), SUBSET_SIZE))
+from anchorpose.tracking.tree import Support, TrackResult, best_branches
 
 PAIR_SIGMA_M = 0.04  # the descriptor's own error: 17 to 40 mm with the best subset
 ANCHOR_SIGMA_M = 0.05  # the paper's bound on the anchors' localisation
@@ -31,7 +27,8 @@ ANCHOR_SIGMA_M = 0.05  # the paper's bound on the anchors' localisation
 class GlobalHypothesis:
     """The best branch's pairs: node (m,) of frame t, part (m,) bone, point (m,) skin point, and where it goes.
 
-    matched_m (m, 3) node of t + 1, NaN where missed; predicted_m (m, depth, 3) what the motion dynamics expected.
+    matched_m (m, 3) node of t + 1, NaN where missed; predicted_m (m, depth, 3) what the motion dynamics expected, which
+    stands in for it there: ``tree.support`` says where, and why.
     """
 
     node: np.ndarray
@@ -41,23 +38,24 @@ class GlobalHypothesis:
     predicted_m: np.ndarray
     tree: TrackResult
 
+    @property
+    def matched_share(self) -> float:
+        """Share of the nodes whose place in the next frame some subset of anchors supports; 0 where there are none."""
+        return float((self.tree.support == Support.MATCHED).mean()) if len(self.node) else 0.0
+
 
 def link(now: Observation, following: Observation, config: TrackConfig) -> Hypotheses:
-    """The hypotheses of every node of one frame in the next: one column for each of the ten subsets of five anchors.
+    """The hypotheses of every node of one frame in the next, a column for each subset of the anchors found in both.
 
-    A subset with a missed anchor has no match; with fewer than three common anchors, the one subset of all of them
-    stands in the first column.
+    With all five anchors and three in a subset that is ten; with fewer anchors than a subset needs, the one subset of
+    all of them; with none, no column.
     """
-    common = now.anchors.found & following.anchors.found
-    subsets = anchor_subsets(common, SUBSET_SIZE)
-    found = match_hypotheses(
+    if config.hypotheses.feature is Feature.POSITION:
+        return nearest_hypotheses(now.surface, following.surface, config.gate)
+    subsets = anchor_subsets(now.anchors.found & following.anchors.found, config.hypotheses.subset_size)
+    return match_hypotheses(
         now.descriptor, following.surface, following.descriptor, subsets, now.surface.points_m, config.gate
     )
-    match = np.full((len(now.surface), len(_ALL_SUBSETS)), -1, np.int32)
-    for column, subset in enumerate(found.subsets):
-        anchors = tuple(int(anchor) for anchor in subset)
-        match[:, _ALL_SUBSETS.index(anchors) if anchors in _ALL_SUBSETS else 0] = found.match[:, column]
-    return Hypotheses(match, np.array(_ALL_SUBSETS))
 
 
 def global_hypothesis(

@@ -23,15 +23,16 @@ from anchorpose.tracker.room import Room
 from anchorpose.tracker.smoothing import Passed, passed, smooth
 from anchorpose.tracker.start import Start, turn_round
 from anchorpose.tracker.stopwatch import Stopwatch
-from anchorpose.tracking.motion import MotionDatabase
+from anchorpose.tracking.motion_database import MotionDatabase
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameRecord:
-    """What is kept of one frame: the joints, how near others are to the patient (None where he is lost), what was wrong
-    with its pictures, and pictures of it for the report."""
+    """What is kept of one frame: the joints, share of nodes matched, how near others are to the patient (None where he
+    is lost), what was wrong with its pictures, and pictures of it for the report."""
 
     joints: JointFrame
+    matched_share: float | None
     near: Nearness | None
     problems: tuple[str, ...]
     pictures: tuple[FramePicture, ...]
@@ -146,7 +147,7 @@ class _Work:
             sigma_m=estimate.sigma_m,
         )
         pictures = tuple(draw_estimate(estimate, self.shape)) if with_pictures and self.shape else ()
-        return FrameRecord(joints, self._near(estimate), frame_set.problems, pictures)
+        return FrameRecord(joints, estimate.matched_share, self._near(estimate), frame_set.problems, pictures)
 
     def _near(self, estimate: Estimate) -> Nearness | None:
         """How near others are to the patient of the learnt body; None where he is lost."""

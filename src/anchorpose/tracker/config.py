@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import StrEnum
+from pathlib import Path
 
+from anchorpose.association.feature import HypothesisConfig
 from anchorpose.association.gate import GateConfig
 from anchorpose.body.learning import LearningConfig
 from anchorpose.body.part_registration import PartRegistrationConfig
@@ -21,6 +23,7 @@ from anchorpose.results.contact_intervals import ContactConfig
 from anchorpose.surface.patient_surface import SurfaceConfig
 from anchorpose.tracker.bystanders import BystanderConfig
 from anchorpose.tracking.motion import MotionConfig
+from anchorpose.tracking.motion_file import SHIPPED
 from anchorpose.tracking.tree import TreeConfig
 
 
@@ -82,6 +85,7 @@ class TrackConfig:
     stop: int | None = None  # frame to stop before; None = the end
     smooth: bool = False  # track against time as well and put both together: not for live use, and twice the work
     patient_xz_m: tuple[float, float] | None = None  # where the patient stands at the start, if the user says so
+    motions: str | None = None  # file of reference movements; None = those that ship with the package
     clocks: ClockConfig = field(default_factory=ClockConfig)
     placing: CameraToCameraConfig = field(default_factory=CameraToCameraConfig)
     floor: FloorConfig = field(default_factory=FloorConfig)
@@ -90,6 +94,7 @@ class TrackConfig:
     bystanders: BystanderConfig = field(default_factory=BystanderConfig)
     surface: SurfaceConfig = field(default_factory=SurfaceConfig)
     anchors: AnchorConfig = field(default_factory=AnchorConfig)
+    hypotheses: HypothesisConfig = field(default_factory=HypothesisConfig)
     gate: GateConfig = field(default_factory=GateConfig)
     tree: TreeConfig = field(default_factory=TreeConfig)
     motion: MotionConfig = field(default_factory=MotionConfig)
@@ -105,3 +110,8 @@ class TrackConfig:
     def __post_init__(self) -> None:
         if self.start < 0 or (self.stop is not None and self.stop <= self.start):
             raise ValueError(f"start must not be negative and stop must come after it, got {self.start} to {self.stop}")
+
+    @property
+    def motion_file(self) -> Path:
+        """The file of reference movements."""
+        return SHIPPED if self.motions is None else Path(self.motions)

@@ -20,7 +20,8 @@ from anchorpose.tracker.observation import Observation
 class Estimate:
     """One frame's answer: joints_m (21, 3) and sigma_m (21,), NaN where lost; states; the pose, None where lost.
 
-    observation and shape are None where nobody was looked for or found.
+    observation and shape are None where nobody was looked for or found. matched_share: share of the nodes with a match
+    in this frame, None where nothing was matched (the first frame, nothing seen).
     """
 
     frame_set: FrameSet
@@ -31,6 +32,7 @@ class Estimate:
     joints_m: np.ndarray
     sigma_m: np.ndarray
     states: tuple[JointState, ...]
+    matched_share: float | None = None
 
 
 def nobody_found(frame_set: FrameSet, observation: Observation | None = None) -> Estimate:
@@ -49,7 +51,7 @@ def nobody_found(frame_set: FrameSet, observation: Observation | None = None) ->
 
 def estimate_of(
     points: SkinPoints, rest: RestPoints, shape: FittedShape, registration: Registration, observation: Observation,
-    config: TrackConfig,
+    matched_share: float | None, config: TrackConfig,
 ) -> Estimate:  # fmt: skip
     """Joints by the rule J, their states from the pictures, their sigma from the posterior."""
     belief = registration.belief
@@ -67,4 +69,5 @@ def estimate_of(
         np.where(lost[:, None], np.nan, joints),
         np.where(lost, np.nan, sigma),
         tuple(JointState.LOST if gone else state for gone, state in zip(lost, states, strict=True)),
+        matched_share,
     )

@@ -23,8 +23,8 @@ from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Opening, Room, choose_opening, sight_people
 from anchorpose.tracker.start import ORDINARY_HEIGHT_M
 from anchorpose.tracker.stopwatch import Stopwatch
-from anchorpose.tracking.default_motions import default_motions
-from anchorpose.tracking.motion import MotionDatabase
+from anchorpose.tracking.motion_database import MotionDatabase
+from anchorpose.tracking.motion_file import load_motions
 
 WORTH_THE_WAIT = (
     60  # frames that are followed from the recording's opening: half a minute; beyond, one nearby is chosen
@@ -110,7 +110,7 @@ def inspect_frame(
     """
     position, watch = position_of(recording, frame), Stopwatch()
     room = prepare_room(recording, config)
-    motions = default_motions(recording.rate_hz, config.motion)
+    motions = load_motions(config.motion_file, recording.rate_hz, config.motion)
     route = plan_route(room, config, tick)
     if position not in {*route.forth, *route.back}:
         problem = f"frame {frame} is outside of the frames that the settings track"

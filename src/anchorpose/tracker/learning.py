@@ -12,7 +12,7 @@ from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.patient import follow_patient
 from anchorpose.tracker.room import Room
 from anchorpose.tracker.stopwatch import Stopwatch
-from anchorpose.tracking.motion import MotionDatabase
+from anchorpose.tracking.motion_database import MotionDatabase
 
 
 def learn_patient(
@@ -30,6 +30,8 @@ def learn_patient(
         time_s = estimate.frame_set.time_s
         if kept and time_s - kept[0].frame_set.time_s > config.learning.window_s:
             break
+        if not config.learning.own_shape:
+            return estimate.shape
         if not kept or time_s - kept[-1].frame_set.time_s >= spacing_s - 1e-6:
             kept.append(estimate)
     if not kept or kept[0].shape is None:

@@ -37,7 +37,7 @@ from anchorpose.tracker.search import Search
 from anchorpose.tracker.start import NoStart, Start, find_start
 from anchorpose.tracker.stopwatch import Stopwatch
 from anchorpose.tracking.joint_motion import predict_joints
-from anchorpose.tracking.motion import MotionDatabase
+from anchorpose.tracking.motion_database import MotionDatabase
 
 FIRST_PAUSE, LONGEST_PAUSE = 5, 15  # frames between searches that fail, doubled each time: one costs thirty frames
 NOTHING_HELD = place_constraints(np.zeros(0, np.int64), np.zeros((0, 3)), 1.0, 1.0)  # pairs and anchors go by the legs
@@ -99,9 +99,12 @@ class PatientTracker:
         while len(self.window) > 1:
             yield self._advance()
 
-    def _estimate(self, registration: Registration, seen: Observation) -> Estimate:
+    def _estimate(
+        self, registration: Registration, seen: Observation, hypothesis: GlobalHypothesis | None = None
+    ) -> Estimate:
+        share = None if hypothesis is None else hypothesis.matched_share
         with self.watch.stage("states and sigma"):
-            return estimate_of(self.points, self.rest, self.shape, registration, seen, self.config)
+            return estimate_of(self.points, self.rest, self.shape, registration, seen, share, self.config)
 
     def _predict(self, steps: int) -> list[Pose]:
         """The next poses by scaled motion dynamics: those of the whole look-ahead, once a registered frame."""
@@ -159,8 +162,10 @@ class PatientTracker:
         poses = self._look_ahead()
         following = self.window[1]
         predicted = self.belief.later(poses[0], elapsed_s, self.config.registration.fit)
-        if len(following.surface):
-            registration = self._associate_and_register(poses, predicted)
+        hypothesis = self._hypothesise(poses) if len(following.surface) else None
+        if hypothesis is not None:
+            with self.watch.stage("registration"):
+                registration = self._register(hypothesis, list(self.window), poses, predicted)
         else:
             registration = Registration(predicted, 0.0, False)
         self.unseen_s = 0.0 if registration.found else self.unseen_s + elapsed_s
@@ -170,12 +175,7 @@ class PatientTracker:
         self.history.append(self._joints(self.belief.pose))
         self.window.popleft()
         self.links.popleft()
-        return self._estimate(registration, following)
-
-    def _associate_and_register(self, poses: list[Pose], predicted: PoseBelief) -> Registration:
-        hypothesis = self._hypothesise(poses)
-        with self.watch.stage("registration"):
-            return self._register(hypothesis, list(self.window), poses, predicted)
+        return self._estimate(registration, following, hypothesis)
 
     def _hypothesise(self, poses: list[Pose]) -> GlobalHypothesis:
         with self.watch.stage("track tree"):

@@ -58,7 +58,8 @@ def find_start(
     shapes = [known] if known else [shape_of_height(points.asset, h) for h in first_heights(observation.surface, room)]
     with watch.stage("first pose"):
         first = find_first_pose(
-            points, observation.evidence, observation.anchors, shapes, known is not None,
+            points, observation.evidence, observation.anchors, shapes,
+            known is not None or not config.learning.own_shape,
             config.registration.constraints, config.registration.fit,
         )  # fmt: skip
     rest = rest_points(points, first.shape)

@@ -16,11 +16,11 @@ import numpy as np
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
 from anchorpose.tracking.motion import (
     MotionConfig,
-    MotionDatabase,
     PredictionSource,
-    build_database,
     predict,
+    reference_motions,
 )
+from anchorpose.tracking.motion_database import MotionDatabase
 
 COMPARED: Final = 3 * JOINT_COUNT
 """Columns of a pose vector that say how similar two poses are."""
@@ -32,10 +32,11 @@ _RIGHT: Final = [JOINT_INDEX["HipRight"], JOINT_INDEX["ShoulderRight"]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointPrediction:
-    """joints_m (steps, 21, 3) float64 world, NaN where a joint's history is missing; source: what it rests on."""
+    """joints_m (steps, 21, 3) float64 world, NaN where the history lacks a joint; source, trust: see ``Prediction``."""
 
     joints_m: np.ndarray
     source: PredictionSource
+    trust: float
 
 
 def heading_rad(joints_m: np.ndarray) -> np.ndarray:
@@ -69,19 +70,21 @@ def joints_after(last_m: np.ndarray, last_theta: np.ndarray, theta: np.ndarray) 
     return _turned(relative, headings) + root[:, None]
 
 
-def joint_database(clips_m: Sequence[np.ndarray], rate_hz: float, at_hz: float, config: MotionConfig) -> MotionDatabase:
-    """Motion database of clips of joints, (n_i, 21, 3) world metres each, Y up; any place, any heading."""
-    return build_database([pose_vectors(clip) for clip in clips_m], rate_hz, at_hz, COMPARED, config)
+def joint_database(
+    clips_m: Sequence[np.ndarray], rate_hz: Sequence[float], at_hz: float, config: MotionConfig
+) -> MotionDatabase:
+    """Motion database of clips of joints, (n_i, 21, 3) world metres each, Y up; any place, any heading, any rate."""
+    return reference_motions([pose_vectors(clip) for clip in clips_m], rate_hz, at_hz, COMPARED, config)
 
 
 def predict_joints(
     history_m: np.ndarray, steps: int, database: MotionDatabase | None, config: MotionConfig
 ) -> JointPrediction:
     """The joints of the next ``steps`` frames from the last ones (k, 21, 3) world metres, newest last."""
-    recent = np.asarray(history_m, dtype=np.float64)[-config.history :]
+    recent = np.asarray(history_m, dtype=np.float64)
     vectors = pose_vectors(recent)
-    prediction = predict(vectors, steps, database, config)
-    return JointPrediction(joints_after(recent[-1], vectors[-1], prediction.theta), prediction.source)
+    prediction = predict(vectors, steps, COMPARED, database, config)
+    return JointPrediction(joints_after(recent[-1], vectors[-1], prediction.theta), prediction.source, prediction.trust)
 
 
 def _turned(vectors: np.ndarray, angle_rad: np.ndarray) -> np.ndarray:

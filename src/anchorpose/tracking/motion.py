@@ -1,4 +1,4 @@
-"""Scaled motion dynamics: the next poses, from the most similar movement at any speed (paper, Section IV)."""
+"""Scaled motion dynamics: the next poses, from the most similar movements at any speed (paper, Section IV)."""
 
 from __future__ import annotations
 
@@ -7,175 +7,158 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numba import njit
+
+from anchorpose.tracking.motion_database import MotionDatabase, build_database
+from anchorpose.tracking.own_velocity import span_shares, velocity
+from anchorpose.tracking.sublists import Matches, best_sublists
+
+
+class MotionRule(StrEnum):
+    """What the next poses are predicted from."""
+
+    BLEND = "blend"  # several similar sub-lists and the patient's own velocity, as far as each is to be trusted
+    BEST_SUBLIST = "best_sublist"  # the paper's own: the change that follows the one most similar sub-list
+    VELOCITY = "velocity"  # no reference movements: the patient's own velocity, damped
+    STANDSTILL = "standstill"  # no motion dynamics at all
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotionConfig:
-    """How movements are compared; a pose vector theta is in metres, see ``joint_motion``."""
+    """How movements are compared and continued; a pose vector theta is in metres, see ``joint_motion``.
 
+    The numbers were chosen on four subjects of UI-PRMD, each left out in turn (see ``benchmarks/motions.py``).
+    """
+
+    rule: MotionRule = MotionRule.BLEND
     history: int = 5  # frames compared; a sixth of a second at 30 Hz tells a direction from noise
     speeds: tuple[float, ...] = (0.5, 0.71, 1.0, 1.41, 2.0)  # half to double speed in half octaves
-    worst_match_m: float = 0.12  # per joint, way moved included: bodies of another size come to 0.05 to 0.10
-    displacement_weight: float = 2.0  # of the way moved over the history; 0 is the paper's equation
-    damping: float = 0.8  # of the velocity per frame, without a match: a limb reverses within a few tenths of a second
+    displacement_weight: float = 4.0  # of the way moved over the history; 0 is the paper's equation
+    neighbours: int = 32  # sub-lists averaged: one alone adds its own noise; 64 are no better
+    own_velocity: float = 0.8  # of what his velocity differs from theirs; 1 would take all of its noise for movement
+    spans: tuple[int, ...] = (1, 2, 4)  # frames over which the velocity is measured
+    damping: float = 0.85  # of the velocity, after each frame: a limb reverses within a few tenths of a second
+    checked: int = 7  # frames back from which both ways are tried on what has happened since
 
     def __post_init__(self) -> None:
         if self.history < 2:
             raise ValueError(f"history must be at least 2 frames, got {self.history}")
         if not self.speeds or min(self.speeds) <= 0:
             raise ValueError(f"speeds must be positive, got {self.speeds}")
-        if not self.worst_match_m > 0:
-            raise ValueError(f"worst_match_m must be positive, got {self.worst_match_m}")
         if not self.displacement_weight >= 0:
             raise ValueError(f"displacement_weight must not be negative, got {self.displacement_weight}")
-        if not 0 <= self.damping <= 1:
-            raise ValueError(f"damping must lie between 0 and 1, got {self.damping}")
+        if self.neighbours < 1:
+            raise ValueError(f"neighbours must be at least 1, got {self.neighbours}")
+        if not self.spans or min(self.spans) < 1 or list(self.spans) != sorted(set(self.spans)):
+            raise ValueError(f"spans must be rising numbers of frames, got {self.spans}")
+        for name in ("own_velocity", "damping"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name} must lie between 0 and 1, got {getattr(self, name)}")
+        if self.checked < 1:
+            raise ValueError(f"checked must be at least 1 frame, got {self.checked}")
+
+    @property
+    def uses_database(self) -> bool:
+        """Whether reference movements are asked for at all."""
+        return self.rule in (MotionRule.BLEND, MotionRule.BEST_SUBLIST)
+
+    @property
+    def past(self) -> int:
+        """Frames that the clip of a sub-list must hold before its newest one."""
+        return max(self.history - 1, self.checked, *self.spans)
 
 
 class PredictionSource(StrEnum):
     """What a prediction rests on."""
 
     DATABASE = "database"
-    CONSTANT_VELOCITY = "constant_velocity"  # no movement of the database is similar, or there is none
+    OWN_VELOCITY = "own_velocity"  # no reference movements, or a history too short to compare
     STANDSTILL = "standstill"  # one frame of history: no velocity is known
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MotionDatabase:
-    """Reference movements D_s at all speeds, end to end.
-
-    theta (n, d) float32; start (clips + 1,) int64: where each clip begins and the last one ends; speed (clips,).
-    The first ``compared`` columns decide how similar two poses are; the others (a path over the floor, whose origin
-    means nothing) are only predicted.
-    """
-
-    theta: np.ndarray
-    start: np.ndarray
-    speed: np.ndarray
-    compared: int
-
-
-@dataclass(frozen=True, slots=True)
-class Match:
-    """The best matched sub-list: its last frame (row of the database), its speed and the mean distance of a frame."""
-
-    row: int
-    speed: float
-    distance_m: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Prediction:
-    """theta (steps, d) float64, NaN where the last pose is unknown; match: the best one found, good enough or not."""
+    """theta (steps, d) float64, NaN where the last pose is unknown. matches: None where none were looked for or found.
+
+    trust: from 0, the own velocity alone, to 1, what followed the matches.
+    """
 
     theta: np.ndarray
     source: PredictionSource
-    match: Match | None
+    matches: Matches | None
+    trust: float
 
 
-def build_database(
-    clips: Sequence[np.ndarray], rate_hz: float, at_hz: float, compared: int, config: MotionConfig
+def reference_motions(
+    clips: Sequence[np.ndarray], rate_hz: Sequence[float], at_hz: float, compared: int, config: MotionConfig
 ) -> MotionDatabase:
-    """D_s = interpolated and resampled clips, (n_i, d) each, recorded at ``rate_hz``, for a recording at ``at_hz``.
-
-    Raises ValueError where a clip holds missing values or no clip is long enough for a history and one step.
-    """
-    pieces, speeds = [], []
-    for clip in clips:
-        if not np.isfinite(clip).all():
-            raise ValueError("a clip of the motion database has missing values; cut it there")
-        for speed in config.speeds:
-            frames = np.arange(0.0, len(clip) - 1 + 1e-9, speed * rate_hz / at_hz)
-            if len(frames) > config.history:
-                pieces.append(_resample(np.asarray(clip, dtype=np.float64), frames))
-                speeds.append(speed)
-    if not pieces:
-        raise ValueError(f"no clip of the motion database is longer than {config.history} frames")
-    start = np.cumsum([0, *(len(piece) for piece in pieces)]).astype(np.int64)
-    return MotionDatabase(np.concatenate(pieces).astype(np.float32), start, np.array(speeds), compared)
+    """The database of pose vectors (n_i, d) a clip, recorded at ``rate_hz`` each, for a recording of ``at_hz``."""
+    return build_database(clips, rate_hz, at_hz, compared, config.speeds, config.history, config.past)
 
 
-def best_match(history: np.ndarray, database: MotionDatabase, steps: int, displacement_weight: float) -> Match | None:
-    """s, j = argmin of the sum over v of ed(theta^(t-v), theta_s^(j-v)), exactly; None where no clip is long enough.
+def predict(
+    history: np.ndarray, steps: int, compared: int, database: MotionDatabase | None, config: MotionConfig
+) -> Prediction:
+    """The next ``steps`` poses after ``history`` (k, d), newest last. Raises ValueError on an empty history.
 
-    To the sum comes ``displacement_weight`` k times the distance of the ways moved over the history: a pose is passed
-    in both directions and at every speed, and alone it does not tell them apart.
-    history (k, d): the newest pose last. Only sub-lists that are followed by ``steps`` more frames count. A column
-    that is missing anywhere in the history is not compared; None where none is left.
-    """
-    k = len(history)
-    known = np.flatnonzero(np.isfinite(history[:, : database.compared]).all(axis=0))
-    if not len(known):
-        return None
-    first, last = database.start[:-1] + k - 1, database.start[1:] - steps
-    columns = np.ascontiguousarray(database.theta[:, known])
-    recent = np.ascontiguousarray(history[:, known], dtype=np.float32)
-    row, total = _search(columns, recent, first, last, displacement_weight)
-    if row < 0:
-        return None
-    clip = int(np.searchsorted(database.start, row, side="right")) - 1
-    return Match(row, float(database.speed[clip]), total / k / float(np.sqrt(len(known) / 3.0)))
-
-
-def predict(history: np.ndarray, steps: int, database: MotionDatabase | None, config: MotionConfig) -> Prediction:
-    """theta^(t+h) = theta^t + theta_s^(j+h) - theta_s^j for h = 1...steps, newest pose of the history (k, d) last.
-
-    Falls back to a damped constant velocity, and says so, where the history is short, or the best match is farther off
-    than ``worst_match_m``: then the database knows no such movement. Raises ValueError on an empty history.
+    compared: columns that count in how good a prediction was, those of the database.
+    The paper's rule is theta^(t+h) = theta^t + theta_s^(j+h) - theta_s^j. Ours takes the mean of that over several
+    sub-lists and adds how much faster than they the patient moves. How far that is trusted against his velocity alone
+    is what each would have been worth ``checked`` frames ago, seen from now: the share of the velocity's squared error
+    in both. So a movement that the database does not know is predicted by its velocity.
     """
     if not len(history):
         raise ValueError("a prediction needs at least one pose")
-    history = np.asarray(history, dtype=np.float64)[-config.history :]
-    match = None
-    if database is not None and len(history) == config.history:
-        match = best_match(history, database, steps, config.displacement_weight)
-        if match is not None and match.distance_m <= config.worst_match_m:
-            ahead = database.theta[match.row + 1 : match.row + 1 + steps] - database.theta[match.row]
-            return Prediction(history[-1] + ahead, PredictionSource.DATABASE, match)
-    if len(history) == 1:
-        return Prediction(np.repeat(history, steps, axis=0), PredictionSource.STANDSTILL, match)
-    span = min(2, len(history) - 1)  # over two frames: half the noise of one
-    velocity = (history[-1] - history[-1 - span]) / span
-    travelled = np.cumsum(config.damping ** np.arange(1, steps + 1))
-    return Prediction(history[-1] + travelled[:, None] * velocity, PredictionSource.CONSTANT_VELOCITY, match)
+    history = np.asarray(history, dtype=np.float64)[-(config.checked + max(config.spans) + 1) :]
+    if len(history) == 1 or config.rule is MotionRule.STANDSTILL:
+        return Prediction(np.repeat(history[-1:], steps, axis=0), PredictionSource.STANDSTILL, None, 0.0)
+    matches = _similar(history, steps, database, config) if database is not None and config.uses_database else None
+    if matches is None or database is None:
+        shares = span_shares(history[:, :compared], config.spans)
+        own = velocity(history, config.spans, shares)
+        ahead = history[-1] + _travelled(steps, config)[:, None] * own
+        return Prediction(ahead, PredictionSource.OWN_VELOCITY, None, 0.0)
+    if config.rule is MotionRule.BEST_SUBLIST:
+        followed = matches.poses(database, np.arange(steps + 1))[0]
+        return Prediction(history[-1] + followed[1:] - followed[0], PredictionSource.DATABASE, matches, 1.0)
+    return _blend(history, steps, database, matches, config)
 
 
-def _resample(clip: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """(m, d): the clip at fractional frames, linear."""
-    low = np.minimum(frames.astype(np.int64), len(clip) - 2)
-    share = (frames - low)[:, None]
-    return (1.0 - share) * clip[low] + share * clip[low + 1]
+def _similar(history: np.ndarray, steps: int, database: MotionDatabase, config: MotionConfig) -> Matches | None:
+    if len(history) < config.history:
+        return None
+    count = config.neighbours if config.rule is MotionRule.BLEND else 1
+    return best_sublists(history[-config.history :], database, steps, count, config.displacement_weight)
 
 
-@njit(cache=True)
-def _search(
-    theta: np.ndarray, history: np.ndarray, first: np.ndarray, last: np.ndarray, displacement_weight: float
-) -> tuple[int, float]:
-    """Row that ends the best window and its sum of distances; a window is left as soon as it cannot win."""
-    k, d = history.shape
-    best, best_row = np.inf, -1
-    for clip in range(len(first)):
-        for row in range(first[clip], last[clip]):
-            total = 0.0
-            for back in range(k):
-                room = (best - total) ** 2
-                squared = 0.0
-                for column in range(d):
-                    difference = theta[row - back, column] - history[k - 1 - back, column]
-                    squared += difference * difference
-                    if squared >= room:
-                        break
-                total += np.sqrt(squared)
-                if total >= best:
-                    break
-            if total >= best:
-                continue
-            squared = 0.0
-            for column in range(d):
-                moved = theta[row, column] - theta[row - k + 1, column]
-                squared += (moved - (history[k - 1, column] - history[0, column])) ** 2
-            total += displacement_weight * k * np.sqrt(squared)
-            if total < best:
-                best, best_row = total, row
-    return best_row, best
+def _blend(
+    history: np.ndarray, steps: int, database: MotionDatabase, matches: Matches, config: MotionConfig
+) -> Prediction:
+    weight = (1e-6 + matches.distance_m[0]) ** 2 / (1e-6 + matches.distance_m) ** 2
+    before = config.past
+    theirs = np.tensordot(weight / weight.sum(), matches.poses(database, np.arange(-before, steps + 1)), axes=1)
+    theirs = theirs.astype(np.float64)
+    shares = span_shares(history[:, : database.compared], config.spans)
+    own = velocity(history, config.spans, shares)
+    travelled = _travelled(steps, config)[:, None]
+    by_velocity = travelled * own
+    faster = own - velocity(theirs[: before + 1], config.spans, shares)
+    by_matches = theirs[before + 1 :] - theirs[before] + config.own_velocity * travelled * faster
+    trust = _trust(history, theirs[: before + 1], shares, database.compared, config)
+    ahead = history[-1] + (1.0 - trust) * by_velocity + trust * by_matches
+    return Prediction(ahead, PredictionSource.DATABASE, matches, trust)
+
+
+def _trust(history: np.ndarray, theirs: np.ndarray, shares: np.ndarray, compared: int, config: MotionConfig) -> float:
+    """How much better the change of the matches tells the last frames of the history than its velocity before them."""
+    back = min(config.checked, len(history) - 2)
+    known = np.flatnonzero(np.isfinite(history[:, :compared]).all(axis=0))
+    happened = history[-1] - history[-1 - back]
+    expected = _travelled(back, config)[-1] * velocity(history, config.spans, shares, at=-1 - back)
+    off = ((happened - (theirs[-1] - theirs[-1 - back]))[known] ** 2).sum()
+    off_by_velocity = ((happened - expected)[known] ** 2).sum()
+    return float(off_by_velocity / (off + off_by_velocity)) if off > 0 else 1.0
+
+
+def _travelled(steps: int, config: MotionConfig) -> np.ndarray:
+    """(steps,) frames' worth of velocity after each step."""
+    return np.cumsum(config.damping ** np.arange(steps))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
 from numba import njit
@@ -23,18 +24,29 @@ class TreeConfig:
             raise ValueError(f"max_branches must be at least 1, got {self.max_branches}")
 
 
+class Support(IntEnum):
+    """What stands behind the place that a node is given in the next frame."""
+
+    MATCHED = 0  # a hypothesis on the best branch
+    TOO_FAR = 1  # the prediction: every hypothesis leads too far away from it
+    NO_HYPOTHESIS = 2  # the prediction: no subset of anchors knows the node in the next frame
+    UNKNOWN = 3  # nothing: there is no prediction to choose by
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackResult:
     """The global hypothesis: of every source node, the first link of its best branch.
 
     match (m,) int32: node of the next surface, -1 = missed. score (m,) float32: the best branch's sum of distances to
-    the prediction, metres, smaller is better; NaN where the prediction is unknown. subset (m,) int32: anchor subset of
-    the match, -1 = missed. pruned: trees that outgrew their size, whose branch is good but not proven best.
+    the prediction, metres, smaller is better; NaN where the prediction is unknown. subset (m,) int32: column of the
+    match among the hypotheses, -1 = missed. support (m,) int8 of ``Support``. pruned: trees that outgrew their size,
+    whose branch is good but not proven best.
     """
 
     match: np.ndarray
     score: np.ndarray
     subset: np.ndarray
+    support: np.ndarray
     pruned: int
 
 
@@ -43,8 +55,9 @@ def best_branches(
 ) -> TrackResult:
     """Score every branch R = sum of ed(node, predicted node) over the levels and keep the best of each source node.
 
-    matches: level l holds (n_l, s) int, the match in surface l + 1 of each node of surface l under each subset, -1 =
-    missed; surface 0 is the source. positions_m: level l holds the (n_(l+1), 3) nodes of surface l + 1, world.
+    matches: level l holds (n_l, s_l) int, the match in surface l + 1 of each node of surface l under each subset, -1 =
+    missed; surface 0 is the source, and levels may know different numbers of subsets. positions_m: level l holds the
+    (n_(l+1), 3) nodes of surface l + 1, world.
     predicted_m (m, depth, 3): where each source node should be, level by level; NaN = unknown.
     A missed node has no children: its branch ends and pays ``missed_cost_m`` for each level left, and every branch may
     be given up at that price. Branch and bound: children by distance, a branch is left as soon as it cannot win; so the
@@ -55,7 +68,7 @@ def best_branches(
     first = np.cumsum([0, *(len(level) for level in matches)]).astype(np.int64)
     first_node = np.cumsum([0, *(len(level) for level in positions_m)]).astype(np.int64)
     match, score, subset, pruned = _search(
-        np.concatenate(matches).astype(np.int32, copy=False),
+        _as_wide(matches),
         first,
         np.concatenate(positions_m).astype(np.float32, copy=False),
         first_node,
@@ -63,7 +76,24 @@ def best_branches(
         np.float32(config.missed_cost_m),
         config.max_branches,
     )
-    return TrackResult(match, score, subset, pruned)
+    return TrackResult(match, score, subset, _support(matches[0], match, score), pruned)
+
+
+def _as_wide(matches: Sequence[np.ndarray]) -> np.ndarray:
+    """(sum of n_l, widest s_l) int32: all levels, missed where a level has fewer subsets."""
+    wide = np.full((sum(map(len, matches)), max(level.shape[1] for level in matches)), -1, dtype=np.int32)
+    row = 0
+    for level in matches:
+        wide[row : row + len(level), : level.shape[1]] = level
+        row += len(level)
+    return wide
+
+
+def _support(hypotheses: np.ndarray, match: np.ndarray, score: np.ndarray) -> np.ndarray:
+    support = np.where((hypotheses >= 0).any(axis=1), Support.TOO_FAR, Support.NO_HYPOTHESIS)
+    support[match >= 0] = Support.MATCHED
+    support[np.isnan(score)] = Support.UNKNOWN
+    return support.astype(np.int8)
 
 
 def _check(matches: Sequence[np.ndarray], positions_m: Sequence[np.ndarray], predicted_m: np.ndarray) -> None:
@@ -73,8 +103,6 @@ def _check(matches: Sequence[np.ndarray], positions_m: Sequence[np.ndarray], pre
     if predicted_m.shape != (len(matches[0]), depth, 3):
         raise ValueError(f"predictions must be {(len(matches[0]), depth, 3)}, got {predicted_m.shape}")
     for level, (match, nodes) in enumerate(zip(matches, positions_m, strict=True)):
-        if match.shape[1] != matches[0].shape[1]:
-            raise ValueError(f"level {level} has {match.shape[1]} subsets, level 0 has {matches[0].shape[1]}")
         if match.size and match.max() >= len(nodes):
             raise ValueError(f"level {level} points at node {match.max()} of {len(nodes)}")
         if level and len(match) != len(positions_m[level - 1]):

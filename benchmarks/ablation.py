@@ -1,0 +1,131 @@
+"""What each ingredient brings: python benchmarks/ablation.py --seeds 2 --seconds 4.
+
+The recordings of accuracy.py, each tracked with the defaults, with one ingredient switched off at a time, and the
+paper's own way (every part by itself, from frame to frame). Off means:
+
+descriptor: matches are the nearest nodes, not those with the same distances to the anchors
+subsets: one hypothesis by all the anchors found, instead of one for each three of them
+tree: matches are chosen by the next frame alone
+movements: no reference movements, the next poses by the damped velocity; or no motion dynamics at all
+learnt body: everybody is the mean adult of the height that is seen
+
+With --method parts every variant registers part by part, as the paper does: there the pose rests on the matches alone,
+where by default the learnt body finds its own way on the surface and matches only begin it.
+
+The table has means over the seeds. Off is what the longest time is that any joint is more than 150 mm off, in the worst
+recording.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+import numpy as np
+from accuracy import SCENES, TRUTH_FILE, track_simulated
+
+from anchorpose.association.feature import Feature, HypothesisConfig
+from anchorpose.body.learning import LearningConfig
+from anchorpose.recording.pairing import half_period_s, nearest_within
+from anchorpose.results.evaluate import read_truth
+from anchorpose.results.tables import JointTable
+from anchorpose.simulate.write import simulate_recording
+from anchorpose.tracker.config import FollowConfig, Method, TrackConfig
+from anchorpose.tracking.motion import MotionConfig, MotionRule
+
+FAR_OFF_M: Final = 0.15
+VARIANTS: Final[Mapping[str, TrackConfig]] = {
+    "**everything**": TrackConfig(),
+    "no descriptor": TrackConfig(hypotheses=HypothesisConfig(feature=Feature.POSITION)),
+    "no subsets": TrackConfig(hypotheses=HypothesisConfig(subset_size=5)),
+    "no tree": TrackConfig(follow=FollowConfig(look_ahead=1)),
+    "no movements: velocity": TrackConfig(motion=MotionConfig(rule=MotionRule.VELOCITY)),
+    "no movements: standstill": TrackConfig(motion=MotionConfig(rule=MotionRule.STANDSTILL)),
+    "one best movement, as in the paper": TrackConfig(motion=MotionConfig(rule=MotionRule.BEST_SUBLIST)),
+    "no learnt body": TrackConfig(learning=LearningConfig(own_shape=False)),
+    "the paper's own way": TrackConfig(
+        method=Method.PARTS, motion=MotionConfig(rule=MotionRule.BEST_SUBLIST, displacement_weight=0.0)
+    ),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One recording by one variant; None where every joint was lost."""
+
+    mean_mm: float | None
+    p95_mm: float | None
+    lost_share: float
+    off_s: float
+
+
+def longest_off_s(joints: JointTable, truth_file: Path) -> float:
+    """The longest time that one joint stays more than ``FAR_OFF_M`` off; a lost one is not said to be anywhere."""
+    truth = read_truth(truth_file)
+    match = nearest_within(truth.time_s, joints.time_s, half_period_s(truth.time_s))
+    found = match >= 0
+    off = np.linalg.norm(joints.position_m[match[found]] - truth.position_m[found], axis=2) > FAR_OFF_M
+    run = longest = np.zeros(off.shape[1], dtype=np.int64)
+    for frame in off:
+        run = np.where(frame, run + 1, 0)
+        longest = np.maximum(longest, run)
+    return float(longest.max() * np.median(np.diff(truth.time_s)))
+
+
+def score(simulated: Path, results: Path, config: TrackConfig) -> Row:
+    joints, evaluation = track_simulated(simulated, results, config)
+    overall = evaluation.overall
+    lost = 0.0 if overall.lost_share is None else overall.lost_share
+    return Row(overall.mean_mm, overall.p95_mm, lost, longest_off_s(joints, simulated / TRUTH_FILE))
+
+
+def table(rows: Mapping[tuple[str, str], Sequence[Row]], scenes: Sequence[str]) -> str:
+    """Markdown, one row a variant, three columns a scene."""
+    heads = [f"{scene}: {what}" for scene in scenes for what in ("mean mm", "95 % mm", "off s")]
+    lines = [f"| | {' | '.join(heads)} |", "|---|" + "--:|" * len(heads)]
+    for variant in dict.fromkeys(variant for variant, _ in rows):
+        cells = []
+        for scene in scenes:
+            found = rows[variant, scene]
+            lost = max(row.lost_share for row in found)
+            mean = _mean([row.mean_mm for row in found]) + (f" ({100 * lost:.0f} % lost)" if lost >= 0.01 else "")
+            cells += [mean, _mean([row.p95_mm for row in found]), f"{max(row.off_s for row in found):.1f}"]
+        lines.append(f"| {variant} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _mean(values: Sequence[float | None]) -> str:
+    known = [value for value in values if value is not None]
+    return f"{sum(known) / len(known):.1f}" if known else "–"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=2, help="recordings of each scene")
+    parser.add_argument("--first-seed", type=int, default=101)
+    parser.add_argument("--seconds", type=float, default=4.0, help="length of each recording, at 15 pictures a second")
+    parser.add_argument("--scenes", nargs="+", choices=list(SCENES), default=list(SCENES))
+    parser.add_argument("--method", type=Method, choices=list(Method), default=Method.ARTICULATED)
+    chosen = parser.parse_args()
+    variants = {name: config if config.method is Method.PARTS else replace(config, method=chosen.method)
+                for name, config in VARIANTS.items()}  # fmt: skip
+    rows: dict[tuple[str, str], list[Row]] = {(variant, scene): [] for variant in variants for scene in chosen.scenes}
+    for seed in range(chosen.first_seed, chosen.first_seed + chosen.seeds):
+        for scene in chosen.scenes:
+            with TemporaryDirectory() as folder:
+                simulated = Path(folder) / "simulated"
+                simulate_recording(simulated, SCENES[scene](seed, chosen.seconds))
+                for number, (variant, config) in enumerate(variants.items()):
+                    row = score(simulated, Path(folder) / str(number), config)
+                    rows[variant, scene].append(row)
+                    print(f"{scene} seed {seed}, {variant}: {row}", file=sys.stderr)
+    print(table(rows, chosen.scenes))
+
+
+if __name__ == "__main__":
+    main()

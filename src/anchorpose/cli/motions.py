@@ -1,0 +1,50 @@
+"""``anchorpose motions``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import App, Parameter
+
+from anchorpose.errors import AnchorposeError
+
+motions = App(name="motions", help="Reference movements, from which tracking predicts the next frames.")
+
+
+@motions.command
+def build(
+    out: Path,
+    /,
+    *sources: Path,
+    rate_hz: Annotated[float | None, Parameter(name="--rate")] = None,
+    overwrite: bool = False,
+) -> None:
+    """Make a file of reference movements from earlier results and from skeletons of other trackers.
+
+    Give it to 'anchorpose track' as --motions. It replaces the movements that come with the program; name it among the
+    sources of the next file to add to it. Movements like those of the patient help most: his own earlier sessions.
+
+    Parameters
+    ----------
+    out
+        The file to write, ending in .npz.
+    sources
+        Results folders of 'anchorpose track' (frames with a lost joint are left out), and skeleton files: .npz with
+        joints_mm (frames, joints, 3) with Y up, offsets (where each clip begins, and the end), names (of the clips)
+        and joint_names. Joints are taken over by name.
+    rate_hz
+        Frames a second of the skeleton files that do not say it themselves (as rate_hz).
+    overwrite
+        Replace an existing file.
+    """
+    from anchorpose.collecting import build_motions
+
+    if not sources:
+        raise AnchorposeError("No movements were named; give results folders or skeleton files after the file's name.")
+    if rate_hz is not None and not 0 < rate_hz < float("inf"):
+        raise AnchorposeError(f"--rate is {rate_hz:g}; give the frames a second, above 0.")
+    clips = build_motions(out, sources, rate_hz, overwrite)
+    for note in clips.notes:
+        print(f"{note}.")
+    print(f"{out}: {len(clips.names)} clips, {clips.frame_count} frames. Use it with: anchorpose track --motions {out}")
