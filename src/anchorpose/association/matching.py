@@ -29,7 +29,7 @@ def match_all(
     near, psi = np.empty(len(points) + 1, np.int32), np.empty(len(points) + 1, np.int32)
     close, distance2 = np.empty(len(points), np.int32), np.empty(len(points))
     offset2 = np.empty((source.shape[1], len(points) + 1), np.float32)
-    laid_out, key = 0, np.int64(-1)
+    laid_out, key = 0, -1
     for node in _by_voxels(low, high, shape):
         if high[node, 0] < 0:
             continue
