@@ -19,6 +19,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
 
+from anchorpose.body.learning import LearningConfig
 from anchorpose.recording.reader import open_recording
 from anchorpose.simulate import config as presets
 from anchorpose.simulate.write import simulate_recording
@@ -61,7 +62,12 @@ def track(recording: Path, results: Path, stop: int) -> Run:
 
 def measure(recording: Path, results: Path) -> tuple[Run, Run]:
     """The first third and the whole, after a run that compiles what is not compiled yet."""
-    frames = len(open_recording(recording).streams[0].files)
+    time_s = open_recording(recording).streams[0].time_s
+    frames = len(time_s)
+    if time_s[frames // 3] - time_s[0] < LearningConfig().window_s:
+        raise SystemExit(
+            f"{recording} is too short: its first third must hold the seconds that the body is learnt from"
+        )
     track(recording, results / "warm", min(frames, 20))
     return track(recording, results / "third", frames // 3), track(recording, results / "whole", frames)
 
