@@ -12,7 +12,7 @@ from anchorpose.body.skin_points import PosedPoints, RestPoints, SkinPoints, joi
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UncertaintyConfig:
-    """What the linear posterior does not know, set on simulated single people (docs/architecture.md says how)."""
+    """What the linear posterior does not know, set on simulated single people (docs/tracking.md says how)."""
 
     floor_m: float = 0.005  # joints lie inside the body; the learnt shape places them no better than this
     inflation: float = 0.8  # of the posterior: simulated errors of seen joints are that much smaller
