@@ -49,6 +49,15 @@ def test_a_body_is_found_without_any_anchor(truth):
     assert joint_errors_m(REST, found.pose, truth).mean() < 0.015
 
 
+def test_an_anchor_of_the_wrong_limb_misleads_nobody():
+    """A hole in the trunk can make the left hand of the head: held by it, every start ends far away."""
+    wrong = tips_of(STANDING)
+    wrong.position_m[1] = wrong.position_m[0]
+    wrong.node[0], wrong.position_m[0] = -1, np.nan
+    found = first_pose(STANDING, wrong)
+    assert joint_errors_m(REST, found.pose, STANDING).mean() < 0.015
+
+
 def test_a_body_of_another_height_is_found_with_a_shape_that_gives_way():
     found = first_pose(STANDING, tips_of(STANDING), height_m=1.64)
     own = rest_points(points(), found.shape)

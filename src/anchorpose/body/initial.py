@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -36,6 +36,7 @@ _STARTS = {
 }
 _ANNEALING_M = (0.40, 0.40, 0.30, 0.30, 0.25, 0.25, 0.20, 0.20, 0.15, 0.15, 0.15, 0.12, 0.12, 0.12)
 _TRIAL_STEPS = 6  # every start gets so many, the finalists the rest
+_TRIAL_NODES = 800  # a third of the nodes tell a good start from a bad one
 _FINALISTS = 3
 _ANCHOR_STEPS = 6
 _RIGID_SHAPE_REACH_M = 0.28  # nearer, the shape may give way too: a wrong height would pull limbs into false places
@@ -55,16 +56,19 @@ def find_first_pose(
     points: SkinPoints, evidence: Evidence, anchors: Anchors, shapes: Sequence[FittedShape], shape_known: bool,
     config: ConstraintConfig, fit_config: FitConfig, turns: Sequence[float] = (0.0,),
 ) -> FirstPose:  # fmt: skip
-    """Register bodies from several starting poses and keep the cheapest.
+    """Register bodies from several starting poses, with the anchors and without, and keep the cheapest.
 
+    A hole can make an anchor of the wrong limb's end, and a start that is held by it ends nowhere.
     shapes : the patient's learnt shape, or guesses that may still change (``shape_of_height``) where shape_known is
     False. turns : headings to try, radians about the world's Y; 0 faces X.
     """
+    trial = replace(config, node_count=min(config.node_count, _TRIAL_NODES))
     starts = [
         _settle(points, FirstPose(_placed(points, shape, pose, evidence.surface), shape, name, np.inf), evidence,
-                anchors, _ANNEALING_M[:_TRIAL_STEPS], shape_known, config, fit_config)
+                held, _ANNEALING_M[:_TRIAL_STEPS], shape_known, trial, fit_config)
         for shape in shapes
         for name, pose in _starting_poses(points.asset, turns)
+        for held in ((anchors, no_anchors()) if anchors.found.any() else (anchors,))
     ]  # fmt: skip
     best = sorted(starts, key=lambda first: first.cost)[:_FINALISTS]
     found = [
