@@ -12,7 +12,7 @@ from anchorpose.body.skin_points import PosedPoints, RestPoints, SkinPoints, joi
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UncertaintyConfig:
-    """What the linear posterior does not know, set on simulated people, alone and in clinics (docs/tracking.md says how)."""
+    """What the linear posterior does not know, set on simulated people alone and in clinics (see docs/tracking.md)."""
 
     floor_m: float = 0.0035  # joints lie inside the body; the learnt shape places them no better than this
     inflation: float = 0.65  # of the posterior: rows_per_observation is cautious, neighbours err less alike than that
