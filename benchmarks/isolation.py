@@ -84,7 +84,8 @@ def tracked_views(recording: Recording, room: Room, config: TrackConfig) -> Iter
     """The labels that tracking used, frame by frame."""
     watch, motions = Stopwatch(), load_motions(config.motion_file, 15.0, config.motion)
     route = plan_route(room, config, lambda: None)
-    shape = learn_on(route, room, motions, config, watch)
+    learnt = learn_on(route, room, motions, config, watch)
+    shape = None if learnt is None else learnt.shape
     for positions in (route.back[1:], route.forth):
         for estimate in follow_patient(room, route.frames(positions), motions, shape, config, watch):
             if estimate.observation is not None:

@@ -98,7 +98,8 @@ def moments(folder: Path, config: TrackConfig) -> Iterator[Moment]:
     room = prepare_room(recording, config)
     watch, motions = Stopwatch(), load_motions(config.motion_file, 15.0, config.motion)
     route = plan_route(room, config, lambda: None)
-    shape = learn_on(route, room, motions, config, watch)
+    learnt = learn_on(route, room, motions, config, watch)
+    shape = None if learnt is None else learnt.shape
     height_m = float(np.ptp(shape.body(body_points().asset).vertices[:, 1])) if shape else 1.75
     for positions in (route.back[1:], route.forth):
         before: Observation | None = None

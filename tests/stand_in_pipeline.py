@@ -30,6 +30,7 @@ class StageConfig:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrackConfig:
     association: StageConfig = field(default_factory=StageConfig)
+    height_m: float | None = None
     patient_xz_m: tuple[float, float] | None = None
     start: int = 0
     stop: int | None = None

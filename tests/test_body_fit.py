@@ -12,7 +12,6 @@ from anchorpose.body.fit import (
     FitConfig,
     NormalEquations,
     ShapeFrame,
-    ShapePrior,
     learn_shape_step,
     limited,
     pose_equations,
@@ -21,6 +20,7 @@ from anchorpose.body.fit import (
     solve_damped,
 )
 from anchorpose.body.pose import DEGREE, MOVING_BONES, POSE_SIZE, Pose, hinge_axes, joint_range
+from anchorpose.body.shape_belief import ShapeBelief, ShapePrior
 from anchorpose.body.skin_points import FittedShape, pose_points, rest_points
 
 REST = adult_rest()
@@ -159,7 +159,10 @@ def test_what_is_not_seen_grows_less_sure_with_the_square_root_of_time():
 
 def test_the_step_on_the_shape_is_the_step_of_the_whole_system():
     """The Schur complement against one dense solve over shape and all poses."""
-    shape, prior, count = FittedShape(adult().coefficients[:4], 0.006), ShapePrior(), 4
+    shape, size = FittedShape(adult().coefficients[:4], 0.006), 5
+    spread = np.random.default_rng(3).normal(size=(size, size))
+    information = spread @ spread.T + np.diag([1.0, 1.0, 1.0, 1.0, 1.0 / 0.004**2])
+    known = ShapeBelief(FittedShape(np.full(4, 0.3), 0.008), information, ShapePrior())
     rest = rest_points(points(), shape)
     truths = [random_pose(seed) for seed in (8, 9)]
     poses = [shaken(truth, 3, 2.0, 0.01) for truth in truths]
@@ -169,21 +172,23 @@ def test_the_step_on_the_shape_is_the_step_of_the_whole_system():
         )
         for pose, truth in zip(poses, truths, strict=True)
     ]
-    size = count + 1
     whole, right = np.zeros((2 * POSE_SIZE + size,) * 2), np.zeros(2 * POSE_SIZE + size)
-    whole[-size:, -size:] = np.diag(prior.information(count))
-    right[-size:] = prior.information(count) * prior.deviation(shape)
+    whole[-size:, -size:] = known.information
+    right[-size:] = known.information @ known.deviation(shape)
     for number, frame in enumerate(frames):
         posed = pose_points(points(), rest, frame.pose)
-        own = pose_equations(points(), rest, frame.pose, posed, frame.constraints, None, CONFIG, count)
+        own = pose_equations(points(), rest, frame.pose, posed, frame.constraints, None, CONFIG, 4)
         place = [*range(number * POSE_SIZE, (number + 1) * POSE_SIZE), *range(2 * POSE_SIZE, 2 * POSE_SIZE + size)]
         damped = own.hessian + 1e-3 * np.diag(np.append(np.diag(own.hessian)[:POSE_SIZE], np.zeros(size)))
         whole[np.ix_(place, place)] += damped
         right[place] += own.gradient
     change = -np.linalg.solve(whole, right)
-    found, moved = learn_shape_step(points(), shape, frames, prior, CONFIG)
+    belief, moved = learn_shape_step(points(), shape, frames, known, CONFIG)
+    found = belief.shape
     np.testing.assert_allclose(found.coefficients - shape.coefficients, change[-size:-1], atol=1e-7)
     assert found.clothing_m - shape.clothing_m == pytest.approx(change[-1], abs=1e-9)
+    marginal = np.linalg.inv(np.linalg.inv(whole)[-size:, -size:])  # of the shape, whatever the poses are
+    np.testing.assert_allclose(belief.information, marginal, rtol=1e-4, atol=1e-6 * np.abs(marginal).max())
     for number, pose in enumerate(poses):
         expected = pose.moved(limited(change[number * POSE_SIZE : (number + 1) * POSE_SIZE], CONFIG), points().moving)
         np.testing.assert_allclose(moved[number].rotations, expected.rotations, atol=1e-7)

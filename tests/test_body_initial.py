@@ -10,6 +10,7 @@ from anchorpose.body.constraints import ConstraintConfig
 from anchorpose.body.fit import FitConfig
 from anchorpose.body.initial import FirstPose, anchor_constraints, anchor_points, find_first_pose
 from anchorpose.body.pose import Pose
+from anchorpose.body.shape_belief import ShapePrior
 from anchorpose.body.skin_points import pose_points, rest_points
 from anchorpose.geodesics.anchors import ANCHOR_NAMES, Anchors, no_anchors
 from anchorpose.joints import JOINT_INDEX
@@ -32,7 +33,10 @@ def tips_of(pose: Pose) -> Anchors:
 def first_pose(truth: Pose, anchors: Anchors, height_m: float | None = None) -> FirstPose:
     shape = adult() if height_m is None else adult(height_m)
     evidence = seen_body(truth, REST)
-    return find_first_pose(points(), evidence, anchors, [shape], height_m is None, ConstraintConfig(), FitConfig())
+    known = ShapePrior().belief(asset())
+    return find_first_pose(
+        points(), evidence, anchors, [shape], known, height_m is None, ConstraintConfig(), FitConfig()
+    )
 
 
 @pytest.mark.parametrize("truth", [STANDING, SITTING, REACHING], ids=["standing", "sitting", "reaching up"])

@@ -65,10 +65,11 @@ def test_options_reach_the_tracker_on_top_of_the_file(tmp_path):
     recording = write_recording(tmp_path / "r", frames=5)
     (tmp_path / "c.toml").write_text("start = 2\n[association]\ngate_m = 0.07\n")
     command = ["track", str(recording), "-o", str(tmp_path / "out"), "--config", str(tmp_path / "c.toml")]
-    assert main([*command, "--patient", "-0.5,1.25", "--stop", "4"]) == 0
+    assert main([*command, "--patient", "-0.5,1.25", "--height", "1.72", "--stop", "4"]) == 0
     config = json.loads((tmp_path / "out" / "run.json").read_text())["config"]
     assert config["association"] == {"gate_m": 0.07, "steps": 3}
     assert (config["patient_xz_m"], config["start"], config["stop"]) == ([-0.5, 1.25], 2, 4)
+    assert config["height_m"] == 1.72
 
 
 def test_an_existing_result_is_replaced_only_when_asked(tmp_path, capsys):

@@ -146,6 +146,16 @@ def test_the_record_says_with_what_and_from_what(run):
     assert any("clothes" in note for note in document["notes"])
 
 
+def test_run_json_has_the_body_and_its_bones_are_those_of_every_frame(run):
+    body = run.document["body"]
+    assert 1.4 < body["height_m"] < 2.1
+    assert 0.0 < body["height_sigma_m"] < 0.05
+    thigh = next(bone for bone in body["bones"] if bone["bone"] == "thigh_left")
+    assert 0.0 < thigh["sigma_m"] < 0.03
+    hip, knee = (run.joints.position_m[:, JOINT_INDEX[name]] for name in ("HipLeft", "KneeLeft"))
+    np.testing.assert_allclose(np.linalg.norm(hip - knee, axis=1), thigh["length_m"], atol=1e-6)
+
+
 def test_pictures_of_some_frames_are_kept(run):
     assert len(run.document["pictures"]) >= 3
     for picture in run.document["pictures"]:

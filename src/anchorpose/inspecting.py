@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from anchorpose.recording.reader import open_recording
+from anchorpose.recording.subject import with_height
 from anchorpose.results.inspection_page import write_inspection
 from anchorpose.threads import one_thread
 from anchorpose.tracker.config import TrackConfig
@@ -18,7 +19,9 @@ def inspect_recording(
 ) -> Inspection:
     """Write pictures of what every stage makes of one frame into an existing, empty folder; see ``inspect_frame``."""
     with one_thread():
-        inspection = inspect_frame(open_recording(recording), frame, config, as_tracked, tick)
+        inspection = inspect_frame(
+            with_height(open_recording(recording), config.height_m), frame, config, as_tracked, tick
+        )
         title = f"{recording.resolve().name}: frame {frame}, {inspection.frame_set.time_s:.2f} s"
         account = (*inspection.account, *inspection.frame_set.problems)
         write_inspection(out, title, inspection_sections(inspection, config), account, inspection_facts(inspection))

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from anchorpose.body.regions import area_of_point, region_of_points
-from anchorpose.body.skin_points import FittedShape, body_points
+from anchorpose.body.skin_points import body_points
 from anchorpose.calibration.calibration import PoseSource
 from anchorpose.calibration.clock.clocks import Clocks
 from anchorpose.calibration.clock.settled import clock_notes
@@ -24,7 +24,9 @@ from anchorpose.recording.gaps import CameraGaps, find_gaps
 from anchorpose.recording.inputs import input_files
 from anchorpose.recording.reader import frame_range, open_recording
 from anchorpose.recording.recording import Recording
+from anchorpose.recording.subject import with_height
 from anchorpose.results.angles import ANGLES_FILE, joint_angles, write_angles
+from anchorpose.results.body_record import record_body
 from anchorpose.results.contact_intervals import ContactIntervals
 from anchorpose.results.contacts import CONTACTS_FILE, write_contacts
 from anchorpose.results.pictures import FramePicture, save_pictures
@@ -44,6 +46,7 @@ from anchorpose.results.tables import JOINTS_FILE, read_joints, write_joints
 from anchorpose.threads import one_thread
 from anchorpose.tracker.both_ways import FrameRecord, learn_on, plan_route, track_on
 from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.learning import LearntPatient
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room
 from anchorpose.tracker.stopwatch import Stopwatch
@@ -81,7 +84,7 @@ def track_recording(
 
 def _track(recording: Path, results: Path, config: TrackConfig, progress: Progress, calibration: Path | None) -> None:
     watch = Stopwatch()
-    opened = open_recording(recording)
+    opened = with_height(open_recording(recording), config.height_m)
     if calibration is not None:
         opened = with_poses(opened, calibration)
     frame_range(opened, config.start, config.stop)  # refuses an empty range before any work is done
@@ -91,12 +94,13 @@ def _track(recording: Path, results: Path, config: TrackConfig, progress: Progre
         room = prepare_room(opened, config)
     work = window + total * (2 if config.smooth else 1)
     route = plan_route(room, config, _counter(progress, work))
-    shape = learn_on(route, room, motions, config, watch)
+    learnt = learn_on(route, room, motions, config, watch)
+    shape = None if learnt is None else learnt.shape
     shown = set(np.unique(np.linspace(config.start, config.start + total - 1, PICTURES).astype(int)).tolist())
     written = _write_frames(results, track_on(route, room, motions, shape, shown, config, watch), config)
     with watch.stage("results"):
         write_angles(results / ANGLES_FILE, joint_angles(read_joints(results / JOINTS_FILE)))
-        _write_record(results, room, written, shape, config, watch, calibration)
+        _write_record(results, room, written, learnt, config, watch, calibration)
         write_report(results)
     progress(work, work)
 
@@ -137,7 +141,7 @@ def _write_frames(results: Path, records: Iterable[FrameRecord], config: TrackCo
 
 
 def _write_record(
-    results: Path, room: Room, written: _Written, shape: FittedShape | None, config: TrackConfig, watch: Stopwatch,
+    results: Path, room: Room, written: _Written, learnt: LearntPatient | None, config: TrackConfig, watch: Stopwatch,
     calibration_file: Path | None,
 ) -> None:  # fmt: skip
     calibration, gaps = room.calibration, find_gaps(room.recording)
@@ -170,12 +174,13 @@ def _write_record(
         frame_count=len(written.association.matched_share),
         association=written.association,
         dropped=written.dropped,
+        body=None if learnt is None else record_body(body_points().asset, learnt.belief, learnt.first, learnt.seconds),
         pictures=save_pictures(results, written.pictures),
         notes=(
             *calibration.notes,
             *clock_notes(room.clocks),
             *(camera.sentence for camera in gaps if camera.sentence),
-            *_notes(room, shape),
+            *_notes(room, learnt),
             *written.association.sentences,
         ),
     )
@@ -202,7 +207,7 @@ def _clock_residuals(clocks: Clocks, gaps: Sequence[CameraGaps]) -> list[Residua
     return found
 
 
-def _notes(room: Room, shape: FittedShape | None) -> list[str]:
+def _notes(room: Room, learnt: LearntPatient | None) -> list[str]:
     """Sentences on who was tracked and with which body."""
     if room.opening is None:
         return ["nobody was seen in the sampled frames, so no joint could be tracked"]
@@ -212,8 +217,8 @@ def _notes(room: Room, shape: FittedShape | None) -> list[str]:
         f"the patient was taken to be the person at x {x:.2f} m, z {z:.2f} m in frame {room.opening.frame}, "
         f"who {choice.reason}; tracking goes from there to both ends"
     ]
-    if shape is None:
+    if learnt is None:
         notes.append("no body could be fitted to this person, so no joint could be tracked")
     else:
-        notes.append(f"the learnt clothes are {1000 * shape.clothing_m:.0f} mm thick")
+        notes.append(f"the learnt clothes are {1000 * learnt.shape.clothing_m:.0f} mm thick")
     return notes

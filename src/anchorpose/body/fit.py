@@ -12,6 +12,7 @@ from anchorpose.body.constraints import Constraints
 from anchorpose.body.joint_range_equations import range_equations
 from anchorpose.body.pose import DEGREE, POSE_SIZE, Pose, joint_range
 from anchorpose.body.pose_accumulation import accumulate_pose
+from anchorpose.body.shape_belief import ShapeBelief
 from anchorpose.body.skin_points import (
     FittedShape,
     PosedPoints,
@@ -140,13 +141,16 @@ class ShapeFrame:
 
 
 def learn_shape_step(
-    points: SkinPoints, shape: FittedShape, frames: Sequence[ShapeFrame], prior: ShapePrior, config: FitConfig
-) -> tuple[FittedShape, list[Pose]]:
-    """One Gauss-Newton step on the shape that all frames share and on every frame's pose (Schur complement)."""
+    points: SkinPoints, shape: FittedShape, frames: Sequence[ShapeFrame], known: ShapeBelief, config: FitConfig
+) -> tuple[ShapeBelief, list[Pose]]:
+    """One Gauss-Newton step on the shape that all frames share and on every frame's pose (Schur complement).
+
+    known: what is known without these frames. Returns what is known with them, linearised at ``shape``, and the poses.
+    """
     rest = rest_points(points, shape)
     count = len(shape.coefficients)
     size = count + 1
-    schur, right = np.diag(prior.information(count)), prior.information(count) * prior.deviation(shape)
+    schur, right = known.information.copy(), known.information @ known.deviation(shape)
     eliminated = []
     for frame in frames:
         posed = pose_points(points, rest, frame.pose)
@@ -162,30 +166,4 @@ def learn_shape_step(
     poses = [frame.pose.moved(limited(-own - cross @ change, config), points.moving)
              for frame, (cross, own) in zip(frames, eliminated, strict=True)]  # fmt: skip
     learned = FittedShape(shape.coefficients + change[:count], shape.clothing_m + change[size - 1])
-    return prior.possible(learned), poses
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ShapePrior:
-    """Adults vary by one in each coefficient; clothes are some millimetres thick."""
-
-    clothing_mean_m: float = 0.006
-    clothing_sigma_m: float = 0.004
-
-    most_deviations: float = 3.0  # of a coefficient: one adult in a thousand
-    thickest_m: float = 0.03
-
-    def possible(self, shape: FittedShape) -> FittedShape:
-        """The shape, held within what adults and their clothes can be: bad depth must not make a giant."""
-        return FittedShape(
-            np.clip(shape.coefficients, -self.most_deviations, self.most_deviations),
-            float(np.clip(shape.clothing_m, 0.0, self.thickest_m)),
-        )
-
-    def information(self, count: int) -> np.ndarray:
-        """(count + 1,) inverse variances."""
-        return np.append(np.ones(count), 1.0 / self.clothing_sigma_m**2)
-
-    def deviation(self, shape: FittedShape) -> np.ndarray:
-        """(count + 1,) distance from the mean."""
-        return np.append(shape.coefficients, shape.clothing_m - self.clothing_mean_m)
+    return ShapeBelief(known.prior.possible(learned), schur, known.prior), poses

@@ -15,13 +15,13 @@ from anchorpose.body.evidence import Evidence, evidence_cost, evidence_rows
 from anchorpose.body.fit import (
     FitConfig,
     ShapeFrame,
-    ShapePrior,
     learn_shape_step,
     limited,
     pose_equations,
     solve_damped,
 )
 from anchorpose.body.pose import DEGREE, Pose
+from anchorpose.body.shape_belief import ShapeBelief
 from anchorpose.body.skin_points import FittedShape, SkinPoints, pose_points, rest_points
 from anchorpose.geodesics.anchors import Anchors, no_anchors
 from anchorpose.surface.surface import Surface
@@ -53,34 +53,35 @@ class FirstPose:
 
 
 def find_first_pose(
-    points: SkinPoints, evidence: Evidence, anchors: Anchors, shapes: Sequence[FittedShape], shape_known: bool,
-    config: ConstraintConfig, fit_config: FitConfig, turns: Sequence[float] = (0.0,),
+    points: SkinPoints, evidence: Evidence, anchors: Anchors, shapes: Sequence[FittedShape], known: ShapeBelief,
+    shape_known: bool, config: ConstraintConfig, fit_config: FitConfig, turns: Sequence[float] = (0.0,),
 ) -> FirstPose:  # fmt: skip
     """Register bodies from several starting poses, with the anchors and without, and keep the cheapest.
 
     A hole can make an anchor of the wrong limb's end, and a start that is held by it ends nowhere.
     shapes : the patient's learnt shape, or guesses that may still change (``shape_of_height``) where shape_known is
-    False. turns : headings to try, radians about the world's Y; 0 faces X.
+    False, within what is ``known`` of it. turns : headings to try, radians about the world's Y; 0 faces X.
     """
     trial = replace(config, node_count=min(config.node_count, _TRIAL_NODES))
     starts = [
         _settle(points, FirstPose(_placed(points, shape, pose, evidence.surface), shape, name, np.inf), evidence,
-                held, _ANNEALING_M[:_TRIAL_STEPS], shape_known, trial, fit_config)
+                held, _ANNEALING_M[:_TRIAL_STEPS], known, shape_known, trial, fit_config)
         for shape in shapes
         for name, pose in _starting_poses(points.asset, turns)
         for held in ((anchors, no_anchors()) if anchors.found.any() else (anchors,))
     ]  # fmt: skip
     best = sorted(starts, key=lambda first: first.cost)[:_FINALISTS]
     found = [
-        _settle(points, first, evidence, no_anchors(), _ANNEALING_M[_TRIAL_STEPS:], shape_known, config, fit_config)
+        _settle(points, first, evidence, no_anchors(), _ANNEALING_M[_TRIAL_STEPS:], known, shape_known, config,
+                fit_config)
         for first in best
-    ]
+    ]  # fmt: skip
     return min(found, key=lambda first: first.cost)
 
 
 def _settle(
     points: SkinPoints, first: FirstPose, evidence: Evidence, anchors: Anchors, reaches_m: Sequence[float],
-    shape_known: bool, config: ConstraintConfig, fit_config: FitConfig,
+    known: ShapeBelief, shape_known: bool, config: ConstraintConfig, fit_config: FitConfig,
 ) -> FirstPose:  # fmt: skip
     """Anchors place the tips, then the surface draws the body in, with less and less reach."""
     pose, shape = first.pose, first.shape
@@ -97,14 +98,11 @@ def _settle(
             equations = pose_equations(points, rest, pose, posed, rows, None, fit_config)
             pose = pose.moved(limited(solve_damped(equations), fit_config), points.moving)
         else:
-            shape, (pose,) = learn_shape_step(points, shape, [ShapeFrame(pose, rows)], ShapePrior(), fit_config)
+            learned, (pose,) = learn_shape_step(points, shape, [ShapeFrame(pose, rows)], known, fit_config)
+            shape = learned.shape
             rest = rest_points(points, shape)
-    cost = evidence_cost(points, rest, pose, evidence, reaches_m[-1], config, fit_config) + _shape_cost(shape)
+    cost = evidence_cost(points, rest, pose, evidence, reaches_m[-1], config, fit_config) + known.cost(shape)
     return FirstPose(pose, shape, first.start, cost)
-
-
-def _shape_cost(shape: FittedShape) -> float:
-    return float((ShapePrior().information(len(shape.coefficients)) * ShapePrior().deviation(shape) ** 2).sum())
 
 
 def _placed(points: SkinPoints, shape: FittedShape, pose: Pose, surface: Surface) -> Pose:

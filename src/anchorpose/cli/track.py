@@ -17,6 +17,7 @@ def track(
     *,
     results: Annotated[Path, Parameter(name=["--output", "-o"])],
     patient: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
+    height: float | None = None,
     calibration: Path | None = None,
     motions: Path | None = None,
     config: Path | None = None,
@@ -37,6 +38,9 @@ def track(
     patient
         Where the patient stands at the start, as x,z in metres on the floor (x forward, z to the patient's right);
         needed only where several people are in the picture and the choice comes out wrong.
+    height
+        The patient's standing height in metres, for example 1.72: his bones are then found more exactly. With or
+        without shoes does not matter, a centimetre is allowed for. Not needed where recording.json has it.
     calibration
         A calibration.json (or its folder) made by 'anchorpose calibrate'; its poses replace those of the recording.
         Without it poses that are null in recording.json are found.
@@ -66,6 +70,7 @@ def track(
         "start": start,
         "stop": stop,
         "smooth": smooth or None,
+        "height_m": height,
         "motions": None if motions is None else str(motions),
         "patient_xz_m": None if patient is None else parse_place(patient),
     }

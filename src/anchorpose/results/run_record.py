@@ -19,6 +19,7 @@ import numpy as np
 from anchorpose import __version__
 from anchorpose.errors import InputError
 from anchorpose.recording.document import read_json_object
+from anchorpose.results.body_record import BodyRecord
 
 RUN_FILE: Final = "run.json"
 
@@ -110,6 +111,7 @@ class RunRecord:
     frame_count: int = 0
     association: Association = Association()
     dropped: tuple[DroppedFrame, ...] = ()
+    body: BodyRecord | None = None  # None where the patient was never found
     pictures: tuple[PictureRecord, ...] = ()
     notes: tuple[str, ...] = ()  # sentences for people: what was assumed, what to beware of
 
@@ -137,6 +139,7 @@ def write_run_record(path: Path, record: RunRecord) -> None:
         "timings": plain(record.timings),
         "association": plain(record.association),
         "dropped": plain(record.dropped),
+        "body": plain(record.body),
         "pictures": plain(record.pictures),
         "notes": plain(record.notes),
         "config": plain(record.config),

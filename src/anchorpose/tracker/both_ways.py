@@ -16,7 +16,7 @@ from anchorpose.results.joint_frame import JointFrame
 from anchorpose.results.pictures import FramePicture
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
-from anchorpose.tracker.learning import learn_patient
+from anchorpose.tracker.learning import LearntPatient, learn_patient
 from anchorpose.tracker.patient import follow_patient
 from anchorpose.tracker.pictures import draw_estimate
 from anchorpose.tracker.room import Room
@@ -64,8 +64,11 @@ def plan_route(room: Room, config: TrackConfig, tick: Callable[[], None]) -> Rou
 
 def learn_on(
     route: Route, room: Room, motions: MotionDatabase | None, config: TrackConfig, watch: Stopwatch
-) -> FittedShape | None:
-    """The patient's shape from the frames on the longer side of the opening."""
+) -> LearntPatient | None:
+    """The patient's shape from the frames on the longer side of the opening.
+
+    It is learnt before anything is tracked: both sides then have one body, whose bones keep their length.
+    """
     side = max(route.forth, route.back, key=len)
     return learn_patient(room, route.frames(side), motions, config, watch)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
+from typing import Final
 
 from anchorpose.association.feature import HypothesisConfig
 from anchorpose.association.gate import GateConfig
@@ -25,6 +26,8 @@ from anchorpose.tracker.bystanders import BystanderConfig
 from anchorpose.tracking.motion import MotionConfig
 from anchorpose.tracking.motion_file import SHIPPED
 from anchorpose.tracking.tree import TreeConfig
+
+HEIGHTS_M: Final = (1.2, 2.2)  # of adults: beyond, the shape space knows nobody, and the unit was mistaken
 
 
 class Method(StrEnum):
@@ -84,6 +87,7 @@ class TrackConfig:
     start: int = 0  # first frame to track
     stop: int | None = None  # frame to stop before; None = the end
     smooth: bool = False  # track against time as well and put both together: not for live use, and twice the work
+    height_m: float | None = None  # the patient's standing height; None = that of recording.json, or unknown
     patient_xz_m: tuple[float, float] | None = None  # where the patient stands at the start, if the user says so
     motions: str | None = None  # file of reference movements; None = those that ship with the package
     clocks: ClockConfig = field(default_factory=ClockConfig)
@@ -110,6 +114,9 @@ class TrackConfig:
     def __post_init__(self) -> None:
         if self.start < 0 or (self.stop is not None and self.stop <= self.start):
             raise ValueError(f"start must not be negative and stop must come after it, got {self.start} to {self.stop}")
+        shortest, tallest = HEIGHTS_M
+        if self.height_m is not None and not shortest <= self.height_m <= tallest:
+            raise ValueError(f"height_m is in metres, {shortest} to {tallest}, got {self.height_m:g}")
 
     @property
     def motion_file(self) -> Path:

@@ -15,7 +15,7 @@ from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import observe_first
 from anchorpose.tracker.room import Room, sight_people
-from anchorpose.tracker.start import ORDINARY_HEIGHT_M, first_heights
+from anchorpose.tracker.start import ORDINARY_HEIGHT_M, first_heights, known_shape
 from anchorpose.tracker.stopwatch import Stopwatch
 
 LOOKS: Final = 3  # frames, each 2 to 6 s of fitting
@@ -61,8 +61,8 @@ def _costs(
     shapes = [shape_of_height(points.asset, height) for height in first_heights(seen.surface, room)]
     return [  # their anchors are named by a heading, so they are left out
         find_first_pose(
-            points, seen.evidence, no_anchors(), shapes, False, config.registration.constraints,
-            config.registration.fit, (float(np.arctan2(-heading[2], heading[0])),),
+            points, seen.evidence, no_anchors(), shapes, known_shape(room.recording, config), False,
+            config.registration.constraints, config.registration.fit, (float(np.arctan2(-heading[2], heading[0])),),
         ).cost
         for heading in headings
     ]  # fmt: skip

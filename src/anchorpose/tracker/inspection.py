@@ -136,10 +136,10 @@ def inspect_frame(
 def _as_tracked(
     route: Route, position: int, room: Room, motions: MotionDatabase | None, config: TrackConfig, watch: Stopwatch
 ) -> tuple[_Reached | None, tuple[str, ...]]:
-    shape = learn_on(route, room, motions, config, watch)
-    if shape is None or room.opening is None:
+    learnt = learn_on(route, room, motions, config, watch)
+    if learnt is None or room.opening is None:
         return None, ("No body could be fitted to this person, so track finds no joint in any frame.",)
-    reached = _follow(route, room.opening, position, room, shape, motions, config, watch)
+    reached = _follow(route, room.opening, position, room, learnt.shape, motions, config, watch)
     if reached is None:
         return None, ("The patient is lost in this frame: track gives no joint here either.",)
     return reached, (f"As in track: the body was learnt, and followed from frame {_number(room, room.opening.frame)}.",)

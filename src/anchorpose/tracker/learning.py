@@ -1,48 +1,96 @@
-"""Learning the patient's body from the first seconds in which he is followed."""
+"""Learning the patient's body on a first pass, for as long as it is not known well."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
+from anchorpose.body.bone_lengths import bone_lengths
 from anchorpose.body.learning import learn_body
+from anchorpose.body.shape_belief import ShapeBelief
 from anchorpose.body.skin_points import FittedShape, body_points
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
-from anchorpose.tracker.patient import follow_patient
+from anchorpose.tracker.patient import follow_openly
 from anchorpose.tracker.room import Room
+from anchorpose.tracker.start import known_shape
 from anchorpose.tracker.stopwatch import Stopwatch
 from anchorpose.tracking.motion_database import MotionDatabase
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class LearntPatient:
+    """What is known of his shape in the end and was after the first window; seconds: how long it was learnt from."""
+
+    belief: ShapeBelief
+    first: ShapeBelief
+    seconds: float
+
+    @property
+    def shape(self) -> FittedShape:
+        """The body to track with."""
+        return self.belief.shape
+
+
 def learn_patient(
     room: Room, frames: Iterable[FrameSet], motions: MotionDatabase | None, config: TrackConfig, watch: Stopwatch
-) -> FittedShape | None:
-    """The patient's shape from frames spread over the learning window, or None where he is never found.
+) -> LearntPatient | None:
+    """The patient's shape, or None where he is never found.
 
-    The window opens with the first frame in which he is found. Only frames that take part in learning are kept.
+    The first window opens with the first frame in which he is found. Where bones are not known well at the end of a
+    window, because they were hidden or nothing moved, he is followed on with what was learnt so far, and the next
+    window's frames add what they show. Only frames that take part in learning are kept, and those of one window.
     """
-    kept: list[Estimate] = []
-    spacing_s = config.learning.window_s / config.learning.frame_count
-    for estimate in follow_patient(room, frames, motions, None, config, watch):
-        if estimate.belief is None or estimate.explained < config.follow.least_explained:
-            continue
+    learning, known = config.learning, known_shape(room.recording, config)
+    learnt: LearntPatient | None = None
+    kept, began_s = list[Estimate](), None
+    choice = room.opening.choice if room.opening else None
+    for estimate, tracker in follow_openly(room, frames, choice, motions, None, config, watch):
         time_s = estimate.frame_set.time_s
-        if kept and time_s - kept[0].frame_set.time_s > config.learning.window_s:
+        if began_s is not None and abs(time_s - began_s) > learning.longest_s:
             break
-        if not config.learning.own_shape:
-            return estimate.shape
-        if not kept or time_s - kept[-1].frame_set.time_s >= spacing_s - 1e-6:
+        if estimate.belief is None or estimate.shape is None or estimate.explained < config.follow.least_explained:
+            continue
+        if not learning.own_shape:
+            fixed = ShapeBelief(estimate.shape, known.information, known.prior)
+            return LearntPatient(fixed, fixed, 0.0)
+        began_s = time_s if began_s is None else began_s
+        if kept and _apart_s(kept[0], estimate) > learning.window_s:
+            learnt, kept = _learn_more(learnt, known, began_s, kept, config, watch), []
+            if _is_sure(learnt.belief, config):
+                return learnt
+            if tracker is not None:
+                tracker.wear(learnt.shape)
+        if not kept or _apart_s(kept[-1], estimate) >= learning.window_s / learning.frame_count - 1e-6:
             kept.append(estimate)
-    if not kept or kept[0].shape is None:
-        return None
+    return learnt if began_s is None or not kept else _learn_more(learnt, known, began_s, kept, config, watch)
+
+
+def _apart_s(one: Estimate, other: Estimate) -> float:
+    """Time between two frames; the first pass may go against time."""
+    return abs(other.frame_set.time_s - one.frame_set.time_s)
+
+
+def _learn_more(
+    learnt: LearntPatient | None, known: ShapeBelief, began_s: float, kept: Sequence[Estimate], config: TrackConfig,
+    watch: Stopwatch,
+) -> LearntPatient:  # fmt: skip
+    """What is known after one more window."""
     with watch.stage("body shape"):
-        learned = learn_body(
+        belief = learn_body(
             body_points(),
-            kept[0].shape,
+            next(estimate.shape for estimate in kept if estimate.shape),
             [estimate.belief.pose for estimate in kept if estimate.belief],
             [estimate.observation.evidence for estimate in kept if estimate.observation],
+            known if learnt is None else learnt.belief,
             config.learning,
             config.registration,
-        )
-    return learned.shape
+        ).belief
+    first = belief if learnt is None else learnt.first
+    return LearntPatient(belief, first, abs(kept[-1].frame_set.time_s - began_s))
+
+
+def _is_sure(belief: ShapeBelief, config: TrackConfig) -> bool:
+    """Whether the length of every bone is known well enough."""
+    return all(bone.sigma_m <= config.learning.sure_m for bone in bone_lengths(body_points().asset, belief))

@@ -52,9 +52,7 @@ class PatientTracker:
         self.watch = watch
         self.room, self.config, self.motions = room, config, motions
         self.points = body_points()
-        self.shape = start.shape
-        self.rest = rest_points(self.points, start.shape)
-        self.map = map_body(self.points, self.rest.body)
+        self.wear(start.shape)
         self.belief = start.belief
         self.window: deque[Observation] = deque([start.observation])
         self.links: deque[Hypotheses] = deque()
@@ -69,6 +67,12 @@ class PatientTracker:
     def height_m(self) -> float:
         """Standing height of the learnt body."""
         return float(np.ptp(self.rest.body.vertices[:, 1]))
+
+    def wear(self, shape: FittedShape) -> None:
+        """Go on with this shape, and all that depends on it."""
+        self.shape = shape
+        self.rest = rest_points(self.points, shape)
+        self.map = map_body(self.points, self.rest.body)
 
     def _joints(self, pose: Pose) -> np.ndarray:
         return self.rest.body.joints(self.rest.body.bone_transforms(pose.rotations, pose.root_m))

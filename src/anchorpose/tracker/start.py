@@ -10,9 +10,10 @@ import numpy as np
 
 from anchorpose.body.initial import find_first_pose, shape_of_height
 from anchorpose.body.registration import PoseBelief, posterior, vague_belief
+from anchorpose.body.shape_belief import ShapeBelief
 from anchorpose.body.skin_points import FittedShape, body_points, rest_points
 from anchorpose.isolation.people import PatientChoice
-from anchorpose.recording.recording import FrameSet
+from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.surface.surface import Surface
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
@@ -59,6 +60,7 @@ def find_start(
     with watch.stage("first pose"):
         first = find_first_pose(
             points, observation.evidence, observation.anchors, shapes,
+            known_shape(room.recording, config),
             known is not None or not config.learning.own_shape,
             config.registration.constraints, config.registration.fit,
         )  # fmt: skip
@@ -81,6 +83,11 @@ def turn_round(estimate: Estimate, config: TrackConfig) -> Start | None:
     rest = rest_points(points, shape)
     found = posterior(points, rest, belief.pose, vague_belief(belief.pose), seen.evidence, config.registration)
     return Start(seen, shape, found.belief, found.explained)
+
+
+def known_shape(recording: Recording, config: TrackConfig) -> ShapeBelief:
+    """What is known of the patient's shape before he is seen: he is an adult, perhaps of a measured height."""
+    return config.learning.prior.belief(body_points().asset, recording.subject_height_m)
 
 
 def first_heights(surface: Surface, room: Room) -> Sequence[float]:
