@@ -32,9 +32,7 @@ def nearest_facing(
             best = reach * reach
             away = _distance2(skin, spot, nodes, node_normals, node, normal_weight)
             found = spot if away < best else -1
-            better = _search(
-                skin, nodes, node_normals, node, normal_weight, start, origin, shape, min(away, best)
-            )
+            better = _search(skin, nodes, node_normals, node, normal_weight, start, origin, shape, min(away, best))
             found = better if better >= 0 else found
             if found >= 0:
                 nearest[node], spot = order[found], found

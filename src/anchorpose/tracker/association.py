@@ -58,9 +58,7 @@ def link(now: Observation, following: Observation, config: TrackConfig) -> Match
 
     def find(nodes: np.ndarray) -> np.ndarray:
         source, places = now.descriptor[nodes], now.surface.points_m[nodes]
-        return match_hypotheses(
-            source, following.surface, following.descriptor, subsets, places, config.gate
-        ).match
+        return match_hypotheses(source, following.surface, following.descriptor, subsets, places, config.gate).match
 
     return Matcher(find, len(now.surface), subsets)
 
