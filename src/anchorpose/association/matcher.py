@@ -1,4 +1,4 @@
-"""Hypotheses made when they are asked for: the track tree reaches a third of a frame's nodes."""
+"""Hypotheses made when they are asked for: with several cameras the track tree reaches half of the nodes."""
 
 from __future__ import annotations
 
