@@ -22,6 +22,7 @@ from body_builder import (
     turned_about_y,
 )
 
+from anchorpose.body import visibility
 from anchorpose.body.pixels import lens_of, pixels_of
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import pose_points
@@ -177,3 +178,29 @@ def test_skin_falls_on_the_pixels_that_the_camera_says():
     np.testing.assert_array_equal(found[0], np.where(inside, column, -1))
     np.testing.assert_array_equal(found[1], np.where(inside, row, -1))
     np.testing.assert_allclose(found[2], in_camera[:, 2], atol=1e-12)
+
+
+def test_what_pixels_say_of_skin_is_what_the_rules_written_out_say():
+    rng = np.random.default_rng(5)
+    labels = rng.integers(0, 8, (40, 50)).astype(np.uint8)
+    depth = rng.uniform(1.9, 2.1, labels.shape).astype(np.float32)
+    row, column = rng.integers(0, 40, 3000), rng.integers(0, 50, 3000)
+    far, reach = np.full(3000, 2.0), 0.04
+    before, near = depth[row, column] < far - reach, np.abs(depth[row, column] - far) <= reach
+    label = labels[row, column]
+    wanted = np.full(3000, visibility._MISFIT)
+    wanted[(label == PixelLabel.PATIENT) & before] = visibility._SELF
+    wanted[(label == PixelLabel.EQUIPMENT) & (before | near)] = visibility._EQUIPMENT
+    wanted[(label >= PixelLabel.OTHER_PERSON) & (before | near)] = visibility._PERSON
+    wanted[(label == PixelLabel.NO_READING) | (label == PixelLabel.CLUTTER)] = visibility._HOLE
+    wanted[(label == PixelLabel.PATIENT) & near] = visibility._SEEN
+    column[::9] = row[::9] = -1
+    wanted[::9] = visibility._OUTSIDE
+    np.testing.assert_array_equal(visibility._read(column, row, far, labels, depth, reach), wanted)
+
+
+def test_skin_faces_an_eye_up_to_the_grazing_angle():
+    angle = np.radians([0.0, 60.0, 75.0, 76.0, 120.0])  # arccos 0.25 is 75.5 degrees
+    normals = np.stack([np.sin(angle), np.zeros(5), np.cos(angle)], axis=1)
+    facing = visibility._turned_to(np.zeros((5, 3)), normals, np.array([0.0, 0.0, 3.0]), 0.25)
+    assert facing.tolist() == [True, True, True, False, False]

@@ -36,14 +36,14 @@ def test_there_is_one_hypothesis_for_each_subset_of_the_anchors_that_both_frames
     links = link(seen(common + only_now), seen(common), config)
     expected = list(combinations(common, min(size, len(common)))) if common else []
     assert [tuple(subset) for subset in links.subsets.tolist()] == expected
-    assert links.match.shape == (120, len(expected))
-    assert (links.match >= 0).all()
+    assert links.all().match.shape == (120, len(expected))
+    assert (links.all().match >= 0).all()
 
 
 def test_without_the_descriptor_no_anchor_is_needed():
     config = TrackConfig(hypotheses=HypothesisConfig(feature=Feature.POSITION))
     links = link(seen([]), seen([]), config)
-    np.testing.assert_array_equal(links.match[:, 0], np.arange(len(links.match)))
+    np.testing.assert_array_equal(links.all().match[:, 0], np.arange(120))
 
 
 def test_a_hypothesis_that_no_anchor_supports_says_so_and_the_run_counts_it():
@@ -52,7 +52,7 @@ def test_a_hypothesis_that_no_anchor_supports_says_so_and_the_run_counts_it():
     shares = []
     for common in ([0, 1, 2, 3, 4], []):
         links = link(now, seen(common), TrackConfig())
-        tree = best_branches([links.match], [now.surface.points_m], nodes[:, None], TreeConfig())
+        tree = best_branches([links.all().match], [now.surface.points_m], nodes[:, None], TreeConfig())
         where = np.arange(len(nodes))
         hypothesis = GlobalHypothesis(where, where, where, np.full_like(nodes, np.nan), nodes[:, None], tree)
         shares.append(hypothesis.matched_share)

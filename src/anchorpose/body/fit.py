@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.lapack import dposv
 
 from anchorpose.body.constraints import Constraints
 from anchorpose.body.joint_range_equations import range_equations
@@ -123,7 +124,10 @@ def range_information(points: SkinPoints, pose: Pose, config: FitConfig) -> np.n
 def solve_damped(equations: NormalEquations) -> np.ndarray:
     """The Gauss-Newton change with a little of Marquardt's damping (doi:10.1137/0111030)."""
     hessian = equations.hessian + 1e-3 * np.diag(np.diag(equations.hessian))
-    return -cho_solve(cho_factor(hessian), equations.gradient)
+    _, change, failed = dposv(hessian, -equations.gradient)
+    if failed:
+        raise np.linalg.LinAlgError(f"the normal equations are not positive definite, LAPACK says {failed}")
+    return np.asarray(change)
 
 
 def limited(change: np.ndarray, config: FitConfig) -> np.ndarray:

@@ -25,19 +25,17 @@ def nearest_facing(
         if not len(facing):
             continue
         order, start, origin, shape = _cells(points, facing)
-        guess = order[0]
+        skin, spot = _laid_out(points, normals, order), 0
         for node in range(len(nodes)):
             if seen_from[node] != camera:
                 continue
-            best = min(_distance2(points, normals, guess, nodes, node_normals, node, normal_weight), reach * reach)
-            guess_wins = best < reach * reach
-            found = _search(
-                points, normals, nodes, node_normals, node, normal_weight, order, start, origin, shape, best
-            )
+            best = reach * reach
+            away = _distance2(skin, spot, nodes, node_normals, node, normal_weight)
+            found = spot if away < best else -1
+            better = _search(skin, nodes, node_normals, node, normal_weight, start, origin, shape, min(away, best))
+            found = better if better >= 0 else found
             if found >= 0:
-                guess, guess_wins = found, True
-            if guess_wins:
-                nearest[node] = guess
+                nearest[node], spot = order[found], found
     return nearest
 
 
@@ -76,8 +74,10 @@ def nearest_point(points: np.ndarray, nodes: np.ndarray, reach: float) -> np.nda
     """(n,) int64: the point (p, 3) nearest to each node (n, 3) by place alone, -1 where none is nearer than reach."""
     nearest = np.full(len(nodes), -1, np.int64)
     order, start, origin, shape = _cells(points, np.arange(len(points)))
+    skin = _laid_out(points, points, order)
     for node in range(len(nodes)):
-        nearest[node] = _search(points, points, nodes, nodes, node, 0.0, order, start, origin, shape, reach * reach)
+        found = _search(skin, nodes, nodes, node, 0.0, start, origin, shape, reach * reach)
+        nearest[node] = order[found] if found >= 0 else -1
     return nearest
 
 
@@ -123,38 +123,65 @@ def _cells(points: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 @njit(cache=True)
+def _laid_out(points: np.ndarray, normals: np.ndarray, order: np.ndarray) -> np.ndarray:
+    """(k, 6) place and normal of the points, those of a cell side by side in memory."""
+    skin = np.empty((len(order), 6))
+    for k in range(len(order)):
+        for axis in range(3):
+            skin[k, axis], skin[k, 3 + axis] = points[order[k], axis], normals[order[k], axis]
+    return skin
+
+
+@njit(cache=True)
 def _distance2(
-    points: np.ndarray, normals: np.ndarray, p: int, nodes: np.ndarray, node_normals: np.ndarray, node: int,
-    normal_weight: float,
-) -> float:  # fmt: skip
+    skin: np.ndarray, spot: int, nodes: np.ndarray, node_normals: np.ndarray, node: int, normal_weight: float
+) -> float:
     away, turned = 0.0, 0.0
     for axis in range(3):
-        away += (points[p, axis] - nodes[node, axis]) ** 2
-        turned += (normals[p, axis] - node_normals[node, axis]) ** 2
+        away += (skin[spot, axis] - nodes[node, axis]) ** 2
+        turned += (skin[spot, 3 + axis] - node_normals[node, axis]) ** 2
     return away + normal_weight * normal_weight * turned
 
 
 @njit(cache=True)
 def _search(
-    points: np.ndarray, normals: np.ndarray, nodes: np.ndarray, node_normals: np.ndarray, node: int,
-    normal_weight: float, order: np.ndarray, start: np.ndarray, origin: np.ndarray, shape: np.ndarray, best: float,
+    skin: np.ndarray, nodes: np.ndarray, node_normals: np.ndarray, node: int, normal_weight: float, start: np.ndarray,
+    origin: np.ndarray, shape: np.ndarray, best: float,
 ) -> int:  # fmt: skip
-    """The nearest point that is nearer than the root of ``best``, -1 where there is none."""
+    """Place in ``skin`` of the nearest that is nearer than the root of ``best``, -1 where there is none.
+
+    The node's own cell is looked through first: what is found there narrows the search around it.
+    """
     found = -1
+    x, y, z = nodes[node, 0] - origin[0], nodes[node, 1] - origin[1], nodes[node, 2] - origin[2]
+    i, j, k = int(np.floor(x / CELL_M)), int(np.floor(y / CELL_M)), int(np.floor(z / CELL_M))
+    if 0 <= i < shape[0] and 0 <= j < shape[1] and 0 <= k < shape[2]:
+        own = (i * shape[1] + j) * shape[2] + k
+        for spot in range(start[own], start[own + 1]):
+            distance = _distance2(skin, spot, nodes, node_normals, node, normal_weight)
+            if distance < best:
+                best, found = distance, spot
     radius = np.sqrt(best)
-    low, high = np.empty(3, np.int64), np.empty(3, np.int64)
-    for axis in range(3):
-        place = nodes[node, axis] - origin[axis]
-        low[axis] = max(0, int(np.floor((place - radius) / CELL_M)))
-        high[axis] = min(shape[axis] - 1, int(np.floor((place + radius) / CELL_M)))
-    for i in range(low[0], high[0] + 1):
-        for j in range(low[1], high[1] + 1):
-            row = (i * shape[1] + j) * shape[2]
-            if low[2] > high[2]:
+    left, right = max(0, int(np.floor((x - radius) / CELL_M))), min(shape[0] - 1, int(np.floor((x + radius) / CELL_M)))
+    low, high = max(0, int(np.floor((y - radius) / CELL_M))), min(shape[1] - 1, int(np.floor((y + radius) / CELL_M)))
+    for i in range(left, right + 1):
+        for j in range(low, high + 1):
+            left_over = best - _gap(x, i) ** 2 - _gap(y, j) ** 2
+            if left_over <= 0.0:
                 continue
-            for spot in range(start[row + low[2]], start[row + high[2] + 1]):  # cells along z follow one another
-                p = order[spot]
-                distance = _distance2(points, normals, p, nodes, node_normals, node, normal_weight)
+            radius, row = np.sqrt(left_over), (i * shape[1] + j) * shape[2]
+            first = max(0, int(np.floor((z - radius) / CELL_M)))
+            last = min(shape[2] - 1, int(np.floor((z + radius) / CELL_M)))
+            if first > last:
+                continue
+            for spot in range(start[row + first], start[row + last + 1]):  # cells along z follow one another
+                distance = _distance2(skin, spot, nodes, node_normals, node, normal_weight)
                 if distance < best:
-                    best, found = distance, p
+                    best, found = distance, spot
     return found
+
+
+@njit(cache=True)
+def _gap(place: float, cell: int) -> float:
+    """How far a place is from a cell along one axis, 0 within it."""
+    return max(cell * CELL_M - place, place - (cell + 1) * CELL_M, 0.0)

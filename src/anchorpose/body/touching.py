@@ -39,7 +39,7 @@ def find_nearness(
     """Distances from the posed skin to what is seen of all others, and to theirs that is remembered."""
     others, shown = crowd.others, seen_skin(posed, views, cameras, config)
     person, point, distance, remembered = [], [], [], []
-    for label in np.unique(others.owner).tolist():
+    for label in np.flatnonzero(np.bincount(others.owner)).tolist():
         own = np.flatnonzero(_within(others.points_m, posed.points_m) & (others.owner == label))
         skin = np.flatnonzero(_within(posed.points_m, others.points_m[own]))
         found, nearest = cKDTree(others.points_m[own]).query(posed.points_m[skin], distance_upper_bound=HAND_M)

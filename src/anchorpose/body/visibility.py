@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from numba import njit
 
 from anchorpose.body.asset import BodyAsset, joint_bones
 from anchorpose.body.pixels import lens_of, pixels_of
@@ -111,16 +112,42 @@ def _reasons(
     """What the pixel of each skin point says of it (p,), and which points face the camera (p,) bool."""
     T_camera_world, (lens, distortion) = invert_rigid(camera.require_pose()), lens_of(camera)
     column, row, far = pixels_of(posed.points_m, T_camera_world, lens, distortion, *view.labels.shape)
-    ray = camera.position_m - posed.points_m
-    facing = (ray * posed.normals).sum(axis=1) > config.grazing * np.linalg.norm(ray, axis=1)
-    label, depth = view.labels[row, column], view.depth_m[row, column]
-    before = depth < far - config.reach_m
-    near = np.abs(depth - far) <= config.reach_m
-    reason = np.full(len(facing), _MISFIT)
-    reason[(label == PixelLabel.PATIENT) & before] = _SELF
-    reason[(label == PixelLabel.EQUIPMENT) & (before | near)] = _EQUIPMENT
-    reason[(label >= PixelLabel.OTHER_PERSON) & (before | near)] = _PERSON
-    reason[(label == PixelLabel.NO_READING) | (label == PixelLabel.CLUTTER)] = _HOLE
-    reason[(label == PixelLabel.PATIENT) & near] = _SEEN
-    reason[column < 0] = _OUTSIDE
-    return reason, facing
+    reason = _read(column, row, far, view.labels, view.depth_m, config.reach_m)
+    return reason, _turned_to(posed.points_m, posed.normals, camera.position_m, config.grazing)
+
+
+@njit(cache=True)
+def _read(
+    column: np.ndarray, row: np.ndarray, far: np.ndarray, labels: np.ndarray, depth: np.ndarray, reach: float
+) -> np.ndarray:
+    """(p,) int64: by label and depth of each point's pixel; column -1 where it has none."""
+    reason = np.full(len(column), _MISFIT)
+    for p in range(len(column)):
+        if column[p] < 0:
+            reason[p] = _OUTSIDE
+            continue
+        label, z = labels[row[p], column[p]], np.float64(depth[row[p], column[p]])
+        before, near = z < far[p] - reach, abs(z - far[p]) <= reach
+        if label == PixelLabel.NO_READING or label == PixelLabel.CLUTTER:
+            reason[p] = _HOLE
+        elif label == PixelLabel.PATIENT:
+            reason[p] = _SEEN if near else (_SELF if before else _MISFIT)
+        elif label == PixelLabel.EQUIPMENT and (before or near):
+            reason[p] = _EQUIPMENT
+        elif label >= PixelLabel.OTHER_PERSON and (before or near):
+            reason[p] = _PERSON
+    return reason
+
+
+@njit(cache=True)
+def _turned_to(points: np.ndarray, normals: np.ndarray, eye: np.ndarray, grazing: float) -> np.ndarray:
+    """(p,) bool: skin that the eye sees less slantwise than ``grazing``, the cosine."""
+    facing = np.empty(len(points), np.bool_)
+    for p in range(len(points)):
+        towards, squared = 0.0, 0.0
+        for axis in range(3):
+            ray = eye[axis] - points[p, axis]
+            towards += ray * normals[p, axis]
+            squared += ray * ray
+        facing[p] = towards > grazing * np.sqrt(squared)
+    return facing

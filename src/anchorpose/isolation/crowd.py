@@ -127,7 +127,7 @@ def _near(points_m: np.ndarray, seen_m: np.ndarray) -> np.ndarray:
 def _in_large_clusters(crowd: Crowd, config: IsolationConfig) -> np.ndarray:
     """(n,) bool: points that hang together with enough of the same person's to be a person."""
     large = np.zeros(len(crowd.owner), dtype=bool)
-    for label in np.unique(crowd.owner):
+    for label in np.flatnonzero(np.bincount(crowd.owner)):
         own = np.flatnonzero(crowd.owner == label)
         points = crowd.points_m[own]
         cube = np.floor((points - points.min(axis=0)) / config.cluster_gap_m).astype(np.int64)

@@ -52,7 +52,7 @@ def separate(
     elapsed_s: negative where time is followed backwards; who is met there first has labels of another range, so that
     nobody met later bears the same.
     """
-    remembered = crowd if expected is None else crowd.without(np.unique(expected.owner))
+    remembered = crowd if expected is None else crowd.without(np.flatnonzero(np.bincount(expected.owner)))
     claims = join_claims([remembered.claims(elapsed_s, config), *([] if expected is None else [expected])])
     grid = sort_claims(claims) if len(claims) else None
     owners = [None if view is None else _contested(view, grid, config) for view in pieces]
@@ -88,6 +88,7 @@ def _with_detached(
     """Owners with pieces that nobody owns given to whom they nearly touch, in any camera."""
     if not any(_has_open_piece(view, owner, config) for view, owner in zip(pieces, owners, strict=True)):
         return list(owners)
+    low, high = _around_open(pieces, owners, config.detached_m)
     own = [
         _sampled(view, owner)
         for view, owner in zip(pieces, owners, strict=True)
@@ -96,11 +97,23 @@ def _with_detached(
     points = np.concatenate([place for place, _, _ in own]) if own else np.zeros((0, 3))
     if not len(points):
         return list(owners)
-    label, tree = np.concatenate([whose for _, whose, _ in own]), cKDTree(points)
+    near = ((points >= low) & (points <= high)).all(axis=1)  # a tree of everybody's skin takes longer than its answers
+    label, tree = np.concatenate([whose for _, whose, _ in own])[near], cKDTree(points[near])
     return [
         None if view is None or owner is None else _given_to_neighbour(view, owner, tree, label, config)
         for view, owner in zip(pieces, owners, strict=True)
     ]
+
+
+def _around_open(
+    pieces: Sequence[Pieces | None], owners: Sequence[np.ndarray | None], reach_m: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """The corners (3,) of the box around all pixels that nobody owns, and some way on."""
+    places = np.concatenate(
+        [view.points_m[owner == NOBODY] for view, owner in zip(pieces, owners, strict=True)
+         if view is not None and owner is not None]
+    )  # fmt: skip
+    return places.min(axis=0) - reach_m, places.max(axis=0) + reach_m
 
 
 def _has_open_piece(view: Pieces | None, owner: np.ndarray | None, config: IsolationConfig) -> bool:

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from anchorpose.association.feature import Feature, nearest_hypotheses
-from anchorpose.association.hypotheses import Hypotheses, anchor_subsets, match_hypotheses
+from anchorpose.association.hypotheses import anchor_subsets, match_hypotheses
+from anchorpose.association.matcher import Matcher
 from anchorpose.body.constraints import Constraints, join, place_constraints
 from anchorpose.body.initial import anchor_constraints
 from anchorpose.body.part_registration import register_parts
@@ -44,23 +45,27 @@ class GlobalHypothesis:
         return float((self.tree.support == Support.MATCHED).mean()) if len(self.node) else 0.0
 
 
-def link(now: Observation, following: Observation, config: TrackConfig) -> Hypotheses:
-    """The hypotheses of every node of one frame in the next, a column for each subset of the anchors found in both.
+def link(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
+    """The hypotheses of a frame's nodes in the next, a column for each subset of the anchors found in both.
 
     With all five anchors and three in a subset that is ten; with fewer anchors than a subset needs, the one subset of
     all of them; with none, no column.
     """
     if config.hypotheses.feature is Feature.POSITION:
-        return nearest_hypotheses(now.surface, following.surface, config.gate)
+        nearest = nearest_hypotheses(now.surface, following.surface, config.gate)
+        return Matcher(nearest.match.__getitem__, len(now.surface), nearest.subsets)
     subsets = anchor_subsets(now.anchors.found & following.anchors.found, config.hypotheses.subset_size)
-    return match_hypotheses(
-        now.descriptor, following.surface, following.descriptor, subsets, now.surface.points_m, config.gate
-    )
+
+    def find(nodes: np.ndarray) -> np.ndarray:
+        source, places = now.descriptor[nodes], now.surface.points_m[nodes]
+        return match_hypotheses(source, following.surface, following.descriptor, subsets, places, config.gate).match
+
+    return Matcher(find, len(now.surface), subsets)
 
 
 def global_hypothesis(
     points: SkinPoints, rest: RestPoints, pose: Pose, predicted: Sequence[Pose], window: Sequence[Observation],
-    links: Sequence[Hypotheses], config: TrackConfig,
+    links: Sequence[Matcher], config: TrackConfig,
 ) -> GlobalHypothesis:  # fmt: skip
     """Build, score and search the tree from the first frame of the window over the others.
 
@@ -73,12 +78,21 @@ def global_hypothesis(
     on_body = part >= 0
     chosen, nodes, point, part = chosen[on_body], nodes[on_body], point[on_body], part[on_body]
     places = carried(rest, pose, predicted, nodes, part)
-    matches = [links[0].match[chosen], *(link.match for link in links[1:])]
-    tree = best_branches(matches, [seen.surface.points_m for seen in window[1:]], places, config.tree)
+    tree = best_branches(_reached(chosen, links), [seen.surface.points_m for seen in window[1:]], places, config.tree)
     matched = np.full((len(chosen), 3), np.nan)
     found = tree.match >= 0
     matched[found] = window[1].surface.points_m[tree.match[found]]
     return GlobalHypothesis(chosen, part, point, matched, places, tree)
+
+
+def _reached(chosen: np.ndarray, links: Sequence[Matcher]) -> list[np.ndarray]:
+    """The matches of the chosen nodes, then, level by level, with those of the nodes that the level before leads to."""
+    matches = [links[0].ask(chosen)]
+    for link_ in links[1:]:
+        before = matches[-1]
+        link_.ask(before[before >= 0])
+        matches.append(link_.match)
+    return matches
 
 
 def carried(

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numba import njit
 
 from anchorpose.body.constraints import ConstraintConfig, no_constraints
 from anchorpose.body.evidence import Evidence
@@ -125,8 +126,17 @@ def follow_bystanders(
 
 
 def _labels(views: Sequence[View | None]) -> list[int]:
-    pixels = sum(np.bincount(view.labels.ravel(), minlength=256) for view in views if view is not None)
-    return [int(label) for label in np.flatnonzero(pixels) if label >= PixelLabel.OTHER_PERSON]
+    there = np.zeros(256, dtype=bool)
+    for view in views:
+        if view is not None:
+            _note_labels(view.labels, there)
+    return [label for label in np.flatnonzero(there).tolist() if label >= PixelLabel.OTHER_PERSON]
+
+
+@njit(cache=True)
+def _note_labels(labels: np.ndarray, there: np.ndarray) -> None:
+    for label in labels.ravel():
+        there[label] = True
 
 
 def _evidence(views: Sequence[View | None], cameras: Sequence[Camera], label: int, config: BystanderConfig) -> Evidence:

@@ -216,7 +216,7 @@ def _what_comes_next(tracker: PatientTracker, frames: Iterator[FrameSet]) -> Nex
             break
         tracker.take(frame_set)
     hypothesis = tracker.next_hypothesis()
-    return None if hypothesis is None else Next(tracker.window[1], tracker.links[0], hypothesis)
+    return None if hypothesis is None else Next(tracker.window[1], tracker.links[0].all(), hypothesis)
 
 
 def _number(room: Room, position: int) -> int:

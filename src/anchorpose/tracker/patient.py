@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from anchorpose.association.hypotheses import Hypotheses
+from anchorpose.association.matcher import Matcher
 from anchorpose.body.body_map import map_body
 from anchorpose.body.constraints import place_constraints
 from anchorpose.body.crossed_legs import uncrossed
@@ -55,7 +55,7 @@ class PatientTracker:
         self.wear(start.shape)
         self.belief = start.belief
         self.window: deque[Observation] = deque([start.observation])
-        self.links: deque[Hypotheses] = deque()
+        self.links: deque[Matcher] = deque()
         self.history: deque[np.ndarray] = deque([self._joints(start.belief.pose)], maxlen=config.follow.history)
         self.ahead: list[Pose] = []
         self.unseen_s, self.unseen_frames = 0.0, 0
@@ -182,7 +182,7 @@ class PatientTracker:
         return self._estimate(registration, following, hypothesis)
 
     def _hypothesise(self, poses: list[Pose]) -> GlobalHypothesis:
-        with self.watch.stage("track tree"):
+        with self.watch.stage("association"):
             return global_hypothesis(
                 self.points, self.rest, self.belief.pose, poses, list(self.window), list(self.links), self.config
             )
