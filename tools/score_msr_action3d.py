@@ -128,15 +128,20 @@ def track_sequence(sequence: str, data: Path, out: Path) -> str | None:
     return None
 
 
-def compare(sequence: str, data: Path, out: Path, own_m: np.ndarray) -> Comparison:
-    """Brings the reference into the world of the track and takes the difference; own_m: the subject's own lengths."""
+def compare(sequence: str, data: Path, out: Path, own_m: np.ndarray, lag: int = 0) -> Comparison:
+    """Brings the reference into the world of the track and takes the difference; own_m: the subject's own lengths.
+
+    lag: so many frames later the reference is read; where it has ended, it is not sure.
+    """
     table = read_joints(out / sequence / JOINTS_FILE)
     pose = read_run_document(out / sequence / RUN_FILE)["cameras"][0]["camera_to_world"]
     if pose is None:
         raise AnchorposeError(f"{sequence}: the run gives no camera pose, so nothing can be compared.")
     T_world_camera = np.array(pose)
     reference = read_reference(data / sequence)
-    names, camera_m, sure = reference.names, reference.camera_m[table.frame], reference.sure[table.frame]
+    read = np.minimum(table.frame + lag, len(reference.sure) - 1)
+    names, camera_m = reference.names, reference.camera_m[read]
+    sure = reference.sure[read] & (read == table.frame + lag)[:, None]
     world_m = camera_m @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
     behind = _behind_skin_mm(data / sequence, table.frame, camera_m)
     opened = open_recording(data / sequence)
@@ -290,6 +295,22 @@ def _print_unsound(comparisons: list[Comparison], sure: np.ndarray) -> None:
         print(f"  {what}: {share:.4f}")
 
 
+def print_lag(comparisons: list[Comparison], later: list[Comparison]) -> None:
+    """Whether the skeleton of the next frame fits this frame's picture better: the reference comes late.
+
+    How many joints are off the body says so without our track.
+    """
+    for what, of in (("same", comparisons), ("next", later)):
+        by_subject = subject_offsets(of)
+        sure, judged = np.concatenate([c.sure for c in of]), np.concatenate([c.judged for c in of])
+        off = np.concatenate([c.soundness.off_body for c in of])[sure].mean()
+        as_is = np.concatenate([c.offset_mm for c in of])
+        less = np.concatenate([without_definition(c, by_subject) for c in of])
+        a, b, c, d = (_overall(*pair) for pair in product((as_is, less), (sure, judged)))
+        print(f"with the reference of the {what} frame: {off:.4f} of its joints off the body; "
+              f"within {WITHIN_MM:.0f} mm: {a:.3f}, sound {b:.3f}; less offsets {c:.3f}, sound {d:.3f}")  # fmt: skip
+
+
 def _print_exchanged(comparisons: list[Comparison], sure: np.ndarray) -> None:
     """Sequences that fit better with the reference's left and right exchanged: it turned the person round.
 
@@ -337,7 +358,12 @@ def main() -> int:
     tracked = [name for name in sequences if (arguments.out / name / RUN_FILE).is_file()]
     if tracked:
         own = lengths_of_subjects(arguments.data, everything)
-        print_scores([compare(name, arguments.data, arguments.out, own[_subject(name)]) for name in tracked])
+        at_once, later = (
+            [compare(name, arguments.data, arguments.out, own[_subject(name)], lag) for name in tracked]
+            for lag in (0, 1)
+        )
+        print_scores(at_once)
+        print_lag(at_once, later)
     for problem in failures:
         print(f"FAILED {problem}")
     return 1 if failures else 0
