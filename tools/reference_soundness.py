@@ -99,11 +99,12 @@ def unexplained_m2(body: Body, joints_m: np.ndarray, names: tuple[str, ...]) -> 
     """
     import cv2
 
-    distance = np.full(int(body.mask.sum()), np.inf)
+    points_m = body.points_m[body.mask]
+    left = np.arange(len(points_m))  # that no bone explains so far
     for start_m, end_m in _segments(joints_m, names, SEGMENTS):
-        distance = np.minimum(distance, _distance_to_segment(body.points_m[body.mask], start_m, end_m))
+        left = left[_distance_to_segment(points_m[left], start_m, end_m) > FAR_M]
     far = np.zeros(body.mask.shape, np.uint8)
-    far[body.mask] = distance > FAR_M
+    far[tuple(place[left] for place in np.nonzero(body.mask))] = 1
     count, patch = cv2.connectedComponents(far)
     area = np.bincount(patch[body.mask], weights=body.pixel_m2[body.mask], minlength=count)
     return float(area[1:].max(initial=0.0))
