@@ -63,7 +63,8 @@ def separate(
     owners = _with_detached(pieces, owners, config)
     free = crowd.next_label if elapsed_s >= 0 else max(crowd.next_label, FIRST_EARLIER_LABEL)
     owners = _with_newcomers(pieces, owners, free, config)
-    predicted = [None] * len(pieces) if expected is None else claimed  # what he was taken for before proves nothing
+    # what he was taken for before proves nothing
+    predicted: Sequence[np.ndarray | None] = [None] * len(pieces) if expected is None else claimed
     return _views(pieces, _one_patient(pieces, owners, predicted, free, config))
 
 
