@@ -220,6 +220,17 @@ def test_whoever_was_taken_for_part_of_the_patient_is_split_off():
     assert sorted(most) == [PATIENT, OTHER]
 
 
+@pytest.mark.parametrize("foreseen", [True, False])
+def test_a_second_column_is_the_patients_where_his_skin_is_predicted(foreseen):
+    """Who bends down has his trunk and his legs in two columns, each as large as a person."""
+    trunk, legs = body(0.3, 0.55), body(0, 0)[:1]
+    joint = bar(0.15, 1.0, 0.27, 0.5)
+    predicted = skin_claims(*trunk, *legs, joint) if foreseen else skin_claims(*trunk)
+    (view,) = separate(pieces_of(*trunk, *legs, joint), nobody(), predicted, A_FRAME_S, CONFIG)
+    owned = view.labels[shown(legs[0], *trunk, joint)] == PATIENT
+    assert owned.mean() > 0.95 if foreseen else owned.mean() < 0.05
+
+
 def test_a_forearm_that_a_bar_cuts_off_is_its_owners():
     """Nothing claims it: it came from behind somebody. It nearly touches the patient and nobody else."""
     stump, forearm = bar(0.1, 1.2, 0.22, 0.2), bar(0.1, 1.2, 0.55, 0.3)

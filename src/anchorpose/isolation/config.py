@@ -29,6 +29,7 @@ class IsolationConfig:
     skin_sigma_m: float = 0.02  # clothes and shape, for the patient's predicted skin
     cluster_gap_m: float = 0.10  # a bar with its margins: a head over a rail is still its owner's
     other_surface_m2: float = 0.25  # of a person's skin, seen by all cameras together: more than an arm, 0.15
+    own_column: float = 0.5  # of a column beside the patient's: where so much of his skin was expected, it is his
     detached_m: float = 0.12  # a bar's width, and what a forearm moves behind it unseen
     prediction_growth_m: float = 0.04  # added for each frame without a fit: 1.2 m/s at 30 Hz, a fast leg
 

@@ -55,11 +55,17 @@ def separate(
     remembered = crowd if expected is None else crowd.without(np.flatnonzero(np.bincount(expected.owner)))
     claims = join_claims([remembered.claims(elapsed_s, config), *([] if expected is None else [expected])])
     grid = sort_claims(claims) if len(claims) else None
-    owners = [None if view is None else _contested(view, grid, config) for view in pieces]
+    claimed = [None if view is None else _contested(view, grid, config) for view in pieces]
+    owners = [
+        None if view is None or owner is None else grow_owners(view, owner, config.crease_cost)
+        for view, owner in zip(pieces, claimed, strict=True)
+    ]
     owners = _with_detached(pieces, owners, config)
     free = crowd.next_label if elapsed_s >= 0 else max(crowd.next_label, FIRST_EARLIER_LABEL)
     owners = _with_newcomers(pieces, owners, free, config)
-    return _views(pieces, _one_patient(pieces, owners, free, config))
+    # what he was taken for before proves nothing
+    predicted: Sequence[np.ndarray | None] = [None] * len(pieces) if expected is None else claimed
+    return _views(pieces, _one_patient(pieces, owners, predicted, free, config))
 
 
 def _trunks(view: Pieces, of: np.ndarray, axes: np.ndarray, label: np.ndarray, config: IsolationConfig) -> np.ndarray:
@@ -74,12 +80,15 @@ def _trunks(view: Pieces, of: np.ndarray, axes: np.ndarray, label: np.ndarray, c
 
 
 def _contested(view: Pieces, grid: ClaimGrid | None, config: IsolationConfig) -> np.ndarray:
-    """(n,) uint8 owner of each foreground pixel by claims and growth."""
+    """(n,) uint8 owner of each foreground pixel by claims alone."""
     if grid is None:
         return np.zeros(len(view.row), np.uint8)
-    asked = (view.row % CONTEST_PX == 0) & (view.column % CONTEST_PX == 0)
-    owner = contest(grid, view.points_m, asked, config.claim_gate, config.sure_lead)
-    return grow_owners(view, owner, config.crease_cost)
+    return contest(grid, view.points_m, _asked(view), config.claim_gate, config.sure_lead)
+
+
+def _asked(view: Pieces) -> np.ndarray:
+    """(n,) bool: the pixels at which rivals' claims are weighed."""
+    return np.asarray((view.row % CONTEST_PX == 0) & (view.column % CONTEST_PX == 0))
 
 
 def _with_detached(
@@ -170,12 +179,14 @@ def _with_newcomers(
 
 
 def _one_patient(
-    pieces: Sequence[Pieces | None], owners: Sequence[np.ndarray | None], free: int, config: IsolationConfig
-) -> list[np.ndarray | None]:
+    pieces: Sequence[Pieces | None], owners: Sequence[np.ndarray | None], claimed: Sequence[np.ndarray | None],
+    free: int, config: IsolationConfig,
+) -> list[np.ndarray | None]:  # fmt: skip
     """Owners with whoever stands apart from the patient, and was taken for part of him, split off.
 
-    The patient is where most of what he owns is; a further column of his that is a person by size is one. free: the
-    first label that nobody had before.
+    The patient is where most of what he owns is; a further column of his that is a person by size is one, unless his
+    predicted skin is in most of it: who bends down has his trunk beside his legs. claimed: owners by claims alone,
+    before they grew; None where no skin was predicted. free: the first label that nobody had before.
     """
     sampled = [
         _sampled(view, owner, PixelLabel.PATIENT)
@@ -190,6 +201,9 @@ def _one_patient(
         return list(owners)
     axes = np.array([person.ground_xz_m for person in people])
     others = np.arange(len(axes)) != np.argmax([person.area_m2 for person in people])
+    others &= _expected_share(pieces, owners, claimed, axes) < config.own_column
+    if not others.any():
+        return list(owners)
     label = np.full(len(axes), PixelLabel.PATIENT, np.int64)
     label[others] = np.minimum(_next_free(owners, free) + np.arange(others.sum()), LAST_LABEL)
     split = []
@@ -203,6 +217,21 @@ def _one_patient(
             owner[owner == PixelLabel.PATIENT] = np.where(grown == NOBODY, PixelLabel.PATIENT, grown)
         split.append(owner)
     return split
+
+
+def _expected_share(
+    pieces: Sequence[Pieces | None], owners: Sequence[np.ndarray | None], claimed: Sequence[np.ndarray | None],
+    axes: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """(k,) share of what the patient owns about each axis that he claimed himself, before it grew to him."""
+    own, every = np.zeros(len(axes)), np.zeros(len(axes))
+    for view, owner, claim in zip(pieces, owners, claimed, strict=True):
+        if view is not None and owner is not None and claim is not None:
+            his = np.flatnonzero((owner == PixelLabel.PATIENT) & _asked(view))
+            of = np.argmin([ground_distance(view.points_m[his], axis) for axis in axes], axis=0)
+            every += np.bincount(of, minlength=len(axes))
+            own += np.bincount(of, claim[his] == PixelLabel.PATIENT, minlength=len(axes))
+    return np.asarray(own / np.maximum(every, 1))
 
 
 def _next_free(owners: Sequence[np.ndarray | None], free: int) -> int:
