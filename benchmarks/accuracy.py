@@ -30,9 +30,15 @@ from anchorpose.simulate.write import simulate_recording
 SKIP_S: Final = 1.0  # tracking may settle in it
 HOLES_M: Final = (0.03, 0.06, 0.09, 0.12, 0.15)  # the paper's
 TRUTH_FILE: Final = "truth/truth.npz"
+
+
+def _holes(seed: int, seconds: float, radius_m: float) -> presets.SimulationConfig:
+    return presets.holes(seed, radius_m, seconds)
+
+
 SCENES: Final[dict[str, Callable[[int, float], presets.SimulationConfig]]] = {
     "single": presets.single,
-    **{f"hole-{radius_m:.2f}": partial(presets.holes, radius_m=radius_m) for radius_m in HOLES_M},
+    **{f"hole-{radius_m:.2f}": partial(_holes, radius_m=radius_m) for radius_m in HOLES_M},
     "clinic": presets.clinic,
     "clinic-front": lambda seed, seconds: replace(presets.clinic(seed, seconds), cameras=1),
 }
