@@ -25,6 +25,7 @@ from anchorpose.simulate.timeline import (
     walk,
 )
 
+FARTHEST_FORWARD_M = 0.3  # of the feet: from there steps lead back
 SWAY_M = 0.005  # amplitude of each of the sway's waves
 TREMOR_RAD = 0.004
 PALM_ABOVE_BONE_M = 0.018  # from the hand's bone to the skin of the palm
@@ -229,6 +230,8 @@ def _draw_steps(
     """Two to four steps, in place or forward and back again, the weight over the standing foot."""
     places, yaws = final_stance(footwork)
     stride_m = 0.0 if here.in_frame or rng.random() < 0.4 else rng.uniform(0.12, 0.28)
+    if float(np.mean(np.asarray(places)[:, 0])) > FARTHEST_FORWARD_M:
+        stride_m = -stride_m  # two steps leave him where they led: in ten minutes he would walk into the camera
     duration_s = 0.7 * pace + 0.15
     first, steps, shifts = int(rng.integers(2)), [], []
     now = start_s + 0.35 * pace
