@@ -26,19 +26,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
 
-import numpy as np
-from accuracy import SCENES, TRUTH_FILE, track_simulated
+from accuracy import DEFAULT_SCENES, SCENES, track_simulated
 
 from anchorpose.association.feature import Feature, HypothesisConfig
 from anchorpose.body.learning import LearningConfig
-from anchorpose.recording.pairing import half_period_s, nearest_within
-from anchorpose.results.evaluate import read_truth
-from anchorpose.results.tables import JointTable
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker.config import FollowConfig, Method, TrackConfig
 from anchorpose.tracking.motion import MotionConfig, MotionRule
 
-FAR_OFF_M: Final = 0.15
 VARIANTS: Final[Mapping[str, TrackConfig]] = {
     "**everything**": TrackConfig(),
     "no descriptor": TrackConfig(hypotheses=HypothesisConfig(feature=Feature.POSITION)),
@@ -64,24 +59,11 @@ class Row:
     off_s: float
 
 
-def longest_off_s(joints: JointTable, truth_file: Path) -> float:
-    """The longest time that one joint stays more than ``FAR_OFF_M`` off; a lost one is not said to be anywhere."""
-    truth = read_truth(truth_file)
-    match = nearest_within(truth.time_s, joints.time_s, half_period_s(truth.time_s))
-    found = match >= 0
-    off = np.linalg.norm(joints.position_m[match[found]] - truth.position_m[found], axis=2) > FAR_OFF_M
-    run = longest = np.zeros(off.shape[1], dtype=np.int64)
-    for frame in off:
-        run = np.where(frame, run + 1, 0)
-        longest = np.maximum(longest, run)
-    return float(longest.max() * np.median(np.diff(truth.time_s)))
-
-
 def score(simulated: Path, results: Path, config: TrackConfig) -> Row:
-    joints, evaluation = track_simulated(simulated, results, config)
+    _, evaluation = track_simulated(simulated, results, config)
     overall = evaluation.overall
     lost = 0.0 if overall.lost_share is None else overall.lost_share
-    return Row(overall.mean_mm, overall.p95_mm, lost, longest_off_s(joints, simulated / TRUTH_FILE))
+    return Row(overall.mean_mm, overall.p95_mm, lost, evaluation.longest_off.seconds)
 
 
 def table(rows: Mapping[tuple[str, str], Sequence[Row]], scenes: Sequence[str]) -> str:
@@ -109,7 +91,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=2, help="recordings of each scene")
     parser.add_argument("--first-seed", type=int, default=101)
     parser.add_argument("--seconds", type=float, default=4.0, help="length of each recording, at 15 pictures a second")
-    parser.add_argument("--scenes", nargs="+", choices=list(SCENES), default=list(SCENES))
+    parser.add_argument("--scenes", nargs="+", choices=list(SCENES), default=list(DEFAULT_SCENES))
     parser.add_argument("--method", type=Method, choices=list(Method), default=Method.ARTICULATED)
     chosen = parser.parse_args()
     variants = {name: config if config.method is Method.PARTS else replace(config, method=chosen.method)
