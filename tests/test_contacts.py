@@ -208,7 +208,8 @@ def test_the_table_gives_back_what_was_written_and_the_same_bytes(tmp_path):
     written = (CONTACT, replace(CONTACT, part="chest", seen_share=0.1))
     for name in ("a", "b"):
         with write_contacts(tmp_path / name) as table:
-            table.extend(written)
+            for contact in written:
+                table.append(contact)
     assert read_contacts(tmp_path / "a") == written
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
     assert pq.read_table(tmp_path / "a")["state"].to_pylist() == ["seen", "inferred"]
@@ -222,7 +223,7 @@ def test_a_recording_without_contacts_has_an_empty_table(tmp_path):
 
 def test_a_part_that_nobody_knows_is_refused(tmp_path):
     with write_contacts(tmp_path / "t") as table:
-        table.extend([replace(CONTACT, part="wing")])
+        table.append(replace(CONTACT, part="wing"))
     with pytest.raises(InputError, match="wing"):
         read_contacts(tmp_path / "t")
 

@@ -132,11 +132,13 @@ def _write_frames(results: Path, records: Iterable[FrameRecord], config: TrackCo
         for record in records:
             table.append(record.joints)
             frame, time_s = record.joints.frame, record.joints.time_s
-            contacts.extend(intervals.push(frame, time_s, record.near))
+            for contact in intervals.push(frame, time_s, record.near):
+                contacts.append(contact)
             dropped += [DroppedFrame(frame, time_s, why) for why in record.problems]
             pictures += record.pictures
             shares.append(None if record.matched_share is None else round(record.matched_share, 3))
-        contacts.extend(intervals.finish())
+        for contact in intervals.finish():
+            contacts.append(contact)
     return _Written(Association(tuple(shares)), tuple(dropped), tuple(pictures))
 
 

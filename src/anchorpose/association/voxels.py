@@ -33,12 +33,14 @@ def sort_into_voxels(points_m: np.ndarray, radius_m: float) -> Voxels:
     side = radius_m / 2.0 if np.isfinite(radius_m) else float(extent.max()) + 1.0
     side = max(side, float((extent.prod() / MAX_VOXELS) ** (1 / 3)))
     shape = (extent // side).astype(np.int64) + 1
-    order, start = _sorted(points_m, origin, side, shape)
+    order, start = sort_by_cell(points_m, origin, side, shape)
     return Voxels(order=order, start=start, origin_m=origin, side_m=side, shape=shape)
 
 
 @njit(cache=True)
-def _sorted(points: np.ndarray, origin: np.ndarray, side: float, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def sort_by_cell(
+    points: np.ndarray, origin: np.ndarray, side: float, shape: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Order and start of ``Voxels``; within a voxel the nodes keep their order."""
     cell, start = np.empty(len(points), np.int64), np.zeros(shape[0] * shape[1] * shape[2] + 1, np.int32)
     for node in range(len(points)):

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from anchorpose.association.voxels import sort_by_cell
+
 CELL_M = 0.04  # a skin point or two a cell: a node's own neighbourhood is then a few dozen candidates
 
 
@@ -105,21 +107,8 @@ def _cells(points: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarr
     shape = np.empty(3, np.int64)
     for axis in range(3):
         shape[axis] = int((top[axis] - origin[axis]) / CELL_M) + 1
-    start = np.zeros(shape[0] * shape[1] * shape[2] + 1, np.int64)
-    cell = np.empty(len(chosen), np.int64)
-    for k in range(len(chosen)):
-        spot = 0
-        for axis in range(3):
-            spot = spot * shape[axis] + int((points[chosen[k], axis] - origin[axis]) / CELL_M)
-        cell[k] = spot
-        start[spot + 1] += 1
-    for spot in range(len(start) - 1):
-        start[spot + 1] += start[spot]
-    order, filled = np.empty(len(chosen), np.int64), start[:-1].copy()
-    for k in range(len(chosen)):
-        order[filled[cell[k]]] = chosen[k]
-        filled[cell[k]] += 1
-    return order, start, origin, shape
+    order, start = sort_by_cell(points[chosen], origin, CELL_M, shape)
+    return chosen[order], start, origin, shape
 
 
 @njit(cache=True)

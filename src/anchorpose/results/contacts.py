@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import pyarrow as pa
 
 from anchorpose.body.regions import REGIONS
 from anchorpose.errors import InputError
-from anchorpose.results.tables import open_parquet, read_parquet
+from anchorpose.results.tables import RowGroups, open_parquet, read_parquet
 
 CONTACTS_FILE: Final = "contacts.parquet"
 
@@ -63,37 +63,20 @@ class Contact:
         return SEEN if self.seen_share >= 0.5 else INFERRED
 
 
-class ContactsWriter:
-    """Appends contacts to an open contacts.parquet; made by ``write_contacts``."""
-
-    def __init__(self, writer: Any) -> None:
-        self._writer, self._contacts = writer, list[Contact]()
-
-    def extend(self, contacts: Iterable[Contact]) -> None:
-        """Adds contacts; memory holds at most one row group."""
-        for contact in contacts:
-            self._contacts.append(contact)
-            if len(self._contacts) == CONTACTS_PER_ROW_GROUP:
-                self.flush()
-
-    def flush(self) -> None:
-        """Writes what is held back."""
-        if self._contacts:
-            columns = [
-                pa.array([getattr(contact, field.name) for contact in self._contacts], field.type)
-                for field in CONTACTS_SCHEMA
-            ]
-            self._writer.write_table(pa.Table.from_arrays(columns, schema=CONTACTS_SCHEMA))
-            self._contacts = []
-
-
 @contextmanager
-def write_contacts(path: Path) -> Iterator[ContactsWriter]:
+def write_contacts(path: Path) -> Iterator[RowGroups[Contact]]:
     """Opens contacts.parquet for writing; rows stand in the order in which contacts end."""
     with open_parquet(path, CONTACTS_SCHEMA) as writer:
-        contacts = ContactsWriter(writer)
+        contacts = RowGroups(writer, _to_table, CONTACTS_PER_ROW_GROUP)
         yield contacts
         contacts.flush()
+
+
+def _to_table(contacts: Sequence[Contact]) -> pa.Table:
+    columns = [
+        pa.array([getattr(contact, field.name) for contact in contacts], field.type) for field in CONTACTS_SCHEMA
+    ]
+    return pa.Table.from_arrays(columns, schema=CONTACTS_SCHEMA)
 
 
 def read_contacts(path: Path) -> tuple[Contact, ...]:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Generic, TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -30,6 +30,8 @@ JOINTS_SCHEMA: Final = pa.schema(
         pa.field("sigma_m", pa.float64()),
     ]
 )
+
+Row = TypeVar("Row")
 
 FRAMES_PER_ROW_GROUP: Final = 512
 """Half a megabyte in memory; fixed, since row groups decide the bytes of the file."""
@@ -55,30 +57,30 @@ class JointTable:
         return self.severity == LOST
 
 
-class JointsWriter:
-    """Appends frames to an open joints.parquet; made by ``write_joints``."""
+class RowGroups(Generic[Row]):
+    """Appends rows to an open parquet file, one row group at a time: memory holds no more."""
 
-    def __init__(self, writer: Any) -> None:
-        self._writer, self._frames = writer, list[JointFrame]()
+    def __init__(self, writer: Any, to_table: Callable[[Sequence[Row]], pa.Table], size: int) -> None:
+        self._writer, self._to_table, self._size, self._rows = writer, to_table, size, list[Row]()
 
-    def append(self, frame: JointFrame) -> None:
-        """Adds one frame; memory holds at most one row group."""
-        self._frames.append(frame)
-        if len(self._frames) == FRAMES_PER_ROW_GROUP:
+    def append(self, row: Row) -> None:
+        """Adds one row."""
+        self._rows.append(row)
+        if len(self._rows) == self._size:
             self.flush()
 
     def flush(self) -> None:
         """Writes what is held back."""
-        if self._frames:
-            self._writer.write_table(_to_table(self._frames))
-            self._frames = []
+        if self._rows:
+            self._writer.write_table(self._to_table(self._rows))
+            self._rows = []
 
 
 @contextmanager
-def write_joints(path: Path) -> Iterator[JointsWriter]:
+def write_joints(path: Path) -> Iterator[RowGroups[JointFrame]]:
     """Opens joints.parquet for writing, frame by frame; the file is complete when the block ends without an error."""
     with open_parquet(path, JOINTS_SCHEMA) as writer:
-        joints = JointsWriter(writer)
+        joints = RowGroups(writer, _to_table, FRAMES_PER_ROW_GROUP)
         yield joints
         joints.flush()
 
@@ -121,8 +123,7 @@ def read_parquet(path: Path, schema: pa.Schema) -> pa.Table:
     return table
 
 
-def _to_table(frames: Iterable[JointFrame]) -> pa.Table:
-    frames = list(frames)
+def _to_table(frames: Sequence[JointFrame]) -> pa.Table:
     position = np.concatenate([frame.position_m for frame in frames])
     sigma = np.concatenate([frame.sigma_m for frame in frames])
     columns = [
