@@ -6,11 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from anchorpose.body.asset import BodyAsset, joint_bones
 from anchorpose.body.shaped import ShapedBody
 from anchorpose.camera import transform_points
 from anchorpose.errors import DegenerateGeometry
+from anchorpose.surface.surface import Surface
 
 COLLINEAR_RATIO = 1e-3
 
@@ -19,13 +21,21 @@ COLLINEAR_RATIO = 1e-3
 class PartRegistrationConfig:
     """When a part is believed to have been seen, and how ICP runs."""
 
-    least_pairs: int = 12  # below that a rigid motion follows the noise of single nodes
+    least_pairs: int = 6  # below that a rigid motion follows the noise of single nodes
+    pair_rounds: int = 8  # of reweighting the pairs; their fit settles in five
+    least_scale_m: float = 0.01  # pairs within a node's spacing of their fit are as good as each other
+    iterations: int = 5  # of ICP after the pairs
     reach_m: float = 0.06  # a limb's radius: farther nodes belong to the next limb
-    iterations: int = 5
+    surface_sigma_m: float = 0.02  # of a node off the skin of its part: clothes, sensor, and neighbours that share both
+    turn_sigma: float = 0.15  # radians, and
+    shift_sigma_m: float = 0.02  # metres, that a step may leave the pairs: what planes do not hold must not slide
 
     def __post_init__(self) -> None:
-        if self.least_pairs < 3 or self.iterations < 0 or not self.reach_m > 0:
-            raise ValueError("least_pairs must be at least 3, iterations not negative, reach_m positive")
+        if self.least_pairs < 3 or self.iterations < 0 or self.pair_rounds < 1:
+            raise ValueError("least_pairs must be at least 3, pair_rounds at least 1, iterations not negative")
+        for name in ("least_scale_m", "reach_m", "surface_sigma_m", "turn_sigma", "shift_sigma_m"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,17 +46,19 @@ class PartRegistration:
     registered: np.ndarray
 
 
-def fit_rigid_transform(source_m: np.ndarray, target_m: np.ndarray) -> np.ndarray:
+def fit_rigid_transform(source_m: np.ndarray, target_m: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
     """Rigid motion that best maps source_m onto target_m, least squares.
 
-    source_m, target_m : (n, 3) float64, metres. Row i of one matches row i of the other.
+    source_m, target_m : (n, 3) float64, metres. Row i of one matches row i of the other. weight (n,) not negative, of
+    each row; None = all alike.
     Returns T_target_source : (4, 4). Raises DegenerateGeometry when the points are collinear or fewer than three.
     Source: Arun et al. 1987 (doi:10.1109/TPAMI.1987.4767965), reflections excluded.
     """
     if len(source_m) < 3:
         raise DegenerateGeometry(f"{len(source_m)} points do not determine a rigid motion")
-    source_mean, target_mean = source_m.mean(axis=0), target_m.mean(axis=0)
-    u, spread, vt = np.linalg.svd((target_m - target_mean).T @ (source_m - source_mean))
+    share = np.full(len(source_m), 1.0 / len(source_m)) if weight is None else weight / weight.sum()
+    source_mean, target_mean = share @ source_m, share @ target_m
+    u, spread, vt = np.linalg.svd((share[:, None] * (target_m - target_mean)).T @ (source_m - source_mean))
     if spread[1] <= COLLINEAR_RATIO * spread[0]:
         raise DegenerateGeometry(f"{len(source_m)} points are collinear; rotation undefined")
     handedness = np.diag([1.0, 1.0, np.linalg.det(u @ vt)])
@@ -57,35 +69,80 @@ def fit_rigid_transform(source_m: np.ndarray, target_m: np.ndarray) -> np.ndarra
 
 
 def register_parts(
-    nodes_m: np.ndarray, part: np.ndarray, matched_m: np.ndarray, surface_m: np.ndarray, T_predicted: np.ndarray,
-    config: PartRegistrationConfig,
+    skin_m: np.ndarray, normals: np.ndarray, part: np.ndarray, matched_m: np.ndarray, surface: Surface,
+    T_predicted: np.ndarray, config: PartRegistrationConfig,
 ) -> PartRegistration:  # fmt: skip
-    """tau-hat = ICP(tau, phi): pairs of the global hypothesis start each part, nearest nodes refine it.
+    """tau-hat = ICP(tau, phi): pairs of the global hypothesis start each part, the nearest nodes end it.
 
-    nodes_m (n, 3) nodes of frame t and their part (n,) bone index; matched_m (n, 3) where the tree puts them in t+1,
-    NaN where it found nothing; surface_m (k, 3) nodes of t+1; T_predicted (b, 4, 4) predicted motion of each part. A
-    part with too few pairs, or pairs on a line, keeps its prediction and says so.
+    skin_m, normals (n, 3): points of the body's skin in frame t, and their part (n,) bone index; matched_m (n, 3) where
+    the tree puts them in t+1, NaN where it found nothing; surface: that of t+1; T_predicted (b, 4, 4) predicted motion
+    of each part. The body's own skin is registered, not the last frame's nodes: their error would add up frame by frame.
+    A part of which too little is seen keeps its prediction and says so.
     """
-    tree = cKDTree(surface_m)
+    tree = cKDTree(surface.points_m)
     transforms, registered = T_predicted.copy(), np.zeros(len(T_predicted), dtype=bool)
     for bone in np.unique(part):
-        own = nodes_m[part == bone]
-        pairs = matched_m[part == bone]
-        predicted = transform_points(T_predicted[bone], own)
-        believed = np.linalg.norm(pairs - predicted, axis=1) < 2.0 * config.reach_m  # NaN compares as False
-        if believed.sum() < config.least_pairs:
-            continue
-        try:
-            T = fit_rigid_transform(own[believed], pairs[believed])
-            for _ in range(config.iterations):
-                moved = transform_points(T, own)
-                distance, nearest = tree.query(moved, distance_upper_bound=config.reach_m)
-                near = np.isfinite(distance)
-                T = fit_rigid_transform(own[near], surface_m[nearest[near]])
-        except DegenerateGeometry:
-            continue
-        transforms[bone], registered[bone] = T, True
+        own = part == bone
+        paired = own & np.isfinite(matched_m).all(axis=1)
+        T = _fit_pairs(skin_m[paired], matched_m[paired], T_predicted[bone], config)
+        registered[bone] = T is not None
+        transforms[bone] = T_predicted[bone] if T is None else T
+        for _ in range(config.iterations):
+            step = _icp_step(skin_m[own], normals[own], surface, tree, transforms[bone], config)
+            if step is None:
+                break
+            transforms[bone], registered[bone] = step @ transforms[bone], True
     return PartRegistration(transforms, registered)
+
+
+def _fit_pairs(
+    skin_m: np.ndarray, matched_m: np.ndarray, T_predicted: np.ndarray, config: PartRegistrationConfig
+) -> np.ndarray | None:
+    """The motion that the pairs agree on, starting from the prediction; None where they do not tell one.
+
+    Reweighted by Cauchy's function of the residual over its median: mismatches have no say.
+    """
+    if len(skin_m) < config.least_pairs:
+        return None
+    T = T_predicted
+    try:
+        for _ in range(config.pair_rounds):
+            residual = np.linalg.norm(transform_points(T, skin_m) - matched_m, axis=1)
+            scale = max(float(np.median(residual)), config.least_scale_m)
+            T = fit_rigid_transform(skin_m, matched_m, 1.0 / (1.0 + (residual / scale) ** 2))
+    except DegenerateGeometry:
+        return None
+    return T
+
+
+def _icp_step(
+    skin_m: np.ndarray, normals: np.ndarray, surface: Surface, tree: cKDTree, T: np.ndarray,
+    config: PartRegistrationConfig,
+) -> np.ndarray | None:  # fmt: skip
+    """One step of point-to-plane ICP of a part at T, (4, 4) after it; None where too few nodes are near.
+
+    The plane's normal is the mean of both, as in ``surface_constraints``; what the planes leave open stays put.
+    """
+    moved, facing = transform_points(T, skin_m), normals @ T[:3, :3].T
+    distance, nearest = tree.query(moved, distance_upper_bound=config.reach_m)
+    near = np.flatnonzero(np.isfinite(distance))
+    node_normals = surface.normals[nearest[near]].astype(np.float64)
+    alike = (node_normals * facing[near]).sum(axis=1) > 0.5  # 60 degrees: the other side of a limb is not this one
+    near, node_normals = near[alike], node_normals[alike]
+    if len(near) < config.least_pairs:
+        return None
+    direction = node_normals + facing[near]
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    residual = ((moved[near] - surface.points_m[nearest[near]]) * direction).sum(axis=1)
+    centre = moved[near].mean(axis=0)
+    rows = np.hstack([np.cross(moved[near] - centre, direction), direction])
+    weight = 1.0 / (config.surface_sigma_m * (1.0 + (residual / config.surface_sigma_m) ** 2)) ** 2
+    keep = np.repeat([1.0 / config.turn_sigma**2, 1.0 / config.shift_sigma_m**2], 3)
+    change = -np.linalg.solve((rows * weight[:, None]).T @ rows + np.diag(keep), rows.T @ (weight * residual))
+    step = np.eye(4)
+    step[:3, :3] = Rotation.from_rotvec(change[:3]).as_matrix()
+    step[:3, 3] = centre - step[:3, :3] @ centre + change[3:]
+    return step
 
 
 def joints_of_parts(asset: BodyAsset, body: ShapedBody, T_world_rest: np.ndarray) -> np.ndarray:

@@ -23,6 +23,7 @@ from anchorpose.surface.surface import Surface
 class SurfaceConfig:
     """From labelled pictures to one surface, step by step."""
 
+    by_body: bool = True  # cut and closed by the body that is expected; False: what the pictures show, as in the paper
     sheet: SheetConfig = field(default_factory=SheetConfig)
     skin_under: SkinUnderConfig = field(default_factory=SkinUnderConfig)
     contact: ContactConfig = field(default_factory=ContactConfig)
@@ -41,6 +42,7 @@ def patient_surface(
     nothing hidden is added.
     """
     config = config or SurfaceConfig()
+    expected = expected if config.by_body else None
     contested = None if expected is None else find_contested(expected, config.skin_under)
     sheets = [_sheet(view, camera, expected, contested, config) for view, camera in zip(views, cameras, strict=True)]
     surface = fuse(sheets, cameras, expected, config.fusion)

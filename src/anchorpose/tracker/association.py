@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,6 +43,10 @@ class GlobalHypothesis:
     def matched_share(self) -> float:
         """Share of the nodes whose place in the next frame some subset of anchors supports; 0 where there are none."""
         return float((self.tree.support == Support.MATCHED).mean()) if len(self.node) else 0.0
+
+
+Associate = Callable[[Observation, Observation, TrackConfig], Matcher]
+"""Who says which nodes of a frame and the next are the same place of the skin; ``link`` unless told otherwise."""
 
 
 def link(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
@@ -126,11 +130,17 @@ def held_by(
 
 
 def parts_by_icp(
-    hypothesis: GlobalHypothesis, window: Sequence[Observation], T_predicted: np.ndarray, config: TrackConfig
-) -> np.ndarray:
-    """(b, 4, 4) T_next_now of every part by the paper's ICP; parts without evidence keep their prediction."""
-    nodes = window[0].surface.points_m[hypothesis.node].astype(np.float64)
-    registered = register_parts(
-        nodes, hypothesis.part, hypothesis.matched_m, window[1].surface.points_m, T_predicted, config.parts
-    )
-    return registered.T_next_now
+    now: PosedPoints, hypothesis: GlobalHypothesis, window: Sequence[Observation], T_predicted: np.ndarray,
+    config: TrackConfig,
+) -> np.ndarray:  # fmt: skip
+    """(b, 4, 4) T_next_now of every part by the paper's ICP; parts without evidence keep their prediction.
+
+    A skin point goes where the node beside it is matched, less what the two lie apart along the skin: off the skin no
+    node lies, so a body that has strayed from the surface is brought back.
+    """
+    point, part = hypothesis.point, hypothesis.part
+    skin, normals = now.points_m[point], now.normals[point]
+    beside = skin - window[0].surface.points_m[hypothesis.node]
+    along = beside - (beside * normals).sum(axis=1, keepdims=True) * normals
+    matched = hypothesis.matched_m + np.einsum("mij,mj->mi", T_predicted[part, :3, :3], along)
+    return register_parts(skin, normals, part, matched, window[1].surface, T_predicted, config.parts).T_next_now

@@ -14,6 +14,7 @@ from anchorpose.recording.reader import read_frames
 from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.results.joint_frame import JointFrame
 from anchorpose.results.pictures import FramePicture
+from anchorpose.tracker.association import Associate, link
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.learning import LearntPatient, learn_patient
@@ -75,11 +76,11 @@ def learn_on(
 
 def track_on(
     route: Route, room: Room, motions: MotionDatabase | None, shape: FittedShape | None, shown: set[int],
-    config: TrackConfig, watch: Stopwatch,
+    config: TrackConfig, watch: Stopwatch, associate: Associate = link,
 ) -> Iterator[FrameRecord]:  # fmt: skip
     """A record of every frame in the order of time; shown: positions of the frames that pictures are made of."""
     rest = None if shape is None else rest_points(body_points(), shape)
-    work = _Work(route, room, motions, shape, rest, frozenset(shown), config, watch)
+    work = _Work(route, room, motions, shape, rest, frozenset(shown), config, watch, associate)
     before = list(work.side(route.back))[1:] if len(route.back) > 1 else []
     yield from reversed(before)
     yield from work.side(route.forth)
@@ -97,6 +98,7 @@ class _Work:
     shown: frozenset[int]
     config: TrackConfig
     watch: Stopwatch
+    associate: Associate
 
     def side(self, positions: Sequence[int]) -> Iterator[FrameRecord]:
         """All frames from the opening to one end, in this order."""
@@ -138,7 +140,7 @@ class _Work:
 
     def _follow(self, positions: Sequence[int], begin: Start | None = None) -> Iterator[Estimate]:
         frames = self.route.frames(positions)
-        return follow_patient(self.room, frames, self.motions, self.shape, self.config, self.watch, begin)
+        return follow_patient(self.room, frames, self.motions, self.shape, self.config, self.watch, begin, self.associate)
 
     def _record(self, estimate: Estimate, with_pictures: bool) -> FrameRecord:
         frame_set = estimate.frame_set

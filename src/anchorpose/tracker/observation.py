@@ -157,9 +157,11 @@ def _observed(
         facing, places = (FACING, None) if expected is None else (expected.facing, expected.anchors_m)
         anchors = find_anchors(whole, UP, facing, height_m, kind == Border.CUT, places, config.anchors)
         descriptor = anchor_descriptor(whole, anchors)
-        trusted = trusted_anchors(whole, descriptor, kind == Border.CUT)
-        trusted |= trusted.sum(axis=1, keepdims=True) < LEAST_TRUSTED
-        descriptor = np.where(trusted, descriptor, np.nan)[: len(surface)].astype(np.float32)
+        if config.hypotheses.trusted_only:
+            trusted = trusted_anchors(whole, descriptor, kind == Border.CUT)
+            trusted |= trusted.sum(axis=1, keepdims=True) < LEAST_TRUSTED
+            descriptor = np.where(trusted, descriptor, np.nan).astype(np.float32)
+        descriptor = descriptor[: len(surface)]
     with watch.stage("isolation"):
         crowd = remember(before, pieces, views, room.cameras, elapsed_s, config.isolation)
     with watch.stage("registration"):

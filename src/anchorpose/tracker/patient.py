@@ -22,6 +22,7 @@ from anchorpose.isolation.people import PatientChoice
 from anchorpose.recording.recording import FrameSet
 from anchorpose.surface.expected_skin import ExpectedSkin
 from anchorpose.tracker.association import (
+    Associate,
     GlobalHypothesis,
     global_hypothesis,
     held_by,
@@ -47,9 +48,10 @@ class PatientTracker:
     """The patient from a start on. The window holds the frame last registered and up to ``look_ahead`` later ones."""
 
     def __init__(
-        self, room: Room, start: Start, motions: MotionDatabase | None, config: TrackConfig, watch: Stopwatch
-    ) -> None:
-        self.watch = watch
+        self, room: Room, start: Start, motions: MotionDatabase | None, config: TrackConfig, watch: Stopwatch,
+        associate: Associate = link,
+    ) -> None:  # fmt: skip
+        self.watch, self.associate = watch, associate
         self.room, self.config, self.motions = room, config, motions
         self.points = body_points()
         self.wear(start.shape)
@@ -88,7 +90,7 @@ class PatientTracker:
         expected = self._expect(len(self.window))
         seen = observe(frame_set, self.room, expected, self.window[-1], self.height_m, self.config, self.watch)
         with self.watch.stage("association"):
-            self.links.append(link(self.window[-1], seen, self.config))
+            self.links.append(self.associate(self.window[-1], seen, self.config))
         self.window.append(seen)
 
     def next_hypothesis(self) -> GlobalHypothesis | None:
@@ -141,9 +143,9 @@ class PatientTracker:
         seen = observe_again(self.window[1], self.room, expected, now, self.height_m, config, self.watch)
         self.window[1] = seen
         with self.watch.stage("association"):
-            self.links[0] = link(now, seen, config)
+            self.links[0] = self.associate(now, seen, config)
             if len(self.window) > 2:
-                self.links[1] = link(seen, self.window[2], config)
+                self.links[1] = self.associate(seen, self.window[2], config)
 
     def _expect(self, steps: int) -> Expectation:
         return self._expectation(self._predict(steps)[-1])
@@ -201,7 +203,7 @@ class PatientTracker:
             )
             self.search_wait = config.follow.search_pause if found.searched else max(0, self.search_wait - 1)
             return self._uncross(found, predicted, evidence) if found.found else found
-        T_next_now = parts_by_icp(hypothesis, window, T_predicted, config)
+        T_next_now = parts_by_icp(now, hypothesis, window, T_predicted, config)
         joints = joints_of_parts(self.points.asset, self.rest.body, T_next_now @ now.transforms)
         pose = pose_from_joints(self.points, self.rest, poses[0], joints, config.registration.fit)
         return posterior(self.points, self.rest, pose, predicted, evidence, config.registration)
@@ -239,7 +241,7 @@ def _apart_m(one: Expectation, other: Expectation) -> float:
 
 def follow_patient(
     room: Room, frames: Iterable[FrameSet], motions: MotionDatabase | None, known: FittedShape | None,
-    config: TrackConfig, watch: Stopwatch, begin: Start | None = None,
+    config: TrackConfig, watch: Stopwatch, begin: Start | None = None, associate: Associate = link,
 ) -> Iterator[Estimate]:  # fmt: skip
     """An estimate for every frame, in order: lost until he is found, followed, and searched for again when lost.
 
@@ -247,13 +249,14 @@ def follow_patient(
     None where it is still to be learnt. begin: the patient as he was found in the first frame already.
     """
     choice = room.opening.choice if room.opening else None
-    for estimate, _ in follow_openly(room, frames, choice, motions, known, config, watch, begin):
+    for estimate, _ in follow_openly(room, frames, choice, motions, known, config, watch, begin, associate):
         yield estimate
 
 
 def follow_openly(
     room: Room, frames: Iterable[FrameSet], choice: PatientChoice | None, motions: MotionDatabase | None,
     known: FittedShape | None, config: TrackConfig, watch: Stopwatch, begin: Start | None = None,
+    associate: Associate = link,
 ) -> Iterator[tuple[Estimate, PatientTracker | None]]:  # fmt: skip
     """As ``follow_patient``, from any frame, and with the tracker as it stands after each estimate, if any.
 
@@ -278,7 +281,7 @@ def follow_openly(
                     wait, pause = pause, min(2 * pause, LONGEST_PAUSE)
                 yield nobody_found(frame_set), None
                 continue
-            tracker, search = PatientTracker(room, start, motions, config, watch), None
+            tracker, search = PatientTracker(room, start, motions, config, watch, associate), None
             wait, pause = 0, FIRST_PAUSE
             yield tracker.first, tracker
             continue
