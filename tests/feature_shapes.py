@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 
@@ -31,7 +33,9 @@ def _place(around: np.ndarray, across: np.ndarray) -> np.ndarray:
     """(..., 3) metres: a torus of 0.2 m and 0.1 m whose tube has bumps of 2 cm and is pressed on one side."""
     tube = 0.1 + 0.02 * np.sin(3 * around + 2 * across) + 0.015 * np.cos(2 * around - across + 0.7)
     wide = 0.2 + 0.02 * np.sin(around + 0.4) + tube * np.cos(across)
-    return np.stack([wide * np.cos(around), wide * np.sin(around), (1 + 0.3 * np.cos(around)) * tube * np.sin(across)], 2)
+    return np.stack(
+        [wide * np.cos(around), wide * np.sin(around), (1 + 0.3 * np.cos(around)) * tube * np.sin(across)], 2
+    )
 
 
 def rigid_motion(seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -40,3 +44,9 @@ def rigid_motion(seed: int) -> tuple[np.ndarray, np.ndarray]:
     q, r = np.linalg.qr(random.normal(size=(3, 3)))
     q = q * np.sign(np.diag(r))
     return q * np.linalg.det(q), random.uniform(-1.0, 1.0, 3)
+
+
+def pcl_reference() -> dict[str, np.ndarray]:
+    """The fixed cloud and what PCL says of some of its points: pcl_reference/make_reference.py."""
+    with np.load(Path(__file__).parent / "pcl_reference" / "reference.npz") as file:
+        return {name: file[name] for name in file.files}

@@ -1,6 +1,6 @@
-"""PCL's numbers for a few points of a fixed cloud: python tests/pcl_reference/make_reference.py (not part of the tests).
+"""PCL's numbers for a few points of a fixed cloud: python tests/pcl_reference/make_reference.py (no test).
 
-Writes reference.npz beside this file; the tests compare with it and do not need PCL. Made with PCL 1.13.0 of Debian 12.
+Writes reference.npz beside this file; the tests compare with it and do not need PCL. Made with Debian's PCL 1.13.0.
 """
 
 from __future__ import annotations

@@ -31,7 +31,9 @@ _FULL, _DEGENERATE = np.float32(100.0), np.float32(1e-12)
 class FpfhConfig:
     """Histograms of 3 times 11 bins."""
 
-    radius_m: float = 0.10  # of a simplified histogram; a node thereby sees twice as far: about a thigh's width
+    radius_m: float = (
+        0.15  # of a simplified histogram, so that a node sees 30 cm; matches at 10 cm are twice as far off
+    )
     own_histogram: bool = False  # True adds the node's own, as the paper and Open3D do; PCL leaves it out
 
     def __post_init__(self) -> None:
@@ -99,8 +101,9 @@ def _simplified(
         for c in range(count):
             q = others[c]
             for angle in range(3):
-                simple[p, bins[angle, c]] += ONE
-                simple[q, bins[angle, c]] += ONE
+                column = angle * BINS + bins[angle, c]
+                simple[p, column] += ONE
+                simple[q, column] += ONE
             pairs[q] += 1
         pairs[p] += count
     for p in range(len(oriented)):
@@ -112,7 +115,7 @@ def _simplified(
 
 @njit(cache=True, error_model="numpy")
 def _pair_bins(oriented: np.ndarray, p: int, others: np.ndarray, count: int, bins: np.ndarray) -> None:
-    """The columns in which each pair counts: the paper's angles, of Darboux's frame at the more tilted of the two.
+    """The bin of each pair in each histogram: the paper's angles, of Darboux's frame at the more tilted of the two.
 
     With unit normals, v = d x n / |d x n| and w = n x v, everything is products of d, n and the other normal.
     """
@@ -140,8 +143,8 @@ def _pair_bins(oriented: np.ndarray, p: int, others: np.ndarray, count: int, bin
         first = np.int32(_BINS * ((theta + PI) / _TWO_PI))
         second, third = np.int32(_BINS * ((alpha + ONE) * _HALF)), np.int32(_BINS * ((phi + ONE) * _HALF))
         bins[0, c] = min(max(first, 0), BINS - 1)
-        bins[1, c] = BINS + min(max(second, 0), BINS - 1)
-        bins[2, c] = 2 * BINS + min(max(third, 0), BINS - 1)
+        bins[1, c] = min(max(second, 0), BINS - 1)
+        bins[2, c] = min(max(third, 0), BINS - 1)
 
 
 @njit(cache=True, error_model="numpy")

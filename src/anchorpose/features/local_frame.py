@@ -91,7 +91,7 @@ def _points_away(points: np.ndarray, own: int, near: np.ndarray, distance2: np.n
     balance = 0
     for m in range(len(near)):
         ahead = _along(points, own, near[m], axis) >= 0.0
-        balance += ((1 if ahead else -1)) if distance2[m] > 0.0 else 0
+        balance += (1 if ahead else -1) if distance2[m] > 0.0 else 0
     if balance != 0:
         return balance < 0
     by_distance = np.argsort(distance2)

@@ -104,7 +104,7 @@ def as_chosen(chosen: np.ndarray | None, count: int) -> np.ndarray:
     numbers = np.atleast_1d(np.asarray(chosen))
     if numbers.ndim != 1 or (numbers.size and not np.issubdtype(numbers.dtype, np.integer)):
         raise ValueError(f"chosen must be node numbers (k,), got {numbers.dtype} of shape {numbers.shape}")
-    if numbers.size and not (0 <= numbers.min() and numbers.max() < count):
+    if numbers.size and not (numbers.min() >= 0 and numbers.max() < count):
         raise ValueError(f"chosen names nodes that are not among the {count}")
     return numbers.astype(np.int32)
 

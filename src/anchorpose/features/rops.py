@@ -21,7 +21,7 @@ STATISTICS = 5  # central moments 11, 21, 12 and 22, and the entropy
 class RopsConfig:
     """135 numbers with three turns about each axis; ``columns`` tells how many."""
 
-    radius_m: float = 0.15  # the authors take 15 mesh resolutions, here 13 mm; wider, limbs mix with the trunk
+    radius_m: float = 0.20  # the 15 mesh resolutions of its authors, here 13 mm
     turns: int = 3  # about each axis, within a right angle: the authors' choice
     bins: int = 5  # along each side of a plane: theirs, too
 
@@ -46,8 +46,8 @@ def rops(
     """(k, 135) float32 for the chosen nodes (k,) int, or for all (None); absolute values sum to 1.
 
     points_m (n, 3), NaN where not known; triangles (f, 3) int, of ``surface.mesh.faces``. neighbours: those of the
-    chosen nodes within ``radius_m``, where a caller has them. Columns: axis x, y, z; turn; plane xy, xz, yz; moments 11,
-    21, 12, 22 and entropy. NaN row: a node without position, or with no triangle within the radius.
+    chosen nodes within ``radius_m``, where a caller has them. Columns: axis x, y, z; turn; plane xy, xz, yz; moments
+    11, 21, 12, 22 and entropy. NaN row: a node without position, or with no triangle within the radius.
     """
     config = config or RopsConfig()
     points = as_points(points_m, "points_m")
@@ -67,7 +67,11 @@ def _statistics(
     most = 1
     for c in range(len(centre)):
         most = max(most, start[c + 1] - start[c] + 1)
-    local, turned, cell = np.empty((3, most), np.float32), np.empty((2, most), np.float32), np.empty((3, most), np.int32)
+    local, turned, cell = (
+        np.empty((3, most), np.float32),
+        np.empty((2, most), np.float32),
+        np.empty((3, most), np.int32),
+    )
     share = np.empty((3, bins * bins), np.float32)
     for c in range(len(centre)):
         if not np.isfinite(frames[c, 0, 0]):
@@ -105,9 +109,9 @@ def _lay_down(points: np.ndarray, own: int, near: np.ndarray, frame: np.ndarray,
     return len(near) + 1
 
 
-@njit(cache=True, error_model="numpy", fastmath={"nnan", "nsz"})  # positions here are known: only then are ends vectors
+@njit(cache=True, error_model="numpy", fastmath={"nnan", "nsz"})  # all are known; the ends are found abreast
 def _into_bins(values: np.ndarray, count: int, bins: int, cell: np.ndarray) -> None:
-    """Which of the equal parts between the least and the greatest each value is in; all in the first if they are one."""
+    """Which of the equal parts between the least and the greatest each value is in; one part if they are one."""
     low, high = values[0], values[0]
     for m in range(count):
         low = values[m] if values[m] < low else low

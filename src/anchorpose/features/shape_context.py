@@ -31,7 +31,7 @@ PARALLEL = 1e-3  # sine; an x axis this near to the normal has no direction in t
 class ShapeContextConfig:
     """1980 numbers, unless the cells are other ones; ``cells`` tells how many."""
 
-    radius_m: float = 0.20  # a thigh with its edges: farther in, the body is a smooth sheet everywhere
+    radius_m: float = 0.20  # a limb with its edges: nearer, the body is a smooth sheet everywhere
     innermost: float = 0.1  # of the radius: the outer end of the first shell; what is nearer counts there too
     density: float = 0.2  # of the radius: within it a point's neighbours share its weight
     azimuths: int = 12  # the numbers of PCL, and of the paper's own experiments

@@ -28,7 +28,7 @@ _TWO = np.float32(2.0)
 class ShotConfig:
     """352 numbers."""
 
-    radius_m: float = 0.15  # of the sphere and of its frame: a limb's width, and some fifty nodes of 13 mm a sector
+    radius_m: float = 0.20  # of the sphere and of its frame: a limb with its edges; at 15 cm matches are a half worse
     z_by_normal: bool = False  # True turns the frame's z to the side of the normal; the authors count neighbours
 
     def __post_init__(self) -> None:
@@ -47,8 +47,8 @@ def shot(
 
     points_m, normals (n, 3) in one frame, normals of unit length; NaN where not known: a node without position is left
     out, one without normal casts no vote. neighbours: those of the chosen nodes within ``radius_m``, and frames
-    (k, 3, 3): rows x, y, z, where a caller has them. Sector s, 11 columns each: upper half s & 1, outer half s >> 1 & 1,
-    eighth of a turn s >> 2 from -x on. NaN row: no frame, or nobody with a normal within the radius.
+    (k, 3, 3): rows x, y, z, where a caller has them. Sector s, 11 columns each: upper half s & 1, outer half
+    s >> 1 & 1, eighth of a turn s >> 2 from -x on. NaN row: no frame, or nobody with a normal within the radius.
     """
     config = config or ShotConfig()
     points, unit = as_points(points_m, "points_m"), as_points(normals, "normals")

@@ -34,7 +34,7 @@ def prepare_triangles(points: np.ndarray, faces: np.ndarray) -> Triangles:
     faces = np.asarray(faces)
     if faces.ndim != 2 or faces.shape[1] != 3 or (faces.size and not np.issubdtype(faces.dtype, np.integer)):
         raise ValueError(f"triangles must be node numbers (f, 3), got {faces.dtype} of shape {faces.shape}")
-    if faces.size and not (0 <= faces.min() and faces.max() < len(points)):
+    if faces.size and not (faces.min() >= 0 and faces.max() < len(points)):
         raise ValueError(f"a triangle has a corner that is not among the {len(points)} nodes")
     corners = points[faces.astype(np.int64)].astype(np.float64)
     whole = np.isfinite(corners).all(axis=(1, 2))
