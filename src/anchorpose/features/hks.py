@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from anchorpose.features.spectral_sums import piece_sums, require_range, weighted_squares
+from anchorpose.features.spectral_sums import body_sums, require_range, weighted_squares
 from anchorpose.features.spectrum import Spectrum
 
 DECAY = 4.0 * np.log(10.0)
@@ -32,8 +32,8 @@ def hks(spectrum: Spectrum, config: HksConfig | None = None, chosen: np.ndarray 
 
     Times are in m², heat diffusing over one square metre in a time of one. Returns (k, times) float32 in 1/m², a row for
     each chosen node (k,) int, None meaning all; NaN at nodes without triangles, and everywhere if the times are to come
-    from a spectrum without positive eigenvalues. Scaled: each time divided by its sum over the node's own piece of
-    surface, the heat trace, so that crumbs beside the body change nothing.
+    from a spectrum without positive eigenvalues. Scaled: each time divided by its integral over the largest
+    piece of surface, the heat trace.
     Source: Sun, Ovsjanikov and Guibas 2009 (doi:10.1111/j.1467-8659.2009.01515.x), Section 4.
     """
     config = config or HksConfig()
@@ -41,7 +41,7 @@ def hks(spectrum: Spectrum, config: HksConfig | None = None, chosen: np.ndarray 
     weights = np.exp(-spectrum.eigenvalues[:, None] * times_m2)
     heat = weighted_squares(spectrum, weights, chosen)
     if config.scaled:
-        heat /= piece_sums(spectrum, weights, chosen)
+        heat /= body_sums(spectrum, weights)
     return heat.astype(np.float32)
 
 

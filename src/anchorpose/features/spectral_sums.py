@@ -17,16 +17,18 @@ def weighted_squares(spectrum: Spectrum, weights: np.ndarray, chosen: np.ndarray
     return sums
 
 
-def piece_sums(spectrum: Spectrum, weights: np.ndarray, chosen: np.ndarray | None) -> np.ndarray:
-    """The integral of ``weighted_squares`` over each node's own piece, (k, d) float64: sum_i w_i over the piece's waves.
+def body_sums(spectrum: Spectrum, weights: np.ndarray) -> np.ndarray:
+    """(d,) float64: the integral of ``weighted_squares`` over the piece of surface with the largest area.
 
-    NaN at nodes without triangles.
+    Over all pieces crumbs would count as much as the body at low eigenvalues, and over each node's own a severed arm
+    would change at high ones. NaN without triangles.
     """
+    if spectrum.piece_count == 0:
+        return np.full(weights.shape[1], np.nan)
     at = spectrum.piece >= 0
-    share = np.zeros((spectrum.piece_count + 1, len(spectrum.eigenvalues)))  # how much of each wave is in which piece
-    np.add.at(share, spectrum.piece[at], spectrum.mass_m2[at, None] * spectrum.eigenfunctions[at] ** 2)
-    share[-1] = np.nan
-    sums: np.ndarray = (share @ weights)[spectrum.piece if chosen is None else spectrum.piece[np.asarray(chosen)]]
+    largest = np.bincount(spectrum.piece[at], spectrum.mass_m2[at]).argmax()
+    body = spectrum.piece == largest
+    sums: np.ndarray = (spectrum.mass_m2[body] @ spectrum.eigenfunctions[body] ** 2) @ weights
     return sums
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from anchorpose.features.spectral_sums import piece_sums, require_range, weighted_squares
+from anchorpose.features.spectral_sums import body_sums, require_range, weighted_squares
 from anchorpose.features.spectrum import Spectrum
 
 
@@ -27,7 +27,7 @@ class WksConfig:
 
 
 def wks(spectrum: Spectrum, config: WksConfig | None = None, chosen: np.ndarray | None = None) -> np.ndarray:
-    """sum_i w_i(e) phi_i(x)^2 with w_i a bell of log lambda_i around e; the w_i of a node's own piece sum to 1.
+    """sum_i w_i(e) phi_i(x)^2 with w_i a bell of log lambda_i around e; the integral over the largest piece is 1.
 
     Returns (k, energies) float32 in 1/m², a row for each chosen node (k,) int, None meaning all; NaN at nodes without
     triangles or on a piece without positive eigenvalues, whose particles have no energy.
@@ -41,8 +41,18 @@ def wks(spectrum: Spectrum, config: WksConfig | None = None, chosen: np.ndarray 
     level = np.log(spectrum.eigenvalues[moving])
     weights[moving] = np.exp(-0.5 * ((log_energy - level[:, None]) / width) ** 2)
     with np.errstate(invalid="ignore"):
-        likely = weighted_squares(spectrum, weights, chosen) / piece_sums(spectrum, weights, chosen)
+        likely = weighted_squares(spectrum, weights, chosen) / body_sums(spectrum, weights)
+    likely[_still(spectrum)[slice(None) if chosen is None else np.asarray(chosen)]] = np.nan
     return likely.astype(np.float32)
+
+
+def _still(spectrum: Spectrum) -> np.ndarray:
+    """(n,) bool: nodes on pieces without a wave, be it that the shortest taken from the spectrum is too long for them."""
+    at = spectrum.piece >= 0
+    inside = spectrum.mass_m2[at] * (spectrum.eigenfunctions[np.ix_(at, spectrum.positive)] ** 2).sum(axis=1)
+    waves = np.append(np.bincount(spectrum.piece[at], inside, spectrum.piece_count), 0.0)  # how many each piece has
+    still: np.ndarray = waves[spectrum.piece] < 0.5
+    return still
 
 
 def wave_energies(spectrum: Spectrum, config: WksConfig) -> tuple[np.ndarray, float]:
