@@ -11,36 +11,31 @@ APART_M = 1e3
 """Stands for the distance between pieces of surface: the same on every mesh, and no distance on a body is near it."""
 
 
-def farthest_points(surface: Surface, count: int, eligible: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def farthest_points(surface: Surface, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Nodes of which each is as far as possible from those before it, and their distances to all nodes.
 
-    eligible (n,) bool: nodes that may be chosen. Returns nodes (k,) int32, k = ``count`` unless fewer are eligible, and
-    fields (k, n) float32 metres, ``APART_M`` on other pieces. The first is the farthest from the eligible node nearest
-    the mean of them on its piece of surface; a piece without samples is always farther than any node on one with some.
-    Source: Hochbaum and Shmoys 1985 (doi:10.1287/moor.10.2.180): at most twice as coarse as the best choice.
+    Returns nodes (k,) int32, k = ``count`` unless there are fewer, and fields (k, n) float32 metres, ``APART_M`` on
+    other pieces. The first is the node farthest from the middle of its piece, the middle being the node nearest the
+    mean; a piece without samples is farther than any node on one with some. Raises ValueError on nodes not finite.
+    Source: Gonzalez 1985 (doi:10.1016/0304-3975(85)90224-5): at most twice as coarse as the best choice.
     """
-    wanted = min(count, int(np.count_nonzero(eligible)))
+    wanted = min(count, len(surface))
     nodes, fields = np.empty(wanted, np.int32), np.empty((wanted, len(surface)), np.float32)
     if wanted == 0:
         return nodes, fields
-    nearest = np.where(eligible, _from(surface, _middle(surface, eligible)), -1.0)
-    nearest[nearest == APART_M] = -1.0  # of the start's piece first
-    for row in range(wanted):
+    away = surface.points_m - surface.points_m.mean(axis=0, dtype=np.float64)
+    nearest = field_from(surface, int((away**2).sum(axis=1).argmin()))
+    nodes[0] = np.where(nearest < APART_M, nearest, -1.0).argmax()
+    nearest = fields[0] = field_from(surface, nodes[0])
+    for row in range(1, wanted):
         nodes[row] = nearest.argmax()
-        fields[row] = _from(surface, nodes[row])
-        before = np.where(eligible, APART_M, -1.0) if row == 0 else nearest
-        nearest = np.minimum(before, np.where(eligible, fields[row], -1.0))
-        nearest[nodes[: row + 1]] = -1.0
+        fields[row] = field_from(surface, nodes[row])
+        nearest = np.minimum(nearest, fields[row])
+        nearest[nodes[: row + 1]] = -1.0  # chosen once, even where several nodes are in one place
     return nodes, fields
 
 
-def _middle(surface: Surface, eligible: np.ndarray) -> int:
-    candidates = np.flatnonzero(eligible)
-    away = surface.points_m[candidates] - surface.points_m[candidates].mean(axis=0, dtype=np.float64)
-    return int(candidates[(away**2).sum(axis=1).argmin()])
-
-
-def _from(surface: Surface, node: int) -> np.ndarray:
+def field_from(surface: Surface, node: int) -> np.ndarray:
     """(n,) float32 distance field of one node."""
     field = geodesic_distance(surface, np.array([node]))[0]
     return np.minimum(field, np.float32(APART_M))

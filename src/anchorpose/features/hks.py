@@ -30,10 +30,10 @@ class HksConfig:
 def hks(spectrum: Spectrum, config: HksConfig | None = None, chosen: np.ndarray | None = None) -> np.ndarray:
     """sum_i exp(-lambda_i t) phi_i(x)^2 at times t evenly apart in their logarithm.
 
-    Times are in m², heat diffusing over one square metre in a time of one. Returns (k, times) float32 in 1/m², a row for
-    each chosen node (k,) int, None meaning all; NaN at nodes without triangles, and everywhere if the times are to come
-    from a spectrum without positive eigenvalues. Scaled: each time divided by its integral over the largest
-    piece of surface, the heat trace.
+    Times are in m², heat diffusing over one square metre in a time of one. Returns (k, times) float32 in 1/m², a row
+    for each chosen node (k,) int, None meaning all; NaN at nodes without triangles, and everywhere if the times are to
+    come from a spectrum without positive eigenvalues. Scaled: each time divided by its integral over the largest piece
+    of surface, the heat trace.
     Source: Sun, Ovsjanikov and Guibas 2009 (doi:10.1111/j.1467-8659.2009.01515.x), Section 4.
     """
     config = config or HksConfig()

@@ -47,7 +47,7 @@ def wks(spectrum: Spectrum, config: WksConfig | None = None, chosen: np.ndarray 
 
 
 def _still(spectrum: Spectrum) -> np.ndarray:
-    """(n,) bool: nodes on pieces without a wave, be it that the shortest taken from the spectrum is too long for them."""
+    """(n,) bool: nodes on pieces without a wave, as those too small for the shortest one taken from the spectrum."""
     at = spectrum.piece >= 0
     inside = spectrum.mass_m2[at] * (spectrum.eigenfunctions[np.ix_(at, spectrum.positive)] ** 2).sum(axis=1)
     waves = np.append(np.bincount(spectrum.piece[at], inside, spectrum.piece_count), 0.0)  # how many each piece has
@@ -56,7 +56,7 @@ def _still(spectrum: Spectrum) -> np.ndarray:
 
 
 def wave_energies(spectrum: Spectrum, config: WksConfig) -> tuple[np.ndarray, float]:
-    """(energies,) logarithms of eigenvalues in 1/m², evenly apart, and the bell's standard deviation; NaN without any."""
+    """(energies,) logarithms of eigenvalues in 1/m², evenly apart, and the bell's deviation; NaN without any."""
     positive = spectrum.eigenvalues[spectrum.positive]
     if config.range_per_m2 is not None:
         low, high = np.log(config.range_per_m2)
