@@ -87,4 +87,4 @@ def _alike(one: np.ndarray, other: np.ndarray, b: np.ndarray, same: float) -> bo
     apart = np.float32(0.0)
     for k in range(len(one)):
         apart = max(apart, b[one[k], other[k]])
-    return apart <= same
+    return bool(apart <= same)

@@ -21,12 +21,13 @@ TOLERANCE = 1e-9  # of a cotangent
 
 
 def intrinsic_delaunay(points_m: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Weight of each half-edge and the area at its tail, on the triangulation after all flips.
+    """Weight of each half-edge and the area on either half of it, on the triangulation after all flips.
 
     points_m (n, 3) float64 metres, triangles (f, 3) int of finite points, sides of any orientation. Returns
     edges (6 f, 2) int32, tail and head node, which are the same where an edge was flipped across the outline;
-    values (6 f, 2) float64: half the cotangent of the angle opposite, and a third of the triangle's area in m². Each
-    triangle counts twice, as front and as back.
+    values (6 f, 2) float64: half the cotangent of the angle opposite, and what of the triangle's area in m² lies at
+    this edge and is nearest to its tail, which equals that nearest to its head. Each triangle counts twice, as front
+    and as back.
     """
     tail, after, twin = _both_sides(np.asarray(triangles, np.int64))
     apart = points_m[tail] - points_m[tail[after]]
@@ -118,5 +119,5 @@ def _weights(after: np.ndarray, length: np.ndarray) -> np.ndarray:
     values = np.empty((len(after), 2))
     for h in range(len(after)):
         values[h, 0] = 0.5 * _cotangent(h, after, length)
-        values[h, 1] = _area(h, after, length) / 3.0
+        values[h, 1] = 0.25 * values[h, 0] * length[h] ** 2
     return values

@@ -18,7 +18,8 @@ class Laplacian:
     """node (v,) int32: the surface's nodes that belong to a triangle; all else is in their order.
 
     stiffness (v, v) float64 sparse, symmetric, positive semidefinite, no positive entry off its diagonal: cotangent
-    weights; mass_m2 (v,) float64: a third of the area of the triangles around; piece (v,) int32: which triangles that
+    weights; mass_m2 (v,) float64: the area nearer to the node than to any other (Voronoi's), which unlike thirds of
+    triangles does not depend on which diagonal cuts a square; piece (v,) int32: which triangles that
     hang together, by a corner at least, each node belongs to.
     """
 
@@ -47,6 +48,6 @@ def mesh_laplacian(points_m: np.ndarray, triangles: np.ndarray) -> Laplacian:
     off = coo_array((np.tile(-weight, 2), (np.append(tail, head), np.append(head, tail))), shape=(count, count)).tocsc()
     diagonal = np.bincount(np.append(tail, head), np.tile(weight, 2), count)
     stiffness = (off + coo_array((diagonal, (np.arange(count), np.arange(count))), shape=(count, count))).tocsc()
-    mass_m2 = np.bincount(tail, values[:, 1] / 2.0, count)
+    mass_m2 = np.bincount(np.append(tail, head), np.tile(values[:, 1] / 2.0, 2), count)
     piece = connected_components(coo_array((np.ones(len(tail), np.int8), (tail, head)), shape=(count, count)), False)[1]
     return Laplacian(node.astype(np.int32), csc_array(stiffness), mass_m2, piece.astype(np.int32))

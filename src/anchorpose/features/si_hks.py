@@ -16,8 +16,8 @@ BASE = 2.0
 class SiHksConfig:
     """Which times, and how much of what they say."""
 
-    first_octave: float = -20.0  # of 1 m²: 1 mm², when no wave that the mesh can carry has decayed yet
-    octaves: float = 24.0  # as Bronstein and Kokkinos; up to 16 m², when a body's longest wave has long gone
+    first_octave: float = -22.0  # of 1 m²: half a mm, squared, when the shortest wave has hardly decayed
+    octaves: float = 24.0  # as Bronstein and Kokkinos; up to 4 m², when a body's longest wave has gone
     steps_per_octave: int = 16  # as Bronstein and Kokkinos
     frequencies: int = 6  # the lowest, as Bronstein and Kokkinos
 
