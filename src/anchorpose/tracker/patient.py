@@ -112,7 +112,7 @@ class PatientTracker:
         with self.watch.stage("states and sigma"):
             return estimate_of(self.points, self.rest, self.shape, registration, seen, share, self.config)
 
-    def _predict(self, steps: int) -> list[Pose]:
+    def predict(self, steps: int) -> list[Pose]:
         """The next poses by scaled motion dynamics: those of the whole look-ahead, once a registered frame."""
         with self.watch.stage("prediction"):
             if not self.ahead:
@@ -132,8 +132,8 @@ class PatientTracker:
         Its pose is now predicted from the frame before. Where the patient is expected at another place than when the
         frame came in, he is told apart from others anew, and his surface is made anew.
         """
-        poses = self._predict(len(self.window) - 1)
-        expected, before = self._expectation(poses[0]), self.window[1].expected
+        poses = self.predict(len(self.window) - 1)
+        expected, before = self.expectation(poses[0]), self.window[1].expected
         if before is None or _apart_m(expected, before) > self.config.follow.see_again_m:
             self._see_again(expected)
         return poses
@@ -148,9 +148,10 @@ class PatientTracker:
                 self.links[1] = self.associate(seen, self.window[2], config)
 
     def _expect(self, steps: int) -> Expectation:
-        return self._expectation(self._predict(steps)[-1])
+        return self.expectation(self.predict(steps)[-1])
 
-    def _expectation(self, pose: Pose) -> Expectation:
+    def expectation(self, pose: Pose) -> Expectation:
+        """What a frame should show in which the patient has this pose."""
         posed = pose_points(self.points, self.rest, pose)
         trunk = posed.transforms[self.points.asset.bone("Spine1"), :3, 0]
         level = np.array([trunk[0], 0.0, trunk[2]])

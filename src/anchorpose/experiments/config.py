@@ -1,0 +1,91 @@
+"""What an experiment runs on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+from anchorpose.simulate.config import LARGEST_HOLE_M, SMALLEST_HOLE_M
+
+PAPER_HOLES_M: Final = (0.0, 0.03, 0.06, 0.09, 0.12, 0.15)
+"""No occlusion, and the paper's five sizes."""
+
+
+class Scene(StrEnum):
+    """What is recorded; all but the first are beyond the paper."""
+
+    PAPER = "paper"  # one person, one front camera, nothing in the way but the holes
+    LOOSE = "loose"  # the same in clothes twice as loose
+    FRAME = "frame"  # one front camera, a standing frame's bars before the patient
+    CLINIC_FRONT = "clinic-front"  # the frame, and two therapists who hold and move, one front camera
+    CLINIC = "clinic"  # the same with three cameras
+    REAL = "real"  # recordings that the user gives, with reference skeletons
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExperimentConfig:
+    """The paper's experiment by default: 3,000 test frames, six sizes of hole, all methods.
+
+    The paper's samples are no video: 200 of them hold slow and fast movements of all limbs, so they are some tenth of
+    a second apart. Ten a second are taken here.
+    """
+
+    first_seed: int = 501  # of the test recordings; each seed is another body, other clothes and other movements
+    recordings: int = 20  # of 150 frames each: 3,000
+    seconds: float = 15.0
+    fps: float = 10.0
+    holes_m: tuple[float, ...] = PAPER_HOLES_M
+    hole_share: float = 0.5  # of the frames, drawn at random
+    segment_frames: int = 10  # tracked from one given pose: each method starts anew every second
+    sampled_segments: int = 1  # of each recording, drawn at random: what slow methods run on
+    windows: int = 2  # moments of each recording and size of hole at which matches are compared with the truth
+    scenes: tuple[Scene, ...] = (Scene.PAPER, Scene.LOOSE, Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)
+    scene_recordings: int = 4  # of each scene beyond the paper's
+    scene_seconds: float = 6.0
+    methods: tuple[str, ...] = ()  # keys, or paths of Python files with a METHOD; none: all
+    ablation: bool = True  # of the own tracker, in the scenes beyond the paper's
+    training_seed: int = 401  # of the recordings that settings are chosen and movements are taken from
+    training_recordings: int = 4
+    training_samples: int = 200  # frames of reference movements
+    resamples: int = 2000  # of the bootstrap over recordings
+
+    def __post_init__(self) -> None:
+        for name in ("recordings", "sampled_segments", "windows", "scene_recordings", "training_recordings"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+        if self.segment_frames < 2:
+            raise ValueError(f"segment_frames must be at least 2, got {self.segment_frames}")
+        if not (self.seconds * self.fps >= self.segment_frames and self.scene_seconds * self.fps >= self.segment_frames):
+            raise ValueError(f"a recording must hold a segment of {self.segment_frames} frames; make it longer")
+        for radius_m in self.holes_m:
+            if radius_m != 0 and not SMALLEST_HOLE_M <= radius_m <= LARGEST_HOLE_M:
+                raise ValueError(f"holes_m are 0 or {SMALLEST_HOLE_M} to {LARGEST_HOLE_M}, got {radius_m}")
+        if 0.0 not in self.holes_m:
+            raise ValueError("holes_m must contain 0: what holes cost is told against none")
+        if not 0 < self.hole_share <= 1:
+            raise ValueError(f"hole_share must be above 0 and at most 1, got {self.hole_share}")
+        seeds = range(self.first_seed, self.first_seed + max(self.recordings, self.scene_recordings))
+        if set(seeds) & set(range(self.training_seed, self.training_seed + self.training_recordings)):
+            raise ValueError("the recordings to test and to train on have seeds in common; move first_seed")
+
+    def seeds(self, scene: Scene) -> range:
+        """Of the test recordings of a scene."""
+        count = self.recordings if scene is Scene.PAPER else self.scene_recordings
+        return range(self.first_seed, self.first_seed + count)
+
+
+def quick() -> ExperimentConfig:
+    """Everything once, on so little that it takes two minutes: it shows that the machinery runs, and no more."""
+    return ExperimentConfig(
+        recordings=1,
+        seconds=2.0,
+        holes_m=(0.0, 0.15),
+        segment_frames=5,
+        windows=1,
+        scenes=(Scene.PAPER,),
+        ablation=False,
+        training_recordings=1,
+        training_samples=40,
+        resamples=200,
+    )

@@ -1,0 +1,124 @@
+"""The true correspondence of simulated surfaces: where each node's place on the skin is in another frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
+
+from anchorpose.simulate.clinic import Clinic, Performance, draw_clinic
+from anchorpose.simulate.config import SimulationConfig
+
+SEEN_M = 0.025  # two nodes' spacing: a place with no node so near is not seen
+ON_SKIN_M = 0.05  # a node farther off all skin is not the patient's
+SPACING_M = 0.04  # of the places between which distances along the skin are known
+
+REGIONS = {
+    "head": ("Head", "Neck"),
+    "trunk": ("Hips", "LowerBack", "Spine", "LHipJoint", "RHipJoint", "Shoulder"),
+    "upper arm": ("Arm",),
+    "forearm": ("ForeArm",),
+    "hand": ("Hand", "Finger", "Thumb"),
+    "thigh": ("UpLeg",),
+    "shank": ("Leg",),
+    "foot": ("Foot", "Toe"),
+}
+"""What bones' names begin with, after the side: the longest that fits."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TruePlaces:
+    """Of some nodes: vertex (m,) of the skin beside each; place_m (m, 3) where that place is in the other frame, world;
+    NaN where the node is not on the patient. seen (m,) bool: the other frame has a node there."""
+
+    vertex: np.ndarray
+    place_m: np.ndarray
+    seen: np.ndarray
+
+
+class Skin:
+    """The patient's dressed skin over a simulated recording."""
+
+    def __init__(self, simulation: SimulationConfig) -> None:
+        self.clinic: Clinic = draw_clinic(simulation)
+        self.performance: Performance = self.clinic.act(self.clinic.true_times_s(0))
+
+    def at(self, frame: int) -> np.ndarray:
+        """(v, 3) metres, world."""
+        return np.asarray(self.performance.figures(frame)[0].skin_m, dtype=np.float64)
+
+    def follow(self, nodes_m: np.ndarray, frame: int, other: int, other_nodes_m: np.ndarray) -> TruePlaces:
+        """Where the nodes (m, 3) of a frame are in another one, whose surface has nodes (n, 3)."""
+        here, there = self.at(frame), self.at(other)
+        distance, vertex = cKDTree(here).query(nodes_m)
+        place = there[vertex] + (nodes_m - here[vertex])
+        place[distance > ON_SKIN_M] = np.nan
+        seen = np.zeros(len(nodes_m), bool)
+        known = np.isfinite(place).all(axis=1)
+        seen[known] = cKDTree(other_nodes_m).query(place[known])[0] < SEEN_M
+        return TruePlaces(vertex, place, seen)
+
+    def vertex_at(self, places_m: np.ndarray, frame: int) -> np.ndarray:
+        """(m,) the vertex of the skin nearest to each place."""
+        vertex: np.ndarray = cKDTree(self.at(frame)).query(places_m)[1]
+        return vertex
+
+    def along_skin_m(self, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+        """(m,) distance along the skin between vertices, from below by up to the sample's spacing, far apart."""
+        rest, sample, between = self._sampled
+        straight = np.linalg.norm(rest[one] - rest[other], axis=1)
+        near_one, near_other = self._nearest[one], self._nearest[other]
+        way = between[near_one, near_other]
+        for vertex, near in ((one, near_one), (other, near_other)):
+            way = way - np.linalg.norm(rest[vertex] - rest[sample[near]], axis=1)
+        return np.maximum(straight, way)
+
+    @cached_property
+    def _sampled(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The skin at rest (v, 3), vertices (s,) spread over it, and the distances (s, s) along the mesh between them."""
+        body = self.clinic.patient.person.body
+        rest, faces = body.vertices, body.asset.faces
+        cell = np.unique(np.floor(rest / SPACING_M).astype(np.int64), axis=0, return_index=True)[1]
+        edges = np.unique(np.sort(np.concatenate([faces[:, :2], faces[:, 1:], faces[:, ::2]]), axis=1), axis=0)
+        length = np.linalg.norm(rest[edges[:, 0]] - rest[edges[:, 1]], axis=1)
+        mesh = csr_array((length, edges.T), shape=(len(rest), len(rest)))
+        return rest, cell, dijkstra(mesh, directed=False, indices=cell)[:, cell]
+
+    @cached_property
+    def _nearest(self) -> np.ndarray:
+        rest, sample, _ = self._sampled
+        nearest: np.ndarray = cKDTree(rest[sample]).query(rest)[1]
+        return nearest
+
+    @cached_property
+    def region(self) -> np.ndarray:
+        """(v,) index into ``REGIONS`` of the part that each vertex moves with."""
+        return np.array([region_of(name) for name in self._bone_names])[self._main_bone]
+
+    @cached_property
+    def side(self) -> np.ndarray:
+        """(v,) -1 on a left limb, 1 on a right one, 0 on head and trunk."""
+        sign = [-1 if name.startswith("Left") else 1 if name.startswith("Right") else 0 for name in self._bone_names]
+        return np.array(sign)[self._main_bone]
+
+    @property
+    def _bone_names(self) -> tuple[str, ...]:
+        return tuple(self.clinic.patient.person.body.asset.bone_names)
+
+    @property
+    def _main_bone(self) -> np.ndarray:
+        return self.clinic.patient.person.body.asset.main_bone()
+
+
+def region_of(bone: str) -> int:
+    """Index into ``REGIONS`` of a bone's part."""
+    name = bone.removeprefix("Left").removeprefix("Right")
+    fits = [(len(start), index) for index, starts in enumerate(REGIONS.values()) for start in starts
+            if name.startswith(start) or bone.startswith(start)]  # fmt: skip
+    if not fits:
+        raise ValueError(f"no region has the bone {bone}")
+    return max(fits)[1]

@@ -1,0 +1,92 @@
+"""What every method is given of a recording: the patient's body, and his pose in the frames that tracking starts in.
+
+The paper takes both from the sensor's own tracker on unoccluded data (Section V). Here it is this project's, on the
+recording before anything is removed from it. No method sees the truth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from anchorpose.body.pose import Pose
+from anchorpose.body.skin_points import FittedShape, body_points, rest_points
+from anchorpose.errors import AnchorposeError
+from anchorpose.recording.recording import Recording
+from anchorpose.tracker.both_ways import learn_on, plan_route
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.patient import follow_patient
+from anchorpose.tracker.preparation import prepare_room
+from anchorpose.tracker.stopwatch import Stopwatch
+from anchorpose.tracking.motion_file import load_motions
+
+
+class NoReference(AnchorposeError):
+    """The patient was not found in the recording as it is, so that no method can start."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reference:
+    """Over t frames: rotations (t, b, 3, 3) and root_m (t, 3) of the pose, joints_m (t, 21, 3) and centre_m (t, 3), the
+    mean of what is seen of the body, world; NaN where he was lost. shape: the learnt body."""
+
+    shape: FittedShape
+    rotations: np.ndarray
+    root_m: np.ndarray
+    joints_m: np.ndarray
+    centre_m: np.ndarray
+
+    @property
+    def found(self) -> np.ndarray:
+        """(t,) bool."""
+        return np.isfinite(self.root_m).all(axis=1)
+
+    def pose(self, frame: int) -> Pose:
+        """Of a frame in which he was found."""
+        return Pose(self.rotations[frame], self.root_m[frame])
+
+
+def make_reference(recording: Recording, config: TrackConfig) -> Reference:
+    """Track the recording as it is. Raises NoReference where nobody is found."""
+    room, watch = prepare_room(recording, config), Stopwatch()
+    route = plan_route(room, config, lambda: None)
+    motions = load_motions(config.motion_file, recording.rate_hz, config.motion)
+    learnt = learn_on(route, room, motions, config, watch)
+    if learnt is None:
+        raise NoReference(f"{recording.folder.name}: nobody was found in it, so that no method can start.")
+    points, rest = body_points(), rest_points(body_points(), learnt.shape)
+    frames, bones = len(recording.streams[0].files), len(points.asset.bone_names)
+    rotations, root = np.full((frames, bones, 3, 3), np.nan), np.full((frames, 3), np.nan)
+    joints, centre = np.full((frames, 21, 3), np.nan), np.full((frames, 3), np.nan)
+    for side in (route.back, route.forth):
+        estimates = follow_patient(room, route.frames(side), motions, learnt.shape, config, watch)
+        for position, estimate in zip(side, estimates, strict=True):
+            if estimate.belief is None or estimate.observation is None or len(estimate.observation.surface) == 0:
+                continue
+            pose = estimate.belief.pose
+            rotations[position], root[position] = pose.rotations, pose.root_m
+            joints[position] = rest.body.joints(rest.body.bone_transforms(pose.rotations, pose.root_m))
+            centre[position] = estimate.observation.surface.points_m.mean(axis=0, dtype=np.float64)
+    return Reference(learnt.shape, rotations, root, joints, centre)
+
+
+def save_reference(path: Path, reference: Reference) -> None:
+    """One .npz file."""
+    np.savez_compressed(
+        path,
+        coefficients=reference.shape.coefficients,
+        clothing_m=reference.shape.clothing_m,
+        rotations=reference.rotations,
+        root_m=reference.root_m,
+        joints_m=reference.joints_m,
+        centre_m=reference.centre_m,
+    )
+
+
+def load_reference(path: Path) -> Reference:
+    """What ``save_reference`` wrote."""
+    with np.load(path) as file:
+        shape = FittedShape(file["coefficients"], float(file["clothing_m"]))
+        return Reference(shape, file["rotations"], file["root_m"], file["joints_m"], file["centre_m"])
