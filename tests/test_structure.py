@@ -21,7 +21,17 @@ FLOW = (
     "recording", "calibration", "isolation", "surface", "geodesics", "association", "tracking", "body", "results",
 )  # fmt: skip
 VALUES = ("errors", "joints", "camera")
-BESIDE_THE_FLOW = ("simulate", "features", "tracker", "pipeline", "calibrating", "inspecting", "collecting", "threads", "cli")
+BESIDE_THE_FLOW = (
+    "simulate",
+    "features",
+    "tracker",
+    "pipeline",
+    "calibrating",
+    "inspecting",
+    "collecting",
+    "threads",
+    "cli",
+)
 PACKAGE_ITSELF = "anchorpose"  # `from anchorpose import __version__`
 
 HEAVY = {"numpy", "scipy", "numba", "cv2", "pyarrow", "plotly", "embreex"}
