@@ -1,0 +1,155 @@
+"""LD-SIFT: the SIFT descriptor of a local depth map (Darom and Keller 2012)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+import numpy as np
+from numba import njit
+
+from anchorpose.features.depth_map import DIRECTIONS, draw, gradient_angle, principal_angle, triangle_slopes
+from anchorpose.features.circle import FULL_TURN
+from anchorpose.features.mesh_scale import intrinsic_scale
+from anchorpose.features.rings import rings_within
+from anchorpose.features.sift import CELLS, WIDTH, describe, picture_side, places
+from anchorpose.features.tangent import tangent_frame
+from anchorpose.surface.mesh import faces
+from anchorpose.surface.surface import Surface
+
+REACH: Final = np.sqrt(2.0) * (CELLS + 1) / CELLS
+"""How far the corners of the depth map are, as a part of the half width of its cells."""
+
+
+class Scale(StrEnum):
+    """How wide the depth map of a node is."""
+
+    FIXED = "fixed"
+    INTRINSIC = "intrinsic"  # by the scale at which the shape around the node stands out
+
+
+class Angle(StrEnum):
+    """What turns the depth map upright."""
+
+    PCA = "pca"  # the longer principal axis of the surface's projection, as the authors
+    GRADIENT = "gradient"  # the peak of the histogram of its gradients, as SIFT
+
+
+class Beyond(StrEnum):
+    """What the depth map holds where there is no surface."""
+
+    UNKNOWN = "unknown"  # no gradient: nothing is learnt from where the camera's view ends
+    FLOOR = "floor"  # a plane floor_m below the node, so that the outline is an edge
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LdSiftConfig:
+    """What LD-SIFT looks at."""
+
+    radius_m: float = 0.15  # half the width of the 4 x 4 cells; wider tells more apart, and costs more
+    scale: Scale = Scale.FIXED
+    angle: Angle = Angle.PCA
+    beyond: Beyond = Beyond.UNKNOWN
+    floor_m: float = 0.05
+    samples: int = 6  # pixels of the depth map on a cell's side; fewer leave nothing of an arm seen from the side
+    levels: int = 20  # of smoothing, for the intrinsic scale
+    width: float = 6.0  # half width over the intrinsic scale's sigma
+    max_radius_m: float = 0.25  # of the intrinsic scale: beyond it, every node would see the whole body
+
+    def __post_init__(self) -> None:
+        for name in ("radius_m", "floor_m", "width", "max_radius_m"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+        for name, least in (("samples", 1), ("levels", 3)):
+            if getattr(self, name) < least:
+                raise ValueError(f"{name} must be {least} or more, got {getattr(self, name)}")
+        Scale(self.scale), Angle(self.angle), Beyond(self.beyond)
+
+
+def ld_sift(surface: Surface, config: LdSiftConfig | None = None, chosen: np.ndarray | None = None) -> np.ndarray:
+    """(k, 128) float32, unit length, none below 0; a row for each chosen node (k,) int; None: for all n.
+
+    A row is NaN where the node has no position, normal or triangle, and where its depth map is flat to the last bit.
+
+    The triangles that edges lead to are seen from above the node's tangent plane; the map is turned upright by its
+    dominant angle and described by SIFT. Pixels that no triangle covers are unknown and have no gradient, so that the
+    rim of what the camera saw is no edge.
+    Source: Darom and Keller 2012 (doi:10.1109/TIP.2012.2183142), section IV-B.
+    """
+    config = config or LdSiftConfig()
+    chosen = np.arange(len(surface)) if chosen is None else np.asarray(chosen, np.int64)
+    half = half_widths(surface, config)[chosen]
+    rings = rings_within(surface, half * REACH, chosen)
+    start, others = _fans(faces(surface), len(surface))
+    floor = -config.floor_m if config.beyond == Beyond.FLOOR else np.nan
+    return _describe_all(
+        surface.points_m, surface.normals, chosen, half, rings.start, rings.node, start, others,
+        config.angle == Angle.GRADIENT, floor, config.samples, places(config.samples),
+    )  # fmt: skip
+
+
+def half_widths(surface: Surface, config: LdSiftConfig) -> np.ndarray:
+    """(n,) float64: half the width of the 4 x 4 cells of every node, metres; NaN where it has no scale."""
+    if config.scale == Scale.FIXED:
+        return np.full(len(surface), config.radius_m)
+    return np.minimum(config.width * intrinsic_scale(surface, config.levels)[0].astype(np.float64), config.max_radius_m)
+
+
+def _fans(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """start (n + 1,) int64, others (f, 2) int32: each triangle once, with the node that it names first."""
+    order = np.argsort(triangles[:, 0], kind="stable")
+    start = np.searchsorted(triangles[order, 0], np.arange(count + 1))
+    return start.astype(np.int64), np.ascontiguousarray(triangles[order, 1:])
+
+
+@njit(cache=True)
+def _describe_all(
+    points: np.ndarray, normals: np.ndarray, chosen: np.ndarray, half: np.ndarray, start: np.ndarray,
+    ring: np.ndarray, fan_start: np.ndarray, fan: np.ndarray, by_gradient: bool, floor: float, samples: int,
+    table: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    descriptors = np.full((len(chosen), WIDTH), np.nan, np.float32)
+    longest = 0
+    for k in range(len(chosen)):
+        longest = max(longest, start[k + 1] - start[k])
+    place, frame, polar = np.full(len(points), -1, np.int64), np.empty((3, 3)), np.empty(DIRECTIONS)
+    local, triangles, slopes = np.empty((longest, 3)), np.empty((len(fan), 3), np.int64), np.empty((len(fan), 5))
+    picture = np.empty((len(table), len(table)))
+    for k in range(len(chosen)):
+        if not tangent_frame(normals[chosen[k]], frame):
+            continue
+        near = ring[start[k] : start[k + 1]]
+        for c in range(len(near)):
+            place[near[c]] = c
+            for row in range(3):
+                local[c, row] = 0.0
+                for axis in range(3):
+                    away = np.float64(points[near[c], axis]) - np.float64(points[chosen[k], axis])
+                    local[c, row] += frame[row, axis] * away
+        count = _gather(near, place, fan_start, fan, triangles)
+        for c in range(len(near)):
+            place[near[c]] = -1
+        triangle_slopes(local, triangles, count, half[k], slopes)
+        turn = principal_angle(slopes, count)
+        if by_gradient:
+            turn = gradient_angle(slopes, count, turn, polar)
+        if np.isfinite(turn):
+            draw(local, triangles, count, turn * FULL_TURN, 2.0 * half[k] / (CELLS * samples), floor, picture)
+            describe(picture, table, descriptors[k])
+    return descriptors
+
+
+@njit(cache=True)
+def _gather(
+    near: np.ndarray, place: np.ndarray, fan_start: np.ndarray, fan: np.ndarray, triangles: np.ndarray
+) -> int:
+    """Fills triangles with those whose three nodes are all near, by their places; how many."""
+    count = 0
+    for c in range(len(near)):
+        for spot in range(fan_start[near[c]], fan_start[near[c] + 1]):
+            b, d = place[fan[spot, 0]], place[fan[spot, 1]]
+            if b >= 0 and d >= 0:
+                triangles[count, 0], triangles[count, 1], triangles[count, 2] = c, b, d
+                count += 1
+    return count
