@@ -56,7 +56,9 @@ class ExperimentConfig:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
         if self.segment_frames < 2:
             raise ValueError(f"segment_frames must be at least 2, got {self.segment_frames}")
-        if not (self.seconds * self.fps >= self.segment_frames and self.scene_seconds * self.fps >= self.segment_frames):
+        if not (
+            self.seconds * self.fps >= self.segment_frames and self.scene_seconds * self.fps >= self.segment_frames
+        ):
             raise ValueError(f"a recording must hold a segment of {self.segment_frames} frames; make it longer")
         for radius_m in self.holes_m:
             if radius_m != 0 and not SMALLEST_HOLE_M <= radius_m <= LARGEST_HOLE_M:

@@ -56,7 +56,7 @@ def start_at(
     So are his joints in the frames before, as far back as he was followed without a gap: the dynamics need a past.
     """
     watch, pose = Stopwatch(), reference.pose(frame)
-    choice = PatientChoice(pose.root_m[[0, 2]], "was followed before anything was removed")
+    choice = PatientChoice(pose.root_m[[0, 2]], "was followed before anything was removed", True)
     first = observe_first(frame_set, room, choice, 1.7, config, watch)
     belief = _sure(vague_belief(pose))
     start = Start(first, reference.shape, belief, 1.0)

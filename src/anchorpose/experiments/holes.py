@@ -25,7 +25,12 @@ def draw_hole_frames(frames: int, share: float, seed: int, starts: Sequence[int]
 
 
 def cut_holes(
-    recording: Recording, cameras: Sequence[Camera], out: Path, centre_m: np.ndarray, chosen: np.ndarray, radius_m: float
+    recording: Recording,
+    cameras: Sequence[Camera],
+    out: Path,
+    centre_m: np.ndarray,
+    chosen: np.ndarray,
+    radius_m: float,
 ) -> None:
     """A copy of the recording folder at ``out`` without the readings nearer than ``radius_m`` to the body's centre.
 

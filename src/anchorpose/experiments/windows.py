@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -83,8 +83,3 @@ def spread(frames: Sequence[int], wanted: int, seed: int) -> list[int]:
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(11,)))
     count = min(wanted, len(frames))
     return sorted(int(frame) for frame in rng.choice(np.asarray(frames), size=count, replace=False))
-
-
-def without_last(config: TrackConfig) -> TrackConfig:
-    """The configuration with a look-ahead of the next frame alone: no tree."""
-    return replace(config, follow=replace(config.follow, look_ahead=1))

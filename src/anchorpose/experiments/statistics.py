@@ -1,0 +1,91 @@
+"""Means over recordings, with confidence intervals by the bootstrap: recordings are drawn, not frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+BOOTSTRAP_KEY = 13
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A mean and the interval that holds it 95 times in 100; NaN where there is nothing to take the mean of.
+
+    count: of recordings; with fewer than two the interval is NaN.
+    """
+
+    mean: float
+    low: float
+    high: float
+    count: int
+
+
+def mean_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
+    """The mean of all values of all groups, a group being a recording: its frames resemble each other (Efron 1979,
+    doi:10.1214/aos/1176344552). NaN values are left out."""
+    sums, counts = _sums(groups)
+    if counts.sum() == 0:
+        return Estimate(np.nan, np.nan, np.nan, 0)
+    mean = float(sums.sum() / counts.sum())
+    low, high = np.quantile(_resampled(sums, counts, resamples), [0.025, 0.975]) if len(sums) > 1 else (np.nan, np.nan)
+    return Estimate(mean, float(low), float(high), len(sums))
+
+
+def ratio_of(above: Sequence[np.ndarray], below: Sequence[np.ndarray], resamples: int) -> Estimate:
+    """The ratio of two means over the same recordings, group by group, drawn together."""
+    if len(above) != len(below):
+        raise ValueError(f"a ratio needs the same recordings above and below, got {len(above)} and {len(below)}")
+    sums = [_sums(groups, keep_empty=True) for groups in (above, below)]
+    known = (sums[0][1] > 0) & (sums[1][1] > 0)
+    (a, n), (b, m) = ((s[known], c[known]) for s, c in sums)
+    if not known.any():
+        return Estimate(np.nan, np.nan, np.nan, 0)
+    ratio = float((a.sum() / n.sum()) / (b.sum() / m.sum()))
+    if known.sum() < 2:
+        return Estimate(ratio, np.nan, np.nan, int(known.sum()))
+    draws = _draws(len(a), resamples)
+    each = (a[draws].sum(1) / n[draws].sum(1)) / (b[draws].sum(1) / m[draws].sum(1))
+    low, high = np.quantile(each, [0.025, 0.975])
+    return Estimate(ratio, float(low), float(high), len(a))
+
+
+def deviation_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
+    """The standard deviation of all values, likewise."""
+    sums, counts = _sums(groups)
+    squares, _ = _sums([np.asarray(group, dtype=np.float64) ** 2 for group in groups])
+    if counts.sum() == 0:
+        return Estimate(np.nan, np.nan, np.nan, 0)
+
+    def deviation(rows: np.ndarray) -> np.ndarray:
+        total = counts[rows].sum(-1)
+        variance = squares[rows].sum(-1) / total - (sums[rows].sum(-1) / total) ** 2
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+    value = float(deviation(np.arange(len(sums))))
+    if len(sums) < 2:
+        return Estimate(value, np.nan, np.nan, len(sums))
+    low, high = np.quantile(deviation(_draws(len(sums), resamples)), [0.025, 0.975])
+    return Estimate(value, float(low), float(high), len(sums))
+
+
+def _sums(groups: Sequence[np.ndarray], keep_empty: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    values = [np.asarray(group, dtype=np.float64) for group in groups]
+    counts = np.array([np.isfinite(value).sum() for value in values], dtype=np.int64)
+    sums = np.array([value[np.isfinite(value)].sum() for value in values], dtype=np.float64)
+    kept = np.ones(len(counts), bool) if keep_empty else counts > 0
+    return sums[kept], counts[kept]
+
+
+def _resampled(sums: np.ndarray, counts: np.ndarray, resamples: int) -> np.ndarray:
+    draws = _draws(len(sums), resamples)
+    means: np.ndarray = sums[draws].sum(axis=1) / counts[draws].sum(axis=1)
+    return means
+
+
+def _draws(count: int, resamples: int) -> np.ndarray:
+    rng = np.random.default_rng(np.random.SeedSequence(BOOTSTRAP_KEY))
+    draws: np.ndarray = rng.integers(0, count, size=(resamples, count))
+    return draws
