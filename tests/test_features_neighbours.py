@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from feature_shapes import bumpy_torus, pcl_reference
 from scipy.spatial import cKDTree
 
 from anchorpose.features.angles import angle_of
@@ -71,6 +72,13 @@ def test_no_known_places_give_no_neighbours(points):
 def test_a_radius_that_is_none_is_refused(radius_m):
     with pytest.raises(ValueError, match="radius"):
         find_neighbours(cloud(4), radius_m)
+
+
+def test_the_cloud_that_pcl_was_asked_about_is_ours():
+    reference, (points, normals, triangles) = pcl_reference(), bumpy_torus()
+    np.testing.assert_allclose(reference["points_m"], points, atol=1e-6)
+    np.testing.assert_allclose(reference["normals"], normals, atol=1e-5)
+    np.testing.assert_array_equal(reference["triangles"], triangles)
 
 
 def test_somebody_elses_neighbours_are_refused():

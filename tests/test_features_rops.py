@@ -102,12 +102,16 @@ def test_a_mirror_is_another_surface():
     assert (off > 1e-3).mean() > 0.95
 
 
-def test_a_node_without_triangles_is_undefined():
+def test_a_node_without_triangles_or_neighbours_is_undefined():
     points, _, triangles = bumpy_torus()
     assert np.isnan(rops(points, np.empty((0, 3), np.int32), CONFIG)).all()
     near = find_neighbours(points, 0.02)  # nobody: only the triangles at the node itself
     assert len(near.node) < 720
     assert np.isfinite(triangle_frames(points, prepare_triangles(points, triangles), near)).all()
+    alone = np.diff(near.start) == 0
+    found = rops(points, triangles, RopsConfig(radius_m=0.02))
+    assert alone.sum() > 100
+    np.testing.assert_array_equal(np.isnan(found), np.repeat(alone[:, None], 135, axis=1))
 
 
 @pytest.mark.parametrize("seed", [1, 2])

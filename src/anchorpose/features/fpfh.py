@@ -159,8 +159,9 @@ def _weighted(
         mixed[:] = ZERO
         for m in range(start[p], start[p + 1]):
             weight = ONE / distance2[m] if distance2[m] > ZERO else ZERO
+            row = simple[np.uint32(node[m])]
             for column in range(_PADDED):
-                mixed[column] += weight * simple[node[m], column]
+                mixed[column] += weight * row[column]
         for angle in range(3):
             total = ZERO
             for column in range(angle * BINS, (angle + 1) * BINS):

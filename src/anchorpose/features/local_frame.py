@@ -29,6 +29,14 @@ def local_frames(points_m: np.ndarray, neighbours: Neighbours, normals: np.ndarr
     return _frames(points, near.centre, near.start, near.node, near.distance2_m2, near.radius_m, by_normal, unit)
 
 
+def as_frames(frames: np.ndarray, count: int) -> np.ndarray:
+    """(k, 3, 3) float32 in one block; ValueError on another shape."""
+    frames = np.ascontiguousarray(frames, np.float32)
+    if frames.shape != (count, 3, 3):
+        raise ValueError(f"frames must have shape ({count}, 3, 3), got {frames.shape}")
+    return frames
+
+
 @njit(cache=True, error_model="numpy")
 def _frames(
     points: np.ndarray, centre: np.ndarray, start: np.ndarray, node: np.ndarray, distance2: np.ndarray, radius: float,

@@ -9,8 +9,6 @@ from numba import njit
 
 from anchorpose.association.voxels import sort_into_voxels
 
-MAX_RADIUS_M = 1e3
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Neighbours:
@@ -85,8 +83,8 @@ def shared_or_found(
 
 
 def require_radius(radius_m: float) -> None:
-    if not 0.0 < radius_m <= MAX_RADIUS_M:
-        raise ValueError(f"a radius must be positive and at most {MAX_RADIUS_M} m, got {radius_m}")
+    if not 0.0 < radius_m < np.inf:
+        raise ValueError(f"a radius must be positive and finite, got {radius_m}")
 
 
 def as_points(values: np.ndarray, name: str) -> np.ndarray:

@@ -47,7 +47,7 @@ def rops(
 
     points_m (n, 3), NaN where not known; triangles (f, 3) int, of ``surface.mesh.faces``. neighbours: those of the
     chosen nodes within ``radius_m``, where a caller has them. Columns: axis x, y, z; turn; plane xy, xz, yz; moments
-    11, 21, 12, 22 and entropy. NaN row: a node without position, or with no triangle within the radius.
+    11, 21, 12, 22 and entropy. NaN row: a node without position, or with nobody or no triangle within the radius.
     """
     config = config or RopsConfig()
     points = as_points(points_m, "points_m")
@@ -156,9 +156,8 @@ def _sum_up(share: np.ndarray, bins: int, statistics: np.ndarray) -> None:
 
 @njit(cache=True)
 def _normalize(row: np.ndarray) -> None:
-    """To absolute values that sum to 1; a single point has none but zeros, and stays."""
+    """To absolute values that sum to 1; points of one place have no shape: NaN."""
     total = 0.0
     for value in row:
         total += abs(value)
-    if total > 1e-7:
-        row *= np.float32(1.0 / total)
+    row *= np.float32(1.0 / total if total > 0.0 else np.nan)

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from anchorpose.features.angles import PI, ZERO, angle_of
-from anchorpose.features.local_frame import local_frames
+from anchorpose.features.local_frame import as_frames, local_frames
 from anchorpose.features.neighbours import (
     Neighbours,
     as_points,
@@ -21,7 +21,6 @@ from anchorpose.features.neighbours import (
     require_radius,
     shared_or_found,
 )
-from anchorpose.features.shot import as_frames
 
 _TWO_PI = np.float32(2 * np.pi)
 PARALLEL = 1e-3  # sine; an x axis this near to the normal has no direction in the tangent plane

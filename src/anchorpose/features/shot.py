@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from anchorpose.features.angles import HALF_PI, ONE, PI, ZERO, angle_of
-from anchorpose.features.local_frame import FEWEST, local_frames
+from anchorpose.features.local_frame import FEWEST, as_frames, local_frames
 from anchorpose.features.neighbours import Neighbours, as_points, require_radius, shared_or_found
 
 SECTORS, LEANS = 32, 10  # of the sphere: 8 around, times 2 outwards, times 2 upwards; of the cosine, and its end
@@ -60,14 +60,6 @@ def shot(
     frames = as_frames(frames, len(near))
     oriented = np.concatenate([points, unit], axis=1)
     return _signatures(oriented, near.centre, near.start, near.node, near.distance2_m2, near.radius_m, frames)
-
-
-def as_frames(frames: np.ndarray, count: int) -> np.ndarray:
-    """(k, 3, 3) float32 in one block; ValueError on another shape."""
-    frames = np.ascontiguousarray(frames, np.float32)
-    if frames.shape != (count, 3, 3):
-        raise ValueError(f"frames must have shape ({count}, 3, 3), got {frames.shape}")
-    return frames
 
 
 @njit(cache=True, error_model="numpy")
@@ -127,7 +119,7 @@ def _vote(turn: np.float32, out: np.float32, inclination: np.float32, lean: np.f
     column = sector * COLUMNS + step
     off = lean - np.float32(step)
     # the ends wrap around as the authors' program has it: from column 9 upwards to 0, not to 10
-    beside = (step + 1) % LEANS if off > ZERO else (step - 1 + LEANS) % LEANS
+    beside = (0 if step == LEANS - 1 else step + 1) if off > ZERO else (LEANS - 1 if step == 0 else step - 1)
     row[sector * COLUMNS + beside] += abs(off)
     weight = ONE - abs(off)
 
