@@ -26,7 +26,9 @@ class HypothesisConfig:
 
     feature: Feature = Feature.GEODESIC
     subset_size: int = 3  # N_S: three anchors tell nodes apart (paper, Section IV-D); 5: one hypothesis by all of them
-    trusted_only: bool = True  # leave out distances that a hole lengthens; False: leave that to the subsets, as the paper
+    trusted_only: bool = (
+        True  # leave out distances that a hole lengthens; False: leave that to the subsets, as the paper
+    )
 
     def __post_init__(self) -> None:
         if self.subset_size < 1:

@@ -76,7 +76,7 @@ def register_parts(
 
     skin_m, normals (n, 3): points of the body's skin in frame t, and their part (n,) bone index; matched_m (n, 3) where
     the tree puts them in t+1, NaN where it found nothing; surface: that of t+1; T_predicted (b, 4, 4) predicted motion
-    of each part. The body's own skin is registered, not the last frame's nodes: their error would add up frame by frame.
+    of each part. The body's own skin is registered, not the last frame's nodes, whose error would add up.
     A part of which too little is seen keeps its prediction and says so.
     """
     tree = cKDTree(surface.points_m)

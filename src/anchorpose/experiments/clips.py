@@ -44,12 +44,6 @@ def real_clips(folder: Path) -> list[Clip]:
     return [Clip(f"real-{path.name}", Scene.REAL, None, path) for path in found]
 
 
-def training_clips(config: ExperimentConfig) -> list[Clip]:
-    """The recordings that settings are chosen on; nothing of them is tested on."""
-    seeds = range(config.training_seed, config.training_seed + config.training_recordings)
-    return [Clip(f"training-{seed}", Scene.PAPER, simulation_of(Scene.PAPER, seed, config)) for seed in seeds]
-
-
 def simulation_of(scene: Scene, seed: int, config: ExperimentConfig) -> SimulationConfig:
     """How a recording is simulated."""
     if scene is Scene.PAPER:

@@ -41,17 +41,28 @@ class ExperimentConfig:
     sampled_segments: int = 1  # of each recording, drawn at random: what slow methods run on
     windows: int = 2  # moments of each recording and size of hole at which matches are compared with the truth
     scenes: tuple[Scene, ...] = (Scene.PAPER, Scene.LOOSE, Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)
-    scene_recordings: int = 4  # of each scene beyond the paper's
+    scene_recordings: int = 3  # of each scene beyond the paper's
     scene_seconds: float = 6.0
+    scene_segments: int = 2  # as sampled_segments, in these
     methods: tuple[str, ...] = ()  # keys, or paths of Python files with a METHOD; none: all
     ablation: bool = True  # of the own tracker, in the scenes beyond the paper's
     training_seed: int = 401  # of the recordings that settings are chosen and movements are taken from
     training_recordings: int = 4
-    training_samples: int = 200  # frames of reference movements
+    training_samples: int = 200  # frames of reference movements, and of the training recordings together
+    training_windows: int = 3  # moments of each, with and without a hole, on which settings are tried
+    tuned: bool = True  # False: every method with its first setting
     resamples: int = 2000  # of the bootstrap over recordings
 
     def __post_init__(self) -> None:
-        for name in ("recordings", "sampled_segments", "windows", "scene_recordings", "training_recordings"):
+        for name in (
+            "recordings",
+            "sampled_segments",
+            "windows",
+            "scene_recordings",
+            "training_recordings",
+            "training_windows",
+            "scene_segments",
+        ):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
         if self.segment_frames < 2:
@@ -89,5 +100,6 @@ def quick() -> ExperimentConfig:
         ablation=False,
         training_recordings=1,
         training_samples=40,
+        tuned=False,
         resamples=200,
     )

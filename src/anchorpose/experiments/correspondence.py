@@ -79,7 +79,7 @@ class Skin:
 
     @cached_property
     def _sampled(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The skin at rest (v, 3), vertices (s,) spread over it, and the distances (s, s) along the mesh between them."""
+        """The skin at rest (v, 3), vertices (s,) spread over it, and the distances (s, s) along the mesh of these."""
         body = self.clinic.patient.person.body
         rest, faces = body.vertices, body.asset.faces
         cell = np.unique(np.floor(rest / SPACING_M).astype(np.int64), axis=0, return_index=True)[1]

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from anchorpose.camera import Camera, transform_points
+from anchorpose.errors import InputError
 from anchorpose.recording.picture import read_depth_picture
 from anchorpose.recording.recording import Recording
 
@@ -24,21 +25,14 @@ def draw_hole_frames(frames: int, share: float, seed: int, starts: Sequence[int]
     return chosen
 
 
-def cut_holes(
-    recording: Recording,
-    cameras: Sequence[Camera],
-    out: Path,
-    centre_m: np.ndarray,
-    chosen: np.ndarray,
-    radius_m: float,
-) -> None:
+def cut_holes(recording: Recording, out: Path, centre_m: np.ndarray, chosen: np.ndarray, radius_m: float) -> None:
     """A copy of the recording folder at ``out`` without the readings nearer than ``radius_m`` to the body's centre.
 
-    cameras: with the poses that ``centre_m`` (t, 3), world, is told in; NaN where the body was not seen: such a frame
-    stays as it is. chosen (t,) bool. Pictures that lose nothing are linked, not copied.
+    centre_m (t, 3): in the world that the recording's cameras have poses in; NaN where the body was not seen: such a
+    frame stays as it is. chosen (t,) bool. Pictures that lose nothing are linked, not copied.
     """
     shutil.copytree(recording.folder, out, ignore=shutil.ignore_patterns("depth"))
-    for camera, stream in zip(cameras, recording.streams, strict=True):
+    for camera, stream in zip(recording.cameras, recording.streams, strict=True):
         folder = out / camera.name / "depth"
         folder.mkdir()
         for position, file in enumerate(stream.files):
@@ -46,8 +40,10 @@ def cut_holes(
                 (folder / file.name).symlink_to(file.resolve())
                 continue
             stored = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
-            stored[within_hole(file, camera, centre_m[position], radius_m)] = 0
-            cv2.imwrite(str(folder / file.name), stored)
+            if stored is None:
+                raise InputError(file, "cannot be decoded", "record or export it again")
+            hole = within_hole(file, camera, centre_m[position], radius_m)
+            cv2.imwrite(str(folder / file.name), np.where(hole, 0, stored).astype(stored.dtype))
 
 
 def within_hole(file: Path, camera: Camera, centre_m: np.ndarray, radius_m: float) -> np.ndarray:

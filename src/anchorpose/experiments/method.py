@@ -42,7 +42,8 @@ class Method:
 
     associate: makes, from a setting, what pairs two frames; None for a tracker of its own. configure: what else it
     changes of the framework's configuration (a tracker: of the defaults). sampled: it is so slow, or so little asked
-    for, that it runs on a random sample of the segments.
+    for, that it runs on a random sample of the segments. frame_ms: about what a frame of 2,000 nodes costs on one core,
+    to tell how long an experiment will take.
     """
 
     key: str
@@ -53,6 +54,7 @@ class Method:
     associate: Callable[[Any], Associate] | None = None
     configure: Callable[[TrackConfig, Any], TrackConfig] = lambda config, setting: config
     sampled: bool = True
+    frame_ms: float = 100.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,9 +97,10 @@ NO_SUBSET: Final = np.empty((1, 0), np.int64)
 
 
 def load_methods(wanted: Sequence[str]) -> tuple[Method, ...]:
-    """The methods of these keys or files, in the order of the table; all that come with the package where none is named.
+    """The methods of these keys or files, in this order; all that come with the package where none is named.
 
-    A file is a Python module with a ``METHOD``. Raises InputError for a key that nobody has and a file that is no method.
+    A file is a Python module with ``METHODS``, a tuple of one. Raises InputError for a key that nobody has and a file
+    that is no method.
     """
     shipped = shipped_methods()
     if not wanted:

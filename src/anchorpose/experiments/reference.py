@@ -6,8 +6,8 @@ recording before anything is removed from it. No method sees the truth.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,9 +29,13 @@ class NoReference(AnchorposeError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """Over t frames: rotations (t, b, 3, 3) and root_m (t, 3) of the pose, joints_m (t, 21, 3) and centre_m (t, 3), the
-    mean of what is seen of the body, world; NaN where he was lost. shape: the learnt body."""
+    """T_world_camera (k, 4, 4): of the cameras, given or found, so that all methods share one world.
 
+    Over t frames: rotations (t, b, 3, 3) and root_m (t, 3) of the pose, joints_m (t, 21, 3) and centre_m (t, 3), the
+    mean of what is seen of the body, world; NaN where he was lost. shape: the learnt body.
+    """
+
+    T_world_camera: np.ndarray
     shape: FittedShape
     rotations: np.ndarray
     root_m: np.ndarray
@@ -49,7 +53,7 @@ class Reference:
 
 
 def make_reference(recording: Recording, config: TrackConfig) -> Reference:
-    """Track the recording as it is. Raises NoReference where nobody is found."""
+    """Track the recording as it is. Raises NoReference where nobody is found, InputError where no world is."""
     room, watch = prepare_room(recording, config), Stopwatch()
     route = plan_route(room, config, lambda: None)
     motions = load_motions(config.motion_file, recording.rate_hz, config.motion)
@@ -69,24 +73,33 @@ def make_reference(recording: Recording, config: TrackConfig) -> Reference:
             rotations[position], root[position] = pose.rotations, pose.root_m
             joints[position] = rest.body.joints(rest.body.bone_transforms(pose.rotations, pose.root_m))
             centre[position] = estimate.observation.surface.points_m.mean(axis=0, dtype=np.float64)
-    return Reference(learnt.shape, rotations, root, joints, centre)
+    poses = np.array([camera.require_pose() for camera in room.cameras])
+    return Reference(poses, learnt.shape, rotations, root, joints, centre)
 
 
-def save_reference(path: Path, reference: Reference) -> None:
-    """One .npz file."""
-    np.savez_compressed(
-        path,
-        coefficients=reference.shape.coefficients,
-        clothing_m=reference.shape.clothing_m,
-        rotations=reference.rotations,
-        root_m=reference.root_m,
-        joints_m=reference.joints_m,
-        centre_m=reference.centre_m,
+def in_its_world(recording: Recording, reference: Reference) -> Recording:
+    """The recording, or a copy of it with holes, with the reference's camera poses as if they had been given."""
+    cameras = tuple(
+        replace(camera, T_world_camera=T) for camera, T in zip(recording.cameras, reference.T_world_camera, strict=True)
     )
+    return replace(recording, cameras=cameras)
 
 
-def load_reference(path: Path) -> Reference:
-    """What ``save_reference`` wrote."""
-    with np.load(path) as file:
-        shape = FittedShape(file["coefficients"], float(file["clothing_m"]))
-        return Reference(shape, file["rotations"], file["root_m"], file["joints_m"], file["centre_m"])
+def to_arrays(reference: Reference) -> dict[str, np.ndarray]:
+    """The reference as arrays, for a file."""
+    return {
+        "T_world_camera": reference.T_world_camera,
+        "coefficients": reference.shape.coefficients,
+        "clothing_m": np.array(reference.shape.clothing_m),
+        "rotations": reference.rotations,
+        "root_m": reference.root_m,
+        "joints_m": reference.joints_m,
+        "centre_m": reference.centre_m,
+    }
+
+
+def from_arrays(arrays: Mapping[str, np.ndarray]) -> Reference:
+    """The reference that ``to_arrays`` took apart."""
+    shape = FittedShape(arrays["coefficients"], float(arrays["clothing_m"]))
+    names = ("rotations", "root_m", "joints_m", "centre_m")
+    return Reference(arrays["T_world_camera"], shape, *(arrays[name] for name in names))

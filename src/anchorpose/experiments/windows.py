@@ -1,9 +1,10 @@
-"""Moments of a recording, look-ahead and all, on which every method is asked for its matches: all see the same meshes."""
+"""Moments of a recording, look-ahead and all, in which every method is asked for its matches on the same meshes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -36,8 +37,8 @@ class Window:
 class Matches:
     """What a method says of the m nodes of a window's first frame: node of the second, -1 = no match.
 
-    direct (m,) its first hypothesis, chosen by nothing; links: the hypotheses level by level; tree: after the track
-    tree; its ``node`` may be fewer: those on the body.
+    direct (m,) its hypothesis where it has but one, which nothing has to choose, -1 where it has several; links: the
+    hypotheses level by level; tree: after the track tree, its ``node`` may be fewer: those on the body.
     """
 
     direct: np.ndarray
@@ -68,18 +69,18 @@ def ask(method: Method, setting: object, window: Window) -> Matches:
         raise ValueError(f"{method.key} makes no pairs that could be asked for")
     config, associate = method.configure(window.config, setting), method.associate(setting)
     seen = window.observations[: config.follow.look_ahead + 1]
-    links = tuple(associate(now, after, config) for now, after in zip(seen[:-1], seen[1:], strict=True))
+    links = tuple(associate(now, after, config) for now, after in pairwise(seen))
     hypotheses = links[0].all().match
     tracker = window.tracker
     tree = global_hypothesis(
         tracker.points, tracker.rest, tracker.belief.pose, window.poses[: len(links)], seen, links, config
     )
-    direct = hypotheses[:, 0] if hypotheses.shape[1] else np.full(len(hypotheses), -1, np.int32)
+    direct = hypotheses[:, 0] if hypotheses.shape[1] == 1 else np.full(len(hypotheses), -1, np.int32)
     return Matches(direct, links, tree)
 
 
-def spread(frames: Sequence[int], wanted: int, seed: int) -> list[int]:
-    """Some of the frames, drawn at random without order mattering: each method and size of hole gets the same."""
+def draw_some(frames: Sequence[int], wanted: int, seed: int) -> list[int]:
+    """So many of the frames, drawn at random, in order; each method and size of hole is given the same."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(11,)))
     count = min(wanted, len(frames))
     return sorted(int(frame) for frame in rng.choice(np.asarray(frames), size=count, replace=False))

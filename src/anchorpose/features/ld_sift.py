@@ -141,9 +141,7 @@ def _describe_all(
 
 
 @njit(cache=True)
-def _gather(
-    near: np.ndarray, place: np.ndarray, fan_start: np.ndarray, fan: np.ndarray, triangles: np.ndarray
-) -> int:
+def _gather(near: np.ndarray, place: np.ndarray, fan_start: np.ndarray, fan: np.ndarray, triangles: np.ndarray) -> int:
     """Fills triangles with those whose three nodes are all near, by their places; how many."""
     count = 0
     for c in range(len(near)):

@@ -140,7 +140,9 @@ class _Work:
 
     def _follow(self, positions: Sequence[int], begin: Start | None = None) -> Iterator[Estimate]:
         frames = self.route.frames(positions)
-        return follow_patient(self.room, frames, self.motions, self.shape, self.config, self.watch, begin, self.associate)
+        return follow_patient(
+            self.room, frames, self.motions, self.shape, self.config, self.watch, begin, self.associate
+        )
 
     def _record(self, estimate: Estimate, with_pictures: bool) -> FrameRecord:
         frame_set = estimate.frame_set

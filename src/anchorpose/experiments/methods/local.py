@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from anchorpose.experiments.method import DescriptorSetting, Family, Method, by_descriptor
@@ -13,7 +15,7 @@ from anchorpose.features.shot import ShotConfig, shot
 from anchorpose.surface.mesh import faces
 from anchorpose.tracker.observation import Observation
 
-RADII_M = (0.05, 0.10, 0.15, 0.20)
+RADII_M = (0.15, 0.05, 0.10, 0.20, 0.30)
 
 
 def _fpfh(seen: Observation, config: FpfhConfig) -> np.ndarray:
@@ -24,8 +26,21 @@ def _shot(seen: Observation, config: ShotConfig) -> np.ndarray:
     return shot(seen.surface.points_m, seen.surface.normals, config)
 
 
-def _shape_context(seen: Observation, config: ShapeContextConfig) -> np.ndarray:
-    return shape_context(seen.surface.points_m, seen.surface.normals, config)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContextSetting:
+    """unit_length: contexts are compared by their shape alone, not by how much surface there is around the node."""
+
+    config: ShapeContextConfig
+    unit_length: bool
+
+
+def _shape_context(seen: Observation, setting: ContextSetting) -> np.ndarray:
+    found = shape_context(seen.surface.points_m, seen.surface.normals, setting.config)
+    if not setting.unit_length:
+        return found
+    rooted = np.sqrt(found)
+    length = np.linalg.norm(rooted, axis=1, keepdims=True)
+    return np.asarray(rooted / np.where(length > 0, length, np.nan))
 
 
 def _rops(seen: Observation, config: RopsConfig) -> np.ndarray:
@@ -63,9 +78,9 @@ METHODS = (
         family=Family.LOCAL,
         source="Frome et al. 2004, doi:10.1007/978-3-540-24672-5_18",
         settings=tuple(
-            DescriptorSetting(config=ShapeContextConfig(radius_m=radius), metric=metric)
+            DescriptorSetting(config=ContextSetting(config=ShapeContextConfig(radius_m=radius), unit_length=unit))
             for radius in RADII_M
-            for metric in (Metric.EUCLIDEAN, Metric.HELLINGER)
+            for unit in (True, False)
         ),
         associate=by_descriptor(_shape_context),
     ),

@@ -22,7 +22,7 @@ class SpectralConfig:
     """A signature's own configuration and the spectrum that it is made from; logarithm: compared by order of size."""
 
     signature: Any
-    pairs: int = 150
+    pairs: int = 100  # more do not match better, and cost more
     logarithm: bool = False
 
 
@@ -48,7 +48,7 @@ def _method(
             config=SpectralConfig(signature=config, pairs=pairs, logarithm=logarithm), metric=Metric.MANHATTAN
         )
         for config in configs
-        for pairs in (100, 200)
+        for pairs in (100, 150)
         for logarithm in logarithms
     )
     return Method(
@@ -64,7 +64,7 @@ def _method(
 METHODS = (
     _method(
         "hks", "heat kernel signature", "Sun et al. 2009, doi:10.1111/j.1467-8659.2009.01515.x", hks,
-        (HksConfig(), HksConfig(range_m2=(1e-3, 0.3))), (False, True),
+        (HksConfig(), HksConfig(scaled=False), HksConfig(scaled=False, range_m2=(1e-3, 0.03))), (True, False),
     ),
     _method(
         "si-hks", "scale-invariant HKS", "Bronstein and Kokkinos 2010, doi:10.1109/CVPR.2010.5539838", si_hks,
@@ -72,6 +72,6 @@ METHODS = (
     ),
     _method(
         "wks", "wave kernel signature", "Aubry et al. 2011, doi:10.1109/ICCVW.2011.6130444", wks,
-        (WksConfig(), WksConfig(width_steps=4.0)), (False, True),
+        (WksConfig(), WksConfig(width_steps=3.0)), (True, False),
     ),
 )  # fmt: skip

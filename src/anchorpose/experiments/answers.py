@@ -1,0 +1,161 @@
+"""Which questions an experiment asks, and where the answers are kept: the list of the work, without doing any of it."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+from anchorpose.experiments.clips import Clip
+from anchorpose.experiments.config import ExperimentConfig, Scene
+from anchorpose.experiments.method import Family, Method, load_methods
+from anchorpose.experiments.methods.own_tracker import ABLATED
+from anchorpose.experiments.store import Store
+
+FRAMEWORK_MS = 90.0  # of one frame in the framework, whatever the method: isolation to registration
+OWN_MS = 150.0  # of one frame of the own tracker, learning included
+CROWD = {Scene.CLINIC_FRONT: 1.5, Scene.CLINIC: 3.0}  # times as much: therapists, and three cameras
+ABLATION_SCENES = (Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)  # holes alone are too easy to tell ingredients apart
+
+
+TUNING_HOLE_M = 0.12  # half of the training windows have it: a setting must do with and without
+
+
+class Kind(StrEnum):
+    """What is asked."""
+
+    MATCHED = "matched"  # how far are its matches from the truth?
+    TRACKED = "tracked"  # how far are the joints?
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Answer:
+    """One question: a method on a clip with a size of hole; cost_s: about what it takes, of one core."""
+
+    kind: Kind
+    clip: Clip
+    hole_m: float
+    method: Method
+    setting: object
+    path: Path
+    cost_s: float
+
+    @property
+    def there(self) -> bool:
+        """Whether it is answered already."""
+        return self.path.is_file()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """settings: of each method, by key. movements: the file, and its content's digest. training: the clips are those
+    that settings are chosen on, and every setting of every method is asked for its matches."""
+
+    config: ExperimentConfig
+    methods: tuple[Method, ...]
+    settings: Mapping[str, object]
+    movements: Path
+    movements_digest: str
+    store: Store
+    training: bool = False
+
+    def answers(self, clip: Clip) -> Iterator[Answer]:
+        """Everything that is asked about a clip."""
+        if self.training:
+            yield from self._tried(clip)
+            return
+        for hole_m in self.holes(clip):
+            for method in self.methods_on(clip):
+                setting = self.settings.get(method.key)
+                if method.associate is not None and clip.simulation is not None:
+                    yield self._answer(Kind.MATCHED, clip, hole_m, method, setting)
+                yield self._answer(Kind.TRACKED, clip, hole_m, method, setting)
+
+    def _tried(self, clip: Clip) -> Iterator[Answer]:
+        for hole_m in self.holes(clip):
+            for method in self.methods:
+                for setting in method.settings if len(method.settings) > 1 else ():
+                    yield self._answer(Kind.MATCHED, clip, hole_m, method, setting)
+
+    @property
+    def windows(self) -> int:
+        """Moments of each recording and size of hole at which matches are compared."""
+        return self.config.training_windows if self.training else self.config.windows
+
+    def holes(self, clip: Clip) -> tuple[float, ...]:
+        """Sizes of hole that are cut into the clip."""
+        if self.training:
+            return (0.0, TUNING_HOLE_M)
+        return self.config.holes_m if clip.holes_are_cut else (0.0,)
+
+    def methods_on(self, clip: Clip) -> tuple[Method, ...]:
+        """All methods, and in some scenes the own tracker without each of its ingredients."""
+        ablated = self.config.ablation and clip.scene in ABLATION_SCENES
+        return (*self.methods, *(ABLATED if ablated else ()))
+
+    def reference(self, clip: Clip) -> Path:
+        """Where the reference of a clip is kept."""
+        return self.store.path("reference", identity(clip))
+
+    def _answer(self, kind: Kind, clip: Clip, hole_m: float, method: Method, setting: object) -> Answer:
+        config = self.config
+        how = (config.hole_share, config.segment_frames, self.windows, self.movements_digest)
+        drawn = (config.sampled_segments, config.scene_segments) if method.sampled else ()
+        path = self.store.path(kind, identity(clip), hole_m, method.key, setting, *how, *drawn)
+        return Answer(kind, clip, hole_m, method, setting, path, self._cost_s(kind, clip, method))
+
+    def _cost_s(self, kind: Kind, clip: Clip, method: Method) -> float:
+        config, crowd = self.config, CROWD.get(clip.scene, 1.0)
+        frames = 40 if clip.simulation is None else clip.simulation.frames  # of a real recording, before it is opened
+        if kind is Kind.MATCHED:
+            return crowd * self.windows * 3 * method.frame_ms / 1000.0
+        if method.family is Family.TRACKER:
+            return crowd * frames * OWN_MS / 1000.0
+        segments = sampled_segments(clip, config) if method.sampled else frames // config.segment_frames
+        return crowd * segments * config.segment_frames * (FRAMEWORK_MS + 1.3 * method.frame_ms) / 1000.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Brief:
+    """A plan that can be sent to another process: methods by key or file, settings by number."""
+
+    config: ExperimentConfig
+    wanted: tuple[str, ...]
+    chosen: tuple[tuple[str, int], ...]
+    movements: Path
+    movements_digest: str
+    cache: Path
+    training: bool = False
+
+    def plan(self) -> Plan:
+        """The plan itself."""
+        methods = load_methods(self.wanted)
+        numbers = dict(self.chosen)
+        settings = {method.key: method.settings[numbers.get(method.key, 0)] for method in methods}
+        return Plan(
+            self.config, methods, settings, self.movements, self.movements_digest, Store(self.cache), self.training
+        )
+
+
+def sampled_segments(clip: Clip, config: ExperimentConfig) -> int:
+    """How many segments of a clip the slow methods run on."""
+    return config.sampled_segments if clip.scene is Scene.PAPER else config.scene_segments
+
+
+def identity(clip: Clip) -> str:
+    """What a clip's content hangs on: how it is simulated, or its files."""
+    if clip.simulation is not None or clip.folder is None:
+        return repr(clip.simulation)
+    digest = hashlib.sha256()
+    for path in sorted(clip.folder.rglob("*")):
+        if path.is_file():
+            digest.update(path.relative_to(clip.folder).as_posix().encode() + b"\0")
+            digest.update(hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()
+
+
+def left_to_do(answers: Sequence[Answer]) -> float:
+    """Seconds of one core, about."""
+    return sum(answer.cost_s for answer in answers if not answer.there)

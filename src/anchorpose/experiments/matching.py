@@ -1,0 +1,102 @@
+"""How far matches lie from the true correspondence."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from anchorpose.experiments.correspondence import Skin, TruePlaces
+from anchorpose.experiments.method import Method
+from anchorpose.experiments.windows import Matches, Window, ask
+
+COMPARED = 400  # nodes of a window, drawn at random: enough for its mean, and kept with every result
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MatchErrors:
+    """As ``outcome.Matched`` has them, over m compared nodes."""
+
+    region: np.ndarray
+    direct_mm: np.ndarray
+    tree_mm: np.ndarray
+    direct_skin_mm: np.ndarray
+    tree_skin_mm: np.ndarray
+    mirrored: np.ndarray
+    nodes: int
+    describe_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """The compared nodes of a window: node (m,) of the first frame, and where each is in the second."""
+
+    skin: Skin
+    node: np.ndarray
+    places: TruePlaces
+
+
+def truth_of(window: Window, skin: Skin) -> Truth:
+    """The nodes whose place is seen in the next frame too, or some hundred of them, the same for every method."""
+    now, after = (seen.surface.points_m.astype(np.float64) for seen in window.observations[:2])
+    places = skin.follow(now, window.frame, window.frame + 1, after)
+    seen = np.flatnonzero(places.seen)
+    rng = np.random.default_rng(np.random.SeedSequence(window.frame, spawn_key=(17,)))
+    chosen = np.sort(rng.choice(seen, size=min(COMPARED, len(seen)), replace=False))
+    return Truth(skin, chosen, TruePlaces(places.vertex[chosen], places.place_m[chosen], places.seen[chosen]))
+
+
+def score(method: Method, setting: object, window: Window, truth: Truth) -> MatchErrors:
+    """The method's matches of a window against the truth."""
+    start = time.process_time()
+    matches = ask(method, setting, window)
+    elapsed = time.process_time() - start
+    direct, tree = (_matched(matches, window, truth, by_tree) for by_tree in (False, True))
+    skin, frame = truth.skin, window.frame + 1
+    said = np.where(np.isfinite(direct).all(axis=1, keepdims=True), direct, tree)
+    return MatchErrors(
+        region=skin.region[truth.places.vertex].astype(np.int8),
+        direct_mm=_straight_mm(direct, truth),
+        tree_mm=_straight_mm(tree, truth),
+        direct_skin_mm=_skin_mm(direct, truth, frame),
+        tree_skin_mm=_skin_mm(tree, truth, frame),
+        mirrored=_mirrored(said, truth, frame),
+        nodes=len(window.observations[0].surface),
+        describe_s=elapsed / max(len(matches.links), 1),
+    )
+
+
+def _matched(matches: Matches, window: Window, truth: Truth, by_tree: bool) -> np.ndarray:
+    """(m, 3) where the compared nodes are said to be, NaN without a match."""
+    if by_tree:
+        place = np.full((len(window.observations[0].surface), 3), np.nan)
+        place[matches.tree.node] = matches.tree.matched_m
+        return place[truth.node]
+    found = np.full((len(truth.node), 3), np.nan)
+    node = matches.direct[truth.node]
+    found[node >= 0] = window.observations[1].surface.points_m[node[node >= 0]]
+    return found
+
+
+def _straight_mm(said_m: np.ndarray, truth: Truth) -> np.ndarray:
+    distance: np.ndarray = 1000.0 * np.linalg.norm(said_m - truth.places.place_m, axis=1)
+    return distance.astype(np.float32)
+
+
+def _skin_mm(said_m: np.ndarray, truth: Truth, frame: int) -> np.ndarray:
+    """(m,) along the skin, never less than straight: both ends are told to a vertex only."""
+    known = np.isfinite(said_m).all(axis=1)
+    distance = np.full(len(said_m), np.nan, np.float32)
+    vertex = truth.skin.vertex_at(said_m[known], frame)
+    along = 1000.0 * truth.skin.along_skin_m(vertex, truth.places.vertex[known])
+    distance[known] = np.maximum(along, _straight_mm(said_m, truth)[known])
+    return distance
+
+
+def _mirrored(said_m: np.ndarray, truth: Truth, frame: int) -> np.ndarray:
+    known = np.isfinite(said_m).all(axis=1)
+    mirrored = np.zeros(len(said_m), bool)
+    vertex = truth.skin.vertex_at(said_m[known], frame)
+    mirrored[known] = truth.skin.side[vertex] * truth.skin.side[truth.places.vertex[known]] == -1
+    return mirrored

@@ -1,0 +1,5 @@
+"""Placeholder until the page is merged."""
+
+
+def write_outcome(outcome, out):
+    pass

@@ -1,0 +1,179 @@
+"""The work on one recording: simulate it, find its reference, cut its holes, and ask every method what is not known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from zlib import crc32
+
+import numpy as np
+
+from anchorpose.experiments.answers import Answer, Kind, Plan, sampled_segments
+from anchorpose.experiments.clips import Clip
+from anchorpose.experiments.correspondence import Skin
+from anchorpose.experiments.framework import paper_config
+from anchorpose.experiments.holes import cut_holes, draw_hole_frames
+from anchorpose.experiments.matching import MatchErrors, score, truth_of
+from anchorpose.experiments.method import Family
+from anchorpose.experiments.reference import Reference, from_arrays, in_its_world, make_reference, to_arrays
+from anchorpose.experiments.store import read
+from anchorpose.experiments.tracking import Track, segment_starts, track_segments, track_whole
+from anchorpose.experiments.truth import reference_joints, simulated_joints
+from anchorpose.experiments.windows import draw_some, take_window
+from anchorpose.recording.reader import open_recording
+from anchorpose.recording.recording import Recording
+from anchorpose.simulate.write import simulate_recording
+from anchorpose.threads import one_thread
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.preparation import prepare_room
+from anchorpose.tracking.motion_file import load_motions
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Subject:
+    """A recording that is there: truth_m (t, 21, 3) world, NaN where unknown; in_hole (t,) bool: frames that lose data;
+    starts: the frames whose pose is given; skin: the true surface, None of a real recording."""
+
+    clip: Clip
+    recording: Recording
+    reference: Reference
+    truth_m: np.ndarray
+    in_hole: np.ndarray
+    starts: tuple[int, ...]
+    skin: Skin | None
+
+    @property
+    def seed(self) -> int:
+        """What is drawn for this recording is drawn from its name."""
+        return crc32(self.clip.name.encode())
+
+
+def work_on(clip: Clip, plan: Plan) -> None:
+    """Answer everything about a clip that is not answered yet, one answer a file. Raises AnchorposeError where the
+    patient or a world is not found in it."""
+    open_answers = [answer for answer in plan.answers(clip) if not answer.there]
+    if not open_answers:
+        return
+    with one_thread(), subject_of(clip, plan) as subject:
+        for hole_m in plan.holes(clip):
+            asked = [answer for answer in open_answers if answer.hole_m == hole_m]
+            if asked:
+                with pierced(subject, hole_m) as recording:
+                    _answer_all(asked, subject, recording, plan)
+
+
+@contextmanager
+def subject_of(clip: Clip, plan: Plan) -> Iterator[Subject]:
+    """The clip with its reference; a simulated one is gone afterwards: it can be made again."""
+    with TemporaryDirectory(prefix="anchorpose-") as folder:
+        if clip.simulation is not None:
+            made = Path(folder) / "simulated"
+            simulate_recording(made, clip.simulation)
+            yield _subject(clip, made / "recording", made / "truth" / "truth.npz", plan)
+        elif clip.folder is not None:
+            yield _subject(clip, clip.folder, clip.folder / "skeleton.npz", plan)
+
+
+def _subject(clip: Clip, folder: Path, truth: Path, plan: Plan) -> Subject:
+    recording, kept = open_recording(folder), plan.reference(clip)
+    if kept.is_file():
+        reference = from_arrays(read(kept))
+    else:
+        reference = make_reference(recording, TrackConfig())
+        plan.store.write(kept, to_arrays(reference))
+    recording = in_its_world(recording, reference)
+    frames, config = len(recording.streams[0].files), plan.config
+    starts = segment_starts(frames, config.segment_frames, reference.found)
+    if clip.simulation is None:
+        joints, skin = reference_joints(truth, reference.T_world_camera[0]), None
+        joints = joints[recording.streams[0].frame]
+    else:
+        joints, skin = simulated_joints(truth), Skin(clip.simulation)
+    in_hole = draw_hole_frames(frames, config.hole_share, crc32(clip.name.encode()), starts)
+    return Subject(clip, recording, reference, joints, in_hole, tuple(starts), skin)
+
+
+@contextmanager
+def pierced(subject: Subject, hole_m: float) -> Iterator[Recording]:
+    """The recording with holes of a radius; itself with none."""
+    if hole_m == 0:
+        yield subject.recording
+        return
+    with TemporaryDirectory(prefix="anchorpose-") as folder:
+        out = Path(folder) / subject.recording.folder.name
+        reference = subject.reference
+        cut_holes(subject.recording, out, reference.centre_m, subject.in_hole, hole_m)
+        yield in_its_world(open_recording(out), reference)
+
+
+def _answer_all(asked: Sequence[Answer], subject: Subject, recording: Recording, plan: Plan) -> None:
+    config = paper_config(plan.movements)
+    room = prepare_room(recording, config)
+    motions = load_motions(config.motion_file, recording.rate_hz, config.motion)
+    matched = [answer for answer in asked if answer.kind is Kind.MATCHED]
+    if matched and subject.skin is not None:
+        frames = window_frames(subject, plan)
+        windows = [take_window(frame, room, subject.reference, motions, config) for frame in frames]
+        known = [(window, truth_of(window, subject.skin)) for window in windows if window is not None]
+        for answer in matched:
+            scores = [score(answer.method, answer.setting, window, truth) for window, truth in known]
+            plan.store.write(answer.path, _matched_arrays([window.frame for window, _ in known], scores, subject))
+    length = plan.config.segment_frames
+    for answer in asked:
+        if answer.kind is not Kind.TRACKED:
+            continue
+        if answer.method.family is Family.TRACKER:
+            track = _evaluated(track_whole(answer.method, answer.setting, recording), subject, length)
+        else:
+            chosen = subject.starts
+            if answer.method.sampled:
+                chosen = tuple(draw_some(chosen, sampled_segments(subject.clip, plan.config), subject.seed))
+            track = track_segments(
+                answer.method, answer.setting, room, subject.reference, motions, config, chosen, length
+            )
+        plan.store.write(answer.path, _tracked_arrays(track, subject, answer.hole_m))
+
+
+def window_frames(subject: Subject, plan: Plan) -> list[int]:
+    """The first frames of the windows, the same for every size of hole: where one is cut, it touches the pair."""
+    found, hole = subject.reference.found, subject.in_hole
+    here = np.arange(len(found) - 1)
+    touched = hole[:-1] | hole[1:] if subject.clip.holes_are_cut else np.ones(len(here), bool)
+    return draw_some(here[touched & found[:-1]].tolist(), plan.windows, subject.seed)
+
+
+def _evaluated(track: Track, subject: Subject, length: int) -> Track:
+    """Without the frames whose pose the other methods are given, and those after the last segment."""
+    kept = np.zeros(len(subject.truth_m), bool)
+    for start in subject.starts:
+        kept[start + 1 : start + length] = True
+    chosen = kept[track.frame]
+    return Track(track.frame[chosen], track.joints_m[chosen], track.seconds)
+
+
+def _tracked_arrays(track: Track, subject: Subject, hole_m: float) -> dict[str, object]:
+    error_mm = 1000.0 * np.linalg.norm(track.joints_m - subject.truth_m[track.frame], axis=2)
+    return {
+        "frame": track.frame,
+        "occluded": subject.in_hole[track.frame] & (hole_m > 0),
+        "error_mm": error_mm.astype(np.float32),
+        "seconds": track.seconds,
+    }
+
+
+def _matched_arrays(frames: Sequence[int], scores: Sequence[MatchErrors], subject: Subject) -> dict[str, object]:
+    """Node by node of all windows; window (m,) says which."""
+    height_m = np.nan if subject.skin is None else subject.skin.clinic.patient.person.height_m
+    each = ("region", "direct_mm", "tree_mm", "direct_skin_mm", "tree_skin_mm", "mirrored")
+    return {
+        **{name: np.concatenate([getattr(one, name) for one in scores]) for name in each if scores},
+        "window": np.repeat(np.arange(len(scores)), [len(one.region) for one in scores]),
+        "frame": np.array(frames, np.int64),
+        "nodes": np.array([one.nodes for one in scores], np.int64),
+        "describe_s": np.array([one.describe_s for one in scores]),
+        "occluded": np.array([subject.in_hole[frame : frame + 2].any() for frame in frames], bool),
+        "body_m": height_m,
+    }
