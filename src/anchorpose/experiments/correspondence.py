@@ -19,7 +19,7 @@ SPACING_M = 0.04  # of the places between which distances along the skin are kno
 
 REGIONS = {
     "head": ("Head", "Neck"),
-    "trunk": ("Hips", "LowerBack", "Spine", "LHipJoint", "RHipJoint", "Shoulder"),
+    "trunk": ("Hips", "LowerBack", "Spine", "HipJoint", "Shoulder"),
     "upper arm": ("Arm",),
     "forearm": ("ForeArm",),
     "hand": ("Hand", "Finger", "Thumb"),
@@ -28,6 +28,8 @@ REGIONS = {
     "foot": ("Foot", "Toe"),
 }
 """What bones' names begin with, after the side: the longest that fits."""
+
+LAST_WITHOUT_SIDE = 1  # head and trunk have no left and right
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,7 +104,11 @@ class Skin:
     @cached_property
     def side(self) -> np.ndarray:
         """(v,) -1 on a left limb, 1 on a right one, 0 on head and trunk."""
-        sign = [-1 if name.startswith("Left") else 1 if name.startswith("Right") else 0 for name in self._bone_names]
+        limb = [region_of(name) > LAST_WITHOUT_SIDE for name in self._bone_names]
+        sign = [
+            (name[0] == "R") - (name[0] == "L") if on_limb else 0
+            for name, on_limb in zip(self._bone_names, limb, strict=True)
+        ]
         return np.array(sign)[self._main_bone]
 
     @property
@@ -115,10 +121,15 @@ class Skin:
 
 
 def region_of(bone: str) -> int:
-    """Index into ``REGIONS`` of a bone's part."""
+    """Index into ``REGIONS`` of a bone's part. Raises ValueError for a bone of no part."""
     name = bone.removeprefix("Left").removeprefix("Right")
-    fits = [(len(start), index) for index, starts in enumerate(REGIONS.values()) for start in starts
-            if name.startswith(start) or bone.startswith(start)]  # fmt: skip
+    names = {name, bone, name[1:]}  # LHipJoint and LThumb have their side in one letter
+    fits = [
+        (len(start), index)
+        for index, starts in enumerate(REGIONS.values())
+        for start in starts
+        if any(known.startswith(start) for known in names)
+    ]
     if not fits:
         raise ValueError(f"no region has the bone {bone}")
     return max(fits)[1]
