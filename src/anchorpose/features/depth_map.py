@@ -33,12 +33,12 @@ def triangle_slopes(local: np.ndarray, triangles: np.ndarray, count: int, half: 
 
 
 @njit(cache=True)
-def principal_angle(slopes: np.ndarray, count: int) -> float:
-    """Part of a turn to the longer principal axis of the surface's projection, to its end where the surface is higher;
-    NaN where there is no surface."""
+def principal_angle(slopes: np.ndarray, count: int, column: int) -> float:
+    """Part of a turn to the longer principal axis of the centres (column 1) or of the gradients (column 3), to the end
+    of it towards which the surface rises; NaN where there is no surface."""
     xx, xy, yy, rise_x, rise_y, total = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for t in range(count):
-        weight, x, y = slopes[t, 0], slopes[t, 1], slopes[t, 2]
+        weight, x, y = slopes[t, 0], slopes[t, column], slopes[t, column + 1]
         xx, xy, yy = xx + weight * x * x, xy + weight * x * y, yy + weight * y * y
         rise_x, rise_y, total = rise_x + weight * slopes[t, 3], rise_y + weight * slopes[t, 4], total + weight
     if not total > 0.0:

@@ -32,8 +32,9 @@ class Scale(StrEnum):
 class Angle(StrEnum):
     """What turns the depth map upright."""
 
-    PCA = "pca"  # the longer principal axis of the surface's projection, as the authors
-    GRADIENT = "gradient"  # the peak of the histogram of its gradients, as SIFT
+    SLOPES = "slopes"  # the longer principal axis of its gradients
+    OUTLINE = "outline"  # the longer principal axis of the area that the surface covers, as along a limb
+    PEAK = "peak"  # of the histogram of its gradients, as in SIFT
 
 
 class Beyond(StrEnum):
@@ -49,7 +50,7 @@ class LdSiftConfig:
 
     radius_m: float = 0.15  # half the width of the 4 x 4 cells; wider tells more apart, and costs more
     scale: Scale = Scale.FIXED
-    angle: Angle = Angle.PCA
+    angle: Angle = Angle.OUTLINE
     beyond: Beyond = Beyond.UNKNOWN
     floor_m: float = 0.05
     samples: int = 6  # pixels of the depth map on a cell's side; fewer leave nothing of an arm seen from the side
@@ -85,7 +86,7 @@ def ld_sift(surface: Surface, config: LdSiftConfig | None = None, chosen: np.nda
     floor = -config.floor_m if config.beyond == Beyond.FLOOR else np.nan
     return _describe_all(
         surface.points_m, surface.normals, chosen, half, rings.start, rings.node, start, others,
-        config.angle == Angle.GRADIENT, floor, config.samples, places(config.samples),
+        1 if config.angle == Angle.OUTLINE else 3, config.angle == Angle.PEAK, floor, config.samples, places(config.samples),
     )  # fmt: skip
 
 
@@ -106,8 +107,8 @@ def _fans(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
 @njit(cache=True)
 def _describe_all(
     points: np.ndarray, normals: np.ndarray, chosen: np.ndarray, half: np.ndarray, start: np.ndarray,
-    ring: np.ndarray, fan_start: np.ndarray, fan: np.ndarray, by_gradient: bool, floor: float, samples: int,
-    table: np.ndarray,
+    ring: np.ndarray, fan_start: np.ndarray, fan: np.ndarray, column: int, peak: bool, floor: float,
+    samples: int, table: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
     descriptors = np.full((len(chosen), WIDTH), np.nan, np.float32)
     longest = 0
@@ -131,8 +132,8 @@ def _describe_all(
         for c in range(len(near)):
             place[near[c]] = -1
         triangle_slopes(local, triangles, count, half[k], slopes)
-        turn = principal_angle(slopes, count)
-        if by_gradient:
+        turn = principal_angle(slopes, count, column)
+        if peak:
             turn = gradient_angle(slopes, count, turn, polar)
         if np.isfinite(turn):
             draw(local, triangles, count, turn * FULL_TURN, 2.0 * half[k] / (CELLS * samples), floor, picture)
@@ -141,9 +142,7 @@ def _describe_all(
 
 
 @njit(cache=True)
-def _gather(
-    near: np.ndarray, place: np.ndarray, fan_start: np.ndarray, fan: np.ndarray, triangles: np.ndarray
-) -> int:
+def _gather(near: np.ndarray, place: np.ndarray, fan_start: np.ndarray, fan: np.ndarray, triangles: np.ndarray) -> int:
     """Fills triangles with those whose three nodes are all near, by their places; how many."""
     count = 0
     for c in range(len(near)):

@@ -34,7 +34,7 @@ def intrinsic_scale(surface: Surface, levels: int) -> tuple[np.ndarray, np.ndarr
     peak = (inside > responses[:-2]) & (inside > responses[2:])
     found = peak.any(axis=0)
     best = np.where(found, 1 + np.where(peak, inside, -1.0).argmax(axis=0), responses.argmax(axis=0))
-    known = np.isfinite(responses).all(axis=0)
+    known = np.isfinite(responses).all(axis=0) & np.isfinite(density)
     sigma = np.where(known, np.sqrt(variance * steps[best]), np.nan)
     return sigma.astype(np.float32), found & known
 
