@@ -7,60 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from features_builder import height_field, lump, moved, renumbered, rough, saddle, somewhere
+from features_plain import plain_mesh_hog
 from surface_builder import flat_grid
 
 from anchorpose.features.circle import peak_fraction, spread_over_two, turn_fraction
 from anchorpose.features.mesh_gradient import mesh_gradient
 from anchorpose.features.mesh_hog import FirstAxis, MeshHogConfig, ScalarFunction, mesh_hog, scalar_function
-from anchorpose.features.rings import rings_within
-from anchorpose.surface.surface import Surface
 
 MIDDLE = 41 * 41 // 2
 SMALL = MeshHogConfig(radius_m=0.10, curvature_radius_m=0.05)
-
-
-def shares(turn: float, bins: int) -> np.ndarray:
-    """(bins,) how a unit is shared between the middles of the bins around a circle; turn in radians."""
-    gap = np.abs((turn / (2 * np.pi) * bins - np.arange(bins) - 0.5 + bins / 2) % bins - bins / 2)
-    return np.maximum(1.0 - gap, 0.0)
-
-
-def plain_hog(surface: Surface, config: MeshHogConfig, node: int) -> np.ndarray:
-    """(width,) written out for one node."""
-    gradients = mesh_gradient(surface, scalar_function(surface, config)).astype(np.float64)
-    rings = rings_within(surface, config.radius_m, np.array([node]))
-    keep = (rings.node != node) & np.isfinite(gradients[rings.node, 0])
-    away = (surface.points_m[rings.node] - surface.points_m[node])[keep].astype(np.float64)
-    slope, normal = gradients[rings.node[keep]], surface.normals[node].astype(np.float64)
-    weight = np.exp(-0.5 * (rings.distance_m[keep] / (config.radius_m * config.spread)) ** 2)
-    flat = np.eye(3) - np.outer(normal, normal) / (normal @ normal)
-    direction = (slope if config.first_axis is FirstAxis.WHITHER else away) @ flat
-    size = np.linalg.norm(slope @ flat if config.first_axis is FirstAxis.WHITHER else slope, axis=1)
-    unit = direction / np.linalg.norm(direction, axis=1, keepdims=True)
-    begin = (unit * (weight * size)[:, None]).sum(axis=0)
-    begin /= np.linalg.norm(begin)
-    beside = np.cross(normal, begin)
-    polar = sum(
-        w * shares(np.arctan2(d @ beside, d @ begin), config.directions)
-        for w, d in zip(weight * size, unit, strict=True)
-    )
-    for _ in range(config.smoothing):
-        polar = 0.25 * np.roll(polar, 1) + 0.5 * polar + 0.25 * np.roll(polar, -1)
-    peak = int(np.argmax(polar))
-    low, top, high = polar[peak - 1], polar[peak], polar[(peak + 1) % len(polar)]
-    angle = (peak + 0.5 + (low - high) / (2 * (low - 2 * top + high))) * 2 * np.pi / config.directions
-    first = np.cos(angle) * begin + np.sin(angle) * beside
-    blocks = []
-    for pole, zero in ((normal, first), (np.cross(normal, first), first), (first, normal)):
-        quarter = np.cross(pole, zero)
-        block = np.zeros((config.slices, config.orientations))
-        for d, g, w in zip(away, slope, weight, strict=True):
-            at, to = np.arctan2(d @ quarter, d @ zero), np.arctan2(g @ quarter, g @ zero)
-            length = np.hypot(g @ quarter, g @ zero)
-            block += w * length * np.outer(shares(at, config.slices), shares(to, config.orientations))
-        blocks.append(block.ravel())
-    histogram = np.concatenate(blocks)
-    return histogram / np.linalg.norm(histogram)
 
 
 @pytest.mark.parametrize("axis", list(FirstAxis))
@@ -74,7 +29,8 @@ def test_each_row_is_what_the_paper_says_written_out(axis: FirstAxis, function: 
     found = mesh_hog(surface, config, chosen)
     assert found.shape == (4, config.width)
     assert found.dtype == np.float32
-    expected = np.stack([plain_hog(surface, config, node) for node in chosen])
+    gradients = mesh_gradient(surface, scalar_function(surface, config))
+    expected = np.stack([plain_mesh_hog(surface, config, gradients, node) for node in chosen])
     np.testing.assert_allclose(found, expected, atol=2e-5)
 
 

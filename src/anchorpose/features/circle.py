@@ -44,7 +44,7 @@ def spread_over_two(bins: np.ndarray, fraction: float, weight: float) -> None:
 
 @njit(cache=True)
 def peak_fraction(bins: np.ndarray) -> float:
-    """The part of a turn at the top of the parabola through the fullest bin, the first of several, and the two beside it."""
+    """The part of a turn at the top of the parabola through the fullest bin, the first of several, and both beside."""
     peak = 0
     for b in range(len(bins)):
         if bins[b] > bins[peak]:

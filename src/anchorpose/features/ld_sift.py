@@ -9,11 +9,11 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-from anchorpose.features.depth_map import DIRECTIONS, draw, gradient_angle, principal_angle, triangle_slopes
 from anchorpose.features.circle import FULL_TURN
+from anchorpose.features.depth_map import DIRECTIONS, draw, gradient_angle, principal_angle, triangle_slopes
 from anchorpose.features.mesh_scale import intrinsic_scale
 from anchorpose.features.rings import rings_within
-from anchorpose.features.sift import CELLS, WIDTH, describe, picture_side, places
+from anchorpose.features.sift import CELLS, WIDTH, describe, places
 from anchorpose.features.tangent import tangent_frame
 from anchorpose.surface.mesh import faces
 from anchorpose.surface.surface import Surface
@@ -86,7 +86,8 @@ def ld_sift(surface: Surface, config: LdSiftConfig | None = None, chosen: np.nda
     floor = -config.floor_m if config.beyond == Beyond.FLOOR else np.nan
     return _describe_all(
         surface.points_m, surface.normals, chosen, half, rings.start, rings.node, start, others,
-        1 if config.angle == Angle.OUTLINE else 3, config.angle == Angle.PEAK, floor, config.samples, places(config.samples),
+        1 if config.angle == Angle.OUTLINE else 3, config.angle == Angle.PEAK, floor,
+        config.samples, places(config.samples),
     )  # fmt: skip
 
 

@@ -39,9 +39,7 @@ class MeshHogConfig:
     function: ScalarFunction = ScalarFunction.MEAN_CURVATURE
     first_axis: FirstAxis = FirstAxis.WHERE
     directions: int = 36  # bins of the histogram that gives the first axis
-    smoothing: int = (
-        16  # rounds of 1 : 2 : 1 over them: nodes on a grid lie in eight directions only when they are near
-    )
+    smoothing: int = 16  # rounds of 1 : 2 : 1 over them: near nodes on a grid lie in eight directions only
     slices: int = 4  # of each of the three planes, by position
     orientations: int = 8  # in each slice, by direction of the gradient
     spread: float = 0.3  # sigma of the Gaussian weight, as a part of radius_m

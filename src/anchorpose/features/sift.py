@@ -22,8 +22,8 @@ def picture_side(samples: int) -> int:
 
 
 def places(samples: int) -> np.ndarray:
-    """(side, 3) float64: of each column, or row, its Gaussian weight, the first of the two cells that it shares in (0 is
-    the margin's), and the second one's part."""
+    """(side, 3) float64: of each column, or row, its Gaussian weight, the first of the two cells that it shares in
+    (0 is the margin's), and the second one's part."""
     away = (np.arange(picture_side(samples)) - 0.5 * (picture_side(samples) - 1)) / samples  # cells from the middle
     cell = away + 0.5 * CELLS + 0.5
     return np.stack([np.exp(-(away**2) / (0.5 * CELLS * CELLS)), np.floor(cell), cell - np.floor(cell)], axis=1)
