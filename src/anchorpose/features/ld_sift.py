@@ -137,7 +137,8 @@ def _describe_all(
         if peak:
             turn = gradient_angle(slopes, count, turn, polar)
         if np.isfinite(turn):
-            draw(local, triangles, count, turn * FULL_TURN, 2.0 * half[k] / (CELLS * samples), floor, picture)
+            pixel = 2.0 * half[k] / (CELLS * samples)
+            draw(local, len(near), triangles, count, turn * FULL_TURN, pixel, floor, picture)
             describe(picture, table, descriptors[k])
     return descriptors
 
