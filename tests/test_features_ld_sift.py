@@ -7,7 +7,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from features_builder import height_field, lump, moved, renumbered, rough, saddle, somewhere
+from features_builder import height_field, lump, moved, renumbered, rolled_sheet, rough, saddle, somewhere
 from features_plain import plain_ld_sift, plain_sift
 from surface_builder import flat_grid
 
@@ -77,6 +77,14 @@ def test_each_row_is_what_all_triangles_and_pixels_written_out_give(setting: dic
     assert found.dtype == np.float32
     expected = np.stack([plain_ld_sift(surface, config, node) for node in chosen])
     np.testing.assert_allclose(found, expected, atol=2e-5)
+
+
+@pytest.mark.parametrize("angle", [Angle.OUTLINE, Angle.SLOPES])
+def test_what_is_turned_away_counts_for_no_angle_and_is_hidden_by_what_is_above(angle: Angle) -> None:
+    surface, config = rough(rolled_sheet(), 11), LdSiftConfig(radius_m=0.08, samples=3, angle=angle)
+    chosen = np.array([312, 305, 90])
+    expected = np.stack([plain_ld_sift(surface, config, node) for node in chosen])
+    np.testing.assert_allclose(ld_sift(surface, config, chosen), expected, atol=2e-5)
 
 
 @pytest.mark.parametrize("angle", list(Angle))
