@@ -71,12 +71,14 @@ class LdSiftConfig:
 def ld_sift(surface: Surface, config: LdSiftConfig | None = None, chosen: np.ndarray | None = None) -> np.ndarray:
     """(k, 128) float32, unit length, none below 0; a row for each chosen node (k,) int; None: for all n.
 
-    A row is NaN where the node has no position, normal or triangle, and where its depth map is flat to the last bit.
+    A row is NaN where the node has no position, normal or triangle, and where no gradient of its depth map is known:
+    it is flat to the last bit, or covered nowhere two pixels wide.
 
     The triangles that edges lead to are seen from above the node's tangent plane; the map is turned upright by its
-    dominant angle and described by SIFT. Pixels that no triangle covers are unknown and have no gradient, so that the
-    rim of what the camera saw is no edge.
-    Source: Darom and Keller 2012 (doi:10.1109/TIP.2012.2183142), section IV-B.
+    dominant angle and described by SIFT. Unless asked for otherwise, pixels that no triangle covers are unknown and
+    have no gradient, so that the rim of what the camera saw is no edge. The authors describe detected points of closed
+    meshes at their scale; here every node is described, and by default at one scale.
+    Source: Darom and Keller 2012 (doi:10.1109/TIP.2012.2183142).
     """
     config = config or LdSiftConfig()
     chosen = np.arange(len(surface)) if chosen is None else np.asarray(chosen, np.int64)

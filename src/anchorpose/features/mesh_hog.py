@@ -32,7 +32,7 @@ class FirstAxis(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeshHogConfig:
-    """What MeshHOG looks at; but for both radii, the numbers are the authors'."""
+    """What MeshHOG looks at; the numbers are the authors' but for both radii and the smoothing."""
 
     radius_m: float = 0.20  # of 0.1 to 0.3 m what tells most places of a body apart at 0.1 s a frame
     curvature_radius_m: float = 0.07  # bridges the noise of a depth camera, resolves a forearm
