@@ -40,6 +40,14 @@ def saddle(left: np.ndarray, up: np.ndarray) -> np.ndarray:
     return 0.02 * np.sin(left / 0.03) * np.cos(up / 0.05)
 
 
+def rolled_sheet(radius_m: float = 0.05, side: int = 25, spacing_m: float = 0.012) -> Surface:
+    """A sheet rolled most of the way around an upright axis, so that some of it is behind its own middle."""
+    row, col = (np.mgrid[:side, :side] - side // 2) * spacing_m
+    normals = np.stack([np.cos(col / radius_m), np.zeros_like(row), -np.sin(col / radius_m)], axis=2)
+    surface = grid_surface(radius_m * normals - row[:, :, None] * [0.0, 1.0, 0.0])
+    return replace(surface, normals=normals.reshape(-1, 3).astype(np.float32))
+
+
 def moved(surface: Surface, rotation: Rotation, shift_m: np.ndarray) -> Surface:
     """The surface somewhere else."""
     points = rotation.apply(surface.points_m.astype(np.float64)) + shift_m

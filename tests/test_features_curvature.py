@@ -87,6 +87,22 @@ def test_a_saddle_bends_both_ways() -> None:
     np.testing.assert_allclose(principal_curvatures(surface, 0.03)[MIDDLE], [4.0, -4.0], rtol=0.02)
 
 
+def test_on_a_rough_surface_it_is_the_least_squares_fit_written_out() -> None:
+    surface, radius = rough(height_field(lump, side=15), 10), 0.04
+    found = principal_curvatures(surface, radius)
+    for node in (0, 7, 112, 200):
+        rings = rings_within(surface, radius, np.array([node]))
+        normal = surface.normals[node].astype(np.float64)
+        tangents = np.linalg.svd(normal[None])[2][1:]
+        along = (surface.points_m[rings.node] - surface.points_m[node]).astype(np.float64) @ tangents.T
+        bend = surface.normals[rings.node].astype(np.float64) @ tangents.T
+        none, (u, v) = np.zeros(len(along)), along.T
+        rows = np.concatenate([np.stack([u, v, none], axis=1), np.stack([none, u, v], axis=1)])
+        weight = np.tile(np.sqrt(1 - (rings.distance_m / radius) ** 2), 2)
+        a, b, c = np.linalg.lstsq(rows * weight[:, None], bend.T.ravel() * weight, rcond=None)[0]
+        np.testing.assert_allclose(found[node], np.linalg.eigvalsh([[a, b], [b, c]])[::-1], rtol=1e-4, atol=1e-3)
+
+
 def test_noise_of_a_depth_camera_leaves_the_curvature_of_a_head() -> None:
     exact = height_field(lambda left, up: np.sqrt(0.01 - left**2 - up**2), side=9)
     found = [mean_curvature(rough(exact, seed, 0.002, 0.05), 0.06)[40] for seed in range(30)]

@@ -7,16 +7,18 @@ from numba import njit
 
 FULL_TURN = 2.0 * np.pi
 
+SMALLEST = 5e-324  # keeps the direction of nothing from being that of NaN
+
 ARC = (0.159154940193, -0.0530511756054, 0.0318180525506, -0.0225964969971, 0.0168996617356,
        -0.0118679530359, 0.00670641106217, -0.00250370604512, 0.000440267689862)  # fmt: skip
 """atan(z) / (2 pi z) as a polynomial in z^2, through the Chebyshev points of 0 <= z^2 <= 1: within 2e-9 of a turn."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def turn_fraction(x: float, y: float, begin: float) -> float:
     """Where (x, y) points, in [0, 1) of a turn from begin, itself a part of a turn; a library's arctangent is slow."""
     wide, high = abs(x), abs(y)
-    ratio = min(wide, high) / max(wide, high) if wide > 0.0 or high > 0.0 else 0.0
+    ratio = min(wide, high) / max(wide, high, SMALLEST)
     square = ratio * ratio
     fraction = ARC[8]
     for k in range(7, -1, -1):
@@ -44,7 +46,7 @@ def spread_over_two(bins: np.ndarray, fraction: float, weight: float) -> None:
 
 @njit(cache=True)
 def peak_fraction(bins: np.ndarray) -> float:
-    """The part of a turn at the top of the parabola through the fullest bin, the first of several, and the two beside it."""
+    """The part of a turn at the top of the parabola through the fullest bin, the first of several, and both beside."""
     peak = 0
     for b in range(len(bins)):
         if bins[b] > bins[peak]:
@@ -53,3 +55,14 @@ def peak_fraction(bins: np.ndarray) -> float:
     bend = before - 2.0 * bins[peak] + after
     shift = 0.5 * (before - after) / bend if bend < 0.0 else 0.0
     return (peak + 0.5 + shift) / len(bins)
+
+
+@njit(cache=True)
+def smooth(bins: np.ndarray, rounds: int) -> None:
+    """Mixes every bin with the two beside it, 1 : 2 : 1, so many times; each adds half a bin's square of variance."""
+    for _ in range(rounds):
+        first, before = bins[0], bins[-1]
+        for b in range(len(bins)):
+            here, after = bins[b], bins[b + 1] if b + 1 < len(bins) else first
+            bins[b] = 0.25 * before + 0.5 * here + 0.25 * after
+            before = here

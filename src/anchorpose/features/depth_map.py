@@ -12,7 +12,7 @@ SMALLEST_M2 = 1e-12  # twice the area of a triangle that still has a slope
 HALF_SPREAD = 0.5  # sigma of the weights for the angle, as a part of the window's half width
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def triangle_slopes(local: np.ndarray, triangles: np.ndarray, count: int, half: float, slopes: np.ndarray) -> None:
     """Fills slopes (>= count, 5): weight, centre x and y, gradient of the height of each triangle.
 
@@ -33,12 +33,12 @@ def triangle_slopes(local: np.ndarray, triangles: np.ndarray, count: int, half: 
 
 
 @njit(cache=True)
-def principal_angle(slopes: np.ndarray, count: int) -> float:
-    """Part of a turn to the longer principal axis of the surface's projection, to its end where the surface is higher;
-    NaN where there is no surface."""
+def principal_angle(slopes: np.ndarray, count: int, column: int) -> float:
+    """Part of a turn to the longer principal axis of the centres (column 1) or of the gradients (column 3), to the end
+    of it towards which the surface rises; NaN where there is no surface."""
     xx, xy, yy, rise_x, rise_y, total = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for t in range(count):
-        weight, x, y = slopes[t, 0], slopes[t, 1], slopes[t, 2]
+        weight, x, y = slopes[t, 0], slopes[t, column], slopes[t, column + 1]
         xx, xy, yy = xx + weight * x * x, xy + weight * x * y, yy + weight * y * y
         rise_x, rise_y, total = rise_x + weight * slopes[t, 3], rise_y + weight * slopes[t, 4], total + weight
     if not total > 0.0:
@@ -62,43 +62,54 @@ def gradient_angle(slopes: np.ndarray, count: int, begin: float, polar: np.ndarr
 
 @njit(cache=True)
 def draw(
-    local: np.ndarray, triangles: np.ndarray, count: int, angle: float, pixel: float, floor: float, picture: np.ndarray
-) -> None:
+    local: np.ndarray, vertices: int, triangles: np.ndarray, count: int, angle: float, pixel: float, floor: float,
+    picture: np.ndarray,
+) -> None:  # fmt: skip
     """Fills picture (side, side) with heights, linear on each triangle, the highest where several lie, else the floor.
 
     The columns' direction is at the angle, pixels are so many metres apart, and the node is in the middle. What lies
-    below the floor is drawn at its height; with a floor of NaN nothing does.
+    below the floor is not seen; with a floor of NaN everything is. Turns local, of which vertices are used, into
+    columns, rows and heights.
     """
     picture[:] = floor
-    side = len(picture)
-    middle, cosine, sine = 0.5 * (side - 1), np.cos(angle) / pixel, np.sin(angle) / pixel
-    corner = np.empty((3, 3))
+    middle, cosine, sine = 0.5 * (len(picture) - 1), np.cos(angle) / pixel, np.sin(angle) / pixel
+    for v in range(vertices):
+        x, y = local[v, 0], local[v, 1]
+        local[v, 0], local[v, 1] = middle + cosine * x + sine * y, middle + cosine * y - sine * x
     for t in range(count):
-        for k in range(3):
-            x, y = local[triangles[t, k], 0], local[triangles[t, k], 1]
-            corner[k, 0], corner[k, 1] = middle + cosine * x + sine * y, middle + cosine * y - sine * x
-            corner[k, 2] = local[triangles[t, k], 2]
-        _draw_triangle(corner, picture)
+        _draw_triangle(local, triangles[t, 0], triangles[t, 1], triangles[t, 2], picture)
+
+
+@njit(cache=True, error_model="numpy")
+def _draw_triangle(corner: np.ndarray, a: int, b: int, c: int, picture: np.ndarray) -> None:
+    """Column, row and height of three corners; a pixel on a side belongs to both triangles, that none is missed."""
+    last, slack = len(picture) - 1, 1e-9
+    ax, ay, az = corner[a, 0], corner[a, 1], corner[a, 2]
+    bx, by, cx, cy = corner[b, 0] - ax, corner[b, 1] - ay, corner[c, 0] - ax, corner[c, 1] - ay
+    left, right = ax + _lowest(bx, cx), ax - _lowest(-bx, -cx)
+    top, bottom = ay + _lowest(by, cy), ay - _lowest(-by, -cy)
+    if not (right >= 0.0 and left <= last and bottom >= 0.0 and top <= last):
+        return
+    inverse = 1.0 / (bx * cy - by * cx)
+    if not np.isfinite(inverse):
+        return
+    bz, cz = corner[b, 2] - az, corner[c, 2] - az
+    bx, by, cx, cy = bx * inverse, by * inverse, cx * inverse, cy * inverse
+    first_column = int(left - slack) + 1 if left > slack else 0
+    last_column = int(right + slack) if right < last else last
+    for i in range(int(top - slack) + 1 if top > slack else 0, (int(bottom + slack) if bottom < last else last) + 1):
+        dy = i - ay
+        for j in range(first_column, last_column + 1):
+            dx = j - ax
+            beta, gamma = dx * cy - dy * cx, bx * dy - by * dx
+            if (beta >= -slack) & (gamma >= -slack) & (beta + gamma <= 1.0 + slack):
+                height = az + beta * bz + gamma * cz
+                if not picture[i, j] >= height:  # NaN is not
+                    picture[i, j] = height
 
 
 @njit(cache=True)
-def _draw_triangle(corner: np.ndarray, picture: np.ndarray) -> None:
-    """Column, row and height of three corners; a pixel on a side belongs to both triangles, that none is missed."""
-    ax, ay, az = corner[0]
-    bx, by, bz = corner[1]
-    cx, cy, cz = corner[2]
-    twice = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-    if twice == 0.0 or not np.isfinite(twice):
-        return
-    side = len(picture)
-    left, right = max(int(np.ceil(min(ax, bx, cx) - 1e-9)), 0), min(int(np.floor(max(ax, bx, cx) + 1e-9)), side - 1)
-    top, bottom = max(int(np.ceil(min(ay, by, cy) - 1e-9)), 0), min(int(np.floor(max(ay, by, cy) + 1e-9)), side - 1)
-    for i in range(top, bottom + 1):
-        for j in range(left, right + 1):
-            beta = ((j - ax) * (cy - ay) - (i - ay) * (cx - ax)) / twice
-            gamma = ((bx - ax) * (i - ay) - (by - ay) * (j - ax)) / twice
-            if beta < -1e-9 or gamma < -1e-9 or beta + gamma > 1.0 + 1e-9:
-                continue
-            height = az + beta * (bz - az) + gamma * (cz - az)
-            if not picture[i, j] >= height:  # NaN is not
-                picture[i, j] = height
+def _lowest(one: float, other: float) -> float:
+    """Of 0 and both."""
+    low = one if one < other else other
+    return low if low < 0.0 else 0.0

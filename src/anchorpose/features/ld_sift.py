@@ -9,11 +9,11 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-from anchorpose.features.depth_map import DIRECTIONS, draw, gradient_angle, principal_angle, triangle_slopes
 from anchorpose.features.circle import FULL_TURN
+from anchorpose.features.depth_map import DIRECTIONS, draw, gradient_angle, principal_angle, triangle_slopes
 from anchorpose.features.mesh_scale import intrinsic_scale
 from anchorpose.features.rings import rings_within
-from anchorpose.features.sift import CELLS, WIDTH, describe, picture_side, places
+from anchorpose.features.sift import CELLS, WIDTH, describe, places
 from anchorpose.features.tangent import tangent_frame
 from anchorpose.surface.mesh import faces
 from anchorpose.surface.surface import Surface
@@ -32,8 +32,9 @@ class Scale(StrEnum):
 class Angle(StrEnum):
     """What turns the depth map upright."""
 
-    PCA = "pca"  # the longer principal axis of the surface's projection, as the authors
-    GRADIENT = "gradient"  # the peak of the histogram of its gradients, as SIFT
+    SLOPES = "slopes"  # the longer principal axis of its gradients
+    OUTLINE = "outline"  # the longer principal axis of the area that the surface covers, as along a limb
+    PEAK = "peak"  # of the histogram of its gradients, as in SIFT
 
 
 class Beyond(StrEnum):
@@ -49,7 +50,7 @@ class LdSiftConfig:
 
     radius_m: float = 0.15  # half the width of the 4 x 4 cells; wider tells more apart, and costs more
     scale: Scale = Scale.FIXED
-    angle: Angle = Angle.PCA
+    angle: Angle = Angle.OUTLINE
     beyond: Beyond = Beyond.UNKNOWN
     floor_m: float = 0.05
     samples: int = 6  # pixels of the depth map on a cell's side; fewer leave nothing of an arm seen from the side
@@ -70,12 +71,14 @@ class LdSiftConfig:
 def ld_sift(surface: Surface, config: LdSiftConfig | None = None, chosen: np.ndarray | None = None) -> np.ndarray:
     """(k, 128) float32, unit length, none below 0; a row for each chosen node (k,) int; None: for all n.
 
-    A row is NaN where the node has no position, normal or triangle, and where its depth map is flat to the last bit.
+    A row is NaN where the node has no position, normal or triangle, and where no gradient of its depth map is known:
+    it is flat to the last bit, or covered nowhere two pixels wide.
 
     The triangles that edges lead to are seen from above the node's tangent plane; the map is turned upright by its
-    dominant angle and described by SIFT. Pixels that no triangle covers are unknown and have no gradient, so that the
-    rim of what the camera saw is no edge.
-    Source: Darom and Keller 2012 (doi:10.1109/TIP.2012.2183142), section IV-B.
+    dominant angle and described by SIFT. Unless asked for otherwise, pixels that no triangle covers are unknown and
+    have no gradient, so that the rim of what the camera saw is no edge. The authors describe detected points of closed
+    meshes at their scale; here every node is described, and by default at one scale.
+    Source: Darom and Keller 2012 (doi:10.1109/TIP.2012.2183142).
     """
     config = config or LdSiftConfig()
     chosen = np.arange(len(surface)) if chosen is None else np.asarray(chosen, np.int64)
@@ -85,7 +88,8 @@ def ld_sift(surface: Surface, config: LdSiftConfig | None = None, chosen: np.nda
     floor = -config.floor_m if config.beyond == Beyond.FLOOR else np.nan
     return _describe_all(
         surface.points_m, surface.normals, chosen, half, rings.start, rings.node, start, others,
-        config.angle == Angle.GRADIENT, floor, config.samples, places(config.samples),
+        1 if config.angle == Angle.OUTLINE else 3, config.angle == Angle.PEAK, floor,
+        config.samples, places(config.samples),
     )  # fmt: skip
 
 
@@ -106,8 +110,8 @@ def _fans(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
 @njit(cache=True)
 def _describe_all(
     points: np.ndarray, normals: np.ndarray, chosen: np.ndarray, half: np.ndarray, start: np.ndarray,
-    ring: np.ndarray, fan_start: np.ndarray, fan: np.ndarray, by_gradient: bool, floor: float, samples: int,
-    table: np.ndarray,
+    ring: np.ndarray, fan_start: np.ndarray, fan: np.ndarray, column: int, peak: bool, floor: float,
+    samples: int, table: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
     descriptors = np.full((len(chosen), WIDTH), np.nan, np.float32)
     longest = 0
@@ -131,11 +135,12 @@ def _describe_all(
         for c in range(len(near)):
             place[near[c]] = -1
         triangle_slopes(local, triangles, count, half[k], slopes)
-        turn = principal_angle(slopes, count)
-        if by_gradient:
+        turn = principal_angle(slopes, count, column)
+        if peak:
             turn = gradient_angle(slopes, count, turn, polar)
         if np.isfinite(turn):
-            draw(local, triangles, count, turn * FULL_TURN, 2.0 * half[k] / (CELLS * samples), floor, picture)
+            pixel = 2.0 * half[k] / (CELLS * samples)
+            draw(local, len(near), triangles, count, turn * FULL_TURN, pixel, floor, picture)
             describe(picture, table, descriptors[k])
     return descriptors
 

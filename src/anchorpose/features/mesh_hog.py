@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 from numba import njit
 
-from anchorpose.features.circle import FULL_TURN, peak_fraction, spread_over_two, turn_fraction
+from anchorpose.features.circle import FULL_TURN, peak_fraction, smooth, spread_over_two, turn_fraction
 from anchorpose.features.curvature import gaussian_curvature, mean_curvature
 from anchorpose.features.mesh_gradient import mesh_gradient
 from anchorpose.features.rings import rings_within
@@ -32,13 +32,14 @@ class FirstAxis(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeshHogConfig:
-    """What MeshHOG looks at; but for both radii, the numbers are the authors'."""
+    """What MeshHOG looks at; the numbers are the authors' but for both radii and the smoothing."""
 
     radius_m: float = 0.20  # of 0.1 to 0.3 m what tells most places of a body apart at 0.1 s a frame
     curvature_radius_m: float = 0.07  # bridges the noise of a depth camera, resolves a forearm
     function: ScalarFunction = ScalarFunction.MEAN_CURVATURE
     first_axis: FirstAxis = FirstAxis.WHERE
     directions: int = 36  # bins of the histogram that gives the first axis
+    smoothing: int = 16  # rounds of 1 : 2 : 1 over them: near nodes on a grid lie in eight directions only
     slices: int = 4  # of each of the three planes, by position
     orientations: int = 8  # in each slice, by direction of the gradient
     spread: float = 0.3  # sigma of the Gaussian weight, as a part of radius_m
@@ -47,7 +48,7 @@ class MeshHogConfig:
         for name in ("radius_m", "curvature_radius_m", "spread"):
             if not 0 < getattr(self, name) < np.inf:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
-        for name, least in (("directions", 4), ("slices", 2), ("orientations", 2)):
+        for name, least in (("directions", 4), ("smoothing", 0), ("slices", 2), ("orientations", 2)):
             if getattr(self, name) < least:
                 raise ValueError(f"{name} must be {least} or more, got {getattr(self, name)}")
         ScalarFunction(self.function), FirstAxis(self.first_axis)
@@ -70,9 +71,10 @@ def mesh_hog(
     The local frame is the normal and the direction in the tangent plane in which gradients are largest. Positions and
     gradients of the nodes within radius_m along the surface are projected onto its three planes; in each plane a
     node's weight, the projected gradient's length times a Gaussian of the distance, goes to the slice of its position
-    and the orientation of its gradient, shared with the next ones. Two things differ from the authors' program, so
-    that no result hangs on where bins begin or jumps with the noise: the peak is found between bins counted from a
-    direction that turns with the body, and a gradient weighs what its projection is long, not what it is itself.
+    and the orientation of its gradient, shared with the next ones. Three things differ from the authors' program, so
+    that no result hangs on the grid or on where bins begin: the histogram for the first axis is smoothed, its peak is
+    found between bins counted from a direction that turns with the body, and a gradient weighs what its projection is
+    long, not what it is itself.
     Sources: Zaharescu et al. 2009 (doi:10.1109/CVPRW.2009.5206748) and 2012 (doi:10.1007/s11263-012-0528-5).
     """
     config = config or MeshHogConfig()
@@ -82,7 +84,7 @@ def mesh_hog(
     return _histograms(
         surface.points_m, surface.normals, gradient, chosen, rings.start, rings.node, rings.distance_m,
         config.radius_m * config.spread, config.first_axis == FirstAxis.WHITHER,
-        config.directions, config.slices, config.orientations,
+        config.directions, config.smoothing, config.slices, config.orientations,
     )  # fmt: skip
 
 
@@ -99,8 +101,8 @@ PLANES = ((0, 1, 1.0), (0, 2, -1.0), (2, 1, -1.0))
 @njit(cache=True)
 def _histograms(
     points: np.ndarray, normals: np.ndarray, gradient: np.ndarray, chosen: np.ndarray, start: np.ndarray,
-    ring: np.ndarray, distance: np.ndarray, sigma: float, whither: bool, directions: int, slices: int,
-    orientations: int,
+    ring: np.ndarray, distance: np.ndarray, sigma: float, whither: bool, directions: int, rounds: int,
+    slices: int, orientations: int,
 ) -> np.ndarray:  # fmt: skip
     histograms = np.full((len(chosen), 3 * slices * orientations), np.nan, np.float32)
     longest = 0
@@ -112,7 +114,7 @@ def _histograms(
         if not tangent_frame(normals[chosen[k]], frame):
             continue
         count = _lay_out(points, gradient, chosen[k], ring, distance, start[k], start[k + 1], frame, sigma, local)
-        angle = _first_axis(local, count, whither, polar)
+        angle = _first_axis(local, count, whither, rounds, polar)
         if not np.isfinite(angle):
             continue
         _turn(local, count, np.cos(angle), np.sin(angle))
@@ -148,7 +150,7 @@ def _lay_out(
 
 
 @njit(cache=True)
-def _first_axis(local: np.ndarray, count: int, whither: bool, polar: np.ndarray) -> float:
+def _first_axis(local: np.ndarray, count: int, whither: bool, rounds: int, polar: np.ndarray) -> float:
     """Angle of the first axis from the first tangent, NaN where no gradient has a length."""
     column = 3 if whither else 0
     x, y, total = 0.0, 0.0, 0.0
@@ -166,6 +168,7 @@ def _first_axis(local: np.ndarray, count: int, whither: bool, polar: np.ndarray)
         if local[c, column] != 0.0 or local[c, column + 1] != 0.0:
             fraction = turn_fraction(local[c, column], local[c, column + 1], begin)
             spread_over_two(polar, fraction, local[c, 6] * _length(local[c], whither))
+    smooth(polar, rounds)
     return (begin + peak_fraction(polar)) * FULL_TURN
 
 

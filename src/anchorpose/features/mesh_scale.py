@@ -16,7 +16,7 @@ def intrinsic_scale(surface: Surface, levels: int) -> tuple[np.ndarray, np.ndarr
     (its density). The difference of two levels along the normal, times the variance between them to make it comparable
     across scales, is the response; the scale is that of the highest response inside the range, at an end of it where
     there is none inside. On a Gaussian bump's top sigma_m is the bump's own.
-    Source: Darom and Keller 2012 (doi:10.1109/TIP.2012.2183142), section III.
+    Source: Darom and Keller 2012 (doi:10.1109/TIP.2012.2183142).
     Raises ValueError for fewer than three levels.
     """
     if levels < 3:
@@ -34,7 +34,7 @@ def intrinsic_scale(surface: Surface, levels: int) -> tuple[np.ndarray, np.ndarr
     peak = (inside > responses[:-2]) & (inside > responses[2:])
     found = peak.any(axis=0)
     best = np.where(found, 1 + np.where(peak, inside, -1.0).argmax(axis=0), responses.argmax(axis=0))
-    known = np.isfinite(responses).all(axis=0)
+    known = np.isfinite(responses).all(axis=0) & np.isfinite(density)
     sigma = np.where(known, np.sqrt(variance * steps[best]), np.nan)
     return sigma.astype(np.float32), found & known
 

@@ -22,8 +22,8 @@ def picture_side(samples: int) -> int:
 
 
 def places(samples: int) -> np.ndarray:
-    """(side, 3) float64: of each column, or row, its Gaussian weight, the first of the two cells that it shares in (0 is
-    the margin's), and the second one's part."""
+    """(side, 3) float64: of each column, or row, its Gaussian weight, the first of the two cells that it shares in
+    (0 is the margin's), and the second one's part."""
     away = (np.arange(picture_side(samples)) - 0.5 * (picture_side(samples) - 1)) / samples  # cells from the middle
     cell = away + 0.5 * CELLS + 0.5
     return np.stack([np.exp(-(away**2) / (0.5 * CELLS * CELLS)), np.floor(cell), cell - np.floor(cell)], axis=1)
@@ -40,24 +40,26 @@ def describe(picture: np.ndarray, table: np.ndarray, descriptor: np.ndarray) -> 
     """
     side = len(picture)
     bins = np.zeros((CELLS + 2, CELLS + 2, ORIENTATIONS))  # the outer cells take what is not wanted
+    across, length, turn = np.empty((CELLS + 2, ORIENTATIONS)), np.empty(side), np.empty(side)
     for i in range(1, side - 1):
-        r, dr = int(table[i, 1]), table[i, 2]
+        _row_gradients(picture[i - 1], picture[i], picture[i + 1], length, turn)
+        across[:] = 0.0
         for j in range(1, side - 1):
-            here = picture[i, j]
-            dx = _difference(picture[i, j - 1], here, picture[i, j + 1])
-            dy = _difference(picture[i - 1, j], here, picture[i + 1, j])
-            length = np.sqrt(dx * dx + dy * dy)
-            if not length > 0.0:
-                continue
-            weight = length * table[i, 0] * table[j, 0]
-            turn = turn_fraction(dx, dy, 0.0) * ORIENTATIONS
-            c, dc, o = int(table[j, 1]), table[j, 2], int(turn)
-            do, onward = turn - o, (o + 1) % ORIENTATIONS
-            for a in range(2):
-                for b in range(2):
-                    share = weight * (dr if a else 1.0 - dr) * (dc if b else 1.0 - dc)
-                    bins[r + a, c + b, o] += share * (1.0 - do)
-                    bins[r + a, c + b, onward] += share * do
+            if length[j] > 0.0:
+                weight = length[j] * table[j, 0]
+                c, o = int(table[j, 1]), int(turn[j])
+                inner, onward = weight * table[j, 2], (o + 1) % ORIENTATIONS
+                outer, share = weight - inner, turn[j] - o
+                across[c, o] += outer * (1.0 - share)
+                across[c, onward] += outer * share
+                across[c + 1, o] += inner * (1.0 - share)
+                across[c + 1, onward] += inner * share
+        r, lower = int(table[i, 1]), table[i, 0] * table[i, 2]
+        upper = table[i, 0] - lower
+        for c in range(CELLS + 2):
+            for o in range(ORIENTATIONS):
+                bins[r, c, o] += upper * across[c, o]
+                bins[r + 1, c, o] += lower * across[c, o]
     kept = bins[1:-1, 1:-1]
     size = np.sqrt((kept * kept).sum())
     if not size > 0.0:
@@ -68,10 +70,20 @@ def describe(picture: np.ndarray, table: np.ndarray, descriptor: np.ndarray) -> 
     return True
 
 
+@njit(cache=True, error_model="numpy")
+def _row_gradients(above: np.ndarray, row: np.ndarray, below: np.ndarray, length: np.ndarray, turn: np.ndarray) -> None:
+    """Length, NaN where it is unknown, and orientation in [0, ORIENTATIONS) of a row's gradients but the outermost."""
+    for j in range(1, len(row) - 1):
+        dx, dy = _difference(row[j - 1], row[j], row[j + 1]), _difference(above[j], row[j], below[j])
+        length[j] = np.sqrt(dx * dx + dy * dy)
+        turn[j] = turn_fraction(dx, dy, 0.0) * ORIENTATIONS
+
+
 @njit(cache=True)
 def _difference(before: float, here: float, after: float) -> float:
     """Over two pixels, from one side where the other is unknown; NaN where it cannot be told."""
-    both = after - before
-    if not np.isnan(both):
-        return both if not np.isnan(here) else np.nan
-    return 2.0 * (here - before) if np.isnan(after) else 2.0 * (after - here)
+    first = here if np.isnan(before) else before
+    last = here if np.isnan(after) else after
+    steps = 2.0 if np.isnan(before) != np.isnan(after) else 1.0
+    known = not (np.isnan(here) or (np.isnan(before) and np.isnan(after)))
+    return steps * (last - first) if known else np.nan
