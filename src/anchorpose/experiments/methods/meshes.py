@@ -6,7 +6,8 @@ import numpy as np
 
 from anchorpose.experiments.method import DescriptorSetting, Family, Method, by_descriptor
 from anchorpose.features.ld_sift import Beyond, LdSiftConfig, ld_sift
-from anchorpose.features.mesh_hog import FirstAxis, MeshHogConfig, mesh_hog
+from anchorpose.features.mesh_hog import MeshHogConfig, ScalarFunction, mesh_hog
+from anchorpose.features.nearest import Metric
 from anchorpose.tracker.observation import Observation
 
 
@@ -25,9 +26,11 @@ METHODS = (
         family=Family.MESH,
         source="Zaharescu et al. 2009, doi:10.1109/CVPRW.2009.5206748",
         settings=tuple(
-            DescriptorSetting(config=MeshHogConfig(radius_m=radius, first_axis=axis))
-            for radius in (0.10, 0.15, 0.20)
-            for axis in FirstAxis
+            DescriptorSetting(
+                config=MeshHogConfig(radius_m=radius, function=function, spread=spread), metric=Metric.HELLINGER
+            )
+            for function in ScalarFunction
+            for radius, spread in ((0.20, 0.3), (0.10, 0.3), (0.20, 0.5))
         ),
         associate=by_descriptor(_mesh_hog),
     ),
@@ -37,9 +40,9 @@ METHODS = (
         family=Family.MESH,
         source="Darom and Keller 2012, doi:10.1109/TIP.2012.2183142",
         settings=tuple(
-            DescriptorSetting(config=LdSiftConfig(radius_m=radius, beyond=beyond))
-            for radius in (0.10, 0.15, 0.20)
+            DescriptorSetting(config=LdSiftConfig(radius_m=radius, beyond=beyond), metric=Metric.HELLINGER)
             for beyond in Beyond
+            for radius in (0.15, 0.10, 0.20)
         ),
         associate=by_descriptor(_ld_sift),
     ),
