@@ -13,7 +13,7 @@ from anchorpose.experiments.pictures.canvas import Picture, View, as_png, own_st
 from anchorpose.experiments.pictures.hypotheses import hypothesis_pictures
 from anchorpose.experiments.pictures.matches import match_pictures, pairs_of
 from anchorpose.experiments.pictures.moments import Moment, Stage, set_stage, take_moment, taken_pixels
-from anchorpose.experiments.pictures.regions import region_pictures
+from anchorpose.experiments.pictures.regions import Holed, region_pictures
 from anchorpose.experiments.pictures.tracked import follow, tracked_picture
 from anchorpose.experiments.reference import Reference
 from anchorpose.recording.recording import Recording
@@ -47,14 +47,15 @@ def write_pictures(
         sitting = _sit(recording, pierced, reference, skin, hole_frame, motions)
         folder = out / "pictures"
         folder.mkdir(parents=True, exist_ok=True)
-        taken = taken_pixels(recording, pierced, hole_frame)
         seen = sitting.whole.window.observations[1]
+        taken = taken_pixels(recording, pierced, hole_frame)
+        holed = Holed(f"Frame {hole_frame}", seen.whole, seen.anchors, taken, reference.centre_m[hole_frame])
         contents = [
             write_picture(folder, picture)
             for picture in (
                 *_matches(sitting, methods, settings),
                 *_proposed(sitting, methods, settings, hole_frame - 1),
-                *region_pictures(sitting.view, seen.whole, seen.anchors, taken, f"Frame {hole_frame}"),
+                *region_pictures(sitting.view, holed),
             )
         ]
     (folder / "pictures.json").write_text(json.dumps(contents, indent=1) + "\n", encoding="utf-8")

@@ -26,7 +26,6 @@ BLUE, VERMILLION, GREEN = as_hex(palette.BLUE), as_hex(palette.VERMILLION), as_h
 BARE: Final = np.array([0.86, 0.86, 0.86])
 """The colour of a mesh of which nothing but its shape is told."""
 
-NOT_REACHED: Final = np.array([0.55, 0.35, 0.30])
 LAMP: Final = np.array([-0.35, 0.45, 0.82])  # to the right, up, towards the viewer: from the viewer's left shoulder
 AMBIENT: Final = 0.35
 
@@ -47,9 +46,9 @@ class View:
 
     axes: np.ndarray
 
-    def flat_m(self, points_m: np.ndarray) -> np.ndarray:
-        """(..., 2) metres to the right and up."""
-        return np.asarray(points_m @ self.axes[:2].T)
+    def flat_m(self, points_m: np.ndarray, shift_m: float = 0.0) -> np.ndarray:
+        """(..., 2) metres to the right, ``shift_m`` farther than they are, and up."""
+        return np.asarray(points_m @ self.axes[:2].T + np.array([shift_m, 0.0]))
 
     def near_m(self, points_m: np.ndarray) -> np.ndarray:
         """(...) metres towards the viewer."""
@@ -79,7 +78,7 @@ def own_style() -> Iterator[None]:
         yield
 
 
-def _defaults(matplotlib: Any) -> dict[str, Any]:
+def _defaults(matplotlib: Any) -> Any:
     """All that matplotlib comes with, but for the backend, which nothing here uses."""
     return {key: value for key, value in matplotlib.rcParamsDefault.items() if "backend" not in key}
 
@@ -106,7 +105,7 @@ def draw_mesh(axes: Axes, view: View, surface: Surface, colour: np.ndarray = BAR
 
     triangles = faces(surface)
     triangles = triangles[np.argsort(view.near_m(surface.points_m)[triangles].mean(axis=1), kind="stable")]
-    place = view.flat_m(surface.points_m) + [shift_m, 0.0]
+    place = view.flat_m(surface.points_m, shift_m)
     slant = surface.normals @ view.axes.T @ (LAMP / np.linalg.norm(LAMP))
     light = AMBIENT + (1.0 - AMBIENT) * np.clip(slant, 0.0, 1.0)
     shaded = np.broadcast_to(colour, (len(surface), 3)) * light[:, None]
@@ -116,14 +115,14 @@ def draw_mesh(axes: Axes, view: View, surface: Surface, colour: np.ndarray = BAR
 
 def frame_axes(axes: Axes, view: View, surfaces: list[tuple[Surface, float]]) -> None:
     """Equal scales, room for all of the surfaces where they are shifted to, nothing around them."""
-    places = [view.flat_m(surface.points_m) + [shift_m, 0.0] for surface, shift_m in surfaces if len(surface)]
+    places = [view.flat_m(surface.points_m, shift_m) for surface, shift_m in surfaces if len(surface)]
     if places:
         together = np.concatenate(places)
         low, high = together.min(axis=0) - 0.05, together.max(axis=0) + 0.05
         axes.set_xlim(low[0], high[0])
         axes.set_ylim(low[1], high[1])
     axes.set_aspect("equal")
-    axes.set_axis_off()
+    axes.set(xticks=[], yticks=[], frame_on=False)  # not set_axis_off: the layout would leave no room for the title
 
 
 def apart_m(view: View, one: Surface, other: Surface) -> float:

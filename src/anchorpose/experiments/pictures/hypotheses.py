@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SECTION: Final = "hypotheses"
-NODES: Final = 3  # of which every possible match is drawn
+NODES: Final = 5  # of which every possible match is drawn
 DRAW_SEED: Final = 23
 MISSED: Final = "#b8b8b8"
 COLOURS: Final = (
@@ -47,7 +47,7 @@ def hypothesis_pictures(view: View, moment: Moment, method: Method, setting: obj
         f"{moment.title}: each node of the frame (left) in the colour of the subset of anchors whose match the track"
         " tree chose for it, and the match (right) in the same. Shares are of the nodes on the body; where several"
         " subsets lead to the same match the first of the legend is given. Grey: no subset's match is near enough to"
-        " where the dynamics expect the node, or none is within the gate.",
+        " where the dynamics expect the node, or none is within the gate; on the right, nodes that are nobody's match.",
         SECTION,
         figure,
     )
@@ -68,7 +68,7 @@ def draw_chosen(axes: Axes, view: View, moment: Moment, said: Matches) -> None:
     """The two clouds, coloured by the chosen subset."""
     before, after = moment.surfaces
     shift_m = apart_m(view, before, after)
-    start, end = view.flat_m(before.points_m), view.flat_m(after.points_m) + [shift_m, 0.0]
+    start, end = view.flat_m(before.points_m), view.flat_m(after.points_m, shift_m)
     tree, node = said.tree.tree, said.tree.node
     matched = tree.match[tree.match >= 0]
     unused = np.setdiff1d(np.arange(len(after)), matched)
@@ -89,7 +89,7 @@ def draw_possible(axes: Axes, view: View, moment: Moment, said: Matches) -> None
     """Lines from a few nodes to all of their possible matches."""
     before, after = moment.surfaces
     shift_m = apart_m(view, before, after)
-    start, end = view.flat_m(before.points_m), view.flat_m(after.points_m) + [shift_m, 0.0]
+    start, end = view.flat_m(before.points_m), view.flat_m(after.points_m, shift_m)
     axes.plot(*np.concatenate([start, end]).T, ".", color=MISSED, markersize=1.5)
     rows = draw_rows(said, moment.truth.seen)
     for number, subset in enumerate(said.links[0].subsets):
@@ -101,11 +101,12 @@ def draw_possible(axes: Axes, view: View, moment: Moment, said: Matches) -> None
                 continue
             chosen = said.tree.tree.subset[row] == number
             ends = np.stack([start[node], end[match]])
-            axes.plot(*ends.T, "-", color=COLOURS[number % len(COLOURS)], linewidth=2.6 if chosen else 1.0,
-                      marker=MARKERS[number % len(MARKERS)], markersize=4, label=label, markevery=[1])  # fmt: skip
+            width, above = (3.2, 2) if chosen else (1.0, 3)
+            axes.plot(*ends.T, "-", color=COLOURS[number % len(COLOURS)], linewidth=width, zorder=above, label=label,
+                      marker=MARKERS[number % len(MARKERS)], markersize=4, markevery=[1])  # fmt: skip
             label = "_"
     node = said.tree.node[rows]
-    true = view.flat_m(moment.truth.place_m[node]) + [shift_m, 0.0]
+    true = view.flat_m(moment.truth.place_m[node], shift_m)
     axes.plot(*true.T, "x", color="black", markersize=8, markeredgewidth=1.6, label="true place", zorder=5)
     frame_axes(axes, view, [(before, 0.0), (after, shift_m)])
 

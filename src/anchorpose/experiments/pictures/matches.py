@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
@@ -31,6 +32,7 @@ RIGHT_M: Final = 0.05  # the paper's bound on the error of an anchor
 DRAW_SEED: Final = 17
 PAPER_ORDER: Final = ("fpfh", "rops", "shot", "shape-context", "hks", "si-hks", "wks", "anchors")
 COLUMNS: Final = 4
+TITLE_LETTERS: Final = 34
 BY_TREE: Final = (
     " A method with several hypotheses a node is shown with the one that its track tree chooses, which knows the"
     " predicted movement; all others with the nearest descriptor."
@@ -40,8 +42,8 @@ BY_TREE: Final = (
 @dataclass(frozen=True, slots=True, eq=False)
 class Pairs:
     """A method's pairs between two surfaces: match (n,) node of the second, -1 = none; error_m (n,) from where the node
-    truly is, NaN where there is no pair or the second frame does not show the place. by_tree: chosen by the track tree,
-    of several hypotheses."""
+    truly is, shown there or not, NaN where there is no pair or the truth is not known. by_tree: chosen by the track
+    tree, of several hypotheses."""
 
     key: str
     title: str
@@ -64,7 +66,7 @@ def pairs_of(method: Method, setting: object, moment: Moment) -> Pairs | None:
     if method.family is Family.NONE and not (match >= 0).any():
         return None
     error = np.full(len(match), np.nan)
-    known = (match >= 0) & moment.truth.seen
+    known = (match >= 0) & on_patient(moment)
     places = moment.surfaces[1].points_m[match[known]]
     error[known] = np.linalg.norm(places - moment.truth.place_m[known], axis=1)
     return Pairs(method.key, method.title, match, error, by_tree)
@@ -79,11 +81,16 @@ def chosen_match(said: Matches) -> tuple[np.ndarray, bool]:
     return match, True
 
 
-def draw_nodes(seen: np.ndarray) -> np.ndarray:
-    """(k,) one per cent of the nodes, drawn at random among those (n,) whose truth is known: the same for all methods."""
-    count = min(int(np.ceil(DRAWN_SHARE * len(seen))), int(seen.sum()))
+def on_patient(moment: Moment) -> np.ndarray:
+    """(n,) bool: nodes of the first frame that have a true place in the second, whether it is seen there or not."""
+    return np.asarray(np.isfinite(moment.truth.place_m).all(axis=1))
+
+
+def draw_nodes(known: np.ndarray) -> np.ndarray:
+    """(k,) one per cent of the nodes, drawn at random among the known ones (n,) bool: the same for all methods."""
+    count = min(int(np.ceil(DRAWN_SHARE * len(known))), int(known.sum()))
     rng = np.random.default_rng(DRAW_SEED)
-    return np.sort(rng.choice(np.flatnonzero(seen), size=count, replace=False))
+    return np.sort(rng.choice(np.flatnonzero(known), size=count, replace=False))
 
 
 def in_paper_order(pairs: Sequence[Pairs]) -> list[Pairs]:
@@ -95,9 +102,9 @@ def in_paper_order(pairs: Sequence[Pairs]) -> list[Pairs]:
 def match_pictures(view: View, moment: Moment, pairs: Sequence[Pairs]) -> list[Picture]:
     """A picture a method, and the sheet of all of them."""
     about = (
-        f"{moment.title}: the frame on the left, the next one on the right. Lines are one per cent of the frame's nodes,"
-        f" drawn at random, the same for all methods: blue and solid within {100 * RIGHT_M:.0f} cm of the true place,"
-        " vermilion and dashed farther off; a ring is a node that got no pair. The shares are of all nodes whose true"
+        f"{moment.title}: the frame on the left, the next one on the right. Lines lead from one per cent of the frame's"
+        " nodes, drawn at random, the same for all methods, to their pairs: blue and solid within"
+        f" {100 * RIGHT_M:.0f} cm of the true place, vermilion and dashed farther off; a ring is a node that got no pair. The shares are of all nodes whose true"
         " place the next frame shows."
     )
     pictures = []
@@ -110,7 +117,14 @@ def match_pictures(view: View, moment: Moment, pairs: Sequence[Pairs]) -> list[P
     sheet = blank_figure(3.1 * COLUMNS, 2.9 * rows)
     for number, each in enumerate(in_paper_order(pairs)):
         draw_pairs(sheet.add_subplot(rows, COLUMNS, number + 1), view, moment, each)
-    pictures.append(Picture(f"matches-{moment.name}.png", f"All methods. {about}{BY_TREE if any(each.by_tree for each in pairs) else ''}", SECTION, sheet))
+    pictures.append(
+        Picture(
+            f"matches-{moment.name}.png",
+            f"All methods. {about}{BY_TREE if any(each.by_tree for each in pairs) else ''}",
+            SECTION,
+            sheet,
+        )
+    )
     return pictures
 
 
@@ -122,9 +136,9 @@ def draw_pairs(axes: Axes, view: View, moment: Moment, pairs: Pairs) -> None:
     shift_m = apart_m(view, before, after)
     draw_mesh(axes, view, before)
     draw_mesh(axes, view, after, shift_m=shift_m)
-    node = draw_nodes(moment.truth.seen)
+    node = draw_nodes(on_patient(moment))
     start = view.flat_m(before.points_m)
-    end = view.flat_m(after.points_m) + [shift_m, 0.0]
+    end = view.flat_m(after.points_m, shift_m)
     for right, colour, style in ((False, VERMILLION, (0, (4, 2))), (True, BLUE, "solid")):
         drawn = node[(pairs.match[node] >= 0) & (pairs.right[node] == right)]
         lines = np.stack([start[drawn], end[pairs.match[drawn]]], axis=1)
@@ -133,7 +147,7 @@ def draw_pairs(axes: Axes, view: View, moment: Moment, pairs: Pairs) -> None:
     bare = node[pairs.match[node] < 0]
     axes.plot(*start[bare].T, "o", markerfacecolor="none", markeredgecolor="black", markersize=4)
     frame_axes(axes, view, [(before, 0.0), (after, shift_m)])
-    axes.set_title(f"{pairs.title}\n{told(pairs, moment)}")
+    axes.set_title(f"{textwrap.shorten(pairs.title, TITLE_LETTERS, placeholder=' ...')}\n{told(pairs, moment)}")
 
 
 def told(pairs: Pairs, moment: Moment) -> str:

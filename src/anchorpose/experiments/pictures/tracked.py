@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 SECTION: Final = "tracked"
 MOMENTS: Final = 4
 APART: Final = 3  # frames from one moment to the next: at ten a second the body has moved visibly
-KINDS: Final = (("truth", BLUE, "o", 5.0), ("predicted", VERMILLION, "x", 5.0), ("tracked", GREEN, "^", 5.0))
+KINDS: Final = (("tracked", GREEN, "^", 5.0), ("predicted", VERMILLION, "x", 5.0), ("truth", BLUE, "o", 7.0))
+"""What, in which colour, marker and size; the truth is hollow, and over the others."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
