@@ -93,18 +93,15 @@ def draw_possible(axes: Axes, view: View, moment: Moment, said: Matches) -> None
     axes.plot(*np.concatenate([start, end]).T, ".", color=MISSED, markersize=1.5)
     rows = draw_rows(said, moment.truth.seen)
     for number, subset in enumerate(said.links[0].subsets):
-        label = name_subset(subset)
+        look = {"color": COLOURS[number % len(COLOURS)], "marker": MARKERS[number % len(MARKERS)], "markersize": 4}
+        axes.plot([], [], "-", **look, label=name_subset(subset))
         for row in rows:
             node = said.tree.node[row]
             match = said.links[0].match[node, number]
-            if match < 0:
-                continue
-            chosen = said.tree.tree.subset[row] == number
-            ends = np.stack([start[node], end[match]])
-            width, above = (3.2, 2) if chosen else (1.0, 3)
-            axes.plot(*ends.T, "-", color=COLOURS[number % len(COLOURS)], linewidth=width, zorder=above, label=label,
-                      marker=MARKERS[number % len(MARKERS)], markersize=4, markevery=[1])  # fmt: skip
-            label = "_"
+            if match >= 0:
+                width, above = (3.2, 2) if said.tree.tree.subset[row] == number else (1.0, 3)
+                ends = np.stack([start[node], end[match]])
+                axes.plot(*ends.T, "-", **look, linewidth=width, zorder=above, markevery=[1])
     node = said.tree.node[rows]
     true = view.flat_m(moment.truth.place_m[node], shift_m)
     axes.plot(*true.T, "x", color="black", markersize=8, markeredgewidth=1.6, label="true place", zorder=5)

@@ -32,7 +32,7 @@ RIGHT_M: Final = 0.05  # the paper's bound on the error of an anchor
 DRAW_SEED: Final = 17
 PAPER_ORDER: Final = ("fpfh", "rops", "shot", "shape-context", "hks", "si-hks", "wks", "anchors")
 COLUMNS: Final = 4
-TITLE_LETTERS: Final = 34
+TITLE_LETTERS: Final = 36  # of the sheet
 BY_TREE: Final = (
     " A method with several hypotheses a node is shown with the one that its track tree chooses, which knows the"
     " predicted movement; all others with the nearest descriptor."
@@ -104,8 +104,8 @@ def match_pictures(view: View, moment: Moment, pairs: Sequence[Pairs]) -> list[P
     about = (
         f"{moment.title}: the frame on the left, the next one on the right. Lines lead from one per cent of the frame's"
         " nodes, drawn at random, the same for all methods, to their pairs: blue and solid within"
-        f" {100 * RIGHT_M:.0f} cm of the true place, vermilion and dashed farther off; a ring is a node that got no pair. The shares are of all nodes whose true"
-        " place the next frame shows."
+        f" {100 * RIGHT_M:.0f} cm of the true place, vermilion and dashed farther off; a ring is a node that got no"
+        " pair. The shares are of all nodes whose true place the next frame shows."
     )
     pictures = []
     for each in pairs:
@@ -116,7 +116,9 @@ def match_pictures(view: View, moment: Moment, pairs: Sequence[Pairs]) -> list[P
     rows = -(-len(pairs) // COLUMNS)
     sheet = blank_figure(3.1 * COLUMNS, 2.9 * rows)
     for number, each in enumerate(in_paper_order(pairs)):
-        draw_pairs(sheet.add_subplot(rows, COLUMNS, number + 1), view, moment, each)
+        axes = sheet.add_subplot(rows, COLUMNS, number + 1)
+        draw_pairs(axes, view, moment, each)
+        axes.set_title(f"{textwrap.shorten(each.title, TITLE_LETTERS, placeholder=' ...')}\n{told(each, moment)}")
     pictures.append(
         Picture(
             f"matches-{moment.name}.png",
@@ -147,7 +149,7 @@ def draw_pairs(axes: Axes, view: View, moment: Moment, pairs: Pairs) -> None:
     bare = node[pairs.match[node] < 0]
     axes.plot(*start[bare].T, "o", markerfacecolor="none", markeredgecolor="black", markersize=4)
     frame_axes(axes, view, [(before, 0.0), (after, shift_m)])
-    axes.set_title(f"{textwrap.shorten(pairs.title, TITLE_LETTERS, placeholder=' ...')}\n{told(pairs, moment)}")
+    axes.set_title(f"{pairs.title}\n{told(pairs, moment)}")
 
 
 def told(pairs: Pairs, moment: Moment) -> str:

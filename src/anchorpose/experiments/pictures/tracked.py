@@ -84,7 +84,7 @@ def _joints(tracker: PatientTracker) -> np.ndarray:
 
 def tracked_picture(view: View, method: Method, frames: list[TrackedFrame], rate_hz: float, start: int) -> Picture:
     """The moments side by side."""
-    figure = blank_figure(2.6 * len(frames), 4.6)
+    figure = blank_figure(2.9 * len(frames), 5.2)
     for number, each in enumerate(frames):
         axes = figure.add_subplot(1, len(frames), number + 1)
         draw_tracked(axes, view, each)
