@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 from anchorpose.experiments.correspondence import Skin
@@ -50,14 +51,12 @@ def write_pictures(
         seen = sitting.whole.window.observations[1]
         taken = taken_pixels(recording, pierced, hole_frame)
         holed = Holed(f"Frame {hole_frame}", seen.whole, seen.anchors, taken, reference.centre_m[hole_frame])
-        contents = [
-            write_picture(folder, picture)
-            for picture in (
-                *_matches(sitting, methods, settings),
-                *_proposed(sitting, methods, settings, hole_frame - 1),
-                *region_pictures(sitting.view, holed),
-            )
-        ]
+        pictures = chain(
+            _matches(sitting, methods, settings),
+            _proposed(sitting, methods, settings, hole_frame - 1),
+            region_pictures(sitting.view, holed),
+        )
+        contents = [write_picture(folder, picture) for picture in pictures]
     (folder / "pictures.json").write_text(json.dumps(contents, indent=1) + "\n", encoding="utf-8")
 
 
@@ -78,9 +77,7 @@ def _sit(
     return _Sitting(upright_view(stages[0].room.cameras[0]), skin, whole, hole, stages[1])
 
 
-def _matches(
-    sitting: _Sitting, methods: Sequence[Method], settings: Mapping[str, object]
-) -> Iterator[Picture]:  # fmt: skip
+def _matches(sitting: _Sitting, methods: Sequence[Method], settings: Mapping[str, object]) -> Iterator[Picture]:
     for moment in (sitting.whole, sitting.hole):
         asked = [pairs_of(each, settings[each.key], moment) for each in methods if each.associate is not None]
         yield from match_pictures(sitting.view, moment, [pairs for pairs in asked if pairs is not None])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -93,7 +93,8 @@ def draw_possible(axes: Axes, view: View, moment: Moment, said: Matches) -> None
     axes.plot(*np.concatenate([start, end]).T, ".", color=MISSED, markersize=1.5)
     rows = draw_rows(said, moment.truth.seen)
     for number, subset in enumerate(said.links[0].subsets):
-        look = {"color": COLOURS[number % len(COLOURS)], "marker": MARKERS[number % len(MARKERS)], "markersize": 4}
+        look: dict[str, Any] = {"marker": MARKERS[number % len(MARKERS)], "markersize": 4}
+        look["color"] = COLOURS[number % len(COLOURS)]
         axes.plot([], [], "-", **look, label=name_subset(subset))
         for row in rows:
             node = said.tree.node[row]

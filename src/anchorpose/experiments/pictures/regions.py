@@ -112,7 +112,7 @@ def _sizes(view: View, holed: Holed, name: str) -> Picture:
         light = lights_of(holed, holed.within(radius_m)).get(name)
         if light is None:
             axes.set_axis_off()
-            axes.set_title(f"{100 * radius_m:.0f} cm: no node is hidden")
+            axes.set_title(f"{100 * radius_m:.0f} cm: hides no node, or the anchor")
             continue
         draw_light(axes, view, light, holed.node(name), told(light, radius_m))
     explain(figure, *figure.axes)
