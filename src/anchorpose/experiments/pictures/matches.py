@@ -158,4 +158,14 @@ def told(pairs: Pairs, moment: Moment) -> str:
     if not seen.any():
         return "no node's truth is known"
     right, none = pairs.right[seen].mean(), (pairs.match[seen] < 0).mean()
-    return f"{100 * right:.0f} % right, {100 * (1 - right - none):.0f} % wrong, {100 * none:.0f} % no pair"
+    wrong = ((pairs.match[seen] >= 0) & ~pairs.right[seen]).mean()
+    return f"{percent(right)} right, {percent(wrong)} wrong, {percent(none)} no pair"
+
+
+def percent(share: float) -> str:
+    """Whole per cent; none and all only where it is exactly so: one wrong line among right ones must not be denied."""
+    if 0.0 < share < 0.01:
+        return "< 1 %"
+    if 0.99 < share < 1.0:
+        return "> 99 %"
+    return f"{100 * share:.0f} %"
