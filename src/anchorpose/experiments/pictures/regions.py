@@ -80,7 +80,7 @@ def _one(view: View, holed: Holed, name: str, light: Light) -> Picture:
     draw_light(figure.add_subplot(), view, light, holed.node(name), TITLES[name])
     explain(figure, *figure.axes)
     caption = f"{holed.title}: what the hole does to geodesic distances from the {TITLES[name]}. {COLOURS}"
-    return Picture(f"regions-{name.lower()}.png", caption, SECTION, figure)
+    return Picture("regions-anchor.png", caption, SECTION, figure)
 
 
 def _all(view: View, holed: Holed, lights: dict[str, Light]) -> Picture:
