@@ -49,7 +49,7 @@ class ExperimentConfig:
     training_seed: int = 401  # of the recordings that settings are chosen and movements are taken from
     training_recordings: int = 4
     training_samples: int = 200  # frames of reference movements, and of the training recordings together
-    training_windows: int = 3  # moments of each, with and without a hole, on which settings are tried
+    training_windows: int = 2  # moments of each, with and without a hole, on which settings are tried
     tuned: bool = True  # False: every method with its first setting
     resamples: int = 2000  # of the bootstrap over recordings
 

@@ -72,14 +72,9 @@ def by_descriptor(describe: Callable[[Observation, Any], np.ndarray]) -> Callabl
     """
 
     def associate(setting: DescriptorSetting) -> Associate:
-        recent: deque[tuple[Observation, np.ndarray]] = deque(maxlen=REMEMBERED)
-
+        @remembered
         def described(seen: Observation) -> np.ndarray:
-            for known, descriptor in recent:
-                if known is seen:
-                    return descriptor
-            recent.append((seen, describe(seen, setting.config)))
-            return recent[-1][1]
+            return describe(seen, setting.config)
 
         def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
             def find(nodes: np.ndarray) -> np.ndarray:
@@ -90,6 +85,20 @@ def by_descriptor(describe: Callable[[Observation, Any], np.ndarray]) -> Callabl
         return pair
 
     return associate
+
+
+def remembered(describe: Callable[[Observation], np.ndarray]) -> Callable[[Observation], np.ndarray]:
+    """The same answers for the frames of the look-ahead, each worked out once."""
+    recent: deque[tuple[Observation, np.ndarray]] = deque(maxlen=REMEMBERED)
+
+    def described(seen: Observation) -> np.ndarray:
+        for known, descriptor in recent:
+            if known is seen:
+                return descriptor
+        recent.append((seen, describe(seen)))
+        return recent[-1][1]
+
+    return described
 
 
 NO_SUBSET: Final = np.empty((1, 0), np.int64)

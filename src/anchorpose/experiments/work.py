@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from zlib import crc32
@@ -16,19 +16,22 @@ from anchorpose.experiments.clips import Clip
 from anchorpose.experiments.correspondence import Skin
 from anchorpose.experiments.framework import paper_config
 from anchorpose.experiments.holes import cut_holes, draw_hole_frames
-from anchorpose.experiments.matching import MatchErrors, score, truth_of
+from anchorpose.experiments.matching import MatchErrors, Truth, score, truth_of
 from anchorpose.experiments.method import Family
 from anchorpose.experiments.reference import Reference, from_arrays, in_its_world, make_reference, to_arrays
 from anchorpose.experiments.store import read
 from anchorpose.experiments.tracking import Track, segment_starts, track_segments, track_whole
 from anchorpose.experiments.truth import reference_joints, simulated_joints
-from anchorpose.experiments.windows import draw_some, take_window
+from anchorpose.experiments.windows import Window, draw_some, take_window
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording import Recording
 from anchorpose.simulate.write import simulate_recording
+from anchorpose.surface.patient_surface import SurfaceConfig
 from anchorpose.threads import one_thread
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.preparation import prepare_room
+from anchorpose.tracker.room import Room
+from anchorpose.tracking.motion_database import MotionDatabase
 from anchorpose.tracking.motion_file import load_motions
 
 
@@ -113,12 +116,10 @@ def _answer_all(asked: Sequence[Answer], subject: Subject, recording: Recording,
     config = paper_config(plan.movements)
     room = prepare_room(recording, config)
     motions = load_motions(config.motion_file, recording.rate_hz, config.motion)
-    matched = [answer for answer in asked if answer.kind is Kind.MATCHED]
-    if matched and subject.skin is not None:
-        frames = window_frames(subject, plan)
-        windows = [take_window(frame, room, subject.reference, motions, config) for frame in frames]
-        known = [(window, truth_of(window, subject.skin)) for window in windows if window is not None]
-        for answer in matched:
+    album = _Album(subject, plan, room, motions, config)
+    for answer in asked:
+        if answer.kind is Kind.MATCHED:
+            known = album.windows(answer.method.configure(config, answer.setting))
             scores = [score(answer.method, answer.setting, window, truth) for window, truth in known]
             plan.store.write(answer.path, _matched_arrays([window.frame for window, _ in known], scores, subject))
     length = plan.config.segment_frames
@@ -135,6 +136,25 @@ def _answer_all(asked: Sequence[Answer], subject: Subject, recording: Recording,
                 answer.method, answer.setting, room, subject.reference, motions, config, chosen, length
             )
         plan.store.write(answer.path, _tracked_arrays(track, subject, answer.hole_m))
+
+
+class _Album:
+    """The windows of a recording: the same for all methods that make meshes alike."""
+
+    def __init__(
+        self, subject: Subject, plan: Plan, room: Room, motions: MotionDatabase | None, config: TrackConfig
+    ) -> None:
+        self.subject, self.room, self.motions, self.config = subject, room, motions, config
+        self.frames = window_frames(subject, plan)
+        self.taken: dict[SurfaceConfig, list[tuple[Window, Truth]]] = {}
+
+    def windows(self, config: TrackConfig) -> list[tuple[Window, Truth]]:
+        """The windows on meshes as this configuration has them, with what is true of them."""
+        skin, how = self.subject.skin, replace(self.config, surface=config.surface)
+        if skin is not None and config.surface not in self.taken:
+            found = [take_window(f, self.room, self.subject.reference, self.motions, how) for f in self.frames]
+            self.taken[config.surface] = [(window, truth_of(window, skin)) for window in found if window is not None]
+        return self.taken.get(config.surface, [])
 
 
 def window_frames(subject: Subject, plan: Plan) -> list[int]:

@@ -39,7 +39,7 @@ def _nearest(setting: Any) -> Associate:
 
 METHODS = (
     Method(key="none", title="no association: prediction and ICP", family=Family.NONE, source="",
-           associate=_nobody),
+           associate=_nobody, frame_ms=1.0),
     Method(key="nearest", title="the node nearest to where the node was", family=Family.NONE, source="",
-           associate=_nearest),
+           associate=_nearest, frame_ms=5.0),
 )  # fmt: skip

@@ -32,5 +32,6 @@ METHODS = (
         source="Bronstein et al. 2006, doi:10.1073/pnas.0508601103",
         settings=(GmdsConfig(), GmdsConfig(samples=60), GmdsConfig(cap_m=0.3)),
         associate=_associate,
+        frame_ms=500.0,
     ),
 )

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -47,53 +49,48 @@ def _rops(seen: Observation, config: RopsConfig) -> np.ndarray:
     return rops(seen.surface.points_m, faces(seen.surface), config)
 
 
+CUSTOMARY_M = 0.05
+"""The radius that these descriptors are usually given for objects on a table, and people with them."""
+
+
+def _both(
+    key: str, title: str, source: str, describe: Callable[[Observation, Any], np.ndarray],
+    setting: Callable[[float, int], DescriptorSetting], frame_ms: float,
+) -> tuple[Method, Method]:  # fmt: skip
+    """The descriptor with the best of all settings, and with the customary radius: what the tuning is worth."""
+    chosen = tuple(setting(radius, variant) for radius in RADII_M for variant in (0, 1))
+    associate = by_descriptor(describe)
+    return (
+        Method(key=key, title=title, family=Family.LOCAL, source=source, settings=chosen, associate=associate,
+               frame_ms=frame_ms),
+        Method(key=f"{key}-5cm", title=f"{title}, 5 cm", family=Family.LOCAL, source=source,
+               settings=(setting(CUSTOMARY_M, 0),), associate=associate, frame_ms=frame_ms / 4.0),
+    )  # fmt: skip
+
+
 METHODS = (
-    Method(
-        key="fpfh",
-        title="FPFH",
-        family=Family.LOCAL,
-        source="Rusu et al. 2009, doi:10.1109/ROBOT.2009.5152473",
-        settings=tuple(
-            DescriptorSetting(config=FpfhConfig(radius_m=radius), metric=metric)
-            for radius in RADII_M
-            for metric in (Metric.EUCLIDEAN, Metric.HELLINGER)
-        ),
-        associate=by_descriptor(_fpfh),
+    *_both(
+        "fpfh", "FPFH", "Rusu et al. 2009, doi:10.1109/ROBOT.2009.5152473", _fpfh,
+        lambda radius, variant: DescriptorSetting(
+            config=FpfhConfig(radius_m=radius), metric=(Metric.HELLINGER, Metric.EUCLIDEAN)[variant]
+        ), 60.0,
     ),
-    Method(
-        key="shot",
-        title="SHOT",
-        family=Family.LOCAL,
-        source="Tombari et al. 2010, doi:10.1007/978-3-642-15558-1_26",
-        settings=tuple(
-            DescriptorSetting(config=ShotConfig(radius_m=radius, z_by_normal=by_normal))
-            for radius in RADII_M
-            for by_normal in (False, True)
-        ),
-        associate=by_descriptor(_shot),
+    *_both(
+        "shot", "SHOT", "Tombari et al. 2010, doi:10.1007/978-3-642-15558-1_26", _shot,
+        lambda radius, variant: DescriptorSetting(
+            config=ShotConfig(radius_m=radius, z_by_normal=(False, True)[variant])
+        ), 120.0,
     ),
-    Method(
-        key="shape-context",
-        title="3D shape context",
-        family=Family.LOCAL,
-        source="Frome et al. 2004, doi:10.1007/978-3-540-24672-5_18",
-        settings=tuple(
-            DescriptorSetting(config=ContextSetting(config=ShapeContextConfig(radius_m=radius), unit_length=unit))
-            for radius in RADII_M
-            for unit in (True, False)
-        ),
-        associate=by_descriptor(_shape_context),
+    *_both(
+        "shape-context", "3D shape context", "Frome et al. 2004, doi:10.1007/978-3-540-24672-5_18", _shape_context,
+        lambda radius, variant: DescriptorSetting(
+            config=ContextSetting(config=ShapeContextConfig(radius_m=radius), unit_length=(True, False)[variant])
+        ), 350.0,
     ),
-    Method(
-        key="rops",
-        title="RoPS",
-        family=Family.LOCAL,
-        source="Guo et al. 2013, doi:10.1007/s11263-013-0627-y",
-        settings=tuple(
-            DescriptorSetting(config=RopsConfig(radius_m=radius), metric=metric)
-            for radius in RADII_M
-            for metric in (Metric.EUCLIDEAN, Metric.MANHATTAN)
-        ),
-        associate=by_descriptor(_rops),
+    *_both(
+        "rops", "RoPS", "Guo et al. 2013, doi:10.1007/s11263-013-0627-y", _rops,
+        lambda radius, variant: DescriptorSetting(
+            config=RopsConfig(radius_m=radius), metric=(Metric.MANHATTAN, Metric.EUCLIDEAN)[variant]
+        ), 250.0,
     ),
-)
+)  # fmt: skip

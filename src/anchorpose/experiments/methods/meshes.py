@@ -33,6 +33,7 @@ METHODS = (
             for radius, spread in ((0.20, 0.3), (0.10, 0.3), (0.20, 0.5))
         ),
         associate=by_descriptor(_mesh_hog),
+        frame_ms=150.0,
     ),
     Method(
         key="ld-sift",
@@ -45,5 +46,6 @@ METHODS = (
             for radius in (0.15, 0.10, 0.20)
         ),
         associate=by_descriptor(_ld_sift),
+        frame_ms=150.0,
     ),
 )

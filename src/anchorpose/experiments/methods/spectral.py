@@ -58,6 +58,7 @@ def _method(
         source=source,
         settings=settings,
         associate=by_descriptor(_described(signature)),
+        frame_ms=200.0,
     )
 
 
