@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from anchorpose.experiments.figures.drawing import FAMILY_NAMES, Figure, look_of, new_figure
+from anchorpose.experiments.figures.drawing import FAMILY_NAMES, Figure, look_of, most_of, new_figure
 from anchorpose.experiments.method import Family
 from anchorpose.experiments.selection import PROPOSED
 from anchorpose.experiments.tables import Table
@@ -32,8 +32,8 @@ def _draw(tables: Sequence[Table], what: str) -> Any:
             values = [table.value(method.key, joint.key).mean for joint in joints]
             axes.plot(np.arange(len(joints)), values, label=method.title, **look_of(method, table.methods))
         axes.set_title(", ".join(FAMILY_NAMES[family] for family in families if family in present))
-        axes.set_ylim(bottom=0)
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.05), handlelength=3.2)
+    grid[0, 0].set_ylim(0, 1.05 * most_of(table))
     grid[-1, 0].set_xticks(range(len(joints)), [joint.label for joint in joints], rotation=55, ha="right")
     canvas.supylabel(what, fontsize=9)
     return canvas

@@ -20,6 +20,9 @@ from anchorpose.results.palette import as_hex
 DPI: Final = 120
 INK: Final = "#15191d"
 FAINT: Final = "#8a9299"
+LINE: Final = "#d5dbe0"
+GROUND: Final = "#ffffff"
+ON_DARK: Final = "#fefefe"  # not the ground: a page in dark colours changes that
 
 LOOK: Final = {
     Family.PROPOSED: (as_hex(palette.VERMILLION), "solid"),
@@ -95,7 +98,7 @@ def _settings(salt: str = "") -> Any:
     plain.pop("backend_fallback", None)
     plain |= {
         "svg.hashsalt": f"anchorpose {salt}", "svg.fonttype": "none", "font.size": 9.0, "axes.spines.top": False,
-        "axes.spines.right": False, "axes.grid": True, "grid.color": "#d5dbe0", "grid.linewidth": 0.6,
+        "axes.spines.right": False, "axes.grid": True, "grid.color": LINE, "grid.linewidth": 0.6,
         "axes.edgecolor": FAINT, "axes.labelcolor": INK, "text.color": INK, "xtick.color": INK, "ytick.color": INK,
         "axes.axisbelow": True, "axes.titlesize": 9.5, "axes.titlelocation": "left", "legend.frameon": False,
         "legend.fontsize": 8.0,
@@ -111,7 +114,7 @@ def look_of(method: Method, methods: Sequence[Method]) -> dict[str, Any]:
     return {
         "color": colour, "linestyle": line, "marker": MARKS[alike.index(method.key) % len(MARKS)], "markersize": 4.5,
         "linewidth": 2.2 if strong else 1.2, "zorder": 4 if strong else 3,
-        "markerfacecolor": colour if strong else "white", "markeredgecolor": colour,
+        "markerfacecolor": colour if strong else GROUND, "markeredgecolor": colour,
     }  # fmt: skip
 
 
@@ -135,12 +138,12 @@ def draw_lines(axes: Any, table: Table, places: Sequence[float], bars: bool = Tr
         look = look_of(method, table.methods)
         means = [value.mean for value in values]
         if bars:
-            step = (max(places) - min(places) or 1.0) / 250
+            step = 0.8 * (np.diff(sorted(places)).min() if len(places) > 1 else 1.0) / len(table.methods)
             shifted = np.asarray(places) + step * (number - (len(table.methods) - 1) / 2)
-            axes.errorbar(shifted, means, yerr=bounds_of(values), label=method.title, elinewidth=0.8, **look)
+            axes.errorbar(shifted, means, yerr=bounds_of(values), label=method.title, elinewidth=0.7, **look)
         else:
             axes.plot(places, means, label=method.title, markevery=5, **look)
-    axes.set_ylim(bottom=0)
+    axes.set_ylim(0, 1.05 * axes.get_ylim()[1])
 
 
 def draw_dots(axes: Any, table: Table, column: str, methods: Sequence[Method], **change: Any) -> None:
@@ -170,7 +173,7 @@ def draw_heat(axes: Any, table: Table, most: float, text: Callable[[float], str]
     axes.set_yticks(range(len(methods)), [method.title for method in methods])
     for row, column in np.ndindex(*values.shape):
         value = values[row, column]
-        ink = "white" if value < most / 2 else "black"
+        ink = ON_DARK if value < most / 2 else "black"
         said = "–" if np.isnan(value) else text(value)
         axes.text(column, row, said, ha="center", va="center", fontsize=7.5, color=INK if np.isnan(value) else ink)
     return image

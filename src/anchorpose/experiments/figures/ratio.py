@@ -18,8 +18,8 @@ def _draw(tables: Sequence[Table]) -> Any:
         axes.axvline(1.0, color=FAINT, linewidth=1)
         axes.axvline(CONSTANT, color=FAINT, linewidth=1, linestyle=(0, (4, 3)))
         axes.set_title(title)
-        axes.set_xlabel(f"error at {largest.label} over that without")
     name_rows(grid[0, 0], methods)
+    canvas.supxlabel(f"error at {largest.label} over that without", fontsize=9)
     return canvas
 
 

@@ -9,6 +9,8 @@ from anchorpose.experiments.figures.drawing import FAINT, Figure, draw_dots, nam
 from anchorpose.experiments.tables import Table
 from anchorpose.experiments.time_tables import PAPER_FEATURE_S
 
+TICKS = tuple(step * 10.0**power for power in range(-5, 5) for step in (1, 3))
+
 
 def _draw(tables: Sequence[Table]) -> Any:
     table = tables[0]
@@ -16,6 +18,11 @@ def _draw(tables: Sequence[Table]) -> Any:
     canvas, grid = new_figure(8.2, 0.27 * len(methods) + 1.2, ncols=len(columns), sharey=True, squeeze=False)
     for axes, column in zip(grid[0], columns, strict=True):
         axes.set_xscale("log")
+        low, high = _limits(table, column.key)
+        axes.set_xlim(low, high)
+        ticks = [tick for tick in TICKS if low <= tick <= high]
+        axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+        axes.set_xticks([], minor=True)
         draw_dots(axes, table, column.key, methods)
         axes.set_title(column.label)
         axes.set_xlabel("seconds on one core")
@@ -23,6 +30,12 @@ def _draw(tables: Sequence[Table]) -> Any:
             axes.axvline(PAPER_FEATURE_S, color=FAINT, linewidth=1, linestyle=(0, (4, 3)))
     name_rows(grid[0, 0], methods)
     return canvas
+
+
+def _limits(table: Table, column: str) -> tuple[float, float]:
+    """Half of the shortest time to twice the longest: also where all are the same."""
+    means = [row.value.mean for row in table.rows if row.column.key == column and row.value.mean > 0]
+    return (min(means) / 2, max(means) * 2) if means else (0.01, 1.0)
 
 
 FIGURES = (
