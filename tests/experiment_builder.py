@@ -48,7 +48,7 @@ OF_FAMILY = {
 """Mean joint errors as the paper would have them, millimetres."""
 
 TrackingMean = Callable[[str, float, bool], float | np.ndarray]
-"""Mean error in mm, or one for each of the 21 joints, of a method's key, a size of hole and whether the frame has one."""
+"""Mean error in mm, or one for each of 21 joints, of a method's key, a size of hole and whether the frame has one."""
 
 Matches = Callable[[str, str], tuple[float, float]]
 """Of a method's key and a region: mean error in mm, and share of matches on the other side."""

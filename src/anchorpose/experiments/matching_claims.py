@@ -79,7 +79,7 @@ class MatchingClaims:
         elsewhere = [index for index, name in enumerate(NAMES) if name not in ("head", *SYMMETRIC)]
         return Claim(
             "inaccurate-elsewhere", "Section V-A",
-            "On the rest of the body these features give inaccurate matches: it deforms, and its curvature is all alike.",
+            "On the rest of the body these features give inaccurate matches: it deforms, and curves alike.",
             f"Median error outside head, hands and feet at least {INACCURATE_MM:.0f} mm.",
             tuple(self._inaccuracy(self._of(*RIVALS), elsewhere)),
         )  # fmt: skip
@@ -117,8 +117,8 @@ class MatchingClaims:
         """Section V."""
         return Claim(
             "dijkstra-suffices", "Section III and V",
-            "Shortest paths along the mesh’s edges (Dijkstra) are good enough for the feature; fast marching is exacter.",
-            f"Mean error of the matches, and of the joints, by Dijkstra at most {CONSTANT} times that by fast marching.",
+            "Shortest paths along the mesh’s edges (Dijkstra) are good enough for the feature.",
+            f"Mean error of the matches, and of the joints, at most {CONSTANT} times that by fast marching (exacter).",
             tuple(self._against("anchors-dijkstra", PROPOSED, "Dijkstra over fast marching")),
             self._matched_told(["anchors-dijkstra", PROPOSED]),
         )  # fmt: skip
@@ -126,8 +126,8 @@ class MatchingClaims:
     def _against(self, one: str, other: str, what: str) -> list[Check]:
         checks = []
         if one in self._methods and other in self._methods:
-            groups = [list(self._matching.values(key, tree_mm).values()) for key in (one, other)]
-            checks.append(_ratio_check(f"{what}, matches after the tree", ratio_of(*groups, self._resamples)))
+            above, below = (list(self._matching.values(key, tree_mm).values()) for key in (one, other))
+            checks.append(_ratio_check(f"{what}, matches after the tree", ratio_of(above, below, self._resamples)))
         pairs = [
             pair
             for hole in self._tracking.holes(Scene.PAPER)

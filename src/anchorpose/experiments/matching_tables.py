@@ -1,8 +1,9 @@
-"""Errors of the matches against the true correspondence: overall, per region of the body, per size of hole, as a curve."""
+"""Errors of the matches against the true correspondence: overall, by region, by size of hole, as a curve."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -98,10 +99,14 @@ def _curve(
     rows = []
     for method in matching.methods:
         for x in places:
-            values = matching.values(method.key, lambda match, x=x: within(match, x).astype(float))  # type: ignore[misc]
-            rows.append(Row(method, Column(f"{x:g}", f"{x:g}", Unit.SHARE), mean_over(list(values.values()), resamples)))
+            shares = list(matching.values(method.key, partial(_floats, within, x)).values())
+            rows.append(Row(method, Column(f"{x:g}", f"{x:g}", Unit.SHARE), mean_over(shares, resamples)))
     note = f"{ANSWER_NOTE} Of all nodes that were asked: one without a match lies within no distance."
     return Table(key, title, "within", note, tuple(rows))
+
+
+def _floats(within: Callable[[Matched, float], np.ndarray], x: float, match: Matched) -> np.ndarray:
+    return within(match, x).astype(np.float64)
 
 
 def _skin_mm(matching: Matching, match: Matched) -> np.ndarray:

@@ -16,6 +16,9 @@ from anchorpose.results.web_page import fill_page
 
 NO_DATA = "<p class='hint'>Nothing was run that this could be told from.</p>"
 
+UNFOLDED = ("result1_same_frames", "matching", "times", "scenes_same_frames", "ablation")
+"""Tables that are open from the start."""
+
 
 def compose_page(
     outcome: Outcome,
@@ -28,7 +31,7 @@ def compose_page(
 
     def part(drawn: Sequence[str], listed: Sequence[str], pictures: Sequence[str] = ()) -> str:
         images = [drawing_html(figure) for key in drawn for figure in figures if figure.key == key]
-        rows = [table_html(table) for table in tables if _root(table) in listed]
+        rows = [table_html(table, table.key in UNFOLDED) for table in tables if _root(table) in listed]
         return "".join([*images, pictures_html(shown, pictures), *rows]) or NO_DATA
 
     return fill_page(

@@ -12,8 +12,8 @@ import numpy as np
 
 from anchorpose.experiments.figures.drawing import GROUND, INK, LINE, Picture
 from anchorpose.experiments.shown_pictures import SECTIONS, ShownPicture
-from anchorpose.experiments.tables import Table, told
-from anchorpose.experiments.verdict import Claim, Verdict
+from anchorpose.experiments.tables import Table, Unit, one_told, told
+from anchorpose.experiments.verdict import Answer, Claim, Verdict
 
 SIGNS: Final = {
     Verdict.HOLDS: ("holds", "✓"),
@@ -24,21 +24,25 @@ SIGNS: Final = {
 """Class and sign: the colour says nothing that the sign and the words do not."""
 
 
-def table_html(table: Table) -> str:
-    """Methods down, columns across, folded away; intervals in brackets."""
+MOST_NAMED: Final = 3
+"""Comparisons that are written out in the table of claims itself."""
+
+
+def table_html(table: Table, unfolded: bool = False) -> str:
+    """Methods down, columns across; intervals in brackets."""
     head = "".join(f"<th scope='col'>{escape(column.label)}</th>" for column in table.columns)
     values = {(row.method.key, row.column): row.value for row in table.rows}
     rows = []
     for method in table.methods:
-        cells = "".join(
-            f"<td>{escape(told(values[method.key, column], column.unit)) if (method.key, column) in values else ''}</td>"
-            for column in table.columns
-        )
+        found = [values.get((method.key, column)) for column in table.columns]
+        said = ["" if one is None else told(one, column.unit) for one, column in zip(found, table.columns, strict=True)]
+        cells = "".join(f"<td>{escape(text)}</td>" for text in said)
         rows.append(f"<tr><th scope='row'>{escape(method.title)}</th>{cells}</tr>")
     title = escape(table.title)
+    note = f"{escape(table.note)} In brackets: 95 % intervals. File: tables/{escape(table.key)}.csv"
     return (
-        f"<details><summary>{title}</summary><p class='hint'>{escape(table.note)} In brackets: 95 % intervals."
-        f" File: tables/{escape(table.key)}.csv</p><div class='scroll' tabindex='0' role='region' aria-label='{title}'>"
+        f"<details{' open' if unfolded else ''}><summary>{title}</summary><p class='hint'>{note}</p>"
+        f"<div class='scroll' tabindex='0' role='region' aria-label='{title}'>"
         f"<table><caption>{title}</caption><thead><tr><th scope='col'>method</th>{head}</tr></thead>"
         f"<tbody>{''.join(rows)}</tbody></table></div></details>"
     )
@@ -72,17 +76,29 @@ def _claim_row(claim: Claim) -> str:
     checks = "".join(f"<li class='{check.answer}'>{escape(check.told())}</li>" for check in claim.checks)
     context = "".join(f"<li>{escape(line)}</li>" for line in claim.context)
     more = f"<p class='hint'>For comparison:</p><ul>{context}</ul>" if context else ""
-    answers = [check.answer for check in claim.checks]
-    count = ", ".join(f"{answers.count(answer)} {answer}" for answer in dict.fromkeys(sorted(answers, reverse=True)))
-    figures = escape(claim.checks[0].told()) if len(claim.checks) == 1 else f"{len(claim.checks)} comparisons: {count}"
-    if not claim.checks:
-        figures = "no data"
     return (
         f"<tr id='claim-{escape(claim.key)}'><th scope='row' class='verdict {kind}'><b aria-hidden='true'>{sign}</b>"
         f"{claim.verdict}</th><td>{escape(claim.text)}<br><span class='hint'>{escape(claim.place)}</span></td>"
-        f"<td>{figures}<details><summary>How it was judged</summary><p class='hint'>{escape(claim.rule)}</p>"
-        f"<ul>{checks}</ul>{more}</details></td></tr>"
+        f"<td>{escape(_figures(claim))}<details><summary>How it was judged</summary>"
+        f"<p class='hint'>{escape(claim.rule)}</p><ul>{checks}</ul>{more}</details></td></tr>"
     )
+
+
+def _figures(claim: Claim) -> str:
+    """What the comparisons say and between which figures they lie; those that say no, where they are few."""
+    checks = claim.checks
+    if len(checks) < 2:
+        return checks[0].told() if checks else "no data"
+    answers = [check.answer for check in checks]
+    count = ", ".join(f"{answers.count(answer)} {answer}" for answer in Answer if answer in answers)
+    said = f"{len(checks)} comparisons: {count}."
+    known = sorted(check.value.mean for check in checks if np.isfinite(check.value.mean))
+    if known and len({check.unit for check in checks}) == 1:
+        unit = checks[0].unit
+        after = {Unit.MM: " mm", Unit.SECONDS: " s"}.get(unit, "")
+        said += f" Between {one_told(known[0], unit)} and {one_told(known[-1], unit)}{after}."
+    against = [check.told() for check in checks if check.answer is Answer.NO]
+    return f"{said} No: {'; '.join(against)}." if 0 < len(against) <= MOST_NAMED else said
 
 
 def drawing_html(picture: Picture) -> str:

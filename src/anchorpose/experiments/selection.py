@@ -174,8 +174,6 @@ def mirrored_of(match: Matched) -> np.ndarray:
     return np.where(matched, match.mirrored.astype(np.float64), np.nan)
 
 
-def in_regions(
-    take: Callable[[Matched], np.ndarray], regions: Sequence[int]
-) -> Callable[[Matched], np.ndarray]:
+def in_regions(take: Callable[[Matched], np.ndarray], regions: Sequence[int]) -> Callable[[Matched], np.ndarray]:
     """The same of the nodes in some regions of the body only."""
     return lambda match: take(match)[np.isin(match.region, regions)]

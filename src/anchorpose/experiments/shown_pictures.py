@@ -42,7 +42,9 @@ def read_pictures(folder: Path) -> list[ShownPicture]:
     found = {path.name: path for path in sorted(place.glob("*.png"))} if place.is_dir() else {}
     for name, _, section in captions:
         if name not in found or section not in SECTIONS:
-            raise InputError(place / CAPTIONS_FILE, f"names '{name}' of section '{section}', which is not there", REMEDY)
+            raise InputError(
+                place / CAPTIONS_FILE, f"names '{name}' of section '{section}', which is not there", REMEDY
+            )
     named = {name for name, _, _ in captions}
     rest = [(name, Path(name).stem.replace("_", " "), "other") for name in found if name not in named]
     return [ShownPicture(section, caption, found[name].read_bytes()) for name, caption, section in [*captions, *rest]]

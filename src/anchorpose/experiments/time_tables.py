@@ -23,8 +23,8 @@ def time_tables(outcome: Outcome) -> list[Table]:
     """Seconds per method."""
     rows = [*_matching_rows(outcome), *_tracking_rows(outcome)]
     note = (
-        "Of one core. Descriptors and matches: for one pair of frames, with each method's own mesh. Tracking: everything"
-        " that a frame needs. The paper's feature took 0.23 s on a mesh of 15,549 nodes."
+        "Of one core. Descriptors and matches: for one pair of frames, with the nodes of that mesh. Tracking: all "
+        "that a frame needs. The paper’s feature took 0.23 s on a mesh of 15,549 nodes."
     )
     return [Table("times", "Time, s", "what", note, tuple(rows))] if rows else []
 
@@ -53,6 +53,7 @@ def _matching_rows(outcome: Outcome) -> list[Row]:
 def _tracking_rows(outcome: Outcome) -> list[Row]:
     tracking, column = Tracking(outcome), Column("track", "tracking, per frame", Unit.SECONDS)
     rows = []
+    resamples = outcome.config.resamples
     for method in tracking.ran(Scene.PAPER, compared(outcome.methods)):
         seconds: dict[str, list[float]] = {}
         frames: dict[str, list[float]] = {}
@@ -60,6 +61,6 @@ def _tracking_rows(outcome: Outcome) -> list[Row]:
             for recording, run in tracking.runs(Scene.PAPER, method.key, hole).items():
                 seconds.setdefault(recording, []).append(run.seconds)
                 frames.setdefault(recording, []).append(len(run.frame))
-        groups = [[np.array(values) for _, values in sorted(of.items())] for of in (seconds, frames)]
-        rows.append(Row(method, column, ratio_of(*groups, outcome.config.resamples)))
+        spent, had = ([np.array(values) for _, values in sorted(of.items())] for of in (seconds, frames))
+        rows.append(Row(method, column, ratio_of(spent, had, resamples)))
     return rows

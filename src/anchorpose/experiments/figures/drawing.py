@@ -1,7 +1,8 @@
-"""What all figures have in common: colours, lines and marks that tell the methods apart without colour, and the bytes."""
+"""What all figures share: colours, lines and marks that tell methods apart without colour; and the same bytes."""
 
 from __future__ import annotations
 
+import importlib
 import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -69,13 +70,8 @@ class Figure:
 
 def new_figure(width: float, height: float, **grid: Any) -> tuple[Any, Any]:
     """A figure of inches and its axes, without any state that another figure could see. Raises MissingPackage."""
-    try:
-        from matplotlib.figure import Figure as Canvas
-    except ImportError:
-        raise MissingPackage("drawing the experiment's figures", "matplotlib", "experiments") from None
-    with _settings():
-        canvas = Canvas(figsize=(width, height), layout="constrained")
-        return canvas, canvas.subplots(**grid)
+    canvas = _matplotlib("matplotlib.figure").Figure(figsize=(width, height), layout="constrained")
+    return canvas, canvas.subplots(**grid)
 
 
 def as_picture(figure: Figure, tables: Sequence[Table]) -> Picture:
@@ -88,12 +84,16 @@ def as_picture(figure: Figure, tables: Sequence[Table]) -> Picture:
     return Picture(figure.key, figure.caption, svg.getvalue(), png.getvalue())
 
 
-def _settings(salt: str = "") -> Any:
+def _matplotlib(module: str) -> Any:
     try:
-        import matplotlib as mpl
+        return importlib.import_module(module)
     except ImportError:
         raise MissingPackage("drawing the experiment's figures", "matplotlib", "experiments") from None
-    plain: dict[str, Any] = {**mpl.rcParamsDefault}
+
+
+def _settings(salt: str) -> Any:
+    mpl = _matplotlib("matplotlib")
+    plain: dict[str, Any] = dict(mpl.rcParamsDefault)
     plain.pop("backend", None)  # which is nobody's business here: no window is opened
     plain.pop("backend_fallback", None)
     plain |= {
@@ -174,7 +174,7 @@ def draw_heat(axes: Any, table: Table, most: float, text: Callable[[float], str]
     for row, column in np.ndindex(*values.shape):
         value = values[row, column]
         ink = ON_DARK if value < most / 2 else "black"
-        said = "–" if np.isnan(value) else text(value)
+        said = "–" if np.isnan(value) else text(float(value))
         axes.text(column, row, said, ha="center", va="center", fontsize=7.5, color=INK if np.isnan(value) else ink)
     return image
 

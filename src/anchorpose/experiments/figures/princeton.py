@@ -26,8 +26,8 @@ FIGURES = (
     Figure(
         "princeton",
         "Share of all nodes whose match lies within a distance of its true place, measured along the skin "
-        "(Kim et al. 2011, doi:10.1145/2010324.1964974). A node without a match lies within none. Direct matches; those "
-        "after the tree for methods that have no direct ones.",
+        "(Kim et al. 2011, doi:10.1145/2010324.1964974). A node without a match lies within none. Direct matches; "
+        "those after the tree for methods that have no direct ones.",
         ("princeton_mm", "princeton_height"),
         _draw,
     ),

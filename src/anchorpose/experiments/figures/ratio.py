@@ -26,8 +26,8 @@ def _draw(tables: Sequence[Table]) -> Any:
 FIGURES = (
     Figure(
         "ratio",
-        f"Mean joint error with the largest hole over that without, in the same frames. Dashed: {CONSTANT}, to which the "
-        "claims hold “almost constant”.",
+        f"Mean joint error with the largest hole over that without, in the same frames. Dashed: {CONSTANT}, to which "
+        "the claims hold “almost constant”.",
         ("ratio_same_frames", "ratio_occluded_same_frames"),
         _draw,
     ),

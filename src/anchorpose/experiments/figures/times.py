@@ -41,7 +41,7 @@ def _limits(table: Table, column: str) -> tuple[float, float]:
 FIGURES = (
     Figure(
         "times",
-        "Seconds on one core. Dashed: the paper’s 0.23 s for its feature, on a mesh of more nodes and without matching.",
+        "Seconds on one core. Dashed: the paper’s 0.23 s for its feature, on a larger mesh and without matching.",
         ("times",),
         _draw,
     ),
