@@ -101,7 +101,7 @@ def _settings(salt: str) -> Any:
         "axes.spines.right": False, "axes.grid": True, "grid.color": LINE, "grid.linewidth": 0.6,
         "axes.edgecolor": FAINT, "axes.labelcolor": INK, "text.color": INK, "xtick.color": INK, "ytick.color": INK,
         "axes.axisbelow": True, "axes.titlesize": 9.5, "axes.titlelocation": "left", "legend.frameon": False,
-        "legend.fontsize": 8.0,
+        "legend.fontsize": 8.0, "text.parse_math": False,
     }  # fmt: skip
     return mpl.rc_context(plain)
 
