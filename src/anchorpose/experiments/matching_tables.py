@@ -10,7 +10,7 @@ import numpy as np
 from anchorpose.experiments.correspondence import REGIONS
 from anchorpose.experiments.outcome import Matched, Outcome
 from anchorpose.experiments.selection import Matching, answer_of, direct_mm, in_regions, mirrored_of, tree_mm
-from anchorpose.experiments.statistics import Estimate, mean_over, median_over
+from anchorpose.experiments.statistics import Estimate, mean_over, median_over, ratio_of
 from anchorpose.experiments.tables import Column, Row, Table, Unit
 from anchorpose.experiments.tracking_tables import hole_column
 
@@ -40,9 +40,9 @@ def matching_tables(outcome: Outcome) -> list[Table]:
         _by_size(matching, resamples, "matching_by_size", "Median error of the matches by size of hole, mm", None),
         _by_size(matching, resamples, "matching_by_size_tree", "The same after the tree", tree_mm),
         _curve(matching, resamples, "princeton_mm", "Share of nodes matched within a distance along the skin, mm",
-               CURVE_MM, lambda match, x: _skin_mm(matching, match) <= x),
+               CURVE_MM, by_height=False),
         _curve(matching, resamples, "princeton_height", "The same, the distance as a share of the body’s height",
-               CURVE_SHARES, lambda match, x: _skin_mm(matching, match) <= 1000 * x * match.body_m),
+               CURVE_SHARES, by_height=True),
     ]  # fmt: skip
 
 
@@ -91,24 +91,22 @@ def _by_size(matching: Matching, resamples: int, key: str, title: str, take: Tak
     return Table(key, title, "hole_m", NOTE if take else f"{NOTE} {ANSWER_NOTE}", tuple(rows))
 
 
-def _curve(
-    matching: Matching, resamples: int, key: str, title: str, places: Sequence[float],
-    within: Callable[[Matched, float], np.ndarray],
-) -> Table:  # fmt: skip
+def _curve(matching: Matching, resamples: int, key: str, title: str, places: Sequence[float], by_height: bool) -> Table:
     """A node without a match lies within no distance."""
     rows = []
     for method in matching.methods:
-        for x in places:
-            shares = list(matching.values(method.key, partial(_floats, within, x)).values())
-            rows.append(Row(method, Column(f"{x:g}", f"{x:g}", Unit.SHARE), mean_over(shares, resamples)))
+        within = list(matching.values(method.key, partial(_counts, matching, np.array(places), by_height)).values())
+        asked = list(matching.values(method.key, lambda match: np.array([len(match.region)])).values())
+        for number, x in enumerate(places):
+            share = ratio_of([counts[:, number] for counts in within], asked, resamples)
+            rows.append(Row(method, Column(f"{x:g}", f"{x:g}", Unit.SHARE), share))
     note = f"{ANSWER_NOTE} Of all nodes that were asked: one without a match lies within no distance."
     return Table(key, title, "within", note, tuple(rows))
 
 
-def _floats(within: Callable[[Matched, float], np.ndarray], x: float, match: Matched) -> np.ndarray:
-    return within(match, x).astype(np.float64)
-
-
-def _skin_mm(matching: Matching, match: Matched) -> np.ndarray:
-    """Along the skin; NaN, which is below nothing, without a match."""
-    return match.direct_skin_mm if matching.has_direct(match.method) else match.tree_skin_mm
+def _counts(matching: Matching, places: np.ndarray, by_height: bool, match: Matched) -> np.ndarray:
+    """(1, places) how many nodes of a window are matched within each distance along the skin."""
+    distance = match.direct_skin_mm if matching.has_direct(match.method) else match.tree_skin_mm
+    known = np.sort(distance[np.isfinite(distance)])
+    reach = places * 1000 * match.body_m if by_height else places
+    return np.searchsorted(known, reach, side="right")[None, :]

@@ -131,6 +131,11 @@ class Matching:
             if match.scene is scene:
                 self._asked[match.method][match.recording, match.hole_m, match.frame] = match
         self.methods = [method for method in outcome.methods if method.key in self._asked]
+        self._direct = {
+            key
+            for key, asked in self._asked.items()
+            if any(np.isfinite(match.direct_mm).any() for match in asked.values())
+        }
         windows = [set(asked) for asked in self._asked.values()]
         self.windows: list[Window] = sorted(set.intersection(*windows)) if windows else []
 
@@ -140,12 +145,12 @@ class Matching:
 
     def has_direct(self, method: str) -> bool:
         """Whether the method says anything without the tree: one with several hypotheses has nothing to choose by."""
-        return any(np.isfinite(match.direct_mm).any() for match in self._asked[method].values())
+        return method in self._direct
 
     def values(
         self, method: str, take: Callable[[Matched], np.ndarray], hole_m: float | None = None
     ) -> dict[str, np.ndarray]:
-        """By recording, what ``take`` makes of each window, one after the other; hole_m: only windows of this size."""
+        """By recording, what ``take`` makes of each window, end to end; hole_m: only windows of this size."""
         parts: dict[str, list[np.ndarray]] = defaultdict(list)
         for window in self.windows:
             if hole_m in (None, window[1]):

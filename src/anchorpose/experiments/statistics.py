@@ -82,12 +82,11 @@ def median_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
     if len(finite) < 2:
         return Estimate(float(np.median(together)), np.nan, np.nan, 1)
     steps = np.unique(np.quantile(together, np.linspace(0, 1, MEDIAN_STEPS + 1), method="lower"))
-    below = np.array([np.searchsorted(np.sort(group), steps, side="right") for group in finite])  # (groups, steps)
-    sizes = np.array([len(group) for group in finite])
-    medians = np.empty(resamples)
-    for index, draw in enumerate(_draws(len(finite), resamples)):
-        times = np.bincount(draw, minlength=len(finite))
-        medians[index] = steps[np.searchsorted(times @ below, times @ sizes / 2.0)]
+    below = np.array([np.searchsorted(np.sort(group), steps, side="right") for group in finite], dtype=np.float64)
+    sizes = np.array([len(group) for group in finite], dtype=np.float64)
+    draws = _draws(len(finite), resamples)
+    times = np.stack([(draws == index).sum(axis=1) for index in range(len(finite))], axis=1).astype(np.float64)
+    medians = steps[(times @ below >= (times @ sizes / 2.0)[:, None]).argmax(axis=1)]
     low, high = np.quantile(medians, [0.025, 0.975])
     return Estimate(float(np.median(together)), float(low), float(high), len(finite))
 
