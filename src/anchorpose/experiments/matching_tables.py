@@ -18,7 +18,7 @@ CURVE_MM = tuple(range(0, 501, 20))
 CURVE_SHARES = tuple(share / 200 for share in range(0, 61, 2))  # of the body's height: 0 to 0.3
 
 NOTE = (
-    "The same nodes for every method, of the paper's scene. “Direct” is the nearest descriptor; a method with several "
+    "The same nodes for every method, of the paper’s scene. “Direct” is the nearest descriptor; a method with several "
     "hypotheses has nothing to choose by without the tree. A node without a match has no error: see the share matched."
 )
 ANSWER_NOTE = "Direct matches; those after the tree where a method has no direct ones."
@@ -38,10 +38,10 @@ def matching_tables(outcome: Outcome) -> list[Table]:
         _by_region(matching, resamples, "mirrored_by_region", "Matches on the other side’s limb by region",
                    mean_over, Unit.SHARE, mirrored_of),
         _by_size(matching, resamples, "matching_by_size", "Median error of the matches by size of hole, mm", None),
-        _by_size(matching, resamples, "matching_by_size_tree", "The same after the tree", tree_mm),
+        _by_size(matching, resamples, "matching_by_size_tree", "Median error after the tree by size of hole, mm", tree_mm),
         _curve(matching, resamples, "princeton_mm", "Share of nodes matched within a distance along the skin, mm",
                CURVE_MM, by_height=False),
-        _curve(matching, resamples, "princeton_height", "The same, the distance as a share of the body’s height",
+        _curve(matching, resamples, "princeton_height", "Share of nodes matched within a share of the body’s height",
                CURVE_SHARES, by_height=True),
     ]  # fmt: skip
 

@@ -65,7 +65,7 @@ def claims_html(claims: Sequence[Claim]) -> str:
     """The table that the page begins with: verdict, claim, how it was judged and every comparison."""
     rows = "".join(_claim_row(claim) for claim in claims)
     return (
-        "<div class='scroll' tabindex='0' role='region' aria-label='Claims'><table class='text'><thead><tr>"
+        "<div class='scroll' tabindex='0' role='region' aria-label='Claims'><table class='text claims'><thead><tr>"
         "<th scope='col'>verdict</th><th scope='col'>claim</th><th scope='col'>figures</th></tr></thead>"
         f"<tbody>{rows}</tbody></table></div>"
     )

@@ -108,7 +108,7 @@ def one_told(number: float, unit: Unit) -> str:
     """A number as precisely as anybody needs it; the unit is said elsewhere, but per cent."""
     match unit:
         case Unit.MM:
-            return f"{number:.1f}"
+            return f"{number:.1f}".replace("-", "−")
         case Unit.SHARE:
             return f"{100 * number:.1f} %"
         case Unit.RATIO:

@@ -28,7 +28,7 @@ def tracking_tables(outcome: Outcome) -> list[Table]:
     """Of the paper's scene, of all scenes, and of the ablation, in both forms where some methods ran on a sample."""
     tracking = Tracking(outcome)
     tables = []
-    for frames in Frames:
+    for frames in (Frames.SAME, Frames.ALL):  # comparisons first
         tables += [*_paper_tables(outcome, tracking, frames), _scene_table(outcome, tracking, frames)]
     tables.append(_ablation_table(outcome, tracking))
     return [table for table in tables if table.rows]
@@ -45,7 +45,7 @@ def _paper_tables(outcome: Outcome, tracking: Tracking, frames: Frames) -> list[
     note = _note(frames, methods, kept)
     return [
         _table("result1", "Mean joint error by size of hole, mm (r_or)", "hole_m", frames, note, by_size(mean)),
-        _table("sd1", "Standard deviation over frames of a frame's mean error, mm", "hole_m", frames, note,
+        _table("sd1", "Standard deviation over frames of a frame’s mean error, mm", "hole_m", frames, note,
                by_size(lambda groups: deviation([frame_means(group) for group in groups]))),
         _table("result1_occluded", "Mean joint error by size of hole, mm, only frames with a hole", "hole_m", frames,
                note, by_size(mean, occluded=True)),
@@ -54,8 +54,8 @@ def _paper_tables(outcome: Outcome, tracking: Tracking, frames: Frames) -> list[
                by_size(lambda groups: mean([np.isfinite(group).astype(float) for group in groups]), unit=Unit.SHARE)),
         _table("ratio", "Mean error with a hole over that without, in the same frames", "hole_m", frames, note,
                _ratios(tracking, methods, kept, resamples, False)),
-        _table("ratio_occluded", "The same, only the frames that have a hole", "hole_m", frames, note,
-               _ratios(tracking, methods, kept, resamples, True)),
+        _table("ratio_occluded", "Mean error with a hole over that without, only frames with a hole", "hole_m", frames,
+               note, _ratios(tracking, methods, kept, resamples, True)),
         _table("result2", "Mean error by joint over all sizes of hole, mm (r_i)", "joint", frames, note,
                by_joint(mean)),
         _table("sd2", "Standard deviation of the error by joint over all sizes of hole, mm", "joint", frames, note,

@@ -40,7 +40,8 @@ class Check:
 
     def told(self) -> str:
         """For readers."""
-        return f"{self.what}: {told(self.value, self.unit)}{' mm' if self.unit is Unit.MM else ''}"
+        unit = {Unit.MM: " mm", Unit.SECONDS: " s"}.get(self.unit, "")
+        return f"{self.what}: {told(self.value, self.unit)}{unit if np.isfinite(self.value.mean) else ''}"
 
 
 @dataclass(frozen=True, slots=True)
