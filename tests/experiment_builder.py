@@ -85,7 +85,7 @@ def make_outcome(
         _track(rng, scene, number, hole, one, tracking, spread)
         for scene, ran in wanted.items()
         for number in range(recordings)
-        for hole in (holes_m if scene in (Scene.PAPER, Scene.LOOSE) else (0.0,))
+        for hole in (holes_m if scene in (Scene.PAPER, Scene.LOOSE, Scene.REAL) else (0.0,))
         for one in ran
     ]
     matched = [

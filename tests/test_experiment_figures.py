@@ -24,7 +24,10 @@ PNG_HEAD = b"\x89PNG\r\n\x1a\n"
 
 @pytest.fixture(scope="module")
 def tables() -> list[Table]:
-    outcome = make_outcome(recordings=2, scenes={Scene.CLINIC: (METHODS[0], METHODS[-1], *ABLATED)})
+    outcome = make_outcome(
+        recordings=2,
+        scenes=dict.fromkeys((Scene.LOOSE, Scene.REAL, Scene.CLINIC), (METHODS[0], METHODS[-1], *ABLATED)),
+    )
     return [*tracking_tables(outcome), *matching_tables(outcome), *time_tables(outcome)]
 
 

@@ -132,6 +132,16 @@ def test_the_ablation_has_all_forms_of_the_own_tracker_and_the_comparisons_have_
     assert np.isnan(scenes.value("fpfh", "clinic 0").mean)
 
 
+def test_real_recordings_are_told_by_size_of_hole_too() -> None:
+    outcome = outcome_of(
+        tracked("anchors", np.array([4.0]), scene=Scene.REAL),
+        tracked("anchors", np.array([6.0]), hole_m=0.15, scene=Scene.REAL),
+    )
+    by_size = table(outcome, "real_by_size_same_frames")
+    assert [by_size.value("anchors", key).mean for key in ("0", "0.15")] == [4.0, 6.0]
+    assert "result1_same_frames" not in [one.key for one in tracking_tables(outcome)]
+
+
 def test_matches_are_told_overall_by_region_and_as_a_curve() -> None:
     outcome = make_outcome(recordings=3)
     matched = [one for one in outcome.matched if one.method == "fpfh"]

@@ -11,6 +11,7 @@ from anchorpose.experiments.page_text import again_html, limits_html, run_html, 
 from anchorpose.experiments.shown_pictures import ShownPicture
 from anchorpose.experiments.tables import Table
 from anchorpose.experiments.time_tables import paper_time_lines
+from anchorpose.experiments.tracking_tables import OTHER_HOLES
 from anchorpose.experiments.verdict import Claim
 from anchorpose.results.web_page import fill_page
 
@@ -18,6 +19,8 @@ NO_DATA = "<p class='hint'>Nothing was run that this could be told from.</p>"
 
 UNFOLDED = ("result1_same_frames", "matching", "times", "scenes_same_frames", "ablation")
 """Tables that are open from the start."""
+
+MORE = tuple(f"{scene}_by_size" for scene in OTHER_HOLES)
 
 
 def compose_page(
@@ -53,7 +56,7 @@ def compose_page(
             ("matches",),
         ),
         times=_paper_times(outcome) + part(("times",), ("times",)),
-        more=part(("scenes", "ablation"), ("scenes", "ablation"), ("other",)),
+        more=part(("scenes", *MORE, "ablation"), ("scenes", *MORE, "ablation"), ("other",)),
         limits=limits_html(outcome),
         again=again_html(outcome),
     )  # fmt: skip

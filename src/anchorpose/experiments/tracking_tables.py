@@ -23,6 +23,9 @@ ALL_NOTE = (
 )
 SAME_NOTE = "The same frames for every method: those that all of the methods below ran on."
 
+OTHER_HOLES = (Scene.LOOSE, Scene.REAL)
+"""Scenes beyond the paper's in which holes are cut too."""
+
 
 def tracking_tables(outcome: Outcome) -> list[Table]:
     """Of the paper's scene, of all scenes, and of the ablation, in both forms where some methods ran on a sample."""
@@ -30,6 +33,7 @@ def tracking_tables(outcome: Outcome) -> list[Table]:
     tables = []
     for frames in (Frames.SAME, Frames.ALL):  # comparisons first
         tables += [*_paper_tables(outcome, tracking, frames), _scene_table(outcome, tracking, frames)]
+        tables += [_other_holes(outcome, tracking, frames, scene) for scene in OTHER_HOLES]
     tables.append(_ablation_table(outcome, tracking))
     return [table for table in tables if table.rows]
 
@@ -63,6 +67,15 @@ def _paper_tables(outcome: Outcome, tracking: Tracking, frames: Frames) -> list[
     ]  # fmt: skip
 
 
+def _other_holes(outcome: Outcome, tracking: Tracking, frames: Frames, scene: Scene) -> Table:
+    """What the paper's "result1" would be in another scene."""
+    methods = _methods(outcome, tracking, scene, frames)
+    kept = tracking.shared(scene, methods) if frames is Frames.SAME else None
+    rows = _by_size(tracking, methods, kept, partial(mean_over, resamples=outcome.config.resamples), scene=scene)
+    title = f"Mean joint error by size of hole, mm, scene “{scene}”"
+    return _table(f"{scene}_by_size", title, "hole_m", frames, _note(frames, methods, kept), rows)
+
+
 def _methods(outcome: Outcome, tracking: Tracking, scene: Scene, frames: Frames) -> list[Method]:
     ran = tracking.ran(scene, compared(outcome.methods))
     return ran if frames is Frames.SAME else [method for method in ran if not method.sampled]
@@ -89,13 +102,13 @@ def hole_column(hole_m: float, unit: Unit = Unit.MM) -> Column:
 
 def _by_size(
     tracking: Tracking, methods: Sequence[Method], kept: Kept | None, summarise: Callable[[Groups], Estimate],
-    occluded: bool = False, unit: Unit = Unit.MM,
+    occluded: bool = False, unit: Unit = Unit.MM, scene: Scene = Scene.PAPER,
 ) -> list[Row]:  # fmt: skip
     return [
         Row(method, hole_column(hole, unit),
-            summarise(list(tracking.errors(Scene.PAPER, method.key, hole, kept, occluded).values())))
+            summarise(list(tracking.errors(scene, method.key, hole, kept, occluded).values())))
         for method in methods
-        for hole in tracking.holes(Scene.PAPER)
+        for hole in tracking.holes(scene)
         if hole > 0 or not occluded
     ]  # fmt: skip
 

@@ -10,7 +10,7 @@ from anchorpose.experiments.tables import Table
 
 FIGURES: tuple[Figure, ...] = (
     *by_size.FIGURES, *ratio.FIGURES, *by_joint.FIGURES, *regions.FIGURES, *princeton.FIGURES, *times.FIGURES,
-    *scenes.FIGURES,
+    *scenes.FIGURES, *by_size.OTHERS,
 )  # fmt: skip
 
 
