@@ -99,6 +99,11 @@ def test_a_ratio_leaves_out_a_recording_that_one_side_lacks() -> None:
     assert found.count == 2
 
 
+def test_a_ratio_to_nothing_is_not_known() -> None:
+    found = ratio_of([np.ones(2), np.ones(2)], [np.zeros(2), np.zeros(2)], 20)
+    assert np.isnan([found.mean, found.low, found.high]).all()
+
+
 def test_a_ratio_needs_the_same_recordings() -> None:
     with pytest.raises(ValueError, match="same recordings"):
         ratio_of([np.ones(2)], [], 10)

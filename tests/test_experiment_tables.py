@@ -75,6 +75,12 @@ def test_a_method_that_tracked_nothing_takes_no_frames_from_the_others() -> None
     assert table(outcome, "result1_same_frames").value("anchors", "0").mean == 7.0
 
 
+def test_a_method_without_a_single_frame_takes_none_from_the_others_either() -> None:
+    outcome = outcome_of(tracked("anchors", np.array([7.0])), tracked("fpfh", np.empty(0)))
+    assert table(outcome, "result1_same_frames").value("anchors", "0").mean == 7.0
+    assert table(outcome, "times").value("anchors", "track").mean == 1.0
+
+
 def test_the_deviation_is_over_frames_of_the_frames_mean() -> None:
     error = np.array([10.0, 20.0, 60.0])
     run = tracked("anchors", error)

@@ -56,7 +56,11 @@ class Tracking:
 
     def ran(self, scene: Scene, methods: Iterable[Method]) -> list[Method]:
         """Those of the methods that tracked anything there."""
-        keys = {key for of, key, _ in self._runs if of is scene}
+        keys = {
+            key
+            for (of, key, _), runs in self._runs.items()
+            if of is scene and any(len(run.frame) for run in runs.values())
+        }
         return [method for method in methods if method.key in keys]
 
     def runs(self, scene: Scene, method: str, hole_m: float) -> dict[str, Tracked]:

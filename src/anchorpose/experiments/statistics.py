@@ -36,19 +36,20 @@ def mean_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
 
 
 def ratio_of(above: Sequence[np.ndarray], below: Sequence[np.ndarray], resamples: int) -> Estimate:
-    """The ratio of two means over the same recordings, group by group, drawn together."""
+    """The ratio of two means over the same recordings, group by group, drawn together; NaN where the lower one is 0."""
     if len(above) != len(below):
         raise ValueError(f"a ratio needs the same recordings above and below, got {len(above)} and {len(below)}")
     sums = [_sums(groups, keep_empty=True) for groups in (above, below)]
     known = (sums[0][1] > 0) & (sums[1][1] > 0)
     (a, n), (b, m) = ((s[known], c[known]) for s, c in sums)
-    if not known.any():
+    if not known.any() or b.sum() == 0:
         return Estimate(np.nan, np.nan, np.nan, 0)
     ratio = float((a.sum() / n.sum()) / (b.sum() / m.sum()))
     if known.sum() < 2:
         return Estimate(ratio, np.nan, np.nan, int(known.sum()))
     draws = _draws(len(a), resamples)
-    each = (a[draws].sum(1) / n[draws].sum(1)) / (b[draws].sum(1) / m[draws].sum(1))
+    with np.errstate(divide="ignore", invalid="ignore"):  # a draw whose lower mean is 0 leaves the interval open
+        each = (a[draws].sum(1) / n[draws].sum(1)) / (b[draws].sum(1) / m[draws].sum(1))
     low, high = np.quantile(each, [0.025, 0.975])
     return Estimate(ratio, float(low), float(high), len(a))
 

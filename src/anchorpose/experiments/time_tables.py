@@ -59,8 +59,9 @@ def _tracking_rows(outcome: Outcome) -> list[Row]:
         frames: dict[str, list[float]] = {}
         for hole in tracking.holes(Scene.PAPER):
             for recording, run in tracking.runs(Scene.PAPER, method.key, hole).items():
-                seconds.setdefault(recording, []).append(run.seconds)
-                frames.setdefault(recording, []).append(len(run.frame))
+                if len(run.frame):
+                    seconds.setdefault(recording, []).append(run.seconds)
+                    frames.setdefault(recording, []).append(len(run.frame))
         spent, had = ([np.array(values) for _, values in sorted(of.items())] for of in (seconds, frames))
         rows.append(Row(method, column, ratio_of(spent, had, resamples)))
     return rows
