@@ -69,7 +69,7 @@ class Plan:
         for hole_m in self.holes(clip):
             for method in self.methods_on(clip):
                 setting = self.settings.get(method.key)
-                if method.associate is not None and clip.simulation is not None:
+                if method.associate is not None and clip.simulation is not None and self.in_sample(clip):
                     yield self._answer(Kind.MATCHED, clip, hole_m, method, setting)
                 yield self._answer(Kind.TRACKED, clip, hole_m, method, setting)
 
@@ -91,9 +91,16 @@ class Plan:
         return self.config.holes_m if clip.holes_are_cut else (0.0,)
 
     def methods_on(self, clip: Clip) -> tuple[Method, ...]:
-        """All methods, and in some scenes the own tracker without each of its ingredients."""
+        """All methods, without the slow ones outside of the sample; in some scenes the own tracker's ingredients too."""
         ablated = self.config.ablation and clip.scene in ABLATION_SCENES
-        return (*self.methods, *(ABLATED if ablated else ()))
+        methods = tuple(method for method in self.methods if self.in_sample(clip) or not method.sampled)
+        return (*methods, *(ABLATED if ablated else ()))
+
+    def in_sample(self, clip: Clip) -> bool:
+        """Whether slow methods run on it: seeds are drawn, so the first are as good as any."""
+        if clip.scene is not Scene.PAPER or clip.simulation is None:
+            return True
+        return clip.simulation.seed < self.config.first_seed + self.config.sampled_recordings
 
     def reference(self, clip: Clip) -> Path:
         """Where the reference of a clip is kept."""

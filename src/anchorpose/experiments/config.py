@@ -38,7 +38,8 @@ class ExperimentConfig:
     holes_m: tuple[float, ...] = PAPER_HOLES_M
     hole_share: float = 0.5  # of the frames, drawn at random
     segment_frames: int = 10  # tracked from one given pose: each method starts anew every second
-    sampled_segments: int = 1  # of each recording, drawn at random: what slow methods run on
+    sampled_recordings: int = 10  # of the recordings: those that slow methods run on, and that matches are compared on
+    sampled_segments: int = 1  # of each of these, drawn at random: what slow methods run on
     windows: int = 2  # moments of each recording and size of hole at which matches are compared with the truth
     scenes: tuple[Scene, ...] = (Scene.PAPER, Scene.LOOSE, Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)
     scene_recordings: int = 3  # of each scene beyond the paper's
@@ -62,6 +63,7 @@ class ExperimentConfig:
             "training_recordings",
             "training_windows",
             "scene_segments",
+            "sampled_recordings",
         ):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")

@@ -90,7 +90,7 @@ class PaperTimes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
-    """methods: in the order of the tables; tried: the settings of each method; pictures: of the folder, relative to it.
+    """methods: in the order of the tables; tried: the settings of each method; times: None where none were measured.
 
     failed: a sentence for each recording that could not be used, and why.
     """

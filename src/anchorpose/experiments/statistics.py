@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 BOOTSTRAP_KEY = 13
+MEDIAN_STEPS = 1024  # ranks between which the bounds of a median's interval fall: a tenth of a per cent
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,19 +36,20 @@ def mean_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
 
 
 def ratio_of(above: Sequence[np.ndarray], below: Sequence[np.ndarray], resamples: int) -> Estimate:
-    """The ratio of two means over the same recordings, group by group, drawn together."""
+    """The ratio of two means over the same recordings, group by group, drawn together; NaN where the lower one is 0."""
     if len(above) != len(below):
         raise ValueError(f"a ratio needs the same recordings above and below, got {len(above)} and {len(below)}")
     sums = [_sums(groups, keep_empty=True) for groups in (above, below)]
     known = (sums[0][1] > 0) & (sums[1][1] > 0)
     (a, n), (b, m) = ((s[known], c[known]) for s, c in sums)
-    if not known.any():
+    if not known.any() or b.sum() == 0:
         return Estimate(np.nan, np.nan, np.nan, 0)
     ratio = float((a.sum() / n.sum()) / (b.sum() / m.sum()))
     if known.sum() < 2:
         return Estimate(ratio, np.nan, np.nan, int(known.sum()))
     draws = _draws(len(a), resamples)
-    each = (a[draws].sum(1) / n[draws].sum(1)) / (b[draws].sum(1) / m[draws].sum(1))
+    with np.errstate(divide="ignore", invalid="ignore"):  # a draw whose lower mean is 0 leaves the interval open
+        each = (a[draws].sum(1) / n[draws].sum(1)) / (b[draws].sum(1) / m[draws].sum(1))
     low, high = np.quantile(each, [0.025, 0.975])
     return Estimate(ratio, float(low), float(high), len(a))
 
@@ -69,6 +71,25 @@ def deviation_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
         return Estimate(value, np.nan, np.nan, len(sums))
     low, high = np.quantile(deviation(_draws(len(sums), resamples)), [0.025, 0.975])
     return Estimate(value, float(low), float(high), len(sums))
+
+
+def median_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
+    """The median of all values, likewise. The value is exact, its interval to one of ``MEDIAN_STEPS`` ranks."""
+    finite = [np.asarray(group, dtype=np.float64).ravel() for group in groups]
+    finite = [kept for group in finite if len(kept := group[np.isfinite(group)])]
+    if not finite:
+        return Estimate(np.nan, np.nan, np.nan, 0)
+    together = np.concatenate(finite)
+    if len(finite) < 2:
+        return Estimate(float(np.median(together)), np.nan, np.nan, 1)
+    steps = np.unique(np.quantile(together, np.linspace(0, 1, MEDIAN_STEPS + 1), method="lower"))
+    below = np.array([np.searchsorted(np.sort(group), steps, side="right") for group in finite], dtype=np.float64)
+    sizes = np.array([len(group) for group in finite], dtype=np.float64)
+    draws = _draws(len(finite), resamples)
+    times = np.stack([(draws == index).sum(axis=1) for index in range(len(finite))], axis=1).astype(np.float64)
+    medians = steps[(times @ below >= (times @ sizes / 2.0)[:, None]).argmax(axis=1)]
+    low, high = np.quantile(medians, [0.025, 0.975])
+    return Estimate(float(np.median(together)), float(low), float(high), len(finite))
 
 
 def _sums(groups: Sequence[np.ndarray], keep_empty: bool = False) -> tuple[np.ndarray, np.ndarray]:

@@ -7,12 +7,11 @@ import html
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
-from string import Template
 from typing import Any, Final
 
 from anchorpose.results.folder import write_text_whole
+from anchorpose.results.web_page import fill_page
 
 PAGE_FILE: Final = "index.html"
 FACTS_FILE: Final = "inspect.json"
@@ -54,9 +53,10 @@ def write_inspection(
             (folder / picture.camera).mkdir(exist_ok=True)
             (folder / picture.camera / f"{number:02d}_{section.key}.png").write_bytes(picture.png_bytes)
     (folder / FACTS_FILE).write_text(json.dumps(facts, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    source = resources.files("anchorpose.results").joinpath("inspection_page.html").read_text(encoding="utf-8")
-    page = Template(source).substitute(
-        title=html.escape(title),
+    page = fill_page(
+        "anchorpose.results",
+        "inspection_page.html",
+        title,
         account="".join(f"<li>{html.escape(sentence)}</li>" for sentence in account),
         contents="".join(f"<li><a href='#{section.key}'>{html.escape(section.title)}</a></li>" for section in sections),
         sections="".join(_section(number, section) for number, section in enumerate(sections, 1)),

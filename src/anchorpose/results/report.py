@@ -7,9 +7,7 @@ import html
 import json
 import math
 from collections.abc import Sequence
-from importlib import resources
 from pathlib import Path
-from string import Template
 from typing import Any, Final
 
 import numpy as np
@@ -22,6 +20,7 @@ from anchorpose.results.folder import write_text_whole
 from anchorpose.results.joint_frame import LOST, SEVERITY
 from anchorpose.results.run_record import RUN_FILE, read_run_document
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
+from anchorpose.results.web_page import fill_page
 
 REPORT_FILE: Final = "report.html"
 
@@ -50,9 +49,10 @@ def write_report(results: Path) -> Path:
     joints, run = read_joints(results / JOINTS_FILE), read_run_document(results / RUN_FILE)
     touched = results / CONTACTS_FILE
     contacts = read_contacts(touched) if touched.exists() else ()
-    template = Template(resources.files("anchorpose.results").joinpath("report_page.html").read_text(encoding="utf-8"))
-    page = template.substitute(
-        title=html.escape(f"anchorpose: {run.get('recording', results.name)}"),
+    page = fill_page(
+        "anchorpose.results",
+        "report_page.html",
+        f"anchorpose: {run.get('recording', results.name)}",
         summary=_summary(joints, run),
         states=_state_table(joints),
         contacts=_contact_table(contacts),

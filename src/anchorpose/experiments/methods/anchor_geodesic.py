@@ -90,7 +90,7 @@ def _refined(setting: AnchorSetting) -> Associate:
 
     def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
         subsets = anchor_subsets(now.anchors.found & following.anchors.found, config.hypotheses.subset_size)
-        source = (now.descriptor - _jitter(now, following)).astype(np.float32)
+        source = now.descriptor - _jitter(now, following).astype(np.float32)
 
         def find(nodes: np.ndarray) -> np.ndarray:
             columns = [nearest_descriptor(source[np.ix_(nodes, one)], following.descriptor[:, one]) for one in subsets]
@@ -109,7 +109,7 @@ def _jitter(now: Observation, following: Observation) -> np.ndarray:
     before, after = now.descriptor, following.descriptor[nearest]
     known = np.isfinite(before) & np.isfinite(after)
     pairs = zip(before.T, after.T, known.T, strict=True)
-    return np.array([np.median((b - a)[k]) if k.any() else 0.0 for b, a, k in pairs])
+    return np.array([np.median(b[k] - a[k]) if k.any() else 0.0 for b, a, k in pairs])
 
 
 def _method(
@@ -131,7 +131,7 @@ def _method(
 
 METHODS = (
     _method("anchors", "anchor geodesics with the tree", (3, 2, 4), _hypotheses, _as_tracked, sampled=False),
-    _method("anchors-dijkstra", "the same, distances by Dijkstra", (3, 2), _hypotheses, _by_edges),
+    _method("anchors-dijkstra", "anchor geodesics by Dijkstra", (3, 2), _hypotheses, _by_edges),
     _method(
         "anchors-no-tree", "anchor geodesics without the tree", (len(ANCHOR_NAMES),), _next_frame_only, _as_tracked
     ),
