@@ -91,7 +91,7 @@ class Plan:
         return self.config.holes_m if clip.holes_are_cut else (0.0,)
 
     def methods_on(self, clip: Clip) -> tuple[Method, ...]:
-        """All methods, without the slow ones outside of the sample; in some scenes the own tracker's ingredients too."""
+        """All methods, the slow ones within the sample; in some scenes the own tracker without each ingredient too."""
         ablated = self.config.ablation and clip.scene in ABLATION_SCENES
         methods = tuple(method for method in self.methods if self.in_sample(clip) or not method.sampled)
         return (*methods, *(ABLATED if ablated else ()))

@@ -6,7 +6,7 @@ plan -> movements -> tuning -> clips in parallel (``work``) -> outcome -> publis
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from dataclasses import dataclass, replace
 from multiprocessing import active_children, get_context
@@ -24,11 +24,12 @@ from anchorpose.experiments.method import Method, load_methods
 from anchorpose.experiments.methods.own_tracker import ABLATED
 from anchorpose.experiments.outcome import Matched, Outcome, PaperTimes, Tracked, Tried
 from anchorpose.experiments.paper_times import measure
+from anchorpose.experiments.pictures.album import write_pictures
 from anchorpose.experiments.publish import write_outcome
 from anchorpose.experiments.store import read
 from anchorpose.experiments.training import training_clips, write_movements
 from anchorpose.experiments.tuning import choose, worth_mm
-from anchorpose.experiments.work import subject_of, work_on
+from anchorpose.experiments.work import Subject, pierced, subject_of, work_on
 from anchorpose.threads import one_thread
 from anchorpose.tracker.preparation import prepare_room
 
@@ -179,28 +180,55 @@ def _collect(answers: Sequence[Answer]) -> tuple[tuple[Tracked, ...], tuple[Matc
             seconds = float(arrays["seconds"])
             tracked.append(Tracked(*who, arrays["frame"], arrays["occluded"], arrays["error_mm"], seconds))
             continue
-        for number, frame in enumerate(arrays["frame"].tolist()):
-            own = arrays["window"] == number
-            columns = ("region", "direct_mm", "tree_mm", "direct_skin_mm", "tree_skin_mm", "mirrored")
-            matched.append(
-                Matched(
-                    *who,
-                    frame,
-                    bool(arrays["occluded"][number]) and answer.hole_m > 0,
-                    *(arrays[name][own] for name in columns),
-                    int(arrays["nodes"][number]),
-                    float(arrays["describe_s"][number]),
-                    float(arrays["body_m"]),
-                )
-            )
+        matched += _windows_of(answer, arrays)
     return tuple(tracked), tuple(matched)
 
 
+def _windows_of(answer: Answer, arrays: dict[str, np.ndarray]) -> Iterator[Matched]:
+    """A method's matches, window by window."""
+    for number, frame in enumerate(arrays["frame"].tolist()):
+        own = arrays["window"] == number
+        yield Matched(
+            answer.clip.scene,
+            answer.clip.name,
+            answer.hole_m,
+            answer.method.key,
+            frame,
+            bool(arrays["occluded"][number]) and answer.hole_m > 0,
+            region=arrays["region"][own],
+            direct_mm=arrays["direct_mm"][own],
+            tree_mm=arrays["tree_mm"][own],
+            direct_skin_mm=arrays["direct_skin_mm"][own],
+            tree_skin_mm=arrays["tree_skin_mm"][own],
+            mirrored=arrays["mirrored"][own].astype(bool),
+            nodes=int(arrays["nodes"][number]),
+            describe_s=float(arrays["describe_s"][number]),
+            body_m=float(arrays["body_m"]),
+        )
+
+
 def _show(out: Path, plan: Plan, trainers: Sequence[Clip]) -> PaperTimes | None:
-    """How long the paper's steps take on a training recording; None where the patient is not found in it."""
-    with one_thread(), subject_of(trainers[0], plan) as subject:
-        config = paper_config(plan.movements)
-        return measure(subject.starts[0], prepare_room(subject.recording, config), subject.reference, config)
+    """Pictures of a training recording, and how long the paper's steps take on it, None where nobody is found in it."""
+    config, middle = paper_config(plan.movements), sorted(plan.config.holes_m)[len(plan.config.holes_m) // 2]
+    with one_thread(), subject_of(trainers[-1], plan) as subject, pierced(subject, middle) as holed:
+        times = measure(subject.starts[0], prepare_room(subject.recording, config), subject.reference, config)
+        frame = _moving_frame(subject)
+        if subject.skin is not None and frame is not None and middle > 0:
+            write_pictures(
+                out, subject.recording, holed, subject.reference, subject.skin, frame, plan.methods, plan.settings,
+                plan.movements,
+            )  # fmt: skip
+    return times
+
+
+def _moving_frame(subject: Subject) -> int | None:
+    """Of the frames with a hole whose frame before has none, the one that the body has moved most to."""
+    found, hole = subject.reference.found, subject.in_hole
+    fits = np.flatnonzero(hole[1:-3] & ~hole[:-4] & found[1:-3] & found[:-4]) + 1
+    if len(fits) == 0:
+        return None
+    moved = np.linalg.norm(np.diff(subject.reference.joints_m, axis=0), axis=2).mean(axis=1)
+    return int(fits[np.argmax(moved[fits - 1])])
 
 
 def _spoken(seconds: float) -> str:

@@ -81,8 +81,8 @@ def _by_edges(setting: AnchorSetting) -> Associate:
 
 
 def _refined(setting: AnchorSetting) -> Associate:
-    """Beyond the paper, on a mesh without holes: e_1 is measured and taken away, and the most similar node is the match,
-    not the one in the middle of psi.
+    """Beyond the paper, on a mesh without holes: e_1 is measured and taken away, and the most similar node is the
+    match, not the one in the middle of psi.
 
     What the anchors' jitter adds is the same for all nodes (the paper's e_1). Most nodes of a body are nearly still
     from one frame to the next, so it is the median difference from the node nearest in place.
@@ -142,6 +142,5 @@ METHODS = (
         _closed,
         _refined,
         GATES[:1],
-        sampled=False,
     ),
 )
