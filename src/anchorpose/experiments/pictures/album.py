@@ -79,8 +79,18 @@ def _sit(
 
 def _matches(sitting: _Sitting, methods: Sequence[Method], settings: Mapping[str, object]) -> Iterator[Picture]:
     for moment in (sitting.whole, sitting.hole):
-        asked = [pairs_of(each, settings[each.key], moment) for each in methods if each.associate is not None]
+        asked = [
+            pairs_of(each, settings[each.key], moment) for each in methods if _on_these_meshes(each, moment, settings)
+        ]
         yield from match_pictures(sitting.view, moment, [pairs for pairs in asked if pairs is not None])
+
+
+def _on_these_meshes(method: Method, moment: Moment, settings: Mapping[str, object]) -> bool:
+    """Whether the method pairs nodes, and of the meshes that are drawn: one that closes holes has others."""
+    if method.associate is None:
+        return False
+    config = moment.window.config
+    return method.configure(config, settings[method.key]).surface == config.surface
 
 
 def _proposed(
