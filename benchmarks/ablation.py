@@ -1,16 +1,11 @@
 """What each ingredient brings: python benchmarks/ablation.py --seeds 2 --seconds 4.
 
 The recordings of accuracy.py, each tracked with the defaults, with one ingredient switched off at a time, and the
-paper's own way (every part by itself, from frame to frame). Off means:
+paper's own way (every part by itself, from frame to frame). What is switched off, and how, is said in
+``anchorpose.experiments.methods.own_tracker``; ``anchorpose experiment`` tells the same of its scenes.
 
-descriptor: matches are the nearest nodes, not those with the same distances to the anchors
-subsets: one hypothesis by all the anchors found, instead of one for each three of them
-tree: matches are chosen by the next frame alone
-movements: no reference movements, the next poses by the damped velocity; or no motion dynamics at all
-learnt body: everybody is the mean adult of the height that is seen
-
-With --method parts every variant registers part by part, as the paper does: there the pose rests on the matches alone,
-where by default the learnt body finds its own way on the surface and matches only begin it.
+With --method parts every variant registers part by part, as the paper does, and matches count for more than where, by
+default, the whole learnt body finds its own way on the surface and matches only begin it.
 
 The table has means over the seeds. Off is what the longest time is that any joint is more than 150 mm off, in the worst
 recording.
@@ -28,21 +23,14 @@ from typing import Final
 
 from accuracy import DEFAULT_SCENES, SCENES, track_simulated
 
-from anchorpose.association.feature import Feature, HypothesisConfig
-from anchorpose.body.learning import LearningConfig
+from anchorpose.experiments.methods.own_tracker import ABLATION
 from anchorpose.simulate.write import simulate_recording
-from anchorpose.tracker.config import FollowConfig, Method, TrackConfig
+from anchorpose.tracker.config import Method, TrackConfig
 from anchorpose.tracking.motion import MotionConfig, MotionRule
 
 VARIANTS: Final[Mapping[str, TrackConfig]] = {
     "**everything**": TrackConfig(),
-    "no descriptor": TrackConfig(hypotheses=HypothesisConfig(feature=Feature.POSITION)),
-    "no subsets": TrackConfig(hypotheses=HypothesisConfig(subset_size=5)),
-    "no tree": TrackConfig(follow=FollowConfig(look_ahead=1)),
-    "no movements: velocity": TrackConfig(motion=MotionConfig(rule=MotionRule.VELOCITY)),
-    "no movements: standstill": TrackConfig(motion=MotionConfig(rule=MotionRule.STANDSTILL)),
-    "one best movement, as in the paper": TrackConfig(motion=MotionConfig(rule=MotionRule.BEST_SUBLIST)),
-    "no learnt body": TrackConfig(learning=LearningConfig(own_shape=False)),
+    **dict(ABLATION.values()),
     "the paper's own way": TrackConfig(
         method=Method.PARTS, motion=MotionConfig(rule=MotionRule.BEST_SUBLIST, displacement_weight=0.0)
     ),

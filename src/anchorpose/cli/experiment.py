@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 from anchorpose.errors import InputError
 
+EXIT_INTERRUPTED = 130
 THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
@@ -46,13 +48,17 @@ def experiment(
     from anchorpose.cli.progress import progress_bar
     from anchorpose.experiments.run import run_experiment
 
-    with progress_bar("Comparing") as progress:
-        run_experiment(
-            out,
-            quick_config() if quick else chosen,
-            real,
-            processes or os.cpu_count() or 1,
-            lambda done_s, all_s: progress(round(done_s), round(all_s)),
-            lambda sentence: print(sentence, flush=True),
-        )
+    try:
+        with progress_bar("Comparing") as progress:
+            run_experiment(
+                out,
+                quick_config() if quick else chosen,
+                real,
+                processes or os.cpu_count() or 1,
+                lambda done_s, all_s: progress(round(done_s), round(all_s)),
+                lambda sentence: print(sentence, flush=True),
+            )
+    except KeyboardInterrupt:
+        print("Stopped; the same command goes on from here.", file=sys.stderr)
+        raise SystemExit(EXIT_INTERRUPTED) from None
     print(f"Open {out / 'index.html'}; the tables are in {out / 'tables'}.")

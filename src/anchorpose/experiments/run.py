@@ -130,8 +130,6 @@ def _do(job: Job, processes: int, progress: Progress, total_s: float) -> list[st
     clips = sorted((c for c in job.clips if c.name in open_clips), key=_making_s, reverse=True)
     if not clips:
         return []
-    if processes == 1:
-        return [sentence for clip in clips if (sentence := _work(clip, job.brief))]
     failed = list[str]()
     executor = ProcessPoolExecutor(processes, mp_context=get_context("spawn"))
     try:

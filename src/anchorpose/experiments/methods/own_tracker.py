@@ -22,6 +22,9 @@ ABLATION: Final[Mapping[str, tuple[str, TrackConfig]]] = {
     "own-no-movements": (
         "without reference movements", TrackConfig(motion=MotionConfig(rule=MotionRule.VELOCITY)),
     ),
+    "own-best-movement": (
+        "with the one best movement, as in the paper", TrackConfig(motion=MotionConfig(rule=MotionRule.BEST_SUBLIST)),
+    ),
     "own-standstill": ("without any prediction", TrackConfig(motion=MotionConfig(rule=MotionRule.STANDSTILL))),
     "own-raw-mesh": ("without closing and cutting the mesh", TrackConfig(surface=SurfaceConfig(by_body=False))),
     "own-mean-body": ("without the learnt body", TrackConfig(learning=LearningConfig(own_shape=False))),
