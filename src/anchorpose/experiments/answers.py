@@ -69,7 +69,7 @@ class Plan:
         for hole_m in self.holes(clip):
             for method in self.methods_on(clip):
                 setting = self.settings.get(method.key)
-                if method.associate is not None and clip.simulation is not None and self.in_sample(clip):
+                if method.associate is not None and self.has_windows(clip):
                     yield self._answer(Kind.MATCHED, clip, hole_m, method, setting)
                 yield self._answer(Kind.TRACKED, clip, hole_m, method, setting)
 
@@ -94,7 +94,13 @@ class Plan:
         """All methods, the slow ones within the sample; in some scenes the own tracker without each ingredient too."""
         ablated = self.config.ablation and clip.scene in ABLATION_SCENES
         methods = tuple(method for method in self.methods if self.in_sample(clip) or not method.sampled)
+        if clip.scene is Scene.MATCHES:
+            return tuple(method for method in methods if method.associate is not None)
         return (*methods, *(ABLATED if ablated else ()))
+
+    def has_windows(self, clip: Clip) -> bool:
+        """Whether matches are compared with the truth on it: known, and not the same as those of the paper's scene."""
+        return clip.simulation is not None and clip.scene is not Scene.MATCHES and self.in_sample(clip)
 
     def in_sample(self, clip: Clip) -> bool:
         """Whether slow methods run on it: seeds are drawn, so the first are as good as any."""
@@ -110,7 +116,8 @@ class Plan:
         config = self.config
         how = (config.hole_share, config.segment_frames, self.windows, self.movements_digest)
         drawn = (config.sampled_segments, config.scene_segments) if method.sampled else ()
-        path = self.store.path(kind, identity(clip), hole_m, method.key, setting, *how, *drawn)
+        alone = (Scene.MATCHES,) if clip.scene is Scene.MATCHES else ()
+        path = self.store.path(kind, identity(clip), hole_m, method.key, setting, *how, *drawn, *alone)
         return Answer(kind, clip, hole_m, method, setting, path, self._cost_s(kind, clip, method))
 
     def _cost_s(self, kind: Kind, clip: Clip, method: Method) -> float:
@@ -120,7 +127,7 @@ class Plan:
             return crowd * self.windows * 3 * method.frame_ms / 1000.0
         if method.family is Family.TRACKER:
             return crowd * frames * OWN_MS / 1000.0
-        segments = sampled_segments(clip, config) if method.sampled else frames // config.segment_frames
+        segments = sampled_segments(clip, config) if is_sampled(method, clip) else frames // config.segment_frames
         return crowd * segments * config.segment_frames * (FRAMEWORK_MS + 1.3 * method.frame_ms) / 1000.0
 
 
@@ -146,9 +153,14 @@ class Brief:
         )
 
 
+def is_sampled(method: Method, clip: Clip) -> bool:
+    """Whether the method runs on some of the clip's segments only."""
+    return method.sampled or clip.scene is Scene.MATCHES
+
+
 def sampled_segments(clip: Clip, config: ExperimentConfig) -> int:
     """How many segments of a clip the slow methods run on."""
-    return config.sampled_segments if clip.scene is Scene.PAPER else config.scene_segments
+    return config.sampled_segments if clip.scene in (Scene.PAPER, Scene.MATCHES) else config.scene_segments
 
 
 def identity(clip: Clip) -> str:

@@ -22,9 +22,14 @@ class Clip:
     folder: Path | None = None
 
     @property
+    def drawn_by(self) -> str:
+        """What its holes, segments and windows are drawn by: those of the paper's scene serve twice."""
+        return self.name.replace(Scene.MATCHES, Scene.PAPER)
+
+    @property
     def holes_are_cut(self) -> bool:
         """Whether the sizes of hole apply; other scenes bring their own occluders."""
-        return self.scene in (Scene.PAPER, Scene.LOOSE, Scene.REAL)
+        return self.scene in (Scene.PAPER, Scene.MATCHES, Scene.LOOSE, Scene.REAL)
 
 
 def plan_clips(config: ExperimentConfig, real: Path | None) -> list[Clip]:
@@ -46,7 +51,7 @@ def real_clips(folder: Path) -> list[Clip]:
 
 def simulation_of(scene: Scene, seed: int, config: ExperimentConfig) -> SimulationConfig:
     """How a recording is simulated."""
-    if scene is Scene.PAPER:
+    if scene in (Scene.PAPER, Scene.MATCHES):
         return presets.single(seed, config.seconds, config.fps)
     alone = presets.single(seed, config.scene_seconds, config.fps)
     crowded = presets.clinic(seed, config.scene_seconds, config.fps)

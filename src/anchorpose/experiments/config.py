@@ -13,9 +13,10 @@ PAPER_HOLES_M: Final = (0.0, 0.03, 0.06, 0.09, 0.12, 0.15)
 
 
 class Scene(StrEnum):
-    """What is recorded; all but the first are beyond the paper."""
+    """What is recorded, or what else is done with it; all but the first are beyond the paper."""
 
     PAPER = "paper"  # one person, one front camera, nothing in the way but the holes
+    MATCHES = "matches-alone"  # the same recordings; parts follow their matches and are not refined on the surface
     LOOSE = "loose"  # the same in clothes twice as loose
     FRAME = "frame"  # one front camera, a standing frame's bars before the patient
     CLINIC_FRONT = "clinic-front"  # the frame, and two therapists who hold and move, one front camera
@@ -41,7 +42,7 @@ class ExperimentConfig:
     sampled_recordings: int = 10  # of the recordings: those that slow methods run on, and that matches are compared on
     sampled_segments: int = 1  # of each of these, drawn at random: what slow methods run on
     windows: int = 2  # moments of each recording and size of hole at which matches are compared with the truth
-    scenes: tuple[Scene, ...] = (Scene.PAPER, Scene.LOOSE, Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)
+    scenes: tuple[Scene, ...] = (Scene.PAPER, Scene.MATCHES, Scene.LOOSE, Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)
     scene_recordings: int = 3  # of each scene beyond the paper's
     scene_seconds: float = 6.0
     scene_segments: int = 2  # as sampled_segments, in these
@@ -80,13 +81,15 @@ class ExperimentConfig:
             raise ValueError("holes_m must contain 0: what holes cost is told against none")
         if not 0 < self.hole_share <= 1:
             raise ValueError(f"hole_share must be above 0 and at most 1, got {self.hole_share}")
-        seeds = range(self.first_seed, self.first_seed + max(self.recordings, self.scene_recordings))
+        seeds = range(
+            self.first_seed, self.first_seed + max(self.recordings, self.sampled_recordings, self.scene_recordings)
+        )
         if set(seeds) & set(range(self.training_seed, self.training_seed + self.training_recordings)):
             raise ValueError("the recordings to test and to train on have seeds in common; move first_seed")
 
     def seeds(self, scene: Scene) -> range:
         """Of the test recordings of a scene."""
-        count = self.recordings if scene is Scene.PAPER else self.scene_recordings
+        count = {Scene.PAPER: self.recordings, Scene.MATCHES: self.sampled_recordings}.get(scene, self.scene_recordings)
         return range(self.first_seed, self.first_seed + count)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from anchorpose.association.feature import HypothesisConfig
 from anchorpose.association.gate import GateConfig
+from anchorpose.body.part_registration import PartRegistrationConfig
 from anchorpose.body.registration import PoseBelief, vague_belief
 from anchorpose.experiments.reference import Reference
 from anchorpose.isolation.people import PatientChoice
@@ -31,10 +32,11 @@ PAPER_GATE = GateConfig(anchor_bound_m=0.05, surface_bound_per_m=0.01, search_ra
 """The paper's bound on the anchors; its "linear function increasing with distance" is not given."""
 
 
-def paper_config(motions: Path) -> TrackConfig:
+def paper_config(motions: Path, refined: bool = True) -> TrackConfig:
     """Meshes as the pictures show them, holes and all; the best sub-list predicts; every part by itself.
 
-    motions: the file of the training samples' movements.
+    motions: the file of the training samples' movements. refined: whether parts that follow their matches are then
+    registered to the surface; without, the matches have to say it all.
     """
     return TrackConfig(
         method=Method.PARTS,
@@ -43,6 +45,7 @@ def paper_config(motions: Path) -> TrackConfig:
         gate=PAPER_GATE,
         motion=MotionConfig(rule=MotionRule.BEST_SUBLIST, displacement_weight=0.0),
         motions=str(motions),
+        parts=PartRegistrationConfig() if refined else PartRegistrationConfig(iterations=0),
         follow=FollowConfig(tree_nodes=ALL_NODES),
     )
 

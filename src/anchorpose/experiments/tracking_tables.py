@@ -23,7 +23,7 @@ ALL_NOTE = (
 )
 SAME_NOTE = "The same frames for every method: those that all of the methods below ran on."
 
-OTHER_HOLES = (Scene.LOOSE, Scene.REAL)
+OTHER_HOLES = (Scene.MATCHES, Scene.LOOSE, Scene.REAL)
 """Scenes beyond the paper's in which holes are cut too."""
 
 

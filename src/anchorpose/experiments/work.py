@@ -11,8 +11,9 @@ from zlib import crc32
 
 import numpy as np
 
-from anchorpose.experiments.answers import Answer, Kind, Plan, sampled_segments
+from anchorpose.experiments.answers import Answer, Kind, Plan, is_sampled, sampled_segments
 from anchorpose.experiments.clips import Clip
+from anchorpose.experiments.config import Scene
 from anchorpose.experiments.correspondence import Skin
 from anchorpose.experiments.framework import paper_config
 from anchorpose.experiments.holes import cut_holes, draw_hole_frames
@@ -50,8 +51,8 @@ class Subject:
 
     @property
     def seed(self) -> int:
-        """What is drawn for this recording is drawn from its name."""
-        return crc32(self.clip.name.encode())
+        """What is drawn for this recording is drawn by its name."""
+        return crc32(self.clip.drawn_by.encode())
 
 
 def work_on(clip: Clip, plan: Plan) -> None:
@@ -95,7 +96,7 @@ def _subject(clip: Clip, folder: Path, truth: Path, plan: Plan) -> Subject:
         joints = joints[recording.streams[0].frame]
     else:
         joints, skin = simulated_joints(truth), Skin(clip.simulation)
-    in_hole = draw_hole_frames(frames, config.hole_share, crc32(clip.name.encode()), starts)
+    in_hole = draw_hole_frames(frames, config.hole_share, crc32(clip.drawn_by.encode()), starts)
     return Subject(clip, recording, reference, joints, in_hole, tuple(starts), skin)
 
 
@@ -113,7 +114,7 @@ def pierced(subject: Subject, hole_m: float) -> Iterator[Recording]:
 
 
 def _answer_all(asked: Sequence[Answer], subject: Subject, recording: Recording, plan: Plan) -> None:
-    config = paper_config(plan.movements)
+    config = paper_config(plan.movements, refined=subject.clip.scene is not Scene.MATCHES)
     room = prepare_room(recording, config)
     motions = load_motions(config.motion_file, recording.rate_hz, config.motion)
     album = _Album(subject, plan, room, motions, config)
@@ -130,7 +131,7 @@ def _answer_all(asked: Sequence[Answer], subject: Subject, recording: Recording,
             track = _evaluated(track_whole(answer.method, answer.setting, recording), subject, length)
         else:
             chosen = subject.starts
-            if answer.method.sampled:
+            if is_sampled(answer.method, subject.clip):
                 chosen = tuple(draw_some(chosen, sampled_segments(subject.clip, plan.config), subject.seed))
             track = track_segments(
                 answer.method, answer.setting, room, subject.reference, motions, config, chosen, length
