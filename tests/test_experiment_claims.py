@@ -10,12 +10,21 @@ import numpy as np
 import pytest
 from experiment_builder import METHODS, as_the_paper_says, make_outcome, matches_as_the_paper_says
 
-from anchorpose.experiments.claims import claims_json, judge_claims
 from anchorpose.experiments.method import Family
 from anchorpose.experiments.outcome import Outcome, PaperTimes
-from anchorpose.experiments.statistics import Estimate
-from anchorpose.experiments.tracking_claims import below_zero
-from anchorpose.experiments.verdict import Answer, Claim, Verdict, at_least, at_most, between, judge, measured
+from anchorpose.experiments.presentation.claims import claims_json, judge_claims
+from anchorpose.experiments.presentation.statistics import Estimate
+from anchorpose.experiments.presentation.tracking_claims import below_zero
+from anchorpose.experiments.presentation.verdict import (
+    Answer,
+    Claim,
+    Verdict,
+    at_least,
+    at_most,
+    between,
+    judge,
+    measured,
+)
 from anchorpose.joints import JOINT_NAMES
 
 FAMILY = {one.key: one.family for one in METHODS}

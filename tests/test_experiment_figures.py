@@ -11,13 +11,13 @@ from experiment_builder import ABLATED, METHODS, make_outcome
 
 from anchorpose.errors import MissingPackage
 from anchorpose.experiments.config import Scene
-from anchorpose.experiments.figures.drawing import LOOK, look_of
-from anchorpose.experiments.figures.gallery import FIGURES, draw_all
-from anchorpose.experiments.matching_tables import matching_tables
 from anchorpose.experiments.method import Family
-from anchorpose.experiments.tables import Table
-from anchorpose.experiments.time_tables import time_tables
-from anchorpose.experiments.tracking_tables import tracking_tables
+from anchorpose.experiments.presentation.figures.drawing import LOOK, look_of
+from anchorpose.experiments.presentation.figures.gallery import FIGURES, draw_all
+from anchorpose.experiments.presentation.matching_tables import matching_tables
+from anchorpose.experiments.presentation.tables import Table
+from anchorpose.experiments.presentation.time_tables import time_tables
+from anchorpose.experiments.presentation.tracking_tables import tracking_tables
 
 PNG_HEAD = b"\x89PNG\r\n\x1a\n"
 
@@ -85,8 +85,8 @@ def test_without_matplotlib_the_remedy_is_said(monkeypatch: pytest.MonkeyPatch, 
 
 def test_nothing_loads_matplotlib_before_it_draws_and_nothing_ever_loads_its_state() -> None:
     script = (
-        "import sys; import anchorpose.experiments.publish as p; print('matplotlib' in sys.modules);"
-        "from anchorpose.experiments.figures.drawing import new_figure; new_figure(2, 2);"
+        "import sys; import anchorpose.experiments.presentation.publish as p; print('matplotlib' in sys.modules);"
+        "from anchorpose.experiments.presentation.figures.drawing import new_figure; new_figure(2, 2);"
         "print('matplotlib.pyplot' in sys.modules)"
     )
     answer = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)

@@ -12,13 +12,13 @@ import pytest
 from experiment_builder import ABLATED, METHODS, make_outcome, method
 
 from anchorpose.errors import InputError, MissingPackage
-from anchorpose.experiments import publish
-from anchorpose.experiments.claims import judge_claims
 from anchorpose.experiments.config import Scene
 from anchorpose.experiments.method import Family
 from anchorpose.experiments.outcome import Outcome, Tried
-from anchorpose.experiments.publish import write_outcome
-from anchorpose.experiments.shown_pictures import read_pictures
+from anchorpose.experiments.presentation import publish
+from anchorpose.experiments.presentation.claims import judge_claims
+from anchorpose.experiments.presentation.publish import write_outcome
+from anchorpose.experiments.presentation.shown_pictures import read_pictures
 
 EVIL = "<script>alert('&')</script>"
 PNG = b"\x89PNG\r\n\x1a\nnot much of a picture"

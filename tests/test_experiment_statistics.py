@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from anchorpose.experiments.statistics import Estimate, deviation_over, mean_over, median_over, ratio_of
+from anchorpose.experiments.presentation.statistics import Estimate, deviation_over, mean_over, median_over, ratio_of
 
 SUMMARIES = (mean_over, deviation_over, median_over)
 

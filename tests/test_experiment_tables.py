@@ -11,15 +11,15 @@ import pytest
 from experiment_builder import ABLATED, METHODS, make_outcome, method
 
 from anchorpose.experiments.config import ExperimentConfig, Scene
-from anchorpose.experiments.matching_tables import matching_tables
 from anchorpose.experiments.method import Family
 from anchorpose.experiments.outcome import Outcome, Tracked
-from anchorpose.experiments.selection import Matching, Tracking
-from anchorpose.experiments.setting_table import settings_csv
-from anchorpose.experiments.statistics import Estimate
-from anchorpose.experiments.tables import Column, Row, Table, Unit, csv_text, told
-from anchorpose.experiments.time_tables import time_tables
-from anchorpose.experiments.tracking_tables import tracking_tables
+from anchorpose.experiments.presentation.matching_tables import matching_tables
+from anchorpose.experiments.presentation.selection import Matching, Tracking
+from anchorpose.experiments.presentation.setting_table import settings_csv
+from anchorpose.experiments.presentation.statistics import Estimate
+from anchorpose.experiments.presentation.tables import Column, Row, Table, Unit, csv_text, told
+from anchorpose.experiments.presentation.time_tables import time_tables
+from anchorpose.experiments.presentation.tracking_tables import tracking_tables
 from anchorpose.joints import JOINT_COUNT
 
 FAST = method("anchors", "fast", Family.PROPOSED, sampled=False)

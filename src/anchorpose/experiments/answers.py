@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cache
 from pathlib import Path
 
+from anchorpose.errors import AnchorposeError
 from anchorpose.experiments.clips import Clip
 from anchorpose.experiments.config import ExperimentConfig, Scene
 from anchorpose.experiments.method import Family, Method, load_methods
 from anchorpose.experiments.methods.own_tracker import ABLATED
-from anchorpose.experiments.store import Store
+from anchorpose.experiments.store import Store, code_digest
 
 FRAMEWORK_MS = 90.0  # of one frame in the framework, whatever the method: isolation to registration
 OWN_MS = 150.0  # of one frame of the own tracker, learning included
@@ -88,19 +90,22 @@ class Plan:
         """Sizes of hole that are cut into the clip."""
         if self.training:
             return (0.0, TUNING_HOLE_M)
+        if clip.scene is Scene.MATCHES:
+            return tuple(sorted({0.0, max(self.config.holes_m)}))
         return self.config.holes_m if clip.holes_are_cut else (0.0,)
 
     def methods_on(self, clip: Clip) -> tuple[Method, ...]:
         """All methods, the slow ones within the sample; in some scenes the own tracker without each ingredient too."""
-        ablated = self.config.ablation and clip.scene in ABLATION_SCENES
+        own = any(method.family is Family.TRACKER for method in self.methods)
+        ablated = own and self.config.ablation and clip.scene in ABLATION_SCENES
         methods = tuple(method for method in self.methods if self.in_sample(clip) or not method.sampled)
         if clip.scene is Scene.MATCHES:
             return tuple(method for method in methods if method.associate is not None)
         return (*methods, *(ABLATED if ablated else ()))
 
     def has_windows(self, clip: Clip) -> bool:
-        """Whether matches are compared with the truth on it: known, and not the same as those of the paper's scene."""
-        return clip.simulation is not None and clip.scene is not Scene.MATCHES and self.in_sample(clip)
+        """Whether matches are compared with the truth on it: in the paper's scene, as the paper shows them."""
+        return clip.scene is Scene.PAPER and self.in_sample(clip)
 
     def in_sample(self, clip: Clip) -> bool:
         """Whether slow methods run on it: seeds are drawn, so the first are as good as any."""
@@ -115,9 +120,10 @@ class Plan:
     def _answer(self, kind: Kind, clip: Clip, hole_m: float, method: Method, setting: object) -> Answer:
         config = self.config
         how = (config.hole_share, config.segment_frames, self.windows, self.movements_digest)
-        drawn = (config.sampled_segments, config.scene_segments) if method.sampled else ()
+        drawn = (config.sampled_segments, config.scene_segments) if is_sampled(method, clip) else ()
         alone = (Scene.MATCHES,) if clip.scene is Scene.MATCHES else ()
-        path = self.store.path(kind, identity(clip), hole_m, method.key, setting, *how, *drawn, *alone)
+        what = (identity(clip), clip.drawn_by, hole_m, method.key, method.content, setting)
+        path = self.store.path(kind, *what, *how, *drawn, *alone)
         return Answer(kind, clip, hole_m, method, setting, path, self._cost_s(kind, clip, method))
 
     def _cost_s(self, kind: Kind, clip: Clip, method: Method) -> float:
@@ -133,7 +139,7 @@ class Plan:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Brief:
-    """A plan that can be sent to another process: methods by key or file, settings by number."""
+    """A plan that can be sent to another process: methods by key or file, settings by number; code: its digest."""
 
     config: ExperimentConfig
     wanted: tuple[str, ...]
@@ -141,10 +147,13 @@ class Brief:
     movements: Path
     movements_digest: str
     cache: Path
+    code: str
     training: bool = False
 
     def plan(self) -> Plan:
         """The plan itself."""
+        if self.code != code_digest():
+            raise AnchorposeError("the program was changed while it ran; start the experiment again.")
         methods = load_methods(self.wanted)
         numbers = dict(self.chosen)
         settings = {method.key: method.settings[numbers.get(method.key, 0)] for method in methods}
@@ -167,14 +176,14 @@ def identity(clip: Clip) -> str:
     """What a clip's content hangs on: how it is simulated, or its files."""
     if clip.simulation is not None or clip.folder is None:
         return repr(clip.simulation)
+    return _content(clip.folder)
+
+
+@cache
+def _content(folder: Path) -> str:
     digest = hashlib.sha256()
-    for path in sorted(clip.folder.rglob("*")):
+    for path in sorted(folder.rglob("*")):
         if path.is_file():
-            digest.update(path.relative_to(clip.folder).as_posix().encode() + b"\0")
+            digest.update(path.relative_to(folder).as_posix().encode() + b"\0")
             digest.update(hashlib.sha256(path.read_bytes()).digest())
     return digest.hexdigest()
-
-
-def left_to_do(answers: Sequence[Answer]) -> float:
-    """Seconds of one core, about."""
-    return sum(answer.cost_s for answer in answers if not answer.there)

@@ -68,6 +68,13 @@ class ExperimentConfig:
         ):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+        for name, least in (("resamples", 100), ("training_samples", 40)):
+            if getattr(self, name) < least:
+                raise ValueError(f"{name} must be at least {least}, got {getattr(self, name)}")
+        if not (0 < self.fps <= 30 and self.seconds > 0 and self.scene_seconds > 0):
+            raise ValueError(
+                f"fps must be above 0 and at most 30, and recordings last, got {self.fps} and {self.seconds}"
+            )
         if self.segment_frames < 2:
             raise ValueError(f"segment_frames must be at least 2, got {self.segment_frames}")
         if not (

@@ -8,8 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from anchorpose.experiments.correspondence import Skin, TruePlaces
-from anchorpose.experiments.method import Method
+from anchorpose.experiments.method import Family, Method
 from anchorpose.experiments.windows import Matches, Window, ask
+from anchorpose.geodesics.descriptor import anchor_descriptor
+from anchorpose.geodesics.distance import geodesic_distance
+from anchorpose.geodesics.extrema import geodesic_extrema, surface_center
 
 COMPARED = 400  # nodes of a window, drawn at random: enough for its mean, and kept with every result
 
@@ -49,9 +52,7 @@ def truth_of(window: Window, skin: Skin) -> Truth:
 
 def score(method: Method, setting: object, window: Window, truth: Truth) -> MatchErrors:
     """The method's matches of a window against the truth."""
-    start = time.process_time()
     matches = ask(method, setting, window)
-    elapsed = time.process_time() - start
     direct, tree = (_matched(matches, window, truth, by_tree) for by_tree in (False, True))
     skin, frame = truth.skin, window.frame + 1
     said = np.where(np.isfinite(direct).all(axis=1, keepdims=True), direct, tree)
@@ -63,8 +64,23 @@ def score(method: Method, setting: object, window: Window, truth: Truth) -> Matc
         tree_skin_mm=_skin_mm(tree, truth, frame),
         mirrored=_mirrored(said, truth, frame),
         nodes=len(window.observations[0].surface),
-        describe_s=elapsed / max(len(matches.links), 1),
+        describe_s=_seconds(method, setting, window),
     )
+
+
+def _seconds(method: Method, setting: object, window: Window) -> float:
+    """Of one core: what two frames' descriptors and the matches between them take, anchors and distances included."""
+    if method.associate is None:
+        return np.nan
+    now, after = window.observations[:2]
+    config, start = method.configure(window.config, setting), time.process_time()
+    method.associate(setting)(now, after, config).all()
+    if method.family is Family.PROPOSED:  # these are made with the observation
+        for seen in (now, after):
+            field = geodesic_distance(seen.whole, np.array([surface_center(seen.whole)]))[0]
+            geodesic_extrema(seen.whole, field, config.anchors.radius * window.tracker.height_m)
+            anchor_descriptor(seen.whole, seen.anchors)
+    return time.process_time() - start
 
 
 def _matched(matches: Matches, window: Window, truth: Truth, by_tree: bool) -> np.ndarray:
@@ -98,5 +114,7 @@ def _mirrored(said_m: np.ndarray, truth: Truth, frame: int) -> np.ndarray:
     known = np.isfinite(said_m).all(axis=1)
     mirrored = np.zeros(len(said_m), bool)
     vertex = truth.skin.vertex_at(said_m[known], frame)
-    mirrored[known] = truth.skin.side[vertex] * truth.skin.side[truth.places.vertex[known]] == -1
+    true_vertex, skin = truth.places.vertex[known], truth.skin
+    other_side = skin.side[vertex] * skin.side[true_vertex] == -1
+    mirrored[known] = other_side & (skin.region[vertex] == skin.region[true_vertex])
     return mirrored

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib
 import importlib.util
 import pkgutil
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, Final
@@ -43,7 +44,8 @@ class Method:
     associate: makes, from a setting, what pairs two frames; None for a tracker of its own. configure: what else it
     changes of the framework's configuration (a tracker: of the defaults). sampled: it is so slow, or so little asked
     for, that it runs on a random sample of the segments. frame_ms: about what a frame of 2,000 nodes costs on one core,
-    to tell how long an experiment will take.
+    to tell how long an experiment will take. several: it makes several hypotheses of a node, among which only the tree
+    can choose. content: digest of the file that it comes from; of those that ship with the package, none.
     """
 
     key: str
@@ -54,6 +56,8 @@ class Method:
     associate: Callable[[Any], Associate] | None = None
     configure: Callable[[TrackConfig, Any], TrackConfig] = lambda config, setting: config
     sampled: bool = True
+    several: bool = False
+    content: str = ""
     frame_ms: float = 100.0
 
 
@@ -115,7 +119,11 @@ def load_methods(wanted: Sequence[str]) -> tuple[Method, ...]:
     if not wanted:
         return shipped
     by_key = {method.key: method for method in shipped}
-    return tuple(by_key[name] if name in by_key else _from_file(name, list(by_key)) for name in wanted)
+    methods = tuple(by_key[name] if name in by_key else _from_file(name, list(by_key)) for name in wanted)
+    for method in methods:
+        if sum(other.key == method.key for other in methods) > 1 or (method.content and method.key in by_key):
+            raise InputError(Path(method.key), "is the key of two methods", "give each method a key of its own")
+    return methods
 
 
 def shipped_methods() -> tuple[Method, ...]:
@@ -139,4 +147,4 @@ def _from_file(name: str, keys: Sequence[str]) -> Method:
     methods = getattr(module, "METHODS", None)
     if not (isinstance(methods, tuple) and len(methods) == 1 and isinstance(methods[0], Method)):
         raise InputError(path, "has no METHODS of one Method", "see the package's experiments/methods for examples")
-    return methods[0]
+    return replace(methods[0], content=hashlib.sha256(path.read_bytes()).hexdigest())

@@ -43,9 +43,10 @@ class Matched:
     direct_mm, tree_mm (m,): how far from that place the match lies, straight, without and with the track tree, NaN
     without a match (all of direct_mm where a method has several hypotheses and nothing to choose by);
     direct_skin_mm, tree_skin_mm: the same along the skin; mirrored (m,) bool: the direct match, or where there is
-    none the tree's, lies on the other side's limb.
-    occluded: either frame has a hole. nodes: of the first frame. describe_s: of one core, for one frame's descriptors
-    and their matches. body_m: standing height, so that lengths along the skin can be told in shares of it.
+    none the tree's, lies on the same part of the other side: a hand's on the other hand.
+    occluded: either frame has a hole. nodes: of the first frame. describe_s: of one core, for two frames' descriptors,
+    anchors included, and the matches between them. body_m: standing height, so that lengths along the skin can be told
+    in shares of it.
     """
 
     scene: Scene

@@ -11,7 +11,7 @@ import numpy as np
 from anchorpose.experiments.outcome import PaperTimes
 from anchorpose.experiments.reference import Reference
 from anchorpose.experiments.windows import take_window
-from anchorpose.geodesics.distance import Solver, geodesic_distance
+from anchorpose.geodesics.distance import Solver, geodesic_distance, geodesic_distance_to_set
 from anchorpose.geodesics.extrema import surface_center
 from anchorpose.surface.mesh import edges
 from anchorpose.surface.patient_surface import patient_surface
@@ -46,8 +46,6 @@ def measure(frame: int, room: Room, reference: Reference, config: TrackConfig) -
 
 def _five(surface: Surface) -> np.ndarray:
     """Five nodes far from the centre and from each other, as anchors are."""
-    from anchorpose.geodesics.distance import geodesic_distance_to_set
-
     chosen = [surface_center(surface)]
     for _ in range(5):
         field = geodesic_distance_to_set(surface, np.array(chosen))

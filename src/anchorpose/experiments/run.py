@@ -6,51 +6,32 @@ plan -> movements -> tuning -> clips in parallel (``work``) -> outcome -> publis
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
-from dataclasses import dataclass, replace
-from multiprocessing import active_children, get_context
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from anchorpose.errors import AnchorposeError, InputError
-from anchorpose.experiments.answers import Answer, Brief, Kind, Plan
+from anchorpose.errors import InputError
+from anchorpose.experiments.answers import Answer, Brief, Kind
 from anchorpose.experiments.clips import Clip, plan_clips
 from anchorpose.experiments.config import ExperimentConfig
-from anchorpose.experiments.framework import paper_config
 from anchorpose.experiments.method import Method, load_methods
 from anchorpose.experiments.methods.own_tracker import ABLATED
-from anchorpose.experiments.outcome import Matched, Outcome, PaperTimes, Tracked, Tried
-from anchorpose.experiments.paper_times import measure
-from anchorpose.experiments.pictures.album import write_pictures
-from anchorpose.experiments.publish import write_outcome
-from anchorpose.experiments.store import read
+from anchorpose.experiments.outcome import Matched, Outcome, Tracked, Tried
+from anchorpose.experiments.pictures.canvas import own_style
+from anchorpose.experiments.pool import Job, Progress, do
+from anchorpose.experiments.presentation.publish import write_outcome
+from anchorpose.experiments.show import show
+from anchorpose.experiments.store import code_digest, read
 from anchorpose.experiments.training import training_clips, write_movements
 from anchorpose.experiments.tuning import choose, worth_mm
-from anchorpose.experiments.work import Subject, pierced, subject_of, work_on
-from anchorpose.threads import one_thread
-from anchorpose.tracker.preparation import prepare_room
 
-MAKING_S: Final = 0.35  # of one core for a frame of one camera: simulated, and tracked for the reference
 CACHE: Final = "cache"
-POLL_S: Final = 0.5
-Progress = Callable[[float, float], None]
-"""Called with seconds of one core done, and to do in all, about."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Job:
-    """Clips and what is asked about them."""
-
-    brief: Brief
-    clips: tuple[Clip, ...]
-
-    def answers(self) -> list[Answer]:
-        """Of all clips."""
-        plan = self.brief.plan()
-        return [answer for clip in self.clips for answer in plan.answers(clip)]
+AllTried = tuple[tuple[str, tuple[Tried, ...]], ...]
+"""By the key of each method that has several settings."""
 
 
 def run_experiment(
@@ -66,28 +47,44 @@ def run_experiment(
     methods, clips = load_methods(config.methods), plan_clips(config, real)
     if real is not None and not any(clip.folder for clip in clips):
         raise InputError(real, "holds no recording with a skeleton.npz beside its recording.json", "check the folder")
+    _require_matplotlib()
     trainers = tuple(training_clips(config))
     movements, digest = _movements(out / CACHE, trainers, config)
-    first = Brief(config=config, wanted=config.methods, chosen=(), movements=movements, movements_digest=digest,
-                  cache=out / CACHE, training=True)  # fmt: skip
-    rough = replace(first, training=False)
-    training, testing = Job(first, trainers if config.tuned else ()), Job(rough, tuple(clips))
-    left_s = _left_s(training) + _left_s(testing)
+    brief = Brief(config=config, wanted=config.methods, chosen=(), movements=movements, movements_digest=digest,
+                  cache=out / CACHE, code=code_digest())  # fmt: skip
+    training = Job(replace(brief, training=True), trainers if config.tuned else ())
+    testing = Job(replace(brief, chosen=_chosen(_tried(training, methods))), tuple(clips))
+    left_s = training.left_s() + testing.left_s()
     tell(f"About {_spoken(left_s / processes)} on {processes} cores.")
-    failed = _do(training, processes, progress, left_s)
+    failed = do(training, processes, progress, testing.left_s())
     tried = _tried(training, methods)
-    chosen = tuple((key, next(n for n, t in enumerate(rows) if t.chosen)) for key, rows in tried)
-    testing = Job(replace(rough, chosen=chosen), tuple(clips))
-    failed += _do(testing, processes, progress, _left_s(testing))
+    testing = Job(replace(brief, chosen=_chosen(tried)), tuple(clips))
+    failed += do(testing, processes, progress, 0.0)
     tell("Putting tables, figures and the page together.")
     tracked, matched = _collect(testing.answers())
-    showing = replace(testing.brief, training=False).plan()
+    times, not_shown = show(out, testing.brief.plan(), trainers)
+    ablated = ABLATED if any(run.method == ABLATED[0].key for run in tracked) else ()
     outcome = Outcome(
-        config, (*methods, *(ABLATED if config.ablation else ())), tried, tracked, matched,
-        _show(out, showing, trainers), tuple(failed), real,
-    )  # fmt: skip
+        config, (*methods, *ablated), tried, tracked, matched, times, (*failed, *_unanswered(testing), *not_shown), real
+    )
     write_outcome(outcome, out)
     return outcome
+
+
+def _require_matplotlib() -> None:
+    """Hours before it is needed. Raises MissingPackage."""
+    with own_style():
+        pass
+
+
+def _chosen(tried: AllTried) -> tuple[tuple[str, int], ...]:
+    return tuple((key, next(n for n, one in enumerate(rows) if one.chosen)) for key, rows in tried)
+
+
+def _unanswered(job: Job) -> list[str]:
+    """A sentence for each clip of which some answer is missing, whatever the reason."""
+    missing = Counter(answer.clip.name for answer in job.answers() if not answer.there)
+    return [f"{name}: {count} answers are missing." for name, count in missing.items()]
 
 
 def _claim(out: Path) -> None:
@@ -110,54 +107,8 @@ def _movements(cache: Path, trainers: Sequence[Clip], config: ExperimentConfig) 
     return path, digest
 
 
-def _left_s(job: Job) -> float:
-    """Of one core: what is asked and not answered, and the recordings that this takes."""
-    by_clip: dict[str, float] = {}
-    for answer in job.answers():
-        if not answer.there:
-            by_clip[answer.clip.name] = by_clip.get(answer.clip.name, _making_s(answer.clip)) + answer.cost_s
-    return sum(by_clip.values())
-
-
-def _making_s(clip: Clip) -> float:
-    return 10.0 if clip.simulation is None else 5.0 + MAKING_S * clip.simulation.frames * clip.simulation.cameras
-
-
-def _do(job: Job, processes: int, progress: Progress, total_s: float) -> list[str]:
-    """Answers everything, clips side by side; a sentence for each clip that could not be used."""
-    answers = job.answers()
-    open_clips = {answer.clip.name for answer in answers if not answer.there}
-    clips = sorted((c for c in job.clips if c.name in open_clips), key=_making_s, reverse=True)
-    if not clips:
-        return []
-    failed = list[str]()
-    executor = ProcessPoolExecutor(processes, mp_context=get_context("spawn"))
-    try:
-        pending = {executor.submit(_work, clip, job.brief) for clip in clips}
-        while pending:
-            done, pending = wait(pending, timeout=POLL_S, return_when=FIRST_COMPLETED)
-            failed += [sentence for future in done if (sentence := future.result())]
-            progress(total_s - sum(a.cost_s for a in answers if not a.there), total_s)
-    except BaseException:
-        for child in active_children():
-            child.terminate()
-        raise
-    finally:
-        executor.shutdown(wait=False, cancel_futures=True)
-    return failed
-
-
-def _work(clip: Clip, brief: Brief) -> str | None:
-    """One clip; the other recordings are still worth comparing on, so what was wrong with it is told, not raised."""
-    try:
-        work_on(clip, brief.plan())
-    except AnchorposeError as error:
-        return f"{clip.name}: {error}"
-    return None
-
-
-def _tried(training: Job, methods: Sequence[Method]) -> tuple[tuple[str, tuple[Tried, ...]], ...]:
-    """Every method's settings with their scores on the training recordings."""
+def _tried(training: Job, methods: Sequence[Method]) -> AllTried:
+    """The settings of every method that has several, with their scores on the training recordings."""
     windows: dict[tuple[str, object], list[np.ndarray]] = {}
     for answer in training.answers():
         if answer.there:
@@ -165,6 +116,7 @@ def _tried(training: Job, methods: Sequence[Method]) -> tuple[tuple[str, tuple[T
     return tuple(
         (m.key, choose(m.settings, [worth_mm(windows.get((m.key, repr(setting)), [])) for setting in m.settings]))
         for m in methods
+        if training.clips and len(m.settings) > 1
     )
 
 
@@ -203,30 +155,6 @@ def _windows_of(answer: Answer, arrays: dict[str, np.ndarray]) -> Iterator[Match
             describe_s=float(arrays["describe_s"][number]),
             body_m=float(arrays["body_m"]),
         )
-
-
-def _show(out: Path, plan: Plan, trainers: Sequence[Clip]) -> PaperTimes | None:
-    """Pictures of a training recording, and how long the paper's steps take on it, None where nobody is found in it."""
-    config, middle = paper_config(plan.movements), sorted(plan.config.holes_m)[len(plan.config.holes_m) // 2]
-    with one_thread(), subject_of(trainers[-1], plan) as subject, pierced(subject, middle) as holed:
-        times = measure(subject.starts[0], prepare_room(subject.recording, config), subject.reference, config)
-        frame = _moving_frame(subject)
-        if subject.skin is not None and frame is not None and middle > 0:
-            write_pictures(
-                out, subject.recording, holed, subject.reference, subject.skin, frame, plan.methods, plan.settings,
-                plan.movements,
-            )  # fmt: skip
-    return times
-
-
-def _moving_frame(subject: Subject) -> int | None:
-    """Of the frames with a hole whose frame before has none, the one that the body has moved most to."""
-    found, hole = subject.reference.found, subject.in_hole
-    fits = np.flatnonzero(hole[1:-3] & ~hole[:-4] & found[1:-3] & found[:-4]) + 1
-    if len(fits) == 0:
-        return None
-    moved = np.linalg.norm(np.diff(subject.reference.joints_m, axis=0), axis=2).mean(axis=1)
-    return int(fits[np.argmax(moved[fits - 1])])
 
 
 def _spoken(seconds: float) -> str:

@@ -75,7 +75,9 @@ def ask(method: Method, setting: object, window: Window) -> Matches:
     tree = global_hypothesis(
         tracker.points, tracker.rest, tracker.belief.pose, window.poses[: len(links)], seen, links, config
     )
-    direct = hypotheses[:, 0] if hypotheses.shape[1] == 1 else np.full(len(hypotheses), -1, np.int32)
+    direct = (
+        hypotheses[:, 0] if not method.several and hypotheses.shape[1] == 1 else np.full(len(hypotheses), -1, np.int32)
+    )
     return Matches(direct, links, tree)
 
 

@@ -65,8 +65,8 @@ def work_on(clip: Clip, plan: Plan) -> None:
         for hole_m in plan.holes(clip):
             asked = [answer for answer in open_answers if answer.hole_m == hole_m]
             if asked:
-                with pierced(subject, hole_m) as recording:
-                    _answer_all(asked, subject, recording, plan)
+                with pierced(subject, hole_m) as (recording, cut):
+                    _answer_all(asked, subject, recording, cut, plan)
 
 
 @contextmanager
@@ -101,19 +101,19 @@ def _subject(clip: Clip, folder: Path, truth: Path, plan: Plan) -> Subject:
 
 
 @contextmanager
-def pierced(subject: Subject, hole_m: float) -> Iterator[Recording]:
-    """The recording with holes of a radius; itself with none."""
+def pierced(subject: Subject, hole_m: float) -> Iterator[tuple[Recording, np.ndarray]]:
+    """The recording with holes of a radius, itself with none; and (t,) bool: the frames that lost readings."""
     if hole_m == 0:
-        yield subject.recording
+        yield subject.recording, np.zeros(len(subject.in_hole), bool)
         return
     with TemporaryDirectory(prefix="anchorpose-") as folder:
         out = Path(folder) / subject.recording.folder.name
         reference = subject.reference
-        cut_holes(subject.recording, out, reference.centre_m, subject.in_hole, hole_m)
-        yield in_its_world(open_recording(out), reference)
+        cut = cut_holes(subject.recording, out, reference.centre_m, subject.in_hole, hole_m)
+        yield in_its_world(open_recording(out), reference), cut
 
 
-def _answer_all(asked: Sequence[Answer], subject: Subject, recording: Recording, plan: Plan) -> None:
+def _answer_all(asked: Sequence[Answer], subject: Subject, recording: Recording, cut: np.ndarray, plan: Plan) -> None:
     config = paper_config(plan.movements, refined=subject.clip.scene is not Scene.MATCHES)
     room = prepare_room(recording, config)
     motions = load_motions(config.motion_file, recording.rate_hz, config.motion)
@@ -122,7 +122,7 @@ def _answer_all(asked: Sequence[Answer], subject: Subject, recording: Recording,
         if answer.kind is Kind.MATCHED:
             known = album.windows(answer.method.configure(config, answer.setting))
             scores = [score(answer.method, answer.setting, window, truth) for window, truth in known]
-            plan.store.write(answer.path, _matched_arrays([window.frame for window, _ in known], scores, subject))
+            plan.store.write(answer.path, _matched_arrays([window.frame for window, _ in known], scores, subject, cut))
     length = plan.config.segment_frames
     for answer in asked:
         if answer.kind is not Kind.TRACKED:
@@ -136,7 +136,7 @@ def _answer_all(asked: Sequence[Answer], subject: Subject, recording: Recording,
             track = track_segments(
                 answer.method, answer.setting, room, subject.reference, motions, config, chosen, length
             )
-        plan.store.write(answer.path, _tracked_arrays(track, subject, answer.hole_m))
+        plan.store.write(answer.path, _tracked_arrays(track, subject, cut))
 
 
 class _Album:
@@ -175,17 +175,19 @@ def _evaluated(track: Track, subject: Subject, length: int) -> Track:
     return Track(track.frame[chosen], track.joints_m[chosen], track.seconds)
 
 
-def _tracked_arrays(track: Track, subject: Subject, hole_m: float) -> dict[str, object]:
+def _tracked_arrays(track: Track, subject: Subject, cut: np.ndarray) -> dict[str, object]:
     error_mm = 1000.0 * np.linalg.norm(track.joints_m - subject.truth_m[track.frame], axis=2)
     return {
         "frame": track.frame,
-        "occluded": subject.in_hole[track.frame] & (hole_m > 0),
+        "occluded": cut[track.frame],
         "error_mm": error_mm.astype(np.float32),
         "seconds": track.seconds,
     }
 
 
-def _matched_arrays(frames: Sequence[int], scores: Sequence[MatchErrors], subject: Subject) -> dict[str, object]:
+def _matched_arrays(
+    frames: Sequence[int], scores: Sequence[MatchErrors], subject: Subject, cut: np.ndarray
+) -> dict[str, object]:
     """Node by node of all windows; window (m,) says which."""
     height_m = np.nan if subject.skin is None else subject.skin.clinic.patient.person.height_m
     each = ("region", "direct_mm", "tree_mm", "direct_skin_mm", "tree_skin_mm", "mirrored")
@@ -195,6 +197,6 @@ def _matched_arrays(frames: Sequence[int], scores: Sequence[MatchErrors], subjec
         "frame": np.array(frames, np.int64),
         "nodes": np.array([one.nodes for one in scores], np.int64),
         "describe_s": np.array([one.describe_s for one in scores]),
-        "occluded": np.array([subject.in_hole[frame : frame + 2].any() for frame in frames], bool),
+        "occluded": np.array([cut[frame : frame + 2].any() for frame in frames], bool),
         "body_m": height_m,
     }

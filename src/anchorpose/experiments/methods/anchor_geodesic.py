@@ -125,6 +125,7 @@ def _method(
         associate=associate,
         configure=configure,
         sampled=sampled,
+        several=subset_sizes != (len(ANCHOR_NAMES),),
         frame_ms=25.0,
     )
 

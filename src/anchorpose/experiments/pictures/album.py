@@ -35,10 +35,10 @@ class _Sitting:
 
 
 def write_pictures(
-    out: Path, recording: Recording, pierced: Recording, reference: Reference, skin: Skin, hole_frame: int,
+    folder: Path, recording: Recording, pierced: Recording, reference: Reference, skin: Skin, hole_frame: int,
     methods: Sequence[Method], settings: Mapping[str, object], motions: Path,
 ) -> None:  # fmt: skip
-    """Write OUT/pictures/*.png and pictures.json, a list of {"file", "caption", "section"} in the order to be shown.
+    """Write *.png and pictures.json into a folder, a list of {"file", "caption", "section"} in the order to be shown.
 
     recording: simulated, ``skin`` is its truth; pierced: a copy with holes, one of them in ``hole_frame``, a position,
     and none in the frame before. settings: the chosen one of each method by its key. motions: the reference movements.
@@ -46,8 +46,6 @@ def write_pictures(
     """
     with own_style():
         sitting = _sit(recording, pierced, reference, skin, hole_frame, motions)
-        folder = out / "pictures"
-        folder.mkdir(parents=True, exist_ok=True)
         seen = sitting.whole.window.observations[1]
         taken = taken_pixels(recording, pierced, hole_frame)
         holed = Holed(f"Frame {hole_frame}", seen.whole, seen.anchors, taken, reference.centre_m[hole_frame])

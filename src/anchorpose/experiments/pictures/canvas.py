@@ -72,7 +72,7 @@ def own_style() -> Iterator[None]:
     try:
         import matplotlib
     except ImportError as error:
-        raise MissingPackage("drawing the experiment's pictures", "matplotlib", "experiment") from error
+        raise MissingPackage("drawing the experiment's pictures", "matplotlib", "experiments") from error
     with matplotlib.rc_context():
         matplotlib.rcParams.update({**_defaults(matplotlib), "font.size": 9.0, "axes.titlesize": 9.5})
         yield

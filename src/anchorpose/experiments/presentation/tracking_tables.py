@@ -10,9 +10,9 @@ import numpy as np
 from anchorpose.experiments.config import Scene
 from anchorpose.experiments.method import Method
 from anchorpose.experiments.outcome import Outcome
-from anchorpose.experiments.selection import Kept, Tracking, ablated, compared, frame_means
-from anchorpose.experiments.statistics import Estimate, deviation_over, mean_over, ratio_of
-from anchorpose.experiments.tables import Column, Frames, Row, Table, Unit
+from anchorpose.experiments.presentation.selection import Kept, Tracking, ablated, compared, frame_means
+from anchorpose.experiments.presentation.statistics import Estimate, deviation_over, mean_over, ratio_of
+from anchorpose.experiments.presentation.tables import Column, Frames, Row, Table, Unit
 from anchorpose.joints import JOINT_NAMES
 
 Groups = list[np.ndarray]

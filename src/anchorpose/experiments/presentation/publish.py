@@ -6,17 +6,17 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from anchorpose.experiments.claims import claims_json, judge_claims
-from anchorpose.experiments.figures.drawing import Picture
-from anchorpose.experiments.figures.gallery import draw_all
-from anchorpose.experiments.matching_tables import matching_tables
 from anchorpose.experiments.outcome import Outcome
-from anchorpose.experiments.page import compose_page
-from anchorpose.experiments.setting_table import SETTINGS_KEY, settings_csv
-from anchorpose.experiments.shown_pictures import read_pictures
-from anchorpose.experiments.tables import Table, csv_text
-from anchorpose.experiments.time_tables import time_tables
-from anchorpose.experiments.tracking_tables import tracking_tables
+from anchorpose.experiments.presentation.claims import claims_json, judge_claims
+from anchorpose.experiments.presentation.figures.drawing import Picture
+from anchorpose.experiments.presentation.figures.gallery import draw_all
+from anchorpose.experiments.presentation.matching_tables import matching_tables
+from anchorpose.experiments.presentation.page import compose_page
+from anchorpose.experiments.presentation.setting_table import SETTINGS_KEY, settings_csv
+from anchorpose.experiments.presentation.shown_pictures import read_pictures
+from anchorpose.experiments.presentation.tables import Table, csv_text
+from anchorpose.experiments.presentation.time_tables import time_tables
+from anchorpose.experiments.presentation.tracking_tables import tracking_tables
 from anchorpose.results.folder import whole_or_nothing, write_text_whole
 
 TABLES_FOLDER: Final = "tables"

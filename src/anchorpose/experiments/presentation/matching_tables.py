@@ -9,17 +9,25 @@ import numpy as np
 
 from anchorpose.experiments.correspondence import REGIONS
 from anchorpose.experiments.outcome import Matched, Outcome
-from anchorpose.experiments.selection import Matching, answer_of, direct_mm, in_regions, mirrored_of, tree_mm
-from anchorpose.experiments.statistics import Estimate, mean_over, median_over, ratio_of
-from anchorpose.experiments.tables import Column, Row, Table, Unit
-from anchorpose.experiments.tracking_tables import hole_column
+from anchorpose.experiments.presentation.selection import (
+    Matching,
+    answer_of,
+    direct_mm,
+    in_regions,
+    mirrored_of,
+    tree_mm,
+)
+from anchorpose.experiments.presentation.statistics import Estimate, mean_over, median_over, ratio_of
+from anchorpose.experiments.presentation.tables import Column, Row, Table, Unit
+from anchorpose.experiments.presentation.tracking_tables import hole_column
 
 CURVE_MM = tuple(range(0, 501, 20))
 CURVE_SHARES = tuple(share / 200 for share in range(0, 61, 2))  # of the body's height: 0 to 0.3
 
 NOTE = (
     "The same nodes for every method, of the paper’s scene. “Direct” is the nearest descriptor; a method with several "
-    "hypotheses has nothing to choose by without the tree. A node without a match has no error: see the share matched."
+    "hypotheses has nothing to choose by without the tree. A node without a match has no error: see the share matched. "
+    "The anchors as refined here have a mesh without holes, and so other nodes."
 )
 ANSWER_NOTE = "Direct matches; those after the tree where a method has no direct ones."
 
@@ -35,7 +43,7 @@ def matching_tables(outcome: Outcome) -> list[Table]:
         _overall(matching, resamples),
         _by_region(matching, resamples, "matching_by_region", "Median error of the matches by region, mm",
                    median_over, Unit.MM, None),
-        _by_region(matching, resamples, "mirrored_by_region", "Matches on the other side’s limb by region",
+        _by_region(matching, resamples, "mirrored_by_region", "Matches on the same part of the other side by region",
                    mean_over, Unit.SHARE, mirrored_of),
         _by_size(matching, resamples, "matching_by_size", "Median error of the matches by size of hole, mm", None),
         _by_size(matching, resamples, "matching_by_size_tree",

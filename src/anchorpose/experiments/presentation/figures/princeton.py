@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from anchorpose.experiments.figures.drawing import Figure, draw_lines, new_figure, place_legend
-from anchorpose.experiments.tables import Table
+from anchorpose.experiments.presentation.figures.drawing import Figure, draw_lines, new_figure, place_legend
+from anchorpose.experiments.presentation.tables import Table
 
 
 def _draw(tables: Sequence[Table]) -> Any:

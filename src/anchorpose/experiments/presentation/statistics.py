@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import t as student
 
+NORMAL_TAIL = 1.959964
 BOOTSTRAP_KEY = 13
 MEDIAN_STEPS = 1024  # ranks between which the bounds of a median's interval fall: a tenth of a per cent
 
@@ -31,8 +33,9 @@ def mean_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
     if counts.sum() == 0:
         return Estimate(np.nan, np.nan, np.nan, 0)
     mean = float(sums.sum() / counts.sum())
-    low, high = np.quantile(_resampled(sums, counts, resamples), [0.025, 0.975]) if len(sums) > 1 else (np.nan, np.nan)
-    return Estimate(mean, float(low), float(high), len(sums))
+    if len(sums) < 2:
+        return Estimate(mean, np.nan, np.nan, len(sums))
+    return _with_interval(mean, _resampled(sums, counts, resamples), len(sums))
 
 
 def ratio_of(above: Sequence[np.ndarray], below: Sequence[np.ndarray], resamples: int) -> Estimate:
@@ -50,8 +53,7 @@ def ratio_of(above: Sequence[np.ndarray], below: Sequence[np.ndarray], resamples
     draws = _draws(len(a), resamples)
     with np.errstate(divide="ignore", invalid="ignore"):  # a draw whose lower mean is 0 leaves the interval open
         each = (a[draws].sum(1) / n[draws].sum(1)) / (b[draws].sum(1) / m[draws].sum(1))
-    low, high = np.quantile(each, [0.025, 0.975])
-    return Estimate(ratio, float(low), float(high), len(a))
+    return _with_interval(ratio, each, len(a))
 
 
 def deviation_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
@@ -69,8 +71,7 @@ def deviation_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
     value = float(deviation(np.arange(len(sums))))
     if len(sums) < 2:
         return Estimate(value, np.nan, np.nan, len(sums))
-    low, high = np.quantile(deviation(_draws(len(sums), resamples)), [0.025, 0.975])
-    return Estimate(value, float(low), float(high), len(sums))
+    return _with_interval(value, deviation(_draws(len(sums), resamples)), len(sums))
 
 
 def median_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
@@ -88,8 +89,18 @@ def median_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
     draws = _draws(len(finite), resamples)
     times = np.stack([(draws == index).sum(axis=1) for index in range(len(finite))], axis=1).astype(np.float64)
     medians = steps[(times @ below >= (times @ sizes / 2.0)[:, None]).argmax(axis=1)]
-    low, high = np.quantile(medians, [0.025, 0.975])
-    return Estimate(float(np.median(together)), float(low), float(high), len(finite))
+    return _with_interval(float(np.median(together)), medians, len(finite))
+
+
+def _with_interval(value: float, drawn: np.ndarray, count: int) -> Estimate:
+    """The percentiles, as far from the value as few recordings ask for.
+
+    The bootstrap of n values spreads by sqrt((n - 1) / n) too little, and takes the normal distribution's tails for
+    Student's (Hesterberg 2015, doi:10.1080/00031305.2015.1089789): of four recordings 95 % would be 82 %.
+    """
+    low, high = np.quantile(drawn, [0.025, 0.975])
+    wider = float(np.sqrt(count / (count - 1)) * student.ppf(0.975, count - 1) / NORMAL_TAIL)
+    return Estimate(value, value + wider * float(low - value), value + wider * float(high - value), count)
 
 
 def _sums(groups: Sequence[np.ndarray], keep_empty: bool = False) -> tuple[np.ndarray, np.ndarray]:

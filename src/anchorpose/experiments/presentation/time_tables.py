@@ -8,9 +8,9 @@ import numpy as np
 
 from anchorpose.experiments.config import Scene
 from anchorpose.experiments.outcome import Outcome, PaperTimes
-from anchorpose.experiments.selection import Matching, Tracking, compared
-from anchorpose.experiments.statistics import mean_over, ratio_of
-from anchorpose.experiments.tables import Column, Row, Table, Unit
+from anchorpose.experiments.presentation.selection import Matching, Tracking, compared
+from anchorpose.experiments.presentation.statistics import mean_over, ratio_of
+from anchorpose.experiments.presentation.tables import Column, Row, Table, Unit
 
 PAPER_MESH_S: Final = 0.72
 PAPER_FEATURE_S: Final = 0.23

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from anchorpose.experiments.figures.drawing import FAINT, Figure, draw_dots, name_rows, new_figure
-from anchorpose.experiments.tables import Table
-from anchorpose.experiments.time_tables import PAPER_FEATURE_S
+from anchorpose.experiments.presentation.figures.drawing import FAINT, Figure, draw_dots, name_rows, new_figure
+from anchorpose.experiments.presentation.tables import Table
+from anchorpose.experiments.presentation.time_tables import PAPER_FEATURE_S
 
 TICKS = tuple(step * 10.0**power for power in range(-5, 5) for step in (1, 3))
 

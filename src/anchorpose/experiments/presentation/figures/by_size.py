@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from anchorpose.experiments.figures.drawing import Figure, draw_lines, new_figure, place_legend
-from anchorpose.experiments.tables import Table
-from anchorpose.experiments.tracking_tables import OTHER_HOLES
+from anchorpose.experiments.presentation.figures.drawing import Figure, draw_lines, new_figure, place_legend
+from anchorpose.experiments.presentation.tables import Table
+from anchorpose.experiments.presentation.tracking_tables import OTHER_HOLES
 
 SAME = "Every method on the same frames; bars hold the mean 95 times in 100."
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from anchorpose.experiments.figures import by_joint, by_size, princeton, ratio, regions, scenes, times
-from anchorpose.experiments.figures.drawing import Figure, Picture, as_picture
-from anchorpose.experiments.tables import Table
+from anchorpose.experiments.presentation.figures import by_joint, by_size, princeton, ratio, regions, scenes, times
+from anchorpose.experiments.presentation.figures.drawing import Figure, Picture, as_picture
+from anchorpose.experiments.presentation.tables import Table
 
 FIGURES: tuple[Figure, ...] = (
     *by_size.FIGURES, *ratio.FIGURES, *by_joint.FIGURES, *regions.FIGURES, *princeton.FIGURES, *times.FIGURES,

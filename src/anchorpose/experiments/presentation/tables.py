@@ -10,7 +10,7 @@ from enum import StrEnum
 import numpy as np
 
 from anchorpose.experiments.method import Method
-from anchorpose.experiments.statistics import Estimate
+from anchorpose.experiments.presentation.statistics import Estimate
 
 
 class Unit(StrEnum):

@@ -12,9 +12,9 @@ import numpy as np
 
 from anchorpose.errors import MissingPackage
 from anchorpose.experiments.method import Family, Method
-from anchorpose.experiments.selection import PROPOSED
-from anchorpose.experiments.statistics import Estimate
-from anchorpose.experiments.tables import Table
+from anchorpose.experiments.presentation.selection import PROPOSED
+from anchorpose.experiments.presentation.statistics import Estimate
+from anchorpose.experiments.presentation.tables import Table
 from anchorpose.results import palette
 from anchorpose.results.palette import as_hex
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from anchorpose.experiments.figures.drawing import Figure, draw_dots, name_rows, new_figure
-from anchorpose.experiments.tables import Table
+from anchorpose.experiments.presentation.figures.drawing import Figure, draw_dots, name_rows, new_figure
+from anchorpose.experiments.presentation.tables import Table
 
 
 def _draw(tables: Sequence[Table]) -> Any:

@@ -9,13 +9,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from anchorpose.experiments.matching_claims import MatchingClaims
 from anchorpose.experiments.outcome import Outcome
-from anchorpose.experiments.statistics import Estimate
-from anchorpose.experiments.tables import Unit
-from anchorpose.experiments.time_tables import PAPER_FEATURE_S, PAPER_MESH_S, PAPER_NODES
-from anchorpose.experiments.tracking_claims import TrackingClaims
-from anchorpose.experiments.verdict import Answer, Check, Claim, measured
+from anchorpose.experiments.presentation.matching_claims import MatchingClaims
+from anchorpose.experiments.presentation.statistics import Estimate
+from anchorpose.experiments.presentation.tables import Unit
+from anchorpose.experiments.presentation.time_tables import PAPER_FEATURE_S, PAPER_MESH_S, PAPER_NODES
+from anchorpose.experiments.presentation.tracking_claims import TrackingClaims
+from anchorpose.experiments.presentation.verdict import Answer, Check, Claim, measured
 
 COMPARABLE: Final = 0.8  # of the paper's nodes: a smaller mesh proves nothing about time
 

@@ -8,14 +8,14 @@ from collections.abc import Sequence
 from html import escape
 from typing import Any, Final
 
-from anchorpose.experiments.config import Scene
+from anchorpose.experiments.config import ExperimentConfig, Scene
 from anchorpose.experiments.method import Family
 from anchorpose.experiments.outcome import Outcome
-from anchorpose.experiments.page_parts import best_of, text_table
-from anchorpose.experiments.selection import PROPOSED
-from anchorpose.experiments.setting_table import tried_settings
-from anchorpose.experiments.tables import Table, told
-from anchorpose.experiments.verdict import Claim, Verdict
+from anchorpose.experiments.presentation.page_parts import best_of, text_table
+from anchorpose.experiments.presentation.selection import PROPOSED
+from anchorpose.experiments.presentation.setting_table import tried_settings
+from anchorpose.experiments.presentation.tables import Table, told
+from anchorpose.experiments.presentation.verdict import Claim, Verdict
 
 LIMITS: Final = (
     "The recordings are simulated, but for the scene “real”: bodies, clothes, movements and a Kinect v2’s noise and "
@@ -27,8 +27,11 @@ LIMITS: Final = (
     "pose by itself, but the own tracker.",
     "Matches are compared in a few pairs of neighbouring frames of each recording, over nodes whose place is seen in "
     "both.",
-    "Intervals come from drawing recordings again. They hold for recordings like these, and with few of them they are "
-    "rough.",
+    "Intervals come from drawing recordings again, widened as Student’s distribution asks for few of them. They hold "
+    "for recordings like these.",
+    "Reference movements are the simulator’s own joints, where the paper has those of the sensor’s skeleton.",
+    "Methods are tuned by their matches after the track tree, which the framework uses; matches are then also shown as "
+    "the paper shows them, without the tree.",
     "Many comparisons are made, and no interval is widened for that: of a hundred without a difference some five look "
     "as if they had one.",
     "The own tracker looks at frames before and after and is not made for the paper’s framework: its figures say how "
@@ -82,8 +85,9 @@ def run_html(outcome: Outcome) -> str:
         "of another body in other clothes and movements, one front camera. Holes about the body’s centre of radius "
         f"{holes or 'none'}, in {100 * config.hole_share:.0f} % of the frames, drawn at random.",
         f"Tracking starts anew every {config.segment_frames} frames. Methods that are marked as sampled ran on "
-        f"{config.sampled_segments} of these segments of each recording, drawn at random; comparisons use the frames "
-        "that all of the compared methods ran on.",
+        f"{config.sampled_segments} of these segments of each of {min(config.sampled_recordings, config.recordings)} "
+        "recordings, drawn at random; comparisons use the frames that all of the compared methods ran on: "
+        f"{_sample_frames(config)} for each size of hole.",
         f"Other scenes: {others or 'none'}; {config.scene_recordings} recordings of {config.scene_seconds:g} s each.",
         f"Reference movements: {config.training_samples} frames of other recordings.",
     ]
@@ -93,6 +97,10 @@ def run_html(outcome: Outcome) -> str:
     failed = "".join(f"<li>{escape(sentence)}</li>" for sentence in outcome.failed)
     unused = f"<p class='missing'>Not used:</p><ul>{failed}</ul>" if failed else ""
     return f"<ul>{listed}</ul>{unused}{_methods(outcome)}{_settings(outcome)}"
+
+
+def _sample_frames(config: ExperimentConfig) -> int:
+    return (config.segment_frames - 1) * config.sampled_segments * min(config.sampled_recordings, config.recordings)
 
 
 def _methods(outcome: Outcome) -> str:

@@ -8,8 +8,8 @@ from enum import StrEnum
 
 import numpy as np
 
-from anchorpose.experiments.statistics import Estimate
-from anchorpose.experiments.tables import Unit, told
+from anchorpose.experiments.presentation.statistics import Estimate
+from anchorpose.experiments.presentation.tables import Unit, told
 
 
 class Answer(StrEnum):
@@ -67,7 +67,7 @@ class Claim:
 def judge(answers: Sequence[Answer]) -> Verdict:
     """A claim is about all of its comparisons: it holds if all say yes, and in part if at least half do.
 
-    Otherwise it does not hold if any says no, and cannot be told if none does.
+    Otherwise it does not hold if as many say no as say yes, and cannot be told if fewer do.
     """
     yes, no = answers.count(Answer.YES), answers.count(Answer.NO)
     if not yes + no:
@@ -76,7 +76,7 @@ def judge(answers: Sequence[Answer]) -> Verdict:
         return Verdict.HOLDS
     if 2 * yes >= len(answers):
         return Verdict.IN_PART
-    return Verdict.NOT if no else Verdict.UNKNOWN
+    return Verdict.NOT if no >= yes else Verdict.UNKNOWN
 
 
 def at_most(value: Estimate, bound: float) -> Answer:

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from anchorpose.experiments.figures.drawing import FAMILY_NAMES, Figure, look_of, most_of, new_figure
 from anchorpose.experiments.method import Family
-from anchorpose.experiments.selection import PROPOSED
-from anchorpose.experiments.tables import Table
+from anchorpose.experiments.presentation.figures.drawing import FAMILY_NAMES, Figure, look_of, most_of, new_figure
+from anchorpose.experiments.presentation.selection import PROPOSED
+from anchorpose.experiments.presentation.tables import Table
 
 PANELS = (
     (Family.PROPOSED,), (Family.LOCAL,), (Family.SPECTRAL,), (Family.MESH, Family.GLOBAL),

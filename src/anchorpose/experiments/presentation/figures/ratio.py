@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from anchorpose.experiments.figures.drawing import FAINT, Figure, draw_dots, name_rows, new_figure
-from anchorpose.experiments.tables import Table
-from anchorpose.experiments.tracking_claims import CONSTANT
+from anchorpose.experiments.presentation.figures.drawing import FAINT, Figure, draw_dots, name_rows, new_figure
+from anchorpose.experiments.presentation.tables import Table
+from anchorpose.experiments.presentation.tracking_claims import CONSTANT
 
 
 def _draw(tables: Sequence[Table]) -> Any:

@@ -10,11 +10,11 @@ import numpy as np
 from anchorpose.experiments.config import Scene
 from anchorpose.experiments.method import Family, Method
 from anchorpose.experiments.outcome import Outcome
-from anchorpose.experiments.selection import OWN, PROPOSED, Tracking, compared, frame_means
-from anchorpose.experiments.statistics import Estimate, mean_over, ratio_of
-from anchorpose.experiments.tables import Unit
-from anchorpose.experiments.tracking_tables import errors_of_all_sizes, ratio_to_none
-from anchorpose.experiments.verdict import Answer, Check, Claim, at_most, between
+from anchorpose.experiments.presentation.selection import OWN, PROPOSED, Tracking, compared, frame_means
+from anchorpose.experiments.presentation.statistics import Estimate, mean_over, ratio_of
+from anchorpose.experiments.presentation.tables import Unit
+from anchorpose.experiments.presentation.tracking_tables import errors_of_all_sizes, ratio_to_none
+from anchorpose.experiments.presentation.verdict import Answer, Check, Claim, at_most, between
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 
 CONSTANT: Final = 1.1  # a tenth: what "almost constant" is taken to mean

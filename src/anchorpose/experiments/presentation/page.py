@@ -4,15 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from anchorpose.experiments.figures.drawing import Picture
 from anchorpose.experiments.outcome import Outcome
-from anchorpose.experiments.page_parts import claims_html, drawing_html, pictures_html, table_html, text_table
-from anchorpose.experiments.page_text import again_html, limits_html, run_html, summary_html
-from anchorpose.experiments.shown_pictures import ShownPicture
-from anchorpose.experiments.tables import Table
-from anchorpose.experiments.time_tables import paper_time_lines
-from anchorpose.experiments.tracking_tables import OTHER_HOLES
-from anchorpose.experiments.verdict import Claim
+from anchorpose.experiments.presentation.figures.drawing import Picture
+from anchorpose.experiments.presentation.page_parts import (
+    claims_html,
+    drawing_html,
+    pictures_html,
+    table_html,
+    text_table,
+)
+from anchorpose.experiments.presentation.page_text import again_html, limits_html, run_html, summary_html
+from anchorpose.experiments.presentation.shown_pictures import ShownPicture
+from anchorpose.experiments.presentation.tables import Table
+from anchorpose.experiments.presentation.time_tables import paper_time_lines
+from anchorpose.experiments.presentation.tracking_tables import OTHER_HOLES
+from anchorpose.experiments.presentation.verdict import Claim
 from anchorpose.results.web_page import fill_page
 
 NO_DATA = "<p class='hint'>Nothing was run that this could be told from.</p>"
@@ -38,7 +44,7 @@ def compose_page(
         return "".join([*images, pictures_html(shown, pictures), *rows]) or NO_DATA
 
     return fill_page(
-        "anchorpose.experiments",
+        "anchorpose.experiments.presentation",
         "page.html",
         "The paper’s experiment, repeated",
         summary=summary_html(outcome, claims, tables),

@@ -12,6 +12,7 @@ import numpy as np
 from anchorpose.experiments.config import Scene
 from anchorpose.experiments.method import Family, Method
 from anchorpose.experiments.outcome import Matched, Outcome, Tracked
+from anchorpose.experiments.tuning import MISSED_MM
 
 PROPOSED: Final = "anchors"
 """Key of the paper's method as a whole."""
@@ -90,19 +91,19 @@ class Tracking:
             found[recording] = run.error_mm[chosen]
         return found
 
-    def pairs(
+    def named_pairs(
         self,
         scene: Scene,
         one: tuple[str, float],
         other: tuple[str, float],
         occluded: bool = False,
         kept: Kept | None = None,
-    ) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Errors (f, 21) of two runs, each a method with a size of hole, in the same frames of each recording.
+    ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Errors (f, 21) of two runs, each a method with a size of hole, in the same frames, by recording.
 
         occluded: only the frames that have a hole in the first. Recordings that one of them lacks are left out.
         """
-        found = []
+        found = {}
         ones, others = self.runs(scene, *one), self.runs(scene, *other)
         for recording in sorted(set(ones) & set(others)):
             first, second = ones[recording], others[recording]
@@ -111,8 +112,19 @@ class Tracking:
                 frames = frames[np.isin(frames, (kept or {}).get((recording, hole_m), np.empty(0, int)))]
             frames = np.intersect1d(frames, second.frame)
             rows = [np.searchsorted(run.frame, frames) for run in (first, second)]
-            found.append((first.error_mm[rows[0]], second.error_mm[rows[1]]))
+            found[recording] = (first.error_mm[rows[0]], second.error_mm[rows[1]])
         return found
+
+    def pairs(
+        self,
+        scene: Scene,
+        one: tuple[str, float],
+        other: tuple[str, float],
+        occluded: bool = False,
+        kept: Kept | None = None,
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """The same, one after another."""
+        return list(self.named_pairs(scene, one, other, occluded, kept).values())
 
 
 def _in_order(run: Tracked) -> Tracked:
@@ -127,19 +139,15 @@ Window = tuple[str, float, int]
 
 
 class Matching:
-    """All matches of a scene, in the windows that all methods with matches were asked in."""
+    """All matches of the paper's scene, in the windows that all methods with matches were asked in."""
 
-    def __init__(self, outcome: Outcome, scene: Scene = Scene.PAPER) -> None:
+    def __init__(self, outcome: Outcome) -> None:
         self._asked: dict[str, dict[Window, Matched]] = defaultdict(dict)
         for match in outcome.matched:
-            if match.scene is scene:
+            if match.scene is Scene.PAPER:
                 self._asked[match.method][match.recording, match.hole_m, match.frame] = match
         self.methods = [method for method in outcome.methods if method.key in self._asked]
-        self._direct = {
-            key
-            for key, asked in self._asked.items()
-            if any(np.isfinite(match.direct_mm).any() for match in asked.values())
-        }
+        self._direct = {method.key for method in self.methods if not method.several}
         windows = [set(asked) for asked in self._asked.values()]
         self.windows: list[Window] = sorted(set.intersection(*windows)) if windows else []
 
@@ -170,6 +178,11 @@ def direct_mm(match: Matched) -> np.ndarray:
 def tree_mm(match: Matched) -> np.ndarray:
     """The same after the track tree."""
     return match.tree_mm
+
+
+def charged_mm(match: Matched) -> np.ndarray:
+    """After the tree, a node without a match as far off as one that the tree gives up: answering less is not better."""
+    return np.where(np.isfinite(match.tree_mm), match.tree_mm, MISSED_MM)
 
 
 def answer_of(matching: Matching, method: str) -> Callable[[Matched], np.ndarray]:

@@ -10,10 +10,10 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.experiments.figures.drawing import GROUND, INK, LINE, Picture
-from anchorpose.experiments.shown_pictures import SECTIONS, ShownPicture
-from anchorpose.experiments.tables import Table, Unit, one_told, told
-from anchorpose.experiments.verdict import Answer, Claim, Verdict
+from anchorpose.experiments.presentation.figures.drawing import GROUND, INK, LINE, Picture
+from anchorpose.experiments.presentation.shown_pictures import SECTIONS, ShownPicture
+from anchorpose.experiments.presentation.tables import Table, Unit, one_told, told
+from anchorpose.experiments.presentation.verdict import Answer, Claim, Verdict
 
 SIGNS: Final = {
     Verdict.HOLDS: ("holds", "✓"),
