@@ -15,7 +15,8 @@ from anchorpose.joints import JOINT_COUNT, JOINT_NAMES
 
 
 def method(key: str, title: str, family: Family, sampled: bool = True) -> Method:
-    return Method(key=key, title=title, family=family, source=f"Somebody, {title}", sampled=sampled)
+    return Method(key=key, title=title, family=family, source=f"Somebody, {title}", sampled=sampled,
+                  several=family is Family.PROPOSED)  # fmt: skip
 
 
 METHODS = (
@@ -85,7 +86,7 @@ def make_outcome(
         _track(rng, scene, number, hole, one, tracking, spread)
         for scene, ran in wanted.items()
         for number in range(recordings)
-        for hole in (holes_m if scene in (Scene.PAPER, Scene.LOOSE, Scene.REAL) else (0.0,))
+        for hole in (holes_m if scene in (Scene.PAPER, Scene.MATCHES, Scene.LOOSE, Scene.REAL) else (0.0,))
         for one in ran
     ]
     matched = [

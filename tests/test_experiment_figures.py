@@ -26,7 +26,9 @@ PNG_HEAD = b"\x89PNG\r\n\x1a\n"
 def tables() -> list[Table]:
     outcome = make_outcome(
         recordings=2,
-        scenes=dict.fromkeys((Scene.LOOSE, Scene.REAL, Scene.CLINIC), (METHODS[0], METHODS[-1], *ABLATED)),
+        scenes=dict.fromkeys(
+            (Scene.MATCHES, Scene.LOOSE, Scene.REAL, Scene.CLINIC), (METHODS[0], METHODS[-1], *ABLATED)
+        ),
     )
     return [*tracking_tables(outcome), *matching_tables(outcome), *time_tables(outcome)]
 

@@ -345,7 +345,7 @@ def test_drawing_leaves_no_window_behind() -> None:
 
 def test_without_matplotlib_the_remedy_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(MissingPackage, match=r"pip install 'anchorpose\[experiment\]'"), canvas.own_style():
+    with pytest.raises(MissingPackage, match=r"pip install 'anchorpose\[experiments\]'"), canvas.own_style():
         pass
 
 
@@ -389,14 +389,15 @@ def test_the_whole_album_of_a_simulated_recording(tmp_path: Path) -> None:
     reference = make_reference(recording, TrackConfig())
     frame = int(np.flatnonzero(reference.found[:-4])[-1]) + 1
     chosen = np.arange(20) >= frame
-    cut_holes(recording, recording.cameras, tmp_path / "pierced", reference.centre_m, chosen, 0.09)
+    cut_holes(recording, tmp_path / "pierced", reference.centre_m, chosen, 0.09)
     pierced, methods = open_recording(tmp_path / "pierced"), load_methods(("fpfh", "anchors", "none"))
     settings = {method.key: method.settings[0] for method in methods}
     skin = Skin(simulation)
     written = []
     for out in (tmp_path / "one", tmp_path / "other"):
+        out.mkdir()
         album.write_pictures(out, recording, pierced, reference, skin, frame, methods, settings, SHIPPED)
-        written.append({path.name: path.read_bytes() for path in (out / "pictures").iterdir()})
+        written.append({path.name: path.read_bytes() for path in out.iterdir()})
     assert written[0] == written[1]
     contents = json.loads(written[0].pop("pictures.json"))
     assert {entry["file"] for entry in contents} == set(written[0])

@@ -37,7 +37,7 @@ def tracked(
 
 
 def outcome_of(*runs: Tracked, methods=(FAST, SLOW)) -> Outcome:
-    config = ExperimentConfig(resamples=50)
+    config = ExperimentConfig(resamples=100)
     return Outcome(config, methods, (), tuple(runs), (), None, (), None)
 
 
