@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
@@ -17,6 +18,7 @@ from anchorpose.experiments.work import work_on
 
 MAKING_S: Final = 0.35  # of one core for a frame of one camera: simulated, and tracked for the reference
 POLL_S: Final = 0.5
+TERMINATED: Final = 143
 STOP_S: Final = 5.0  # that a worker has to take its temporary files away
 
 Progress = Callable[[float, float], None]
@@ -89,7 +91,7 @@ def _be_a_worker() -> None:
 
 
 def _end(number: int, frame: FrameType | None) -> NoReturn:
-    raise SystemExit(143)
+    raise SystemExit(TERMINATED)
 
 
 def _work(clip: Clip, brief: Brief) -> str | None:
@@ -98,4 +100,6 @@ def _work(clip: Clip, brief: Brief) -> str | None:
         work_on(clip, brief.plan())
     except AnchorposeError as error:
         return f"{clip.name}: {error}"
+    except SystemExit as end:  # temporary files are away; the pool would take this for an answer and go on
+        os._exit(int(end.code or 0))
     return None
