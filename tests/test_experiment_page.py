@@ -72,7 +72,11 @@ def folder(outcome: Outcome, tmp_path_factory: pytest.TempPathFactory) -> Path:
     (out / "pictures").mkdir()
     (out / "pictures" / "fpfh.png").write_bytes(PNG)
     (out / "pictures" / "loose_end.png").write_bytes(PNG)
-    captions = [{"file": "fpfh.png", "caption": f"FPFH {EVIL}", "section": "matches"}]
+    (out / "pictures" / "alone.png").write_bytes(PNG)
+    captions = [
+        {"file": "fpfh.png", "caption": f"FPFH {EVIL}", "section": "matches"},
+        {"file": "alone.png", "caption": "one method by itself", "section": "match"},
+    ]
     (out / "pictures" / "pictures.json").write_text(json.dumps(captions))
     (out / "cache").mkdir()
     (out / "cache" / "kept").write_text("as it was")
@@ -91,6 +95,10 @@ def test_the_page_is_well_formed_and_loads_nothing(page: str) -> None:
     assert all(source.startswith("data:image/png;base64,") for source in elements.loaded)
     assert {link.removeprefix("#") for link in elements.links} <= set(elements.ids)
     assert not re.search(r"url\((?!#)|@import|<link|<script", page)
+
+
+def test_pictures_of_single_methods_stay_files(page: str) -> None:
+    assert "one method by itself" not in page
 
 
 def test_every_reference_within_a_drawing_has_its_target(page: str) -> None:

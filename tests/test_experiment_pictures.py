@@ -401,7 +401,7 @@ def test_the_whole_album_of_a_simulated_recording(tmp_path: Path) -> None:
     assert written[0] == written[1]
     contents = json.loads(written[0].pop("pictures.json"))
     assert {entry["file"] for entry in contents} == set(written[0])
-    assert {entry["section"] for entry in contents} == {"matches", "tracked", "hypotheses", "regions"}
+    assert {entry["section"] for entry in contents} == {"matches", "match", "tracked", "hypotheses", "regions"}
     assert all(entry["caption"] for entry in contents)
     assert {"matches-whole.png", "matches-hole.png", "matches-hole-fpfh.png", "tracked.png"} <= set(written[0])
     assert "matches-whole-none.png" not in written[0]

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SECTION: Final = "matches"
+ALONE = "match"  # a method by itself: for whoever looks into the folder; the page shows the sheets
 DRAWN_SHARE: Final = 0.01  # as the paper draws them: more lines hide each other
 RIGHT_M: Final = 0.05  # the paper's bound on the error of an anchor
 DRAW_SEED: Final = 17
@@ -112,7 +113,7 @@ def match_pictures(view: View, moment: Moment, pairs: Sequence[Pairs]) -> list[P
         figure = blank_figure(4.2, 3.9)
         draw_pairs(figure.add_subplot(), view, moment, each)
         caption = f"{each.title}. {about}{BY_TREE if each.by_tree else ''}"
-        pictures.append(Picture(f"matches-{moment.name}-{each.key}.png", caption, SECTION, figure))
+        pictures.append(Picture(f"matches-{moment.name}-{each.key}.png", caption, ALONE, figure))
     rows = -(-len(pairs) // COLUMNS)
     sheet = blank_figure(3.1 * COLUMNS, 2.9 * rows)
     for number, each in enumerate(in_paper_order(pairs)):
@@ -122,7 +123,7 @@ def match_pictures(view: View, moment: Moment, pairs: Sequence[Pairs]) -> list[P
     pictures.append(
         Picture(
             f"matches-{moment.name}.png",
-            f"All methods. {about}{BY_TREE if any(each.by_tree for each in pairs) else ''}",
+            f"All methods; larger ones are files. {about}{BY_TREE if any(each.by_tree for each in pairs) else ''}",
             SECTION,
             sheet,
         )

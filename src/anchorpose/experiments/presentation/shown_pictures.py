@@ -20,6 +20,9 @@ SECTIONS: Final = {
 }
 """Titles, in the order of the page; "other" is what no caption names."""
 
+FILES_ONLY: Final = "match"
+"""The section of pictures that stay files: one of each method would make the page three times as large."""
+
 REMEDY: Final = "write a list of objects with file, caption and section, or take the file away"
 
 
@@ -33,7 +36,7 @@ class ShownPicture:
 
 
 def read_pictures(folder: Path) -> list[ShownPicture]:
-    """All PNG files of ``folder / pictures`` in the order of their captions, then the others by name.
+    """The PNG files of ``folder / pictures`` in the order of their captions, then those without by name.
 
     Raises InputError where the captions cannot be read or name what is not there.
     """
@@ -41,13 +44,17 @@ def read_pictures(folder: Path) -> list[ShownPicture]:
     captions = _captions(place / CAPTIONS_FILE)
     found = {path.name: path for path in sorted(place.glob("*.png"))} if place.is_dir() else {}
     for name, _, section in captions:
-        if name not in found or section not in SECTIONS:
+        if name not in found or section not in (*SECTIONS, FILES_ONLY):
             raise InputError(
                 place / CAPTIONS_FILE, f"names '{name}' of section '{section}', which is not there", REMEDY
             )
     named = {name for name, _, _ in captions}
     rest = [(name, Path(name).stem.replace("_", " "), "other") for name in found if name not in named]
-    return [ShownPicture(section, caption, found[name].read_bytes()) for name, caption, section in [*captions, *rest]]
+    return [
+        ShownPicture(section, caption, found[name].read_bytes())
+        for name, caption, section in [*captions, *rest]
+        if section != FILES_ONLY
+    ]
 
 
 def _captions(path: Path) -> list[tuple[str, str, str]]:
