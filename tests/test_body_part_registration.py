@@ -154,7 +154,7 @@ def test_a_third_of_the_pairs_may_be_another_limbs():
 def test_a_body_that_has_strayed_from_the_surface_is_brought_back_without_a_pair():
     nodes, normals = a_limb(9, 300)
     after, surface = moved(np.eye(4), nodes, normals)
-    strayed = [*nodes, 0.0, 0.0, 0.02]
+    strayed = np.add(nodes, [0.0, 0.0, 0.02])
     found = register(strayed, normals, np.ones(len(nodes), int), np.full_like(nodes, np.nan), surface, iterations=15)
     assert found.registered[1]
     left = np.linalg.norm(transform_points(found.T_next_now[1], strayed) - after, axis=1).mean()
@@ -167,7 +167,7 @@ def test_what_no_plane_holds_does_not_slide():
     around, along = rng.uniform(0.0, np.pi, 400), rng.uniform(0.0, 0.3, 400)
     normals = np.column_stack([np.sin(around), np.zeros(400), np.cos(around)])
     nodes = 0.05 * normals + along[:, None] * [0.0, 1.0, 0.0]
-    surface = a_surface([*nodes, 0.0, 0.01, 0.0], normals)
+    surface = a_surface(np.add(nodes, [0.0, 0.01, 0.0]), normals)
     found = register(nodes, normals, np.ones(400, int), np.full_like(nodes, np.nan), surface, iterations=10)
     assert abs(found.T_next_now[1, 1, 3]) < 0.002
 
@@ -175,7 +175,7 @@ def test_what_no_plane_holds_does_not_slide():
 def test_parts_move_each_on_its_own():
     motions = [rigid((0.0, 0.0, 10.0), (0.02, 0.0, 0.0)), rigid((5.0, 0.0, 0.0), (0.0, 0.0, 0.03))]
     (one, of_one), (two, of_two) = a_limb(3), a_limb(4)
-    two = [*two, 0.0, 0.0, 0.6]
+    two = np.add(two, [0.0, 0.0, 0.6])
     after = [transform_points(T, limb) for T, limb in zip(motions, (one, two), strict=True)]
     turned = [normals @ T[:3, :3].T for T, normals in zip(motions, (of_one, of_two), strict=True)]
     part = np.repeat([0, 2], len(one))
@@ -196,7 +196,7 @@ def test_a_part_of_which_too_little_is_seen_keeps_its_prediction_and_says_so(pai
     (nodes, normals), predicted = a_limb(5), predicted_motions()
     matched = np.full_like(nodes, np.nan)
     matched[:pairs] = nodes[:pairs]
-    nowhere = a_surface([*nodes, 0.0, 0.0, 1.0], normals)
+    nowhere = a_surface(np.add(nodes, [0.0, 0.0, 1.0]), normals)
     found = register(nodes, normals, np.ones(len(nodes), int), matched, nowhere, predicted)
     assert not found.registered.any()
     np.testing.assert_array_equal(found.T_next_now, predicted)
