@@ -104,7 +104,7 @@ def quick() -> ExperimentConfig:
     """Everything once, on so little that it takes two minutes: it shows that the machinery runs, and no more."""
     return ExperimentConfig(
         recordings=1,
-        seconds=2.0,
+        seconds=1.5,
         holes_m=(0.0, 0.15),
         segment_frames=5,
         windows=1,

@@ -7,9 +7,10 @@ import signal
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing import active_children, get_context
 from types import FrameType
-from typing import Final, NoReturn
+from typing import Final, NoReturn, TypeVar
 
 from anchorpose.errors import AnchorposeError
 from anchorpose.experiments.answers import Answer, Brief
@@ -21,6 +22,7 @@ POLL_S: Final = 0.5
 TERMINATED: Final = 143
 STOP_S: Final = 5.0  # that a worker has to take its temporary files away
 
+Shown = TypeVar("Shown")
 Progress = Callable[[float, float], None]
 """Called with seconds of one core done, and to do in all, about."""
 
@@ -42,25 +44,30 @@ class Job:
         return _left_s(self.answers())
 
 
-def do(job: Job, processes: int, progress: Progress, after_s: float) -> list[str]:
+def do(
+    job: Job, processes: int, progress: Progress, after_s: float, beside: Callable[[], Shown] | None = None
+) -> tuple[list[str], Shown | None]:
     """Answers everything, clips side by side; a sentence for each clip of which something could not be answered.
 
-    after_s: what is to be done after this job, for the time left.
+    after_s: what is to be done after this job, for the time left. beside: something else that takes its time, done in
+    one of the processes; what it returns is the second answer.
     """
     answers = job.answers()
     left_s = _left_s(answers)
     open_clips = {answer.clip.name for answer in answers if not answer.there}
     clips = sorted((c for c in job.clips if c.name in open_clips), key=_making_s, reverse=True)
-    if not clips:
-        return []
+    if not clips and beside is None:
+        return [], None
     failed = list[str]()
     executor = ProcessPoolExecutor(processes, mp_context=get_context("spawn"), initializer=_be_a_worker)
     try:
+        shown = None if beside is None else executor.submit(_unless_stopped, beside)
         pending = {executor.submit(_work, clip, job.brief) for clip in clips}
         while pending:
             done, pending = wait(pending, timeout=POLL_S, return_when=FIRST_COMPLETED)
             failed += [sentence for future in done if (sentence := future.result())]
             progress(left_s - _left_s(answers), left_s + after_s)
+        result = None if shown is None else shown.result()
     except BaseException:
         for child in active_children():
             child.terminate()
@@ -69,7 +76,7 @@ def do(job: Job, processes: int, progress: Progress, after_s: float) -> list[str
         raise
     finally:
         executor.shutdown(wait=False, cancel_futures=True)
-    return failed
+    return failed, result
 
 
 def _left_s(answers: list[Answer]) -> float:
@@ -97,9 +104,15 @@ def _end(number: int, frame: FrameType | None) -> NoReturn:
 def _work(clip: Clip, brief: Brief) -> str | None:
     """One clip; the other recordings are still worth comparing on, so what was wrong with it is told, not raised."""
     try:
-        work_on(clip, brief.plan())
+        _unless_stopped(partial(work_on, clip, brief.plan()))
     except AnchorposeError as error:
         return f"{clip.name}: {error}"
-    except SystemExit as end:  # temporary files are away; the pool would take this for an answer and go on
-        os._exit(int(end.code or 0))
     return None
+
+
+def _unless_stopped(work: Callable[[], Shown]) -> Shown:
+    """What the work returns. Stopped, the process ends: the pool would take that for an answer and go on."""
+    try:
+        return work()
+    except SystemExit as end:  # by now temporary files are away
+        os._exit(int(end.code or 0))

@@ -9,6 +9,7 @@ import hashlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -56,16 +57,23 @@ def run_experiment(
     testing = Job(replace(brief, chosen=_chosen(_tried(training, methods))), tuple(clips))
     left_s = training.left_s() + testing.left_s()
     tell(f"About {_spoken(left_s / processes)} on {processes} cores.")
-    failed = do(training, processes, progress, testing.left_s())
+    failed, _ = do(training, processes, progress, testing.left_s())
     tried = _tried(training, methods)
     testing = Job(replace(brief, chosen=_chosen(tried)), tuple(clips))
-    failed += do(testing, processes, progress, 0.0)
+    more, shown = do(testing, processes, progress, 0.0, partial(show, out, testing.brief, trainers))
     tell("Putting tables, figures and the page together.")
     tracked, matched = _collect(testing.answers())
-    times, not_shown = show(out, testing.brief.plan(), trainers)
+    times, not_shown = shown or (None, ())
     ablated = ABLATED if any(run.method == ABLATED[0].key for run in tracked) else ()
     outcome = Outcome(
-        config, (*methods, *ablated), tried, tracked, matched, times, (*failed, *_unanswered(testing), *not_shown), real
+        config,
+        (*methods, *ablated),
+        tried,
+        tracked,
+        matched,
+        times,
+        (*failed, *more, *_unanswered(testing), *not_shown),
+        real,
     )
     write_outcome(outcome, out)
     return outcome

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from anchorpose.errors import AnchorposeError
-from anchorpose.experiments.answers import Plan
+from anchorpose.experiments.answers import Brief, Plan
 from anchorpose.experiments.clips import Clip
 from anchorpose.experiments.framework import paper_config
 from anchorpose.experiments.outcome import PaperTimes
@@ -22,12 +22,12 @@ from anchorpose.tracker.preparation import prepare_room
 PICTURES = "pictures"
 
 
-def show(out: Path, plan: Plan, trainers: Sequence[Clip]) -> tuple[PaperTimes | None, tuple[str, ...]]:
+def show(out: Path, brief: Brief, trainers: Sequence[Clip]) -> tuple[PaperTimes | None, tuple[str, ...]]:
     """Writes ``out / pictures``, empty where nothing can be shown; the times, and a sentence for each failed recording.
 
     Of the training recordings the last on which it can be done: its movements are the fastest.
     """
-    times, failed = None, list[str]()
+    plan, times, failed = brief.plan(), None, list[str]()
     with whole_or_nothing(out / PICTURES) as folder, one_thread():
         for clip in reversed(trainers):
             try:
