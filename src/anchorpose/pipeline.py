@@ -25,11 +25,14 @@ from anchorpose.recording.inputs import input_files
 from anchorpose.recording.reader import frame_range, open_recording
 from anchorpose.recording.recording import Recording
 from anchorpose.recording.subject import with_height
+from anchorpose.results.anchors_table import ANCHORS_FILE, write_anchors
 from anchorpose.results.angles import ANGLES_FILE, joint_angles, write_angles
 from anchorpose.results.body_record import record_body
 from anchorpose.results.contact_intervals import ContactIntervals
 from anchorpose.results.contacts import CONTACTS_FILE, write_contacts
+from anchorpose.results.people_labels import PEOPLE_FILE, write_people
 from anchorpose.results.pictures import FramePicture, save_pictures
+from anchorpose.results.poses import POSES_FILE, write_poses
 from anchorpose.results.report import write_report
 from anchorpose.results.run_record import (
     RUN_FILE,
@@ -124,13 +127,23 @@ def _counter(progress: Progress, total: int) -> Callable[[], None]:
 
 
 def _write_frames(results: Path, records: Iterable[FrameRecord], config: TrackConfig) -> _Written:
-    """Stream joints and contacts to their tables; keep pictures and problems."""
+    """Stream joints, poses, anchors, labels and contacts to their tables; keep pictures and problems."""
     dropped, pictures, shares = list[DroppedFrame](), list[FramePicture](), list[float | None]()
     points = body_points()
     intervals = ContactIntervals(region_of_points(points), area_of_point(points), config.contacts)
-    with write_joints(results / JOINTS_FILE) as table, write_contacts(results / CONTACTS_FILE) as contacts:
+    with (
+        write_joints(results / JOINTS_FILE) as table,
+        write_poses(results / POSES_FILE) as poses,
+        write_anchors(results / ANCHORS_FILE) as anchors,
+        write_people(results / PEOPLE_FILE) as people,
+        write_contacts(results / CONTACTS_FILE) as contacts,
+    ):
         for record in records:
             table.append(record.joints)
+            poses.append(record.body)
+            anchors.append(record.anchors)
+            for labels in record.labels:
+                people.append(labels)
             frame, time_s = record.joints.frame, record.joints.time_s
             for contact in intervals.push(frame, time_s, record.near):
                 contacts.append(contact)

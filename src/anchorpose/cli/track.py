@@ -33,8 +33,8 @@ def track(
     recording
         The folder with recording.json and the depth pictures of each camera.
     results
-        The folder to write: joints.parquet, angles.parquet, contacts.parquet, run.json, report.html. It appears when
-        all is done.
+        The folder to write: tables of joints, angles and contacts, run.json, report.html and what the viewer needs. It
+        appears when all is done.
     patient
         Where the patient stands at the start, as x,z in metres on the floor (x forward, z to the patient's right);
         needed only where several people are in the picture and the choice comes out wrong.
