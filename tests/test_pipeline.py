@@ -88,7 +88,8 @@ def test_every_frame_is_in_the_tables(run):
     np.testing.assert_array_equal(run.joints.frame, np.arange(FRAMES))
     np.testing.assert_allclose(run.joints.time_s, np.arange(FRAMES) / FPS, atol=1e-6)
     assert sorted(path.name for path in run.results.iterdir() if path.is_file()) == [
-        "angles.parquet", "contacts.parquet", "joints.parquet", "report.html", "run.json",
+        "anchors.parquet", "angles.parquet", "contacts.parquet", "joints.parquet", "people.parquet", "poses.parquet",
+        "report.html", "run.json",
     ]  # fmt: skip
 
 
