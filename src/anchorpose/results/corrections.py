@@ -1,0 +1,224 @@
+"""corrections.json: what a reviewer found to be wrong, who says so and when; ``track --corrections`` honours it.
+
+Frames and times are those of the results' tables, positions are in their world frame. Nothing is ever taken out of the
+file: what a reviewer takes back moves to ``withdrawn``.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Final
+
+from anchorpose.errors import InputError
+from anchorpose.joints import JOINT_NAMES
+from anchorpose.recording.document import JsonObject, check_format, nearest_key, read_json_object
+from anchorpose.results.folder import write_text_whole
+from anchorpose.results.reviewed_recording import ReviewedRecording, same_world
+
+CORRECTIONS_FORMAT: Final = "anchorpose-corrections"
+
+LATEST_FRAME: Final = 2**31 - 1
+FARTHEST_M: Final = 100.0
+
+
+@dataclass(frozen=True, slots=True)
+class Signature:
+    """Who did something, as a pseudonym or initials, and when (UTC, ISO 8601 with Z)."""
+
+    who: str
+    when: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UnusableInterval:
+    """Frames first_frame to last_frame, both included, that no measure may rest on."""
+
+    first_frame: int
+    last_frame: int
+    start_s: float
+    end_s: float
+    reason: str
+    who: str
+    when: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointCorrection:
+    """Where a joint is in one frame, world frame, and how well the reviewer can tell (one sigma an axis)."""
+
+    frame: int
+    time_s: float
+    joint: str
+    position_m: tuple[float, float, float]
+    sigma_m: float
+    reason: str
+    who: str
+    when: str
+
+
+Entry = UnusableInterval | JointCorrection
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Corrections:
+    """What holds, and what was taken back (by whom, when)."""
+
+    recording: ReviewedRecording
+    unusable: tuple[UnusableInterval, ...] = ()
+    joints: tuple[JointCorrection, ...] = ()
+    withdrawn: tuple[tuple[Entry, Signature], ...] = ()
+
+    def added(self, entry: Entry) -> Corrections:
+        """With one more entry; what held before of the same joint in the same frame counts as withdrawn by it."""
+        if isinstance(entry, UnusableInterval):
+            return replace(self, unusable=(*self.unusable, entry))
+        same = [old for old in self.joints if (old.frame, old.joint) == (entry.frame, entry.joint)]
+        kept = self
+        for old in same:
+            kept = kept.taken_back(old, Signature(entry.who, entry.when))
+        return replace(kept, joints=(*kept.joints, entry))
+
+    def taken_back(self, entry: Entry, by: Signature) -> Corrections:
+        """Without ``entry``, which moves to ``withdrawn``; raises ValueError where it does not hold."""
+        if entry not in (*self.unusable, *self.joints):
+            raise ValueError("there is no such correction (any more)")
+        return replace(
+            self,
+            unusable=tuple(old for old in self.unusable if old != entry),
+            joints=tuple(old for old in self.joints if old != entry),
+            withdrawn=(*self.withdrawn, (entry, by)),
+        )
+
+
+def corrections_beside(results: Path) -> Path:
+    """``RESULTS.corrections.json``: next to the folder, not in it, so that tracking again does not replace it."""
+    folder = results.resolve()
+    return folder.with_name(f"{folder.name}.corrections.json")
+
+
+def now_utc() -> str:
+    """The time for ``when``, to the second."""
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def require_recording(path: Path, corrections: Corrections, recording: ReviewedRecording) -> None:
+    """Raises InputError where the corrections read from ``path`` are about another recording or another world."""
+    theirs = corrections.recording
+    if theirs.sha256 != recording.sha256:
+        problem = f"is about another recording ('{theirs.name}', other pictures or times)"
+        raise InputError(path, problem, "give the corrections that were made of this recording's results")
+    if not same_world(theirs.T_world_camera, recording.T_world_camera):
+        remedy = "use the calibration that the corrected results were made with, or correct the new results"
+        raise InputError(path, "its positions are in another world: the cameras' poses were others", remedy)
+
+
+def read_corrections(path: Path) -> Corrections:
+    """A corrections.json; raises InputError naming the file, the place in it and the remedy."""
+    top = read_json_object(path)
+    top.only("format", "version", "recording", "unusable", "joints", "withdrawn")
+    check_format(top, CORRECTIONS_FORMAT)
+    joints = tuple(_joint(item) for item in top.objects("joints"))
+    seen = set[tuple[int, str]]()
+    for index, joint in enumerate(joints):
+        if (joint.frame, joint.joint) in seen:
+            problem = f"corrects {joint.joint} of frame {joint.frame} a second time"
+            raise top.refuse(f"joints[{index}]", problem, "keep one of the two")
+        seen.add((joint.frame, joint.joint))
+    return Corrections(
+        _recording(top.object("recording")),
+        tuple(_interval(item) for item in top.objects("unusable")),
+        joints,
+        tuple(_withdrawal(item) for item in top.objects("withdrawn")) if top.has("withdrawn") else (),
+    )
+
+
+def write_corrections(path: Path, corrections: Corrections) -> None:
+    """Writes the file so that it holds all of it, or what it held before."""
+    recording = corrections.recording
+    poses = recording.T_world_camera.items()
+    document = {
+        "format": CORRECTIONS_FORMAT,
+        "version": 1,
+        "recording": {
+            "name": recording.name,
+            "sha256": recording.sha256,
+            "cameras": [{"name": n, "camera_to_world": None if T is None else T.tolist()} for n, T in poses],
+        },
+        "unusable": [asdict(entry) for entry in corrections.unusable],
+        "joints": [asdict(entry) for entry in corrections.joints],
+        "withdrawn": [{"entry": asdict(entry), "who": by.who, "when": by.when} for entry, by in corrections.withdrawn],
+    }
+    write_text_whole(path, json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def parse_entry(item: JsonObject) -> Entry:
+    """One correction as in the file: of a joint where it has the key ``joint``, else an interval."""
+    return _joint(item) if "joint" in item.values else _interval(item)
+
+
+def _recording(item: JsonObject) -> ReviewedRecording:
+    item.only("name", "sha256", "cameras")
+    poses = {
+        camera.text("name"): camera.numbers("camera_to_world", (4, 4), "the pose as a 4 x 4 matrix")
+        if camera.has("camera_to_world")
+        else None
+        for camera in item.objects("cameras")
+    }
+    return ReviewedRecording(item.text("name"), item.text("sha256"), poses)
+
+
+def _interval(item: JsonObject) -> UnusableInterval:
+    item.only("first_frame", "last_frame", "start_s", "end_s", "reason", "who", "when")
+    first, last = _frame(item, "first_frame"), _frame(item, "last_frame")
+    start_s = item.number("start_s", meaning="a time in seconds")
+    end_s = item.number("end_s", meaning="a time in seconds")
+    if last < first:
+        raise item.refuse("last_frame", f"is {last}, before first_frame {first}", "exchange the two")
+    if end_s < start_s:
+        raise item.refuse("end_s", f"is {end_s:g}, before start_s {start_s:g}", "exchange the two")
+    by = _signature(item)
+    return UnusableInterval(
+        first_frame=first, last_frame=last, start_s=start_s, end_s=end_s, reason=item.text("reason"),
+        who=by.who, when=by.when,
+    )  # fmt: skip
+
+
+def _joint(item: JsonObject) -> JointCorrection:
+    item.only("frame", "time_s", "joint", "position_m", "sigma_m", "reason", "who", "when")
+    name, by = item.text("joint"), _signature(item)
+    if name not in JOINT_NAMES:
+        near = nearest_key(name, {joint.lower() for joint in JOINT_NAMES})
+        meant = next((joint for joint in JOINT_NAMES if joint.lower() == near), None)
+        remedy = f"did you mean '{meant}'" if meant else f"name one of {', '.join(JOINT_NAMES)}"
+        raise item.refuse("joint", f"is '{name}'", remedy)
+    x, y, z = item.numbers("position_m", (3,), "x, y and z in metres, world frame").tolist()
+    if max(abs(x), abs(y), abs(z)) > FARTHEST_M:
+        raise item.refuse("position_m", f"is more than {FARTHEST_M:g} m away", "write metres, in the results' world")
+    return JointCorrection(
+        frame=_frame(item, "frame"), time_s=item.number("time_s", meaning="a time in seconds"), joint=name,
+        position_m=(x, y, z), sigma_m=item.number("sigma_m", above=0, at_most=1, meaning="one sigma in metres"),
+        reason=item.text("reason"), who=by.who, when=by.when,
+    )  # fmt: skip
+
+
+def _withdrawal(item: JsonObject) -> tuple[Entry, Signature]:
+    item.only("entry", "who", "when")
+    return parse_entry(item.object("entry")), _signature(item)
+
+
+def _signature(item: JsonObject) -> Signature:
+    when = item.text("when")
+    try:
+        utc = datetime.fromisoformat(when).utcoffset() == timedelta(0)
+    except ValueError:
+        utc = False
+    if not utc:
+        raise item.refuse("when", f"is '{when}'", "write the time in UTC, such as 2026-03-01T09:30:00Z")
+    return Signature(item.text("who"), when)
+
+
+def _frame(item: JsonObject, key: str) -> int:
+    return item.whole_number(key, above=-1, at_most=LATEST_FRAME, meaning="a frame's number")
