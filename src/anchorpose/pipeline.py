@@ -25,10 +25,11 @@ from anchorpose.recording.inputs import input_files
 from anchorpose.recording.reader import frame_range, open_recording
 from anchorpose.recording.recording import Recording
 from anchorpose.recording.subject import with_height
-from anchorpose.results.angles import ANGLES_FILE, joint_angles, write_angles
+from anchorpose.results.angles import ANGLES_FILE, write_angles
 from anchorpose.results.body_record import record_body
 from anchorpose.results.contact_intervals import ContactIntervals
 from anchorpose.results.contacts import CONTACTS_FILE, write_contacts
+from anchorpose.results.kinematics.joint_angles import joint_angles
 from anchorpose.results.pictures import FramePicture, save_pictures
 from anchorpose.results.report import write_report
 from anchorpose.results.run_record import (

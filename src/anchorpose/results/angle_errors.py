@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from anchorpose.results.angles import joint_angles
+from anchorpose.results.kinematics.joint_angles import joint_angles
 from anchorpose.results.tables import JointTable
 
 
