@@ -43,7 +43,8 @@ def _mirrored(joints: np.ndarray) -> np.ndarray:
 
 def test_a_person_standing_straight_reads_zero_everywhere():
     for name in NAMES:
-        if name.startswith("shoulder_plane"):  # arms that hang are raised in no direction
+        if name.startswith(("shoulder_plane", "shoulder_rotation", "hip_rotation")):
+            # arms that hang are raised in no direction, straight limbs are bent in no plane
             assert np.isnan(_angle(standing_joints(), name))
         elif name.startswith("ankle"):  # the stick figure's foot falls by 18.4 degrees, a mean one by 19.3
             assert _angle(standing_joints(), name) == pytest.approx(19.3 - np.degrees(np.arctan2(0.05, 0.15)))
@@ -148,6 +149,23 @@ def test_a_t_pose_is_raised_sideways_and_an_arm_in_front_forwards():
             assert _angle(pose, f"shoulder_plane_{end}") == pytest.approx(plane, abs=1e-9)
 
 
+@pytest.mark.parametrize(("side", "inwards"), [("Left", -1.0), ("Right", 1.0)])
+def test_a_bent_limb_shows_how_it_is_turned_about_its_own_axis(side, inwards):
+    up, end = np.array([0.0, 1.0, 0.0]), side.lower()
+    bent = _turn(standing_joints(), f"Knee{side}", [f"Ankle{side}", f"Foot{side}"], -50.0)
+    turned = _turn(bent, f"Hip{side}", [f"Knee{side}", f"Ankle{side}", f"Foot{side}"], 20.0 * inwards, up)
+    raised = _turn(turned, f"Hip{side}", [f"Knee{side}", f"Ankle{side}", f"Foot{side}"], 70.0)
+    for leg in (turned, raised):
+        assert _angle(leg, f"hip_rotation_{end}") == pytest.approx(20.0)
+    arm = _turn(standing_joints(), f"Elbow{side}", [f"Wrist{side}", f"Hand{side}"], 90.0)
+    arm = _turn(arm, f"Shoulder{side}", [f"Elbow{side}", f"Wrist{side}", f"Hand{side}"], 35.0 * inwards, up)
+    assert _angle(arm, f"shoulder_rotation_{end}") == pytest.approx(35.0)
+    out = _turn(
+        arm, f"Shoulder{side}", [f"Elbow{side}", f"Wrist{side}", f"Hand{side}"], 80.0, np.array([-inwards, 0, 0])
+    )
+    assert _angle(out, f"shoulder_rotation_{end}") == pytest.approx(35.0)
+
+
 def test_near_the_axis_that_it_turns_about_an_angle_is_not_told_though_its_joints_are_seen():
     for degrees, told in ((10.0, False), (20.0, True)):
         arm = ["ElbowLeft", "WristLeft", "HandLeft"]
@@ -189,7 +207,7 @@ def test_an_angle_is_as_poorly_known_as_its_worst_joint_and_gone_with_a_lost_one
     severity[0, JOINT_INDEX["HipLeft"]] = LOST
     angles = joint_angles(_table(lost[None], severity=severity))
     gone = {name for name, value in zip(NAMES, angles.degrees[0], strict=True) if np.isnan(value)}
-    gone -= {"shoulder_plane_left", "shoulder_plane_right"}  # undetermined, not lost: the arms hang
+    gone -= {f"shoulder_{name}_{side}" for name in ("plane", "rotation") for side in ("left", "right")}  # undetermined
     of_the_pelvis = {name for name in NAMES if name.startswith(("pelvis", "trunk_pelvis", "hip"))}
     assert gone == {"knee_flexion_left", "trunk_flexion", "trunk_side_bend", *of_the_pelvis}
     assert np.isnan(angles.sigma_deg[0, [NAMES.index(name) for name in gone]]).all()
@@ -205,6 +223,7 @@ def test_sigma_is_the_spread_that_noise_makes():
     sigma = joint_angles(_table(bent[None], 0.005)).sigma_deg[0]
     # unsigned bends of straight limbs are folded there, and arms that hang have no plane
     folded = {"knee_flexion_right", "elbow_flexion_left", "shoulder_elevation_left", "shoulder_plane_left"}
+    folded |= {"shoulder_rotation_left", "hip_rotation_right"}
     for name in set(NAMES) - folded:
         assert sigma[NAMES.index(name)] == pytest.approx(spread[NAMES.index(name)], rel=0.1), name
 

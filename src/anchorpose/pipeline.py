@@ -25,12 +25,12 @@ from anchorpose.recording.inputs import input_files
 from anchorpose.recording.reader import frame_range, open_recording
 from anchorpose.recording.recording import Recording
 from anchorpose.recording.subject import with_height
-from anchorpose.results.angles import ANGLES_FILE, write_angles
 from anchorpose.results.body_record import record_body
 from anchorpose.results.contact_intervals import ContactIntervals
 from anchorpose.results.contacts import CONTACTS_FILE, write_contacts
-from anchorpose.results.kinematics.joint_angles import joint_angles
+from anchorpose.results.measuring import write_measured
 from anchorpose.results.pictures import FramePicture, save_pictures
+from anchorpose.results.processing.policy import ProcessingConfig
 from anchorpose.results.report import write_report
 from anchorpose.results.run_record import (
     RUN_FILE,
@@ -43,7 +43,8 @@ from anchorpose.results.run_record import (
     hash_files,
     write_run_record,
 )
-from anchorpose.results.tables import JOINTS_FILE, read_joints, write_joints
+from anchorpose.results.stand_training.measure import MeasureConfig
+from anchorpose.results.tables import JOINTS_FILE, write_joints
 from anchorpose.threads import one_thread
 from anchorpose.tracker.both_ways import FrameRecord, learn_on, plan_route, track_on
 from anchorpose.tracker.config import TrackConfig
@@ -100,7 +101,7 @@ def _track(recording: Path, results: Path, config: TrackConfig, progress: Progre
     shown = set(np.unique(np.linspace(config.start, config.start + total - 1, PICTURES).astype(int)).tolist())
     written = _write_frames(results, track_on(route, room, motions, shape, shown, config, watch), config)
     with watch.stage("results"):
-        write_angles(results / ANGLES_FILE, joint_angles(read_joints(results / JOINTS_FILE)))
+        write_measured(results, ProcessingConfig(), MeasureConfig())
         _write_record(results, room, written, learnt, config, watch, calibration)
         write_report(results)
     progress(work, work)

@@ -36,7 +36,7 @@ class PostureTable:
 
     frame (n,) int32, time_s (n,) float64. com_m (n, 3) float64 world, NaN where a joint that it needs is lost;
     com_sigma_m (n,) float64, one standard deviation an axis. upright (n,) int8: 1 yes, 0 no, -1 cannot be told (null in
-    the file). severity (n,) int8 index into ``JointState``: the worst of the joints that carry mass.
+    the file). severity (n,) int8 index into ``JointState``: the worst of the joints used.
     """
 
     frame: np.ndarray

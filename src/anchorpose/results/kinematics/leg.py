@@ -9,7 +9,7 @@ import numpy as np
 
 from anchorpose.results.kinematics.definition import AngleGroup, Points, Reading
 from anchorpose.results.kinematics.segments import pelvis_axes
-from anchorpose.results.kinematics.vectors import arcsin, between, cross, dot, square_to, unit
+from anchorpose.results.kinematics.vectors import arcsin, between, cross, dot, length, square_to, unit
 
 SOLE_SLOPE_RAD: Final = np.radians(19.3)
 """How far the line from ankle to toe base falls towards the toes when the sole is level: mean of the body asset's
@@ -28,6 +28,21 @@ def hip_to_pelvis(points: Points, side: str) -> tuple[Reading, ...]:
     pelvis, thigh = pelvis_axes(points), unit(points[f"Knee{side}"] - points[f"Hip{side}"])
     inwards = 1.0 if side == "Left" else -1.0
     return _swing(pelvis.y, pelvis.z, thigh), (inwards * arcsin(dot(thigh, pelvis.z)), 1.0)
+
+
+def hip_turn(points: Points, side: str) -> tuple[Reading, ...]:
+    """How the thigh is turned about its own axis, by the plane in which the leg is bent: 0 = the shank points straight
+    back from the knee, square to the hip joints; positive = turned inwards, the foot to the outside.
+
+    The last of ISB's Cardan angles z, x, y, the plane's normal being the thigh's z. A straight leg has no such plane.
+    """
+    hip, knee, ankle = (points[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle"))
+    across, y = unit(points["HipRight"] - points["HipLeft"]), unit(hip - knee)
+    normal = cross(unit(ankle - knee), y)  # as long as the sine of the bend
+    bent, z = length(normal), unit(-normal)
+    aside, along = dot(across, cross(y, z)), dot(across, z)
+    inwards = -1.0 if side == "Left" else 1.0
+    return ((inwards * np.arctan2(-aside, along), bent * np.hypot(aside, along)),)
 
 
 def knee_bend(points: Points, side: str) -> tuple[Reading, ...]:
@@ -59,6 +74,7 @@ def _leg(side: str) -> tuple[AngleGroup, ...]:
             ("SpineMid", *hips, knee),
             partial(hip_to_pelvis, side=side),
         ),
+        AngleGroup((f"hip_rotation_{end}",), (*hips, knee, ankle), partial(hip_turn, side=side)),
         AngleGroup((f"knee_flexion_{end}",), (hip, knee, ankle), partial(knee_bend, side=side)),
         AngleGroup((f"ankle_dorsiflexion_{end}",), (knee, ankle, foot), partial(ankle_bend, side=side)),
     )
