@@ -40,7 +40,7 @@ def measure(
     from rich.table import Table
 
     from anchorpose.errors import AnchorposeError
-    from anchorpose.results.measure_lines import measure_rows
+    from anchorpose.results.measure_lines import measure_rows, processing_sentence
     from anchorpose.results.measuring import write_measured
     from anchorpose.results.processing.policy import ProcessingConfig
     from anchorpose.results.stand_training.measure import MeasureConfig
@@ -63,4 +63,5 @@ def measure(
     Console().print(table)
     print(f"Everything is in {results / 'measures.parquet'}; docs/measures.md says what each number means.")
     if measured.processed is not None:
-        print(f"Processed angles are in {results / 'angles_processed.parquet'}: {measured.processed.policy}")
+        print(f"Processed angles are in {results / 'angles_processed.parquet'}.")
+        print(processing_sentence(measured.processed.policy))

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from typing import Final
 
+from anchorpose.results.angles_processed import PROCESSING
 from anchorpose.results.measures import Measure
 
 SPREAD_95: Final = 1.96
@@ -44,6 +46,13 @@ def measure_rows(measures: Sequence[Measure]) -> list[tuple[str, str, str, str]]
                 inferred = "" if row.inferred_share is None else f"{100 * row.inferred_share:.0f} %"
                 rows.append((_label(words, row), _value(row), inferred, row.why or ""))
     return rows
+
+
+def processing_sentence(policy: str) -> str:
+    """How many joint positions were smoothed, filled and left alone; policy: of ``ProcessedAngles``."""
+    told = json.loads(policy)
+    counts = [f"{told[f'joint_frames_{name}']} {name}" for name in (*PROCESSING, "lost")]
+    return f"Of the joint positions of all frames, {', '.join(counts)}."
 
 
 def _label(words: str, row: Measure) -> str:

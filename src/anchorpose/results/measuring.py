@@ -31,8 +31,9 @@ class Measured:
 def write_measured(results: Path, processing: ProcessingConfig, config: MeasureConfig) -> Measured:
     """Writes angles, posture, episodes and measures of a results folder, and the processed angles where asked for.
 
-    Angles and measures always come from the joints as tracked: ``processing`` makes angles_processed.parquet and nothing
-    else, and that file goes away where no processing is asked for. All files are written before the first is replaced.
+    Angles and measures always come from the joints as tracked: ``processing`` makes angles_processed.parquet and
+    nothing else, and that file goes away where no processing is asked for. All files are written before the first is
+    replaced.
     Raises InputError where joints or contacts cannot be used, AnchorposeError where the filter does not fit.
     """
     joints = read_joints(results / JOINTS_FILE)

@@ -11,7 +11,7 @@ from anchorpose.joints import JOINT_INDEX
 from anchorpose.results.frame_time import unbroken_runs, usual_step_s
 from anchorpose.results.lasting import changing_sigma
 from anchorpose.results.measures import Measure
-from anchorpose.results.processing.low_pass import highest_cutoff_hz, low_pass
+from anchorpose.results.processing.low_pass import low_pass
 from anchorpose.results.stand_training.session import Session, inferred_share
 
 CHI2_95: Final = 5.991
@@ -20,6 +20,9 @@ doi:10.1016/j.gaitpost.2013.09.001)."""
 
 SCALE_ERROR: Final = 0.03
 """Sway is told too large or small by so much, one standard deviation: found on simulated recordings."""
+
+STEPS_A_PERIOD: Final = 4.0
+"""Frames in a period of the cutoff, at least: noise is judged by what lies between the cutoff and half the rate."""
 
 UNITS: Final = {
     "sway_path": "mm", "sway_velocity": "mm/s", "sway_rms_ap": "mm", "sway_rms_ml": "mm", "sway_ellipse_area": "cm2",
@@ -70,7 +73,7 @@ def sway_measures(session: Session, config: SwayConfig) -> list[Measure]:
     if not bouts:
         why = (
             f"no upright bout of {config.shortest_bout_s:g} s had the centre of mass in all its frames, "
-            f"at more than {config.cutoff_hz / highest_cutoff_hz(1.0):.1f} frames a second"
+            f"at {STEPS_A_PERIOD * config.cutoff_hz:g} frames a second or more"
         )
         names = {"sway_time": "s", **UNITS, "sway_path_noise": "mm"}
         return [Measure(measure=name, value=None, unit=unit, frames=0, why=why) for name, unit in names.items()]
@@ -117,7 +120,7 @@ def _row(name: str, value: float | None, sigma: float | None, severity: np.ndarr
 
 
 def _fast_enough(time_s: np.ndarray, config: SwayConfig) -> bool:
-    return config.cutoff_hz < highest_cutoff_hz(1.0 / usual_step_s(time_s))
+    return usual_step_s(time_s) * STEPS_A_PERIOD * config.cutoff_hz <= 1.0
 
 
 def _bout(session: Session, run: slice, config: SwayConfig) -> Bout:

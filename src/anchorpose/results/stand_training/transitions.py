@@ -22,12 +22,13 @@ from anchorpose.results.tables import JointTable
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TransitionConfig:
-    """Seated: both thighs near the level, and that for a while, so that a squat in passing is no sitting."""
+    """Seated: thighs near the level and the pelvis at rest for a while, so that a squat in passing is no sitting."""
 
     seated_enter_deg: float = 65.0
     seated_leave_deg: float = 55.0
-    seated_at_least_s: float = 0.5
-    settle_s: float = 1.0  # of sitting and of standing next to the transition; their pelvis heights are its ends
+    rest_s: float = 1.0  # the pelvis within ``rest_height`` of the seat
+    rest_height: float = 0.05  # of the leg's length
+    settle_s: float = 3.0  # of sitting and of standing next to the transition, in which the ends of the rise are found
     edge: float = 0.05  # of the rise: it begins when the pelvis has left the lower end by this much
     longest_s: float = 20.0  # between sitting and standing; slower ones are a stay between the two
 
@@ -36,8 +37,8 @@ class TransitionConfig:
             raise ValueError("seated_leave_deg must lie between 0 and seated_enter_deg")
         if not 0 < self.edge < 0.5:
             raise ValueError("edge must lie between 0 and 0.5")
-        if min(self.seated_at_least_s, self.settle_s, self.longest_s) <= 0:
-            raise ValueError("the times must be positive")
+        if min(self.rest_s, self.rest_height, self.settle_s, self.longest_s) <= 0:
+            raise ValueError("the times and rest_height must be positive")
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +55,7 @@ def transitions(joints: JointTable, stance: Stance, state: np.ndarray, config: T
     """Every change between sitting and standing in whose course no joint was lost; state (n,) of ``upright``."""
     time_s, thigh = joints.time_s, stance.thigh_deg
     seated = hold(thigh >= config.seated_enter_deg, thigh < config.seated_leave_deg, np.isfinite(thigh)) == UPRIGHT
-    sitting = [run for run in unbroken_runs(seated, time_s) if _lasts(time_s, run) >= config.seated_at_least_s]
+    sitting = [run for run in unbroken_runs(seated, time_s) if _rests(time_s, stance.height[run], config)]
     standing = unbroken_runs(state == UPRIGHT, time_s)
     postures = sorted([(run.start, run, False) for run in sitting] + [(run.start, run, True) for run in standing])
     known = unbroken_runs(np.isfinite(stance.height + thigh), time_s)
@@ -62,7 +63,7 @@ def transitions(joints: JointTable, stance: Stance, state: np.ndarray, config: T
     for (_, before, stood), (_, after, stands) in pairwise(postures):
         whole = any(stretch.start < before.stop and after.start < stretch.stop for stretch in known)
         if stood != stands and whole and time_s[after.start] - time_s[before.stop - 1] <= config.longest_s:
-            found.append(_transition(time_s, stance, before, after, config))
+            found.append(_transition(time_s, stance, before, after, config, rises=stands))
     return found
 
 
@@ -105,16 +106,28 @@ def _duration(session: Session, ones: list[Transition], kind: str, which: str) -
 NONE_SEEN: Final = "none was seen from beginning to end"
 
 
-def _lasts(time_s: np.ndarray, run: slice) -> float:
-    return float(time_s[run.stop - 1] - time_s[run.start])
+LOW_PERCENTILE: Final = 10.0
+"""The seat's height is the lowest of sitting, that of standing the highest, but for a tenth of the frames: medians
+would take in the way up, the extreme frame its noise."""
+
+
+def _rests(time_s: np.ndarray, height: np.ndarray, config: TransitionConfig) -> bool:
+    """Whether the pelvis stays at the seat for long enough; height (k,) of a run with the thighs near the level."""
+    known = height[np.isfinite(height)]
+    if not len(known):
+        return False
+    still = known <= np.percentile(known, LOW_PERCENTILE) + config.rest_height
+    return float(still.sum()) * usual_step_s(time_s) >= config.rest_s
 
 
 def _transition(
-    time_s: np.ndarray, stance: Stance, before: slice, after: slice, config: TransitionConfig
+    time_s: np.ndarray, stance: Stance, before: slice, after: slice, config: TransitionConfig, *, rises: bool
 ) -> Transition:
     """The part of the way between two postures in which the pelvis moves."""
-    start_level = _level(time_s, stance.height, slice(before.start, before.stop), config.settle_s, last=True)
-    end_level = _level(time_s, stance.height, slice(after.start, after.stop), config.settle_s, last=False)
+    low, high = LOW_PERCENTILE, 100.0 - LOW_PERCENTILE
+    first_percentile, last_percentile = (low, high) if rises else (high, low)
+    start_level = _level(time_s, stance.height, before, config.settle_s, first_percentile, last=True)
+    end_level = _level(time_s, stance.height, after, config.settle_s, last_percentile, last=False)
     way = (stance.height[before.start : after.stop] - start_level) / (end_level - start_level)
     middle = before.stop - before.start
     noise = float(np.nanmean(changing_sigma(stance.height_sigma[before.stop - 1 : after.start + 1])))
@@ -126,15 +139,21 @@ def _transition(
     first, last = _moving(way, middle, config.edge)
     step = usual_step_s(time_s[before.start : after.stop])
     sigma_s = np.hypot(0.5 * abs(lengths[1] - lengths[2]), step / np.sqrt(6.0))  # both ends fall between two frames
-    kind = SIT_TO_STAND if end_level > start_level else STAND_TO_SIT
-    return Transition(kind, slice(before.start + first, before.start + last + 1), lengths[0], float(sigma_s))
+    return Transition(
+        SIT_TO_STAND if rises else STAND_TO_SIT,
+        slice(before.start + first, before.start + last + 1),
+        lengths[0],
+        float(sigma_s),
+    )
 
 
-def _level(time_s: np.ndarray, height: np.ndarray, run: slice, settle_s: float, last: bool) -> float:
-    """Median height in the part of a posture that is next to the transition."""
+def _level(
+    time_s: np.ndarray, height: np.ndarray, run: slice, settle_s: float, percentile: float, *, last: bool
+) -> float:  # fmt: skip
+    """Height of a posture, from the part of it that is next to the transition."""
     times = time_s[run]
     near = times >= times[-1] - settle_s if last else times <= times[0] + settle_s
-    return float(np.median(height[run][near]))
+    return float(np.percentile(height[run][near], percentile))
 
 
 def _moving(way: np.ndarray, middle: int, edge: float) -> tuple[int, int]:
