@@ -65,14 +65,14 @@ def time_measures(session: Session, config: UprightConfig) -> list[Measure]:
 def _sigma_s(session: Session, config: UprightConfig) -> float:
     """Half of what the time changes when all frames err by one sigma, first for and then against standing.
 
-    And every beginning and end of a bout falls between two frames.
+    And every beginning and end of a bout may be half a frame off.
     """
     edges = 2 * len(unbroken_runs(session.upright, session.joints.time_s))
     usual = float(np.median(session.seconds))
     more, less = (
         float(session.seconds[upright(session.stance, config, shift) == UPRIGHT].sum()) for shift in (1.0, -1.0)
     )
-    return float(np.hypot(0.5 * (more - less), np.sqrt(edges / 12.0) * usual))
+    return float(np.hypot(0.5 * (more - less), 0.5 * np.sqrt(edges) * usual))
 
 
 def _row(

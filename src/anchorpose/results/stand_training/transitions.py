@@ -153,7 +153,7 @@ def _level(
     """Height of a posture, from the part of it that is next to the transition."""
     times = time_s[run]
     near = times >= times[-1] - settle_s if last else times <= times[0] + settle_s
-    return float(np.percentile(height[run][near], percentile))
+    return float(np.nanpercentile(height[run][near], percentile))  # an ankle may have been lost while seated
 
 
 def _moving(way: np.ndarray, middle: int, edge: float) -> tuple[int, int]:
