@@ -193,3 +193,19 @@ def test_limits_in_the_wrong_order_are_refused():
     for wrong in ({"thigh_enter_deg": 50.0}, {"trunk_enter_deg": 60.0}, {"height_leave": 0.9}):
         with pytest.raises(ValueError, match=r"limits|height_leave"):
             UprightConfig(**wrong)
+
+
+def test_a_lifted_foot_does_not_sit_the_patient_down():
+    joints = np.repeat(squatting_joints(np.zeros(1)), 20, axis=0)
+    joints[10:, JOINT_INDEX["KneeLeft"]] += [0.36, 0.2, 0.0]
+    joints[10:, [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["FootLeft"]]] += [0.36, 0.4, 0.0]
+    assert measured(table(joints))[0].posture.upright.tolist() == [1] * 20
+
+
+def test_an_ankle_that_was_lost_while_seated_does_not_change_how_long_standing_up_took():
+    joints = squatting_joints(np.concatenate([still(85, 3.0), move(85, 0, 2.0), still(0, 3.0)]))
+    whole, gapped = (
+        value(measured(table(joints, lost=lost))[1], f"{SIT_TO_STAND}_duration_mean")
+        for lost in ({}, {"AnkleLeft": slice(20, 30)})
+    )
+    assert gapped == pytest.approx(whole)
