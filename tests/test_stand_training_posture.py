@@ -197,8 +197,8 @@ def test_limits_in_the_wrong_order_are_refused():
 
 def test_a_lifted_foot_does_not_sit_the_patient_down():
     joints = np.repeat(squatting_joints(np.zeros(1)), 20, axis=0)
-    joints[10:, JOINT_INDEX["KneeLeft"]] += [0.36, 0.2, 0.0]
-    joints[10:, [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["FootLeft"]]] += [0.36, 0.4, 0.0]
+    joints[10:, JOINT_INDEX["KneeLeft"]] += [0.36, 0.2, 0.0]  # thigh 59 degrees forward, shank nearly level
+    joints[10:, [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["FootLeft"]]] += [-0.054, 0.547, 0.0]
     assert measured(table(joints))[0].posture.upright.tolist() == [1] * 20
 
 
