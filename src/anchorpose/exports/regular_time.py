@@ -1,0 +1,162 @@
+"""A fixed rate for formats that know no time stamps: measured samples stay as they are wherever their times allow it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Final
+
+import numpy as np
+
+from anchorpose.errors import AnchorposeError
+from anchorpose.exports.source import Samples
+from anchorpose.results.joint_frame import LOST
+
+NEAR_SHARE: Final = 0.01
+"""Of the time between frames: a sample so near to its place on the grid is taken as being there. At 30 frames a second
+that is 0.3 ms, in which a hand at 3 m/s moves by 1 mm."""
+
+BRIDGE_FRAMES: Final = 1.5
+"""Neighbours further apart than so many frames have a gap between them, and nothing is put into a gap."""
+
+MOST_ROWS: Final = 20
+"""More grid frames than so many times the recorded ones mean that recording paused."""
+
+
+class TimeBase(StrEnum):
+    """What was done to the times."""
+
+    AS_RECORDED = "as recorded"
+    GAPS_FILLED_UP = "as recorded; frames that were not recorded are there without values"
+    RESAMPLED = "resampled: linear between neighbours near in time, never across a gap"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RegularSamples:
+    """Samples at ``rate_hz``. recorded (n,) bool: the frame holds a recorded sample, untouched."""
+
+    samples: Samples
+    rate_hz: float
+    base: TimeBase
+    recorded: np.ndarray
+
+
+def regular_samples(samples: Samples) -> RegularSamples:
+    """The samples at a fixed rate, NaN and lost where there are none.
+
+    Times that lie on a grid stay bit for bit, and grid frames that were not recorded are added without values. Otherwise
+    all is resampled: linear between the two neighbours where they are near in time and both have the value; the state is
+    the worse of the two, sigma is interpolated as if their errors were the same, which promises nothing.
+    Raises AnchorposeError where there is one frame only, or where recording paused for long.
+    """
+    time_s = samples.time_s
+    if len(time_s) < 2:
+        raise AnchorposeError("One frame has no frame rate; export it with --to csv.")
+    rate_hz, slot, on_grid = _grid(time_s)
+    count = int(slot[-1]) + 1
+    if count > MOST_ROWS * len(time_s):
+        raise AnchorposeError("The recording pauses for most of its time; track its parts, or export with --to csv.")
+    if not on_grid:
+        return _resampled(samples, rate_hz)
+    recorded = np.zeros(count, dtype=bool)
+    recorded[slot] = True
+    base = TimeBase.AS_RECORDED if recorded.all() else TimeBase.GAPS_FILLED_UP
+    grid_s = time_s[0] + np.arange(count) / rate_hz
+    grid_s[slot] = time_s
+    return RegularSamples(_spread(samples, grid_s, slot), rate_hz, base, recorded)
+
+
+def _grid(time_s: np.ndarray) -> tuple[float, np.ndarray, bool]:
+    """Rate, the grid's frame of each sample, and whether all samples lie on it; the roundest rate that does is taken."""
+    step_s = float(np.median(np.diff(time_s)))
+    slot = np.rint((time_s - time_s[0]) / step_s).astype(np.int64)
+    for _ in range(3):  # a median over rounded stamps is a little off, which counts up over a long recording
+        step_s = float((time_s[-1] - time_s[0]) / max(slot[-1], 1))
+        slot = np.rint((time_s - time_s[0]) / step_s).astype(np.int64)
+    for digits in (0, 1, 2, 3, 6):
+        rate_hz = round(1.0 / step_s, digits)
+        if rate_hz > 0 and _lies_on_grid(time_s, rate_hz, slot):
+            return rate_hz, slot, True
+    return 1.0 / step_s, slot, _lies_on_grid(time_s, 1.0 / step_s, slot)
+
+
+def _lies_on_grid(time_s: np.ndarray, rate_hz: float, slot: np.ndarray) -> bool:
+    off_s = np.abs(time_s - time_s[0] - slot / rate_hz)
+    return bool((off_s <= NEAR_SHARE / rate_hz).all() and (np.diff(slot) > 0).all())
+
+
+def _spread(samples: Samples, grid_s: np.ndarray, slot: np.ndarray) -> Samples:
+    def put(values: np.ndarray, empty: float) -> np.ndarray:
+        wide = np.full((len(grid_s), *values.shape[1:]), empty, dtype=values.dtype)
+        wide[slot] = values
+        return wide
+
+    return replace(
+        samples,
+        time_s=grid_s,
+        position_m=put(samples.position_m, np.nan),
+        joint_sigma_m=put(samples.joint_sigma_m, np.nan),
+        joint_severity=put(samples.joint_severity, LOST),
+        degrees=put(samples.degrees, np.nan),
+        sigma_deg=put(samples.sigma_deg, np.nan),
+        angle_severity=put(samples.angle_severity, LOST),
+    )
+
+
+def _resampled(samples: Samples, rate_hz: float) -> RegularSamples:
+    step_s = float(np.median(np.diff(samples.time_s)))
+    rate_hz = _round_rate(1.0 / step_s)
+    span_s = samples.time_s[-1] - samples.time_s[0]
+    grid_s = samples.time_s[0] + np.arange(int(np.floor(span_s * rate_hz + NEAR_SHARE)) + 1) / rate_hz
+    before = np.clip(np.searchsorted(samples.time_s, grid_s, side="right") - 1, 0, len(samples.time_s) - 2)
+    apart_s = samples.time_s[before + 1] - samples.time_s[before]
+    share = np.clip((grid_s - samples.time_s[before]) / apart_s, 0.0, 1.0)
+    near = NEAR_SHARE / rate_hz / apart_s
+    share = np.where(share <= near, 0.0, np.where(share >= 1.0 - near, 1.0, share))
+    bridged = (apart_s <= BRIDGE_FRAMES / rate_hz) | (share == 0.0) | (share == 1.0)
+    between = _Between(before, share, bridged)
+    changed = replace(
+        samples,
+        time_s=grid_s,
+        position_m=between.values(samples.position_m),
+        joint_sigma_m=between.values(samples.joint_sigma_m),
+        joint_severity=between.worse(samples.joint_severity),
+        degrees=between.values(samples.degrees, turn=360.0),
+        sigma_deg=between.values(samples.sigma_deg),
+        angle_severity=between.worse(samples.angle_severity),
+    )
+    return RegularSamples(changed, rate_hz, TimeBase.RESAMPLED, (share == 0.0) | (share == 1.0))
+
+
+def _round_rate(rate_hz: float) -> float:
+    """Cameras run at round rates: within a hundredth of one, that is the rate."""
+    whole = round(rate_hz)
+    return float(whole) if whole and abs(rate_hz - whole) <= NEAR_SHARE * rate_hz else round(rate_hz, 3)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Between:
+    """before (g,): index of the sample before each grid time; share (g,) of the way to the next; bridged (g,) bool."""
+
+    before: np.ndarray
+    share: np.ndarray
+    bridged: np.ndarray
+
+    def values(self, values: np.ndarray, turn: float = np.inf) -> np.ndarray:
+        """Linear; a value counts only where both ends are known, or where the grid time is that of the one end.
+
+        turn: a full turn, where values are angles: these go the short way round.
+        """
+        fit = (slice(None), *[None] * (values.ndim - 1))
+        share, left, right = self.share[fit], values[self.before], values[self.before + 1]
+        change = right - left
+        if np.isfinite(turn):
+            change = (change + turn / 2.0) % turn - turn / 2.0
+        mixed = np.where(share == 0.0, left, np.where(share == 1.0, right, left + share * change))
+        return np.where(self.bridged[fit], mixed, np.nan)
+
+    def worse(self, severity: np.ndarray) -> np.ndarray:
+        """The worse state of the two ends; lost in a gap."""
+        share, left, right = self.share[:, None], severity[self.before], severity[self.before + 1]
+        worst = np.where(share == 0.0, left, np.where(share == 1.0, right, np.maximum(left, right)))
+        return np.where(self.bridged[:, None], worst, LOST).astype(np.int8)
