@@ -16,6 +16,7 @@ from anchorpose.cli.demo import demo
 from anchorpose.cli.equipment import equipment
 from anchorpose.cli.evaluate import evaluate
 from anchorpose.cli.experiment import experiment
+from anchorpose.cli.export import export
 from anchorpose.cli.inspect import inspect
 from anchorpose.cli.motions import motions
 from anchorpose.cli.report import report
@@ -35,7 +36,7 @@ app = App(
     default_parameter=Parameter(negative=()),
     suppress_keyboard_interrupt=False,
 )
-for _verb in (demo, simulate, calibrate, track, evaluate, report, inspect, equipment, motions, experiment):
+for _verb in (demo, simulate, calibrate, track, evaluate, report, export, inspect, equipment, motions, experiment):
     app.command(_verb)
 
 

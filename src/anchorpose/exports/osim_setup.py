@@ -20,11 +20,15 @@ _LESS: Final = {"Shoulder": 0.3, "Hand": 0.1, "Foot": 0.5, "Head": 0.5}
 _LOOSE: Final = ("hip_rotation", "arm_rot")
 _LOOSE_WEIGHT: Final = 1e-4
 
+# Name: markers whose distance is measured, bodies that it scales, and along which of their axes.
 _MEASUREMENTS: Final = {
-    "pelvis": (("HipLeft", "HipRight"), ("pelvis",)),
-    "torso": (("SpineMid", "SpineShoulder"), ("torso", "head")),
+    "pelvis_width": (("HipLeft", "HipRight"), ("pelvis",), "Z"),
+    "lower_spine": (("SpineBase", "SpineMid"), ("pelvis",), "X Y"),
+    "upper_spine": (("SpineMid", "SpineShoulder"), ("torso",), "X Y"),
+    "shoulder_width": (("ShoulderLeft", "ShoulderRight"), ("torso",), "Z"),
+    "head": (("Neck", "Head"), ("head",), "X Y Z"),
     **{
-        f"{name}_{end}": ((f"{first}{side}", f"{second}{side}"), (f"{name}_{end}",))
+        f"{name}_{end}": ((f"{first}{side}", f"{second}{side}"), (f"{name}_{end}",), "X Y Z")
         for side, end in (("Right", "r"), ("Left", "l"))
         for name, first, second in (
             ("femur", "Hip", "Knee"), ("tibia", "Knee", "Ankle"), ("calcn", "Ankle", "Foot"),
@@ -78,24 +82,25 @@ def scale_setup_xml(model: str, markers: str, time_s: np.ndarray) -> str:
     period = f"{first_s!r} {last_s!r}"
     _texts(scaler, apply="true", scaling_order="measurements")
     measured = _objects(scaler, "MeasurementSet", "measurements")
-    for name, (pair, bodies) in _MEASUREMENTS.items():
-        _measurement(measured, name, pair, bodies)
+    for name, (pair, bodies, axes) in _MEASUREMENTS.items():
+        _measurement(measured, name, pair, bodies, axes)
     _texts(
         scaler, marker_file=markers, time_range=period, preserve_mass_distribution="true",
         output_model_file=SCALED_MODEL,
     )  # fmt: skip
-    _texts(ElementTree.SubElement(tool, "MarkerPlacer"), apply="false")
     return as_text(document)
 
 
-def _measurement(parent: ElementTree.Element, name: str, pair: tuple[str, str], bodies: tuple[str, ...]) -> None:
+def _measurement(
+    parent: ElementTree.Element, name: str, pair: tuple[str, str], bodies: tuple[str, ...], axes: str
+) -> None:
     measurement = ElementTree.SubElement(parent, "Measurement", name=name)
     _texts(measurement, apply="true")
     pairs = _objects(measurement, "MarkerPairSet", f"{name}_pairs")
     _texts(ElementTree.SubElement(pairs, "MarkerPair", name=f"{name}_pair"), markers=" ".join(pair))
     scales = _objects(measurement, "BodyScaleSet", f"{name}_bodies")
     for body in bodies:
-        _texts(ElementTree.SubElement(scales, "BodyScale", name=body), axes="X Y Z")
+        _texts(ElementTree.SubElement(scales, "BodyScale", name=body), axes=axes)
 
 
 def _objects(parent: ElementTree.Element, tag: str, name: str) -> ElementTree.Element:

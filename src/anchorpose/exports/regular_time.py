@@ -32,13 +32,50 @@ class TimeBase(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Between:
+    """Which recorded samples a grid time stands between.
+
+    before (g,): index of the sample before each grid time; share (g,): of the way to the next one, 0 or 1 where a
+    sample is taken as it is; bridged (g,) bool: False in a gap.
+    """
+
+    before: np.ndarray
+    share: np.ndarray
+    bridged: np.ndarray
+
+    @property
+    def recorded(self) -> np.ndarray:
+        """(g,) bool: the grid frame is a recorded sample, untouched."""
+        return self.bridged & ((self.share == 0.0) | (self.share == 1.0))
+
+    def values(self, values: np.ndarray, turn: float = np.inf) -> np.ndarray:
+        """(g, ...) linear, NaN in a gap and where an end that counts is NaN.
+
+        turn: a full turn, where values are angles: these go the short way round.
+        """
+        fit = (slice(None), *[None] * (values.ndim - 1))
+        share, left, right = self.share[fit], values[self.before], values[self.before + 1]
+        change = right - left
+        if np.isfinite(turn):
+            change = (change + turn / 2.0) % turn - turn / 2.0
+        mixed = np.where(share == 0.0, left, np.where(share == 1.0, right, left + share * change))
+        return np.where(self.bridged[fit], mixed, np.nan)
+
+    def worse(self, severity: np.ndarray) -> np.ndarray:
+        """(g, ...) the worse state of the two ends; lost in a gap."""
+        share, left, right = self.share[:, None], severity[self.before], severity[self.before + 1]
+        worst = np.where(share == 0.0, left, np.where(share == 1.0, right, np.maximum(left, right)))
+        return np.where(self.bridged[:, None], worst, LOST).astype(np.int8)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class RegularSamples:
-    """Samples at ``rate_hz``. recorded (n,) bool: the frame holds a recorded sample, untouched."""
+    """Samples at ``rate_hz``; between: how they came from the recorded ones, for what else is on the same clock."""
 
     samples: Samples
     rate_hz: float
     base: TimeBase
-    recorded: np.ndarray
+    between: Between
 
 
 def regular_samples(samples: Samples) -> RegularSamples:
@@ -53,17 +90,14 @@ def regular_samples(samples: Samples) -> RegularSamples:
     if len(time_s) < 2:
         raise AnchorposeError("One frame has no frame rate; export it with --to csv.")
     rate_hz, slot, on_grid = _grid(time_s)
-    count = int(slot[-1]) + 1
-    if count > MOST_ROWS * len(time_s):
+    if slot[-1] + 1 > MOST_ROWS * len(time_s):
         raise AnchorposeError("The recording pauses for most of its time; track its parts, or export with --to csv.")
     if not on_grid:
-        return _resampled(samples, rate_hz)
-    recorded = np.zeros(count, dtype=bool)
-    recorded[slot] = True
-    base = TimeBase.AS_RECORDED if recorded.all() else TimeBase.GAPS_FILLED_UP
-    grid_s = time_s[0] + np.arange(count) / rate_hz
-    grid_s[slot] = time_s
-    return RegularSamples(_spread(samples, grid_s, slot), rate_hz, base, recorded)
+        grid_s, between = _resampling(time_s, rate_hz)
+        return RegularSamples(_at(samples, grid_s, between), rate_hz, TimeBase.RESAMPLED, between)
+    grid_s, between = _placing(time_s, rate_hz, slot)
+    base = TimeBase.AS_RECORDED if between.recorded.all() else TimeBase.GAPS_FILLED_UP
+    return RegularSamples(_at(samples, grid_s, between), rate_hz, base, between)
 
 
 def _grid(time_s: np.ndarray) -> tuple[float, np.ndarray, bool]:
@@ -71,13 +105,12 @@ def _grid(time_s: np.ndarray) -> tuple[float, np.ndarray, bool]:
     step_s = float(np.median(np.diff(time_s)))
     slot = np.rint((time_s - time_s[0]) / step_s).astype(np.int64)
     for _ in range(3):  # a median over rounded stamps is a little off, which counts up over a long recording
-        step_s = float((time_s[-1] - time_s[0]) / max(slot[-1], 1))
-        slot = np.rint((time_s - time_s[0]) / step_s).astype(np.int64)
-    for digits in (0, 1, 2, 3, 6):
-        rate_hz = round(1.0 / step_s, digits)
+        exact_s = float((time_s[-1] - time_s[0]) / max(slot[-1], 1))
+        slot = np.rint((time_s - time_s[0]) / exact_s).astype(np.int64)
+    for rate_hz in (*(round(1.0 / exact_s, digits) for digits in (0, 1, 2, 3, 6)), 1.0 / exact_s):
         if rate_hz > 0 and _lies_on_grid(time_s, rate_hz, slot):
             return rate_hz, slot, True
-    return 1.0 / step_s, slot, _lies_on_grid(time_s, 1.0 / step_s, slot)
+    return _round_rate(1.0 / step_s), slot, False
 
 
 def _lies_on_grid(time_s: np.ndarray, rate_hz: float, slot: np.ndarray) -> bool:
@@ -85,37 +118,40 @@ def _lies_on_grid(time_s: np.ndarray, rate_hz: float, slot: np.ndarray) -> bool:
     return bool((off_s <= NEAR_SHARE / rate_hz).all() and (np.diff(slot) > 0).all())
 
 
-def _spread(samples: Samples, grid_s: np.ndarray, slot: np.ndarray) -> Samples:
-    def put(values: np.ndarray, empty: float) -> np.ndarray:
-        wide = np.full((len(grid_s), *values.shape[1:]), empty, dtype=values.dtype)
-        wide[slot] = values
-        return wide
-
-    return replace(
-        samples,
-        time_s=grid_s,
-        position_m=put(samples.position_m, np.nan),
-        joint_sigma_m=put(samples.joint_sigma_m, np.nan),
-        joint_severity=put(samples.joint_severity, LOST),
-        degrees=put(samples.degrees, np.nan),
-        sigma_deg=put(samples.sigma_deg, np.nan),
-        angle_severity=put(samples.angle_severity, LOST),
-    )
+def _round_rate(rate_hz: float) -> float:
+    """Cameras run at round rates: within a hundredth of one, that is the rate."""
+    whole = round(rate_hz)
+    return float(whole) if whole and abs(rate_hz - whole) <= NEAR_SHARE * rate_hz else round(rate_hz, 3)
 
 
-def _resampled(samples: Samples, rate_hz: float) -> RegularSamples:
-    step_s = float(np.median(np.diff(samples.time_s)))
-    rate_hz = _round_rate(1.0 / step_s)
-    span_s = samples.time_s[-1] - samples.time_s[0]
-    grid_s = samples.time_s[0] + np.arange(int(np.floor(span_s * rate_hz + NEAR_SHARE)) + 1) / rate_hz
-    before = np.clip(np.searchsorted(samples.time_s, grid_s, side="right") - 1, 0, len(samples.time_s) - 2)
-    apart_s = samples.time_s[before + 1] - samples.time_s[before]
-    share = np.clip((grid_s - samples.time_s[before]) / apart_s, 0.0, 1.0)
-    near = NEAR_SHARE / rate_hz / apart_s
+def _placing(time_s: np.ndarray, rate_hz: float, slot: np.ndarray) -> tuple[np.ndarray, Between]:
+    """Each sample at its own place; the places between are empty."""
+    count = int(slot[-1]) + 1
+    grid_s = time_s[0] + np.arange(count) / rate_hz
+    grid_s[slot] = time_s
+    recorded = np.zeros(count, dtype=bool)
+    recorded[slot] = True
+    before = np.zeros(count, dtype=np.int64)
+    before[slot] = np.minimum(np.arange(len(slot)), len(slot) - 2)
+    share = np.zeros(count)
+    share[slot[-1]] = 1.0
+    return grid_s, Between(before, share, recorded)
+
+
+def _resampling(time_s: np.ndarray, rate_hz: float) -> tuple[np.ndarray, Between]:
+    """Grid times from the first sample to the last, and where each falls."""
+    count = int(np.floor((time_s[-1] - time_s[0]) * rate_hz + NEAR_SHARE)) + 1
+    grid_s = time_s[0] + np.arange(count) / rate_hz
+    before = np.clip(np.searchsorted(time_s, grid_s, side="right") - 1, 0, len(time_s) - 2)
+    apart_s = time_s[before + 1] - time_s[before]
+    share, near = (grid_s - time_s[before]) / apart_s, NEAR_SHARE / rate_hz / apart_s
     share = np.where(share <= near, 0.0, np.where(share >= 1.0 - near, 1.0, share))
     bridged = (apart_s <= BRIDGE_FRAMES / rate_hz) | (share == 0.0) | (share == 1.0)
-    between = _Between(before, share, bridged)
-    changed = replace(
+    return grid_s, Between(before, share, bridged)
+
+
+def _at(samples: Samples, grid_s: np.ndarray, between: Between) -> Samples:
+    return replace(
         samples,
         time_s=grid_s,
         position_m=between.values(samples.position_m),
@@ -125,38 +161,3 @@ def _resampled(samples: Samples, rate_hz: float) -> RegularSamples:
         sigma_deg=between.values(samples.sigma_deg),
         angle_severity=between.worse(samples.angle_severity),
     )
-    return RegularSamples(changed, rate_hz, TimeBase.RESAMPLED, (share == 0.0) | (share == 1.0))
-
-
-def _round_rate(rate_hz: float) -> float:
-    """Cameras run at round rates: within a hundredth of one, that is the rate."""
-    whole = round(rate_hz)
-    return float(whole) if whole and abs(rate_hz - whole) <= NEAR_SHARE * rate_hz else round(rate_hz, 3)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Between:
-    """before (g,): index of the sample before each grid time; share (g,) of the way to the next; bridged (g,) bool."""
-
-    before: np.ndarray
-    share: np.ndarray
-    bridged: np.ndarray
-
-    def values(self, values: np.ndarray, turn: float = np.inf) -> np.ndarray:
-        """Linear; a value counts only where both ends are known, or where the grid time is that of the one end.
-
-        turn: a full turn, where values are angles: these go the short way round.
-        """
-        fit = (slice(None), *[None] * (values.ndim - 1))
-        share, left, right = self.share[fit], values[self.before], values[self.before + 1]
-        change = right - left
-        if np.isfinite(turn):
-            change = (change + turn / 2.0) % turn - turn / 2.0
-        mixed = np.where(share == 0.0, left, np.where(share == 1.0, right, left + share * change))
-        return np.where(self.bridged[fit], mixed, np.nan)
-
-    def worse(self, severity: np.ndarray) -> np.ndarray:
-        """The worse state of the two ends; lost in a gap."""
-        share, left, right = self.share[:, None], severity[self.before], severity[self.before + 1]
-        worst = np.where(share == 0.0, left, np.where(share == 1.0, right, np.maximum(left, right)))
-        return np.where(self.bridged[:, None], worst, LOST).astype(np.int8)

@@ -37,9 +37,9 @@ def write_trc(folder: Path, source: Source, config: ExportConfig) -> Product:
         time=str(regular.base),
         missing=f"{MISSING} in all three cells of a marker; OpenSim's inverse kinematics leaves such a marker out",
         counts=(
-            ("frames", len(regular.recorded)),
+            ("frames", len(regular.samples.time_s)),
             ("rate_hz", regular.rate_hz),
-            ("recorded_frames", int(regular.recorded.sum())),
+            ("recorded_frames", int(regular.between.recorded.sum())),
             ("missing_markers", int(np.isnan(regular.samples.position_m[..., 0]).sum())),
         ),
         notes=notes,
@@ -48,7 +48,7 @@ def write_trc(folder: Path, source: Source, config: ExportConfig) -> Product:
 
 def trc_text(regular: RegularSamples) -> str:
     """The file's text; one line a frame, and times as they were recorded where they are regular."""
-    samples, count = regular.samples, len(regular.recorded)
+    samples, count = regular.samples, len(regular.samples.time_s)
     rate = number_text(regular.rate_hz, "")
     markers = range(1, len(JOINT_NAMES) + 1)
     head = [

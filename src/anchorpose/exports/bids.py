@@ -1,0 +1,111 @@
+"""BIDS-Motion (Jeung et al. 2024, doi:10.1038/s41597-024-03559-8): a dataset of one subject with one recording."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from anchorpose import __version__
+from anchorpose.exports.bids_channels import CHANNEL_COLUMNS, WORLD, Channel, channels_of
+from anchorpose.exports.numbers_text import rounded_text, rows_text
+from anchorpose.exports.product import ExportConfig, Product
+from anchorpose.exports.source import Source
+from anchorpose.joints import JOINT_NAMES
+
+BIDS_VERSION: Final = "1.10.0"
+TRACKING_SYSTEM: Final = "anchorpose"
+MISSING: Final = "n/a"
+
+_README: Final = """Joint centres and joint angles of one person, found by anchorpose {version} in depth recordings.
+
+Positions are in metres, X forward, Y up, Z to the person's right; angles in degrees. Every joint has a standard
+deviation and a state code in channels of the type MISC. {missing} is written where nothing was found.
+The subject's label is a pseudonym. No name, date or place is in these files.
+Research use only; not a medical device.
+"""
+
+
+def write_bids(folder: Path, source: Source, config: ExportConfig) -> Product:
+    """A dataset folder: description, participants, and motion of the subject, times as recorded."""
+    channels = channels_of(source.samples)
+    _dataset(folder, config)
+    entities = [f"sub-{config.subject}", *([f"ses-{config.session}"] if config.session else [])]
+    motion = folder.joinpath(*entities, "motion")
+    motion.mkdir(parents=True)
+    stem = "_".join([*entities, f"task-{config.task}", f"tracksys-{TRACKING_SYSTEM}"])
+    columns = ([rounded_text(value, channel.digits, MISSING) for value in channel.values] for channel in channels)
+    (motion / f"{stem}_motion.tsv").write_text(rows_text(zip(*columns, strict=True), "\t"), encoding="utf-8")
+    rows = [CHANNEL_COLUMNS, *(channel.row for channel in channels)]
+    (motion / f"{stem}_channels.tsv").write_text(rows_text(rows, "\t"), encoding="utf-8")
+    _write_json(motion / f"{stem}_channels.json", _channels_sidecar())
+    sidecar = _motion_sidecar(source.samples.time_s, channels, config)
+    _write_json(motion / f"{stem}_motion.json", sidecar)
+    return Product(
+        axes="X forward, Y up, Z to the patient's right (channels.json, reference_frame world)",
+        units="metres, degrees, seconds (channels.tsv)",
+        time="as recorded, in the LATENCY channel from the first frame on",
+        missing=MISSING,
+        counts=(("frames", len(source.frame)), ("channels", len(channels)),
+                ("rate_hz", sidecar["SamplingFrequency"])),
+        notes=(
+            f"The subject is sub-{config.subject}, a pseudonym; give another with --subject.",
+            f"The first frame is at {float(source.samples.time_s[0])!r} s of the recording.",
+        ),
+    )  # fmt: skip
+
+
+def _dataset(folder: Path, config: ExportConfig) -> None:
+    description = {
+        "Name": "Joint centres and angles by anchorpose",
+        "BIDSVersion": BIDS_VERSION,
+        "DatasetType": "raw",
+        "GeneratedBy": [{"Name": "anchorpose", "Version": __version__}],
+    }
+    _write_json(folder / "dataset_description.json", description)
+    (folder / "README").write_text(_README.format(version=__version__, missing=MISSING), encoding="utf-8")
+    (folder / "participants.tsv").write_text(f"participant_id\nsub-{config.subject}\n", encoding="utf-8")
+    _write_json(folder / "participants.json", {"participant_id": {"Description": "pseudonym of the person"}})
+
+
+def _motion_sidecar(time_s: np.ndarray, channels: list[Channel], config: ExportConfig) -> dict[str, Any]:
+    kinds = [channel.kind for channel in channels]
+    steps_s = np.diff(time_s)
+    nominal = 1.0 / float(np.median(steps_s)) if len(steps_s) else 0.0
+    effective = len(steps_s) / float(time_s[-1] - time_s[0]) if len(steps_s) else None
+    return {
+        "TaskName": config.task,
+        "SamplingFrequency": float(round(nominal, 3)),
+        "SamplingFrequencyEffective": MISSING if effective is None else round(effective, 6),
+        "RecordingDuration": round(float(time_s[-1] - time_s[0]), 6),
+        "RecordingType": "continuous",
+        "TrackingSystemName": TRACKING_SYSTEM,
+        "TrackedPointsCount": len(JOINT_NAMES),
+        "SoftwareVersions": f"anchorpose {__version__}",
+        "MissingValues": MISSING,
+        "MotionChannelCount": len(channels),
+        **{f"{kind}ChannelCount": kinds.count(kind) for kind in ("POS", "JNTANG", "LATENCY", "MISC")},
+        **{f"{kind}ChannelCount": 0 for kind in ("ACCEL", "ANGACCEL", "GYRO", "MAGN", "ORNT", "VEL")},
+    }
+
+
+def _channels_sidecar() -> dict[str, Any]:
+    return {
+        "reference_frame": {
+            "Levels": {
+                WORLD: {
+                    "SpatialAxes": "ASR",
+                    "RotationRule": "right-hand",
+                    "RotationOrder": MISSING,
+                    "Description": "fixed to the room: X forward (anterior), Y up (superior), Z to the right",
+                }
+            }
+        }
+    }
+
+
+def _write_json(path: Path, document: dict[str, Any]) -> None:
+    text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8")
