@@ -10,6 +10,7 @@ import numpy as np
 
 from anchorpose import __version__
 from anchorpose.exports.bids_channels import CHANNEL_COLUMNS, WORLD, Channel, channels_of
+from anchorpose.exports.bids_events import EVENT_COLUMNS, events_of, events_sidecar
 from anchorpose.exports.numbers_text import rounded_text, rows_text
 from anchorpose.exports.product import ExportConfig, Product
 from anchorpose.exports.source import Source
@@ -35,7 +36,9 @@ def write_bids(folder: Path, source: Source, config: ExportConfig) -> Product:
     entities = [f"sub-{config.subject}", *([f"ses-{config.session}"] if config.session else [])]
     motion = folder.joinpath(*entities, "motion")
     motion.mkdir(parents=True)
-    stem = "_".join([*entities, f"task-{config.task}", f"tracksys-{TRACKING_SYSTEM}"])
+    recording = "_".join([*entities, f"task-{config.task}"])
+    _events(motion / f"{recording}_events", source)
+    stem = f"{recording}_tracksys-{TRACKING_SYSTEM}"
     columns = ([rounded_text(value, channel.digits, MISSING) for value in channel.values] for channel in channels)
     (motion / f"{stem}_motion.tsv").write_text(rows_text(zip(*columns, strict=True), "\t"), encoding="utf-8")
     rows = [CHANNEL_COLUMNS, *(channel.row for channel in channels)]
@@ -57,6 +60,14 @@ def write_bids(folder: Path, source: Source, config: ExportConfig) -> Product:
     )  # fmt: skip
 
 
+def _events(stem: Path, source: Source) -> None:
+    """Nothing where nothing happened: BIDS has no events file without events."""
+    events = events_of(source.folder, float(source.samples.time_s[0]), MISSING)
+    if events:
+        stem.with_suffix(".tsv").write_text(rows_text([EVENT_COLUMNS, *events], "\t"), encoding="utf-8")
+        _write_json(stem.with_suffix(".json"), events_sidecar())
+
+
 def _dataset(folder: Path, config: ExportConfig) -> None:
     description = {
         "Name": "Joint centres and angles by anchorpose",
@@ -65,6 +76,7 @@ def _dataset(folder: Path, config: ExportConfig) -> None:
         "GeneratedBy": [{"Name": "anchorpose", "Version": __version__}],
     }
     _write_json(folder / "dataset_description.json", description)
+    (folder / ".bidsignore").write_text("export.json\n", encoding="utf-8")
     (folder / "README").write_text(_README.format(version=__version__, missing=MISSING), encoding="utf-8")
     (folder / "participants.tsv").write_text(f"participant_id\nsub-{config.subject}\n", encoding="utf-8")
     _write_json(folder / "participants.json", {"participant_id": {"Description": "pseudonym of the person"}})

@@ -8,11 +8,13 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import AnchorposeError
+from anchorpose.exports.hinge_axes import read_hinge_axes
 from anchorpose.exports.numbers_text import rounded_text, rows_text
 from anchorpose.exports.opensim_coordinates import Coordinates, opensim_coordinates
 from anchorpose.exports.product import ExportConfig, Product
 from anchorpose.exports.source import Source
 from anchorpose.exports.stretches import stretch_name, stretches_of
+from anchorpose.results.poses import POSES_FILE
 
 STEM: Final = "motion"
 DIGITS: Final = 6  # after the point: micrometres, and millionths of a degree
@@ -20,7 +22,8 @@ DIGITS: Final = 6  # after the point: micrometres, and millionths of a degree
 
 def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
     """motion.mot, or one file for each stretch without a gap; raises AnchorposeError where there is no such stretch."""
-    coordinates = opensim_coordinates(source.samples.position_m, config.model)
+    hinges = read_hinge_axes(source.folder / POSES_FILE, source.frame)
+    coordinates = opensim_coordinates(source.samples.position_m, config.model, hinges)
     stretches = stretches_of(np.isfinite(coordinates.values))
     if not stretches.runs:
         raise AnchorposeError("No two frames in a row have the joints that a MOT needs; export with --to csv instead.")
@@ -43,8 +46,9 @@ def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
         counts=(("files", len(stretches.runs)), ("frames", frames), ("frames_left_out", len(source.frame) - frames)),
         notes=(
             f"Left out for want of joints: {', '.join(left_out) or 'nothing'}.",
-            "Turns about the long axis of thigh, upper arm and forearm cannot be had from joint centres and are not "
-            "given: hip_rotation, arm_rot, pro_sup.",
+            "hip_rotation and arm_rot are those of the learnt body (poses.parquet); they are the least sure."
+            if hinges is not None
+            else "hip_rotation and arm_rot cannot be had from joint centres, there is no poses.parquet: left out.",
         ),
     )
 

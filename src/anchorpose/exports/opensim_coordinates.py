@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from anchorpose.exports.hinge_axes import HingeAxes
 from anchorpose.exports.osim_geometry import SIDES
 from anchorpose.exports.product import CoordinateModel
 from anchorpose.exports.segment_frames import (
@@ -17,6 +18,7 @@ from anchorpose.exports.segment_frames import (
     pelvis_axes,
     torso_axes,
     turns_deg,
+    unit,
 )
 
 
@@ -28,17 +30,25 @@ class Coordinates:
     values: np.ndarray
 
 
-def opensim_coordinates(position_m: np.ndarray, model: CoordinateModel) -> Coordinates:
+def opensim_coordinates(
+    position_m: np.ndarray, model: CoordinateModel, hinges: HingeAxes | None = None
+) -> Coordinates:
     """Coordinates of the joints (n, 21, 3), world, metres; what joint centres do not carry is left out.
 
+    hinges: the knee and elbow axes of the learnt body; with them hip_rotation and arm_rot are there too.
     The model that ``osim_model`` writes has the same axes and zeros: played on it, these put its markers where the
     joints are. Names, axes and signs: Rajagopal et al. 2016 (doi:10.1109/TBME.2016.2586891), Delp et al. 1990
     (doi:10.1109/10.102791) for gait2392, in which a bent knee is negative.
     """
     pelvis, torso = pelvis_axes(position_m), torso_axes(position_m)
     named = _root(position_m, pelvis) | _back(pelvis, torso)
-    for side, end, sign in SIDES:
+    for index, (side, end, sign) in enumerate(SIDES):
         named |= _leg(position_m, pelvis, side, end, sign, model) | _arm(position_m, torso, side, end, sign)
+        if hinges is not None:
+            thigh = joint(position_m, f"Knee{side}") - joint(position_m, f"Hip{side}")
+            upper_arm = joint(position_m, f"Elbow{side}") - joint(position_m, f"Shoulder{side}")
+            named[f"hip_rotation_{end}"] = _turn_about_itself(pelvis, thigh, hinges.knee[:, index], sign)
+            named[f"arm_rot_{end}"] = _turn_about_itself(torso, upper_arm, hinges.elbow[:, index], sign)
     return Coordinates(tuple(named), np.stack(list(named.values()), axis=1))
 
 
@@ -80,3 +90,11 @@ def _arm(position_m: np.ndarray, torso: np.ndarray, side: str, end: str, sign: i
         f"arm_add_{end}": adduction,
         f"elbow_flex_{end}": bend_deg(elbow - shoulder, wrist - elbow),
     }
+
+
+def _turn_about_itself(above: np.ndarray, along: np.ndarray, hinge: np.ndarray, side: int) -> np.ndarray:
+    """(n,) degrees inwards of a limb about its long axis, from the axis of the hinge at its end."""
+    y = -unit(along)
+    x = unit(np.cross(y, hinge))
+    limb = np.stack([x, y, np.cross(x, y)], axis=-1)
+    return side * turns_deg(np.einsum("nji,njk->nik", above, limb))[2]
