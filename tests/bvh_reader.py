@@ -11,7 +11,7 @@ _AXES = {"X": 0, "Y": 1, "Z": 2}
 
 @dataclass(eq=False)
 class Bvh:
-    """paths_cm: the path (n, 3) of every node, and of the end of every chain as NAME_end; frame_s: time between frames."""
+    """paths_cm: the path (n, 3) of every node, and of each chain's end as NAME_end; frame_s: between frames."""
 
     paths_cm: dict[str, np.ndarray]
     frame_s: float

@@ -13,6 +13,7 @@ from anchorpose.exports.bids_channels import CHANNEL_COLUMNS, WORLD, Channel, ch
 from anchorpose.exports.bids_events import EVENT_COLUMNS, events_of, events_sidecar
 from anchorpose.exports.numbers_text import rounded_text, rows_text
 from anchorpose.exports.product import ExportConfig, Product
+from anchorpose.exports.regular_time import nominal_rate_hz, without_gaps
 from anchorpose.exports.source import Source
 from anchorpose.joints import JOINT_NAMES
 
@@ -84,15 +85,13 @@ def _dataset(folder: Path, config: ExportConfig) -> None:
 
 def _motion_sidecar(time_s: np.ndarray, channels: list[Channel], config: ExportConfig) -> dict[str, Any]:
     kinds = [channel.kind for channel in channels]
-    steps_s = np.diff(time_s)
-    nominal = 1.0 / float(np.median(steps_s)) if len(steps_s) else 0.0
-    effective = len(steps_s) / float(time_s[-1] - time_s[0]) if len(steps_s) else None
+    span_s = float(time_s[-1] - time_s[0])
     return {
         "TaskName": config.task,
-        "SamplingFrequency": float(round(nominal, 3)),
-        "SamplingFrequencyEffective": MISSING if effective is None else round(effective, 6),
-        "RecordingDuration": round(float(time_s[-1] - time_s[0]), 6),
-        "RecordingType": "continuous",
+        "SamplingFrequency": nominal_rate_hz(time_s),
+        "SamplingFrequencyEffective": round((len(time_s) - 1) / span_s, 6),
+        "RecordingDuration": round(span_s, 6),
+        "RecordingType": "continuous" if without_gaps(time_s) else "discontinuous",
         "TrackingSystemName": TRACKING_SYSTEM,
         "TrackedPointsCount": len(JOINT_NAMES),
         "SoftwareVersions": f"anchorpose {__version__}",

@@ -54,7 +54,13 @@ def channels_of(samples: Samples) -> list[Channel]:
         for number, name in enumerate(samples.angles)
     ]
     joints = _quality(JOINT_NAMES, "m", samples.joint_sigma_m, samples.joint_severity)
-    return [latency, *places, *angles, *joints, *_quality(samples.angles, "deg", samples.sigma_deg, samples.angle_severity)]
+    return [
+        latency,
+        *places,
+        *angles,
+        *joints,
+        *_quality(samples.angles, "deg", samples.sigma_deg, samples.angle_severity),
+    ]
 
 
 def _quality(names: tuple[str, ...], units: str, sigma: np.ndarray, severity: np.ndarray) -> list[Channel]:

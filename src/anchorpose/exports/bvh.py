@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import AnchorposeError
-from anchorpose.exports.bvh_body import root_path, skeleton_of_poses
+from anchorpose.exports.bvh_body import skeleton_of_poses
 from anchorpose.exports.bvh_skeleton import Node, skeleton_of_joints
 from anchorpose.exports.numbers_text import rounded_text, rows_text
 from anchorpose.exports.product import ExportConfig, Product
@@ -44,8 +44,8 @@ def write_bvh(folder: Path, source: Source, config: ExportConfig) -> Product:
         axes="Y up, the patient faces X, his right is Z; the world of the recording",
         units="centimetres, degrees, turns about Z, then X, then Y",
         time=str(regular.base),
-        missing="a BVH cannot hold a gap: bones known in less than half of the frames are left out, and each stretch of "
-        "frames in which all the others are known is a file of its own",
+        missing="a BVH cannot hold a gap: bones known in less than half of the frames are left out, and each stretch "
+        "of frames in which all the others are known is a file of its own",
         counts=(
             ("files", len(stretches.runs)), ("frames", frames),
             ("frames_left_out", len(regular.samples.time_s) - frames), ("rate_hz", regular.rate_hz),
@@ -80,10 +80,7 @@ def _skeleton(source: Source, regular: RegularSamples, from_poses: bool) -> tupl
     position_m = regular.samples.position_m
     if not from_poses:
         return skeleton_of_joints(position_m), joint(position_m, "SpineBase")
-    path = source.folder / POSES_FILE
-    return (
-        skeleton_of_poses(path, source.frame, regular.between, position_m), root_path(path, regular.between)
-    )  # fmt: skip
+    return skeleton_of_poses(source.folder / POSES_FILE, source.samples, source.frame, regular.between)
 
 
 def _hierarchy(nodes: list[Node], kept: list[int]) -> tuple[list[int], list[str]]:

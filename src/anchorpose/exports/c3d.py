@@ -44,7 +44,7 @@ def write_c3d(folder: Path, source: Source, config: ExportConfig) -> Product:
             ("missing_points", int(np.isnan(regular.samples.position_m[..., 0]).sum())),
         ),
         notes=(
-            "Angles are points listed in POINT:ANGLES: the angle is X, and Y and Z are 0 because an angle has one number.",
+            "Angles are points listed in POINT:ANGLES: the angle is X; Y and Z mean nothing and are 0.",
             "A point's residual is its sigma in whole millimetres, rounded up and at most 255; the analog channels "
             "NAME.sigma have it exactly.",
             "The analog channels NAME.state are codes: "

@@ -73,5 +73,11 @@ def describe_wide_column(name: str) -> tuple[str, str, str, str, str]:
     for ending, column in _WIDE:
         if name.endswith(ending):
             unit, meaning = _MEANING[column]
-            return name, "text" if column == "state" else "number", unit, f"{name.removesuffix(ending)}: {meaning}", MISSING
+            return (
+                name,
+                "text" if column == "state" else "number",
+                unit,
+                f"{name.removesuffix(ending)}: {meaning}",
+                MISSING,
+            )
     return describe_column(name, "whole number" if name == "frame" else "number")

@@ -30,9 +30,7 @@ class Coordinates:
     values: np.ndarray
 
 
-def opensim_coordinates(
-    position_m: np.ndarray, model: CoordinateModel, hinges: HingeAxes | None = None
-) -> Coordinates:
+def opensim_coordinates(position_m: np.ndarray, model: CoordinateModel, hinges: HingeAxes | None = None) -> Coordinates:
     """Coordinates of the joints (n, 21, 3), world, metres; what joint centres do not carry is left out.
 
     hinges: the knee and elbow axes of the learnt body; with them hip_rotation and arm_rot are there too.

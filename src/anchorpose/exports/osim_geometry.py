@@ -61,9 +61,9 @@ def measure_body(position_m: np.ndarray) -> MeasuredBody | None:
         head=middle(torso, "Neck", "Head"),
         limbs=(limbs[0], limbs[1]),
     )
-    places = [body.hips, body.shoulders, body.spine_mid, body.spine_shoulder, body.neck, body.head]
     lengths = [getattr(limb, name) for limb in limbs for name in Limb.__slots__]
-    return body if all(np.isfinite(place).all() for place in [*places, lengths]) else None
+    places = [body.hips, body.shoulders, body.spine_mid, body.spine_shoulder, body.neck, body.head, np.array(lengths)]
+    return body if all(np.isfinite(place).all() for place in places) else None
 
 
 def _limb(position_m: np.ndarray, side: str) -> Limb:

@@ -14,8 +14,8 @@ from anchorpose.exports.segment_frames import FOOT_SLOPE_DEG
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 Axis = tuple[float, float, float]
 
-# Segment masses as shares of the body's (de Leva 1996, doi:10.1016/0021-9290(95)00178-6, men; pelvis is his lower trunk,
-# torso his upper and middle trunk, the forearm has the hand with it).
+# Segment masses as shares of the body's (de Leva 1996, doi:10.1016/0021-9290(95)00178-6, men; pelvis is the lower
+# trunk, torso the upper and middle trunk, the forearm has the hand with it).
 MASS_SHARE: Final = {
     "pelvis": 0.1117, "torso": 0.3229, "head": 0.0694, "femur": 0.1416, "tibia": 0.0433, "calcn": 0.0137,
     "humerus": 0.0271, "ulna": 0.0223,
@@ -154,8 +154,7 @@ def _ball(
     ranges = ((least, most), (-aside, aside), (-about, about))
     axes: tuple[Axis, ...] = (Z, (float(sign), 0.0, 0.0), (0.0, float(sign), 0.0))
     return tuple(
-        OsimCoordinate(f"{name}_{end}", axis, limits)
-        for name, axis, limits in zip(names, axes, ranges, strict=True)
+        OsimCoordinate(f"{name}_{end}", axis, limits) for name, axis, limits in zip(names, axes, ranges, strict=True)
     )
 
 

@@ -1,4 +1,4 @@
-"""A fixed rate for formats that know no time stamps: measured samples stay as they are wherever their times allow it."""
+"""A fixed rate for formats without time stamps: measured samples stay as they are wherever their times allow it."""
 
 from __future__ import annotations
 
@@ -81,14 +81,12 @@ class RegularSamples:
 def regular_samples(samples: Samples) -> RegularSamples:
     """The samples at a fixed rate, NaN and lost where there are none.
 
-    Times that lie on a grid stay bit for bit, and grid frames that were not recorded are added without values. Otherwise
-    all is resampled: linear between the two neighbours where they are near in time and both have the value; the state is
-    the worse of the two, sigma is interpolated as if their errors were the same, which promises nothing.
+    Times that lie on a grid stay bit for bit, and grid frames that were not recorded are added without values.
+    Otherwise all is resampled: linear between the two neighbours where they are near in time and both have the value;
+    the state is the worse of the two, sigma is interpolated as if their errors were the same, which promises nothing.
     Raises AnchorposeError where there is one frame only, or where recording paused for long.
     """
     time_s = samples.time_s
-    if len(time_s) < 2:
-        raise AnchorposeError("One frame has no frame rate; export it with --to csv.")
     rate_hz, slot, on_grid = _grid(time_s)
     if slot[-1] + 1 > MOST_ROWS * len(time_s):
         raise AnchorposeError("The recording pauses for most of its time; track its parts, or export with --to csv.")
@@ -100,8 +98,20 @@ def regular_samples(samples: Samples) -> RegularSamples:
     return RegularSamples(_at(samples, grid_s, between), rate_hz, base, between)
 
 
+def nominal_rate_hz(time_s: np.ndarray) -> float:
+    """The rate of times (n,), as round as they allow; raises AnchorposeError for one frame."""
+    return _grid(time_s)[0]
+
+
+def without_gaps(time_s: np.ndarray) -> bool:
+    """Whether no two neighbours are further apart than ``BRIDGE_FRAMES``."""
+    return bool((np.diff(time_s) <= BRIDGE_FRAMES / nominal_rate_hz(time_s)).all())
+
+
 def _grid(time_s: np.ndarray) -> tuple[float, np.ndarray, bool]:
-    """Rate, the grid's frame of each sample, and whether all samples lie on it; the roundest rate that does is taken."""
+    """The roundest rate that fits, the grid's frame of each sample, and whether all samples lie on that grid."""
+    if len(time_s) < 2:
+        raise AnchorposeError("One frame has no frame rate; export it with --to csv.")
     step_s = float(np.median(np.diff(time_s)))
     slot = np.rint((time_s - time_s[0]) / step_s).astype(np.int64)
     for _ in range(3):  # a median over rounded stamps is a little off, which counts up over a long recording

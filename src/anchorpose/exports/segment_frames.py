@@ -1,7 +1,7 @@
 """Axes of pelvis and trunk from joint centres, and the angles between segments that OpenSim calls coordinates.
 
-Axes are X forward, Y up, Z right, as OpenSim's bodies have them. Joint centres say nothing of a turn about a thigh's, an
-upper arm's or a forearm's own long axis; those coordinates are not made.
+Axes are X forward, Y up, Z right, as OpenSim's bodies have them. Joint centres say nothing of a turn about a thigh's,
+an upper arm's or a forearm's own long axis.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from anchorpose.joints import JOINT_INDEX
 LOWER_SPINE_LEAN_DEG: Final = 6.7
 UPPER_SPINE_LEAN_DEG: Final = 5.2
 FOOT_SLOPE_DEG: Final = 19.3
-"""Of the mean body that stands upright: SpineBase to SpineMid leans back by the first, SpineMid to SpineShoulder forward
-by the second, and the line from ankle to foot falls by the third (1.5 degrees from body to body). They set the zeros of
-pelvis, lumbar and ankle coordinates; a test holds them to the body asset."""
+"""Of the mean body that stands upright: SpineBase to SpineMid leans back by the first, SpineMid to SpineShoulder
+forward by the second, and the line from ankle to foot falls by the third (1.5 degrees from body to body). They set the
+zeros of pelvis, lumbar and ankle coordinates; a test holds them to the body asset."""
 
 
 def joint(position_m: np.ndarray, name: str) -> np.ndarray:

@@ -49,7 +49,7 @@ class Source:
 
 
 def read_source(folder: Path) -> Source:
-    """Joints and, where they are there, angles; raises InputError where the folder is no result or its times go back."""
+    """Joints and, where they are there, angles; raises InputError where it is no result or its times go back."""
     if not folder.is_dir():
         raise InputError(folder, "there is no such folder", "give a results folder made by 'anchorpose track'")
     joints = read_joints(folder / JOINTS_FILE)

@@ -20,8 +20,8 @@ TRC_FILE: Final = "joints.trc"
 MODEL_FILE, SCALE_FILE, IK_FILE = "model.osim", "scale_setup.xml", "ik_setup.xml"
 
 MISSING: Final = "NaN"
-"""What OpenSim writes and reads itself. An empty cell at the end of a line is refused by its reader of tables, and zeros
-are taken for a marker at the origin."""
+"""What OpenSim writes and reads itself. An empty cell at the end of a line is refused by its reader of tables, and
+zeros are taken for a marker at the origin."""
 
 MICROMETRES: Final = 6  # digits after the point, in metres
 
@@ -76,7 +76,7 @@ def _write_model(folder: Path, regular: RegularSamples, config: ExportConfig) ->
     (folder / SCALE_FILE).write_text(scale_setup_xml(MODEL_FILE, TRC_FILE, times_s), encoding="utf-8")
     (folder / IK_FILE).write_text(ik_setup_xml(MODEL_FILE, TRC_FILE, times_s), encoding="utf-8")
     return (
-        f"{MODEL_FILE} has this patient's bone lengths and joints; its masses are those of a 75 kg adult, for kinematics "
-        "only.",
+        f"{MODEL_FILE} has this patient's bone lengths and joints; its masses are those of a 75 kg adult, for "
+        "kinematics only.",
         f"In OpenSim: open {MODEL_FILE}, then Tools, Inverse Kinematics, Load {IK_FILE}, Run.",
     )

@@ -1,0 +1,273 @@
+"""OpenSim itself reads what is exported: markers, coordinates, the model, scaling and inverse kinematics."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from exports_builder import column, times, true_joints, write_true_results
+
+from anchorpose.body.asset import load_body_asset
+from anchorpose.body.shaped import shape_body
+from anchorpose.errors import AnchorposeError
+from anchorpose.exports.opensim_coordinates import opensim_coordinates
+from anchorpose.exports.osim_geometry import measure_body
+from anchorpose.exports.osim_model import model_xml
+from anchorpose.exports.product import CoordinateModel, ExportConfig, Format
+from anchorpose.exports.run import export_results
+from anchorpose.exports.segment_frames import bend_deg, joint
+from anchorpose.joints import JOINT_NAMES
+from anchorpose.results.angles import joint_angles
+from anchorpose.results.tables import read_joints
+
+BOTH = (Format.TRC, Format.MOT)
+RAJAGOPAL, GAIT2392 = CoordinateModel
+
+
+@pytest.fixture(scope="module")
+def osim() -> Any:
+    package = pytest.importorskip("opensim", reason="there is no opensim wheel for this machine")
+    package.Logger.setLevelString("Off")
+    return package
+
+
+@pytest.fixture(scope="module")
+def squat(tmp_path_factory) -> tuple[Path, np.ndarray]:
+    """The exports of a squat, and its joints."""
+    results = write_true_results(tmp_path_factory.mktemp("squat") / "results", true_joints())
+    export_results(results, BOTH, ExportConfig())
+    return results / "exports", true_joints()
+
+
+@contextmanager
+def inside(folder: Path) -> Iterator[None]:
+    before = Path.cwd()
+    os.chdir(folder)  # set-up files name their neighbours, as they do for somebody who double-clicks one
+    try:
+        yield
+    finally:
+        os.chdir(before)
+
+
+def coordinate_column(osim: Any, path: Path, name: str) -> np.ndarray:
+    return osim.TimeSeriesTable(str(path)).getDependentColumn(name).to_numpy()
+
+
+def markers_of(osim: Any, path: Path) -> np.ndarray:
+    """(n, 21, 3) as OpenSim reads a TRC."""
+    table = osim.TimeSeriesTableVec3(str(path))
+    assert list(table.getColumnLabels()) == list(JOINT_NAMES)
+    assert table.getTableMetaDataString("Units") == "m"
+    rows = range(table.getNumRows())
+    return np.array([[table.getRowAtIndex(r)[m].to_numpy() for m in range(len(JOINT_NAMES))] for r in rows])
+
+
+def knee_flexion(joints: np.ndarray, side: str) -> np.ndarray:
+    hip, knee, ankle = (joint(joints, f"{name}{side}") for name in ("Hip", "Knee", "Ankle"))
+    return bend_deg(knee - hip, ankle - knee)
+
+
+def test_opensim_reads_every_marker_where_it_is_upright_and_in_metres(osim, squat):
+    exports, joints = squat
+    assert np.abs(markers_of(osim, exports / "trc" / "joints.trc") - joints).max() < 1e-6
+    data = osim.MarkerData(str(exports / "trc" / "joints.trc"))
+    assert data.getUnits().getLabel() == "meters"
+    assert data.getDataRate() == pytest.approx(15.0)
+    assert joints[:, column("Head"), 1].min() > 1.0
+
+
+def test_missing_markers_are_read_as_missing_by_both_of_opensims_readers(osim, tmp_path):
+    lost = {0: ("SpineBase",), 3: ("FootRight", "HandLeft"), 4: JOINT_NAMES}
+    results = write_true_results(tmp_path / "results", true_joints(), lost=lost)
+    export_results(results, [Format.TRC], ExportConfig())
+    path = results / "exports" / "trc" / "joints.trc"
+    expected = np.zeros((75, 21), bool)
+    for row, names in lost.items():
+        expected[row, [column(name) for name in names]] = True
+    assert np.array_equal(np.isnan(markers_of(osim, path)).all(axis=2), expected)
+    data = osim.MarkerData(str(path))
+    assert np.isnan(data.getFrame(3).getMarker(20).get(0))
+    assert not np.isnan(data.getFrame(3).getMarker(0).get(0))
+
+
+def test_times_are_written_as_they_were_recorded(squat):
+    lines = (squat[0] / "trc" / "joints.trc").read_text().splitlines()
+    assert lines[2].split("\t") == ["15", "15", "75", "21", "m", "15", "1", "75"]
+    assert [float(line.split("\t")[1]) for line in lines[6:]] == times(75).tolist()
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_the_knee_of_inverse_kinematics_agrees_with_ours(osim, tmp_path, seed):
+    joints = true_joints(seed=seed)
+    results = write_true_results(tmp_path / "results", joints)
+    export_results(results, [Format.TRC], ExportConfig())
+    folder = results / "exports" / "trc"
+    with inside(folder):
+        assert osim.InverseKinematicsTool("ik_setup.xml").run()
+    for side, end in (("Right", "r"), ("Left", "l")):
+        ours = knee_flexion(joints, side)
+        assert np.ptp(ours) > 20.0  # it is a squat
+        theirs = coordinate_column(osim, folder / "ik_result.mot", f"knee_angle_{end}")
+        assert np.abs(theirs - ours).max() < 5.0
+    errors = osim.TimeSeriesTable(str(folder / "anchorpose_ik_marker_errors.sto"))
+    assert errors.getDependentColumn("marker_error_RMS").to_numpy().max() < 0.02
+
+
+def test_inverse_kinematics_gets_over_missing_markers(osim, tmp_path):
+    joints = true_joints()
+    lost = dict.fromkeys(range(10, 20), ("HandLeft", "WristLeft", "Head"))
+    results = write_true_results(tmp_path / "results", joints, lost=lost)
+    export_results(results, [Format.TRC], ExportConfig())
+    with inside(results / "exports" / "trc"):
+        assert osim.InverseKinematicsTool("ik_setup.xml").run()
+    theirs = coordinate_column(osim, results / "exports" / "trc" / "ik_result.mot", "knee_angle_r")
+    assert np.abs(theirs - knee_flexion(joints, "Right")).max() < 5.0
+
+
+def test_the_scale_tool_turns_the_mean_adult_into_the_patient(osim, squat, tmp_path):
+    exports, joints = squat
+    mean = measure_body(shape_body(load_body_asset(), np.zeros(0)).rest_joints()[None])
+    (tmp_path / "model.osim").write_text(model_xml(mean, RAJAGOPAL))
+    for name in ("joints.trc", "scale_setup.xml"):
+        (tmp_path / name).write_text((exports / "trc" / name).read_text())
+    with inside(tmp_path):
+        assert osim.ScaleTool("scale_setup.xml").run()
+    model = osim.Model(str(tmp_path / "scaled.osim"))
+    state = model.initSystem()
+    places = {m.getName(): m.getLocationInGround(state).to_numpy() for m in model.getMarkerSet()}
+    for start, end in (("Hip", "Knee"), ("Knee", "Ankle"), ("Ankle", "Foot"), ("Elbow", "Wrist")):
+        ours = np.linalg.norm(joint(joints, f"{end}Left") - joint(joints, f"{start}Left"), axis=1).mean()
+        theirs = np.linalg.norm(places[f"{end}Left"] - places[f"{start}Left"])
+        assert theirs == pytest.approx(ours, abs=0.001)
+    assert abs(mean.limbs[1].shank - measure_body(joints).limbs[1].shank) > 0.005  # there was something to scale
+
+
+def place_markers(osim: Any, model: Any, state: Any, path: Path, row: int) -> np.ndarray:
+    """(21, 3) where the model's markers are with the coordinates of a MOT's row."""
+    table = osim.TimeSeriesTable(str(path))
+    assert table.getTableMetaDataString("inDegrees") == "yes"
+    for name, value in zip(table.getColumnLabels(), table.getRowAtIndex(row).to_numpy(), strict=True):
+        in_metres = name in ("pelvis_tx", "pelvis_ty", "pelvis_tz")
+        model.getCoordinateSet().get(name).setValue(state, value if in_metres else np.radians(value), False)
+    model.realizePosition(state)
+    return np.array([model.getMarkerSet().get(n).getLocationInGround(state).to_numpy() for n in JOINT_NAMES])
+
+
+@pytest.mark.parametrize("kind", CoordinateModel)
+@pytest.mark.parametrize("turned_deg", [0.0, 130.0])
+def test_the_mot_played_on_the_model_puts_its_markers_where_the_joints_are(osim, tmp_path, kind, turned_deg):
+    cosine, sine = np.cos(np.radians(turned_deg)), np.sin(np.radians(turned_deg))
+    joints = true_joints("weight-shift") @ np.array([[cosine, 0, -sine], [0, 1, 0], [sine, 0, cosine]])
+    results = write_true_results(tmp_path / "results", joints)
+    export_results(results, BOTH, ExportConfig(model=kind))
+    model = osim.Model(str(results / "exports" / "trc" / "model.osim"))
+    state = model.initSystem()
+    carried = [column(f"{name}{side}") for name in ("Hip", "Knee", "Elbow") for side in ("Left", "Right")]
+    for row in (0, 30, 60):
+        off = np.linalg.norm(
+            place_markers(osim, model, state, results / "exports" / "mot" / "motion.mot", row) - joints[row], axis=1
+        )
+        assert off[[column("SpineBase"), *carried]].max() < 0.025  # the chest of the model is stiff
+        assert off[[column("HipLeft"), column("KneeRight")]].max() < 0.003
+
+
+def test_coordinates_have_the_signs_of_the_models():
+    angles = opensim_coordinates(true_joints(), RAJAGOPAL)
+    other = opensim_coordinates(true_joints(), GAIT2392)
+    named, flipped = (dict(zip(c.names, c.values.T, strict=True)) for c in (angles, other))
+    for name in angles.names:
+        sign = -1.0 if name.startswith("knee") else 1.0
+        assert np.array_equal(flipped[name], sign * named[name])
+    deepest = int(np.argmax(named["knee_angle_r"]))
+    upright = int(np.argmin(named["knee_angle_r"]))
+    for name in ("hip_flexion_r", "hip_flexion_l", "ankle_angle_r", "ankle_angle_l"):
+        assert named[name][deepest] > named[name][upright] + 5.0
+    assert named["pelvis_ty"][deepest] < named["pelvis_ty"][upright] - 0.05
+
+
+def standing_with(moves: dict[str, tuple[float, float, float]]) -> np.ndarray:
+    """The upright mean body (1, 21, 3) with joints moved."""
+    joints = shape_body(load_body_asset(), np.zeros(0)).rest_joints()[None].copy()
+    for name, move in moves.items():
+        joints[0, column(name)] += move
+    return joints
+
+
+def coordinates_of(joints: np.ndarray) -> dict[str, float]:
+    found = opensim_coordinates(joints, RAJAGOPAL)
+    return dict(zip(found.names, found.values[0].tolist(), strict=True))
+
+
+def test_pelvis_lumbar_and_ankle_are_zero_in_the_mean_body_that_stands_upright():
+    zeros = coordinates_of(standing_with({}))
+    for name in ("pelvis_tilt", "pelvis_list", "pelvis_rotation", "lumbar_extension", "lumbar_bending"):
+        assert zeros[name] == pytest.approx(0.0, abs=0.1)
+    shank = standing_with({})[0, column("AnkleRight")] - standing_with({})[0, column("KneeRight")]
+    leaning = np.degrees(np.arctan2(-shank[0], -shank[1]))  # the foot is flat, the shank is not quite upright
+    assert zeros["ankle_angle_r"] == pytest.approx(leaning, abs=1.5)
+
+
+@pytest.mark.parametrize(
+    ("name", "sign", "moves"),
+    [
+        ("hip_flexion_r", 1, {"KneeRight": (0.1, 0, 0)}),
+        ("hip_adduction_r", 1, {"KneeRight": (0, 0, -0.1)}),
+        ("hip_adduction_l", 1, {"KneeLeft": (0, 0, 0.1)}),
+        ("ankle_angle_l", 1, {"FootLeft": (0, 0.05, 0)}),
+        ("arm_flex_l", 1, {"ElbowLeft": (0.1, 0, 0)}),
+        ("arm_add_r", 1, {"ElbowRight": (0, 0, -0.1)}),
+        ("elbow_flex_r", 1, {"WristRight": (0.05, 0.1, 0)}),
+        ("lumbar_extension", -1, {"SpineShoulder": (0.1, 0, 0)}),
+        ("lumbar_bending", 1, {"SpineShoulder": (0, 0, 0.1)}),
+        ("pelvis_list", 1, {"HipRight": (0, -0.02, 0)}),
+        ("pelvis_rotation", 1, {"HipRight": (0.02, 0, 0)}),
+        ("pelvis_tilt", -1, {"SpineMid": (0.1, 0, 0)}),
+    ],
+)
+def test_each_coordinate_goes_the_way_that_opensim_counts(name, sign, moves):
+    change = coordinates_of(standing_with(moves))[name] - coordinates_of(standing_with({}))[name]
+    assert sign * change > 3.0
+
+
+def test_knees_and_elbows_are_our_own_angles(tmp_path):
+    results = write_true_results(tmp_path / "results", true_joints())
+    ours = joint_angles(read_joints(results / "joints.parquet"))
+    theirs = opensim_coordinates(true_joints(), RAJAGOPAL)
+    for a, b in (("knee_flexion_right", "knee_angle_r"), ("elbow_flexion_left", "elbow_flex_l")):
+        mine = ours.degrees[:, ours.names.index(a)]
+        assert theirs.values[:, theirs.names.index(b)] == pytest.approx(mine, abs=1e-6)
+
+
+def test_a_mot_with_gaps_is_several_files_that_opensim_reads_whole(osim, tmp_path):
+    lost = dict.fromkeys(range(40), ("WristRight", "KneeLeft") if row in (30, 31, 33) else ("WristRight",))
+    results = write_true_results(tmp_path / "results", true_joints(), lost=lost)
+    export_results(results, [Format.MOT], ExportConfig())
+    files = sorted((results / "exports" / "mot").glob("*.mot"))
+    assert [file.name for file in files] == ["motion_001.mot", "motion_002.mot"]
+    rows = [osim.Storage(str(file)).getSize() for file in files]
+    assert rows == [30, 41]  # frame 32 alone is no motion
+    labels = list(osim.TimeSeriesTable(str(files[0])).getColumnLabels())
+    assert "elbow_flex_r" not in labels  # known in less than half of the frames: left out, not zero
+    assert "elbow_flex_l" in labels
+    assert osim.TimeSeriesTable(str(files[1])).getIndependentColumn()[0] == times(75)[34]
+
+
+def test_a_mot_without_any_stretch_is_refused(tmp_path):
+    lost = dict.fromkeys(range(75), JOINT_NAMES)
+    results = write_true_results(tmp_path / "results", true_joints(), lost=lost)
+    with pytest.raises(AnchorposeError, match="csv"):
+        export_results(results, [Format.MOT], ExportConfig())
+    assert not (results / "exports").exists()
+
+
+def test_without_a_bone_there_are_markers_but_no_model(tmp_path):
+    lost = dict.fromkeys(range(75), ("FootLeft",))
+    results = write_true_results(tmp_path / "results", true_joints(), lost=lost)
+    ((folder, product),) = export_results(results, [Format.TRC], ExportConfig())
+    assert sorted(path.name for path in folder.iterdir()) == ["export.json", "joints.trc"]
+    assert "No model.osim" in product.notes[0]
