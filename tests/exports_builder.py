@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 from results_builder import make_frame, write_results
 
 from anchorpose.exports.source import Samples
@@ -67,3 +68,13 @@ def make_samples(time_s: np.ndarray, position_m: np.ndarray | None = None) -> Sa
 
 def column(name: str) -> int:
     return JOINT_INDEX[name]
+
+
+def angle_of(results: Path, name: str) -> np.ndarray:
+    """(n,) degrees of an angle, as angles.parquet has it; NaN where it is null."""
+    rows = [row for row in pq.read_table(results / "angles.parquet").to_pylist() if row["angle"] == name]
+    return np.array([np.nan if row["degrees"] is None else row["degrees"] for row in rows])
+
+
+def angle_names(results: Path) -> list[str]:
+    return list(dict.fromkeys(pq.read_table(results / "angles.parquet")["angle"].to_pylist()))

@@ -11,14 +11,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from exports_builder import column, times, true_joints, write_true_results
+from exports_builder import angle_names, angle_of, column, times, true_joints, write_true_results
 
 from anchorpose.errors import MissingPackage
 from anchorpose.exports.product import ExportConfig, Format
 from anchorpose.exports.run import export_results
 from anchorpose.exports.source import STATES
 from anchorpose.joints import JOINT_NAMES
-from anchorpose.results.angles import joint_angles
 from anchorpose.results.contacts import CONTACTS_FILE, Contact, write_contacts
 from anchorpose.results.tables import read_joints
 
@@ -74,13 +73,12 @@ def test_a_c3d_loses_neither_angles_nor_sigma_nor_states(results, tmp_path):
     ezc3d = pytest.importorskip("ezc3d")
     file = ezc3d.c3d(str(export(results, tmp_path, Format.C3D) / "joints.c3d"))
     joints = read_joints(results / "joints.parquet")
-    angles = joint_angles(joints)
     recorded = np.delete(np.arange(75), [20, 21])
     labels = file["parameters"]["POINT"]["LABELS"]["value"]
-    assert file["parameters"]["POINT"]["ANGLES"]["value"] == list(angles.names)
-    for number, name in enumerate(angles.names):
+    assert file["parameters"]["POINT"]["ANGLES"]["value"] == angle_names(results)
+    for name in angle_names(results):
         written = file["data"]["points"][0, labels.index(name)]
-        assert np.allclose(written[recorded], angles.degrees[:, number], atol=1e-4, equal_nan=True)
+        assert np.allclose(written[recorded], angle_of(results, name), atol=1e-4, equal_nan=True)
     analog = dict(zip(file["parameters"]["ANALOG"]["LABELS"]["value"], file["data"]["analogs"][0], strict=True))
     number = column("KneeLeft")
     assert np.array_equal(analog["KneeLeft.state"][recorded], joints.severity[:, number])
@@ -113,9 +111,8 @@ def test_csv_holds_every_number_and_empty_cells_where_there_is_none(results, tmp
     assert (wide[5]["KneeLeft_x_m"], wide[5]["KneeLeft_sigma_m"], wide[5]["KneeLeft_state"]) == ("", "", "lost")
     assert float(wide[5]["KneeRight_y_m"]) == joints.position_m[5, column("KneeRight"), 1]
     assert rows_of(folder / "contacts.csv")[0]["gap_mm"] == "2.5"
-    angles = joint_angles(joints)
     written = [float(row["knee_flexion_right_deg"] or "nan") for row in rows_of(folder / "angles_wide.csv")]
-    assert np.array_equal(written, angles.degrees[:, angles.names.index("knee_flexion_right")], equal_nan=True)
+    assert np.array_equal(written, angle_of(results, "knee_flexion_right"), equal_nan=True)
     assert "nan" not in "".join(path.read_text() for path in folder.glob("*wide.csv")).lower()
 
 
@@ -137,11 +134,13 @@ def test_a_table_that_is_not_known_yet_is_exported_too(results, tmp_path):
 
     other = tmp_path / "other"
     shutil.copytree(results, other)
-    pq.write_table(pa.table({"measure": ["sway"], "value": pa.array([None], pa.float64())}), other / "measures.parquet")
+    table = pa.table({"measure": ["sway"], "value": pa.array([None], pa.float64())})
+    pq.write_table(table.replace_schema_metadata({"policy": "gaps to 0.1 s"}), other / "measures.parquet")
     pq.write_table(pa.table({"frame": [0], "labels": [b"\x89PNG"]}), other / "people.parquet")
     folder = export(other, tmp_path / "out", Format.CSV)
     assert rows_of(folder / "measures.csv") == [{"measure": "sway", "value": ""}]
     assert not (folder / "people.csv").exists()
+    assert "measures.csv, policy: gaps to 0.1 s" in json.loads((folder / "export.json").read_text())["notes"]
 
 
 def test_bids_writes_one_channel_a_column_and_na_where_nothing_was_found(results, tmp_path):

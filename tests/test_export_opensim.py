@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from exports_builder import column, times, true_joints, write_true_results
+from exports_builder import angle_of, column, times, true_joints, write_true_results
 
 from anchorpose.body.asset import load_body_asset
 from anchorpose.body.shaped import shape_body
+from anchorpose.cli import main
 from anchorpose.errors import AnchorposeError
 from anchorpose.exports.opensim_coordinates import opensim_coordinates
 from anchorpose.exports.osim_geometry import measure_body
@@ -22,8 +23,7 @@ from anchorpose.exports.product import CoordinateModel, ExportConfig, Format
 from anchorpose.exports.run import export_results
 from anchorpose.exports.segment_frames import bend_deg, joint
 from anchorpose.joints import JOINT_NAMES
-from anchorpose.results.angles import joint_angles
-from anchorpose.results.tables import read_joints
+from anchorpose.results.truth import read_truth
 
 BOTH = (Format.TRC, Format.MOT)
 RAJAGOPAL, GAIT2392 = CoordinateModel
@@ -116,6 +116,23 @@ def test_the_knee_of_inverse_kinematics_agrees_with_ours(osim, tmp_path, seed):
         assert np.abs(theirs - ours).max() < 5.0
     errors = osim.TimeSeriesTable(str(folder / "anchorpose_ik_marker_errors.sto"))
     assert errors.getDependentColumn("marker_error_RMS").to_numpy().max() < 0.02
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [11, 12])
+def test_from_a_recording_to_opensim_with_two_commands(osim, tmp_path, seed):
+    recording, results = tmp_path / "squat" / "recording", tmp_path / "results"
+    asked = ["--preset", "single", "--motions", "squat", "--seed", str(seed), "--seconds", "5"]
+    assert main(["simulate", str(tmp_path / "squat"), *asked]) == 0
+    assert main(["track", str(recording), "-o", str(results)]) == 0
+    assert main(["export", str(results), "--to", "trc"]) == 0
+    with inside(results / "exports" / "trc"):
+        assert osim.InverseKinematicsTool("ik_setup.xml").run()
+    truth = read_truth(tmp_path / "squat" / "truth" / "truth.npz").position_m
+    for side, end in (("right", "r"), ("left", "l")):
+        theirs = coordinate_column(osim, results / "exports" / "trc" / "ik_result.mot", f"knee_angle_{end}")
+        assert np.abs(theirs - angle_of(results, f"knee_flexion_{side}")).max() < 5.0
+        assert np.abs(theirs - knee_flexion(truth, side.capitalize()))[15:].max() < 10.0  # tracking's own error too
 
 
 def test_inverse_kinematics_gets_over_missing_markers(osim, tmp_path):
@@ -236,15 +253,14 @@ def test_each_coordinate_goes_the_way_that_opensim_counts(name, sign, moves):
 
 def test_knees_and_elbows_are_our_own_angles(tmp_path):
     results = write_true_results(tmp_path / "results", true_joints())
-    ours = joint_angles(read_joints(results / "joints.parquet"))
     theirs = opensim_coordinates(true_joints(), RAJAGOPAL)
     for a, b in (("knee_flexion_right", "knee_angle_r"), ("elbow_flexion_left", "elbow_flex_l")):
-        mine = ours.degrees[:, ours.names.index(a)]
-        assert theirs.values[:, theirs.names.index(b)] == pytest.approx(mine, abs=1e-6)
+        written = theirs.values[:, theirs.names.index(b)]
+        assert written == pytest.approx(angle_of(results, a), abs=1e-6)
 
 
 def test_a_mot_with_gaps_is_several_files_that_opensim_reads_whole(osim, tmp_path):
-    lost = dict.fromkeys(range(40), ("WristRight", "KneeLeft") if row in (30, 31, 33) else ("WristRight",))
+    lost = {row: ("WristRight", *(["KneeLeft"] if row in (30, 31, 33) else [])) for row in range(40)}
     results = write_true_results(tmp_path / "results", true_joints(), lost=lost)
     export_results(results, [Format.MOT], ExportConfig())
     files = sorted((results / "exports" / "mot").glob("*.mot"))

@@ -102,6 +102,10 @@ def test_nothing_that_tracks_can_reach_the_simulation_and_its_truth() -> None:
         assert forbidden_imports(way, {*FLOW, *VALUES, "tracker", "threads"}) == []
 
 
+def test_exports_read_results_and_reach_neither_tracker_nor_simulation() -> None:
+    assert forbidden_imports("exports", {*FLOW, *VALUES, "exports", PACKAGE_ITSELF}) == []
+
+
 def test_the_simulation_uses_the_body_and_the_format_but_no_stage_that_is_judged_by_it() -> None:
     assert forbidden_imports("simulate", {"simulate", "recording", "body", *VALUES}) == []
 

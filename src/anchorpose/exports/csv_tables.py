@@ -26,8 +26,7 @@ Column = tuple[str, np.ndarray | Sequence[str]]
 
 def write_csv(folder: Path, source: Source, config: ExportConfig) -> Product:
     """A CSV for each table without pictures, joints_wide.csv, angles_wide.csv and data_dictionary.csv."""
-    dictionary = list[tuple[str, ...]]()
-    rows = 0
+    dictionary, notes, rows = list[tuple[str, ...]](), list[str](), 0
     for path in sorted(source.folder.glob("*.parquet")):
         table = _table(path)
         if any(pa.types.is_binary(kind) or pa.types.is_large_binary(kind) for kind in table.schema.types):
@@ -36,20 +35,35 @@ def write_csv(folder: Path, source: Source, config: ExportConfig) -> Product:
         rows += len(table)
         _write(folder / name, table.schema.names, zip(*(_cells(column) for column in table.columns), strict=True))
         dictionary += [(name, *describe_column(field.name, _kind(field.type))) for field in table.schema]
-    for stem, columns in (("joints_wide", _wide_joints(source)), ("angles_wide", _wide_angles(source))):
+        notes += _metadata(name, table.schema)
+    for name, columns in (("joints_wide.csv", _wide_joints(source)), ("angles_wide.csv", _wide_angles(source))):
         if columns:
             names = [column for column, _ in columns]
-            _write(folder / f"{stem}.csv", names, zip(*(_wide_cells(values) for _, values in columns), strict=True))
-            dictionary += [(f"{stem}.csv", *describe_wide_column(column)) for column in names]
+            _write(folder / name, names, zip(*(_wide_cells(values) for _, values in columns), strict=True))
+            dictionary += [(name, *describe_wide_column(column)) for column in names]
     _write(folder / DICTIONARY_FILE, DICTIONARY_HEAD, dictionary)
+    return _product(len(source.frame), rows, notes)
+
+
+def _product(frames: int, rows: int, notes: list[str]) -> Product:
     return Product(
         axes="X forward, Y up, Z to the patient's right",
-        units="in the names of the columns: _m metres, _s seconds, _deg and degrees, _cm2, _mm",
+        units="in the names of the columns (_m metres, _s seconds, _deg and degrees) and in the data dictionary",
         time="as recorded",
         missing="an empty cell; state says why",
-        counts=(("frames", len(source.frame)), ("rows_of_long_tables", rows)),
-        notes=(f"{DICTIONARY_FILE} says what each column means.", "UTF-8, commas, decimal points, one line of names."),
+        counts=(("frames", frames), ("rows_of_long_tables", rows)),
+        notes=(
+            f"{DICTIONARY_FILE} says what each column means.",
+            "UTF-8, commas, decimal points, one line of names.",
+            *notes,
+        ),
     )
+
+
+def _metadata(name: str, schema: pa.Schema) -> list[str]:
+    """What the table says of itself, such as how it was smoothed: a CSV has no place for that."""
+    told = {key.decode(): value.decode(errors="replace") for key, value in (schema.metadata or {}).items()}
+    return [f"{name}, {key}: {value}" for key, value in told.items() if key != "pandas"]
 
 
 def _table(path: Path) -> pa.Table:
