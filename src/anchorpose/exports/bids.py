@@ -41,9 +41,11 @@ def write_bids(folder: Path, source: Source, config: ExportConfig) -> Product:
     _events(motion / f"{recording}_events", source)
     stem = f"{recording}_tracksys-{TRACKING_SYSTEM}"
     columns = ([rounded_text(value, channel.digits, MISSING) for value in channel.values] for channel in channels)
-    (motion / f"{stem}_motion.tsv").write_text(rows_text(zip(*columns, strict=True), "\t"), encoding="utf-8")
+    (motion / f"{stem}_motion.tsv").write_text(
+        rows_text(zip(*columns, strict=True), "\t"), encoding="utf-8", newline="\n"
+    )
     rows = [CHANNEL_COLUMNS, *(channel.row for channel in channels)]
-    (motion / f"{stem}_channels.tsv").write_text(rows_text(rows, "\t"), encoding="utf-8")
+    (motion / f"{stem}_channels.tsv").write_text(rows_text(rows, "\t"), encoding="utf-8", newline="\n")
     _write_json(motion / f"{stem}_channels.json", _channels_sidecar())
     sidecar = _motion_sidecar(source.samples.time_s, channels, config)
     _write_json(motion / f"{stem}_motion.json", sidecar)
@@ -65,7 +67,7 @@ def _events(stem: Path, source: Source) -> None:
     """Nothing where nothing happened: BIDS has no events file without events."""
     events = events_of(source.folder, float(source.samples.time_s[0]), MISSING)
     if events:
-        stem.with_suffix(".tsv").write_text(rows_text([EVENT_COLUMNS, *events], "\t"), encoding="utf-8")
+        stem.with_suffix(".tsv").write_text(rows_text([EVENT_COLUMNS, *events], "\t"), encoding="utf-8", newline="\n")
         _write_json(stem.with_suffix(".json"), events_sidecar())
 
 
@@ -77,9 +79,9 @@ def _dataset(folder: Path, config: ExportConfig) -> None:
         "GeneratedBy": [{"Name": "anchorpose", "Version": __version__}],
     }
     _write_json(folder / "dataset_description.json", description)
-    (folder / ".bidsignore").write_text("export.json\n", encoding="utf-8")
-    (folder / "README").write_text(_README.format(version=__version__, missing=MISSING), encoding="utf-8")
-    (folder / "participants.tsv").write_text(f"participant_id\nsub-{config.subject}\n", encoding="utf-8")
+    (folder / ".bidsignore").write_text("export.json\n", encoding="utf-8", newline="\n")
+    (folder / "README").write_text(_README.format(version=__version__, missing=MISSING), encoding="utf-8", newline="\n")
+    (folder / "participants.tsv").write_text(f"participant_id\nsub-{config.subject}\n", encoding="utf-8", newline="\n")
     _write_json(folder / "participants.json", {"participant_id": {"Description": "pseudonym of the person"}})
 
 
@@ -119,4 +121,4 @@ def _channels_sidecar() -> dict[str, Any]:
 
 def _write_json(path: Path, document: dict[str, Any]) -> None:
     text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8")
+    path.write_text(text + "\n", encoding="utf-8", newline="\n")

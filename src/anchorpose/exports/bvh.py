@@ -37,7 +37,9 @@ def write_bvh(folder: Path, source: Source, config: ExportConfig) -> Product:
     kept = [place for place, keep in enumerate(stretches.kept) if keep]
     for number, (first, last) in enumerate(stretches.runs):
         text = bvh_text(nodes, kept, root_m[first:last], slice(first, last), regular.rate_hz)
-        (folder / stretch_name(STEM, ".bvh", number, len(stretches.runs))).write_text(text, encoding="utf-8")
+        (folder / stretch_name(STEM, ".bvh", number, len(stretches.runs))).write_text(
+            text, encoding="utf-8", newline="\n"
+        )
     frames = sum(last - first for first, last in stretches.runs)
     left_out = [node.name for place, node in enumerate(nodes) if place not in kept]
     return Product(

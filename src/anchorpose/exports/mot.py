@@ -34,7 +34,7 @@ def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
     for number, (first, last) in enumerate(stretches.runs):
         name = stretch_name(STEM, ".mot", number, len(stretches.runs))
         text = mot_text(Path(name).stem, source.samples.time_s[first:last], kept.names, kept.values[first:last])
-        (folder / name).write_text(text, encoding="utf-8")
+        (folder / name).write_text(text, encoding="utf-8", newline="\n")
     frames = sum(last - first for first, last in stretches.runs)
     left_out = [name for name in coordinates.names if name not in kept.names]
     return Product(

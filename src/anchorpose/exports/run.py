@@ -95,4 +95,4 @@ def _write_record(folder: Path, kind: Format, source: Source, product: Product) 
         "sources_sha256": dict(source.sha256),
     }
     text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
-    (folder / RECORD_FILE).write_text(text + "\n", encoding="utf-8")
+    (folder / RECORD_FILE).write_text(text + "\n", encoding="utf-8", newline="\n")

@@ -29,7 +29,7 @@ MICROMETRES: Final = 6  # digits after the point, in metres
 def write_trc(folder: Path, source: Source, config: ExportConfig) -> Product:
     """joints.trc and, where the body can be measured, model.osim, scale_setup.xml and ik_setup.xml beside it."""
     regular = regular_samples(source.samples)
-    (folder / TRC_FILE).write_text(trc_text(regular), encoding="utf-8")
+    (folder / TRC_FILE).write_text(trc_text(regular), encoding="utf-8", newline="\n")
     notes = _write_model(folder, regular, config)
     return Product(
         axes="OpenSim's and ours: X forward, Y up, Z to the patient's right",
@@ -71,10 +71,10 @@ def _write_model(folder: Path, regular: RegularSamples, config: ExportConfig) ->
     body = measure_body(regular.samples.position_m)
     if body is None:
         return ("No model.osim: some bone of the patient was never seen with both its ends.",)
-    (folder / MODEL_FILE).write_text(model_xml(body, config.model), encoding="utf-8")
+    (folder / MODEL_FILE).write_text(model_xml(body, config.model), encoding="utf-8", newline="\n")
     times_s = regular.samples.time_s
-    (folder / SCALE_FILE).write_text(scale_setup_xml(MODEL_FILE, TRC_FILE, times_s), encoding="utf-8")
-    (folder / IK_FILE).write_text(ik_setup_xml(MODEL_FILE, TRC_FILE, times_s), encoding="utf-8")
+    (folder / SCALE_FILE).write_text(scale_setup_xml(MODEL_FILE, TRC_FILE, times_s), encoding="utf-8", newline="\n")
+    (folder / IK_FILE).write_text(ik_setup_xml(MODEL_FILE, TRC_FILE, times_s), encoding="utf-8", newline="\n")
     return (
         f"{MODEL_FILE} has this patient's bone lengths and joints; its masses are those of a 75 kg adult, for "
         "kinematics only.",
