@@ -12,10 +12,10 @@ import numpy as np
 
 from anchorpose.joints import JOINT_INDEX
 
-LOWER_SPINE_LEAN_DEG: Final = 6.7
+LOWER_SPINE_LEAN_DEG: Final = 4.4
 UPPER_SPINE_LEAN_DEG: Final = 5.2
 FOOT_SLOPE_DEG: Final = 19.3
-"""Of the mean body that stands upright: SpineBase to SpineMid leans back by the first, SpineMid to SpineShoulder
+"""Of the mean body that stands upright: hips to SpineMid leans back by the first, SpineMid to SpineShoulder
 forward by the second, and the line from ankle to foot falls by the third (1.5 degrees from body to body). They set the
 zeros of pelvis, lumbar and ankle coordinates; a test holds them to the body asset."""
 
@@ -26,9 +26,10 @@ def joint(position_m: np.ndarray, name: str) -> np.ndarray:
 
 
 def pelvis_axes(position_m: np.ndarray) -> np.ndarray:
-    """(n, 3, 3) columns X, Y, Z in the world; Z along the hips, Y by the lower spine; NaN where a joint is missing."""
+    """(n, 3, 3) columns X, Y, Z in the world; Z along the hips, Y towards SpineMid; NaN where a joint is missing."""
     right = joint(position_m, "HipRight") - joint(position_m, "HipLeft")
-    up = joint(position_m, "SpineMid") - joint(position_m, "SpineBase")
+    middle = 0.5 * (joint(position_m, "HipRight") + joint(position_m, "HipLeft"))
+    up = joint(position_m, "SpineMid") - middle
     z = unit(right)
     x = unit(np.cross(up, z))
     return _about_z(np.stack([x, np.cross(z, x), z], axis=-1), -LOWER_SPINE_LEAN_DEG)
