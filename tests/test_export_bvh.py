@@ -8,16 +8,18 @@ import numpy as np
 import pytest
 from bvh_reader import Bvh, read_bvh
 from exports_builder import times, true_joints, write_true_results
+from scipy.spatial.transform import Rotation
 
 from anchorpose.body.asset import load_body_asset
 from anchorpose.body.pose import MOVING_BONES, Pose, moving_bones
 from anchorpose.body.rotations import turns_of
 from anchorpose.body.shaped import shape_body
 from anchorpose.errors import AnchorposeError, InputError
+from anchorpose.exports.bvh_skeleton import skeleton_of_joints
 from anchorpose.exports.product import ExportConfig, Format
 from anchorpose.exports.run import export_results
 from anchorpose.exports.segment_frames import joint
-from anchorpose.joints import JOINT_NAMES
+from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 from anchorpose.results.poses import POSES_FILE, BodyPose, write_poses
 
 BY_JOINTS = {
@@ -50,10 +52,8 @@ def off_mm(bvh: Bvh, joints: np.ndarray, names: dict[str, str]) -> dict[str, flo
     }
 
 
-def posed(count: int) -> tuple[np.ndarray, list[BodyPose]]:
-    """Joints (n, 21, 3) and poses of a body that turns every bone it has, about every axis."""
-    from scipy.spatial.transform import Rotation
-
+def posed(count: int, spin_deg: float = 0.0) -> tuple[np.ndarray, list[BodyPose]]:
+    """Joints (n, 21, 3) and poses of a body that turns all its bones, about every axis; spin: of the whole, a frame."""
     asset, rng = load_body_asset(), np.random.default_rng(11)
     body, moving = shape_body(asset, rng.normal(size=5)), moving_bones(asset)
     swing = rng.normal(scale=0.5, size=(2, len(moving), 3))
@@ -61,6 +61,7 @@ def posed(count: int) -> tuple[np.ndarray, list[BodyPose]]:
     for frame in range(count):
         rotations = np.tile(np.eye(3), (len(asset.bone_names), 1, 1))
         rotations[moving] = turns_of(swing[0] * np.sin(0.3 * frame) + swing[1] * np.cos(0.2 * frame))
+        rotations[moving[0]] = turns_of(np.array([[0.0, np.radians(spin_deg) * frame, 0.0]]))[0] @ rotations[moving[0]]
         pose = Pose(rotations, np.array([0.1 * frame, 0.9, 0.0]))
         placed = body.bone_transforms(pose.rotations, pose.root_m)
         heads = np.einsum("bij,bj->bi", placed[moving, :3, :3], body.bone_heads[moving]) + placed[moving, :3, 3]
@@ -70,8 +71,8 @@ def posed(count: int) -> tuple[np.ndarray, list[BodyPose]]:
     return np.array(joints), poses
 
 
-def posed_results(folder: Path, count: int = 20, lost: int | None = None) -> np.ndarray:
-    joints, poses = posed(count)
+def posed_results(folder: Path, spin_deg: float = 0.0, lost: int | None = None) -> np.ndarray:
+    joints, poses = posed(20, spin_deg)
     write_true_results(folder, joints, lost={} if lost is None else {lost: JOINT_NAMES})
     with write_poses(folder / POSES_FILE) as table:
         for pose in poses:
@@ -93,8 +94,9 @@ def test_bones_of_constant_length_come_back_to_a_hundredth_of_a_millimetre(tmp_p
     assert bvh.frame_s == pytest.approx(1.0 / 15.0)
 
 
-def test_with_poses_every_joint_comes_back_and_bones_turn_about_themselves(tmp_path):
-    joints = posed_results(tmp_path / "results")
+@pytest.mark.parametrize("spin_deg", [0.0, 100.0])
+def test_with_poses_every_joint_comes_back_and_bones_turn_about_themselves(tmp_path, spin_deg):
+    joints = posed_results(tmp_path / "results", spin_deg)
     (bvh,) = exported(tmp_path / "results")
     assert set(bvh.paths_cm) >= set(MOVING_BONES)
     off = off_mm(bvh, joints, BY_BONES)
@@ -124,7 +126,7 @@ def test_a_hand_that_is_lost_most_of_the_time_leaves_the_rest_of_the_arm(tmp_pat
 
 
 def test_poses_between_jittering_stamps_are_turned_and_not_shortened(tmp_path):
-    joints, poses = posed(20)
+    joints, poses = posed(20, spin_deg=15.0)  # past half a turn, where quaternions change their sign
     stamps = times(20) + np.random.default_rng(2).uniform(-0.01, 0.01, 20)
     folder = write_true_results(tmp_path / "results", joints, stamps)
     with write_poses(folder / POSES_FILE) as table:
@@ -134,7 +136,22 @@ def test_poses_between_jittering_stamps_are_turned_and_not_shortened(tmp_path):
     shank = np.linalg.norm(bvh.paths_cm["LeftFoot"] - bvh.paths_cm["LeftLeg"], axis=1)
     known = np.linalg.norm(joint(joints, "AnkleLeft") - joint(joints, "KneeLeft"), axis=1)
     assert np.ptp(shank) < 0.01
+    place = np.stack([np.interp(stamps[0] + bvh.frame_s * np.arange(len(shank)), stamps, axis) for axis in
+                      joint(joints, "KneeLeft").T], axis=1)  # fmt: skip
+    assert np.linalg.norm(bvh.paths_cm["LeftLeg"] / 100.0 - place, axis=1).max() < 0.01  # an arc against its chord
     assert shank[0] == pytest.approx(100.0 * known[0], abs=0.01)
+
+
+def test_the_chest_is_turned_by_the_shoulders_and_the_pelvis_by_the_hips():
+    joints = true_joints()[:1].copy()
+    before = {node.name: node.axes[0] for node in skeleton_of_joints(joints)}
+    middle, turn = joint(joints, "SpineShoulder").copy(), Rotation.from_euler("Y", 40.0, degrees=True)
+    for name in ("ShoulderLeft", "ShoulderRight"):
+        joints[:, JOINT_INDEX[name]] = turn.apply(joints[:, JOINT_INDEX[name]] - middle) + middle
+    after = {node.name: node.axes[0] for node in skeleton_of_joints(joints)}
+    turned_deg = np.degrees(Rotation.from_matrix(after["SpineMid"] @ before["SpineMid"].T).magnitude())
+    assert turned_deg == pytest.approx(40.0, abs=2.0)
+    assert np.array_equal(after["SpineBase"], before["SpineBase"])
 
 
 def test_poses_of_other_frames_are_refused(tmp_path):

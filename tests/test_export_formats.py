@@ -21,6 +21,7 @@ from anchorpose.joints import JOINT_NAMES
 from anchorpose.results.contacts import CONTACTS_FILE, Contact, write_contacts
 from anchorpose.results.tables import read_joints
 
+START_S = 100.0
 LOST = {5: ("KneeLeft",), 6: JOINT_NAMES}
 
 
@@ -29,12 +30,12 @@ def results(tmp_path_factory) -> Path:
     """A squat in which a knee is lost in a frame, everything in the next, and two frames were dropped."""
     kept = np.delete(np.arange(75), [20, 21])
     folder = tmp_path_factory.mktemp("formats") / "Jane Doe"
-    write_true_results(folder, true_joints()[kept], times(75)[kept], LOST)
+    write_true_results(folder, true_joints()[kept], times(75)[kept] + START_S, LOST)
     with write_contacts(folder / CONTACTS_FILE) as contacts:
         contacts.append(
             Contact(
-                part="knee_left", person="person 1", first_frame=3, last_frame=9, start_s=0.2, end_s=0.6,
-                seen_share=0.8, area_cm2=40.0, gap_mm=2.5,
+                part="knee_left", person="person 1", first_frame=3, last_frame=9, start_s=START_S + 0.2,
+                end_s=START_S + 0.6, seen_share=0.8, area_cm2=40.0, gap_mm=2.5,
             )
         )  # fmt: skip
     return folder
@@ -58,6 +59,7 @@ def test_a_c3d_comes_back_with_its_points_rate_and_gaps(results, tmp_path):
     assert point["LABELS"]["value"][:21] == list(JOINT_NAMES)
     assert (point["UNITS"]["value"], point["X_SCREEN"]["value"], point["Y_SCREEN"]["value"]) == (["mm"], ["+X"], ["+Y"])
     assert file["header"]["points"]["frame_rate"] == 15.0
+    assert file["parameters"]["ANCHORPOSE"]["START_TIME"]["value"] == [START_S]
     assert file["data"]["points"].shape == (4, 21 + len(point["ANGLES"]["value"]), 75)
     recorded = np.delete(np.arange(75), [20, 21])
     places = file["data"]["points"][:3, :21].transpose(2, 1, 0)
@@ -156,14 +158,14 @@ def test_bids_writes_one_channel_a_column_and_na_where_nothing_was_found(results
     knee = [line[index["KneeLeft_y"]] for line in lines]
     assert (knee[5], knee[6], lines[5][index["KneeLeft_sigma"]]) == ("n/a", "n/a", "n/a")
     assert float(knee[9]) == pytest.approx(joints.position_m[9, column("KneeLeft"), 1], abs=1e-6)
-    assert [float(line[index["latency"]]) for line in lines] == joints.time_s.tolist()
+    assert [float(line[index["latency"]]) for line in lines] == pytest.approx(joints.time_s - START_S, abs=1e-9)
     sidecar = json.loads(Path(f"{stem}_motion.json").read_text())
     assert (sidecar["TaskName"], sidecar["SamplingFrequency"], sidecar["RecordingType"]) == (
         "squat",
         15.0,
         "discontinuous",
     )
-    assert sidecar["SamplingFrequencyEffective"] == pytest.approx(72 / joints.time_s[-1], abs=1e-5)
+    assert sidecar["SamplingFrequencyEffective"] == pytest.approx(72 / (joints.time_s[-1] - START_S), abs=1e-5)
     for kind in ("POS", "JNTANG", "LATENCY", "MISC"):
         assert sidecar[f"{kind}ChannelCount"] == sum(channel["type"] == kind for channel in channels)
     events = rows_of(folder / "sub-P7" / "ses-2" / "motion" / "sub-P7_ses-2_task-squat_events.tsv", "\t")

@@ -5,14 +5,17 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from exports_builder import angle_names, angle_of, column, times, true_joints, write_true_results
+from scipy.spatial.transform import Rotation
 
 from anchorpose.body.asset import load_body_asset
+from anchorpose.body.pose import hinge_axes, moving_bones
 from anchorpose.body.shaped import shape_body
 from anchorpose.cli import main
 from anchorpose.errors import AnchorposeError
@@ -23,6 +26,7 @@ from anchorpose.exports.product import CoordinateModel, ExportConfig, Format
 from anchorpose.exports.run import export_results
 from anchorpose.exports.segment_frames import LOWER_SPINE_LEAN_DEG, UPPER_SPINE_LEAN_DEG, bend_deg, joint
 from anchorpose.joints import JOINT_NAMES
+from anchorpose.results.poses import POSES_FILE, BodyPose, write_poses
 from anchorpose.results.truth import read_truth
 
 BOTH = (Format.TRC, Format.MOT)
@@ -114,7 +118,7 @@ def test_the_knee_of_inverse_kinematics_agrees_with_ours(osim, tmp_path, seed):
         assert np.ptp(ours) > 20.0  # it is a squat
         theirs = coordinate_column(osim, folder / "ik_result.mot", f"knee_angle_{end}")
         assert np.abs(theirs - ours).max() < 5.0
-    errors = osim.TimeSeriesTable(str(folder / "anchorpose_ik_marker_errors.sto"))
+    errors = osim.TimeSeriesTable(str(folder / "joints_ik_marker_errors.sto"))
     assert errors.getDependentColumn("marker_error_RMS").to_numpy().max() < 0.02
 
 
@@ -146,22 +150,45 @@ def test_inverse_kinematics_gets_over_missing_markers(osim, tmp_path):
     assert np.abs(theirs - knee_flexion(joints, "Right")).max() < 5.0
 
 
-def test_the_scale_tool_turns_the_mean_adult_into_the_patient(osim, squat, tmp_path):
-    exports, joints = squat
+def lengths_off_m(osim: Any, trc_folder: Path, work: Path, joints: np.ndarray) -> np.ndarray:
+    """How far bones are off after OpenSim has scaled the mean adult by the TRC."""
     mean = measure_body(shape_body(load_body_asset(), np.zeros(0)).rest_joints()[None])
-    (tmp_path / "model.osim").write_text(model_xml(mean, RAJAGOPAL))
+    assert abs(mean.limbs[1].shank - measure_body(joints).limbs[1].shank) > 0.005  # there is something to scale
+    (work / "model.osim").write_text(model_xml(mean, RAJAGOPAL))
     for name in ("joints.trc", "scale_setup.xml"):
-        (tmp_path / name).write_text((exports / "trc" / name).read_text())
-    with inside(tmp_path):
+        (work / name).write_text((trc_folder / name).read_text())
+    with inside(work):
         assert osim.ScaleTool("scale_setup.xml").run()
-    model = osim.Model(str(tmp_path / "scaled.osim"))
+    model = osim.Model(str(work / "scaled.osim"))
     state = model.initSystem()
     places = {m.getName(): m.getLocationInGround(state).to_numpy() for m in model.getMarkerSet()}
-    for start, end in (("Hip", "Knee"), ("Knee", "Ankle"), ("Ankle", "Foot"), ("Elbow", "Wrist")):
-        ours = np.linalg.norm(joint(joints, f"{end}Left") - joint(joints, f"{start}Left"), axis=1).mean()
-        theirs = np.linalg.norm(places[f"{end}Left"] - places[f"{start}Left"])
-        assert theirs == pytest.approx(ours, abs=0.001)
-    assert abs(mean.limbs[1].shank - measure_body(joints).limbs[1].shank) > 0.005  # there was something to scale
+    bones = [(f"{a}{side}", f"{b}{side}") for side in ("Left", "Right") for a, b in
+             (("Hip", "Knee"), ("Knee", "Ankle"), ("Ankle", "Foot"), ("Elbow", "Wrist"))]  # fmt: skip
+    ours = [np.linalg.norm(joint(joints, end) - joint(joints, start), axis=1).mean() for start, end in bones]
+    return np.abs(np.array([np.linalg.norm(places[end] - places[start]) for start, end in bones]) - ours)
+
+
+def test_the_scale_tool_turns_the_mean_adult_into_the_patient(osim, squat, tmp_path):
+    exports, joints = squat
+    assert lengths_off_m(osim, exports / "trc", tmp_path, joints).max() < 0.001
+
+
+def test_scaling_takes_the_longest_time_in_which_all_markers_are_there(osim, tmp_path):
+    lost = {row: ("HandLeft", "KneeRight") for row in range(60) if row % 2}
+    results = write_true_results(tmp_path / "results", true_joints(), lost=lost)
+    ((folder, _),) = export_results(results, [Format.TRC], ExportConfig())
+    span = f"<time_range>{float(times(75)[60])!r} {float(times(75)[74])!r}</time_range>"
+    assert span in (folder / "scale_setup.xml").read_text()
+    (tmp_path / "work").mkdir()
+    assert lengths_off_m(osim, folder, tmp_path / "work", true_joints()).max() < 0.001
+
+
+def test_an_arm_that_is_lost_for_a_while_is_told_and_does_not_part_the_set_up(tmp_path):
+    lost = {row: ("HandLeft",) for row in range(60) if row % 2}
+    results = write_true_results(tmp_path / "results", true_joints(), lost=lost)
+    ((folder, product),) = export_results(results, [Format.TRC], ExportConfig())
+    assert (folder / "ik_setup.xml").is_file()
+    assert any("In 30 of these a marker of head or arms is missing" in note for note in product.notes)
 
 
 def place_markers(osim: Any, model: Any, state: Any, path: Path, row: int) -> np.ndarray:
@@ -191,6 +218,40 @@ def test_the_mot_played_on_the_model_puts_its_markers_where_the_joints_are(osim,
         )
         assert off[[column("SpineBase"), *carried]].max() < 0.025  # the chest of the model is stiff
         assert off[[column("HipLeft"), column("KneeRight")]].max() < 0.003
+
+
+def bent_body() -> tuple[np.ndarray, BodyPose]:
+    """Joints (21, 3) and pose of a body with thighs lifted, spread and turned inwards, knees and elbows bent."""
+    asset = load_body_asset()
+    body, moving = shape_body(asset, np.zeros(0)), moving_bones(asset)
+    rotations = np.tile(np.eye(3), (len(asset.bone_names), 1, 1))
+    for side, sign in (("Right", 1.0), ("Left", -1.0)):
+        turned = Rotation.from_euler("ZXY", [50.0, -10.0 * sign, 25.0 * sign], degrees=True).as_matrix()
+        rotations[asset.bone(f"{side}UpLeg")] = turned
+        lifted = Rotation.from_euler("ZXY", [30.0, 15.0 * sign, -20.0 * sign], degrees=True).as_matrix()
+        rotations[asset.bone(f"{side}Arm")] = lifted
+        for lower, bend in (("Leg", 70.0), ("ForeArm", 50.0)):
+            hinge, _ = hinge_axes(asset, f"{side}{lower}")
+            rotations[asset.bone(f"{side}{lower}")] = Rotation.from_rotvec(np.radians(bend) * hinge[0]).as_matrix()
+    placed = body.bone_transforms(rotations, np.array([0.2, 0.9, -0.1]))
+    heads = np.einsum("bij,bj->bi", placed[moving, :3, :3], body.bone_heads[moving]) + placed[moving, :3, 3]
+    quaternion = Rotation.from_matrix(placed[moving, :3, :3]).as_quat(canonical=True, scalar_first=True)
+    return body.joints(placed), BodyPose(0, 0.0, heads, quaternion, np.full(len(moving), 0.1))
+
+
+def test_the_learnt_bodys_turns_about_long_axes_bring_ankles_and_wrists_to_their_places(osim, tmp_path):
+    joints, pose = bent_body()
+    results = write_true_results(tmp_path / "results", np.tile(joints, (3, 1, 1)))
+    with write_poses(results / POSES_FILE) as poses:
+        for row in range(3):
+            poses.append(replace(pose, frame=row, time_s=float(times(3)[row])))
+    export_results(results, BOTH, ExportConfig())
+    model = osim.Model(str(results / "exports" / "trc" / "model.osim"))
+    state, path = model.initSystem(), results / "exports" / "mot" / "motion.mot"
+    off = np.linalg.norm(place_markers(osim, model, state, path, 1) - joints, axis=1)
+    assert off[[column(f"{name}{side}") for name in ("Ankle", "Wrist") for side in ("Left", "Right")]].max() < 0.015
+    inwards = [coordinate_column(osim, path, f"hip_rotation_{end}")[0] for end in "rl"]
+    assert inwards == pytest.approx([25.0, 25.0], abs=8.0)  # the rest pose's thigh is not quite upright
 
 
 def test_coordinates_have_the_signs_of_the_models():
@@ -313,3 +374,20 @@ def test_without_a_bone_there_are_markers_but_no_model(tmp_path):
     ((folder, product),) = export_results(results, [Format.TRC], ExportConfig())
     assert sorted(path.name for path in folder.iterdir()) == ["export.json", "joints.trc"]
     assert "No model.osim" in product.notes[0]
+
+
+def test_frames_that_opensim_cannot_solve_part_its_set_up_and_the_rest_is_solved(osim, tmp_path):
+    joints, kept = true_joints(), np.delete(np.arange(75), [50, 51])
+    lost = dict.fromkeys(range(20, 26), JOINT_NAMES) | {40: ("KneeLeft",)}
+    results = write_true_results(tmp_path / "results", joints[kept], times(75)[kept], lost)
+    ((folder, product),) = export_results(results, [Format.TRC], ExportConfig())
+    setups = sorted(folder.glob("ik_setup*.xml"))
+    assert [path.name for path in setups] == [f"ik_setup_{number:03d}.xml" for number in (1, 2, 3, 4)]
+    spans = ((0, 20), (26, 40), (41, 50), (52, 75))
+    with inside(folder):
+        for path in setups:
+            assert osim.InverseKinematicsTool(path.name).run()
+    for number, (first, last) in enumerate(spans, 1):
+        theirs = coordinate_column(osim, folder / f"ik_result_{number:03d}.mot", "knee_angle_l")
+        assert np.abs(theirs - knee_flexion(joints[first:last], "Left")).max() < 5.0
+    assert any("66 of 75 frames" in note for note in product.notes)

@@ -67,14 +67,9 @@ def skeleton_of_joints(position_m: np.ndarray) -> list[Node]:
         start = torso_axes(position_m) if name == "SpineMid" else parent.axes
         points = _along(rest, at, to)[0]
         axes = _swing(start @ points, _along(position_m, at, to)) @ start
-        offset = np.zeros(3) if _stands_at(above) == at else parent.end_m
-        nodes.append(Node(name, index[above], offset, points * _length(position_m, at, to), axes))
+        nodes.append(Node(name, index[above], parent.end_m, points * _length(position_m, at, to), axes))
         index[name] = len(index)
     return nodes
-
-
-def _stands_at(name: str) -> str:
-    return ROOT if name == ROOT else _TREE[name][1]
 
 
 def _along(position_m: np.ndarray, start: str, end: str) -> np.ndarray:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 from xml.etree import ElementTree
 
 import numpy as np
 
 from anchorpose.exports.osim_model import OSIM_VERSION, as_text
-from anchorpose.joints import JOINT_NAMES
 
 SCALED_MODEL: Final = "scaled.osim"
-IK_RESULT: Final = "ik_result.mot"
 
 # How far a marker pulls. The model's chest carries no shoulder girdle and its forearm no wrist, so these say less.
 _LESS: Final = {"Shoulder": 0.3, "Hand": 0.1, "Foot": 0.5, "Head": 0.5}
@@ -38,24 +37,40 @@ _MEASUREMENTS: Final = {
 }  # fmt: skip
 
 
-def ik_setup_xml(model: str, markers: str, time_s: np.ndarray) -> str:
-    """Inverse kinematics over the whole recording, every joint a marker; results go beside the file."""
+@dataclass(frozen=True, slots=True)
+class IkSetup:
+    """Inverse kinematics of a stretch: its files, the markers that pull, and from when to when, seconds.
+
+    result: the motion, written beside the set-up file; how far markers are off is in name_ik_marker_errors.sto.
+    """
+
+    name: str
+    result: str
+    model: str
+    trc: str
+    markers: tuple[str, ...]
+    first_s: float
+    last_s: float
+
+
+def ik_setup_xml(setup: IkSetup) -> str:
+    """A set-up file of OpenSim's inverse kinematics tool."""
     document = ElementTree.Element("OpenSimDocument", Version=OSIM_VERSION)
-    tool = ElementTree.SubElement(document, "InverseKinematicsTool", name="anchorpose")
+    tool = ElementTree.SubElement(document, "InverseKinematicsTool", name=setup.name)
     _texts(
         tool,
         results_directory=".",
-        model_file=model,
+        model_file=setup.model,
         constraint_weight="Inf",
         accuracy="1e-6",
-        marker_file=markers,
-        output_motion_file=IK_RESULT,
-        time_range=f"{float(time_s[0])!r} {float(time_s[-1])!r}",
+        marker_file=setup.trc,
+        output_motion_file=setup.result,
+        time_range=f"{setup.first_s!r} {setup.last_s!r}",
         report_errors="true",
         report_marker_locations="false",
     )
     objects = _objects(tool, "IKTaskSet", "tasks")
-    for name in JOINT_NAMES:
+    for name in setup.markers:
         limb = name.removesuffix("Left").removesuffix("Right")
         task = ElementTree.SubElement(objects, "IKMarkerTask", name=name)
         _texts(task, apply="true", weight=f"{_LESS.get(limb, 1.0):g}")
@@ -67,7 +82,8 @@ def ik_setup_xml(model: str, markers: str, time_s: np.ndarray) -> str:
 
 
 def scale_setup_xml(model: str, markers: str, time_s: np.ndarray) -> str:
-    """Scales a model whose markers are named like our joints, by the distances between them in the first second.
+    """Scales a model whose markers are named like our joints, by the distances between them in the first of
+    ``time_s`` (n,), a second at most, in which all of them are known.
 
     The model beside it has the patient's lengths already, so its factors come out near one; name another model in
     ``model_file`` to scale that.

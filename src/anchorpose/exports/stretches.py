@@ -26,13 +26,15 @@ class Stretches:
 def stretches_of(known: np.ndarray) -> Stretches:
     """known (n, c) bool: what is there in each frame. No run where no column is known in half of the frames."""
     kept = known.mean(axis=0) >= KEPT_SHARE
-    if not kept.any():
-        return Stretches(kept, ())
-    whole = known[:, kept].all(axis=1).astype(np.int8)
-    edge = np.diff(whole, prepend=0, append=0)
+    return Stretches(kept, runs_where(np.asarray(known[:, kept].all(axis=1))) if kept.any() else ())
+
+
+def runs_where(whole: np.ndarray) -> tuple[tuple[int, int], ...]:
+    """First and one past the last of the frames that stand together in ``whole`` (n,) bool, two at least."""
+    edge = np.diff(whole.astype(np.int8), prepend=0, append=0)
     starts, ends = np.flatnonzero(edge == 1), np.flatnonzero(edge == -1)
     long = ends - starts >= LEAST_FRAMES
-    return Stretches(kept, tuple(zip(starts[long].tolist(), ends[long].tolist(), strict=True)))
+    return tuple(zip(starts[long].tolist(), ends[long].tolist(), strict=True))
 
 
 def stretch_name(stem: str, suffix: str, number: int, count: int) -> str:

@@ -8,16 +8,13 @@ from typing import Final
 import numpy as np
 
 from anchorpose.exports.numbers_text import number_text, rounded_text, rows_text
-from anchorpose.exports.osim_geometry import measure_body
-from anchorpose.exports.osim_model import model_xml
-from anchorpose.exports.osim_setup import ik_setup_xml, scale_setup_xml
+from anchorpose.exports.osim_folder import write_osim_files
 from anchorpose.exports.product import ExportConfig, Product
 from anchorpose.exports.regular_time import RegularSamples, regular_samples
 from anchorpose.exports.source import Source
 from anchorpose.joints import JOINT_NAMES
 
 TRC_FILE: Final = "joints.trc"
-MODEL_FILE, SCALE_FILE, IK_FILE = "model.osim", "scale_setup.xml", "ik_setup.xml"
 
 MISSING: Final = "NaN"
 """What OpenSim writes and reads itself. An empty cell at the end of a line is refused by its reader of tables, and
@@ -27,10 +24,10 @@ MICROMETRES: Final = 6  # digits after the point, in metres
 
 
 def write_trc(folder: Path, source: Source, config: ExportConfig) -> Product:
-    """joints.trc and, where the body can be measured, model.osim, scale_setup.xml and ik_setup.xml beside it."""
+    """joints.trc, and beside it what OpenSim needs to work on it."""
     regular = regular_samples(source.samples)
     (folder / TRC_FILE).write_text(trc_text(regular), encoding="utf-8", newline="\n")
-    notes = _write_model(folder, regular, config)
+    notes = write_osim_files(folder, TRC_FILE, regular.samples, config.model)
     return Product(
         axes="OpenSim's and ours: X forward, Y up, Z to the patient's right",
         units="metres, seconds",
@@ -65,18 +62,3 @@ def trc_text(regular: RegularSamples) -> str:
         for row, place in enumerate(samples.position_m.reshape(count, -1).tolist())
     )
     return rows_text(head, "\t") + rows_text(body, "\t")
-
-
-def _write_model(folder: Path, regular: RegularSamples, config: ExportConfig) -> tuple[str, ...]:
-    body = measure_body(regular.samples.position_m)
-    if body is None:
-        return ("No model.osim: some bone of the patient was never seen with both its ends.",)
-    (folder / MODEL_FILE).write_text(model_xml(body, config.model), encoding="utf-8", newline="\n")
-    times_s = regular.samples.time_s
-    (folder / SCALE_FILE).write_text(scale_setup_xml(MODEL_FILE, TRC_FILE, times_s), encoding="utf-8", newline="\n")
-    (folder / IK_FILE).write_text(ik_setup_xml(MODEL_FILE, TRC_FILE, times_s), encoding="utf-8", newline="\n")
-    return (
-        f"{MODEL_FILE} has this patient's bone lengths and joints; its masses are those of a 75 kg adult, for "
-        "kinematics only.",
-        f"In OpenSim: open {MODEL_FILE}, then Tools, Inverse Kinematics, Load {IK_FILE}, Run.",
-    )
