@@ -91,7 +91,7 @@ def test_labels_come_back_without_the_room(tmp_path):
     with write_people(tmp_path / "p.parquet") as table:
         table.append(label_picture(3, "left", View(np.ones((40, 60), np.float32), labels)))
     read = read_picture(read_people(tmp_path / "p.parquet")[3, "left"])
-    np.testing.assert_array_equal(read, np.where(labels < PixelLabel.EQUIPMENT, ROOM, labels))
+    np.testing.assert_array_equal(read, np.where(np.isin(labels, [0, 1, PixelLabel.CLUTTER]), ROOM, labels))
 
 
 def test_tables_that_are_cut_off_are_refused(tmp_path):

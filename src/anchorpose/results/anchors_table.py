@@ -11,22 +11,13 @@ from typing import Final
 import numpy as np
 import pyarrow as pa
 
-from anchorpose.errors import InputError
 from anchorpose.geodesics.anchors import ANCHOR_NAMES
-from anchorpose.results.tables import FRAMES_PER_ROW_GROUP, RowGroups, open_parquet, read_parquet
+from anchorpose.results.frame_rows import from_rows, rows_schema, to_rows
+from anchorpose.results.tables import FRAMES_PER_ROW_GROUP, RowGroups, open_parquet
 
 ANCHORS_FILE: Final = "anchors.parquet"
 
-_NUMBERS: Final = ("x_m", "y_m", "z_m", "sigma_m")
-
-ANCHORS_SCHEMA: Final = pa.schema(
-    [
-        pa.field("frame", pa.int32(), nullable=False),
-        pa.field("time_s", pa.float64(), nullable=False),
-        pa.field("anchor", pa.string(), nullable=False),
-        *(pa.field(name, pa.float64()) for name in _NUMBERS),
-    ]
-)
+ANCHORS_SCHEMA: Final = rows_schema("anchor", ("x_m", "y_m", "z_m", "sigma_m"), pa.float64())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,27 +51,10 @@ def write_anchors(path: Path) -> Iterator[RowGroups[AnchorFrame]]:
 
 def read_anchors(path: Path) -> AnchorTable:
     """An anchors.parquet; raises InputError unless every frame has its five anchors, in their order."""
-    table, count = read_parquet(path, ANCHORS_SCHEMA), len(ANCHOR_NAMES)
-    frames, left = divmod(len(table), count)
-    if left or table["anchor"].to_pylist() != list(ANCHOR_NAMES) * frames:
-        raise InputError(path, f"has frames without exactly {count} anchors", "track the recording again")
-    numbers = np.stack([table[name].to_numpy(zero_copy_only=False) for name in _NUMBERS], axis=1)
-    numbers = numbers.reshape(frames, count, len(_NUMBERS))
-    return AnchorTable(
-        frame=table["frame"].to_numpy()[::count],
-        time_s=table["time_s"].to_numpy()[::count],
-        position_m=numbers[..., :3],
-        sigma_m=numbers[..., 3],
-    )
+    frame, time_s, numbers = from_rows(path, ANCHORS_SCHEMA, ANCHOR_NAMES)
+    return AnchorTable(frame, time_s, numbers[..., :3], numbers[..., 3])
 
 
 def _to_table(frames: Sequence[AnchorFrame]) -> pa.Table:
-    count = len(ANCHOR_NAMES)
-    numbers = np.concatenate([np.column_stack([frame.position_m, frame.sigma_m]) for frame in frames])
-    columns = [
-        pa.array(np.repeat(np.array([frame.frame for frame in frames], np.int32), count)),
-        pa.array(np.repeat(np.array([frame.time_s for frame in frames], np.float64), count)),
-        pa.array(ANCHOR_NAMES * len(frames), pa.string()),
-        *(pa.array(numbers[:, column], pa.float64(), from_pandas=True) for column in range(len(_NUMBERS))),
-    ]
-    return pa.Table.from_arrays(columns, schema=ANCHORS_SCHEMA)
+    numbers = np.stack([np.column_stack([frame.position_m, frame.sigma_m]) for frame in frames])
+    return to_rows(ANCHORS_SCHEMA, ANCHOR_NAMES, [f.frame for f in frames], [f.time_s for f in frames], numbers)

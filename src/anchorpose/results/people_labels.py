@@ -30,12 +30,15 @@ PICTURES_PER_ROW_GROUP: Final = 256
 """About half a megabyte; fixed, since row groups decide the bytes of the file."""
 
 ROOM: Final = 0
-"""What is neither equipment nor somebody: the room, and pixels without a reading, which the depth tells apart."""
+"""What is neither equipment nor somebody: the room, crumbs, and pixels without a reading, which the depth tells."""
+
+_PACKED: Final = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE)
+"""Areas of one value: run lengths make the smallest files, 5 kB a picture."""
 
 
 @dataclass(frozen=True, slots=True)
 class LabelPicture:
-    """One camera's pixels told apart, as an 8-bit PNG of ``PixelLabel``, ``ROOM`` for all below ``EQUIPMENT``."""
+    """One camera's pixels told apart, as an 8-bit PNG of ``PixelLabel``, ``ROOM`` for all that is nobody's."""
 
     frame: int
     camera: str
@@ -44,8 +47,9 @@ class LabelPicture:
 
 def label_picture(frame: int, camera: str, view: View) -> LabelPicture:
     """The picture of one camera's view."""
-    known = np.where(view.labels < PixelLabel.EQUIPMENT, np.uint8(ROOM), view.labels)
-    _, encoded = cv2.imencode(".png", known, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    somebody = (view.labels >= PixelLabel.PATIENT) | (view.labels == PixelLabel.EQUIPMENT)
+    known = np.where(somebody, view.labels, np.uint8(ROOM))
+    _, encoded = cv2.imencode(".png", known, _PACKED)
     return LabelPicture(frame, camera, encoded.tobytes())
 
 

@@ -14,23 +14,14 @@ from scipy.spatial.transform import Rotation
 
 from anchorpose.body.asset import BodyAsset
 from anchorpose.body.pose import MOVING_BONES, Pose
-from anchorpose.errors import InputError
-from anchorpose.results.tables import FRAMES_PER_ROW_GROUP, RowGroups, open_parquet, read_parquet
+from anchorpose.results.frame_rows import from_rows, rows_schema, to_rows
+from anchorpose.results.tables import FRAMES_PER_ROW_GROUP, RowGroups, open_parquet
 
 POSES_FILE: Final = "poses.parquet"
 
-_NUMBERS: Final = ("x_m", "y_m", "z_m", "qw", "qx", "qy", "qz", "axial_sigma_rad")
-
-POSES_SCHEMA: Final = pa.schema(
-    [
-        pa.field("frame", pa.int32(), nullable=False),
-        pa.field("time_s", pa.float64(), nullable=False),
-        pa.field("bone", pa.string(), nullable=False),
-        *(pa.field(name, pa.float32()) for name in _NUMBERS),
-    ]
+POSES_SCHEMA: Final = rows_schema(
+    "bone", ("x_m", "y_m", "z_m", "qw", "qx", "qy", "qz", "axial_sigma_rad"), pa.float32()
 )
-
-BONES: Final = len(MOVING_BONES)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,32 +64,14 @@ def write_poses(path: Path) -> Iterator[RowGroups[BodyPose]]:
 
 def read_poses(path: Path) -> PoseTable:
     """A poses.parquet; raises InputError unless every frame has its 21 bones, in their order."""
-    table = read_parquet(path, POSES_SCHEMA)
-    frames, left = divmod(len(table), BONES)
-    if left or table["bone"].to_pylist() != list(MOVING_BONES) * frames:
-        raise InputError(path, f"has frames without exactly {BONES} bones", "track the recording again")
-    numbers = np.stack([table[name].to_numpy(zero_copy_only=False) for name in _NUMBERS], axis=1)
-    numbers = numbers.reshape(frames, BONES, len(_NUMBERS))
-    return PoseTable(
-        frame=table["frame"].to_numpy()[::BONES],
-        time_s=table["time_s"].to_numpy()[::BONES],
-        head_m=numbers[..., :3],
-        quaternion=numbers[..., 3:7],
-        axial_sigma_rad=numbers[..., 7],
-    )
+    frame, time_s, numbers = from_rows(path, POSES_SCHEMA, MOVING_BONES)
+    return PoseTable(frame, time_s, numbers[..., :3], numbers[..., 3:7], numbers[..., 7])
 
 
 def _to_table(poses: Sequence[BodyPose]) -> pa.Table:
-    numbers = np.concatenate(
-        [np.column_stack([pose.head_m, pose.quaternion, pose.axial_sigma_rad]) for pose in poses]
-    ).astype(np.float32)
-    columns = [
-        pa.array(np.repeat(np.array([pose.frame for pose in poses], np.int32), BONES)),
-        pa.array(np.repeat(np.array([pose.time_s for pose in poses], np.float64), BONES)),
-        pa.array(MOVING_BONES * len(poses), pa.string()),
-        *(pa.array(numbers[:, column], pa.float32(), from_pandas=True) for column in range(len(_NUMBERS))),
-    ]
-    return pa.Table.from_arrays(columns, schema=POSES_SCHEMA)
+    numbers = np.stack([np.column_stack([p.head_m, p.quaternion, p.axial_sigma_rad]) for p in poses])
+    numbers = numbers.astype(np.float32)
+    return to_rows(POSES_SCHEMA, MOVING_BONES, [p.frame for p in poses], [p.time_s for p in poses], numbers)
 
 
 def pose_of(asset: BodyAsset, head_m: np.ndarray, quaternion: np.ndarray) -> Pose:

@@ -47,6 +47,25 @@ class FrameRecord:
     pictures: tuple[FramePicture, ...]
 
 
+def set_aside(record: FrameRecord, why: str | None) -> FrameRecord:
+    """The record of a frame of no use: nothing is known of the patient, and its problems say why; None keeps it."""
+    if why is None:
+        return record
+    joints, body = record.joints, record.body
+    return replace(
+        record,
+        joints=replace(
+            joints,
+            position_m=np.full_like(joints.position_m, np.nan),
+            state=(JointState.LOST,) * len(joints.state),
+            sigma_m=np.full_like(joints.sigma_m, np.nan),
+        ),
+        body=body_pose(body_points(), None, body.frame, body.time_s, None, None),
+        near=None,
+        problems=(*record.problems, why),
+    )
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Route:
     """Positions of the frames to track; forth and back both begin with the opening frame."""
