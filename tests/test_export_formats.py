@@ -10,6 +10,8 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from exports_builder import angle_names, angle_of, column, times, true_joints, write_true_results
 
@@ -131,9 +133,6 @@ def test_the_data_dictionary_explains_every_column_of_every_table(results, tmp_p
 
 
 def test_a_table_that_is_not_known_yet_is_exported_too(results, tmp_path):
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     other = tmp_path / "other"
     shutil.copytree(results, other)
     table = pa.table({"measure": ["sway"], "value": pa.array([None], pa.float64())})
@@ -212,3 +211,15 @@ def test_nothing_that_is_exported_names_the_patient_or_a_place_on_the_disk(resul
         assert b"Jane" not in content
         assert str(tmp_path).encode() not in content
         assert b"garden" not in content  # of the recording's name in run.json
+
+
+@pytest.mark.parametrize("kind", ["float32", "float64"])
+def test_a_number_in_a_csv_is_the_shortest_that_reads_back(results, tmp_path, kind):
+    values = np.array([0.1, -3.0, 1e-7, np.nan, 1e300 if kind == "float64" else 1e30], dtype=kind)
+    other = tmp_path / "other"
+    shutil.copytree(results, other)
+    pq.write_table(pa.table({"value": pa.array(values)}), other / "odd.parquet")
+    written = [row["value"] for row in rows_of(export(other, tmp_path / "out", Format.CSV) / "odd.csv")]
+    assert (written[0], written[3]) == ("0.1", "")
+    known = [0, 1, 2, 4]
+    assert np.array_equal(np.array([float(written[place]) for place in known], dtype=kind), values[known])

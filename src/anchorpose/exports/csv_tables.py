@@ -83,7 +83,7 @@ def _kind(kind: pa.DataType) -> str:
 
 def _cells(column: pa.ChunkedArray) -> list[str]:
     if pa.types.is_float32(column.type):  # the shortest text of the single precision number, not of its double
-        return ["" if value is None else str(np.float32(value)) for value in column.to_pylist()]
+        return ["" if value is None or value != value else str(np.float32(value)) for value in column.to_pylist()]
     return [_cell(value) for value in column.to_pylist()]
 
 

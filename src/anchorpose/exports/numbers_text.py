@@ -10,7 +10,7 @@ def number_text(value: float, missing: str) -> str:
     """The shortest decimal that is the same double again; ``missing`` for NaN."""
     if math.isnan(value):
         return missing
-    return str(int(value)) if value == int(value) and abs(value) < 1e15 else repr(float(value))
+    return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(float(value))
 
 
 def rounded_text(value: float, digits: int, missing: str) -> str:
