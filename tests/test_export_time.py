@@ -54,6 +54,15 @@ def test_jitter_is_resampled_to_the_round_rate_and_straight_motion_stays_straigh
     assert np.allclose(regular.samples.degrees[:, 0], 10.0 * regular.samples.time_s, atol=0.01)
 
 
+@pytest.mark.parametrize("seed", range(10))
+def test_the_rate_of_a_short_recording_that_jitters_is_that_of_its_camera(seed):
+    rng = np.random.default_rng(seed)
+    kept = np.delete(np.arange(75), rng.choice(np.arange(1, 74), 3, replace=False))
+    regular = regular_samples(make_samples((np.arange(75) / 15.0 + rng.normal(0.0, 0.004, 75))[kept]))
+    assert regular.rate_hz == 15.0
+    assert len(regular.samples.time_s) in (74, 75)  # from the first stamp to the last
+
+
 def test_nothing_is_put_into_a_gap_when_resampling():
     rng = np.random.default_rng(6)
     time_s = np.arange(300) / 30.0 + rng.uniform(-0.004, 0.004, 300)
@@ -68,7 +77,7 @@ def test_nothing_is_put_into_a_gap_when_resampling():
 
 
 def test_a_value_between_a_known_and_a_lost_one_is_not_made_up_and_the_state_is_the_worse():
-    time_s = np.array([0.0, 0.1, 0.2, 0.3, 0.44, 0.54, 0.64, 0.74, 0.84, 0.94])  # a jump of phase: 0.4 is between
+    time_s = np.array([0.0, 0.1, 0.2, 0.3, 0.44, 0.5, 0.6, 0.7, 0.8, 0.9])  # a late frame: 0.4 is between
     samples = make_samples(time_s)
     samples.position_m[3, 7] = np.nan
     samples.joint_severity[3, 7] = 6

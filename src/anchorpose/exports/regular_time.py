@@ -112,12 +112,12 @@ def _grid(time_s: np.ndarray) -> tuple[float, np.ndarray, bool]:
     """The roundest rate that fits, the grid's frame of each sample, and whether all samples lie on that grid."""
     if len(time_s) < 2:
         raise AnchorposeError("One frame has no frame rate; export it with --to csv.")
-    step_s = float(np.median(np.diff(time_s)))
-    slot = np.rint((time_s - time_s[0]) / step_s).astype(np.int64)
-    for _ in range(3):  # a median over rounded stamps is a little off, which counts up over a long recording
-        exact_s = float((time_s[-1] - time_s[0]) / max(slot[-1], 1))
-        slot = np.rint((time_s - time_s[0]) / exact_s).astype(np.int64)
-    for rate_hz in (*(round(1.0 / exact_s, digits) for digits in (0, 1, 2, 3, 6)), 1.0 / exact_s):
+    steps_s = np.diff(time_s)
+    step_s = float(np.median(steps_s))
+    for _ in range(3):  # a median is a little off; counting frame by frame does not add that up
+        slot = np.concatenate([[0], np.cumsum(np.rint(steps_s / step_s).astype(np.int64))])
+        step_s = float((time_s[-1] - time_s[0]) / max(slot[-1], 1))
+    for rate_hz in (*(round(1.0 / step_s, digits) for digits in (0, 1, 2, 3, 6)), 1.0 / step_s):
         if rate_hz > 0 and _lies_on_grid(time_s, rate_hz, slot):
             return rate_hz, slot, True
     return _round_rate(1.0 / step_s), slot, False
