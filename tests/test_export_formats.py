@@ -16,6 +16,7 @@ import pytest
 from exports_builder import angle_names, angle_of, column, times, true_joints, write_true_results
 
 from anchorpose.errors import MissingPackage
+from anchorpose.exports import c3d
 from anchorpose.exports.product import ExportConfig, Format
 from anchorpose.exports.run import export_results
 from anchorpose.exports.source import STATES
@@ -91,6 +92,19 @@ def test_a_c3d_loses_neither_angles_nor_sigma_nor_states(results, tmp_path):
     assert analog["HandLeft.state"][0] == STATES.index("hidden_by_person")
     assert analog["knee_flexion_left.state"][5] == STATES.index("lost")
     assert file["parameters"]["ANCHORPOSE"]["STATES"]["value"] == list(STATES)
+
+
+def test_a_recording_too_long_for_one_c3d_goes_into_several(results, tmp_path, monkeypatch):
+    ezc3d = pytest.importorskip("ezc3d")
+    monkeypatch.setattr(c3d, "LARGEST_FRAMES", 30)
+    folder = export(results, tmp_path, Format.C3D)
+    files = [ezc3d.c3d(str(path)) for path in sorted(folder.glob("*.c3d"))]
+    assert [file["data"]["points"].shape[2] for file in files] == [30, 30, 15]
+    starts = [file["parameters"]["ANCHORPOSE"]["START_TIME"]["value"][0] for file in files]
+    assert starts == pytest.approx([START_S, START_S + 2.0, START_S + 4.0], abs=1e-4)
+    last = 1000.0 * read_joints(results / "joints.parquet").position_m[-1]
+    assert np.allclose(files[2]["data"]["points"][:3, :21, -1].T, last, atol=1e-3)
+    assert c3d.LARGEST_FRAMES <= 2**16 - 1
 
 
 def test_without_ezc3d_there_is_one_sentence_and_nothing_written(results, tmp_path, monkeypatch):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,32 +13,40 @@ from anchorpose.errors import MissingPackage
 from anchorpose.exports.product import ExportConfig, Product
 from anchorpose.exports.regular_time import RegularSamples, regular_samples
 from anchorpose.exports.source import STATES, Source
+from anchorpose.exports.stretches import stretch_name
 from anchorpose.joints import JOINT_NAMES
 
-C3D_FILE: Final = "joints.c3d"
+STEM: Final = "joints"
+LARGEST_FRAMES: Final = 65535
+"""The format counts frames in 16 bits; a longer recording goes into several files."""
+
 MM_PER_M: Final = 1000.0
 LARGEST_RESIDUAL: Final = 255.0  # a byte in the file
 NOT_GIVEN: Final = -1.0  # of sigma where there is no value: an analog channel cannot say that it is missing
 
 
 def write_c3d(folder: Path, source: Source, config: ExportConfig) -> Product:
-    """joints.c3d; raises MissingPackage without ezc3d."""
+    """joints.c3d, or joints_001.c3d and so on where the recording is too long for one; MissingPackage without ezc3d."""
     try:
         import ezc3d
     except ImportError:
         raise MissingPackage("export --to c3d", "ezc3d", "c3d") from None
     regular = regular_samples(source.samples)
-    file = ezc3d.c3d()
-    _points(file, regular)
-    _analogs(file, regular)
-    _about(file, regular)
-    file.write(str(folder / C3D_FILE))
+    starts = range(0, len(regular.samples.time_s), LARGEST_FRAMES)
+    for number, start in enumerate(starts):
+        part = replace(regular, samples=regular.samples.rows(slice(start, start + LARGEST_FRAMES)))
+        file = ezc3d.c3d()
+        _points(file, part)
+        _analogs(file, part)
+        _about(file, part)
+        file.write(str(folder / stretch_name(STEM, ".c3d", number, len(starts))))
     return Product(
         axes="X forward, Y up, Z to the patient's right; POINT:X_SCREEN +X, POINT:Y_SCREEN +Y",
         units="POINT:UNITS mm; angles in degrees; sigma in mm and degrees",
         time=str(regular.base),
         missing="residual -1, as C3D has it; analog sigma -1 and state code 6 (lost)",
         counts=(
+            ("files", len(starts)),
             ("frames", len(regular.samples.time_s)),
             ("rate_hz", regular.rate_hz),
             ("recorded_frames", int(regular.between.recorded.sum())),
@@ -50,7 +59,8 @@ def write_c3d(folder: Path, source: Source, config: ExportConfig) -> Product:
             "The analog channels NAME.state are codes: "
             + ", ".join(f"{code} {state}" for code, state in enumerate(STATES))
             + ".",
-            f"Frame 1 is at {float(regular.samples.time_s[0])!r} s of the recording (ANCHORPOSE:START_TIME).",
+            f"The first frame is at {float(regular.samples.time_s[0])!r} s; each file says when it begins in "
+            "ANCHORPOSE:START_TIME.",
         ),
         tools=("ezc3d",),
     )

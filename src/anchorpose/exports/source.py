@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -36,6 +36,11 @@ class Samples:
     degrees: np.ndarray
     sigma_deg: np.ndarray
     angle_severity: np.ndarray
+
+    def rows(self, rows: slice) -> Samples:
+        """The samples of some frames."""
+        arrays = {name: getattr(self, name)[rows] for name in self.__slots__ if name != "angles"}
+        return replace(self, **arrays)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
