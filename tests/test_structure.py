@@ -19,6 +19,7 @@ PACKAGE = ROOT / "src" / "anchorpose"
 
 FLOW = (
     "recording", "calibration", "isolation", "surface", "geodesics", "association", "tracking", "body", "results",
+    "report",
 )  # fmt: skip
 VALUES = ("errors", "joints", "camera")
 BESIDE_THE_FLOW = (

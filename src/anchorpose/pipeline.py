@@ -1,6 +1,6 @@
 """From a recording folder to a results folder: the order of the stages.
 
-recording -> calibration -> isolation -> surface -> geodesics -> association -> tracking -> body -> results
+recording -> calibration -> isolation -> surface -> geodesics -> association -> tracking -> body -> results -> report
 
 The room is prepared once; then every frame goes through ``tracker.observation`` (isolation to descriptor) and
 ``tracker.patient`` (association to body). The patient's body is learnt on a first pass over the first seconds.
@@ -25,13 +25,13 @@ from anchorpose.recording.inputs import input_files
 from anchorpose.recording.reader import frame_range, open_recording
 from anchorpose.recording.recording import Recording
 from anchorpose.recording.subject import with_height
+from anchorpose.report.page import write_report
 from anchorpose.results.body_record import record_body
 from anchorpose.results.contact_intervals import ContactIntervals
 from anchorpose.results.contacts import CONTACTS_FILE, write_contacts
 from anchorpose.results.measuring import write_measured
 from anchorpose.results.pictures import FramePicture, save_pictures
 from anchorpose.results.processing.policy import ProcessingConfig
-from anchorpose.results.report import write_report
 from anchorpose.results.run_record import (
     RUN_FILE,
     Association,
