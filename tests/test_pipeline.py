@@ -191,6 +191,8 @@ def test_pictures_of_some_frames_are_kept(run):
     assert len(run.document["pictures"]) >= 3
     for picture in run.document["pictures"]:
         assert (run.results / picture["file"]).stat().st_size > 1000
+    chosen = [picture["why"] for picture in run.document["pictures"]]
+    assert {"surest of all frames", "least sure of all frames"} <= set(chosen)
 
 
 def test_progress_goes_from_nothing_to_all_and_never_back(run):

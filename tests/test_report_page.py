@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import statistics
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -174,19 +174,21 @@ def test_a_screen_reader_finds_headings_names_and_table_heads(page):
     assert all(i.attributes.get("aria-label") or i.attributes.get("alt") for i in page.find("input") + page.find("img"))
 
 
-def test_kept_pictures_are_shown_and_the_best_and_worst_of_them_named(tmp_path):
+def test_kept_pictures_are_shown_with_why_they_were_chosen(tmp_path):
     frames = squats(30)
     folder = write_session(tmp_path / "r", frames)
     png = cv2.imencode(".png", np.full((40, 60, 3), 90, np.uint8))[1].tobytes()
-    pictures = [FramePicture(frame, frame / 30, "front", png, "hand < hip") for frame in (2, 15)]
-    records = [{"file": p.file, "frame": p.frame, "time_s": p.time_s, "camera": p.camera, "caption": p.caption}
-               for p in save_pictures(folder, pictures)]  # fmt: skip
+    pictures = [
+        FramePicture(frame, frame / 30, "front", png, "hand < hip", why)
+        for frame, why in ((2, ""), (15, "sitting down"))
+    ]
+    records = [asdict(record) for record in save_pictures(folder, pictures)]
     page = PageReader(write_report(write_session(folder, frames, pictures=records)))
     assert [image.attributes["alt"] for image in page.find("img")] == ["Camera front. hand < hip"] * 2
     assert all(image.attributes["src"].startswith("data:image/webp;base64,") for image in page.find("img"))
     assert [h.text for h in page.find("h3") if h.text[0].isdigit()] == [
-        "1. Frame 2, 0.07 s: most joints seen of these frames",
-        "2. Frame 15, 0.50 s: fewest joints seen of these frames",
+        "1. Frame 2, 0.07 s",
+        "2. Frame 15, 0.50 s: sitting down",
     ]
     assert "17 of 21 joints seen, 4 inferred, 0 lost." in text_of(page, "p")
 

@@ -11,8 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-import numpy as np
-
 from anchorpose.body.regions import area_of_point, region_of_points
 from anchorpose.body.skin_points import body_points
 from anchorpose.recording.calibration_file import with_poses
@@ -26,7 +24,7 @@ from anchorpose.results.contacts import CONTACTS_FILE, write_contacts
 from anchorpose.results.corrections import read_corrections
 from anchorpose.results.measuring import write_measured
 from anchorpose.results.people_labels import PEOPLE_FILE, write_people
-from anchorpose.results.pictures import FramePicture, save_pictures
+from anchorpose.results.pictures import save_pictures
 from anchorpose.results.poses import POSES_FILE, write_poses
 from anchorpose.results.processing.policy import ProcessingConfig
 from anchorpose.results.run_record import RUN_FILE, Association, DroppedFrame, write_run_record
@@ -36,14 +34,13 @@ from anchorpose.threads import one_thread
 from anchorpose.tracker.account import Given, Written, account_of, corrections_for, hash_inputs
 from anchorpose.tracker.both_ways import FrameRecord, learn_on, plan_route, set_aside, track_on
 from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.frame_pictures import draw_chosen
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.review import NOTHING_SAID, Review, review_of
 from anchorpose.tracker.stopwatch import Stopwatch
 from anchorpose.tracking.motion_file import load_motions
 
 __all__ = ["TrackConfig", "track_recording"]
-
-PICTURES = 6  # frames shown in the report, spread over the recording
 
 Progress = Callable[[int, int], None]
 
@@ -83,12 +80,12 @@ def _track(recording: Path, results: Path, config: TrackConfig, progress: Progre
     route = plan_route(room, config, _counter(progress, work))
     learnt = learn_on(route, room, motions, config, watch)
     shape = None if learnt is None else learnt.shape
-    shown = set(np.unique(np.linspace(config.start, config.start + total - 1, PICTURES).astype(int)).tolist())
-    records = track_on(route, room, motions, shape, shown, config, watch)
+    records = track_on(route, room, motions, shape, config, watch)
     written = _write_frames(results, records, room.review, config)
     with watch.stage("results"):
         write_measured(results, ProcessingConfig(), MeasureConfig())
-        account = account_of(room, written, learnt, config, watch, given, inputs, corrections)
+        pictures = save_pictures(results, draw_chosen(results, room, shape))
+        account = account_of(room, written, pictures, learnt, config, watch, given, inputs, corrections)
         write_run_record(results / RUN_FILE, account)
         write_report(results)
     progress(work, work)
@@ -113,8 +110,8 @@ def _counter(progress: Progress, total: int) -> Callable[[], None]:
 
 
 def _write_frames(results: Path, records: Iterable[FrameRecord], review: Review, config: TrackConfig) -> Written:
-    """Stream joints, poses, anchors, labels and contacts to their tables; keep pictures and problems."""
-    dropped, pictures, shares = list[DroppedFrame](), list[FramePicture](), list[float | None]()
+    """Stream joints, poses, anchors, labels and contacts to their tables; keep problems."""
+    dropped, shares = list[DroppedFrame](), list[float | None]()
     points = body_points()
     intervals = ContactIntervals(region_of_points(points), area_of_point(points), config.contacts)
     with (
@@ -135,8 +132,7 @@ def _write_frames(results: Path, records: Iterable[FrameRecord], review: Review,
             for contact in intervals.push(frame, time_s, record.near):
                 contacts.append(contact)
             dropped += [DroppedFrame(frame, time_s, why) for why in record.problems]
-            pictures += record.pictures
             shares.append(None if record.matched_share is None else round(record.matched_share, 3))
         for contact in intervals.finish():
             contacts.append(contact)
-    return Written(Association(tuple(shares)), tuple(dropped), save_pictures(results, pictures))
+    return Written(Association(tuple(shares)), tuple(dropped))

@@ -19,22 +19,21 @@ WEBP_QUALITY: Final = 80
 
 
 def frame_pictures(session: Session) -> str:
-    """HTML: a heading and the cameras of each frame; the frames with the most and least of the patient are named."""
+    """HTML: a heading, why the frame was chosen, and its cameras, for each frame."""
     by_frame: dict[int, list[dict[str, Any]]] = {}
     for picture in session.run.get("pictures", []):
         if (session.folder / picture["file"]).is_file():
             by_frame.setdefault(picture["frame"], []).append(picture)
     if not by_frame:
         return "<p>No pictures were kept.</p>"
-    ranks = _ranks(session, list(by_frame))
     return "".join(
-        _frame(session, number, frame, pictures, ranks.get(frame, ""))
-        for number, (frame, pictures) in enumerate(by_frame.items(), 1)
+        _frame(session, number, frame, pictures) for number, (frame, pictures) in enumerate(by_frame.items(), 1)
     )
 
 
-def _frame(session: Session, number: int, frame: int, pictures: Sequence[dict[str, Any]], rank: str) -> str:
-    title = f"{number}. Frame {frame}, {pictures[0]['time_s']:.2f} s{rank}"
+def _frame(session: Session, number: int, frame: int, pictures: Sequence[dict[str, Any]]) -> str:
+    why = pictures[0].get("why")
+    title = f"{number}. Frame {frame}, {pictures[0]['time_s']:.2f} s" + (f": {why}" if why else "")
     figures = "".join(_figure(session.folder, picture) for picture in pictures)
     return (
         f"<section class='kept-frame' id='frame-{frame}'><h3>{escape(title)}</h3>"
@@ -61,16 +60,6 @@ def _webp(path: Path) -> tuple[str, str]:
     kind, data = ("webp", webp.tobytes()) if done else ("png", png)
     size = f"width='{pixels.shape[1]}' height='{pixels.shape[0]}'"
     return size, f"image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
-
-
-def _ranks(session: Session, frames: Sequence[int]) -> dict[int, str]:
-    """Which of the kept frames shows the most and the least of the patient; none where all are alike."""
-    known = [frame for frame in frames if frame in session.joints.frame]
-    count = {frame: int((_states(session, frame) == 0).sum()) for frame in known}
-    if len(set(count.values())) < 2:
-        return {}
-    best, least = max(known, key=lambda f: count[f]), min(known, key=lambda f: count[f])
-    return {best: ": most joints seen of these frames", least: ": fewest joints seen of these frames"}
 
 
 def _seen_then(session: Session, frame: int) -> str:

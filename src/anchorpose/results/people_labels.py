@@ -11,6 +11,8 @@ from typing import Final
 import cv2
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
 from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel, View
@@ -70,13 +72,20 @@ def write_people(path: Path) -> Iterator[RowGroups[LabelPicture]]:
         pictures.flush()
 
 
-def read_people(path: Path) -> dict[tuple[int, str], LabelPicture]:
-    """All pictures, still packed, by frame and camera; raises InputError where one stands twice."""
-    rows = read_parquet(path, PEOPLE_SCHEMA).to_pylist()
+def read_people(path: Path, frames: Sequence[int] | None = None) -> dict[tuple[int, str], LabelPicture]:
+    """The pictures of some frames, or of all, still packed, by frame and camera; raises InputError where one stands
+    twice."""
+    rows = read_parquet(path, PEOPLE_SCHEMA, None if frames is None else pc.field("frame").isin(frames)).to_pylist()
     pictures = {(row["frame"], row["camera"]): LabelPicture(row["frame"], row["camera"], row["labels"]) for row in rows}
     if len(pictures) != len(rows):
         raise InputError(path, "has two pictures of one frame and camera", "track the recording again")
     return pictures
+
+
+def frames_of_people(path: Path) -> np.ndarray:
+    """(k,) int32, increasing: the frames of which there is a picture, without reading the pictures."""
+    frames: np.ndarray = np.unique(pq.read_table(path, columns=["frame"])["frame"].to_numpy())
+    return frames
 
 
 def _to_table(pictures: Sequence[LabelPicture]) -> pa.Table:

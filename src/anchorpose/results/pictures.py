@@ -18,6 +18,7 @@ class FramePicture:
     camera: str
     png_bytes: bytes
     caption: str
+    why: str = ""  # the frame was chosen, for people; empty where it only stands for the others
 
 
 def save_pictures(folder: Path, pictures: Iterable[FramePicture]) -> tuple[PictureRecord, ...]:
@@ -27,5 +28,5 @@ def save_pictures(folder: Path, pictures: Iterable[FramePicture]) -> tuple[Pictu
         file = f"pictures/{picture.frame:06d}_{picture.camera}.png"
         (folder / "pictures").mkdir(exist_ok=True)
         (folder / file).write_bytes(picture.png_bytes)
-        records.append(PictureRecord(file, picture.frame, picture.time_s, picture.camera, picture.caption))
+        records.append(PictureRecord(file, picture.frame, picture.time_s, picture.camera, picture.caption, picture.why))
     return tuple(records)

@@ -107,6 +107,7 @@ class PictureRecord:
     time_s: float
     camera: str
     caption: str
+    why: str = ""  # the frame was chosen
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

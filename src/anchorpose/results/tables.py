@@ -109,10 +109,11 @@ def read_joints(path: Path) -> JointTable:
     return JointTable(frame, columns["time_s"][first], position_m, severity, sigma_m)
 
 
-def read_parquet(path: Path, schema: pa.Schema) -> pa.Table:
-    """A table with exactly the columns of ``schema``; raises InputError otherwise."""
+def read_parquet(path: Path, schema: pa.Schema, rows: Any = None) -> pa.Table:
+    """A table with exactly the columns of ``schema``; raises InputError otherwise. rows: an expression of pyarrow that
+    says which rows are read; None for all."""
     try:
-        table = pq.read_table(path)
+        table = pq.read_table(path, filters=rows)
     except FileNotFoundError:
         raise InputError(path, "there is no such file", "give a results folder made by 'anchorpose track'") from None
     except (pa.ArrowException, OSError) as error:

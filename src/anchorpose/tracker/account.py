@@ -39,7 +39,6 @@ class Written:
 
     association: Association
     dropped: tuple[DroppedFrame, ...]
-    pictures: tuple[PictureRecord, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,10 +73,11 @@ def corrections_for(
 
 
 def account_of(
-    room: Room, written: Written, learnt: LearntPatient | None, config: TrackConfig, watch: Stopwatch, given: Given,
-    inputs_sha256: tuple[tuple[str, str], ...], corrections: CorrectionsRecord | None,
+    room: Room, written: Written, pictures: tuple[PictureRecord, ...], learnt: LearntPatient | None,
+    config: TrackConfig, watch: Stopwatch, given: Given, inputs_sha256: tuple[tuple[str, str], ...],
+    corrections: CorrectionsRecord | None,
 ) -> RunRecord:  # fmt: skip
-    """The record of a run that has been through all frames; its pictures are still to be saved."""
+    """The record of a run that has been through all frames."""
     calibration, gaps = room.calibration, find_gaps(room.recording)
     source = None if given.calibration is None else PoseSource.FILE
     return RunRecord(
@@ -106,7 +106,7 @@ def account_of(
         association=written.association,
         dropped=written.dropped,
         body=None if learnt is None else record_body(body_points().asset, learnt.belief, learnt.first, learnt.seconds),
-        pictures=written.pictures,
+        pictures=pictures,
         notes=(
             *calibration.notes,
             *clock_notes(room.clocks),

@@ -15,14 +15,12 @@ from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.results.anchors_table import AnchorFrame
 from anchorpose.results.joint_frame import JointFrame
 from anchorpose.results.people_labels import LabelPicture
-from anchorpose.results.pictures import FramePicture
 from anchorpose.results.poses import BodyPose
 from anchorpose.tracker.association import Associate, link
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.learning import LearntPatient, learn_patient
 from anchorpose.tracker.patient import follow_patient
-from anchorpose.tracker.pictures import draw_estimate
 from anchorpose.tracker.room import Room
 from anchorpose.tracker.smoothing import Passed, passed, smooth
 from anchorpose.tracker.start import Start, turn_round
@@ -34,8 +32,7 @@ from anchorpose.tracking.motion_database import MotionDatabase
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameRecord:
     """What is kept of one frame: the joints, the body's pose, anchors, whose each pixel is, share of nodes matched, how
-    near others are to the patient (None where he is lost), what was wrong with its pictures, and pictures of it for the
-    report."""
+    near others are to the patient (None where he is lost), and what was wrong with its pictures."""
 
     joints: JointFrame
     body: BodyPose
@@ -44,7 +41,6 @@ class FrameRecord:
     matched_share: float | None
     near: Nearness | None
     problems: tuple[str, ...]
-    pictures: tuple[FramePicture, ...]
 
 
 def set_aside(record: FrameRecord, why: str | None) -> FrameRecord:
@@ -102,12 +98,12 @@ def learn_on(
 
 
 def track_on(
-    route: Route, room: Room, motions: MotionDatabase | None, shape: FittedShape | None, shown: set[int],
+    route: Route, room: Room, motions: MotionDatabase | None, shape: FittedShape | None,
     config: TrackConfig, watch: Stopwatch, associate: Associate = link,
 ) -> Iterator[FrameRecord]:  # fmt: skip
-    """A record of every frame in the order of time; shown: positions of the frames that pictures are made of."""
+    """A record of every frame in the order of time."""
     rest = None if shape is None else rest_points(body_points(), shape)
-    work = _Work(route, room, motions, shape, rest, frozenset(shown), config, watch, associate)
+    work = _Work(route, room, motions, shape, rest, config, watch, associate)
     before = list(work.side(route.back))[1:] if len(route.back) > 1 else []
     yield from reversed(before)
     yield from work.side(route.forth)
@@ -122,7 +118,6 @@ class _Work:
     motions: MotionDatabase | None
     shape: FittedShape | None
     rest: RestPoints | None
-    shown: frozenset[int]
     config: TrackConfig
     watch: Stopwatch
     associate: Associate
@@ -134,22 +129,19 @@ class _Work:
         return self._there(positions)
 
     def _there(self, positions: Sequence[int]) -> Iterator[FrameRecord]:
-        for position, estimate in zip(positions, self._follow(positions), strict=True):
-            yield self._record(estimate, position in self.shown)
+        for estimate in self._follow(positions):
+            yield self._record(estimate)
 
     def _there_and_back(self, positions: Sequence[int], rest: RestPoints) -> Iterator[FrameRecord]:
         """To one end and back to the opening, both passes put together.
 
-        Until the two have met, joints, pose and contacts are kept of every frame, some kilobytes, and all that was seen
-        only of the frames that pictures are made of.
+        Until the two have met, joints, pose, contacts and labels are kept of every frame, some kilobytes.
         """
-        there, records, kept, last = list[Passed](), list[FrameRecord](), dict[int, Estimate](), None
-        for position, estimate in zip(positions, self._follow(positions), strict=True):
+        there, records, last = list[Passed](), list[FrameRecord](), None
+        for estimate in self._follow(positions):
             there.append(passed(rest, estimate))
-            records.append(self._record(estimate, False))
+            records.append(self._record(estimate))
             last = estimate
-            if position in self.shown:
-                kept[len(records) - 1] = estimate
         begin = None if last is None else turn_round(last, self.config)
         back = [passed(rest, estimate) for estimate in self._follow(positions[::-1], begin)][::-1]
         with self.watch.stage("smoothing"):
@@ -162,8 +154,8 @@ class _Work:
                 self.config.smoothing,
                 self.config.registration.fit,
             )
-        for number, (record, answer) in enumerate(zip(records, smoothed, strict=True)):
-            yield self._smoothed(record, answer, kept.get(number))
+        for record, answer in zip(records, smoothed, strict=True):
+            yield self._smoothed(record, answer)
 
     def _follow(self, positions: Sequence[int], begin: Start | None = None) -> Iterator[Estimate]:
         frames = self.route.frames(positions)
@@ -171,7 +163,7 @@ class _Work:
             self.room, frames, self.motions, self.shape, self.config, self.watch, begin, self.associate
         )
 
-    def _record(self, estimate: Estimate, with_pictures: bool) -> FrameRecord:
+    def _record(self, estimate: Estimate) -> FrameRecord:
         frame_set = estimate.frame_set
         joints = JointFrame(
             frame=frame_set.frame,
@@ -180,7 +172,6 @@ class _Work:
             state=estimate.states,
             sigma_m=estimate.sigma_m,
         )
-        pictures = tuple(draw_estimate(estimate, self.shape)) if with_pictures and self.shape else ()
         return FrameRecord(
             joints,
             self._body(estimate),
@@ -189,7 +180,6 @@ class _Work:
             estimate.matched_share,
             self._near(estimate),
             frame_set.problems,
-            pictures,
         )
 
     def _body(self, estimate: Estimate) -> BodyPose:
@@ -209,21 +199,11 @@ class _Work:
             posed = pose_points(body_points(), self.rest, belief.pose)
             return find_nearness(posed, seen.crowd, seen.evidence.views, seen.evidence.cameras, self.config.visibility)
 
-    def _smoothed(self, record: FrameRecord, answer: Passed, estimate: Estimate | None) -> FrameRecord:
-        """The record with both passes' answer; estimate: the first pass', where pictures are wanted."""
+    def _smoothed(self, record: FrameRecord, answer: Passed) -> FrameRecord:
+        """The record with both passes' answer."""
         lost = np.array([state is JointState.LOST for state in answer.states])
         position = np.where(lost[:, None], np.nan, answer.joints_m)
         joints = replace(record.joints, position_m=position, sigma_m=answer.sigma_m, state=answer.states)
         frame, time_s = record.joints.frame, record.joints.time_s
         body = body_pose(body_points(), self.rest, frame, time_s, answer.pose, None)
-        pictures: tuple[FramePicture, ...] = ()
-        if estimate is not None and estimate.belief is not None and answer.pose is not None and self.shape is not None:
-            drawn = replace(
-                estimate,
-                belief=replace(estimate.belief, pose=answer.pose),
-                joints_m=position,
-                sigma_m=answer.sigma_m,
-                states=answer.states,
-            )
-            pictures = tuple(draw_estimate(drawn, self.shape))
-        return replace(record, joints=joints, body=body, pictures=pictures)
+        return replace(record, joints=joints, body=body)
