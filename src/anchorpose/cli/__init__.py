@@ -21,6 +21,7 @@ from anchorpose.cli.motions import motions
 from anchorpose.cli.report import report
 from anchorpose.cli.simulate import simulate
 from anchorpose.cli.track import track
+from anchorpose.cli.view import view
 from anchorpose.errors import AnchorposeError
 
 EXIT_CANNOT, EXIT_INTERRUPTED, EXIT_TERMINATED = 2, 130, 143
@@ -35,7 +36,7 @@ app = App(
     default_parameter=Parameter(negative=()),
     suppress_keyboard_interrupt=False,
 )
-for _verb in (demo, simulate, calibrate, track, evaluate, report, inspect, equipment, motions, experiment):
+for _verb in (demo, simulate, calibrate, track, evaluate, report, view, inspect, equipment, motions, experiment):
     app.command(_verb)
 
 
