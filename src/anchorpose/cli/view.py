@@ -47,13 +47,13 @@ def view(
     from anchorpose.viewing import open_viewer
 
     with open_viewer(results, recording, corrections, who, host, port) as server:
-        print(f"The viewer is at {server.address}", flush=True)
-        if not is_loopback(host):
-            print("Whoever has this address can see the patient and change the corrections, without encryption.")
-        print(f"Corrections go to {server.desk.correcting.path}. Stop with Ctrl+C.", flush=True)
-        if not no_browser:
-            webbrowser.open(server.address)
         try:
+            print(f"The viewer is at {server.address}", flush=True)
+            if not is_loopback(host):
+                print("Whoever has this address can see the patient and change the corrections, without encryption.")
+            print(f"Corrections go to {server.desk.correcting.path}. Stop with Ctrl+C.", flush=True)
+            if not no_browser:
+                webbrowser.open(server.address)
             server.serve_forever()
         except KeyboardInterrupt:
             print("\nStopped; every correction was saved when it was made.")

@@ -10,7 +10,7 @@ from anchorpose.body.asset import BodyAsset, load_body_asset
 from anchorpose.body.pose import MOVING_BONES
 from anchorpose.body.shaped import shape_body
 
-INFLUENCES = 4  # bones a point, for the graphics card; what a fifth would add is below a millimetre
+INFLUENCES = 4  # bones a point, for the graphics card; the others move no point by more than 5 mm, for the eye only
 
 
 def moving_ancestor(asset: BodyAsset) -> np.ndarray:

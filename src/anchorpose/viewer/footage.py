@@ -20,6 +20,7 @@ from anchorpose.results.people_labels import PEOPLE_FILE, ROOM, LabelPicture, re
 from anchorpose.results.run_record import hash_files
 from anchorpose.surface.mesh import build_surface, faces
 from anchorpose.viewer.clocks import clocks_of_run
+from anchorpose.viewer.shading import REACH_PX, shade
 
 UNTOLD: Final = 255
 """The label of all pixels where no people.parquet says whose they are."""
@@ -50,9 +51,10 @@ class Footage:
         return self.recording.cameras
 
     def points(self, position: int, room: bool) -> tuple[list[np.ndarray], list[str]]:
-        """One a camera, (m, 4) uint16: column, row, grey value and label of each pixel with a reading; and problems.
+        """One a camera, (m, 4) uint16: column, row, grey value and look of each pixel with a reading; and problems.
 
-        position: row of the results' frames. Pixels of the room only with ``room``, thinned out.
+        The look is 256 times ``shade`` plus the label. position: row of the results' frames. Pixels of the room only
+        with ``room``, thinned out.
         """
         found, problems = list[np.ndarray](), list[str]()
         for number, camera in enumerate(self.cameras):
@@ -148,5 +150,10 @@ def _pixels(depth_m: np.ndarray, labels: np.ndarray | None, camera: Camera, room
     else:
         shown = (labels != ROOM) | (thin & room)
     row, column = np.nonzero(shown & (depth_m > 0))
+    if not len(row):
+        return np.empty((0, 4), np.uint16)
     grey = np.rint(depth_m[row, column] / np.float32(camera.depth_scale))
-    return np.column_stack([column, row, grey, labels[row, column]]).astype(np.uint16)
+    top, left = max(0, row.min() - REACH_PX), max(0, column.min() - REACH_PX)  # shading is what costs most
+    lit = shade(depth_m[top : row.max() + REACH_PX + 1, left : column.max() + REACH_PX + 1], camera)
+    look = 256 * lit[row - top, column - left].astype(np.uint16) + labels[row, column]
+    return np.column_stack([column, row, grey, look]).astype(np.uint16)

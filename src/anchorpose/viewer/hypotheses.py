@@ -67,10 +67,10 @@ class HypothesisWorker:
         context = multiprocessing.get_context("spawn")  # the server has threads: their locks must not be copied
         ours, theirs = context.Pipe(duplex=False)
         process = context.Process(target=_work, args=(theirs, recording, frame, patient_xz_m), daemon=True)
-        with self._lock:
+        with self._lock:  # who cancels finds it started, or not at all
+            process.start()
             self._process, self._data = process, b""
             self._standing = Standing(Progress.WORKING, position)
-        process.start()
         theirs.close()
         threading.Thread(target=self._listen, args=(process, ours), daemon=True).start()
 

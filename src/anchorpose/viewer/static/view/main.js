@@ -16,6 +16,8 @@ import { Hypotheses } from "./spots.js";
 import { Timeline } from "./timeline.js";
 
 const element = (id) => document.getElementById(id);
+const LOADING = "Loading … (the very first surface takes some seconds more)";
+
 const say = (sentence) => { element("status").textContent = sentence; };
 
 async function start() {
@@ -35,16 +37,17 @@ async function start() {
   const curves = new Curves(element("charts"), description.angles, motion, axis, playback);
   new Timeline(element("timeline"), description, motion, axis, playback, corrections);
   const card = new JointCard(element("joint-card"), description, frames.skeleton, playback);
+  let mover = null;
   const redraw = () => {
     const corrected = corrections.jointsAt(playback.position);
     frames.set();
-    frames.setCorrected(corrected);
+    frames.setCorrected(mover?.draft ? [...corrected, mover.draft] : corrected);
     card.show(corrected.find(({ joint }) => joint === description.joints[frames.skeleton.chosen]));
   };
   const layers = layerList(element("layer-list"), layersOf(description), () => frames.show(layers.state));
   frames.show(layers.state);
   await frames.furnish();
-  const mover = new JointMover({
+  mover = new JointMover({
     view, playback, skeleton: frames.skeleton, points: frames.points, corrections, signing, description, motion, say, redraw,
     elements: Object.fromEntries(["select", "edit", "snap", "moving", "moved", "sigma", "save", "cancel"].map((name) => [name, element(`joint-${name}`)])),
   });
@@ -69,9 +72,14 @@ async function start() {
   corrections.addEventListener("changed", redraw);
   await corrections.load();
   window.anchorpose = { playback, view, frames, mover, corrections, hypotheses, motion, description };
+  let waiting = null; // since when something that should be on the screen is not there yet
   const draw = (now) => {
     playback.tick(now);
     view.draw();
+    if (!frames.missing) {
+      if (waiting !== null && element("status").textContent === LOADING) say("");
+      waiting = null;
+    } else if ((waiting ??= now) < now - 700) say(LOADING);
     requestAnimationFrame(draw);
   };
   requestAnimationFrame(draw);
@@ -98,7 +106,7 @@ function layersOf({ has, equipment }) {
     { name: "anchors", label: "anchors", key: "A", tint: "anchor", on: true, there: has.anchors },
     { name: "patient", label: "patient's points", key: "P", tint: "patient", on: true, there: told },
     { name: "room", label: "points", key: "R", tint: "room", on: true, there: has.recording && !told },
-    { name: "others", label: "other people", key: "T", tint: "touch", on: true, there: told },
+    { name: "others", label: "other people", key: "T", tint: "other", on: true, there: told },
     { name: "surface", label: "patient's surface", key: "F", tint: "patient", on: false, there: told },
     { name: "equipment", label: equipment ? "equipment" : "equipment's points", key: "Q", tint: "equipment", on: true, there: told || equipment },
     { name: "room", label: "room", key: "R", tint: "room", on: false, there: told },
@@ -127,7 +135,7 @@ function transport({ playback, axis, worst, motion }) {
     scrub.setAttribute("aria-valuetext", `frame ${motion.frame[playback.position]}, ${time} seconds`);
   };
   const state = () => {
-    play.textContent = playback.playing ? "❚❚" : "▶";
+    play.classList.toggle("playing", playback.playing);
     play.setAttribute("aria-label", playback.playing ? "Pause" : "Play");
     element("speed").value = String(playback.speed);
   };

@@ -23,6 +23,7 @@ export class JointMover {
     this.gizmo.enabled = false;
     elements.select.append(...description.joints.map((name, i) => new Option(name, i)));
     elements.select.addEventListener("change", () => this.choose(Number(elements.select.value)));
+    elements.sigma.addEventListener("change", () => redraw());
     elements.edit.addEventListener("click", () => this.begin());
     elements.snap.addEventListener("click", () => this.snap(!this.snapping));
     elements.save.addEventListener("click", () => this.save());
@@ -72,7 +73,12 @@ export class JointMover {
     const moved = this.place.position.distanceTo(this.start) * 1000;
     const [x, y, z] = this.place.position.toArray().map((value) => value.toFixed(3));
     this.elements.moved.textContent = `${this.description.joints[this.joint]}: moved by ${moved.toFixed(0)} mm, to x ${x}, y ${y}, z ${z} m.`;
-    this.view.invalidate();
+    this.redraw();
+  }
+
+  /** What is not saved yet, as corrections are drawn; null where nothing is being moved. */
+  get draft() {
+    return this.active ? { position_m: this.place.position.toArray(), sigma_m: Number(this.elements.sigma.value) } : null;
   }
 
   /** Along the screen's right, its up, and away, in steps. */
@@ -117,6 +123,6 @@ export class JointMover {
     this.elements.moving.hidden = true;
     this.elements.snap.disabled = true;
     if (told) this.say(told);
-    this.view.invalidate();
+    this.redraw();
   }
 }

@@ -9,7 +9,7 @@ import { colour, colours, themed } from "./theme.js";
 export const EQUIPMENT = 2, PATIENT = 4, PERSON = 5, UNTOLD = 255;
 
 const VERTEX = `
-attribute vec4 pixel; // column, row, grey value, label
+attribute vec4 pixel; // column, row, grey value, 256 x shade + label
 uniform sampler2D rays;
 uniform mat4 cameraToWorld;
 uniform float depthScale, spacing, focal;
@@ -19,7 +19,8 @@ varying vec3 tint;
 void main() {
   float z = pixel.z * depthScale;
   vec4 world = cameraToWorld * vec4(texelFetch(rays, ivec2(pixel.xy), 0).xy * z, z, 1.0);
-  int label = int(pixel.w);
+  float shade = floor(pixel.w / 256.0);
+  int label = int(pixel.w - 256.0 * shade + 0.5);
   bool visible = true;
   float size = 1.25;
   if (label == 4) { tint = patient; visible = shown.x; }
@@ -30,8 +31,7 @@ void main() {
   vec4 seen = viewMatrix * world;
   gl_Position = visible ? projectionMatrix * seen : vec4(2.0, 2.0, 2.0, 1.0);
   gl_PointSize = clamp(size * spacing * z * focal / max(0.1, -seen.z), 1.0, 8.0);
-  float nearness = clamp(1.0 - (z - 1.2) * 0.13, 0.6, 1.0);
-  tint *= nearness;
+  tint *= label == 255 ? 0.35 + shade / 255.0 : 0.25 + 0.85 * shade / 255.0;
 }`;
 const FRAGMENT = `
 varying vec3 tint;
@@ -119,7 +119,7 @@ export class PointLayer {
       if (!camera || !camera.count) continue;
       const pixels = camera.points.geometry.getAttribute("pixel").array;
       for (let i = 0; i < camera.count; i++) {
-        const label = pixels[4 * i + 3];
+        const label = pixels[4 * i + 3] & 255;
         if (label !== PATIENT && label !== UNTOLD) continue;
         const place = this.place(camera, pixels, i), seen = this.view.project(place);
         if (!seen || Math.hypot(seen[0] - x, seen[1] - y) > reach || seen[2] >= nearest) continue;
