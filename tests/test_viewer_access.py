@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from viewer_page import position
 
-pytest_plugins = ("viewer_page",)
+pytest_plugins = ("viewer_fixtures",)
 
 
 def test_help_lists_the_keys_and_keys_rest_while_it_is_open(viewer: Any) -> None:

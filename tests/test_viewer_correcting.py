@@ -13,7 +13,7 @@ from viewer_page import file_of, opened, sign, until
 
 from anchorpose.viewer.server import ViewerServer
 
-pytest_plugins = ("viewer_page",)
+pytest_plugins = ("viewer_fixtures",)
 
 
 def test_an_interval_is_marked_by_keyboard_and_is_in_the_file(viewer: Any, server: ViewerServer) -> None:

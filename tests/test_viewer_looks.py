@@ -10,7 +10,7 @@ import numpy as np
 from viewer_builder import viewer_of, write_small_recording, write_small_results
 from viewer_page import bluish, opened, scene_picture, until
 
-pytest_plugins = ("viewer_page",)
+pytest_plugins = ("viewer_fixtures",)
 
 
 def test_the_patient_is_on_the_screen_in_light_and_in_dark(viewer: Any) -> None:

@@ -9,13 +9,12 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import pytest
-from viewer_builder import viewer_of, write_small_recording, write_small_results
+from viewer_builder import viewer_of
 
 from anchorpose.cli import main
 from anchorpose.results.corrections import corrections_beside, read_corrections
@@ -27,18 +26,7 @@ INTERVAL = {"first_frame": 2, "last_frame": 8, "reason": "a curtain", "who": "AB
 KNEE = {"frame": 4, "joint": "KneeLeft", "position_m": [0.1, 0.5, -0.1], "sigma_m": 0.02, "reason": "x", "who": "AB"}
 
 
-@pytest.fixture(scope="module")
-def small(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    folder = tmp_path_factory.mktemp("viewer")
-    recording = write_small_recording(folder / "recording")
-    return write_small_results(folder / "results", recording), recording
-
-
-@pytest.fixture
-def server(small: tuple[Path, Path]) -> Iterator[ViewerServer]:
-    corrections_beside(small[0]).unlink(missing_ok=True)
-    with viewer_of(*small) as running:
-        yield running
+pytest_plugins = ("viewer_fixtures",)
 
 
 def ask(

@@ -10,7 +10,7 @@ import pytest
 from viewer_builder import FRAMES, LOST_FRAME, PERIOD_S, UNSURE_FRAME, viewer_of
 from viewer_page import opened, position, scene_picture, until
 
-pytest_plugins = ("viewer_page",)
+pytest_plugins = ("viewer_fixtures",)
 
 
 def test_it_plays_at_recorded_speed_and_stops_at_the_end(viewer: Any) -> None:

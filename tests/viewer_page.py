@@ -3,37 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import cv2
 import numpy as np
-import pytest
-from viewer_builder import viewer_of, write_small_recording, write_small_results
 
-from anchorpose.results.corrections import Corrections, corrections_beside, read_corrections
+from anchorpose.results.corrections import Corrections, read_corrections
 from anchorpose.viewer.server import ViewerServer
-
-
-@pytest.fixture(scope="module")
-def small(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    folder = tmp_path_factory.mktemp("viewer")
-    recording = write_small_recording(folder / "recording")
-    return write_small_results(folder / "results", recording), recording
-
-
-@pytest.fixture
-def server(small: tuple[Path, Path]) -> Iterator[ViewerServer]:
-    corrections_beside(small[0]).unlink(missing_ok=True)
-    with viewer_of(*small) as running:
-        yield running
-
-
-@pytest.fixture
-def viewer(page: Any, server: ViewerServer) -> Any:
-    """The page, loaded, with the points of its first frame."""
-    return opened(page, server)
 
 
 def opened(page: Any, server: ViewerServer) -> Any:

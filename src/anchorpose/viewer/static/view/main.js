@@ -8,6 +8,7 @@ import { Frames } from "./frames.js";
 import { keyTable } from "./key_table.js";
 import { listKeys, listen } from "./keys.js";
 import { JointMover } from "./moving.js";
+import { Pace } from "./pace.js";
 import { JointCard, WorstList, layerList, presetButtons, tabs } from "./panels.js";
 import { Playback } from "./playback.js";
 import { View } from "./scene.js";
@@ -72,9 +73,11 @@ async function start() {
   corrections.addEventListener("changed", redraw);
   await corrections.load();
   window.anchorpose = { playback, view, frames, mover, corrections, hypotheses, motion, description };
+  const pace = new Pace(playback, (share) => { if (frames.points) { frames.points.detail = share; frames.set(); } });
   let waiting = null; // since when something that should be on the screen is not there yet
   const draw = (now) => {
     playback.tick(now);
+    pace.tick(now);
     view.draw();
     if (!frames.missing) {
       if (waiting !== null && element("status").textContent === LOADING) say("");

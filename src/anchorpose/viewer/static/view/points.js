@@ -12,7 +12,7 @@ const VERTEX = `
 attribute vec4 pixel; // column, row, grey value, 256 x shade + label
 uniform sampler2D rays;
 uniform mat4 cameraToWorld;
-uniform float depthScale, spacing, focal;
+uniform float depthScale, spacing, focal, coarse;
 uniform vec3 patient, equipment, room, others[4];
 uniform bvec4 shown; // patient, others, equipment, room
 varying vec3 tint;
@@ -30,7 +30,7 @@ void main() {
   else { tint = room; visible = shown.w; size = 1.6; }
   vec4 seen = viewMatrix * world;
   gl_Position = visible ? projectionMatrix * seen : vec4(2.0, 2.0, 2.0, 1.0);
-  gl_PointSize = clamp(size * spacing * z * focal / max(0.1, -seen.z), 1.0, 8.0);
+  gl_PointSize = clamp(coarse * size * spacing * z * focal / max(0.1, -seen.z), 1.0, 8.0);
   tint *= label == 255 ? 0.35 + shade / 255.0 : 0.25 + 0.85 * shade / 255.0;
 }`;
 const FRAGMENT = `
@@ -41,6 +41,7 @@ export class PointLayer {
   constructor(description, rays, view) {
     this.group = new Group();
     this.view = view;
+    this.share = 1;
     this.cameras = description.cameras.map((camera, number) => this.camera(camera, rays.arrays[`rays${number}`]));
     for (const camera of this.cameras) if (camera) this.group.add(camera.points);
     themed(() => this.each((uniforms) => {
@@ -62,7 +63,7 @@ export class PointLayer {
       vertexShader: VERTEX, fragmentShader: FRAGMENT,
       uniforms: {
         rays: { value: texture }, cameraToWorld: { value: new Matrix4().set(...flat) },
-        depthScale: { value: about.depth_scale }, spacing: { value: 1 / about.fx }, focal: { value: 1 },
+        depthScale: { value: about.depth_scale }, spacing: { value: 1 / about.fx }, focal: { value: 1 }, coarse: { value: 1 },
         patient: { value: null }, equipment: { value: null }, room: { value: null }, others: { value: [] },
         shown: { value: [1, 1, 1, 0] },
       },
@@ -87,13 +88,15 @@ export class PointLayer {
     let start = counts.slice(0, row).flat().reduce((sum, count) => sum + count, 0);
     this.cameras.forEach((camera, number) => {
       const count = counts[row][number];
-      if (camera) this.fill(camera, chunk.arrays.points.subarray(4 * start, 4 * (start + count)), count);
+      if (camera) this.fill(camera, chunk.arrays.points.subarray(4 * start, 4 * (start + count)));
       start += count;
     });
     this.each((uniforms) => { uniforms.focal.value = this.view.focal; });
   }
 
-  fill(camera, pixels, count) {
+  /** Only the share that is drawn goes to the graphics card. */
+  fill(camera, all) {
+    const count = Math.ceil((all.length / 4) * this.share), pixels = all.subarray(0, 4 * count);
     if (count > camera.capacity) {
       camera.capacity = Math.ceil(count * 1.2);
       const attribute = new BufferAttribute(new Uint16Array(4 * camera.capacity), 4);
@@ -110,6 +113,12 @@ export class PointLayer {
     }
     camera.points.geometry.setDrawRange(0, count);
     camera.count = count;
+  }
+
+  /** Which share of the points the next frame draws, coarse grids first; larger ones then. */
+  set detail(share) {
+    this.share = share;
+    this.each((uniforms) => { uniforms.coarse.value = 1 / Math.sqrt(share); });
   }
 
   /** The world point under a place on the canvas that is nearest to the eye, or null; the patient's before others'. */

@@ -7,11 +7,21 @@ import { css, themed } from "./theme.js";
 const FIELD_DEG = 40;
 const AWAY = { front: [1, 0.12, 0], side: [0, 0.12, 1], back: [-1, 0.12, 0], top: [0, 1, 0.001] };
 
+/** Whether this computer draws without a graphics card: then smooth edges would cost half of the frames. */
+function withoutCard() {
+  const context = document.createElement("canvas").getContext("webgl2");
+  const about = context?.getExtension("WEBGL_debug_renderer_info");
+  const name = about ? context.getParameter(about.UNMASKED_RENDERER_WEBGL) : "";
+  context?.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|software|basic render/i.test(name);
+}
+
 export class View {
   constructor(canvas, middle, floor) {
     this.canvas = canvas;
-    this.renderer = new WebGLRenderer({ canvas, antialias: true });
-    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+    const slow = withoutCard();
+    this.renderer = new WebGLRenderer({ canvas, antialias: !slow });
+    this.renderer.setPixelRatio(slow ? 1 : Math.min(devicePixelRatio, 2));
     this.scene = new Scene();
     this.camera = new PerspectiveCamera(FIELD_DEG, 1, 0.05, 60);
     this.controls = new OrbitControls(this.camera, canvas);
