@@ -33,7 +33,7 @@ async function start() {
     markIn: element("mark-in"), markOut: element("mark-out"), markSave: element("mark-save"), markState: element("mark-state"),
     undo: element("undo"), list: element("corrections"),
   }, say);
-  element("corrections-file").textContent = `Saved at once in ${description.corrections_file}, beside the results.`;
+  element("corrections-file").textContent = `Saved at once in ${description.corrections_file}.`;
   const axis = new Axis(motion.time_s, playback);
   const curves = new Curves(element("charts"), description.angles, motion, axis, playback);
   new Timeline(element("timeline"), description, motion, axis, playback, corrections);

@@ -2,7 +2,7 @@
 
 import { BufferAttribute, BufferGeometry, Group, LineBasicMaterial, LineSegments, Points, PointsMaterial } from "three";
 import { getArrays, getJson, postJson } from "./api.js";
-import { colour, themed } from "./theme.js";
+import { colour } from "./theme.js";
 
 const COLOURS = ["#e69f00", "#56b4e9", "#009e73", "#d6c400", "#0072b2", "#d55e00", "#cc79a7", "#8a8a8a", "#9b5de5", "#00bbf9"];
 const ASK_EVERY_MS = 400;
@@ -16,7 +16,6 @@ export class Hypotheses {
     elements.start.addEventListener("click", () => this.start());
     elements.cancel.addEventListener("click", () => this.cancel());
     playback.addEventListener("moved", () => this.moved());
-    themed(() => { if (this.nodes) this.nodes.material.color = colour("soft"); view.invalidate(); });
   }
 
   async start() {
@@ -55,19 +54,19 @@ export class Hypotheses {
     this.clear();
     this.position = standing.position;
     this.found = { meta, arrays };
-    const { nodes, best, reached } = arrays, subsets = meta.subsets.length;
-    const tint = new Float32Array(nodes.length), grey = colour("soft");
+    const { nodes, best, reached, asked } = arrays, subsets = meta.subsets.length;
+    const place = [], tint = [], missed = colour("ink");
     for (let i = 0; i < best.length; i++) {
-      const shade = best[i] >= 0 ? shadeOf(best[i]) : [grey.r, grey.g, grey.b];
-      tint.set(shade, 3 * i);
+      if (!asked[i]) continue;
+      place.push(nodes[3 * i], nodes[3 * i + 1], nodes[3 * i + 2]);
+      tint.push(...(best[i] >= 0 ? shadeOf(best[i]) : [missed.r, missed.g, missed.b]));
     }
     const geometry = new BufferGeometry();
-    geometry.setAttribute("position", new BufferAttribute(nodes.slice(), 3));
-    geometry.setAttribute("color", new BufferAttribute(tint, 3));
-    this.nodes = new Points(geometry, new PointsMaterial({ size: 3, sizeAttenuation: false, vertexColors: true, depthTest: false, transparent: true }));
-    this.nodes.renderOrder = 5;
-    this.group.add(this.nodes);
-    this.lines = meta.subsets.map((_, subset) => this.linesOf(subset, nodes, reached, subsets, arrays.asked));
+    geometry.setAttribute("position", new BufferAttribute(new Float32Array(place), 3));
+    geometry.setAttribute("color", new BufferAttribute(new Float32Array(tint), 3));
+    const spots = new PointsMaterial({ size: 3, sizeAttenuation: false, vertexColors: true, depthTest: false, transparent: true });
+    this.group.add(Object.assign(new Points(geometry, spots), { renderOrder: 5 }));
+    this.lines = meta.subsets.map((_, subset) => this.linesOf(subset, nodes, reached, subsets, asked));
     this.group.add(...this.lines);
     this.legend(meta, arrays);
     this.moved();
