@@ -40,7 +40,10 @@ class TrackConfig:
             raise ValueError(f"start must not be negative, got {self.start}")
 
 
-def track_recording(recording: Path, results: Path, config: TrackConfig, progress: Callable[[int, int], None]) -> None:
+def track_recording(
+    recording: Path, results: Path, config: TrackConfig, progress: Callable[[int, int], None],
+    calibration: Path | None = None, corrections: Path | None = None,
+) -> None:  # fmt: skip
     opened = open_recording(recording)
     blank, state = np.full((JOINT_COUNT, 3), np.nan), (JointState.LOST,) * JOINT_COUNT
     dropped, count = [], 0

@@ -85,7 +85,7 @@ def test_an_existing_result_is_replaced_only_when_asked(tmp_path, capsys):
 def test_an_interrupt_leaves_nothing_and_exits_with_130(tmp_path, monkeypatch, capsys):
     recording = write_recording(tmp_path / "r", frames=3)
 
-    def interrupted(path, results, config, progress):
+    def interrupted(path, results, config, progress, calibration, corrections):
         (results / "joints.parquet").write_bytes(b"half")
         raise KeyboardInterrupt
 
@@ -98,7 +98,7 @@ def test_an_interrupt_leaves_nothing_and_exits_with_130(tmp_path, monkeypatch, c
 def test_a_full_disk_is_one_sentence(tmp_path, monkeypatch, capsys):
     recording = write_recording(tmp_path / "r", frames=2)
 
-    def full(path, results, config, progress):
+    def full(path, results, config, progress, calibration, corrections):
         raise OSError(28, "No space left on device", str(results / "joints.parquet"))
 
     monkeypatch.setattr(stand_in_pipeline, "track_recording", full)

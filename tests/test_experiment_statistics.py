@@ -58,8 +58,23 @@ def test_recordings_that_agree_leave_no_doubt_however_much_their_frames_differ()
 def widened(mean: float, drawn: list[float], count: int) -> tuple[float, float]:
     """Percentiles, farther off by what Student's distribution and the variance of so few ask for (from a table)."""
     factor = {3: 4.303, 4: 3.182}[count] / 1.960 * (count / (count - 1)) ** 0.5
-    low, high = np.quantile(drawn, [0.025, 0.975])
-    return mean + factor * (low - mean), mean + factor * (high - mean)
+    low, high = np.log(np.quantile(drawn, [0.025, 0.975]) / mean)
+    return mean * np.exp(factor * low), mean * np.exp(factor * high)
+
+
+def test_what_is_never_negative_has_no_interval_below_zero() -> None:
+    found = mean_over([np.full(5, value) for value in (0.1, 0.2, 8.0)], 500)
+    assert 0.0 < found.low < found.mean < found.high
+
+
+@pytest.mark.parametrize("count", [4, 8])
+def test_few_recordings_of_skewed_errors_have_an_honest_interval_too(count: int) -> None:
+    rng = np.random.default_rng(4)
+    held = 0
+    for _ in range(300):
+        found = mean_over([rng.gamma(4.0, 5.0, size=1) for _ in range(count)], 200)
+        held += found.low <= 20.0 <= found.high
+    assert 0.90 <= held / 300 <= 1.0
 
 
 @pytest.mark.parametrize("count", [4, 6])

@@ -15,16 +15,22 @@ import pyarrow.parquet as pq
 import pytest
 from recording_builder import DATA
 
+from anchorpose.body.asset import load_body_asset
+from anchorpose.body.shaped import shape_body
 from anchorpose.errors import InputError
+from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_INDEX, LIMBS, JointState
 from anchorpose.pipeline import TrackConfig, track_recording
+from anchorpose.results.anchors_table import read_anchors
 from anchorpose.results.joint_frame import SEVERITY
+from anchorpose.results.people_labels import read_people, read_picture
+from anchorpose.results.poses import pose_of, read_poses
 from anchorpose.results.tables import JointTable, read_joints
 from anchorpose.simulate.config import SimulationConfig, clinic, single
 from anchorpose.simulate.write import simulate_recording
 
 FRAMES, FPS, DAMAGED = 9, 8.0, 5
-TABLES = ("joints.parquet", "angles.parquet", "contacts.parquet")
+TABLES = ("joints.parquet", "angles.parquet", "contacts.parquet", "poses.parquet", "anchors.parquet", "people.parquet")
 AGAIN = (
     "import sys; from pathlib import Path; from anchorpose.pipeline import TrackConfig, track_recording; "
     "track_recording(Path(sys.argv[1]), Path(sys.argv[2]), TrackConfig(), lambda done, total: None)"
@@ -82,7 +88,8 @@ def test_every_frame_is_in_the_tables(run):
     np.testing.assert_array_equal(run.joints.frame, np.arange(FRAMES))
     np.testing.assert_allclose(run.joints.time_s, np.arange(FRAMES) / FPS, atol=1e-6)
     assert sorted(path.name for path in run.results.iterdir() if path.is_file()) == [
-        "angles.parquet", "contacts.parquet", "joints.parquet", "report.html", "run.json",
+        "anchors.parquet", "angles.parquet", "contacts.parquet", "joints.parquet", "people.parquet", "poses.parquet",
+        "report.html", "run.json",
     ]  # fmt: skip
 
 
@@ -116,6 +123,27 @@ def test_angles_are_those_of_a_person(run):
     bends = [row for row in rows if row["angle"].startswith(("knee_flexion", "elbow_flexion"))]
     assert len(bends) == 4 * FRAMES
     assert all(-10.0 < row["degrees"] < 160.0 for row in bends)
+
+
+def test_the_pose_of_every_frame_gives_its_joints(run):
+    table, asset = read_poses(run.results / "poses.parquet"), load_body_asset()
+    body = shape_body(asset, np.array(run.document["body"]["coefficients"]))
+    np.testing.assert_array_equal(table.frame, run.joints.frame)
+    for row, joints_m in enumerate(run.joints.position_m):
+        pose = pose_of(asset, table.head_m[row], table.quaternion[row])
+        np.testing.assert_allclose(body.joints(body.bone_transforms(pose.rotations, pose.root_m)), joints_m, atol=1e-5)
+    assert (table.axial_sigma_rad > 0).all()
+
+
+def test_anchors_and_labels_are_of_the_same_patient(run):
+    anchors, people = read_anchors(run.results / "anchors.parquet"), read_people(run.results / "people.parquet")
+    head = np.linalg.norm(anchors.position_m[:, 0] - run.joints.position_m[:, JOINT_INDEX["Head"]], axis=1)
+    assert np.nanmax(head) < 0.3
+    for frame in run.joints.frame.tolist():
+        if frame == DAMAGED:
+            assert (frame, "front") not in people
+        else:
+            assert (read_picture(people[frame, "front"]) == PixelLabel.PATIENT).sum() > 5000
 
 
 @pytest.mark.slow

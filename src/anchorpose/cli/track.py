@@ -19,6 +19,7 @@ def track(
     patient: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
     height: float | None = None,
     calibration: Path | None = None,
+    corrections: Path | None = None,
     motions: Path | None = None,
     config: Path | None = None,
     smooth: bool = False,
@@ -33,8 +34,8 @@ def track(
     recording
         The folder with recording.json and the depth pictures of each camera.
     results
-        The folder to write: joints.parquet, angles.parquet, contacts.parquet, run.json, report.html. It appears when
-        all is done.
+        The folder to write: tables of joints, angles and contacts, run.json, report.html and what the viewer needs. It
+        appears when all is done.
     patient
         Where the patient stands at the start, as x,z in metres on the floor (x forward, z to the patient's right);
         needed only where several people are in the picture and the choice comes out wrong.
@@ -44,6 +45,9 @@ def track(
     calibration
         A calibration.json (or its folder) made by 'anchorpose calibrate'; its poses replace those of the recording.
         Without it poses that are null in recording.json are found.
+    corrections
+        A file of corrections made in 'anchorpose view': frames that a reviewer marked as unusable get no joints, and
+        joints that he moved are where he says.
     motions
         A file of reference movements made by 'anchorpose motions build', to predict by instead of those that come with
         the program.
@@ -79,10 +83,7 @@ def track(
     except ValueError as error:
         raise AnchorposeError(f"{error}.") from None
     with new_results_folder(results, recording, overwrite) as folder, progress_bar("Tracking") as progress:
-        if calibration is None:
-            track_recording(recording, folder, settings, progress)
-        else:
-            track_recording(recording, folder, settings, progress, calibration)
+        track_recording(recording, folder, settings, progress, calibration, corrections)
     print_outcome(results)
 
 

@@ -20,6 +20,7 @@ from anchorpose import __version__
 from anchorpose.errors import InputError
 from anchorpose.recording.document import read_json_object
 from anchorpose.results.body_record import BodyRecord
+from anchorpose.results.corrections import JointCorrection, UnusableInterval
 
 RUN_FILE: Final = "run.json"
 
@@ -88,6 +89,16 @@ class DroppedFrame:
 
 
 @dataclass(frozen=True, slots=True)
+class CorrectionsRecord:
+    """The reviewer's file that was honoured: its name and hash, and what it says."""
+
+    file: str
+    sha256: str
+    unusable: tuple[UnusableInterval, ...]
+    joints: tuple[JointCorrection, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class PictureRecord:
     """A picture kept for the report, under the results folder."""
 
@@ -112,6 +123,7 @@ class RunRecord:
     association: Association = Association()
     dropped: tuple[DroppedFrame, ...] = ()
     body: BodyRecord | None = None  # None where the patient was never found
+    corrections: CorrectionsRecord | None = None
     pictures: tuple[PictureRecord, ...] = ()
     notes: tuple[str, ...] = ()  # sentences for people: what was assumed, what to beware of
 
@@ -140,6 +152,7 @@ def write_run_record(path: Path, record: RunRecord) -> None:
         "association": plain(record.association),
         "dropped": plain(record.dropped),
         "body": plain(record.body),
+        "corrections": plain(record.corrections),
         "pictures": plain(record.pictures),
         "notes": plain(record.notes),
         "config": plain(record.config),

@@ -12,8 +12,11 @@ from anchorpose.body.touching import Nearness, find_nearness
 from anchorpose.joints import JointState
 from anchorpose.recording.reader import read_frames
 from anchorpose.recording.recording import FrameSet, Recording
+from anchorpose.results.anchors_table import AnchorFrame
 from anchorpose.results.joint_frame import JointFrame
+from anchorpose.results.people_labels import LabelPicture
 from anchorpose.results.pictures import FramePicture
+from anchorpose.results.poses import BodyPose
 from anchorpose.tracker.association import Associate, link
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
@@ -24,19 +27,43 @@ from anchorpose.tracker.room import Room
 from anchorpose.tracker.smoothing import Passed, passed, smooth
 from anchorpose.tracker.start import Start, turn_round
 from anchorpose.tracker.stopwatch import Stopwatch
+from anchorpose.tracker.witnesses import anchor_frame, axial_sigma, body_pose, label_pictures
 from anchorpose.tracking.motion_database import MotionDatabase
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameRecord:
-    """What is kept of one frame: the joints, share of nodes matched, how near others are to the patient (None where he
-    is lost), what was wrong with its pictures, and pictures of it for the report."""
+    """What is kept of one frame: the joints, the body's pose, anchors, whose each pixel is, share of nodes matched, how
+    near others are to the patient (None where he is lost), what was wrong with its pictures, and pictures of it for the
+    report."""
 
     joints: JointFrame
+    body: BodyPose
+    anchors: AnchorFrame
+    labels: tuple[LabelPicture, ...]
     matched_share: float | None
     near: Nearness | None
     problems: tuple[str, ...]
     pictures: tuple[FramePicture, ...]
+
+
+def set_aside(record: FrameRecord, why: str | None) -> FrameRecord:
+    """The record of a frame of no use: nothing is known of the patient, and its problems say why; None keeps it."""
+    if why is None:
+        return record
+    joints, body = record.joints, record.body
+    return replace(
+        record,
+        joints=replace(
+            joints,
+            position_m=np.full_like(joints.position_m, np.nan),
+            state=(JointState.LOST,) * len(joints.state),
+            sigma_m=np.full_like(joints.sigma_m, np.nan),
+        ),
+        body=body_pose(body_points(), None, body.frame, body.time_s, None, None),
+        near=None,
+        problems=(*record.problems, why),
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,7 +181,24 @@ class _Work:
             sigma_m=estimate.sigma_m,
         )
         pictures = tuple(draw_estimate(estimate, self.shape)) if with_pictures and self.shape else ()
-        return FrameRecord(joints, estimate.matched_share, self._near(estimate), frame_set.problems, pictures)
+        return FrameRecord(
+            joints,
+            self._body(estimate),
+            anchor_frame(estimate),
+            label_pictures(frame_set, estimate.observation),
+            estimate.matched_share,
+            self._near(estimate),
+            frame_set.problems,
+            pictures,
+        )
+
+    def _body(self, estimate: Estimate) -> BodyPose:
+        points, belief = body_points(), estimate.belief
+        frame, time_s = estimate.frame_set.frame, estimate.frame_set.time_s
+        if self.rest is None or belief is None:
+            return body_pose(points, None, frame, time_s, None, None)
+        sigma = axial_sigma(points, self.rest, belief.pose, belief.covariance, self.config.uncertainty.inflation)
+        return body_pose(points, self.rest, frame, time_s, belief.pose, sigma)
 
     def _near(self, estimate: Estimate) -> Nearness | None:
         """How near others are to the patient of the learnt body; None where he is lost."""
@@ -170,6 +214,8 @@ class _Work:
         lost = np.array([state is JointState.LOST for state in answer.states])
         position = np.where(lost[:, None], np.nan, answer.joints_m)
         joints = replace(record.joints, position_m=position, sigma_m=answer.sigma_m, state=answer.states)
+        frame, time_s = record.joints.frame, record.joints.time_s
+        body = body_pose(body_points(), self.rest, frame, time_s, answer.pose, None)
         pictures: tuple[FramePicture, ...] = ()
         if estimate is not None and estimate.belief is not None and answer.pose is not None and self.shape is not None:
             drawn = replace(
@@ -180,4 +226,4 @@ class _Work:
                 states=answer.states,
             )
             pictures = tuple(draw_estimate(drawn, self.shape))
-        return replace(record, joints=joints, pictures=pictures)
+        return replace(record, joints=joints, body=body, pictures=pictures)

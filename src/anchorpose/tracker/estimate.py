@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,14 +52,20 @@ def nobody_found(frame_set: FrameSet, observation: Observation | None = None) ->
 
 def estimate_of(
     points: SkinPoints, rest: RestPoints, shape: FittedShape, registration: Registration, observation: Observation,
-    matched_share: float | None, config: TrackConfig,
+    matched_share: float | None, config: TrackConfig, told: Container[int] = (),
 ) -> Estimate:  # fmt: skip
-    """Joints by the rule J, their states from the pictures, their sigma from the posterior."""
+    """Joints by the rule J, their states from the pictures, their sigma from the posterior.
+
+    told: joints whose place a reviewer gave; where the pictures contradict him they are hidden, not lost.
+    """
     belief = registration.belief
     posed = pose_points(points, rest, belief.pose)
     joints = rest.body.joints(posed.transforms)
     sigma = joint_sigma(points, rest, posed, belief.covariance, config.uncertainty)
-    states = joint_states(points, posed, observation.evidence.views, observation.evidence.cameras, config.visibility)
+    found = joint_states(points, posed, observation.evidence.views, observation.evidence.cameras, config.visibility)
+    states = tuple(
+        JointState.HIDDEN if joint in told and state is JointState.LOST else state for joint, state in enumerate(found)
+    )
     lost = (sigma > config.follow.lost_sigma_m) | np.array([state is JointState.LOST for state in states])
     return Estimate(
         observation.frame_set,

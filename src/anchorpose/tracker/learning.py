@@ -52,6 +52,8 @@ def learn_patient(
             break
         if estimate.belief is None or estimate.shape is None or estimate.explained < config.follow.least_explained:
             continue
+        if room.review.why_unusable(estimate.frame_set.frame) is not None:
+            continue
         if not learning.own_shape:
             fixed = ShapeBelief(estimate.shape, known.information, known.prior)
             return LearntPatient(fixed, fixed, 0.0)

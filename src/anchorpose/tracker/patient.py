@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from anchorpose.body.part_registration import joints_of_parts
 from anchorpose.body.pose import Pose
 from anchorpose.body.registration import PoseBelief, Registration, posterior, register
 from anchorpose.body.skin_points import FittedShape, body_points, pose_points, rest_points
+from anchorpose.body.told_joints import contradicted, doubted, with_told
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.recording.recording import FrameSet
 from anchorpose.surface.expected_skin import ExpectedSkin
@@ -55,15 +57,16 @@ class PatientTracker:
         self.room, self.config, self.motions = room, config, motions
         self.points = body_points()
         self.wear(start.shape)
-        self.belief = start.belief
+        self.history: deque[np.ndarray] = deque(maxlen=config.follow.history)
+        self.belief = self._corrected(start.belief, start.observation)
+        self.history.append(self._joints(self.belief.pose))
         self.window: deque[Observation] = deque([start.observation])
         self.links: deque[Matcher] = deque()
-        self.history: deque[np.ndarray] = deque([self._joints(start.belief.pose)], maxlen=config.follow.history)
         self.ahead: list[Pose] = []
         self.unseen_s, self.unseen_frames = 0.0, 0
         self.last_found = start.observation
         self.search_wait = 0  # frames until arms may be searched for again
-        self.first = self._estimate(Registration(start.belief, start.explained, True), start.observation)
+        self.first = self._estimate(Registration(self.belief, start.explained, True), start.observation)
 
     @property
     def height_m(self) -> float:
@@ -110,7 +113,9 @@ class PatientTracker:
     ) -> Estimate:
         share = None if hypothesis is None else hypothesis.matched_share
         with self.watch.stage("states and sigma"):
-            return estimate_of(self.points, self.rest, self.shape, registration, seen, share, self.config)
+            told = self.room.review.joints.get(seen.frame_set.frame)
+            named = () if told is None else told.joint.tolist()
+            return estimate_of(self.points, self.rest, self.shape, registration, seen, share, self.config, named)
 
     def predict(self, steps: int) -> list[Pose]:
         """The next poses by scaled motion dynamics: those of the whole look-ahead, once a registered frame."""
@@ -178,11 +183,26 @@ class PatientTracker:
         self.unseen_s = 0.0 if registration.found else self.unseen_s + elapsed_s
         self.unseen_frames = 0 if registration.found else self.unseen_frames + 1
         self.last_found = following if registration.found else self.last_found
+        registration = replace(registration, belief=self._corrected(registration.belief, following))
         self.belief, self.ahead = registration.belief, []
         self.history.append(self._joints(self.belief.pose))
         self.window.popleft()
         self.links.popleft()
         return self._estimate(registration, following, hypothesis)
+
+    def _corrected(self, belief: PoseBelief, seen: Observation) -> PoseBelief:
+        """The belief by what a reviewer said of this frame's joints, if he did.
+
+        Where he contradicts it, what was seen was taken for the wrong limb: then it says less than he, and the limbs'
+        movement so far was somebody else's.
+        """
+        told, fit = self.room.review.joints.get(seen.frame_set.frame), self.config.registration.fit
+        if told is None:
+            return belief
+        if contradicted(self.points, self.rest, belief, told):
+            belief = doubted(belief, told, self.config.registration.restart_doubt_s, fit)
+            self.history.clear()
+        return with_told(self.points, self.rest, belief, told, fit)
 
     def _hypothesise(self, poses: list[Pose]) -> GlobalHypothesis:
         with self.watch.stage("association"):

@@ -16,6 +16,7 @@ from anchorpose.camera import Camera
 from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.facing import heading_of_patient
+from anchorpose.tracker.review import NOTHING_SAID, Review
 from anchorpose.tracker.room import Room, furnish_room, sample_recording
 
 
@@ -30,10 +31,12 @@ class Settled:
     samples: tuple[FrameSet, ...]
 
 
-def prepare_room(recording: Recording, config: TrackConfig) -> Room:
+def prepare_room(recording: Recording, config: TrackConfig, review: Review = NOTHING_SAID) -> Room:
     """Everything that is known before the first frame is followed."""
     settled = settle(recording, config)
-    return furnish_room(settled.recording, settled.clocks, settled.calibration, settled.chosen, settled.samples, config)
+    return furnish_room(
+        settled.recording, settled.clocks, settled.calibration, settled.chosen, settled.samples, config, review
+    )
 
 
 def settle(recording: Recording, config: TrackConfig) -> Settled:
@@ -75,7 +78,7 @@ def calibrate(
         posed = replace(recording, cameras=cameras)
         provisional = Calibration(cameras, floor_m, (), (), records)
         timeless = Clocks((), None, 0)  # frames are paired already
-        room = furnish_room(posed, timeless, provisional, range(len(samples)), samples, config)
+        room = furnish_room(posed, timeless, provisional, range(len(samples)), samples, config, NOTHING_SAID)
         return heading_of_patient(room, samples, headings, config)
 
     return find_world(recording, samples, config.floor, config.equipment_pose, tell_facing, placing)

@@ -18,6 +18,7 @@ from anchorpose.isolation.scene import Scene, find_pieces, set_scene
 from anchorpose.recording.reader import read_frames
 from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.review import Review
 
 UP = np.array([0.0, 1.0, 0.0])
 THERE_M = 0.5  # from the place that was named: beyond, somebody else is seen and the patient has not come yet
@@ -38,13 +39,14 @@ class Opening:
 @dataclass(frozen=True, slots=True, eq=False)
 class Room:
     """recording: on one clock; cameras and scenes in its order; opening None where nobody was seen in the sampled
-    frames."""
+    frames; review: what somebody said who looked at earlier results."""
 
     recording: Recording
     clocks: Clocks
     calibration: Calibration
     scenes: tuple[Scene, ...]
     opening: Opening | None
+    review: Review
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
@@ -62,9 +64,12 @@ def sample_recording(recording: Recording, config: TrackConfig) -> tuple[list[in
 
 def furnish_room(
     recording: Recording, clocks: Clocks, calibration: Calibration, chosen: Sequence[int], samples: Sequence[FrameSet],
-    config: TrackConfig,
+    config: TrackConfig, review: Review,
 ) -> Room:  # fmt: skip
-    """Background of every camera and who is the patient, from frames at positions ``chosen``."""
+    """Background of every camera and who is the patient, from frames at positions ``chosen``.
+
+    Tracking does not begin in a frame that a reviewer marked as unusable, unless all are.
+    """
     scenes = tuple(
         set_scene(
             camera,
@@ -74,9 +79,11 @@ def furnish_room(
         )
         for number, camera in enumerate(calibration.cameras)
     )
-    sightings = [sight_people(frame_set, scenes, config) for frame_set in samples]
-    opening = choose_opening(chosen, sightings, calibration, recording, config)
-    return Room(recording, clocks, calibration, scenes, opening)
+    usable = [k for k, frame_set in enumerate(samples) if review.why_unusable(frame_set.frame) is None]
+    usable = usable or list(range(len(samples)))
+    sightings = [sight_people(samples[k], scenes, config) for k in usable]
+    opening = choose_opening([chosen[k] for k in usable], sightings, calibration, recording, config)
+    return Room(recording, clocks, calibration, scenes, opening, review)
 
 
 def sight_people(frame_set: FrameSet, scenes: Sequence[Scene], config: TrackConfig) -> People:

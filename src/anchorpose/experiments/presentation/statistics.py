@@ -96,11 +96,14 @@ def _with_interval(value: float, drawn: np.ndarray, count: int) -> Estimate:
     """The percentiles, as far from the value as few recordings ask for.
 
     The bootstrap of n values spreads by sqrt((n - 1) / n) too little, and takes the normal distribution's tails for
-    Student's (Hesterberg 2015, doi:10.1080/00031305.2015.1089789): of four recordings 95 % would be 82 %.
+    Student's (Hesterberg 2015, doi:10.1080/00031305.2015.1089789): of four recordings 95 % would be 82 %. Where nothing
+    drawn is zero or less, distances are those of logarithms: errors and ratios have no interval below zero.
     """
-    low, high = np.quantile(drawn, [0.025, 0.975])
+    low, high = (float(bound) for bound in np.quantile(drawn, [0.025, 0.975]))
     wider = float(np.sqrt(count / (count - 1)) * student.ppf(0.975, count - 1) / NORMAL_TAIL)
-    return Estimate(value, value + wider * float(low - value), value + wider * float(high - value), count)
+    if np.nanmin(drawn) > 0:
+        return Estimate(value, value * (low / value) ** wider, value * (high / value) ** wider, count)
+    return Estimate(value, value + wider * (low - value), value + wider * (high - value), count)
 
 
 def _sums(groups: Sequence[np.ndarray], keep_empty: bool = False) -> tuple[np.ndarray, np.ndarray]:

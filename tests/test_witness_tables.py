@@ -1,0 +1,117 @@
+"""poses, anchors and people: what goes in comes out, a lost frame stays one, and the pose is that of the joints."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from anchorpose.body.asset import load_body_asset
+from anchorpose.body.pose import MOVING_BONES, POSE_SIZE, Pose, moving_bones
+from anchorpose.body.skin_points import FittedShape, body_points, rest_points
+from anchorpose.errors import InputError
+from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.results.anchors_table import AnchorFrame, read_anchors, write_anchors
+from anchorpose.results.people_labels import ROOM, label_picture, read_people, read_picture, write_people
+from anchorpose.results.poses import pose_of, read_poses, write_poses
+from anchorpose.tracker.witnesses import axial_sigma, body_pose
+
+POINTS = body_points()
+REST = rest_points(POINTS, FittedShape(np.array([1.0, -0.5, 0.3]), 0.008))
+
+
+def any_pose(seed: int) -> Pose:
+    asset, rng = load_body_asset(), np.random.default_rng(seed)
+    rest = Pose(np.tile(np.eye(3), (len(asset.bone_names), 1, 1)), np.zeros(3))
+    return rest.moved(rng.normal(scale=0.6, size=POSE_SIZE), moving_bones(asset))
+
+
+def written(tmp_path, poses):
+    with write_poses(tmp_path / "poses.parquet") as table:
+        for pose in poses:
+            table.append(pose)
+    return read_poses(tmp_path / "poses.parquet")
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_joints_can_be_had_from_the_table_again(seed, tmp_path):
+    pose = any_pose(seed)
+    table = written(tmp_path, [body_pose(POINTS, REST, 7, 0.25, pose, None)])
+    again = pose_of(POINTS.asset, table.head_m[0], table.quaternion[0])
+    joints = [REST.body.joints(REST.body.bone_transforms(p.rotations, p.root_m)) for p in (pose, again)]
+    np.testing.assert_allclose(joints[1], joints[0], atol=2e-6)  # float32 at a metre: 0.1 micrometres a number
+    assert table.frame.tolist() == [7]
+    assert table.time_s.tolist() == [0.25]
+    assert np.isnan(table.axial_sigma_rad).all()
+
+
+def test_the_rest_pose_is_no_turn_at_all():
+    pose = Pose(np.tile(np.eye(3), (len(POINTS.asset.bone_names), 1, 1)), np.array([0.0, 1.0, 0.0]))
+    np.testing.assert_allclose(
+        body_pose(POINTS, REST, 0, 0.0, pose, None).quaternion, [[1.0, 0, 0, 0]] * 21, atol=1e-12
+    )
+
+
+def test_a_lost_frame_has_no_pose(tmp_path):
+    table = written(
+        tmp_path, [body_pose(POINTS, REST, 0, 0.0, None, None), body_pose(POINTS, REST, 1, 0.1, any_pose(1), None)]
+    )
+    assert np.isnan(table.head_m[0]).all()
+    assert np.isfinite(table.head_m[1]).all()
+    with pytest.raises(ValueError, match="lost"):
+        pose_of(POINTS.asset, table.head_m[0], table.quaternion[0])
+
+
+def test_axial_sigma_is_that_of_turns_about_the_bone():
+    pose, knee = any_pose(3), MOVING_BONES.index("LeftLeg")
+    bone = POINTS.asset.bone("LeftLeg")
+    along = REST.body.bone_tails[bone] - REST.body.bone_heads[bone]
+    axis = pose.rotations[bone] @ (along / np.linalg.norm(along))
+    covariance = np.zeros((POSE_SIZE, POSE_SIZE))
+    own = slice(3 * knee, 3 * knee + 3)
+    covariance[own, own] = 0.04 * np.outer(axis, axis) + 0.09 * (np.eye(3) - np.outer(axis, axis))
+    sigma = axial_sigma(POINTS, REST, pose, covariance, 0.5)
+    assert sigma[knee] == pytest.approx(0.5 * 0.2)
+    assert np.delete(sigma, knee).max() == 0.0
+
+
+def test_anchors_come_back_and_a_missed_one_stays_missed(tmp_path):
+    place, sigma = np.random.default_rng(2).normal(size=(5, 3)), np.full(5, 0.01)
+    place[2], sigma[2] = np.nan, np.nan
+    with write_anchors(tmp_path / "a.parquet") as table:
+        table.append(AnchorFrame(4, 0.5, place, sigma))
+    read = read_anchors(tmp_path / "a.parquet")
+    np.testing.assert_array_equal(read.position_m[0], place)
+    np.testing.assert_array_equal(read.sigma_m[0], sigma)
+
+
+def test_labels_come_back_without_the_room(tmp_path):
+    labels = np.random.default_rng(3).integers(0, 9, size=(40, 60)).astype(np.uint8)
+    with write_people(tmp_path / "p.parquet") as table:
+        table.append(label_picture(3, "left", View(np.ones((40, 60), np.float32), labels)))
+    read = read_picture(read_people(tmp_path / "p.parquet")[3, "left"])
+    np.testing.assert_array_equal(read, np.where(np.isin(labels, [0, 1, PixelLabel.CLUTTER]), ROOM, labels))
+
+
+def test_tables_that_are_cut_off_are_refused(tmp_path):
+    for name, write, row, read in (
+        ("poses", write_poses, body_pose(POINTS, REST, 0, 0.0, any_pose(1), None), read_poses),
+        ("anchors", write_anchors, AnchorFrame(0, 0.0, np.zeros((5, 3)), np.ones(5)), read_anchors),
+    ):
+        path = tmp_path / f"{name}.parquet"
+        with write(path) as table:
+            table.append(row)
+        pq.write_table(pq.read_table(path).slice(1), path)
+        with pytest.raises(InputError, match=name):
+            read(path)
+
+
+def test_two_pictures_of_one_frame_are_refused(tmp_path):
+    picture = label_picture(0, "front", View(np.ones((4, 4), np.float32), np.ones((4, 4), np.uint8)))
+    with write_people(tmp_path / "p.parquet") as table:
+        table.append(picture)
+        table.append(picture)
+    with pytest.raises(InputError, match="two pictures"):
+        read_people(tmp_path / "p.parquet")
+    assert isinstance(pq.read_table(tmp_path / "p.parquet"), pa.Table)
