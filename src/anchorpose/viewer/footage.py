@@ -165,4 +165,5 @@ def _pixels(depth_m: np.ndarray, labels: np.ndarray | None, camera: Camera, room
 def _fineness(row: np.ndarray, column: np.ndarray) -> np.ndarray:
     """0 for pixels on every eighth row and column, 1 on every fourth, 2 on every second, 3 for the rest."""
     both = row | column
-    return np.where(both % 2, 3, np.where(both % 4, 2, np.where(both % 8, 1, 0)))
+    ranks = np.where(both % 2, 3, np.where(both % 4, 2, np.where(both % 8, 1, 0)))
+    return ranks.astype(np.uint8)  # bytes are sorted by counting

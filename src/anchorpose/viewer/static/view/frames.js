@@ -7,7 +7,8 @@ import { SurfaceLayer, equipmentLayer } from "./meshes.js";
 import { PointLayer } from "./points.js";
 import { DotLayer, SkeletonLayer } from "./skeleton.js";
 
-const FRAMES = 8, AHEAD = 3, MOST_BYTES = 384 * 1024 * 1024;
+// frames in a chunk, and chunks fetched ahead while playing and while there is time
+const FRAMES = 8, AHEAD = 4, AHEAD_AT_REST = 12, MOST_BYTES = 384 * 1024 * 1024;
 
 export class Frames {
   constructor(description, motion, view, playback, say) {
@@ -73,7 +74,7 @@ export class Frames {
     if (!chunks || !layer) return true;
     const held = wanted ? chunks.get(position) : null;
     layer.set(held);
-    if (wanted) chunks.want(position, direction, AHEAD);
+    if (wanted) chunks.want(position, direction, this.playback.playing ? AHEAD : AHEAD_AT_REST);
     return !wanted || held !== null;
   }
 
