@@ -8,7 +8,10 @@ from typing import Any
 import cv2
 import numpy as np
 from viewer_builder import viewer_of, write_small_recording, write_small_results
-from viewer_page import bluish, opened, scene_picture, until
+from viewer_page import bluish, is_bluish, opened, scene_picture, until
+
+from anchorpose.camera import transform_points
+from anchorpose.viewer.server import ViewerServer
 
 pytest_plugins = ("viewer_fixtures",)
 
@@ -37,23 +40,48 @@ def test_the_body_the_surface_and_the_room_can_be_shown(viewer: Any) -> None:
     assert (np.abs(scene_picture(viewer) - bare).sum(axis=2) > 30).sum() < 100
 
 
-def test_a_pixel_lies_on_the_screen_where_an_independent_projection_puts_it(viewer: Any) -> None:
-    """The page's own sum for picking against the server's arrays, to the last digit of a float."""
-    found = np.array(viewer.evaluate(
-        "() => { const c = anchorpose.frames.points.cameras[0], p = c.points.geometry.getAttribute('pixel').array;"
-        " const points = anchorpose.frames.points;"
-            " return [0, 100, 400].map((i) => [...p.subarray(4 * i, 4 * i + 3), ...points.place(c, p, i)]); }"
-    ))  # fmt: skip
-    server_side = viewer.evaluate("anchorpose.description.cameras[0]")
-    camera_to_world = np.array(server_side["camera_to_world"])
-    distortion = np.array([0.05, -0.02, 0.001, 0.0, 0.0])
-    matrix = np.array(
-        [[server_side["fx"], 0, server_side["cx"]], [0, server_side["fy"], server_side["cy"]], [0, 0, 1.0]]
+def patients_skin(server: ViewerServer) -> np.ndarray:
+    """(n, 3) the patient's pixels of the first frame in the world, by ``Camera.back_project``."""
+    footage = server.desk.review.footage
+    assert footage is not None
+    found = []
+    for number, camera in enumerate(footage.cameras):
+        depth_m, labels = footage.depth(0, number)[0], footage.labels(0, number)
+        assert depth_m is not None
+        assert labels is not None
+        found.append(
+            transform_points(camera.require_pose(), camera.back_project(depth_m)[(labels == 4) & (depth_m > 0)])
+        )
+    return np.concatenate(found)
+
+
+def test_points_are_drawn_where_an_independent_way_puts_them(viewer: Any, server: ViewerServer) -> None:
+    for key in "xaqt":
+        viewer.keyboard.press(key)  # nothing but the patient's points
+    for preset in "125":
+        viewer.keyboard.press(preset)
+        blue = is_bluish(scene_picture(viewer))
+        world = patients_skin(server)
+        seen = np.array(viewer.evaluate("points => points.map((p) => anchorpose.view.project(p))", world.tolist()))
+        column, row = np.rint(seen[:, :2]).astype(int).T
+        assert blue[row, column].mean() > 0.97
+        around = np.zeros(blue.shape, np.uint8)
+        around[row, column] = 1
+        near = cv2.dilate(around, np.ones((19, 19), np.uint8)) > 0
+        assert (blue & ~near).sum() == 0
+
+
+def test_the_point_that_a_click_finds_is_the_one_that_is_drawn(viewer: Any, server: ViewerServer) -> None:
+    place = "(i) => anchorpose.frames.points.place(anchorpose.frames.points.cameras[0], pixels(), i)"
+    pixels = "const pixels = () => anchorpose.frames.points.cameras[0].points.geometry.getAttribute('pixel').array;"
+    found = np.array(viewer.evaluate(f"() => {{ {pixels} return [...Array(200).keys()].map({place}); }}"))
+    labels = np.array(
+        viewer.evaluate(f"() => {{ {pixels} return [...Array(200).keys()].map((i) => pixels()[4 * i + 3] & 255); }}")
     )
-    rays = cv2.undistortPoints(found[:, None, :2], matrix, distortion)[:, 0]
-    z = found[:, 2:3] * 0.001
-    expected = np.hstack([rays * z, z]) @ camera_to_world[:3, :3].T + camera_to_world[:3, 3]
-    assert np.abs(expected - found[:, 3:]).max() < 1e-5
+    skin = patients_skin(server)
+    away_m = np.linalg.norm(found[labels == 4][:, None] - skin[None], axis=2).min(axis=1)
+    assert len(away_m) > 10
+    assert away_m.max() < 1e-5
 
 
 def test_points_that_nobody_told_apart_are_shown_in_one_colour_and_said_so(page: Any, tmp_path: Path) -> None:

@@ -43,10 +43,15 @@ def scene_picture(page: Any) -> np.ndarray:
     return picture[..., ::-1].astype(int)
 
 
+def is_bluish(picture: np.ndarray) -> np.ndarray:
+    """(h, w) bool: the patient's colour, whichever way the skin faces."""
+    red, green, blue = picture[..., 0], picture[..., 1], picture[..., 2]
+    return (blue > 40) & (blue > green) & (blue - red > 0.4 * blue)
+
+
 def bluish(picture: np.ndarray) -> int:
     """Pixels of the patient's colour."""
-    red, green, blue = picture[..., 0], picture[..., 1], picture[..., 2]
-    return int(((blue > red + 50) & (blue > green + 15)).sum())
+    return int(is_bluish(picture).sum())
 
 
 def file_of(server: ViewerServer) -> Corrections:
