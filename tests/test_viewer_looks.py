@@ -7,9 +7,10 @@ from typing import Any
 
 import cv2
 import numpy as np
-from viewer_builder import viewer_of, write_small_recording, write_small_results
+from viewer_builder import BODY_SHIFT_M, BODY_TURN, viewer_of, write_small_recording, write_small_results
 from viewer_page import bluish, is_bluish, opened, scene_picture, until
 
+from anchorpose.body.asset import load_body_asset
 from anchorpose.camera import transform_points
 from anchorpose.viewer.server import ViewerServer
 
@@ -82,6 +83,26 @@ def test_the_point_that_a_click_finds_is_the_one_that_is_drawn(viewer: Any, serv
     away_m = np.linalg.norm(found[labels == 4][:, None] - skin[None], axis=2).min(axis=1)
     assert len(away_m) > 10
     assert away_m.max() < 1e-5
+
+
+def test_the_body_is_drawn_where_its_pose_puts_it(viewer: Any) -> None:
+    for key in "xaqtp":
+        viewer.keyboard.press(key)
+    rest = load_body_asset().vertices
+    skin = BODY_TURN.apply(rest) + BODY_SHIFT_M
+    for preset in "12":
+        viewer.keyboard.press(preset)
+        bare = scene_picture(viewer)
+        viewer.keyboard.press("b")
+        body = np.abs(scene_picture(viewer) - bare).sum(axis=2) > 12
+        viewer.keyboard.press("b")
+        seen = np.array(viewer.evaluate("points => points.map((p) => anchorpose.view.project(p))", skin[::3].tolist()))
+        column, row = np.rint(seen[:, :2]).astype(int).T
+        assert body[row, column].mean() > 0.9
+        around = np.zeros(body.shape, np.uint8)
+        around[row, column] = 1
+        near = cv2.dilate(around, np.ones((25, 25), np.uint8)) > 0
+        assert (body & ~near).sum() == 0
 
 
 def test_points_that_nobody_told_apart_are_shown_in_one_colour_and_said_so(page: Any, tmp_path: Path) -> None:

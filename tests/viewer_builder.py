@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from recording_builder import write_picture, write_timestamps
 from results_builder import make_frame, standing_joints
+from scipy.spatial.transform import Rotation
 
 from anchorpose.body.asset import load_body_asset
 from anchorpose.body.pose import MOVING_BONES
@@ -32,6 +33,9 @@ from anchorpose.viewing import open_viewer
 WIDTH, HEIGHT, FRAMES, PERIOD_S = 96, 128, 45, 1.0 / 15.0
 FOCAL = 110.0
 LOST_FRAME, UNSURE_FRAME = 30, 12
+
+BODY_TURN = Rotation.from_rotvec([0.0, 0.6, 0.0])  # all bones alike: the body of the page is the rest body, turned
+BODY_SHIFT_M = np.array([0.05, 0.02, 0.1])
 
 POSES = {
     "front": np.array([[0, 0, -1, 2.4], [0, -1, 0, 1.0], [-1, 0, 0, 0.0], [0, 0, 0, 1.0]]),
@@ -163,7 +167,7 @@ def _joints(frame: int) -> JointFrame:
 
 def _pose(frame: int) -> BodyPose:
     asset = load_body_asset()
-    heads = np.stack([asset.bone_heads[asset.bone(name)] for name in MOVING_BONES])
-    turn = np.tile([1.0, 0.0, 0.0, 0.0], (len(MOVING_BONES), 1))
+    heads = BODY_TURN.apply(np.stack([asset.bone_heads[asset.bone(name)] for name in MOVING_BONES])) + BODY_SHIFT_M
+    turn = np.tile(BODY_TURN.as_quat(scalar_first=True), (len(MOVING_BONES), 1))
     gone = np.nan if frame == LOST_FRAME else 0.0
     return BodyPose(frame, frame * PERIOD_S, heads + gone, turn + gone, np.full(len(MOVING_BONES), np.nan))
