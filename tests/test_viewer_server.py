@@ -220,6 +220,14 @@ def test_the_verb_prints_where_it_is_and_stops_when_told(small: tuple[Path, Path
         process.kill()
 
 
+def test_a_place_that_is_taken_or_is_none_is_refused(
+    server: ViewerServer, small: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    for place in (("--port", str(server.guard.port)), ("--host", "203.0.113.7"), ("--port", "99999")):
+        assert main(["view", str(small[0]), "--no-browser", *place]) == 2
+        assert "Cannot listen on" in capsys.readouterr().err
+
+
 def test_results_that_are_none_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["view", str(tmp_path / "none"), "--no-browser"]) == 2
     assert "there is no such folder" in capsys.readouterr().err

@@ -29,6 +29,33 @@ def test_it_plays_at_recorded_speed_and_stops_at_the_end(viewer: Any) -> None:
     assert viewer.locator("#play").get_attribute("aria-label") == "Play"
 
 
+def test_frames_that_cannot_be_had_are_not_asked_for_without_end(viewer: Any) -> None:
+    tries, told = viewer.evaluate("""async () => {
+      const { Chunks } = await import("./view/chunks.js");
+      let tries = 0, told = 0;
+      const load = () => { tries += 1; return Promise.reject(new Error("gone")); };
+      const chunks = new Chunks({ load, frames: 80, size: 8, mostBytes: 1e6, failed: () => { told += 1; }, arrived: () => chunks.want(0, 1, 3) });
+      chunks.want(0, 1, 3);
+      await new Promise((done) => setTimeout(done, 700));
+      return [tries, told];
+    }""")  # fmt: skip
+    assert 1 <= tries <= 3
+    assert told == tries
+
+
+def test_chunks_keep_to_their_memory_and_drop_what_was_used_longest_ago(viewer: Any) -> None:
+    held = viewer.evaluate("""async () => {
+      const { Chunks } = await import("./view/chunks.js");
+      const load = async (first) => ({ meta: { first }, bytes: 100 });
+      const chunks = new Chunks({ load, frames: 80, size: 8, mostBytes: 350, failed() {}, arrived() {} });
+      for (const number of [0, 1, 2]) await chunks.fetch(number);
+      chunks.get(3);
+      await chunks.fetch(3);
+      return [...chunks.held.keys()];
+    }""")
+    assert held == [2, 0, 3]
+
+
 def test_every_frame_can_be_reached_by_keyboard(viewer: Any) -> None:
     steps = [
         ("ArrowRight", 1), ("ArrowRight", 2), ("ArrowLeft", 1), ("Shift+ArrowRight", 11), ("End", FRAMES - 1),

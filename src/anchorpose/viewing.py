@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from anchorpose.errors import InputError
+from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.results.corrections import corrections_beside
 from anchorpose.results.reviewed_recording import recording_of_run
 from anchorpose.viewer.correcting import Correcting
@@ -16,7 +16,8 @@ from anchorpose.viewer.server import ViewerServer
 def open_viewer(
     results: Path, recording: Path | None, corrections: Path | None, who: str, host: str, port: int
 ) -> ViewerServer:
-    """A server that listens; raises InputError where results, recording or corrections cannot be used.
+    """A server that listens; raises InputError where results, recording or corrections cannot be used, AnchorposeError
+    where nothing can listen on ``host`` and ``port``.
 
     corrections: the file to extend; None = beside the results (``corrections_beside``).
     """
@@ -25,4 +26,10 @@ def open_viewer(
     review = open_review(results, recording)
     path = corrections if corrections is not None else corrections_beside(results)
     desk = Desk(review, Correcting(path, recording_of_run(review.run), review.joints), who)
-    return ViewerServer(desk, host, port)
+    try:
+        return ViewerServer(desk, host, port)
+    except (OSError, OverflowError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise AnchorposeError(
+            f"Cannot listen on {host}, port {port} ({why}); choose another --host or --port."
+        ) from None

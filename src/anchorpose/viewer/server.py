@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import socket
 import sys
 from contextlib import suppress
 from http import HTTPStatus
@@ -33,7 +34,10 @@ class ViewerServer(ThreadingHTTPServer):
     @property
     def address(self) -> str:
         """With the token, which every request must carry."""
-        return f"http://{self.host}:{self.guard.port}/{self.guard.token}/"
+        name = (
+            socket.gethostname() if self.host in ("", "0.0.0.0") else self.host
+        )  # of all addresses none can be opened
+        return f"http://{name}:{self.guard.port}/{self.guard.token}/"
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """A browser that hangs up in the middle (a tab was closed) is no error of ours."""

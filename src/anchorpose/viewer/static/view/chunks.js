@@ -1,6 +1,6 @@
 // Frames in chunks: fetched ahead of the play head, the least recently used forgotten first.
 
-const MOST_AT_ONCE = 2;
+const MOST_AT_ONCE = 2, REST_MS = 2000; // after a failure
 
 export class Chunks {
   /** load(first, count, signal): a promise of {meta, arrays, bytes}; arrived(): called when one is there. */
@@ -10,6 +10,7 @@ export class Chunks {
     this.under_way = new Map();
     this.bytes = 0;
     this.epoch = 0;
+    this.restsUntil = 0;
   }
 
   /** The chunk that holds a frame, or null while it is fetched. */
@@ -24,6 +25,7 @@ export class Chunks {
 
   /** Fetches what is at the play head, then what comes next in the direction of play, and lets go of the rest. */
   want(position, direction, ahead) {
+    if (performance.now() < this.restsUntil) return;
     const now = Math.floor(position / this.size), last = Math.floor((this.frames - 1) / this.size);
     const wanted = [];
     for (let step = 0; step <= ahead; step++) wanted.push(now + direction * step);
@@ -43,11 +45,18 @@ export class Chunks {
       const chunk = await this.load(number * this.size, this.size, control.signal);
       if (epoch === this.epoch) this.keep(number, chunk);
     } catch (error) {
-      if (error.name !== "AbortError") this.failed(error);
+      if (error.name !== "AbortError") this.failedOnce(error);
     } finally {
       if (this.under_way.get(number) === control) this.under_way.delete(number);
     }
     if (epoch === this.epoch) this.arrived();
+  }
+
+  /** Says so, and tries again in a while. */
+  failedOnce(error) {
+    this.restsUntil = performance.now() + REST_MS;
+    setTimeout(() => this.arrived(), REST_MS + 50);
+    this.failed(error);
   }
 
   keep(number, chunk) {
