@@ -34,7 +34,8 @@ def test_frames_that_cannot_be_had_are_not_asked_for_without_end(viewer: Any) ->
       const { Chunks } = await import("./view/chunks.js");
       let tries = 0, told = 0;
       const load = () => { tries += 1; return Promise.reject(new Error("gone")); };
-      const chunks = new Chunks({ load, frames: 80, size: 8, mostBytes: 1e6, failed: () => { told += 1; }, arrived: () => chunks.want(0, 1, 3) });
+      const failed = () => { told += 1; }, arrived = () => chunks.want(0, 1, 3);
+      const chunks = new Chunks({ load, frames: 80, size: 8, mostBytes: 1e6, failed, arrived });
       chunks.want(0, 1, 3);
       await new Promise((done) => setTimeout(done, 700));
       return [tries, told];

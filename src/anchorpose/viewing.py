@@ -30,6 +30,5 @@ def open_viewer(
         return ViewerServer(desk, host, port)
     except (OSError, OverflowError) as error:
         why = getattr(error, "strerror", None) or error
-        raise AnchorposeError(
-            f"Cannot listen on {host}, port {port} ({why}); choose another --host or --port."
-        ) from None
+        sentence = f"Cannot listen on {host}, port {port} ({why}); choose another --host or --port."
+        raise AnchorposeError(sentence) from None

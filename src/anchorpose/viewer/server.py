@@ -26,17 +26,15 @@ class ViewerServer(ThreadingHTTPServer):
     daemon_threads = True
 
     def __init__(self, desk: Desk, host: str, port: int) -> None:
+        self.desk, self.host = desk, host  # before the rest: a place that cannot be had closes the server at once
         super().__init__((host, port), _Handler)
-        self.desk = desk
         self.guard = Guard(new_token(), self.server_address[1], is_loopback(host))
-        self.host = host
 
     @property
     def address(self) -> str:
         """With the token, which every request must carry."""
-        name = (
-            socket.gethostname() if self.host in ("", "0.0.0.0") else self.host
-        )  # of all addresses none can be opened
+        everywhere = self.host in ("", "0.0.0.0")  # which is no address that can be opened
+        name = socket.gethostname() if everywhere else self.host
         return f"http://{name}:{self.guard.port}/{self.guard.token}/"
 
     def handle_error(self, request: Any, client_address: Any) -> None:
