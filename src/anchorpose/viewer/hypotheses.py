@@ -20,6 +20,10 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.inspection import inspect_frame
 from anchorpose.viewer.container import pack
 
+FIRST_GUESS = (
+    "With a first guess of the body, from this frame on; anchorpose inspect --as-tracked repeats what track did."
+)
+
 
 class Progress(StrEnum):
     """Where the work stands."""
@@ -133,7 +137,7 @@ def hypotheses_of(
         "frames": [found.frame_set.frame, found.next.observation.frame_set.frame],
     }
     arrays = {"nodes": nodes, "reached": reached.astype(np.float32), "best": best, "asked": asked}
-    return pack(meta, arrays), found.account
+    return pack(meta, arrays), (FIRST_GUESS,)
 
 
 def _work(pipe: Connection, recording: Recording, frame: int, patient_xz_m: tuple[float, float] | None) -> None:

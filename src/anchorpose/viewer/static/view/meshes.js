@@ -1,10 +1,10 @@
 // The patient's seen surface, frame by frame, and the equipment, which stands.
 
 import {
-  BufferAttribute, BufferGeometry, DoubleSide, DynamicDrawUsage, EdgesGeometry, Group, LineBasicMaterial, LineSegments, Mesh,
+  BufferAttribute, BufferGeometry, Color, DoubleSide, DynamicDrawUsage, EdgesGeometry, Group, LineBasicMaterial, LineSegments, Mesh,
   ShaderMaterial,
 } from "three";
-import { colour, themed } from "./theme.js";
+import { colour, css, themed } from "./theme.js";
 
 const VERTEX = `
 varying vec3 seen;
@@ -68,7 +68,7 @@ export function equipmentLayer({ vertices, faces }, view) {
   group.add(mesh, edges);
   themed(() => {
     mesh.material.uniforms.tint.value = colour("equipment");
-    edges.material.color = colour("equipment");
+    edges.material.color = new Color(css("equipment"));
     view.invalidate();
   });
   return group;

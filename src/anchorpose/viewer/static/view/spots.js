@@ -1,8 +1,8 @@
 // The hypotheses of one frame: asked for, waited for, drawn as lines from each node to where a subset finds it.
 
-import { BufferAttribute, BufferGeometry, Group, LineBasicMaterial, LineSegments, Points, PointsMaterial } from "three";
+import { BufferAttribute, BufferGeometry, Color, Group, LineBasicMaterial, LineSegments, Points, PointsMaterial } from "three";
 import { getArrays, getJson, postJson } from "./api.js";
-import { colour } from "./theme.js";
+import { css } from "./theme.js";
 
 const COLOURS = ["#e69f00", "#56b4e9", "#009e73", "#d6c400", "#0072b2", "#d55e00", "#cc79a7", "#8a8a8a", "#9b5de5", "#00bbf9"];
 const ASK_EVERY_MS = 400;
@@ -55,11 +55,11 @@ export class Hypotheses {
     this.position = standing.position;
     this.found = { meta, arrays };
     const { nodes, best, reached, asked } = arrays, subsets = meta.subsets.length;
-    const place = [], tint = [], missed = colour("ink");
+    const place = [], tint = [], missed = new Color(css("ink")).toArray();
     for (let i = 0; i < best.length; i++) {
       if (!asked[i]) continue;
       place.push(nodes[3 * i], nodes[3 * i + 1], nodes[3 * i + 2]);
-      tint.push(...(best[i] >= 0 ? shadeOf(best[i]) : [missed.r, missed.g, missed.b]));
+      tint.push(...(best[i] >= 0 ? shadeOf(best[i]) : missed));
     }
     const geometry = new BufferGeometry();
     geometry.setAttribute("position", new BufferAttribute(new Float32Array(place), 3));
@@ -119,6 +119,5 @@ export class Hypotheses {
 }
 
 function shadeOf(subset) {
-  const text = COLOURS[subset % COLOURS.length];
-  return [1, 3, 5].map((at) => parseInt(text.slice(at, at + 2), 16) / 255);
+  return new Color(COLOURS[subset % COLOURS.length]).toArray();
 }
