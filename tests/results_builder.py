@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, JointState
-from anchorpose.results.angles import ANGLES_FILE, joint_angles, write_angles
+from anchorpose.results.angles import ANGLES_FILE, write_angles
 from anchorpose.results.joint_frame import JointFrame
+from anchorpose.results.kinematics.joint_angles import joint_angles
 from anchorpose.results.run_record import (
     RUN_FILE,
     CameraRecord,

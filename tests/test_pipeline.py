@@ -30,7 +30,10 @@ from anchorpose.simulate.config import SimulationConfig, clinic, single
 from anchorpose.simulate.write import simulate_recording
 
 FRAMES, FPS, DAMAGED = 9, 8.0, 5
-TABLES = ("joints.parquet", "angles.parquet", "contacts.parquet", "poses.parquet", "anchors.parquet", "people.parquet")
+TABLES = (
+    "joints.parquet", "angles.parquet", "contacts.parquet", "poses.parquet", "anchors.parquet", "people.parquet",
+    "posture.parquet", "episodes.parquet", "measures.parquet",
+)  # fmt: skip
 AGAIN = (
     "import sys; from pathlib import Path; from anchorpose.pipeline import TrackConfig, track_recording; "
     "track_recording(Path(sys.argv[1]), Path(sys.argv[2]), TrackConfig(), lambda done, total: None)"
@@ -88,8 +91,8 @@ def test_every_frame_is_in_the_tables(run):
     np.testing.assert_array_equal(run.joints.frame, np.arange(FRAMES))
     np.testing.assert_allclose(run.joints.time_s, np.arange(FRAMES) / FPS, atol=1e-6)
     assert sorted(path.name for path in run.results.iterdir() if path.is_file()) == [
-        "anchors.parquet", "angles.parquet", "contacts.parquet", "joints.parquet", "people.parquet", "poses.parquet",
-        "report.html", "run.json",
+        "anchors.parquet", "angles.parquet", "contacts.parquet", "episodes.parquet", "joints.parquet",
+        "measures.parquet", "people.parquet", "poses.parquet", "posture.parquet", "report.html", "run.json",
     ]  # fmt: skip
 
 

@@ -9,11 +9,12 @@ from results_builder import make_frame, standing_joints, write_results
 from scipy.spatial.transform import Rotation
 
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
-from anchorpose.results.angles import ANGLES, joint_angles
+from anchorpose.results.angles import read_angles
 from anchorpose.results.joint_frame import LOST
+from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES, joint_angles
 from anchorpose.results.tables import JointTable
 
-NAMES = [definition.name for definition in ANGLES]
+NAMES = list(ANGLE_NAMES)
 RIGHT = np.array([0.0, 0.0, 1.0])  # turning about it lifts what points forward, and what hangs swings forward
 
 
@@ -35,11 +36,20 @@ def _angle(joints: np.ndarray, name: str) -> float:
     return float(joint_angles(_table(joints[None])).degrees[0, NAMES.index(name)])
 
 
-def test_a_person_standing_straight_has_no_flexion_anywhere():
-    angles = joint_angles(_table(standing_joints()[None])).degrees[0]
-    shoulders = [NAMES.index(f"shoulder_elevation_{side}") for side in ("left", "right")]
-    np.testing.assert_allclose(angles, 0.0, atol=1e-9)
-    assert angles[shoulders] == pytest.approx([0.0, 0.0])
+def _mirrored(joints: np.ndarray) -> np.ndarray:
+    swap = [name.replace("Left", "*").replace("Right", "Left").replace("*", "Right") for name in JOINT_INDEX]
+    return (joints * [1, 1, -1])[[JOINT_INDEX[name] for name in swap]]
+
+
+def test_a_person_standing_straight_reads_zero_everywhere():
+    for name in NAMES:
+        if name.startswith(("shoulder_plane", "shoulder_rotation", "hip_rotation")):
+            # arms that hang are raised in no direction, straight limbs are bent in no plane
+            assert np.isnan(_angle(standing_joints(), name))
+        elif name.startswith("ankle"):  # the stick figure's foot falls by 18.4 degrees, a mean one by 19.3
+            assert _angle(standing_joints(), name) == pytest.approx(19.3 - np.degrees(np.arctan2(0.05, 0.15)))
+        else:
+            assert _angle(standing_joints(), name) == pytest.approx(0.0, abs=1e-9), name
 
 
 @pytest.mark.parametrize("degrees", [5.0, 60.0, 120.0])
@@ -70,21 +80,120 @@ def test_leaning_forward_is_trunk_flexion_and_hip_flexion_of_both_sides():
     assert _angle(lean, "hip_flexion_left") == pytest.approx(20.0)
 
 
-def test_angles_do_not_depend_on_where_the_patient_stands_or_faces():
+def test_leaning_and_turning_read_as_the_angle_and_sign_that_is_written():
+    trunk = ["SpineMid", "SpineShoulder", "Neck", "Head", "ShoulderLeft", "ShoulderRight"]
+    chest = trunk[1:]
+    forward, up = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
+    to_the_right = _turn(standing_joints(), "SpineBase", trunk, 12.0, forward)
+    assert _angle(to_the_right, "trunk_side_bend") == pytest.approx(12.0)
+    assert _angle(to_the_right, "trunk_flexion") == pytest.approx(0.0, abs=1e-9)
+    to_the_left = _turn(standing_joints(), "SpineMid", chest, 25.0, up)
+    assert _angle(to_the_left, "trunk_pelvis_rotation") == pytest.approx(25.0)
+    assert _angle(to_the_left, "trunk_rotation") == pytest.approx(25.0)
+    bent = _turn(standing_joints(), "SpineMid", chest, -40.0)
+    assert _angle(bent, "trunk_pelvis_flexion") == pytest.approx(40.0)
+    sideways = _turn(standing_joints(), "SpineMid", chest, 18.0, forward)
+    assert _angle(sideways, "trunk_pelvis_side_bend") == pytest.approx(18.0)
+    nod = _turn(standing_joints(), "Neck", ["Head"], -30.0)
+    assert _angle(nod, "neck_flexion") == pytest.approx(30.0)
+    tilt = _turn(standing_joints(), "Neck", ["Head"], 15.0, forward)
+    assert _angle(tilt, "neck_side_bend") == pytest.approx(15.0)
+
+
+def test_the_pelvis_in_the_world_is_turned_raised_and_tilted_in_that_order():
+    turned = Rotation.from_euler("YXZ", [35.0, -8.0, -20.0], degrees=True).as_matrix()
+    joints = standing_joints()
+    middle = 0.5 * (joints[JOINT_INDEX["HipLeft"]] + joints[JOINT_INDEX["HipRight"]])
+    joints = (joints - middle) @ turned.T + middle
+    found = [_angle(joints, f"pelvis_{name}") for name in ("rotation", "obliquity", "tilt")]
+    np.testing.assert_allclose(found, [35.0, 8.0, 20.0], atol=1e-9)
+
+
+@pytest.mark.parametrize(("side", "inwards"), [("Left", 1.0), ("Right", -1.0)])
+def test_a_thigh_forward_and_inward_reads_as_flexion_then_adduction(side, inwards):
+    joints = _turn(standing_joints(), f"Hip{side}", [f"Knee{side}"], 10.0 * inwards, np.array([-1.0, 0.0, 0.0]))
+    joints = _turn(joints, f"Hip{side}", [f"Knee{side}"], 30.0)
+    end = side.lower()
+    assert _angle(joints, f"hip_adduction_{end}") == pytest.approx(10.0)
+    assert _angle(joints, f"hip_pelvis_flexion_{end}") == pytest.approx(30.0)
+    assert _angle(joints, f"hip_flexion_{end}") == pytest.approx(30.0)
+
+
+def test_a_squat_of_ninety_degrees():
+    """Thighs level, shanks upright, trunk upright: 90 at hips and knees, nothing at ankles, no side differs."""
+    joints = standing_joints()
+    down = joints[JOINT_INDEX["HipLeft"]] - joints[JOINT_INDEX["KneeLeft"]]
+    above = [name for name in JOINT_INDEX if not name.startswith(("Knee", "Ankle", "Foot"))]
+    joints[[JOINT_INDEX[name] for name in above]] -= down + np.array([np.linalg.norm(down), 0.0, 0.0])
+    upright = standing_joints()
+    for side in ("left", "right"):
+        for name in ("hip_flexion", "hip_pelvis_flexion", "knee_flexion"):
+            assert _angle(joints, f"{name}_{side}") == pytest.approx(90.0)
+        assert _angle(joints, f"ankle_dorsiflexion_{side}") == _angle(upright, f"ankle_dorsiflexion_{side}")
+    assert _angle(joints, "trunk_flexion") == pytest.approx(0.0, abs=1e-9)
+
+
+def test_toes_up_is_dorsiflexion():
+    toes = _turn(standing_joints(), "AnkleRight", ["FootRight"], 12.0)
+    rise = _angle(toes, "ankle_dorsiflexion_right") - _angle(standing_joints(), "ankle_dorsiflexion_right")
+    assert rise == pytest.approx(12.0)
+
+
+def test_a_t_pose_is_raised_sideways_and_an_arm_in_front_forwards():
+    for side, out in (("Left", -1.0), ("Right", 1.0)):
+        arm, end = [f"Elbow{side}", f"Wrist{side}", f"Hand{side}"], side.lower()
+        t_pose = _turn(standing_joints(), f"Shoulder{side}", arm, 90.0 * out, np.array([-1.0, 0.0, 0.0]))
+        in_front = _turn(standing_joints(), f"Shoulder{side}", arm, 90.0)
+        for pose, plane in ((t_pose, 0.0), (in_front, 90.0)):
+            assert _angle(pose, f"shoulder_elevation_{end}") == pytest.approx(90.0)
+            assert _angle(pose, f"shoulder_plane_{end}") == pytest.approx(plane, abs=1e-9)
+
+
+@pytest.mark.parametrize(("side", "inwards"), [("Left", -1.0), ("Right", 1.0)])
+def test_a_bent_limb_shows_how_it_is_turned_about_its_own_axis(side, inwards):
+    up, end = np.array([0.0, 1.0, 0.0]), side.lower()
+    bent = _turn(standing_joints(), f"Knee{side}", [f"Ankle{side}", f"Foot{side}"], -50.0)
+    turned = _turn(bent, f"Hip{side}", [f"Knee{side}", f"Ankle{side}", f"Foot{side}"], 20.0 * inwards, up)
+    raised = _turn(turned, f"Hip{side}", [f"Knee{side}", f"Ankle{side}", f"Foot{side}"], 70.0)
+    for leg in (turned, raised):
+        assert _angle(leg, f"hip_rotation_{end}") == pytest.approx(20.0)
+    arm = _turn(standing_joints(), f"Elbow{side}", [f"Wrist{side}", f"Hand{side}"], 90.0)
+    arm = _turn(arm, f"Shoulder{side}", [f"Elbow{side}", f"Wrist{side}", f"Hand{side}"], 35.0 * inwards, up)
+    assert _angle(arm, f"shoulder_rotation_{end}") == pytest.approx(35.0)
+    out = _turn(
+        arm, f"Shoulder{side}", [f"Elbow{side}", f"Wrist{side}", f"Hand{side}"], 80.0, np.array([-inwards, 0, 0])
+    )
+    assert _angle(out, f"shoulder_rotation_{end}") == pytest.approx(35.0)
+
+
+def test_near_the_axis_that_it_turns_about_an_angle_is_not_told_though_its_joints_are_seen():
+    for degrees, told in ((10.0, False), (20.0, True)):
+        arm = ["ElbowLeft", "WristLeft", "HandLeft"]
+        angles = joint_angles(_table(_turn(standing_joints(), "ShoulderLeft", arm, degrees)[None]))
+        column = angles.column("shoulder_plane_left")
+        assert np.isfinite([angles.degrees[0, column], angles.sigma_deg[0, column]]).tolist() == [told, told]
+        assert angles.severity[0, column] == 0
+        split = _turn(standing_joints(), "HipRight", ["KneeRight"], 90.0 - degrees, np.array([-1.0, 0.0, 0.0]))
+        assert np.isfinite(_angle(split, "hip_pelvis_flexion_right")) == told
+        assert np.isfinite(_angle(split, "hip_adduction_right"))
+
+
+def test_where_the_patient_stands_or_faces_changes_only_the_angles_of_facing():
     joints = standing_joints() + np.random.default_rng(1).normal(size=(JOINT_COUNT, 3)) * 0.05
     moved = joints @ Rotation.from_euler("y", 1.2).as_matrix().T + [2.0, 0.1, -3.0]
-    before, after = (joint_angles(_table(pose[None])).degrees for pose in (joints, moved))
-    np.testing.assert_allclose(before, after, atol=1e-9)
+    before, after = (joint_angles(_table(pose[None])).degrees[0] for pose in (joints, moved))
+    after[[NAMES.index(name) for name in ("pelvis_rotation", "trunk_rotation")]] -= np.degrees(1.2)
+    np.testing.assert_allclose(after, before, atol=1e-9)
 
 
 def test_a_mirrored_patient_has_left_and_right_exchanged():
     joints = standing_joints() + np.random.default_rng(2).normal(size=(JOINT_COUNT, 3)) * 0.05
-    mirrored = joints * [1, 1, -1]
-    swap = [name.replace("Left", "*").replace("Right", "Left").replace("*", "Right") for name in JOINT_INDEX]
-    mirrored = mirrored[[JOINT_INDEX[name] for name in swap]]
+    turned_over = ("side_bend", "rotation", "obliquity")  # positive to one side of the patient
     for name in NAMES:
         twin = name.replace("left", "*").replace("right", "left").replace("*", "right")
-        assert _angle(joints, name) == pytest.approx(_angle(mirrored, twin))
+        sign = -1.0 if name.endswith(turned_over) else 1.0
+        expected = sign * _angle(_mirrored(joints), twin)
+        assert _angle(joints, name) == pytest.approx(expected, nan_ok=True), name
 
 
 def test_an_angle_is_as_poorly_known_as_its_worst_joint_and_gone_with_a_lost_one():
@@ -98,18 +207,24 @@ def test_an_angle_is_as_poorly_known_as_its_worst_joint_and_gone_with_a_lost_one
     severity[0, JOINT_INDEX["HipLeft"]] = LOST
     angles = joint_angles(_table(lost[None], severity=severity))
     gone = {name for name, value in zip(NAMES, angles.degrees[0], strict=True) if np.isnan(value)}
-    assert gone == {"knee_flexion_left", "hip_flexion_left", "hip_flexion_right", "trunk_flexion"}
-    assert {name for name, s in zip(NAMES, angles.sigma_deg[0], strict=True) if np.isnan(s)} == gone
+    gone -= {f"shoulder_{name}_{side}" for name in ("plane", "rotation") for side in ("left", "right")}  # undetermined
+    of_the_pelvis = {name for name in NAMES if name.startswith(("pelvis", "trunk_pelvis", "hip"))}
+    assert gone == {"knee_flexion_left", "trunk_flexion", "trunk_side_bend", *of_the_pelvis}
+    assert np.isnan(angles.sigma_deg[0, [NAMES.index(name) for name in gone]]).all()
     assert (angles.severity[0, [NAMES.index(name) for name in gone]] == LOST).all()
 
 
 def test_sigma_is_the_spread_that_noise_makes():
     bent = _turn(standing_joints(), "KneeLeft", ["AnkleLeft", "FootLeft"], -50.0)
     bent = _turn(bent, "ElbowRight", ["WristRight", "HandRight"], 70.0)
-    noisy = bent + 0.01 * np.random.default_rng(3).normal(size=(20000, JOINT_COUNT, 3))
-    spread = joint_angles(_table(noisy[:, :])).degrees.std(axis=0)
-    sigma = joint_angles(_table(bent[None])).sigma_deg[0]
-    for name in ("knee_flexion_left", "elbow_flexion_right", "trunk_flexion", "hip_flexion_left", "hip_flexion_right"):
+    bent = _turn(bent, "ShoulderRight", ["ElbowRight", "WristRight", "HandRight"], 60.0)
+    noisy = bent + 0.005 * np.random.default_rng(3).normal(size=(6000, JOINT_COUNT, 3))
+    spread = joint_angles(_table(noisy)).degrees.std(axis=0)
+    sigma = joint_angles(_table(bent[None], 0.005)).sigma_deg[0]
+    # unsigned bends of straight limbs are folded there, and arms that hang have no plane
+    folded = {"knee_flexion_right", "elbow_flexion_left", "shoulder_elevation_left", "shoulder_plane_left"}
+    folded |= {"shoulder_rotation_left", "hip_rotation_right"}
+    for name in set(NAMES) - folded:
         assert sigma[NAMES.index(name)] == pytest.approx(spread[NAMES.index(name)], rel=0.1), name
 
 
@@ -131,5 +246,8 @@ def test_the_table_holds_every_angle_of_every_frame_twice_the_same(tmp_path):
     rows = pq.read_table(paths[0]).to_pylist()
     assert [row["angle"] for row in rows] == NAMES * 3
     assert list(rows[0]) == ["frame", "time_s", "angle", "degrees", "state", "sigma_deg"]
+    back, degrees = read_angles(paths[0]), [row["degrees"] for row in rows[:: len(NAMES)]]
+    np.testing.assert_array_equal(back.degrees[:, 0], [np.nan if d is None else d for d in degrees])
+    assert (back.names, back.severity[1, NAMES.index("knee_flexion_left")]) == (ANGLE_NAMES, LOST)
     lost = next(row for row in rows if row["frame"] == 1 and row["angle"] == "knee_flexion_left")
     assert (lost["degrees"], lost["state"], lost["sigma_deg"]) == (None, "lost", None)

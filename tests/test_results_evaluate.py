@@ -124,12 +124,14 @@ def test_angles_are_compared_with_those_of_the_true_joints(tmp_path):
     normal = normal / np.linalg.norm(normal) if np.linalg.norm(normal) > 1e-9 else np.array([0.0, 0.0, 1.0])
     bent = joints.copy()
     bent[JOINT_INDEX["AnkleLeft"]] = knee + Rotation.from_rotvec(normal * np.radians(10.0)).apply(shank)
-    results = write_results(tmp_path / "results", [make_frame(i, i / 10, bent) for i in range(3)])
+    results = write_results(tmp_path / "results", [make_frame(i, i / 10, bent, sigma_m=0.005) for i in range(3)])
     truth = _write_truth(tmp_path / "truth.npz", np.stack([joints] * 3), np.arange(3) / 10)
     angles = dict(evaluate(results, truth).angles)
     assert angles["knee_flexion_left"].mean_abs_deg == pytest.approx(10.0, abs=0.1)
     assert angles["knee_flexion_right"].mean_abs_deg == pytest.approx(0.0, abs=1e-6)
     assert angles["elbow_flexion_left"].frames == 3
+    assert angles["knee_flexion_left"].coverage_95 == 0.0
+    assert angles["knee_flexion_right"].coverage_95 == 1.0
 
 
 def test_the_longest_time_far_off_is_that_of_one_joint_without_a_break(tmp_path):

@@ -23,7 +23,7 @@ FLOW = (
 VALUES = ("errors", "joints", "camera")
 BESIDE_THE_FLOW = (
     "simulate", "tracker", "pipeline", "calibrating", "inspecting", "collecting", "threads", "cli", "features",
-    "experiments", "viewer", "viewing",
+    "experiments", "exports", "viewer", "viewing",
 )  # fmt: skip
 PACKAGE_ITSELF = "anchorpose"  # `from anchorpose import __version__`
 
@@ -100,6 +100,10 @@ def test_nothing_that_tracks_can_reach_the_simulation_and_its_truth() -> None:
     assert forbidden_imports("tracker", {*FLOW, *VALUES, "tracker"}) == []
     for way in ("pipeline", "calibrating", "inspecting", "collecting"):
         assert forbidden_imports(way, {*FLOW, *VALUES, "tracker", "threads"}) == []
+
+
+def test_exports_read_results_and_reach_neither_tracker_nor_simulation() -> None:
+    assert forbidden_imports("exports", {*FLOW, *VALUES, "exports", PACKAGE_ITSELF}) == []
 
 
 def test_the_simulation_uses_the_body_and_the_format_but_no_stage_that_is_judged_by_it() -> None:

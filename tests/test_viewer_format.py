@@ -27,7 +27,7 @@ from anchorpose.camera import Camera, Intrinsics, transform_points
 from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
-from anchorpose.results.angles import joint_angles
+from anchorpose.results.kinematics.joint_angles import joint_angles
 from anchorpose.results.tables import JointTable
 from anchorpose.surface.mesh import build_surface
 from anchorpose.viewer import body_skin
@@ -179,7 +179,7 @@ def test_the_tables_arrive_whole_with_gaps_as_gaps(review: Review) -> None:
     assert np.isnan(arrays["matched"][0])
     kept = ~lost
     assert np.allclose(arrays["joints"][kept], review.joints.position_m[kept], atol=1e-6)
-    column = review.curves.names.index("knee_flexion_left")
+    column = review.angles.names.index("knee_flexion_left")
     expected = joint_angles(review.joints)
     there = expected.names.index("knee_flexion_left")
     assert np.allclose(arrays["angles"][kept, column], expected.degrees[kept, there], atol=1e-3)

@@ -20,9 +20,10 @@ from anchorpose.joints import JOINT_INDEX, JointState
 from anchorpose.recording.inputs import input_files
 from anchorpose.recording.reader import open_recording
 from anchorpose.results.anchors_table import ANCHORS_FILE, AnchorFrame, write_anchors
-from anchorpose.results.angles import ANGLES_FILE, joint_angles, write_angles
+from anchorpose.results.angles import ANGLES_FILE, write_angles
 from anchorpose.results.contacts import CONTACTS_FILE, Contact, write_contacts
 from anchorpose.results.joint_frame import JointFrame
+from anchorpose.results.kinematics.joint_angles import joint_angles
 from anchorpose.results.people_labels import PEOPLE_FILE, LabelPicture, write_people
 from anchorpose.results.poses import POSES_FILE, BodyPose, write_poses
 from anchorpose.results.run_record import RUN_FILE, hash_files

@@ -20,16 +20,18 @@ from anchorpose.recording.reader import frame_range, open_recording
 from anchorpose.recording.recording import Recording
 from anchorpose.recording.subject import with_height
 from anchorpose.results.anchors_table import ANCHORS_FILE, write_anchors
-from anchorpose.results.angles import ANGLES_FILE, joint_angles, write_angles
 from anchorpose.results.contact_intervals import ContactIntervals
 from anchorpose.results.contacts import CONTACTS_FILE, write_contacts
 from anchorpose.results.corrections import read_corrections
+from anchorpose.results.measuring import write_measured
 from anchorpose.results.people_labels import PEOPLE_FILE, write_people
 from anchorpose.results.pictures import FramePicture, save_pictures
 from anchorpose.results.poses import POSES_FILE, write_poses
+from anchorpose.results.processing.policy import ProcessingConfig
 from anchorpose.results.report import write_report
 from anchorpose.results.run_record import RUN_FILE, Association, DroppedFrame, write_run_record
-from anchorpose.results.tables import JOINTS_FILE, read_joints, write_joints
+from anchorpose.results.stand_training.measure import MeasureConfig
+from anchorpose.results.tables import JOINTS_FILE, write_joints
 from anchorpose.threads import one_thread
 from anchorpose.tracker.account import Given, Written, account_of, corrections_for, hash_inputs
 from anchorpose.tracker.both_ways import FrameRecord, learn_on, plan_route, set_aside, track_on
@@ -85,7 +87,7 @@ def _track(recording: Path, results: Path, config: TrackConfig, progress: Progre
     records = track_on(route, room, motions, shape, shown, config, watch)
     written = _write_frames(results, records, room.review, config)
     with watch.stage("results"):
-        write_angles(results / ANGLES_FILE, joint_angles(read_joints(results / JOINTS_FILE)))
+        write_measured(results, ProcessingConfig(), MeasureConfig())
         account = account_of(room, written, learnt, config, watch, given, inputs, corrections)
         write_run_record(results / RUN_FILE, account)
         write_report(results)

@@ -16,7 +16,9 @@ from anchorpose.cli.demo import demo
 from anchorpose.cli.equipment import equipment
 from anchorpose.cli.evaluate import evaluate
 from anchorpose.cli.experiment import experiment
+from anchorpose.cli.export import export
 from anchorpose.cli.inspect import inspect
+from anchorpose.cli.measure import measure
 from anchorpose.cli.motions import motions
 from anchorpose.cli.report import report
 from anchorpose.cli.simulate import simulate
@@ -36,7 +38,9 @@ app = App(
     default_parameter=Parameter(negative=()),
     suppress_keyboard_interrupt=False,
 )
-for _verb in (demo, simulate, calibrate, track, evaluate, report, view, inspect, equipment, motions, experiment):
+for _verb in (
+    demo, simulate, calibrate, track, evaluate, measure, report, view, export, inspect, equipment, motions, experiment,
+):  # fmt: skip
     app.command(_verb)
 
 

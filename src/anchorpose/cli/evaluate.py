@@ -58,7 +58,7 @@ def print_evaluation(evaluation: Evaluation) -> None:
         column.justify = "right"
     for row in evaluation_rows(evaluation):
         table.add_row(*row)
-    angles = Table("angle", "mean error, degrees", "95 %, degrees")
+    angles = Table("angle", "mean error, degrees", "95 %, degrees", "in 95 % band")
     for column in angles.columns[1:]:
         column.justify = "right"
     for row in angle_rows(evaluation):

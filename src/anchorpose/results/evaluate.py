@@ -11,16 +11,13 @@ import numpy as np
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_NAMES, JointState
 from anchorpose.recording.pairing import half_period_s, nearest_within
-from anchorpose.results.angle_errors import AngleError, angle_errors
+from anchorpose.results.angle_errors import NORMAL_95, AngleError, angle_errors
 from anchorpose.results.contacts import CONTACTS_FILE, read_contacts
 from anchorpose.results.evaluate_contacts import ContactEvaluation, TrueTouch, evaluate_contacts, read_true_touch
 from anchorpose.results.joint_frame import SEVERITY
 from anchorpose.results.off_track import OffTrack, longest_off
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 from anchorpose.results.truth import Truth, read_truth
-
-NORMAL_95: Final = 1.96
-"""Standard deviations within which 95 of 100 values of a normal distribution lie."""
 
 HIDDEN: Final = tuple(state for state in JointState if state not in (JointState.OBSERVED, JointState.LOST))
 """The states of a joint that is inferred."""

@@ -63,11 +63,11 @@ def evaluation_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
 
 
 def angle_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
-    """Rows of text (angle, mean error, 95 %), degrees."""
+    """Rows of text (angle, mean error, 95 %, degrees, coverage)."""
     return [
-        (name.replace("_", " "), f"{error.mean_abs_deg:.1f}", f"{error.p95_deg:.1f}")
+        (name.replace("_", " "), *(f"{v:.1f}" for v in (error.mean_abs_deg, error.p95_deg, 100 * error.coverage_95)))
         for name, error in evaluation.angles
-        if error.mean_abs_deg is not None and error.p95_deg is not None
+        if error.mean_abs_deg is not None and error.p95_deg is not None and error.coverage_95 is not None
     ]
 
 

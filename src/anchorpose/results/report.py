@@ -14,10 +14,11 @@ import numpy as np
 
 from anchorpose.body.regions import REGIONS
 from anchorpose.joints import JOINT_NAMES, JointState
-from anchorpose.results.angles import AngleTable, joint_angles
+from anchorpose.results.angles import AngleTable
 from anchorpose.results.contacts import CONTACTS_FILE, SEEN, Contact, read_contacts
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.joint_frame import LOST, SEVERITY
+from anchorpose.results.kinematics.joint_angles import joint_angles
 from anchorpose.results.run_record import RUN_FILE, read_run_document
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 from anchorpose.results.web_page import fill_page

@@ -23,7 +23,7 @@ def describe(review: Review) -> dict[str, Any]:
         "limbs": [list(limb) for limb in LIMBS],
         "states": [str(state) for state in JointState],
         "anchors": list(ANCHOR_NAMES),
-        "angles": list(review.curves.names),
+        "angles": list(review.angles.names),
         "contacts": [{**plain(contact), "state": contact.state} for contact in review.contacts],
         "worst": plain(worst_frames(review.joints, review.matched_share, review.run.get("dropped", []))),
         "dropped": review.run.get("dropped", []),

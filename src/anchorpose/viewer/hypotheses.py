@@ -21,7 +21,7 @@ from anchorpose.tracker.inspection import inspect_frame
 from anchorpose.viewer.container import pack
 
 FIRST_GUESS = (
-    "With a first guess of the body, from this frame on; anchorpose inspect --as-tracked repeats what track did."
+    "With a first guess of the body, from this frame on; 'anchorpose inspect --as-tracked' repeats track itself."
 )
 
 

@@ -21,16 +21,16 @@ def motion_payload(review: Review) -> bytes:
     (n, a), matched (n,), and where the results have them poses (n, 21, 7: head, quaternion w x y z) and anchors
     (n, 5, 4: place, sigma).
     """
-    joints, curves = review.joints, review.curves
+    joints, angles = review.joints, review.angles
     arrays: dict[str, np.ndarray] = {
         "time_s": joints.time_s.astype(np.float64),
         "frame": joints.frame.astype(np.int32),
         "joints": joints.position_m.astype(np.float32),
         "sigma": joints.sigma_m.astype(np.float32),
         "severity": joints.severity.astype(np.uint8),
-        "angles": curves.degrees,
-        "angle_sigma": curves.sigma_deg,
-        "angle_severity": curves.severity,
+        "angles": angles.degrees.astype(np.float32),
+        "angle_sigma": angles.sigma_deg.astype(np.float32),
+        "angle_severity": angles.severity.astype(np.uint8),
         "matched": review.matched_share.astype(np.float32),
     }
     if review.poses is not None:

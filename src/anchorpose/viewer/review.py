@@ -10,12 +10,11 @@ import numpy as np
 
 from anchorpose.errors import InputError
 from anchorpose.results.anchors_table import ANCHORS_FILE, AnchorTable, read_anchors
-from anchorpose.results.angles import ANGLES_FILE
+from anchorpose.results.angles import ANGLES_FILE, AngleTable, read_angles
 from anchorpose.results.contacts import CONTACTS_FILE, Contact, read_contacts
 from anchorpose.results.poses import POSES_FILE, PoseTable, read_poses
 from anchorpose.results.run_record import RUN_FILE, read_run_document
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
-from anchorpose.viewer.curves import AngleCurves, read_curves
 from anchorpose.viewer.footage import Footage, open_footage
 
 
@@ -26,7 +25,7 @@ class Review:
     name: str
     run: dict[str, Any]
     joints: JointTable
-    curves: AngleCurves
+    angles: AngleTable
     contacts: tuple[Contact, ...]
     poses: PoseTable | None
     anchors: AnchorTable | None
@@ -48,7 +47,11 @@ def open_review(results: Path, recording: Path | None) -> Review:
     run = read_run_document(results / RUN_FILE)
     poses = read_poses(results / POSES_FILE) if (results / POSES_FILE).exists() else None
     anchors = read_anchors(results / ANCHORS_FILE) if (results / ANCHORS_FILE).exists() else None
-    for file, table in ((POSES_FILE, poses), (ANCHORS_FILE, anchors)):
+    angles = read_angles(results / ANGLES_FILE)
+    tables: dict[str, AngleTable | PoseTable | AnchorTable | None] = {
+        POSES_FILE: poses, ANCHORS_FILE: anchors, ANGLES_FILE: angles,
+    }  # fmt: skip
+    for file, table in tables.items():
         if table is not None and not np.array_equal(table.frame, joints.frame):
             raise InputError(results / file, "has other frames than joints.parquet", "track the recording again")
     contacts = read_contacts(results / CONTACTS_FILE) if (results / CONTACTS_FILE).exists() else ()
@@ -56,7 +59,7 @@ def open_review(results: Path, recording: Path | None) -> Review:
         name=results.resolve().name,
         run=run,
         joints=joints,
-        curves=read_curves(results / ANGLES_FILE, joints.frame),
+        angles=angles,
         contacts=contacts,
         poses=poses,
         anchors=anchors,

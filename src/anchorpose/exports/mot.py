@@ -1,0 +1,63 @@
+"""MOT: coordinates of OpenSim's models over time, in files without a gap."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from anchorpose.errors import AnchorposeError
+from anchorpose.exports.hinge_axes import read_hinge_axes
+from anchorpose.exports.numbers_text import rounded_text, rows_text
+from anchorpose.exports.opensim_coordinates import Coordinates, opensim_coordinates
+from anchorpose.exports.product import ExportConfig, Product
+from anchorpose.exports.source import Source
+from anchorpose.exports.stretches import stretch_name, stretches_of
+from anchorpose.results.poses import POSES_FILE
+
+STEM: Final = "motion"
+DIGITS: Final = 6  # after the point: micrometres, and millionths of a degree
+
+
+def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
+    """motion.mot, or one file for each stretch without a gap; raises AnchorposeError where there is no such stretch."""
+    hinges = read_hinge_axes(source.folder / POSES_FILE, source.frame)
+    coordinates = opensim_coordinates(source.samples.position_m, config.model, hinges)
+    stretches = stretches_of(np.isfinite(coordinates.values))
+    if not stretches.runs:
+        raise AnchorposeError("No two frames in a row have the joints that a MOT needs; export with --to csv instead.")
+    kept = Coordinates(
+        tuple(name for name, keep in zip(coordinates.names, stretches.kept, strict=True) if keep),
+        coordinates.values[:, stretches.kept],
+    )
+    for number, (first, last) in enumerate(stretches.runs):
+        name = stretch_name(STEM, ".mot", number, len(stretches.runs))
+        text = mot_text(Path(name).stem, source.samples.time_s[first:last], kept.names, kept.values[first:last])
+        (folder / name).write_text(text, encoding="utf-8", newline="\n")
+    frames = sum(last - first for first, last in stretches.runs)
+    left_out = [name for name in coordinates.names if name not in kept.names]
+    return Product(
+        axes=f"OpenSim's coordinates of the model {config.model}; X forward, Y up, Z to the patient's right",
+        units="degrees; pelvis_tx, pelvis_ty, pelvis_tz metres; seconds",
+        time="as recorded",
+        missing="a MOT cannot hold a gap: coordinates known in less than half of the frames are left out, and each "
+        "stretch of frames in which all the others are known is a file of its own",
+        counts=(("files", len(stretches.runs)), ("frames", frames), ("frames_left_out", len(source.frame) - frames)),
+        notes=(
+            f"Left out for want of joints: {', '.join(left_out) or 'nothing'}.",
+            "hip_rotation and arm_rot are those of the learnt body (poses.parquet); they are the least sure."
+            if hinges is not None
+            else "hip_rotation and arm_rot cannot be had from joint centres, there is no poses.parquet: left out.",
+        ),
+    )
+
+
+def mot_text(name: str, time_s: np.ndarray, names: tuple[str, ...], values: np.ndarray) -> str:
+    """The file's text; values (n, c) without NaN."""
+    head = [name, "version=1", f"nRows={len(time_s)}", f"nColumns={len(names) + 1}", "inDegrees=yes", "endheader"]
+    body = (
+        [repr(float(time)), *(rounded_text(value, DIGITS, "") for value in row)]
+        for time, row in zip(time_s, values.tolist(), strict=True)
+    )
+    return rows_text(([line] for line in head), "\t") + rows_text([["time", *names]], "\t") + rows_text(body, "\t")

@@ -1,0 +1,98 @@
+"""Joint coordinates as OpenSim's models of the whole body name, sign and zero them, from joint centres."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from anchorpose.exports.hinge_axes import HingeAxes
+from anchorpose.exports.osim_geometry import SIDES
+from anchorpose.exports.product import CoordinateModel
+from anchorpose.exports.segment_frames import (
+    FOOT_SLOPE_DEG,
+    bend_deg,
+    in_axes,
+    joint,
+    limb_turns_deg,
+    pelvis_axes,
+    torso_axes,
+    turns_deg,
+    unit,
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Coordinates:
+    """values (n, c): degrees for turns and metres for pelvis_tx, _ty, _tz; NaN where a joint is missing."""
+
+    names: tuple[str, ...]
+    values: np.ndarray
+
+
+def opensim_coordinates(position_m: np.ndarray, model: CoordinateModel, hinges: HingeAxes | None = None) -> Coordinates:
+    """Coordinates of the joints (n, 21, 3), world, metres; what joint centres do not carry is left out.
+
+    hinges: the knee and elbow axes of the learnt body; with them hip_rotation and arm_rot are there too.
+    The model that ``osim_model`` writes has the same axes and zeros: played on it, these put its markers where the
+    joints are. Names, axes and signs: Rajagopal et al. 2016 (doi:10.1109/TBME.2016.2586891), Delp et al. 1990
+    (doi:10.1109/10.102791) for gait2392, in which a bent knee is negative.
+    """
+    pelvis, torso = pelvis_axes(position_m), torso_axes(position_m)
+    named = _root(position_m, pelvis) | _back(pelvis, torso)
+    for index, (side, end, sign) in enumerate(SIDES):
+        named |= _leg(position_m, pelvis, side, end, sign, model) | _arm(position_m, torso, side, end, sign)
+        if hinges is not None:
+            thigh = joint(position_m, f"Knee{side}") - joint(position_m, f"Hip{side}")
+            upper_arm = joint(position_m, f"Elbow{side}") - joint(position_m, f"Shoulder{side}")
+            named[f"hip_rotation_{end}"] = _turn_about_itself(pelvis, thigh, hinges.knee[:, index], sign)
+            named[f"arm_rot_{end}"] = _turn_about_itself(torso, upper_arm, hinges.elbow[:, index], sign)
+    return Coordinates(tuple(named), np.stack(list(named.values()), axis=1))
+
+
+def _root(position_m: np.ndarray, pelvis: np.ndarray) -> dict[str, np.ndarray]:
+    tilt, obliquity, rotation = turns_deg(pelvis)
+    place = joint(position_m, "SpineBase")
+    return {
+        "pelvis_tilt": tilt,
+        "pelvis_list": obliquity,
+        "pelvis_rotation": rotation,
+        **{f"pelvis_t{axis}": place[:, index] for index, axis in enumerate("xyz")},
+    }
+
+
+def _back(pelvis: np.ndarray, torso: np.ndarray) -> dict[str, np.ndarray]:
+    extension, bending, rotation = turns_deg(np.einsum("nji,njk->nik", pelvis, torso))
+    return {"lumbar_extension": extension, "lumbar_bending": bending, "lumbar_rotation": rotation}
+
+
+def _leg(
+    position_m: np.ndarray, pelvis: np.ndarray, side: str, end: str, sign: int, model: CoordinateModel
+) -> dict[str, np.ndarray]:
+    hip, knee, ankle, foot = (joint(position_m, f"{name}{side}") for name in ("Hip", "Knee", "Ankle", "Foot"))
+    flexion, adduction = limb_turns_deg(in_axes(pelvis, knee - hip), sign)
+    bent = 1.0 if model is CoordinateModel.RAJAGOPAL else -1.0
+    return {
+        f"hip_flexion_{end}": flexion,
+        f"hip_adduction_{end}": adduction,
+        f"knee_angle_{end}": bent * bend_deg(knee - hip, ankle - knee),
+        f"ankle_angle_{end}": 90.0 + FOOT_SLOPE_DEG - bend_deg(knee - ankle, foot - ankle),
+    }
+
+
+def _arm(position_m: np.ndarray, torso: np.ndarray, side: str, end: str, sign: int) -> dict[str, np.ndarray]:
+    shoulder, elbow, wrist = (joint(position_m, f"{name}{side}") for name in ("Shoulder", "Elbow", "Wrist"))
+    flexion, adduction = limb_turns_deg(in_axes(torso, elbow - shoulder), sign)
+    return {
+        f"arm_flex_{end}": flexion,
+        f"arm_add_{end}": adduction,
+        f"elbow_flex_{end}": bend_deg(elbow - shoulder, wrist - elbow),
+    }
+
+
+def _turn_about_itself(above: np.ndarray, along: np.ndarray, hinge: np.ndarray, side: int) -> np.ndarray:
+    """(n,) degrees inwards of a limb about its long axis, from the axis of the hinge at its end."""
+    y = -unit(along)
+    x = unit(np.cross(y, hinge))
+    limb = np.stack([x, y, np.cross(x, y)], axis=-1)
+    return side * turns_deg(np.einsum("nji,njk->nik", above, limb))[2]

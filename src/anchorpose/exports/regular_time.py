@@ -1,0 +1,173 @@
+"""A fixed rate for formats without time stamps: measured samples stay as they are wherever their times allow it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Final
+
+import numpy as np
+
+from anchorpose.errors import AnchorposeError
+from anchorpose.exports.source import Samples
+from anchorpose.results.joint_frame import LOST
+
+NEAR_SHARE: Final = 0.01
+"""Of the time between frames: a sample so near to its place on the grid is taken as being there. At 30 frames a second
+that is 0.3 ms, in which a hand at 3 m/s moves by 1 mm."""
+
+BRIDGE_FRAMES: Final = 1.5
+"""Neighbours further apart than so many frames have a gap between them, and nothing is put into a gap."""
+
+MOST_ROWS: Final = 20
+"""More grid frames than so many times the recorded ones mean that recording paused."""
+
+
+class TimeBase(StrEnum):
+    """What was done to the times."""
+
+    AS_RECORDED = "as recorded"
+    GAPS_FILLED_UP = "as recorded; frames that were not recorded are there without values"
+    RESAMPLED = "resampled: linear between neighbours near in time, never across a gap"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Between:
+    """Which recorded samples a grid time stands between.
+
+    before (g,): index of the sample before each grid time; share (g,): of the way to the next one, 0 or 1 where a
+    sample is taken as it is; bridged (g,) bool: False in a gap.
+    """
+
+    before: np.ndarray
+    share: np.ndarray
+    bridged: np.ndarray
+
+    @property
+    def recorded(self) -> np.ndarray:
+        """(g,) bool: the grid frame is a recorded sample, untouched."""
+        return self.bridged & ((self.share == 0.0) | (self.share == 1.0))
+
+    def values(self, values: np.ndarray, turn: float = np.inf) -> np.ndarray:
+        """(g, ...) linear, NaN in a gap and where an end that counts is NaN.
+
+        turn: a full turn, where values are angles: these go the short way round.
+        """
+        fit = (slice(None), *[None] * (values.ndim - 1))
+        share, left, right = self.share[fit], values[self.before], values[self.before + 1]
+        change = right - left
+        if np.isfinite(turn):
+            change = (change + turn / 2.0) % turn - turn / 2.0
+        mixed = np.where(share == 0.0, left, np.where(share == 1.0, right, left + share * change))
+        return np.where(self.bridged[fit], mixed, np.nan)
+
+    def worse(self, severity: np.ndarray) -> np.ndarray:
+        """(g, ...) the worse state of the two ends; lost in a gap."""
+        share, left, right = self.share[:, None], severity[self.before], severity[self.before + 1]
+        worst = np.where(share == 0.0, left, np.where(share == 1.0, right, np.maximum(left, right)))
+        return np.where(self.bridged[:, None], worst, LOST).astype(np.int8)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RegularSamples:
+    """Samples at ``rate_hz``; between: how they came from the recorded ones, for what else is on the same clock."""
+
+    samples: Samples
+    rate_hz: float
+    base: TimeBase
+    between: Between
+
+
+def regular_samples(samples: Samples) -> RegularSamples:
+    """The samples at a fixed rate, NaN and lost where there are none.
+
+    Times that lie on a grid stay bit for bit, and grid frames that were not recorded are added without values.
+    Otherwise all is resampled: linear between the two neighbours where they are near in time and both have the value;
+    the state is the worse of the two, sigma is interpolated as if their errors were the same, which promises nothing.
+    Raises AnchorposeError where there is one frame only, or where recording paused for long.
+    """
+    time_s = samples.time_s
+    rate_hz, slot, on_grid = _grid(time_s)
+    if slot[-1] + 1 > MOST_ROWS * len(time_s):
+        raise AnchorposeError("The recording pauses for most of its time; track its parts, or export with --to csv.")
+    if not on_grid:
+        grid_s, between = _resampling(time_s, rate_hz)
+        return RegularSamples(_at(samples, grid_s, between), rate_hz, TimeBase.RESAMPLED, between)
+    grid_s, between = _placing(time_s, rate_hz, slot)
+    base = TimeBase.AS_RECORDED if between.recorded.all() else TimeBase.GAPS_FILLED_UP
+    return RegularSamples(_at(samples, grid_s, between), rate_hz, base, between)
+
+
+def nominal_rate_hz(time_s: np.ndarray) -> float:
+    """The rate of times (n,), as round as they allow; raises AnchorposeError for one frame."""
+    return _grid(time_s)[0]
+
+
+def without_gaps(time_s: np.ndarray) -> bool:
+    """Whether no two neighbours are further apart than ``BRIDGE_FRAMES``."""
+    return bool((np.diff(time_s) <= BRIDGE_FRAMES / nominal_rate_hz(time_s)).all())
+
+
+def _grid(time_s: np.ndarray) -> tuple[float, np.ndarray, bool]:
+    """The roundest rate that fits, the grid's frame of each sample, and whether all samples lie on that grid."""
+    if len(time_s) < 2:
+        raise AnchorposeError("One frame has no frame rate; export it with --to csv.")
+    steps_s = np.diff(time_s)
+    step_s = float(np.median(steps_s))
+    for _ in range(3):  # a median is a little off; counting frame by frame does not add that up
+        slot = np.concatenate([[0], np.cumsum(np.rint(steps_s / step_s).astype(np.int64))])
+        step_s = float((time_s[-1] - time_s[0]) / max(slot[-1], 1))
+    for rate_hz in (*(round(1.0 / step_s, digits) for digits in (0, 1, 2, 3, 6)), 1.0 / step_s):
+        if rate_hz > 0 and _lies_on_grid(time_s, rate_hz, slot):
+            return rate_hz, slot, True
+    return _round_rate(1.0 / step_s), slot, False
+
+
+def _lies_on_grid(time_s: np.ndarray, rate_hz: float, slot: np.ndarray) -> bool:
+    off_s = np.abs(time_s - time_s[0] - slot / rate_hz)
+    return bool((off_s <= NEAR_SHARE / rate_hz).all() and (np.diff(slot) > 0).all())
+
+
+def _round_rate(rate_hz: float) -> float:
+    """Cameras run at round rates: within a hundredth of one, that is the rate."""
+    whole = round(rate_hz)
+    return float(whole) if whole and abs(rate_hz - whole) <= NEAR_SHARE * rate_hz else round(rate_hz, 3)
+
+
+def _placing(time_s: np.ndarray, rate_hz: float, slot: np.ndarray) -> tuple[np.ndarray, Between]:
+    """Each sample at its own place; the places between are empty."""
+    count = int(slot[-1]) + 1
+    grid_s = time_s[0] + np.arange(count) / rate_hz
+    grid_s[slot] = time_s
+    recorded = np.zeros(count, dtype=bool)
+    recorded[slot] = True
+    before = np.zeros(count, dtype=np.int64)
+    before[slot] = np.minimum(np.arange(len(slot)), len(slot) - 2)
+    share = np.zeros(count)
+    share[slot[-1]] = 1.0
+    return grid_s, Between(before, share, recorded)
+
+
+def _resampling(time_s: np.ndarray, rate_hz: float) -> tuple[np.ndarray, Between]:
+    """Grid times from the first sample to the last, and where each falls."""
+    count = int(np.floor((time_s[-1] - time_s[0]) * rate_hz + NEAR_SHARE)) + 1
+    grid_s = time_s[0] + np.arange(count) / rate_hz
+    before = np.clip(np.searchsorted(time_s, grid_s, side="right") - 1, 0, len(time_s) - 2)
+    apart_s = time_s[before + 1] - time_s[before]
+    share, near = (grid_s - time_s[before]) / apart_s, NEAR_SHARE / rate_hz / apart_s
+    share = np.where(share <= near, 0.0, np.where(share >= 1.0 - near, 1.0, share))
+    bridged = (apart_s <= BRIDGE_FRAMES / rate_hz) | (share == 0.0) | (share == 1.0)
+    return grid_s, Between(before, share, bridged)
+
+
+def _at(samples: Samples, grid_s: np.ndarray, between: Between) -> Samples:
+    return replace(
+        samples,
+        time_s=grid_s,
+        position_m=between.values(samples.position_m),
+        joint_sigma_m=between.values(samples.joint_sigma_m),
+        joint_severity=between.worse(samples.joint_severity),
+        degrees=between.values(samples.degrees, turn=360.0),
+        sigma_deg=between.values(samples.sigma_deg),
+        angle_severity=between.worse(samples.angle_severity),
+    )

@@ -1,0 +1,64 @@
+"""TRC: marker paths as OpenSim reads them, one marker a joint, with a model and set-up files to start from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from anchorpose.exports.numbers_text import number_text, rounded_text, rows_text
+from anchorpose.exports.osim_folder import write_osim_files
+from anchorpose.exports.product import ExportConfig, Product
+from anchorpose.exports.regular_time import RegularSamples, regular_samples
+from anchorpose.exports.source import Source
+from anchorpose.joints import JOINT_NAMES
+
+TRC_FILE: Final = "joints.trc"
+
+MISSING: Final = "NaN"
+"""What OpenSim writes and reads itself. An empty cell at the end of a line is refused by its reader of tables, and
+zeros are taken for a marker at the origin."""
+
+MICROMETRES: Final = 6  # digits after the point, in metres
+
+
+def write_trc(folder: Path, source: Source, config: ExportConfig) -> Product:
+    """joints.trc, and beside it what OpenSim needs to work on it."""
+    regular = regular_samples(source.samples)
+    (folder / TRC_FILE).write_text(trc_text(regular), encoding="utf-8", newline="\n")
+    notes = write_osim_files(folder, TRC_FILE, regular.samples, config.model)
+    return Product(
+        axes="OpenSim's and ours: X forward, Y up, Z to the patient's right",
+        units="metres, seconds",
+        time=str(regular.base),
+        missing=f"{MISSING} in all three cells of a marker; OpenSim's inverse kinematics leaves such a marker out",
+        counts=(
+            ("frames", len(regular.samples.time_s)),
+            ("rate_hz", regular.rate_hz),
+            ("recorded_frames", int(regular.between.recorded.sum())),
+            ("missing_markers", int(np.isnan(regular.samples.position_m[..., 0]).sum())),
+        ),
+        notes=notes,
+    )
+
+
+def trc_text(regular: RegularSamples) -> str:
+    """The file's text; one line a frame, and times as they were recorded where they are regular."""
+    samples, count = regular.samples, len(regular.samples.time_s)
+    rate = number_text(regular.rate_hz, "")
+    markers = range(1, len(JOINT_NAMES) + 1)
+    head = [
+        ["PathFileType", "4", "(X/Y/Z)", TRC_FILE],
+        ["DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", "OrigDataRate", "OrigDataStartFrame",
+         "OrigNumFrames"],
+        [rate, rate, str(count), str(len(JOINT_NAMES)), "m", rate, "1", str(count)],
+        ["Frame#", "Time", *(cell for name in JOINT_NAMES for cell in (name, "", ""))],
+        ["", "", *(f"{axis}{marker}" for marker in markers for axis in "XYZ")],
+        [""],
+    ]  # fmt: skip
+    body = (
+        [str(row + 1), repr(float(samples.time_s[row])), *(rounded_text(x, MICROMETRES, MISSING) for x in place)]
+        for row, place in enumerate(samples.position_m.reshape(count, -1).tolist())
+    )
+    return rows_text(head, "\t") + rows_text(body, "\t")

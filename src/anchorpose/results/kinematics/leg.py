@@ -1,0 +1,83 @@
+"""Hip, knee and ankle of one side."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Final
+
+import numpy as np
+
+from anchorpose.results.kinematics.definition import AngleGroup, Points, Reading
+from anchorpose.results.kinematics.segments import pelvis_axes
+from anchorpose.results.kinematics.vectors import arcsin, between, cross, dot, length, square_to, unit
+
+SOLE_SLOPE_RAD: Final = np.radians(19.3)
+"""How far the line from ankle to toe base falls towards the toes when the sole is level: mean of the body asset's
+shapes; from person to person it differs by 1.6 degrees (one standard deviation), which sigma does not hold."""
+
+
+def hip_to_trunk(points: Points, side: str) -> tuple[Reading, ...]:
+    """Thigh against the whole trunk in the patient's sagittal plane: 0 = in line, positive = knee forward."""
+    right = unit(points["HipRight"] - points["HipLeft"])
+    up = square_to(points["SpineShoulder"] - points["SpineBase"], right)
+    return (_swing(up, right, unit(points[f"Knee{side}"] - points[f"Hip{side}"])),)
+
+
+def hip_to_pelvis(points: Points, side: str) -> tuple[Reading, ...]:
+    """Thigh against the pelvis in the joint coordinate system of ISB: flexion about the pelvis' z, then adduction."""
+    pelvis, thigh = pelvis_axes(points), unit(points[f"Knee{side}"] - points[f"Hip{side}"])
+    inwards = 1.0 if side == "Left" else -1.0
+    return _swing(pelvis.y, pelvis.z, thigh), (inwards * arcsin(dot(thigh, pelvis.z)), 1.0)
+
+
+def hip_turn(points: Points, side: str) -> tuple[Reading, ...]:
+    """How the thigh is turned about its own axis, by the plane in which the leg is bent: 0 = the shank points straight
+    back from the knee, square to the hip joints; positive = turned inwards, the foot to the outside.
+
+    The last of ISB's Cardan angles z, x, y, the plane's normal being the thigh's z. A straight leg has no such plane.
+    """
+    hip, knee, ankle = (points[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle"))
+    across, y = unit(points["HipRight"] - points["HipLeft"]), unit(hip - knee)
+    normal = cross(unit(ankle - knee), y)  # as long as the sine of the bend
+    bent, z = length(normal), unit(-normal)
+    aside, along = dot(across, cross(y, z)), dot(across, z)
+    inwards = -1.0 if side == "Left" else 1.0
+    return ((inwards * np.arctan2(-aside, along), bent * np.hypot(aside, along)),)
+
+
+def knee_bend(points: Points, side: str) -> tuple[Reading, ...]:
+    """How far the leg is bent at the knee, in whichever plane: 0 = straight, never negative."""
+    hip, knee, ankle = (points[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle"))
+    return ((between(knee - hip, ankle - knee), 1.0),)
+
+
+def ankle_bend(points: Points, side: str) -> tuple[Reading, ...]:
+    """Foot against shank: 0 = the sole of a mean foot square to the shank, positive = toes up (dorsiflexion)."""
+    knee, ankle, foot = (points[f"{name}{side}"] for name in ("Knee", "Ankle", "Foot"))
+    return ((0.5 * np.pi + SOLE_SLOPE_RAD - between(knee - ankle, foot - ankle), 1.0),)
+
+
+def _swing(up: np.ndarray, right: np.ndarray, thigh: np.ndarray) -> Reading:
+    ahead, along = dot(thigh, cross(up, right)), -dot(thigh, up)
+    return np.arctan2(ahead, along), np.hypot(ahead, along)
+
+
+def _leg(side: str) -> tuple[AngleGroup, ...]:
+    end, hips = side.lower(), ("HipLeft", "HipRight")
+    hip, knee, ankle, foot = (f"{name}{side}" for name in ("Hip", "Knee", "Ankle", "Foot"))
+    return (
+        AngleGroup(
+            (f"hip_flexion_{end}",), ("SpineBase", "SpineShoulder", *hips, knee), partial(hip_to_trunk, side=side)
+        ),
+        AngleGroup(
+            (f"hip_pelvis_flexion_{end}", f"hip_adduction_{end}"),
+            ("SpineMid", *hips, knee),
+            partial(hip_to_pelvis, side=side),
+        ),
+        AngleGroup((f"hip_rotation_{end}",), (*hips, knee, ankle), partial(hip_turn, side=side)),
+        AngleGroup((f"knee_flexion_{end}",), (hip, knee, ankle), partial(knee_bend, side=side)),
+        AngleGroup((f"ankle_dorsiflexion_{end}",), (knee, ankle, foot), partial(ankle_bend, side=side)),
+    )
+
+
+LEGS: Final = (*_leg("Left"), *_leg("Right"))

@@ -1,0 +1,39 @@
+"""How far off an angle may be, from how far off its joints may be."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from anchorpose.joints import JOINT_INDEX
+from anchorpose.results.kinematics.definition import LEAST_LEVER, AngleGroup
+
+
+def angles_with_sigma(
+    group: AngleGroup, position_m: np.ndarray, sigma_m: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """A group's angles and their standard deviations, (k, n) radians each; NaN where a joint is or the lever is short.
+
+    position_m (21, 3, n), sigma_m (21, n): errors are taken as independent between joints and axes. Each coordinate is
+    moved by its own sigma, both ways, instead of using a derivative: at a straight knee the derivative of the angle is
+    not defined and would promise certainty.
+    """
+    points = {name: position_m[JOINT_INDEX[name]] for name in group.joints}
+    readings = group.formula(points)
+    angle = np.stack([value for value, _ in readings])
+    told = np.stack([np.broadcast_to(lever, angle[0].shape) for _, lever in readings]) >= LEAST_LEVER
+    angle = np.where(told, angle, np.nan)
+    variance = np.zeros_like(angle)
+    for name in group.joints:
+        for axis in range(3):
+            for sign in (-1.0, 1.0):
+                moved = points[name].copy()
+                moved[axis] += sign * sigma_m[JOINT_INDEX[name]]
+                change = np.stack([value for value, _ in group.formula(points | {name: moved})]) - angle
+                variance += 0.5 * _shorter_way(change) ** 2
+    return angle, np.where(np.isnan(angle), np.nan, np.sqrt(variance))
+
+
+def _shorter_way(angle: np.ndarray) -> np.ndarray:
+    """The same turn between minus pi and pi."""
+    turn: np.ndarray = angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi))
+    return turn

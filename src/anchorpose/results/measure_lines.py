@@ -1,0 +1,73 @@
+"""Measures in words: what a therapist reads on the screen."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Final
+
+from anchorpose.results.angles_processed import PROCESSING
+from anchorpose.results.measures import Measure
+
+SPREAD_95: Final = 1.96
+
+_SHOWN: Final = {
+    "recorded_time": "recorded",
+    "upright_time": "upright",
+    "upright_share": "share of the time upright",
+    "longest_upright_bout": "longest time upright without a break",
+    "sit_to_stand_count": "stood up from sitting",
+    "sit_to_stand_duration_mean": "standing up took, mean",
+    "stand_to_sit_count": "sat down",
+    "stand_to_sit_duration_mean": "sitting down took, mean",
+    "knee_flexion_upright_mean": "knee flexion while upright, mean",
+    "knee_flexion_upright_least": "knee flexion while upright, least",
+    "hip_flexion_upright_mean": "hip flexion while upright, mean",
+    "knee_straight_time": "knee straight while upright (within 10°)",
+    "knee_flexion_difference": "knee flexion, left less right",
+    "load_share": "load on this foot, if standing still",
+    "sway_velocity": "sway, mean velocity",
+    "sway_ellipse_area": "sway, 95 % ellipse",
+    "assistance_time": "touched by others",
+    "hands_free_upright_time": "upright with nobody's hands on",
+    "hands_on_at_once_most": "most places touched at once",
+}
+"""The measures that are printed, in this order; all others are in measures.parquet."""
+
+_UNIT: Final = {"1": "%", "deg": "°", "count": "", "cm2": "cm²"}
+
+
+def measure_rows(measures: Sequence[Measure]) -> list[tuple[str, str, str, str]]:
+    """What, value with its 95 % range, share that was inferred, and why there is no value; one row a measure."""
+    rows = []
+    for name, words in _SHOWN.items():
+        for row in measures:
+            if row.measure == name and not (row.measure == "assistance_time" and row.person and row.part):
+                inferred = "" if row.inferred_share is None else f"{100 * row.inferred_share:.0f} %"
+                rows.append((_label(words, row), _value(row), inferred, row.why or ""))
+    return rows
+
+
+def processing_sentence(policy: str) -> str:
+    """How many joint positions were smoothed, filled and left alone; policy: of ``ProcessedAngles``."""
+    told = json.loads(policy)
+    counts = [f"{told[f'joint_frames_{name}']} {name}" for name in (*PROCESSING, "lost")]
+    return f"Of the joint positions of all frames, {', '.join(counts)}."
+
+
+def _label(words: str, row: Measure) -> str:
+    if row.part is not None:
+        return f"  {row.part.replace('_', ' ')}"
+    if row.person is not None:
+        return f"  by {row.person}"
+    return f"{words}, {row.side}" if row.side is not None else words
+
+
+def _value(row: Measure) -> str:
+    if row.value is None:
+        return "cannot be told"
+    factor = 100.0 if row.unit == "1" else 1.0
+    unit = _UNIT.get(row.unit, row.unit)
+    digits = 0 if row.unit == "count" and float(row.value).is_integer() else 1
+    spread = "" if row.sigma is None else f" ± {SPREAD_95 * factor * row.sigma:.1f}"
+    return f"{factor * row.value:.{digits}f}{spread} {unit}".rstrip()

@@ -1,0 +1,95 @@
+"""The joints as the policy asks for them: gaps filled first, then every unbroken stretch smoothed by itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from anchorpose.errors import AnchorposeError
+from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JointState
+from anchorpose.results.angles_processed import PROCESSING, ProcessedAngles
+from anchorpose.results.frame_time import unbroken_runs, usual_step_s
+from anchorpose.results.joint_frame import SEVERITY
+from anchorpose.results.kinematics.joint_angles import ANGLE_GROUPS, joint_angles
+from anchorpose.results.processing.butterworth import MOST_UNEVEN, evenness, filter_stretch
+from anchorpose.results.processing.filling import fill_gaps
+from anchorpose.results.processing.kalman import smooth_stretch
+from anchorpose.results.processing.low_pass import highest_cutoff_hz
+from anchorpose.results.processing.policy import ProcessingConfig, policy_text
+from anchorpose.results.tables import JointTable
+
+MEASURED, SMOOTHED, FILLED = range(len(PROCESSING))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProcessedJoints:
+    """joints: as the policy makes them; a filled one has the state ``hidden``. processing (n, 21) int8."""
+
+    joints: JointTable
+    processing: np.ndarray
+
+
+def process_joints(joints: JointTable, config: ProcessingConfig) -> ProcessedJoints:
+    """Raises AnchorposeError where the filter that was asked for does not fit the recording."""
+    if config.smooth == "butterworth":
+        _check(joints.time_s, config.cutoff_hz)
+    position_m, sigma_m = joints.position_m.copy(), joints.sigma_m.copy()
+    severity, processing = joints.severity.copy(), np.zeros(joints.severity.shape, dtype=np.int8)
+    for joint in range(JOINT_COUNT):
+        if config.fill != "none":
+            filled = fill_gaps(
+                joints.time_s, position_m[:, joint], sigma_m[:, joint], config.fill, config.longest_gap_s
+            )
+            position_m[:, joint], sigma_m[:, joint] = filled.position_m, filled.sigma_m
+            severity[filled.filled, joint] = SEVERITY[JointState.HIDDEN]
+            processing[filled.filled, joint] = FILLED
+        for run in unbroken_runs(np.isfinite(sigma_m[:, joint]), joints.time_s):
+            smoothed = _smooth(joints.time_s[run], position_m[run, joint], sigma_m[run, joint], config)
+            if smoothed is not None:
+                position_m[run, joint], sigma_m[run, joint] = smoothed
+                processing[run, joint] = np.maximum(processing[run, joint], SMOOTHED)
+    return ProcessedJoints(JointTable(joints.frame, joints.time_s, position_m, severity, sigma_m), processing)
+
+
+def process_angles(joints: JointTable, config: ProcessingConfig) -> ProcessedAngles:
+    """The angles of the processed joints; an angle is as processed as the most processed of its joints."""
+    done = process_joints(joints, config)
+    angles = joint_angles(done.joints)
+    columns = [
+        done.processing[:, [JOINT_INDEX[name] for name in group.joints]].max(axis=1)
+        for group in ANGLE_GROUPS for _ in group.names
+    ]  # fmt: skip
+    counts = {f"joint_frames_{name}": int((done.processing == code).sum()) for code, name in enumerate(PROCESSING)}
+    counts["joint_frames_measured"] -= int(done.joints.lost.sum())
+    counts["joint_frames_lost"] = int(done.joints.lost.sum())
+    return ProcessedAngles(angles, np.stack(columns, axis=1), policy_text(config, counts))
+
+
+def _smooth(
+    time_s: np.ndarray, position_m: np.ndarray, sigma_m: np.ndarray, config: ProcessingConfig
+) -> tuple[np.ndarray, np.ndarray] | None:  # fmt: skip
+    """None where the stretch stays as it was measured."""
+    if config.smooth == "butterworth":
+        return filter_stretch(time_s, position_m, sigma_m, config.cutoff_hz)
+    if config.smooth == "kalman" and len(time_s) > 1:
+        return smooth_stretch(time_s, position_m, sigma_m, config.jerk)
+    return None
+
+
+def _check(time_s: np.ndarray, cutoff_hz: float) -> None:
+    if len(time_s) < 2:
+        raise AnchorposeError("a single frame cannot be smoothed; leave --smooth out.")
+    rate_hz = 1.0 / usual_step_s(time_s)
+    highest = highest_cutoff_hz(rate_hz)
+    if cutoff_hz >= highest:
+        raise AnchorposeError(
+            f"--cutoff {cutoff_hz:g} Hz is too high for {rate_hz:.3g} frames a second; give less than {highest:.2g} Hz."
+        )
+    for run in unbroken_runs(np.ones(len(time_s), dtype=bool), time_s):
+        uneven = evenness(time_s[run])
+        if uneven > MOST_UNEVEN:
+            raise AnchorposeError(
+                f"steps between frames differ by up to {100 * uneven:.0f} % from the usual one, and the Butterworth "
+                f"filter bears {100 * MOST_UNEVEN:.0f} %; use --smooth kalman, which bears any."
+            )

@@ -1,0 +1,76 @@
+"""Who helps where and for how long, from the contacts: what stand training is graded by."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from anchorpose.results.contacts import Contact
+from anchorpose.results.measures import Measure
+from anchorpose.results.stand_training.session import Session
+from anchorpose.results.stand_training.touch import inferred_touch_share, time_with_sigma, touched_frames
+
+NO_CONTACTS: Final = "the results folder has no contacts.parquet; track the recording again"
+NO_UPRIGHT: Final = "the patient was never known to be upright"
+
+_WHOLE: Final = (
+    ("assistance_time", "s"),
+    ("contacts", "count"),
+    ("assistance_share_upright", "1"),
+    ("hands_free_upright_time", "s"),
+    ("hands_free_upright_share", "1"),
+    ("hands_on_at_once_mean", "count"),
+    ("hands_on_at_once_most", "count"),
+)
+
+
+def assistance_measures(session: Session) -> list[Measure]:
+    """Of the whole session; then for each person, each part, and each person and part, the time and the contacts."""
+    contacts = session.contacts
+    if contacts is None:
+        return [Measure(measure=name, value=None, unit=unit, frames=0, why=NO_CONTACTS) for name, unit in _WHOLE]
+    parts, persons = sorted({c.part for c in contacts}), sorted({c.person for c in contacts})
+    groups = [(None, None), *((None, who) for who in persons), *((part, None) for part in parts)]
+    groups += [(part, who) for part in parts for who in persons]
+    held = touched_frames(session.joints.frame, contacts)
+    rows = list[Measure]()
+    for part, person in groups:
+        chosen = [part in (None, c.part) and person in (None, c.person) for c in contacts]
+        some = [contact for contact, one in zip(contacts, chosen, strict=True) if one]
+        if some or (part, person) == (None, None):
+            rows += _of_group(session, held[np.array(chosen, dtype=bool)], some, part, person)
+    return rows + _while_upright(session, held, contacts)
+
+
+def _of_group(
+    session: Session, held: np.ndarray, contacts: Sequence[Contact], part: str | None, person: str | None
+) -> list[Measure]:
+    time_s, sigma_s = time_with_sigma(held, contacts, session.seconds, session.joints.time_s)
+    frames, shared = int(held.any(axis=0).sum()), inferred_touch_share(held, contacts)
+    side = next((end for end in ("left", "right") if part is not None and part.endswith(f"_{end}")), None)
+    rows = [("assistance_time", time_s, "s", sigma_s), ("contacts", float(len(contacts)), "count", None)]
+    return [
+        Measure(measure=name, side=side, part=part, person=person, value=value, unit=unit, sigma=sigma, frames=frames,
+                inferred_share=shared)
+        for name, value, unit, sigma in rows
+    ]  # fmt: skip
+
+
+def _while_upright(session: Session, held: np.ndarray, contacts: Sequence[Contact]) -> list[Measure]:
+    """Shares of the upright time, with hands on and without, and how many contacts there were at once."""
+    standing = session.upright
+    frames, upright_s = int(standing.sum()), float(session.seconds[standing].sum())
+    if not upright_s:
+        return [Measure(measure=name, value=None, unit=unit, frames=0, why=NO_UPRIGHT) for name, unit in _WHOLE[2:]]
+    helped, at_once = held & standing, held[:, standing].sum(axis=0)
+    helped_s, sigma_s = time_with_sigma(helped, contacts, session.seconds, session.joints.time_s)
+    mean = float(np.average(at_once, weights=session.seconds[standing]))
+    shared = inferred_touch_share(helped, contacts)
+    values = (helped_s / upright_s, upright_s - helped_s, 1.0 - helped_s / upright_s, mean, float(at_once.max()))
+    sigmas = (sigma_s / upright_s, sigma_s, sigma_s / upright_s, None, None)
+    return [
+        Measure(measure=name, value=value, unit=unit, sigma=sigma, frames=frames, inferred_share=shared)
+        for (name, unit), value, sigma in zip(_WHOLE[2:], values, sigmas, strict=True)
+    ]

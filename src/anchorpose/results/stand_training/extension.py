@@ -1,0 +1,94 @@
+"""How straight knees and hips are while the patient is upright."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from anchorpose.results.lasting import lasting_sigma, sigma_of_mean
+from anchorpose.results.measures import Measure
+from anchorpose.results.stand_training.session import Session, inferred_share
+
+NOT_UPRIGHT_WITH: Final = "the patient was never known to be upright with this angle known"
+EXTENDED: Final = ("knee_flexion", "hip_flexion")
+LEAST_PERCENTILE: Final = 5.0  # a single frame's least or greatest value is its error as much as the patient's
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExtensionConfig:
+    """When a knee counts as straight."""
+
+    straight_deg: float = 10.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.straight_deg < 90:
+            raise ValueError(f"straight_deg must lie between 0 and 90, got {self.straight_deg}")
+
+
+def extension_measures(session: Session, config: ExtensionConfig) -> list[Measure]:
+    """Of knees and hips, left and right: mean, least and greatest flexion; and for how long each knee was straight."""
+    rows = list[Measure]()
+    for angle in EXTENDED:
+        for side in ("left", "right"):
+            rows += _flexion(session, angle, side)
+    return rows + [_straight_time(session, side, config.straight_deg) for side in ("left", "right")]
+
+
+def known_upright(session: Session, angle: str) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) bool frames in which the patient was upright and the angle known; and the angle's column (n,)."""
+    degrees = session.angles.degrees[:, session.angles.column(angle)]
+    return session.upright & np.isfinite(degrees), degrees
+
+
+def _flexion(session: Session, angle: str, side: str) -> list[Measure]:
+    name = f"{angle}_{side}"
+    used, degrees = known_upright(session, name)
+    if not used.any():
+        return [
+            Measure(measure=f"{angle}_upright_{which}", side=side, value=None, unit="deg", frames=0,
+                    why=NOT_UPRIGHT_WITH)
+            for which in ("mean", "least", "greatest")
+        ]  # fmt: skip
+    column = session.angles.column(name)
+    sigma, severity = session.angles.sigma_deg[used, column], session.angles.severity[used, column]
+    value, seconds = degrees[used], float(session.seconds[used].sum())
+    least, greatest = np.percentile(value, [LEAST_PERCENTILE, 100.0 - LEAST_PERCENTILE])
+    found = (
+        ("mean", float(value.mean()), sigma_of_mean(sigma, seconds)),
+        ("least", float(least), _sigma_near(sigma, value <= least)),
+        ("greatest", float(greatest), _sigma_near(sigma, value >= greatest)),
+    )
+    return [
+        Measure(measure=f"{angle}_upright_{which}", side=side, value=number, unit="deg", sigma=spread,
+                frames=int(used.sum()), inferred_share=inferred_share(severity))
+        for which, number, spread in found
+    ]  # fmt: skip
+
+
+def _sigma_near(sigma: np.ndarray, there: np.ndarray) -> float:
+    """Of a percentile, what its frames have; nothing is averaged out there."""
+    return float(np.sqrt(np.mean(sigma[there] ** 2)))
+
+
+def _straight_time(session: Session, side: str, straight_deg: float) -> Measure:
+    """While upright; sigma is half of what an error that lasts, one sigma either way, would change."""
+    name = f"knee_flexion_{side}"
+    used, degrees = known_upright(session, name)
+    if not used.any():
+        return Measure(measure="knee_straight_time", side=side, value=None, unit="s", frames=0, why=NOT_UPRIGHT_WITH)
+    column = session.angles.column(name)
+    error = lasting_sigma(session.angles.sigma_deg[used, column])
+    straight_s = [
+        float(session.seconds[used][degrees[used] + shift * error <= straight_deg].sum()) for shift in (0.0, -1.0, 1.0)
+    ]
+    return Measure(
+        measure="knee_straight_time",
+        side=side,
+        value=straight_s[0],
+        unit="s",
+        sigma=0.5 * (straight_s[1] - straight_s[2]),
+        frames=int(used.sum()),
+        inferred_share=inferred_share(session.angles.severity[used, column]),
+    )

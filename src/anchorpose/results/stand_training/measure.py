@@ -1,0 +1,71 @@
+"""All of it: from joints and contacts to posture, episodes and measures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from anchorpose.results.angles import AngleTable
+from anchorpose.results.contacts import Contact
+from anchorpose.results.frame_time import frame_seconds
+from anchorpose.results.measures import Measure
+from anchorpose.results.posture import PostureTable
+from anchorpose.results.stand_training.assistance import assistance_measures
+from anchorpose.results.stand_training.centre_of_mass import centre_of_mass
+from anchorpose.results.stand_training.extension import ExtensionConfig, extension_measures
+from anchorpose.results.stand_training.session import Session
+from anchorpose.results.stand_training.stance import stance
+from anchorpose.results.stand_training.sway import SwayConfig, sway_measures
+from anchorpose.results.stand_training.symmetry import symmetry_measures
+from anchorpose.results.stand_training.time_upright import time_measures, upright_episodes
+from anchorpose.results.stand_training.transitions import (
+    TransitionConfig,
+    transition_episodes,
+    transition_measures,
+    transitions,
+)
+from anchorpose.results.stand_training.upright import UprightConfig, upright
+from anchorpose.results.tables import JointTable
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeasureConfig:
+    """The definitions' numbers; docs/measures.md names them, so a change there is a change of what is measured."""
+
+    upright: UprightConfig = field(default_factory=UprightConfig)
+    transitions: TransitionConfig = field(default_factory=TransitionConfig)
+    extension: ExtensionConfig = field(default_factory=ExtensionConfig)
+    sway: SwayConfig = field(default_factory=SwayConfig)
+
+
+def measure_session(
+    joints: JointTable, angles: AngleTable, contacts: tuple[Contact, ...] | None, config: MeasureConfig
+) -> tuple[Session, list[Measure]]:
+    """The session with its posture and episodes, and every measure of docs/measures.md.
+
+    contacts: None where they are not known, which is another thing than none.
+    """
+    found, body = stance(joints), centre_of_mass(joints)
+    state = upright(found, config.upright)
+    moves = transitions(joints, found, state, config.transitions)
+    bouts = upright_episodes(joints, found, state)
+    session = Session(
+        joints=joints,
+        angles=angles,
+        posture=PostureTable(
+            joints.frame, joints.time_s, body.position_m, body.sigma_m, state, np.maximum(body.severity, found.severity)
+        ),
+        stance=found,
+        seconds=frame_seconds(joints.time_s),
+        episodes=(*bouts, *transition_episodes(joints, found, moves)),
+        contacts=contacts,
+    )
+    return session, [
+        *time_measures(session, config.upright),
+        *transition_measures(session, moves),
+        *extension_measures(session, config.extension),
+        *sway_measures(session, config.sway),
+        *symmetry_measures(session),
+        *assistance_measures(session),
+    ]

@@ -1,0 +1,40 @@
+"""All that the measures of a recording are read from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from anchorpose.results.angles import AngleTable
+from anchorpose.results.contacts import Contact
+from anchorpose.results.episodes import Episode
+from anchorpose.results.posture import UPRIGHT, PostureTable
+from anchorpose.results.stand_training.stance import Stance
+from anchorpose.results.tables import JointTable
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Session:
+    """Of the same frames: joints, angles, posture, stance; seconds (n,) that each frame stands for.
+
+    contacts: None where the results folder tells none.
+    """
+
+    joints: JointTable
+    angles: AngleTable
+    posture: PostureTable
+    stance: Stance
+    seconds: np.ndarray
+    episodes: tuple[Episode, ...]
+    contacts: tuple[Contact, ...] | None
+
+    @property
+    def upright(self) -> np.ndarray:
+        """(n,) bool: known to be upright."""
+        return self.posture.upright == UPRIGHT
+
+
+def inferred_share(severity: np.ndarray) -> float | None:
+    """Of frames (k,) with the severity of the worst joint used, those in which it was not seen; None of no frames."""
+    return float(np.mean(severity > 0)) if len(severity) else None

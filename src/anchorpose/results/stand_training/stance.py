@@ -1,0 +1,92 @@
+"""What tells standing from sitting: inclination of thighs and trunk, and the height of the pelvis over the feet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from anchorpose.joints import JOINT_INDEX
+from anchorpose.results.kinematics.definition import AngleGroup, Points, Reading
+from anchorpose.results.kinematics.propagation import angles_with_sigma
+from anchorpose.results.kinematics.vectors import length
+from anchorpose.results.tables import JointTable
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stance:
+    """Of every frame, NaN where a joint is lost; each with one standard deviation.
+
+    thigh_deg (n,): the two thighs against the vertical, their mean, 0 = hanging straight down from the hip. trunk_deg
+    (n,): the line from SpineBase to SpineShoulder against the vertical, in whichever direction. height (n,): of the
+    middle of the hips over the lower ankle, in lengths of the patient's leg: 1 = standing straight.
+    """
+
+    thigh_deg: np.ndarray
+    thigh_sigma_deg: np.ndarray
+    trunk_deg: np.ndarray
+    trunk_sigma_deg: np.ndarray
+    height: np.ndarray
+    height_sigma: np.ndarray
+    severity: np.ndarray
+
+
+def stance(joints: JointTable) -> Stance:
+    """Reads the three off the joints; the leg's length is the median over the recording."""
+    position_m, sigma_m = joints.position_m.transpose(1, 2, 0), joints.sigma_m.T
+    (thigh, trunk), (thigh_sigma, trunk_sigma) = (
+        np.degrees(found) for found in angles_with_sigma(_INCLINATIONS, position_m, sigma_m)
+    )
+    height_m, height_sigma_m = _pelvis_height(joints)
+    leg_m = _leg_length(joints)
+    used = [JOINT_INDEX[name] for name in (*_INCLINATIONS.joints, *_ANKLES)]
+    return Stance(
+        thigh, thigh_sigma, trunk, trunk_sigma, height_m / leg_m, height_sigma_m / leg_m,
+        joints.severity[:, used].max(axis=1),
+    )  # fmt: skip
+
+
+_ANKLES: Final = ("AnkleLeft", "AnkleRight")
+
+
+def _inclinations(points: Points) -> tuple[Reading, ...]:
+    thighs = [_from_vertical(points[f"Hip{side}"] - points[f"Knee{side}"]) for side in ("Left", "Right")]
+    trunk = _from_vertical(points["SpineShoulder"] - points["SpineBase"])
+    return (0.5 * (thighs[0] + thighs[1]), 1.0), (trunk, 1.0)
+
+
+def _from_vertical(line: np.ndarray) -> np.ndarray:
+    angle: np.ndarray = np.arctan2(np.hypot(line[0], line[2]), line[1])
+    return np.where(length(line) > 0, angle, np.nan)
+
+
+_INCLINATIONS: Final = AngleGroup(
+    ("thigh", "trunk"),
+    ("HipLeft", "KneeLeft", "HipRight", "KneeRight", "SpineBase", "SpineShoulder"),
+    _inclinations,
+)
+
+
+def _pelvis_height(joints: JointTable) -> tuple[np.ndarray, np.ndarray]:
+    """Metres, of every frame, and sigma. The lower ankle is the one that is stood on."""
+    height, variance = joints.position_m[..., 1], joints.sigma_m**2
+    hips, ankles = ([JOINT_INDEX[f"{name}{side}"] for side in ("Left", "Right")] for name in ("Hip", "Ankle"))
+    both_m = height[:, ankles]
+    sigma_m = np.sqrt(variance[:, hips].sum(axis=1) / 4.0 + variance[:, ankles].mean(axis=1))
+    # plain min and not nanmin: with one ankle lost it is not known which one is lower
+    return height[:, hips].mean(axis=1) - both_m.min(axis=1), sigma_m
+
+
+def _leg_length(joints: JointTable) -> float:
+    """Metres from hip to ankle along a straight leg; NaN where no frame shows a whole leg."""
+    bones = [
+        (f"{a}{side}", f"{b}{side}") for side in ("Left", "Right") for a, b in (("Hip", "Knee"), ("Knee", "Ankle"))
+    ]
+    lengths = [
+        np.linalg.norm(joints.position_m[:, JOINT_INDEX[a]] - joints.position_m[:, JOINT_INDEX[b]], axis=1)
+        for a, b in bones
+    ]
+    whole = 0.5 * np.sum(lengths, axis=0)
+    known = whole[np.isfinite(whole)]
+    return float(np.median(known)) if len(known) else float("nan")

@@ -1,0 +1,156 @@
+"""Sway of the estimated whole-body centre of mass over the floor while the patient is upright."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from anchorpose.joints import JOINT_INDEX
+from anchorpose.results.frame_time import unbroken_runs, usual_step_s
+from anchorpose.results.lasting import changing_sigma
+from anchorpose.results.measures import Measure
+from anchorpose.results.processing.low_pass import low_pass
+from anchorpose.results.stand_training.session import Session, inferred_share
+
+CHI2_95: Final = 5.991
+"""Of two degrees of freedom: 95 of 100 points of a normal cloud lie within the ellipse (Schubert and Kirchner 2014,
+doi:10.1016/j.gaitpost.2013.09.001)."""
+
+SCALE_ERROR: Final = 0.03
+"""Sway is told too large or small by so much, one standard deviation: found on simulated recordings."""
+
+STEPS_A_PERIOD: Final = 4.0
+"""Frames in a period of the cutoff, at least: noise is judged by what lies between the cutoff and half the rate."""
+
+UNITS: Final = {
+    "sway_path": "mm", "sway_velocity": "mm/s", "sway_rms_ap": "mm", "sway_rms_ml": "mm", "sway_ellipse_area": "cm2",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SwayConfig:
+    """Which bouts, and which of their movement counts as sway."""
+
+    cutoff_hz: float = 1.5  # a standing body's centre of mass moves below 1 Hz; the joints' jitter does not
+    shortest_bout_s: float = 5.0
+    times_noise: float = 2.0  # a path that is not so many times what noise alone would draw is not told
+
+    def __post_init__(self) -> None:
+        if not (self.cutoff_hz > 0 and self.shortest_bout_s > 0 and self.times_noise >= 1):
+            raise ValueError("cutoff_hz and shortest_bout_s must be positive, times_noise at least 1")
+
+
+class Bout(NamedTuple):
+    """deviation_m (k, 2): forwards and to the patient's right of the bout's mean, low-passed, evenly spaced in time.
+
+    path_m: drawn on the floor; noise_m: the path that errors alone would draw; seconds; frames: those of the session.
+    """
+
+    deviation_m: np.ndarray
+    path_m: float
+    noise_m: float
+    seconds: float
+    frames: slice
+
+
+def sway_bouts(session: Session, config: SwayConfig) -> list[Bout]:
+    """Every upright bout that is long enough and has the centre of mass in all its frames."""
+    time_s = session.joints.time_s
+    whole = session.upright & np.isfinite(session.posture.com_m).all(axis=1)
+    runs = [
+        run
+        for run in unbroken_runs(whole, time_s)
+        if time_s[run.stop - 1] - time_s[run.start] >= config.shortest_bout_s
+    ]
+    return [_bout(session, run, config) for run in runs if _fast_enough(time_s[run], config)]
+
+
+def sway_measures(session: Session, config: SwayConfig) -> list[Measure]:
+    """Path, mean velocity, root mean square forwards (AP) and sideways (ML), and area of the 95 % ellipse."""
+    bouts = sway_bouts(session, config)
+    if not bouts:
+        why = (
+            f"no upright bout of {config.shortest_bout_s:g} s had the centre of mass in all its frames, "
+            f"at {STEPS_A_PERIOD * config.cutoff_hz:g} frames a second or more"
+        )
+        names = {"sway_time": "s", **UNITS, "sway_path_noise": "mm"}
+        return [Measure(measure=name, value=None, unit=unit, frames=0, why=why) for name, unit in names.items()]
+    severity = np.concatenate([session.posture.severity[bout.frames] for bout in bouts])
+    rows = [("sway_time", sum(bout.seconds for bout in bouts), None), *_values(session, bouts, config)]
+    rows.append(("sway_path_noise", 1000.0 * sum(bout.noise_m for bout in bouts), None))
+    return [_row(name, value, sigma, severity, config) for name, value, sigma in rows]
+
+
+def _values(session: Session, bouts: list[Bout], config: SwayConfig) -> list[tuple[str, float | None, float | None]]:
+    """Name, value and sigma in the units of ``UNITS``; None where noise makes most of it."""
+    deviation = 1000.0 * np.concatenate([bout.deviation_m for bout in bouts])
+    path, noise, seconds = (
+        sum(getattr(bout, name) for bout in bouts) * scale
+        for name, scale in (("path_m", 1000.0), ("noise_m", 1000.0), ("seconds", 1.0))
+    )
+    sigma_m = np.concatenate([session.posture.com_sigma_m[bout.frames] for bout in bouts])
+    error = 1000.0 * float(np.sqrt(np.mean(changing_sigma(sigma_m) ** 2)))
+    told = path >= config.times_noise * noise
+    path_sigma = float(np.hypot(SCALE_ERROR * path, path - np.sqrt(max(path**2 - noise**2, 0.0))))
+    covariance = deviation.T @ deviation / (len(deviation) - 1)
+    rms = np.sqrt(np.diag(covariance))
+    rms_sigma = np.hypot(SCALE_ERROR * rms, np.hypot(rms, error) - rms)
+    axes = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance), 0.0))
+    area_cm2 = np.pi * CHI2_95 * axes.prod() / 100.0
+    axes_sigma = np.hypot(SCALE_ERROR * axes, np.hypot(axes, error) - axes)
+    area_sigma = np.pi * CHI2_95 * np.hypot(axes[0] * axes_sigma[1], axes[1] * axes_sigma[0]) / 100.0
+    return [
+        ("sway_path", path if told else None, path_sigma),
+        ("sway_velocity", path / seconds if told else None, path_sigma / seconds),
+        ("sway_rms_ap", float(rms[0]), float(rms_sigma[0])),
+        ("sway_rms_ml", float(rms[1]), float(rms_sigma[1])),
+        ("sway_ellipse_area", float(area_cm2), float(area_sigma)),
+    ]
+
+
+def _row(name: str, value: float | None, sigma: float | None, severity: np.ndarray, config: SwayConfig) -> Measure:
+    unit = UNITS.get(name, "s" if name == "sway_time" else "mm")
+    frames, shared = len(severity), inferred_share(severity)
+    if value is None:
+        why = f"the path is less than {config.times_noise:g} times what the joints' noise alone would draw"
+        return Measure(measure=name, value=None, unit=unit, frames=frames, inferred_share=shared, why=why)
+    return Measure(measure=name, value=value, unit=unit, sigma=sigma, frames=frames, inferred_share=shared)
+
+
+def _fast_enough(time_s: np.ndarray, config: SwayConfig) -> bool:
+    return usual_step_s(time_s) * STEPS_A_PERIOD * config.cutoff_hz <= 1.0
+
+
+def _bout(session: Session, run: slice, config: SwayConfig) -> Bout:
+    time_s = session.joints.time_s[run]
+    step_s = usual_step_s(time_s)
+    even_s = np.linspace(time_s[0], time_s[-1], round((time_s[-1] - time_s[0]) / step_s) + 1)
+    com_m = session.posture.com_m[run][:, [0, 2]] @ _patient_axes(session, run).T
+    com_m = np.stack([np.interp(even_s, time_s, com_m[:, axis]) for axis in range(2)], axis=1)
+    rate_hz = (len(even_s) - 1) / (time_s[-1] - time_s[0])
+    slow_m = low_pass(com_m, rate_hz, config.cutoff_hz)
+    seconds = float(time_s[-1] - time_s[0])
+    noise_m = _noise_speed(com_m - slow_m, rate_hz, config.cutoff_hz) * seconds
+    path_m = float(np.linalg.norm(np.diff(slow_m, axis=0), axis=1).sum())
+    return Bout(slow_m - slow_m.mean(axis=0), path_m, noise_m, seconds, run)
+
+
+def _patient_axes(session: Session, run: slice) -> np.ndarray:
+    """(2, 2): forwards and to the right on the floor (x, z), of the patient as he faces on average in the bout."""
+    hips = session.joints.position_m[run][:, [JOINT_INDEX["HipLeft"], JOINT_INDEX["HipRight"]]]
+    across = (hips[:, 1] - hips[:, 0])[:, [0, 2]]
+    x, z = (across / np.linalg.norm(across, axis=1, keepdims=True)).mean(axis=0)
+    return np.array([[z, -x], [x, z]]) / np.hypot(x, z)
+
+
+def _noise_speed(residual_m: np.ndarray, rate_hz: float, cutoff_hz: float) -> float:
+    """Metres a second that errors alone would move below the cutoff.
+
+    What is left above it, (k, 2), no body does. Its errors are taken to go on below the cutoff as a random walk, power
+    ~ 1 / f^2, which is more than they were found to do (docs/measures.md).
+    """
+    variance = float(np.mean(residual_m.var(axis=0)))
+    speed = np.sqrt(4.0 * np.pi**2 * cutoff_hz * variance / (1.0 / cutoff_hz - 2.0 / rate_hz))
+    return float(np.sqrt(np.pi / 2.0) * speed)

@@ -1,0 +1,157 @@
+"""The verb: folders that appear whole, are replaced only when asked, and a record of what was done."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from exports_builder import times, true_joints, write_true_results
+
+from anchorpose import __version__
+from anchorpose.cli import main
+from anchorpose.exports import run
+from anchorpose.exports.product import ExportConfig, Format
+
+
+@pytest.fixture
+def results(tmp_path) -> Path:
+    return write_true_results(tmp_path / "results", true_joints()[:20])
+
+
+def record_of(folder: Path) -> dict:
+    return json.loads((folder / "export.json").read_text(encoding="utf-8"))
+
+
+def test_each_format_gets_a_folder_of_its_own_in_the_results(results, capsys):
+    assert main(["export", str(results), "--to", "trc, MOT,csv,bvh,bids"]) == 0
+    assert {path.name for path in (results / "exports").iterdir()} == {"trc", "mot", "csv", "bvh", "bids"}
+    assert "ik_setup.xml" in capsys.readouterr().out
+    assert main(["export", str(results), "--to", "trc", "-o", str(results.parent / "elsewhere")]) == 0
+    assert (results.parent / "elsewhere" / "trc" / "joints.trc").is_file()
+
+
+def test_the_record_says_what_was_done_from_which_bytes(results):
+    assert main(["export", str(results), "--to", "trc"]) == 0
+    record = record_of(results / "exports" / "trc")
+    assert (record["to"], record["versions"]["anchorpose"]) == ("trc", __version__)
+    assert record["counts"] == {"frames": 20, "rate_hz": 15.0, "recorded_frames": 20, "missing_markers": 0}
+    for name, digest in record["sources_sha256"].items():
+        assert hashlib.sha256((results / name).read_bytes()).hexdigest() == digest
+    assert set(record["sources_sha256"]) == {"joints.parquet", "angles.parquet"}
+    assert set(record["files"]) == {"joints.trc", "model.osim", "ik_setup.xml", "scale_setup.xml"}
+    for key in ("axes", "units", "time", "missing", "notes"):
+        assert record[key]
+
+
+def test_the_record_tells_that_times_were_resampled(tmp_path):
+    stamps = times(75) + np.random.default_rng(1).uniform(-0.01, 0.01, 75)
+    results = write_true_results(tmp_path / "results", true_joints(), stamps)
+    assert main(["export", str(results), "--to", "trc,csv"]) == 0
+    record = record_of(results / "exports" / "trc")
+    assert record["time"].startswith("resampled")
+    assert record["counts"]["recorded_frames"] < record["counts"]["frames"]
+    assert record_of(results / "exports" / "csv")["time"] == "as recorded"
+
+
+def test_an_export_is_replaced_only_when_asked_and_one_of_another_format_never(results, capsys):
+    assert main(["export", str(results), "--to", "csv"]) == 0
+    before = (results / "exports" / "csv" / "joints.csv").read_bytes()
+    write_true_results(results, true_joints()[:10])
+    assert main(["export", str(results), "--to", "trc,csv"]) == 2
+    assert "--overwrite" in capsys.readouterr().err
+    assert not (results / "exports" / "trc").exists()
+    assert (results / "exports" / "csv" / "joints.csv").read_bytes() == before
+    assert main(["export", str(results), "--to", "trc"]) == 0
+    assert main(["export", str(results), "--to", "csv", "--overwrite"]) == 0
+    assert (results / "exports" / "csv" / "joints.csv").read_bytes() != before
+    assert (results / "exports" / "trc" / "joints.trc").is_file()
+
+
+def test_a_folder_of_somebody_elses_is_never_touched(results, tmp_path, capsys):
+    (tmp_path / "mine" / "trc").mkdir(parents=True)
+    (tmp_path / "mine" / "trc" / "thesis.txt").write_text("years of work")
+    assert main(["export", str(results), "--to", "trc", "-o", str(tmp_path / "mine"), "--overwrite"]) == 2
+    assert "is no export" in capsys.readouterr().err
+    assert [path.name for path in (tmp_path / "mine" / "trc").iterdir()] == ["thesis.txt"]
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
+def test_whatever_stops_the_work_leaves_nothing_behind(results, monkeypatch, error):
+    def fail(*_: object) -> None:
+        raise error
+
+    monkeypatch.setitem(run._WRITERS, Format.BVH, fail)
+    before = sorted(path.name for path in results.iterdir())
+    with pytest.raises(error):
+        run.export_results(results, [Format.CSV, Format.BVH], ExportConfig())
+    assert sorted(path.name for path in results.iterdir()) == before
+
+
+def test_the_same_results_give_the_same_bytes(results, tmp_path):
+    for name in ("a", "b"):
+        assert main(["export", str(results), "--to", "trc,mot,csv,bvh,bids", "-o", str(tmp_path / name)]) == 0
+    files = [path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*") if path.is_file()]
+    assert len(files) > 15
+    assert [f for f in files if (tmp_path / "a" / f).read_bytes() != (tmp_path / "b" / f).read_bytes()] == []
+
+
+def test_angles_that_are_not_there_are_left_out(results):
+    (results / "angles.parquet").unlink()
+    assert main(["export", str(results), "--to", "trc,mot,csv,bvh,bids"]) == 0
+    assert not (results / "exports" / "csv" / "angles_wide.csv").exists()
+    channels = next((results / "exports" / "bids").rglob("*_channels.tsv")).read_text()
+    assert "JNTANG" not in channels
+    assert "POS" in channels
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--to", "fbx"], "choose from trc, mot, c3d, csv, bvh, bids"),
+        (["--to", "bids", "--subject", "Jane Doe"], "letters and digits"),
+        (["--to", "bids", "--session", "2026-01-02"], "letters and digits"),
+        (["--to", "bids", "--task", ""], "letters and digits"),
+    ],
+)
+def test_what_cannot_be_done_is_said_in_one_sentence(results, capsys, options, said):
+    assert main(["export", str(results), *options]) == 2
+    message = capsys.readouterr().err
+    assert said in message
+    assert message.count("\n") == 1
+    assert not (results / "exports").exists()
+
+
+def test_a_folder_that_is_no_result_is_refused(tmp_path, capsys):
+    assert main(["export", str(tmp_path / "nothing"), "--to", "csv"]) == 2
+    assert "there is no such folder" in capsys.readouterr().err
+    (tmp_path / "empty").mkdir()
+    assert main(["export", str(tmp_path / "empty"), "--to", "csv"]) == 2
+    assert "joints.parquet" in capsys.readouterr().err
+    assert list((tmp_path / "empty").iterdir()) == []
+
+
+def test_times_that_go_back_are_refused(tmp_path, capsys):
+    stamps = times(20)
+    stamps[7] = stamps[5]
+    results = write_true_results(tmp_path / "results", true_joints()[:20], stamps)
+    assert main(["export", str(results), "--to", "csv"]) == 2
+    assert "do not increase" in capsys.readouterr().err
+    assert not (results / "exports").exists()
+
+
+def test_one_frame_goes_to_csv_and_nowhere_else(tmp_path, capsys):
+    results = write_true_results(tmp_path / "results", true_joints()[:1])
+    assert main(["export", str(results), "--to", "csv"]) == 0
+    for kind in ("trc", "mot", "bvh", "bids"):
+        assert main(["export", str(results), "--to", kind]) == 2
+        assert "csv" in capsys.readouterr().err
+
+
+def test_a_parquet_table_that_is_damaged_is_named(results, capsys):
+    (results / "contacts.parquet").write_bytes(b"PAR1 broken")
+    assert main(["export", str(results), "--to", "csv"]) == 2
+    assert "contacts.parquet" in capsys.readouterr().err
+    assert not (results / "exports").exists()
