@@ -31,7 +31,7 @@ void main() {
   vec4 seen = viewMatrix * world;
   gl_Position = visible ? projectionMatrix * seen : vec4(2.0, 2.0, 2.0, 1.0);
   gl_PointSize = clamp(coarse * size * spacing * z * focal / max(0.1, -seen.z), 1.0, 8.0);
-  tint *= label == 255 ? 0.35 + shade / 255.0 : 0.25 + 0.85 * shade / 255.0;
+  tint *= label == 255 ? 0.35 + shade / 255.0 : 0.42 + 0.65 * shade / 255.0;
 }`;
 const FRAGMENT = `
 varying vec3 tint;
