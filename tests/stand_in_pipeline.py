@@ -11,9 +11,13 @@ import numpy as np
 from anchorpose.joints import JOINT_COUNT, JointState
 from anchorpose.recording.inputs import input_files
 from anchorpose.recording.reader import open_recording, read_frames
+from anchorpose.report.page import write_report
+from anchorpose.results.contacts import write_contacts
 from anchorpose.results.joint_frame import JointFrame
-from anchorpose.results.report import write_report
+from anchorpose.results.measuring import write_measured
+from anchorpose.results.processing.policy import ProcessingConfig
 from anchorpose.results.run_record import DroppedFrame, RunRecord, hash_files, write_run_record
+from anchorpose.results.stand_training.measure import MeasureConfig
 from anchorpose.results.tables import write_joints
 
 
@@ -66,4 +70,7 @@ def track_recording(
         dropped=tuple(dropped),
     )
     write_run_record(results / "run.json", record)
+    with write_contacts(results / "contacts.parquet"):
+        pass  # nobody touches a patient who is nowhere
+    write_measured(results, ProcessingConfig(), MeasureConfig())
     write_report(results)

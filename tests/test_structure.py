@@ -19,6 +19,7 @@ PACKAGE = ROOT / "src" / "anchorpose"
 
 FLOW = (
     "recording", "calibration", "isolation", "surface", "geodesics", "association", "tracking", "body", "results",
+    "report",
 )  # fmt: skip
 VALUES = ("errors", "joints", "camera")
 BESIDE_THE_FLOW = (
@@ -27,7 +28,7 @@ BESIDE_THE_FLOW = (
 )  # fmt: skip
 PACKAGE_ITSELF = "anchorpose"  # `from anchorpose import __version__`
 
-HEAVY = {"numpy", "scipy", "numba", "cv2", "pyarrow", "plotly", "embreex"}
+HEAVY = {"numpy", "scipy", "numba", "cv2", "pyarrow", "embreex"}
 
 # Put together from pieces, so that this file does not hold what it forbids.
 MACHINE_PATH = re.compile(r"(?<![\w.~/])/(?:" + "|".join(("work", "root", "home", "Users", "opt", "tmp/lab")) + r")/")

@@ -1,6 +1,6 @@
 """From a recording folder to a results folder: the order of the stages.
 
-recording -> calibration -> isolation -> surface -> geodesics -> association -> tracking -> body -> results
+recording -> calibration -> isolation -> surface -> geodesics -> association -> tracking -> body -> results -> report
 
 The room is prepared once; then every frame goes through ``tracker.observation`` (isolation to descriptor) and
 ``tracker.patient`` (association to body). The patient's body is learnt on a first pass over the first seconds.
@@ -19,6 +19,7 @@ from anchorpose.recording.calibration_file import with_poses
 from anchorpose.recording.reader import frame_range, open_recording
 from anchorpose.recording.recording import Recording
 from anchorpose.recording.subject import with_height
+from anchorpose.report.page import write_report
 from anchorpose.results.anchors_table import ANCHORS_FILE, write_anchors
 from anchorpose.results.contact_intervals import ContactIntervals
 from anchorpose.results.contacts import CONTACTS_FILE, write_contacts
@@ -28,7 +29,6 @@ from anchorpose.results.people_labels import PEOPLE_FILE, write_people
 from anchorpose.results.pictures import FramePicture, save_pictures
 from anchorpose.results.poses import POSES_FILE, write_poses
 from anchorpose.results.processing.policy import ProcessingConfig
-from anchorpose.results.report import write_report
 from anchorpose.results.run_record import RUN_FILE, Association, DroppedFrame, write_run_record
 from anchorpose.results.stand_training.measure import MeasureConfig
 from anchorpose.results.tables import JOINTS_FILE, write_joints

@@ -9,8 +9,8 @@ def print_outcome(results: Path) -> None:
     """Prints how much was seen, inferred and lost, what was dropped, and where the report is."""
     import numpy as np
 
+    from anchorpose.report.page import REPORT_FILE
     from anchorpose.results.joint_frame import LOST
-    from anchorpose.results.report import REPORT_FILE
     from anchorpose.results.run_record import RUN_FILE, read_run_document
     from anchorpose.results.tables import JOINTS_FILE, read_joints
 

@@ -3,16 +3,48 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from anchorpose.errors import InputError
 
 
-def report(results: Path, /) -> None:
-    """Make report.html of a results folder again, from its tables and pictures.
+def report(
+    results: Path,
+    /,
+    *others: Path,
+    out: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    label: Annotated[list[str] | None, Parameter(negative=())] = None,
+) -> None:
+    """Make report.html of a results folder again, or compare several sessions of one patient on one page.
+
+    One folder: its report.html is made from its tables and pictures. Several folders: one page with their measures side
+    by side, and which changes are more than the errors of measurement.
 
     Parameters
     ----------
     results
         A results folder made by 'anchorpose track'.
+    others
+        Results folders of later sessions of the same patient, in order of time.
+    out
+        The page to write for several sessions, for example comparison.html.
+    label
+        What a session is called on that page, for example --label before --label after; once for each session.
     """
-    from anchorpose.results.report import write_report
+    from anchorpose.report.comparison import write_comparison
+    from anchorpose.report.page import write_report
 
-    print(f"Open {write_report(results)} in a browser.")
+    if others:
+        if out is None:
+            raise InputError(
+                results, "is one of several sessions", "say where to write their comparison, with -o FILE.html"
+            )
+        print(f"Open {write_comparison((results, *others), out, label or ())} in a browser.")
+    elif out is not None or label:
+        raise InputError(
+            results, "is the only session", "give another one to compare it with, or leave out -o and --label"
+        )
+    else:
+        print(f"Open {write_report(results)} in a browser.")

@@ -1,25 +1,20 @@
-"""The report: one self-contained page; run.json; pictures that show what they should."""
+"""run.json; pictures that show what they should."""
 
 from __future__ import annotations
 
 import json
-import re
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
 import cv2
 import numpy as np
-import pytest
-from results_builder import make_frame, standing_joints, write_results
+from results_builder import standing_joints
 
 from anchorpose.camera import Camera, Intrinsics
-from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel
-from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, JointState
+from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JointState
 from anchorpose.results.overlay import OverlayScene, draw_frame
-from anchorpose.results.pictures import FramePicture, save_pictures
-from anchorpose.results.report import MOST_POINTS, write_report
 from anchorpose.results.run_record import hash_files, plain
 
 FACING = np.array([[0.0, 0, -1, 2.5], [0, -1, 0, 1.0], [-1, 0, 0, 0], [0, 0, 0, 1]])  # looks along -X
@@ -31,69 +26,6 @@ CAMERA = Camera(
     intrinsics=Intrinsics(fx=182.0, fy=182.0, cx=128.0, cy=106.0),
     T_world_camera=FACING,
 )
-
-
-def _data(page: str) -> dict:
-    return json.loads(re.search(r'<script id="data" type="application/json">(.*?)</script>', page, re.S).group(1))
-
-
-def _frames(count: int) -> list:
-    return [make_frame(i, i / 30, standing_joints() + np.array([0.001 * i, 0, 0])) for i in range(count)]
-
-
-def test_the_report_loads_nothing_from_outside_and_says_what_it_is(tmp_path):
-    results = write_results(tmp_path / "r", _frames(4))
-    page = write_report(results).read_text()
-    own = re.sub(r"<script>.*?</script>", "", page, flags=re.S)
-    assert re.findall(r"""(?:src|href)=["']?(?!data:)""", own) == []
-    assert "url(" not in own
-    assert "not a medical device" in page
-    assert "prefers-color-scheme: dark" in page
-    assert "000003.png is truncated" in page
-    assert page.count("plotly.js v") >= 1
-
-
-def test_names_and_notes_cannot_become_markup(tmp_path):
-    page = write_report(write_results(tmp_path / "r", _frames(2))).read_text()
-    assert "&lt;ward&gt; &amp; garden" in page
-    assert "found &lt;by itself&gt;" in page
-    assert "<ward>" not in page
-
-
-def test_the_page_draws_the_numbers_of_the_table_and_leaves_gaps_where_joints_are_lost(tmp_path):
-    frames = [*_frames(2), make_frame(2, 0.1, standing_joints(), lost=("Head",))]
-    data = _data(write_report(write_results(tmp_path / "r", frames)).read_text())
-    head = JOINT_INDEX["Head"]
-    assert data["position"][head] == [[0, 1, None], [1620, 1620, None], [0, 0, None]]
-    assert data["sigma"][head] == [20, 20, None]
-    assert [data["stateText"][code] for code in data["state"][head]] == ["seen", "seen", "lost"]
-    assert data["joints"] == list(JOINT_NAMES)
-
-
-def test_a_long_recording_is_thinned_and_the_page_says_so(tmp_path):
-    data = _data(write_report(write_results(tmp_path / "r", _frames(MOST_POINTS + 1))).read_text())
-    assert data["step"] == 2
-    assert len(data["time"]) == MOST_POINTS // 2 + 1
-
-
-def test_the_report_is_the_same_when_made_again_and_shows_the_kept_pictures(tmp_path):
-    (tmp_path / "r").mkdir()
-    png = draw_frame(OverlayScene(camera=CAMERA, depth_m=np.full((212, 256), 2.0, np.float32)))
-    pictures = save_pictures(tmp_path / "r", [FramePicture(1, 0.1, "front", png, "hand < hip")])
-    results = write_results(tmp_path / "r", _frames(3), pictures)
-    first = write_report(results).read_bytes()
-    assert write_report(results).read_bytes() == first
-    assert b"data:image/png;base64," in first
-    assert b"hand &lt; hip" in first
-
-
-@pytest.mark.parametrize("name", ["joints.parquet", "run.json"])
-def test_a_report_of_no_results_is_refused_and_nothing_written(tmp_path, name):
-    results = write_results(tmp_path / "r", _frames(2))
-    (results / name).unlink()
-    with pytest.raises(InputError, match=name):
-        write_report(results)
-    assert not (results / "report.html").exists()
 
 
 def test_run_json_holds_only_what_json_knows():

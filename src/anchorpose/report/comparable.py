@@ -1,0 +1,109 @@
+"""Which sessions may stand side by side, and what a reader must know where they were not recorded or computed alike."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from anchorpose.errors import InputError
+from anchorpose.report.session import Session
+from anchorpose.report.words import COVERAGE, listed
+from anchorpose.results.measures import MEASURES_FILE
+from anchorpose.results.tables import JOINTS_FILE
+
+MOST_NAMES = 8  # of settings that differ; more are counted
+
+
+def require_comparable(sessions: Sequence[Session]) -> None:
+    """Raises InputError where two are of one recording, or their measures are not the same ones in the same units."""
+    first = sessions[0]
+    for later in sessions[1:]:
+        units, own = _units(first), _units(later)
+        missing = sorted(set(units) ^ set(own))
+        others = [name for name in units if name in own and units[name] != own[name]]
+        if missing or others:
+            what = f"{missing[0]} is in one of them only" if missing else f"{others[0]} has another unit"
+            problem = f"cannot be compared with that of {first.folder} ({what})"
+            remedy = "run 'anchorpose measure' on all of these folders with this version of the program"
+            raise InputError(later.folder / MEASURES_FILE, problem, remedy)
+    _require_different(sessions)
+
+
+def differences(sessions: Sequence[Session], labels: Sequence[str]) -> list[str]:
+    """Sentences on versions, settings, cameras, rates and bodies that differ from the first session's."""
+    first, notes = sessions[0], []
+    for later, label in zip(sessions[1:], labels[1:], strict=True):
+        told = [
+            *_versions(first.run, later.run), *_settings(first.run, later.run), *_cameras(first.run, later.run),
+            *_rates(first, later), *_bodies(first.run, later.run),
+        ]  # fmt: skip
+        notes += [f"{label} against {labels[0]}: {sentence}." for sentence in told]
+    return notes
+
+
+def _units(session: Session) -> dict[str, str]:
+    """Of the measures that every session has; those of a part or a person depend on what happened."""
+    return {m.measure: m.unit for m in session.measures if m.part is None and m.person is None}
+
+
+def _require_different(sessions: Sequence[Session]) -> None:
+    seen: dict[str, Session] = {}
+    for session in sessions:
+        inputs = repr(sorted(session.run.get("inputs_sha256", {}).items()))
+        if session.folder.resolve() in {other.folder.resolve() for other in seen.values()}:
+            raise InputError(session.folder, "is given twice", "give each session once")
+        if inputs != "[]" and inputs in seen:
+            problem = f"was made from the same recording as {seen[inputs].folder}"
+            raise InputError(session.folder / JOINTS_FILE, problem, "compare results of different recordings")
+        seen[inputs if inputs != "[]" else str(session.folder.resolve())] = session
+
+
+def _versions(first: dict[str, Any], later: dict[str, Any]) -> list[str]:
+    old, new = (run.get("versions", {}).get("anchorpose", "an unknown version") for run in (first, later))
+    return [] if old == new else [f"tracked by anchorpose {new} instead of {old}"]
+
+
+def _settings(first: dict[str, Any], later: dict[str, Any]) -> list[str]:
+    old, new = _flat(first.get("config")), _flat(later.get("config"))
+    names = [name for name in dict.fromkeys([*old, *new]) if old.get(name) != new.get(name)]
+    if not names:
+        return []
+    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+    return [f"other settings: {', '.join(names[:MOST_NAMES])}{more}"]
+
+
+def _flat(value: Any, name: str = "") -> dict[str, Any]:
+    if not isinstance(value, dict):
+        return {name: value}
+    return {
+        path: item for key, below in value.items() for path, item in _flat(below, f"{name}.{key}".strip(".")).items()
+    }
+
+
+def _cameras(first: dict[str, Any], later: dict[str, Any]) -> list[str]:
+    old, new = ([str(camera["name"]) for camera in run.get("cameras", [])] for run in (first, later))
+    return [] if old == new or not old or not new else [f"other cameras: {listed(new)} instead of {listed(old)}"]
+
+
+def _rates(first: Session, later: Session) -> list[str]:
+    old, new = (_rate_hz(session) for session in (first, later))
+    if old is None or new is None or abs(old - new) < 0.1 * old:
+        return []
+    return [f"{new:.0f} instead of {old:.0f} frames a second: paths and speeds depend on that"]
+
+
+def _rate_hz(session: Session) -> float | None:
+    time_s = session.joints.time_s
+    return None if len(time_s) < 2 else (len(time_s) - 1) / float(time_s[-1] - time_s[0])
+
+
+def _bodies(first: dict[str, Any], later: dict[str, Any]) -> list[str]:
+    old, new = first.get("body"), later.get("body")
+    if old is None or new is None:
+        return []
+    reach = COVERAGE * math.hypot(old["height_sigma_m"], new["height_sigma_m"])
+    change = abs(new["height_m"] - old["height_m"])
+    if change <= reach:
+        return []
+    return [f"the learnt heights differ by {100 * change:.1f} cm, more than their errors: is it the same patient?"]

@@ -1,0 +1,74 @@
+"""One results folder as the report reads it: every table of it, or one sentence on what is missing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from anchorpose.errors import InputError
+from anchorpose.report.bins import Bins, make_bins
+from anchorpose.report.ledger import Ledger
+from anchorpose.results.angles import ANGLES_FILE, AngleTable, read_angles
+from anchorpose.results.contacts import CONTACTS_FILE, Contact, read_contacts
+from anchorpose.results.episodes import EPISODES_FILE, Episode, read_episodes
+from anchorpose.results.measures import MEASURES_FILE, Measure, read_measures
+from anchorpose.results.posture import POSTURE_FILE, PostureTable, read_posture
+from anchorpose.results.run_record import RUN_FILE, read_run_document
+from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
+
+MEASURED: Final = (ANGLES_FILE, POSTURE_FILE, EPISODES_FILE, MEASURES_FILE)
+"""What 'anchorpose measure' writes, from the joints."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Session:
+    """The tables of one recording. bins: how its frames are grouped in every chart of its page."""
+
+    folder: Path
+    run: dict[str, Any]
+    joints: JointTable
+    angles: AngleTable
+    posture: PostureTable
+    episodes: tuple[Episode, ...]
+    measures: tuple[Measure, ...]
+    contacts: tuple[Contact, ...]
+    bins: Bins
+    ledger: Ledger
+
+    @property
+    def recording(self) -> str:
+        """The name of the recording."""
+        return str(self.run.get("recording", self.folder.resolve().name))
+
+
+def read_session(folder: Path, name: str = "") -> Session:
+    """All tables of a results folder; name: of its numbers, where a page shows several sessions.
+
+    Raises InputError where one is missing, damaged, or does not fit the joints.
+    """
+    joints, run = read_joints(folder / JOINTS_FILE), read_run_document(folder / RUN_FILE)
+    for file in MEASURED:
+        if not (folder / file).is_file():
+            problem = "is missing: the folder was written by an older version, or by hand"
+            raise InputError(folder / file, problem, f"run 'anchorpose measure {folder}' and try again")
+    angles, posture = read_angles(folder / ANGLES_FILE), read_posture(folder / POSTURE_FILE)
+    for file, frame in ((ANGLES_FILE, angles.frame), (POSTURE_FILE, posture.frame)):
+        if not np.array_equal(frame, joints.frame):
+            raise InputError(
+                folder / file, "has other frames than joints.parquet", f"run 'anchorpose measure {folder}'"
+            )
+    return Session(
+        folder=folder,
+        run=run,
+        joints=joints,
+        angles=angles,
+        posture=posture,
+        episodes=read_episodes(folder / EPISODES_FILE),
+        measures=read_measures(folder / MEASURES_FILE),
+        contacts=read_contacts(folder / CONTACTS_FILE),
+        bins=make_bins(joints.frame, joints.time_s, name),
+        ledger=Ledger(folder, name),
+    )

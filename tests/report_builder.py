@@ -1,0 +1,117 @@
+"""Results folders made up for the tests of the report: a patient who sits, stands up, squats and is held."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+from results_builder import make_frame, standing_joints, write_results
+
+from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, JointState
+from anchorpose.results.contacts import CONTACTS_FILE, Contact, write_contacts
+from anchorpose.results.episodes import EPISODES_FILE, Episode, write_episodes
+from anchorpose.results.joint_frame import JointFrame
+from anchorpose.results.measures import MEASURES_FILE, Measure, write_measures
+from anchorpose.results.posture import POSTURE_FILE, PostureTable, write_posture
+from anchorpose.results.run_record import RUN_FILE
+from anchorpose.results.tables import JOINTS_FILE, read_joints
+
+RATE_HZ = 30.0
+
+MEASURES = (
+    Measure(measure="upright_time", value=3.25, unit="s", sigma=0.12, frames=120, inferred_share=0.25),
+    Measure(measure="sit_to_stand_count", value=1.0, unit="count", frames=120),
+    Measure(measure="knee_flexion_upright_mean", side="left", value=12.345, unit="deg", sigma=1.5, frames=90,
+            inferred_share=0.5),
+    Measure(measure="knee_flexion_upright_mean", side="right", value=None, unit="deg", frames=0,
+            why="the right knee is lost <always>"),
+    Measure(measure="sway_path", value=432.1, unit="mm", sigma=50.0, frames=80, inferred_share=0.0),
+    Measure(measure="assistance_share_upright", value=0.4, unit="1", sigma=0.02, frames=120, inferred_share=0.004),
+    Measure(measure="assistance_time", side="left", part="knee_left", value=0.67, unit="s", sigma=0.03, frames=20),
+    Measure(measure="assistance_time", side="left", part="knee_left", person="person 1", value=0.67, unit="s",
+            frames=20),
+)  # fmt: skip
+
+
+def squat(frame: int, count: int) -> np.ndarray:
+    """(21, 3) metres: knees forward and down with the frames, twice over the recording."""
+    deep = 0.5 - 0.5 * np.cos(4 * np.pi * frame / max(count, 1))
+    joints = standing_joints()
+    for name in JOINT_NAMES:
+        if not name.startswith(("Ankle", "Foot", "Knee")):
+            joints[JOINT_INDEX[name]] -= (0.1 * deep, 0.25 * deep, 0.0)
+    for side, more in (("Left", 1.0), ("Right", 0.8)):
+        joints[JOINT_INDEX[f"Knee{side}"]] += (0.2 * deep * more, -0.05 * deep, 0.0)
+    return joints
+
+
+def squats(count: int, seed: int = 5) -> list[JointFrame]:
+    """A noisy recording: the left leg is hidden by a person in the middle third, the head lost at the end."""
+    random, frames = np.random.default_rng(seed), []
+    for frame in range(count):
+        hidden = count // 3 <= frame < 2 * count // 3
+        leg = ("KneeLeft", "AnkleLeft", "FootLeft") if hidden else ()
+        states = dict.fromkeys(leg, JointState.HIDDEN_BY_PERSON) | {"HandRight": JointState.HIDDEN_BY_EQUIPMENT}
+        joints = squat(frame, count) + random.normal(scale=0.003, size=(21, 3))
+        lost = ("Head",) if frame >= count - count // 10 else ()
+        made = make_frame(frame, frame / RATE_HZ, joints, lost, 0.008, states)
+        made.sigma_m[[JOINT_INDEX[name] for name in leg]] = 0.04
+        frames.append(made)
+    return frames
+
+
+def write_session(
+    folder: Path, frames: list[JointFrame], measures: Iterable[Measure] = MEASURES,
+    contacts: Iterable[Contact] | None = None, **run: object,
+) -> Path:  # fmt: skip
+    """A results folder with all tables; run: what else its run.json says."""
+    write_results(folder, frames)
+    document = json.loads((folder / RUN_FILE).read_text(encoding="utf-8"))
+    document |= {"association": {"matched_share": [None] + [0.9] * (len(frames) - 1)}} | run
+    (folder / RUN_FILE).write_text(json.dumps(document), encoding="utf-8")
+    with write_contacts(folder / CONTACTS_FILE) as table:
+        for contact in _contacts(frames) if contacts is None else contacts:
+            table.append(contact)
+    write_measured(folder, measures)
+    return folder
+
+
+def write_measured(folder: Path, measures: Iterable[Measure] = MEASURES) -> None:
+    """posture, episodes and measures of the joints that stand in a folder."""
+    joints = read_joints(folder / JOINTS_FILE)
+    count, place = len(joints.frame), joints.position_m[:, JOINT_INDEX["SpineBase"]]
+    upright = np.where(np.isnan(place[:, 1]), -1, np.arange(count) >= count // 4).astype(np.int8)
+    posture = PostureTable(
+        joints.frame, joints.time_s, place, np.full(count, 0.01), upright, joints.severity[:, JOINT_INDEX["SpineBase"]]
+    )
+    write_posture(folder / POSTURE_FILE, posture)
+    write_episodes(folder / EPISODES_FILE, _episodes(joints.frame, joints.time_s))
+    write_measures(folder / MEASURES_FILE, tuple(measures))
+
+
+def _episodes(frame: np.ndarray, time_s: np.ndarray) -> list[Episode]:
+    count = len(frame)
+    kinds = (("sit_to_stand", count // 5, count // 4), ("upright", count // 4, count - 1))
+    return [
+        Episode(kind=kind, first_frame=int(frame[a]), last_frame=int(frame[b]), start_s=float(time_s[a]),
+                end_s=float(time_s[b]), state=JointState.OBSERVED)
+        for kind, a, b in kinds
+    ]  # fmt: skip
+
+
+def _contacts(frames: list[JointFrame]) -> list[Contact]:
+    """Person 1 holds the left knee, seen; person 2 the pelvis, mostly inferred."""
+
+    def held(part: str, person: str, first: int, last: int, seen: float) -> Contact:
+        return Contact(
+            part=part, person=person, first_frame=frames[first].frame, last_frame=frames[last].frame,
+            start_s=frames[first].time_s, end_s=frames[last].time_s, seen_share=seen, area_cm2=40.0, gap_mm=4.0,
+        )  # fmt: skip
+
+    count = len(frames)
+    return [
+        held("knee_left", "person 1", count // 3, count // 2, 0.9),
+        held("pelvis", "person 2", count // 4, count - 1, 0.2),
+    ]
