@@ -24,7 +24,7 @@ FLOW = (
 VALUES = ("errors", "joints", "camera")
 BESIDE_THE_FLOW = (
     "simulate", "tracker", "pipeline", "calibrating", "inspecting", "collecting", "threads", "cli", "features",
-    "experiments", "exports",
+    "experiments", "exports", "viewer", "viewing",
 )  # fmt: skip
 PACKAGE_ITSELF = "anchorpose"  # `from anchorpose import __version__`
 

@@ -23,6 +23,7 @@ from anchorpose.cli.motions import motions
 from anchorpose.cli.report import report
 from anchorpose.cli.simulate import simulate
 from anchorpose.cli.track import track
+from anchorpose.cli.view import view
 from anchorpose.errors import AnchorposeError
 
 EXIT_CANNOT, EXIT_INTERRUPTED, EXIT_TERMINATED = 2, 130, 143
@@ -38,7 +39,7 @@ app = App(
     suppress_keyboard_interrupt=False,
 )
 for _verb in (
-    demo, simulate, calibrate, track, evaluate, measure, report, export, inspect, equipment, motions, experiment,
+    demo, simulate, calibrate, track, evaluate, measure, report, view, export, inspect, equipment, motions, experiment,
 ):  # fmt: skip
     app.command(_verb)
 

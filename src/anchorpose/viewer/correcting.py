@@ -1,0 +1,71 @@
+"""The corrections of one sitting: read from the file, extended by what the page sends, written whole each time."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import Any
+
+from anchorpose.recording.document import JsonObject
+from anchorpose.results.corrections import (
+    Corrections,
+    Signature,
+    now_utc,
+    parse_entry,
+    read_corrections,
+    require_recording,
+    write_corrections,
+)
+from anchorpose.results.reviewed_recording import ReviewedRecording
+from anchorpose.results.run_record import plain
+from anchorpose.results.tables import JointTable
+
+
+class Correcting:
+    """Adds to and takes back from one file; the file is read again before each change, so nobody's work is lost.
+
+    Raises InputError where the file cannot be used, or is about another recording or world.
+    """
+
+    def __init__(self, path: Path, recording: ReviewedRecording, joints: JointTable) -> None:
+        self.path, self._recording, self._lock = path, recording, threading.Lock()
+        self._time_s = dict(zip(joints.frame.tolist(), joints.time_s.tolist(), strict=True))
+        self.current()
+
+    def current(self) -> Corrections:
+        """What the file holds now; nothing yet where there is none."""
+        if not self.path.exists():
+            return Corrections(self._recording)
+        found = read_corrections(self.path)
+        require_recording(self.path, found, self._recording)
+        return found
+
+    def add(self, given: dict[str, Any]) -> Corrections:
+        """One more correction, without its times and its ``when``, which are put in here; raises InputError."""
+        timed = {**given, "when": now_utc()}
+        for frame, time in (("first_frame", "start_s"), ("last_frame", "end_s"), ("frame", "time_s")):
+            if frame in given:
+                timed[time] = self._time_of(given[frame])
+        entry = parse_entry(JsonObject(Path("correction"), "", timed))
+        with self._lock:
+            after = self.current().added(entry)
+            write_corrections(self.path, after)
+        return after
+
+    def take_back(self, given: dict[str, Any], who: str) -> Corrections:
+        """Moves an entry, given as it stands in the file, to what was withdrawn; raises ValueError where it is not."""
+        entry = parse_entry(JsonObject(Path("correction"), "", given))
+        with self._lock:
+            after = self.current().taken_back(entry, Signature(who, now_utc()))
+            write_corrections(self.path, after)
+        return after
+
+    def _time_of(self, frame: Any) -> float:
+        if frame not in self._time_s:
+            raise ValueError(f"the results have no frame {frame}")
+        return self._time_s[frame]
+
+
+def shown(corrections: Corrections) -> dict[str, Any]:
+    """What holds, as the page reads it."""
+    return {"unusable": plain(corrections.unusable), "joints": plain(corrections.joints)}

@@ -1,0 +1,117 @@
+// What was marked and corrected: sent at once, kept in step with the file, listed, taken back.
+
+import { getJson, postJson } from "./api.js";
+
+export class Corrections extends EventTarget {
+  constructor(description, motion, playback, signing, elements, say) {
+    super();
+    Object.assign(this, { description, motion, playback, signing, elements, say });
+    this.held = { unusable: [], joints: [] };
+    this.open = { first: null, last: null };
+    this.done = []; // of this sitting, for undo
+    elements.markIn.addEventListener("click", () => this.mark("first"));
+    elements.markOut.addEventListener("click", () => this.mark("last"));
+    elements.markSave.addEventListener("click", () => this.saveInterval());
+    elements.undo.addEventListener("click", () => this.undo());
+  }
+
+  async load() { this.take(await getJson("corrections")); }
+
+  take(held) {
+    this.held = held;
+    this.list();
+    this.changed();
+  }
+
+  changed() {
+    this.elements.undo.disabled = !this.done.length;
+    this.elements.markState.textContent = this.openInWords();
+    this.dispatchEvent(new Event("changed"));
+  }
+
+  openInWords() {
+    const told = (row) => row === null ? "…" : `frame ${this.motion.frame[row]}`;
+    const { first, last } = this.open;
+    return first === null && last === null ? "Set both ends, then mark." : `From ${told(first)} to ${told(last)}.`;
+  }
+
+  mark(end) {
+    this.open[end] = this.playback.position;
+    this.changed();
+    this.say(this.openInWords());
+  }
+
+  async saveInterval() {
+    const { first, last } = this.open;
+    if (first === null || last === null) return this.say("Set both ends first: I at the first frame, O at the last.");
+    const [from, to] = [Math.min(first, last), Math.max(first, last)];
+    this.playback.pause();
+    const signed = await this.signing.ask(`Unusable: frames ${this.motion.frame[from]} to ${this.motion.frame[to]}`);
+    if (!signed) return undefined;
+    this.open = { first: null, last: null };
+    return this.add({ first_frame: this.motion.frame[from], last_frame: this.motion.frame[to], ...signed });
+  }
+
+  async add(entry) {
+    const kind = "joint" in entry ? "joints" : "unusable";
+    try {
+      const held = await postJson("corrections/add", entry);
+      this.done.push(held[kind][held[kind].length - 1]);
+      this.take(held);
+      this.say("Saved.");
+      return true;
+    } catch (error) {
+      this.say(error.message);
+      this.changed();
+      return false;
+    }
+  }
+
+  async takeBack(entry) {
+    const signed = await this.signing.ask("Take back", false);
+    if (!signed) return;
+    try {
+      this.take(await postJson("corrections/take-back", { entry, who: signed.who }));
+      this.done = this.done.filter((other) => JSON.stringify(other) !== JSON.stringify(entry));
+      this.changed();
+      this.say("Taken back; the file keeps a note of it.");
+    } catch (error) {
+      this.say(error.message);
+    }
+  }
+
+  undo() {
+    const last = this.done[this.done.length - 1];
+    if (last) this.takeBack(last);
+  }
+
+  /** Corrected joints of the frame shown: [{joint, position_m, ...}]. */
+  jointsAt(position) {
+    const frame = this.motion.frame[position];
+    return this.held.joints.filter((entry) => entry.frame === frame);
+  }
+
+  list() {
+    const rows = [
+      ...this.held.unusable.map((entry) => ({ entry, frame: entry.first_frame, time: entry.start_s,
+        text: `unusable to ${entry.end_s.toFixed(2)} s: ${entry.reason}` })),
+      ...this.held.joints.map((entry) => ({ entry, frame: entry.frame, time: entry.time_s, text: `${entry.joint}: ${entry.reason}` })),
+    ].sort((a, b) => a.time - b.time);
+    this.elements.list.replaceChildren(...rows.map((row) => this.item(row)));
+    if (!rows.length) this.elements.list.textContent = "None so far.";
+  }
+
+  item({ entry, frame, time, text }) {
+    const item = document.createElement("li"), go = document.createElement("button"), away = document.createElement("button");
+    const stamp = Object.assign(document.createElement("time"), { textContent: `${time.toFixed(2)} s ` });
+    go.type = away.type = "button";
+    go.append(stamp, `${text} (${entry.who})`);
+    go.addEventListener("click", () => { this.playback.pause(); this.playback.seek(this.motion.frame.indexOf(frame)); });
+    go.addEventListener("keydown", (event) => { if (event.key === "Delete") this.takeBack(entry); });
+    away.textContent = "✕";
+    away.setAttribute("aria-label", `Take back: ${text}`);
+    away.addEventListener("click", () => this.takeBack(entry));
+    item.append(go, away);
+    return item;
+  }
+}

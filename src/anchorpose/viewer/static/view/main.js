@@ -1,0 +1,186 @@
+// The viewer's page: reads the tables, puts the parts together, draws.
+
+import { getArrays, getJson } from "./api.js";
+import { Axis } from "./axis.js";
+import { Corrections } from "./corrections.js";
+import { Curves } from "./curves.js";
+import { Frames } from "./frames.js";
+import { keyTable } from "./key_table.js";
+import { listKeys, listen } from "./keys.js";
+import { JointMover } from "./moving.js";
+import { Pace } from "./pace.js";
+import { JointCard, WorstList, layerList, presetButtons, tabs } from "./panels.js";
+import { Playback } from "./playback.js";
+import { View } from "./scene.js";
+import { Signing } from "./signing.js";
+import { Hypotheses } from "./spots.js";
+import { Timeline } from "./timeline.js";
+
+const element = (id) => document.getElementById(id);
+const LOADING = "Loading … (the very first surface takes some seconds more)";
+
+const say = (sentence) => { element("status").textContent = sentence; };
+
+async function start() {
+  const [description, { arrays: motion }] = await Promise.all([getJson("description"), getArrays("motion")]);
+  document.title = `${description.name}: anchorpose viewer`;
+  element("title").textContent = description.name;
+  element("subtitle").textContent = `of ${description.recording}, ${description.frames} frames`;
+  const playback = new Playback(motion.time_s), view = new View(element("scene"), ...middleOf(motion));
+  const frames = new Frames(description, motion, view, playback, say);
+  const signing = new Signing(element("sign"), description.who);
+  const corrections = new Corrections(description, motion, playback, signing, {
+    markIn: element("mark-in"), markOut: element("mark-out"), markSave: element("mark-save"), markState: element("mark-state"),
+    undo: element("undo"), list: element("corrections"),
+  }, say);
+  element("corrections-file").textContent = `Saved at once in ${description.corrections_file}.`;
+  const axis = new Axis(motion.time_s, playback);
+  const curves = new Curves(element("charts"), description.angles, motion, axis, playback);
+  new Timeline(element("timeline"), description, motion, axis, playback, corrections);
+  const card = new JointCard(element("joint-card"), description, frames.skeleton, playback);
+  let mover = null;
+  const redraw = () => {
+    const corrected = corrections.jointsAt(playback.position);
+    frames.set();
+    frames.setCorrected(mover?.draft ? [...corrected, mover.draft] : corrected);
+    card.show(corrected.find(({ joint }) => joint === description.joints[frames.skeleton.chosen]));
+  };
+  const layers = layerList(element("layer-list"), layersOf(description), () => frames.show(layers.state));
+  frames.show(layers.state);
+  await frames.furnish();
+  mover = new JointMover({
+    view, playback, skeleton: frames.skeleton, points: frames.points, corrections, signing, description, motion, say, redraw,
+    elements: Object.fromEntries(["select", "edit", "snap", "moving", "moved", "sigma", "save", "cancel"].map((name) => [name, element(`joint-${name}`)])),
+  });
+  const worst = new WorstList(element("worst"), description.worst, motion, playback, (joint) => { if (joint !== null) mover.choose(joint); });
+  const hypotheses = new Hypotheses(view, playback, motion, {
+    start: element("hypotheses-start"), cancel: element("hypotheses-cancel"), state: element("hypotheses-state"), legend: element("hypotheses-legend"),
+  }, say);
+  element("hypotheses-start").disabled = !description.has.recording;
+  view.scene.add(hypotheses.group);
+  const showTab = tabs(document.querySelector("[role=tablist]"), (id) => { if (id === "tab-curves") curves.draw(); });
+  const presets = presetsOf(description, view);
+  presetButtons(element("presets"), presets);
+  const keys = keyTable({ playback, layers, layerKeys: layersOf(description), presets, view, worst, corrections, mover, hypotheses, showTab, help });
+  listKeys(element("key-list"), keys);
+  listen(keys, () => document.querySelector("dialog[open]") !== null);
+  transport({ playback, axis, worst, motion });
+  canvasClicks(view, frames, mover);
+  for (const button of document.querySelectorAll("[data-close]")) button.addEventListener("click", () => button.closest("dialog").close());
+  element("help-button").addEventListener("click", help);
+  notices(description);
+  playback.addEventListener("moved", () => { redraw(); say(frames.problems().join(" ")); });
+  corrections.addEventListener("changed", redraw);
+  await corrections.load();
+  window.anchorpose = { playback, view, frames, mover, corrections, hypotheses, motion, description };
+  const pace = new Pace(playback, (share) => { if (frames.points) { frames.points.detail = share; frames.set(); } });
+  let waiting = null; // since when something that should be on the screen is not there yet
+  const draw = (now) => {
+    playback.tick(now);
+    pace.tick(now);
+    view.draw();
+    if (!frames.missing) {
+      if (waiting !== null && element("status").textContent === LOADING) say("");
+      waiting = null;
+    } else if ((waiting ??= now) < now - 700) say(LOADING);
+    requestAnimationFrame(draw);
+  };
+  requestAnimationFrame(draw);
+  document.documentElement.dataset.ready = "yes";
+}
+
+/** Where the patient is most of the time, and how high the floor is below him. */
+function middleOf({ joints }) {
+  const median = (axis) => {
+    const found = [];
+    for (let i = axis; i < joints.length; i += 3) if (!Number.isNaN(joints[i])) found.push(joints[i]);
+    return found.length ? found.sort((a, b) => a - b)[found.length >> 1] : 0;
+  };
+  let floor = Infinity;
+  for (let i = 1; i < joints.length; i += 3) if (joints[i] < floor) floor = joints[i];
+  return [[median(0), median(1), median(2)], Number.isFinite(floor) ? floor - 0.04 : 0];
+}
+
+function layersOf({ has, equipment }) {
+  const told = has.people;
+  return [
+    { name: "skeleton", label: "skeleton", key: "X", tint: "joint", on: true },
+    { name: "body", label: "learnt body", key: "B", tint: "body", on: !has.recording, there: has.body },
+    { name: "anchors", label: "anchors", key: "A", tint: "anchor", on: true, there: has.anchors },
+    { name: "patient", label: "patient's points", key: "P", tint: "patient", on: true, there: told },
+    { name: "room", label: "points", key: "R", tint: "room", on: true, there: has.recording && !told },
+    { name: "others", label: "other people", key: "T", tint: "other", on: true, there: told },
+    { name: "surface", label: "patient's surface", key: "F", tint: "patient", on: false, there: told },
+    { name: "equipment", label: equipment ? "equipment" : "equipment's points", key: "Q", tint: "equipment", on: true, there: told || equipment },
+    { name: "room", label: "room", key: "R", tint: "room", on: false, there: told },
+  ].filter(({ there }) => there ?? true);
+}
+
+function presetsOf({ cameras }, view) {
+  const named = [["Front", "front"], ["Right side", "side"], ["Back", "back"], ["Top", "top"]].map(([label, name]) => ({ label, run: () => view.look(name) }));
+  const own = cameras.filter(({ camera_to_world: pose }) => pose).map((camera) => ({ label: `Camera ${camera.name}`, run: () => view.lookFrom(camera) }));
+  return [...named, ...own].slice(0, 9).map((preset, i) => ({ ...preset, key: String(i + 1) }));
+}
+
+function transport({ playback, axis, worst, motion }) {
+  const scrub = element("scrub"), play = element("play"), total = motion.time_s[playback.last] - motion.time_s[0];
+  scrub.max = playback.last;
+  scrub.addEventListener("input", () => { playback.pause(); playback.seek(Number(scrub.value)); });
+  const buttons = { first: () => playback.seek(0), back: () => playback.step(-1), play: () => playback.toggle(), forward: () => playback.step(1), last: () => playback.seek(playback.last) };
+  for (const [id, run] of Object.entries(buttons)) element(id).addEventListener("click", run);
+  element("worst-next").addEventListener("click", () => worst.next(1));
+  element("speed").addEventListener("change", (event) => playback.setSpeed(Number(event.target.value)));
+  element("span").addEventListener("change", (event) => axis.setSpan(Number(event.target.value)));
+  const show = () => {
+    const time = (motion.time_s[playback.position] - motion.time_s[0]).toFixed(2);
+    element("clock").textContent = `${time} of ${total.toFixed(2)} s, frame ${motion.frame[playback.position]}`;
+    scrub.value = playback.position;
+    scrub.setAttribute("aria-valuetext", `frame ${motion.frame[playback.position]}, ${time} seconds`);
+  };
+  const state = () => {
+    play.classList.toggle("playing", playback.playing);
+    play.setAttribute("aria-label", playback.playing ? "Pause" : "Play");
+    element("speed").value = String(playback.speed);
+  };
+  playback.addEventListener("moved", show);
+  playback.addEventListener("state", state);
+  show();
+}
+
+/** A click that did not turn the view chooses the joint under it, or puts the moved one on the surface. */
+function canvasClicks(view, frames, mover) {
+  let down = null;
+  view.canvas.addEventListener("pointerdown", (event) => { down = [event.offsetX, event.offsetY]; });
+  view.canvas.addEventListener("pointerup", ({ offsetX: x, offsetY: y }) => {
+    if (!down || Math.hypot(x - down[0], y - down[1]) > 4) return;
+    if (mover.snapping) mover.clicked(x, y);
+    else if (!mover.active) mover.choose(nearestJoint(view, frames.skeleton, frames.playback.position, x, y));
+  });
+}
+
+function nearestJoint(view, skeleton, position, x, y) {
+  const { joints } = skeleton.at(position);
+  let best = null, nearest = 16;
+  for (let i = 0; i < skeleton.count; i++) {
+    const seen = Number.isNaN(joints[3 * i]) ? null : view.project(joints.subarray(3 * i, 3 * i + 3));
+    const away = seen ? Math.hypot(seen[0] - x, seen[1] - y) : Infinity;
+    if (away < nearest) [best, nearest] = [i, away];
+  }
+  return best;
+}
+
+function notices({ has }) {
+  const told = !has.recording
+    ? "No recording was given: skeleton, body and curves only. Start the viewer with the recording to see the points."
+    : !has.people ? "These results do not say whose each point is, so all points have one colour. Track the recording again to tell people apart." : "";
+  element("notice").textContent = told;
+  element("notice").hidden = !told;
+}
+
+function help() { element("help").showModal(); }
+
+start().catch((error) => {
+  element("notice").textContent = error.message;
+  element("notice").hidden = false;
+  throw error;
+});

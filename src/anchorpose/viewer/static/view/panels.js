@@ -1,0 +1,102 @@
+// The tabs at the side, the list of frames to check, what is shown, where it is seen from.
+
+export function tabs(bar, shown) {
+  const all = [...bar.querySelectorAll("[role=tab]")];
+  const choose = (tab, focus) => {
+    for (const other of all) {
+      const chosen = other === tab;
+      other.setAttribute("aria-selected", String(chosen));
+      other.tabIndex = chosen ? 0 : -1;
+      document.getElementById(other.getAttribute("aria-controls")).hidden = !chosen;
+    }
+    if (focus) tab.focus();
+    shown(tab.id);
+  };
+  all.forEach((tab, i) => {
+    tab.addEventListener("click", () => choose(tab, false));
+    tab.addEventListener("keydown", (event) => {
+      const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+      if (step) { event.preventDefault(); choose(all[(i + step + all.length) % all.length], true); }
+    });
+  });
+  return (id) => choose(document.getElementById(id), false);
+}
+
+export class WorstList {
+  constructor(list, worst, motion, playback, choose) {
+    Object.assign(this, { worst, playback, choose, at: -1 });
+    this.buttons = worst.map(({ position, reason }, i) => {
+      const item = document.createElement("li"), button = Object.assign(document.createElement("button"), { type: "button" });
+      button.append(Object.assign(document.createElement("time"), { textContent: `${motion.time_s[position].toFixed(2)} s` }), reason);
+      button.addEventListener("click", () => this.go(i));
+      item.append(button);
+      list.append(item);
+      return button;
+    });
+    if (!worst.length) list.textContent = "Nothing stands out.";
+    playback.addEventListener("moved", () => this.mark());
+  }
+
+  next(step) {
+    if (this.worst.length) this.go((this.at + step + this.worst.length + (this.at < 0 && step < 0 ? 1 : 0)) % this.worst.length);
+  }
+
+  go(i) {
+    this.at = i;
+    this.playback.pause();
+    this.playback.seek(this.worst[i].position);
+    this.choose(this.worst[i].joint);
+    this.mark();
+    this.buttons[i].scrollIntoView({ block: "nearest" });
+  }
+
+  mark() {
+    this.buttons.forEach((button, i) => button.setAttribute("aria-current", String(i === this.at && this.worst[i].position === this.playback.position)));
+  }
+}
+
+/** layers: [{name, label, key, tint, on, missing}]; calls changed() after each change; returns {name: on} kept up to date. */
+export function layerList(box, layers, changed) {
+  const state = {}, boxes = {};
+  for (const { name, label, key, tint, on } of layers) {
+    const row = document.createElement("label"), check = document.createElement("input"), dot = document.createElement("i");
+    check.type = "checkbox";
+    check.checked = state[name] = on;
+    check.addEventListener("change", () => { state[name] = check.checked; changed(name); });
+    if (tint) dot.style.background = `var(--${tint})`; else dot.className = "none";
+    row.append(check, dot, label, Object.assign(document.createElement("kbd"), { textContent: key }));
+    boxes[name] = check;
+    box.append(row);
+  }
+  return { state, toggle: (name) => boxes[name]?.click() };
+}
+
+export function presetButtons(box, presets) {
+  box.append(...presets.map(({ label, key, run }) => {
+    const button = Object.assign(document.createElement("button"), { type: "button" });
+    button.append(`${label} `, Object.assign(document.createElement("kbd"), { textContent: key }));
+    button.addEventListener("click", run);
+    return button;
+  }));
+}
+
+export class JointCard {
+  constructor(card, description, skeleton, playback) {
+    Object.assign(this, { card, description, skeleton, playback });
+  }
+
+  show(corrected) {
+    const joint = this.skeleton.chosen;
+    this.card.hidden = joint === null;
+    if (joint === null) return;
+    const { joints, sigma, severity } = this.skeleton.at(this.playback.position);
+    const place = Array.from(joints.subarray(3 * joint, 3 * joint + 3), (value) => value.toFixed(3)).join(", ");
+    const lost = Number.isNaN(joints[3 * joint]);
+    const rows = [["joint", this.description.joints[joint]], ["state", this.description.states[severity[joint]].replaceAll("_", " ")]];
+    if (!lost) rows.push(["x, y, z in m", place], ["sigma", `${(1000 * sigma[joint]).toFixed(0)} mm`]);
+    if (corrected) rows.push(["corrected", corrected.who]);
+    this.card.replaceChildren(...rows.flatMap(([name, value]) => [
+      Object.assign(document.createElement("dt"), { textContent: name }), Object.assign(document.createElement("dd"), { textContent: value }),
+    ]));
+  }
+}

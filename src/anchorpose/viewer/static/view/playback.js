@@ -1,0 +1,74 @@
+// Time: plays at recorded speed by the stamps of the recording; what cannot be shown in time is left out.
+
+export class Playback extends EventTarget {
+  constructor(times) {
+    super();
+    this.times = times;
+    this.position = 0;
+    this.playing = false;
+    this.direction = 1;
+    this.speed = 1;
+  }
+
+  get last() { return this.times.length - 1; }
+
+  seek(position) {
+    const wanted = Math.min(this.last, Math.max(0, Math.round(position)));
+    this.started = null;
+    if (wanted === this.position) return;
+    this.position = wanted;
+    this.dispatchEvent(new Event("moved"));
+  }
+
+  /** The frame nearest to a time. */
+  at(time) {
+    const row = this.rowBefore(time);
+    return row < this.last && this.times[row + 1] - time < time - this.times[row] ? row + 1 : row;
+  }
+
+  seekTime(time) { this.seek(this.at(time)); }
+
+  step(count) { this.pause(); this.seek(this.position + count); }
+
+  play(direction = 1) {
+    const end = direction > 0 ? this.last : 0;
+    if (this.position === end) this.seek(direction > 0 ? 0 : this.last);
+    this.playing = true;
+    this.direction = direction;
+    this.started = null;
+    this.dispatchEvent(new Event("state"));
+  }
+
+  pause() {
+    if (!this.playing) return;
+    this.playing = false;
+    this.dispatchEvent(new Event("state"));
+  }
+
+  toggle() { if (this.playing) this.pause(); else this.play(this.direction); }
+
+  setSpeed(speed) { this.speed = speed; this.started = null; this.dispatchEvent(new Event("state")); }
+
+  /** Called before each drawing with the time of the page in milliseconds. */
+  tick(now) {
+    if (!this.playing) return;
+    if (!this.started) this.started = { now, time: this.times[this.position] };
+    const passed = ((now - this.started.now) / 1000) * this.speed * this.direction;
+    const row = this.rowBefore(this.started.time + passed, this.direction);
+    if (row !== this.position) {
+      this.position = row;
+      this.dispatchEvent(new Event("moved"));
+    }
+    if (row === (this.direction > 0 ? this.last : 0)) this.pause();
+  }
+
+  /** The last frame not after a time; backwards the first not before it. */
+  rowBefore(time, direction = 1) {
+    let low = 0, high = this.last;
+    while (low < high) {
+      const middle = Math.ceil((low + high) / 2);
+      if (this.times[middle] <= time + 1e-9) low = middle; else high = middle - 1;
+    }
+    return direction < 0 && low < this.last && this.times[low] < time - 1e-9 ? low + 1 : low;
+  }
+}

@@ -1,0 +1,33 @@
+// Asks for the reason, and once in a sitting for who it is.
+
+export class Signing {
+  constructor(dialog, who) {
+    this.dialog = dialog;
+    this.reason = dialog.querySelector("#sign-reason");
+    this.name = dialog.querySelector("#sign-who");
+    this.name.value = sessionStorage.getItem("who") ?? who;
+    dialog.querySelector("form").addEventListener("submit", (event) => {
+      event.preventDefault();
+      if (this.reason.value.trim() && this.name.value.trim()) dialog.close("saved");
+    });
+  }
+
+  get who() { return this.name.value.trim(); }
+
+  /** {reason, who}, or null where the person leaves it. */
+  ask(title, reasonNeeded = true) {
+    if (!reasonNeeded && this.who) return Promise.resolve({ reason: "", who: this.who });
+    this.dialog.querySelector("#sign-title").textContent = title;
+    this.reason.value = "";
+    this.dialog.returnValue = "";
+    this.dialog.showModal();
+    this.reason.focus();
+    return new Promise((resolve) => {
+      this.dialog.addEventListener("close", () => {
+        if (this.dialog.returnValue !== "saved") return resolve(null);
+        sessionStorage.setItem("who", this.who);
+        return resolve({ reason: this.reason.value.trim(), who: this.who });
+      }, { once: true });
+    });
+  }
+}

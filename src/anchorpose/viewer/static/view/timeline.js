@@ -1,0 +1,134 @@
+// The recording at a glance: how the joints are known, who touches what, what was marked and corrected.
+
+import { prepared, seekable } from "./axis.js";
+import { css, themed } from "./theme.js";
+
+const LEFT = 136, ROW = 15, TOP = 18;
+
+export class Timeline {
+  constructor(canvas, description, motion, axis, playback, corrections) {
+    Object.assign(this, { canvas, description, motion, axis, playback, corrections });
+    this.joints = description.joints.length;
+    this.lost = description.states.indexOf("lost");
+    this.touches = [...new Set(description.contacts.map(named))];
+    this.cursor = Object.assign(document.createElement("div"), { className: "cursor" });
+    canvas.parentElement.style.position = "relative";
+    canvas.after(this.cursor);
+    seekable(canvas, axis, playback, LEFT);
+    axis.addEventListener("changed", () => this.draw());
+    corrections.addEventListener("changed", () => this.draw());
+    playback.addEventListener("moved", () => this.move());
+    new ResizeObserver(() => this.draw()).observe(canvas.parentElement);
+    themed(() => this.draw());
+    canvas.setAttribute("aria-label", this.inWords());
+  }
+
+  x(time) { return LEFT + this.axis.share(time) * (this.width - LEFT); }
+
+  draw() {
+    const height = TOP + ROW * (2 + this.touches.length) + 2;
+    this.canvas.style.height = `${height}px`;
+    const { context, width } = prepared(this.canvas, height);
+    this.width = width;
+    context.clearRect(0, 0, width, height);
+    context.font = "12px system-ui, sans-serif";
+    context.textBaseline = "middle";
+    this.ticks(context, width, height);
+    this.label(context, 0, "joints");
+    this.label(context, 1, "marked, corrected");
+    this.touches.forEach((name, row) => this.label(context, 2 + row, name));
+    context.save();
+    context.beginPath();
+    context.rect(LEFT, 0, width - LEFT, height);
+    context.clip();
+    this.states(context);
+    this.marks(context, height);
+    this.contacts(context);
+    context.restore();
+    this.move();
+  }
+
+  label(context, row, text) {
+    context.fillStyle = css("soft");
+    context.textAlign = "right";
+    context.fillText(text, LEFT - 8, TOP + ROW * row + ROW / 2, LEFT - 10);
+  }
+
+  ticks(context, width, height) {
+    const span = this.axis.to - this.axis.from;
+    const step = [0.2, 0.5, 1, 2, 5, 10, 30, 60, 120, 300, 600].find((size) => span / size <= (width - LEFT) / 70) ?? 1800;
+    context.textAlign = "center";
+    for (let tick = Math.ceil(this.axis.from / step) * step; tick <= this.axis.to + 1e-9; tick += step) {
+      context.fillStyle = css("edge");
+      context.fillRect(this.x(tick), TOP - 4, 1, height - TOP + 4);
+      context.fillStyle = css("soft");
+      if (this.x(tick) < width - 16) context.fillText(`${Number(tick.toFixed(1))} s`, Math.max(LEFT + 8, this.x(tick)), 8);
+    }
+  }
+
+  /** A column of pixels each: what share of the joints is observed (from below), inferred, lost. */
+  states(context) {
+    const [first, last] = this.axis.range(), inner = ROW - 3;
+    for (let row = first; row <= last; row++) {
+      const states = this.motion.severity.subarray(row * this.joints, (row + 1) * this.joints);
+      const lost = states.filter((state) => state === this.lost).length / this.joints;
+      const seen = states.filter((state) => state === 0).length / this.joints;
+      const x = this.x(this.motion.time_s[row]), next = this.motion.time_s[Math.min(row + 1, this.motion.time_s.length - 1)];
+      const wide = Math.max(1, this.x(next) - x + 0.5), top = TOP + 1;
+      context.fillStyle = css("lost");
+      context.fillRect(x, top, wide, inner * lost);
+      context.fillStyle = css("inferred");
+      context.fillRect(x, top + inner * lost, wide, inner * (1 - lost - seen));
+      context.fillStyle = css("observed");
+      context.fillRect(x, top + inner * (1 - seen), wide, inner * seen);
+    }
+  }
+
+  contacts(context) {
+    for (const contact of this.description.contacts) {
+      const top = TOP + ROW * (2 + this.touches.indexOf(named(contact))) + 3, from = this.x(contact.start_s);
+      const wide = Math.max(3, this.x(contact.end_s) - from);
+      context.fillStyle = context.strokeStyle = css("touch");
+      if (contact.state === "seen") context.fillRect(from, top, wide, ROW - 6);
+      else context.strokeRect(from + 0.5, top + 0.5, wide - 1, ROW - 7); // hollow: inferred, as with joints
+    }
+  }
+
+  marks(context, height) {
+    const top = TOP + ROW + 2;
+    for (const { start_s: start, end_s: end } of this.corrections.held.unusable) {
+      const from = this.x(start), wide = Math.max(3, this.x(end) - from);
+      context.fillStyle = css("unusable");
+      context.globalAlpha = 0.16;
+      context.fillRect(from, TOP, wide, height - TOP);
+      context.globalAlpha = 1;
+      context.fillRect(from, top, wide, ROW - 4);
+    }
+    context.fillStyle = css("ink");
+    for (const { time_s: time } of this.corrections.held.joints) {
+      context.beginPath();
+      context.arc(this.x(time), top + (ROW - 4) / 2, 4, 0, 7);
+      context.fill();
+    }
+    const open = this.corrections.open;
+    for (const row of [open.first, open.last]) {
+      if (row === null) continue;
+      context.fillStyle = css("unusable");
+      context.fillRect(this.x(this.motion.time_s[row]) - 1, TOP, 3, height - TOP);
+    }
+  }
+
+  move() {
+    const share = this.axis.share(this.motion.time_s[this.playback.position]);
+    this.cursor.hidden = share < 0 || share > 1;
+    this.cursor.style.transform = `translateX(${LEFT + share * (this.canvas.clientWidth - LEFT) - 1}px)`;
+  }
+
+  inWords() {
+    const all = this.motion.severity, share = (test) => ((100 * all.filter(test).length) / all.length).toFixed(0);
+    return `Over time: ${share((state) => state === 0)} % of the joints observed, ${share((state) => state === this.lost)} % lost; `
+      + `${this.description.contacts.length} contacts${this.touches.length ? `: ${this.touches.join(", ")}` : ""}`;
+  }
+}
+
+const named = ({ part, person }) => `${part.replaceAll("_", " ")}, ${person}`;

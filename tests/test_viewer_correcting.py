@@ -1,0 +1,113 @@
+"""What a reviewer marks and moves in the viewer is in the file."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from viewer_builder import PERIOD_S, viewer_of
+from viewer_page import file_of, opened, sign, until
+
+from anchorpose.viewer.server import ViewerServer
+
+pytest_plugins = ("viewer_fixtures",)
+
+
+def test_an_interval_is_marked_by_keyboard_and_is_in_the_file(viewer: Any, server: ViewerServer) -> None:
+    for key in ("ArrowRight", "ArrowRight", "i", "Shift+ArrowRight", "o", "m"):
+        viewer.keyboard.press(key)
+    assert viewer.evaluate("document.activeElement.id") == "sign-reason"
+    sign(viewer, "the curtain")
+    (found,) = file_of(server).unusable
+    assert (found.first_frame, found.last_frame, found.reason, found.who) == (2, 12, "the curtain", "AB")
+    assert found.end_s == pytest.approx(12 * PERIOD_S, abs=1e-5)
+    assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ", found.when)
+    assert "the curtain (AB)" in viewer.locator("#corrections").inner_text()
+
+
+def test_a_joint_is_moved_by_keys_saved_and_undone(viewer: Any, server: ViewerServer) -> None:
+    viewer.keyboard.press("2")  # from the right: the screen's right is forward for the patient
+    knee = viewer.evaluate("anchorpose.description.joints.indexOf('KneeLeft')")
+    for _ in range(knee + 1):
+        viewer.keyboard.press("]")
+    before = viewer.evaluate(
+        f"Array.from(anchorpose.frames.skeleton.at(0).joints.subarray({3 * knee}, {3 * knee + 3}))"
+    )
+    for key in ("e", "ArrowRight", "ArrowRight", "Shift+ArrowRight", "ArrowUp", "Enter"):
+        viewer.keyboard.press(key)
+    sign(viewer, "the knee is further forward")
+    (found,) = file_of(server).joints
+    moved = (np.array(found.position_m) - before) * 1000
+    assert (found.frame, found.joint, found.sigma_m) == (0, "KneeLeft", 0.02)
+    assert moved[0] == pytest.approx(11.0, abs=0.2)
+    assert moved[1] == pytest.approx(5.0, abs=0.2)
+    assert "corrected" in viewer.locator("#joint-card").inner_text()
+    viewer.keyboard.press("Control+z")
+    until(viewer, lambda: not file_of(server).joints)
+    assert file_of(server).withdrawn[0][0] == found
+    assert "None so far" in viewer.locator("#corrections").inner_text()
+
+
+def test_a_joint_is_put_on_the_point_that_is_clicked(viewer: Any, server: ViewerServer) -> None:
+    for key in ("]", "e", "s"):
+        viewer.keyboard.press(key)
+    place = viewer.evaluate(
+        "() => { const c = anchorpose.frames.points.cameras[0], p = c.points.geometry.getAttribute('pixel').array;"
+        " for (let i = 0; i < c.count; i++) if ((p[4 * i + 3] & 255) === 4 && p[4 * i + 1] > 52) {"
+        " const w = anchorpose.frames.points.place(c, p, i), s = anchorpose.view.project(w);"
+        " return { screen: s, world: w }; } }"
+    )
+    viewer.locator("#scene").click(position={"x": place["screen"][0], "y": place["screen"][1]})
+    viewer.click("#joint-save")
+    sign(viewer, "here")
+    (found,) = file_of(server).joints
+    assert np.linalg.norm(np.array(found.position_m) - place["world"]) < 0.08
+
+
+def test_the_gizmo_moves_a_joint(viewer: Any) -> None:
+    viewer.keyboard.press("]")
+    viewer.keyboard.press("e")
+    x, y, _ = viewer.evaluate("anchorpose.view.project(anchorpose.mover.place.position.toArray())")
+    box = viewer.locator("#scene").bounding_box()
+    handle = (box["x"] + x, box["y"] + y - 40)
+    viewer.mouse.move(*handle)
+    viewer.mouse.down()
+    viewer.mouse.move(handle[0], handle[1] - 60, steps=6)
+    viewer.mouse.up()
+    moved = viewer.evaluate(
+        "anchorpose.mover.place.position.toArray().map((v, i) => v - anchorpose.mover.start.toArray()[i])"
+    )
+    assert moved[1] > 0.05
+    assert abs(moved[0]) + abs(moved[2]) < 0.01
+    viewer.keyboard.press("Escape")
+    assert viewer.evaluate("anchorpose.mover.active") is False
+
+
+def test_earlier_corrections_are_listed_and_taken_back(viewer: Any, server: ViewerServer) -> None:
+    for key in ("i", "o", "m"):
+        viewer.keyboard.press(key)
+    sign(viewer, "first")
+    viewer.reload()
+    viewer.wait_for_selector("html[data-ready]")
+    viewer.click("#tab-correct")
+    item = viewer.locator("#corrections li")
+    assert "first (AB)" in item.inner_text()
+    item.locator("button").nth(0).focus()
+    viewer.keyboard.press("Delete")
+    until(viewer, lambda: not file_of(server).unusable)
+    assert len(file_of(server).withdrawn) == 1
+
+
+def test_when_the_program_is_stopped_the_page_says_so(page: Any, small: tuple[Path, Path]) -> None:
+    with viewer_of(small[0]) as server:
+        opened(page, server)
+        page.evaluate("() => { window.fetch = () => Promise.reject(new TypeError('gone')); }")
+        for key in ("i", "o", "m"):
+            page.keyboard.press(key)
+        page.fill("#sign-reason", "x")
+        page.fill("#sign-who", "AB")
+        page.press("#sign-reason", "Enter")
+        until(page, lambda: "was it stopped?" in page.locator("#status").inner_text())

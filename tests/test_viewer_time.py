@@ -1,0 +1,133 @@
+"""The viewer plays, scrubs and jumps, and its curves keep in step."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from viewer_builder import FRAMES, LOST_FRAME, PERIOD_S, UNSURE_FRAME, viewer_of
+from viewer_page import opened, position, scene_picture, until
+
+pytest_plugins = ("viewer_fixtures",)
+
+
+def test_it_plays_at_recorded_speed_and_stops_at_the_end(viewer: Any) -> None:
+    viewer.select_option("#speed", "0.5")
+    viewer.locator("#scene").focus()
+    viewer.keyboard.press("Space")
+    began = viewer.evaluate("[performance.now(), anchorpose.motion.time_s[anchorpose.playback.position]]")
+    viewer.wait_for_timeout(1500)
+    now = viewer.evaluate("[performance.now(), anchorpose.motion.time_s[anchorpose.playback.position]]")
+    passed = (now[0] - began[0]) / 1000.0
+    assert now[1] - began[1] == pytest.approx(0.5 * passed, abs=0.12)
+    assert viewer.locator("#play").get_attribute("aria-label") == "Pause"
+    viewer.keyboard.press("l")  # faster
+    assert viewer.locator("#speed").input_value() == "1"
+    until(viewer, lambda: position(viewer) == FRAMES - 1)
+    assert viewer.locator("#play").get_attribute("aria-label") == "Play"
+
+
+def test_frames_that_cannot_be_had_are_not_asked_for_without_end(viewer: Any) -> None:
+    tries, told = viewer.evaluate("""async () => {
+      const { Chunks } = await import("./view/chunks.js");
+      let tries = 0, told = 0;
+      const load = () => { tries += 1; return Promise.reject(new Error("gone")); };
+      const failed = () => { told += 1; }, arrived = () => chunks.want(0, 1, 3);
+      const chunks = new Chunks({ load, frames: 80, size: 8, mostBytes: 1e6, failed, arrived });
+      chunks.want(0, 1, 3);
+      await new Promise((done) => setTimeout(done, 700));
+      return [tries, told];
+    }""")  # fmt: skip
+    assert 1 <= tries <= 3
+    assert told == tries
+
+
+def test_chunks_keep_to_their_memory_and_drop_what_was_used_longest_ago(viewer: Any) -> None:
+    held = viewer.evaluate("""async () => {
+      const { Chunks } = await import("./view/chunks.js");
+      const load = async (first) => ({ meta: { first }, bytes: 100 });
+      const chunks = new Chunks({ load, frames: 80, size: 8, mostBytes: 350, failed() {}, arrived() {} });
+      for (const number of [0, 1, 2]) await chunks.fetch(number);
+      chunks.get(3);
+      await chunks.fetch(3);
+      return [...chunks.held.keys()];
+    }""")
+    assert held == [2, 0, 3]
+
+
+def test_every_frame_can_be_reached_by_keyboard(viewer: Any) -> None:
+    steps = [
+        ("ArrowRight", 1), ("ArrowRight", 2), ("ArrowLeft", 1), ("Shift+ArrowRight", 11), ("End", FRAMES - 1),
+        ("Shift+ArrowLeft", FRAMES - 11), ("Home", 0), ("ArrowLeft", 0),
+    ]  # fmt: skip
+    for key, expected in steps:
+        viewer.keyboard.press(key)
+        assert position(viewer) == expected
+    viewer.keyboard.press("End")
+    viewer.keyboard.press("j")
+    until(viewer, lambda: position(viewer) < FRAMES - 3)
+    viewer.keyboard.press("k")
+    assert not viewer.evaluate("anchorpose.playback.playing")
+    assert "frame" in viewer.locator("#scrub").get_attribute("aria-valuetext")
+
+
+def test_scrubbing_moves_everything_in_step(viewer: Any) -> None:
+    viewer.locator("#scrub").fill("22")
+    assert position(viewer) == 22
+    assert f"{22 * PERIOD_S:.2f} of" in viewer.locator("#clock").inner_text()
+    before = viewer.locator("#charts .cursor").evaluate("e => e.style.transform")
+    viewer.locator("#scrub").fill("40")
+    assert viewer.locator("#charts .cursor").evaluate("e => e.style.transform") != before
+    knee = viewer.evaluate(
+        "anchorpose.motion.angles[40 * anchorpose.description.angles.length"
+        " + anchorpose.description.angles.indexOf('knee_flexion_left')]"
+    )
+    shown = viewer.locator(".chart", has_text="knee flexion").inner_text()
+    assert f"left {knee:.0f}°" in shown
+
+
+def test_a_click_on_a_curve_or_the_timeline_goes_there(viewer: Any) -> None:
+    for name in (".chart canvas", "#timeline"):
+        viewer.keyboard.press("Home")
+        canvas = viewer.locator(name).first
+        box, left = canvas.bounding_box(), 34 if name != "#timeline" else 136
+        canvas.click(position={"x": left + 0.75 * (box["width"] - left), "y": 20})
+        assert position(viewer) == pytest.approx(0.75 * (FRAMES - 1), abs=1)
+
+
+def test_the_window_of_the_curves_follows_the_play_head(viewer: Any) -> None:
+    viewer.evaluate("document.getElementById('span').add(new Option('1 s', 1))")
+    viewer.select_option("#span", "1")
+    viewer.keyboard.press("Escape")
+    viewer.locator("#scene").focus()
+    viewer.keyboard.press("End")
+    assert viewer.locator("#charts .cursor").evaluate("e => !e.hidden")
+    canvas = viewer.locator(".chart canvas").first
+    canvas.click(position={"x": 34, "y": 20})
+    assert position(viewer) > FRAMES / 3  # the left edge of the window, not of the recording
+
+
+def test_the_worst_frame_comes_first_and_w_goes_on(viewer: Any) -> None:
+    viewer.keyboard.press("w")
+    assert position(viewer) == LOST_FRAME
+    assert viewer.locator("#worst [aria-current=true]").inner_text().endswith("all joints lost")
+    viewer.locator("#worst button", has_text="HandRight").click()
+    assert position(viewer) == UNSURE_FRAME
+    assert "HandRight" in viewer.locator("#joint-card").inner_text()
+    assert "200 mm" in viewer.locator("#joint-card").inner_text()
+    viewer.keyboard.press("Shift+W")
+    assert position(viewer) != UNSURE_FRAME
+
+
+def test_without_a_recording_skeleton_body_and_curves_are_there(page: Any, small: tuple[Path, Path]) -> None:
+    with viewer_of(small[0]) as server:
+        opened(page, server)
+        assert "No recording was given" in page.locator("#notice").inner_text()
+        assert page.locator("#hypotheses-start").is_disabled()
+        with_body = scene_picture(page)
+        page.keyboard.press("b")
+        assert (np.abs(scene_picture(page) - with_body).sum(axis=2) > 30).sum() > 2000
+        page.keyboard.press("ArrowRight")
+        assert position(page) == 1
