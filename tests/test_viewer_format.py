@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +27,7 @@ from anchorpose.camera import Camera, Intrinsics, transform_points
 from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
+from anchorpose.recording.clock import Clock
 from anchorpose.results.kinematics.joint_angles import joint_angles
 from anchorpose.results.tables import JointTable
 from anchorpose.surface.mesh import build_surface
@@ -237,18 +238,15 @@ def test_some_lost_joints_are_named() -> None:
     assert worst_frames(table, np.array([np.nan]), [])[0].reason == "lost: WristLeft, HandLeft"
 
 
-def test_clocks_are_those_that_the_run_found() -> None:
-    run = {
-        "residuals": [
-            {"camera": "left", "what": "clock, ahead of the first camera's at -1.5 s", "value": 0.25, "unit": "s"},
-            {"camera": "left", "what": "clock, drift against the first camera's", "value": 1e-4, "unit": "s/s"},
-            {"camera": "left", "what": "clock, standard error of that", "value": 9.0, "unit": "s"},
-        ]
-    }
-    front, left = clocks_of_run(run, ("front", "left"))
-    assert (front.ahead_s, front.drift) == (0.0, 0.0)
-    assert (left.ahead_s, left.drift, left.at_s) == (0.25, 1e-4, -1.5)
-    assert left.own_s(8.5) == pytest.approx(8.5 + 0.25 + 1e-3)
+def test_clocks_are_those_that_the_run_used() -> None:
+    found = Clock(ahead_s=0.25, drift=1e-4, at_s=-1.5)
+    run = {"cameras": [{"name": "left", "clock": asdict(found)}, {"name": "front", "clock": asdict(Clock())}]}
+    assert clocks_of_run(Path("run.json"), run, ("front", "left")) == (Clock(), found)
+
+
+def test_a_run_that_tells_no_clocks_is_refused() -> None:
+    with pytest.raises(InputError, match="track the recording again"):
+        clocks_of_run(Path("run.json"), {"cameras": [{"name": "front"}]}, ("front",))
 
 
 def test_another_recording_is_refused(tmp_path: Path) -> None:

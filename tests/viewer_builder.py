@@ -6,6 +6,7 @@ import json
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 
 import cv2
@@ -17,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from anchorpose.body.asset import load_body_asset
 from anchorpose.body.pose import MOVING_BONES
 from anchorpose.joints import JOINT_INDEX, JointState
+from anchorpose.recording.clock import Clock
 from anchorpose.recording.inputs import input_files
 from anchorpose.recording.reader import open_recording
 from anchorpose.results.anchors_table import ANCHORS_FILE, AnchorFrame, write_anchors
@@ -128,7 +130,10 @@ def write_small_results(folder: Path, recording: Path, people: bool = True) -> P
         "version": 1,
         "recording": "ward 3",
         "frame_count": FRAMES,
-        "cameras": [{"name": n, "camera_to_world": T.tolist(), "source": "given"} for n, T in POSES.items()],
+        "cameras": [
+            {"name": n, "camera_to_world": T.tolist(), "source": "given", "clock": asdict(Clock())}
+            for n, T in POSES.items()
+        ],
         "residuals": [],
         "association": {"matched_share": [None, *[0.97] * (FRAMES - 1)]},
         "dropped": [{"frame": 3, "time_s": 0.2, "why": "front/depth/000003.png is truncated"}],

@@ -8,7 +8,7 @@ import json
 import math
 import platform
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from importlib import metadata
 from pathlib import Path
@@ -18,6 +18,7 @@ import numpy as np
 
 from anchorpose import __version__
 from anchorpose.errors import InputError
+from anchorpose.recording.clock import Clock
 from anchorpose.recording.document import read_json_object
 from anchorpose.results.body_record import BodyRecord
 from anchorpose.results.corrections import JointCorrection, UnusableInterval
@@ -29,11 +30,12 @@ _LIBRARIES: Final = ("numpy", "scipy", "numba", "pyarrow", "opencv-python-headle
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraRecord:
-    """The pose that was used for a camera, and whether the recording gave it or it was found."""
+    """The pose that was used for a camera, whether the recording gave it or it was found, and its clock as used."""
 
     name: str
     camera_to_world: np.ndarray | None  # (4, 4); None where the camera was not used for want of a pose
     source: str  # for example "given", "equipment", "floor"
+    clock: Clock = field(default_factory=Clock)
 
 
 @dataclass(frozen=True, slots=True)

@@ -86,8 +86,8 @@ def account_of(
         inputs_sha256=inputs_sha256,
         corrections=corrections,
         cameras=tuple(
-            CameraRecord(camera.name, camera.T_world_camera, (source or pose.source).value)
-            for camera, pose in zip(room.cameras, calibration.poses, strict=True)
+            CameraRecord(camera.name, camera.T_world_camera, (source or pose.source).value, clock.clock)
+            for camera, pose, clock in zip(room.cameras, calibration.poses, room.clocks.cameras, strict=True)
         ),
         residuals=(
             *(

@@ -17,7 +17,7 @@ from anchorpose.recording.picture import read_depth_picture
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording import Recording
 from anchorpose.results.people_labels import PEOPLE_FILE, ROOM, LabelPicture, read_people, read_picture
-from anchorpose.results.run_record import hash_files
+from anchorpose.results.run_record import RUN_FILE, hash_files
 from anchorpose.surface.mesh import build_surface, faces
 from anchorpose.viewer.clocks import clocks_of_run
 from anchorpose.viewer.shading import REACH_PX, shade
@@ -114,7 +114,7 @@ def open_footage(folder: Path, results: Path, run: dict[str, Any], frame: np.nda
         replace(camera, T_world_camera=None if poses[camera.name] is None else np.array(poses[camera.name]))
         for camera in recording.cameras
     )
-    clocks = clocks_of_run(run, tuple(camera.name for camera in cameras))
+    clocks = clocks_of_run(results / RUN_FILE, run, tuple(camera.name for camera in cameras))
     recording = put_clocks_together(replace(recording, cameras=cameras), clocks)
     rows = {int(number): row for row, number in enumerate(recording.streams[0].frame)}
     missing = [int(number) for number in frame if int(number) not in rows]
