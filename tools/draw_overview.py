@@ -18,7 +18,7 @@ from anchorpose.simulate.config import clinic
 from anchorpose.simulate.write import simulate_recording
 
 SEED, SECONDS = 5, 3.0
-PICTURE = 3  # of the report's six: both therapists are there, one crouches beside the knee
+FRAME = 27  # of the report's pictures the nearest to it: both therapists are there, one beside the knee
 ROWS, COLUMNS = (0.12, 0.92), (0.26, 0.80)  # shares of a picture: the people, not the room
 PANEL_HEIGHT = 430
 
@@ -48,8 +48,9 @@ def draw(folder: Path) -> np.ndarray:
     simulate_recording(simulated, clinic(SEED, SECONDS))
     results.mkdir()
     track_recording(simulated / "recording", results, TrackConfig(), lambda done, total: None)
-    front = sorted((results / "pictures").glob("*_front.png"))[PICTURE]
-    frame = front.name.removesuffix("_front.png")
+    kept = (results / "pictures").glob("*_front.png")
+    frame = min((path.name.removesuffix("_front.png") for path in kept), key=lambda name: abs(int(name) - FRAME))
+    front = results / "pictures" / f"{frame}_front.png"
     depth = cv2.imread(str(simulated / "recording" / "front" / "depth" / f"{frame}.png"), cv2.IMREAD_UNCHANGED)
     drawn = [cv2.imread(str(front.with_name(f"{frame}_{camera}.png"))) for camera in ("front", "left")]
     gap = np.full((PANEL_HEIGHT, 6, 3), 255, np.uint8)
