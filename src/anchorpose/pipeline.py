@@ -84,7 +84,7 @@ def _track(recording: Path, results: Path, config: TrackConfig, progress: Progre
     written = _write_frames(results, records, room.review, config)
     with watch.stage("results"):
         write_measured(results, ProcessingConfig(), MeasureConfig())
-        pictures = save_pictures(results, draw_chosen(results, room, shape))
+        pictures = save_pictures(results, draw_chosen(results, room, shape, config.surface.sheet))
         account = account_of(room, written, pictures, learnt, config, watch, given, inputs, corrections)
         write_run_record(results / RUN_FILE, account)
         write_report(results)

@@ -21,16 +21,16 @@ from anchorpose.results.people_labels import PEOPLE_FILE, LabelPicture, frames_o
 from anchorpose.results.pictures import FramePicture
 from anchorpose.results.poses import POSES_FILE, PoseTable, pose_of, read_poses
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
-from anchorpose.surface.mesh import build_surface, edges
+from anchorpose.surface.mesh import SheetConfig, build_surface, edges
 from anchorpose.tracker.room import Room
 
 _STATES = tuple(JointState)
 
 
-def draw_chosen(results: Path, room: Room, shape: FittedShape | None) -> Iterator[FramePicture]:
+def draw_chosen(results: Path, room: Room, shape: FittedShape | None, sheet: SheetConfig) -> Iterator[FramePicture]:
     """A picture of each camera in each frame of ``choose_frames``; none without a body, or where nobody was told apart.
 
-    results: a folder with all tables.
+    results: a folder with all tables; sheet: how a camera's mesh is made.
     """
     if shape is None:
         return
@@ -41,12 +41,12 @@ def draw_chosen(results: Path, room: Room, shape: FittedShape | None) -> Iterato
     chosen = choose_frames(joints, read_episodes(results / EPISODES_FILE), told_apart)
     people = read_people(results / PEOPLE_FILE, [int(joints.frame[frame.row]) for frame in chosen])
     for frame in chosen:
-        yield from _draw(frame, room, shape, joints, poses, anchors, people)
+        yield from _draw(frame, room, shape, sheet, joints, poses, anchors, people)
 
 
 def _draw(
-    frame: ChosenFrame, room: Room, shape: FittedShape, joints: JointTable, poses: PoseTable, anchors: AnchorTable,
-    people: dict[tuple[int, str], LabelPicture],
+    frame: ChosenFrame, room: Room, shape: FittedShape, sheet: SheetConfig, joints: JointTable, poses: PoseTable,
+    anchors: AnchorTable, people: dict[tuple[int, str], LabelPicture],
 ) -> Iterator[FramePicture]:  # fmt: skip
     row, number = frame.row, int(joints.frame[frame.row])
     position = int(np.flatnonzero(room.recording.streams[0].frame == number)[0])
@@ -57,7 +57,7 @@ def _draw(
         if depth_m is None or labels is None:
             continue
         told = read_picture(labels)
-        mesh_m, mesh_edges = _mesh(depth_m, told, camera)
+        mesh_m, mesh_edges = _mesh(depth_m, told, camera, sheet)
         scene = OverlayScene(
             camera=camera, depth_m=depth_m, labels=told, mesh_m=mesh_m, mesh_edges=mesh_edges,
             anchors_m=anchors.position_m[row], anchor_names=ANCHOR_NAMES, joints_m=joints.position_m[row],
@@ -77,10 +77,10 @@ def _body(shape: FittedShape, poses: PoseTable, row: int) -> np.ndarray | None:
     return body.skin(body.bone_transforms(pose.rotations, pose.root_m))
 
 
-def _mesh(depth_m: np.ndarray, labels: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+def _mesh(depth_m: np.ndarray, labels: np.ndarray, camera: Camera, sheet: SheetConfig) -> tuple[np.ndarray, np.ndarray]:
     """The camera's own mesh of the patient: its nodes (n, 3), world, and edges (m, 2)."""
-    sheet = build_surface(depth_m, labels == PixelLabel.PATIENT, camera)
-    return sheet.points_m, edges(sheet)
+    surface = build_surface(depth_m, labels == PixelLabel.PATIENT, camera, sheet)
+    return surface.points_m, edges(surface)
 
 
 def _caption(joints: JointTable, anchors: AnchorTable, row: int) -> str:
