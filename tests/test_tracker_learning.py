@@ -16,9 +16,10 @@ from anchorpose.body.skin_points import FittedShape
 from anchorpose.tracker import learning
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.learning import LearntPatient, learn_patient
+from anchorpose.tracker.review import NOTHING_SAID, Review
 from anchorpose.tracker.stopwatch import Stopwatch
 
-ROOM = SimpleNamespace(recording=SimpleNamespace(subject_height_m=None), opening=None)
+ROOM = SimpleNamespace(recording=SimpleNamespace(subject_height_m=None), opening=None, review=NOTHING_SAID)
 START = FittedShape(np.zeros(asset().shape_count), 0.006)
 
 
@@ -40,7 +41,7 @@ class Pass:
             seen = SimpleNamespace(evidence=time_s)
             yield (
                 SimpleNamespace(
-                    frame_set=SimpleNamespace(time_s=time_s), belief=SimpleNamespace(pose=None), shape=START,
+                    frame_set=SimpleNamespace(frame=number, time_s=time_s), belief=SimpleNamespace(pose=None), shape=START,
                     explained=self.explained, observation=seen,
                 ),
                 SimpleNamespace(wear=self.worn.append),
@@ -54,10 +55,12 @@ class Pass:
         coefficients = known.shape.coefficients + 0.01
         return LearnedBody(ShapeBelief(FittedShape(coefficients, 0.006), gain * known.information, known.prior), ())
 
-    def run(self, monkeypatch: pytest.MonkeyPatch, config: LearningConfig | None = None) -> LearntPatient | None:
+    def run(
+        self, monkeypatch: pytest.MonkeyPatch, config: LearningConfig | None = None, room: SimpleNamespace = ROOM
+    ) -> LearntPatient | None:
         monkeypatch.setattr(learning, "follow_openly", self.follow)
         monkeypatch.setattr(learning, "learn_body", self.learn)
-        return learn_patient(ROOM, [], None, replace(TrackConfig(), learning=config or LearningConfig()), Stopwatch())
+        return learn_patient(room, [], None, replace(TrackConfig(), learning=config or LearningConfig()), Stopwatch())
 
 
 @pytest.mark.parametrize("step_s", [0.1, -0.1])
@@ -71,6 +74,15 @@ def test_one_window_is_enough_where_it_shows_all_bones_forwards_and_backwards(mo
     assert tried.worn == []
     assert tried.read == 42  # the window, and the frame that closes it
     assert learnt.belief is learnt.first
+
+
+def test_frames_that_a_reviewer_marked_as_unusable_teach_nothing(monkeypatch):
+    tried = Pass([1e6])
+    marked = SimpleNamespace(**{**vars(ROOM), "review": Review(unusable=((10, 19, "a curtain"),))})
+    assert tried.run(monkeypatch, room=marked) is not None
+    frames = [round((time_s - 50.0) / 0.1) for time_s in tried.windows[0]]
+    assert not set(frames) & set(range(10, 20))
+    assert max(frames) > 19
 
 
 def test_he_is_followed_on_with_what_is_known_until_every_bone_is(monkeypatch):
