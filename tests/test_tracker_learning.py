@@ -41,8 +41,8 @@ class Pass:
             seen = SimpleNamespace(evidence=time_s)
             yield (
                 SimpleNamespace(
-                    frame_set=SimpleNamespace(frame=number, time_s=time_s), belief=SimpleNamespace(pose=None), shape=START,
-                    explained=self.explained, observation=seen,
+                    frame_set=SimpleNamespace(frame=number, time_s=time_s), belief=SimpleNamespace(pose=None),
+                    shape=START, explained=self.explained, observation=seen,
                 ),
                 SimpleNamespace(wear=self.worn.append),
             )  # fmt: skip
