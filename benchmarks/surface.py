@@ -31,8 +31,8 @@ from anchorpose.simulate.shoot import Shot, Studio, set_up
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.threads import one_thread
 from anchorpose.tracker.both_ways import learn_on, plan_route
+from anchorpose.tracker.following import follow_patient
 from anchorpose.tracker.observation import Observation, observe
-from anchorpose.tracker.patient import follow_patient
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room
 from anchorpose.tracker.stopwatch import Stopwatch

@@ -16,7 +16,7 @@ from anchorpose.simulate.config import clinic, holes
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker import association
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.patient import follow_patient
+from anchorpose.tracker.following import follow_patient
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.stopwatch import Stopwatch
 from anchorpose.tracking.motion_file import load_motions

@@ -17,7 +17,7 @@ from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker.config import FollowConfig, Method, TrackConfig
 from anchorpose.tracker.estimate import Estimate, nobody_found
-from anchorpose.tracker.patient import FIRST_PAUSE, follow_patient
+from anchorpose.tracker.following import FIRST_PAUSE, follow_patient
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room
 from anchorpose.tracker.stopwatch import Stopwatch

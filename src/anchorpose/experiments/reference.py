@@ -17,7 +17,7 @@ from anchorpose.errors import AnchorposeError
 from anchorpose.recording.recording import Recording
 from anchorpose.tracker.both_ways import learn_on, plan_route
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.patient import follow_patient
+from anchorpose.tracker.following import follow_patient
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.stopwatch import Stopwatch
 from anchorpose.tracking.motion_file import load_motions

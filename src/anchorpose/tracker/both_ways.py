@@ -19,8 +19,8 @@ from anchorpose.results.poses import BodyPose
 from anchorpose.tracker.association import Associate, link
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
+from anchorpose.tracker.following import follow_patient
 from anchorpose.tracker.learning import LearntPatient, learn_patient
-from anchorpose.tracker.patient import follow_patient
 from anchorpose.tracker.room import Room
 from anchorpose.tracker.smoothing import Passed, passed, smooth
 from anchorpose.tracker.start import Start, turn_round

@@ -17,8 +17,9 @@ from anchorpose.tracker.association import GlobalHypothesis
 from anchorpose.tracker.both_ways import Route, learn_on, plan_route
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
+from anchorpose.tracker.following import follow_openly
 from anchorpose.tracker.observation import Observation, observe_first
-from anchorpose.tracker.patient import PatientTracker, follow_openly
+from anchorpose.tracker.patient import PatientTracker
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Opening, Room, choose_opening, sight_people
 from anchorpose.tracker.start import ORDINARY_HEIGHT_M

@@ -12,7 +12,7 @@ from anchorpose.body.skin_points import FittedShape, body_points
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
-from anchorpose.tracker.patient import follow_openly
+from anchorpose.tracker.following import follow_openly
 from anchorpose.tracker.room import Room
 from anchorpose.tracker.start import known_shape
 from anchorpose.tracker.stopwatch import Stopwatch
