@@ -121,6 +121,37 @@ def test_the_record_names_the_file_and_what_it_says(review):
     assert record["unusable"][0]["who"] == "AB"
 
 
+def test_smoothing_keeps_what_the_reviewer_says(review, tmp_path):
+    track_recording(review.recording, tmp_path, TrackConfig(smooth=True), lambda *_: None, corrections=review.file)
+    joints = read_joints(tmp_path / "joints.parquet")
+    assert np.linalg.norm(joints.position_m[MOVED, WRIST] - review.place_m) < 0.03
+    gone = np.isin(joints.frame, np.arange(GONE[0], GONE[1] + 1))
+    np.testing.assert_array_equal(joints.lost.all(axis=1), gone)
+
+
+def test_what_is_told_is_no_surer_than_he_who_tells_it(review):
+    away_m = np.linalg.norm(review.after.position_m[MOVED, WRIST] - review.place_m)
+    assert review.after.sigma_m[MOVED, WRIST] >= away_m / np.sqrt(3.0)
+    assert review.after.sigma_m[MOVED, WRIST] > 0.008  # he said 0.010; what is seen adds little
+
+
+def test_what_could_not_be_honoured_is_said(review, tmp_path):
+    given = read_corrections(review.file)
+    too_far = moved(2, "HandLeft", review.before.position_m[2, JOINT_INDEX["HandLeft"]] + [3.0, 0.0, 0.0])
+    in_a_gap, never_tracked = moved(GONE[0], "Head", np.zeros(3)), moved(8, "Head", np.zeros(3))
+    file, results = tmp_path / "c.json", tmp_path / "results"
+    write_corrections(file, replace(given, joints=(*given.joints, too_far, in_a_gap, never_tracked)))
+    results.mkdir()
+    track_recording(review.recording, results, TrackConfig(stop=8), lambda *_: None, corrections=file)
+    document, joints = read_run_document(results / "run.json"), read_joints(results / "joints.parquet")
+    assert [sentence.split(" was not")[0] for sentence in document["corrections"]["not_honoured"]] == [
+        "HandLeft in frame 2", f"Head in frame {GONE[0]}", "Head in frame 8",
+    ]  # fmt: skip
+    assert set(document["corrections"]["not_honoured"]) <= set(document["notes"])
+    hand = np.linalg.norm(joints.position_m[2] - review.before.position_m[2], axis=1)
+    assert np.nanmax(hand) < 0.02  # the frame is as if nothing had been said
+
+
 def refused(review: Review, tmp_path: Path, corrections: Corrections, match: str) -> None:
     file, results = tmp_path / "other.json", tmp_path / "results"
     write_corrections(file, corrections)

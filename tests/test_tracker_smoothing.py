@@ -39,8 +39,11 @@ def nobody() -> Passed:
     return Passed(None, gone, gone[:, 0], (LOST,) * JOINT_COUNT)
 
 
-def smoothed(there: list[Passed], back: list[Passed], config: SmoothingConfig = CONFIG) -> list[Passed]:
-    return smooth(points(), REST, TIME_S, there, back, config, FitConfig())
+def smoothed(
+    there: list[Passed], back: list[Passed], config: SmoothingConfig = CONFIG, held: np.ndarray | None = None
+) -> list[Passed]:
+    held = np.zeros((len(there), 21), bool) if held is None else held
+    return smooth(points(), REST, TIME_S, there, back, held, config, FitConfig())
 
 
 def off_m(found: list[Passed], truth: list[Passed]) -> np.ndarray:
@@ -151,3 +154,17 @@ def test_a_joint_lost_in_both_passes_stays_lost():
 def test_settings_that_cannot_work_are_refused(name):
     with pytest.raises(ValueError, match=name):
         SmoothingConfig(**{name: 0})
+
+
+def test_a_joint_that_a_reviewer_placed_stays_and_moves_no_other_frame():
+    truth = course_of_pass()
+    there, back = list(truth), list(truth)
+    placed = answer(standing(LeftArm=(-90.0, 0.0, 0.0)))
+    there[5] = back[5] = placed
+    held = np.zeros((FRAMES, JOINT_COUNT), bool)
+    held[5, ARM] = True
+    found = smoothed(there, back, held=held)
+    np.testing.assert_allclose(found[5].joints_m[ARM], placed.joints_m[ARM], atol=0.01)
+    dragged = off_m(found, smoothed(list(truth), list(truth)))[:, ARM]
+    assert np.delete(dragged, 5, axis=0).max() < 0.02
+    assert np.delete(off_m(smoothed(there, back), truth)[:, ARM], 5, axis=0).max() > 0.03

@@ -8,7 +8,7 @@ The room is prepared once; then every frame goes through ``tracker.observation``
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from anchorpose.body.regions import area_of_point, region_of_points
@@ -21,22 +21,21 @@ from anchorpose.report.page import write_report
 from anchorpose.results.anchors_table import ANCHORS_FILE, write_anchors
 from anchorpose.results.contact_intervals import ContactIntervals
 from anchorpose.results.contacts import CONTACTS_FILE, write_contacts
-from anchorpose.results.corrections import read_corrections
 from anchorpose.results.measuring import write_measured
-from anchorpose.results.people_labels import PEOPLE_FILE, write_people
+from anchorpose.results.people_labels import PEOPLE_FILE, LabelPicture, write_people
 from anchorpose.results.pictures import save_pictures
 from anchorpose.results.poses import POSES_FILE, write_poses
 from anchorpose.results.processing.policy import ProcessingConfig
 from anchorpose.results.run_record import RUN_FILE, Association, DroppedFrame, write_run_record
 from anchorpose.results.stand_training.measure import MeasureConfig
-from anchorpose.results.tables import JOINTS_FILE, write_joints
+from anchorpose.results.tables import JOINTS_FILE, read_joints, write_joints
 from anchorpose.threads import one_thread
-from anchorpose.tracker.account import Given, Written, account_of, corrections_for, hash_inputs
-from anchorpose.tracker.both_ways import FrameRecord, learn_on, plan_route, set_aside, track_on
+from anchorpose.tracker.account import Given, Written, account_of, hash_inputs, outcome_of, read_said, require_about
+from anchorpose.tracker.both_ways import FrameRecord, learn_on, plan_route, track_on
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.frame_pictures import draw_chosen
 from anchorpose.tracker.preparation import prepare_room
-from anchorpose.tracker.review import NOTHING_SAID, Review, review_of
+from anchorpose.tracker.review import NOTHING_SAID, review_of
 from anchorpose.tracker.stopwatch import Stopwatch
 from anchorpose.tracking.motion_file import load_motions
 
@@ -66,26 +65,29 @@ def _track(recording: Path, results: Path, config: TrackConfig, progress: Progre
     opened = with_height(open_recording(recording), config.height_m)
     if given.calibration is not None:
         opened = with_poses(opened, given.calibration)
-    said = None if given.corrections is None else read_corrections(given.corrections)
+    said = None if given.corrections is None else read_said(given.corrections)
     frame_range(opened, config.start, config.stop)  # refuses an empty range before any work is done
     motions = load_motions(config.motion_file, opened.rate_hz, config.motion)  # likewise a file that is none
     total, window = _frame_counts(opened, config)
     with watch.stage("calibration and background"):
-        room = prepare_room(opened, config, NOTHING_SAID if said is None else review_of(said))
+        room = prepare_room(opened, config, NOTHING_SAID if said is None else review_of(said.corrections))
     inputs = hash_inputs(room, config)
-    corrections = None
-    if said is not None and given.corrections is not None:
-        corrections = corrections_for(given.corrections, said, room, inputs)
+    if said is not None:
+        require_about(said, room, inputs)
     work = window + total * (2 if config.smooth else 1)
     route = plan_route(room, config, _counter(progress, work))
     learnt = learn_on(route, room, motions, config, watch)
     shape = None if learnt is None else learnt.shape
-    records = track_on(route, room, motions, shape, config, watch)
-    written = _write_frames(results, records, room.review, config)
+
+    def track(keep_labels: Callable[[LabelPicture], None]) -> Iterator[FrameRecord]:
+        return track_on(route, room, motions, shape, config, watch, keep_labels)
+
+    written = _write_frames(results, track, config)
     with watch.stage("results"):
         write_measured(results, ProcessingConfig(), MeasureConfig())
         pictures = save_pictures(results, draw_chosen(results, room, shape, config.surface.sheet))
-        account = account_of(room, written, pictures, learnt, config, watch, given, inputs, corrections)
+        reviewed = None if said is None else outcome_of(said, read_joints(results / JOINTS_FILE))
+        account = account_of(room, written, pictures, learnt, config, watch, given, inputs, reviewed)
         write_run_record(results / RUN_FILE, account)
         write_report(results)
     progress(work, work)
@@ -109,7 +111,9 @@ def _counter(progress: Progress, total: int) -> Callable[[], None]:
     return tick
 
 
-def _write_frames(results: Path, records: Iterable[FrameRecord], review: Review, config: TrackConfig) -> Written:
+def _write_frames(
+    results: Path, track: Callable[[Callable[[LabelPicture], None]], Iterator[FrameRecord]], config: TrackConfig
+) -> Written:
     """Stream joints, poses, anchors, labels and contacts to their tables; keep problems."""
     dropped, shares = list[DroppedFrame](), list[float | None]()
     points = body_points()
@@ -121,13 +125,10 @@ def _write_frames(results: Path, records: Iterable[FrameRecord], review: Review,
         write_people(results / PEOPLE_FILE) as people,
         write_contacts(results / CONTACTS_FILE) as contacts,
     ):
-        for tracked in records:
-            record = set_aside(tracked, review.why_unusable(tracked.joints.frame))
+        for record in track(people.append):
             table.append(record.joints)
             poses.append(record.body)
             anchors.append(record.anchors)
-            for labels in record.labels:
-                people.append(labels)
             frame, time_s = record.joints.frame, record.joints.time_s
             for contact in intervals.push(frame, time_s, record.near):
                 contacts.append(contact)

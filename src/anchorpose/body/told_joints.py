@@ -14,7 +14,7 @@ from anchorpose.body.registration import PoseBelief
 from anchorpose.body.skin_points import RestPoints, SkinPoints, joint_jacobian
 
 _STEPS = 8  # a limb that was on the wrong side of the body has some way to go
-_CONTRADICTED = 3.8  # sigmas of both together: two in a thousand are farther off; then a wrong limb was seen
+CONTRADICTED = 3.8  # sigmas of both together: two in a thousand are farther off; then a wrong limb was seen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,7 +31,7 @@ def contradicted(points: SkinPoints, rest: RestPoints, belief: PoseBelief, told:
     at, jacobian = _joints(points, rest, belief, told)
     variance = ((jacobian @ belief.covariance) * jacobian).sum(axis=(1, 2)) / 3.0 + told.sigma_m**2
     away_m = np.linalg.norm(at - told.position_m, axis=1)
-    return bool((away_m > _CONTRADICTED * np.sqrt(variance)).any())
+    return bool((away_m > CONTRADICTED * np.sqrt(variance)).any())
 
 
 def doubted(belief: PoseBelief, told: ToldJoints, elapsed_s: float, config: FitConfig) -> PoseBelief:
@@ -45,10 +45,14 @@ def doubted(belief: PoseBelief, told: ToldJoints, elapsed_s: float, config: FitC
 
 
 def with_told(
-    points: SkinPoints, rest: RestPoints, belief: PoseBelief, told: ToldJoints, config: FitConfig
-) -> PoseBelief:
-    """The belief together with what was told: the most probable pose by both, bones of the same length as before."""
-    worth = np.repeat(told.sigma_m**-2, 3)
+    points: SkinPoints, rest: RestPoints, belief: PoseBelief, told: ToldJoints, config: FitConfig,
+    inflation: float = 1.0,
+) -> PoseBelief:  # fmt: skip
+    """The belief together with what was told: the most probable pose by both, bones of the same length as before.
+
+    inflation: what sigma is made of the posterior by (``UncertaintyConfig``): the told sigma is to come out as told.
+    """
+    worth = np.repeat((told.sigma_m / inflation) ** -2, 3)
     expected, pose = (belief.pose, belief.information), belief.pose
     for _ in range(_STEPS):
         at, jacobian = _joints(points, rest, PoseBelief(pose, belief.covariance, belief.information), told)

@@ -92,12 +92,13 @@ class DroppedFrame:
 
 @dataclass(frozen=True, slots=True)
 class CorrectionsRecord:
-    """The reviewer's file that was honoured: its name and hash, and what it says."""
+    """The reviewer's file: its name and hash, what it says, and a sentence for each joint that is not where he says."""
 
     file: str
     sha256: str
     unusable: tuple[UnusableInterval, ...]
     joints: tuple[JointCorrection, ...]
+    not_honoured: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from anchorpose.body.skin_points import body_points
+from anchorpose.body.told_joints import CONTRADICTED
 from anchorpose.calibration.calibration import PoseSource
 from anchorpose.calibration.clock.clocks import Clocks
 from anchorpose.calibration.clock.settled import clock_notes
+from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.gaps import CameraGaps, find_gaps
 from anchorpose.recording.inputs import input_files
 from anchorpose.results.body_record import record_body
-from anchorpose.results.corrections import Corrections, require_recording
+from anchorpose.results.corrections import Corrections, JointCorrection, read_corrections, require_recording
 from anchorpose.results.reviewed_recording import poses_of, reviewed_recording
 from anchorpose.results.run_record import (
     Association,
@@ -26,6 +30,7 @@ from anchorpose.results.run_record import (
     StageTiming,
     hash_files,
 )
+from anchorpose.results.tables import JointTable
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.learning import LearntPatient
 from anchorpose.tracker.review import require_frames
@@ -58,18 +63,51 @@ def hash_inputs(room: Room, config: TrackConfig) -> tuple[tuple[str, str], ...]:
     )
 
 
-def corrections_for(
-    path: Path, corrections: Corrections, room: Room, inputs_sha256: tuple[tuple[str, str], ...]
-) -> CorrectionsRecord:
-    """What is recorded of the corrections read from ``path``.
+@dataclass(frozen=True, slots=True, eq=False)
+class Said:
+    """A reviewer's file as it was read, with its hash."""
 
-    Raises InputError where they are about another recording, another world or frames that there are not.
-    """
+    path: Path
+    sha256: str
+    corrections: Corrections
+
+
+def read_said(path: Path) -> Said:
+    """Raises InputError where it is no file of corrections."""
+    corrections = read_corrections(path)
+    ((_, digest),) = hash_files([path], path.parent)  # at once: the viewer may add to it while we track
+    return Said(path, digest, corrections)
+
+
+def require_about(said: Said, room: Room, inputs_sha256: tuple[tuple[str, str], ...]) -> None:
+    """Raises InputError where the corrections are about another recording, another world or frames there are not."""
     name = room.recording.folder.resolve().name
-    require_recording(path, corrections, reviewed_recording(name, inputs_sha256, poses_of(room.cameras)))
-    require_frames(path, room.review, room.recording)
-    ((_, digest),) = hash_files([path], path.parent)
-    return CorrectionsRecord(path.name, digest, corrections.unusable, corrections.joints)
+    require_recording(said.path, said.corrections, reviewed_recording(name, inputs_sha256, poses_of(room.cameras)))
+    require_frames(said.path, room.review, room.recording)
+
+
+def outcome_of(said: Said, joints: JointTable) -> CorrectionsRecord:
+    """What became of the corrections, by the joints that were written."""
+    corrections = said.corrections
+    sentences = tuple(text for text in (_why_not(one, joints) for one in corrections.joints) if text)
+    return CorrectionsRecord(said.path.name, said.sha256, corrections.unusable, corrections.joints, sentences)
+
+
+def _why_not(correction: JointCorrection, joints: JointTable) -> str | None:
+    """Why a joint is not where the reviewer says, None where it is."""
+    said, joint = f"{correction.joint} in frame {correction.frame}", JOINT_INDEX[correction.joint]
+    rows = np.flatnonzero(joints.frame == correction.frame)
+    if not len(rows):
+        return f"{said} was not corrected: the frame was not tracked"
+    row = int(rows[0])
+    if joints.lost[row].all():
+        return f"{said} was not corrected: the patient was not found in this frame, or it was marked as unusable"
+    if joints.lost[row, joint]:
+        return f"{said} was not corrected: the joint is lost all the same"
+    away_m = float(np.linalg.norm(joints.position_m[row, joint] - correction.position_m))
+    if away_m <= CONTRADICTED * np.hypot(correction.sigma_m, joints.sigma_m[row, joint]):
+        return None
+    return f"{said} was not corrected: no body of this size has it there, {100 * away_m:.0f} cm from where it is given"
 
 
 def account_of(
@@ -82,7 +120,7 @@ def account_of(
     source = None if given.calibration is None else PoseSource.FILE
     return RunRecord(
         recording=room.recording.folder.resolve().name,
-        config=config,
+        config=config if config.motions is None else replace(config, motions=Path(config.motions).name),
         inputs_sha256=inputs_sha256,
         corrections=corrections,
         cameras=tuple(
@@ -113,6 +151,7 @@ def account_of(
             *(camera.sentence for camera in gaps if camera.sentence),
             *_notes(room, learnt),
             *written.association.sentences,
+            *(() if corrections is None else corrections.not_honoured),
         ),
     )
 

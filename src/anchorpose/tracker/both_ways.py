@@ -21,6 +21,7 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import follow_patient
 from anchorpose.tracker.learning import LearntPatient, learn_patient
+from anchorpose.tracker.review import held_joints
 from anchorpose.tracker.room import Room
 from anchorpose.tracker.smoothing import Passed, passed, smooth
 from anchorpose.tracker.start import Start, turn_round
@@ -31,19 +32,18 @@ from anchorpose.tracking.motion_database import MotionDatabase
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameRecord:
-    """What is kept of one frame: the joints, the body's pose, anchors, whose each pixel is, share of nodes matched, how
-    near others are to the patient (None where he is lost), and what was wrong with its pictures."""
+    """What is kept of one frame: the joints, the body's pose, anchors, share of nodes matched, how near others are to
+    the patient (None where he is lost), and what was wrong with its pictures."""
 
     joints: JointFrame
     body: BodyPose
     anchors: AnchorFrame
-    labels: tuple[LabelPicture, ...]
     matched_share: float | None
     near: Nearness | None
     problems: tuple[str, ...]
 
 
-def set_aside(record: FrameRecord, why: str | None) -> FrameRecord:
+def _set_aside(record: FrameRecord, why: str | None) -> FrameRecord:
     """The record of a frame of no use: nothing is known of the patient, and its problems say why; None keeps it."""
     if why is None:
         return record
@@ -99,11 +99,14 @@ def learn_on(
 
 def track_on(
     route: Route, room: Room, motions: MotionDatabase | None, shape: FittedShape | None,
-    config: TrackConfig, watch: Stopwatch, associate: Associate = link,
+    config: TrackConfig, watch: Stopwatch, keep_labels: Callable[[LabelPicture], None], associate: Associate = link,
 ) -> Iterator[FrameRecord]:  # fmt: skip
-    """A record of every frame in the order of time."""
+    """A record of every frame in the order of time.
+
+    keep_labels: is given whose each pixel is, as soon as it is known: from the opening back to the start first.
+    """
     rest = None if shape is None else rest_points(body_points(), shape)
-    work = _Work(route, room, motions, shape, rest, config, watch, associate)
+    work = _Work(route, room, motions, shape, rest, config, watch, keep_labels, associate)
     before = list(work.side(route.back))[1:] if len(route.back) > 1 else []
     yield from reversed(before)
     yield from work.side(route.forth)
@@ -120,6 +123,7 @@ class _Work:
     rest: RestPoints | None
     config: TrackConfig
     watch: Stopwatch
+    keep_labels: Callable[[LabelPicture], None]
     associate: Associate
 
     def side(self, positions: Sequence[int]) -> Iterator[FrameRecord]:
@@ -135,15 +139,15 @@ class _Work:
     def _there_and_back(self, positions: Sequence[int], rest: RestPoints) -> Iterator[FrameRecord]:
         """To one end and back to the opening, both passes put together.
 
-        Until the two have met, joints, pose, contacts and labels are kept of every frame, some kilobytes.
+        Until the two have met, joints, pose and contacts are kept of every frame, some kilobytes.
         """
         there, records, last = list[Passed](), list[FrameRecord](), None
         for estimate in self._follow(positions):
-            there.append(passed(rest, estimate))
+            there.append(self._passed(rest, estimate))
             records.append(self._record(estimate))
             last = estimate
         begin = None if last is None else turn_round(last, self.config)
-        back = [passed(rest, estimate) for estimate in self._follow(positions[::-1], begin)][::-1]
+        back = [self._passed(rest, estimate) for estimate in self._follow(positions[::-1], begin)][::-1]
         with self.watch.stage("smoothing"):
             smoothed = smooth(
                 body_points(),
@@ -151,6 +155,7 @@ class _Work:
                 np.array([record.joints.time_s for record in records]),
                 there,
                 back,
+                held_joints(self.room.review, [record.joints.frame for record in records]),
                 self.config.smoothing,
                 self.config.registration.fit,
             )
@@ -163,8 +168,13 @@ class _Work:
             self.room, frames, self.motions, self.shape, self.config, self.watch, begin, self.associate
         )
 
+    def _passed(self, rest: RestPoints, estimate: Estimate) -> Passed:
+        return passed(rest, estimate, self.room.review.why_unusable(estimate.frame_set.frame) is None)
+
     def _record(self, estimate: Estimate) -> FrameRecord:
         frame_set = estimate.frame_set
+        for labels in label_pictures(frame_set, estimate.observation):
+            self.keep_labels(labels)
         joints = JointFrame(
             frame=frame_set.frame,
             time_s=frame_set.time_s,
@@ -172,15 +182,15 @@ class _Work:
             state=estimate.states,
             sigma_m=estimate.sigma_m,
         )
-        return FrameRecord(
+        record = FrameRecord(
             joints,
             self._body(estimate),
             anchor_frame(estimate),
-            label_pictures(frame_set, estimate.observation),
             estimate.matched_share,
             self._near(estimate),
             frame_set.problems,
         )
+        return _set_aside(record, self.room.review.why_unusable(frame_set.frame))
 
     def _body(self, estimate: Estimate) -> BodyPose:
         points, belief = body_points(), estimate.belief

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Container
 from dataclasses import dataclass
 
 import numpy as np
 
 from anchorpose.body.registration import PoseBelief, Registration
 from anchorpose.body.skin_points import FittedShape, RestPoints, SkinPoints, pose_points
+from anchorpose.body.told_joints import ToldJoints
 from anchorpose.body.uncertainty import joint_sigma
 from anchorpose.body.visibility import joint_states
 from anchorpose.joints import JOINT_COUNT, JointState
@@ -52,20 +52,26 @@ def nobody_found(frame_set: FrameSet, observation: Observation | None = None) ->
 
 def estimate_of(
     points: SkinPoints, rest: RestPoints, shape: FittedShape, registration: Registration, observation: Observation,
-    matched_share: float | None, config: TrackConfig, told: Container[int] = (),
+    matched_share: float | None, config: TrackConfig, told: ToldJoints | None = None,
 ) -> Estimate:  # fmt: skip
     """Joints by the rule J, their states from the pictures, their sigma from the posterior.
 
-    told: joints whose place a reviewer gave; where the pictures contradict him they are hidden, not lost.
+    told: joints whose place a reviewer gave: where the pictures contradict him they are hidden, not lost, and they are
+    no surer than they are near that place.
     """
+    placed = () if told is None else told.joint.tolist()
     belief = registration.belief
     posed = pose_points(points, rest, belief.pose)
     joints = rest.body.joints(posed.transforms)
     sigma = joint_sigma(points, rest, posed, belief.covariance, config.uncertainty)
     found = joint_states(points, posed, observation.evidence.views, observation.evidence.cameras, config.visibility)
     states = tuple(
-        JointState.HIDDEN if joint in told and state is JointState.LOST else state for joint, state in enumerate(found)
+        JointState.HIDDEN if joint in placed and state is JointState.LOST else state
+        for joint, state in enumerate(found)
     )
+    if told is not None:
+        away_m = np.linalg.norm(joints[told.joint] - told.position_m, axis=1)
+        sigma[told.joint] = np.maximum(sigma[told.joint], away_m / np.sqrt(3.0))
     lost = (sigma > config.follow.lost_sigma_m) | np.array([state is JointState.LOST for state in states])
     return Estimate(
         observation.frame_set,

@@ -111,8 +111,9 @@ class PatientTracker:
         share = None if hypothesis is None else hypothesis.matched_share
         with self.watch.stage("states and sigma"):
             told = self.room.review.joints.get(seen.frame_set.frame)
-            named = () if told is None else told.joint.tolist()
-            return estimate_of(self.points, self.rest, self.shape, registration, seen, share, self.config, named)
+            if told is not None and contradicted(self.points, self.rest, registration.belief, told):
+                told = None
+            return estimate_of(self.points, self.rest, self.shape, registration, seen, share, self.config, told)
 
     def predict(self, steps: int) -> list[Pose]:
         """The next poses by scaled motion dynamics: those of the whole look-ahead, once a registered frame."""
@@ -191,15 +192,19 @@ class PatientTracker:
         """The belief by what a reviewer said of this frame's joints, if he did.
 
         Where he contradicts it, what was seen was taken for the wrong limb: then it says less than he, and the limbs'
-        movement so far was somebody else's.
+        movement so far was somebody else's. A place that the body cannot reach is not believed.
         """
         told, fit = self.room.review.joints.get(seen.frame_set.frame), self.config.registration.fit
         if told is None:
             return belief
-        if contradicted(self.points, self.rest, belief, told):
-            belief = doubted(belief, told, self.config.registration.restart_doubt_s, fit)
+        wrong = contradicted(self.points, self.rest, belief, told)
+        open_minded = doubted(belief, told, self.config.registration.restart_doubt_s, fit) if wrong else belief
+        corrected = with_told(self.points, self.rest, open_minded, told, fit, self.config.uncertainty.inflation)
+        if contradicted(self.points, self.rest, corrected, told):
+            return belief
+        if wrong:
             self.history.clear()
-        return with_told(self.points, self.rest, belief, told, fit)
+        return corrected
 
     def _hypothesise(self, poses: list[Pose]) -> GlobalHypothesis:
         with self.watch.stage("association"):

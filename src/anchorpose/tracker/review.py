@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
+from anchorpose.body.limbs import LIMB_OF_JOINTS
 from anchorpose.body.told_joints import ToldJoints
 from anchorpose.errors import InputError
-from anchorpose.joints import JOINT_INDEX
+from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
 from anchorpose.recording.recording import Recording
 from anchorpose.results.corrections import Corrections, JointCorrection
 
@@ -28,6 +30,16 @@ class Review:
 
 
 NOTHING_SAID: Final = Review()
+
+
+def held_joints(review: Review, frames: Sequence[int]) -> np.ndarray:
+    """(t, 21) bool: the told joints of the frames with these numbers, and all joints of their limbs."""
+    held = np.zeros((len(frames), JOINT_COUNT), bool)
+    for row, frame in enumerate(frames):
+        told = review.joints.get(frame)
+        if told is not None:
+            held[row] = np.isin(LIMB_OF_JOINTS, LIMB_OF_JOINTS[told.joint])
+    return held
 
 
 def review_of(corrections: Corrections) -> Review:

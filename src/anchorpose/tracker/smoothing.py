@@ -37,26 +37,28 @@ class Passed:
     states: tuple[JointState, ...]
 
 
-def passed(rest: RestPoints, estimate: Estimate) -> Passed:
-    """What is kept of an estimate until the other pass has come to the same frame."""
-    if estimate.belief is None:
-        return Passed(None, np.full((JOINT_COUNT, 3), np.nan), estimate.sigma_m, estimate.states)
+def passed(rest: RestPoints, estimate: Estimate, usable: bool) -> Passed:
+    """What is kept of an estimate until the other pass has come to the same frame; nothing of one of no use."""
+    if estimate.belief is None or not usable:
+        blank = np.full((JOINT_COUNT, 3), np.nan)
+        return Passed(None, blank, blank[:, 0].copy(), (JointState.LOST,) * JOINT_COUNT)
     pose = estimate.belief.pose
     return Passed(pose, _joints(rest, pose), estimate.sigma_m, estimate.states)
 
 
 def smooth(
     points: SkinPoints, rest: RestPoints, time_s: np.ndarray, there: Sequence[Passed], back: Sequence[Passed],
-    config: SmoothingConfig, fit: FitConfig,
+    held: np.ndarray, config: SmoothingConfig, fit: FitConfig,
 ) -> list[Passed]:  # fmt: skip
     """The frames (t,) of two passes, both in the order of the first, as one.
 
+    held (t, 21) bool: joints whose place a reviewer gave, and their limbs: they stay, and move no other frame.
     Joints are put together, smoothed over each stretch without a gap, and the body is posed to meet them: bones keep
     their lengths, joints their ranges, and frames in which both passes lost the patient stay lost.
     """
     weight = _weights_of_back(there, back, config)
     mixed = [_mixed(*frame) for frame in zip(there, back, weight[:, LIMB_OF_JOINTS], strict=True)]
-    joints = _smoothed_stretches(time_s, mixed, config)
+    joints = _smoothed_stretches(time_s, mixed, held, config)
     answers = []
     for one, other, answer, wanted, share in zip(there, back, mixed, joints, weight, strict=True):
         start = _nearer_pose(one.pose, other.pose, points, share)
@@ -65,16 +67,19 @@ def smooth(
     return answers
 
 
-def _smoothed_stretches(time_s: np.ndarray, frames: Sequence[Passed], config: SmoothingConfig) -> np.ndarray:
+def _smoothed_stretches(
+    time_s: np.ndarray, frames: Sequence[Passed], held: np.ndarray, config: SmoothingConfig
+) -> np.ndarray:
     """(t, 21, 3) joints, NaN where the patient is lost."""
-    joints = np.array([frame.joints_m for frame in frames])
-    sigma = np.array([_known_sigma(frame, config) for frame in frames])
+    before = np.array([frame.joints_m for frame in frames])
+    joints = before.copy()
+    sigma = np.where(held, config.lost_sigma_m, [_known_sigma(frame, config) for frame in frames])
     followed = np.isfinite(joints).all(axis=(1, 2))
     edges = np.flatnonzero(np.diff(followed.astype(np.int64), prepend=0, append=0)).reshape(-1, 2)
     for start, stop in edges.tolist():
         own = slice(start, stop)
         joints[own] = smooth_in_time(time_s[own], joints[own], sigma[own], config.acceleration)
-    return joints
+    return np.where(held[..., None], before, joints)
 
 
 def _weights_of_back(there: Sequence[Passed], back: Sequence[Passed], config: SmoothingConfig) -> np.ndarray:
