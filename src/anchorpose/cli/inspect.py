@@ -39,8 +39,8 @@ def inspect(
     config
         A TOML or JSON file with settings that differ from the defaults, as for 'anchorpose track'.
     as_tracked
-        Learn the body and follow the patient from where tracking begins: exactly what 'anchorpose track' makes of this
-        frame, and as slow.
+        Learn the body and follow the patient from where tracking begins: what 'anchorpose track' makes of this
+        frame without --calibration, --corrections, --height or --smooth, and as slow.
     overwrite
         Replace the folder of an earlier inspection.
     """
