@@ -65,7 +65,7 @@ def read_picture(picture: LabelPicture) -> np.ndarray:
 
 @contextmanager
 def write_people(path: Path) -> Iterator[RowGroups[LabelPicture]]:
-    """Opens people.parquet for writing, in whichever order frames come; where nothing was told apart there is no row."""
+    """Opens people.parquet for writing, frames in any order; where nothing was told apart there is no row."""
     with open_parquet(path, PEOPLE_SCHEMA) as writer:
         pictures = RowGroups(writer, _to_table, PICTURES_PER_ROW_GROUP)
         yield pictures
