@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 import anchorpose
+from anchorpose.experiments.store import PRESENTING
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "src" / "anchorpose"
@@ -193,3 +194,9 @@ def test_both_locks_agree_on_what_runs() -> None:
     dev = set((ROOT / "requirements-dev.lock").read_text(encoding="utf-8").splitlines())
     run = set((ROOT / "requirements.lock").read_text(encoding="utf-8").splitlines())
     assert run <= dev
+
+
+def test_what_a_result_of_the_experiment_depends_on_imports_nothing_that_only_presents() -> None:
+    presenting = {place.split("/")[0].removesuffix(".py") for place in PRESENTING if "experiments" not in place}
+    for folder in {*FLOW, "tracker", "simulate", "features"} - {"report"}:
+        assert forbidden_imports(folder, {path.stem for path in PACKAGE.iterdir()} - presenting) == []
