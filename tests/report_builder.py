@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from anchorpose.results.joint_frame import JointFrame
 from anchorpose.results.measures import MEASURES_FILE, Measure, write_measures
 from anchorpose.results.posture import POSTURE_FILE, PostureTable, write_posture
 from anchorpose.results.run_record import RUN_FILE
+from anchorpose.results.stand_training.measure import MeasureConfig
 from anchorpose.results.tables import JOINTS_FILE, read_joints
 
 RATE_HZ = 30.0
@@ -88,7 +90,7 @@ def write_measured(folder: Path, measures: Iterable[Measure] = MEASURES) -> None
     )
     write_posture(folder / POSTURE_FILE, posture)
     write_episodes(folder / EPISODES_FILE, _episodes(joints.frame, joints.time_s))
-    write_measures(folder / MEASURES_FILE, tuple(measures))
+    write_measures(folder / MEASURES_FILE, tuple(measures), asdict(MeasureConfig()))
 
 
 def _episodes(frame: np.ndarray, time_s: np.ndarray) -> list[Episode]:

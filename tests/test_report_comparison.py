@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from page_reader import PageReader
 from report_builder import MEASURES, squats, write_session
@@ -16,7 +17,9 @@ from anchorpose.cli import main
 from anchorpose.errors import InputError
 from anchorpose.report.change import change_between
 from anchorpose.report.comparison import write_comparison
-from anchorpose.results.measures import Measure
+from anchorpose.results.measures import Measure, write_measures
+from anchorpose.results.stand_training.extension import ExtensionConfig
+from anchorpose.results.stand_training.measure import MeasureConfig
 
 UPRIGHT = Measure(measure="upright_time", value=10.0, unit="s", sigma=3.0, frames=300)
 BODY = {"learnt_from_s": 4.0, "height_m": 1.72, "height_sigma_m": 0.01, "clothing_m": 0.005, "bones": []}
@@ -144,6 +147,25 @@ def test_measures_of_another_version_are_refused_with_the_remedy(tmp_path):
     ):
         with pytest.raises(InputError, match=rf"r{number}.measures.parquet: .*{what}.*anchorpose measure"):
             write_comparison([one, session(tmp_path, number, measures)], tmp_path / "c.html")
+    assert not (tmp_path / "c.html").exists()
+
+
+def test_measures_by_other_definitions_are_refused_though_their_names_are_the_same(tmp_path, monkeypatch):
+    one, other = session(tmp_path, 1), session(tmp_path, 2)
+    config = asdict(MeasureConfig(extension=ExtensionConfig(straight_deg=20.0)))
+    write_measures(other / "measures.parquet", MEASURES, config)
+    with pytest.raises(InputError, match=r"other definitions: extension.straight_deg.*anchorpose measure"):
+        write_comparison([one, other], tmp_path / "c.html")
+    monkeypatch.setattr("anchorpose.results.measures.__version__", "0.0.1")
+    write_measures(other / "measures.parquet", MEASURES, asdict(MeasureConfig()))
+    with pytest.raises(InputError, match=r"measured by anchorpose 0\.0\.1 instead of .*anchorpose measure"):
+        write_comparison([one, other], tmp_path / "c.html")
+    for folder in (one, other):
+        pq.write_table(
+            pq.read_table(folder / "measures.parquet").replace_schema_metadata(), folder / "measures.parquet"
+        )
+    with pytest.raises(InputError, match="does not say how it was computed"):
+        write_comparison([one, other], tmp_path / "c.html")
     assert not (tmp_path / "c.html").exists()
 
 

@@ -14,7 +14,7 @@ from anchorpose.report.ledger import Ledger
 from anchorpose.results.angles import ANGLES_FILE, AngleTable, read_angles
 from anchorpose.results.contacts import CONTACTS_FILE, Contact, read_contacts
 from anchorpose.results.episodes import EPISODES_FILE, Episode, read_episodes
-from anchorpose.results.measures import MEASURES_FILE, Measure, read_measures
+from anchorpose.results.measures import MEASURES_FILE, Definition, Measure, read_definition, read_measures
 from anchorpose.results.posture import POSTURE_FILE, PostureTable, read_posture
 from anchorpose.results.run_record import RUN_FILE, read_run_document
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
@@ -25,7 +25,10 @@ MEASURED: Final = (ANGLES_FILE, POSTURE_FILE, EPISODES_FILE, MEASURES_FILE)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Session:
-    """The tables of one recording. bins: how its frames are grouped in every chart of its page."""
+    """The tables of one recording. bins: how its frames are grouped in every chart of its page.
+
+    definition: by what the measures were computed, None where their file does not say.
+    """
 
     folder: Path
     run: dict[str, Any]
@@ -34,6 +37,7 @@ class Session:
     posture: PostureTable
     episodes: tuple[Episode, ...]
     measures: tuple[Measure, ...]
+    definition: Definition | None
     contacts: tuple[Contact, ...]
     bins: Bins
     ledger: Ledger
@@ -68,6 +72,7 @@ def read_session(folder: Path, name: str = "") -> Session:
         posture=posture,
         episodes=read_episodes(folder / EPISODES_FILE),
         measures=read_measures(folder / MEASURES_FILE),
+        definition=read_definition(folder / MEASURES_FILE),
         contacts=read_contacts(folder / CONTACTS_FILE),
         bins=make_bins(joints.frame, joints.time_s, name),
         ledger=Ledger(folder, name),
