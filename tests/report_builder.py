@@ -23,6 +23,9 @@ from anchorpose.results.tables import JOINTS_FILE, read_joints
 RATE_HZ = 30.0
 
 MEASURES = (
+    Measure(measure="recorded_time", value=4.0, unit="s", frames=120),
+    Measure(measure="unknown_time", value=0.0, unit="s", frames=120),
+    Measure(measure="upright_share", value=0.8125, unit="1", sigma=0.03, frames=120, inferred_share=0.25),
     Measure(measure="upright_time", value=3.25, unit="s", sigma=0.12, frames=120, inferred_share=0.25),
     Measure(measure="sit_to_stand_count", value=1.0, unit="count", frames=120),
     Measure(measure="knee_flexion_upright_mean", side="left", value=12.345, unit="deg", sigma=1.5, frames=90,

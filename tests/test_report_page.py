@@ -20,7 +20,7 @@ from report_builder import MEASURES, squats, write_session
 from results_builder import make_frame, standing_joints
 
 from anchorpose.errors import InputError
-from anchorpose.joints import JOINT_NAMES
+from anchorpose.joints import JOINT_NAMES, JointState
 from anchorpose.report.bins import MOST_BINS
 from anchorpose.report.measure_words import GROUPS, grouped_measures, words_of
 from anchorpose.report.page import write_report
@@ -63,7 +63,12 @@ def taken_again(folder: Path, source: Element, taking: str) -> float:
     ]
     values = [row[column] for row in rows if row[column] is not None]
     if how == "share":
-        return sum(str(value).lower() in among for value in values) / len(rows)
+        return sum(str(value).lower() in among for value in values) / len(values)
+    if how == "frames":
+        frames = {row["frame"]: set() for row in rows}
+        for row in rows:
+            frames[row["frame"]].add(row[column] in among)
+        return sum(states != {True} for states in frames.values()) / len(frames)
     reduced: dict[str, Any] = {
         "value": lambda: values[0] if len(rows) == 1 else pytest.fail(f"{len(rows)} rows are no value"),
         "count": lambda: len(rows),
@@ -111,8 +116,8 @@ def test_what_was_recorded_is_said_in_plain_words(page):
     summary = next(element.text for element in page.find("section") if element.attributes.get("class") == "summary")
     for sentence in (
         "4.0 s, 120 frames, seen by 1 camera (front)",
-        "The patient was upright in 75 % of the frames",
-        "stood up 1 time",
+        "The patient was upright in 81 % of the time in which posture is known",
+        "The patient stood up 1 time",
         "2 people touched the patient, 2 parts of the body in all",
         "1 frame had problems",
         "Seen in less than half of the frames: right hand.",
@@ -225,8 +230,70 @@ def test_a_patient_who_was_never_found_has_a_page_without_a_number_made_up(tmp_p
     assert "nobody, as far as was seen" in text_of(page, "span")
 
 
+def summary_of(folder: Path, frames: list, **tables: Any) -> str:
+    page = PageReader(write_report(write_session(folder, frames, **tables)))
+    return next(element.text for element in page.find("section") if element.attributes.get("class") == "summary")
+
+
+def test_what_is_not_known_is_no_no(tmp_path):
+    """Twelve frames of a patient who stands, eighteen in which nobody is found."""
+    frames = squats(30)[:12] + lost_throughout(30)[12:]
+    told = summary_of(tmp_path / "r", frames, contacts=())
+    assert "Nobody was seen to touch the patient. The patient was found in 40 % of the frames" in told
+    assert "whether anybody touched the patient in the others is not known" in told
+    assert "stood up at least 1 time" in told
+    assert "Most joint positions are lost" in told
+    assert "inferred, not seen" not in told
+    met = summary_of(tmp_path / "s", frames)
+    assert "counted again, and so is everybody after the patient was lost" in met
+    assert "found in 40 % of the frames" in met
+
+
+def test_the_summary_has_the_share_upright_of_the_measures_and_says_for_how_long_it_is_not_known(tmp_path):
+    standing = [make_frame(frame, frame / 30, standing_joints()) for frame in range(12)]
+    frames = standing + lost_throughout(30)[12:]
+    folder = write_session(tmp_path / "r", frames, contacts=())
+    found = {m.measure: m for m in write_measured(folder, ProcessingConfig(), MeasureConfig()).measures}
+    assert found["upright_share"].value == 1.0
+    page = PageReader(write_report(folder))
+    assert "upright in 100 % of the time in which posture is known (for 0.6 s it could not be told" in (
+        text_of(page, "section")
+    )
+    known = replace(MEASURES[2], value=None, sigma=None, why="no <frame> tells")
+    told = summary_of(tmp_path / "s", squats(30), measures=(known,))
+    assert "For how long the patient was upright is not known: no <frame> tells." in told
+
+
+@pytest.mark.parametrize(
+    ("lost", "hidden", "words"),
+    [
+        (0, 0, ("in plain view nearly all the time",)),
+        (0, 12, ("in view most of the time; what was hidden is inferred",)),
+        (0, 18, ("Most of what follows is inferred",)),
+        (12, 0, ("Part of the joint positions is lost", "Nearly all others were seen")),
+        (6, 10, ("Part of the joint positions is lost", "Most of the others were seen; the rest is inferred")),
+        (18, 0, ("Most joint positions are lost", "Nearly all others were seen")),
+        (18, 10, ("Most joint positions are lost", "Most of what follows is inferred")),
+    ],
+)
+def test_lost_and_inferred_have_verdicts_of_their_own(tmp_path, lost, hidden, words):
+    states = dict.fromkeys(JOINT_NAMES, JointState.HIDDEN_BY_PERSON)
+    frames = [
+        make_frame(k, k / 30, standing_joints(), JOINT_NAMES if k < lost else (), 0.01,
+                   states if lost <= k < lost + hidden else {})
+        for k in range(30)
+    ]  # fmt: skip
+    told = summary_of(tmp_path / "r", frames)
+    verdicts = (
+        "in plain view nearly", "in view most", "Most of what follows", "Part of the joint", "Most joint positions",
+        "Nearly all others", "Most of the others",
+    )  # fmt: skip
+    assert all(word in told for word in words)
+    assert sum(verdict in told for verdict in verdicts) == len(words)
+
+
 def test_one_frame_makes_a_page(tmp_path):
-    page = PageReader(write_report(write_session(tmp_path / "r", squats(1), contacts=())))
+    page = PageReader(write_report(write_session(tmp_path / "r", squats(1), measures=(), contacts=())))
     assert "0.0 s, 1 frame," in text_of(page, "section")
 
 

@@ -27,9 +27,10 @@ HOW_WORDS: Final = {
     "median": "the median of {column}",
     "lowest": "the lowest {column}",
     "highest": "the highest {column}",
-    "share": "the share of these rows with {column} {among}",
+    "share": "of these rows with a known {column}, the share with {column} {among}",
+    "frames": "of the frames, the share in which not all of these rows have {column} {among}",
 }
-"""What can be done with the rows; the words are those of the list of sources."""
+"""What can be done with the rows; the words are those of the list of sources. What is not known is never a no."""
 
 
 _TITLES: Final = ("number", "rows", "taken from them")
@@ -51,7 +52,7 @@ class Rows:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Taking:
-    """What is done with a column of the rows; among: the values that ``share`` counts."""
+    """What is done with a column of the rows; among: the values that ``share`` and ``frames`` ask for."""
 
     column: str
     how: str = "value"
@@ -102,12 +103,14 @@ class Ledger:
 
     def take(self, rows: Rows, taking: Taking) -> float | None:
         """The number; None where the rows hold no value."""
+        if taking.how == "frames":
+            return _frames_beyond(self._table(rows), taking)
         column = self._table(rows)[taking.column]
         if taking.how == "count":
             return float(len(column))
         known = column.drop_null()
         if taking.how == "share":
-            return None if len(column) == 0 else _count_among(known, taking.among) / len(column)
+            return _count_among(known, taking.among) / len(known) if len(known) else None
         if taking.how == "value" and len(column) != 1:
             raise ValueError(f"{len(column)} rows are no single value: {rows.sentence}")
         return _reduced(known, taking.how) if len(known) else None
@@ -162,6 +165,13 @@ class Ledger:
 
 def _count_among(known: pa.ChunkedArray, among: tuple[str, ...]) -> int:
     return int(pc.sum(pc.is_in(known.cast(pa.string()), pa.array(among))).as_py() or 0)
+
+
+def _frames_beyond(table: pa.Table, taking: Taking) -> float | None:
+    """Share of the frames that have a row with another value."""
+    others = table.filter(pc.invert(pc.is_in(table[taking.column], pa.array(taking.among))))
+    frames, beyond = (pc.count_distinct(each["frame"]).as_py() for each in (table, others))
+    return beyond / frames if frames else None
 
 
 def _reduced(known: pa.ChunkedArray, how: str) -> float:
