@@ -32,6 +32,7 @@ MEASURES = (
             inferred_share=0.5),
     Measure(measure="knee_flexion_upright_mean", side="right", value=None, unit="deg", frames=0,
             why="the right knee is lost <always>"),
+    Measure(measure="sway_time", value=2.5, unit="s", frames=80),
     Measure(measure="sway_path", value=432.1, unit="mm", sigma=50.0, frames=80, inferred_share=0.0),
     Measure(measure="assistance_share_upright", value=0.4, unit="1", sigma=0.02, frames=120, inferred_share=0.004),
     Measure(measure="assistance_time", side="left", part="knee_left", value=0.67, unit="s", sigma=0.03, frames=20),

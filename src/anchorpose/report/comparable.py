@@ -8,6 +8,7 @@ from typing import Any
 
 from anchorpose.errors import InputError
 from anchorpose.report.session import Session
+from anchorpose.report.time_spans import span_sentences
 from anchorpose.report.words import COVERAGE, listed
 from anchorpose.results.measures import MEASURES_FILE
 from anchorpose.results.tables import JOINTS_FILE
@@ -28,12 +29,12 @@ def require_comparable(sessions: Sequence[Session]) -> None:
 
 
 def differences(sessions: Sequence[Session], labels: Sequence[str]) -> list[str]:
-    """Sentences on versions, settings, cameras, rates and bodies that differ from the first session's."""
+    """Sentences on versions, settings, cameras, rates, lengths and bodies that differ from the first session's."""
     first, notes = sessions[0], []
     for later, label in zip(sessions[1:], labels[1:], strict=True):
         told = [
             *_versions(first.run, later.run), *_settings(first.run, later.run), *_cameras(first.run, later.run),
-            *_rates(first, later), *_bodies(first.run, later.run),
+            *_rates(first, later), *span_sentences(first.measures, later.measures), *_bodies(first.run, later.run),
         ]  # fmt: skip
         notes += [f"{label} against {labels[0]}: {sentence}." for sentence in told]
     return notes

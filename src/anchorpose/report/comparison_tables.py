@@ -11,6 +11,7 @@ from anchorpose.report.measure_section import rows_of, title_of, value_and_error
 from anchorpose.report.measure_words import grouped_measures, words_of
 from anchorpose.report.session import Session
 from anchorpose.report.table import heading_row, row, table
+from anchorpose.report.time_spans import unlike_time
 from anchorpose.report.words import INFERRED_STATES, escape, named_part
 from anchorpose.results.angles import ANGLES_FILE
 from anchorpose.results.measures import Measure
@@ -56,7 +57,10 @@ def _group(
 
 def _row(sessions: Sequence[Session], measures: Sequence[Measure | None], like: Measure) -> str:
     values = [_value(session, measure) for session, measure in zip(sessions, measures, strict=True)]
-    changes = [_change(measures[0], later) for later in measures[1:]]
+    changes = [
+        _change(measures[0], measure, unlike_time(like, sessions[0].measures, later.measures))
+        for later, measure in zip(sessions[1:], measures[1:], strict=True)
+    ]
     return row(title_of(like), [*values, *changes], words_of(like.measure).meaning)
 
 
@@ -71,10 +75,14 @@ def _value(session: Session, measure: Measure | None) -> str:
     return f"{value_and_error(ledger, measure)} {ledger.link(rows)}<br>{inferred}"
 
 
-def _change(first: Measure | None, later: Measure | None) -> str:
+def _change(first: Measure | None, later: Measure | None, unlike: str | None) -> str:
+    """unlike: why the change is shown but not tested; None where it is tested."""
     change = None if first is None or later is None else change_between(first, later)
     if change is None or later is None:
         return "<span class='unknown'>not comparable</span>"
+    if unlike is not None:
+        shown = Change(change.difference, None)
+        return f"<span class='change untested'><b>{_signed(shown, later)}</b><br>{unlike}</span>"
     words, kind = VERDICTS[change.exceeds]
     return f"<span class='change {kind}'><b>{_signed(change, later)}</b><br>{words}{_needed(change, later)}</span>"
 
