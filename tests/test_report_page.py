@@ -21,9 +21,10 @@ from results_builder import make_frame, standing_joints
 
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES, JointState
-from anchorpose.report.bins import MOST_BINS
+from anchorpose.report.bins import MOST_BINS, make_bins
 from anchorpose.report.measure_words import GROUPS, grouped_measures, words_of
 from anchorpose.report.page import write_report
+from anchorpose.report.paths import step_path
 from anchorpose.results.measuring import write_measured
 from anchorpose.results.pictures import FramePicture, save_pictures
 from anchorpose.results.processing.policy import ProcessingConfig
@@ -244,6 +245,10 @@ def test_what_is_not_known_is_no_no(tmp_path):
     assert "stood up at least 1 time" in told
     assert "Most joint positions are lost" in told
     assert "inferred, not seen" not in told
+    rows, cells = timeline_of(PageReader(tmp_path / "r" / "report.html"))
+    (shape,) = rows["not known: patient lost"]
+    assert shape == ("lost", drawn(0.5, 12, 29, count=30))
+    assert [cell["touched"] for cell in cells] == [""] * 12 + ["not known: patient lost"] * 18
     met = summary_of(tmp_path / "s", frames)
     assert "counted again, and so is everybody after the patient was lost" in met
     assert "found in 40 % of the frames" in met
@@ -304,13 +309,64 @@ def test_a_long_recording_stays_small_and_says_how_it_is_drawn(tmp_path):
     assert "are drawn in 600 groups of neighbours" in page.read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("file", ["joints.parquet", "run.json", "contacts.parquet"])
+@pytest.mark.parametrize("file", ["joints.parquet", "run.json"])
 def test_a_folder_that_lacks_what_tracking_writes_is_refused_and_no_page_written(tmp_path, file):
     folder = write_session(tmp_path / "r", squats(4))
     (folder / file).unlink()
     with pytest.raises(InputError, match=re.escape(file)):
         write_report(folder)
     assert not (folder / "report.html").exists()
+
+
+def test_without_a_table_of_contacts_touch_is_not_known_and_all_else_is_told(tmp_path):
+    folder = write_session(tmp_path / "r", squats(30))
+    (folder / "contacts.parquet").unlink()
+    write_measured(folder, ProcessingConfig(), MeasureConfig())
+    page = PageReader(write_report(folder))
+    told = text_of(page, "section")
+    assert "Whether anybody touched the patient is not known: the folder has no contacts.parquet." in told
+    assert "Nobody was seen" not in told
+    assert "not known: no contacts.parquet" in text_of(page, "span")
+    assert "no value: the results folder has no contacts.parquet" in text_of(page, "td")
+    assert [row for row in page.find("tr") if row.attributes.get("data-file") == "contacts.parquet"] == []
+
+
+def timeline_of(page: PageReader) -> tuple[dict[str, list[tuple[str, str]]], list[dict[str, str]]]:
+    """(class, path) of the shapes of each row by its label; and the numbers behind the timeline."""
+    figure = page.find("figure", id="timeline")[0]
+    rows = {}
+    for row in (e for e in page.find("div") if figure in e.ancestors and "row" in e.attributes["class"].split()):
+        paths = [p for p in page.find("path") if row in p.ancestors and p.attributes["class"] != "grid"]
+        rows[row.children[0].text] = [(p.attributes["class"], p.attributes["d"]) for p in paths]
+    link = next(link for link in page.find("a", **{"class": "csv"}) if figure in link.ancestors)
+    head, *lines = unquote(link.attributes["href"].split(",", 1)[1]).splitlines()
+    return rows, [dict(zip(head.split(","), line.split(","), strict=True)) for line in lines]
+
+
+def test_a_contact_is_dark_up_to_the_share_of_it_that_was_seen(page):
+    rows, cells = timeline_of(page)
+    for label, share, first, last in (("left knee: person 1", 0.9, 40, 60), ("pelvis: person 2", 0.2, 30, 119)):
+        (light, whole), (dark, seen) = rows[label]
+        assert (light, dark) == ("touch light", "touch")
+        assert (whole, seen) == tuple(drawn(level, first, last) for level in (1.0, share))
+    assert cells[50]["touched"] == "pelvis by person 2 (20 % seen); left knee by person 1 (90 % seen)"
+
+
+def test_upright_is_dark_where_it_was_seen_and_light_where_inferred(page):
+    rows, cells = timeline_of(page)
+    shapes = dict(rows["upright"])
+    assert shapes["posture light"] == drawn(1.0, 40, 79)  # the left leg is hidden
+    assert shapes["posture"] == drawn(1.0, *(30, 39), *(80, 119))
+    told = [cell["posture"] for cell in cells]
+    assert told == ["not upright"] * 30 + ["upright"] * 10 + ["upright (inferred)"] * 40 + ["upright"] * 40
+
+
+def drawn(level: float, *ends: int, count: int = FRAMES) -> str:
+    """Columns of this height from frame to frame, both ends included."""
+    height = np.zeros(count)
+    for first, last in zip(ends[::2], ends[1::2], strict=True):
+        height[first : last + 1] = level
+    return step_path(height, make_bins(np.arange(count), np.arange(count) / 30.0))
 
 
 @pytest.mark.parametrize("file", ["angles.parquet", "posture.parquet", "episodes.parquet", "measures.parquet"])

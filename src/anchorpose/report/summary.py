@@ -73,16 +73,15 @@ def _done(session: Session) -> str:
 def _posture(session: Session) -> str:
     """The share that stands in the table of measures, and for how long it does not hold."""
     share, unknown = _measure(session, "upright_share"), _measure(session, "unknown_time")
-    moved = _transitions(session)
     if share is None or share.value is None:
         why = "measures.parquet does not say" if share is None else str(share.why)
-        return f"For how long the patient was upright is not known: {escape(why)}.{moved}"
+        return f"For how long the patient was upright is not known: {escape(why)}.{_transitions(session)}"
     upright = session.ledger.figure(rows_of(share), Taking(column="value"), PERCENT)
     told = f"The patient was upright in {upright} of the time in which posture is known"
     if unknown is not None and unknown.value:
         seconds = session.ledger.figure(rows_of(unknown), Taking(column="value"), Form(decimals=1, after=" s"))
         told += f" (for {seconds} it could not be told {session.ledger.link(rows_of(unknown))})"
-    return f"{told} {session.ledger.link(rows_of(share))}.{moved}"
+    return f"{told} {session.ledger.link(rows_of(share))}.{_transitions(session)}"
 
 
 def _transitions(session: Session) -> str:
@@ -100,6 +99,8 @@ def _transitions(session: Session) -> str:
 
 def _touch(session: Session) -> str:
     """Who touched the patient, and in how much of the session that can be known at all."""
+    if session.contacts is None:
+        return f"Whether anybody touched the patient is not known: the folder has no {CONTACTS_FILE}."
     ledger = session.ledger
     everywhere = not session.joints.lost.all(axis=1).any()
     if session.contacts:
