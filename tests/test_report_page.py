@@ -53,6 +53,13 @@ def text_of(page: PageReader, tag: str) -> str:
     return " ".join(element.text for element in page.find(tag))
 
 
+def on_arc(values: list[float]) -> list[float]:
+    """Every value tried as the beginning of the arc."""
+    arcs = [[v if v >= first else v + 360.0 for v in values] for first in values]
+    arc = min(arcs, key=lambda arc: (round(max(arc) - min(arc), 9), max(arc)))
+    return [v - 360.0 for v in arc] if statistics.median(arc) > 180.0 else arc
+
+
 def taken_again(folder: Path, source: Element, taking: str) -> float:
     """The number computed from the table by what the page says of it, in plain Python."""
     column, how, among = json.loads(source.attributes["data-takings"])[taking]
@@ -70,6 +77,8 @@ def taken_again(folder: Path, source: Element, taking: str) -> float:
         for row in rows:
             frames[row["frame"]].add(row[column] in among)
         return sum(states != {True} for states in frames.values()) / len(frames)
+    if how.endswith(" on the arc"):
+        how, values = how.removesuffix(" on the arc"), on_arc(values)
     reduced: dict[str, Any] = {
         "value": lambda: values[0] if len(rows) == 1 else pytest.fail(f"{len(rows)} rows are no value"),
         "count": lambda: len(rows),
@@ -197,6 +206,31 @@ def test_kept_pictures_are_shown_with_why_they_were_chosen(tmp_path):
         "2. Frame 15, 0.50 s: sitting down",
     ]
     assert "17 of 21 joints seen, 4 inferred, 0 lost." in text_of(page, "p")
+
+
+@pytest.mark.parametrize("facing_deg", [0.0, 90.0, 175.0, 180.0, -178.0])
+def test_the_range_of_a_turned_pelvis_is_the_same_whichever_way_the_patient_faces(tmp_path, facing_deg):
+    turned = np.radians(facing_deg + 8.0 * np.sin(np.pi * np.arange(40) / 10.0))
+    joints = [
+        np.stack([c * x + s * z, y, c * z - s * x], axis=1)
+        for c, s, (x, y, z) in zip(np.cos(turned), np.sin(turned), [standing_joints().T] * 40, strict=True)
+    ]
+    frames = [make_frame(k, k / 30, joints[k]) for k in range(40)]
+    folder = write_session(tmp_path / "r", frames)
+    page = PageReader(write_report(folder))
+    row = next(row for row in page.find("tr") if row.children[0].text == "pelvis rotation")
+    low, middle, high = (float(e.attributes["value"]) for e in page.find("data") if row in e.ancestors and (
+        "degrees" in e.attributes["data-take"]))  # fmt: skip
+    assert high - low == pytest.approx(16.0, abs=0.2)
+    assert -180 <= middle <= 180
+    assert low < middle < high
+    shown = np.array([low, middle, high]) - facing_deg
+    assert np.abs((shown + 180) % 360 - 180) == pytest.approx([8.0, 0.0, 8.0], abs=1.0)
+    figure = page.find("figure", id="angle-pelvis_rotation")[0]
+    link = next(link for link in page.find("a", **{"class": "csv"}) if figure in link.ancestors)
+    head, *lines = unquote(link.attributes["href"].split(",", 1)[1]).splitlines()
+    curve = [float(line.split(",")[head.split(",").index("pelvis_rotation_lowest_deg")]) for line in lines]
+    assert max(abs(later - earlier) for earlier, later in pairwise(curve)) < 5.0
 
 
 def test_frames_with_the_same_problem_are_told_as_one_stretch(tmp_path):

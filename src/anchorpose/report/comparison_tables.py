@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from anchorpose.report.angle_section import RANGE
 from anchorpose.report.change import Change, change_between
 from anchorpose.report.ledger import Form, Rows, Taking
 from anchorpose.report.measure_section import rows_of, title_of, value_and_error, value_form
@@ -102,9 +103,7 @@ def _range(session: Session, name: str) -> str:
     ledger, rows, degree = session.ledger, Rows(ANGLES_FILE, (("angle", name),)), Form(after="°")
     if ledger.take(rows, Taking(column="degrees", how="median")) is None:
         return f"<span class='unknown'>not known in any frame</span> {ledger.link(rows)}"
-    low, middle, high = (
-        ledger.figure(rows, Taking(column="degrees", how=how), degree) for how in ("lowest", "median", "highest")
-    )
+    low, middle, high = (ledger.figure(rows, Taking(column="degrees", how=how), degree) for how in RANGE)
     share = Form(times=100.0, after=" % inferred", share=True)
     inferred = ledger.figure(rows, Taking(column="state", how="share", among=INFERRED_STATES), share)
     return f"{low} to {high}, median {middle} {ledger.link(rows)}<br>{inferred}"

@@ -17,7 +17,11 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from anchorpose.report.table import table
+from anchorpose.report.turn import on_shortest_arc
 from anchorpose.report.words import MISSING, escape, number
+
+ON_ARC: Final = " on the arc"
+"""Of angles in degrees, which may pass from 180 to -180: see ``on_shortest_arc``."""
 
 HOW_WORDS: Final = {
     "value": "the value of {column}",
@@ -27,6 +31,10 @@ HOW_WORDS: Final = {
     "median": "the median of {column}",
     "lowest": "the lowest {column}",
     "highest": "the highest {column}",
+    **{
+        how + ON_ARC: f"the {how} {{column}}, on the shortest arc of the circle that holds them all"
+        for how in ("lowest", "median", "highest")
+    },
     "share": "of these rows with a known {column}, the share with {column} {among}",
     "frames": "of the frames, the share in which not all of these rows have {column} {among}",
 }
@@ -180,6 +188,8 @@ def _reduced(known: pa.ChunkedArray, how: str) -> float:
     values = known.to_numpy().astype(np.float64)
     if how == "extent":
         return float(values.max() - values.min())
+    if how.endswith(ON_ARC):
+        how, values = how.removesuffix(ON_ARC), on_shortest_arc(values)
     reduce: dict[str, Any] = {"value": np.max, "median": np.median, "lowest": np.min, "highest": np.max}
     return float(reduce[how](values))
 
