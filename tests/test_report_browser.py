@@ -111,7 +111,7 @@ def test_a_source_opens_the_list_at_its_rows(page, address):
     page.locator("table.measures a.source").first.click()
     row = page.locator(page.evaluate("location.hash"))
     assert row.is_visible()
-    assert "measures.parquet, rows where measure is upright_time" in row.text_content()
+    assert "measures.parquet, rows where measure is recorded_time" in row.text_content()
 
 
 def test_ten_minutes_open_quickly(page, tmp_path):

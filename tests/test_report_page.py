@@ -126,8 +126,7 @@ def test_what_was_recorded_is_said_in_plain_words(page):
     summary = next(element.text for element in page.find("section") if element.attributes.get("class") == "summary")
     for sentence in (
         "4.0 s, 120 frames, seen by 1 camera (front)",
-        "The patient was upright in 81 % of the time in which posture is known",
-        "The patient stood up 1 time",
+        "The patient was upright in 81 % of the time 3. The patient stood up 1 time",
         "2 people touched the patient, 2 parts of the body in all",
         "1 frame had problems",
         "Seen in less than half of the frames: right hand.",
@@ -295,7 +294,7 @@ def test_the_summary_has_the_share_upright_of_the_measures_and_says_for_how_long
     found = {m.measure: m for m in write_measured(folder, ProcessingConfig(), MeasureConfig()).measures}
     assert found["upright_share"].value == 1.0
     page = PageReader(write_report(folder))
-    assert "upright in 100 % of the time in which posture is known (for 0.6 s it could not be told" in (
+    assert "upright in 100 % of the time in which posture is known (for 0.600 s it could not be told" in (
         text_of(page, "section")
     )
     known = replace(MEASURES[2], value=None, sigma=None, why="no <frame> tells")

@@ -36,8 +36,12 @@ def differences(sessions: Sequence[Session], labels: Sequence[str]) -> list[str]
             *_versions(first.run, later.run), *_settings(first.run, later.run), *_cameras(first.run, later.run),
             *_rates(first, later), *span_sentences(first.measures, later.measures), *_bodies(first.run, later.run),
         ]  # fmt: skip
-        notes += [f"{label} against {labels[0]}: {sentence}." for sentence in told]
+        notes += [f"{label} against {labels[0]}: {sentence}{_stop(sentence)}" for sentence in told]
     return notes
+
+
+def _stop(sentence: str) -> str:
+    return "" if sentence.endswith("?") else "."
 
 
 def _defined_otherwise(first: Session, later: Session) -> str | None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.report.ledger import Form, Rows, Taking
-from anchorpose.report.measure_section import rows_of
+from anchorpose.report.measure_section import rows_of, value_form
 from anchorpose.report.session import Session
 from anchorpose.report.words import COVERAGE, INFERRED_STATES, counted, escape, listed, named_part
 from anchorpose.results.contacts import CONTACTS_FILE
@@ -77,9 +77,10 @@ def _posture(session: Session) -> str:
         why = "measures.parquet does not say" if share is None else str(share.why)
         return f"For how long the patient was upright is not known: {escape(why)}.{_transitions(session)}"
     upright = session.ledger.figure(rows_of(share), Taking(column="value"), PERCENT)
-    told = f"The patient was upright in {upright} of the time in which posture is known"
+    of_what = "of the time" if unknown is not None and unknown.value == 0 else "of the time in which posture is known"
+    told = f"The patient was upright in {upright} {of_what}"
     if unknown is not None and unknown.value:
-        seconds = session.ledger.figure(rows_of(unknown), Taking(column="value"), Form(decimals=1, after=" s"))
+        seconds = session.ledger.figure(rows_of(unknown), Taking(column="value"), value_form(unknown))
         told += f" (for {seconds} it could not be told {session.ledger.link(rows_of(unknown))})"
     return f"{told} {session.ledger.link(rows_of(share))}.{_transitions(session)}"
 
