@@ -22,6 +22,7 @@ from results_builder import make_frame, standing_joints
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES, JointState
 from anchorpose.report.bins import MOST_BINS, make_bins
+from anchorpose.report.ledger import Ledger, Rows, Taking
 from anchorpose.report.measure_words import GROUPS, grouped_measures, words_of
 from anchorpose.report.page import write_report
 from anchorpose.report.paths import step_path
@@ -300,6 +301,15 @@ def test_the_summary_has_the_share_upright_of_the_measures_and_says_for_how_long
     known = replace(MEASURES[2], value=None, sigma=None, why="no <frame> tells")
     told = summary_of(tmp_path / "s", squats(30), measures=(known,))
     assert "For how long the patient was upright is not known: no <frame> tells." in told
+
+
+def test_a_share_is_of_the_rows_that_hold_a_value(tmp_path):
+    frames = squats(30)[:12] + lost_throughout(30)[12:]  # of the first twelve the last five are upright
+    ledger = Ledger(write_session(tmp_path / "r", frames))
+    upright = Taking(column="upright", how="share", among=("true",))
+    assert ledger.take(Rows("posture.parquet"), upright) == pytest.approx(5 / 12)
+    nobody = Ledger(write_session(tmp_path / "s", lost_throughout(9)))
+    assert nobody.take(Rows("posture.parquet"), upright) is None
 
 
 @pytest.mark.parametrize(
