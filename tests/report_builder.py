@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -16,17 +17,22 @@ from anchorpose.results.joint_frame import JointFrame
 from anchorpose.results.measures import MEASURES_FILE, Measure, write_measures
 from anchorpose.results.posture import POSTURE_FILE, PostureTable, write_posture
 from anchorpose.results.run_record import RUN_FILE
+from anchorpose.results.stand_training.measure import MeasureConfig
 from anchorpose.results.tables import JOINTS_FILE, read_joints
 
 RATE_HZ = 30.0
 
 MEASURES = (
+    Measure(measure="recorded_time", value=4.0, unit="s", frames=120),
+    Measure(measure="unknown_time", value=0.0, unit="s", frames=120),
+    Measure(measure="upright_share", value=0.8125, unit="1", sigma=0.03, frames=120, inferred_share=0.25),
     Measure(measure="upright_time", value=3.25, unit="s", sigma=0.12, frames=120, inferred_share=0.25),
     Measure(measure="sit_to_stand_count", value=1.0, unit="count", frames=120),
     Measure(measure="knee_flexion_upright_mean", side="left", value=12.345, unit="deg", sigma=1.5, frames=90,
             inferred_share=0.5),
     Measure(measure="knee_flexion_upright_mean", side="right", value=None, unit="deg", frames=0,
             why="the right knee is lost <always>"),
+    Measure(measure="sway_time", value=2.5, unit="s", frames=80),
     Measure(measure="sway_path", value=432.1, unit="mm", sigma=50.0, frames=80, inferred_share=0.0),
     Measure(measure="assistance_share_upright", value=0.4, unit="1", sigma=0.02, frames=120, inferred_share=0.004),
     Measure(measure="assistance_time", side="left", part="knee_left", value=0.67, unit="s", sigma=0.03, frames=20),
@@ -88,7 +94,7 @@ def write_measured(folder: Path, measures: Iterable[Measure] = MEASURES) -> None
     )
     write_posture(folder / POSTURE_FILE, posture)
     write_episodes(folder / EPISODES_FILE, _episodes(joints.frame, joints.time_s))
-    write_measures(folder / MEASURES_FILE, tuple(measures))
+    write_measures(folder / MEASURES_FILE, tuple(measures), asdict(MeasureConfig()))
 
 
 def _episodes(frame: np.ndarray, time_s: np.ndarray) -> list[Episode]:

@@ -78,7 +78,7 @@ def test_the_timeline_tells_posture_and_contacts(page, address):
     page.goto(address)
     page.locator("#timeline input").fill("50")
     told = page.locator("#timeline .readout").text_content()
-    assert "upright; touched pelvis by person 2 (inferred); left knee by person 1 (seen)" in told
+    assert "upright (inferred); touched pelvis by person 2 (20 % seen); left knee by person 1 (90 % seen)" in told
 
 
 def test_everything_that_can_be_used_is_reached_by_tab_and_shows_it(page, address):
@@ -111,7 +111,7 @@ def test_a_source_opens_the_list_at_its_rows(page, address):
     page.locator("table.measures a.source").first.click()
     row = page.locator(page.evaluate("location.hash"))
     assert row.is_visible()
-    assert "measures.parquet, rows where measure is upright_time" in row.text_content()
+    assert "measures.parquet, rows where measure is recorded_time" in row.text_content()
 
 
 def test_ten_minutes_open_quickly(page, tmp_path):

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from anchorpose.report.axis import Axis, make_axis, round_step
 from anchorpose.report.bins import envelope, make_bins, worst
 from anchorpose.report.paths import band_path, line_paths, step_path
+from anchorpose.report.turn import on_shortest_arc
 from anchorpose.report.words import decimals_for, number, split_side
 
 WHOLE = Axis(0.0, 1.0, ())
@@ -117,6 +118,27 @@ def test_an_axis_of_nothing_known_has_no_ticks():
 @pytest.mark.parametrize(("least", "step"), [(0.3, 0.5), (1.0, 1.0), (1.01, 2.0), (7.0, 10.0), (0.00013, 0.0002)])
 def test_steps_are_one_two_or_five(least, step):
     assert round_step(least) == pytest.approx(step)
+
+
+@given(st.lists(st.floats(-180.0, 180.0), min_size=1, max_size=40), st.integers(0, 39))
+def test_angles_stay_the_same_directions_on_the_shortest_arc(values, gap):
+    degrees = np.array(values)
+    degrees[gap % len(values)] = np.nan
+    moved = on_shortest_arc(degrees)
+    assert (np.isnan(moved) == np.isnan(degrees)).all()
+    known, arc = degrees[np.isfinite(degrees)], moved[np.isfinite(degrees)]
+    turns = (arc - known) / 360.0
+    assert turns == pytest.approx(np.round(turns), abs=1e-12)
+    if len(known):
+        shortest = min(max((v if v >= first else v + 360.0) - first for v in known) for first in known)
+        assert np.ptp(arc) == pytest.approx(shortest, abs=1e-9)
+        assert -180.0 <= np.median(arc) <= 180.0
+
+
+def test_angles_within_half_a_turn_are_not_moved():
+    degrees = np.array([-40.0, np.nan, 130.0, 12.5])
+    np.testing.assert_array_equal(on_shortest_arc(degrees), degrees)
+    np.testing.assert_array_equal(on_shortest_arc(np.array([-179.0, 178.0, 179.0])), [181.0, 178.0, 179.0])
 
 
 def test_numbers_have_the_digits_that_their_error_leaves():

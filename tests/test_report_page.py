@@ -20,10 +20,12 @@ from report_builder import MEASURES, squats, write_session
 from results_builder import make_frame, standing_joints
 
 from anchorpose.errors import InputError
-from anchorpose.joints import JOINT_NAMES
-from anchorpose.report.bins import MOST_BINS
+from anchorpose.joints import JOINT_NAMES, JointState
+from anchorpose.report.bins import MOST_BINS, make_bins
+from anchorpose.report.ledger import Ledger, Rows, Taking
 from anchorpose.report.measure_words import GROUPS, grouped_measures, words_of
 from anchorpose.report.page import write_report
+from anchorpose.report.paths import step_path
 from anchorpose.results.measuring import write_measured
 from anchorpose.results.pictures import FramePicture, save_pictures
 from anchorpose.results.processing.policy import ProcessingConfig
@@ -52,6 +54,13 @@ def text_of(page: PageReader, tag: str) -> str:
     return " ".join(element.text for element in page.find(tag))
 
 
+def on_arc(values: list[float]) -> list[float]:
+    """Every value tried as the beginning of the arc."""
+    arcs = [[v if v >= first else v + 360.0 for v in values] for first in values]
+    arc = min(arcs, key=lambda arc: (round(max(arc) - min(arc), 9), max(arc)))
+    return [v - 360.0 for v in arc] if statistics.median(arc) > 180.0 else arc
+
+
 def taken_again(folder: Path, source: Element, taking: str) -> float:
     """The number computed from the table by what the page says of it, in plain Python."""
     column, how, among = json.loads(source.attributes["data-takings"])[taking]
@@ -63,7 +72,14 @@ def taken_again(folder: Path, source: Element, taking: str) -> float:
     ]
     values = [row[column] for row in rows if row[column] is not None]
     if how == "share":
-        return sum(str(value).lower() in among for value in values) / len(rows)
+        return sum(str(value).lower() in among for value in values) / len(values)
+    if how == "frames":
+        frames = {row["frame"]: set() for row in rows}
+        for row in rows:
+            frames[row["frame"]].add(row[column] in among)
+        return sum(states != {True} for states in frames.values()) / len(frames)
+    if how.endswith(" on the arc"):
+        how, values = how.removesuffix(" on the arc"), on_arc(values)
     reduced: dict[str, Any] = {
         "value": lambda: values[0] if len(rows) == 1 else pytest.fail(f"{len(rows)} rows are no value"),
         "count": lambda: len(rows),
@@ -111,8 +127,7 @@ def test_what_was_recorded_is_said_in_plain_words(page):
     summary = next(element.text for element in page.find("section") if element.attributes.get("class") == "summary")
     for sentence in (
         "4.0 s, 120 frames, seen by 1 camera (front)",
-        "The patient was upright in 75 % of the frames",
-        "stood up 1 time",
+        "The patient was upright in 81 % of the time 3. The patient stood up 1 time",
         "2 people touched the patient, 2 parts of the body in all",
         "1 frame had problems",
         "Seen in less than half of the frames: right hand.",
@@ -193,6 +208,31 @@ def test_kept_pictures_are_shown_with_why_they_were_chosen(tmp_path):
     assert "17 of 21 joints seen, 4 inferred, 0 lost." in text_of(page, "p")
 
 
+@pytest.mark.parametrize("facing_deg", [0.0, 90.0, 175.0, 180.0, -178.0])
+def test_the_range_of_a_turned_pelvis_is_the_same_whichever_way_the_patient_faces(tmp_path, facing_deg):
+    turned = np.radians(facing_deg + 8.0 * np.sin(np.pi * np.arange(40) / 10.0))
+    joints = [
+        np.stack([c * x + s * z, y, c * z - s * x], axis=1)
+        for c, s, (x, y, z) in zip(np.cos(turned), np.sin(turned), [standing_joints().T] * 40, strict=True)
+    ]
+    frames = [make_frame(k, k / 30, joints[k]) for k in range(40)]
+    folder = write_session(tmp_path / "r", frames)
+    page = PageReader(write_report(folder))
+    row = next(row for row in page.find("tr") if row.children[0].text == "pelvis rotation")
+    low, middle, high = (float(e.attributes["value"]) for e in page.find("data") if row in e.ancestors and (
+        "degrees" in e.attributes["data-take"]))  # fmt: skip
+    assert high - low == pytest.approx(16.0, abs=0.2)
+    assert -180 <= middle <= 180
+    assert low < middle < high
+    shown = np.array([low, middle, high]) - facing_deg
+    assert np.abs((shown + 180) % 360 - 180) == pytest.approx([8.0, 0.0, 8.0], abs=1.0)
+    figure = page.find("figure", id="angle-pelvis_rotation")[0]
+    link = next(link for link in page.find("a", **{"class": "csv"}) if figure in link.ancestors)
+    head, *lines = unquote(link.attributes["href"].split(",", 1)[1]).splitlines()
+    curve = [float(line.split(",")[head.split(",").index("pelvis_rotation_lowest_deg")]) for line in lines]
+    assert max(abs(later - earlier) for earlier, later in pairwise(curve)) < 5.0
+
+
 def test_frames_with_the_same_problem_are_told_as_one_stretch(tmp_path):
     drops = [{"frame": k, "time_s": k / 30, "why": f"front/depth/{k:06d}.png is truncated"} for k in (3, 4, 5, 9)]
     page = PageReader(write_report(write_session(tmp_path / "r", squats(12), dropped=drops)))
@@ -225,8 +265,83 @@ def test_a_patient_who_was_never_found_has_a_page_without_a_number_made_up(tmp_p
     assert "nobody, as far as was seen" in text_of(page, "span")
 
 
+def summary_of(folder: Path, frames: list, **tables: Any) -> str:
+    page = PageReader(write_report(write_session(folder, frames, **tables)))
+    return next(element.text for element in page.find("section") if element.attributes.get("class") == "summary")
+
+
+def test_what_is_not_known_is_no_no(tmp_path):
+    """Twelve frames of a patient who stands, eighteen in which nobody is found."""
+    frames = squats(30)[:12] + lost_throughout(30)[12:]
+    told = summary_of(tmp_path / "r", frames, contacts=())
+    assert "Nobody was seen to touch the patient. The patient was found in 40 % of the frames" in told
+    assert "whether anybody touched the patient in the others is not known" in told
+    assert "stood up at least 1 time" in told
+    assert "Most joint positions are lost" in told
+    assert "inferred, not seen" not in told
+    rows, cells = timeline_of(PageReader(tmp_path / "r" / "report.html"))
+    (shape,) = rows["not known: patient lost"]
+    assert shape == ("lost", drawn(0.5, 12, 29, count=30))
+    assert [cell["touched"] for cell in cells] == [""] * 12 + ["not known: patient lost"] * 18
+    met = summary_of(tmp_path / "s", frames)
+    assert "counted again, and so is everybody after the patient was lost" in met
+    assert "found in 40 % of the frames" in met
+
+
+def test_the_summary_has_the_share_upright_of_the_measures_and_says_for_how_long_it_is_not_known(tmp_path):
+    standing = [make_frame(frame, frame / 30, standing_joints()) for frame in range(12)]
+    frames = standing + lost_throughout(30)[12:]
+    folder = write_session(tmp_path / "r", frames, contacts=())
+    found = {m.measure: m for m in write_measured(folder, ProcessingConfig(), MeasureConfig()).measures}
+    assert found["upright_share"].value == 1.0
+    page = PageReader(write_report(folder))
+    assert "upright in 100 % of the time in which posture is known (for 0.600 s it could not be told" in (
+        text_of(page, "section")
+    )
+    known = replace(MEASURES[2], value=None, sigma=None, why="no <frame> tells")
+    told = summary_of(tmp_path / "s", squats(30), measures=(known,))
+    assert "For how long the patient was upright is not known: no <frame> tells." in told
+
+
+def test_a_share_is_of_the_rows_that_hold_a_value(tmp_path):
+    frames = squats(30)[:12] + lost_throughout(30)[12:]  # of the first twelve the last five are upright
+    ledger = Ledger(write_session(tmp_path / "r", frames))
+    upright = Taking(column="upright", how="share", among=("true",))
+    assert ledger.take(Rows("posture.parquet"), upright) == pytest.approx(5 / 12)
+    nobody = Ledger(write_session(tmp_path / "s", lost_throughout(9)))
+    assert nobody.take(Rows("posture.parquet"), upright) is None
+
+
+@pytest.mark.parametrize(
+    ("lost", "hidden", "words"),
+    [
+        (0, 0, ("in plain view nearly all the time",)),
+        (0, 12, ("in view most of the time; what was hidden is inferred",)),
+        (0, 18, ("Most of what follows is inferred",)),
+        (12, 0, ("Part of the joint positions is lost", "Nearly all others were seen")),
+        (6, 10, ("Part of the joint positions is lost", "Most of the others were seen; the rest is inferred")),
+        (18, 0, ("Most joint positions are lost", "Nearly all others were seen")),
+        (18, 10, ("Most joint positions are lost", "Most of what follows is inferred")),
+    ],
+)
+def test_lost_and_inferred_have_verdicts_of_their_own(tmp_path, lost, hidden, words):
+    states = dict.fromkeys(JOINT_NAMES, JointState.HIDDEN_BY_PERSON)
+    frames = [
+        make_frame(k, k / 30, standing_joints(), JOINT_NAMES if k < lost else (), 0.01,
+                   states if lost <= k < lost + hidden else {})
+        for k in range(30)
+    ]  # fmt: skip
+    told = summary_of(tmp_path / "r", frames)
+    verdicts = (
+        "in plain view nearly", "in view most", "Most of what follows", "Part of the joint", "Most joint positions",
+        "Nearly all others", "Most of the others",
+    )  # fmt: skip
+    assert all(word in told for word in words)
+    assert sum(verdict in told for verdict in verdicts) == len(words)
+
+
 def test_one_frame_makes_a_page(tmp_path):
-    page = PageReader(write_report(write_session(tmp_path / "r", squats(1), contacts=())))
+    page = PageReader(write_report(write_session(tmp_path / "r", squats(1), measures=(), contacts=())))
     assert "0.0 s, 1 frame," in text_of(page, "section")
 
 
@@ -237,13 +352,64 @@ def test_a_long_recording_stays_small_and_says_how_it_is_drawn(tmp_path):
     assert "are drawn in 600 groups of neighbours" in page.read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("file", ["joints.parquet", "run.json", "contacts.parquet"])
+@pytest.mark.parametrize("file", ["joints.parquet", "run.json"])
 def test_a_folder_that_lacks_what_tracking_writes_is_refused_and_no_page_written(tmp_path, file):
     folder = write_session(tmp_path / "r", squats(4))
     (folder / file).unlink()
     with pytest.raises(InputError, match=re.escape(file)):
         write_report(folder)
     assert not (folder / "report.html").exists()
+
+
+def test_without_a_table_of_contacts_touch_is_not_known_and_all_else_is_told(tmp_path):
+    folder = write_session(tmp_path / "r", squats(30))
+    (folder / "contacts.parquet").unlink()
+    write_measured(folder, ProcessingConfig(), MeasureConfig())
+    page = PageReader(write_report(folder))
+    told = text_of(page, "section")
+    assert "Whether anybody touched the patient is not known: the folder has no contacts.parquet." in told
+    assert "Nobody was seen" not in told
+    assert "not known: no contacts.parquet" in text_of(page, "span")
+    assert "no value: the results folder has no contacts.parquet" in text_of(page, "td")
+    assert [row for row in page.find("tr") if row.attributes.get("data-file") == "contacts.parquet"] == []
+
+
+def timeline_of(page: PageReader) -> tuple[dict[str, list[tuple[str, str]]], list[dict[str, str]]]:
+    """(class, path) of the shapes of each row by its label; and the numbers behind the timeline."""
+    figure = page.find("figure", id="timeline")[0]
+    rows = {}
+    for row in (e for e in page.find("div") if figure in e.ancestors and "row" in e.attributes["class"].split()):
+        paths = [p for p in page.find("path") if row in p.ancestors and p.attributes["class"] != "grid"]
+        rows[row.children[0].text] = [(p.attributes["class"], p.attributes["d"]) for p in paths]
+    link = next(link for link in page.find("a", **{"class": "csv"}) if figure in link.ancestors)
+    head, *lines = unquote(link.attributes["href"].split(",", 1)[1]).splitlines()
+    return rows, [dict(zip(head.split(","), line.split(","), strict=True)) for line in lines]
+
+
+def test_a_contact_is_dark_up_to_the_share_of_it_that_was_seen(page):
+    rows, cells = timeline_of(page)
+    for label, share, first, last in (("left knee: person 1", 0.9, 40, 60), ("pelvis: person 2", 0.2, 30, 119)):
+        (light, whole), (dark, seen) = rows[label]
+        assert (light, dark) == ("touch light", "touch")
+        assert (whole, seen) == tuple(drawn(level, first, last) for level in (1.0, share))
+    assert cells[50]["touched"] == "pelvis by person 2 (20 % seen); left knee by person 1 (90 % seen)"
+
+
+def test_upright_is_dark_where_it_was_seen_and_light_where_inferred(page):
+    rows, cells = timeline_of(page)
+    shapes = dict(rows["upright"])
+    assert shapes["posture light"] == drawn(1.0, 40, 79)  # the left leg is hidden
+    assert shapes["posture"] == drawn(1.0, *(30, 39), *(80, 119))
+    told = [cell["posture"] for cell in cells]
+    assert told == ["not upright"] * 30 + ["upright"] * 10 + ["upright (inferred)"] * 40 + ["upright"] * 40
+
+
+def drawn(level: float, *ends: int, count: int = FRAMES) -> str:
+    """Columns of this height from frame to frame, both ends included."""
+    height = np.zeros(count)
+    for first, last in zip(ends[::2], ends[1::2], strict=True):
+        height[first : last + 1] = level
+    return step_path(height, make_bins(np.arange(count), np.arange(count) / 30.0))
 
 
 @pytest.mark.parametrize("file", ["angles.parquet", "posture.parquet", "episodes.parquet", "measures.parquet"])

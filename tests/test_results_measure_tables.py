@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
+from anchorpose import __version__
 from anchorpose.errors import InputError
 from anchorpose.joints import JointState
 from anchorpose.results.episodes import Episode, read_episodes, write_episodes
-from anchorpose.results.measures import Measure, read_measures, write_measures
+from anchorpose.results.measures import (
+    DEFINITION_KEY,
+    MEASURES_SCHEMA,
+    Definition,
+    Measure,
+    read_definition,
+    read_measures,
+    write_measures,
+)
 from anchorpose.results.posture import PostureTable, read_posture, write_posture
 
 
@@ -38,8 +48,20 @@ def test_measures_come_back_with_or_without_a_value(tmp_path):
     known = Measure(measure="upright_time", value=3.2, unit="s", sigma=0.1, frames=48, inferred_share=0.25)
     unknown = Measure(measure="sway_path", value=None, unit="mm", frames=0, why="no upright bout of 5 s")
     touch = Measure(measure="assistance_time", part="knee_left", person="b", value=1.0, unit="s", frames=15)
-    write_measures(tmp_path / "measures.parquet", [known, unknown, touch])
+    write_measures(tmp_path / "measures.parquet", [known, unknown, touch], {})
     assert read_measures(tmp_path / "measures.parquet") == (known, unknown, touch)
+
+
+def test_measures_tell_by_which_version_and_thresholds_they_were_computed(tmp_path):
+    path, config = tmp_path / "measures.parquet", {"upright": {"thigh_enter_deg": 40.0}}
+    write_measures(path, [], config)
+    assert read_definition(path) == Definition(__version__, config)
+    pq.write_table(MEASURES_SCHEMA.empty_table(), path)
+    assert read_definition(path) is None
+    for text in ("no JSON", "[]", '{"anchorpose": "0.1.0"}'):
+        pq.write_table(MEASURES_SCHEMA.with_metadata({DEFINITION_KEY: text}).empty_table(), path)
+        with pytest.raises(InputError, match=r"measures\.parquet"):
+            read_definition(path)
 
 
 def test_a_measure_has_a_value_or_a_reason_for_none():
@@ -51,7 +73,7 @@ def test_a_measure_has_a_value_or_a_reason_for_none():
 @pytest.mark.parametrize("read", [read_posture, read_episodes, read_measures])
 def test_another_table_is_refused_by_name(tmp_path, read):
     path = tmp_path / "other.parquet"
-    write = {read_posture: lambda: write_measures(path, [])}.get(read, lambda: write_posture(path, _posture()))
+    write = {read_posture: lambda: write_measures(path, [], {})}.get(read, lambda: write_posture(path, _posture()))
     write()
     with pytest.raises(InputError, match=r"other\.parquet"):
         read(path)
@@ -60,8 +82,6 @@ def test_another_table_is_refused_by_name(tmp_path, read):
 def test_an_unknown_kind_of_episode_is_refused(tmp_path):
     odd = Episode(kind="upright", first_frame=0, last_frame=1, start_s=0.0, end_s=0.1, state=JointState.OBSERVED)
     write_episodes(tmp_path / "episodes.parquet", [odd])
-    import pyarrow.parquet as pq
-
     table = pq.read_table(tmp_path / "episodes.parquet")
     column = table.column_names.index("kind")
     pq.write_table(table.set_column(column, table.schema.field("kind"), [["flying"]]), tmp_path / "odd.parquet")

@@ -8,9 +8,10 @@ import numpy as np
 
 from anchorpose.report.chart import Chart, chart_html
 from anchorpose.report.curves import Curve, Quantity, curve_rows, readings, state_rows
-from anchorpose.report.ledger import Form, Rows, Taking
+from anchorpose.report.ledger import ON_ARC, Form, Rows, Taking
 from anchorpose.report.session import Session
 from anchorpose.report.table import row, table
+from anchorpose.report.turn import on_shortest_arc
 from anchorpose.report.words import COVERAGE, INFERRED_STATES, escape, named_part, spaced, split_side
 from anchorpose.results.angles import ANGLES_FILE
 
@@ -28,9 +29,10 @@ OTHERS: Final = "Other angles"
 
 DEGREES: Final = Quantity(label="degrees", unit="°", unit_name="deg", decimals=1, least_span=10.0)
 
-_RANGE: Final = ("lowest", "median", "highest")
+RANGE: Final = tuple(how + ON_ARC for how in ("lowest", "median", "highest"))
+"""What is taken of an angle's column: none of it is made up by the numbers' jump from 180 to -180."""
 
-_RANGE_TITLES: Final = ("angle", *_RANGE, "typical ±", "inferred", "lost", "source")
+_RANGE_TITLES: Final = ("angle", "lowest", "median", "highest", "typical ±", "inferred", "lost", "source")
 
 
 def angle_section(session: Session) -> str:
@@ -76,7 +78,7 @@ def _curve(session: Session, name: str) -> Curve:
     return Curve(
         key=name,
         side=split_side(name)[1] or "",
-        value=angles.degrees[:, column],
+        value=on_shortest_arc(angles.degrees[:, column]),
         sigma=angles.sigma_deg[:, column],
         severity=angles.severity[:, column],
     )
@@ -92,7 +94,7 @@ def _range(session: Session, name: str) -> list[str]:
     percent = Form(times=100.0, after=" %", share=True)
     reach = Form(decimals=1, times=COVERAGE, before="± ", after="°")
     return [
-        *(ledger.figure(rows, Taking(column="degrees", how=how), Form(after="°")) for how in _RANGE),
+        *(ledger.figure(rows, Taking(column="degrees", how=how), Form(after="°")) for how in RANGE),
         ledger.figure(rows, Taking(column="sigma_deg", how="median"), reach),
         ledger.figure(rows, Taking(column="state", how="share", among=INFERRED_STATES), percent),
         ledger.figure(rows, Taking(column="state", how="share", among=("lost",)), percent),

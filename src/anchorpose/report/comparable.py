@@ -8,6 +8,7 @@ from typing import Any
 
 from anchorpose.errors import InputError
 from anchorpose.report.session import Session
+from anchorpose.report.time_spans import span_sentences
 from anchorpose.report.words import COVERAGE, listed
 from anchorpose.results.measures import MEASURES_FILE
 from anchorpose.results.tables import JOINTS_FILE
@@ -16,14 +17,11 @@ MOST_NAMES = 8  # of settings that differ; more are counted
 
 
 def require_comparable(sessions: Sequence[Session]) -> None:
-    """Raises InputError where two are of one recording, or their measures are not the same ones in the same units."""
+    """Raises InputError where two are of one recording, or their measures are not defined alike."""
     first = sessions[0]
     for later in sessions[1:]:
-        units, own = _units(first), _units(later)
-        missing = sorted(set(units) ^ set(own))
-        others = [name for name in units if name in own and units[name] != own[name]]
-        if missing or others:
-            what = f"{missing[0]} is in one of them only" if missing else f"{others[0]} has another unit"
+        what = _defined_otherwise(first, later)
+        if what is not None:
             problem = f"cannot be compared with that of {first.folder} ({what})"
             remedy = "run 'anchorpose measure' on all of these folders with this version of the program"
             raise InputError(later.folder / MEASURES_FILE, problem, remedy)
@@ -31,15 +29,36 @@ def require_comparable(sessions: Sequence[Session]) -> None:
 
 
 def differences(sessions: Sequence[Session], labels: Sequence[str]) -> list[str]:
-    """Sentences on versions, settings, cameras, rates and bodies that differ from the first session's."""
+    """Sentences on versions, settings, cameras, rates, lengths and bodies that differ from the first session's."""
     first, notes = sessions[0], []
     for later, label in zip(sessions[1:], labels[1:], strict=True):
         told = [
             *_versions(first.run, later.run), *_settings(first.run, later.run), *_cameras(first.run, later.run),
-            *_rates(first, later), *_bodies(first.run, later.run),
+            *_rates(first, later), *span_sentences(first.measures, later.measures), *_bodies(first.run, later.run),
         ]  # fmt: skip
-        notes += [f"{label} against {labels[0]}: {sentence}." for sentence in told]
+        notes += [f"{label} against {labels[0]}: {sentence}{_stop(sentence)}" for sentence in told]
     return notes
+
+
+def _stop(sentence: str) -> str:
+    return "" if sentence.endswith("?") else "."
+
+
+def _defined_otherwise(first: Session, later: Session) -> str | None:
+    """In which way the measures of two sessions are not the same ones; None where they are."""
+    old, new = first.definition, later.definition
+    if old is None or new is None:
+        return "one of them does not say how it was computed"
+    if old.anchorpose != new.anchorpose:
+        return f"measured by anchorpose {new.anchorpose} instead of {old.anchorpose}"
+    others = _changed(old.config, new.config)
+    if others:
+        return f"other definitions: {_some(others)}"
+    units, own = _units(first), _units(later)
+    missing = sorted(set(units) ^ set(own))
+    if missing:
+        return f"{missing[0]} is in one of them only"
+    return next((f"{name} has another unit" for name in units if units[name] != own[name]), None)
 
 
 def _units(session: Session) -> dict[str, str]:
@@ -65,12 +84,19 @@ def _versions(first: dict[str, Any], later: dict[str, Any]) -> list[str]:
 
 
 def _settings(first: dict[str, Any], later: dict[str, Any]) -> list[str]:
-    old, new = _flat(first.get("config")), _flat(later.get("config"))
-    names = [name for name in dict.fromkeys([*old, *new]) if old.get(name) != new.get(name)]
-    if not names:
-        return []
+    names = _changed(first.get("config"), later.get("config"))
+    return [f"other settings: {_some(names)}"] if names else []
+
+
+def _changed(old: Any, new: Any) -> list[str]:
+    """The names of all numbers in two nested configs that differ, or stand in one of them only."""
+    flat, own = _flat(old), _flat(new)
+    return [name for name in dict.fromkeys([*flat, *own]) if flat.get(name) != own.get(name)]
+
+
+def _some(names: Sequence[str]) -> str:
     more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
-    return [f"other settings: {', '.join(names[:MOST_NAMES])}{more}"]
+    return f"{', '.join(names[:MOST_NAMES])}{more}"
 
 
 def _flat(value: Any, name: str = "") -> dict[str, Any]:

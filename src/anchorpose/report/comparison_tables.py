@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from anchorpose.report.angle_section import RANGE
 from anchorpose.report.change import Change, change_between
 from anchorpose.report.ledger import Form, Rows, Taking
 from anchorpose.report.measure_section import rows_of, title_of, value_and_error, value_form
 from anchorpose.report.measure_words import grouped_measures, words_of
 from anchorpose.report.session import Session
 from anchorpose.report.table import heading_row, row, table
+from anchorpose.report.time_spans import unlike_time
 from anchorpose.report.words import INFERRED_STATES, escape, named_part
 from anchorpose.results.angles import ANGLES_FILE
 from anchorpose.results.measures import Measure
@@ -56,7 +58,10 @@ def _group(
 
 def _row(sessions: Sequence[Session], measures: Sequence[Measure | None], like: Measure) -> str:
     values = [_value(session, measure) for session, measure in zip(sessions, measures, strict=True)]
-    changes = [_change(measures[0], later) for later in measures[1:]]
+    changes = [
+        _change(measures[0], measure, unlike_time(like, sessions[0].measures, later.measures))
+        for later, measure in zip(sessions[1:], measures[1:], strict=True)
+    ]
     return row(title_of(like), [*values, *changes], words_of(like.measure).meaning)
 
 
@@ -71,10 +76,14 @@ def _value(session: Session, measure: Measure | None) -> str:
     return f"{value_and_error(ledger, measure)} {ledger.link(rows)}<br>{inferred}"
 
 
-def _change(first: Measure | None, later: Measure | None) -> str:
+def _change(first: Measure | None, later: Measure | None, unlike: str | None) -> str:
+    """unlike: why the change is shown but not tested; None where it is tested."""
     change = None if first is None or later is None else change_between(first, later)
     if change is None or later is None:
         return "<span class='unknown'>not comparable</span>"
+    if unlike is not None:
+        shown = Change(change.difference, None)
+        return f"<span class='change untested'><b>{_signed(shown, later)}</b><br>{unlike}</span>"
     words, kind = VERDICTS[change.exceeds]
     return f"<span class='change {kind}'><b>{_signed(change, later)}</b><br>{words}{_needed(change, later)}</span>"
 
@@ -94,9 +103,7 @@ def _range(session: Session, name: str) -> str:
     ledger, rows, degree = session.ledger, Rows(ANGLES_FILE, (("angle", name),)), Form(after="°")
     if ledger.take(rows, Taking(column="degrees", how="median")) is None:
         return f"<span class='unknown'>not known in any frame</span> {ledger.link(rows)}"
-    low, middle, high = (
-        ledger.figure(rows, Taking(column="degrees", how=how), degree) for how in ("lowest", "median", "highest")
-    )
+    low, middle, high = (ledger.figure(rows, Taking(column="degrees", how=how), degree) for how in RANGE)
     share = Form(times=100.0, after=" % inferred", share=True)
     inferred = ledger.figure(rows, Taking(column="state", how="share", among=INFERRED_STATES), share)
     return f"{low} to {high}, median {middle} {ledger.link(rows)}<br>{inferred}"

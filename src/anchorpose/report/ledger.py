@@ -17,7 +17,11 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from anchorpose.report.table import table
+from anchorpose.report.turn import on_shortest_arc
 from anchorpose.report.words import MISSING, escape, number
+
+ON_ARC: Final = " on the arc"
+"""Of angles in degrees, which may pass from 180 to -180: see ``on_shortest_arc``."""
 
 HOW_WORDS: Final = {
     "value": "the value of {column}",
@@ -27,9 +31,14 @@ HOW_WORDS: Final = {
     "median": "the median of {column}",
     "lowest": "the lowest {column}",
     "highest": "the highest {column}",
-    "share": "the share of these rows with {column} {among}",
+    **{
+        how + ON_ARC: f"the {how} {{column}}, on the shortest arc of the circle that holds them all"
+        for how in ("lowest", "median", "highest")
+    },
+    "share": "of these rows with a known {column}, the share with {column} {among}",
+    "frames": "of the frames, the share in which not all of these rows have {column} {among}",
 }
-"""What can be done with the rows; the words are those of the list of sources."""
+"""What can be done with the rows; the words are those of the list of sources. What is not known is never a no."""
 
 
 _TITLES: Final = ("number", "rows", "taken from them")
@@ -51,7 +60,7 @@ class Rows:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Taking:
-    """What is done with a column of the rows; among: the values that ``share`` counts."""
+    """What is done with a column of the rows; among: the values that ``share`` and ``frames`` ask for."""
 
     column: str
     how: str = "value"
@@ -102,12 +111,14 @@ class Ledger:
 
     def take(self, rows: Rows, taking: Taking) -> float | None:
         """The number; None where the rows hold no value."""
+        if taking.how == "frames":
+            return _frames_beyond(self._table(rows), taking)
         column = self._table(rows)[taking.column]
         if taking.how == "count":
             return float(len(column))
         known = column.drop_null()
         if taking.how == "share":
-            return None if len(column) == 0 else _count_among(known, taking.among) / len(column)
+            return _count_among(known, taking.among) / len(known) if len(known) else None
         if taking.how == "value" and len(column) != 1:
             raise ValueError(f"{len(column)} rows are no single value: {rows.sentence}")
         return _reduced(known, taking.how) if len(known) else None
@@ -164,12 +175,21 @@ def _count_among(known: pa.ChunkedArray, among: tuple[str, ...]) -> int:
     return int(pc.sum(pc.is_in(known.cast(pa.string()), pa.array(among))).as_py() or 0)
 
 
+def _frames_beyond(table: pa.Table, taking: Taking) -> float | None:
+    """Share of the frames that have a row with another value."""
+    others = table.filter(pc.invert(pc.is_in(table[taking.column], pa.array(taking.among))))
+    frames, beyond = (pc.count_distinct(each["frame"]).as_py() for each in (table, others))
+    return beyond / frames if frames else None
+
+
 def _reduced(known: pa.ChunkedArray, how: str) -> float:
     if how == "distinct":
         return float(pc.count_distinct(known).as_py())
     values = known.to_numpy().astype(np.float64)
     if how == "extent":
         return float(values.max() - values.min())
+    if how.endswith(ON_ARC):
+        how, values = how.removesuffix(ON_ARC), on_shortest_arc(values)
     reduce: dict[str, Any] = {"value": np.max, "median": np.median, "lowest": np.min, "highest": np.max}
     return float(reduce[how](values))
 

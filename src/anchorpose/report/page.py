@@ -22,6 +22,13 @@ from anchorpose.results.web_page import fill_page
 
 REPORT_FILE: Final = "report.html"
 
+DARK: Final = (
+    "Upright is dark where all joints that tell it were seen, light where one was inferred; what is not upright "
+    "is empty, seen or not, and half a column cannot be told. A contact is light from beginning to end, and dark up to "
+    "the share of the touching skin that was seen: an average over the contact, not which of its moments were seen."
+)
+"""How the rows of posture and contacts are read."""
+
 
 def write_report(results: Path) -> Path:
     """Writes report.html into a results folder and returns its path; the same folder gives the same bytes.
@@ -34,11 +41,10 @@ def write_report(results: Path) -> Path:
 
 
 def page_parts() -> dict[str, str]:
-    """What the pages of this package have in common: their style and their script."""
+    """What the pages of this package have in common: their style, their script and how a timeline is read."""
     folder = resources.files("anchorpose.report")
-    return {
-        name: folder.joinpath(f"page.{kind}").read_text("utf-8") for name, kind in (("style", "css"), ("script", "js"))
-    }
+    files = (("style", "css"), ("script", "js"))
+    return {name: folder.joinpath(f"page.{kind}").read_text("utf-8") for name, kind in files} | {"dark": DARK}
 
 
 def _page(session: Session) -> str:

@@ -18,12 +18,18 @@ POSTURE_WORDS = {UPRIGHT: "upright", NOT_UPRIGHT: "not upright", UNKNOWN: "canno
 
 
 def posture_rows(session: Session) -> list[Row]:
-    """A high column is upright, none is not upright, half a column cannot be told."""
+    """A high column is upright, none is not upright, half a column cannot be told; a light one is inferred.
+
+    Of a group of frames the worst is drawn: dark only where all its upright frames were seen.
+    """
     bins, upright = session.bins, session.posture.upright
-    unknown = np.maximum.reduceat((upright == UNKNOWN).astype(float), bins.start)
-    standing = np.maximum.reduceat((upright == UPRIGHT).astype(float), bins.start)
+    unknown, standing, inferred = (
+        np.maximum.reduceat(some.astype(float), bins.start)
+        for some in (upright == UNKNOWN, upright == UPRIGHT, (upright == UPRIGHT) & ~session.posture_seen)
+    )
     shapes = f"<path class='lost' d='{step_path(0.5 * unknown, bins)}'/>"
-    shapes += f"<path class='posture' d='{step_path(standing, bins)}'/>"
+    shapes += f"<path class='posture light' d='{step_path(standing * inferred, bins)}'/>"
+    shapes += f"<path class='posture' d='{step_path(standing * (1 - inferred), bins)}'/>"
     label = "upright" + (" (half a column: cannot be told)" if unknown.any() else "")
     rows = [
         Row(label="Posture", height=0, shapes="", kind="heading"),
@@ -39,9 +45,12 @@ def posture_rows(session: Session) -> list[Row]:
 def posture_readings(session: Session) -> list[Reading]:
     """Of each group of frames every posture that it holds, and what begins or goes on in it."""
     bins = session.bins
+    words = [
+        POSTURE_WORDS[code] + ("" if seen or code == UNKNOWN else " (inferred)")
+        for code, seen in zip(session.posture.upright.tolist(), session.posture_seen.tolist(), strict=True)
+    ]
     postures = [
-        " and ".join(POSTURE_WORDS[code] for code in dict.fromkeys(session.posture.upright[first : last + 1].tolist()))
-        for first, last in zip(bins.start, bins.last, strict=True)
+        " and ".join(dict.fromkeys(words[first : last + 1])) for first, last in zip(bins.start, bins.last, strict=True)
     ]
     moves = [
         " and ".join(

@@ -15,7 +15,8 @@ from anchorpose.report.words import counted, escape, spaced
 def provenance(session: Session) -> str:
     """HTML: tables that open one by one."""
     run = session.run
-    versions = [(name, version) for name, version in run.get("versions", {}).items()]
+    measured = session.definition.anchorpose if session.definition else "measures.parquet does not say"
+    versions = [*run.get("versions", {}).items(), ("the measures: anchorpose", measured)]
     cameras = [(camera["name"], camera["source"], _position(camera)) for camera in run.get("cameras", [])]
     residuals = [
         (r["camera"], r["what"], f"{r['value']:.4g} {r['unit']}".replace(" 1", "")) for r in run.get("residuals", [])

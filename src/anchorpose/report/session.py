@@ -9,14 +9,17 @@ from typing import Any, Final
 import numpy as np
 
 from anchorpose.errors import InputError
+from anchorpose.joints import JointState
 from anchorpose.report.bins import Bins, make_bins
 from anchorpose.report.ledger import Ledger
 from anchorpose.results.angles import ANGLES_FILE, AngleTable, read_angles
 from anchorpose.results.contacts import CONTACTS_FILE, Contact, read_contacts
 from anchorpose.results.episodes import EPISODES_FILE, Episode, read_episodes
-from anchorpose.results.measures import MEASURES_FILE, Measure, read_measures
+from anchorpose.results.joint_frame import SEVERITY
+from anchorpose.results.measures import MEASURES_FILE, Definition, Measure, read_definition, read_measures
 from anchorpose.results.posture import POSTURE_FILE, PostureTable, read_posture
 from anchorpose.results.run_record import RUN_FILE, read_run_document
+from anchorpose.results.stand_training.stance import stance
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 
 MEASURED: Final = (ANGLES_FILE, POSTURE_FILE, EPISODES_FILE, MEASURES_FILE)
@@ -25,16 +28,23 @@ MEASURED: Final = (ANGLES_FILE, POSTURE_FILE, EPISODES_FILE, MEASURES_FILE)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Session:
-    """The tables of one recording. bins: how its frames are grouped in every chart of its page."""
+    """The tables of one recording. bins: how its frames are grouped in every chart of its page.
+
+    posture_seen (n,) bool: whether all joints that posture is told by were seen, of which posture.parquet's state, that
+    of the centre of mass too, says nothing. definition: by what the measures were computed, None where their file does
+    not say. contacts: None where the folder has no table of them, so that touch is not known.
+    """
 
     folder: Path
     run: dict[str, Any]
     joints: JointTable
     angles: AngleTable
     posture: PostureTable
+    posture_seen: np.ndarray
     episodes: tuple[Episode, ...]
     measures: tuple[Measure, ...]
-    contacts: tuple[Contact, ...]
+    definition: Definition | None
+    contacts: tuple[Contact, ...] | None
     bins: Bins
     ledger: Ledger
 
@@ -47,7 +57,7 @@ class Session:
 def read_session(folder: Path, name: str = "") -> Session:
     """All tables of a results folder; name: of its numbers, where a page shows several sessions.
 
-    Raises InputError where one is missing, damaged, or does not fit the joints.
+    Raises InputError where one (but contacts.parquet) is missing, damaged, or does not fit the joints.
     """
     joints, run = read_joints(folder / JOINTS_FILE), read_run_document(folder / RUN_FILE)
     for file in MEASURED:
@@ -66,9 +76,11 @@ def read_session(folder: Path, name: str = "") -> Session:
         joints=joints,
         angles=angles,
         posture=posture,
+        posture_seen=stance(joints).severity == SEVERITY[JointState.OBSERVED],
         episodes=read_episodes(folder / EPISODES_FILE),
         measures=read_measures(folder / MEASURES_FILE),
-        contacts=read_contacts(folder / CONTACTS_FILE),
+        definition=read_definition(folder / MEASURES_FILE),
+        contacts=read_contacts(folder / CONTACTS_FILE) if (folder / CONTACTS_FILE).is_file() else None,
         bins=make_bins(joints.frame, joints.time_s, name),
         ledger=Ledger(folder, name),
     )

@@ -45,7 +45,7 @@ def timeline(session: Session) -> str:
         *(_share_reading(STATE_WORDS[s], f"joints_{s}", share, bins) for s, share in shares),
         *_confidence_readings(session),
     ]
-    files = (POSTURE_FILE, EPISODES_FILE, CONTACTS_FILE, JOINTS_FILE)
+    files = (*_told_by(session), JOINTS_FILE)
     chart = Chart(
         identity="timeline",
         title="Timeline of the session: posture, contacts, what was seen of the joints, and how sure they are",
@@ -65,9 +65,14 @@ def short_timeline(session: Session, label: str) -> str:
         caption="<b>Posture and contacts</b>",
         rows=[*posture_rows(session), *touch_rows(session)],
         readings=[*posture_readings(session), touch_reading(session)],
-        source="".join(session.ledger.link(Rows(file)) for file in (POSTURE_FILE, EPISODES_FILE, CONTACTS_FILE)),
+        source="".join(session.ledger.link(Rows(file)) for file in _told_by(session)),
     )
     return chart_html(chart, session.bins)
+
+
+def _told_by(session: Session) -> tuple[str, ...]:
+    """The tables that posture and contacts come from, of those that there are."""
+    return (POSTURE_FILE, EPISODES_FILE, *(() if session.contacts is None else (CONTACTS_FILE,)))
 
 
 def joint_confidence_mm(session: Session) -> tuple[np.ndarray, np.ndarray]:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import pyarrow as pa
+import pyarrow.parquet as pq
 
+from anchorpose import __version__
+from anchorpose.errors import InputError
 from anchorpose.results.tables import open_parquet, read_parquet
 
 MEASURES_FILE: Final = "measures.parquet"
@@ -27,6 +31,21 @@ MEASURES_SCHEMA: Final = pa.schema(
         pa.field("why", pa.string()),
     ]
 )
+
+
+DEFINITION_KEY: Final = "measure_definition"
+"""Of the schema's metadata: a JSON text of ``Definition``."""
+
+
+@dataclass(frozen=True, slots=True)
+class Definition:
+    """What the numbers were computed by: a measure of another one may have the same name and be another number.
+
+    anchorpose: the version of the program. config: the thresholds, as nested dicts of JSON values.
+    """
+
+    anchorpose: str
+    config: dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,13 +75,31 @@ class Measure:
             raise ValueError(f"{self.measure} has the value {self.value} and the reason for none {self.why!r}")
 
 
-def write_measures(path: Path, measures: Sequence[Measure]) -> None:
-    """Writes measures.parquet in the order given; the same bytes for the same measures."""
-    columns = [pa.array([getattr(row, field.name) for row in measures], field.type) for field in MEASURES_SCHEMA]
-    with open_parquet(path, MEASURES_SCHEMA) as writer:
-        writer.write_table(pa.Table.from_arrays(columns, schema=MEASURES_SCHEMA))
+def write_measures(path: Path, measures: Sequence[Measure], config: dict[str, Any]) -> None:
+    """Writes measures.parquet in the order given, and in its metadata by which version and ``config`` (nested dicts of
+    JSON values) they were computed; the same bytes for the same measures."""
+    definition = json.dumps({"anchorpose": __version__, "config": config}, sort_keys=True)
+    schema = MEASURES_SCHEMA.with_metadata({DEFINITION_KEY: definition})
+    columns = [pa.array([getattr(row, field.name) for row in measures], field.type) for field in schema]
+    with open_parquet(path, schema) as writer:
+        writer.write_table(pa.Table.from_arrays(columns, schema=schema))
 
 
 def read_measures(path: Path) -> tuple[Measure, ...]:
     """All rows of a measures.parquet; raises InputError where it is none."""
     return tuple(Measure(**row) for row in read_parquet(path, MEASURES_SCHEMA).to_pylist())
+
+
+def read_definition(path: Path) -> Definition | None:
+    """By what a measures.parquet was computed; None of one that was written before that was recorded.
+
+    Raises InputError where the record cannot be read.
+    """
+    text = (pq.read_schema(path).metadata or {}).get(DEFINITION_KEY.encode())
+    if text is None:
+        return None
+    try:
+        return Definition(**json.loads(text))
+    except (ValueError, TypeError):
+        problem = "does not say in a readable way how its measures were computed"
+        raise InputError(path, problem, "run 'anchorpose measure' on its folder again") from None

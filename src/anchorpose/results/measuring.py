@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from anchorpose.results.angles import ANGLES_FILE, write_angles
@@ -46,7 +46,7 @@ def write_measured(results: Path, processing: ProcessingConfig, config: MeasureC
         write_angles(work / ANGLES_FILE, angles)
         write_posture(work / POSTURE_FILE, session.posture)
         write_episodes(work / EPISODES_FILE, session.episodes)
-        write_measures(work / MEASURES_FILE, measures)
+        write_measures(work / MEASURES_FILE, measures, asdict(config))
         if processed is not None:
             write_processed_angles(work / PROCESSED_FILE, processed)
         for written in sorted(work.iterdir()):
