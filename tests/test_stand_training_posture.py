@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from session_builder import RATE, measured, squatting_joints, table, value
@@ -9,11 +11,12 @@ from session_builder import RATE, measured, squatting_joints, table, value
 from anchorpose.body.asset import joint_bones, load_body_asset
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
 from anchorpose.results.episodes import SIT_TO_STAND, STAND_TO_SIT, UPRIGHT_EPISODE
-from anchorpose.results.frame_time import frame_seconds, unbroken_runs
+from anchorpose.results.frame_time import frame_seconds, recorded_seconds, unbroken_runs
 from anchorpose.results.posture import NOT_UPRIGHT, UNKNOWN, UPRIGHT
 from anchorpose.results.stand_training.centre_of_mass import SHARED_ERROR, centre_of_mass
 from anchorpose.results.stand_training.segment_masses import PAIRED_SEGMENTS, SINGLE_SEGMENTS, joint_weights
 from anchorpose.results.stand_training.upright import UprightConfig, hold
+from anchorpose.results.tables import JointTable
 
 
 def still(thigh_deg: float, seconds: float) -> np.ndarray:
@@ -140,8 +143,52 @@ def test_time_near_the_limit_is_told_with_a_wide_margin():
     assert near.sigma is None or near.sigma > 2.0
 
 
+def at_times(joints: JointTable, time_s: np.ndarray) -> JointTable:
+    return replace(joints, time_s=time_s)
+
+
+def test_dropped_frames_neither_end_a_bout_nor_take_time_away():
+    time_s = np.arange(1800) / 30
+    kept = np.sort(np.random.default_rng(0).choice(1800, 1600, replace=False))
+    kept[[0, -1]] = 0, 1799
+    found = measured(at_times(table(squatting_joints(np.zeros(len(kept)))), time_s[kept]))[1]
+    for name in ("recorded_time", "upright_time", "longest_upright_bout"):
+        assert value(found, name) == pytest.approx(60.0, abs=0.05)
+    assert value(found, "upright_bouts") == 1.0
+    assert value(found, "unknown_time") == pytest.approx(0.0, abs=0.05)
+
+
+def test_cameras_that_slow_down_half_way_lose_no_time():
+    time_s = np.concatenate([np.arange(900) / 30, 30 + np.arange(600) / 15])
+    found = measured(at_times(table(squatting_joints(np.zeros(1500))), time_s))[1]
+    for name in ("recorded_time", "upright_time", "longest_upright_bout"):
+        assert value(found, name) == pytest.approx(70.0, abs=0.1)
+    assert value(found, "sway_time") == pytest.approx(70.0, abs=0.1)
+
+
+def test_a_long_gap_is_time_of_which_nothing_is_known():
+    time_s = np.concatenate([np.arange(200) / RATE, 15.0 + np.arange(100) / RATE])
+    found = measured(at_times(table(squatting_joints(np.zeros(300))), time_s))[1]
+    assert value(found, "recorded_time") == pytest.approx(20.0)
+    assert value(found, "unknown_time") == pytest.approx(5.0)
+    assert value(found, "upright_time") == pytest.approx(15.0)
+    assert value(found, "upright_bouts") == 2.0
+
+
+def test_standing_up_is_counted_though_frames_were_dropped():
+    joints = squatting_joints(np.concatenate([still(85, 4.0), move(85, 0, 2.0), still(0, 4.0)]))
+    whole = value(measured(table(joints))[1], f"{SIT_TO_STAND}_duration_mean")
+    for seed in range(10):
+        kept = np.flatnonzero(np.random.default_rng(seed).random(len(joints)) > 0.05)
+        found = measured(at_times(table(joints[kept]), kept / RATE))[1]
+        assert value(found, f"{SIT_TO_STAND}_count") == 1.0
+        assert value(found, f"{SIT_TO_STAND}_duration_mean") == pytest.approx(whole, abs=2.1 / RATE)
+
+
 def test_missing_frames_count_for_nothing_and_break_a_run():
     time_s = np.array([0.0, 0.1, 0.2, 1.0, 1.1])
+    assert recorded_seconds(time_s) == pytest.approx(1.2)
+    assert recorded_seconds(time_s[:1]) == 0.0
     np.testing.assert_allclose(frame_seconds(time_s), 0.1)
     assert unbroken_runs(np.ones(5, dtype=bool), time_s) == [slice(0, 3), slice(3, 5)]
     assert unbroken_runs(np.array([1, 0, 1, 1, 0], dtype=bool), np.arange(5.0)) == [slice(0, 1), slice(2, 4)]

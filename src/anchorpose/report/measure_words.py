@@ -22,7 +22,7 @@ class Words(NamedTuple):
 _STANDING: Final = {
     "recorded_time": Words("time recorded", "From the first frame to the last."),
     "unknown_time": Words(
-        "time in which posture is not known", "It could not be told whether the patient was upright."
+        "time in which posture is not known", "It could not be told whether the patient was upright, or frames are missing."
     ),
     "upright_time": Words("time upright", "By thighs, hips and trunk; also in a frame or hoist: not who carries."),
     "upright_share": Words("share of known time upright", "Time upright, of the time in which posture is known."),
@@ -59,7 +59,7 @@ _EXTENSION: Final = {
 } | {"knee_straight_time": Words("time with the knee straight", "Time upright in which the knee was nearly straight.")}
 
 _BALANCE: Final = {
-    "sway_time": Words("time that sway is taken from", "The upright bouts that are long enough and miss no frame."),
+    "sway_time": Words("time that sway is taken from", "The upright bouts that are long enough and lose no joint."),
     "sway_path": Words("sway, path", "Way of the body's estimated centre of mass over the floor, low-passed."),
     "sway_velocity": Words("sway, mean speed", "The path divided by its time."),
     "sway_rms_ap": Words("sway forwards and backwards", "Root mean square distance from the bout's mean, that way."),

@@ -9,7 +9,7 @@ import numpy as np
 from anchorpose.errors import AnchorposeError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JointState
 from anchorpose.results.angles_processed import PROCESSING, ProcessedAngles
-from anchorpose.results.frame_time import unbroken_runs, usual_step_s
+from anchorpose.results.frame_time import longest_even_step_s, unbroken_runs, usual_step_s
 from anchorpose.results.joint_frame import SEVERITY
 from anchorpose.results.kinematics.joint_angles import ANGLE_GROUPS, joint_angles
 from anchorpose.results.processing.butterworth import MOST_UNEVEN, evenness, filter_stretch
@@ -44,7 +44,7 @@ def process_joints(joints: JointTable, config: ProcessingConfig) -> ProcessedJoi
             position_m[:, joint], sigma_m[:, joint] = filled.position_m, filled.sigma_m
             severity[filled.filled, joint] = SEVERITY[JointState.HIDDEN]
             processing[filled.filled, joint] = FILLED
-        for run in unbroken_runs(np.isfinite(sigma_m[:, joint]), joints.time_s):
+        for run in unbroken_runs(np.isfinite(sigma_m[:, joint]), joints.time_s, longest_even_step_s(joints.time_s)):
             smoothed = _smooth(joints.time_s[run], position_m[run, joint], sigma_m[run, joint], config)
             if smoothed is not None:
                 position_m[run, joint], sigma_m[run, joint] = smoothed
@@ -86,7 +86,7 @@ def _check(time_s: np.ndarray, cutoff_hz: float) -> None:
         raise AnchorposeError(
             f"--cutoff {cutoff_hz:g} Hz is too high for {rate_hz:.3g} frames a second; give less than {highest:.2g} Hz."
         )
-    for run in unbroken_runs(np.ones(len(time_s), dtype=bool), time_s):
+    for run in unbroken_runs(np.ones(len(time_s), dtype=bool), time_s, longest_even_step_s(time_s)):
         uneven = evenness(time_s[run])
         if uneven > MOST_UNEVEN:
             raise AnchorposeError(

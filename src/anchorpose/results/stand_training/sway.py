@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.results.frame_time import unbroken_runs, usual_step_s
+from anchorpose.results.frame_time import LONGEST_STEP, unbroken_runs, usual_step_s
 from anchorpose.results.lasting import changing_sigma
 from anchorpose.results.measures import Measure
 from anchorpose.results.processing.low_pass import low_pass
@@ -61,7 +61,7 @@ def sway_bouts(session: Session, config: SwayConfig) -> list[Bout]:
     whole = session.upright & np.isfinite(session.posture.com_m).all(axis=1)
     runs = [
         run
-        for run in unbroken_runs(whole, time_s)
+        for run in unbroken_runs(whole, time_s, LONGEST_STEP / (STEPS_A_PERIOD * config.cutoff_hz))
         if time_s[run.stop - 1] - time_s[run.start] >= config.shortest_bout_s
     ]
     return [_bout(session, run, config) for run in runs if _fast_enough(time_s[run], config)]

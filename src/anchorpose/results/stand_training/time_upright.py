@@ -8,7 +8,7 @@ import numpy as np
 
 from anchorpose.joints import JointState
 from anchorpose.results.episodes import UPRIGHT_EPISODE, Episode
-from anchorpose.results.frame_time import unbroken_runs
+from anchorpose.results.frame_time import recorded_seconds, unbroken_runs
 from anchorpose.results.measures import Measure
 from anchorpose.results.posture import UNKNOWN, UPRIGHT
 from anchorpose.results.stand_training.session import Session, inferred_share
@@ -45,7 +45,7 @@ def time_measures(session: Session, config: UprightConfig) -> list[Measure]:
     seconds, state, severity = session.seconds, session.posture.upright, session.stance.severity
     known, standing = state != UNKNOWN, state == UPRIGHT
     frames, shared = int(known.sum()), inferred_share(severity[known])
-    total, known_s = float(seconds.sum()), float(seconds[known].sum())
+    total, known_s = recorded_seconds(session.joints.time_s), float(seconds[known].sum())
     runs = unbroken_runs(standing, session.joints.time_s)
     recorded = _row("recorded_time", total, "s", len(seconds), None, None if total else NO_TIME)
     why = NO_TIME if not total else None if known_s else NEVER_KNOWN
@@ -53,7 +53,7 @@ def time_measures(session: Session, config: UprightConfig) -> list[Measure]:
     longest = max((float(seconds[run].sum()) for run in runs), default=0.0)
     return [
         recorded,
-        _row("unknown_time", total - known_s, "s", len(seconds), None, recorded.why),
+        _row("unknown_time", max(total - known_s, 0.0), "s", len(seconds), None, recorded.why),
         _row("upright_time", upright_s, "s", frames, shared, why, sigma_s),
         _row("upright_share", upright_s / known_s if known_s else None, "1", frames, shared, why,
              sigma_s / known_s if known_s else None),

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.results.episodes import SIT_TO_STAND, STAND_TO_SIT, Episode
-from anchorpose.results.frame_time import unbroken_runs, usual_step_s
+from anchorpose.results.frame_time import frame_seconds, unbroken_runs, usual_step_s
 from anchorpose.results.lasting import changing_sigma
 from anchorpose.results.measures import Measure
 from anchorpose.results.posture import UPRIGHT
@@ -53,9 +53,9 @@ class Transition:
 
 def transitions(joints: JointTable, stance: Stance, state: np.ndarray, config: TransitionConfig) -> list[Transition]:
     """Every change between sitting and standing in whose course no joint was lost; state (n,) of ``upright``."""
-    time_s, thigh = joints.time_s, stance.thigh_deg
+    time_s, seconds, thigh = joints.time_s, frame_seconds(joints.time_s), stance.thigh_deg
     seated = hold(thigh >= config.seated_enter_deg, thigh < config.seated_leave_deg, np.isfinite(thigh)) == UPRIGHT
-    sitting = [run for run in unbroken_runs(seated, time_s) if _rests(time_s, stance.height[run], config)]
+    sitting = [run for run in unbroken_runs(seated, time_s) if _rests(seconds[run], stance.height[run], config)]
     standing = unbroken_runs(state == UPRIGHT, time_s)
     postures = sorted([(run.start, run, False) for run in sitting] + [(run.start, run, True) for run in standing])
     known = unbroken_runs(np.isfinite(stance.height + thigh), time_s)
@@ -111,13 +111,13 @@ LOW_PERCENTILE: Final = 10.0
 would take in the way up, the extreme frame its noise."""
 
 
-def _rests(time_s: np.ndarray, height: np.ndarray, config: TransitionConfig) -> bool:
+def _rests(seconds: np.ndarray, height: np.ndarray, config: TransitionConfig) -> bool:
     """Whether the pelvis stays at the seat for long enough; height (k,) of a run with the thighs near the level."""
-    known = height[np.isfinite(height)]
-    if not len(known):
+    known = np.isfinite(height)
+    if not known.any():
         return False
-    still = known <= np.percentile(known, LOW_PERCENTILE) + config.rest_height
-    return float(still.sum()) * usual_step_s(time_s) >= config.rest_s
+    still = known & (height <= np.percentile(height[known], LOW_PERCENTILE) + config.rest_height)
+    return float(seconds[still].sum()) >= config.rest_s
 
 
 def _transition(
