@@ -14,6 +14,7 @@ from anchorpose.results.angles_processed import read_processed_angles
 from anchorpose.results.contacts import Contact
 from anchorpose.results.episodes import read_episodes
 from anchorpose.results.lasting import LASTING_SHARE, sigma_of_mean
+from anchorpose.results.measure_lines import measure_rows
 from anchorpose.results.measures import read_measures
 from anchorpose.results.posture import read_posture
 
@@ -162,6 +163,40 @@ def test_no_contacts_is_another_thing_than_contacts_unknown():
     row = measured(joints, None)[1]["hands_free_upright_share", None, None, None]
     assert row.value is None
     assert "contacts.parquet" in (row.why or "")
+
+
+def test_a_patient_who_is_never_found_is_neither_helped_nor_left_alone():
+    lost = {name: slice(None) for name in JOINT_NAMES}
+    found = measured(table(squatting_joints(np.zeros(60)), lost=lost))[1]
+    assert value(found, "found_time") == 0.0
+    for name in ("assistance_time", "contacts", "hands_free_upright_time", "sit_to_stand_count", "stand_to_sit_count"):
+        row = found[name, None, None, None]
+        assert row.value is None, name
+        assert row.why, name
+
+
+def test_who_touches_is_told_only_of_the_time_in_which_the_patient_is_found():
+    joints = table(squatting_joints(np.zeros(400)), lost={name: slice(160, 400) for name in JOINT_NAMES})
+    found = measured(joints, (contact("pelvis", "a", 100, 299),))[1]
+    assert value(found, "found_time") == pytest.approx(8.0)
+    assert value(found, "assistance_time") == pytest.approx(3.0)
+    assert value(measured(joints, ())[1], "assistance_time") == 0.0
+
+
+def test_that_nobody_was_seen_to_touch_is_not_sure_to_any_figure():
+    found = measured(table(squatting_joints(np.zeros(40))), ())[1]
+    for name in ("assistance_time", "hands_free_upright_time", "hands_free_upright_share"):
+        assert found[name, None, None, None].sigma is None
+
+
+def test_on_the_screen_a_count_with_time_unknown_is_at_least_that_many():
+    thighs = np.concatenate([np.full(80, 85.0), np.linspace(85, 0, 40), np.zeros(120)])
+    for lost, said in (({}, False), ({name: slice(180, 220) for name in JOINT_NAMES}, True)):
+        rows = measure_rows(list(measured(table(squatting_joints(thighs), lost=lost), ())[1].values()))
+        told = {what: number for what, number, *_ in rows}
+        assert told["stood up from sitting"].startswith("at least 1") is said
+        assert told["touched by others"].startswith("at least") is said
+        assert told["posture not known"].startswith("2.0" if said else "0.0")
 
 
 def test_who_never_stood_has_no_extension_sway_or_symmetry_but_reasons():

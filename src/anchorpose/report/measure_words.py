@@ -21,8 +21,10 @@ class Words(NamedTuple):
 
 _STANDING: Final = {
     "recorded_time": Words("time recorded", "From the first frame to the last."),
+    "found_time": Words("time in which the patient was found", "The patient was found, or at least one joint."),
     "unknown_time": Words(
-        "time in which posture is not known", "It could not be told whether the patient was upright, or frames are missing."
+        "time in which posture is not known",
+        "It could not be told whether the patient was upright, or frames are missing.",
     ),
     "upright_time": Words("time upright", "By thighs, hips and trunk; also in a frame or hoist: not who carries."),
     "upright_share": Words("share of known time upright", "Time upright, of the time in which posture is known."),

@@ -34,6 +34,12 @@ class Session:
         """(n,) bool: known to be upright."""
         return self.posture.upright == UPRIGHT
 
+    @property
+    def found(self) -> np.ndarray:
+        """(n,) bool: the patient was found, any joint of him. In other frames nobody knows who touched him."""
+        found: np.ndarray = ~self.joints.lost.all(axis=1)
+        return found
+
 
 def inferred_share(severity: np.ndarray) -> float | None:
     """Of frames (k,) with the severity of the worst joint used, those in which it was not seen; None of no frames."""

@@ -41,7 +41,7 @@ def episode(kind: str, joints: JointTable, severity: np.ndarray, run: slice) -> 
 
 
 def time_measures(session: Session, config: UprightConfig) -> list[Measure]:
-    """Recorded, upright and unknown time, the share, the bouts and the longest of them."""
+    """Recorded, found, upright and unknown time, the share, the bouts and the longest of them."""
     seconds, state, severity = session.seconds, session.posture.upright, session.stance.severity
     known, standing = state != UNKNOWN, state == UPRIGHT
     frames, shared = int(known.sum()), inferred_share(severity[known])
@@ -53,6 +53,7 @@ def time_measures(session: Session, config: UprightConfig) -> list[Measure]:
     longest = max((float(seconds[run].sum()) for run in runs), default=0.0)
     return [
         recorded,
+        _row("found_time", float(seconds[session.found].sum()), "s", int(session.found.sum()), None, recorded.why),
         _row("unknown_time", max(total - known_s, 0.0), "s", len(seconds), None, recorded.why),
         _row("upright_time", upright_s, "s", frames, shared, why, sigma_s),
         _row("upright_share", upright_s / known_s if known_s else None, "1", frames, shared, why,

@@ -20,8 +20,10 @@ def touched_frames(frame: np.ndarray, contacts: Sequence[Contact]) -> np.ndarray
 
 def time_with_sigma(
     held: np.ndarray, contacts: Sequence[Contact], seconds: np.ndarray, time_s: np.ndarray
-) -> tuple[float, float]:
+) -> tuple[float, float | None]:
     """Time with any of the contacts, and its sigma; held (c, n) of ``touched_frames``.
+
+    No sigma without contacts: how many were missed is not known here.
 
     Each beginning and each end may be a frame off; and time that rests on inferred contacts alone may or may not be.
     """
@@ -29,6 +31,8 @@ def time_with_sigma(
     edges = 2 * len(unbroken_runs(any_of, time_s))
     usual = float(np.median(seconds)) if len(seconds) else 0.0
     unsure = float(seconds[any_of & ~seen].sum())
+    if not any_of.any():
+        return 0.0, None
     return float(seconds[any_of].sum()), float(np.hypot(np.sqrt(edges) * usual, unsure / np.sqrt(12.0)))
 
 

@@ -12,10 +12,10 @@ from anchorpose.results.episodes import SIT_TO_STAND, STAND_TO_SIT, Episode
 from anchorpose.results.frame_time import frame_seconds, unbroken_runs, usual_step_s
 from anchorpose.results.lasting import changing_sigma
 from anchorpose.results.measures import Measure
-from anchorpose.results.posture import UPRIGHT
+from anchorpose.results.posture import UNKNOWN, UPRIGHT
 from anchorpose.results.stand_training.session import Session, inferred_share
 from anchorpose.results.stand_training.stance import Stance
-from anchorpose.results.stand_training.time_upright import episode
+from anchorpose.results.stand_training.time_upright import NEVER_KNOWN, episode
 from anchorpose.results.stand_training.upright import hold
 from anchorpose.results.tables import JointTable
 
@@ -73,12 +73,13 @@ def transition_episodes(joints: JointTable, stance: Stance, found: list[Transiti
 
 
 def transition_measures(session: Session, found: list[Transition]) -> list[Measure]:
-    """Of either kind how many there were, and the mean, shortest and longest duration."""
+    """Of either kind how many there were, and the mean, shortest and longest duration; null of no known posture."""
     rows = list[Measure]()
-    frames = int(np.isfinite(session.stance.height).sum())
+    frames = int((session.posture.upright != UNKNOWN).sum())
     for kind in (SIT_TO_STAND, STAND_TO_SIT):
         ones = [one for one in found if one.kind == kind]
-        rows.append(Measure(measure=f"{kind}_count", value=float(len(ones)), unit="count", frames=frames))
+        count, why = (float(len(ones)), None) if frames else (None, NEVER_KNOWN)
+        rows.append(Measure(measure=f"{kind}_count", value=count, unit="count", frames=frames, why=why))
         rows += [_duration(session, ones, kind, which) for which in ("mean", "shortest", "longest")]
     return rows
 
