@@ -78,6 +78,14 @@ def test_extension_while_upright_is_that_of_the_frames_in_which_the_patient_stoo
     assert (row.frames, row.inferred_share) == (200, 0.0)
 
 
+def test_a_knee_that_is_bent_backwards_is_told_as_such_and_is_not_straight():
+    found = measured(table(squatting_joints(np.concatenate([np.full(100, -15.0), np.full(100, -5.0)]))))[1]
+    for side in ("left", "right"):
+        assert value(found, "knee_flexion_upright_mean", side) == pytest.approx(-10.0)
+        assert value(found, "knee_flexion_upright_least", side) == pytest.approx(-15.0)
+        assert value(found, "knee_straight_time", side) == pytest.approx(5.0)
+
+
 def test_a_mean_over_many_frames_is_hardly_surer_than_one_frame():
     short, long = (
         measured(table(squatting_joints(np.full(n, 12.0))))[1]["knee_flexion_upright_mean", "left", None, None].sigma

@@ -51,8 +51,8 @@ _TRANSITIONS: Final = {
 }
 
 _EXTENSION: Final = {
-    f"{joint}_flexion_upright_{which}": Words(f"{joint} flexion while upright, {title}", meaning)
-    for joint in ("knee", "hip")
+    f"{joint}_flexion_upright_{which}": Words(f"{joint} flexion while upright, {title}", meaning + beyond)
+    for joint, beyond in (("knee", " Below it: bent backwards."), ("hip", " Below it: thigh behind the trunk."))
     for which, title, meaning in (
         ("mean", "mean", "Mean angle in the frames in which the patient was upright; 0° is straight."),
         ("least", "least", "The angle that 5 of 100 upright frames stay below; 0° is straight."),

@@ -18,7 +18,7 @@ LEAST_PERCENTILE: Final = 5.0  # a single frame's least or greatest value is its
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExtensionConfig:
-    """When a knee counts as straight."""
+    """When a knee counts as straight: within so many degrees, bent either way."""
 
     straight_deg: float = 10.0
 
@@ -81,7 +81,8 @@ def _straight_time(session: Session, side: str, straight_deg: float) -> Measure:
     column = session.angles.column(name)
     error = lasting_sigma(session.angles.sigma_deg[used, column])
     straight_s = [
-        float(session.seconds[used][degrees[used] + shift * error <= straight_deg].sum()) for shift in (0.0, -1.0, 1.0)
+        float(session.seconds[used][np.abs(degrees[used]) + shift * error <= straight_deg].sum())
+        for shift in (0.0, -1.0, 1.0)
     ]
     return Measure(
         measure="knee_straight_time",
