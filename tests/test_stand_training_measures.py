@@ -86,6 +86,19 @@ def test_a_knee_that_is_bent_backwards_is_told_as_such_and_is_not_straight():
         assert value(found, "knee_straight_time", side) == pytest.approx(5.0)
 
 
+def test_the_way_up_is_neither_standing_with_bent_knees_nor_sway():
+    """85 degrees to straight in 2 s, then still: all that moves is the rise."""
+    rise = 85 * (0.5 + 0.5 * np.cos(np.linspace(0, np.pi, 40)))
+    found = measured(table(squatting_joints(np.concatenate([np.full(80, 85.0), rise, np.zeros(200)]))))[1]
+    assert value(found, "knee_flexion_upright_greatest", "left") < 1.0
+    assert value(found, "hip_flexion_upright_greatest", "left") < 1.0
+    assert value(found, "sway_time") == pytest.approx(9.0, abs=0.3)
+    assert value(found, "sway_path_noise") < 0.5
+    row = found["sway_path", None, None, None]
+    assert row.value is None or row.value < 2.0
+    assert value(found, "upright_time") > 10.2  # the way counts as upright time all the same
+
+
 def test_a_mean_over_many_frames_is_hardly_surer_than_one_frame():
     short, long = (
         measured(table(squatting_joints(np.full(n, 12.0))))[1]["knee_flexion_upright_mean", "left", None, None].sigma

@@ -37,9 +37,9 @@ def extension_measures(session: Session, config: ExtensionConfig) -> list[Measur
 
 
 def known_upright(session: Session, angle: str) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) bool frames in which the patient was upright and the angle known; and the angle's column (n,)."""
+    """(n,) bool frames in which the patient stood and the angle is known; and the angle's column (n,)."""
     degrees = session.angles.degrees[:, session.angles.column(angle)]
-    return session.upright & np.isfinite(degrees), degrees
+    return session.standing & np.isfinite(degrees), degrees
 
 
 def _flexion(session: Session, angle: str, side: str) -> list[Measure]:

@@ -35,11 +35,14 @@ class SwayConfig:
 
     cutoff_hz: float = 1.5  # a standing body's centre of mass moves below 1 Hz; the joints' jitter does not
     shortest_bout_s: float = 5.0
+    settle_s: float = 1.0  # after standing up, in which the body still arrives
     times_noise: float = 2.0  # a path that is not so many times what noise alone would draw is not told
 
     def __post_init__(self) -> None:
-        if not (self.cutoff_hz > 0 and self.shortest_bout_s > 0 and self.times_noise >= 1):
-            raise ValueError("cutoff_hz and shortest_bout_s must be positive, times_noise at least 1")
+        if not (self.cutoff_hz > 0 and self.shortest_bout_s > 0 and self.settle_s >= 0 and self.times_noise >= 1):
+            raise ValueError(
+                "cutoff_hz and shortest_bout_s must be positive, settle_s not negative, times_noise at least 1"
+            )
 
 
 class Bout(NamedTuple):
@@ -56,9 +59,10 @@ class Bout(NamedTuple):
 
 
 def sway_bouts(session: Session, config: SwayConfig) -> list[Bout]:
-    """Every upright bout that is long enough and has the centre of mass in all its frames."""
+    """Every bout of settled standing that is long enough and has the centre of mass in all its frames."""
     time_s = session.joints.time_s
-    whole = session.upright & np.isfinite(session.posture.com_m).all(axis=1)
+    settled = session.upright & ~session.moving(config.settle_s)
+    whole = settled & np.isfinite(session.posture.com_m).all(axis=1)
     runs = [
         run
         for run in unbroken_runs(whole, time_s, LONGEST_STEP / (STEPS_A_PERIOD * config.cutoff_hz))

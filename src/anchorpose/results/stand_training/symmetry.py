@@ -47,7 +47,7 @@ def _load_shares(session: Session) -> list[Measure]:
     left, right = (session.joints.position_m[:, joint][:, [0, 2]] for joint in ankles)
     com = session.posture.com_m[:, [0, 2]]
     width = np.linalg.norm(right - left, axis=1)
-    used = session.upright & np.isfinite(com).all(axis=1) & (width >= LEAST_STANCE_M)
+    used = session.standing & np.isfinite(com).all(axis=1) & (width >= LEAST_STANCE_M)
     names = (("left", -1.0), ("right", 1.0))
     if not used.any():
         return [Measure(measure="load_share", side=side, value=None, unit="1", frames=0, why=NO_STANCE)
