@@ -55,6 +55,26 @@ def test_jitter_that_is_no_sway_is_not_told_as_sway_and_does_not_add_to_it():
     assert shaken == pytest.approx(clean, rel=0.1)
 
 
+def test_a_spread_that_noise_may_have_made_is_not_told_and_one_that_noise_enlarges_is_unsure_by_that():
+    """Errors of 5 mm a joint that last too long to be filtered away, and nothing else."""
+    found = {}
+    for sway_m in (0.0, 0.012):
+        joints = swaying(sway_m, sway_m, 0.25, 40.0)
+        walk = np.repeat(np.random.default_rng(6).normal(size=(len(joints) // 20, 1, 3)), 20, axis=0)
+        joints = joints + 0.004 * walk * [1.0, 0.0, 1.0]
+        found[sway_m] = measured(table(joints, sigma_m=0.012))[1]
+    for name in ("sway_rms_ap", "sway_rms_ml", "sway_ellipse_area"):
+        row = found[0.0][name, None, None, None]
+        assert row.value is None
+        assert "noise" in (row.why or "")
+    for name in ("sway_rms_ap", "sway_rms_ml"):
+        row = found[0.012][name, None, None, None]
+        assert row.value is not None
+        assert row.sigma is not None
+        assert abs(row.value - 12.0 / np.sqrt(2)) < 1.96 * row.sigma
+        assert row.value > 12.0 / np.sqrt(2)
+
+
 def test_sway_of_short_bouts_and_of_slow_cameras_is_not_told():
     assert measured(table(swaying(0.02, 0.01, 0.25, 4.0)))[1]["sway_path", None, None, None].value is None
     joints = table(swaying(0.02, 0.01, 0.25, 60.0))
