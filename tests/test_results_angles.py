@@ -198,6 +198,23 @@ def test_a_bent_limb_shows_how_it_is_turned_about_its_own_axis(side, inwards):
     assert _angle(out, f"shoulder_rotation_{end}") == pytest.approx(35.0)
 
 
+@pytest.mark.parametrize("bend_deg", [31.0, 60.0])
+def test_the_turn_of_a_thigh_whose_knee_is_bowed_lies_within_its_range_however_sure_the_joints_are(bend_deg):
+    shank = _turn(standing_joints(), "KneeLeft", ["AnkleLeft", "FootLeft"], -bend_deg)
+    bowed = _turn(shank, "KneeLeft", ["AnkleLeft", "FootLeft"], 3.0, np.array([1.0, 0.0, 0.0]))
+    angles, column = joint_angles(_table(bowed[None], 1e-6)), NAMES.index("hip_rotation_left")
+    assert abs(angles.degrees[0, column]) > 1.0
+    assert abs(angles.degrees[0, column]) <= 1.96 * angles.sigma_deg[0, column]
+
+
+def test_a_limb_that_is_hardly_bent_does_not_show_how_it_is_turned():
+    for degrees, told in ((25.0, False), (35.0, True)):
+        leg = _turn(standing_joints(), "KneeLeft", ["AnkleLeft", "FootLeft"], -degrees)
+        arm = _turn(standing_joints(), "ElbowLeft", ["WristLeft", "HandLeft"], degrees)
+        assert np.isfinite(_angle(leg, "hip_rotation_left")) == told
+        assert np.isfinite(_angle(arm, "shoulder_rotation_left")) == told
+
+
 def test_near_the_axis_that_it_turns_about_an_angle_is_not_told_though_its_joints_are_seen():
     for degrees, told in ((10.0, False), (20.0, True)):
         arm = ["ElbowLeft", "WristLeft", "HandLeft"]
@@ -256,6 +273,11 @@ def test_sigma_is_the_spread_that_noise_makes():
     # unsigned bends of straight limbs are folded there, and arms that hang have no plane
     folded = {"elbow_flexion_left", "shoulder_elevation_left", "shoulder_plane_left"}
     folded |= {"shoulder_rotation_left", "hip_rotation_right"}
+    # of how a limb is turned, sigma also holds that limbs are bowed, which noise of the joints does not
+    own = {"hip_rotation_left": np.degrees(np.arctan(np.tan(np.radians(3.0)) / np.sin(np.radians(50.0))))}
+    own["shoulder_rotation_right"] = np.degrees(np.arctan(np.tan(np.radians(5.0)) / np.sin(np.radians(70.0))))
+    for name, bowed in own.items():
+        sigma[NAMES.index(name)] = np.sqrt(sigma[NAMES.index(name)] ** 2 - bowed**2)
     for name in set(NAMES) - folded:
         assert sigma[NAMES.index(name)] == pytest.approx(spread[NAMES.index(name)], rel=0.1), name
 

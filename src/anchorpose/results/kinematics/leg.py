@@ -7,7 +7,14 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.results.kinematics.definition import AngleGroup, Points, Reading
+from anchorpose.results.kinematics.definition import (
+    PLANE_KNOWN_RAD,
+    PLANE_UNKNOWN_RAD,
+    AngleGroup,
+    Points,
+    Reading,
+    hinge_sigma,
+)
 from anchorpose.results.kinematics.segments import pelvis_axes
 from anchorpose.results.kinematics.vectors import arcsin, between, cross, dot, length, square_to, unit
 
@@ -16,9 +23,8 @@ SOLE_SLOPE_RAD: Final = np.radians(19.3)
 shapes; from person to person it differs by 1.6 degrees (one standard deviation), which sigma does not hold."""
 
 
-PLANE_UNKNOWN_RAD: Final = np.radians(15.0)
-PLANE_KNOWN_RAD: Final = np.radians(30.0)
-"""How far a limb is bent when its plane is still, and no longer, mostly that of noise and of bowed limbs."""
+VARUS_VALGUS_RAD: Final = np.radians(3.0)
+"""One standard deviation of how far knees are bowed in or out; taken, not measured here."""
 
 
 def hip_to_trunk(points: Points, side: str) -> tuple[Reading, ...]:
@@ -95,7 +101,12 @@ def _leg(side: str) -> tuple[AngleGroup, ...]:
             ("SpineMid", *hips, knee),
             partial(hip_to_pelvis, side=side),
         ),
-        AngleGroup((f"hip_rotation_{end}",), (*hips, knee, ankle), partial(hip_turn, side=side)),
+        AngleGroup(
+            (f"hip_rotation_{end}",),
+            (*hips, knee, ankle),
+            partial(hip_turn, side=side),
+            partial(hinge_sigma, limb=(f"Hip{side}", knee, ankle), aside_rad=VARUS_VALGUS_RAD),
+        ),
         AngleGroup((f"knee_flexion_{end}",), (*hips, knee, ankle), partial(knee_bend, side=side)),
         AngleGroup((f"ankle_dorsiflexion_{end}",), (knee, ankle, foot), partial(ankle_bend, side=side)),
     )
