@@ -56,10 +56,10 @@ def test_jitter_that_is_no_sway_is_not_told_as_sway_and_does_not_add_to_it():
 
 
 def test_a_spread_that_noise_may_have_made_is_not_told_and_one_that_noise_enlarges_is_unsure_by_that():
-    """Errors of 5 mm a joint that last too long to be filtered away, and nothing else."""
+    """Errors of 4 mm that all joints share and that last too long to be filtered away, and nothing else."""
     found = {}
     for sway_m in (0.0, 0.012):
-        joints = swaying(sway_m, sway_m, 0.25, 40.0)
+        joints = swaying(sway_m, sway_m, 0.25, 240.0)
         walk = np.repeat(np.random.default_rng(6).normal(size=(len(joints) // 20, 1, 3)), 20, axis=0)
         joints = joints + 0.004 * walk * [1.0, 0.0, 1.0]
         found[sway_m] = measured(table(joints, sigma_m=0.012))[1]
@@ -112,7 +112,9 @@ def test_the_way_up_is_neither_standing_with_bent_knees_nor_sway():
     found = measured(table(squatting_joints(np.concatenate([np.full(80, 85.0), rise, np.zeros(200)]))))[1]
     assert value(found, "knee_flexion_upright_greatest", "left") < 1.0
     assert value(found, "hip_flexion_upright_greatest", "left") < 1.0
-    assert value(found, "sway_time") == pytest.approx(9.0, abs=0.3)
+    assert value(found, "sway_time") == pytest.approx(
+        9.5, abs=0.15
+    )  # the last twentieth of the rise is within the second after it
     assert value(found, "sway_path_noise") < 0.5
     row = found["sway_path", None, None, None]
     assert row.value is None or row.value < 2.0
@@ -264,7 +266,7 @@ def test_the_verb_writes_all_tables_the_same_twice_and_prints_a_table(results, c
     assert [(results / name).read_bytes() for name in names] == first
     assert [path.name for path in results.iterdir() if path.name.startswith(".")] == []
     assert (read_posture(results / "posture.parquet").upright == -1).sum() == 2
-    assert len(read_episodes(results / "episodes.parquet")) == 2
+    assert len(read_episodes(results / "episodes.parquet")) == 1  # a moment without a hip ends no bout
     rows = {row.measure: row for row in read_measures(results / "measures.parquet")}
     assert rows["upright_time"].value == pytest.approx(5.9)
     assert "contacts.parquet" in (rows["contacts"].why or "")

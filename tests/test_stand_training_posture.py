@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -240,6 +241,37 @@ def test_limits_in_the_wrong_order_are_refused():
     for wrong in ({"thigh_enter_deg": 50.0}, {"trunk_enter_deg": 60.0}, {"height_leave": 0.9}):
         with pytest.raises(ValueError, match=r"limits|height_leave"):
             UprightConfig(**wrong)
+
+
+def test_a_trunk_that_is_lost_for_a_moment_changes_neither_bout_nor_transition():
+    joints = squatting_joints(np.concatenate([still(85, 3.0), move(85, 0, 2.0), still(0, 3.0)]))
+    whole = measured(table(joints))[1]
+    for first, frames in ((85, 1), (90, 1), (90, 5), (120, 3)):
+        found = measured(table(joints, lost={"SpineBase": slice(first, first + frames)}))[1]
+        assert value(found, f"{SIT_TO_STAND}_count") == 1.0
+        duration = f"{SIT_TO_STAND}_duration_mean"
+        assert value(found, duration) == pytest.approx(value(whole, duration), abs=1e-9)
+        assert value(found, "upright_bouts") == 1.0
+        assert value(found, "longest_upright_bout") == pytest.approx(value(found, "upright_time"))
+        assert value(found, "unknown_time") > 0.0
+
+
+def test_the_poorer_the_joints_the_less_sure_how_long_standing_up_took():
+    joints = squatting_joints(np.concatenate([still(85, 3.0), move(85, 0, 2.0), still(0, 3.0)]))
+    rows = [
+        measured(table(joints, sigma))[1][f"{SIT_TO_STAND}_duration_mean", None, None, None]
+        for sigma in (0.005, 0.02, 0.03, 0.06)
+    ]
+    sigmas = [row.sigma or 0.0 for row in rows]
+    assert all(late > 1.1 * early for early, late in pairwise(sigmas))
+
+
+def test_who_comes_near_to_standing_and_sinks_back_has_not_stood_up():
+    thighs = np.concatenate([still(85, 4.0), np.linspace(85, 20, 30), np.linspace(20, 85, 30), still(85, 4.0)])
+    found = measured(table(squatting_joints(thighs)))[1]
+    for kind in (SIT_TO_STAND, STAND_TO_SIT):
+        assert value(found, f"{kind}_count") == 0.0
+    assert value(found, "upright_time") > 0.5  # upright for a moment all the same
 
 
 def test_a_lifted_foot_does_not_sit_the_patient_down():

@@ -46,6 +46,17 @@ def frame_seconds(time_s: np.ndarray) -> np.ndarray:
     return np.append(0.5 * usual, half) + np.append(half, 0.5 * usual)
 
 
+def runs_of_known(chosen: np.ndarray, known: np.ndarray, time_s: np.ndarray) -> list[slice]:
+    """As ``unbroken_runs``, of the frames that are ``known`` (n,) bool: unknown ones are as good as dropped.
+
+    So a joint that is lost for a moment ends nothing. The stretches may hold unknown frames, but neither begin nor end
+    with one.
+    """
+    rows = np.flatnonzero(known)
+    runs = unbroken_runs(chosen[rows], time_s[rows], longest_known_gap_s(time_s))
+    return [slice(int(rows[run.start]), int(rows[run.stop - 1]) + 1) for run in runs]
+
+
 def unbroken_runs(chosen: np.ndarray, time_s: np.ndarray, longest_step_s: float | None = None) -> list[slice]:
     """Stretches of frames that are all ``chosen`` (n,) bool, ended also by a step longer than longest_step_s.
 

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.results.episodes import SIT_TO_STAND, STAND_TO_SIT, Episode
-from anchorpose.results.frame_time import frame_seconds, unbroken_runs, usual_step_s
+from anchorpose.results.frame_time import frame_seconds, runs_of_known, unbroken_runs, usual_step_s
 from anchorpose.results.lasting import changing_sigma
 from anchorpose.results.measures import Measure
 from anchorpose.results.posture import UNKNOWN, UPRIGHT
@@ -22,11 +22,14 @@ from anchorpose.results.tables import JointTable
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TransitionConfig:
-    """Seated: thighs near the level and the pelvis at rest for a while, so that a squat in passing is no sitting."""
+    """Seated: thighs near the level and the pelvis at rest for a while, so that a squat in passing is no sitting.
+
+    Standing, too, must last: who comes near to it and sinks back has not stood up.
+    """
 
     seated_enter_deg: float = 65.0
     seated_leave_deg: float = 55.0
-    rest_s: float = 1.0  # the pelvis within ``rest_height`` of the seat
+    rest_s: float = 1.0  # the pelvis within ``rest_height`` of the seat, or of its height in standing
     rest_height: float = 0.05  # of the leg's length
     settle_s: float = 3.0  # of sitting and of standing next to the transition, in which the ends of the rise are found
     edge: float = 0.05  # of the rise: it begins when the pelvis has left the lower end by this much
@@ -55,8 +58,16 @@ def transitions(joints: JointTable, stance: Stance, state: np.ndarray, config: T
     """Every change between sitting and standing in whose course no joint was lost; state (n,) of ``upright``."""
     time_s, seconds, thigh = joints.time_s, frame_seconds(joints.time_s), stance.thigh_deg
     seated = hold(thigh >= config.seated_enter_deg, thigh < config.seated_leave_deg, np.isfinite(thigh)) == UPRIGHT
-    sitting = [run for run in unbroken_runs(seated, time_s) if _rests(seconds[run], stance.height[run], config)]
-    standing = unbroken_runs(state == UPRIGHT, time_s)
+    sitting = [
+        run
+        for run in runs_of_known(seated, np.isfinite(thigh), time_s)
+        if _rests(seconds[run], stance.height[run], config)
+    ]
+    standing = [
+        run
+        for run in runs_of_known(state == UPRIGHT, state != UNKNOWN, time_s)
+        if _rests(seconds[run], -stance.height[run], config)
+    ]
     postures = sorted([(run.start, run, False) for run in sitting] + [(run.start, run, True) for run in standing])
     known = unbroken_runs(np.isfinite(stance.height + thigh), time_s)
     found = list[Transition]()
@@ -113,7 +124,7 @@ would take in the way up, the extreme frame its noise."""
 
 
 def _rests(seconds: np.ndarray, height: np.ndarray, config: TransitionConfig) -> bool:
-    """Whether the pelvis stays at the seat for long enough; height (k,) of a run with the thighs near the level."""
+    """Whether the pelvis stays near the lowest of a run for long enough; height (k,), of standing turned over."""
     known = np.isfinite(height)
     if not known.any():
         return False
@@ -132,14 +143,16 @@ def _transition(
     way = (stance.height[before.start : after.stop] - start_level) / (end_level - start_level)
     middle = before.stop - before.start
     noise = float(np.nanmean(changing_sigma(stance.height_sigma[before.stop - 1 : after.start + 1])))
-    shake = min(noise / abs(end_level - start_level), 0.5 * config.edge)
+    noise /= abs(end_level - start_level)  # a share of the way, as the edges are
+    shake = min(noise, 0.5 * config.edge)  # edges that are tried must stay between the levels
     lengths = list[float]()
     for edge in (config.edge, config.edge + shake, config.edge - shake):
         first, last = _moving(way, middle, edge)
         lengths.append(float(time_s[before.start + last] - time_s[before.start + first]))
     first, last = _moving(way, middle, config.edge)
     step = usual_step_s(time_s[before.start : after.stop])
-    sigma_s = np.hypot(0.5 * abs(lengths[1] - lengths[2]), step / np.sqrt(6.0))  # both ends fall between two frames
+    off_s = 0.5 * abs(lengths[1] - lengths[2]) * noise / shake if shake else 0.0  # more noise than was tried: in line
+    sigma_s = np.hypot(off_s, step / np.sqrt(6.0))  # both ends fall between two frames
     return Transition(
         SIT_TO_STAND if rises else STAND_TO_SIT,
         slice(before.start + first, before.start + last + 1),
