@@ -73,10 +73,11 @@ def _while_upright(session: Session, held: np.ndarray, contacts: Sequence[Contac
     helped_s, sigma_s = time_with_sigma(helped, contacts, session.seconds, session.joints.time_s)
     mean = float(np.average(at_once, weights=session.seconds[standing]))
     shared = inferred_touch_share(helped, contacts)
+    of_help = (shared, None, None, shared, shared)  # time without any contact rests on none that was inferred
     values = (helped_s / upright_s, upright_s - helped_s, 1.0 - helped_s / upright_s, mean, float(at_once.max()))
     share_sigma = None if sigma_s is None else sigma_s / upright_s
     sigmas = (share_sigma, sigma_s, share_sigma, None, None)
     return [
-        Measure(measure=name, value=value, unit=unit, sigma=sigma, frames=frames, inferred_share=shared)
-        for (name, unit), value, sigma in zip(_WHOLE[2:], values, sigmas, strict=True)
+        Measure(measure=name, value=value, unit=unit, sigma=sigma, frames=frames, inferred_share=inferred)
+        for (name, unit), value, sigma, inferred in zip(_WHOLE[2:], values, sigmas, of_help, strict=True)
     ]
