@@ -227,6 +227,13 @@ def test_near_the_axis_that_it_turns_about_an_angle_is_not_told_though_its_joint
         assert np.isfinite(_angle(split, "hip_adduction_right"))
 
 
+def test_the_trunk_of_who_lies_on_a_side_leans_neither_forwards_nor_sideways():
+    for degrees, told in ((80.0, False), (60.0, True)):
+        lying = standing_joints() @ Rotation.from_euler("x", degrees, degrees=True).as_matrix().T
+        assert np.isfinite(_angle(lying, "trunk_side_bend")) == told
+        assert np.isfinite(_angle(lying, "trunk_flexion")) == told
+
+
 def test_where_the_patient_stands_or_faces_changes_only_the_angles_of_facing():
     joints = standing_joints() + np.random.default_rng(1).normal(size=(JOINT_COUNT, 3)) * 0.05
     moved = joints @ Rotation.from_euler("y", 1.2).as_matrix().T + [2.0, 0.1, -3.0]

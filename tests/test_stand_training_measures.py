@@ -147,6 +147,18 @@ def test_leaning_over_one_foot_loads_it():
     assert measured(table(together))[1]["load_share", "left", None, None].value is None
 
 
+def test_a_centre_of_mass_beyond_the_feet_tells_no_share_of_the_load():
+    joints = np.repeat(standing_joints()[None], 40, axis=0)
+    joints[:20, ABOVE, 2] += 0.15  # beyond the right ankle: somebody or something else holds the patient
+    row = measured(table(joints))[1]["load_share", "right", None, None]
+    assert row.value == pytest.approx(0.5, abs=1e-9)
+    assert row.frames == 20
+    joints[:, ABOVE, 2] += 0.15
+    row = measured(table(joints))[1]["load_share", "right", None, None]
+    assert row.value is None
+    assert "between" in (row.why or "")
+
+
 def test_measures_do_not_depend_on_where_the_room_is_and_a_mirror_exchanges_the_sides():
     rng = np.random.default_rng(8)
     joints = swaying(0.02, 0.01, 0.2, 12.0, noise_m=0.001) + 0.02 * rng.normal(size=(1, 21, 3))
@@ -180,7 +192,7 @@ def test_assistance_is_told_by_part_and_person_without_counting_a_moment_twice()
     assert found["assistance_time", None, None, "person 2"].value == pytest.approx(5.0)
     assert found["assistance_time", "left", "knee_left", "person 1"].value == pytest.approx(5.0)
     assert found["assistance_time", None, "pelvis", None].value == pytest.approx(2.0)
-    assert found["assistance_time", None, "pelvis", None].inferred_share == 1.0
+    assert found["assistance_time", None, "pelvis", None].inferred_share == pytest.approx(0.8)
     assert ("assistance_time", None, "pelvis", "person 1") not in found
     assert value(found, "assistance_share_upright") == pytest.approx(150 / 160)
     assert value(found, "hands_free_upright_time") == pytest.approx(0.5)
@@ -198,6 +210,20 @@ def test_a_contact_that_was_only_inferred_makes_its_time_unsure():
     assert seen.sigma is not None
     assert inferred.sigma is not None
     assert seen.sigma < 0.1 < inferred.sigma
+
+
+def test_a_contact_that_was_half_seen_is_half_inferred():
+    joints = table(squatting_joints(np.zeros(200)))
+    sigmas = []
+    for seen in (0.9, 0.6, 0.4, 0.1):
+        found = measured(joints, (contact("pelvis", "a", 20, 119, seen=seen),))[1]
+        row = found["assistance_time", None, None, None]
+        assert row.inferred_share == pytest.approx(1.0 - seen)
+        assert found["hands_free_upright_time", None, None, None].inferred_share is None
+        sigmas.append(row.sigma or 0.0)
+    # no jump where ``state`` changes: the unseen part over root 12, and half a frame or so at either end
+    edges = np.sqrt(2) / RATE
+    assert sigmas == pytest.approx([np.hypot(edges, (1 - s) * 5.0 / np.sqrt(12)) for s in (0.9, 0.6, 0.4, 0.1)])
 
 
 def test_no_contacts_is_another_thing_than_contacts_unknown():
