@@ -16,7 +16,7 @@ NO_CONTACTS: Final = "the results folder has no contacts.parquet; track the reco
 NEVER_FOUND: Final = "the patient was found in no frame"
 NO_UPRIGHT: Final = "the patient was never known to be upright"
 
-_WHOLE: Final = (
+CONTACT_MEASURES: Final = (
     ("assistance_time", "s"),
     ("contacts", "count"),
     ("assistance_share_upright", "1"),
@@ -35,7 +35,7 @@ def assistance_measures(session: Session) -> list[Measure]:
     contacts = session.contacts
     if contacts is None or not session.found.any():
         why = NO_CONTACTS if contacts is None else NEVER_FOUND
-        return [Measure(measure=name, value=None, unit=unit, frames=0, why=why) for name, unit in _WHOLE]
+        return [Measure(measure=name, value=None, unit=unit, frames=0, why=why) for name, unit in CONTACT_MEASURES]
     parts, persons = sorted({c.part for c in contacts}), sorted({c.person for c in contacts})
     groups = [(None, None), *((None, who) for who in persons), *((part, None) for part in parts)]
     groups += [(part, who) for part in parts for who in persons]
@@ -68,7 +68,10 @@ def _while_upright(session: Session, held: np.ndarray, contacts: Sequence[Contac
     standing = session.upright
     frames, upright_s = int(standing.sum()), float(session.seconds[standing].sum())
     if not upright_s:
-        return [Measure(measure=name, value=None, unit=unit, frames=0, why=NO_UPRIGHT) for name, unit in _WHOLE[2:]]
+        return [
+            Measure(measure=name, value=None, unit=unit, frames=0, why=NO_UPRIGHT)
+            for name, unit in CONTACT_MEASURES[2:]
+        ]
     helped, at_once = held & standing, held[:, standing].sum(axis=0)
     helped_s, sigma_s = time_with_sigma(helped, contacts, session.seconds, session.joints.time_s)
     mean = float(np.average(at_once, weights=session.seconds[standing]))
@@ -79,5 +82,5 @@ def _while_upright(session: Session, held: np.ndarray, contacts: Sequence[Contac
     sigmas = (share_sigma, sigma_s, share_sigma, None, None)
     return [
         Measure(measure=name, value=value, unit=unit, sigma=sigma, frames=frames, inferred_share=inferred)
-        for (name, unit), value, sigma, inferred in zip(_WHOLE[2:], values, sigmas, of_help, strict=True)
+        for (name, unit), value, sigma, inferred in zip(CONTACT_MEASURES[2:], values, sigmas, of_help, strict=True)
     ]
