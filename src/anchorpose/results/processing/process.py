@@ -15,7 +15,7 @@ from anchorpose.results.kinematics.joint_angles import ANGLE_GROUPS, joint_angle
 from anchorpose.results.processing.butterworth import MOST_UNEVEN, evenness, filter_stretch
 from anchorpose.results.processing.filling import fill_gaps
 from anchorpose.results.processing.kalman import smooth_stretch
-from anchorpose.results.processing.low_pass import highest_cutoff_hz
+from anchorpose.results.processing.low_pass import highest_cutoff_hz, shortest_frames
 from anchorpose.results.processing.policy import ProcessingConfig, policy_text
 from anchorpose.results.tables import JointTable
 
@@ -71,6 +71,8 @@ def _smooth(
 ) -> tuple[np.ndarray, np.ndarray] | None:  # fmt: skip
     """None where the stretch stays as it was measured."""
     if config.smooth == "butterworth":
+        if len(time_s) > 1 and len(time_s) >= shortest_frames(1.0 / usual_step_s(time_s), config.cutoff_hz):
+            _check_cutoff(time_s, config.cutoff_hz)  # of its own rate, which may be lower than that of the recording
         return filter_stretch(time_s, position_m, sigma_m, config.cutoff_hz)
     if config.smooth == "kalman" and len(time_s) > 1:
         return smooth_stretch(time_s, position_m, sigma_m, config.jerk)
@@ -80,12 +82,7 @@ def _smooth(
 def _check(time_s: np.ndarray, cutoff_hz: float) -> None:
     if len(time_s) < 2:
         raise AnchorposeError("a single frame cannot be smoothed; leave --smooth out.")
-    rate_hz = 1.0 / usual_step_s(time_s)
-    highest = highest_cutoff_hz(rate_hz)
-    if cutoff_hz >= highest:
-        raise AnchorposeError(
-            f"--cutoff {cutoff_hz:g} Hz is too high for {rate_hz:.3g} frames a second; give less than {highest:.2g} Hz."
-        )
+    _check_cutoff(time_s, cutoff_hz)
     for run in unbroken_runs(np.ones(len(time_s), dtype=bool), time_s, longest_even_step_s(time_s)):
         uneven = evenness(time_s[run])
         if uneven > MOST_UNEVEN:
@@ -93,3 +90,12 @@ def _check(time_s: np.ndarray, cutoff_hz: float) -> None:
                 f"steps between frames differ by up to {100 * uneven:.0f} % from the usual one, and the Butterworth "
                 f"filter bears {100 * MOST_UNEVEN:.0f} %; use --smooth kalman, which bears any."
             )
+
+
+def _check_cutoff(time_s: np.ndarray, cutoff_hz: float) -> None:
+    rate_hz = 1.0 / usual_step_s(time_s)
+    highest = highest_cutoff_hz(rate_hz)
+    if cutoff_hz >= highest:
+        raise AnchorposeError(
+            f"--cutoff {cutoff_hz:g} Hz is too high for {rate_hz:.3g} frames a second; give less than {highest:.2g} Hz."
+        )
