@@ -19,10 +19,14 @@ from anchorpose.results.angle_errors import NORMAL_95
 from anchorpose.results.contacts import CONTACTS_FILE, read_contacts
 from anchorpose.results.kinematics.joint_angles import joint_angles
 from anchorpose.results.measures import Measure
+from anchorpose.results.stand_training.assistance import CONTACT_MEASURES
 from anchorpose.results.stand_training.centre_of_mass import centre_of_mass
 from anchorpose.results.stand_training.measure import MeasureConfig, measure_session
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 from anchorpose.results.truth import read_truth
+
+OF_CONTACTS = {name for name, _ in CONTACT_MEASURES}
+"""Both sides have them from the same contacts, so that they would hold whatever the joints are."""
 
 SKIP_S = 1.0  # as in the accuracy table
 
@@ -74,12 +78,15 @@ def measures_of(joints: JointTable, results: Path) -> dict[tuple[str | None, ...
 
 
 def judge(results: Path, found: JointTable, true: JointTable) -> tuple[int, int]:
-    """How many measures with a sigma hold the truth's value, of how many; prints those that do not."""
+    """How many measures with a sigma hold the truth's value, of how many; prints those that do not.
+
+    Left out are those of contacts, and those whose sigma is nought, which nothing measured.
+    """
     held = judged = 0
     theirs = measures_of(true, results)
     for key, row in measures_of(found, results).items():
         exact = theirs.get(key)
-        if exact is None or None in (row.value, row.sigma, exact.value) or "contact" in key[0] or "hands" in key[0]:
+        if exact is None or not row.sigma or None in (row.value, exact.value) or key[0] in OF_CONTACTS:
             continue
         if key[0].startswith("sway") and row.frames != exact.frames:
             continue  # a lost joint ended a bout: other sway, not other measurement

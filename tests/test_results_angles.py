@@ -68,6 +68,38 @@ def test_a_limb_bent_by_an_angle_is_measured_as_that_angle(side, degrees):
         assert _angle(arm, f"shoulder_elevation_{end}") == pytest.approx(degrees)
 
 
+@pytest.mark.parametrize("side", ["Left", "Right"])
+@pytest.mark.parametrize("degrees", [3.0, 8.0, 20.0, 29.0])
+def test_a_knee_that_bends_backwards_is_negative_and_shows_no_turn_of_the_thigh(side, degrees):
+    shank_ahead = _turn(standing_joints(), f"Knee{side}", [f"Ankle{side}", f"Foot{side}"], degrees)
+    assert _angle(shank_ahead, f"knee_flexion_{side.lower()}") == pytest.approx(-degrees)
+    assert np.isnan(_angle(shank_ahead, f"hip_rotation_{side.lower()}"))
+
+
+@pytest.mark.parametrize("true_deg", [-6.0, 0.0, 4.0, 15.0, 22.0, 45.0])
+def test_the_mean_of_noisy_knees_is_the_knee(true_deg):
+    bent = _turn(standing_joints(), "KneeLeft", ["AnkleLeft", "FootLeft"], -true_deg)
+    noisy = bent + 0.01 * np.random.default_rng(11).normal(size=(6000, JOINT_COUNT, 3))
+    found = joint_angles(_table(noisy)).degrees[:, NAMES.index("knee_flexion_left")]
+    assert found.mean() == pytest.approx(true_deg, abs=0.25)
+
+
+def test_bow_legs_are_not_bent_and_a_leg_that_is_turned_out_is_bent_as_far_as_it_is():
+    bowed = _turn(standing_joints(), "KneeLeft", ["AnkleLeft", "FootLeft"], 5.0, np.array([1.0, 0.0, 0.0]))
+    assert _angle(bowed, "knee_flexion_left") == pytest.approx(0.0, abs=1e-6)
+    for degrees, allowed in ((10.0, 1.5), (20.0, 2.0), (40.0, 1e-6), (110.0, 1e-6)):
+        leg = _turn(standing_joints(), "KneeLeft", ["AnkleLeft", "FootLeft"], -degrees)
+        leg = _turn(leg, "HipLeft", ["KneeLeft", "AnkleLeft", "FootLeft"], 30.0, np.array([0.0, 1.0, 0.0]))
+        assert _angle(leg, "knee_flexion_left") == pytest.approx(degrees, abs=allowed)
+
+
+def test_of_a_thigh_along_the_line_of_the_hips_only_a_clear_bend_is_told():
+    for degrees, told in ((10.0, False), (60.0, True)):
+        leg = _turn(standing_joints(), "KneeRight", ["AnkleRight", "FootRight"], -degrees)
+        leg = _turn(leg, "HipRight", ["KneeRight", "AnkleRight", "FootRight"], 85.0, np.array([-1.0, 0.0, 0.0]))
+        assert np.isfinite(_angle(leg, "knee_flexion_right")) == told
+
+
 def test_a_thigh_that_points_back_is_extended():
     back = _turn(standing_joints(), "HipLeft", ["KneeLeft", "AnkleLeft", "FootLeft"], -15.0)
     assert _angle(back, "hip_flexion_left") == pytest.approx(-15.0)
@@ -166,6 +198,23 @@ def test_a_bent_limb_shows_how_it_is_turned_about_its_own_axis(side, inwards):
     assert _angle(out, f"shoulder_rotation_{end}") == pytest.approx(35.0)
 
 
+@pytest.mark.parametrize("bend_deg", [31.0, 60.0])
+def test_the_turn_of_a_thigh_whose_knee_is_bowed_lies_within_its_range_however_sure_the_joints_are(bend_deg):
+    shank = _turn(standing_joints(), "KneeLeft", ["AnkleLeft", "FootLeft"], -bend_deg)
+    bowed = _turn(shank, "KneeLeft", ["AnkleLeft", "FootLeft"], 3.0, np.array([1.0, 0.0, 0.0]))
+    angles, column = joint_angles(_table(bowed[None], 1e-6)), NAMES.index("hip_rotation_left")
+    assert abs(angles.degrees[0, column]) > 1.0
+    assert abs(angles.degrees[0, column]) <= 1.96 * angles.sigma_deg[0, column]
+
+
+def test_a_limb_that_is_hardly_bent_does_not_show_how_it_is_turned():
+    for degrees, told in ((25.0, False), (35.0, True)):
+        leg = _turn(standing_joints(), "KneeLeft", ["AnkleLeft", "FootLeft"], -degrees)
+        arm = _turn(standing_joints(), "ElbowLeft", ["WristLeft", "HandLeft"], degrees)
+        assert np.isfinite(_angle(leg, "hip_rotation_left")) == told
+        assert np.isfinite(_angle(arm, "shoulder_rotation_left")) == told
+
+
 def test_near_the_axis_that_it_turns_about_an_angle_is_not_told_though_its_joints_are_seen():
     for degrees, told in ((10.0, False), (20.0, True)):
         arm = ["ElbowLeft", "WristLeft", "HandLeft"]
@@ -176,6 +225,13 @@ def test_near_the_axis_that_it_turns_about_an_angle_is_not_told_though_its_joint
         split = _turn(standing_joints(), "HipRight", ["KneeRight"], 90.0 - degrees, np.array([-1.0, 0.0, 0.0]))
         assert np.isfinite(_angle(split, "hip_pelvis_flexion_right")) == told
         assert np.isfinite(_angle(split, "hip_adduction_right"))
+
+
+def test_the_trunk_of_who_lies_on_a_side_leans_neither_forwards_nor_sideways():
+    for degrees, told in ((80.0, False), (60.0, True)):
+        lying = standing_joints() @ Rotation.from_euler("x", degrees, degrees=True).as_matrix().T
+        assert np.isfinite(_angle(lying, "trunk_side_bend")) == told
+        assert np.isfinite(_angle(lying, "trunk_flexion")) == told
 
 
 def test_where_the_patient_stands_or_faces_changes_only_the_angles_of_facing():
@@ -209,7 +265,7 @@ def test_an_angle_is_as_poorly_known_as_its_worst_joint_and_gone_with_a_lost_one
     gone = {name for name, value in zip(NAMES, angles.degrees[0], strict=True) if np.isnan(value)}
     gone -= {f"shoulder_{name}_{side}" for name in ("plane", "rotation") for side in ("left", "right")}  # undetermined
     of_the_pelvis = {name for name in NAMES if name.startswith(("pelvis", "trunk_pelvis", "hip"))}
-    assert gone == {"knee_flexion_left", "trunk_flexion", "trunk_side_bend", *of_the_pelvis}
+    assert gone == {"knee_flexion_left", "knee_flexion_right", "trunk_flexion", "trunk_side_bend", *of_the_pelvis}
     assert np.isnan(angles.sigma_deg[0, [NAMES.index(name) for name in gone]]).all()
     assert (angles.severity[0, [NAMES.index(name) for name in gone]] == LOST).all()
 
@@ -222,8 +278,13 @@ def test_sigma_is_the_spread_that_noise_makes():
     spread = joint_angles(_table(noisy)).degrees.std(axis=0)
     sigma = joint_angles(_table(bent[None], 0.005)).sigma_deg[0]
     # unsigned bends of straight limbs are folded there, and arms that hang have no plane
-    folded = {"knee_flexion_right", "elbow_flexion_left", "shoulder_elevation_left", "shoulder_plane_left"}
+    folded = {"elbow_flexion_left", "shoulder_elevation_left", "shoulder_plane_left"}
     folded |= {"shoulder_rotation_left", "hip_rotation_right"}
+    # of how a limb is turned, sigma also holds that limbs are bowed, which noise of the joints does not
+    own = {"hip_rotation_left": np.degrees(np.arctan(np.tan(np.radians(3.0)) / np.sin(np.radians(50.0))))}
+    own["shoulder_rotation_right"] = np.degrees(np.arctan(np.tan(np.radians(5.0)) / np.sin(np.radians(70.0))))
+    for name, bowed in own.items():
+        sigma[NAMES.index(name)] = np.sqrt(sigma[NAMES.index(name)] ** 2 - bowed**2)
     for name in set(NAMES) - folded:
         assert sigma[NAMES.index(name)] == pytest.approx(spread[NAMES.index(name)], rel=0.1), name
 

@@ -115,6 +115,16 @@ def test_what_is_filled_lies_within_its_sigma():
     assert np.mean(np.abs(errors) <= 1.96) == pytest.approx(0.95, abs=0.03)
 
 
+def test_a_cutoff_that_is_too_high_for_a_slower_stretch_is_refused_with_its_rate():
+    """All at 30 frames a second but the end, and there one joint by itself."""
+    slow_s = np.arange(1, 61) / 25.0
+    table = moving(240, gap=slice(170, 180))
+    time_s = np.concatenate([np.arange(180) / RATE, 179 / RATE + slow_s])
+    assert process_joints(replace(table, time_s=time_s), ProcessingConfig(smooth="butterworth", cutoff_hz=11.0))
+    with pytest.raises(AnchorposeError, match="too high for 25 frames a second"):
+        process_joints(replace(table, time_s=time_s), ProcessingConfig(smooth="butterworth", cutoff_hz=12.0))
+
+
 def test_a_spline_follows_a_curve_that_a_line_cuts():
     time_s = np.arange(240) / RATE
     gapped = wave(time_s)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from session_builder import RATE, measured, squatting_joints, table, value
@@ -9,11 +12,12 @@ from session_builder import RATE, measured, squatting_joints, table, value
 from anchorpose.body.asset import joint_bones, load_body_asset
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
 from anchorpose.results.episodes import SIT_TO_STAND, STAND_TO_SIT, UPRIGHT_EPISODE
-from anchorpose.results.frame_time import frame_seconds, unbroken_runs
+from anchorpose.results.frame_time import frame_seconds, recorded_seconds, unbroken_runs
 from anchorpose.results.posture import NOT_UPRIGHT, UNKNOWN, UPRIGHT
 from anchorpose.results.stand_training.centre_of_mass import SHARED_ERROR, centre_of_mass
 from anchorpose.results.stand_training.segment_masses import PAIRED_SEGMENTS, SINGLE_SEGMENTS, joint_weights
 from anchorpose.results.stand_training.upright import UprightConfig, hold
+from anchorpose.results.tables import JointTable
 
 
 def still(thigh_deg: float, seconds: float) -> np.ndarray:
@@ -140,8 +144,52 @@ def test_time_near_the_limit_is_told_with_a_wide_margin():
     assert near.sigma is None or near.sigma > 2.0
 
 
+def at_times(joints: JointTable, time_s: np.ndarray) -> JointTable:
+    return replace(joints, time_s=time_s)
+
+
+def test_dropped_frames_neither_end_a_bout_nor_take_time_away():
+    time_s = np.arange(1800) / 30
+    kept = np.sort(np.random.default_rng(0).choice(1800, 1600, replace=False))
+    kept[[0, -1]] = 0, 1799
+    found = measured(at_times(table(squatting_joints(np.zeros(len(kept)))), time_s[kept]))[1]
+    for name in ("recorded_time", "upright_time", "longest_upright_bout"):
+        assert value(found, name) == pytest.approx(60.0, abs=0.05)
+    assert value(found, "upright_bouts") == 1.0
+    assert value(found, "unknown_time") == pytest.approx(0.0, abs=0.05)
+
+
+def test_cameras_that_slow_down_half_way_lose_no_time():
+    time_s = np.concatenate([np.arange(900) / 30, 30 + np.arange(600) / 15])
+    found = measured(at_times(table(squatting_joints(np.zeros(1500))), time_s))[1]
+    for name in ("recorded_time", "upright_time", "longest_upright_bout"):
+        assert value(found, name) == pytest.approx(70.0, abs=0.1)
+    assert value(found, "sway_time") == pytest.approx(70.0, abs=0.1)
+
+
+def test_a_long_gap_is_time_of_which_nothing_is_known():
+    time_s = np.concatenate([np.arange(200) / RATE, 15.0 + np.arange(100) / RATE])
+    found = measured(at_times(table(squatting_joints(np.zeros(300))), time_s))[1]
+    assert value(found, "recorded_time") == pytest.approx(20.0)
+    assert value(found, "unknown_time") == pytest.approx(5.0)
+    assert value(found, "upright_time") == pytest.approx(15.0)
+    assert value(found, "upright_bouts") == 2.0
+
+
+def test_standing_up_is_counted_though_frames_were_dropped():
+    joints = squatting_joints(np.concatenate([still(85, 4.0), move(85, 0, 2.0), still(0, 4.0)]))
+    whole = value(measured(table(joints))[1], f"{SIT_TO_STAND}_duration_mean")
+    for seed in range(10):
+        kept = np.flatnonzero(np.random.default_rng(seed).random(len(joints)) > 0.05)
+        found = measured(at_times(table(joints[kept]), kept / RATE))[1]
+        assert value(found, f"{SIT_TO_STAND}_count") == 1.0
+        assert value(found, f"{SIT_TO_STAND}_duration_mean") == pytest.approx(whole, abs=2.1 / RATE)
+
+
 def test_missing_frames_count_for_nothing_and_break_a_run():
     time_s = np.array([0.0, 0.1, 0.2, 1.0, 1.1])
+    assert recorded_seconds(time_s) == pytest.approx(1.2)
+    assert recorded_seconds(time_s[:1]) == 0.0
     np.testing.assert_allclose(frame_seconds(time_s), 0.1)
     assert unbroken_runs(np.ones(5, dtype=bool), time_s) == [slice(0, 3), slice(3, 5)]
     assert unbroken_runs(np.array([1, 0, 1, 1, 0], dtype=bool), np.arange(5.0)) == [slice(0, 1), slice(2, 4)]
@@ -193,6 +241,37 @@ def test_limits_in_the_wrong_order_are_refused():
     for wrong in ({"thigh_enter_deg": 50.0}, {"trunk_enter_deg": 60.0}, {"height_leave": 0.9}):
         with pytest.raises(ValueError, match=r"limits|height_leave"):
             UprightConfig(**wrong)
+
+
+def test_a_trunk_that_is_lost_for_a_moment_changes_neither_bout_nor_transition():
+    joints = squatting_joints(np.concatenate([still(85, 3.0), move(85, 0, 2.0), still(0, 3.0)]))
+    whole = measured(table(joints))[1]
+    for first, frames in ((85, 1), (90, 1), (90, 5), (120, 3)):
+        found = measured(table(joints, lost={"SpineBase": slice(first, first + frames)}))[1]
+        assert value(found, f"{SIT_TO_STAND}_count") == 1.0
+        duration = f"{SIT_TO_STAND}_duration_mean"
+        assert value(found, duration) == pytest.approx(value(whole, duration), abs=1e-9)
+        assert value(found, "upright_bouts") == 1.0
+        assert value(found, "longest_upright_bout") == pytest.approx(value(found, "upright_time"))
+        assert value(found, "unknown_time") > 0.0
+
+
+def test_the_poorer_the_joints_the_less_sure_how_long_standing_up_took():
+    joints = squatting_joints(np.concatenate([still(85, 3.0), move(85, 0, 2.0), still(0, 3.0)]))
+    rows = [
+        measured(table(joints, sigma))[1][f"{SIT_TO_STAND}_duration_mean", None, None, None]
+        for sigma in (0.005, 0.02, 0.03, 0.06)
+    ]
+    sigmas = [row.sigma or 0.0 for row in rows]
+    assert all(late > 1.1 * early for early, late in pairwise(sigmas))
+
+
+def test_who_comes_near_to_standing_and_sinks_back_has_not_stood_up():
+    thighs = np.concatenate([still(85, 4.0), np.linspace(85, 20, 30), np.linspace(20, 85, 30), still(85, 4.0)])
+    found = measured(table(squatting_joints(thighs)))[1]
+    for kind in (SIT_TO_STAND, STAND_TO_SIT):
+        assert value(found, f"{kind}_count") == 0.0
+    assert value(found, "upright_time") > 0.5  # upright for a moment all the same
 
 
 def test_a_lifted_foot_does_not_sit_the_patient_down():

@@ -21,8 +21,10 @@ class Words(NamedTuple):
 
 _STANDING: Final = {
     "recorded_time": Words("time recorded", "From the first frame to the last."),
+    "found_time": Words("time in which the patient was found", "The patient was found, or at least one joint."),
     "unknown_time": Words(
-        "time in which posture is not known", "It could not be told whether the patient was upright."
+        "time in which posture is not known",
+        "It could not be told whether the patient was upright, or frames are missing.",
     ),
     "upright_time": Words("time upright", "By thighs, hips and trunk; also in a frame or hoist: not who carries."),
     "upright_share": Words("share of known time upright", "Time upright, of the time in which posture is known."),
@@ -49,8 +51,8 @@ _TRANSITIONS: Final = {
 }
 
 _EXTENSION: Final = {
-    f"{joint}_flexion_upright_{which}": Words(f"{joint} flexion while upright, {title}", meaning)
-    for joint in ("knee", "hip")
+    f"{joint}_flexion_upright_{which}": Words(f"{joint} flexion while upright, {title}", meaning + beyond)
+    for joint, beyond in (("knee", " Below it: bent backwards."), ("hip", " Below it: thigh behind the trunk."))
     for which, title, meaning in (
         ("mean", "mean", "Mean angle in the frames in which the patient was upright; 0° is straight."),
         ("least", "least", "The angle that 5 of 100 upright frames stay below; 0° is straight."),
@@ -59,7 +61,7 @@ _EXTENSION: Final = {
 } | {"knee_straight_time": Words("time with the knee straight", "Time upright in which the knee was nearly straight.")}
 
 _BALANCE: Final = {
-    "sway_time": Words("time that sway is taken from", "The upright bouts that are long enough and miss no frame."),
+    "sway_time": Words("time that sway is taken from", "The upright bouts that are long enough and lose no joint."),
     "sway_path": Words("sway, path", "Way of the body's estimated centre of mass over the floor, low-passed."),
     "sway_velocity": Words("sway, mean speed", "The path divided by its time."),
     "sway_rms_ap": Words("sway forwards and backwards", "Root mean square distance from the bout's mean, that way."),

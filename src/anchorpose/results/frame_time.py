@@ -1,4 +1,4 @@
-"""How long each frame stands for."""
+"""How long each frame stands for, and where frames are missing."""
 
 from __future__ import annotations
 
@@ -7,7 +7,11 @@ from typing import Final
 import numpy as np
 
 LONGEST_STEP: Final = 1.5
-"""Times the usual step between frames. A longer one means that frames are missing: what happened then is not known."""
+"""Times the usual step between frames. A longer one is not even: at least one frame is missing."""
+
+LONGEST_GAP_S: Final = 0.5
+"""A patient neither sits down nor stands up within this time, so what was before and after a shorter gap went on in it.
+What happened in a longer one is not known."""
 
 
 def usual_step_s(time_s: np.ndarray) -> float:
@@ -15,23 +19,53 @@ def usual_step_s(time_s: np.ndarray) -> float:
     return float(np.median(np.diff(time_s))) if len(time_s) > 1 else float("nan")
 
 
-def frame_seconds(time_s: np.ndarray) -> np.ndarray:
-    """(n,) seconds: half the way to both neighbours, half a usual step where there is none or frames are missing.
+def longest_even_step_s(time_s: np.ndarray) -> float:
+    """Longer steps miss a frame, which matters to filters; NaN of fewer than two frames."""
+    return LONGEST_STEP * usual_step_s(time_s)
 
-    All zeros of a single frame, which has no duration.
+
+def longest_known_gap_s(time_s: np.ndarray) -> float:
+    """What happened in a longer step is not known; slow cameras may take ``LONGEST_STEP`` of their own steps."""
+    return max(LONGEST_GAP_S, longest_even_step_s(time_s))
+
+
+def recorded_seconds(time_s: np.ndarray) -> float:
+    """From the first frame to the last, which lasts a usual step; 0 of a single frame, which has no duration."""
+    return float(time_s[-1] - time_s[0]) + usual_step_s(time_s) if len(time_s) > 1 else 0.0
+
+
+def frame_seconds(time_s: np.ndarray) -> np.ndarray:
+    """(n,) seconds: half the way to both neighbours, half a usual step at either end and at a gap of unknown time.
+
+    All zeros of a single frame, which has no duration. The sum is that of ``recorded_seconds`` less the unknown time.
     """
     if len(time_s) < 2:
         return np.zeros(len(time_s))
     usual, step = usual_step_s(time_s), np.diff(time_s)
-    half = 0.5 * np.where(step > LONGEST_STEP * usual, usual, step)
+    half = 0.5 * np.where(step > longest_known_gap_s(time_s), usual, step)
     return np.append(0.5 * usual, half) + np.append(half, 0.5 * usual)
 
 
-def unbroken_runs(chosen: np.ndarray, time_s: np.ndarray) -> list[slice]:
-    """Stretches of frames that are all ``chosen`` (n,) bool, ended also where frames are missing."""
+def runs_of_known(chosen: np.ndarray, known: np.ndarray, time_s: np.ndarray) -> list[slice]:
+    """As ``unbroken_runs``, of the frames that are ``known`` (n,) bool: unknown ones are as good as dropped.
+
+    So a joint that is lost for a moment ends nothing. The stretches may hold unknown frames, but neither begin nor end
+    with one.
+    """
+    rows = np.flatnonzero(known)
+    runs = unbroken_runs(chosen[rows], time_s[rows], longest_known_gap_s(time_s))
+    return [slice(int(rows[run.start]), int(rows[run.stop - 1]) + 1) for run in runs]
+
+
+def unbroken_runs(chosen: np.ndarray, time_s: np.ndarray, longest_step_s: float | None = None) -> list[slice]:
+    """Stretches of frames that are all ``chosen`` (n,) bool, ended also by a step longer than longest_step_s.
+
+    longest_step_s: ``longest_known_gap_s`` where None, so that a dropped frame ends nothing.
+    """
     if not len(chosen):
         return []
-    joined = np.append(False, np.diff(time_s) <= LONGEST_STEP * usual_step_s(time_s))  # to the frame before
+    longest_s = longest_known_gap_s(time_s) if longest_step_s is None else longest_step_s
+    joined = np.append(False, np.diff(time_s) <= longest_s)  # to the frame before
     starts = np.flatnonzero(chosen & ~(joined & np.append(False, chosen[:-1])))
     ends = np.flatnonzero(chosen & ~np.append(joined[1:] & chosen[1:], False))
     return [slice(int(start), int(end) + 1) for start, end in zip(starts, ends, strict=True)]

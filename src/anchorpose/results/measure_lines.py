@@ -13,8 +13,10 @@ SPREAD_95: Final = 1.96
 
 _SHOWN: Final = {
     "recorded_time": "recorded",
+    "found_time": "patient found",
+    "unknown_time": "posture not known",
     "upright_time": "upright",
-    "upright_share": "share of the time upright",
+    "upright_share": "upright, of the time in which posture is known",
     "longest_upright_bout": "longest time upright without a break",
     "sit_to_stand_count": "stood up from sitting",
     "sit_to_stand_duration_mean": "standing up took, mean",
@@ -34,17 +36,21 @@ _SHOWN: Final = {
 }
 """The measures that are printed, in this order; all others are in measures.parquet."""
 
+SHORT_S: Final = 0.001
+"""Less unknown time than this is rounding."""
+
 _UNIT: Final = {"1": "%", "deg": "°", "count": "", "cm2": "cm²"}
 
 
 def measure_rows(measures: Sequence[Measure]) -> list[tuple[str, str, str, str]]:
     """What, value with its 95 % range, share that was inferred, and why there is no value; one row a measure."""
-    rows = []
+    rows, lower_bounds = [], _lower_bounds(measures)
     for name, words in _SHOWN.items():
         for row in measures:
             if row.measure == name and not (row.measure == "assistance_time" and row.person and row.part):
                 inferred = "" if row.inferred_share is None else f"{100 * row.inferred_share:.0f} %"
-                rows.append((_label(words, row), _value(row), inferred, row.why or ""))
+                at_least = "at least " if row.value is not None and row.measure in lower_bounds else ""
+                rows.append((_label(words, row), at_least + _value(row), inferred, row.why or ""))
     return rows
 
 
@@ -53,6 +59,17 @@ def processing_sentence(policy: str) -> str:
     told = json.loads(policy)
     counts = [f"{told[f'joint_frames_{name}']} {name}" for name in (*PROCESSING, "lost")]
     return f"Of the joint positions of all frames, {', '.join(counts)}."
+
+
+def _lower_bounds(measures: Sequence[Measure]) -> set[str]:
+    """The measures of which there may have been more while nobody could tell."""
+    seconds = {row.measure: row.value for row in measures if row.value is not None and row.unit == "s"}
+    found: set[str] = set()
+    if seconds.get("unknown_time", 0.0) > SHORT_S:
+        found |= {"upright_time", "sit_to_stand_count", "stand_to_sit_count"}
+    if seconds.get("recorded_time", 0.0) - seconds.get("found_time", 0.0) > SHORT_S:
+        found |= {"assistance_time"}
+    return found
 
 
 def _label(words: str, row: Measure) -> str:

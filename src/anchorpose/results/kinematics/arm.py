@@ -7,9 +7,12 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.results.kinematics.definition import AngleGroup, Points, Reading
+from anchorpose.results.kinematics.definition import PLANE_KNOWN_RAD, AngleGroup, Points, Reading, hinge_sigma
 from anchorpose.results.kinematics.segments import trunk_axes
 from anchorpose.results.kinematics.vectors import between, cross, dot, length, unit
+
+CARRYING_RAD: Final = np.radians(5.0)
+"""One standard deviation of the elbow's carrying angle; taken, not measured here."""
 
 
 def shoulder_elevation(points: Points, side: str) -> tuple[Reading, ...]:
@@ -31,7 +34,8 @@ def shoulder_turn(points: Points, side: str) -> tuple[Reading, ...]:
     hanging arm points forward; positive = turned inwards, the hand towards the other side.
 
     What is left of the arm's turn against the trunk after the shortest swing from hanging. ISB's third angle is not
-    determined for an arm that hangs, which is where patients hold theirs. A straight arm has no such plane.
+    determined for an arm that hangs, which is where patients hold theirs. An arm that is bent by less than
+    ``PLANE_KNOWN_RAD`` has no such plane.
     """
     shoulder, elbow, wrist = (points[f"{name}{side}"] for name in ("Shoulder", "Elbow", "Wrist"))
     trunk, y = trunk_axes(points), unit(shoulder - elbow)
@@ -41,7 +45,8 @@ def shoulder_turn(points: Points, side: str) -> tuple[Reading, ...]:
     inwards = 1.0 if side == "Right" else -1.0
     turn = np.arctan2(dot(trunk.x, z) - dot(trunk.z, x), dot(trunk.x, x) + dot(trunk.z, z))
     not_overhead = np.sqrt(np.clip(0.5 * (1.0 + dot(trunk.y, y)), 0.0, 1.0))
-    return ((inwards * turn, bent * not_overhead),)
+    hinged = bent >= np.sin(PLANE_KNOWN_RAD)
+    return ((inwards * turn, np.where(hinged, bent * not_overhead, 0.0)),)
 
 
 def elbow_bend(points: Points, side: str) -> tuple[Reading, ...]:
@@ -64,6 +69,7 @@ def _arm(side: str) -> tuple[AngleGroup, ...]:
             (f"shoulder_rotation_{end}",),
             (*trunk, "ShoulderLeft", "ShoulderRight", elbow, wrist),
             partial(shoulder_turn, side=side),
+            partial(hinge_sigma, limb=(shoulder, elbow, wrist), aside_rad=CARRYING_RAD),
         ),
         AngleGroup((f"elbow_flexion_{end}",), (shoulder, elbow, wrist), partial(elbow_bend, side=side)),
     )

@@ -7,13 +7,24 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.results.kinematics.definition import AngleGroup, Points, Reading
+from anchorpose.results.kinematics.definition import (
+    PLANE_KNOWN_RAD,
+    PLANE_UNKNOWN_RAD,
+    AngleGroup,
+    Points,
+    Reading,
+    hinge_sigma,
+)
 from anchorpose.results.kinematics.segments import pelvis_axes
 from anchorpose.results.kinematics.vectors import arcsin, between, cross, dot, length, square_to, unit
 
 SOLE_SLOPE_RAD: Final = np.radians(19.3)
 """How far the line from ankle to toe base falls towards the toes when the sole is level: mean of the body asset's
 shapes; from person to person it differs by 1.6 degrees (one standard deviation), which sigma does not hold."""
+
+
+VARUS_VALGUS_RAD: Final = np.radians(3.0)
+"""One standard deviation of how far knees are bowed in or out; taken, not measured here."""
 
 
 def hip_to_trunk(points: Points, side: str) -> tuple[Reading, ...]:
@@ -34,7 +45,8 @@ def hip_turn(points: Points, side: str) -> tuple[Reading, ...]:
     """How the thigh is turned about its own axis, by the plane in which the leg is bent: 0 = the shank points straight
     back from the knee, square to the hip joints; positive = turned inwards, the foot to the outside.
 
-    The last of ISB's Cardan angles z, x, y, the plane's normal being the thigh's z. A straight leg has no such plane.
+    The last of ISB's Cardan angles z, x, y, the plane's normal being the thigh's z. A leg that is bent by less than
+    ``PLANE_KNOWN_RAD`` has no such plane, and one that is bent backwards shows it the wrong way round: not told.
     """
     hip, knee, ankle = (points[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle"))
     across, y = unit(points["HipRight"] - points["HipLeft"]), unit(hip - knee)
@@ -42,13 +54,28 @@ def hip_turn(points: Points, side: str) -> tuple[Reading, ...]:
     bent, z = length(normal), unit(-normal)
     aside, along = dot(across, cross(y, z)), dot(across, z)
     inwards = -1.0 if side == "Left" else 1.0
-    return ((inwards * np.arctan2(-aside, along), bent * np.hypot(aside, along)),)
+    hinged = (bent >= np.sin(PLANE_KNOWN_RAD)) & (along > 0)  # against the hips it is no hinge that bends
+    return ((inwards * np.arctan2(-aside, along), np.where(hinged, bent * np.hypot(aside, along), 0.0)),)
 
 
 def knee_bend(points: Points, side: str) -> tuple[Reading, ...]:
-    """How far the leg is bent at the knee, in whichever plane: 0 = straight, never negative."""
+    """How far the leg is bent at the knee: 0 = straight, negative = bent backwards (hyperextended).
+
+    A nearly straight leg shows no plane of bending but that of its noise and of bow legs, so only what turns about the
+    line of the hips counts; with either sign, so that noise about a straight knee has the mean zero. A leg that is
+    clearly bent is bent in the plane of its hinge, and the whole angle between thigh and shank counts. Between
+    ``PLANE_UNKNOWN_RAD`` and ``PLANE_KNOWN_RAD`` the one passes into the other. No knee bends backwards further than
+    that, so beyond it the angle is positive, and does not need the line of the hips.
+    """
     hip, knee, ankle = (points[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle"))
-    return ((between(knee - hip, ankle - knee), 1.0),)
+    thigh, shank = unit(knee - hip), unit(ankle - knee)
+    across = unit(points["HipRight"] - points["HipLeft"])
+    hinge, axis = square_to(across, thigh), cross(shank, thigh)
+    bend, about_hinge = between(thigh, shank), dot(axis, hinge)
+    clear = np.clip((bend - PLANE_UNKNOWN_RAD) / (PLANE_KNOWN_RAD - PLANE_UNKNOWN_RAD), 0.0, 1.0)
+    part = np.arctan2(about_hinge, dot(thigh, shank))
+    signed = clear * np.copysign(bend, about_hinge) + (1.0 - clear) * part
+    return ((np.where(clear == 1.0, bend, signed), np.where(clear == 1.0, 1.0, length(cross(across, thigh)))),)
 
 
 def ankle_bend(points: Points, side: str) -> tuple[Reading, ...]:
@@ -64,7 +91,7 @@ def _swing(up: np.ndarray, right: np.ndarray, thigh: np.ndarray) -> Reading:
 
 def _leg(side: str) -> tuple[AngleGroup, ...]:
     end, hips = side.lower(), ("HipLeft", "HipRight")
-    hip, knee, ankle, foot = (f"{name}{side}" for name in ("Hip", "Knee", "Ankle", "Foot"))
+    knee, ankle, foot = (f"{name}{side}" for name in ("Knee", "Ankle", "Foot"))
     return (
         AngleGroup(
             (f"hip_flexion_{end}",), ("SpineBase", "SpineShoulder", *hips, knee), partial(hip_to_trunk, side=side)
@@ -74,8 +101,13 @@ def _leg(side: str) -> tuple[AngleGroup, ...]:
             ("SpineMid", *hips, knee),
             partial(hip_to_pelvis, side=side),
         ),
-        AngleGroup((f"hip_rotation_{end}",), (*hips, knee, ankle), partial(hip_turn, side=side)),
-        AngleGroup((f"knee_flexion_{end}",), (hip, knee, ankle), partial(knee_bend, side=side)),
+        AngleGroup(
+            (f"hip_rotation_{end}",),
+            (*hips, knee, ankle),
+            partial(hip_turn, side=side),
+            partial(hinge_sigma, limb=(f"Hip{side}", knee, ankle), aside_rad=VARUS_VALGUS_RAD),
+        ),
+        AngleGroup((f"knee_flexion_{end}",), (*hips, knee, ankle), partial(knee_bend, side=side)),
         AngleGroup((f"ankle_dorsiflexion_{end}",), (knee, ankle, foot), partial(ankle_bend, side=side)),
     )
 

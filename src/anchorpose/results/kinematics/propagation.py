@@ -15,7 +15,7 @@ def angles_with_sigma(
 
     position_m (21, 3, n), sigma_m (21, n): errors are taken as independent between joints and axes. Each coordinate is
     moved by its own sigma, both ways, instead of using a derivative: at a straight knee the derivative of the angle is
-    not defined and would promise certainty.
+    not defined and would promise certainty. What the formula itself may be off is added as squares.
     """
     points = {name: position_m[JOINT_INDEX[name]] for name in group.joints}
     readings = group.formula(points)
@@ -30,6 +30,8 @@ def angles_with_sigma(
                 moved[axis] += sign * sigma_m[JOINT_INDEX[name]]
                 change = np.stack([value for value, _ in group.formula(points | {name: moved})]) - angle
                 variance += 0.5 * _shorter_way(change) ** 2
+    if group.own_sigma is not None:
+        variance += group.own_sigma(points) ** 2
     return angle, np.where(np.isnan(angle), np.nan, np.sqrt(variance))
 
 

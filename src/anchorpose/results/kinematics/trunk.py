@@ -14,14 +14,16 @@ from anchorpose.results.kinematics.vectors import arcsin, dot, unit
 def trunk_lean(points: Points) -> tuple[Reading, ...]:
     """The line from SpineBase to SpineShoulder against the world's vertical: forwards, then to the patient's right.
 
-    Forwards is square to the hip joints, on the level.
+    Forwards is square to the hip joints, on the level; where their line is nearly upright (lying on a side), neither
+    direction is told.
     """
     across, up = points["HipRight"] - points["HipLeft"], unit(points["SpineShoulder"] - points["SpineBase"])
     nothing = np.zeros_like(across[0])
     right = unit(np.stack([across[0], nothing, across[2]]))
     forward = np.stack([right[2], nothing, -right[0]])
     ahead, aside = dot(up, forward), dot(up, right)
-    return (np.arctan2(ahead, up[1]), np.hypot(ahead, up[1])), (arcsin(aside), 1.0)
+    level = np.hypot(*unit(across)[[0, 2]])
+    return (np.arctan2(ahead, up[1]), np.minimum(level, np.hypot(ahead, up[1]))), (arcsin(aside), level)
 
 
 def trunk_heading(points: Points) -> tuple[Reading, ...]:

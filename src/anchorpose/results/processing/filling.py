@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from anchorpose.results.frame_time import LONGEST_STEP, usual_step_s
+from anchorpose.results.frame_time import longest_even_step_s, usual_step_s
 from anchorpose.results.processing.policy import Filling
 
 LEAST_TRIALS: Final = 20
@@ -51,7 +51,7 @@ def _gaps(known: np.ndarray, time_s: np.ndarray, reach: int, longest_s: float) -
     """First frame and one past the last of the gaps that may be filled."""
     edges = np.flatnonzero(np.diff(np.concatenate([[True], known, [True]])))
     found = []
-    longest_step = LONGEST_STEP * usual_step_s(time_s)
+    longest_step = longest_even_step_s(time_s)
     for start, stop in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
         first, last = start - reach, stop + reach
         if first < 0 or last > len(known) or not (known[first:start].all() and known[stop:last].all()):
@@ -85,7 +85,7 @@ def _tried_elsewhere(
     span = missing + 2 * reach
     if len(time_s) < span:
         return None
-    steps = np.append(np.diff(time_s) <= LONGEST_STEP * usual_step_s(time_s), True)
+    steps = np.append(np.diff(time_s) <= longest_even_step_s(time_s), True)
     windows = np.lib.stride_tricks.sliding_window_view(known & steps, span).all(axis=1)
     starts = np.flatnonzero(windows)
     if len(starts) < LEAST_TRIALS:

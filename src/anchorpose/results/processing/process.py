@@ -9,13 +9,13 @@ import numpy as np
 from anchorpose.errors import AnchorposeError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JointState
 from anchorpose.results.angles_processed import PROCESSING, ProcessedAngles
-from anchorpose.results.frame_time import unbroken_runs, usual_step_s
+from anchorpose.results.frame_time import longest_even_step_s, unbroken_runs, usual_step_s
 from anchorpose.results.joint_frame import SEVERITY
 from anchorpose.results.kinematics.joint_angles import ANGLE_GROUPS, joint_angles
 from anchorpose.results.processing.butterworth import MOST_UNEVEN, evenness, filter_stretch
 from anchorpose.results.processing.filling import fill_gaps
 from anchorpose.results.processing.kalman import smooth_stretch
-from anchorpose.results.processing.low_pass import highest_cutoff_hz
+from anchorpose.results.processing.low_pass import highest_cutoff_hz, shortest_frames
 from anchorpose.results.processing.policy import ProcessingConfig, policy_text
 from anchorpose.results.tables import JointTable
 
@@ -44,7 +44,7 @@ def process_joints(joints: JointTable, config: ProcessingConfig) -> ProcessedJoi
             position_m[:, joint], sigma_m[:, joint] = filled.position_m, filled.sigma_m
             severity[filled.filled, joint] = SEVERITY[JointState.HIDDEN]
             processing[filled.filled, joint] = FILLED
-        for run in unbroken_runs(np.isfinite(sigma_m[:, joint]), joints.time_s):
+        for run in unbroken_runs(np.isfinite(sigma_m[:, joint]), joints.time_s, longest_even_step_s(joints.time_s)):
             smoothed = _smooth(joints.time_s[run], position_m[run, joint], sigma_m[run, joint], config)
             if smoothed is not None:
                 position_m[run, joint], sigma_m[run, joint] = smoothed
@@ -71,6 +71,8 @@ def _smooth(
 ) -> tuple[np.ndarray, np.ndarray] | None:  # fmt: skip
     """None where the stretch stays as it was measured."""
     if config.smooth == "butterworth":
+        if len(time_s) > 1 and len(time_s) >= shortest_frames(1.0 / usual_step_s(time_s), config.cutoff_hz):
+            _check_cutoff(time_s, config.cutoff_hz)  # of its own rate, which may be lower than that of the recording
         return filter_stretch(time_s, position_m, sigma_m, config.cutoff_hz)
     if config.smooth == "kalman" and len(time_s) > 1:
         return smooth_stretch(time_s, position_m, sigma_m, config.jerk)
@@ -80,16 +82,20 @@ def _smooth(
 def _check(time_s: np.ndarray, cutoff_hz: float) -> None:
     if len(time_s) < 2:
         raise AnchorposeError("a single frame cannot be smoothed; leave --smooth out.")
-    rate_hz = 1.0 / usual_step_s(time_s)
-    highest = highest_cutoff_hz(rate_hz)
-    if cutoff_hz >= highest:
-        raise AnchorposeError(
-            f"--cutoff {cutoff_hz:g} Hz is too high for {rate_hz:.3g} frames a second; give less than {highest:.2g} Hz."
-        )
-    for run in unbroken_runs(np.ones(len(time_s), dtype=bool), time_s):
+    _check_cutoff(time_s, cutoff_hz)
+    for run in unbroken_runs(np.ones(len(time_s), dtype=bool), time_s, longest_even_step_s(time_s)):
         uneven = evenness(time_s[run])
         if uneven > MOST_UNEVEN:
             raise AnchorposeError(
                 f"steps between frames differ by up to {100 * uneven:.0f} % from the usual one, and the Butterworth "
                 f"filter bears {100 * MOST_UNEVEN:.0f} %; use --smooth kalman, which bears any."
             )
+
+
+def _check_cutoff(time_s: np.ndarray, cutoff_hz: float) -> None:
+    rate_hz = 1.0 / usual_step_s(time_s)
+    highest = highest_cutoff_hz(rate_hz)
+    if cutoff_hz >= highest:
+        raise AnchorposeError(
+            f"--cutoff {cutoff_hz:g} Hz is too high for {rate_hz:.3g} frames a second; give less than {highest:.2g} Hz."
+        )

@@ -13,9 +13,10 @@ from anchorpose.results.stand_training.session import Session
 from anchorpose.results.stand_training.touch import inferred_touch_share, time_with_sigma, touched_frames
 
 NO_CONTACTS: Final = "the results folder has no contacts.parquet; track the recording again"
+NEVER_FOUND: Final = "the patient was found in no frame"
 NO_UPRIGHT: Final = "the patient was never known to be upright"
 
-_WHOLE: Final = (
+CONTACT_MEASURES: Final = (
     ("assistance_time", "s"),
     ("contacts", "count"),
     ("assistance_share_upright", "1"),
@@ -27,14 +28,18 @@ _WHOLE: Final = (
 
 
 def assistance_measures(session: Session) -> list[Measure]:
-    """Of the whole session; then for each person, each part, and each person and part, the time and the contacts."""
+    """Of the whole session; then for each person, each part, and each person and part, the time and the contacts.
+
+    Only of frames in which the patient was found: in others nobody can be seen to touch him, or not to.
+    """
     contacts = session.contacts
-    if contacts is None:
-        return [Measure(measure=name, value=None, unit=unit, frames=0, why=NO_CONTACTS) for name, unit in _WHOLE]
+    if contacts is None or not session.found.any():
+        why = NO_CONTACTS if contacts is None else NEVER_FOUND
+        return [Measure(measure=name, value=None, unit=unit, frames=0, why=why) for name, unit in CONTACT_MEASURES]
     parts, persons = sorted({c.part for c in contacts}), sorted({c.person for c in contacts})
     groups = [(None, None), *((None, who) for who in persons), *((part, None) for part in parts)]
     groups += [(part, who) for part in parts for who in persons]
-    held = touched_frames(session.joints.frame, contacts)
+    held = touched_frames(session.joints.frame, contacts) & session.found
     rows = list[Measure]()
     for part, person in groups:
         chosen = [part in (None, c.part) and person in (None, c.person) for c in contacts]
@@ -63,14 +68,19 @@ def _while_upright(session: Session, held: np.ndarray, contacts: Sequence[Contac
     standing = session.upright
     frames, upright_s = int(standing.sum()), float(session.seconds[standing].sum())
     if not upright_s:
-        return [Measure(measure=name, value=None, unit=unit, frames=0, why=NO_UPRIGHT) for name, unit in _WHOLE[2:]]
+        return [
+            Measure(measure=name, value=None, unit=unit, frames=0, why=NO_UPRIGHT)
+            for name, unit in CONTACT_MEASURES[2:]
+        ]
     helped, at_once = held & standing, held[:, standing].sum(axis=0)
     helped_s, sigma_s = time_with_sigma(helped, contacts, session.seconds, session.joints.time_s)
     mean = float(np.average(at_once, weights=session.seconds[standing]))
     shared = inferred_touch_share(helped, contacts)
+    of_help = (shared, None, None, shared, shared)  # time without any contact rests on none that was inferred
     values = (helped_s / upright_s, upright_s - helped_s, 1.0 - helped_s / upright_s, mean, float(at_once.max()))
-    sigmas = (sigma_s / upright_s, sigma_s, sigma_s / upright_s, None, None)
+    share_sigma = None if sigma_s is None else sigma_s / upright_s
+    sigmas = (share_sigma, sigma_s, share_sigma, None, None)
     return [
-        Measure(measure=name, value=value, unit=unit, sigma=sigma, frames=frames, inferred_share=shared)
-        for (name, unit), value, sigma in zip(_WHOLE[2:], values, sigmas, strict=True)
+        Measure(measure=name, value=value, unit=unit, sigma=sigma, frames=frames, inferred_share=inferred)
+        for (name, unit), value, sigma, inferred in zip(CONTACT_MEASURES[2:], values, sigmas, of_help, strict=True)
     ]

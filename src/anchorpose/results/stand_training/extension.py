@@ -18,7 +18,7 @@ LEAST_PERCENTILE: Final = 5.0  # a single frame's least or greatest value is its
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExtensionConfig:
-    """When a knee counts as straight."""
+    """When a knee counts as straight: within so many degrees, bent either way."""
 
     straight_deg: float = 10.0
 
@@ -37,9 +37,9 @@ def extension_measures(session: Session, config: ExtensionConfig) -> list[Measur
 
 
 def known_upright(session: Session, angle: str) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) bool frames in which the patient was upright and the angle known; and the angle's column (n,)."""
+    """(n,) bool frames in which the patient stood and the angle is known; and the angle's column (n,)."""
     degrees = session.angles.degrees[:, session.angles.column(angle)]
-    return session.upright & np.isfinite(degrees), degrees
+    return session.standing & np.isfinite(degrees), degrees
 
 
 def _flexion(session: Session, angle: str, side: str) -> list[Measure]:
@@ -81,7 +81,8 @@ def _straight_time(session: Session, side: str, straight_deg: float) -> Measure:
     column = session.angles.column(name)
     error = lasting_sigma(session.angles.sigma_deg[used, column])
     straight_s = [
-        float(session.seconds[used][degrees[used] + shift * error <= straight_deg].sum()) for shift in (0.0, -1.0, 1.0)
+        float(session.seconds[used][np.abs(degrees[used]) + shift * error <= straight_deg].sum())
+        for shift in (0.0, -1.0, 1.0)
     ]
     return Measure(
         measure="knee_straight_time",

@@ -8,7 +8,8 @@ import numpy as np
 
 from anchorpose.results.angles import AngleTable
 from anchorpose.results.contacts import Contact
-from anchorpose.results.episodes import Episode
+from anchorpose.results.episodes import SIT_TO_STAND, STAND_TO_SIT, Episode
+from anchorpose.results.joint_frame import LOST
 from anchorpose.results.posture import UPRIGHT, PostureTable
 from anchorpose.results.stand_training.stance import Stance
 from anchorpose.results.tables import JointTable
@@ -33,6 +34,25 @@ class Session:
     def upright(self) -> np.ndarray:
         """(n,) bool: known to be upright."""
         return self.posture.upright == UPRIGHT
+
+    @property
+    def standing(self) -> np.ndarray:
+        """(n,) bool: upright, and neither just standing up nor just sitting down."""
+        return self.upright & ~self.moving()
+
+    def moving(self, settle_s: float = 0.0) -> np.ndarray:
+        """(n,) bool: within a change between sitting and standing, whose ends still rest, or settle_s after its end."""
+        time_s, changing = self.joints.time_s, np.zeros(len(self.seconds), dtype=bool)
+        for episode in self.episodes:
+            if episode.kind in (SIT_TO_STAND, STAND_TO_SIT):
+                changing |= (time_s > episode.start_s) & (time_s < episode.end_s + settle_s)
+        return changing
+
+    @property
+    def found(self) -> np.ndarray:
+        """(n,) bool: the patient was found, any joint of him. In other frames nobody knows who touched him."""
+        found: np.ndarray = self.joints.severity.min(axis=1) < LOST
+        return found
 
 
 def inferred_share(severity: np.ndarray) -> float | None:

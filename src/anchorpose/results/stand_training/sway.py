@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.results.frame_time import unbroken_runs, usual_step_s
+from anchorpose.results.frame_time import LONGEST_STEP, unbroken_runs, usual_step_s
 from anchorpose.results.lasting import changing_sigma
 from anchorpose.results.measures import Measure
 from anchorpose.results.processing.low_pass import low_pass
@@ -35,11 +35,14 @@ class SwayConfig:
 
     cutoff_hz: float = 1.5  # a standing body's centre of mass moves below 1 Hz; the joints' jitter does not
     shortest_bout_s: float = 5.0
+    settle_s: float = 1.0  # after standing up, in which the body still arrives
     times_noise: float = 2.0  # a path that is not so many times what noise alone would draw is not told
 
     def __post_init__(self) -> None:
-        if not (self.cutoff_hz > 0 and self.shortest_bout_s > 0 and self.times_noise >= 1):
-            raise ValueError("cutoff_hz and shortest_bout_s must be positive, times_noise at least 1")
+        if not (self.cutoff_hz > 0 and self.shortest_bout_s > 0 and self.settle_s >= 0 and self.times_noise >= 1):
+            raise ValueError(
+                "cutoff_hz and shortest_bout_s must be positive, settle_s not negative, times_noise at least 1"
+            )
 
 
 class Bout(NamedTuple):
@@ -56,12 +59,13 @@ class Bout(NamedTuple):
 
 
 def sway_bouts(session: Session, config: SwayConfig) -> list[Bout]:
-    """Every upright bout that is long enough and has the centre of mass in all its frames."""
+    """Every bout of settled standing that is long enough and has the centre of mass in all its frames."""
     time_s = session.joints.time_s
-    whole = session.upright & np.isfinite(session.posture.com_m).all(axis=1)
+    settled = session.upright & ~session.moving(config.settle_s)
+    whole = settled & np.isfinite(session.posture.com_m).all(axis=1)
     runs = [
         run
-        for run in unbroken_runs(whole, time_s)
+        for run in unbroken_runs(whole, time_s, LONGEST_STEP / (STEPS_A_PERIOD * config.cutoff_hz))
         if time_s[run.stop - 1] - time_s[run.start] >= config.shortest_bout_s
     ]
     return [_bout(session, run, config) for run in runs if _fast_enough(time_s[run], config)]
@@ -84,7 +88,7 @@ def sway_measures(session: Session, config: SwayConfig) -> list[Measure]:
 
 
 def _values(session: Session, bouts: list[Bout], config: SwayConfig) -> list[tuple[str, float | None, float | None]]:
-    """Name, value and sigma in the units of ``UNITS``; None where noise makes most of it."""
+    """Name, value and sigma in the units of ``UNITS``; None where noise may make most of it."""
     deviation = 1000.0 * np.concatenate([bout.deviation_m for bout in bouts])
     path, noise, seconds = (
         sum(getattr(bout, name) for bout in bouts) * scale
@@ -92,29 +96,36 @@ def _values(session: Session, bouts: list[Bout], config: SwayConfig) -> list[tup
     )
     sigma_m = np.concatenate([session.posture.com_sigma_m[bout.frames] for bout in bouts])
     error = 1000.0 * float(np.sqrt(np.mean(changing_sigma(sigma_m) ** 2)))
-    told = path >= config.times_noise * noise
-    path_sigma = float(np.hypot(SCALE_ERROR * path, path - np.sqrt(max(path**2 - noise**2, 0.0))))
     covariance = deviation.T @ deviation / (len(deviation) - 1)
     rms = np.sqrt(np.diag(covariance))
-    rms_sigma = np.hypot(SCALE_ERROR * rms, np.hypot(rms, error) - rms)
     axes = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance), 0.0))
     area_cm2 = np.pi * CHI2_95 * axes.prod() / 100.0
-    axes_sigma = np.hypot(SCALE_ERROR * axes, np.hypot(axes, error) - axes)
+    path_sigma = float(_with_noise(np.array(path), noise))
+    rms_sigma, axes_sigma = _with_noise(rms, error), _with_noise(axes, error)
     area_sigma = np.pi * CHI2_95 * np.hypot(axes[0] * axes_sigma[1], axes[1] * axes_sigma[0]) / 100.0
     return [
-        ("sway_path", path if told else None, path_sigma),
-        ("sway_velocity", path / seconds if told else None, path_sigma / seconds),
-        ("sway_rms_ap", float(rms[0]), float(rms_sigma[0])),
-        ("sway_rms_ml", float(rms[1]), float(rms_sigma[1])),
-        ("sway_ellipse_area", float(area_cm2), float(area_sigma)),
+        ("sway_path", path if path >= config.times_noise * noise else None, path_sigma),
+        ("sway_velocity", path / seconds if path >= config.times_noise * noise else None, path_sigma / seconds),
+        ("sway_rms_ap", float(rms[0]) if rms[0] >= config.times_noise * error else None, float(rms_sigma[0])),
+        ("sway_rms_ml", float(rms[1]) if rms[1] >= config.times_noise * error else None, float(rms_sigma[1])),
+        # of the two axes, the shorter is in the area as much as the longer
+        ("sway_ellipse_area", float(area_cm2) if axes.min() >= config.times_noise * error else None, float(area_sigma)),
     ]
+
+
+def _with_noise(value: np.ndarray, noise: float) -> np.ndarray:
+    """Sigma of what noise, which adds as squares, has made larger: what it may have added, and the error of scale."""
+    added = value - np.sqrt(np.maximum(value**2 - noise**2, 0.0))
+    spread: np.ndarray = np.hypot(SCALE_ERROR * value, added)
+    return spread
 
 
 def _row(name: str, value: float | None, sigma: float | None, severity: np.ndarray, config: SwayConfig) -> Measure:
     unit = UNITS.get(name, "s" if name == "sway_time" else "mm")
     frames, shared = len(severity), inferred_share(severity)
     if value is None:
-        why = f"the path is less than {config.times_noise:g} times what the joints' noise alone would draw"
+        what = "the path" if name in ("sway_path", "sway_velocity") else "the sway, in one direction at least,"
+        why = f"{what} is less than {config.times_noise:g} times what the joints' noise alone would draw"
         return Measure(measure=name, value=None, unit=unit, frames=frames, inferred_share=shared, why=why)
     return Measure(measure=name, value=value, unit=unit, sigma=sigma, frames=frames, inferred_share=shared)
 

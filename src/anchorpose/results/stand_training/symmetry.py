@@ -15,7 +15,10 @@ from anchorpose.results.stand_training.session import Session, inferred_share
 LEAST_STANCE_M: Final = 0.08
 """With the ankles closer than this, the centre of mass between them tells too little of which foot bears it."""
 
-NO_STANCE: Final = "the patient was never known to be upright on feet at least 8 cm apart with no joint lost"
+NO_STANCE: Final = (
+    "the patient was never known to be upright on feet at least 8 cm apart, with the centre of mass between them and "
+    "no joint lost"
+)
 
 
 def symmetry_measures(session: Session) -> list[Measure]:
@@ -42,22 +45,25 @@ def _difference(session: Session, angle: str) -> Measure:
 
 
 def _load_shares(session: Session) -> list[Measure]:
-    """Where the centre of mass lies between the ankles, seen from above: 0.5 is the middle, for either foot."""
+    """Where the centre of mass lies between the ankles, seen from above: 0.5 is the middle, for either foot.
+
+    Beyond an ankle two feet alone do not carry a patient who stands still: such frames tell no shares.
+    """
     ankles = [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]
     left, right = (session.joints.position_m[:, joint][:, [0, 2]] for joint in ankles)
     com = session.posture.com_m[:, [0, 2]]
     width = np.linalg.norm(right - left, axis=1)
-    used = session.upright & np.isfinite(com).all(axis=1) & (width >= LEAST_STANCE_M)
+    along = np.einsum("nk,nk->n", com - 0.5 * (left + right), right - left) / np.where(width > 0, width, np.nan) ** 2
+    used = session.standing & (np.abs(along) <= 0.5) & (width >= LEAST_STANCE_M)  # NaN where any of them is lost
     names = (("left", -1.0), ("right", 1.0))
     if not used.any():
         return [Measure(measure="load_share", side=side, value=None, unit="1", frames=0, why=NO_STANCE)
                 for side, _ in names]  # fmt: skip
-    along = np.einsum("nk,nk->n", (com - 0.5 * (left + right))[used], (right - left)[used]) / width[used] ** 2
     feet = session.joints.sigma_m[used][:, ankles]
     sigma = np.hypot(session.posture.com_sigma_m[used], 0.5 * np.hypot(feet[:, 0], feet[:, 1])) / width[used]
     severity = np.maximum(session.posture.severity[used], session.joints.severity[used][:, ankles].max(axis=1))
     return [
-        Measure(measure="load_share", side=side, value=0.5 + sign * float(along.mean()), unit="1",
+        Measure(measure="load_share", side=side, value=0.5 + sign * float(along[used].mean()), unit="1",
                 sigma=sigma_of_mean(sigma, float(session.seconds[used].sum())), frames=int(used.sum()),
                 inferred_share=inferred_share(severity))
         for side, sign in names

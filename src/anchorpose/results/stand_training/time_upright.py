@@ -8,7 +8,7 @@ import numpy as np
 
 from anchorpose.joints import JointState
 from anchorpose.results.episodes import UPRIGHT_EPISODE, Episode
-from anchorpose.results.frame_time import unbroken_runs
+from anchorpose.results.frame_time import recorded_seconds, runs_of_known
 from anchorpose.results.measures import Measure
 from anchorpose.results.posture import UNKNOWN, UPRIGHT
 from anchorpose.results.stand_training.session import Session, inferred_share
@@ -24,7 +24,7 @@ def upright_episodes(joints: JointTable, stance: Stance, state: np.ndarray) -> t
     """The bouts; state (n,) of ``upright``."""
     return tuple(
         episode(UPRIGHT_EPISODE, joints, stance.severity, run)
-        for run in unbroken_runs(state == UPRIGHT, joints.time_s)
+        for run in runs_of_known(state == UPRIGHT, state != UNKNOWN, joints.time_s)
     )  # fmt: skip
 
 
@@ -41,19 +41,20 @@ def episode(kind: str, joints: JointTable, severity: np.ndarray, run: slice) -> 
 
 
 def time_measures(session: Session, config: UprightConfig) -> list[Measure]:
-    """Recorded, upright and unknown time, the share, the bouts and the longest of them."""
+    """Recorded, found, upright and unknown time, the share, the bouts and the longest of them."""
     seconds, state, severity = session.seconds, session.posture.upright, session.stance.severity
     known, standing = state != UNKNOWN, state == UPRIGHT
     frames, shared = int(known.sum()), inferred_share(severity[known])
-    total, known_s = float(seconds.sum()), float(seconds[known].sum())
-    runs = unbroken_runs(standing, session.joints.time_s)
+    total, known_s = recorded_seconds(session.joints.time_s), float(seconds[known].sum())
+    runs = runs_of_known(standing, known, session.joints.time_s)
     recorded = _row("recorded_time", total, "s", len(seconds), None, None if total else NO_TIME)
     why = NO_TIME if not total else None if known_s else NEVER_KNOWN
     upright_s, sigma_s = float(seconds[standing].sum()), _sigma_s(session, config)
-    longest = max((float(seconds[run].sum()) for run in runs), default=0.0)
+    longest = max((float(seconds[run][standing[run]].sum()) for run in runs), default=0.0)
     return [
         recorded,
-        _row("unknown_time", total - known_s, "s", len(seconds), None, recorded.why),
+        _row("found_time", float(seconds[session.found].sum()), "s", int(session.found.sum()), None, recorded.why),
+        _row("unknown_time", max(total - known_s, 0.0), "s", len(seconds), None, recorded.why),
         _row("upright_time", upright_s, "s", frames, shared, why, sigma_s),
         _row("upright_share", upright_s / known_s if known_s else None, "1", frames, shared, why,
              sigma_s / known_s if known_s else None),
@@ -67,7 +68,8 @@ def _sigma_s(session: Session, config: UprightConfig) -> float:
 
     And every beginning and end of a bout may be half a frame off.
     """
-    edges = 2 * len(unbroken_runs(session.upright, session.joints.time_s))
+    state = session.posture.upright
+    edges = 2 * len(runs_of_known(state == UPRIGHT, state != UNKNOWN, session.joints.time_s))
     usual = float(np.median(session.seconds))
     more, less = (
         float(session.seconds[upright(session.stance, config, shift) == UPRIGHT].sum()) for shift in (1.0, -1.0)

@@ -9,24 +9,27 @@ from typing import Final
 import numpy as np
 
 from anchorpose.results.episodes import SIT_TO_STAND, STAND_TO_SIT, Episode
-from anchorpose.results.frame_time import unbroken_runs, usual_step_s
+from anchorpose.results.frame_time import frame_seconds, runs_of_known, unbroken_runs, usual_step_s
 from anchorpose.results.lasting import changing_sigma
 from anchorpose.results.measures import Measure
-from anchorpose.results.posture import UPRIGHT
+from anchorpose.results.posture import UNKNOWN, UPRIGHT
 from anchorpose.results.stand_training.session import Session, inferred_share
 from anchorpose.results.stand_training.stance import Stance
-from anchorpose.results.stand_training.time_upright import episode
+from anchorpose.results.stand_training.time_upright import NEVER_KNOWN, episode
 from anchorpose.results.stand_training.upright import hold
 from anchorpose.results.tables import JointTable
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TransitionConfig:
-    """Seated: thighs near the level and the pelvis at rest for a while, so that a squat in passing is no sitting."""
+    """Seated: thighs near the level and the pelvis at rest for a while, so that a squat in passing is no sitting.
+
+    Standing, too, must last: who comes near to it and sinks back has not stood up.
+    """
 
     seated_enter_deg: float = 65.0
     seated_leave_deg: float = 55.0
-    rest_s: float = 1.0  # the pelvis within ``rest_height`` of the seat
+    rest_s: float = 1.0  # the pelvis within ``rest_height`` of the seat, or of its height in standing
     rest_height: float = 0.05  # of the leg's length
     settle_s: float = 3.0  # of sitting and of standing next to the transition, in which the ends of the rise are found
     edge: float = 0.05  # of the rise: it begins when the pelvis has left the lower end by this much
@@ -53,10 +56,18 @@ class Transition:
 
 def transitions(joints: JointTable, stance: Stance, state: np.ndarray, config: TransitionConfig) -> list[Transition]:
     """Every change between sitting and standing in whose course no joint was lost; state (n,) of ``upright``."""
-    time_s, thigh = joints.time_s, stance.thigh_deg
+    time_s, seconds, thigh = joints.time_s, frame_seconds(joints.time_s), stance.thigh_deg
     seated = hold(thigh >= config.seated_enter_deg, thigh < config.seated_leave_deg, np.isfinite(thigh)) == UPRIGHT
-    sitting = [run for run in unbroken_runs(seated, time_s) if _rests(time_s, stance.height[run], config)]
-    standing = unbroken_runs(state == UPRIGHT, time_s)
+    sitting = [
+        run
+        for run in runs_of_known(seated, np.isfinite(thigh), time_s)
+        if _rests(seconds[run], stance.height[run], config)
+    ]
+    standing = [
+        run
+        for run in runs_of_known(state == UPRIGHT, state != UNKNOWN, time_s)
+        if _rests(seconds[run], -stance.height[run], config)
+    ]
     postures = sorted([(run.start, run, False) for run in sitting] + [(run.start, run, True) for run in standing])
     known = unbroken_runs(np.isfinite(stance.height + thigh), time_s)
     found = list[Transition]()
@@ -73,12 +84,13 @@ def transition_episodes(joints: JointTable, stance: Stance, found: list[Transiti
 
 
 def transition_measures(session: Session, found: list[Transition]) -> list[Measure]:
-    """Of either kind how many there were, and the mean, shortest and longest duration."""
+    """Of either kind how many there were, and the mean, shortest and longest duration; null of no known posture."""
     rows = list[Measure]()
-    frames = int(np.isfinite(session.stance.height).sum())
+    frames = int((session.posture.upright != UNKNOWN).sum())
     for kind in (SIT_TO_STAND, STAND_TO_SIT):
         ones = [one for one in found if one.kind == kind]
-        rows.append(Measure(measure=f"{kind}_count", value=float(len(ones)), unit="count", frames=frames))
+        count, why = (float(len(ones)), None) if frames else (None, NEVER_KNOWN)
+        rows.append(Measure(measure=f"{kind}_count", value=count, unit="count", frames=frames, why=why))
         rows += [_duration(session, ones, kind, which) for which in ("mean", "shortest", "longest")]
     return rows
 
@@ -111,13 +123,13 @@ LOW_PERCENTILE: Final = 10.0
 would take in the way up, the extreme frame its noise."""
 
 
-def _rests(time_s: np.ndarray, height: np.ndarray, config: TransitionConfig) -> bool:
-    """Whether the pelvis stays at the seat for long enough; height (k,) of a run with the thighs near the level."""
-    known = height[np.isfinite(height)]
-    if not len(known):
+def _rests(seconds: np.ndarray, height: np.ndarray, config: TransitionConfig) -> bool:
+    """Whether the pelvis stays near the lowest of a run for long enough; height (k,), of standing turned over."""
+    known = np.isfinite(height)
+    if not known.any():
         return False
-    still = known <= np.percentile(known, LOW_PERCENTILE) + config.rest_height
-    return float(still.sum()) * usual_step_s(time_s) >= config.rest_s
+    still = known & (height <= np.percentile(height[known], LOW_PERCENTILE) + config.rest_height)
+    return float(seconds[still].sum()) >= config.rest_s
 
 
 def _transition(
@@ -131,14 +143,16 @@ def _transition(
     way = (stance.height[before.start : after.stop] - start_level) / (end_level - start_level)
     middle = before.stop - before.start
     noise = float(np.nanmean(changing_sigma(stance.height_sigma[before.stop - 1 : after.start + 1])))
-    shake = min(noise / abs(end_level - start_level), 0.5 * config.edge)
+    noise /= abs(end_level - start_level)  # a share of the way, as the edges are
+    shake = min(noise, 0.5 * config.edge)  # edges that are tried must stay between the levels
     lengths = list[float]()
     for edge in (config.edge, config.edge + shake, config.edge - shake):
         first, last = _moving(way, middle, edge)
         lengths.append(float(time_s[before.start + last] - time_s[before.start + first]))
     first, last = _moving(way, middle, config.edge)
     step = usual_step_s(time_s[before.start : after.stop])
-    sigma_s = np.hypot(0.5 * abs(lengths[1] - lengths[2]), step / np.sqrt(6.0))  # both ends fall between two frames
+    off_s = 0.5 * abs(lengths[1] - lengths[2]) * noise / shake if shake else 0.0  # more noise than was tried: in line
+    sigma_s = np.hypot(off_s, step / np.sqrt(6.0))  # both ends fall between two frames
     return Transition(
         SIT_TO_STAND if rises else STAND_TO_SIT,
         slice(before.start + first, before.start + last + 1),
