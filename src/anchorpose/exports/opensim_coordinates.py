@@ -20,6 +20,7 @@ from anchorpose.exports.segment_frames import (
     turns_deg,
     unit,
 )
+from anchorpose.results.kinematics.leg import knee_bend
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,9 +76,16 @@ def _leg(
     return {
         f"hip_flexion_{end}": flexion,
         f"hip_adduction_{end}": adduction,
-        f"knee_angle_{end}": bent * bend_deg(knee - hip, ankle - knee),
+        f"knee_angle_{end}": bent * _knee_deg(position_m, side),
         f"ankle_angle_{end}": 90.0 + FOOT_SLOPE_DEG - bend_deg(knee - ankle, foot - ankle),
     }
+
+
+def _knee_deg(position_m: np.ndarray, side: str) -> np.ndarray:
+    """(n,) as in angles.parquet, signed where the knee is nearly straight: a model can bend it backwards too."""
+    names = (f"Hip{side}", f"Knee{side}", f"Ankle{side}", "HipLeft", "HipRight")
+    ((radians, lever),) = knee_bend({name: joint(position_m, name).T for name in names}, side)
+    return np.where(np.greater(lever, 0.0), np.degrees(radians), np.nan)
 
 
 def _arm(position_m: np.ndarray, torso: np.ndarray, side: str, end: str, sign: int) -> dict[str, np.ndarray]:
