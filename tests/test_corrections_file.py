@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +19,14 @@ from anchorpose.results.corrections import (
     Signature,
     UnusableInterval,
     corrections_beside,
+    corrections_of_run,
     now_utc,
     read_corrections,
     require_recording,
     write_corrections,
 )
 from anchorpose.results.reviewed_recording import ReviewedRecording, recording_of_run, reviewed_recording
+from anchorpose.results.run_record import plain
 
 WHEN = "2026-03-01T09:30:00Z"
 POSE = np.array([[0, 0, -1, 2.5], [0, -1, 0, 1.2], [-1, 0, 0, 0.1], [0, 0, 0, 1.0]])
@@ -109,6 +112,14 @@ def test_the_recording_of_a_run_is_read_from_its_record() -> None:
     run = {"recording": "ward", "inputs_sha256": dict(HASHES), "cameras": cameras}
     assert recording_of_run(run).sha256 == reviewed().sha256
     assert np.array_equal(recording_of_run(run).T_world_camera["front"], POSE)
+
+
+def test_a_run_that_tells_of_corrections_which_are_none_is_refused() -> None:
+    run = {"recording": "ward", "inputs_sha256": dict(HASHES), "cameras": []}
+    assert corrections_of_run(Path("run.json"), {**run, "corrections": None}).joints == ()
+    told = {"file": "c.json", "sha256": "a", "unusable": [], "joints": [{**asdict(knee()), "joint": "Knee"}]}
+    with pytest.raises(InputError, match=r"run.json: corrections.joints\[0\].joint is 'Knee'"):
+        corrections_of_run(Path("run.json"), {**run, "corrections": plain(told)})
 
 
 def test_the_time_of_now_is_one_that_the_file_accepts(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import http.client
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,10 +15,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from recording_builder import edit_json
 from viewer_builder import viewer_of
 
 from anchorpose.cli import main
 from anchorpose.results.corrections import corrections_beside, read_corrections
+from anchorpose.results.run_record import CorrectionsRecord, plain
 from anchorpose.viewer.container import unpack
 from anchorpose.viewer.guard import Guard, is_loopback
 from anchorpose.viewer.server import ViewerServer
@@ -179,6 +182,32 @@ def test_earlier_corrections_are_there_again_and_damaged_ones_stop_the_viewer(sm
     path.write_text(path.read_text()[:-20])
     assert main(["view", str(small[0]), "--no-browser"]) == 2
     path.unlink()
+
+
+def test_a_second_round_of_review_keeps_what_the_first_one_found(tmp_path: Path, small: tuple[Path, Path]) -> None:
+    path = corrections_beside(small[0])
+    with viewer_of(*small) as first:
+        tell(first, "corrections/add", INTERVAL)
+        tell(first, "corrections/add", KNEE)
+    said = read_corrections(path)
+    path.unlink()
+    reviewed = tmp_path / "reviewed"
+    shutil.copytree(small[0], reviewed)
+    record = CorrectionsRecord(path.name, "a" * 64, said.unusable, said.joints)
+    edit_json(reviewed / "run.json", lambda run: run.update(corrections=plain(record)))
+    with viewer_of(reviewed) as second:
+        shown = json.loads(ask(second, "corrections")[1])
+        assert (len(shown["unusable"]), len(shown["joints"])) == (1, 1)
+        assert not corrections_beside(reviewed).exists()  # looking writes nothing
+        assert tell(second, "corrections/add", {**KNEE, "frame": 9})[0] == 200
+        found = read_corrections(corrections_beside(reviewed))
+        assert found.unusable == said.unusable
+        assert [entry.frame for entry in found.joints] == [4, 9]
+        assert found.joints[0] == said.joints[0]
+        for entry in (*shown["unusable"], *shown["joints"]):
+            assert tell(second, "corrections/take-back", {"entry": entry, "who": "CD"})[0] == 200
+    with viewer_of(reviewed) as third:  # what was taken back does not come again
+        assert [entry["frame"] for entry in json.loads(ask(third, "corrections")[1])["joints"]] == [9]
 
 
 def test_without_a_recording_there_are_no_points_but_all_else(small: tuple[Path, Path]) -> None:

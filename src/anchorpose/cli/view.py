@@ -30,7 +30,8 @@ def view(
     recording
         The recording that the results were made of; without it only skeleton, body and curves are shown.
     corrections
-        The file that your corrections are added to; the default is RESULTS.corrections.json, beside the folder.
+        The file that your corrections are added to; the default is RESULTS.corrections.json, beside the folder. A new
+        file begins with the corrections that the results were tracked with.
     who
         Your initials or pseudonym, for the corrections; otherwise the page asks you once.
     host

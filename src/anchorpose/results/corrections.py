@@ -10,13 +10,13 @@ import json
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.recording.document import JsonObject, check_format, nearest_key, read_json_object
 from anchorpose.results.folder import write_text_whole
-from anchorpose.results.reviewed_recording import ReviewedRecording, same_world
+from anchorpose.results.reviewed_recording import ReviewedRecording, recording_of_run, same_world
 
 CORRECTIONS_FORMAT: Final = "anchorpose-corrections"
 
@@ -120,19 +120,15 @@ def read_corrections(path: Path) -> Corrections:
     top = read_json_object(path)
     top.only("format", "version", "recording", "unusable", "joints", "withdrawn")
     check_format(top, CORRECTIONS_FORMAT)
-    joints = tuple(_joint(item) for item in top.objects("joints"))
-    seen = set[tuple[int, str]]()
-    for index, joint in enumerate(joints):
-        if (joint.frame, joint.joint) in seen:
-            problem = f"corrects {joint.joint} of frame {joint.frame} a second time"
-            raise top.refuse(f"joints[{index}]", problem, "keep one of the two")
-        seen.add((joint.frame, joint.joint))
-    return Corrections(
-        _recording(top.object("recording")),
-        tuple(_interval(item) for item in top.objects("unusable")),
-        joints,
-        tuple(_withdrawal(item) for item in top.objects("withdrawn")) if top.has("withdrawn") else (),
-    )
+    withdrawn = tuple(_withdrawal(item) for item in top.objects("withdrawn")) if top.has("withdrawn") else ()
+    return replace(_holding(top, _recording(top.object("recording"))), withdrawn=withdrawn)
+
+
+def corrections_of_run(path: Path, run: dict[str, Any]) -> Corrections:
+    """What the results of the run.json at ``path`` were tracked with, none where there was nothing: a review of them
+    goes on from there. Raises InputError where it tells of corrections that are none."""
+    top, recording = JsonObject(path, "", run), recording_of_run(run)
+    return _holding(top.object("corrections"), recording) if top.has("corrections") else Corrections(recording)
 
 
 def write_corrections(path: Path, corrections: Corrections) -> None:
@@ -157,6 +153,18 @@ def write_corrections(path: Path, corrections: Corrections) -> None:
 def parse_entry(item: JsonObject) -> Entry:
     """One correction as in the file: of a joint where it has the key ``joint``, else an interval."""
     return _joint(item) if "joint" in item.values else _interval(item)
+
+
+def _holding(item: JsonObject, recording: ReviewedRecording) -> Corrections:
+    """The lists ``unusable`` and ``joints`` of an object; raises InputError where a joint is corrected twice."""
+    joints = tuple(_joint(entry) for entry in item.objects("joints"))
+    seen = set[tuple[int, str]]()
+    for index, joint in enumerate(joints):
+        if (joint.frame, joint.joint) in seen:
+            problem = f"corrects {joint.joint} of frame {joint.frame} a second time"
+            raise item.refuse(f"joints[{index}]", problem, "keep one of the two")
+        seen.add((joint.frame, joint.joint))
+    return Corrections(recording, tuple(_interval(entry) for entry in item.objects("unusable")), joints)
 
 
 def _recording(item: JsonObject) -> ReviewedRecording:

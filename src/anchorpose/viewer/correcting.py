@@ -16,7 +16,6 @@ from anchorpose.results.corrections import (
     require_recording,
     write_corrections,
 )
-from anchorpose.results.reviewed_recording import ReviewedRecording
 from anchorpose.results.run_record import plain
 from anchorpose.results.tables import JointTable
 
@@ -24,20 +23,21 @@ from anchorpose.results.tables import JointTable
 class Correcting:
     """Adds to and takes back from one file; the file is read again before each change, so nobody's work is lost.
 
-    Raises InputError where the file cannot be used, or is about another recording or world.
+    begun: what holds while there is no file; the first change writes it there too, so that a second round of review
+    keeps what the first one found. Raises InputError where the file cannot be used, or is about another recording or world.
     """
 
-    def __init__(self, path: Path, recording: ReviewedRecording, joints: JointTable) -> None:
-        self.path, self._recording, self._lock = path, recording, threading.Lock()
+    def __init__(self, path: Path, begun: Corrections, joints: JointTable) -> None:
+        self.path, self.begun, self._lock = path, begun, threading.Lock()
         self._time_s = dict(zip(joints.frame.tolist(), joints.time_s.tolist(), strict=True))
         self.current()
 
     def current(self) -> Corrections:
-        """What the file holds now; nothing yet where there is none."""
+        """What the file holds now; what it begins with where there is none yet."""
         if not self.path.exists():
-            return Corrections(self._recording)
+            return self.begun
         found = read_corrections(self.path)
-        require_recording(self.path, found, self._recording)
+        require_recording(self.path, found, self.begun.recording)
         return found
 
     def add(self, given: dict[str, Any]) -> Corrections:
