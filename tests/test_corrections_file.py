@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -71,6 +71,22 @@ def test_nothing_that_was_ever_said_leaves_the_file(tmp_path: Path) -> None:
     assert found.withdrawn == ((INTERVAL, by),)
     with pytest.raises(ValueError, match="no such correction"):
         found.taken_back(INTERVAL, by)
+
+
+def test_taking_back_a_second_correction_makes_the_first_one_hold_again(tmp_path: Path) -> None:
+    first, second, third = (replace(knee(x), when=f"2026-03-01T09:3{x:.0f}:00Z") for x in (1, 2, 3))
+    elsewhere = replace(knee(), frame=5)
+    held = Corrections(reviewed()).added(first).added(elsewhere).added(second).added(third)
+    assert held.joints == (elsewhere, third)
+    by = Signature("CD", "2026-03-02T10:00:00Z")
+    for undone, left in ((third, {elsewhere, second}), (second, {elsewhere, first}), (first, {elsewhere})):
+        held = held.taken_back(undone, by)
+        assert set(held.joints) == left
+        write_corrections(tmp_path / "c.json", held)
+        held = read_corrections(tmp_path / "c.json")
+    assert held.withdrawn == ((third, by), (second, by), (first, by))
+    again = held.added(replace(second, who="EF"))
+    assert again.taken_back(again.joints[-1], by).joints == (elsewhere,)  # what was taken back itself stays so
 
 
 def test_the_file_keeps_what_it_held_where_writing_fails(tmp_path: Path) -> None:

@@ -51,6 +51,21 @@ def test_a_joint_is_moved_by_keys_saved_and_undone(viewer: Any, server: ViewerSe
     assert "None so far" in viewer.locator("#corrections").inner_text()
 
 
+def test_undoing_a_second_correction_brings_the_first_one_back(viewer: Any, server: ViewerServer) -> None:
+    for reason in ("first", "second"):
+        for key in (*(["]"] if reason == "first" else []), "e", "ArrowRight", "Enter"):
+            viewer.keyboard.press(key)
+        sign(viewer, reason)
+        viewer.wait_for_timeout(1100)  # what a person needs for two corrections; the file counts in seconds
+    (found,) = file_of(server).joints
+    assert found.reason == "second"
+    viewer.keyboard.press("Control+z")
+    until(viewer, lambda: file_of(server).joints[0].reason == "first")
+    until(viewer, lambda: "earlier correction holds again" in viewer.locator("#status").inner_text())
+    viewer.keyboard.press("Control+z")
+    until(viewer, lambda: not file_of(server).joints)
+
+
 def test_a_joint_is_put_on_the_point_that_is_clicked(viewer: Any, server: ViewerServer) -> None:
     for key in ("]", "e", "s"):
         viewer.keyboard.press(key)

@@ -1,7 +1,8 @@
 """corrections.json: what a reviewer found to be wrong, who says so and when; ``track --corrections`` honours it.
 
-Frames and times are those of the results' tables, positions are in their world frame. Nothing is ever taken out of the
-file: what a reviewer takes back moves to ``withdrawn``.
+Frames and times are those of the results' tables, positions are in their world frame. Nothing is ever lost from the
+file: what a reviewer takes back, or corrects again, moves to ``withdrawn``; it comes back from there where the
+correction that replaced it is taken back.
 """
 
 from __future__ import annotations
@@ -76,21 +77,37 @@ class Corrections:
         if isinstance(entry, UnusableInterval):
             return replace(self, unusable=(*self.unusable, entry))
         same = [old for old in self.joints if (old.frame, old.joint) == (entry.frame, entry.joint)]
-        kept = self
-        for old in same:
-            kept = kept.taken_back(old, Signature(entry.who, entry.when))
-        return replace(kept, joints=(*kept.joints, entry))
+        by = Signature(entry.who, entry.when)
+        return replace(
+            self,
+            joints=(*(old for old in self.joints if old not in same), entry),
+            withdrawn=(*self.withdrawn, *((old, by) for old in same)),
+        )
 
     def taken_back(self, entry: Entry, by: Signature) -> Corrections:
-        """Without ``entry``, which moves to ``withdrawn``; raises ValueError where it does not hold."""
+        """Without ``entry``, which moves to ``withdrawn``; what it had replaced holds again. Raises ValueError where it
+        does not hold."""
         if entry not in (*self.unusable, *self.joints):
             raise ValueError("there is no such correction (any more)")
+        before = self._replaced_by(entry)
         return replace(
             self,
             unusable=tuple(old for old in self.unusable if old != entry),
-            joints=tuple(old for old in self.joints if old != entry),
-            withdrawn=(*self.withdrawn, (entry, by)),
+            joints=(*(old for old in self.joints if old != entry), *(old for old, _ in before)),
+            withdrawn=(*(pair for pair in self.withdrawn if pair not in before), (entry, by)),
         )
+
+    def _replaced_by(self, entry: Entry) -> tuple[tuple[JointCorrection, Signature], ...]:
+        """The withdrawal, one at most, that ``added`` made for ``entry``: of its joint and frame, signed as it is."""
+        signed = Signature(entry.who, entry.when)
+        found = [
+            (old, by)
+            for old, by in self.withdrawn
+            if isinstance(entry, JointCorrection)
+            and isinstance(old, JointCorrection)
+            and (old.frame, old.joint, by) == (entry.frame, entry.joint, signed)
+        ]
+        return tuple(found[-1:])
 
 
 def corrections_beside(results: Path) -> Path:

@@ -24,7 +24,8 @@ class Correcting:
     """Adds to and takes back from one file; the file is read again before each change, so nobody's work is lost.
 
     begun: what holds while there is no file; the first change writes it there too, so that a second round of review
-    keeps what the first one found. Raises InputError where the file cannot be used, or is about another recording or world.
+    keeps what the first one found. Raises InputError where the file cannot be used, or is about another recording or
+    world.
     """
 
     def __init__(self, path: Path, begun: Corrections, joints: JointTable) -> None:
