@@ -99,6 +99,16 @@ def test_the_file_keeps_what_it_held_where_writing_fails(tmp_path: Path) -> None
     assert [file.name for file in tmp_path.iterdir()] == ["c.json"]
 
 
+def test_what_could_not_be_read_back_is_not_written(tmp_path: Path) -> None:
+    path = written(tmp_path / "c.json")
+    before = path.read_bytes()
+    held = read_corrections(path)
+    for unreadable in (held.taken_back(INTERVAL, Signature("", WHEN)), held.added(replace(INTERVAL, last_frame=0))):
+        with pytest.raises(InputError, match=r"c\.json"):
+            write_corrections(path, unreadable)
+    assert path.read_bytes() == before
+
+
 def test_the_file_lies_beside_the_results_so_that_tracking_again_keeps_it(tmp_path: Path) -> None:
     assert corrections_beside(tmp_path / "r.1") == (tmp_path / "r.1.corrections.json").resolve()
 

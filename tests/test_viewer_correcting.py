@@ -116,6 +116,28 @@ def test_earlier_corrections_are_listed_and_taken_back(viewer: Any, server: View
     assert len(file_of(server).withdrawn) == 1
 
 
+def test_taking_back_asks_a_newcomer_who_it_is_and_for_no_reason(viewer: Any, server: ViewerServer) -> None:
+    for key in ("i", "o", "m"):
+        viewer.keyboard.press(key)
+    sign(viewer, "first")
+    viewer.evaluate("sessionStorage.clear()")
+    viewer.reload()
+    viewer.wait_for_selector("html[data-ready]")
+    viewer.click("#tab-correct")
+    viewer.locator("#corrections li button").nth(1).click()
+    assert not viewer.locator("#sign-reason").is_visible()
+    assert viewer.evaluate("document.activeElement.id") == "sign-who"
+    viewer.keyboard.type("CD")
+    viewer.keyboard.press("Enter")
+    until(viewer, lambda: not file_of(server).unusable)
+    assert file_of(server).withdrawn[0][1].who == "CD"
+    for key in ("i", "o", "m"):  # the next correction needs a reason again
+        viewer.keyboard.press(key)
+    assert viewer.locator("#sign-reason").is_visible()
+    viewer.keyboard.press("Enter")
+    assert viewer.locator("#sign").evaluate("e => e.open")
+
+
 def test_when_the_program_is_stopped_the_page_says_so(page: Any, small: tuple[Path, Path]) -> None:
     with viewer_of(small[0]) as server:
         opened(page, server)

@@ -164,6 +164,19 @@ def test_a_correction_that_is_wrong_changes_nothing(server: ViewerServer, wrong:
     assert server.desk.correcting.path.read_bytes() == before
 
 
+@pytest.mark.parametrize(
+    "wrong", [{"who": ""}, {"who": " "}, {"who": 7}, {"who": None}, {"entry": [1]}, {"entry": None}, {"why": "x"}]
+)
+def test_taking_back_wrongly_changes_nothing(server: ViewerServer, wrong: dict[str, Any]) -> None:
+    _, held = tell(server, "corrections/add", INTERVAL)
+    before = server.desk.correcting.path.read_bytes()
+    status, answer = tell(server, "corrections/take-back", {"entry": held["unusable"][0], "who": "CD", **wrong})
+    assert status == 400
+    assert answer["error"]
+    assert server.desk.correcting.path.read_bytes() == before
+    assert tell(server, "corrections/take-back", {})[0] == 400
+
+
 def test_two_who_correct_at_once_lose_nothing(server: ViewerServer) -> None:
     with ThreadPoolExecutor(8) as pool:
         answers = list(pool.map(lambda frame: tell(server, "corrections/add", {**KNEE, "frame": frame}), range(24)))

@@ -134,10 +134,13 @@ def require_recording(path: Path, corrections: Corrections, recording: ReviewedR
 
 def read_corrections(path: Path) -> Corrections:
     """A corrections.json; raises InputError naming the file, the place in it and the remedy."""
-    top = read_json_object(path)
+    return _parse(read_json_object(path))
+
+
+def _parse(top: JsonObject) -> Corrections:
     top.only("format", "version", "recording", "unusable", "joints", "withdrawn")
     check_format(top, CORRECTIONS_FORMAT)
-    withdrawn = tuple(_withdrawal(item) for item in top.objects("withdrawn")) if top.has("withdrawn") else ()
+    withdrawn = tuple(parse_withdrawal(item) for item in top.objects("withdrawn")) if top.has("withdrawn") else ()
     return replace(_holding(top, _recording(top.object("recording"))), withdrawn=withdrawn)
 
 
@@ -149,7 +152,8 @@ def corrections_of_run(path: Path, run: dict[str, Any]) -> Corrections:
 
 
 def write_corrections(path: Path, corrections: Corrections) -> None:
-    """Writes the file so that it holds all of it, or what it held before."""
+    """Writes the file so that it holds all of it, or what it held before; raises InputError for what could not be
+    read back."""
     recording = corrections.recording
     poses = recording.T_world_camera.items()
     document = {
@@ -164,12 +168,20 @@ def write_corrections(path: Path, corrections: Corrections) -> None:
         "joints": [asdict(entry) for entry in corrections.joints],
         "withdrawn": [{"entry": asdict(entry), "who": by.who, "when": by.when} for entry, by in corrections.withdrawn],
     }
-    write_text_whole(path, json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
+    _parse(JsonObject(path, "", json.loads(text)))
+    write_text_whole(path, text + "\n")
 
 
 def parse_entry(item: JsonObject) -> Entry:
     """One correction as in the file: of a joint where it has the key ``joint``, else an interval."""
     return _joint(item) if "joint" in item.values else _interval(item)
+
+
+def parse_withdrawal(item: JsonObject) -> tuple[Entry, Signature]:
+    """One correction that was taken back, and who did so, as in the file."""
+    item.only("entry", "who", "when")
+    return parse_entry(item.object("entry")), _signature(item)
 
 
 def _holding(item: JsonObject, recording: ReviewedRecording) -> Corrections:
@@ -227,11 +239,6 @@ def _joint(item: JsonObject) -> JointCorrection:
         position_m=(x, y, z), sigma_m=item.number("sigma_m", above=0, at_most=1, meaning="one sigma in metres"),
         reason=item.text("reason"), who=by.who, when=by.when,
     )  # fmt: skip
-
-
-def _withdrawal(item: JsonObject) -> tuple[Entry, Signature]:
-    item.only("entry", "who", "when")
-    return parse_entry(item.object("entry")), _signature(item)
 
 
 def _signature(item: JsonObject) -> Signature:

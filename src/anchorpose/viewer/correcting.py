@@ -9,9 +9,9 @@ from typing import Any
 from anchorpose.recording.document import JsonObject
 from anchorpose.results.corrections import (
     Corrections,
-    Signature,
     now_utc,
     parse_entry,
+    parse_withdrawal,
     read_corrections,
     require_recording,
     write_corrections,
@@ -53,11 +53,12 @@ class Correcting:
             write_corrections(self.path, after)
         return after
 
-    def take_back(self, given: dict[str, Any], who: str) -> Corrections:
-        """Moves an entry, given as it stands in the file, to what was withdrawn; raises ValueError where it is not."""
-        entry = parse_entry(JsonObject(Path("correction"), "", given))
+    def take_back(self, given: dict[str, Any]) -> Corrections:
+        """Moves an ``entry``, given as it stands in the file, to what was withdrawn, by ``who``; raises InputError, or
+        ValueError where the entry does not hold."""
+        entry, by = parse_withdrawal(JsonObject(Path("correction"), "", {**given, "when": now_utc()}))
         with self._lock:
-            after = self.current().taken_back(entry, Signature(who, now_utc()))
+            after = self.current().taken_back(entry, by)
             write_corrections(self.path, after)
         return after
 
