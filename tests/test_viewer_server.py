@@ -21,6 +21,7 @@ from viewer_builder import viewer_of
 from anchorpose.cli import main
 from anchorpose.results.corrections import corrections_beside, read_corrections
 from anchorpose.results.run_record import CorrectionsRecord, plain
+from anchorpose.viewer import file_lock
 from anchorpose.viewer.container import unpack
 from anchorpose.viewer.guard import Guard, is_loopback
 from anchorpose.viewer.server import ViewerServer
@@ -182,6 +183,42 @@ def test_two_who_correct_at_once_lose_nothing(server: ViewerServer) -> None:
         answers = list(pool.map(lambda frame: tell(server, "corrections/add", {**KNEE, "frame": frame}), range(24)))
     assert {status for status, _ in answers} == {200}
     assert sorted(entry.frame for entry in read_corrections(server.desk.correcting.path).joints) == list(range(24))
+
+
+SECOND_VIEWER = """
+import sys
+from pathlib import Path
+from anchorpose.viewing import open_viewer
+with open_viewer(Path(sys.argv[1]), None, None, "", "127.0.0.1", 0) as server:
+    print("ready", flush=True)
+    sys.stdin.readline()
+    for frame in range(1, 40, 2):
+        server.desk.correcting.add({"frame": frame, "joint": "KneeLeft", "position_m": [0.1, 0.5, 0.0],
+                                    "sigma_m": 0.02, "reason": "x", "who": "CD"})
+"""
+
+
+def test_two_viewers_of_the_same_results_lose_nothing(server: ViewerServer, small: tuple[Path, Path]) -> None:
+    command = [sys.executable, "-c", SECOND_VIEWER, str(small[0])]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdin is not None
+        assert other.stdout is not None
+        assert other.stdout.readline() == "ready\n"
+        other.stdin.write("go\n")
+        other.stdin.flush()
+        for frame in range(0, 40, 2):
+            server.desk.correcting.add({**KNEE, "frame": frame})
+        assert other.wait(30) == 0
+    assert sorted(entry.frame for entry in read_corrections(server.desk.correcting.path).joints) == list(range(40))
+
+
+def test_a_lock_that_is_never_given_up_is_told(server: ViewerServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(file_lock, "PATIENCE_S", 0.05)
+    with file_lock.locked(server.desk.correcting.path):
+        status, answer = tell(server, "corrections/add", INTERVAL)
+    assert status == 400
+    assert "another program" in answer["error"]
+    assert tell(server, "corrections/add", INTERVAL)[0] == 200
 
 
 def test_earlier_corrections_are_there_again_and_damaged_ones_stop_the_viewer(small: tuple[Path, Path]) -> None:

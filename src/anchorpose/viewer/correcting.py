@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +17,12 @@ from anchorpose.results.corrections import (
 )
 from anchorpose.results.run_record import plain
 from anchorpose.results.tables import JointTable
+from anchorpose.viewer.file_lock import locked
 
 
 class Correcting:
-    """Adds to and takes back from one file; the file is read again before each change, so nobody's work is lost.
+    """Adds to and takes back from one file; the file is locked and read again for each change, so nobody's work is lost,
+    whichever viewer it is done in.
 
     begun: what holds while there is no file; the first change writes it there too, so that a second round of review
     keeps what the first one found. Raises InputError where the file cannot be used, or is about another recording or
@@ -29,7 +30,7 @@ class Correcting:
     """
 
     def __init__(self, path: Path, begun: Corrections, joints: JointTable) -> None:
-        self.path, self.begun, self._lock = path, begun, threading.Lock()
+        self.path, self.begun = path, begun
         self._time_s = dict(zip(joints.frame.tolist(), joints.time_s.tolist(), strict=True))
         self.current()
 
@@ -48,7 +49,7 @@ class Correcting:
             if frame in given:
                 timed[time] = self._time_of(given[frame])
         entry = parse_entry(JsonObject(Path("correction"), "", timed))
-        with self._lock:
+        with locked(self.path):
             after = self.current().added(entry)
             write_corrections(self.path, after)
         return after
@@ -57,7 +58,7 @@ class Correcting:
         """Moves an ``entry``, given as it stands in the file, to what was withdrawn, by ``who``; raises InputError, or
         ValueError where the entry does not hold."""
         entry, by = parse_withdrawal(JsonObject(Path("correction"), "", {**given, "when": now_utc()}))
-        with self._lock:
+        with locked(self.path):
             after = self.current().taken_back(entry, by)
             write_corrections(self.path, after)
         return after
