@@ -10,9 +10,12 @@ import signal
 import subprocess
 import sys
 import threading
+import webbrowser
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
 
 import pytest
 from recording_builder import edit_json
@@ -24,6 +27,7 @@ from anchorpose.results.run_record import CorrectionsRecord, plain
 from anchorpose.viewer import file_lock
 from anchorpose.viewer.container import unpack
 from anchorpose.viewer.guard import Guard, is_loopback
+from anchorpose.viewer.opening import opened_page
 from anchorpose.viewer.server import ViewerServer
 
 INTERVAL = {"first_frame": 2, "last_frame": 8, "reason": "a curtain", "who": "AB"}
@@ -277,6 +281,43 @@ def test_other_addresses_than_loopback_are_told_apart() -> None:
     assert open_to_all.path_within("/secrets/motion") is None
     assert open_to_all.path_within("/secret/motion?x") == "motion"
     assert open_to_all.path_within("/sécret/") is None
+
+
+def test_the_browser_is_not_started_with_the_secret(
+    small: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    opened = list[tuple[str, Path, str, int]]()
+
+    def browse(address: str) -> bool:
+        file = Path(url2pathname(urlsplit(address).path))
+        opened.append((address, file, file.read_text(), file.stat().st_mode | file.parent.stat().st_mode))
+        return True
+
+    def serve(server: ViewerServer) -> None:
+        assert opened[0][1].exists()  # the browser may take its time
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(webbrowser, "open", browse)
+    monkeypatch.setattr(ViewerServer, "serve_forever", serve)
+    assert main(["view", str(small[0])]) == 0
+    printed = capsys.readouterr().out.splitlines()[0].split()[-1]
+    ((address, file, text, mode),) = opened
+    assert address.startswith("file:///")
+    assert urlsplit(printed).path.strip("/") not in address
+    assert f"url={printed}" in text
+    assert mode & 0o077 == 0
+    assert not file.exists()
+    assert not file.parent.exists()
+
+
+def test_a_browser_that_follows_the_file_gets_to_the_page(page: Any, server: ViewerServer) -> None:
+    shown = list[str]()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(webbrowser, "open", shown.append)
+        with opened_page(server.address):
+            page.goto(shown[0])
+            page.wait_for_selector("html[data-ready]", timeout=20_000)
+    assert page.url == server.address
 
 
 def test_the_verb_prints_where_it_is_and_stops_when_told(small: tuple[Path, Path]) -> None:

@@ -42,9 +42,10 @@ def view(
     no_browser
         Print the address only.
     """
-    import webbrowser
+    from contextlib import nullcontext
 
     from anchorpose.viewer.guard import is_loopback
+    from anchorpose.viewer.opening import opened_page
     from anchorpose.viewing import open_viewer
 
     with open_viewer(results, recording, corrections, who, host, port) as server:
@@ -53,8 +54,7 @@ def view(
             if not is_loopback(host):
                 print("Whoever has this address can see the patient and change the corrections, without encryption.")
             print(f"Corrections go to {server.desk.correcting.path}. Stop with Ctrl+C.", flush=True)
-            if not no_browser:
-                webbrowser.open(server.address)
-            server.serve_forever()
+            with nullcontext() if no_browser else opened_page(server.address):
+                server.serve_forever()
         except KeyboardInterrupt:
             print("\nStopped; every correction was saved when it was made.")

@@ -21,8 +21,8 @@ from anchorpose.viewer.file_lock import locked
 
 
 class Correcting:
-    """Adds to and takes back from one file; the file is locked and read again for each change, so nobody's work is lost,
-    whichever viewer it is done in.
+    """Adds to and takes back from one file; the file is locked and read again for each change, so nobody's work is
+    lost, whichever viewer it is done in.
 
     begun: what holds while there is no file; the first change writes it there too, so that a second round of review
     keeps what the first one found. Raises InputError where the file cannot be used, or is about another recording or

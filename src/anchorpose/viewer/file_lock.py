@@ -28,8 +28,8 @@ def locked(path: Path) -> Iterator[None]:
     """Keeps other threads and programs that ask the same out until the block ends; raises InputError where that takes
     too long or the place knows no locks.
 
-    The operating system holds the lock, so that a program that dies leaves none behind; the empty lock file stays, since
-    taking it away could give two programs two locks.
+    The operating system holds the lock, so that a program that dies leaves none behind; the empty lock file stays,
+    since taking it away could give two programs two locks.
     """
     try:
         file = os.open(path.with_name(f".{path.name}.lock"), os.O_RDWR | os.O_CREAT, 0o666)
