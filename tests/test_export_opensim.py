@@ -360,6 +360,24 @@ def test_a_mot_with_gaps_is_several_files_that_opensim_reads_whole(osim, tmp_pat
     assert osim.TimeSeriesTable(str(files[1])).getIndependentColumn()[0] == times(75)[34]
 
 
+def mot_table(path: Path) -> tuple[list[str], np.ndarray]:
+    """Names, and the rows (n, c) as they stand in the file."""
+    lines = path.read_text().splitlines()
+    head = lines.index("endheader") + 1
+    return lines[head].split("\t"), np.array([[float(cell) for cell in line.split("\t")] for line in lines[head + 1 :]])
+
+
+def test_a_mot_goes_on_in_another_file_after_a_pause_of_the_recording(tmp_path):
+    time_s = times(75) + np.where(np.arange(75) >= 40, 3.0, 0.0)
+    time_s[60:] += 1.0 / 15.0  # one frame that was not recorded is a gap as well
+    results = write_true_results(tmp_path / "results", true_joints(), time_s)
+    export_results(results, [Format.MOT], ExportConfig())
+    files = sorted((results / "exports" / "mot").glob("*.mot"))
+    found = [mot_table(file)[1][:, 0] for file in files]
+    assert [len(part) for part in found] == [40, 20, 15]
+    assert np.concatenate(found) == pytest.approx(time_s, abs=1e-9)
+
+
 def test_a_mot_without_any_stretch_is_refused(tmp_path):
     lost = dict.fromkeys(range(75), JOINT_NAMES)
     results = write_true_results(tmp_path / "results", true_joints(), lost=lost)
