@@ -10,7 +10,7 @@ import numpy as np
 from anchorpose.errors import AnchorposeError
 from anchorpose.exports.hinge_axes import read_hinge_axes
 from anchorpose.exports.numbers_text import rounded_text, rows_text
-from anchorpose.exports.opensim_coordinates import Coordinates, opensim_coordinates
+from anchorpose.exports.opensim_coordinates import SHIFTS, Coordinates, opensim_coordinates
 from anchorpose.exports.product import ExportConfig, Product
 from anchorpose.exports.regular_time import near_in_time
 from anchorpose.exports.source import Source
@@ -34,7 +34,8 @@ def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
     )
     for number, (first, last) in enumerate(stretches.runs):
         name = stretch_name(STEM, ".mot", number, len(stretches.runs))
-        text = mot_text(Path(name).stem, source.samples.time_s[first:last], kept.names, kept.values[first:last])
+        values = _without_leaps(kept.names, kept.values[first:last])
+        text = mot_text(Path(name).stem, source.samples.time_s[first:last], kept.names, values)
         (folder / name).write_text(text, encoding="utf-8", newline="\n")
     frames = sum(last - first for first, last in stretches.runs)
     left_out = [name for name in coordinates.names if name not in kept.names]
@@ -52,6 +53,12 @@ def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
             else "hip_rotation and arm_rot cannot be had from joint centres, there is no poses.parquet: left out.",
         ),
     )
+
+
+def _without_leaps(names: tuple[str, ...], values: np.ndarray) -> np.ndarray:
+    """Values (n, c) in which no turn leaps by 360 degrees, as it would where a patient turns past -X: what is between
+    two rows, and a filter, would go the long way round. Shifts stay as they are."""
+    return np.where(np.isin(names, SHIFTS), values, np.unwrap(values, period=360.0, axis=0))
 
 
 def mot_text(name: str, time_s: np.ndarray, names: tuple[str, ...], values: np.ndarray) -> str:
