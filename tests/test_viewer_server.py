@@ -7,6 +7,7 @@ import json
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -15,7 +16,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
-from urllib.request import url2pathname
+from urllib.request import url2pathname, urlopen
 
 import pytest
 from recording_builder import edit_json
@@ -78,10 +79,37 @@ def test_nobody_gets_in_without_the_token(server: ViewerServer) -> None:
 
 def test_a_page_that_points_its_own_name_here_gets_nothing(server: ViewerServer) -> None:
     port = server.guard.port
-    for host in (f"evil.example:{port}", "127.0.0.1", f"127.0.0.1:{port + 1}", ""):
+    for host in (
+        f"evil.example:{port}", f"127.0.0.1.evil.example:{port}", f"localhost.evil.example:{port}", "[::1", "",
+        f"localhost@evil.example:{port}", "192.168.1.5",
+    ):  # fmt: skip
         assert ask(server, "description", Host=host)[0] == 403
-    for host in (f"localhost:{port}", f"[::1]:{port}"):
+    for host in (
+        f"localhost:{port}",
+        f"[::1]:{port}",
+        f"127.0.0.1:{port + 1}",
+        "LOCALHOST",
+    ):  # a tunnel has its own port
         assert ask(server, "description", Host=host)[0] == 200
+
+
+def test_the_page_at_the_other_end_of_a_tunnel_can_save(server: ViewerServer) -> None:
+    def save(origin: str) -> int:
+        sent = {"Host": "localhost:9000", "Origin": origin, "Content_Type": "application/json"}
+        return ask(server, "corrections/add", "POST", INTERVAL, **sent)[0]
+
+    assert save(f"http://localhost:{server.guard.port}") == 403
+    assert save("http://localhost:9000") == 200
+
+
+@pytest.mark.parametrize("host", ["127.0.0.2", "::1", "localhost"])
+def test_every_loopback_address_can_be_listened_on(small: tuple[Path, Path], host: str) -> None:
+    try:
+        socket.create_server((host, 0), family=socket.AF_INET6 if ":" in host else socket.AF_INET).close()
+    except OSError:
+        pytest.skip(f"this machine has no {host}")
+    with viewer_of(small[0], host=host) as server, urlopen(server.address + "description", timeout=20) as answer:
+        assert json.loads(answer.read())["name"] == "results"
 
 
 def test_only_the_page_itself_can_change_something(server: ViewerServer) -> None:
