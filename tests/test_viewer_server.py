@@ -292,6 +292,22 @@ def test_a_second_round_of_review_keeps_what_the_first_one_found(tmp_path: Path,
         assert [entry["frame"] for entry in json.loads(ask(third, "corrections")[1])["joints"]] == [9]
 
 
+def test_the_page_is_told_the_names_of_files_and_not_where_they_lie(server: ViewerServer) -> None:
+    path = server.desk.correcting.path
+    path.write_text("{")
+    answers = [ask(server, "corrections")[1].decode(), tell(server, "corrections/add", INTERVAL)[1]["error"]]
+    path.unlink()
+    path.mkdir()  # which the operating system itself complains of
+    answers += [ask(server, "corrections")[1].decode(), tell(server, "corrections/add", INTERVAL)[1]["error"]]
+    path.rmdir()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(server.desk, "ask", lambda name, query: path.with_name("no such file").read_bytes())
+        answers.append(ask(server, "corrections")[1].decode())
+    assert [answer for answer in answers if str(path.parent) in answer] == []
+    assert all(path.name in answer for answer in answers[:4])
+    assert "no such file: No such file or directory" in answers[4]
+
+
 def test_without_a_recording_there_are_no_points_but_all_else(small: tuple[Path, Path]) -> None:
     with viewer_of(small[0]) as server:
         assert ask(server, "points?first=0&count=1")[0] == 400

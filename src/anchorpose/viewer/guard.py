@@ -14,8 +14,8 @@ TOKEN_BYTES = 24
 
 @dataclass(frozen=True, slots=True)
 class Guard:
-    """The token is the first part of every path. On loopback the Host must be a loopback name as well: another site that
-    points its name here (DNS rebinding) says its own. What changes something must come from the page."""
+    """The token is the first part of every path. On loopback the Host must be a loopback name as well: another site
+    that points its name here (DNS rebinding) says its own. What changes something must come from the page."""
 
     token: str
     port: int

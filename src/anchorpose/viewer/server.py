@@ -15,6 +15,7 @@ from anchorpose.errors import AnchorposeError
 from anchorpose.viewer.assets import PAGE, content_policy, load_assets
 from anchorpose.viewer.desk import JSON, Answer, Desk
 from anchorpose.viewer.guard import Guard, is_loopback, new_token
+from anchorpose.viewer.told import told
 
 MOST_BYTES: Final = 64 * 1024  # of a request's body: a correction is some hundred
 PATIENCE_S: Final = 120.0  # a browser that says nothing for so long is gone
@@ -94,7 +95,7 @@ class _Handler(BaseHTTPRequestHandler):
         except KeyError:
             self._refuse(HTTPStatus.NOT_FOUND, "There is no such thing here.")
         except (AnchorposeError, ValueError, TypeError, OSError) as error:
-            self._refuse(HTTPStatus.BAD_REQUEST, str(error))
+            self._refuse(HTTPStatus.BAD_REQUEST, told(error))
         else:
             self._send(HTTPStatus.OK, answer)
 
