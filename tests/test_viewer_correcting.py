@@ -48,7 +48,7 @@ def test_a_joint_is_moved_by_keys_saved_and_undone(viewer: Any, server: ViewerSe
     viewer.keyboard.press("Control+z")
     until(viewer, lambda: not file_of(server).joints)
     assert file_of(server).withdrawn[0][0] == found
-    assert "None so far" in viewer.locator("#corrections").inner_text()
+    until(viewer, lambda: "None so far" in viewer.locator("#corrections").inner_text())  # the file is first
 
 
 def test_undoing_a_second_correction_brings_the_first_one_back(viewer: Any, server: ViewerServer) -> None:
