@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +19,14 @@ from anchorpose.results.corrections import (
     Signature,
     UnusableInterval,
     corrections_beside,
+    corrections_of_run,
     now_utc,
     read_corrections,
     require_recording,
     write_corrections,
 )
 from anchorpose.results.reviewed_recording import ReviewedRecording, recording_of_run, reviewed_recording
+from anchorpose.results.run_record import plain
 
 WHEN = "2026-03-01T09:30:00Z"
 POSE = np.array([[0, 0, -1, 2.5], [0, -1, 0, 1.2], [-1, 0, 0, 0.1], [0, 0, 0, 1.0]])
@@ -70,6 +73,22 @@ def test_nothing_that_was_ever_said_leaves_the_file(tmp_path: Path) -> None:
         found.taken_back(INTERVAL, by)
 
 
+def test_taking_back_a_second_correction_makes_the_first_one_hold_again(tmp_path: Path) -> None:
+    first, second, third = (replace(knee(x), when=f"2026-03-01T09:3{x:.0f}:00Z") for x in (1, 2, 3))
+    elsewhere = replace(knee(), frame=5)
+    held = Corrections(reviewed()).added(first).added(elsewhere).added(second).added(third)
+    assert held.joints == (elsewhere, third)
+    by = Signature("CD", "2026-03-02T10:00:00Z")
+    for undone, left in ((third, {elsewhere, second}), (second, {elsewhere, first}), (first, {elsewhere})):
+        held = held.taken_back(undone, by)
+        assert set(held.joints) == left
+        write_corrections(tmp_path / "c.json", held)
+        held = read_corrections(tmp_path / "c.json")
+    assert held.withdrawn == ((third, by), (second, by), (first, by))
+    again = held.added(replace(second, who="EF"))
+    assert again.taken_back(again.joints[-1], by).joints == (elsewhere,)  # what was taken back itself stays so
+
+
 def test_the_file_keeps_what_it_held_where_writing_fails(tmp_path: Path) -> None:
     path = written(tmp_path / "c.json")
     before = path.read_bytes()
@@ -78,6 +97,16 @@ def test_the_file_keeps_what_it_held_where_writing_fails(tmp_path: Path) -> None
         write_corrections(path, endless)
     assert path.read_bytes() == before
     assert [file.name for file in tmp_path.iterdir()] == ["c.json"]
+
+
+def test_what_could_not_be_read_back_is_not_written(tmp_path: Path) -> None:
+    path = written(tmp_path / "c.json")
+    before = path.read_bytes()
+    held = read_corrections(path)
+    for unreadable in (held.taken_back(INTERVAL, Signature("", WHEN)), held.added(replace(INTERVAL, last_frame=0))):
+        with pytest.raises(InputError, match=r"c\.json"):
+            write_corrections(path, unreadable)
+    assert path.read_bytes() == before
 
 
 def test_the_file_lies_beside_the_results_so_that_tracking_again_keeps_it(tmp_path: Path) -> None:
@@ -109,6 +138,14 @@ def test_the_recording_of_a_run_is_read_from_its_record() -> None:
     run = {"recording": "ward", "inputs_sha256": dict(HASHES), "cameras": cameras}
     assert recording_of_run(run).sha256 == reviewed().sha256
     assert np.array_equal(recording_of_run(run).T_world_camera["front"], POSE)
+
+
+def test_a_run_that_tells_of_corrections_which_are_none_is_refused() -> None:
+    run = {"recording": "ward", "inputs_sha256": dict(HASHES), "cameras": []}
+    assert corrections_of_run(Path("run.json"), {**run, "corrections": None}).joints == ()
+    told = {"file": "c.json", "sha256": "a", "unusable": [], "joints": [{**asdict(knee()), "joint": "Knee"}]}
+    with pytest.raises(InputError, match=r"run.json: corrections.joints\[0\].joint is 'Knee'"):
+        corrections_of_run(Path("run.json"), {**run, "corrections": plain(told)})
 
 
 def test_the_time_of_now_is_one_that_the_file_accepts(tmp_path: Path) -> None:

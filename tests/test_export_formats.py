@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 from exports_builder import angle_names, angle_of, column, times, true_joints, write_true_results
 
-from anchorpose.errors import MissingPackage
+from anchorpose.errors import InputError, MissingPackage
 from anchorpose.exports import c3d
 from anchorpose.exports.product import ExportConfig, Format
 from anchorpose.exports.run import export_results
@@ -144,6 +144,21 @@ def test_the_data_dictionary_explains_every_column_of_every_table(results, tmp_p
             found |= {(path.name, name) for name in header}
     assert found == explained
     assert ("joints_wide.csv", "AnkleLeft_sigma_m") in explained
+
+
+def test_pictures_are_not_even_read_for_csv(results, tmp_path, monkeypatch):
+    other = tmp_path / "other"
+    shutil.copytree(results, other)
+    pq.write_table(pa.table({"frame": [1], "labels": [b"picture"]}), other / "people.parquet")
+    read, whole = [], pq.read_table
+    monkeypatch.setattr(pq, "read_table", lambda path, **more: read.append(Path(path).name) or whole(path, **more))
+    folder = export(other, tmp_path / "out", Format.CSV)
+    assert "joints.parquet" in read
+    assert "people.parquet" not in read  # an hour of three cameras is more than a gigabyte
+    assert not (folder / "people.csv").exists()
+    (other / "people.parquet").write_bytes(b"no table")
+    with pytest.raises(InputError, match=r"people\.parquet: is no parquet table"):
+        export(other, tmp_path / "again", Format.CSV)
 
 
 def test_a_table_that_is_not_known_yet_is_exported_too(results, tmp_path):

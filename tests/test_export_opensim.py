@@ -360,6 +360,45 @@ def test_a_mot_with_gaps_is_several_files_that_opensim_reads_whole(osim, tmp_pat
     assert osim.TimeSeriesTable(str(files[1])).getIndependentColumn()[0] == times(75)[34]
 
 
+def mot_table(path: Path) -> tuple[list[str], np.ndarray]:
+    """Names, and the rows (n, c) as they stand in the file."""
+    lines = path.read_text().splitlines()
+    head = lines.index("endheader") + 1
+    return lines[head].split("\t"), np.array([[float(cell) for cell in line.split("\t")] for line in lines[head + 1 :]])
+
+
+def test_a_mot_goes_on_in_another_file_after_a_pause_of_the_recording(tmp_path):
+    time_s = times(75) + np.where(np.arange(75) >= 40, 3.0, 0.0)
+    time_s[60:] += 1.0 / 15.0  # one frame that was not recorded is a gap as well
+    results = write_true_results(tmp_path / "results", true_joints(), time_s)
+    export_results(results, [Format.MOT], ExportConfig())
+    files = sorted((results / "exports" / "mot").glob("*.mot"))
+    found = [mot_table(file)[1][:, 0] for file in files]
+    assert [len(part) for part in found] == [40, 20, 15]
+    assert np.concatenate(found) == pytest.approx(time_s, abs=1e-9)
+
+
+def test_a_patient_who_turns_past_minus_x_turns_on_and_does_not_leap(osim, tmp_path):
+    turned_deg = np.linspace(160.0, 205.0, 75)
+    turn = Rotation.from_euler("y", turned_deg[:, None], degrees=True).as_matrix()
+    joints = np.einsum("nij,nkj->nki", turn, true_joints("weight-shift"))
+    results = write_true_results(tmp_path / "results", joints)
+    export_results(results, BOTH, ExportConfig())
+    names, rows = mot_table(results / "exports" / "mot" / "motion.mot")
+    assert np.abs(np.diff(rows[:, 1:], axis=0)).max() < 30.0
+    rotation = rows[:, names.index("pelvis_rotation")]
+    assert np.abs(rotation - turned_deg).max() < 15.0
+    assert rotation[-1] > 185.0
+    straight = opensim_coordinates(joints, CoordinateModel.RAJAGOPAL)
+    for place, name in enumerate(straight.names):
+        away = rows[:, names.index(name)] - straight.values[:, place]
+        assert np.abs(away - 360.0 * np.rint(away / 360.0)).max() < 1e-5
+    with inside(results / "exports" / "trc"):
+        assert osim.InverseKinematicsTool("ik_setup.xml").run()
+        solved = coordinate_column(osim, Path("ik_result.mot"), "pelvis_rotation")
+    assert np.abs((solved - rotation + 180.0) % 360.0 - 180.0).max() < 5.0
+
+
 def test_a_mot_without_any_stretch_is_refused(tmp_path):
     lost = dict.fromkeys(range(75), JOINT_NAMES)
     results = write_true_results(tmp_path / "results", true_joints(), lost=lost)

@@ -48,7 +48,22 @@ def test_a_joint_is_moved_by_keys_saved_and_undone(viewer: Any, server: ViewerSe
     viewer.keyboard.press("Control+z")
     until(viewer, lambda: not file_of(server).joints)
     assert file_of(server).withdrawn[0][0] == found
-    assert "None so far" in viewer.locator("#corrections").inner_text()
+    until(viewer, lambda: "None so far" in viewer.locator("#corrections").inner_text())  # the file is first
+
+
+def test_undoing_a_second_correction_brings_the_first_one_back(viewer: Any, server: ViewerServer) -> None:
+    for reason in ("first", "second"):
+        for key in (*(["]"] if reason == "first" else []), "e", "ArrowRight", "Enter"):
+            viewer.keyboard.press(key)
+        sign(viewer, reason)
+        viewer.wait_for_timeout(1100)  # what a person needs for two corrections; the file counts in seconds
+    (found,) = file_of(server).joints
+    assert found.reason == "second"
+    viewer.keyboard.press("Control+z")
+    until(viewer, lambda: file_of(server).joints[0].reason == "first")
+    until(viewer, lambda: "earlier correction holds again" in viewer.locator("#status").inner_text())
+    viewer.keyboard.press("Control+z")
+    until(viewer, lambda: not file_of(server).joints)
 
 
 def test_a_joint_is_put_on_the_point_that_is_clicked(viewer: Any, server: ViewerServer) -> None:
@@ -99,6 +114,28 @@ def test_earlier_corrections_are_listed_and_taken_back(viewer: Any, server: View
     viewer.keyboard.press("Delete")
     until(viewer, lambda: not file_of(server).unusable)
     assert len(file_of(server).withdrawn) == 1
+
+
+def test_taking_back_asks_a_newcomer_who_it_is_and_for_no_reason(viewer: Any, server: ViewerServer) -> None:
+    for key in ("i", "o", "m"):
+        viewer.keyboard.press(key)
+    sign(viewer, "first")
+    viewer.evaluate("sessionStorage.clear()")
+    viewer.reload()
+    viewer.wait_for_selector("html[data-ready]")
+    viewer.click("#tab-correct")
+    viewer.locator("#corrections li button").nth(1).click()
+    assert not viewer.locator("#sign-reason").is_visible()
+    assert viewer.evaluate("document.activeElement.id") == "sign-who"
+    viewer.keyboard.type("CD")
+    viewer.keyboard.press("Enter")
+    until(viewer, lambda: not file_of(server).unusable)
+    assert file_of(server).withdrawn[0][1].who == "CD"
+    for key in ("i", "o", "m"):  # the next correction needs a reason again
+        viewer.keyboard.press(key)
+    assert viewer.locator("#sign-reason").is_visible()
+    viewer.keyboard.press("Enter")
+    assert viewer.locator("#sign").evaluate("e => e.open")
 
 
 def test_when_the_program_is_stopped_the_page_says_so(page: Any, small: tuple[Path, Path]) -> None:

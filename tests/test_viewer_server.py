@@ -5,21 +5,30 @@ from __future__ import annotations
 import http.client
 import json
 import os
+import shutil
 import signal
+import socket
 import subprocess
 import sys
 import threading
+import webbrowser
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
+from urllib.request import url2pathname, urlopen
 
 import pytest
+from recording_builder import edit_json
 from viewer_builder import viewer_of
 
 from anchorpose.cli import main
 from anchorpose.results.corrections import corrections_beside, read_corrections
+from anchorpose.results.run_record import CorrectionsRecord, plain
+from anchorpose.viewer import file_lock
 from anchorpose.viewer.container import unpack
 from anchorpose.viewer.guard import Guard, is_loopback
+from anchorpose.viewer.opening import opened_page
 from anchorpose.viewer.server import ViewerServer
 
 INTERVAL = {"first_frame": 2, "last_frame": 8, "reason": "a curtain", "who": "AB"}
@@ -70,10 +79,37 @@ def test_nobody_gets_in_without_the_token(server: ViewerServer) -> None:
 
 def test_a_page_that_points_its_own_name_here_gets_nothing(server: ViewerServer) -> None:
     port = server.guard.port
-    for host in (f"evil.example:{port}", "127.0.0.1", f"127.0.0.1:{port + 1}", ""):
+    for host in (
+        f"evil.example:{port}", f"127.0.0.1.evil.example:{port}", f"localhost.evil.example:{port}", "[::1", "",
+        f"localhost@evil.example:{port}", "192.168.1.5",
+    ):  # fmt: skip
         assert ask(server, "description", Host=host)[0] == 403
-    for host in (f"localhost:{port}", f"[::1]:{port}"):
+    for host in (
+        f"localhost:{port}",
+        f"[::1]:{port}",
+        f"127.0.0.1:{port + 1}",
+        "LOCALHOST",
+    ):  # a tunnel has its own port
         assert ask(server, "description", Host=host)[0] == 200
+
+
+def test_the_page_at_the_other_end_of_a_tunnel_can_save(server: ViewerServer) -> None:
+    def save(origin: str) -> int:
+        sent = {"Host": "localhost:9000", "Origin": origin, "Content_Type": "application/json"}
+        return ask(server, "corrections/add", "POST", INTERVAL, **sent)[0]
+
+    assert save(f"http://localhost:{server.guard.port}") == 403
+    assert save("http://localhost:9000") == 200
+
+
+@pytest.mark.parametrize("host", ["127.0.0.2", "::1", "localhost"])
+def test_every_loopback_address_can_be_listened_on(small: tuple[Path, Path], host: str) -> None:
+    try:
+        socket.create_server((host, 0), family=socket.AF_INET6 if ":" in host else socket.AF_INET).close()
+    except OSError:
+        pytest.skip(f"this machine has no {host}")
+    with viewer_of(small[0], host=host) as server, urlopen(server.address + "description", timeout=20) as answer:
+        assert json.loads(answer.read())["name"] == "results"
 
 
 def test_only_the_page_itself_can_change_something(server: ViewerServer) -> None:
@@ -161,11 +197,60 @@ def test_a_correction_that_is_wrong_changes_nothing(server: ViewerServer, wrong:
     assert server.desk.correcting.path.read_bytes() == before
 
 
+@pytest.mark.parametrize(
+    "wrong", [{"who": ""}, {"who": " "}, {"who": 7}, {"who": None}, {"entry": [1]}, {"entry": None}, {"why": "x"}]
+)
+def test_taking_back_wrongly_changes_nothing(server: ViewerServer, wrong: dict[str, Any]) -> None:
+    _, held = tell(server, "corrections/add", INTERVAL)
+    before = server.desk.correcting.path.read_bytes()
+    status, answer = tell(server, "corrections/take-back", {"entry": held["unusable"][0], "who": "CD", **wrong})
+    assert status == 400
+    assert answer["error"]
+    assert server.desk.correcting.path.read_bytes() == before
+    assert tell(server, "corrections/take-back", {})[0] == 400
+
+
 def test_two_who_correct_at_once_lose_nothing(server: ViewerServer) -> None:
     with ThreadPoolExecutor(8) as pool:
         answers = list(pool.map(lambda frame: tell(server, "corrections/add", {**KNEE, "frame": frame}), range(24)))
     assert {status for status, _ in answers} == {200}
     assert sorted(entry.frame for entry in read_corrections(server.desk.correcting.path).joints) == list(range(24))
+
+
+SECOND_VIEWER = """
+import sys
+from pathlib import Path
+from anchorpose.viewing import open_viewer
+with open_viewer(Path(sys.argv[1]), None, None, "", "127.0.0.1", 0) as server:
+    print("ready", flush=True)
+    sys.stdin.readline()
+    for frame in range(1, 40, 2):
+        server.desk.correcting.add({"frame": frame, "joint": "KneeLeft", "position_m": [0.1, 0.5, 0.0],
+                                    "sigma_m": 0.02, "reason": "x", "who": "CD"})
+"""
+
+
+def test_two_viewers_of_the_same_results_lose_nothing(server: ViewerServer, small: tuple[Path, Path]) -> None:
+    command = [sys.executable, "-c", SECOND_VIEWER, str(small[0])]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdin is not None
+        assert other.stdout is not None
+        assert other.stdout.readline() == "ready\n"
+        other.stdin.write("go\n")
+        other.stdin.flush()
+        for frame in range(0, 40, 2):
+            server.desk.correcting.add({**KNEE, "frame": frame})
+        assert other.wait(30) == 0
+    assert sorted(entry.frame for entry in read_corrections(server.desk.correcting.path).joints) == list(range(40))
+
+
+def test_a_lock_that_is_never_given_up_is_told(server: ViewerServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(file_lock, "PATIENCE_S", 0.05)
+    with file_lock.locked(server.desk.correcting.path):
+        status, answer = tell(server, "corrections/add", INTERVAL)
+    assert status == 400
+    assert "another program" in answer["error"]
+    assert tell(server, "corrections/add", INTERVAL)[0] == 200
 
 
 def test_earlier_corrections_are_there_again_and_damaged_ones_stop_the_viewer(small: tuple[Path, Path]) -> None:
@@ -179,6 +264,48 @@ def test_earlier_corrections_are_there_again_and_damaged_ones_stop_the_viewer(sm
     path.write_text(path.read_text()[:-20])
     assert main(["view", str(small[0]), "--no-browser"]) == 2
     path.unlink()
+
+
+def test_a_second_round_of_review_keeps_what_the_first_one_found(tmp_path: Path, small: tuple[Path, Path]) -> None:
+    path = corrections_beside(small[0])
+    with viewer_of(*small) as first:
+        tell(first, "corrections/add", INTERVAL)
+        tell(first, "corrections/add", KNEE)
+    said = read_corrections(path)
+    path.unlink()
+    reviewed = tmp_path / "reviewed"
+    shutil.copytree(small[0], reviewed)
+    record = CorrectionsRecord(path.name, "a" * 64, said.unusable, said.joints)
+    edit_json(reviewed / "run.json", lambda run: run.update(corrections=plain(record)))
+    with viewer_of(reviewed) as second:
+        shown = json.loads(ask(second, "corrections")[1])
+        assert (len(shown["unusable"]), len(shown["joints"])) == (1, 1)
+        assert not corrections_beside(reviewed).exists()  # looking writes nothing
+        assert tell(second, "corrections/add", {**KNEE, "frame": 9})[0] == 200
+        found = read_corrections(corrections_beside(reviewed))
+        assert found.unusable == said.unusable
+        assert [entry.frame for entry in found.joints] == [4, 9]
+        assert found.joints[0] == said.joints[0]
+        for entry in (*shown["unusable"], *shown["joints"]):
+            assert tell(second, "corrections/take-back", {"entry": entry, "who": "CD"})[0] == 200
+    with viewer_of(reviewed) as third:  # what was taken back does not come again
+        assert [entry["frame"] for entry in json.loads(ask(third, "corrections")[1])["joints"]] == [9]
+
+
+def test_the_page_is_told_the_names_of_files_and_not_where_they_lie(server: ViewerServer) -> None:
+    path = server.desk.correcting.path
+    path.write_text("{")
+    answers = [ask(server, "corrections")[1].decode(), tell(server, "corrections/add", INTERVAL)[1]["error"]]
+    path.unlink()
+    path.mkdir()  # which the operating system itself complains of
+    answers += [ask(server, "corrections")[1].decode(), tell(server, "corrections/add", INTERVAL)[1]["error"]]
+    path.rmdir()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(server.desk, "ask", lambda name, query: path.with_name("no such file").read_bytes())
+        answers.append(ask(server, "corrections")[1].decode())
+    assert [answer for answer in answers if str(path.parent) in answer] == []
+    assert all(path.name in answer for answer in answers[:4])
+    assert "no such file: No such file or directory" in answers[4]
 
 
 def test_without_a_recording_there_are_no_points_but_all_else(small: tuple[Path, Path]) -> None:
@@ -198,6 +325,43 @@ def test_other_addresses_than_loopback_are_told_apart() -> None:
     assert open_to_all.path_within("/secrets/motion") is None
     assert open_to_all.path_within("/secret/motion?x") == "motion"
     assert open_to_all.path_within("/sécret/") is None
+
+
+def test_the_browser_is_not_started_with_the_secret(
+    small: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    opened = list[tuple[str, Path, str, int]]()
+
+    def browse(address: str) -> bool:
+        file = Path(url2pathname(urlsplit(address).path))
+        opened.append((address, file, file.read_text(), file.stat().st_mode | file.parent.stat().st_mode))
+        return True
+
+    def serve(server: ViewerServer) -> None:
+        assert opened[0][1].exists()  # the browser may take its time
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(webbrowser, "open", browse)
+    monkeypatch.setattr(ViewerServer, "serve_forever", serve)
+    assert main(["view", str(small[0])]) == 0
+    printed = capsys.readouterr().out.splitlines()[0].split()[-1]
+    ((address, file, text, mode),) = opened
+    assert address.startswith("file:///")
+    assert urlsplit(printed).path.strip("/") not in address
+    assert f"url={printed}" in text
+    assert mode & 0o077 == 0
+    assert not file.exists()
+    assert not file.parent.exists()
+
+
+def test_a_browser_that_follows_the_file_gets_to_the_page(page: Any, server: ViewerServer) -> None:
+    shown = list[str]()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(webbrowser, "open", shown.append)
+        with opened_page(server.address):
+            page.goto(shown[0])
+            page.wait_for_selector("html[data-ready]", timeout=20_000)
+    assert page.url == server.address
 
 
 def test_the_verb_prints_where_it_is_and_stops_when_told(small: tuple[Path, Path]) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -13,7 +15,15 @@ from anchorpose.body.skin_points import FittedShape, body_points, rest_points
 from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.results.anchors_table import AnchorFrame, read_anchors, write_anchors
-from anchorpose.results.people_labels import ROOM, label_picture, read_people, read_picture, write_people
+from anchorpose.results.people_labels import (
+    ROOM,
+    LabelPicture,
+    StoredPeople,
+    label_picture,
+    read_people,
+    read_picture,
+    write_people,
+)
 from anchorpose.results.poses import pose_of, read_poses, write_poses
 from anchorpose.tracker.witnesses import axial_sigma, body_pose
 
@@ -115,3 +125,59 @@ def test_two_pictures_of_one_frame_are_refused(tmp_path):
     with pytest.raises(InputError, match="two pictures"):
         read_people(tmp_path / "p.parquet")
     assert isinstance(pq.read_table(tmp_path / "p.parquet"), pa.Table)
+
+
+def write_pictures(path: Path, count: int) -> dict[tuple[int, str], LabelPicture]:
+    """Two cameras and some gaps, in an order that is not that of the names; packed bytes that say which they are."""
+    made = [
+        LabelPicture(frame, camera, f"{camera} {frame}".encode() * 50)
+        for frame in range(count)
+        for camera in ("right", "front")
+        if frame % 7 or camera == "front"
+    ]
+    with write_people(path) as table:
+        for picture in made:
+            table.append(picture)
+    return {(picture.frame, picture.camera): picture for picture in made}
+
+
+def spoil_last_pictures(path: Path) -> None:
+    """Zeros over the pictures of the last row group."""
+    group = pq.ParquetFile(path).metadata.row_group(pq.ParquetFile(path).num_row_groups - 1)
+    column = group.column(2)
+    start = column.dictionary_page_offset or column.data_page_offset
+    content = bytearray(path.read_bytes())
+    content[start : start + column.total_compressed_size] = bytes(column.total_compressed_size)
+    path.write_bytes(content)
+
+
+def test_pictures_are_found_one_by_one_as_if_all_were_read(tmp_path):
+    made = write_pictures(tmp_path / "p.parquet", 500)
+    assert read_people(tmp_path / "p.parquet") == made
+    stored = StoredPeople(tmp_path / "p.parquet")
+    for frame in np.random.default_rng(5).permutation(np.arange(-1, 502)).tolist():
+        for camera in ("front", "right", "left"):
+            assert stored.get(frame, camera) == made.get((frame, camera))
+
+
+def test_only_the_pictures_around_the_one_that_is_asked_for_are_read(tmp_path):
+    made = write_pictures(tmp_path / "p.parquet", 500)
+    spoil_last_pictures(tmp_path / "p.parquet")
+    stored = StoredPeople(tmp_path / "p.parquet")
+    assert stored.get(3, "front") == made[3, "front"]
+    with pytest.raises(InputError, match=r"p\.parquet"):
+        stored.get(499, "front")
+
+
+def test_stored_pictures_that_are_none_or_stand_twice_are_refused(tmp_path):
+    write_pictures(tmp_path / "p.parquet", 300)
+    table = pq.read_table(tmp_path / "p.parquet")
+    pq.write_table(pa.concat_tables([table, table.slice(0, 1)]), tmp_path / "twice.parquet", row_group_size=50)
+    with pytest.raises(InputError, match="two pictures"):
+        StoredPeople(tmp_path / "twice.parquet")
+    pq.write_table(table.drop(["labels"]), tmp_path / "other.parquet")
+    with pytest.raises(InputError, match="its columns are not frame, camera, labels"):
+        StoredPeople(tmp_path / "other.parquet")
+    (tmp_path / "none.parquet").write_bytes(b"PAR1")
+    with pytest.raises(InputError, match="no parquet"):
+        StoredPeople(tmp_path / "none.parquet")

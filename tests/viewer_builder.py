@@ -146,9 +146,9 @@ def write_small_results(folder: Path, recording: Path, people: bool = True) -> P
 
 
 @contextmanager
-def viewer_of(results: Path, recording: Path | None = None) -> Iterator[ViewerServer]:
+def viewer_of(results: Path, recording: Path | None = None, host: str = "127.0.0.1") -> Iterator[ViewerServer]:
     """A running viewer on a free port of this machine."""
-    server = open_viewer(results, recording, None, "", "127.0.0.1", 0)
+    server = open_viewer(results, recording, None, "", host, 0)
     thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02}, daemon=True)
     thread.start()
     try:

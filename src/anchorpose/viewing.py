@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from anchorpose.errors import AnchorposeError, InputError
-from anchorpose.results.corrections import corrections_beside
-from anchorpose.results.reviewed_recording import recording_of_run
+from anchorpose.results.corrections import corrections_beside, corrections_of_run
+from anchorpose.results.run_record import RUN_FILE
 from anchorpose.viewer.correcting import Correcting
 from anchorpose.viewer.desk import Desk
 from anchorpose.viewer.review import open_review
@@ -19,13 +19,14 @@ def open_viewer(
     """A server that listens; raises InputError where results, recording or corrections cannot be used, AnchorposeError
     where nothing can listen on ``host`` and ``port``.
 
-    corrections: the file to extend; None = beside the results (``corrections_beside``).
+    corrections: the file to extend; None = beside the results (``corrections_beside``). A file that is not there yet
+    begins with the corrections that the results were tracked with.
     """
     if not results.is_dir():
         raise InputError(results, "there is no such folder", "give a results folder made by 'anchorpose track'")
     review = open_review(results, recording)
     path = corrections if corrections is not None else corrections_beside(results)
-    desk = Desk(review, Correcting(path, recording_of_run(review.run), review.joints), who)
+    desk = Desk(review, Correcting(path, corrections_of_run(results / RUN_FILE, review.run), review.joints), who)
     try:
         return ViewerServer(desk, host, port)
     except (OSError, OverflowError) as error:

@@ -30,7 +30,8 @@ def view(
     recording
         The recording that the results were made of; without it only skeleton, body and curves are shown.
     corrections
-        The file that your corrections are added to; the default is RESULTS.corrections.json, beside the folder.
+        The file that your corrections are added to; the default is RESULTS.corrections.json, beside the folder. A new
+        file begins with the corrections that the results were tracked with.
     who
         Your initials or pseudonym, for the corrections; otherwise the page asks you once.
     host
@@ -41,9 +42,10 @@ def view(
     no_browser
         Print the address only.
     """
-    import webbrowser
+    from contextlib import nullcontext
 
     from anchorpose.viewer.guard import is_loopback
+    from anchorpose.viewer.opening import opened_page
     from anchorpose.viewing import open_viewer
 
     with open_viewer(results, recording, corrections, who, host, port) as server:
@@ -52,8 +54,7 @@ def view(
             if not is_loopback(host):
                 print("Whoever has this address can see the patient and change the corrections, without encryption.")
             print(f"Corrections go to {server.desk.correcting.path}. Stop with Ctrl+C.", flush=True)
-            if not no_browser:
-                webbrowser.open(server.address)
-            server.serve_forever()
+            with nullcontext() if no_browser else opened_page(server.address):
+                server.serve_forever()
         except KeyboardInterrupt:
             print("\nStopped; every correction was saved when it was made.")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -28,9 +28,10 @@ def write_csv(folder: Path, source: Source, config: ExportConfig) -> Product:
     """A CSV for each table without pictures, joints_wide.csv, angles_wide.csv and data_dictionary.csv."""
     dictionary, notes, rows = list[tuple[str, ...]](), list[str](), 0
     for path in sorted(source.folder.glob("*.parquet")):
-        table = _table(path)
-        if any(pa.types.is_binary(kind) or pa.types.is_large_binary(kind) for kind in table.schema.types):
-            continue  # pictures: whose each pixel is, for the viewer
+        kinds = _readable(path, pq.read_schema).types
+        if any(pa.types.is_binary(kind) or pa.types.is_large_binary(kind) for kind in kinds):
+            continue  # pictures: whose each pixel is, for the viewer; more of them than the memory may hold
+        table = _readable(path, pq.read_table)
         name = f"{path.stem}.csv"
         rows += len(table)
         _write(folder / name, table.schema.names, zip(*(_cells(column) for column in table.columns), strict=True))
@@ -66,9 +67,10 @@ def _metadata(name: str, schema: pa.Schema) -> list[str]:
     return [f"{name}, {key}: {value}" for key, value in told.items() if key != "pandas"]
 
 
-def _table(path: Path) -> pa.Table:
+def _readable(path: Path, read: Callable[[Path], Any]) -> Any:
+    """What ``read`` makes of a table; raises InputError where it cannot."""
     try:
-        return pq.read_table(path)
+        return read(path)
     except (pa.ArrowException, OSError):
         raise InputError(path, "is no parquet table", "track the recording again") from None
 

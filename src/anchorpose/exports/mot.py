@@ -10,8 +10,9 @@ import numpy as np
 from anchorpose.errors import AnchorposeError
 from anchorpose.exports.hinge_axes import read_hinge_axes
 from anchorpose.exports.numbers_text import rounded_text, rows_text
-from anchorpose.exports.opensim_coordinates import Coordinates, opensim_coordinates
+from anchorpose.exports.opensim_coordinates import SHIFTS, Coordinates, opensim_coordinates
 from anchorpose.exports.product import ExportConfig, Product
+from anchorpose.exports.regular_time import near_in_time
 from anchorpose.exports.source import Source
 from anchorpose.exports.stretches import stretch_name, stretches_of
 from anchorpose.results.poses import POSES_FILE
@@ -24,7 +25,7 @@ def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
     """motion.mot, or one file for each stretch without a gap; raises AnchorposeError where there is no such stretch."""
     hinges = read_hinge_axes(source.folder / POSES_FILE, source.frame)
     coordinates = opensim_coordinates(source.samples.position_m, config.model, hinges)
-    stretches = stretches_of(np.isfinite(coordinates.values))
+    stretches = stretches_of(np.isfinite(coordinates.values), near_in_time(source.samples.time_s))
     if not stretches.runs:
         raise AnchorposeError("No two frames in a row have the joints that a MOT needs; export with --to csv instead.")
     kept = Coordinates(
@@ -33,7 +34,8 @@ def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
     )
     for number, (first, last) in enumerate(stretches.runs):
         name = stretch_name(STEM, ".mot", number, len(stretches.runs))
-        text = mot_text(Path(name).stem, source.samples.time_s[first:last], kept.names, kept.values[first:last])
+        values = _without_leaps(kept.names, kept.values[first:last])
+        text = mot_text(Path(name).stem, source.samples.time_s[first:last], kept.names, values)
         (folder / name).write_text(text, encoding="utf-8", newline="\n")
     frames = sum(last - first for first, last in stretches.runs)
     left_out = [name for name in coordinates.names if name not in kept.names]
@@ -42,7 +44,7 @@ def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
         units="degrees; pelvis_tx, pelvis_ty, pelvis_tz metres; seconds",
         time="as recorded",
         missing="a MOT cannot hold a gap: coordinates known in less than half of the frames are left out, and each "
-        "stretch of frames in which all the others are known is a file of its own",
+        "stretch of frames without a pause in which all the others are known is a file of its own",
         counts=(("files", len(stretches.runs)), ("frames", frames), ("frames_left_out", len(source.frame) - frames)),
         notes=(
             f"Left out for want of joints: {', '.join(left_out) or 'nothing'}.",
@@ -51,6 +53,12 @@ def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
             else "hip_rotation and arm_rot cannot be had from joint centres, there is no poses.parquet: left out.",
         ),
     )
+
+
+def _without_leaps(names: tuple[str, ...], values: np.ndarray) -> np.ndarray:
+    """Values (n, c) in which no turn leaps by 360 degrees, as it would where a patient turns past -X: what is between
+    two rows, and a filter, would go the long way round. Shifts stay as they are."""
+    return np.where(np.isin(names, SHIFTS), values, np.unwrap(values, period=360.0, axis=0))
 
 
 def mot_text(name: str, time_s: np.ndarray, names: tuple[str, ...], values: np.ndarray) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -22,10 +23,13 @@ from anchorpose.exports.segment_frames import (
 )
 from anchorpose.results.kinematics.leg import knee_bend
 
+SHIFTS: Final = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
+"""The coordinates that are no turns."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coordinates:
-    """values (n, c): degrees for turns and metres for pelvis_tx, _ty, _tz; NaN where a joint is missing."""
+    """values (n, c): degrees for turns and metres for ``SHIFTS``; NaN where a joint is missing."""
 
     names: tuple[str, ...]
     values: np.ndarray
@@ -58,7 +62,7 @@ def _root(position_m: np.ndarray, pelvis: np.ndarray) -> dict[str, np.ndarray]:
         "pelvis_tilt": tilt,
         "pelvis_list": obliquity,
         "pelvis_rotation": rotation,
-        **{f"pelvis_t{axis}": place[:, index] for index, axis in enumerate("xyz")},
+        **{name: place[:, index] for index, name in enumerate(SHIFTS)},
     }
 
 

@@ -21,6 +21,10 @@ MASS_SHARE: Final = {
     "humerus": 0.0271, "ulna": 0.0223,
 }  # fmt: skip
 
+ROUND: Final = 4.0 * np.pi
+"""The pelvis may turn so far either way: a patient who faces -X, or turns round, must not meet a limit at 180 degrees,
+where OpenSim's inverse kinematics would stop."""
+
 
 @dataclass(frozen=True, slots=True)
 class OsimCoordinate:
@@ -63,7 +67,7 @@ def segments(body: MeasuredBody, model: CoordinateModel) -> tuple[Segment, ...]:
 def _pelvis(body: MeasuredBody) -> Segment:
     zero = np.zeros(3)
     turns = tuple(
-        OsimCoordinate(f"pelvis_{name}", axis, (-np.pi, np.pi))
+        OsimCoordinate(f"pelvis_{name}", axis, (-ROUND, ROUND))
         for name, axis in (("tilt", Z), ("list", X), ("rotation", Y))
     )
     moves = tuple(

@@ -103,9 +103,15 @@ def nominal_rate_hz(time_s: np.ndarray) -> float:
     return _grid(time_s)[0]
 
 
+def near_in_time(time_s: np.ndarray) -> np.ndarray:
+    """(n - 1,) bool: whether each frame and the next are no further apart than ``BRIDGE_FRAMES``; raises
+    AnchorposeError for one frame."""
+    return np.asarray(np.diff(time_s) <= BRIDGE_FRAMES / nominal_rate_hz(time_s))
+
+
 def without_gaps(time_s: np.ndarray) -> bool:
     """Whether no two neighbours are further apart than ``BRIDGE_FRAMES``."""
-    return bool((np.diff(time_s) <= BRIDGE_FRAMES / nominal_rate_hz(time_s)).all())
+    return bool(near_in_time(time_s).all())
 
 
 def _grid(time_s: np.ndarray) -> tuple[float, np.ndarray, bool]:

@@ -23,16 +23,21 @@ class Stretches:
     runs: tuple[tuple[int, int], ...]
 
 
-def stretches_of(known: np.ndarray) -> Stretches:
-    """known (n, c) bool: what is there in each frame. No run where no column is known in half of the frames."""
+def stretches_of(known: np.ndarray, joined: np.ndarray | None = None) -> Stretches:
+    """known (n, c) bool: what is there in each frame; joined as in ``runs_where``. No run where no column is known in
+    half of the frames."""
     kept = known.mean(axis=0) >= KEPT_SHARE
-    return Stretches(kept, runs_where(np.asarray(known[:, kept].all(axis=1))) if kept.any() else ())
+    return Stretches(kept, runs_where(np.asarray(known[:, kept].all(axis=1)), joined) if kept.any() else ())
 
 
-def runs_where(whole: np.ndarray) -> tuple[tuple[int, int], ...]:
-    """First and one past the last of the frames that stand together in ``whole`` (n,) bool, two at least."""
-    edge = np.diff(whole.astype(np.int8), prepend=0, append=0)
-    starts, ends = np.flatnonzero(edge == 1), np.flatnonzero(edge == -1)
+def runs_where(whole: np.ndarray, joined: np.ndarray | None = None) -> tuple[tuple[int, int], ...]:
+    """First and one past the last of the frames that stand together in ``whole`` (n,) bool, two at least.
+
+    joined (n - 1,) bool: whether a frame and the next one are neighbours in time; None where all are.
+    """
+    together = whole[:-1] & whole[1:] & (True if joined is None else joined)
+    starts = np.flatnonzero(whole & ~np.concatenate([[False], together]))
+    ends = np.flatnonzero(whole & ~np.concatenate([together, [False]])) + 1
     long = ends - starts >= LEAST_FRAMES
     return tuple(zip(starts[long].tolist(), ends[long].tolist(), strict=True))
 

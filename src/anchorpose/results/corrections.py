@@ -1,7 +1,8 @@
 """corrections.json: what a reviewer found to be wrong, who says so and when; ``track --corrections`` honours it.
 
-Frames and times are those of the results' tables, positions are in their world frame. Nothing is ever taken out of the
-file: what a reviewer takes back moves to ``withdrawn``.
+Frames and times are those of the results' tables, positions are in their world frame. Nothing is ever lost from the
+file: what a reviewer takes back, or corrects again, moves to ``withdrawn``; it comes back from there where the
+correction that replaced it is taken back.
 """
 
 from __future__ import annotations
@@ -10,13 +11,13 @@ import json
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.recording.document import JsonObject, check_format, nearest_key, read_json_object
 from anchorpose.results.folder import write_text_whole
-from anchorpose.results.reviewed_recording import ReviewedRecording, same_world
+from anchorpose.results.reviewed_recording import ReviewedRecording, recording_of_run, same_world
 
 CORRECTIONS_FORMAT: Final = "anchorpose-corrections"
 
@@ -76,21 +77,37 @@ class Corrections:
         if isinstance(entry, UnusableInterval):
             return replace(self, unusable=(*self.unusable, entry))
         same = [old for old in self.joints if (old.frame, old.joint) == (entry.frame, entry.joint)]
-        kept = self
-        for old in same:
-            kept = kept.taken_back(old, Signature(entry.who, entry.when))
-        return replace(kept, joints=(*kept.joints, entry))
+        by = Signature(entry.who, entry.when)
+        return replace(
+            self,
+            joints=(*(old for old in self.joints if old not in same), entry),
+            withdrawn=(*self.withdrawn, *((old, by) for old in same)),
+        )
 
     def taken_back(self, entry: Entry, by: Signature) -> Corrections:
-        """Without ``entry``, which moves to ``withdrawn``; raises ValueError where it does not hold."""
+        """Without ``entry``, which moves to ``withdrawn``; what it had replaced holds again. Raises ValueError where it
+        does not hold."""
         if entry not in (*self.unusable, *self.joints):
             raise ValueError("there is no such correction (any more)")
+        before = self._replaced_by(entry)
         return replace(
             self,
             unusable=tuple(old for old in self.unusable if old != entry),
-            joints=tuple(old for old in self.joints if old != entry),
-            withdrawn=(*self.withdrawn, (entry, by)),
+            joints=(*(old for old in self.joints if old != entry), *(old for old, _ in before)),
+            withdrawn=(*(pair for pair in self.withdrawn if pair not in before), (entry, by)),
         )
+
+    def _replaced_by(self, entry: Entry) -> tuple[tuple[JointCorrection, Signature], ...]:
+        """The withdrawal, one at most, that ``added`` made for ``entry``: of its joint and frame, signed as it is."""
+        signed = Signature(entry.who, entry.when)
+        found = [
+            (old, by)
+            for old, by in self.withdrawn
+            if isinstance(entry, JointCorrection)
+            and isinstance(old, JointCorrection)
+            and (old.frame, old.joint, by) == (entry.frame, entry.joint, signed)
+        ]
+        return tuple(found[-1:])
 
 
 def corrections_beside(results: Path) -> Path:
@@ -117,26 +134,26 @@ def require_recording(path: Path, corrections: Corrections, recording: ReviewedR
 
 def read_corrections(path: Path) -> Corrections:
     """A corrections.json; raises InputError naming the file, the place in it and the remedy."""
-    top = read_json_object(path)
+    return _parse(read_json_object(path))
+
+
+def _parse(top: JsonObject) -> Corrections:
     top.only("format", "version", "recording", "unusable", "joints", "withdrawn")
     check_format(top, CORRECTIONS_FORMAT)
-    joints = tuple(_joint(item) for item in top.objects("joints"))
-    seen = set[tuple[int, str]]()
-    for index, joint in enumerate(joints):
-        if (joint.frame, joint.joint) in seen:
-            problem = f"corrects {joint.joint} of frame {joint.frame} a second time"
-            raise top.refuse(f"joints[{index}]", problem, "keep one of the two")
-        seen.add((joint.frame, joint.joint))
-    return Corrections(
-        _recording(top.object("recording")),
-        tuple(_interval(item) for item in top.objects("unusable")),
-        joints,
-        tuple(_withdrawal(item) for item in top.objects("withdrawn")) if top.has("withdrawn") else (),
-    )
+    withdrawn = tuple(parse_withdrawal(item) for item in top.objects("withdrawn")) if top.has("withdrawn") else ()
+    return replace(_holding(top, _recording(top.object("recording"))), withdrawn=withdrawn)
+
+
+def corrections_of_run(path: Path, run: dict[str, Any]) -> Corrections:
+    """What the results of the run.json at ``path`` were tracked with, none where there was nothing: a review of them
+    goes on from there. Raises InputError where it tells of corrections that are none."""
+    top, recording = JsonObject(path, "", run), recording_of_run(run)
+    return _holding(top.object("corrections"), recording) if top.has("corrections") else Corrections(recording)
 
 
 def write_corrections(path: Path, corrections: Corrections) -> None:
-    """Writes the file so that it holds all of it, or what it held before."""
+    """Writes the file so that it holds all of it, or what it held before; raises InputError for what could not be
+    read back."""
     recording = corrections.recording
     poses = recording.T_world_camera.items()
     document = {
@@ -151,12 +168,32 @@ def write_corrections(path: Path, corrections: Corrections) -> None:
         "joints": [asdict(entry) for entry in corrections.joints],
         "withdrawn": [{"entry": asdict(entry), "who": by.who, "when": by.when} for entry, by in corrections.withdrawn],
     }
-    write_text_whole(path, json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
+    _parse(JsonObject(path, "", json.loads(text)))
+    write_text_whole(path, text + "\n")
 
 
 def parse_entry(item: JsonObject) -> Entry:
     """One correction as in the file: of a joint where it has the key ``joint``, else an interval."""
     return _joint(item) if "joint" in item.values else _interval(item)
+
+
+def parse_withdrawal(item: JsonObject) -> tuple[Entry, Signature]:
+    """One correction that was taken back, and who did so, as in the file."""
+    item.only("entry", "who", "when")
+    return parse_entry(item.object("entry")), _signature(item)
+
+
+def _holding(item: JsonObject, recording: ReviewedRecording) -> Corrections:
+    """The lists ``unusable`` and ``joints`` of an object; raises InputError where a joint is corrected twice."""
+    joints = tuple(_joint(entry) for entry in item.objects("joints"))
+    seen = set[tuple[int, str]]()
+    for index, joint in enumerate(joints):
+        if (joint.frame, joint.joint) in seen:
+            problem = f"corrects {joint.joint} of frame {joint.frame} a second time"
+            raise item.refuse(f"joints[{index}]", problem, "keep one of the two")
+        seen.add((joint.frame, joint.joint))
+    return Corrections(recording, tuple(_interval(entry) for entry in item.objects("unusable")), joints)
 
 
 def _recording(item: JsonObject) -> ReviewedRecording:
@@ -202,11 +239,6 @@ def _joint(item: JsonObject) -> JointCorrection:
         position_m=(x, y, z), sigma_m=item.number("sigma_m", above=0, at_most=1, meaning="one sigma in metres"),
         reason=item.text("reason"), who=by.who, when=by.when,
     )  # fmt: skip
-
-
-def _withdrawal(item: JsonObject) -> tuple[Entry, Signature]:
-    item.only("entry", "who", "when")
-    return parse_entry(item.object("entry")), _signature(item)
 
 
 def _signature(item: JsonObject) -> Signature:

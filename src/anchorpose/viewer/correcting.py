@@ -2,42 +2,44 @@
 
 from __future__ import annotations
 
-import threading
 from pathlib import Path
 from typing import Any
 
 from anchorpose.recording.document import JsonObject
 from anchorpose.results.corrections import (
     Corrections,
-    Signature,
     now_utc,
     parse_entry,
+    parse_withdrawal,
     read_corrections,
     require_recording,
     write_corrections,
 )
-from anchorpose.results.reviewed_recording import ReviewedRecording
 from anchorpose.results.run_record import plain
 from anchorpose.results.tables import JointTable
+from anchorpose.viewer.file_lock import locked
 
 
 class Correcting:
-    """Adds to and takes back from one file; the file is read again before each change, so nobody's work is lost.
+    """Adds to and takes back from one file; the file is locked and read again for each change, so nobody's work is
+    lost, whichever viewer it is done in.
 
-    Raises InputError where the file cannot be used, or is about another recording or world.
+    begun: what holds while there is no file; the first change writes it there too, so that a second round of review
+    keeps what the first one found. Raises InputError where the file cannot be used, or is about another recording or
+    world.
     """
 
-    def __init__(self, path: Path, recording: ReviewedRecording, joints: JointTable) -> None:
-        self.path, self._recording, self._lock = path, recording, threading.Lock()
+    def __init__(self, path: Path, begun: Corrections, joints: JointTable) -> None:
+        self.path, self.begun = path, begun
         self._time_s = dict(zip(joints.frame.tolist(), joints.time_s.tolist(), strict=True))
         self.current()
 
     def current(self) -> Corrections:
-        """What the file holds now; nothing yet where there is none."""
+        """What the file holds now; what it begins with where there is none yet."""
         if not self.path.exists():
-            return Corrections(self._recording)
+            return self.begun
         found = read_corrections(self.path)
-        require_recording(self.path, found, self._recording)
+        require_recording(self.path, found, self.begun.recording)
         return found
 
     def add(self, given: dict[str, Any]) -> Corrections:
@@ -47,16 +49,17 @@ class Correcting:
             if frame in given:
                 timed[time] = self._time_of(given[frame])
         entry = parse_entry(JsonObject(Path("correction"), "", timed))
-        with self._lock:
+        with locked(self.path):
             after = self.current().added(entry)
             write_corrections(self.path, after)
         return after
 
-    def take_back(self, given: dict[str, Any], who: str) -> Corrections:
-        """Moves an entry, given as it stands in the file, to what was withdrawn; raises ValueError where it is not."""
-        entry = parse_entry(JsonObject(Path("correction"), "", given))
-        with self._lock:
-            after = self.current().taken_back(entry, Signature(who, now_utc()))
+    def take_back(self, given: dict[str, Any]) -> Corrections:
+        """Moves an ``entry``, given as it stands in the file, to what was withdrawn, by ``who``; raises InputError, or
+        ValueError where the entry does not hold."""
+        entry, by = parse_withdrawal(JsonObject(Path("correction"), "", {**given, "when": now_utc()}))
+        with locked(self.path):
+            after = self.current().taken_back(entry, by)
             write_corrections(self.path, after)
         return after
 

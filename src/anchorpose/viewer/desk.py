@@ -54,7 +54,7 @@ class Desk:
         }
         self._told: dict[str, Callable[[dict[str, Any]], Answer]] = {
             "corrections/add": lambda body: _json(shown(self.correcting.add(body))),
-            "corrections/take-back": lambda body: _json(shown(self.correcting.take_back(body["entry"], body["who"]))),
+            "corrections/take-back": lambda body: _json(shown(self.correcting.take_back(body))),
             "hypotheses/start": self._start,
             "hypotheses/cancel": lambda body: self._cancel(),
         }

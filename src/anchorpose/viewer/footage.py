@@ -16,7 +16,7 @@ from anchorpose.recording.pairing import pair_frames
 from anchorpose.recording.picture import read_depth_picture
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording import Recording
-from anchorpose.results.people_labels import PEOPLE_FILE, ROOM, LabelPicture, read_people, read_picture
+from anchorpose.results.people_labels import PEOPLE_FILE, ROOM, StoredPeople, read_picture
 from anchorpose.results.run_record import RUN_FILE, hash_files
 from anchorpose.surface.mesh import build_surface, faces
 from anchorpose.viewer.clocks import clocks_of_run
@@ -43,7 +43,7 @@ class Footage:
     recording: Recording
     frame: np.ndarray
     pairs: np.ndarray
-    people: dict[tuple[int, str], LabelPicture] | None
+    people: StoredPeople | None
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
@@ -96,7 +96,7 @@ class Footage:
         """(height, width) uint8; all ``ROOM`` where nobody was told apart, None where nothing tells."""
         if self.people is None:
             return None
-        packed = self.people.get((int(self.frame[position]), self.cameras[camera].name))
+        packed = self.people.get(int(self.frame[position]), self.cameras[camera].name)
         if packed is None:
             return np.full((self.cameras[camera].height, self.cameras[camera].width), ROOM, np.uint8)
         return read_picture(packed)
@@ -121,7 +121,7 @@ def open_footage(folder: Path, results: Path, run: dict[str, Any], frame: np.nda
     if missing:
         raise InputError(folder, f"has no frame {missing[0]}, but the results do", _REMEDY)
     pairs = pair_frames(recording)[[rows[int(number)] for number in frame]]
-    people = read_people(results / PEOPLE_FILE) if (results / PEOPLE_FILE).exists() else None
+    people = StoredPeople(results / PEOPLE_FILE) if (results / PEOPLE_FILE).exists() else None
     return Footage(recording, frame, pairs, people)
 
 

@@ -19,6 +19,7 @@ from anchorpose.threads import one_thread
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.inspection import inspect_frame
 from anchorpose.viewer.container import pack
+from anchorpose.viewer.told import told
 
 FIRST_GUESS = (
     "With a first guess of the body, from this frame on; 'anchorpose inspect --as-tracked' repeats track itself."
@@ -152,6 +153,6 @@ def _work(pipe: Connection, recording: Recording, frame: int, patient_xz_m: tupl
         with one_thread():
             data, said = hypotheses_of(recording, frame, patient_xz_m, tick)
     except AnchorposeError as error:
-        pipe.send(("failed", (str(error),)))
+        pipe.send(("failed", (told(error),)))
         return
     pipe.send(("done", (data, said)) if data else ("failed", said))

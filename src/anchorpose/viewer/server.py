@@ -15,6 +15,7 @@ from anchorpose.errors import AnchorposeError
 from anchorpose.viewer.assets import PAGE, content_policy, load_assets
 from anchorpose.viewer.desk import JSON, Answer, Desk
 from anchorpose.viewer.guard import Guard, is_loopback, new_token
+from anchorpose.viewer.told import told
 
 MOST_BYTES: Final = 64 * 1024  # of a request's body: a correction is some hundred
 PATIENCE_S: Final = 120.0  # a browser that says nothing for so long is gone
@@ -27,15 +28,16 @@ class ViewerServer(ThreadingHTTPServer):
 
     def __init__(self, desk: Desk, host: str, port: int) -> None:
         self.desk, self.host = desk, host  # before the rest: a place that cannot be had closes the server at once
+        self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
         super().__init__((host, port), _Handler)
         self.guard = Guard(new_token(), self.server_address[1], is_loopback(host))
 
     @property
     def address(self) -> str:
         """With the token, which every request must carry."""
-        everywhere = self.host in ("", "0.0.0.0")  # which is no address that can be opened
+        everywhere = self.host in ("", "0.0.0.0", "::")  # which is no address that can be opened
         name = socket.gethostname() if everywhere else self.host
-        return f"http://{name}:{self.guard.port}/{self.guard.token}/"
+        return f"http://{f'[{name}]' if ':' in name else name}:{self.guard.port}/{self.guard.token}/"
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """A browser that hangs up in the middle (a tab was closed) is no error of ours."""
@@ -93,7 +95,7 @@ class _Handler(BaseHTTPRequestHandler):
         except KeyError:
             self._refuse(HTTPStatus.NOT_FOUND, "There is no such thing here.")
         except (AnchorposeError, ValueError, TypeError, OSError) as error:
-            self._refuse(HTTPStatus.BAD_REQUEST, str(error))
+            self._refuse(HTTPStatus.BAD_REQUEST, told(error))
         else:
             self._send(HTTPStatus.OK, answer)
 

@@ -74,7 +74,8 @@ export class Corrections extends EventTarget {
       this.take(await postJson("corrections/take-back", { entry, who: signed.who }));
       this.done = this.done.filter((other) => JSON.stringify(other) !== JSON.stringify(entry));
       this.changed();
-      this.say("Taken back; the file keeps a note of it.");
+      const earlier = "joint" in entry && this.held.joints.some((old) => old.frame === entry.frame && old.joint === entry.joint);
+      this.say(earlier ? "Taken back; the earlier correction holds again." : "Taken back; the file keeps a note of it.");
     } catch (error) {
       this.say(error.message);
     }

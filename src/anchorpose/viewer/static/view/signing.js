@@ -1,4 +1,4 @@
-// Asks for the reason, and once in a sitting for who it is.
+// Asks for the reason where there is one to give, and once in a sitting for who it is.
 
 export class Signing {
   constructor(dialog, who) {
@@ -8,7 +8,7 @@ export class Signing {
     this.name.value = sessionStorage.getItem("who") ?? who;
     dialog.querySelector("form").addEventListener("submit", (event) => {
       event.preventDefault();
-      if (this.reason.value.trim() && this.name.value.trim()) dialog.close("saved");
+      if ((this.reason.value.trim() || !this.reason.required) && this.name.value.trim()) dialog.close("saved");
     });
   }
 
@@ -19,9 +19,11 @@ export class Signing {
     if (!reasonNeeded && this.who) return Promise.resolve({ reason: "", who: this.who });
     this.dialog.querySelector("#sign-title").textContent = title;
     this.reason.value = "";
+    this.reason.required = reasonNeeded;
+    this.reason.parentElement.hidden = !reasonNeeded;
     this.dialog.returnValue = "";
     this.dialog.showModal();
-    this.reason.focus();
+    (reasonNeeded ? this.reason : this.name).focus();
     return new Promise((resolve) => {
       this.dialog.addEventListener("close", () => {
         if (this.dialog.returnValue !== "saved") return resolve(null);
