@@ -25,6 +25,7 @@ from anchorpose.results.corrections import (
     read_corrections,
     write_corrections,
 )
+from anchorpose.results.people_labels import read_people
 from anchorpose.results.poses import read_poses
 from anchorpose.results.reviewed_recording import recording_of_run
 from anchorpose.results.run_record import read_run_document
@@ -150,6 +151,18 @@ def test_what_could_not_be_honoured_is_said(review, tmp_path):
     assert set(document["corrections"]["not_honoured"]) <= set(document["notes"])
     hand = np.linalg.norm(joints.position_m[2] - review.before.position_m[2], axis=1)
     assert np.nanmax(hand) < 0.02  # the frame is as if nothing had been said
+
+
+def test_tracking_begins_elsewhere_where_its_first_frame_is_unusable(review, tmp_path):
+    given = read_corrections(review.file)
+    file, results = tmp_path / "c.json", tmp_path / "results"
+    write_corrections(file, replace(given, joints=(), unusable=(unusable(0, 1),)))
+    results.mkdir()
+    track_recording(review.recording, results, TrackConfig(), lambda *_: None, corrections=file)
+    joints = read_joints(results / "joints.parquet")
+    np.testing.assert_array_equal(joints.lost.all(axis=1), joints.frame < 2)
+    people = read_people(results / "people.parquet")  # the opening stands on both sides, and once in the table
+    assert {frame for frame, _ in people} == set(joints.frame.tolist())
 
 
 def refused(review: Review, tmp_path: Path, corrections: Corrections, match: str) -> None:

@@ -106,7 +106,14 @@ def track_on(
     keep_labels: is given whose each pixel is, as soon as it is known: from the opening back to the start first.
     """
     rest = None if shape is None else rest_points(body_points(), shape)
-    work = _Work(route, room, motions, shape, rest, config, watch, keep_labels, associate)
+    kept = set[tuple[int, str]]()
+
+    def keep_once(picture: LabelPicture) -> None:  # the opening stands on both sides
+        if (picture.frame, picture.camera) not in kept:
+            kept.add((picture.frame, picture.camera))
+            keep_labels(picture)
+
+    work = _Work(route, room, motions, shape, rest, config, watch, keep_once, associate)
     before = list(work.side(route.back))[1:] if len(route.back) > 1 else []
     yield from reversed(before)
     yield from work.side(route.forth)
