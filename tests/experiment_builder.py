@@ -101,7 +101,7 @@ def make_outcome(
                   for one in methods if one.family is Family.LOCAL)  # fmt: skip
     return Outcome(
         config=replace(ExperimentConfig(), recordings=recordings, holes_m=tuple(holes_m), resamples=300,
-                       scenes=tuple(wanted)),
+                       scenes=tuple(wanted), seconds=3.0, scene_seconds=3.0),
         methods=everyone, tried=tried, tracked=tuple(tracked), matched=tuple(matched),
         times=PaperTimes(nodes=15000, edges=44000, mesh_s=0.03, feature_s=0.05, dijkstra_s=0.04),
         failed=(), real=None,

@@ -17,7 +17,9 @@ from anchorpose.experiments.method import Family
 from anchorpose.experiments.outcome import Outcome, Tried
 from anchorpose.experiments.presentation import publish
 from anchorpose.experiments.presentation.claims import judge_claims
+from anchorpose.experiments.presentation.page_text import run_html
 from anchorpose.experiments.presentation.publish import write_outcome
+from anchorpose.experiments.presentation.selection import left_out
 from anchorpose.experiments.presentation.shown_pictures import read_pictures
 
 EVIL = "<script>alert('&')</script>"
@@ -135,6 +137,24 @@ def test_the_config_on_the_page_is_what_the_command_reads(page: str, outcome: Ou
     text = html.unescape(re.findall(r"<pre>(.*?)</pre>", page, re.DOTALL)[1])
     (tmp_path / "experiment.toml").write_text(text)
     assert load_config(tmp_path / "experiment.toml", type(outcome.config)) == outcome.config
+
+
+def test_segments_that_no_method_could_start_in_are_counted() -> None:
+    whole = make_outcome(recordings=2)
+    lost = tuple(
+        replace(run, frame=run.frame[9:], occluded=run.occluded[9:], error_mm=run.error_mm[9:])
+        if run.recording == "paper-501" else run
+        for run in whole.tracked
+    )  # fmt: skip
+    assert left_out(whole) == (0, 6)
+    assert left_out(replace(whole, tracked=lost)) == (1, 6)
+    assert "1 of the 6 segments" in run_html(replace(whole, tracked=lost))
+    assert "were left out" not in run_html(whole)
+
+
+def test_real_recordings_of_one_person_are_said_to_narrow_the_intervals(outcome: Outcome) -> None:
+    assert "too narrow" in run_html(replace(outcome, real=Path("msr")))
+    assert "too narrow" not in run_html(outcome)
 
 
 def test_all_files_are_there_and_others_stay(folder: Path, outcome: Outcome) -> None:

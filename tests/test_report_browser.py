@@ -4,74 +4,55 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
 
 import pytest
 from report_builder import squats, write_session
 
-from anchorpose.report.comparison import write_comparison
 from anchorpose.report.page import write_report
 
-
-@pytest.fixture(scope="module")
-def address(tmp_path_factory: pytest.TempPathFactory) -> str:
-    return write_report(write_session(tmp_path_factory.mktemp("browser") / "r", squats(120))).as_uri()
+pytest_plugins = ("report_fixtures",)
 
 
-@pytest.fixture(scope="module")
-def comparison(tmp_path_factory: pytest.TempPathFactory) -> str:
-    folder = tmp_path_factory.mktemp("comparison")
-    sessions = [
-        write_session(folder / f"r{n}", squats(60 + 30 * n, seed=n), inputs_sha256={"a": str(n)}, recording=f"week {n}")
-        for n in (1, 2)
-    ]
-    return write_comparison(sessions, folder / "c.html").as_uri()
-
-
-def knee(page: Any) -> Any:
-    return page.locator("#angle-knee_flexion")
-
-
-def test_the_slider_reads_all_curves_by_keyboard(page, address):
+def test_the_slider_reads_all_curves_by_keyboard(page, knee, address):
     page.goto(address)
-    slider = knee(page).get_by_role("slider")
+    slider = knee.get_by_role("slider")
     slider.focus()
     for _ in range(5):
         page.keyboard.press("ArrowRight")
-    told = knee(page).locator(".readout").text_content()
+    told = knee.locator(".readout").text_content()
     assert told.startswith("0.167 s (frame 5): left ")
     assert re.search(r"left [\d.\u2212]+ ± [\d.]+°, seen; right [\d.\u2212]+ ± [\d.]+°, seen$", told)
     assert slider.get_attribute("aria-valuetext") == told
     assert page.locator("#timeline input").input_value() == "5"
     page.keyboard.press("End")
-    assert knee(page).locator(".readout").text_content().startswith("3.967 s (frame 119)")
+    assert knee.locator(".readout").text_content().startswith("3.967 s (frame 119)")
 
 
-def test_the_value_that_is_read_is_that_of_the_csv_link(page, address):
+def test_the_value_that_is_read_is_that_of_the_csv_link(page, knee, address):
     page.goto(address)
-    knee(page).get_by_role("slider").fill("60")
+    knee.get_by_role("slider").fill("60")
     with page.expect_download() as download:
-        knee(page).locator("a.csv").click()
+        knee.locator("a.csv").click()
     assert download.value.suggested_filename == "angle-knee_flexion.csv"
     head, *lines = Path(download.value.path()).read_text(encoding="utf-8").splitlines()
     cells = dict(zip(head.split(","), lines[60].split(","), strict=True))
-    told = knee(page).locator(".readout").text_content()
+    told = knee.locator(".readout").text_content()
     assert f"left {cells['knee_flexion_left_lowest_deg']} ± " in told
     assert "left" in told
     assert "hidden by a person; right" in told
 
 
-def test_pointing_and_clicking_move_the_cursor_of_all_charts(page, address):
+def test_pointing_and_clicking_move_the_cursor_of_all_charts(page, knee, address):
     page.goto(address)
-    plots = knee(page).locator(".plot").first
+    plots = knee.locator(".plot").first
     plots.scroll_into_view_if_needed()
     box = plots.bounding_box()
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-    assert re.match(r"(1\.9|2\.0)\d\d s \(frame (59|60)\)", knee(page).locator(".readout").text_content())
+    assert re.match(r"(1\.9|2\.0)\d\d s \(frame (59|60)\)", knee.locator(".readout").text_content())
     cursor = page.locator("#angle-hip_flexion .cursor").first.bounding_box()
     assert cursor["x"] == pytest.approx(box["x"] + box["width"] / 2, abs=box["width"] / 100)
     page.mouse.click(box["x"] + 2, box["y"] + 5)
-    assert knee(page).get_by_role("slider").evaluate("e => e === document.activeElement")
+    assert knee.get_by_role("slider").evaluate("e => e === document.activeElement")
 
 
 def test_the_timeline_tells_posture_and_contacts(page, address):

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import re
-from typing import Any
 
 import pytest
-from report_builder import squats, write_session
 
-from anchorpose.report.comparison import write_comparison
-from anchorpose.report.page import write_report
+pytest_plugins = ("report_fixtures",)
 
 PHONE = {"width": 360, "height": 740}
 
@@ -45,25 +42,6 @@ CONTRASTS = """() => {
   return found.filter(([is, least]) => is < least)
     .map(([is, least, what, text]) => `${is.toFixed(2)} ${what} ${text.slice(0, 40)}`);
 }"""
-
-
-@pytest.fixture(scope="module")
-def address(tmp_path_factory: pytest.TempPathFactory) -> str:
-    return write_report(write_session(tmp_path_factory.mktemp("browser") / "r", squats(120))).as_uri()
-
-
-@pytest.fixture(scope="module")
-def comparison(tmp_path_factory: pytest.TempPathFactory) -> str:
-    folder = tmp_path_factory.mktemp("comparison")
-    sessions = [
-        write_session(folder / f"r{n}", squats(60 + 30 * n, seed=n), inputs_sha256={"a": str(n)}, recording=f"week {n}")
-        for n in (1, 2)
-    ]
-    return write_comparison(sessions, folder / "c.html").as_uri()
-
-
-def knee(page: Any) -> Any:
-    return page.locator("#angle-knee_flexion")
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -119,12 +97,12 @@ def test_without_a_script_the_curves_are_there_and_no_slider_pretends(chromium, 
     context.close()
 
 
-def test_left_and_right_seen_and_inferred_differ_without_colour(page, address):
+def test_left_and_right_seen_and_inferred_differ_without_colour(page, knee, address):
     page.goto(address)
     style = "e => [getComputedStyle(e).strokeDasharray, getComputedStyle(e).strokeWidth]"
     left, right, inferred = (
-        knee(page).locator(f"path.line.{kind}").evaluate(style) for kind in ("left.thick", "right.thick", "left.thin")
+        knee.locator(f"path.line.{kind}").evaluate(style) for kind in ("left.thick", "right.thick", "left.thin")
     )
     assert left[0] == "none" != right[0]
     assert float(left[1].removesuffix("px")) > 2 * float(inferred[1].removesuffix("px"))
-    assert knee(page).locator(".end").all_text_contents() in (["L", "R"], ["R", "L"])
+    assert knee.locator(".end").all_text_contents() in (["L", "R"], ["R", "L"])

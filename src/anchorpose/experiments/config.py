@@ -94,6 +94,11 @@ class ExperimentConfig:
         if set(seeds) & set(range(self.training_seed, self.training_seed + self.training_recordings)):
             raise ValueError("the recordings to test and to train on have seeds in common; move first_seed")
 
+    def segments(self, scene: Scene) -> int:
+        """Of each simulated recording of a scene."""
+        seconds = self.seconds if scene in (Scene.PAPER, Scene.MATCHES) else self.scene_seconds
+        return round(seconds * self.fps) // self.segment_frames
+
     def seeds(self, scene: Scene) -> range:
         """Of the test recordings of a scene."""
         count = {Scene.PAPER: self.recordings, Scene.MATCHES: self.sampled_recordings}.get(scene, self.scene_recordings)

@@ -22,6 +22,12 @@ from anchorpose.tracker.association import Associate
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Observation
 
+PROPOSED: Final = "anchors"
+"""Key of the paper's method as a whole."""
+
+OWN: Final = "own"
+"""Key of this project's tracker; what is of its family beside it is its ablation."""
+
 REMEMBERED: Final = 8  # frames whose descriptors are kept: two look-aheads
 
 

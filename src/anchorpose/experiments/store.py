@@ -1,4 +1,4 @@
-"""Results cached by content: what was asked, and of which code, names the answer's file; nothing stale is read."""
+"""Results cached by content: what was asked, of which code and libraries, names the file; nothing stale is read."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 
 import anchorpose
+from anchorpose.versions import versions
 
 PRESENTING: Final = (
     "cli/",
@@ -38,7 +39,7 @@ class Store:
 
     def path(self, kind: str, *asked: object) -> Path:
         """Where the answer to a question is kept; asked: values whose ``repr`` says all that the answer depends on."""
-        text = "\n".join([code_digest(), kind, *map(repr, asked)])
+        text = "\n".join([code_digest(), repr(versions()), kind, *map(repr, asked)])
         return self.folder / kind / f"{hashlib.sha256(text.encode()).hexdigest()[:24]}.npz"
 
     def write(self, path: Path, arrays: Mapping[str, object]) -> None:

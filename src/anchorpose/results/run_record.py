@@ -6,26 +6,22 @@ import dataclasses
 import hashlib
 import json
 import math
-import platform
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import Enum
-from importlib import metadata
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from anchorpose import __version__
 from anchorpose.errors import InputError
 from anchorpose.recording.clock import Clock
 from anchorpose.recording.document import read_json_object
 from anchorpose.results.body_record import BodyRecord
 from anchorpose.results.corrections import JointCorrection, UnusableInterval
+from anchorpose.versions import versions
 
 RUN_FILE: Final = "run.json"
-
-_LIBRARIES: Final = ("numpy", "scipy", "numba", "pyarrow", "opencv-python-headless", "embreex")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,7 +143,7 @@ def write_run_record(path: Path, record: RunRecord) -> None:
     document = {
         "format": "anchorpose-run",
         "version": 1,
-        "versions": _versions(),
+        "versions": versions(),
         "recording": record.recording,
         "frame_count": record.frame_count,
         "cameras": plain(record.cameras),
@@ -192,8 +188,3 @@ def plain(value: Any) -> Any:
     if isinstance(value, Enum):
         return plain(value.value)
     return str(value) if isinstance(value, Path) else value
-
-
-def _versions() -> dict[str, str]:
-    libraries = {name: metadata.version(name) for name in _LIBRARIES}
-    return {"anchorpose": __version__, "python": platform.python_version(), **libraries}

@@ -15,7 +15,7 @@ from anchorpose.association.gate import GateConfig
 from anchorpose.association.hypotheses import anchor_subsets, match_hypotheses
 from anchorpose.association.matcher import Matcher
 from anchorpose.experiments.framework import ANYWHERE_M, PAPER_GATE
-from anchorpose.experiments.method import Family, Method, remembered
+from anchorpose.experiments.method import PROPOSED, Family, Method, remembered
 from anchorpose.features.nearest import nearest_descriptor
 from anchorpose.geodesics.anchors import ANCHOR_NAMES
 from anchorpose.geodesics.descriptor import anchor_descriptor
@@ -131,7 +131,7 @@ def _method(
 
 
 METHODS = (
-    _method("anchors", "anchor geodesics with the tree", (3, 2, 4), _hypotheses, _as_tracked, sampled=False),
+    _method(PROPOSED, "anchor geodesics with the tree", (3, 2, 4), _hypotheses, _as_tracked, sampled=False),
     _method("anchors-dijkstra", "anchor geodesics by Dijkstra", (3, 2), _hypotheses, _by_edges),
     _method(
         "anchors-no-tree", "anchor geodesics without the tree", (len(ANCHOR_NAMES),), _next_frame_only, _as_tracked

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from anchorpose.association.feature import Feature, HypothesisConfig
 from anchorpose.body.learning import LearningConfig
-from anchorpose.experiments.method import Family, Method
+from anchorpose.experiments.method import OWN, Family, Method
 from anchorpose.surface.patient_surface import SurfaceConfig
 from anchorpose.tracker.config import FollowConfig, TrackConfig
 from anchorpose.tracker.config import Method as Registration
@@ -40,5 +40,5 @@ def _method(key: str, title: str, config: TrackConfig) -> Method:
     return Method(key=key, title=title, family=Family.TRACKER, source="", configure=configure, sampled=False)
 
 
-METHODS = (_method("own", "anchorpose", TrackConfig()),)
+METHODS = (_method(OWN, "anchorpose", TrackConfig()),)
 ABLATED = tuple(_method(key, f"anchorpose {title}", config) for key, (title, config) in ABLATION.items())

@@ -9,7 +9,7 @@ from itertools import chain
 from pathlib import Path
 
 from anchorpose.experiments.correspondence import Skin
-from anchorpose.experiments.method import Method
+from anchorpose.experiments.method import PROPOSED, Method
 from anchorpose.experiments.pictures.canvas import Picture, View, as_png, own_style, upright_view
 from anchorpose.experiments.pictures.hypotheses import hypothesis_pictures
 from anchorpose.experiments.pictures.matches import match_pictures, pairs_of
@@ -18,9 +18,6 @@ from anchorpose.experiments.pictures.regions import Holed, region_pictures
 from anchorpose.experiments.pictures.tracked import follow, tracked_picture
 from anchorpose.experiments.reference import Reference
 from anchorpose.recording.recording import Recording
-
-PROPOSED = "anchors"
-"""The method whose tracking and hypotheses are drawn; they are left out where it is not among the methods."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,7 +91,7 @@ def _on_these_meshes(method: Method, moment: Moment, settings: Mapping[str, obje
 def _proposed(
     sitting: _Sitting, methods: Sequence[Method], settings: Mapping[str, object], start: int
 ) -> Iterator[Picture]:
-    """Tracked joints and hypotheses of the proposed method."""
+    """Tracked joints and hypotheses of the proposed method, where it is among the methods."""
     for method in methods:
         if method.key == PROPOSED:
             setting, stage = settings[method.key], sitting.pierced

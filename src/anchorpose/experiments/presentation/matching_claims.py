@@ -9,10 +9,9 @@ import numpy as np
 
 from anchorpose.experiments.config import Scene
 from anchorpose.experiments.correspondence import REGIONS
-from anchorpose.experiments.method import Family, Method
+from anchorpose.experiments.method import PROPOSED, Family, Method
 from anchorpose.experiments.outcome import Outcome
 from anchorpose.experiments.presentation.selection import (
-    PROPOSED,
     Matching,
     Tracking,
     answer_of,

@@ -114,6 +114,8 @@ def inline_svg(picture: Picture) -> str:
     """The drawing without what only a file needs; names are made its own, since all figures share the page."""
     svg = picture.svg[picture.svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
+    svg = re.sub(r" font-family: [^;\"]*;", "", svg)  # the page's, a tenth of the drawing's length
+    svg = re.sub(r"(\.\d\d)\d+", r"\1", svg)  # of a point: nobody sees less
     svg = re.sub(r'\bid="', f'id="{picture.key}-', svg)
     svg = re.sub(r"url\(#", f"url(#{picture.key}-", svg)
     svg = re.sub(r'href="#', f'href="#{picture.key}-', svg)

@@ -9,10 +9,10 @@ from html import escape
 from typing import Any, Final
 
 from anchorpose.experiments.config import ExperimentConfig, Scene
-from anchorpose.experiments.method import Family
+from anchorpose.experiments.method import PROPOSED, Family
 from anchorpose.experiments.outcome import Outcome
 from anchorpose.experiments.presentation.page_parts import best_of, text_table
-from anchorpose.experiments.presentation.selection import PROPOSED
+from anchorpose.experiments.presentation.selection import left_out
 from anchorpose.experiments.presentation.setting_table import tried_settings
 from anchorpose.experiments.presentation.tables import Table, told
 from anchorpose.experiments.presentation.verdict import Claim, Verdict
@@ -91,8 +91,17 @@ def run_html(outcome: Outcome) -> str:
         f"Other scenes: {others or 'none'}; {config.scene_recordings} recordings of {config.scene_seconds:g} s each.",
         f"Reference movements: {config.training_samples} frames of other recordings.",
     ]
+    lost, segments = left_out(outcome)
+    if lost:
+        facts.append(
+            f"{lost} of the {segments} segments of the simulated recordings were left out, for all methods: the "
+            "tracker that they start from had lost the patient there."
+        )
     if outcome.real is not None:
-        facts.append(f"Real recordings: the folder {outcome.real.name}.")
+        facts.append(
+            f"Real recordings: the folder {outcome.real.name}. Intervals take each recording for another person’s; "
+            "where several are of one, they are too narrow."
+        )
     listed = "".join(f"<li>{escape(fact)}</li>" for fact in facts)
     failed = "".join(f"<li>{escape(sentence)}</li>" for sentence in outcome.failed)
     unused = f"<p class='missing'>Not used:</p><ul>{failed}</ul>" if failed else ""

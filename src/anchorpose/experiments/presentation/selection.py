@@ -5,20 +5,13 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 
 from anchorpose.experiments.config import Scene
-from anchorpose.experiments.method import Family, Method
+from anchorpose.experiments.method import OWN, Family, Method
 from anchorpose.experiments.outcome import Matched, Outcome, Tracked
 from anchorpose.experiments.tuning import MISSED_MM
-
-PROPOSED: Final = "anchors"
-"""Key of the paper's method as a whole."""
-
-OWN: Final = "own"
-"""Key of this project's tracker; what is of its family beside it is its ablation."""
 
 Kept = Mapping[tuple[str, float], np.ndarray]
 """Frames, in order, of each recording and size of hole."""
@@ -125,6 +118,17 @@ class Tracking:
     ) -> list[tuple[np.ndarray, np.ndarray]]:
         """The same, one after another."""
         return list(self.named_pairs(scene, one, other, occluded, kept).values())
+
+
+def left_out(outcome: Outcome) -> tuple[int, int]:
+    """How many segments of the simulated recordings nobody ran on, no pose being known to start from; and of all."""
+    config, ran = outcome.config, dict[tuple[Scene, str], int]()
+    for run in outcome.tracked:
+        if run.scene not in (Scene.REAL, Scene.MATCHES):
+            segments = len(run.frame) // (config.segment_frames - 1)
+            ran[run.scene, run.recording] = max(segments, ran.get((run.scene, run.recording), 0))
+    wanted = sum(config.segments(scene) for scene, _ in ran)
+    return wanted - sum(ran.values()), wanted
 
 
 def _in_order(run: Tracked) -> Tracked:

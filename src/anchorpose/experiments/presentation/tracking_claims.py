@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 
 from anchorpose.experiments.config import Scene
-from anchorpose.experiments.method import Family, Method
+from anchorpose.experiments.method import OWN, PROPOSED, Family, Method
 from anchorpose.experiments.outcome import Outcome
-from anchorpose.experiments.presentation.selection import OWN, PROPOSED, Tracking, compared, frame_means
+from anchorpose.experiments.presentation.selection import Tracking, compared, frame_means
 from anchorpose.experiments.presentation.statistics import Estimate, mean_over, ratio_of
 from anchorpose.experiments.presentation.tables import Unit
 from anchorpose.experiments.presentation.tracking_tables import errors_of_all_sizes, ratio_to_none

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from anchorpose.experiments.method import Family
+from anchorpose.experiments.method import PROPOSED, Family
 from anchorpose.experiments.presentation.figures.drawing import FAMILY_NAMES, Figure, look_of, most_of, new_figure
-from anchorpose.experiments.presentation.selection import PROPOSED
 from anchorpose.experiments.presentation.tables import Table
 
 PANELS = (

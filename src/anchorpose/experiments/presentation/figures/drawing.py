@@ -11,8 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from anchorpose.errors import MissingPackage
-from anchorpose.experiments.method import Family, Method
-from anchorpose.experiments.presentation.selection import PROPOSED
+from anchorpose.experiments.method import PROPOSED, Family, Method
 from anchorpose.experiments.presentation.statistics import Estimate
 from anchorpose.experiments.presentation.tables import Table
 from anchorpose.results import palette
