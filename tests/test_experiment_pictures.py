@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -354,6 +355,19 @@ def test_a_picture_is_written_with_its_entry(tmp_path: Path) -> None:
     entry = album.write_picture(tmp_path, canvas.Picture("a.png", "What it shows.", "regions", figure))
     assert entry == {"file": "a.png", "caption": "What it shows.", "section": "regions"}
     assert (tmp_path / "a.png").read_bytes() == canvas.as_png(figure)
+
+
+def test_a_small_mark_keeps_its_colour_among_many_shades() -> None:
+    from matplotlib.image import imread
+
+    figure = canvas.blank_figure(3.0, 3.0)
+    axes = figure.subplots()
+    axes.set_axis_off()
+    axes.imshow(np.random.default_rng(4).uniform(0.3, 0.9, (60, 60, 3)), aspect="auto")
+    axes.plot([30], [30], "o", color="#f0e442", markersize=4)
+    pixels = imread(BytesIO(canvas.as_png(figure)))[..., :3].reshape(-1, 3)
+    away = np.abs(255 * pixels - [0xF0, 0xE4, 0x42]).max(axis=1)
+    assert away.min() < 16
 
 
 def test_a_surface_of_no_nodes_is_an_empty_picture() -> None:
