@@ -33,9 +33,11 @@ LEAST_TRUSTED = 4  # three tell nodes apart (paper, Section IV-D), four make two
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Expectation:
-    """Where the patient should be: his skin, anchors_m (5, 3), heading (3,) unit; frames since the last fit."""
+    """Where the patient should be: his skin, how sure each point of it is (p,), anchors_m (5, 3), heading (3,) unit;
+    frames since the last fit."""
 
     skin: ExpectedSkin
+    sigma_m: np.ndarray
     anchors_m: np.ndarray
     facing: np.ndarray
     frames_without_fit: int
@@ -126,14 +128,16 @@ def _follow_others(
 
 
 def _claims(expected: Expectation, config: TrackConfig) -> Claims:
-    """What the patient claims by his predicted skin."""
-    spread = config.isolation.skin_sigma_m + config.isolation.prediction_growth_m * expected.frames_without_fit
-    count = len(expected.skin.points_m)
-    return Claims(
-        expected.skin.points_m,
-        np.full(count, PixelLabel.PATIENT, np.uint8),
-        np.full(count, spread, np.float32),
-    )
+    """What the patient claims by his predicted skin.
+
+    A limb that has been hidden for long claims nothing: whatever it met would be taken for it. What is seen of it again
+    hangs on him.
+    """
+    isolation = config.isolation
+    spread = isolation.skin_sigma_m + isolation.prediction_growth_m * expected.frames_without_fit
+    sure = expected.sigma_m < isolation.loosest_claim_m
+    sigma = np.hypot(spread, expected.sigma_m[sure]).astype(np.float32)
+    return Claims(expected.skin.points_m[sure], np.full(len(sigma), PixelLabel.PATIENT, np.uint8), sigma)
 
 
 def _find_pieces(frame_set: FrameSet, room: Room, config: TrackConfig) -> list[Pieces | None]:
