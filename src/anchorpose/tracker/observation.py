@@ -13,6 +13,7 @@ from anchorpose.geodesics.anchors import Anchors, find_anchors
 from anchorpose.geodesics.descriptor import anchor_descriptor
 from anchorpose.geodesics.trusted_anchors import trusted_anchors
 from anchorpose.isolation.claims import Claims, join_claims
+from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.crowd import Crowd, nobody, remember
 from anchorpose.isolation.people import PatientChoice, find_people
 from anchorpose.isolation.people_apart import separate, separate_first
@@ -115,7 +116,7 @@ def _separated(
     """Everybody's pixels; ahead_s: from the frame that the bystanders' bodies were fitted to to this one."""
     with watch.stage("isolation"):
         others = claims_of(bystanders, body_points(), ahead_s, config.bystanders)
-        claims = join_claims([others, _claims(expected, config)])
+        claims = join_claims([others, patient_claims(expected, config.isolation)])
         return separate(pieces, before.crowd, claims, elapsed_s, config.isolation)
 
 
@@ -127,15 +128,14 @@ def _follow_others(
         return follow_bystanders(before, views, room.cameras, body_points(), elapsed_s, config.bystanders)
 
 
-def _claims(expected: Expectation, config: TrackConfig) -> Claims:
+def patient_claims(expected: Expectation, config: IsolationConfig) -> Claims:
     """What the patient claims by his predicted skin.
 
     A limb that has been hidden for long claims nothing: whatever it met would be taken for it. What is seen of it again
     hangs on him.
     """
-    isolation = config.isolation
-    spread = isolation.skin_sigma_m + isolation.prediction_growth_m * expected.frames_without_fit
-    sure = expected.sigma_m < isolation.loosest_claim_m
+    spread = config.skin_sigma_m + config.prediction_growth_m * expected.frames_without_fit
+    sure = expected.sigma_m < config.loosest_claim_m
     sigma = np.hypot(spread, expected.sigma_m[sure]).astype(np.float32)
     return Claims(expected.skin.points_m[sure], np.full(len(sigma), PixelLabel.PATIENT, np.uint8), sigma)
 

@@ -66,7 +66,7 @@ class PatientTracker:
         self.last_found = start.observation
         self.search_wait = 0  # frames until arms may be searched for again
         self.feet = StandingFeet(self.points, config.standing)
-        self.first = self._estimate(Registration(self.belief, start.explained, True), start.observation)
+        self.first = self._remember(self._estimate(Registration(self.belief, start.explained, True), start.observation))
 
     @property
     def height_m(self) -> float:
@@ -116,9 +116,20 @@ class PatientTracker:
             told = self.room.review.joints.get(seen.frame_set.frame)
             if told is not None and contradicted(self.points, self.rest, registration.belief, told):
                 told = None
-            estimate = estimate_of(self.points, self.rest, self.shape, registration, seen, share, self.config, told)
-            posed = pose_points(self.points, self.rest, registration.belief.pose)
-            self.feet.note(posed.points_m, estimate.joints_m, estimate.states, seen.frame_set.time_s)
+            return estimate_of(self.points, self.rest, self.shape, registration, seen, share, self.config, told)
+
+    def _remember(self, estimate: Estimate) -> Estimate:
+        """What the next frames need to know of this one beside the pose; returns the estimate."""
+        with self.watch.stage("states and sigma"):
+            posed = pose_points(self.points, self.rest, self.belief.pose)
+            self.skin_sigma_m = skin_sigma(
+                self.points, self.rest, posed, self.belief.covariance, self.config.uncertainty
+            )
+            time_s = estimate.frame_set.time_s
+            self.feet.note(posed.points_m, estimate.joints_m, estimate.states, time_s)
+            told = self.room.review.joints.get(estimate.frame_set.frame)
+            if told is not None:
+                self.feet.forget(told.joint.tolist())
         return estimate
 
     def predict(self, steps: int) -> list[Pose]:
@@ -167,7 +178,7 @@ class PatientTracker:
         skin = ExpectedSkin(posed.points_m.astype(np.float32), posed.normals.astype(np.float32), self.map)
         return Expectation(
             skin,
-            skin_sigma(self.points, self.rest, posed, self.belief.covariance, self.config.uncertainty),
+            self.skin_sigma_m,
             posed.points_m[anchor_points(self.points.asset, self.points)],
             level / max(float(np.linalg.norm(level)), 1e-9),
             self.unseen_frames,
@@ -193,7 +204,7 @@ class PatientTracker:
         self.history.append(self._joints(self.belief.pose))
         self.window.popleft()
         self.links.popleft()
-        return self._estimate(registration, following, hypothesis)
+        return self._remember(self._estimate(registration, following, hypothesis))
 
     def _corrected(self, belief: PoseBelief, seen: Observation) -> PoseBelief:
         """The belief by what a reviewer said of this frame's joints, if he did.

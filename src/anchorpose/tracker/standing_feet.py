@@ -7,6 +7,7 @@ in stand training stand: the foot's place on the floor is the best that is known
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,6 +79,13 @@ class StandingFeet:
                 self._stand[side] = _Stand(skin_m[self._skin[side]], joints_m[ankle], time_s)
             else:
                 self._stand.pop(side, None)
+
+    def forget(self, joints: Sequence[int]) -> None:
+        """Of whose feet somebody says where they are (indices of joints), where they stood counts no more."""
+        for side in SIDES:
+            if {JOINT_INDEX[f"Ankle{side}"], JOINT_INDEX[f"Foot{side}"]} & set(joints):
+                self._stand.pop(side, None)
+                self._recent[side].clear()
 
     def rows(self, time_s: float) -> Constraints:
         """What holds the feet in a frame; none of feet that do not stand."""
