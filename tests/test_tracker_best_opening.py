@@ -10,8 +10,8 @@ from anchorpose.tracker.best_opening import TRIES, WELL, best_of
 from anchorpose.tracker.opening import Opening
 
 
-def opening(frame: int, score: float = 1.0) -> Opening:
-    return Opening(frame, PatientChoice(np.zeros(2), "is seen", True), score, 2)
+def opening(frame: int, score: float = 1.0, whole: float = 1.0) -> Opening:
+    return Opening(frame, PatientChoice(np.zeros(2), "is seen", True), score, whole, 2)
 
 
 class Fits:
@@ -50,7 +50,12 @@ def test_where_none_is_explained_well_the_best_of_some_is_taken() -> None:
 
 def test_of_bad_frames_one_that_shows_little_of_him_is_no_better_for_being_explained() -> None:
     fits = Fits({0: 0.85, 10: 0.80})
-    assert best_of([opening(0, 0.4), opening(10, 0.9)], fits).frame == 10
+    assert best_of([opening(0, 0.9, 0.4), opening(10, 0.8, 0.9)], fits).frame == 10
+
+
+def test_a_sliver_behind_somebody_is_no_opening_however_well_it_is_explained() -> None:
+    fits = Fits({0: 1.0, 50: 0.92})
+    assert best_of([opening(0, 0.6, 0.6), opening(50, 0.5)], fits).frame == 50
 
 
 @pytest.mark.parametrize("count", [1, 3])

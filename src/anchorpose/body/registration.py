@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from anchorpose.body.evidence import Evidence, doubted_node_cost, evidence_cost,
 from anchorpose.body.fit import FitConfig, NormalEquations, limited, pose_equations, range_information, solve_damped
 from anchorpose.body.nearest_skin import nearest_point
 from anchorpose.body.pose import POSE_SIZE, Pose
-from anchorpose.body.restarts import arm_restarts
+from anchorpose.body.restarts import arm_restarts, leg_restarts
 from anchorpose.body.skin_points import RestPoints, SkinPoints, pose_points
 
 
@@ -117,9 +118,9 @@ def _restart(
     points: SkinPoints, rest: RestPoints, pose: Pose, predicted: PoseBelief, evidence: Evidence, held: Constraints,
     config: RegistrationConfig, lasting: Constraints,
 ) -> tuple[Pose, PoseBelief]:  # fmt: skip
-    """Seen skin that the body does not cover: look for the arms elsewhere, keep what explains the frame best.
+    """Seen skin that the body does not cover: look for arms and legs elsewhere, keep what explains the frame best.
 
-    Returns the pose and the belief it is to be judged by: where an arm was found anew, the prediction was wrong.
+    Returns the pose and the belief it is to be judged by: where a limb was found anew, the prediction was wrong.
     """
     doubted = predicted.later(predicted.pose, config.restart_doubt_s, config.fit)
     reach_m, constraints = config.restart_reaches_m[-1], config.constraints
@@ -127,8 +128,8 @@ def _restart(
     worth = config.restart_gain * nodes * doubted_node_cost(reach_m, constraints, config.fit)
     best = evidence_cost(points, rest, pose, evidence, reach_m, constraints, config.fit) - worth
     found = pose
-    for side in ("Left", "Right"):
-        for start in arm_restarts(points.asset, found, side):
+    for starts in (partial(arm_restarts, side="Left"), partial(arm_restarts, side="Right"), leg_restarts):
+        for start in starts(points.asset, found):
             belief = PoseBelief(start, doubted.covariance, doubted.information)
             tried = _descend(points, rest, start, belief, evidence, held, config.restart_reaches_m, config, lasting)
             cost = evidence_cost(points, rest, tried, evidence, reach_m, constraints, config.fit)

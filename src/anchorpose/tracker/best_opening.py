@@ -19,6 +19,7 @@ from anchorpose.tracker.start import NoStart, find_start
 from anchorpose.tracker.stopwatch import Stopwatch
 
 WELL: Final = 0.90  # of the patient's surface explained: alone he has 92 to 100 %, with a therapist's arm 70
+WHOLE: Final = 0.8  # of the surface that is usually seen of him: a sliver behind a therapist is explained by anything
 TRIES: Final = 6  # frames, a second or two of fitting each
 APART: Final = 0.25  # of the frames' span: what spoils a frame spoils those around it
 
@@ -38,7 +39,7 @@ def with_best_opening(room: Room, config: TrackConfig) -> Room:
 
 
 def best_of(openings: Sequence[Opening], explained: Callable[[Opening], float]) -> Opening:
-    """The first that is explained well, or of ``TRIES`` the best; explained: share of his surface.
+    """The first that shows him whole and is explained well, or of ``TRIES`` the best; explained: share of his surface.
 
     After the best by score come those that are far from all that were tried.
     """
@@ -47,9 +48,9 @@ def best_of(openings: Sequence[Opening], explained: Callable[[Opening], float]) 
         opening = max(left, key=lambda one: _worth(one, [other for _, other in tried], openings))
         left.remove(opening)
         share = explained(opening)
-        if share >= WELL:
+        if share >= WELL and opening.whole >= WHOLE:
             return opening
-        tried.append((share * opening.score, opening))
+        tried.append((share * opening.whole, opening))
     return max(tried, key=lambda one: one[0])[1]
 
 

@@ -22,12 +22,14 @@ MERGED = 0.5  # worth of a frame with fewer people than usual: somebody may stan
 class Opening:
     """A frame (position in the recording) that shows the patient, and where he stands in it.
 
-    score: 0 to 1, by the surface that is seen of him and the way to the next person alone; people: seen in the frame.
+    score: 0 to 1, by the surface that is seen of him and the way to the next person alone; whole: 0 to 1, that surface
+    against the usual one; people: seen in the frame.
     """
 
     frame: int
     choice: PatientChoice
     score: float
+    whole: float
     people: int
 
 
@@ -48,7 +50,7 @@ def rank_openings(
             [sightings[number], *others], recording.equipment, config.patient_xz_m, place, config.isolation
         )
         if choice is not None:
-            openings.append(Opening(frame, choice, 0.0, len(sightings[number].people)))
+            openings.append(Opening(frame, choice, 0.0, 0.0, len(sightings[number].people)))
             seen.append(_patient_and_distance(sightings[number], choice))
     if not openings:
         return ()
@@ -59,12 +61,11 @@ def rank_openings(
     ordinary_m2 = float(np.median([area_m2 for area_m2, _ in seen]))
     sure = any(opening.choice.sure for opening in openings)
     usual = float(np.median([opening.people for opening in openings]))
-    scores = [
-        float(opening.choice.sure or not sure) * min(area_m2 / ordinary_m2, 1.0) * min(distance_m / CROWDED_M, 1.0)
-        * (1.0 if opening.people >= usual else MERGED)
-        for opening, (area_m2, distance_m) in zip(openings, seen, strict=True)
-    ]  # fmt: skip
-    scored = [replace(one, score=round(score, 1)) for one, score in zip(openings, scores, strict=True)]
+    scored = []
+    for opening, (area_m2, distance_m) in zip(openings, seen, strict=True):
+        whole, apart = min(area_m2 / ordinary_m2, 1.0), min(distance_m / CROWDED_M, 1.0)
+        possible = float(opening.choice.sure or not sure) * (1.0 if opening.people >= usual else MERGED)
+        scored.append(replace(opening, score=round(possible * whole * apart, 1), whole=whole))
     return tuple(sorted(scored, key=lambda one: -one.score))
 
 
