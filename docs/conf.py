@@ -8,7 +8,7 @@ project, author, release = "anchorpose", "the anchorpose developers", __version_
 extensions = ["myst_parser", "sphinx.ext.autodoc"]
 html_theme, html_title = "furo", "anchorpose"
 html_show_sphinx = False
-exclude_patterns = ["experiment.toml"]
+html_extra_path = ["experiment-page.html"]  # the page of the run that experiment.md tells of
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"

@@ -1,4 +1,4 @@
-"""Arms laid anew, when a limb has outrun its prediction."""
+"""Arms and legs laid anew, when a limb is not where it was expected."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from body_builder import adult_rest, asset, joints_of, random_pose, turned_about_y
 
-from anchorpose.body.restarts import arm_restarts
+from anchorpose.body.restarts import arm_restarts, leg_restarts
 from anchorpose.joints import JOINT_INDEX
 
 POSE = random_pose(2, 0.5)
@@ -46,6 +46,29 @@ def test_elbows_are_nearly_straight_or_bent_by_a_right_angle(side):
         cosine = (elbow - shoulder) @ (wrist - elbow) / np.linalg.norm(elbow - shoulder) / np.linalg.norm(wrist - elbow)
         # the asset's arm and this adult's differ by a degree or two at rest
         assert np.degrees(np.arccos(cosine)) == pytest.approx((15.0, 90.0)[number % 2], abs=4.0)
+
+
+def test_legs_stand_or_sit_both_or_one():
+    """Angles from straight, in degrees: the asset's legs stand a little apart, and this adult's differ a little."""
+    found = []
+    for restart in leg_restarts(asset(), POSE):
+        joints, legs = joints_of(REST, restart), []
+        up = REST.body.bone_transforms(restart.rotations, restart.root_m)[asset().bone("Hips"), :3, 1]
+        ahead = REST.body.bone_transforms(restart.rotations, restart.root_m)[asset().bone("Hips"), :3, 0]
+        for side in ("Left", "Right"):
+            hip, knee, ankle = (joints[JOINT_INDEX[f"{joint}{side}"]] for joint in ("Hip", "Knee", "Ankle"))
+            thigh, shank = (part / np.linalg.norm(part) for part in (knee - hip, ankle - knee))
+            legs.append(tuple(bool(value) for value in (thigh @ -up > 0.97, thigh @ ahead > 0.94, shank @ -up > 0.94)))
+        found.append(tuple(legs))
+    standing, sitting = (True, False, True), (False, True, True)
+    before = joints_of(REST, POSE)
+    assert found[:2] == [(standing, standing), (sitting, sitting)]
+    assert [legs[0] for legs in found[2:4]] == [standing, sitting]
+    assert [legs[1] for legs in found[4:]] == [standing, sitting]
+    kept = [joints_of(REST, restart) for restart in leg_restarts(asset(), POSE)]
+    right, left = JOINT_INDEX["AnkleRight"], JOINT_INDEX["AnkleLeft"]
+    assert all((joints[right] == before[right]).all() for joints in kept[2:4])
+    assert all((joints[left] == before[left]).all() for joints in kept[4:])
 
 
 @pytest.mark.parametrize("side", ["Left", "Right"])

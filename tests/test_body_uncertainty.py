@@ -8,11 +8,12 @@ from body_builder import adult_rest, joints_of, points, random_pose, turned_abou
 
 from anchorpose.body.pose import DEGREE, POSE_SIZE, Pose
 from anchorpose.body.skin_points import pose_points
-from anchorpose.body.uncertainty import UncertaintyConfig, joint_sigma
+from anchorpose.body.uncertainty import UncertaintyConfig, joint_sigma, skin_sigma
 from anchorpose.joints import JOINT_INDEX
 
 REST = adult_rest()
 POSE = random_pose(1)
+KNEE = JOINT_INDEX["KneeRight"]
 
 
 def sigma(covariance: np.ndarray, pose: Pose = POSE, **config: float) -> np.ndarray:
@@ -33,6 +34,22 @@ def test_a_root_that_strays_takes_every_joint_with_it():
     variance = np.zeros(POSE_SIZE)
     variance[-3:] = 0.02**2
     np.testing.assert_allclose(sigma(np.diag(variance), floor_m=0.005), np.hypot(0.005, 0.02), rtol=1e-12)
+
+
+def test_skin_is_as_sure_as_the_part_it_moves_with():
+    posed = pose_points(points(), REST, POSE)
+    knee = list(points().moving).index(points().asset.bone("RightLeg"))
+    variance = np.zeros(POSE_SIZE)
+    variance[3 * knee : 3 * knee + 3] = (10.0 * DEGREE) ** 2
+    found = skin_sigma(points(), REST, posed, np.diag(variance), UncertaintyConfig(floor_m=0.004, inflation=1.0))
+    names = np.array(points().asset.bone_names)[points().part]
+    below = np.isin(names, ["RightLeg", "RightFoot", "RightToeBase"])
+    np.testing.assert_allclose(found[~below], 0.004, rtol=1e-9)
+    assert (found[below] > 0.01).all()
+    foot, shank = found[names == "RightFoot"], found[names == "RightLeg"]
+    assert foot.min() > 1.5 * shank.max()  # twice as far from the knee as the middle of the shank
+    shin_m = np.linalg.norm(posed.points_m[names == "RightLeg"].mean(axis=0) - joints_of(REST, POSE)[KNEE])
+    np.testing.assert_allclose(shank, np.hypot(0.004, 10.0 * DEGREE * shin_m * np.sqrt(2.0 / 3.0)), rtol=0.02)
 
 
 def test_inflation_scales_what_the_posterior_says_and_not_the_floor():

@@ -61,6 +61,8 @@ def matching_but(change: Callable[[str, str], tuple[float, float] | None]) -> Ou
         ([YES, NO, NO], Verdict.NOT),
         ([NO, OPEN, OPEN], Verdict.NOT),
         ([YES, OPEN, OPEN], Verdict.UNKNOWN),
+        ([YES, YES, NO, OPEN, OPEN, OPEN], Verdict.IN_PART),
+        ([YES, NO, OPEN, OPEN], Verdict.NOT),
         ([NO], Verdict.NOT),
     ],
 )

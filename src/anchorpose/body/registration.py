@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
-from anchorpose.body.constraints import ConstraintConfig, Constraints, join, surface_constraints
+from anchorpose.body.constraints import ConstraintConfig, Constraints, join, no_constraints, surface_constraints
 from anchorpose.body.evidence import Evidence, doubted_node_cost, evidence_cost, evidence_rows
 from anchorpose.body.fit import FitConfig, NormalEquations, limited, pose_equations, range_information, solve_damped
 from anchorpose.body.nearest_skin import nearest_point
 from anchorpose.body.pose import POSE_SIZE, Pose
-from anchorpose.body.restarts import arm_restarts
+from anchorpose.body.restarts import arm_restarts, leg_restarts
 from anchorpose.body.skin_points import RestPoints, SkinPoints, pose_points
 
 
@@ -79,45 +80,47 @@ class Registration:
 
 def register(
     points: SkinPoints, rest: RestPoints, predicted: PoseBelief, evidence: Evidence, held: Constraints,
-    config: RegistrationConfig, may_search: bool = True,
+    config: RegistrationConfig, may_search: bool = True, lasting: Constraints | None = None,
 ) -> Registration:  # fmt: skip
     """tau-hat = ICP(tau, phi), for all parts at once: they stay joined, and bones keep their length.
 
     held: what the tree and the anchors say; it starts the registration, the surface itself ends it. may_search: whether
-    the arms may be looked for anew where seen skin is not covered.
+    the arms may be looked for anew where seen skin is not covered. lasting: what holds from beginning to end, but makes
+    no pose surer: it is not seen.
     """
     if len(evidence.surface) < config.least_nodes:
         return Registration(predicted, 0.0, False)
-    pose = _descend(points, rest, predicted.pose, predicted, evidence, held, config.reaches_m, config)
+    lasting = no_constraints() if lasting is None else lasting
+    pose = _descend(points, rest, predicted.pose, predicted, evidence, held, config.reaches_m, config, lasting)
     expected = predicted
     search = may_search and _uncovered(points, rest, pose, evidence, config) > config.most_uncovered
     if search:
-        pose, predicted = _restart(points, rest, pose, predicted, evidence, held, config)
+        pose, predicted = _restart(points, rest, pose, predicted, evidence, held, config, lasting)
     found = posterior(points, rest, pose, predicted, evidence, config)
     return replace(found if found.found else replace(found, belief=expected), searched=search)
 
 
 def _descend(
     points: SkinPoints, rest: RestPoints, pose: Pose, predicted: PoseBelief, evidence: Evidence, held: Constraints,
-    reaches_m: Sequence[float], config: RegistrationConfig,
+    reaches_m: Sequence[float], config: RegistrationConfig, lasting: Constraints,
 ) -> Pose:  # fmt: skip
     """Gauss-Newton from one pose, with less and less reach."""
     for number, reach_m in enumerate(reaches_m):
-        rows = evidence_rows(points, rest, pose, evidence, reach_m, config.constraints)
+        rows = [evidence_rows(points, rest, pose, evidence, reach_m, config.constraints), lasting]
         if number < config.held_steps:
-            rows = join([rows, held])
-        equations = _equations(points, rest, pose, predicted, rows, config)
+            rows.append(held)
+        equations = _equations(points, rest, pose, predicted, join(rows), config)
         pose = pose.moved(limited(solve_damped(equations), config.fit), points.moving)
     return pose
 
 
 def _restart(
     points: SkinPoints, rest: RestPoints, pose: Pose, predicted: PoseBelief, evidence: Evidence, held: Constraints,
-    config: RegistrationConfig,
+    config: RegistrationConfig, lasting: Constraints,
 ) -> tuple[Pose, PoseBelief]:  # fmt: skip
-    """Seen skin that the body does not cover: look for the arms elsewhere, keep what explains the frame best.
+    """Seen skin that the body does not cover: look for arms and legs elsewhere, keep what explains the frame best.
 
-    Returns the pose and the belief it is to be judged by: where an arm was found anew, the prediction was wrong.
+    Returns the pose and the belief it is to be judged by: where a limb was found anew, the prediction was wrong.
     """
     doubted = predicted.later(predicted.pose, config.restart_doubt_s, config.fit)
     reach_m, constraints = config.restart_reaches_m[-1], config.constraints
@@ -125,17 +128,17 @@ def _restart(
     worth = config.restart_gain * nodes * doubted_node_cost(reach_m, constraints, config.fit)
     best = evidence_cost(points, rest, pose, evidence, reach_m, constraints, config.fit) - worth
     found = pose
-    for side in ("Left", "Right"):
-        for start in arm_restarts(points.asset, found, side):
+    for starts in (partial(arm_restarts, side="Left"), partial(arm_restarts, side="Right"), leg_restarts):
+        for start in starts(points.asset, found):
             belief = PoseBelief(start, doubted.covariance, doubted.information)
-            tried = _descend(points, rest, start, belief, evidence, held, config.restart_reaches_m, config)
+            tried = _descend(points, rest, start, belief, evidence, held, config.restart_reaches_m, config, lasting)
             cost = evidence_cost(points, rest, tried, evidence, reach_m, constraints, config.fit)
             if cost < best:
                 found, best = tried, cost
     if found is pose:
         return pose, predicted
     settled = PoseBelief(found, doubted.covariance, doubted.information)
-    return _descend(points, rest, found, settled, evidence, held, config.reaches_m[2:], config), settled
+    return _descend(points, rest, found, settled, evidence, held, config.reaches_m[2:], config, lasting), settled
 
 
 def _uncovered(

@@ -1,4 +1,4 @@
-"""Other poses worth trying when a limb has outrun its prediction: each arm anew, in the directions arms are held."""
+"""Other poses worth trying when a limb is not where it was expected: arms as they are held, legs that stand or sit."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ _ELBOW_TURNS = tuple(turn * DEGREE for turn in (-90.0, -45.0, 0.0, 45.0, 90.0, 1
 """Of a bent forearm about the upper arm, from where it is."""
 
 _ELBOWS = (15.0 * DEGREE, 90.0 * DEGREE)
+_SEATED = 85.0 * DEGREE  # of hip and knee alike: the shank hangs down
 
 
 def arm_restarts(asset: BodyAsset, pose: Pose, side: str) -> Iterator[Pose]:
@@ -49,6 +50,20 @@ def arm_restarts(asset: BodyAsset, pose: Pose, side: str) -> Iterator[Pose]:
             rotations[arm] = _shortest_turn(rest, wanted)
             rotations[forearm] = Rotation.from_rotvec(axes[0] * (elbow - bend)).as_matrix()
             rotations[hand] = np.eye(3)
+            yield Pose(rotations, pose.root_m)
+
+
+def leg_restarts(asset: BodyAsset, pose: Pose) -> Iterator[Pose]:
+    """The pose with both legs, or one, standing straight or sitting."""
+    for sides in (("Left", "Right"), ("Left",), ("Right",)):
+        for flexed in (0.0, _SEATED):
+            rotations = pose.rotations.copy()
+            for side in sides:
+                thigh, shank, *foot = (asset.bone(f"{side}{bone}") for bone in ("UpLeg", "Leg", "Foot", "ToeBase"))
+                axes, bend = hinge_axes(asset, f"{side}Leg")
+                rotations[thigh] = Rotation.from_rotvec(-axes[0] * flexed).as_matrix()
+                rotations[shank] = Rotation.from_rotvec(axes[0] * (flexed - bend)).as_matrix()
+                rotations[foot] = np.eye(3)
             yield Pose(rotations, pose.root_m)
 
 

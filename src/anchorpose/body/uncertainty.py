@@ -29,8 +29,27 @@ def joint_sigma(
 
     covariance (POSE_SIZE, POSE_SIZE): of the pose, inverse of the normal equations' hessian.
     """
-    bones = joint_bones(points.asset)
-    joints = rest.body.joints(posed.transforms)
-    jacobian = joint_jacobian(points, rest, posed.transforms, bones, joints)
-    variance = ((jacobian @ covariance) * jacobian).sum(axis=(1, 2)) / 3.0
+    places = rest.body.joints(posed.transforms)
+    variance = _variance(points, rest, posed, covariance, joint_bones(points.asset), places)
     return np.sqrt(config.floor_m**2 + config.inflation**2 * variance)
+
+
+def skin_sigma(
+    points: SkinPoints, rest: RestPoints, posed: PosedPoints, covariance: np.ndarray, config: UncertaintyConfig
+) -> np.ndarray:
+    """(p,) the same of skin points: that of the middle of the part which each moves with."""
+    count = np.bincount(points.part)
+    parts = np.flatnonzero(count)
+    middles = np.stack([np.bincount(points.part, posed.points_m[:, axis]) for axis in range(3)], axis=1)
+    variance = np.zeros(len(count))
+    variance[parts] = _variance(points, rest, posed, covariance, parts, middles[parts] / count[parts, None])
+    return np.sqrt(config.floor_m**2 + config.inflation**2 * variance[points.part])
+
+
+def _variance(
+    points: SkinPoints, rest: RestPoints, posed: PosedPoints, covariance: np.ndarray, bones: np.ndarray,
+    places_m: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """(n,) mean variance of the three axes, square metres, of places_m (n, 3) that are fixed to bones (n,)."""
+    jacobian = joint_jacobian(points, rest, posed.transforms, bones, places_m)
+    return np.asarray(((jacobian @ covariance) * jacobian).sum(axis=(1, 2)) / 3.0)

@@ -87,10 +87,10 @@ class Plan:
         return self.config.training_windows if self.training else self.config.windows
 
     def holes(self, clip: Clip) -> tuple[float, ...]:
-        """Sizes of hole that are cut into the clip."""
+        """Sizes of hole that are cut into the clip; matches alone and loose clothes are compared at both ends only."""
         if self.training:
             return (0.0, TUNING_HOLE_M)
-        if clip.scene is Scene.MATCHES:
+        if clip.scene in (Scene.MATCHES, Scene.LOOSE):
             return tuple(sorted({0.0, max(self.config.holes_m)}))
         return self.config.holes_m if clip.holes_are_cut else (0.0,)
 

@@ -27,6 +27,7 @@ class IsolationConfig:
     memory_speed_m_s: float = 0.30  # of skin between frames: people who hold or stand; who walks grows
     memory_s: float = 1.0  # for which hidden skin is remembered: somebody crosses in front of it
     skin_sigma_m: float = 0.02  # clothes and shape, for the patient's predicted skin
+    loosest_claim_m: float = 0.05  # half of a limb's width: skin whose place is known no better claims none
     cluster_gap_m: float = 0.10  # a bar with its margins: a head over a rail is still its owner's
     other_surface_m2: float = 0.25  # of a person's skin, seen by all cameras together: more than an arm, 0.15
     own_column: float = 0.5  # of a column beside the patient's: where so much of his skin was expected, it is his

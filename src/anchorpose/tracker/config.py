@@ -23,6 +23,7 @@ from anchorpose.isolation.config import IsolationConfig
 from anchorpose.results.contact_intervals import ContactConfig
 from anchorpose.surface.patient_surface import SurfaceConfig
 from anchorpose.tracker.bystanders import BystanderConfig
+from anchorpose.tracker.standing_feet import StandingConfig
 from anchorpose.tracking.motion import MotionConfig
 from anchorpose.tracking.motion_file import SHIPPED
 from anchorpose.tracking.tree import TreeConfig
@@ -108,6 +109,7 @@ class TrackConfig:
     visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
     uncertainty: UncertaintyConfig = field(default_factory=UncertaintyConfig)
     follow: FollowConfig = field(default_factory=FollowConfig)
+    standing: StandingConfig = field(default_factory=StandingConfig)
     smoothing: SmoothingConfig = field(default_factory=SmoothingConfig)
     contacts: ContactConfig = field(default_factory=ContactConfig)
 

@@ -14,6 +14,7 @@ from anchorpose.isolation.people import choose_patient
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import observe_first
+from anchorpose.tracker.opening import look_at
 from anchorpose.tracker.room import Room, sight_people
 from anchorpose.tracker.start import ORDINARY_HEIGHT_M, first_heights, known_shape
 from anchorpose.tracker.stopwatch import Stopwatch
@@ -49,8 +50,8 @@ def _costs(
     """Cost of the best body facing each way in one frame; None where too little of him is seen."""
     sightings = [sight_people(samples[look], room.scenes, config)]
     sightings += [sight_people(frame, room.scenes, config) for frame in (samples[0], samples[-1])]
-    place = room.cameras[0].position_m + 2.5 * room.cameras[0].require_pose()[:3, 2]
-    choice = choose_patient(sightings, room.recording.equipment, config.patient_xz_m, place[[0, 2]], config.isolation)
+    place = look_at(room.cameras[0])
+    choice = choose_patient(sightings, room.recording.equipment, config.patient_xz_m, place, config.isolation)
     if choice is None or not choice.sure:
         return None
     height_m = room.recording.subject_height_m or ORDINARY_HEIGHT_M

@@ -19,9 +19,10 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import follow_openly
 from anchorpose.tracker.observation import Observation, observe_first
+from anchorpose.tracker.opening import Opening, rank_openings
 from anchorpose.tracker.patient import PatientTracker
 from anchorpose.tracker.preparation import prepare_room
-from anchorpose.tracker.room import Opening, Room, choose_opening, sight_people
+from anchorpose.tracker.room import Room, sight_people
 from anchorpose.tracker.start import ORDINARY_HEIGHT_M
 from anchorpose.tracker.stopwatch import Stopwatch
 from anchorpose.tracking.motion_database import MotionDatabase
@@ -180,8 +181,7 @@ def _openings_nearby(route: Route, position: int, room: Room, config: TrackConfi
 def _choose(route: Route, positions: Sequence[int], room: Room, config: TrackConfig) -> list[Opening]:
     """The opening among some frames as ``track`` chooses it, or none; one camera's view of nobody is no opening."""
     sightings = [sight_people(frame_set, room.scenes, config) for frame_set in route.frames(positions)]
-    found = choose_opening(positions, sightings, room.calibration, room.recording, config)
-    return [] if found is None else [found]
+    return list(rank_openings(positions, sightings, room.calibration, room.recording, config)[:1])
 
 
 def _follow(

@@ -13,6 +13,7 @@ from anchorpose.geodesics.anchors import Anchors, find_anchors
 from anchorpose.geodesics.descriptor import anchor_descriptor
 from anchorpose.geodesics.trusted_anchors import trusted_anchors
 from anchorpose.isolation.claims import Claims, join_claims
+from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.crowd import Crowd, nobody, remember
 from anchorpose.isolation.people import PatientChoice, find_people
 from anchorpose.isolation.people_apart import separate, separate_first
@@ -33,9 +34,11 @@ LEAST_TRUSTED = 4  # three tell nodes apart (paper, Section IV-D), four make two
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Expectation:
-    """Where the patient should be: his skin, anchors_m (5, 3), heading (3,) unit; frames since the last fit."""
+    """Where the patient should be: his skin, how sure each point of it is (p,), anchors_m (5, 3), heading (3,) unit;
+    frames since the last fit."""
 
     skin: ExpectedSkin
+    sigma_m: np.ndarray
     anchors_m: np.ndarray
     facing: np.ndarray
     frames_without_fit: int
@@ -113,7 +116,7 @@ def _separated(
     """Everybody's pixels; ahead_s: from the frame that the bystanders' bodies were fitted to to this one."""
     with watch.stage("isolation"):
         others = claims_of(bystanders, body_points(), ahead_s, config.bystanders)
-        claims = join_claims([others, _claims(expected, config)])
+        claims = join_claims([others, patient_claims(expected, config.isolation)])
         return separate(pieces, before.crowd, claims, elapsed_s, config.isolation)
 
 
@@ -125,15 +128,16 @@ def _follow_others(
         return follow_bystanders(before, views, room.cameras, body_points(), elapsed_s, config.bystanders)
 
 
-def _claims(expected: Expectation, config: TrackConfig) -> Claims:
-    """What the patient claims by his predicted skin."""
-    spread = config.isolation.skin_sigma_m + config.isolation.prediction_growth_m * expected.frames_without_fit
-    count = len(expected.skin.points_m)
-    return Claims(
-        expected.skin.points_m,
-        np.full(count, PixelLabel.PATIENT, np.uint8),
-        np.full(count, spread, np.float32),
-    )
+def patient_claims(expected: Expectation, config: IsolationConfig) -> Claims:
+    """What the patient claims by his predicted skin.
+
+    A limb that has been hidden for long claims nothing: whatever it met would be taken for it. What is seen of it again
+    hangs on him.
+    """
+    spread = config.skin_sigma_m + config.prediction_growth_m * expected.frames_without_fit
+    sure = expected.sigma_m < config.loosest_claim_m
+    sigma = np.hypot(spread, expected.sigma_m[sure]).astype(np.float32)
+    return Claims(expected.skin.points_m[sure], np.full(len(sigma), PixelLabel.PATIENT, np.uint8), sigma)
 
 
 def _find_pieces(frame_set: FrameSet, room: Room, config: TrackConfig) -> list[Pieces | None]:

@@ -20,6 +20,7 @@ from anchorpose.body.pose import Pose
 from anchorpose.body.registration import PoseBelief, Registration, posterior, register
 from anchorpose.body.skin_points import FittedShape, body_points, pose_points, rest_points
 from anchorpose.body.told_joints import contradicted, doubted, with_told
+from anchorpose.body.uncertainty import skin_sigma
 from anchorpose.recording.recording import FrameSet
 from anchorpose.surface.expected_skin import ExpectedSkin
 from anchorpose.tracker.association import (
@@ -35,6 +36,7 @@ from anchorpose.tracker.config import Method, TrackConfig
 from anchorpose.tracker.estimate import Estimate, estimate_of
 from anchorpose.tracker.observation import Expectation, Observation, observe, observe_again
 from anchorpose.tracker.room import Room
+from anchorpose.tracker.standing_feet import StandingFeet
 from anchorpose.tracker.start import Start
 from anchorpose.tracker.stopwatch import Stopwatch
 from anchorpose.tracking.joint_motion import predict_joints
@@ -63,7 +65,8 @@ class PatientTracker:
         self.unseen_s, self.unseen_frames = 0.0, 0
         self.last_found = start.observation
         self.search_wait = 0  # frames until arms may be searched for again
-        self.first = self._estimate(Registration(self.belief, start.explained, True), start.observation)
+        self.feet = StandingFeet(self.points, config.standing)
+        self.first = self._remember(self._estimate(Registration(self.belief, start.explained, True), start.observation))
 
     @property
     def height_m(self) -> float:
@@ -115,6 +118,20 @@ class PatientTracker:
                 told = None
             return estimate_of(self.points, self.rest, self.shape, registration, seen, share, self.config, told)
 
+    def _remember(self, estimate: Estimate) -> Estimate:
+        """What the next frames need to know of this one beside the pose; returns the estimate."""
+        with self.watch.stage("states and sigma"):
+            posed = pose_points(self.points, self.rest, self.belief.pose)
+            self.skin_sigma_m = skin_sigma(
+                self.points, self.rest, posed, self.belief.covariance, self.config.uncertainty
+            )
+            time_s = estimate.frame_set.time_s
+            self.feet.note(posed.points_m, estimate.joints_m, estimate.states, time_s)
+            told = self.room.review.joints.get(estimate.frame_set.frame)
+            if told is not None:
+                self.feet.forget(told.joint.tolist())
+        return estimate
+
     def predict(self, steps: int) -> list[Pose]:
         """The next poses by scaled motion dynamics: those of the whole look-ahead, once a registered frame."""
         with self.watch.stage("prediction"):
@@ -161,6 +178,7 @@ class PatientTracker:
         skin = ExpectedSkin(posed.points_m.astype(np.float32), posed.normals.astype(np.float32), self.map)
         return Expectation(
             skin,
+            self.skin_sigma_m,
             posed.points_m[anchor_points(self.points.asset, self.points)],
             level / max(float(np.linalg.norm(level)), 1e-9),
             self.unseen_frames,
@@ -186,7 +204,7 @@ class PatientTracker:
         self.history.append(self._joints(self.belief.pose))
         self.window.popleft()
         self.links.popleft()
-        return self._estimate(registration, following, hypothesis)
+        return self._remember(self._estimate(registration, following, hypothesis))
 
     def _corrected(self, belief: PoseBelief, seen: Observation) -> PoseBelief:
         """The belief by what a reviewer said of this frame's joints, if he did.
@@ -222,7 +240,14 @@ class PatientTracker:
         if config.method is Method.ARTICULATED:
             held = held_by(self.points, now, hypothesis, window, T_predicted)
             found = register(
-                self.points, self.rest, predicted, evidence, held, config.registration, self.search_wait == 0
+                self.points,
+                self.rest,
+                predicted,
+                evidence,
+                held,
+                config.registration,
+                self.search_wait == 0,
+                self.feet.rows(window[1].frame_set.time_s),
             )
             self.search_wait = config.follow.search_pause if found.searched else max(0, self.search_wait - 1)
             return self._uncross(found, predicted, evidence) if found.found else found

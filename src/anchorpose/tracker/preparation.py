@@ -14,6 +14,7 @@ from anchorpose.calibration.people.camera_to_camera import CameraToCameraConfig
 from anchorpose.calibration.world import find_world
 from anchorpose.camera import Camera
 from anchorpose.recording.recording import FrameSet, Recording
+from anchorpose.tracker.best_opening import with_best_opening
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.facing import heading_of_patient
 from anchorpose.tracker.review import NOTHING_SAID, Review
@@ -34,9 +35,10 @@ class Settled:
 def prepare_room(recording: Recording, config: TrackConfig, review: Review = NOTHING_SAID) -> Room:
     """Everything that is known before the first frame is followed."""
     settled = settle(recording, config)
-    return furnish_room(
+    room = furnish_room(
         settled.recording, settled.clocks, settled.calibration, settled.chosen, settled.samples, config, review
     )
+    return with_best_opening(room, config)
 
 
 def settle(recording: Recording, config: TrackConfig) -> Settled:

@@ -65,18 +65,19 @@ class Claim:
 
 
 def judge(answers: Sequence[Answer]) -> Verdict:
-    """A claim is about all of its comparisons: it holds if all say yes, and in part if at least half do.
+    """A claim is about all of its comparisons: it holds if all say yes.
 
-    Otherwise it does not hold if as many say no as say yes, and cannot be told if fewer do.
+    It holds in part if at least half say yes, or if some say yes, some no, and more yes than no. Otherwise it does not
+    hold if any says no, and cannot be told if none does.
     """
     yes, no = answers.count(Answer.YES), answers.count(Answer.NO)
     if not yes + no:
         return Verdict.UNKNOWN
     if yes == len(answers):
         return Verdict.HOLDS
-    if 2 * yes >= len(answers):
+    if 2 * yes >= len(answers) or yes > no > 0:
         return Verdict.IN_PART
-    return Verdict.NOT if no >= yes else Verdict.UNKNOWN
+    return Verdict.NOT if no else Verdict.UNKNOWN
 
 
 def at_most(value: Estimate, bound: float) -> Answer:

@@ -35,6 +35,8 @@ LOOK: Final = {
 }
 """Colour (Okabe and Ito's) and line of each kind of method."""
 
+PALE: Final = 0.35  # of the intervals: those of twenty methods hide the means else
+
 MARKS: Final = "osD^vP*X"
 """Of the methods of one kind, in their order."""
 
@@ -139,7 +141,10 @@ def draw_lines(axes: Any, table: Table, places: Sequence[float], bars: bool = Tr
         if bars:
             step = 0.8 * (np.diff(sorted(places)).min() if len(places) > 1 else 1.0) / len(table.methods)
             shifted = np.asarray(places) + step * (number - (len(table.methods) - 1) / 2)
-            axes.errorbar(shifted, means, yerr=bounds_of(values), label=method.title, elinewidth=0.7, **look)
+            pale = (look["color"], PALE)
+            axes.errorbar(
+                shifted, means, yerr=bounds_of(values), label=method.title, elinewidth=0.7, ecolor=pale, **look
+            )
         else:
             axes.plot(places, means, label=method.title, markevery=5, **look)
     axes.set_ylim(0, 1.05 * axes.get_ylim()[1])

@@ -20,7 +20,7 @@ def _draw(tables: Sequence[Table]) -> Any:
                               squeeze=False)  # fmt: skip
     for axes, column in zip(grid.flat, columns, strict=False):
         draw_dots(axes, table, column.key, methods)
-        axes.set_title(column.label)
+        axes.set_title(column.label.replace(", ", "\n"))
         axes.set_xlim(left=0)
     for axes in grid.flat[len(columns) :]:
         axes.set_visible(False)

@@ -1,0 +1,105 @@
+"""A foot that was seen standing stays where it stands while nobody sees it.
+
+A leg that a therapist hides is known from the hip alone, and what the cameras look past pushes it to and fro. Patients
+in stand training stand: the foot's place on the floor is the best that is known of the leg.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from anchorpose.body.constraints import Constraints, join, no_constraints, place_constraints
+from anchorpose.body.regions import REGIONS, region_of_points
+from anchorpose.body.skin_points import SkinPoints
+from anchorpose.joints import JOINT_INDEX, JointState
+
+SIDES = ("Left", "Right")
+PLACES = 6  # skin points that hold a foot: its place and its turn
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StandingConfig:
+    """When a foot stands, and how long that is believed."""
+
+    still_s: float = 0.4  # seen to stand for so long: longer than the sole is flat on the floor in a step
+    still_m: float = 0.03  # within which it stays meanwhile: the noise of an ankle that is seen
+    sigma_m: float = 0.02  # of its place when it goes out of sight
+    drift_m_s: float = 0.05  # what may happen unseen: a small step in two seconds
+    doubt_m: float = 0.10  # a knee that is seen to go farther takes the foot with it
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Stand:
+    """places_m (k, 3): of the foot's skin points, ankle_m (3,), world; seen_s: when it was seen there last."""
+
+    places_m: np.ndarray
+    ankle_m: np.ndarray
+    seen_s: float
+
+
+class StandingFeet:
+    """Where each foot was last seen standing; time may run backwards."""
+
+    def __init__(self, points: SkinPoints, config: StandingConfig) -> None:
+        self._config = config
+        region = region_of_points(points)
+        self._skin = {side: _spread(np.flatnonzero(region == REGIONS.index(f"foot_{side.lower()}"))) for side in SIDES}
+        self._recent: dict[str, deque[tuple[float, np.ndarray]]] = {side: deque() for side in SIDES}
+        self._stand: dict[str, _Stand] = {}
+
+    def note(self, skin_m: np.ndarray, joints_m: np.ndarray, states: tuple[JointState, ...], time_s: float) -> None:
+        """One more frame: posed skin points (p, 3), joints (21, 3) and their states.
+
+        A foot that is seen stands or does not; one that is hidden stays where it stood; one that the cameras look past
+        has gone.
+        """
+        for side in SIDES:
+            ankle = JOINT_INDEX[f"Ankle{side}"]
+            state, recent = states[ankle], self._recent[side]
+            if state is JointState.LOST:
+                self._stand.pop(side, None)
+            if state is not JointState.OBSERVED:
+                recent.clear()
+                continue
+            recent.append((time_s, joints_m[ankle]))
+            while abs(time_s - recent[0][0]) > self._config.still_s + 1e-6 and len(recent) > 2:
+                recent.popleft()
+            before = self._stand.get(side)
+            stayed = before is not None and np.linalg.norm(joints_m[ankle] - before.ankle_m) < self._config.still_m
+            if stayed or self._is_still(recent):
+                self._stand[side] = _Stand(skin_m[self._skin[side]], joints_m[ankle], time_s)
+            else:
+                self._stand.pop(side, None)
+
+    def forget(self, joints: Sequence[int]) -> None:
+        """Of whose feet somebody says where they are (indices of joints), where they stood counts no more."""
+        for side in SIDES:
+            if {JOINT_INDEX[f"Ankle{side}"], JOINT_INDEX[f"Foot{side}"]} & set(joints):
+                self._stand.pop(side, None)
+                self._recent[side].clear()
+
+    def rows(self, time_s: float) -> Constraints:
+        """What holds the feet in a frame; none of feet that do not stand."""
+        held = []
+        for side, stand in self._stand.items():
+            sigma_m = self._config.sigma_m + self._config.drift_m_s * abs(time_s - stand.seen_s)
+            held.append(place_constraints(self._skin[side], stand.places_m, sigma_m, self._config.doubt_m))
+        return join(held) if held else no_constraints()
+
+    def _is_still(self, recent: deque[tuple[float, np.ndarray]]) -> bool:
+        places = np.array([place for _, place in recent])
+        long = abs(recent[-1][0] - recent[0][0]) >= 0.75 * self._config.still_s
+        return bool(long and np.linalg.norm(places - places[-1], axis=1).max() < self._config.still_m)
+
+
+def _spread(index: np.ndarray) -> np.ndarray:
+    return index[np.linspace(0, len(index) - 1, PLACES).astype(np.int64)]

@@ -1,0 +1,122 @@
+"""Feet that stand: what holds them while nobody sees them, and what lets them go."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from body_builder import (
+    FRONT,
+    NOTHING,
+    adult_rest,
+    hide_bones,
+    joint_errors_m,
+    joints_of,
+    points,
+    random_pose,
+    seen_body,
+    shaken,
+)
+
+from anchorpose.body.constraints import Constraints
+from anchorpose.body.pose import DEGREE, POSE_SIZE, Pose
+from anchorpose.body.registration import PoseBelief, RegistrationConfig, register
+from anchorpose.body.skin_points import pose_points
+from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JointState
+from anchorpose.tracker.standing_feet import PLACES, StandingConfig, StandingFeet
+
+REST, POSE, CONFIG = adult_rest(), random_pose(1, 0.2), StandingConfig()
+RIGHT = [JOINT_INDEX[name] for name in ("AnkleRight", "FootRight")]
+STEP_S = 1 / 15
+LEG_RIGHT = ("RightUpLeg", "RightLeg", "RightFoot", "RightToeBase")
+
+
+def states(right: JointState) -> tuple[JointState, ...]:
+    """Everything is seen, but for the right ankle."""
+    return tuple(right if joint == RIGHT[0] else JointState.OBSERVED for joint in range(JOINT_COUNT))
+
+
+class Watched:
+    """Feet of a body that stands in one pose, and time."""
+
+    def __init__(self, pose: Pose = POSE, step_s: float = STEP_S) -> None:
+        self.feet, self.pose, self.step_s, self.time_s = StandingFeet(points(), CONFIG), pose, step_s, 0.0
+
+    def see(self, frames: int, right: JointState = JointState.OBSERVED, shift_m: float = 0.0) -> Constraints:
+        """So many frames later; the rows for the right foot in the next."""
+        for _ in range(frames):
+            shift = np.array([shift_m, 0.0, 0.0])
+            skin = pose_points(points(), REST, self.pose).points_m + shift
+            self.feet.note(skin, joints_of(REST, self.pose) + shift, states(right), self.time_s)
+            self.time_s += self.step_s
+        return of_right(self.feet.rows(self.time_s))
+
+
+def of_right(rows: Constraints) -> Constraints:
+    names = np.array(points().asset.bone_names)[points().part[rows.point]]
+    chosen = np.char.startswith(names, "Right")
+    return Constraints(*(getattr(rows, name)[chosen] for name in Constraints.__slots__))
+
+
+@pytest.mark.parametrize("step_s", [STEP_S, -STEP_S], ids=["forwards", "backwards"])
+def test_a_foot_that_stood_is_held_where_it_stood_and_less_and_less(step_s: float) -> None:
+    watched = Watched(step_s=step_s)
+    assert len(watched.see(3)) == 0  # too short to be told from a step
+    watched.see(6)
+    soon, later = watched.see(3, JointState.HIDDEN_BY_PERSON), watched.see(12, JointState.HIDDEN_BY_PERSON)
+    assert len(soon) == len(later) == 3 * PLACES
+    np.testing.assert_allclose(soon.residuals(pose_points(points(), REST, POSE)), 0.0, atol=1e-9)
+    np.testing.assert_allclose(soon.sigma_m, CONFIG.sigma_m + 4 * abs(step_s) * CONFIG.drift_m_s)
+    np.testing.assert_allclose(later.sigma_m, CONFIG.sigma_m + 16 * abs(step_s) * CONFIG.drift_m_s)
+
+
+def test_a_glimpse_at_the_same_place_keeps_it_and_elsewhere_lets_it_go() -> None:
+    watched = Watched()
+    watched.see(9)
+    watched.see(4, JointState.HIDDEN)
+    assert len(watched.see(1)) > 0
+    watched.see(4, JointState.HIDDEN)
+    assert len(watched.see(1, shift_m=2 * CONFIG.still_m)) == 0
+
+
+def test_a_foot_that_moves_is_not_held() -> None:
+    watched = Watched()
+    for frame in range(12):
+        rows = watched.see(1, shift_m=0.01 * frame)
+    assert len(rows) == 0
+
+
+@pytest.mark.parametrize("joint", RIGHT)
+def test_cameras_that_look_past_it_and_people_who_know_better_let_it_go(joint: int) -> None:
+    watched = Watched()
+    watched.see(9)
+    assert len(watched.see(1, JointState.LOST)) == 0
+    told = Watched()
+    told.see(9)
+    told.feet.forget([joint])
+    assert len(told.see(2, JointState.HIDDEN)) == 0
+
+
+def test_a_hidden_leg_stays_on_its_foot_and_is_no_surer_for_it() -> None:
+    evidence = seen_body(POSE, REST, (FRONT,), hide_bones(*LEG_RIGHT))
+    astray = shaken(POSE, 7, turn_deg=12.0, shift_m=0.0)
+    variance = np.full(POSE_SIZE, (12.0 * DEGREE) ** 2)
+    variance[-3:] = 0.02**2
+    belief = PoseBelief(astray, np.diag(variance), np.diag(1.0 / variance))
+    watched = Watched()
+    watched.see(9)
+    held = watched.see(2, JointState.HIDDEN_BY_PERSON)
+    alone, standing = (
+        register(points(), REST, belief, evidence, NOTHING, RegistrationConfig(), lasting=rows).belief
+        for rows in (None, held)
+    )
+    errors = [joint_errors_m(REST, found.pose, POSE)[RIGHT].max() for found in (alone, standing)]
+    assert errors[0] > 0.06
+    assert errors[1] < 0.04
+    settled = replace(belief, pose=standing.pose)
+    again = [
+        register(points(), REST, settled, evidence, NOTHING, RegistrationConfig(), lasting=rows).belief.covariance
+        for rows in (None, held)
+    ]
+    assert np.trace(again[1]) > 0.9 * np.trace(again[0])
