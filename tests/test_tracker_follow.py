@@ -181,7 +181,7 @@ def test_the_papers_own_parts_follow_roughly(course):
 
 
 def test_a_room_without_a_patient_loses_every_frame(course):
-    empty = replace(course.room, opening=None)
+    empty = replace(course.room, openings=())
     frames = read_frames(course.room.recording, APPEARS, VANISHES)
     estimates = list(follow_patient(empty, frames, None, course.shape, CONFIG, Stopwatch()))
     assert len(estimates) == VANISHES - APPEARS
