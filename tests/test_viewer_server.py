@@ -367,8 +367,9 @@ def test_a_browser_that_follows_the_file_gets_to_the_page(page: Any, server: Vie
 def test_the_verb_prints_where_it_is_and_stops_when_told(small: tuple[Path, Path]) -> None:
     script = "import sys\nfrom anchorpose.cli import main\nif __name__ == '__main__': sys.exit(main(sys.argv[1:]))"
     process = subprocess.Popen(
-        [sys.executable, "-c", script, "view", *map(str, small), "--no-browser"], stdout=subprocess.PIPE, text=True
-    )
+        [sys.executable, "-c", script, "view", *map(str, small), "--no-browser"], stdout=subprocess.PIPE, text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a background shell's children ignore it
+    )  # fmt: skip
     clock = threading.Timer(120, process.kill)  # a busy machine takes half a minute to start
     clock.start()
     try:
