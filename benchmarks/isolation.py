@@ -159,7 +159,8 @@ def row(name: str, counts: Sequence[Count], touched: np.ndarray, spent: float) -
 
     def share(part: str, whole: str, of: np.ndarray) -> float:
         chosen = [entry for entry, used in zip(counts, of, strict=True) if used]
-        return 100.0 * sum(getattr(c, part) for c in chosen) / max(sum(getattr(c, whole) for c in chosen), 1)
+        total = sum(getattr(c, whole) for c in chosen)
+        return 100.0 * sum(getattr(c, part) for c in chosen) / total if total else float("nan")
 
     every = np.ones(len(touched), dtype=bool)
     swapped = sum(c.taken > c.called_patient / 2 for c in counts)
@@ -170,7 +171,7 @@ def row(name: str, counts: Sequence[Count], touched: np.ndarray, spent: float) -
           for pair in (("kept", "patient"), ("taken", "called_patient"))),
         str(swapped), f"{spent:.1f}",
     ]  # fmt: skip
-    return f"| {name} | " + " | ".join(figures) + " |"
+    return f"| {name} | " + " | ".join(figures).replace("nan", "–") + " |"
 
 
 def main() -> None:
