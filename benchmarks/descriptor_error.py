@@ -14,12 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from anchorpose.association.error_model import ErrorModel, NoErrorModel, estimate_errors
-from anchorpose.association.gate import GateConfig
+from anchorpose.association.hypotheses import GateConfig
 from anchorpose.geodesics.anchors import ANCHOR_NAMES, find_anchors
 from anchorpose.geodesics.descriptor import anchor_descriptor
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_INDEX
+from anchorpose.research.association_errors import ErrorModel, NoErrorModel, estimate_errors
 from anchorpose.simulate.clinic import draw_clinic
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.render import EQUIPMENT, NOTHING, PATIENT, Figure, Picture, draw_figures

@@ -18,7 +18,7 @@ import numpy as np
 
 from anchorpose.calibration.proposal.proposal import EquipmentFitConfig, NoEquipment, propose_equipment
 from anchorpose.camera import Camera
-from anchorpose.isolation.equipment import equipment_depth
+from anchorpose.isolation.background import equipment_depth
 from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording import Recording

@@ -24,10 +24,10 @@ import numpy as np
 from test_kernels import camera_at, render
 
 from anchorpose.camera import Camera, Intrinsics
-from anchorpose.features.fpfh import FpfhConfig, fpfh
-from anchorpose.features.rops import RopsConfig, rops
-from anchorpose.features.shape_context import ShapeContextConfig, shape_context
-from anchorpose.features.shot import ShotConfig, shot
+from anchorpose.research.features.fpfh import FpfhConfig, fpfh
+from anchorpose.research.features.rops import RopsConfig, rops
+from anchorpose.research.features.shape_context import ShapeContextConfig, shape_context
+from anchorpose.research.features.shot import ShotConfig, shot
 from anchorpose.surface.mesh import SheetConfig, build_surface, faces
 from anchorpose.surface.surface import Surface
 

@@ -20,10 +20,10 @@ from typing import Final
 import cv2
 import numpy as np
 
-from anchorpose.isolation.crowd import nobody, remember
+from anchorpose.isolation.bystander_memory import nobody, remember
 from anchorpose.isolation.people import find_people
-from anchorpose.isolation.people_apart import separate, separate_first
 from anchorpose.isolation.scene import find_pieces
+from anchorpose.isolation.separation import separate, separate_first
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.pipeline import TrackConfig
 from anchorpose.recording.reader import open_recording, read_frames
@@ -34,8 +34,8 @@ from anchorpose.simulate.render import EQUIPMENT, PATIENT
 from anchorpose.simulate.shoot import Shot, Studio, set_up
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.threads import one_thread
-from anchorpose.tracker.both_ways import learn_on, plan_route
 from anchorpose.tracker.following import follow_patient
+from anchorpose.tracker.passes import learn_on, plan_route
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room
 from anchorpose.tracker.stopwatch import Stopwatch

@@ -9,10 +9,9 @@ import numpy as np
 from anchorpose.camera import Camera
 from anchorpose.simulate.clinic import Clinic, draw_clinic, random_stream
 from anchorpose.simulate.config import SimulationConfig
-from anchorpose.simulate.recorder import Record, draw_record
 from anchorpose.simulate.render import Figure, Picture, draw_figures, render_still
 from anchorpose.simulate.sensor import SENSORS, draw_wiggle, sense
-from anchorpose.simulate.shoot import set_up
+from anchorpose.simulate.shoot import Record, draw_record, set_up
 
 FIGURES_KEPT = 8  # cameras look at nearly the same moments
 

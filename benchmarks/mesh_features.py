@@ -17,16 +17,15 @@ from statistics import median
 import numpy as np
 from test_kernels import camera_at, render
 
-from anchorpose.features.curvature import principal_curvatures
-from anchorpose.features.ld_sift import Angle, LdSiftConfig, Scale, ld_sift
-from anchorpose.features.mesh_gradient import mesh_gradient
-from anchorpose.features.mesh_hog import FirstAxis, MeshHogConfig, mesh_hog, scalar_function
-from anchorpose.features.nearest import Metric, nearest_descriptor
-from anchorpose.features.rings import rings_within
+from anchorpose.research.features.ld_sift import Angle, LdSiftConfig, Scale, ld_sift
+from anchorpose.research.features.mesh_gradient import mesh_gradient, principal_curvatures
+from anchorpose.research.features.mesh_hog import FirstAxis, MeshHogConfig, mesh_hog, scalar_function
+from anchorpose.research.features.nearest import Metric, nearest_descriptor
+from anchorpose.research.features.rings import rings_within
 from anchorpose.surface.mesh import SheetConfig, build_surface
 from anchorpose.surface.surface import Surface
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "builders"))
 from features_plain import plain_ld_sift, plain_mesh_hog
 
 DISTANCES_M = (2.75, 2.1)

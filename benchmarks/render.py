@@ -14,8 +14,7 @@ from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.render import draw_figures
 from anchorpose.simulate.sensor import SENSORS, sense
 from anchorpose.simulate.shoot import set_up
-from anchorpose.simulate.touch import touches
-from anchorpose.simulate.write import simulate_recording
+from anchorpose.simulate.write import simulate_recording, touches
 
 REPEATS = 25
 

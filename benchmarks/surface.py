@@ -30,9 +30,9 @@ from anchorpose.simulate.sensor import SENSORS, sense
 from anchorpose.simulate.shoot import Shot, Studio, set_up
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.threads import one_thread
-from anchorpose.tracker.both_ways import learn_on, plan_route
 from anchorpose.tracker.following import follow_patient
 from anchorpose.tracker.observation import Observation, observe
+from anchorpose.tracker.passes import learn_on, plan_route
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room
 from anchorpose.tracker.stopwatch import Stopwatch

@@ -18,24 +18,23 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from anchorpose.association.hypotheses import anchor_subsets, match_hypotheses
 from anchorpose.body.asset import load_body_asset
 from anchorpose.body.body_map import map_body
-from anchorpose.body.shaped import shape_body
+from anchorpose.body.kinematics import shape_body
 from anchorpose.body.skin_points import FittedShape, rest_points, skin_points
 from anchorpose.camera import Camera, Intrinsics
 from anchorpose.geodesics.anchors import Anchors, find_anchors
 from anchorpose.geodesics.descriptor import anchor_descriptor
-from anchorpose.geodesics.dijkstra import edge_distance, edge_graph
 from anchorpose.geodesics.distance import geodesic_distance
 from anchorpose.geodesics.extrema import geodesic_extrema, surface_center
 from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.research.geodesic_solvers import edge_distance, edge_graph
 from anchorpose.surface.border import Border, border
 from anchorpose.surface.denoise import denoise, estimate_noise
 from anchorpose.surface.edges import drop_flying_pixels
-from anchorpose.surface.expected_skin import ExpectedSkin
 from anchorpose.surface.fusion import fuse
 from anchorpose.surface.mesh import SheetConfig, build_surface, faces, pieces
 from anchorpose.surface.normals import estimate_normals
 from anchorpose.surface.patient_surface import patient_surface
-from anchorpose.surface.surface import Surface
+from anchorpose.surface.surface import ExpectedSkin, Surface
 
 UP, FACING = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
 HEIGHT_M = 1.7

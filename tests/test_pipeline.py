@@ -16,7 +16,7 @@ import pytest
 from recording_builder import DATA
 
 from anchorpose.body.asset import load_body_asset
-from anchorpose.body.shaped import shape_body
+from anchorpose.body.kinematics import shape_body
 from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_INDEX, LIMBS, JointState

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import anchorpose
-from anchorpose.experiments.store import PRESENTING
+from anchorpose.research.experiment.answers import PRESENTING
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "src" / "anchorpose"
@@ -24,8 +24,8 @@ FLOW = (
 )  # fmt: skip
 VALUES = ("errors", "joints", "camera", "versions")
 BESIDE_THE_FLOW = (
-    "simulate", "tracker", "pipeline", "calibrating", "inspecting", "collecting", "threads", "cli", "features",
-    "experiments", "exports", "viewer", "viewing",
+    "simulate", "tracker", "pipeline", "calibrating", "inspecting", "collecting", "threads", "cli",
+    "research", "exports", "pages", "viewer", "viewing",
 )  # fmt: skip
 PACKAGE_ITSELF = "anchorpose"  # `from anchorpose import __version__`
 
@@ -101,7 +101,13 @@ def test_value_modules_import_nothing_but_each_other(value: str) -> None:
 def test_nothing_that_tracks_can_reach_the_simulation_and_its_truth() -> None:
     assert forbidden_imports("tracker", {*FLOW, *VALUES, "tracker"}) == []
     for way in ("pipeline", "calibrating", "inspecting", "collecting"):
-        assert forbidden_imports(way, {*FLOW, *VALUES, "tracker", "threads"}) == []
+        assert forbidden_imports(way, {*FLOW, *VALUES, "tracker", "threads", "pages"}) == []
+
+
+@pytest.mark.parametrize("folder", [*FLOW, "tracker", "pipeline", "pages", "exports", "simulate", "viewer"])
+def test_nothing_of_the_product_imports_research(folder: str) -> None:
+    allowed = {PACKAGE_ITSELF, *(path.stem for path in PACKAGE.iterdir())} - {"research"}
+    assert forbidden_imports(folder, allowed) == []
 
 
 def test_exports_read_results_and_reach_neither_tracker_nor_simulation() -> None:
@@ -197,8 +203,8 @@ def test_both_locks_agree_on_what_runs() -> None:
 
 
 def test_what_a_result_of_the_experiment_depends_on_imports_nothing_that_only_presents() -> None:
-    presenting = {place.split("/")[0].removesuffix(".py") for place in PRESENTING if "experiments" not in place}
-    for folder in {*FLOW, "tracker", "simulate", "features"} - {"report"}:
+    presenting = {place.split("/")[0].removesuffix(".py") for place in PRESENTING if "research" not in place}
+    for folder in {*FLOW, "tracker", "simulate"} - {"report"}:
         assert (
             forbidden_imports(folder, {PACKAGE_ITSELF, *(path.stem for path in PACKAGE.iterdir())} - presenting) == []
         )

@@ -12,10 +12,10 @@ from anchorpose.calibration.equipment.still import what_stays
 from anchorpose.calibration.marker.layout import read_marker_layout
 from anchorpose.calibration.marker.places import place_by_markers
 from anchorpose.calibration.noise import noise_per_m
+from anchorpose.pages.canvas import as_png
+from anchorpose.pages.stage_drawing import draw_model
 from anchorpose.recording.reader import open_recording
 from anchorpose.results.calibration_file import write_calibration
-from anchorpose.results.canvas import as_png
-from anchorpose.results.model_picture import draw_model
 from anchorpose.threads import one_thread
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.preparation import settle

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from anchorpose.pages.inspection_page import write_inspection
+from anchorpose.pages.inspection_sections import inspection_facts, inspection_sections
+from anchorpose.recording.format import with_height
 from anchorpose.recording.reader import open_recording
-from anchorpose.recording.subject import with_height
-from anchorpose.results.inspection_page import write_inspection
 from anchorpose.threads import one_thread
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.inspection import Inspection, inspect_frame
-from anchorpose.tracker.inspection_pictures import inspection_facts, inspection_sections
 
 
 def inspect_recording(

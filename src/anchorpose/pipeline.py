@@ -11,31 +11,29 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from anchorpose.body.regions import area_of_point, region_of_points
+from anchorpose.body.contact_regions import area_of_point, region_of_points
 from anchorpose.body.skin_points import body_points
-from anchorpose.recording.calibration_file import with_poses
+from anchorpose.pages.frame_pictures import draw_chosen, save_pictures
+from anchorpose.recording.format import with_height, with_poses
 from anchorpose.recording.reader import frame_range, open_recording
 from anchorpose.recording.recording import Recording
-from anchorpose.recording.subject import with_height
 from anchorpose.report.page import write_report
 from anchorpose.results.anchors_table import ANCHORS_FILE, write_anchors
 from anchorpose.results.contact_intervals import ContactIntervals
 from anchorpose.results.contacts import CONTACTS_FILE, write_contacts
 from anchorpose.results.measuring import write_measured
 from anchorpose.results.people_labels import PEOPLE_FILE, LabelPicture, write_people
-from anchorpose.results.pictures import save_pictures
 from anchorpose.results.poses import POSES_FILE, write_poses
 from anchorpose.results.processing.policy import ProcessingConfig
 from anchorpose.results.run_record import RUN_FILE, Association, DroppedFrame, write_run_record
 from anchorpose.results.stand_training.measure import MeasureConfig
 from anchorpose.results.tables import JOINTS_FILE, read_joints, write_joints
 from anchorpose.threads import one_thread
-from anchorpose.tracker.account import Given, Written, account_of, hash_inputs, outcome_of, read_said, require_about
-from anchorpose.tracker.both_ways import FrameRecord, learn_on, plan_route, track_on
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.frame_pictures import draw_chosen
+from anchorpose.tracker.passes import FrameRecord, learn_on, plan_route, track_on
 from anchorpose.tracker.preparation import prepare_room
-from anchorpose.tracker.review import NOTHING_SAID, review_of
+from anchorpose.tracker.room import NOTHING_SAID, review_of
+from anchorpose.tracker.run_account import Given, Written, account_of, hash_inputs, outcome_of, read_said, require_about
 from anchorpose.tracker.stopwatch import Stopwatch
 from anchorpose.tracking.motion_file import load_motions
 

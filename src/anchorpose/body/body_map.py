@@ -6,9 +6,9 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from anchorpose.body.shaped import ShapedBody
+from anchorpose.body.kinematics import ShapedBody
 from anchorpose.body.skin_points import SkinPoints
-from anchorpose.surface.expected_skin import BodyMap
+from anchorpose.surface.surface import BodyMap
 
 LANDMARKS = 24  # one every 30 cm: two skin points of an adult are then told apart to within their sampling
 

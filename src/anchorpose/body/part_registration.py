@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from anchorpose.body.asset import BodyAsset, joint_bones
-from anchorpose.body.shaped import ShapedBody
+from anchorpose.body.kinematics import ShapedBody
 from anchorpose.camera import transform_points
 from anchorpose.errors import DegenerateGeometry
 from anchorpose.surface.surface import Surface

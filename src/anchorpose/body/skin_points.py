@@ -8,9 +8,8 @@ from functools import cache
 import numpy as np
 
 from anchorpose.body.asset import BodyAsset, load_body_asset
-from anchorpose.body.kinematics import joint_derivative, skin, turning
+from anchorpose.body.kinematics import ShapedBody, joint_derivative, shape_body, skin, turning
 from anchorpose.body.pose import MOVING_BONES, POSE_SIZE, Pose, descendants, moving_bones
-from anchorpose.body.shaped import ShapedBody, shape_body
 
 POINT_COUNT = 2400  # about 28 mm apart on an adult: half of the narrowest limb's width
 COVERED_BONES = ("Hips", "LowerBack", "Spine", "Spine1", "UpLeg", "Leg", "Arm", "ForeArm", "Shoulder", "HipJoint")

@@ -23,9 +23,8 @@ def demo(out: Path = Path("anchorpose-demo"), /, *, quick: bool = False) -> None
     quick
         One second of recording only, to check an installation.
     """
+    from anchorpose.cli.console import print_outcome, progress_bar
     from anchorpose.cli.evaluate import print_evaluation
-    from anchorpose.cli.outcome import print_outcome
-    from anchorpose.cli.progress import progress_bar
     from anchorpose.pipeline import TrackConfig, track_recording
     from anchorpose.results.evaluate import evaluate
     from anchorpose.results.evaluation_file import write_evaluation

@@ -50,10 +50,10 @@ def fit(
     from anchorpose.calibration.proposal.points import Region
     from anchorpose.calibration.proposal.proposal import EquipmentFitConfig
     from anchorpose.cli.track import parse_place
+    from anchorpose.pages.canvas import as_png
+    from anchorpose.pages.stage_drawing import draw_model
     from anchorpose.recording.equipment_file import read_equipment, write_equipment
     from anchorpose.recording.reader import open_recording
-    from anchorpose.results.canvas import as_png
-    from anchorpose.results.model_picture import draw_model
 
     if out.exists() and not overwrite:
         raise InputError(out, "exists already", "choose another name, or give --overwrite to replace it")

@@ -35,8 +35,8 @@ def experiment(
         Recordings worked on at once; as many as there are cores unless given.
     """
     from anchorpose.cli.config_file import load_config
-    from anchorpose.experiments.config import ExperimentConfig
-    from anchorpose.experiments.config import quick as quick_config
+    from anchorpose.research.experiment.config import ExperimentConfig
+    from anchorpose.research.experiment.config import quick as quick_config
 
     if quick and config is not None:
         raise InputError(config, "cannot be combined with --quick", "leave one of the two out")
@@ -45,8 +45,8 @@ def experiment(
     chosen = ExperimentConfig() if config is None else load_config(config, ExperimentConfig)
     for name in THREADS:
         os.environ.setdefault(name, "1")  # one core a process; a new process reads it before it loads a library
-    from anchorpose.cli.progress import progress_bar
-    from anchorpose.experiments.run import run_experiment
+    from anchorpose.cli.console import progress_bar
+    from anchorpose.research.experiment.run import run_experiment
 
     try:
         with progress_bar("Comparing") as progress:

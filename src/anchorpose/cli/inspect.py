@@ -45,12 +45,12 @@ def inspect(
         Replace the folder of an earlier inspection.
     """
     from anchorpose.cli.config_file import load_config
-    from anchorpose.cli.progress import counter
+    from anchorpose.cli.console import counter
     from anchorpose.cli.track import parse_place
     from anchorpose.inspecting import inspect_recording
+    from anchorpose.pages.inspection_page import FACTS_FILE, PAGE_FILE
     from anchorpose.pipeline import TrackConfig
     from anchorpose.results.folder import new_results_folder
-    from anchorpose.results.inspection_page import FACTS_FILE, PAGE_FILE
 
     settings = load_config(config, TrackConfig) if config is not None else TrackConfig()
     if patient is not None:

@@ -40,8 +40,7 @@ def measure(
     from rich.table import Table
 
     from anchorpose.errors import AnchorposeError
-    from anchorpose.results.measure_lines import measure_rows, processing_sentence
-    from anchorpose.results.measuring import write_measured
+    from anchorpose.results.measuring import measure_rows, processing_sentence, write_measured
     from anchorpose.results.processing.policy import ProcessingConfig
     from anchorpose.results.stand_training.measure import MeasureConfig
 

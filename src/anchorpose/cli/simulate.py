@@ -69,7 +69,7 @@ def simulate(
         Record as untidily as real recorders do: the cameras' clocks are up to 2 s apart and drift, stamps jitter by
         4 ms, and 3 of 100 pictures are missing or stored twice.
     """
-    from anchorpose.cli.progress import progress_bar
+    from anchorpose.cli.console import progress_bar
     from anchorpose.simulate import config as presets
     from anchorpose.simulate.write import simulate_recording
 

@@ -64,8 +64,7 @@ def track(
         Frame to stop before; the default is the end.
     """
     from anchorpose.cli.config_file import load_config
-    from anchorpose.cli.outcome import print_outcome
-    from anchorpose.cli.progress import progress_bar
+    from anchorpose.cli.console import print_outcome, progress_bar
     from anchorpose.pipeline import TrackConfig, track_recording
     from anchorpose.results.folder import new_results_folder
 

@@ -44,8 +44,8 @@ def view(
     """
     from contextlib import nullcontext
 
-    from anchorpose.viewer.guard import is_loopback
     from anchorpose.viewer.opening import opened_page
+    from anchorpose.viewer.server import is_loopback
     from anchorpose.viewing import open_viewer
 
     with open_viewer(results, recording, corrections, who, host, port) as server:

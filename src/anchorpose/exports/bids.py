@@ -1,21 +1,133 @@
-"""BIDS-Motion (Jeung et al. 2024, doi:10.1038/s41597-024-03559-8): a dataset of one subject with one recording."""
+"""BIDS-Motion (Jeung et al. 2024, doi:10.1038/s41597-024-03559-8): a dataset of one subject with one recording.
+
+The channels of a BIDS motion recording: what each column of motion.tsv is.
+
+Contacts and episodes as BIDS events: what happened when, beside the motion.
+"""
 
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from anchorpose import __version__
-from anchorpose.exports.bids_channels import CHANNEL_COLUMNS, WORLD, Channel, channels_of
-from anchorpose.exports.bids_events import EVENT_COLUMNS, events_of, events_sidecar
-from anchorpose.exports.numbers_text import rounded_text, rows_text
-from anchorpose.exports.product import ExportConfig, Product
+from anchorpose.exports.product import ExportConfig, Product, rounded_text, rows_text
 from anchorpose.exports.regular_time import nominal_rate_hz, without_gaps
-from anchorpose.exports.source import Source
+from anchorpose.exports.source import STATES, Samples, Source
 from anchorpose.joints import JOINT_NAMES
+from anchorpose.results.contacts import CONTACTS_FILE, read_contacts
+from anchorpose.results.episodes import EPISODES_FILE, read_episodes
+
+WORLD: Final = "world"
+CHANNEL_COLUMNS: Final = (
+    "name", "component", "type", "tracked_point", "units", "reference_frame", "description",
+)  # fmt: skip
+_STATE_CODES: Final = ", ".join(f"{code} {state}" for code, state in enumerate(STATES))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Channel:
+    """A column: its row in channels.tsv and its values (n,), NaN where missing; digits after the point."""
+
+    name: str
+    component: str
+    kind: str
+    tracked_point: str
+    units: str
+    description: str
+    values: np.ndarray
+    digits: int
+
+    @property
+    def row(self) -> tuple[str, ...]:
+        """As in channels.tsv."""
+        frame = WORLD if self.kind == "POS" else "n/a"
+        return self.name, self.component, self.kind, self.tracked_point, self.units, frame, self.description
+
+
+def channels_of(samples: Samples) -> list[Channel]:
+    """Latency, then joints, angles, and how sure and how known each is."""
+    latency = Channel(
+        "latency", "n/a", "LATENCY", "n/a", "s", "time since the first frame", samples.time_s - samples.time_s[0], 6
+    )
+    places = [
+        Channel(
+            f"{name}_{axis}", axis, "POS", name, "m", f"joint centre, {way}", samples.position_m[:, number, index], 6
+        )
+        for number, name in enumerate(JOINT_NAMES)
+        for index, (axis, way) in enumerate((("x", "forward"), ("y", "up"), ("z", "to the right")))
+    ]
+    angles = [
+        Channel(name, "n/a", "JNTANG", name, "deg", "joint angle", samples.degrees[:, number], 6)
+        for number, name in enumerate(samples.angles)
+    ]
+    joints = _quality(JOINT_NAMES, "m", samples.joint_sigma_m, samples.joint_severity)
+    return [
+        latency,
+        *places,
+        *angles,
+        *joints,
+        *_quality(samples.angles, "deg", samples.sigma_deg, samples.angle_severity),
+    ]
+
+
+def _quality(names: tuple[str, ...], units: str, sigma: np.ndarray, severity: np.ndarray) -> list[Channel]:
+    meaning = "one standard deviation of the error" + (" along each axis" if units == "m" else "")
+    return [
+        channel
+        for number, name in enumerate(names)
+        for channel in (
+            Channel(f"{name}_sigma", "n/a", "MISC", name, units, meaning, sigma[:, number], 6),
+            Channel(
+                f"{name}_state", "n/a", "MISC", name, "n/a", f"how it is known: {_STATE_CODES}",
+                severity[:, number].astype(np.float64), 0,
+            ),
+        )
+    ]  # fmt: skip
+
+
+EVENT_COLUMNS: Final = ("onset", "duration", "trial_type", "part", "person", "state")
+
+
+def events_of(folder: Path, start_s: float, missing: str) -> list[tuple[str, ...]]:
+    """Rows in order of onset, seconds since ``start_s``; none where the results have neither table."""
+    found: list[tuple[float, float, str, str, str, str]] = []
+    if (folder / CONTACTS_FILE).exists():
+        found += [
+            (contact.start_s, contact.end_s, "contact", contact.part, contact.person, contact.state)
+            for contact in read_contacts(folder / CONTACTS_FILE)
+        ]
+    if (folder / EPISODES_FILE).exists():
+        found += [
+            (episode.start_s, episode.end_s, episode.kind, missing, missing, str(episode.state))
+            for episode in read_episodes(folder / EPISODES_FILE)
+        ]
+    return [
+        (rounded_text(start - start_s, 6, missing), rounded_text(end - start, 6, missing), *texts)
+        for start, end, *texts in sorted(found)
+    ]
+
+
+def events_sidecar() -> dict[str, Any]:
+    """What the columns mean that BIDS does not define."""
+    return {
+        "trial_type": {
+            "Levels": {
+                "contact": "somebody's skin is within about 3 cm of the patient's",
+                "upright": "the patient stands upright",
+                "sit_to_stand": "the patient stands up",
+                "stand_to_sit": "the patient sits down",
+            }
+        },
+        "part": {"Description": "region of the patient's body that is touched"},
+        "person": {"Description": "who touches; a name that stays the same while this person is followed"},
+        "state": {"Description": "whether it was seen or is inferred"},
+    }
+
 
 BIDS_VERSION: Final = "1.10.0"
 TRACKING_SYSTEM: Final = "anchorpose"

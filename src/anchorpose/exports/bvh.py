@@ -8,14 +8,11 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import AnchorposeError
-from anchorpose.exports.bvh_body import skeleton_of_poses
-from anchorpose.exports.bvh_skeleton import Node, skeleton_of_joints
-from anchorpose.exports.numbers_text import rounded_text, rows_text
-from anchorpose.exports.product import ExportConfig, Product
-from anchorpose.exports.regular_time import RegularSamples, regular_samples
+from anchorpose.exports.bvh_skeleton import Node, skeleton_of_joints, skeleton_of_poses
+from anchorpose.exports.product import ExportConfig, Product, rounded_text, rows_text
+from anchorpose.exports.regular_time import RegularSamples, regular_samples, stretch_name, stretches_of
 from anchorpose.exports.segment_frames import joint, turns_deg
 from anchorpose.exports.source import Source
-from anchorpose.exports.stretches import stretch_name, stretches_of
 from anchorpose.results.poses import POSES_FILE
 
 STEM: Final = "motion"

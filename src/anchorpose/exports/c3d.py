@@ -11,9 +11,8 @@ import numpy as np
 
 from anchorpose.errors import MissingPackage
 from anchorpose.exports.product import ExportConfig, Product
-from anchorpose.exports.regular_time import RegularSamples, regular_samples
+from anchorpose.exports.regular_time import RegularSamples, regular_samples, stretch_name
 from anchorpose.exports.source import STATES, Source
-from anchorpose.exports.stretches import stretch_name
 from anchorpose.joints import JOINT_NAMES
 
 STEM: Final = "joints"

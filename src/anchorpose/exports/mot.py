@@ -8,13 +8,10 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import AnchorposeError
-from anchorpose.exports.hinge_axes import read_hinge_axes
-from anchorpose.exports.numbers_text import rounded_text, rows_text
-from anchorpose.exports.opensim_coordinates import SHIFTS, Coordinates, opensim_coordinates
-from anchorpose.exports.product import ExportConfig, Product
-from anchorpose.exports.regular_time import near_in_time
+from anchorpose.exports.opensim_coordinates import SHIFTS, Coordinates, opensim_coordinates, read_hinge_axes
+from anchorpose.exports.product import ExportConfig, Product, rounded_text, rows_text
+from anchorpose.exports.regular_time import near_in_time, stretch_name, stretches_of
 from anchorpose.exports.source import Source
-from anchorpose.exports.stretches import stretch_name, stretches_of
 from anchorpose.results.poses import POSES_FILE
 
 STEM: Final = "motion"

@@ -9,8 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from anchorpose import __version__
-from anchorpose.exports.osim_geometry import MeasuredBody
-from anchorpose.exports.osim_segments import MASS_SHARE, OsimCoordinate, Segment, segments
+from anchorpose.exports.osim_segments import MASS_SHARE, MeasuredBody, OsimCoordinate, Segment, segments
 from anchorpose.exports.product import CoordinateModel
 
 OSIM_VERSION: Final = "40000"  # of the file format; every OpenSim 4 reads it

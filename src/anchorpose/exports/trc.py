@@ -7,9 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.exports.numbers_text import number_text, rounded_text, rows_text
 from anchorpose.exports.osim_folder import write_osim_files
-from anchorpose.exports.product import ExportConfig, Product
+from anchorpose.exports.product import ExportConfig, Product, number_text, rounded_text, rows_text
 from anchorpose.exports.regular_time import RegularSamples, regular_samples
 from anchorpose.exports.source import Source
 from anchorpose.joints import JOINT_NAMES

@@ -9,9 +9,8 @@ from typing import Final
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from anchorpose.geodesics.caps import Cap, find_caps
 from anchorpose.geodesics.distance import geodesic_distance
-from anchorpose.geodesics.extrema import geodesic_extrema, seen_mean, surface_center
+from anchorpose.geodesics.extrema import Cap, find_caps, geodesic_extrema, seen_mean, surface_center
 from anchorpose.surface.surface import Surface
 
 ANCHOR_NAMES: Final = ("Head", "HandLeft", "HandRight", "FootLeft", "FootRight")

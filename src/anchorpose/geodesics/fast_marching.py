@@ -10,8 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from anchorpose.geodesics.fan import AWAY, FAN, LANES
-from anchorpose.geodesics.front import DESK, march_on
+from anchorpose.geodesics.front import AWAY, DESK, FAN, LANES, march_on
 
 BAND = 0.7  # of the mean edge: narrower has more rounds, wider more nodes with a second turn; flat in between
 EDGES_LOOKED_AT = 128  # for the mean edge, which decides on speed only

@@ -1,17 +1,24 @@
-"""Parsing recording.json, the format ``rgbd-recording``."""
+"""Parsing recording.json, the format ``rgbd-recording``.
+
+The patient's height where somebody measured it: in recording.json, or told when tracking.
+
+calibration.json, the format ``camera-calibration``: poses of cameras, found once and used for many recordings.
+"""
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from anchorpose.camera import Camera, Intrinsics
+from anchorpose.errors import InputError
 from anchorpose.recording.document import JsonObject, check_format, read_json_object
 from anchorpose.recording.equipment_file import check_relative, is_rotation
+from anchorpose.recording.recording import Recording
 
 FARTHEST_CAMERA_M: Final = 100.0
 """A camera stands in the room of its world frame; a larger translation was written in millimetres."""
@@ -123,3 +130,55 @@ def _check_unique(top: JsonObject, names: list[str]) -> None:
     for index, name in enumerate(names):
         if folded.index(name.casefold()) < index:
             raise top.refuse("cameras", f"has two cameras named '{name}'", "give each camera its own name")
+
+
+SAME_HEIGHT_M: Final = 0.03  # shoes and the time of day; more is another person, or a slip of the pen
+
+
+def with_height(recording: Recording, height_m: float | None) -> Recording:
+    """The recording with the told height, or its own where none is told.
+
+    Raises InputError where the two contradict each other: nobody can know which one is wrong.
+    """
+    own_m = recording.subject_height_m
+    if height_m is None:
+        return recording
+    if own_m is not None and abs(own_m - height_m) > SAME_HEIGHT_M:
+        raise InputError(
+            recording.folder / "recording.json",
+            f"says that the patient is {own_m:.2f} m tall, and the told height is {height_m:.2f} m",
+            "measure again, and correct the one or leave the other out",
+        )
+    return replace(recording, subject_height_m=height_m)
+
+
+CALIBRATION_FORMAT: Final = "camera-calibration"
+CALIBRATION_FILE: Final = "calibration.json"
+
+
+def read_calibration(path: Path) -> dict[str, np.ndarray]:
+    """T_world_camera (4, 4) by camera name; raises InputError naming the file, the key and the remedy."""
+    top = read_json_object(path / CALIBRATION_FILE if path.is_dir() else path)
+    top.only("format", "version", "recording", "cameras", "floor_height_m", "notes", "versions")
+    check_format(top, CALIBRATION_FORMAT)
+    poses: dict[str, np.ndarray] = {}
+    for entry in top.objects("cameras"):
+        name = entry.text("name")
+        if name in poses:
+            raise entry.refuse("name", f"'{name}' stands there twice", "keep one of the two")
+        poses[name] = parse_pose(entry)
+    return poses
+
+
+def with_poses(recording: Recording, path: Path) -> Recording:
+    """The recording with the poses of a calibration file instead of its own.
+
+    Raises InputError where the file has no pose for one of its cameras: some old and some new poses make no world.
+    """
+    poses = read_calibration(path)
+    missing = [camera.name for camera in recording.cameras if camera.name not in poses]
+    if missing:
+        remedy = "calibrate a recording of the same cameras, or leave this file out"
+        raise InputError(path, f"has no pose for camera {', '.join(missing)}", remedy)
+    cameras = tuple(replace(camera, T_world_camera=poses[camera.name]) for camera in recording.cameras)
+    return replace(recording, cameras=cameras)

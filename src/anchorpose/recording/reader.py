@@ -1,4 +1,7 @@
-"""Opening a recording folder and streaming its frames, one decoded set at a time."""
+"""Opening a recording folder and streaming its frames, one decoded set at a time.
+
+Which files a recording consists of, so that a result can name what it was made from.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +13,13 @@ import numpy as np
 
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
-from anchorpose.recording.doubled import find_doubled
+from anchorpose.recording.depth_image import read_depth_picture, read_header_problem
+from anchorpose.recording.document import read_json_object
 from anchorpose.recording.equipment_file import read_equipment
 from anchorpose.recording.format import read_recording_document
 from anchorpose.recording.pairing import pair_frames
-from anchorpose.recording.picture import read_depth_picture, read_header_problem
 from anchorpose.recording.recording import DepthStream, FrameSet, Recording
-from anchorpose.recording.timestamps import read_timestamps, times_from_rate
+from anchorpose.recording.timestamps import find_doubled, read_timestamps, times_from_rate
 
 
 def open_recording(folder: Path) -> Recording:
@@ -170,3 +173,19 @@ def _read_background(folder: Path, camera: Camera) -> np.ndarray | None:
     if picture.depth_m is None:
         raise InputError(path, picture.problem, "record the empty room again, or remove the file to do without it")
     return picture.depth_m
+
+
+def input_files(recording: Recording) -> tuple[Path, ...]:
+    """Every file that was read for ``recording``, pictures included, in a fixed order."""
+    document = recording.folder / "recording.json"
+    files = [document]
+    equipment_file = read_recording_document(document).equipment_file
+    if equipment_file:
+        equipment = recording.folder / equipment_file
+        parts = read_json_object(equipment).objects("parts")
+        files += [equipment, *(equipment.parent / part.text("file") for part in parts if part.has("file"))]
+    for camera, stream in zip(recording.cameras, recording.streams, strict=True):
+        beside = (recording.folder / camera.name / name for name in ("timestamps.csv", "background.png"))
+        files += [path for path in beside if path.exists()]
+        files += stream.files
+    return tuple(files)

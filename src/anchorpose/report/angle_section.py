@@ -10,9 +10,17 @@ from anchorpose.report.chart import Chart, chart_html
 from anchorpose.report.curves import Curve, Quantity, curve_rows, readings, state_rows
 from anchorpose.report.ledger import ON_ARC, Form, Rows, Taking
 from anchorpose.report.session import Session
-from anchorpose.report.table import row, table
-from anchorpose.report.turn import on_shortest_arc
-from anchorpose.report.words import COVERAGE, INFERRED_STATES, escape, named_part, spaced, split_side
+from anchorpose.report.words import (
+    COVERAGE,
+    INFERRED_STATES,
+    escape,
+    named_part,
+    on_shortest_arc,
+    row,
+    spaced,
+    split_side,
+    table,
+)
 from anchorpose.results.angles import ANGLES_FILE
 
 GROUPS: Final = {

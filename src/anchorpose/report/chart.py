@@ -13,8 +13,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from anchorpose.report.axis import UNITS, Axis, round_step
-from anchorpose.report.bins import Bins
+from anchorpose.report.axis import UNITS, Axis, Bins, round_step
 from anchorpose.report.words import escape, number
 
 

@@ -1,21 +1,53 @@
-"""Measures and ranges of angles of several sessions, side by side."""
+"""Measures and ranges of angles of several sessions, side by side.
+
+Whether a measure changed between two sessions by more than the errors that are stated for it.
+
+|b - a| > 1.96 sqrt(sigma_a^2 + sigma_b^2): the smallest change that errors of measurement alone, normal and independent
+between the sessions, would exceed only 5 times in 100 (the smallest detectable change; Weir 2005,
+doi:10.1519/15184.1). It knows nothing of how a patient differs from day to day, so that a larger change may still be
+none in the patient.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from anchorpose.report.angle_section import RANGE
-from anchorpose.report.change import Change, change_between
+from anchorpose.report.comparable import unlike_time
 from anchorpose.report.ledger import Form, Rows, Taking
-from anchorpose.report.measure_section import rows_of, title_of, value_and_error, value_form
-from anchorpose.report.measure_words import grouped_measures, words_of
+from anchorpose.report.measure_section import grouped_measures, rows_of, title_of, value_and_error, value_form, words_of
 from anchorpose.report.session import Session
-from anchorpose.report.table import heading_row, row, table
-from anchorpose.report.time_spans import unlike_time
-from anchorpose.report.words import INFERRED_STATES, escape, named_part
+from anchorpose.report.words import COVERAGE, INFERRED_STATES, escape, heading_row, named_part, row, table
 from anchorpose.results.angles import ANGLES_FILE
 from anchorpose.results.measures import Measure
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """difference: later minus first; detectable: the least that exceeds the errors, None where no error is stated."""
+
+    difference: float
+    detectable: float | None
+
+    @property
+    def exceeds(self) -> bool | None:
+        """Whether it is more than the errors; None where that cannot be told."""
+        return None if self.detectable is None else abs(self.difference) > self.detectable
+
+
+def change_between(first: Measure, later: Measure) -> Change | None:
+    """None where one of them has no value. Raises ValueError for different measures or units."""
+    if (first.measure, first.side, first.part, first.unit) != (later.measure, later.side, later.part, later.unit):
+        raise ValueError(f"{first} and {later} are not the same measure")
+    if first.value is None or later.value is None:
+        return None
+    difference = later.value - first.value
+    if not first.sigma or not later.sigma:  # of no error nothing follows, and an error of 0 is none that was measured
+        return Change(difference, None)
+    return Change(difference, COVERAGE * math.hypot(first.sigma, later.sigma))
+
 
 Key = tuple[str, str | None, str | None]
 

@@ -16,9 +16,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from anchorpose.report.table import table
-from anchorpose.report.turn import on_shortest_arc
-from anchorpose.report.words import MISSING, escape, number
+from anchorpose.report.words import MISSING, escape, number, on_shortest_arc, table
 
 ON_ARC: Final = " on the arc"
 """Of angles in degrees, which may pass from 180 to -180: see ``on_shortest_arc``."""

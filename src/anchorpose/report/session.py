@@ -10,7 +10,7 @@ import numpy as np
 
 from anchorpose.errors import InputError
 from anchorpose.joints import JointState
-from anchorpose.report.bins import Bins, make_bins
+from anchorpose.report.axis import Bins, make_bins
 from anchorpose.report.ledger import Ledger
 from anchorpose.results.angles import ANGLES_FILE, AngleTable, read_angles
 from anchorpose.results.contacts import CONTACTS_FILE, Contact, read_contacts

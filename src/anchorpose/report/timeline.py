@@ -8,15 +8,12 @@ from typing import Final
 import numpy as np
 
 from anchorpose.joints import JOINT_COUNT, JointState
-from anchorpose.report.axis import Axis
-from anchorpose.report.bins import Bins, envelope
+from anchorpose.report.axis import Axis, Bins, envelope
 from anchorpose.report.chart import Chart, Column, Reading, Row, cells, chart_html
-from anchorpose.report.kept_rows import kept_rows
+from anchorpose.report.curves import band_path, line_paths
 from anchorpose.report.ledger import Rows
-from anchorpose.report.paths import band_path, line_paths
-from anchorpose.report.posture_rows import posture_readings, posture_rows
 from anchorpose.report.session import Session
-from anchorpose.report.touch_rows import touch_reading, touch_rows
+from anchorpose.report.timeline_rows import kept_rows, posture_readings, posture_rows, touch_reading, touch_rows
 from anchorpose.report.words import COVERAGE, STATE_WORDS
 from anchorpose.results.contacts import CONTACTS_FILE
 from anchorpose.results.episodes import EPISODES_FILE

@@ -1,4 +1,12 @@
-"""How the report says things: states, body parts, names of angles, and numbers with no more digits than they carry."""
+"""How the report says things: states, body parts, names of angles, and numbers with no more digits than they carry.
+
+A table that scrolls by itself where a screen is narrow, reached by Tab and named to those who cannot see it.
+
+Angles that pass from 180 to -180 degrees, on the side of the circle where they lie together.
+
+A patient who faces against X has a pelvis that turns by 179 in one frame and by -179 in the next: two degrees, of which
+the lowest and the highest number would make a whole turn.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +15,8 @@ import math
 import re
 from collections.abc import Sequence
 from typing import Final
+
+import numpy as np
 
 from anchorpose.joints import JointState
 
@@ -80,3 +90,44 @@ def listed(names: Sequence[str]) -> str:
 def counted(count: int, one: str, many: str | None = None) -> str:
     """1 frame, 2 frames."""
     return f"{number(count, 0)} {one if count == 1 else many or one + 's'}"
+
+
+def table(title: str, head: Sequence[str], body: str, kind: str = "") -> str:
+    """HTML. title: its caption and name; head: titles of the columns, both plain text. body: its tbody elements."""
+    name = escape(title)
+    titles = "".join(f"<th scope='col'>{escape(column)}</th>" for column in head)
+    return (
+        f"<div class='scroll' tabindex='0' role='region' aria-label='{name}'><table class='{kind}'>"
+        f"<caption>{name}</caption><thead><tr>{titles}</tr></thead>{body}</table></div>"
+    )
+
+
+def row(name: str, cells: Sequence[str], meaning: str = "") -> str:
+    """HTML. name: of the row, plain text; cells: HTML; meaning: told when the name is pointed at."""
+    title = f" title='{escape(meaning)}'" if meaning else ""
+    return f"<tr><th scope='row'{title}>{escape(name)}</th>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>"
+
+
+def heading_row(heading: str, columns: int) -> str:
+    """HTML: the name of the rows below it."""
+    return f"<tr class='group'><th scope='rowgroup' colspan='{columns}'>{escape(heading)}</th></tr>"
+
+
+TURN_DEG = 360.0
+
+
+def on_shortest_arc(degrees: np.ndarray) -> np.ndarray:
+    """degrees (n,) from -180 to 180, NaN where not known: the same angles on the shortest arc that holds all of them.
+
+    Some are a whole turn further than their number says, or less far, such that the median is from -180 to 180. Angles
+    whose numbers lie within half a turn stay as they are.
+    """
+    known = np.sort(degrees[np.isfinite(degrees)])
+    if len(known) < 2:
+        return degrees
+    gaps = np.diff(known)
+    widest = int(np.argmax(gaps))
+    if gaps[widest] <= TURN_DEG - (known[-1] - known[0]):
+        return degrees
+    moved = np.where(degrees <= known[widest], degrees + TURN_DEG, degrees)
+    return moved - TURN_DEG if np.nanmedian(moved) > TURN_DEG / 2 else moved

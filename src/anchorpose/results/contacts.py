@@ -10,7 +10,7 @@ from typing import Final
 
 import pyarrow as pa
 
-from anchorpose.body.regions import REGIONS
+from anchorpose.body.contact_regions import REGIONS
 from anchorpose.errors import InputError
 from anchorpose.results.tables import RowGroups, open_parquet, read_parquet
 

@@ -1,7 +1,13 @@
-"""How far a result is from the truth, and whether its uncertainties are true to their word."""
+"""How far a result is from the truth, and whether its uncertainties are true to their word.
+
+The truth of a simulated recording, as ``evaluate`` compares results with it.
+
+How long a joint was somewhere else: on another limb, on another person, or nowhere near.
+"""
 
 from __future__ import annotations
 
+import zipfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -9,15 +15,96 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.joints import JOINT_COUNT, JOINT_NAMES, JointState
+from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, JointState
 from anchorpose.recording.pairing import half_period_s, nearest_within
-from anchorpose.results.angle_errors import NORMAL_95, AngleError, angle_errors
 from anchorpose.results.contacts import CONTACTS_FILE, read_contacts
-from anchorpose.results.evaluate_contacts import ContactEvaluation, TrueTouch, evaluate_contacts, read_true_touch
+from anchorpose.results.evaluate_tables import (
+    NORMAL_95,
+    AngleError,
+    ContactEvaluation,
+    TrueTouch,
+    angle_errors,
+    evaluate_contacts,
+    read_true_touch,
+)
 from anchorpose.results.joint_frame import SEVERITY
-from anchorpose.results.off_track import OffTrack, longest_off
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
-from anchorpose.results.truth import Truth, read_truth
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """True joints: time_s (t,), position_m (t, 21, 3) world, NaN where not known; occluded (t,) bool."""
+
+    time_s: np.ndarray
+    position_m: np.ndarray
+    occluded: np.ndarray
+
+
+def read_truth(path: Path) -> Truth:
+    """A truth.npz with ``joints`` (t, n, 3), ``names`` (n), ``time`` (t) and perhaps ``occluded`` (t).
+
+    Joints may come in any order and some may be missing (NaN). Raises InputError where that is not what it holds.
+    """
+    remedy = "give a truth.npz with joints (t, 21, 3), names (21) and time (t)"
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in ("joints", "names", "time", "occluded") if name in file.files}
+    except FileNotFoundError:
+        raise InputError(path, "there is no such file", "check the path of the truth") from None
+    except (OSError, ValueError, zipfile.BadZipFile, EOFError, AttributeError) as error:
+        raise InputError(path, f"cannot be read ({str(error).splitlines()[0][:80]})", remedy) from None
+    missing = [name for name in ("joints", "names", "time") if name not in arrays]
+    if missing:
+        raise InputError(path, f"has no array '{missing[0]}'", remedy)
+    joints, names, time_s = arrays["joints"], [str(name) for name in arrays["names"].ravel()], arrays["time"]
+    occluded = arrays.get("occluded", np.zeros(len(time_s), dtype=bool))
+    if joints.shape != (len(time_s), len(names), 3) or occluded.shape != time_s.shape or time_s.ndim != 1:
+        raise InputError(path, f"its arrays do not fit together (joints {joints.shape}, time {time_s.shape})", remedy)
+    if joints.dtype.kind not in "fiu" or time_s.dtype.kind not in "fiu":
+        raise InputError(path, "its joints or times are not numbers", remedy)
+    if len(time_s) == 0 or not (np.diff(time_s) > 0).all():
+        raise InputError(path, "its times are none or do not increase", remedy)
+    return Truth(time_s.astype(np.float64), _in_order(path, joints, names), occluded.astype(bool))
+
+
+def _in_order(path: Path, joints: np.ndarray, names: list[str]) -> np.ndarray:
+    position_m = np.full((len(joints), JOINT_COUNT, 3), np.nan)
+    for column, name in enumerate(names):
+        if name not in JOINT_INDEX or names.count(name) > 1:
+            raise InputError(path, f"its joint '{name}' is unknown or given twice", f"use {', '.join(JOINT_NAMES)}")
+        position_m[:, JOINT_INDEX[name]] = joints[:, column]
+    return position_m
+
+
+OFF_M: Final = 0.15
+"""A joint so far from where it is says nothing about the patient any more."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OffTrack:
+    """The longest time without a break in which a joint was more than ``OFF_M`` off; no joint where none ever was."""
+
+    joint: str | None
+    start_s: float | None
+    seconds: float
+
+
+def longest_off(joints: JointTable, truth_m: np.ndarray) -> OffTrack:
+    """Over all joints; truth_m (n, 21, 3) metres, NaN where unknown. A frame in which the joint is lost ends the time.
+
+    A frame stands for one period of the recording.
+    """
+    off = np.linalg.norm(joints.position_m - truth_m, axis=2) > OFF_M  # False where either is NaN
+    period_s = 2.0 * half_period_s(joints.time_s)
+    longest = OffTrack(joint=None, start_s=None, seconds=0.0)
+    for column, name in enumerate(JOINT_NAMES):
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], off[:, column], [False]])))
+        for first, end in zip(edges[::2], edges[1::2], strict=True):
+            seconds = float(joints.time_s[end - 1] - joints.time_s[first] + period_s)
+            if seconds > longest.seconds:
+                longest = OffTrack(joint=name, start_s=float(joints.time_s[first]), seconds=seconds)
+    return longest
+
 
 HIDDEN: Final = tuple(state for state in JointState if state not in (JointState.OBSERVED, JointState.LOST))
 """The states of a joint that is inferred."""

@@ -6,10 +6,9 @@ import json
 from pathlib import Path
 from typing import Any
 
-from anchorpose.results.evaluate import ErrorSummary, Evaluation
-from anchorpose.results.evaluate_contacts import ContactEvaluation
+from anchorpose.results.evaluate import OFF_M, ErrorSummary, Evaluation
+from anchorpose.results.evaluate_tables import ContactEvaluation
 from anchorpose.results.folder import write_text_whole
-from anchorpose.results.off_track import OFF_M
 from anchorpose.results.run_record import plain
 
 

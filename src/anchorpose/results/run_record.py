@@ -1,4 +1,7 @@
-"""run.json: what a result was made from, with what, how long it took and what was left out."""
+"""run.json: what a result was made from, with what, how long it took and what was left out.
+
+The patient's body for run.json: lengths, how sure they are, and how much more frames changed them.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +17,56 @@ from typing import Any, Final
 
 import numpy as np
 
+from anchorpose.body.asset import BodyAsset
+from anchorpose.body.learning import bone_lengths
+from anchorpose.body.shape_belief import ShapeBelief, standing_height
 from anchorpose.errors import InputError
-from anchorpose.recording.clock import Clock
 from anchorpose.recording.document import read_json_object
-from anchorpose.results.body_record import BodyRecord
+from anchorpose.recording.recording import Clock
 from anchorpose.results.corrections import JointCorrection, UnusableInterval
 from anchorpose.versions import versions
+
+
+@dataclass(frozen=True, slots=True)
+class BoneRecord:
+    """A bone from joint to joint, the same in every frame; refined_m: by how much later windows changed it."""
+
+    bone: str
+    length_m: float
+    sigma_m: float
+    refined_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class BodyRecord:
+    """The body that was tracked with, and how long it was learnt from. Each sigma is that of the fit's own equations.
+
+    They know of noise, of poses and of what was hidden, but not of clothes and bodies unlike those of the shape space.
+    """
+
+    learnt_from_s: float
+    height_m: float  # standing, without clothes and shoes
+    height_sigma_m: float
+    clothing_m: float
+    bones: tuple[BoneRecord, ...]
+    coefficients: tuple[float, ...]  # of the body asset's shape space
+
+
+def record_body(asset: BodyAsset, belief: ShapeBelief, first: ShapeBelief, seconds: float) -> BodyRecord:
+    """belief: what is known of the shape in the end; first: after the first window."""
+    height_m, row = standing_height(asset, belief.shape)
+    return BodyRecord(
+        learnt_from_s=seconds,
+        height_m=height_m,
+        height_sigma_m=float(np.sqrt(belief.variance(row[None])[0])),
+        clothing_m=belief.shape.clothing_m,
+        bones=tuple(
+            BoneRecord(now.bone, now.length_m, now.sigma_m, now.length_m - before.length_m)
+            for now, before in zip(bone_lengths(asset, belief), bone_lengths(asset, first), strict=True)
+        ),
+        coefficients=tuple(belief.shape.coefficients.tolist()),
+    )
+
 
 RUN_FILE: Final = "run.json"
 

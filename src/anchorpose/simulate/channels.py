@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from anchorpose.body.shaped import ShapedBody
+from anchorpose.body.kinematics import ShapedBody
 from anchorpose.simulate.posture import OUTWARD, Posture
 from anchorpose.simulate.rotations import UP, turn_about, turn_by
 from anchorpose.simulate.timeline import CHANNEL_INDEX, Footwork, body_course, foot_track

@@ -8,7 +8,7 @@ import numba as nb
 import numpy as np
 
 from anchorpose.body.asset import BodyAsset, load_body_asset
-from anchorpose.body.shaped import ShapedBody, shape_body
+from anchorpose.body.kinematics import ShapedBody, shape_body
 
 SHORTEST_M, TALLEST_M = 1.5, 1.9
 COEFFICIENT_SPREAD = 0.8  # of the shape space's standard deviations; below 1, for all sixteen vary at once

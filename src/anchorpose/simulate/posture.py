@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from anchorpose.body.shaped import ShapedBody
+from anchorpose.body.kinematics import ShapedBody
 from anchorpose.simulate.rotations import (
     FORWARD,
     RIGHT,

@@ -1,23 +1,104 @@
-"""Writing a simulated recording and, beside it, its truth."""
+"""Writing a simulated recording and, beside it, its truth.
+
+recording.json and equipment.json of a simulated clinic.
+
+Where a therapist's skin is on the patient's.
+"""
 
 from __future__ import annotations
 
+import json
 import shutil
 import tempfile
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from anchorpose.camera import Camera
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
-from anchorpose.simulate.clinic import Clinic, draw_clinic
+from anchorpose.recording.equipment_file import write_equipment
+from anchorpose.simulate.clinic import Clinic, Performance, draw_clinic
 from anchorpose.simulate.config import SimulationConfig
-from anchorpose.simulate.documents import write_documents
-from anchorpose.simulate.recorder import Record
-from anchorpose.simulate.render import PATIENT
-from anchorpose.simulate.shoot import Studio, set_up
-from anchorpose.simulate.touch import Touch, touches
+from anchorpose.simulate.render import PATIENT, Figure
+from anchorpose.simulate.shoot import Record, Studio, set_up
+
+EQUIPMENT_FILE = "equipment.json"
+
+
+def write_documents(recording: Path, clinic: Clinic) -> None:
+    """Both files, the second only where there is equipment."""
+    equipment = clinic.equipment
+    document = {
+        "format": "rgbd-recording",
+        "version": 1,
+        "cameras": [_camera_entry(camera, clinic.config.pose_known) for camera in clinic.cameras],
+        "equipment": None if equipment is None else EQUIPMENT_FILE,
+    }
+    _write_json(recording / "recording.json", document)
+    if equipment is not None:
+        write_equipment(recording / EQUIPMENT_FILE, equipment)
+
+
+def _camera_entry(camera: Camera, pose_known: bool) -> dict[str, Any]:
+    lens = camera.intrinsics
+    return {
+        "name": camera.name,
+        "width": camera.width,
+        "height": camera.height,
+        "depth_scale": camera.depth_scale,
+        "intrinsics": {
+            "fx": lens.fx,
+            "fy": lens.fy,
+            "cx": lens.cx,
+            "cy": lens.cy,
+            "distortion": list(lens.distortion),
+        },
+        "camera_to_world": camera.require_pose().tolist() if pose_known else None,
+    }
+
+
+def _write_json(path: Path, document: dict[str, Any]) -> None:
+    path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+
+
+TOUCH_M = 0.03
+JOINT_REGION_M = 0.12  # a joint is touched where skin so near to it is
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Touch:
+    """bones (b,) bool: the patient's body parts that anybody touches; joints (n, 21) bool: by each therapist."""
+
+    bones: np.ndarray
+    joints: np.ndarray
+
+
+def touches(clinic: Clinic, performance: Performance, figures: tuple[Figure, ...], frame: int) -> Touch:
+    """Contacts within 3 cm, skin to skin, clothes included."""
+    from scipy.spatial import cKDTree
+
+    body = clinic.patient.person.body
+    patient_m, part = figures[0].skin_m, body.asset.main_bone()
+    joints_m = body.joints(performance.bones[0][frame])
+    bones = np.zeros(len(body.bone_heads), dtype=bool)
+    joints = np.zeros((len(figures) - 1, len(joints_m)), dtype=bool)
+    for index, figure in enumerate(figures[1:]):
+        low, high = figure.skin_m.min(axis=0) - TOUCH_M, figure.skin_m.max(axis=0) + TOUCH_M
+        near = np.flatnonzero(((patient_m > low) & (patient_m < high)).all(axis=1))
+        if len(near) == 0:
+            continue
+        distance, _ = cKDTree(figure.skin_m).query(patient_m[near], distance_upper_bound=TOUCH_M)
+        touched = near[np.isfinite(distance)]
+        bones[part[touched]] = True
+        if len(touched):
+            gap_m = np.linalg.norm(joints_m[:, None] - patient_m[touched], axis=2)
+            joints[index] = (gap_m < JOINT_REGION_M).any(axis=1)
+    return Touch(bones, joints)
+
 
 PNG_COMPRESSION = 2  # noise does not compress; more effort triples the time for 3 % of the size
 

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from anchorpose.isolation.view import PixelLabel, View
-from anchorpose.surface.extent import extent
+from anchorpose.surface.denoise import extent
 from anchorpose.surface.surface import Surface
 
 REACH_PX = 5  # from an edge to the nodes it speaks for: two nodes, and the pixels that a depth edge loses

@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
-from anchorpose.surface.expected_skin import ExpectedSkin, way_over_skin
 from anchorpose.surface.skin_under import crease
-from anchorpose.surface.surface import Surface
+from anchorpose.surface.surface import ExpectedSkin, Surface, way_over_skin
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,11 +13,9 @@ import numpy as np
 from numba import njit
 
 from anchorpose.camera import Camera
-from anchorpose.surface.expected_skin import ExpectedSkin, way_over_skin
-from anchorpose.surface.links import add_links
+from anchorpose.surface.links import add_links, into_camera, pinhole
 from anchorpose.surface.mesh import keep_nodes
-from anchorpose.surface.projection import into_camera, pinhole
-from anchorpose.surface.surface import Surface
+from anchorpose.surface.surface import ExpectedSkin, Surface, way_over_skin
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,11 +14,9 @@ import numpy as np
 from numba import njit
 
 from anchorpose.camera import Camera
-from anchorpose.surface.expected_skin import ExpectedSkin
-from anchorpose.surface.links import add_links
+from anchorpose.surface.links import add_links, into_camera, pinhole
 from anchorpose.surface.mesh import pieces
-from anchorpose.surface.projection import into_camera, pinhole
-from anchorpose.surface.surface import HIDDEN_SKIN, Surface
+from anchorpose.surface.surface import HIDDEN_SKIN, ExpectedSkin, Surface
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,10 +1,14 @@
-"""Edges that the pixel grid does not have: between cameras, across bars, over hidden skin."""
+"""Edges that the pixel grid does not have: between cameras, across bars, over hidden skin.
+
+Points into a camera, inside compiled kernels.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
 
+from anchorpose.camera import Camera, invert_rigid
 from anchorpose.surface.surface import Surface
 
 
@@ -80,3 +84,25 @@ def _compress(
                 metres[place[there]] = min(metres[place[there]], metre)
         start[n + 1] = end
     return start, node[:end].copy(), metres[:end].copy()
+
+
+def pinhole(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """T_camera_world (4, 4) float32, and fx, fy, cx, cy (4,) float32."""
+    lens = camera.intrinsics
+    T_camera_world = invert_rigid(camera.require_pose()).astype(np.float32)
+    return T_camera_world, np.array([lens.fx, lens.fy, lens.cx, lens.cy], np.float32)
+
+
+@njit(cache=True)
+def into_camera(
+    T_camera_world: np.ndarray, lens: np.ndarray, points: np.ndarray, k: int
+) -> tuple[np.float32, np.float32, np.float32]:
+    """Row and column in pixels of one point, and its depth; NaN behind the camera."""
+    x, y, z = T_camera_world[0, 3], T_camera_world[1, 3], T_camera_world[2, 3]
+    for axis in range(3):
+        x += T_camera_world[0, axis] * points[k, axis]
+        y += T_camera_world[1, axis] * points[k, axis]
+        z += T_camera_world[2, axis] * points[k, axis]
+    if z <= 0.0:
+        return np.float32(np.nan), np.float32(np.nan), z
+    return lens[1] * y / z + lens[3], lens[0] * x / z + lens[2], z

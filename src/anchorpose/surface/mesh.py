@@ -9,10 +9,8 @@ from numba import njit
 
 from anchorpose.camera import Camera
 from anchorpose.surface.bridge import BridgeConfig, bridge_pairs
-from anchorpose.surface.connected import connected_pieces
-from anchorpose.surface.denoise import DenoiseConfig, denoise, estimate_noise
-from anchorpose.surface.edges import EdgeConfig, drop_flying_pixels, jump_coefficients
-from anchorpose.surface.extent import extent
+from anchorpose.surface.denoise import DenoiseConfig, denoise, estimate_noise, extent
+from anchorpose.surface.edges import EdgeConfig, connected_pieces, drop_flying_pixels, jump_coefficients
 from anchorpose.surface.links import compress_links, links, straight_m
 from anchorpose.surface.normals import estimate_normals
 from anchorpose.surface.surface import Surface

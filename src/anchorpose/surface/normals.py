@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from anchorpose.surface.extent import extent
+from anchorpose.surface.denoise import extent
 
 
 def estimate_normals(

@@ -13,9 +13,8 @@ import numpy as np
 from numba import njit
 
 from anchorpose.camera import Camera
-from anchorpose.surface.expected_skin import ExpectedSkin, way_over_skin
-from anchorpose.surface.projection import into_camera, pinhole
-from anchorpose.surface.surface import Surface
+from anchorpose.surface.links import into_camera, pinhole
+from anchorpose.surface.surface import ExpectedSkin, Surface, way_over_skin
 
 CELL_PX = 6  # skin points hang on a grid of so many pixels: 4 cm at 2.4 m, a little more than they are apart
 LEAST_FACING = np.float32(-0.5)  # skin turned farther from the optical axis than 120 degrees is on the other side
@@ -78,7 +77,7 @@ def show_skin(
     return replace(surface, skin=skin)
 
 
-@njit(cache=True, fastmath={"contract", "nsz", "reassoc", "arcp"})
+@njit(cache=True)
 def _candidates(
     points: np.ndarray, normals: np.ndarray, pixel: np.ndarray, skin: np.ndarray, skin_normals: np.ndarray,
     landmarks: np.ndarray, contested: np.ndarray, T_camera_world: np.ndarray, lens: np.ndarray, rows: int, cols: int,
@@ -124,7 +123,7 @@ def _candidates(
     return found
 
 
-@njit(cache=True, fastmath={"contract", "nsz"})
+@njit(cache=True)
 def _measure(
     points: np.ndarray, normals: np.ndarray, n: int, place: np.ndarray, first: Any, last: Any, min_cosine: np.float32,
     steep: np.float32, squared: np.ndarray,
@@ -152,7 +151,7 @@ def _window(pixel: np.ndarray, n: int, reach_px: Any, rows: int, cols: int) -> t
     return top, min(bottom, rows), left, min(right, cols)
 
 
-@njit(cache=True, fastmath={"contract", "nsz", "reassoc", "arcp"})
+@njit(cache=True)
 def _hang_on_grid(
     skin: np.ndarray, skin_normals: np.ndarray, T_camera_world: np.ndarray, lens: np.ndarray, rows: int, cols: int
 ) -> tuple:
@@ -189,7 +188,7 @@ def _hang_on_grid(
     return start, which, place, NARROWEST * nearest / max(lens[0], lens[1])
 
 
-@njit(cache=True, fastmath={"contract", "nsz", "reassoc", "arcp"})
+@njit(cache=True)
 def _contested(skin: np.ndarray, landmarks: np.ndarray, radius: np.float32, far: np.float32) -> np.ndarray:
     """Skin points sorted by height: those within the radius of one follow each other."""
     order = np.argsort(skin[:, 1])

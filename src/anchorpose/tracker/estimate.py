@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from anchorpose.body.corrected_joints import ToldJoints
 from anchorpose.body.registration import PoseBelief, Registration
 from anchorpose.body.skin_points import FittedShape, RestPoints, SkinPoints, pose_points
-from anchorpose.body.told_joints import ToldJoints
 from anchorpose.body.uncertainty import joint_sigma
 from anchorpose.body.visibility import joint_states
 from anchorpose.joints import JOINT_COUNT, JointState

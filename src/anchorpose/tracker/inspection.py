@@ -14,15 +14,14 @@ from anchorpose.errors import InputError
 from anchorpose.isolation.scene import Scene
 from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.tracker.association import GlobalHypothesis
-from anchorpose.tracker.both_ways import Route, learn_on, plan_route
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import follow_openly
 from anchorpose.tracker.observation import Observation, observe_first
-from anchorpose.tracker.opening import Opening, rank_openings
+from anchorpose.tracker.passes import Route, learn_on, plan_route
 from anchorpose.tracker.patient import PatientTracker
 from anchorpose.tracker.preparation import prepare_room
-from anchorpose.tracker.room import Room, sight_people
+from anchorpose.tracker.room import Opening, Room, rank_openings, sight_people
 from anchorpose.tracker.start import ORDINARY_HEIGHT_M
 from anchorpose.tracker.stopwatch import Stopwatch
 from anchorpose.tracking.motion_database import MotionDatabase

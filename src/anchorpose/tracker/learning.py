@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from anchorpose.body.bone_lengths import bone_lengths
-from anchorpose.body.learning import learn_body
+from anchorpose.body.learning import bone_lengths, learn_body
 from anchorpose.body.shape_belief import ShapeBelief
 from anchorpose.body.skin_points import FittedShape, body_points
 from anchorpose.recording.recording import FrameSet

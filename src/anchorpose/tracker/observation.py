@@ -12,18 +12,17 @@ from anchorpose.body.skin_points import body_points
 from anchorpose.geodesics.anchors import Anchors, find_anchors
 from anchorpose.geodesics.descriptor import anchor_descriptor
 from anchorpose.geodesics.trusted_anchors import trusted_anchors
-from anchorpose.isolation.claims import Claims, join_claims
+from anchorpose.isolation.bystander_memory import Crowd, nobody, remember
 from anchorpose.isolation.config import IsolationConfig
-from anchorpose.isolation.crowd import Crowd, nobody, remember
+from anchorpose.isolation.ownership import Claims, join_claims
 from anchorpose.isolation.people import PatientChoice, find_people
-from anchorpose.isolation.people_apart import separate, separate_first
 from anchorpose.isolation.scene import Pieces, find_pieces
+from anchorpose.isolation.separation import separate, separate_first
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.recording.recording import FrameSet
 from anchorpose.surface.border import Border, border
-from anchorpose.surface.expected_skin import ExpectedSkin
 from anchorpose.surface.patient_surface import blank_view, patient_surface
-from anchorpose.surface.surface import Surface, seen_part
+from anchorpose.surface.surface import ExpectedSkin, Surface, seen_part
 from anchorpose.tracker.bystanders import Bystanders, claims_of, follow_bystanders
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.room import FACING, UP, Room

@@ -11,18 +11,17 @@ import numpy as np
 from anchorpose.association.matcher import Matcher
 from anchorpose.body.body_map import map_body
 from anchorpose.body.constraints import place_constraints
-from anchorpose.body.crossed_legs import uncrossed
+from anchorpose.body.corrected_joints import contradicted, doubted, with_told
 from anchorpose.body.evidence import Evidence, evidence_cost
 from anchorpose.body.initial import anchor_points
-from anchorpose.body.inverse_kinematics import pose_from_joints
+from anchorpose.body.inverse_kinematics import pose_from_joints, uncrossed
 from anchorpose.body.part_registration import joints_of_parts
 from anchorpose.body.pose import Pose
 from anchorpose.body.registration import PoseBelief, Registration, posterior, register
 from anchorpose.body.skin_points import FittedShape, body_points, pose_points, rest_points
-from anchorpose.body.told_joints import contradicted, doubted, with_told
 from anchorpose.body.uncertainty import skin_sigma
 from anchorpose.recording.recording import FrameSet
-from anchorpose.surface.expected_skin import ExpectedSkin
+from anchorpose.surface.surface import ExpectedSkin
 from anchorpose.tracker.association import (
     Associate,
     GlobalHypothesis,

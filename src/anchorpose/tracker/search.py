@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from anchorpose.isolation.crowd import SAMPLE_PX, remember
+from anchorpose.isolation.bystander_memory import SAMPLE_PX, remember
 from anchorpose.isolation.people import PatientChoice, Person, find_people, ground_distance
-from anchorpose.isolation.people_apart import separate
 from anchorpose.isolation.scene import Pieces, find_pieces
+from anchorpose.isolation.separation import separate
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig

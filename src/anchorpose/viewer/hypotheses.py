@@ -18,8 +18,7 @@ from anchorpose.recording.recording import Recording
 from anchorpose.threads import one_thread
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.inspection import inspect_frame
-from anchorpose.viewer.container import pack
-from anchorpose.viewer.told import told
+from anchorpose.viewer.payloads import pack, told
 
 FIRST_GUESS = (
     "With a first guess of the body, from this frame on; 'anchorpose inspect --as-tracked' repeats track itself."

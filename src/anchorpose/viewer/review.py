@@ -15,7 +15,7 @@ from anchorpose.results.contacts import CONTACTS_FILE, Contact, read_contacts
 from anchorpose.results.poses import POSES_FILE, PoseTable, read_poses
 from anchorpose.results.run_record import RUN_FILE, read_run_document
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
-from anchorpose.viewer.footage import Footage, open_footage
+from anchorpose.viewer.depth_frames import Footage, open_footage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

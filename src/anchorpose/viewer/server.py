@@ -1,21 +1,130 @@
-"""The small web server of the viewer: HTTP only, what is asked is answered by the ``Desk``."""
+"""The small web server of the viewer: HTTP only, what is asked is answered by the ``Desk``.
+
+The files of the page, read once: no part of an address ever becomes a path on the disk.
+
+Who may ask: the page that this program opened, and nobody else.
+"""
 
 from __future__ import annotations
 
+import base64
+import hashlib
+import hmac
+import ipaddress
 import json
+import re
+import secrets
 import socket
 import sys
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib import resources
+from importlib.resources.abc import Traversable
 from typing import Any, Final
 from urllib.parse import parse_qsl, urlsplit
 
 from anchorpose.errors import AnchorposeError
-from anchorpose.viewer.assets import PAGE, content_policy, load_assets
 from anchorpose.viewer.desk import JSON, Answer, Desk
-from anchorpose.viewer.guard import Guard, is_loopback, new_token
-from anchorpose.viewer.told import told
+from anchorpose.viewer.payloads import told
+
+KINDS: Final = {
+    "html": "text/html; charset=utf-8",
+    "css": "text/css; charset=utf-8",
+    "js": "text/javascript; charset=utf-8",
+    "svg": "image/svg+xml",
+}
+PAGE: Final = "index.html"
+
+
+@dataclass(frozen=True, slots=True)
+class Asset:
+    """A file of the page as it is sent."""
+
+    content: bytes
+    kind: str
+
+
+@cache
+def load_assets() -> dict[str, Asset]:
+    """By the name in the address."""
+    return dict(_walk(resources.files("anchorpose.viewer").joinpath("static"), ""))
+
+
+@cache
+def content_policy() -> str:
+    """What the page may load: its own files, and the one script in it (the import map), known by its hash."""
+    page = load_assets()[PAGE].content
+    scripts = re.findall(rb"<script type=\"importmap\">(.*?)</script>", page, re.DOTALL)
+    hashes = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(text).digest()).decode()}'" for text in scripts)
+    return (
+        f"default-src 'none'; script-src 'self' {hashes}; style-src 'self'; connect-src 'self'; img-src 'self'; "
+        "frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+    )
+
+
+def _walk(folder: Traversable, prefix: str) -> Iterator[tuple[str, Asset]]:
+    for item in folder.iterdir():
+        if item.is_dir():
+            yield from _walk(item, f"{prefix}{item.name}/")
+        elif item.name.rpartition(".")[2] in KINDS:
+            yield f"{prefix}{item.name}", Asset(item.read_bytes(), KINDS[item.name.rpartition(".")[2]])
+
+
+TOKEN_BYTES = 24
+
+
+@dataclass(frozen=True, slots=True)
+class Guard:
+    """The token is the first part of every path. On loopback the Host must be a loopback name as well: another site
+    that points its name here (DNS rebinding) says its own. What changes something must come from the page."""
+
+    token: str
+    port: int
+    loopback: bool
+
+    def path_within(self, path: str) -> str | None:
+        """What stands behind the token in a request's path, without the query; None where the token is not there."""
+        first, _, rest = path.partition("?")[0].removeprefix("/").partition("/")
+        return rest if hmac.compare_digest(first.encode(), self.token.encode()) else None
+
+    def host_is_ours(self, headers: Mapping[str, str]) -> bool:
+        """Whether the request was made to a name that stands for this machine; whichever port, since that of a tunnel's
+        other end is another."""
+        return not self.loopback or is_loopback(_name_in(headers.get("Host", "")))
+
+    def comes_from_the_page(self, headers: Mapping[str, str]) -> bool:
+        """Whether a request that changes something was made by our page: browsers name the origin, and JSON cannot be
+        sent from elsewhere without asking first."""
+        origin, host = headers.get("Origin"), headers.get("Host", "")
+        return headers.get("Content-Type", "") == "application/json" and origin == f"http://{host}"
+
+
+def new_token() -> str:
+    """A token that cannot be guessed, of letters that may stand in an address."""
+    return secrets.token_urlsafe(TOKEN_BYTES)
+
+
+def _name_in(host: str) -> str:
+    """What a Host header says without its port; empty where it makes no sense."""
+    try:
+        return urlsplit(f"//{host}").hostname or ""
+    except ValueError:
+        return ""
+
+
+def is_loopback(host: str) -> bool:
+    """Whether nobody but this machine can reach the address."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
 
 MOST_BYTES: Final = 64 * 1024  # of a request's body: a correction is some hundred
 PATIENCE_S: Final = 120.0  # a browser that says nothing for so long is gone

@@ -16,7 +16,6 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.calibration.clock.fit import ClockFit, PairLag, fit_clocks
 from anchorpose.calibration.clock.motion_signal import (
     Level,
     MotionSignal,
@@ -25,12 +24,12 @@ from anchorpose.calibration.clock.motion_signal import (
     motion_signal,
     signal_lags,
 )
+from anchorpose.calibration.clock.offset_fit import ClockFit, PairLag, busiest_times, fit_clocks, pictures_between
 from anchorpose.calibration.clock.surface_lag import Clip, SurfaceLagConfig, make_clip, surface_lag
-from anchorpose.calibration.clock.windows import busiest_times, pictures_between
 from anchorpose.calibration.noise import noise_per_m
 from anchorpose.camera import Camera
-from anchorpose.recording.clock import Clock
-from anchorpose.recording.footage import Footage
+from anchorpose.recording.depth_image import Footage
+from anchorpose.recording.recording import Clock
 
 PICTURES_KEPT: Final = 300  # 260 MB of a Kinect v2's
 

@@ -18,9 +18,8 @@ from anchorpose.calibration.clock.motion_signal import Level
 from anchorpose.calibration.floor import FloorConfig, FloorPlane, find_floor
 from anchorpose.calibration.noise import noise_per_m
 from anchorpose.camera import Camera
-from anchorpose.recording.clock import put_clocks_together
-from anchorpose.recording.footage import RecordedFootage
-from anchorpose.recording.recording import Recording
+from anchorpose.recording.depth_image import RecordedFootage
+from anchorpose.recording.recording import Recording, put_clocks_together
 
 FLOOR_PICTURES = 9  # of a camera without a picture of the empty room: their median has few people in it
 

@@ -9,10 +9,9 @@ import numpy as np
 from anchorpose.calibration.equipment.refine import FloorPrior, Refined, refine
 from anchorpose.calibration.equipment.render import EquipmentCaster
 from anchorpose.calibration.equipment.rows import RefineConfig
-from anchorpose.calibration.equipment.samples import EquipmentSamples, sample_equipment
+from anchorpose.calibration.equipment.samples import EquipmentSamples, Symmetry, find_symmetry, sample_equipment
 from anchorpose.calibration.equipment.search import SearchConfig, search_floor
 from anchorpose.calibration.equipment.still import StillView
-from anchorpose.calibration.equipment.symmetry import Symmetry, find_symmetry
 from anchorpose.calibration.equipment.verdict import (
     NoPose,
     PartEvidence,

@@ -15,8 +15,7 @@ from enum import StrEnum
 import numpy as np
 
 from anchorpose.calibration.floor import FloorPlane, NoFloor
-from anchorpose.calibration.people.common_view import LevelView, level_view
-from anchorpose.calibration.people.ground_search import search_ground
+from anchorpose.calibration.people.common_view import LevelView, level_view, search_ground
 from anchorpose.calibration.people.surface_fit import SurfaceFit, fit_people
 from anchorpose.camera import Camera, invert_rigid
 from anchorpose.recording.pairing import pair_frames

@@ -1,4 +1,7 @@
-"""All angles of all frames, with the state and the uncertainty that they inherit from their joints."""
+"""All angles of all frames, with the state and the uncertainty that they inherit from their joints.
+
+How far off an angle may be, from how far off its joints may be.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +11,44 @@ import numpy as np
 
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.results.angles import AngleTable
-from anchorpose.results.kinematics.arm import ARMS
-from anchorpose.results.kinematics.leg import LEGS
-from anchorpose.results.kinematics.pelvis import PELVIS
-from anchorpose.results.kinematics.propagation import angles_with_sigma
-from anchorpose.results.kinematics.trunk import NECK, TRUNK
+from anchorpose.results.kinematics.definition import LEAST_LEVER, AngleGroup
+from anchorpose.results.kinematics.limbs import ARMS, LEGS
+from anchorpose.results.kinematics.trunk import NECK, PELVIS, TRUNK
 from anchorpose.results.tables import JointTable
+
+
+def angles_with_sigma(
+    group: AngleGroup, position_m: np.ndarray, sigma_m: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """A group's angles and their standard deviations, (k, n) radians each; NaN where a joint is or the lever is short.
+
+    position_m (21, 3, n), sigma_m (21, n): errors are taken as independent between joints and axes. Each coordinate is
+    moved by its own sigma, both ways, instead of using a derivative: at a straight knee the derivative of the angle is
+    not defined and would promise certainty. What the formula itself may be off is added as squares.
+    """
+    points = {name: position_m[JOINT_INDEX[name]] for name in group.joints}
+    readings = group.formula(points)
+    angle = np.stack([value for value, _ in readings])
+    told = np.stack([np.broadcast_to(lever, angle[0].shape) for _, lever in readings]) >= LEAST_LEVER
+    angle = np.where(told, angle, np.nan)
+    variance = np.zeros_like(angle)
+    for name in group.joints:
+        for axis in range(3):
+            for sign in (-1.0, 1.0):
+                moved = points[name].copy()
+                moved[axis] += sign * sigma_m[JOINT_INDEX[name]]
+                change = np.stack([value for value, _ in group.formula(points | {name: moved})]) - angle
+                variance += 0.5 * _shorter_way(change) ** 2
+    if group.own_sigma is not None:
+        variance += group.own_sigma(points) ** 2
+    return angle, np.where(np.isnan(angle), np.nan, np.sqrt(variance))
+
+
+def _shorter_way(angle: np.ndarray) -> np.ndarray:
+    """The same turn between minus pi and pi."""
+    turn: np.ndarray = angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi))
+    return turn
+
 
 ANGLE_GROUPS: Final = (*PELVIS, *TRUNK, *NECK, *LEGS, *ARMS)
 

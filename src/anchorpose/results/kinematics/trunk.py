@@ -1,4 +1,10 @@
-"""Trunk in the world and against the pelvis, and the line of the head against the thorax."""
+"""Trunk in the world and against the pelvis, and the line of the head against the thorax.
+
+Pelvis in the world: turned, then raised on one side, then tilted (Baker 2001, doi:10.1016/S0966-6362(00)00083-7).
+
+In this order, the other way round than for joints, each of the three means what clinicians call by its name, also for
+a patient who has turned.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +12,18 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.results.kinematics.definition import AngleGroup, Points, Reading
-from anchorpose.results.kinematics.segments import Axes, pelvis_axes, thorax_axes
-from anchorpose.results.kinematics.vectors import arcsin, dot, unit
+from anchorpose.results.kinematics.definition import (
+    AngleGroup,
+    Axes,
+    Points,
+    Reading,
+    arcsin,
+    cross,
+    dot,
+    pelvis_axes,
+    thorax_axes,
+    unit,
+)
 
 
 def trunk_lean(points: Points) -> tuple[Reading, ...]:
@@ -67,5 +82,22 @@ TRUNK: Final = (
 NECK: Final = (
     AngleGroup(
         ("neck_flexion", "neck_side_bend"), ("SpineMid", "SpineShoulder", *_SHOULDERS, "Neck", "Head"), neck_lean
+    ),
+)
+
+
+def pelvis_angles(points: Points) -> tuple[Reading, ...]:
+    """Tilt (front down positive), obliquity (right hip higher positive), rotation (turned to the left positive)."""
+    pelvis = pelvis_axes(points)
+    z = pelvis.z
+    level = np.hypot(z[0], z[2])
+    forward = unit(np.stack([z[2], np.zeros_like(level), -z[0]]))  # the world's vertical, crossed with z
+    tilt = np.arctan2(dot(pelvis.y, forward), dot(pelvis.y, cross(z, forward)))
+    return (tilt, level), (arcsin(z[1]), 1.0), (np.arctan2(z[0], z[2]), level)
+
+
+PELVIS: Final = (
+    AngleGroup(
+        ("pelvis_tilt", "pelvis_obliquity", "pelvis_rotation"), ("HipLeft", "HipRight", "SpineMid"), pelvis_angles
     ),
 )

@@ -12,11 +12,15 @@ from anchorpose.results.angles_processed import PROCESSING, ProcessedAngles
 from anchorpose.results.frame_time import longest_even_step_s, unbroken_runs, usual_step_s
 from anchorpose.results.joint_frame import SEVERITY
 from anchorpose.results.kinematics.joint_angles import ANGLE_GROUPS, joint_angles
-from anchorpose.results.processing.butterworth import MOST_UNEVEN, evenness, filter_stretch
-from anchorpose.results.processing.filling import fill_gaps
-from anchorpose.results.processing.kalman import smooth_stretch
-from anchorpose.results.processing.low_pass import highest_cutoff_hz, shortest_frames
-from anchorpose.results.processing.policy import ProcessingConfig, policy_text
+from anchorpose.results.processing.filters import (
+    MOST_UNEVEN,
+    evenness,
+    filter_stretch,
+    highest_cutoff_hz,
+    shortest_frames,
+    smooth_stretch,
+)
+from anchorpose.results.processing.policy import ProcessingConfig, fill_gaps, policy_text
 from anchorpose.results.tables import JointTable
 
 MEASURED, SMOOTHED, FILLED = range(len(PROCESSING))

@@ -13,11 +13,10 @@ from anchorpose.results.measures import Measure
 from anchorpose.results.posture import PostureTable
 from anchorpose.results.stand_training.assistance import assistance_measures
 from anchorpose.results.stand_training.centre_of_mass import centre_of_mass
-from anchorpose.results.stand_training.extension import ExtensionConfig, extension_measures
+from anchorpose.results.stand_training.extension import ExtensionConfig, extension_measures, symmetry_measures
 from anchorpose.results.stand_training.session import Session
-from anchorpose.results.stand_training.stance import stance
+from anchorpose.results.stand_training.stance import UprightConfig, stance, upright
 from anchorpose.results.stand_training.sway import SwayConfig, sway_measures
-from anchorpose.results.stand_training.symmetry import symmetry_measures
 from anchorpose.results.stand_training.time_upright import time_measures, upright_episodes
 from anchorpose.results.stand_training.transitions import (
     TransitionConfig,
@@ -25,7 +24,6 @@ from anchorpose.results.stand_training.transitions import (
     transition_measures,
     transitions,
 )
-from anchorpose.results.stand_training.upright import UprightConfig, upright
 from anchorpose.results.tables import JointTable
 
 

@@ -11,7 +11,7 @@ from anchorpose.joints import JOINT_INDEX
 from anchorpose.results.frame_time import LONGEST_STEP, unbroken_runs, usual_step_s
 from anchorpose.results.lasting import changing_sigma
 from anchorpose.results.measures import Measure
-from anchorpose.results.processing.low_pass import low_pass
+from anchorpose.results.processing.filters import low_pass
 from anchorpose.results.stand_training.session import Session, inferred_share
 
 CHI2_95: Final = 5.991

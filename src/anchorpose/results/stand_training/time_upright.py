@@ -12,8 +12,7 @@ from anchorpose.results.frame_time import recorded_seconds, runs_of_known
 from anchorpose.results.measures import Measure
 from anchorpose.results.posture import UNKNOWN, UPRIGHT
 from anchorpose.results.stand_training.session import Session, inferred_share
-from anchorpose.results.stand_training.stance import Stance
-from anchorpose.results.stand_training.upright import UprightConfig, upright
+from anchorpose.results.stand_training.stance import Stance, UprightConfig, upright
 from anchorpose.results.tables import JointTable
 
 NO_TIME: Final = "the recording has a single frame, which has no duration"

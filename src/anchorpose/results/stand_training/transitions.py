@@ -14,9 +14,8 @@ from anchorpose.results.lasting import changing_sigma
 from anchorpose.results.measures import Measure
 from anchorpose.results.posture import UNKNOWN, UPRIGHT
 from anchorpose.results.stand_training.session import Session, inferred_share
-from anchorpose.results.stand_training.stance import Stance
+from anchorpose.results.stand_training.stance import Stance, hold
 from anchorpose.results.stand_training.time_upright import NEVER_KNOWN, episode
-from anchorpose.results.stand_training.upright import hold
 from anchorpose.results.tables import JointTable
 
 

@@ -1,0 +1,78 @@
+"""How far along, and how much longer.
+
+What a results folder amounts to, in a few lines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+@contextmanager
+def progress_bar(description: str) -> Iterator[Callable[[int, int], None]]:
+    """A bar on the error stream; call what it yields with (done, total) as often as you like."""
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left:"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True)) as progress:
+        task = progress.add_task(description, total=None)
+
+        def advance(done: int, total: int) -> None:
+            progress.update(task, completed=done, total=total)
+
+        yield advance
+
+
+@contextmanager
+def counter(what: str) -> Iterator[Callable[[], None]]:
+    """A line on the error stream that counts calls, for work whose end is not known beforehand."""
+    from rich.console import Console
+
+    count = 0
+    with Console(stderr=True).status("Working") as status:
+
+        def tick() -> None:
+            nonlocal count
+            count += 1
+            status.update(f"Working: {count} {what}")
+
+        yield tick
+
+
+def print_outcome(results: Path) -> None:
+    """Prints how much was seen, inferred and lost, what was dropped, and where the report is."""
+    import numpy as np
+
+    from anchorpose.report.page import REPORT_FILE
+    from anchorpose.results.joint_frame import LOST
+    from anchorpose.results.run_record import RUN_FILE, read_run_document
+    from anchorpose.results.tables import JOINTS_FILE, read_joints
+
+    joints = read_joints(results / JOINTS_FILE)
+    seen, lost = np.mean(joints.severity == 0), np.mean(joints.severity == LOST)
+    print(
+        f"{len(joints.frame)} frames: {100 * seen:.1f} % of the joints seen, {100 * (1 - seen - lost):.1f} % inferred, "
+        f"{100 * lost:.1f} % lost."
+    )
+    dropped = read_run_document(results / RUN_FILE).get("dropped", [])
+    if dropped:
+        count, first = len({drop["frame"] for drop in dropped}), dropped[0]
+        print(f"Frames with problems: {count}; the first is frame {first['frame']}: {first['why']}.")
+    print(f"Results are in {results}; open {results / REPORT_FILE} in a browser.")

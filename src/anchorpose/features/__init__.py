@@ -1,1 +1,0 @@
-"""Descriptors and matchings that the paper compares with: references beside the flow, which nothing of it imports."""

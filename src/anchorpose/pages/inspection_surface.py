@@ -1,0 +1,223 @@
+"""Pictures of the stages that work on the patient's surface: mesh, geodesics, anchors, hypotheses, registration.
+
+Pictures of the stages that tell pixels apart: depth, room, equipment, people.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from anchorpose.body.skin_points import body_points
+from anchorpose.geodesics.anchors import ANCHOR_NAMES
+from anchorpose.geodesics.distance import geodesic_distance
+from anchorpose.geodesics.extrema import geodesic_extrema, surface_center
+from anchorpose.isolation.background import equipment_mask, foreground
+from anchorpose.isolation.scene import find_pieces
+from anchorpose.isolation.view import PixelLabel
+from anchorpose.pages.canvas import enlarge, projector, scale_of, shade, write
+from anchorpose.pages.overlay import OverlayScene, draw_scene
+from anchorpose.pages.palette import (
+    BLUE,
+    EQUIPMENT,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILLION,
+    WHITE,
+    YELLOW,
+    colour_of_person,
+)
+from anchorpose.pages.stage_drawing import (
+    Layer,
+    draw_arrows,
+    draw_bar,
+    draw_contour,
+    draw_crosses,
+    draw_depth,
+    draw_dots,
+    draw_layers,
+    draw_lines,
+    draw_shading,
+    draw_values,
+    name_masks,
+)
+from anchorpose.surface.border import Border
+from anchorpose.surface.links import links
+from anchorpose.tracker.inspection import InspectedCamera
+from anchorpose.tracker.observation import Observation
+
+ISO_M = 0.1
+MAGNIFIED = 3.0  # a hand moves 3 cm in a frame: nine pixels, too few for an arrow
+LIGHT = np.array([-0.4, -0.5, -0.77])  # towards the light, camera frame: from above on the left
+SEEN_ONCE, SEEN_TWICE = np.array([235.0, 235.0, 235.0]), np.array([255.0, 200.0, 130.0])
+
+Projection = Callable[[np.ndarray], np.ndarray]
+
+
+def draw_mesh(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray:
+    """The surface in relief, its bridges and joins, and where something else cuts it off."""
+    picture, to_pixel = _canvas(one)
+    surface, pairs = seen.surface, links(seen.surface)[0]
+    draw_dots(picture, to_pixel(seen.whole.points_m[len(surface) :]), GREEN, 1, rim=False)
+    same = surface.camera[pairs[:, 0]] == surface.camera[pairs[:, 1]]
+    twice = np.zeros(len(surface), dtype=bool)
+    twice[pairs[~same].ravel()] = True
+    normals = surface.normals[own] @ one.camera.require_pose()[:3, :3]
+    light = 0.2 + 0.8 * np.clip(normals @ (LIGHT / np.linalg.norm(LIGHT)), 0.0, 1.0)
+    draw_shading(picture, one.camera, surface.pixel[own], light, np.where(twice[own, None], SEEN_TWICE, SEEN_ONCE))
+    for kind, colour in ((Border.SELF, PURPLE), (Border.CUT, VERMILLION)):
+        draw_dots(picture, to_pixel(surface.points_m[own & (seen.border == kind)]), colour, 1, rim=False)
+    bridges = pairs[same & own[pairs[:, 0]]]
+    draw_lines(picture, to_pixel(surface.points_m[bridges[:, 0]]), to_pixel(surface.points_m[bridges[:, 1]]), YELLOW)
+    return picture
+
+
+def draw_geodesics(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray:
+    """Distance along the skin from the centre, a line every ``ISO_M``."""
+    picture, to_pixel = _canvas(one)
+    field, centre = _field(seen)
+    reached = field[np.isfinite(field)]
+    highest = float(reached.max()) if len(reached) else 1.0
+    draw_values(picture, one.camera, seen.surface.pixel[own], field[own], highest, ISO_M)
+    if own[centre]:
+        draw_dots(picture, to_pixel(seen.surface.points_m[[centre]]), VERMILLION, 7, ["centre"])
+    return draw_bar(picture, "0 m", f"{highest:.2f} m")
+
+
+def draw_anchors(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray:
+    """The extrema, those that were taken for head, hands and feet, and which of the five are missed."""
+    picture, to_pixel = _canvas(one)
+    extrema = geodesic_extrema(seen.whole, _whole_field(seen), one.config.anchors.radius * one.inspection.height_m)
+    draw_values(picture, one.camera, seen.surface.pixel[own], np.full(int(own.sum()), 0.35), 1.0, None)
+    draw_dots(picture, to_pixel(seen.surface.points_m[extrema[own[extrema]]]), WHITE, 11, hollow=True)
+    found = seen.anchors.found
+    here = np.where(own[seen.anchors.node, None] & found[:, None], seen.anchors.position_m, np.nan)
+    elsewhere = np.where(found[:, None] & ~own[seen.anchors.node, None], seen.anchors.position_m, np.nan)
+    draw_dots(picture, to_pixel(elsewhere), SKY, 6, [f"{name} (seen by another camera)" for name in ANCHOR_NAMES])
+    draw_dots(picture, to_pixel(here), VERMILLION, 8, ANCHOR_NAMES)
+    missed = [name for name, known in zip(ANCHOR_NAMES, found, strict=True) if not known]
+    write(picture, f"missed: {', '.join(missed) if missed else 'none'}", (0, 16))
+    return picture
+
+
+def draw_hypotheses(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray | None:
+    """Under how many subsets of the anchors each node has a match in the next frame; None without a next frame."""
+    following = one.inspection.next
+    if following is None:
+        return None
+    picture, _ = _canvas(one)
+    matched = (following.links.match >= 0).sum(axis=1).astype(np.float64)
+    subsets = following.links.match.shape[1]
+    values = np.where(matched > 0, matched, np.nan)
+    draw_values(picture, one.camera, seen.surface.pixel[own], values[own], float(subsets), None)
+    return draw_bar(picture, "1", f"{subsets} hypotheses")
+
+
+def draw_tree(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray | None:
+    """Where the best branches say that the skin goes; None without a next frame."""
+    following = one.inspection.next
+    if following is None:
+        return None
+    picture, to_pixel = _canvas(one)
+    chosen = own[following.hypothesis.node]
+    nodes = seen.surface.points_m[following.hypothesis.node[chosen]].astype(np.float64)
+    matched = following.hypothesis.matched_m[chosen]
+    missed = ~np.isfinite(matched).all(axis=1)
+    draw_crosses(picture, to_pixel(nodes[missed]), ORANGE)
+    draw_arrows(picture, to_pixel(nodes), to_pixel(nodes + MAGNIFIED * (matched - nodes)), SKY)
+    return picture
+
+
+def draw_registration(one: InspectedCamera) -> np.ndarray | None:
+    """The body in its pose and the joints; None where the patient was not found."""
+    estimate = one.inspection.estimate
+    if estimate is None or estimate.belief is None or estimate.shape is None:
+        return None
+    asset = body_points().asset
+    body = estimate.shape.body(asset)
+    pose = estimate.belief.pose
+    view = estimate.observation.evidence.views[one.number] if estimate.observation else None
+    return draw_scene(
+        OverlayScene(
+            camera=one.camera,
+            depth_m=one.depth_m,
+            labels=None if view is None else view.labels,
+            joints_m=estimate.joints_m,
+            joint_states=estimate.states,
+            sigma_m=estimate.sigma_m,
+            body_m=body.skin(body.bone_transforms(pose.rotations, pose.root_m)),
+            body_faces=asset.faces,
+        )
+    )
+
+
+def _canvas(one: InspectedCamera) -> tuple[np.ndarray, Projection]:
+    """The dimmed depth picture to draw on, and the way from the world onto it."""
+    picture = enlarge(shade(one.depth_m) // 2, scale_of(one.camera))
+    return picture, projector(one.camera, scale_of(one.camera))
+
+
+def _field(seen: Observation) -> tuple[np.ndarray, int]:
+    """(n,) geodesic distance from the centre, and the centre, as ``find_anchors`` has them."""
+    return _whole_field(seen)[: len(seen.surface)], surface_center(seen.surface)
+
+
+def _whole_field(seen: Observation) -> np.ndarray:
+    """The same over hidden skin as well."""
+    return geodesic_distance(seen.whole, np.array([surface_center(seen.whole)]))[0]
+
+
+def draw_reading(one: InspectedCamera) -> np.ndarray:
+    """The depth as it was recorded."""
+    return draw_depth(one.depth_m, one.camera)
+
+
+def draw_background(one: InspectedCamera) -> np.ndarray:
+    """The empty room as isolation knows it."""
+    return draw_depth(one.scene.background.depth_m, one.camera)
+
+
+def draw_foreground(one: InspectedCamera) -> np.ndarray:
+    """What stands out of the room."""
+    mask = foreground(one.depth_m, one.scene.background, one.config.isolation)
+    return draw_layers(one.depth_m, one.camera, [Layer(mask, SKY)])
+
+
+def draw_equipment(one: InspectedCamera) -> np.ndarray | None:
+    """Where the equipment is expected, which pixels were removed, which are hidden by it; None without equipment."""
+    expected = one.scene.equipment
+    if expected is None:
+        return None
+    nearer = foreground(one.depth_m, one.scene.background, one.config.isolation)
+    removed = equipment_mask(one.depth_m, nearer, expected)
+    layers = [Layer(removed, EQUIPMENT), Layer(removed & (expected.depth_m > 0), BLUE, hatched=True)]
+    picture = draw_layers(one.depth_m, one.camera, layers)
+    draw_contour(picture, expected.depth_m > 0, one.camera, WHITE)
+    return picture
+
+
+def draw_people(one: InspectedCamera) -> np.ndarray:
+    """Who owns which pixel; without anybody to look for, what would have been looked at."""
+    labels = _labels(one)
+    people = [int(label) for label in np.unique(labels) if label >= PixelLabel.PATIENT]
+    masks = [labels == label for label in people]
+    layers = [Layer(labels == PixelLabel.EQUIPMENT, EQUIPMENT), Layer(labels == PixelLabel.CLUTTER, GREY)]
+    layers += [Layer(mask, colour_of_person(label)) for mask, label in zip(masks, people, strict=True)]
+    picture = draw_layers(one.depth_m, one.camera, layers)
+    name_masks(picture, one.camera, masks, [person_name(label) for label in people])
+    return picture
+
+
+def person_name(label: int) -> str:
+    """What people call the one with this pixel label."""
+    return "patient" if label == PixelLabel.PATIENT else f"person {label - PixelLabel.OTHER_PERSON + 2}"
+
+
+def _labels(one: InspectedCamera) -> np.ndarray:
+    observation = one.inspection.observation
+    view = None if observation is None else observation.evidence.views[one.number]
+    return find_pieces(one.depth_m, one.scene, one.config.isolation).labels if view is None else view.labels

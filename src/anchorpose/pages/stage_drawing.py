@@ -1,0 +1,211 @@
+"""How the stages' results are drawn over one camera's depth picture: masks, labels, values and arrows of nodes.
+
+The equipment's model drawn into a camera's picture, part by part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+
+from anchorpose.calibration.equipment.render import EquipmentCaster
+from anchorpose.camera import Camera, invert_rigid
+from anchorpose.pages.canvas import NO_READING, enlarge, projector, scale_of, shade, whole, write
+from anchorpose.pages.palette import BLACK, GREEN, ORANGE, PURPLE, SKY, VERMILLION, WHITE, YELLOW, Colour
+from anchorpose.recording.equipment import EquipmentModel
+
+COLOUR_STRENGTH: Final = 0.7
+"""How much of a tinted pixel is the colour; the rest is grey, so that shape stays visible."""
+
+HATCH_PX: Final = 14  # from stripe to stripe
+ARROW_TIP: Final = 0.35
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layer:
+    """Pixels (height, width) bool of one meaning, and their colour; hatched ones are striped, to lie over others."""
+
+    mask: np.ndarray
+    colour: Colour
+    hatched: bool = False
+
+
+def draw_depth(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
+    """Distance as colour, yellow near and blue far, with a bar that says which is how far."""
+    seen = depth_m > 0
+    near, far = np.percentile(depth_m[seen], [1, 99]) if seen.any() else (0.0, 1.0)
+    far = max(float(far), float(near) + 1e-3)
+    level = np.clip((far - depth_m) / (far - near), 0.0, 1.0)
+    picture = cv2.applyColorMap((255 * level).astype(np.uint8), cv2.COLORMAP_CIVIDIS)
+    picture[~seen] = NO_READING
+    picture = enlarge(picture, scale_of(camera))
+    return draw_bar(picture, f"{near:.1f} m", f"{far:.1f} m", reverse=True)
+
+
+def draw_layers(depth_m: np.ndarray, camera: Camera, layers: Sequence[Layer]) -> np.ndarray:
+    """The grey depth picture with masks laid over it, later ones on top; pixels without reading are coloured too."""
+    scale = scale_of(camera)
+    picture = enlarge(shade(depth_m), scale)
+    for layer in layers:
+        mask = enlarge(layer.mask.astype(np.uint8), scale) > 0
+        if layer.hatched:
+            diagonal = np.add.outer(np.arange(mask.shape[0]), np.arange(mask.shape[1]))
+            mask &= diagonal % HATCH_PX < HATCH_PX // 3 + 1
+            picture[mask] = layer.colour
+        else:
+            mixed = (1.0 - COLOUR_STRENGTH) * picture[mask] + COLOUR_STRENGTH * np.array(layer.colour)
+            picture[mask] = mixed.astype(np.uint8)
+    return picture
+
+
+def draw_contour(picture: np.ndarray, mask: np.ndarray, camera: Camera, colour: Colour) -> None:
+    """The rim of a mask (height, width), drawn into an enlarged picture."""
+    large = enlarge(mask.astype(np.uint8), scale_of(camera))
+    contours, _ = cv2.findContours(large, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    cv2.drawContours(picture, contours, -1, BLACK, 3, cv2.LINE_AA)
+    cv2.drawContours(picture, contours, -1, colour, 1, cv2.LINE_AA)
+
+
+def name_masks(picture: np.ndarray, camera: Camera, masks: Sequence[np.ndarray], names: Sequence[str]) -> None:
+    """Each mask's name at its middle."""
+    for mask, name in zip(masks, names, strict=True):
+        place = np.argwhere(mask)
+        if len(place):
+            row, column = np.median(place, axis=0) * scale_of(camera)
+            write(picture, name, whole(np.array([column, row])))
+
+
+def draw_shading(picture: np.ndarray, camera: Camera, pixel: np.ndarray, light: np.ndarray, colour: np.ndarray) -> None:
+    """Nodes as blocks of the mesh's step: pixel (n, 2) row and column, light (n,) 0 to 1, colour (n, 3)."""
+    _fill_blocks(picture, camera, pixel, (light[:, None] * colour).astype(np.uint8))
+
+
+def draw_values(
+    picture: np.ndarray, camera: Camera, pixel: np.ndarray, values: np.ndarray, highest: float, iso: float | None
+) -> None:
+    """Nodes coloured by value, dark 0 to light ``highest``, grey where not finite; lines at multiples of ``iso``."""
+    finite = np.isfinite(values)
+    level = np.where(finite, np.clip(values / max(highest, 1e-9), 0.0, 1.0), 0.0)
+    colour = cv2.applyColorMap((255 * level).astype(np.uint8)[:, None], cv2.COLORMAP_VIRIDIS)[:, 0]
+    colour[~finite] = 110
+    _fill_blocks(picture, camera, pixel, colour)
+    if iso is not None:
+        _draw_iso_lines(picture, camera, pixel, np.where(finite, np.floor(values / iso), -1.0))
+
+
+def draw_lines(picture: np.ndarray, starts: np.ndarray, ends: np.ndarray, colour: Colour) -> None:
+    """Lines between pixels (m, 2); those with an end that is NaN are left out."""
+    for start, end in zip(starts, ends, strict=True):
+        if np.isfinite(start).all() and np.isfinite(end).all():
+            cv2.line(picture, whole(start), whole(end), colour, 1, cv2.LINE_AA)
+
+
+def draw_arrows(picture: np.ndarray, starts: np.ndarray, ends: np.ndarray, colour: Colour) -> None:
+    """Arrows between pixels (m, 2); a dot where an arrow has no length."""
+    for start, end in zip(starts, ends, strict=True):
+        if np.isfinite(start).all() and np.isfinite(end).all():
+            cv2.circle(picture, whole(start), 2, colour, -1, cv2.LINE_AA)
+            cv2.arrowedLine(picture, whole(start), whole(end), colour, 1, cv2.LINE_AA, tipLength=ARROW_TIP)
+
+
+def draw_dots(
+    picture: np.ndarray, places: np.ndarray, colour: Colour, radius: int, names: Sequence[str] = (),
+    *, hollow: bool = False, rim: bool = True,
+) -> None:  # fmt: skip
+    """Dots at pixels (n, 2), NaN left out, with a black rim; names beside them where given."""
+    for number, place in enumerate(places):
+        if np.isfinite(place).all():
+            if rim:
+                cv2.circle(picture, whole(place), radius + 2, BLACK, 4 if hollow else -1, cv2.LINE_AA)
+            cv2.circle(picture, whole(place), radius, colour, 2 if hollow else -1, cv2.LINE_AA)
+            if names:
+                write(picture, names[number], whole(place))
+
+
+def draw_crosses(picture: np.ndarray, places: np.ndarray, colour: Colour) -> None:
+    """Small crosses at pixels (n, 2), NaN left out."""
+    for place in places[np.isfinite(places).all(axis=1)]:
+        cv2.drawMarker(picture, whole(place), colour, cv2.MARKER_TILTED_CROSS, 6, 1, cv2.LINE_AA)
+
+
+def draw_bar(picture: np.ndarray, low: str, high: str, reverse: bool = False) -> np.ndarray:
+    """The picture with its colour scale below: ``low`` dark to ``high`` light or, reversed, light to dark."""
+    ramp = np.linspace(255, 0, 240) if reverse else np.linspace(0, 255, 240)
+    colours = cv2.COLORMAP_CIVIDIS if reverse else cv2.COLORMAP_VIRIDIS
+    strip = np.zeros((34, picture.shape[1], 3), np.uint8)
+    left = (strip.shape[1] - 240) // 2
+    strip[8:26, left : left + 240] = cv2.applyColorMap(ramp.astype(np.uint8)[None], colours)
+    for text, at in ((low, left - 12), (high, left + 252)):
+        (width, _), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.55, 1)
+        corner = (at - width if text == low else at, 23)
+        cv2.putText(strip, text, corner, cv2.FONT_HERSHEY_SIMPLEX, 0.55, WHITE, 1, cv2.LINE_AA)
+    return np.vstack([picture, strip])
+
+
+def _fill_blocks(picture: np.ndarray, camera: Camera, pixel: np.ndarray, colour: np.ndarray) -> None:
+    scale, step = scale_of(camera), _step(pixel)
+    small = np.zeros((-(-camera.height // step), -(-camera.width // step), 4), np.uint8)
+    row, column = pixel[:, 0] // step, pixel[:, 1] // step
+    small[row, column, :3], small[row, column, 3] = colour, 1
+    large = enlarge(small, scale * step)[: picture.shape[0], : picture.shape[1]]
+    filled = large[..., 3] > 0
+    picture[filled] = large[filled][:, :3]
+
+
+def _draw_iso_lines(picture: np.ndarray, camera: Camera, pixel: np.ndarray, band: np.ndarray) -> None:
+    """Black where neighbouring blocks lie in different bands."""
+    scale, step = scale_of(camera), _step(pixel)
+    grid = np.full((-(-camera.height // step), -(-camera.width // step)), np.nan)
+    grid[pixel[:, 0] // step, pixel[:, 1] // step] = band
+    large = np.repeat(np.repeat(grid, scale * step, axis=0), scale * step, axis=1)
+    large = large[: picture.shape[0], : picture.shape[1]]
+    for axis in (0, 1):
+        jump = np.diff(large, axis=axis)
+        line = np.isfinite(jump) & (jump != 0)
+        target = picture[1:] if axis == 0 else picture[:, 1:]
+        target[line] = BLACK
+
+
+def _step(pixel: np.ndarray) -> int:
+    """Spacing of the nodes on the picture: all rows and columns are its multiples."""
+    return max(1, int(np.gcd.reduce(pixel.ravel().astype(np.int64)))) if len(pixel) else 1
+
+
+PART_COLOURS: Final = (ORANGE, SKY, YELLOW, PURPLE, GREEN, VERMILLION)
+
+
+def draw_model(camera: Camera, depth_m: np.ndarray, model: EquipmentModel | None, axes: bool = False) -> np.ndarray:
+    """Each part's outline and name over the depth picture (height, width); other parts may hide a part's outline.
+
+    axes: the world's too, 0.3 m each from its origin.
+    """
+    picture = enlarge(shade(depth_m), scale_of(camera))
+    to_pixel = projector(camera, scale_of(camera))
+    rendering = None if model is None else EquipmentCaster(model).render(camera, invert_rigid(camera.require_pose()))
+    names = []
+    if model is not None and rendering is not None:
+        shown = np.full(depth_m.shape, -1)
+        shown[rendering.window] = rendering.part
+        for number, part in enumerate(model.parts):
+            if (shown == number).any():
+                draw_contour(picture, shown == number, camera, PART_COLOURS[number % len(PART_COLOURS)])
+                names.append((part.name, part.triangles()[0].mean(axis=0)))
+    for name, middle_m in names:
+        place = to_pixel(middle_m[None])[0]
+        if np.isfinite(place).all():
+            write(picture, name, whole(place))
+    if axes:
+        _draw_axes(picture, to_pixel(np.concatenate([np.zeros((1, 3)), 0.3 * np.eye(3)])))
+    return picture
+
+
+def _draw_axes(picture: np.ndarray, ends: np.ndarray) -> None:
+    for end, name, colour in zip(ends[1:], "XYZ", (VERMILLION, GREEN, SKY), strict=True):
+        if np.isfinite(ends[0]).all() and np.isfinite(end).all():
+            cv2.line(picture, whole(ends[0]), whole(end), BLACK, 4, cv2.LINE_AA)
+            cv2.line(picture, whole(ends[0]), whole(end), colour, 2, cv2.LINE_AA)
+            write(picture, name, whole(end))

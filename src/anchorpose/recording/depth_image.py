@@ -1,0 +1,118 @@
+"""One depth picture: a 16-bit grey PNG, checked to its last byte before it is believed.
+
+Pictures of several cameras on demand, each camera on its own clock: what is looked at before frames are paired.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Protocol
+
+import numpy as np
+
+from anchorpose.camera import Camera
+from anchorpose.recording.recording import Recording
+
+_SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
+_HEADER_BYTES: Final = 33  # signature and the IHDR chunk
+_GREY: Final = 0  # PNG's colour type
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DepthPicture:
+    """A depth picture, or what is wrong with it."""
+
+    depth_m: np.ndarray | None  # (height, width) float32 metres, 0 = no reading; None where it cannot be used
+    problem: str  # empty where it can be used
+
+
+def read_depth_picture(path: Path, camera: Camera) -> DepthPicture:
+    """Decodes a picture in metres; a damaged one is a result with its ``problem``, not an error."""
+    import cv2
+
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        return DepthPicture(None, f"cannot be read ({error.strerror})")
+    problem = header_problem(data[:_HEADER_BYTES], camera) or _chunk_problem(data)
+    if problem:
+        return DepthPicture(None, problem)
+    grey = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if grey is None or grey.dtype != np.uint16 or grey.shape != (camera.height, camera.width):
+        return DepthPicture(None, "is damaged inside")
+    return DepthPicture(grey.astype(np.float32) * np.float32(camera.depth_scale), "")
+
+
+def read_header_problem(path: Path, camera: Camera) -> str:
+    """What the first bytes of a picture say against it, without decoding it; empty where nothing."""
+    try:
+        with path.open("rb") as file:
+            return header_problem(file.read(_HEADER_BYTES), camera)
+    except OSError as error:
+        return f"cannot be read ({error.strerror})"
+
+
+def header_problem(head: bytes, camera: Camera) -> str:
+    """What is wrong with the first 33 bytes of a picture; empty where they fit the camera."""
+    if len(head) < _HEADER_BYTES or not head.startswith(_SIGNATURE) or head[12:16] != b"IHDR":
+        return "is no PNG picture"
+    width, height, bits, colour = struct.unpack(">IIBB", head[16:26])
+    if (bits, colour) != (16, _GREY):
+        return f"is not 16-bit grey ({bits} bits, colour type {colour})"
+    if (width, height) != (camera.width, camera.height):
+        return f"is {width} x {height}, the camera is {camera.width} x {camera.height} pixels"
+    return ""
+
+
+def _chunk_problem(data: bytes) -> str:
+    """Walks the chunks to the end: decoders may answer a truncated file with a picture that is half zeros."""
+    place = len(_SIGNATURE)
+    while place + 12 <= len(data):
+        (length,) = struct.unpack_from(">I", data, place)
+        end = place + 8 + length
+        if end + 4 > len(data):
+            break
+        if zlib.crc32(data[place + 4 : end]) != struct.unpack_from(">I", data, end)[0]:
+            return "is damaged inside (its checksum is wrong)"
+        if data[place + 4 : place + 8] == b"IEND":
+            return ""
+        place = end + 4
+    return "is truncated"
+
+
+class Footage(Protocol):
+    """Anything that gives the pictures of several cameras one by one."""
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """The cameras, the reference first."""
+
+    @property
+    def times_s(self) -> tuple[np.ndarray, ...]:
+        """One a camera: (n,) float64, strictly increasing, its own clock."""
+
+    def read(self, camera: int, position: int) -> np.ndarray | None:
+        """(height, width) float32 metres, 0 = no reading; None where the picture cannot be used."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedFootage:
+    """The pictures of a recording folder; a doubled picture shows another moment than its time says and is None."""
+
+    recording: Recording
+    cameras: tuple[Camera, ...]  # with the poses to use, which the recording may not have
+
+    @property
+    def times_s(self) -> tuple[np.ndarray, ...]:
+        """One a camera: (n,) float64, its own clock."""
+        return tuple(stream.time_s for stream in self.recording.streams)
+
+    def read(self, camera: int, position: int) -> np.ndarray | None:
+        """(height, width) float32 metres, 0 = no reading; None where the picture cannot be used."""
+        stream = self.recording.streams[camera]
+        if stream.doubled is not None and stream.doubled[position]:
+            return None
+        return read_depth_picture(stream.files[position], self.recording.cameras[camera]).depth_m

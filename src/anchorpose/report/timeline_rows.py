@@ -1,0 +1,196 @@
+"""Upright or not, and the transitions between sitting and standing, as rows of the timeline.
+
+What was left out of a session and what was kept of it, as rows of its timeline.
+
+Who touches which part when, as rows of the timeline.
+
+A contact fills its row in light from its beginning to its end, and in dark up to the share of the touching skin that
+was seen. That share is one number for the whole contact: at which of its moments it was seen is not in the tables.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from anchorpose.body.contact_regions import REGIONS
+from anchorpose.joints import JointState
+from anchorpose.report.axis import Bins
+from anchorpose.report.chart import Column, Reading, Row
+from anchorpose.report.curves import step_path
+from anchorpose.report.ledger import Form
+from anchorpose.report.session import Session
+from anchorpose.report.words import STATE_WORDS, escape, named_part
+from anchorpose.results.contacts import Contact
+from anchorpose.results.episodes import SIT_TO_STAND, STAND_TO_SIT, Episode
+from anchorpose.results.posture import NOT_UPRIGHT, UNKNOWN, UPRIGHT
+
+
+def kept_rows(session: Session) -> list[Row]:
+    """Frames with problems, frames that a reviewer took out, and the pictures, each a link to its place on the page."""
+    bad = np.isin(session.joints.frame, [drop["frame"] for drop in session.run.get("dropped", [])])
+    rows = [
+        *_marked(session, "frames with problems", bad),
+        *_marked(session, "marked unusable by a reviewer", unusable_frames(session)),
+        *_pictures(session),
+    ]
+    return [Row(label="Kept and left out", height=0, shapes="", kind="heading"), *rows] if rows else []
+
+
+def unusable_frames(session: Session) -> np.ndarray:
+    """(n,) bool: the frames that a reviewer has taken out."""
+    entries = (session.run.get("corrections") or {}).get("unusable", [])
+    frame, marked = session.joints.frame, np.zeros(len(session.joints.frame), dtype=bool)
+    for entry in entries:
+        marked |= (entry["first_frame"] <= frame) & (frame <= entry["last_frame"])
+    return marked
+
+
+def _marked(session: Session, label: str, frames: np.ndarray) -> list[Row]:
+    """One row with a column wherever one of the ``frames`` (n,) bool lies; none without any."""
+    if not frames.any():
+        return []
+    level = np.maximum.reduceat(frames.astype(float), session.bins.start)
+    return [
+        Row(label=label, height=12, shapes=f"<path class='lost' d='{step_path(level, session.bins)}'/>", kind="state")
+    ]
+
+
+def _pictures(session: Session) -> list[Row]:
+    kept = (p for p in session.run.get("pictures", []) if (session.folder / p["file"]).is_file())
+    times = dict.fromkeys((picture["frame"], picture["time_s"]) for picture in kept)
+    if not times:
+        return []
+    marks = "".join(
+        f"<a class='kept' style='left:{100 * session.bins.place_of(np.array([time_s]))[0]:.2f}%' "
+        f"href='#frame-{frame}' aria-label='pictures of frame {frame}'>{number}</a>"
+        for number, (frame, time_s) in enumerate(times, 1)
+    )
+    return [Row(label="pictures", height=26, shapes="", marks=marks, kind="marks")]
+
+
+TRANSITIONS = {SIT_TO_STAND: ("▲", "stands up"), STAND_TO_SIT: ("▼", "sits down")}
+
+POSTURE_WORDS = {UPRIGHT: "upright", NOT_UPRIGHT: "not upright", UNKNOWN: "cannot be told"}
+
+
+def posture_rows(session: Session) -> list[Row]:
+    """A high column is upright, none is not upright, half a column cannot be told; a light one is inferred.
+
+    Of a group of frames the worst is drawn: dark only where all its upright frames were seen.
+    """
+    bins, upright = session.bins, session.posture.upright
+    unknown, standing, inferred = (
+        np.maximum.reduceat(some.astype(float), bins.start)
+        for some in (upright == UNKNOWN, upright == UPRIGHT, (upright == UPRIGHT) & ~session.posture_seen)
+    )
+    shapes = f"<path class='lost' d='{step_path(0.5 * unknown, bins)}'/>"
+    shapes += f"<path class='posture light' d='{step_path(standing * inferred, bins)}'/>"
+    shapes += f"<path class='posture' d='{step_path(standing * (1 - inferred), bins)}'/>"
+    label = "upright" + (" (half a column: cannot be told)" if unknown.any() else "")
+    rows = [
+        Row(label="Posture", height=0, shapes="", kind="heading"),
+        Row(label=label, height=18, shapes=shapes, kind="state"),
+    ]
+    moves = [episode for episode in session.episodes if episode.kind in TRANSITIONS]
+    if moves:
+        marks = "".join(_mark(session, episode) for episode in moves)
+        rows.append(Row(label="▲ stands up, ▼ sits down", height=22, shapes="", marks=marks, kind="marks"))
+    return rows
+
+
+def posture_readings(session: Session) -> list[Reading]:
+    """Of each group of frames every posture that it holds, and what begins or goes on in it."""
+    bins = session.bins
+    words = [
+        POSTURE_WORDS[code] + ("" if seen or code == UNKNOWN else " (inferred)")
+        for code, seen in zip(session.posture.upright.tolist(), session.posture_seen.tolist(), strict=True)
+    ]
+    postures = [
+        " and ".join(dict.fromkeys(words[first : last + 1])) for first, last in zip(bins.start, bins.last, strict=True)
+    ]
+    moves = [
+        " and ".join(
+            TRANSITIONS[episode.kind][1]
+            for episode in session.episodes
+            if episode.kind in TRANSITIONS and episode.first_frame <= last and episode.last_frame >= first
+        )
+        for first, last in zip(bins.frame[bins.start], bins.frame[bins.last], strict=True)
+    ]
+    return [Reading(label="", text=Column("posture", postures)), Reading(label="", text=Column("transition", moves))]
+
+
+def _mark(session: Session, episode: Episode) -> str:
+    begin, end = session.bins.place_of(np.array([episode.start_s, episode.end_s])).tolist()
+    sign, words = TRANSITIONS[episode.kind]
+    kind = "" if episode.state is JointState.OBSERVED else " unsure"
+    title = f"{words}, {episode.start_s:.1f} to {episode.end_s:.1f} s, {STATE_WORDS[episode.state]}"
+    return (
+        f"<span class='move{kind}' style='left:{100 * begin:.2f}%;width:{100 * (end - begin):.2f}%' title='{title}'>"
+        f"{sign}</span>"
+    )
+
+
+SEEN_SHARE: Final = Form(times=100.0, after=" % seen", share=True)
+
+
+def touch_rows(session: Session) -> list[Row]:
+    """One row a part and person, from head to foot."""
+    rows = [Row(label="Touched by", height=0, shapes="", kind="heading")]
+    if session.contacts is None:
+        return [*rows, Row(label="not known: no contacts.parquet", height=14, shapes="", kind="state")]
+    touched = sorted({(REGIONS.index(c.part), c.person) for c in session.contacts}, key=_natural)
+    rows += _lost_row(session)
+    if not touched:
+        return [*rows, Row(label="nobody, as far as was seen", height=14, shapes="", kind="state")]
+    for part, person in touched:
+        mine = [c for c in session.contacts if c.part == REGIONS[part] and c.person == person]
+        held, seen = _held_and_seen(mine, session.bins)
+        shapes = (
+            f"<path class='touch light' d='{step_path(held, session.bins)}'/>"
+            f"<path class='touch' d='{step_path(seen, session.bins)}'/>"
+        )
+        label = f"{escape(named_part(REGIONS[part]))}: {escape(person)}"
+        rows.append(Row(label=label, height=15, shapes=shapes, kind="state"))
+    return rows
+
+
+def touch_reading(session: Session) -> Reading:
+    """Of each group of frames every part that is touched in it, by whom, and how much of that contact was seen."""
+    first, last = session.bins.frame[session.bins.start], session.bins.frame[session.bins.last]
+    texts: list[list[str]] = [["not known: patient lost"] if lost else [] for lost in _lost(session)]
+    for contact in sorted(session.contacts or (), key=lambda c: (REGIONS.index(c.part), c.person, c.start_s)):
+        told = f"{named_part(contact.part)} by {contact.person} ({SEEN_SHARE.write(contact.seen_share)})"
+        for k in np.flatnonzero((contact.first_frame <= last) & (contact.last_frame >= first)):
+            texts[k].append(told.replace(",", " "))
+    return Reading(label="touched", text=Column("touched", ["; ".join(dict.fromkeys(text)) for text in texts]))
+
+
+def _lost_row(session: Session) -> list[Row]:
+    """Where nobody can be told to touch the patient, since he was not found; none of a patient found throughout."""
+    lost = _lost(session)
+    shapes = f"<path class='lost' d='{step_path(0.5 * lost, session.bins)}'/>"
+    return [Row(label="not known: patient lost", height=15, shapes=shapes, kind="state")] if lost.any() else []
+
+
+def _lost(session: Session) -> np.ndarray:
+    """(b,) 1.0 for groups of frames in one of which no joint was found."""
+    return np.maximum.reduceat(session.joints.lost.all(axis=1).astype(float), session.bins.start)
+
+
+def _held_and_seen(contacts: Sequence[Contact], bins: Bins) -> tuple[np.ndarray, np.ndarray]:
+    """(b,) 1.0 for groups of frames in which one of the contacts goes on; and the least share seen of those."""
+    held, seen = np.zeros(bins.count), np.ones(bins.count)
+    for contact in contacts:
+        there = (contact.first_frame <= bins.frame[bins.last]) & (contact.last_frame >= bins.frame[bins.start])
+        held[there], seen[there] = 1.0, np.minimum(seen[there], contact.seen_share)
+    return held, held * seen
+
+
+def _natural(item: tuple[int, str]) -> tuple[int, int, str]:
+    """Person 10 after person 9."""
+    part, person = item
+    digits = "".join(filter(str.isdigit, person))
+    return part, int(digits) if digits else 0, person

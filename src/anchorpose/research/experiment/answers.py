@@ -1,0 +1,258 @@
+"""Which questions an experiment asks, and where the answers are kept: the list of the work, without doing any of it.
+
+Results cached by content: what was asked, of which code and libraries, names the file; nothing stale is read.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cache
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+import anchorpose
+from anchorpose.errors import AnchorposeError
+from anchorpose.research.experiment.clips import Clip
+from anchorpose.research.experiment.config import ExperimentConfig, Scene
+from anchorpose.research.experiment.method import Family, Method, load_methods
+from anchorpose.research.experiment.methods.own_tracker import ABLATED
+from anchorpose.versions import versions
+
+PRESENTING: Final = (
+    "cli/",
+    "exports/",
+    "pages/",
+    "report/",
+    "research/experiment/outcome.py",
+    "research/experiment/page/",
+    "research/experiment/pictures/",
+    "research/experiment/pool.py",
+    "research/experiment/run.py",
+    "research/experiment/show.py",
+    "viewer/",
+    "viewing.py",
+)
+"""Code that changes no result."""
+
+
+class Store:
+    """A folder of results, each a whole .npz file or not there."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def path(self, kind: str, *asked: object) -> Path:
+        """Where the answer to a question is kept; asked: values whose ``repr`` says all that the answer depends on."""
+        text = "\n".join([code_digest(), repr(versions()), kind, *map(repr, asked)])
+        return self.folder / kind / f"{hashlib.sha256(text.encode()).hexdigest()[:24]}.npz"
+
+    def write(self, path: Path, arrays: Mapping[str, object]) -> None:
+        """The answer, all of it at once: a kill leaves nothing half-written."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_name(f".{path.stem}.partial-{os.getpid()}")
+        try:
+            with partial.open("wb") as stream:
+                np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
+            partial.replace(path)
+        except BaseException:
+            partial.unlink(missing_ok=True)
+            raise
+
+
+def read(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of an answer."""
+    with np.load(path, allow_pickle=False) as file:
+        return {name: file[name] for name in file.files}
+
+
+@cache
+def code_digest() -> str:
+    """Of every module and data file of the package that a result may depend on."""
+    root, digest = Path(anchorpose.__file__).parent, hashlib.sha256()
+    for path in sorted(root.rglob("*")):
+        place = path.relative_to(root).as_posix()
+        if not path.is_file() or path.suffix not in (".py", ".npz"):
+            continue
+        if place.startswith(PRESENTING):
+            continue
+        digest.update(place.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()
+
+
+FRAMEWORK_MS = 90.0  # of one frame in the framework, whatever the method: isolation to registration
+OWN_MS = 150.0  # of one frame of the own tracker, learning included
+CROWD = {Scene.CLINIC_FRONT: 1.5, Scene.CLINIC: 3.0}  # times as much: therapists, and three cameras
+ABLATION_SCENES = (Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)  # holes alone are too easy to tell ingredients apart
+
+
+TUNING_HOLE_M = 0.12  # half of the training windows have it: a setting must do with and without
+
+
+class Kind(StrEnum):
+    """What is asked."""
+
+    MATCHED = "matched"  # how far are its matches from the truth?
+    TRACKED = "tracked"  # how far are the joints?
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Answer:
+    """One question: a method on a clip with a size of hole; cost_s: about what it takes, of one core."""
+
+    kind: Kind
+    clip: Clip
+    hole_m: float
+    method: Method
+    setting: object
+    path: Path
+    cost_s: float
+
+    @property
+    def there(self) -> bool:
+        """Whether it is answered already."""
+        return self.path.is_file()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """settings: of each method, by key. movements: the file, and its content's digest. training: the clips are those
+    that settings are chosen on, and every setting of every method is asked for its matches."""
+
+    config: ExperimentConfig
+    methods: tuple[Method, ...]
+    settings: Mapping[str, object]
+    movements: Path
+    movements_digest: str
+    store: Store
+    training: bool = False
+
+    def answers(self, clip: Clip) -> Iterator[Answer]:
+        """Everything that is asked about a clip."""
+        if self.training:
+            yield from self._tried(clip)
+            return
+        for hole_m in self.holes(clip):
+            for method in self.methods_on(clip):
+                setting = self.settings.get(method.key)
+                if method.associate is not None and self.has_windows(clip):
+                    yield self._answer(Kind.MATCHED, clip, hole_m, method, setting)
+                yield self._answer(Kind.TRACKED, clip, hole_m, method, setting)
+
+    def _tried(self, clip: Clip) -> Iterator[Answer]:
+        for hole_m in self.holes(clip):
+            for method in self.methods:
+                for setting in method.settings if len(method.settings) > 1 else ():
+                    yield self._answer(Kind.MATCHED, clip, hole_m, method, setting)
+
+    @property
+    def windows(self) -> int:
+        """Moments of each recording and size of hole at which matches are compared."""
+        return self.config.training_windows if self.training else self.config.windows
+
+    def holes(self, clip: Clip) -> tuple[float, ...]:
+        """Sizes of hole that are cut into the clip; matches alone and loose clothes are compared at both ends only."""
+        if self.training:
+            return (0.0, TUNING_HOLE_M)
+        if clip.scene in (Scene.MATCHES, Scene.LOOSE):
+            return tuple(sorted({0.0, max(self.config.holes_m)}))
+        return self.config.holes_m if clip.holes_are_cut else (0.0,)
+
+    def methods_on(self, clip: Clip) -> tuple[Method, ...]:
+        """All methods, the slow ones within the sample; in some scenes the own tracker without each ingredient too."""
+        own = any(method.family is Family.TRACKER for method in self.methods)
+        ablated = own and self.config.ablation and clip.scene in ABLATION_SCENES
+        methods = tuple(method for method in self.methods if self.in_sample(clip) or not method.sampled)
+        if clip.scene is Scene.MATCHES:
+            return tuple(method for method in methods if method.associate is not None)
+        return (*methods, *(ABLATED if ablated else ()))
+
+    def has_windows(self, clip: Clip) -> bool:
+        """Whether matches are compared with the truth on it: in the paper's scene, as the paper shows them."""
+        return clip.scene is Scene.PAPER and self.in_sample(clip)
+
+    def in_sample(self, clip: Clip) -> bool:
+        """Whether slow methods run on it: seeds are drawn, so the first are as good as any."""
+        if clip.scene is not Scene.PAPER or clip.simulation is None:
+            return True
+        return clip.simulation.seed < self.config.first_seed + self.config.sampled_recordings
+
+    def reference(self, clip: Clip) -> Path:
+        """Where the reference of a clip is kept."""
+        return self.store.path("reference", identity(clip))
+
+    def _answer(self, kind: Kind, clip: Clip, hole_m: float, method: Method, setting: object) -> Answer:
+        config = self.config
+        how = (config.hole_share, config.segment_frames, self.windows, self.movements_digest)
+        drawn = (config.sampled_segments, config.scene_segments) if is_sampled(method, clip) else ()
+        alone = (Scene.MATCHES,) if clip.scene is Scene.MATCHES else ()
+        what = (identity(clip), clip.drawn_by, hole_m, method.key, method.content, setting)
+        path = self.store.path(kind, *what, *how, *drawn, *alone)
+        return Answer(kind, clip, hole_m, method, setting, path, self._cost_s(kind, clip, method))
+
+    def _cost_s(self, kind: Kind, clip: Clip, method: Method) -> float:
+        config, crowd = self.config, CROWD.get(clip.scene, 1.0)
+        frames = 40 if clip.simulation is None else clip.simulation.frames  # of a real recording, before it is opened
+        if kind is Kind.MATCHED:
+            return crowd * self.windows * 3 * method.frame_ms / 1000.0
+        if method.family is Family.TRACKER:
+            return crowd * frames * OWN_MS / 1000.0
+        segments = sampled_segments(clip, config) if is_sampled(method, clip) else frames // config.segment_frames
+        return crowd * segments * config.segment_frames * (FRAMEWORK_MS + 1.3 * method.frame_ms) / 1000.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Brief:
+    """A plan that can be sent to another process: methods by key or file, settings by number; code: its digest."""
+
+    config: ExperimentConfig
+    wanted: tuple[str, ...]
+    chosen: tuple[tuple[str, int], ...]
+    movements: Path
+    movements_digest: str
+    cache: Path
+    code: str
+    training: bool = False
+
+    def plan(self) -> Plan:
+        """The plan itself."""
+        if self.code != code_digest():
+            raise AnchorposeError("the program was changed while it ran; start the experiment again.")
+        methods = load_methods(self.wanted)
+        numbers = dict(self.chosen)
+        settings = {method.key: method.settings[numbers.get(method.key, 0)] for method in methods}
+        return Plan(
+            self.config, methods, settings, self.movements, self.movements_digest, Store(self.cache), self.training
+        )
+
+
+def is_sampled(method: Method, clip: Clip) -> bool:
+    """Whether the method runs on some of the clip's segments only."""
+    return method.sampled or clip.scene is Scene.MATCHES
+
+
+def sampled_segments(clip: Clip, config: ExperimentConfig) -> int:
+    """How many segments of a clip the slow methods run on."""
+    return config.sampled_segments if clip.scene in (Scene.PAPER, Scene.MATCHES) else config.scene_segments
+
+
+def identity(clip: Clip) -> str:
+    """What a clip's content hangs on: how it is simulated, or its files."""
+    if clip.simulation is not None or clip.folder is None:
+        return repr(clip.simulation)
+    return _content(clip.folder)
+
+
+@cache
+def _content(folder: Path) -> str:
+    digest = hashlib.sha256()
+    for path in sorted(folder.rglob("*")):
+        if path.is_file():
+            digest.update(path.relative_to(folder).as_posix().encode() + b"\0")
+            digest.update(hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()

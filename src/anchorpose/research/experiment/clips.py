@@ -1,0 +1,134 @@
+"""The recordings that an experiment is made on: simulated ones, or the user's own with reference skeletons.
+
+The paper's transient occlusions: data removed about the body's centre in randomly selected frames (Section V).
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from anchorpose.camera import Camera, transform_points
+from anchorpose.errors import InputError
+from anchorpose.recording.depth_image import read_depth_picture
+from anchorpose.recording.recording import Recording
+from anchorpose.research.experiment.config import ExperimentConfig, Scene
+from anchorpose.simulate import config as presets
+from anchorpose.simulate.config import SimulationConfig
+
+LOOSE_M = 0.014  # close to what the simulator refuses; ordinary clothes stand off by up to 0.009
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Clip:
+    """One recording. simulation: how it is made, or None where ``folder`` is the user's."""
+
+    name: str
+    scene: Scene
+    simulation: SimulationConfig | None
+    folder: Path | None = None
+
+    @property
+    def drawn_by(self) -> str:
+        """What its holes, segments and windows are drawn by: those of the paper's scene serve twice."""
+        return self.name.replace(Scene.MATCHES, Scene.PAPER)
+
+    @property
+    def holes_are_cut(self) -> bool:
+        """Whether the sizes of hole apply; other scenes bring their own occluders."""
+        return self.scene in (Scene.PAPER, Scene.MATCHES, Scene.LOOSE, Scene.REAL)
+
+
+def plan_clips(config: ExperimentConfig, real: Path | None) -> list[Clip]:
+    """All test recordings, scene by scene."""
+    clips = [
+        Clip(f"{scene}-{seed}", scene, simulation_of(scene, seed, config))
+        for scene in config.scenes
+        if scene is not Scene.REAL
+        for seed in config.seeds(scene)
+    ]
+    return clips + ([] if real is None else real_clips(real))
+
+
+def real_clips(folder: Path) -> list[Clip]:
+    """The recording folders below ``folder`` that have a reference skeleton."""
+    found = sorted(path.parent for path in folder.glob("*/skeleton.npz") if (path.parent / "recording.json").is_file())
+    return [Clip(f"real-{path.name}", Scene.REAL, None, path) for path in found]
+
+
+def simulation_of(scene: Scene, seed: int, config: ExperimentConfig) -> SimulationConfig:
+    """How a recording is simulated."""
+    if scene in (Scene.PAPER, Scene.MATCHES):
+        return presets.single(seed, config.seconds, config.fps)
+    alone = presets.single(seed, config.scene_seconds, config.fps)
+    crowded = presets.clinic(seed, config.scene_seconds, config.fps)
+    match scene:
+        case Scene.LOOSE:
+            return replace(alone, clothing_m=LOOSE_M)
+        case Scene.FRAME:
+            return replace(alone, standing_frame=True)
+        case Scene.CLINIC_FRONT:
+            return replace(crowded, cameras=1)
+        case Scene.CLINIC:
+            return crowded
+    raise ValueError(f"{scene} is not simulated")
+
+
+ON_BODY_M = 0.3  # from the middle of a body to its skin; farther off there is no body
+HOLES_KEY = 7  # a stream of its own beside those that recordings are drawn from
+
+
+def draw_hole_frames(frames: int, share: float, seed: int, starts: Sequence[int]) -> np.ndarray:
+    """(frames,) bool: which frames lose data. Never those that tracking starts in, whose pose is given."""
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(HOLES_KEY,)))
+    chosen: np.ndarray = rng.random(frames) < share
+    chosen[list(starts)] = False
+    return chosen
+
+
+def cut_holes(recording: Recording, out: Path, centre_m: np.ndarray, chosen: np.ndarray, radius_m: float) -> np.ndarray:
+    """A copy of the recording folder at ``out`` without the readings nearer than ``radius_m`` to the body's centre.
+
+    centre_m (t, 3): the mean of what is seen of the body, in the world that the recording's camera has a pose in, NaN
+    where it was not seen: such a frame stays as it is. That mean lies inside the body; the hole is about the reading
+    nearest to it, so that its radius is what is cut from the skin. chosen (t,) bool. Pictures that lose nothing are
+    linked, not copied. Returns (t,) bool: the frames that lost readings.
+    Raises InputError for a recording of several cameras: their frames would have to be paired first.
+    """
+    if len(recording.cameras) != 1:
+        raise InputError(recording.folder, "has several cameras", "holes are cut in recordings of one camera only")
+    camera, stream = recording.cameras[0], recording.streams[0]
+    shutil.copytree(recording.folder, out, ignore=shutil.ignore_patterns("depth"))
+    folder, cut = out / camera.name / "depth", np.zeros(len(stream.files), bool)
+    folder.mkdir()
+    for position, file in enumerate(stream.files):
+        stored = cv2.imread(str(file), cv2.IMREAD_UNCHANGED) if chosen[position] else None
+        hole = None if stored is None else within_hole(file, camera, centre_m[position], radius_m)
+        if stored is None or hole is None or not hole.any():
+            (folder / file.name).symlink_to(file.resolve())
+            continue
+        cv2.imwrite(str(folder / file.name), np.where(hole, 0, stored).astype(stored.dtype))
+        cut[position] = True
+    return cut
+
+
+def within_hole(file: Path, camera: Camera, centre_m: np.ndarray, radius_m: float) -> np.ndarray | None:
+    """(height, width) bool: pixels of a depth picture within the radius of the reading nearest to a world point.
+
+    None where there is no such reading within reach of a body.
+    """
+    depth = read_depth_picture(file, camera).depth_m
+    if depth is None or np.isnan(centre_m).any():
+        return None
+    points = transform_points(camera.require_pose(), camera.back_project(depth))
+    away = np.where(depth > 0, np.linalg.norm(points - centre_m, axis=2), np.inf)
+    if away.min() > ON_BODY_M:
+        return None
+    middle = points.reshape(-1, 3)[np.argmin(away)]
+    inside: np.ndarray = np.linalg.norm(points - middle, axis=2) < radius_m
+    return inside & (depth > 0)

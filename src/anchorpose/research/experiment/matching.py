@@ -1,0 +1,202 @@
+"""How far matches lie from the true correspondence.
+
+Moments of a recording, look-ahead and all, in which every method is asked for its matches on the same meshes.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from anchorpose.association.matcher import Matcher
+from anchorpose.body.pose import Pose
+from anchorpose.geodesics.descriptor import anchor_descriptor
+from anchorpose.geodesics.distance import geodesic_distance
+from anchorpose.geodesics.extrema import geodesic_extrema, surface_center
+from anchorpose.recording.reader import read_frames
+from anchorpose.research.experiment.correspondence import Skin, TruePlaces
+from anchorpose.research.experiment.framework import start_at
+from anchorpose.research.experiment.method import Family, Method
+from anchorpose.research.experiment.reference import Reference
+from anchorpose.tracker.association import GlobalHypothesis, global_hypothesis
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.observation import Observation
+from anchorpose.tracker.patient import PatientTracker
+from anchorpose.tracker.room import Room
+from anchorpose.tracking.motion_database import MotionDatabase
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Window:
+    """frame: position of the first of the observations; poses: predicted, of those after the first."""
+
+    frame: int
+    tracker: PatientTracker
+    observations: tuple[Observation, ...]
+    poses: tuple[Pose, ...]
+    config: TrackConfig
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Matches:
+    """What a method says of the m nodes of a window's first frame: node of the second, -1 = no match.
+
+    direct (m,) its hypothesis where it has but one, which nothing has to choose, -1 where it has several; links: the
+    hypotheses level by level; tree: after the track tree, its ``node`` may be fewer: those on the body.
+    """
+
+    direct: np.ndarray
+    links: tuple[Matcher, ...]
+    tree: GlobalHypothesis
+
+
+def take_window(
+    frame: int, room: Room, reference: Reference, motions: MotionDatabase | None, config: TrackConfig
+) -> Window | None:
+    """The window from a frame on; None where the patient is not known in it or not seen in the next."""
+    count = len(room.recording.streams[0].files)
+    if not reference.found[frame] or frame + 1 >= count:
+        return None
+    frames = list(read_frames(room.recording, frame, min(frame + 1 + config.follow.look_ahead, count)))
+    tracker = start_at(frame, frames[0], room, reference, motions, config)
+    for frame_set in frames[1:]:
+        tracker.take(frame_set)
+    if tracker.next_hypothesis() is None:
+        return None
+    poses = tracker.predict(len(tracker.window) - 1)
+    return Window(frame, tracker, tuple(tracker.window), tuple(poses), config)
+
+
+def ask(method: Method, setting: object, window: Window) -> Matches:
+    """The method's matches in a window, with and without the tree."""
+    if method.associate is None:
+        raise ValueError(f"{method.key} makes no pairs that could be asked for")
+    config, associate = method.configure(window.config, setting), method.associate(setting)
+    seen = window.observations[: config.follow.look_ahead + 1]
+    links = tuple(associate(now, after, config) for now, after in pairwise(seen))
+    hypotheses = links[0].all().match
+    tracker = window.tracker
+    tree = global_hypothesis(
+        tracker.points, tracker.rest, tracker.belief.pose, window.poses[: len(links)], seen, links, config
+    )
+    direct = (
+        hypotheses[:, 0] if not method.several and hypotheses.shape[1] == 1 else np.full(len(hypotheses), -1, np.int32)
+    )
+    return Matches(direct, links, tree)
+
+
+def draw_some(frames: Sequence[int], wanted: int, seed: int) -> list[int]:
+    """So many of the frames, drawn at random, in order; each method and size of hole is given the same."""
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(11,)))
+    count = min(wanted, len(frames))
+    return sorted(int(frame) for frame in rng.choice(np.asarray(frames), size=count, replace=False))
+
+
+COMPARED = 400  # nodes of a window, drawn at random: enough for its mean, and kept with every result
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MatchErrors:
+    """As ``outcome.Matched`` has them, over m compared nodes."""
+
+    region: np.ndarray
+    direct_mm: np.ndarray
+    tree_mm: np.ndarray
+    direct_skin_mm: np.ndarray
+    tree_skin_mm: np.ndarray
+    mirrored: np.ndarray
+    nodes: int
+    describe_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """The compared nodes of a window: node (m,) of the first frame, and where each is in the second."""
+
+    skin: Skin
+    node: np.ndarray
+    places: TruePlaces
+
+
+def truth_of(window: Window, skin: Skin) -> Truth:
+    """The nodes whose place is seen in the next frame too, or some hundred of them, the same for every method."""
+    now, after = (seen.surface.points_m.astype(np.float64) for seen in window.observations[:2])
+    places = skin.follow(now, window.frame, window.frame + 1, after)
+    seen = np.flatnonzero(places.seen)
+    rng = np.random.default_rng(np.random.SeedSequence(window.frame, spawn_key=(17,)))
+    chosen = np.sort(rng.choice(seen, size=min(COMPARED, len(seen)), replace=False))
+    return Truth(skin, chosen, TruePlaces(places.vertex[chosen], places.place_m[chosen], places.seen[chosen]))
+
+
+def score(method: Method, setting: object, window: Window, truth: Truth) -> MatchErrors:
+    """The method's matches of a window against the truth."""
+    matches = ask(method, setting, window)
+    direct, tree = (_matched(matches, window, truth, by_tree) for by_tree in (False, True))
+    skin, frame = truth.skin, window.frame + 1
+    said = np.where(np.isfinite(direct).all(axis=1, keepdims=True), direct, tree)
+    return MatchErrors(
+        region=skin.region[truth.places.vertex].astype(np.int8),
+        direct_mm=_straight_mm(direct, truth),
+        tree_mm=_straight_mm(tree, truth),
+        direct_skin_mm=_skin_mm(direct, truth, frame),
+        tree_skin_mm=_skin_mm(tree, truth, frame),
+        mirrored=_mirrored(said, truth, frame),
+        nodes=len(window.observations[0].surface),
+        describe_s=_seconds(method, setting, window),
+    )
+
+
+def _seconds(method: Method, setting: object, window: Window) -> float:
+    """Of one core: what two frames' descriptors and the matches between them take, anchors and distances included."""
+    if method.associate is None:
+        return np.nan
+    now, after = window.observations[:2]
+    config, start = method.configure(window.config, setting), time.process_time()
+    method.associate(setting)(now, after, config).all()
+    if method.family is Family.PROPOSED:  # these are made with the observation
+        for seen in (now, after):
+            field = geodesic_distance(seen.whole, np.array([surface_center(seen.whole)]))[0]
+            geodesic_extrema(seen.whole, field, config.anchors.radius * window.tracker.height_m)
+            anchor_descriptor(seen.whole, seen.anchors)
+    return time.process_time() - start
+
+
+def _matched(matches: Matches, window: Window, truth: Truth, by_tree: bool) -> np.ndarray:
+    """(m, 3) where the compared nodes are said to be, NaN without a match."""
+    if by_tree:
+        place = np.full((len(window.observations[0].surface), 3), np.nan)
+        place[matches.tree.node] = matches.tree.matched_m
+        return place[truth.node]
+    found = np.full((len(truth.node), 3), np.nan)
+    node = matches.direct[truth.node]
+    found[node >= 0] = window.observations[1].surface.points_m[node[node >= 0]]
+    return found
+
+
+def _straight_mm(said_m: np.ndarray, truth: Truth) -> np.ndarray:
+    distance: np.ndarray = 1000.0 * np.linalg.norm(said_m - truth.places.place_m, axis=1)
+    return distance.astype(np.float32)
+
+
+def _skin_mm(said_m: np.ndarray, truth: Truth, frame: int) -> np.ndarray:
+    """(m,) along the skin, never less than straight: both ends are told to a vertex only."""
+    known = np.isfinite(said_m).all(axis=1)
+    distance = np.full(len(said_m), np.nan, np.float32)
+    vertex = truth.skin.vertex_at(said_m[known], frame)
+    along = 1000.0 * truth.skin.along_skin_m(vertex, truth.places.vertex[known])
+    distance[known] = np.maximum(along, _straight_mm(said_m, truth)[known])
+    return distance
+
+
+def _mirrored(said_m: np.ndarray, truth: Truth, frame: int) -> np.ndarray:
+    known = np.isfinite(said_m).all(axis=1)
+    mirrored = np.zeros(len(said_m), bool)
+    vertex = truth.skin.vertex_at(said_m[known], frame)
+    true_vertex, skin = truth.places.vertex[known], truth.skin
+    other_side = skin.side[vertex] * skin.side[true_vertex] == -1
+    mirrored[known] = other_side & (skin.region[vertex] == skin.region[true_vertex])
+    return mirrored

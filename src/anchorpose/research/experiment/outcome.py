@@ -1,0 +1,106 @@
+"""What an experiment has found, before anything is averaged: tables, figures and the page are made from this alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from anchorpose.joints import JOINT_COUNT
+from anchorpose.research.experiment.config import ExperimentConfig, Scene
+from anchorpose.research.experiment.method import Method
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tracked:
+    """One method on one recording with one size of hole (0: none).
+
+    frame (f,) int64: positions in the recording, without the frames whose pose was given. occluded (f,) bool: the frame
+    has a hole. error_mm (f, 21): distance from the truth, or from the reference skeleton of a real recording; NaN where
+    that has no joint, or the method none. seconds: of one core, for all of it.
+    """
+
+    scene: Scene
+    recording: str
+    hole_m: float
+    method: str
+    frame: np.ndarray
+    occluded: np.ndarray
+    error_mm: np.ndarray
+    seconds: float
+
+    def __post_init__(self) -> None:
+        if self.error_mm.shape != (len(self.frame), JOINT_COUNT) or self.occluded.shape != self.frame.shape:
+            raise ValueError(f"errors {self.error_mm.shape} do not fit {len(self.frame)} frames")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Matched:
+    """One method's matches between one frame and the next of a simulated recording.
+
+    Over m nodes of the first frame whose place is seen in the next: region (m,) int8 index into ``REGIONS``;
+    direct_mm, tree_mm (m,): how far from that place the match lies, straight, without and with the track tree, NaN
+    without a match (all of direct_mm where a method has several hypotheses and nothing to choose by);
+    direct_skin_mm, tree_skin_mm: the same along the skin; mirrored (m,) bool: the direct match, or where there is
+    none the tree's, lies on the same part of the other side: a hand's on the other hand.
+    occluded: either frame has a hole. nodes: of the first frame. describe_s: of one core, for two frames' descriptors,
+    anchors included, and the matches between them. body_m: standing height, so that lengths along the skin can be told
+    in shares of it.
+    """
+
+    scene: Scene
+    recording: str
+    hole_m: float
+    method: str
+    frame: int
+    occluded: bool
+    region: np.ndarray
+    direct_mm: np.ndarray
+    tree_mm: np.ndarray
+    direct_skin_mm: np.ndarray
+    tree_skin_mm: np.ndarray
+    mirrored: np.ndarray
+    nodes: int
+    describe_s: float
+    body_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Tried:
+    """One setting of a method on the training recordings: mean distance of its matches from the truth, millimetres.
+
+    A node without a match counts as ``tuning.MISSED_MM``.
+    """
+
+    setting: str
+    score_mm: float
+    chosen: bool
+
+
+@dataclass(frozen=True, slots=True)
+class PaperTimes:
+    """Seconds on one core for a mesh at every pixel and for its five geodesic fields, as the paper counts them."""
+
+    nodes: int
+    edges: int
+    mesh_s: float
+    feature_s: float
+    dijkstra_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """methods: in the order of the tables; tried: the settings of each method; times: None where none were measured.
+
+    failed: a sentence for each recording that could not be used, and why.
+    """
+
+    config: ExperimentConfig
+    methods: tuple[Method, ...]
+    tried: tuple[tuple[str, tuple[Tried, ...]], ...]
+    tracked: tuple[Tracked, ...]
+    matched: tuple[Matched, ...]
+    times: PaperTimes | None
+    failed: tuple[str, ...]
+    real: Path | None

@@ -1,0 +1,191 @@
+"""Errors of the matches against the true correspondence: overall, by region, by size of hole, as a curve.
+
+What it costs: seconds on one core, beside the paper's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Final
+
+import numpy as np
+
+from anchorpose.research.experiment.config import Scene
+from anchorpose.research.experiment.correspondence import REGIONS
+from anchorpose.research.experiment.outcome import Matched, Outcome, PaperTimes
+from anchorpose.research.experiment.page.selection import (
+    Matching,
+    Tracking,
+    answer_of,
+    compared,
+    direct_mm,
+    in_regions,
+    mirrored_of,
+    tree_mm,
+)
+from anchorpose.research.experiment.page.tables import (
+    Column,
+    Estimate,
+    Row,
+    Table,
+    Unit,
+    mean_over,
+    median_over,
+    ratio_of,
+)
+from anchorpose.research.experiment.page.tracking_tables import hole_column
+
+CURVE_MM = tuple(range(0, 501, 20))
+CURVE_SHARES = tuple(share / 200 for share in range(0, 61, 2))  # of the body's height: 0 to 0.3
+
+NOTE = (
+    "The same nodes for every method, of the paper’s scene. “Direct” is the nearest descriptor; a method with several "
+    "hypotheses has nothing to choose by without the tree. A node without a match has no error: see the share matched. "
+    "The anchors as refined here have a mesh without holes, and so other nodes."
+)
+ANSWER_NOTE = "Direct matches; those after the tree where a method has no direct ones."
+
+Take = Callable[[Matched], np.ndarray]
+
+
+def matching_tables(outcome: Outcome) -> list[Table]:
+    """All tables of matches; none without any."""
+    matching, resamples = Matching(outcome), outcome.config.resamples
+    if not matching.windows:
+        return []
+    return [
+        _overall(matching, resamples),
+        _by_region(matching, resamples, "matching_by_region", "Median error of the matches by region, mm",
+                   median_over, Unit.MM, None),
+        _by_region(matching, resamples, "mirrored_by_region", "Matches on the same part of the other side by region",
+                   mean_over, Unit.SHARE, mirrored_of),
+        _by_size(matching, resamples, "matching_by_size", "Median error of the matches by size of hole, mm", None),
+        _by_size(matching, resamples, "matching_by_size_tree",
+                 "Median error after the tree by size of hole, mm", tree_mm),
+        _curve(matching, resamples, "princeton_mm", "Share of nodes matched within a distance along the skin, mm",
+               CURVE_MM, by_height=False),
+        _curve(matching, resamples, "princeton_height", "Share of nodes matched within a share of the body’s height",
+               CURVE_SHARES, by_height=True),
+    ]  # fmt: skip
+
+
+def _overall(matching: Matching, resamples: int) -> Table:
+    def share(take: Take) -> Take:
+        return lambda match: np.isfinite(take(match)).astype(float)
+
+    columns: list[tuple[Column, Callable[..., Estimate], Take]] = []
+    for name, take in (("direct", direct_mm), ("tree", tree_mm)):
+        columns += [
+            (Column(f"{name} mean", f"{name}, mean (mm)"), mean_over, take),
+            (Column(f"{name} median", f"{name}, median (mm)"), median_over, take),
+            (Column(f"{name} matched", f"{name}, matched", Unit.SHARE), mean_over, share(take)),
+        ]
+    columns.append((Column("mirrored", "on the other side’s limb", Unit.SHARE), mean_over, mirrored_of))
+    rows = [
+        Row(method, column, summarise(list(matching.values(method.key, take).values()), resamples))
+        for method in matching.methods
+        for column, summarise, take in columns
+    ]
+    note = f"{NOTE} {len(matching.windows)} pairs of frames."
+    return Table("matching", "Error of the matches over all sizes of hole", "measure", note, tuple(rows))
+
+
+def _by_region(
+    matching: Matching, resamples: int, key: str, title: str, summarise: Callable[..., Estimate], unit: Unit,
+    take: Take | None,
+) -> Table:  # fmt: skip
+    """take: None for the answer of each method."""
+    rows = []
+    for method in matching.methods:
+        of_method = take or answer_of(matching, method.key)
+        for index, region in enumerate(REGIONS):
+            values = matching.values(method.key, in_regions(of_method, [index]))
+            rows.append(Row(method, Column(region, region, unit), summarise(list(values.values()), resamples)))
+    return Table(key, title, "region", f"{NOTE} {ANSWER_NOTE}", tuple(rows))
+
+
+def _by_size(matching: Matching, resamples: int, key: str, title: str, take: Take | None) -> Table:
+    rows = []
+    for method in matching.methods:
+        of_method = take or answer_of(matching, method.key)
+        for hole in matching.holes():
+            values = matching.values(method.key, of_method, hole)
+            rows.append(Row(method, hole_column(hole), median_over(list(values.values()), resamples)))
+    return Table(key, title, "hole_m", NOTE if take else f"{NOTE} {ANSWER_NOTE}", tuple(rows))
+
+
+def _curve(matching: Matching, resamples: int, key: str, title: str, places: Sequence[float], by_height: bool) -> Table:
+    """A node without a match lies within no distance."""
+    rows = []
+    for method in matching.methods:
+        within = list(matching.values(method.key, partial(_counts, matching, np.array(places), by_height)).values())
+        asked = list(matching.values(method.key, lambda match: np.array([len(match.region)])).values())
+        for number, x in enumerate(places):
+            share = ratio_of([counts[:, number] for counts in within], asked, resamples)
+            rows.append(Row(method, Column(f"{x:g}", f"{x:g}", Unit.SHARE), share))
+    note = f"{ANSWER_NOTE} Of all nodes that were asked: one without a match lies within no distance."
+    return Table(key, title, "within", note, tuple(rows))
+
+
+def _counts(matching: Matching, places: np.ndarray, by_height: bool, match: Matched) -> np.ndarray:
+    """(1, places) how many nodes of a window are matched within each distance along the skin."""
+    distance = match.direct_skin_mm if matching.has_direct(match.method) else match.tree_skin_mm
+    known = np.sort(distance[np.isfinite(distance)])
+    reach = places * 1000 * match.body_m if by_height else places
+    return np.searchsorted(known, reach, side="right")[None, :]
+
+
+PAPER_MESH_S: Final = 0.72
+PAPER_FEATURE_S: Final = 0.23
+PAPER_NODES: Final = 15549
+PAPER_EDGES: Final = 36185
+"""Section V-B, one core of an Intel i7-6700."""
+
+
+def time_tables(outcome: Outcome) -> list[Table]:
+    """Seconds per method."""
+    rows = [*_matching_rows(outcome), *_tracking_rows(outcome)]
+    note = (
+        "Of one core. Descriptors and matches: for one pair of frames, with the nodes of that mesh. Tracking: all "
+        "that a frame needs. The paper’s feature took 0.23 s on a mesh of 15,549 nodes."
+    )
+    return [Table("times", "Time, s", "what", note, tuple(rows))] if rows else []
+
+
+def paper_time_lines(times: PaperTimes) -> list[tuple[str, str, str]]:
+    """What was timed, here, in the paper."""
+    return [
+        ("nodes of the mesh", f"{times.nodes}", f"{PAPER_NODES}"),
+        ("edges of the mesh", f"{times.edges}", f"{PAPER_EDGES}"),
+        ("mesh", f"{times.mesh_s:.3g} s", f"{PAPER_MESH_S} s"),
+        ("feature, five anchors, fast marching", f"{times.feature_s:.3g} s", "–"),
+        ("feature, five anchors, Dijkstra", f"{times.dijkstra_s:.3g} s", f"{PAPER_FEATURE_S} s"),
+    ]
+
+
+def _matching_rows(outcome: Outcome) -> list[Row]:
+    matching, column = Matching(outcome), Column("describe", "descriptors and matches", Unit.SECONDS)
+    return [
+        Row(method, column, mean_over(
+            list(matching.values(method.key, lambda match: np.array([match.describe_s])).values()),
+            outcome.config.resamples))
+        for method in matching.methods
+    ]  # fmt: skip
+
+
+def _tracking_rows(outcome: Outcome) -> list[Row]:
+    tracking, column = Tracking(outcome), Column("track", "tracking, per frame", Unit.SECONDS)
+    rows = []
+    resamples = outcome.config.resamples
+    for method in tracking.ran(Scene.PAPER, compared(outcome.methods)):
+        seconds: dict[str, list[float]] = {}
+        frames: dict[str, list[float]] = {}
+        for hole in tracking.holes(Scene.PAPER):
+            for recording, run in tracking.runs(Scene.PAPER, method.key, hole).items():
+                if len(run.frame):
+                    seconds.setdefault(recording, []).append(run.seconds)
+                    frames.setdefault(recording, []).append(len(run.frame))
+        spent, had = ([np.array(values) for _, values in sorted(of.items())] for of in (seconds, frames))
+        rows.append(Row(method, column, ratio_of(spent, had, resamples)))
+    return rows

@@ -1,0 +1,131 @@
+"""index.html: one page that says what was run, what became of each claim, and shows every figure and table.
+
+Everything that a reader sees of an experiment, written from its outcome alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from anchorpose.research.experiment.outcome import Outcome
+from anchorpose.research.experiment.page.claims import claims_json, judge_claims
+from anchorpose.research.experiment.page.drawing import Picture
+from anchorpose.research.experiment.page.figures import draw_all
+from anchorpose.research.experiment.page.matching_tables import matching_tables, paper_time_lines, time_tables
+from anchorpose.research.experiment.page.page_parts import (
+    ShownPicture,
+    claims_html,
+    drawing_html,
+    pictures_html,
+    read_pictures,
+    table_html,
+    text_table,
+)
+from anchorpose.research.experiment.page.page_text import (
+    SETTINGS_KEY,
+    again_html,
+    limits_html,
+    run_html,
+    settings_csv,
+    summary_html,
+)
+from anchorpose.research.experiment.page.tables import Table, csv_text
+from anchorpose.research.experiment.page.tracking_tables import OTHER_HOLES, tracking_tables
+from anchorpose.research.experiment.page.verdict import Claim
+from anchorpose.results.folder import whole_or_nothing, write_text_whole
+from anchorpose.results.web_page import fill_page
+
+NO_DATA = "<p class='hint'>Nothing was run that this could be told from.</p>"
+
+UNFOLDED = ("result1_same_frames", "matching", "times", "scenes_same_frames", "ablation")
+"""Tables that are open from the start."""
+
+MORE = tuple(f"{scene}_by_size" for scene in OTHER_HOLES)
+
+
+def compose_page(
+    outcome: Outcome,
+    tables: Sequence[Table],
+    claims: Sequence[Claim],
+    figures: Sequence[Picture],
+    shown: Sequence[ShownPicture],
+) -> str:
+    """The whole page, which needs nothing beside it; the same input gives the same text."""
+
+    def part(drawn: Sequence[str], listed: Sequence[str], pictures: Sequence[str] = ()) -> str:
+        images = [drawing_html(figure) for key in drawn for figure in figures if figure.key == key]
+        rows = [table_html(table, table.key in UNFOLDED) for table in tables if _root(table) in listed]
+        return "".join([*images, pictures_html(shown, pictures), *rows]) or NO_DATA
+
+    return fill_page(
+        "anchorpose.research.experiment.page",
+        "page.html",
+        "The paper’s experiment, repeated",
+        summary=summary_html(outcome, claims, tables),
+        claims=claims_html(claims),
+        run=run_html(outcome),
+        tracking=part(
+            ("result1", "sd1", "ratio", "result2", "sd2"),
+            ("result1", "sd1", "result1_occluded", "known", "ratio", "ratio_occluded", "result2", "sd2"),
+            ("tracked", "hypotheses", "regions"),
+        ),
+        matching=part(
+            ("matching", "princeton"),
+            ("matching", "matching_by_region", "mirrored_by_region", "matching_by_size", "matching_by_size_tree",
+             "princeton_mm", "princeton_height"),
+            ("matches",),
+        ),
+        times=_paper_times(outcome) + part(("times",), ("times",)),
+        more=part(("scenes", *MORE, "ablation"), ("scenes", *MORE, "ablation"), ("other",)),
+        limits=limits_html(outcome),
+        again=again_html(outcome),
+    )  # fmt: skip
+
+
+def _root(table: Table) -> str:
+    return table.key.removesuffix("_all_frames").removesuffix("_same_frames")
+
+
+def _paper_times(outcome: Outcome) -> str:
+    if outcome.times is None:
+        return ""
+    caption = "A mesh at every pixel and its five distance fields, on one core"
+    return text_table(caption, ("what", "here", "paper (i7-6700)"), paper_time_lines(outcome.times))
+
+
+TABLES_FOLDER: Final = "tables"
+FIGURES_FOLDER: Final = "figures"
+CLAIMS_FILE: Final = "claims.json"
+PAGE_FILE: Final = "index.html"
+
+
+def write_outcome(outcome: Outcome, out: Path) -> None:
+    """tables/*.csv, figures/*.svg and *.png, claims.json and index.html in ``out``; the same outcome, the same bytes.
+
+    What is there of these is replaced, each folder and file as a whole and the page last; nothing else is touched.
+    The page shows the pictures of ``out / pictures``. Raises MissingPackage without matplotlib and InputError for
+    captions that cannot be used, both before anything is written.
+    """
+    tables = [*tracking_tables(outcome), *matching_tables(outcome), *time_tables(outcome)]
+    claims, figures, shown = judge_claims(outcome), draw_all(tables), read_pictures(out)
+    page = compose_page(outcome, tables, claims, figures, shown)
+    _write_tables(tables, outcome, out / TABLES_FOLDER)
+    _write_figures(figures, out / FIGURES_FOLDER)
+    write_text_whole(out / CLAIMS_FILE, claims_json(claims))
+    write_text_whole(out / PAGE_FILE, page)
+
+
+def _write_tables(tables: Sequence[Table], outcome: Outcome, folder: Path) -> None:
+    with whole_or_nothing(folder) as partial:
+        for table in tables:
+            (partial / f"{table.key}.csv").write_text(csv_text(table), encoding="utf-8")
+        (partial / f"{SETTINGS_KEY}.csv").write_text(settings_csv(outcome), encoding="utf-8")
+
+
+def _write_figures(figures: Sequence[Picture], folder: Path) -> None:
+    with whole_or_nothing(folder) as partial:
+        for figure in figures:
+            (partial / f"{figure.key}.svg").write_text(figure.svg, encoding="utf-8")
+            (partial / f"{figure.key}.png").write_bytes(figure.png_bytes)

@@ -1,0 +1,205 @@
+"""Which of an outcome's frames and matches are put together, so that what is compared was asked the same."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from anchorpose.research.experiment.config import Scene
+from anchorpose.research.experiment.method import OWN, Family, Method
+from anchorpose.research.experiment.outcome import Matched, Outcome, Tracked
+from anchorpose.research.experiment.tuning import MISSED_MM
+
+Kept = Mapping[tuple[str, float], np.ndarray]
+"""Frames, in order, of each recording and size of hole."""
+
+
+def compared(methods: Iterable[Method]) -> list[Method]:
+    """All but the ablated forms of the own tracker."""
+    return [method for method in methods if method.family is not Family.TRACKER or method.key == OWN]
+
+
+def ablated(methods: Iterable[Method]) -> list[Method]:
+    """The own tracker, and each form of it that lacks something."""
+    return [method for method in methods if method.family is Family.TRACKER]
+
+
+def frame_means(error_mm: np.ndarray) -> np.ndarray:
+    """(f,) mean over the joints (f, j) that have an error; NaN in a frame without any."""
+    known = np.isfinite(error_mm)
+    count = known.sum(axis=1)
+    total = np.where(known, error_mm, 0.0).sum(axis=1)
+    means: np.ndarray = np.divide(total, count, out=np.full(len(count), np.nan), where=count > 0)
+    return means
+
+
+class Tracking:
+    """All tracked frames, to be asked for by scene, method and size of hole; recordings in the order of their names."""
+
+    def __init__(self, outcome: Outcome) -> None:
+        self._runs: dict[tuple[Scene, str, float], dict[str, Tracked]] = defaultdict(dict)
+        for run in sorted(outcome.tracked, key=lambda run: run.recording):
+            self._runs[run.scene, run.method, run.hole_m][run.recording] = _in_order(run)
+
+    def holes(self, scene: Scene) -> list[float]:
+        """The sizes of hole in a scene, in metres; 0 is none."""
+        return sorted({hole for of, _, hole in self._runs if of is scene})
+
+    def ran(self, scene: Scene, methods: Iterable[Method]) -> list[Method]:
+        """Those of the methods that tracked anything there."""
+        keys = {
+            key
+            for (of, key, _), runs in self._runs.items()
+            if of is scene and any(len(run.frame) for run in runs.values())
+        }
+        return [method for method in methods if method.key in keys]
+
+    def runs(self, scene: Scene, method: str, hole_m: float) -> dict[str, Tracked]:
+        """By recording."""
+        return self._runs.get((scene, method, hole_m), {})
+
+    def shared(self, scene: Scene, methods: Iterable[Method]) -> Kept:
+        """The frames that all of the methods ran on; a method that tracked nothing in the scene takes no part."""
+        keys = [method.key for method in self.ran(scene, methods)]
+        kept: dict[tuple[str, float], np.ndarray] = {}
+        for hole in self.holes(scene):
+            runs = [self.runs(scene, key, hole) for key in keys]
+            for recording in sorted(set.intersection(*(set(run) for run in runs)) if runs else ()):
+                frames = [run[recording].frame for run in runs]
+                kept[recording, hole] = np.array(sorted(set.intersection(*(set(f.tolist()) for f in frames))), int)
+        return kept
+
+    def errors(
+        self, scene: Scene, method: str, hole_m: float, kept: Kept | None = None, occluded: bool = False
+    ) -> dict[str, np.ndarray]:
+        """(f, 21) millimetres by recording: all frames or the kept ones; only those with a hole if ``occluded``."""
+        found = {}
+        for recording, run in self.runs(scene, method, hole_m).items():
+            chosen = run.occluded.copy() if occluded else np.ones(len(run.frame), bool)
+            if kept is not None:
+                chosen &= np.isin(run.frame, kept.get((recording, hole_m), np.empty(0, int)))
+            found[recording] = run.error_mm[chosen]
+        return found
+
+    def named_pairs(
+        self,
+        scene: Scene,
+        one: tuple[str, float],
+        other: tuple[str, float],
+        occluded: bool = False,
+        kept: Kept | None = None,
+    ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Errors (f, 21) of two runs, each a method with a size of hole, in the same frames, by recording.
+
+        occluded: only the frames that have a hole in the first. Recordings that one of them lacks are left out.
+        """
+        found = {}
+        ones, others = self.runs(scene, *one), self.runs(scene, *other)
+        for recording in sorted(set(ones) & set(others)):
+            first, second = ones[recording], others[recording]
+            frames = first.frame[first.occluded] if occluded else first.frame
+            for hole_m in (one[1], other[1]) if kept is not None else ():
+                frames = frames[np.isin(frames, (kept or {}).get((recording, hole_m), np.empty(0, int)))]
+            frames = np.intersect1d(frames, second.frame)
+            rows = [np.searchsorted(run.frame, frames) for run in (first, second)]
+            found[recording] = (first.error_mm[rows[0]], second.error_mm[rows[1]])
+        return found
+
+    def pairs(
+        self,
+        scene: Scene,
+        one: tuple[str, float],
+        other: tuple[str, float],
+        occluded: bool = False,
+        kept: Kept | None = None,
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """The same, one after another."""
+        return list(self.named_pairs(scene, one, other, occluded, kept).values())
+
+
+def left_out(outcome: Outcome) -> tuple[int, int]:
+    """How many segments of the simulated recordings nobody ran on, no pose being known to start from; and of all."""
+    config, ran = outcome.config, dict[tuple[Scene, str], int]()
+    for run in outcome.tracked:
+        if run.scene not in (Scene.REAL, Scene.MATCHES):
+            segments = len(run.frame) // (config.segment_frames - 1)
+            ran[run.scene, run.recording] = max(segments, ran.get((run.scene, run.recording), 0))
+    wanted = sum(config.segments(scene) for scene, _ in ran)
+    return wanted - sum(ran.values()), wanted
+
+
+def _in_order(run: Tracked) -> Tracked:
+    order = np.argsort(run.frame, kind="stable")
+    if (np.diff(run.frame[order]) == 0).any():
+        raise ValueError(f"{run.method} on {run.recording} has a frame twice")
+    return replace(run, frame=run.frame[order], occluded=run.occluded[order], error_mm=run.error_mm[order])
+
+
+Window = tuple[str, float, int]
+"""Recording, size of hole and frame."""
+
+
+class Matching:
+    """All matches of the paper's scene, in the windows that all methods with matches were asked in."""
+
+    def __init__(self, outcome: Outcome) -> None:
+        self._asked: dict[str, dict[Window, Matched]] = defaultdict(dict)
+        for match in outcome.matched:
+            if match.scene is Scene.PAPER:
+                self._asked[match.method][match.recording, match.hole_m, match.frame] = match
+        self.methods = [method for method in outcome.methods if method.key in self._asked]
+        self._direct = {method.key for method in self.methods if not method.several}
+        windows = [set(asked) for asked in self._asked.values()]
+        self.windows: list[Window] = sorted(set.intersection(*windows)) if windows else []
+
+    def holes(self) -> list[float]:
+        """Sizes of hole in metres; 0 is none."""
+        return sorted({hole for _, hole, _ in self.windows})
+
+    def has_direct(self, method: str) -> bool:
+        """Whether the method says anything without the tree: one with several hypotheses has nothing to choose by."""
+        return method in self._direct
+
+    def values(
+        self, method: str, take: Callable[[Matched], np.ndarray], hole_m: float | None = None
+    ) -> dict[str, np.ndarray]:
+        """By recording, what ``take`` makes of each window, end to end; hole_m: only windows of this size."""
+        parts: dict[str, list[np.ndarray]] = defaultdict(list)
+        for window in self.windows:
+            if hole_m in (None, window[1]):
+                parts[window[0]].append(np.atleast_1d(take(self._asked[method][window])))
+        return {recording: np.concatenate(arrays) for recording, arrays in parts.items()}
+
+
+def direct_mm(match: Matched) -> np.ndarray:
+    """Straight distance of the method's own match."""
+    return match.direct_mm
+
+
+def tree_mm(match: Matched) -> np.ndarray:
+    """The same after the track tree."""
+    return match.tree_mm
+
+
+def charged_mm(match: Matched) -> np.ndarray:
+    """After the tree, a node without a match as far off as one that the tree gives up: answering less is not better."""
+    return np.where(np.isfinite(match.tree_mm), match.tree_mm, MISSED_MM)
+
+
+def answer_of(matching: Matching, method: str) -> Callable[[Matched], np.ndarray]:
+    """What to take as a method's error: the direct match's, as the paper shows it, or the tree's without such."""
+    return direct_mm if matching.has_direct(method) else tree_mm
+
+
+def mirrored_of(match: Matched) -> np.ndarray:
+    """1 where the match is on the other side's limb, 0 where it is not, NaN without a match."""
+    matched = np.isfinite(match.direct_mm) | np.isfinite(match.tree_mm)
+    return np.where(matched, match.mirrored.astype(np.float64), np.nan)
+
+
+def in_regions(take: Callable[[Matched], np.ndarray], regions: Sequence[int]) -> Callable[[Matched], np.ndarray]:
+    """The same of the nodes in some regions of the body only."""
+    return lambda match: take(match)[np.isin(match.region, regions)]

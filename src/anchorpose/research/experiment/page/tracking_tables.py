@@ -1,0 +1,199 @@
+"""Errors of the joints: per size of hole, per joint, per scene, and what holes cost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import numpy as np
+
+from anchorpose.joints import JOINT_NAMES
+from anchorpose.research.experiment.config import Scene
+from anchorpose.research.experiment.method import Method
+from anchorpose.research.experiment.outcome import Outcome
+from anchorpose.research.experiment.page.selection import Kept, Tracking, ablated, compared, frame_means
+from anchorpose.research.experiment.page.tables import (
+    Column,
+    Estimate,
+    Frames,
+    Row,
+    Table,
+    Unit,
+    deviation_over,
+    mean_over,
+    ratio_of,
+)
+
+Groups = list[np.ndarray]
+
+ALL_NOTE = (
+    "All frames; only of the methods that ran on all of them. Not to be compared with methods of the sample: they saw "
+    "other frames."
+)
+SAME_NOTE = "The same frames for every method: those that all of the methods below ran on."
+
+OTHER_HOLES = (Scene.MATCHES, Scene.LOOSE, Scene.REAL)
+"""Scenes beyond the paper's in which holes are cut too."""
+
+
+def tracking_tables(outcome: Outcome) -> list[Table]:
+    """Of the paper's scene, of all scenes, and of the ablation, in both forms where some methods ran on a sample."""
+    tracking = Tracking(outcome)
+    tables = []
+    for frames in (Frames.SAME, Frames.ALL):  # comparisons first
+        tables += [*_paper_tables(outcome, tracking, frames), _scene_table(outcome, tracking, frames)]
+        tables += [_other_holes(outcome, tracking, frames, scene) for scene in OTHER_HOLES]
+    tables.append(_ablation_table(outcome, tracking))
+    return [table for table in tables if table.rows]
+
+
+def _paper_tables(outcome: Outcome, tracking: Tracking, frames: Frames) -> list[Table]:
+    scene, resamples = Scene.PAPER, outcome.config.resamples
+    methods = _methods(outcome, tracking, scene, frames)
+    kept = tracking.shared(scene, methods) if frames is Frames.SAME else None
+    mean = partial(mean_over, resamples=resamples)
+    deviation = partial(deviation_over, resamples=resamples)
+    by_size = partial(_by_size, tracking, methods, kept)
+    by_joint = partial(_by_joint, tracking, methods, kept)
+    note = _note(frames, methods, kept)
+    return [
+        _table("result1", "Mean joint error by size of hole, mm (r_or)", "hole_m", frames, note, by_size(mean)),
+        _table("sd1", "Standard deviation over frames of a frame’s mean error, mm", "hole_m", frames, note,
+               by_size(lambda groups: deviation([frame_means(group) for group in groups]))),
+        _table("result1_occluded", "Mean joint error by size of hole, mm, only frames with a hole", "hole_m", frames,
+               note, by_size(mean, occluded=True)),
+        _table("known", "Joints that have an error at all", "hole_m", frames,
+               f"{note} Joints that a method gives no place, or that the reference lacks, count in no mean.",
+               by_size(lambda groups: mean([np.isfinite(group).astype(float) for group in groups]), unit=Unit.SHARE)),
+        _table("ratio", "Mean error with a hole over that without, in the same frames", "hole_m", frames, note,
+               _ratios(tracking, methods, kept, resamples, False)),
+        _table("ratio_occluded", "Mean error with a hole over that without, only frames with a hole", "hole_m", frames,
+               note, _ratios(tracking, methods, kept, resamples, True)),
+        _table("result2", "Mean error by joint over all sizes of hole, mm (r_i)", "joint", frames, note,
+               by_joint(mean)),
+        _table("sd2", "Standard deviation of the error by joint over all sizes of hole, mm", "joint", frames, note,
+               by_joint(deviation)),
+    ]  # fmt: skip
+
+
+def _other_holes(outcome: Outcome, tracking: Tracking, frames: Frames, scene: Scene) -> Table:
+    """What the paper's "result1" would be in another scene."""
+    methods = _methods(outcome, tracking, scene, frames)
+    kept = tracking.shared(scene, methods) if frames is Frames.SAME else None
+    rows = _by_size(tracking, methods, kept, partial(mean_over, resamples=outcome.config.resamples), scene=scene)
+    title = f"Mean joint error by size of hole, mm, scene “{scene}”"
+    return _table(f"{scene}_by_size", title, "hole_m", frames, _note(frames, methods, kept), rows)
+
+
+def _methods(outcome: Outcome, tracking: Tracking, scene: Scene, frames: Frames) -> list[Method]:
+    ran = tracking.ran(scene, compared(outcome.methods))
+    return ran if frames is Frames.SAME else [method for method in ran if not method.sampled]
+
+
+def _table(key: str, title: str, across: str, frames: Frames, note: str, rows: Sequence[Row]) -> Table:
+    form = frames.value.replace(" ", "_")
+    return Table(f"{key}_{form}", f"{title}: {frames.value}", across, note, tuple(rows))
+
+
+def _note(frames: Frames, methods: Sequence[Method], kept: Kept | None) -> str:
+    if frames is Frames.ALL or kept is None:
+        return ALL_NOTE
+    count = sum(len(chosen) for chosen in kept.values())
+    sampled = ", ".join(method.title for method in methods if method.sampled)
+    drawn = f" Drawn at random for {sampled}." if sampled else ""
+    return f"{SAME_NOTE} {count} frames of all sizes together.{drawn}"
+
+
+def hole_column(hole_m: float, unit: Unit = Unit.MM) -> Column:
+    """A size of hole."""
+    return Column(f"{hole_m:g}", f"{hole_m:.2f} m" if hole_m else "none", unit)
+
+
+def _by_size(
+    tracking: Tracking, methods: Sequence[Method], kept: Kept | None, summarise: Callable[[Groups], Estimate],
+    occluded: bool = False, unit: Unit = Unit.MM, scene: Scene = Scene.PAPER,
+) -> list[Row]:  # fmt: skip
+    return [
+        Row(method, hole_column(hole, unit),
+            summarise(list(tracking.errors(scene, method.key, hole, kept, occluded).values())))
+        for method in methods
+        for hole in tracking.holes(scene)
+        if hole > 0 or not occluded
+    ]  # fmt: skip
+
+
+def _by_joint(
+    tracking: Tracking, methods: Sequence[Method], kept: Kept | None, summarise: Callable[[Groups], Estimate]
+) -> list[Row]:
+    rows = []
+    for method in methods:
+        together = list(errors_of_all_sizes(tracking, method.key, kept).values())
+        for index, name in enumerate(JOINT_NAMES):
+            rows.append(Row(method, Column(name, name), summarise([errors[:, index] for errors in together])))
+    return rows
+
+
+def errors_of_all_sizes(tracking: Tracking, method: str, kept: Kept | None = None) -> dict[str, np.ndarray]:
+    """(f, 21) millimetres by recording of the paper's scene: every size has as many frames, so none weighs more."""
+    parts: dict[str, list[np.ndarray]] = {}
+    for hole in tracking.holes(Scene.PAPER):
+        for recording, errors in tracking.errors(Scene.PAPER, method, hole, kept).items():
+            parts.setdefault(recording, []).append(errors)
+    return {recording: np.concatenate(arrays) for recording, arrays in sorted(parts.items())}
+
+
+def _ratios(
+    tracking: Tracking, methods: Sequence[Method], kept: Kept | None, resamples: int, occluded: bool
+) -> list[Row]:
+    return [
+        Row(method, hole_column(hole, Unit.RATIO), ratio_to_none(tracking, method.key, hole, resamples, occluded, kept))
+        for method in methods
+        for hole in tracking.holes(Scene.PAPER)
+        if hole > 0
+    ]
+
+
+def ratio_to_none(
+    tracking: Tracking, method: str, hole_m: float, resamples: int, occluded: bool = False, kept: Kept | None = None
+) -> Estimate:
+    """A method's mean error with a hole over its own without, in the same frames; occluded: only those with a hole."""
+    pairs = tracking.pairs(Scene.PAPER, (method, hole_m), (method, 0.0), occluded, kept)
+    return ratio_of([with_hole for with_hole, _ in pairs], [without for _, without in pairs], resamples)
+
+
+def _scene_table(outcome: Outcome, tracking: Tracking, frames: Frames) -> Table:
+    rows, all_methods = [], compared(outcome.methods)
+    for method in all_methods:
+        for scene in Scene:
+            methods = _methods(outcome, tracking, scene, frames)
+            if method not in methods:
+                continue
+            kept = tracking.shared(scene, methods) if frames is Frames.SAME else None
+            rows += _in_scene(tracking, scene, method, kept, outcome.config.resamples)
+    note = ALL_NOTE if frames is Frames.ALL else f"{SAME_NOTE} Scene by scene."
+    return _table("scenes", "Mean joint error by scene, mm", "scene", frames, note, rows)
+
+
+def _in_scene(tracking: Tracking, scene: Scene, method: Method, kept: Kept | None, resamples: int) -> list[Row]:
+    """Without a hole and, where holes are cut, with the largest."""
+    holes = tracking.holes(scene)
+    return [
+        Row(method, Column(f"{scene} {hole:g}", f"{scene}, {hole:.2f} m" if hole else str(scene)),
+            mean_over(list(tracking.errors(scene, method.key, hole, kept).values()), resamples))
+        for hole in dict.fromkeys((holes[0], holes[-1]))
+    ]  # fmt: skip
+
+
+def _ablation_table(outcome: Outcome, tracking: Tracking) -> Table:
+    methods = ablated(outcome.methods)
+    rows = []
+    if any(len(tracking.ran(scene, methods)) > 1 for scene in Scene):
+        for method in methods:
+            for scene in Scene:
+                together = tracking.ran(scene, methods)
+                if len(together) > 1 and method in together:
+                    kept = tracking.shared(scene, together)
+                    rows += _in_scene(tracking, scene, method, kept, outcome.config.resamples)
+    note = "Each ingredient of the tracker switched off by itself; the same frames for all of its forms."
+    return Table("ablation", "What each ingredient of the own tracker brings: mean joint error, mm", "scene", note,
+                 tuple(rows))  # fmt: skip

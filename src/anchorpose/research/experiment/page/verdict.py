@@ -1,0 +1,108 @@
+"""How a claim is judged: comparisons that say yes, no or nothing, and what follows from all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from anchorpose.research.experiment.page.tables import Estimate, Unit, told
+
+
+class Answer(StrEnum):
+    """What one comparison says: open where the interval holds the threshold, or where there is no interval."""
+
+    YES = "yes"
+    NO = "no"
+    OPEN = "open"
+
+
+class Verdict(StrEnum):
+    """What all comparisons of a claim say together."""
+
+    HOLDS = "holds"
+    IN_PART = "holds in part"
+    NOT = "does not hold"
+    UNKNOWN = "cannot be told"
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One comparison: what is compared, the figure, its unit, and what it says of the claim."""
+
+    what: str
+    value: Estimate
+    unit: Unit
+    answer: Answer
+
+    def told(self) -> str:
+        """For readers."""
+        unit = {Unit.MM: " mm", Unit.SECONDS: " s"}.get(self.unit, "")
+        return f"{self.what}: {told(self.value, self.unit)}{unit if np.isfinite(self.value.mean) else ''}"
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """key: in claims.json; place: in the paper, or that it is this project's own; text: in our words.
+
+    rule: when a check says yes; checks: every comparison; context: figures that bear on it, without an answer.
+    """
+
+    key: str
+    place: str
+    text: str
+    rule: str
+    checks: tuple[Check, ...]
+    context: tuple[str, ...] = ()
+
+    @property
+    def verdict(self) -> Verdict:
+        """See ``judge``."""
+        return judge([check.answer for check in self.checks])
+
+
+def judge(answers: Sequence[Answer]) -> Verdict:
+    """A claim is about all of its comparisons: it holds if all say yes.
+
+    It holds in part if at least half say yes, or if some say yes, some no, and more yes than no. Otherwise it does not
+    hold if any says no, and cannot be told if none does.
+    """
+    yes, no = answers.count(Answer.YES), answers.count(Answer.NO)
+    if not yes + no:
+        return Verdict.UNKNOWN
+    if yes == len(answers):
+        return Verdict.HOLDS
+    if 2 * yes >= len(answers) or yes > no > 0:
+        return Verdict.IN_PART
+    return Verdict.NOT if no else Verdict.UNKNOWN
+
+
+def at_most(value: Estimate, bound: float) -> Answer:
+    """Yes where the whole interval is at or below the bound, no where all of it is above."""
+    if np.isnan(value.low) or np.isnan(value.high):
+        return Answer.OPEN
+    if value.high <= bound:
+        return Answer.YES
+    return Answer.NO if value.low > bound else Answer.OPEN
+
+
+def at_least(value: Estimate, bound: float) -> Answer:
+    """Yes where the whole interval is at or above the bound, no where all of it is below."""
+    return at_most(Estimate(-value.mean, -value.high, -value.low, value.count), -bound)
+
+
+def between(value: Estimate, low: float, high: float) -> Answer:
+    """Yes where the whole interval lies within, no where all of it lies outside."""
+    parts = (at_least(value, low), at_most(value, high))
+    if Answer.NO in parts:
+        return Answer.NO
+    return Answer.YES if parts == (Answer.YES, Answer.YES) else Answer.OPEN
+
+
+def measured(value: float, bound: float) -> Answer:
+    """Of one measurement without an interval, such as a time."""
+    if np.isnan(value):
+        return Answer.OPEN
+    return Answer.YES if value <= bound else Answer.NO

@@ -1,0 +1,220 @@
+"""Bright and shadow regions of the hole (paper, Definitions 4 and 5) on the mesh of a real frame.
+
+One anchor's light on the mesh: distortion of distance as colour, bright and shadowed border as lines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from anchorpose.research.experiment.pictures.canvas import BARE, VERMILLION, View, draw_mesh, frame_axes
+from anchorpose.research.occlusion import Light, Occlusion
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+from dataclasses import dataclass
+
+from anchorpose.geodesics.anchors import ANCHOR_NAMES, Anchors
+from anchorpose.research.experiment.config import PAPER_HOLES_M
+from anchorpose.research.experiment.pictures.canvas import Picture, blank_figure
+from anchorpose.research.geodesic_solvers import Solver
+from anchorpose.research.occlusion import border_is_covered, light_from, occlude
+from anchorpose.surface.surface import Surface
+
+SHOWN_M: Final = 0.10  # distortion at which the colour scale ends
+ANCHOR: Final = VERMILLION  # red in the paper
+BRIGHT, SHADOWED, NEITHER = "#f0e442", "#000000", "#8c8c8c"  # yellow and black in the paper
+LEAST_BLUE: Final = 0.25  # where the scale begins: what is distorted at all stands out from the bare mesh
+CUT_OFF: Final = (0.80, 0.47, 0.65)
+
+
+def draw_light(axes: Axes, view: View, light: Light, node: int, title: str) -> None:
+    """Distortion as colour, the border by region, the anchor as a star."""
+    occlusion = light.occlusion
+    _draw_distortion(axes, view, occlusion, light.distortion_m)
+    for edges, colour, width in (
+        (occlusion.boundary.edges, NEITHER, 1.5),
+        (light.shadowed_boundary.edges, SHADOWED, 2.6),
+        (light.bright.edges, SHADOWED, 4.2),  # a rim, so that yellow is seen on grey
+        (light.bright.edges, BRIGHT, 2.6),
+    ):
+        _draw_edges(axes, view, occlusion, edges, colour, width)
+    axes.plot(*view.flat_m(occlusion.whole.points_m[node]), "*", color=ANCHOR, markeredgecolor="black", markersize=13)
+    axes.set_title(title)
+
+
+def draw_together(axes: Axes, view: View, lights: Sequence[Light]) -> None:
+    """The least distortion over all anchors, and the union of the bright regions."""
+    occlusion = lights[0].occlusion
+    with np.errstate(invalid="ignore"):
+        least = np.min([light.distortion_m for light in lights], axis=0)
+    _draw_distortion(axes, view, occlusion, least)
+    _draw_edges(axes, view, occlusion, occlusion.boundary.edges, SHADOWED, 4.2)
+    for light in lights:
+        _draw_edges(axes, view, occlusion, light.bright.edges, BRIGHT, 2.6)
+    axes.set_title("all together: the least distortion")
+
+
+def _draw_distortion(axes: Axes, view: View, occlusion: Occlusion, distortion_m: np.ndarray) -> None:
+    draw_mesh(axes, view, occlusion.seen, colour_of(distortion_m, occlusion.tolerance_m)[occlusion.node])
+    frame_axes(axes, view, [(occlusion.whole, 0.0)])
+
+
+def colour_of(distortion_m: np.ndarray, tolerance_m: float) -> np.ndarray:
+    """(n, 3) 0 to 1: the bare mesh up to the tolerance, then blues up to ``SHOWN_M``; another colour where cut off."""
+    from matplotlib import colormaps
+
+    level = np.clip(np.nan_to_num(distortion_m, nan=0.0, posinf=0.0) / SHOWN_M, 0.0, 1.0)
+    colour = colormaps["Blues"](LEAST_BLUE + (1.0 - LEAST_BLUE) * level)[:, :3]
+    with np.errstate(invalid="ignore"):
+        colour[~(distortion_m > tolerance_m)] = BARE
+    colour[np.isposinf(distortion_m)] = CUT_OFF
+    return np.asarray(colour)
+
+
+def _draw_edges(axes: Axes, view: View, occlusion: Occlusion, edges: np.ndarray, colour: str, width: float) -> None:
+    from matplotlib.collections import LineCollection
+
+    ends = view.flat_m(occlusion.whole.points_m)[edges]
+    axes.add_collection(LineCollection(list(ends), colors=colour, linewidths=width, capstyle="round"))
+
+
+def explain(figure: Figure, *axes: Axes) -> None:
+    """The scale and the legend."""
+    from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import ListedColormap, Normalize, to_hex
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    blues = ListedColormap(colormaps["Blues"](np.linspace(LEAST_BLUE, 1.0, 256)))
+    scale = ScalarMappable(Normalize(0.0, 100.0 * SHOWN_M), blues)
+    figure.colorbar(scale, ax=list(axes), label="longer by (cm)", extend="max", shrink=0.6)
+    handles: list[Line2D | Patch] = [
+        Line2D([], [], color=colour, linewidth=3.0, label=label)
+        for colour, label in ((BRIGHT, "bright border"), (SHADOWED, "shadowed border"), (NEITHER, "between"))
+    ]
+    handles.append(Patch(color=to_hex(CUT_OFF), label="no way left"))
+    handles.append(Line2D([], [], color=ANCHOR, marker="*", linestyle="", markersize=11, label="anchor"))
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles) if len(axes) > 1 else 3)
+
+
+SECTION: Final = "regions"
+TOLERANCE_M: Final = 0.004  # fast marching's own error between two meshes
+TITLES: Final = dict(zip(ANCHOR_NAMES, ("head", "left hand", "right hand", "left foot", "right foot"), strict=True))
+COLUMNS: Final = 3
+COLOURS: Final = (
+    "The mesh of the whole frame, without the nodes that the hole takes; blue where the way is more than 4 mm longer"
+    " than without the hole, purple where there is none left. The hole's border is yellow where distances to it are"
+    " undistorted (bright region, Definition 4), black where they are distorted (shadowed boundary, Definition 5), grey"
+    " between one such node and one of the other kind."
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Holed:
+    """A frame that shows the patient whole, and what the hole takes of it. taken (height, width) bool: pixels of the
+    first camera; centre_m (3,): of the hole, world."""
+
+    title: str
+    surface: Surface
+    anchors: Anchors
+    taken: np.ndarray
+    centre_m: np.ndarray
+
+    @property
+    def hidden(self) -> np.ndarray:
+        """(n,) bool: nodes whose pixel was taken."""
+        first = self.surface.camera == 0
+        row, column = self.surface.pixel[first].T
+        hidden = np.zeros(len(self.surface), bool)
+        hidden[first] = self.taken[row, column]
+        return hidden
+
+    def within(self, radius_m: float) -> np.ndarray:
+        """(n,) bool: nodes that a hole of another size would take."""
+        return np.asarray(np.linalg.norm(self.surface.points_m - self.centre_m, axis=1) < radius_m)
+
+    def node(self, anchor: str) -> int:
+        """-1 where it was not found."""
+        return int(self.anchors.node[ANCHOR_NAMES.index(anchor)])
+
+
+def lights_of(holed: Holed, hidden: np.ndarray) -> dict[str, Light]:
+    """What hiding nodes (n,) bool does to distances from each anchor that was found and is seen; none if it hides no
+    node or all of them."""
+    if not hidden.any() or hidden.all():
+        return {}
+    occlusion = occlude(holed.surface, hidden, Solver.FAST_MARCHING, TOLERANCE_M)
+    nodes = {name: holed.node(name) for name in ANCHOR_NAMES}
+    return {name: light_from(occlusion, node) for name, node in nodes.items() if node >= 0 and not hidden[node]}
+
+
+def region_pictures(view: View, holed: Holed) -> list[Picture]:
+    """The anchor whose distances the hole distorts most, all anchors, and the paper's sizes of hole."""
+    lights = lights_of(holed, holed.hidden)
+    if not lights:
+        return []
+    name = max(lights, key=lambda each: len(lights[each].shadow.nodes))
+    return [_one(view, holed, name, lights[name]), _all(view, holed, lights), _sizes(view, holed, name)]
+
+
+def _one(view: View, holed: Holed, name: str, light: Light) -> Picture:
+    figure = blank_figure(4.6, 5.0)
+    draw_light(figure.add_subplot(), view, light, holed.node(name), TITLES[name])
+    explain(figure, *figure.axes)
+    caption = f"{holed.title}: what the hole does to geodesic distances from the {TITLES[name]}. {COLOURS}"
+    return Picture("regions-anchor.png", caption, SECTION, figure)
+
+
+def _all(view: View, holed: Holed, lights: dict[str, Light]) -> Picture:
+    figure = blank_figure(9.6, 8.6)
+    for number, name in enumerate(ANCHOR_NAMES):
+        axes = figure.add_subplot(2, COLUMNS, number + 1)
+        if name in lights:
+            draw_light(axes, view, lights[name], holed.node(name), TITLES[name])
+        else:
+            draw_mesh(axes, view, holed.surface)
+            frame_axes(axes, view, [(holed.surface, 0.0)])
+            axes.set_title(f"{TITLES[name]}: not found")
+    everyone = list(lights.values())
+    draw_together(figure.add_subplot(2, COLUMNS, len(ANCHOR_NAMES) + 1), view, everyone)
+    explain(figure, *figure.axes)
+    caption = (
+        f"{holed.title}: what the hole does to geodesic distances from each anchor in turn. {COLOURS} Last: the least"
+        f" distortion over all anchors; the bright regions {'cover' if border_is_covered(everyone) else 'do not cover'}"
+        " the hole's border together (Proposition 2)."
+    )
+    return Picture("regions.png", caption, SECTION, figure)
+
+
+def _sizes(view: View, holed: Holed, name: str) -> Picture:
+    figure = blank_figure(9.6, 8.6)
+    sizes = [radius_m for radius_m in PAPER_HOLES_M if radius_m > 0]
+    for number, radius_m in enumerate(sizes):
+        axes = figure.add_subplot(2, COLUMNS, number + 1)
+        light = lights_of(holed, holed.within(radius_m)).get(name)
+        if light is None:
+            axes.set_axis_off()
+            axes.set_title(f"{100 * radius_m:.0f} cm: hides no node, or the anchor")
+            continue
+        draw_light(axes, view, light, holed.node(name), told(light, radius_m))
+    explain(figure, *figure.axes)
+    caption = (
+        f"{holed.title}: what holes of the paper's sizes at the body's centre do to geodesic distances from the"
+        f" {TITLES[name]}. Titles: the hole's radius, and the shares of the seen nodes that are farther away with it"
+        f" and that are cut off. {COLOURS}"
+    )
+    return Picture("regions-sizes.png", caption, SECTION, figure)
+
+
+def told(light: Light, radius_m: float) -> str:
+    """How much of what is seen the hole distorts, and how much it cuts off."""
+    seen = light.distortion_m[~light.occlusion.hidden]
+    cut = np.isposinf(seen).mean()
+    longer = (seen > light.occlusion.tolerance_m).mean() - cut
+    return f"{100 * radius_m:.0f} cm: {100 * longer:.0f} % longer, {100 * cut:.0f} % cut off"

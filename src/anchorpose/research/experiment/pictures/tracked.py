@@ -1,0 +1,118 @@
+"""The paper's figures "mhtjoints" and "update": joints predicted, tracked and true over the frame's mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from anchorpose.joints import LIMBS
+from anchorpose.recording.reader import read_frames
+from anchorpose.research.experiment.framework import start_at
+from anchorpose.research.experiment.method import Method
+from anchorpose.research.experiment.pictures.canvas import (
+    BLUE,
+    GREEN,
+    VERMILLION,
+    Picture,
+    View,
+    blank_figure,
+    draw_mesh,
+    frame_axes,
+)
+from anchorpose.research.experiment.pictures.moments import Stage
+from anchorpose.surface.surface import Surface
+from anchorpose.tracker.patient import PatientTracker
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+SECTION: Final = "tracked"
+MOMENTS: Final = 4
+APART: Final = 3  # frames from one moment to the next: at ten a second the body has moved visibly
+KINDS: Final = (("tracked", GREEN, "^", 5.0), ("predicted", VERMILLION, "x", 5.0), ("truth", BLUE, "o", 7.0))
+"""What, in which colour, marker and size; the truth is hollow, and over the others."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackedFrame:
+    """joints_m: (21, 3) world, by what is told of them: truth, predicted, tracked."""
+
+    frame: int
+    surface: Surface
+    joints_m: dict[str, np.ndarray]
+
+    def error_m(self, kind: str) -> float:
+        """Mean over the joints."""
+        return float(np.linalg.norm(self.joints_m[kind] - self.joints_m["truth"], axis=1).mean())
+
+
+def follow(
+    stage: Stage, method: Method, setting: object, start: int, truth_m: np.ndarray, moments: int = MOMENTS
+) -> list[TrackedFrame]:
+    """A method's joints in the frame after the start and in every ``APART``-th from there. truth_m (t, 21, 3)."""
+    if method.associate is None:
+        raise ValueError(f"{method.key} does not run in the framework")
+    config = method.configure(stage.config, setting)
+    wanted = range(start + 1, min(start + 2 + (moments - 1) * APART, len(truth_m)), APART)
+    if not wanted:
+        raise ValueError(f"no frame comes after frame {start}")
+    stop = min(wanted[-1] + config.follow.look_ahead, len(truth_m))
+    frames = list(read_frames(stage.room.recording, start, stop))
+    tracker = start_at(
+        start, frames[0], stage.room, stage.reference, stage.motions, config, method.associate(setting)
+    )  # fmt: skip
+    found: list[TrackedFrame] = []
+    frame = start
+    for frame_set in [*frames[1:], None]:
+        predicted = _joints(tracker)
+        for _ in tracker.push(frame_set) if frame_set is not None else tracker.finish():
+            frame += 1
+            if frame in wanted:
+                joints = {"truth": truth_m[frame], "predicted": predicted, "tracked": tracker.history[-1]}
+                found.append(TrackedFrame(frame, tracker.window[0].surface, joints))
+            predicted = _joints(tracker)
+    return found
+
+
+def _joints(tracker: PatientTracker) -> np.ndarray:
+    """(21, 3) where the motion dynamics expect them in the frame that is registered next."""
+    pose = tracker.predict(1)[0]
+    return tracker.rest.body.joints(tracker.rest.body.bone_transforms(pose.rotations, pose.root_m))
+
+
+def tracked_picture(view: View, method: Method, frames: list[TrackedFrame], rate_hz: float, start: int) -> Picture:
+    """The moments side by side."""
+    figure = blank_figure(2.9 * len(frames), 5.2)
+    for number, each in enumerate(frames):
+        axes = figure.add_subplot(1, len(frames), number + 1)
+        draw_tracked(axes, view, each)
+        axes.set_title(f"{(each.frame - start) / rate_hz:.1f} s: {1e3 * each.error_m('tracked'):.0f} mm")
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(KINDS))
+    caption = (
+        f"Joints by {method.title}, {len(frames)} moments after the frame in which the pose is given: the truth (blue,"
+        " round), what the motion dynamics predict from the frame before (vermilion, crosses), and what is tracked"
+        " (green, triangles), over the frame's mesh with its holes. Titles: time since the given pose, and the mean"
+        " distance of the tracked joints from the truth; that of the predicted ones is "
+        + ", ".join(f"{1e3 * each.error_m('predicted'):.0f}" for each in frames)
+        + " mm."
+    )
+    return Picture("tracked.png", caption, SECTION, figure)
+
+
+def draw_tracked(axes: Axes, view: View, frame: TrackedFrame) -> None:
+    """One moment."""
+    from matplotlib.collections import LineCollection
+
+    draw_mesh(axes, view, frame.surface)
+    for kind, colour, marker, size in KINDS:
+        place = view.flat_m(frame.joints_m[kind])
+        limbs = [place[list(limb)] for limb in LIMBS]
+        axes.add_collection(LineCollection(limbs, colors=colour, linewidths=0.8, alpha=0.7))
+        fill = "none" if kind == "truth" else colour
+        axes.plot(
+            *place.T, marker, color=colour, markersize=size, markerfacecolor=fill, markeredgewidth=1.3, label=kind
+        )
+    frame_axes(axes, view, [(frame.surface, 0.0)])

@@ -1,0 +1,216 @@
+"""The order of an experiment: movements, settings, every recording, then what readers see.
+
+plan -> movements -> tuning -> clips in parallel (``work``) -> outcome -> publish
+
+What methods learn from: movements for the dynamics, and recordings on which settings are chosen. Never tested on.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from anchorpose.errors import InputError
+from anchorpose.research.experiment.answers import Answer, Brief, Kind, code_digest, read
+from anchorpose.research.experiment.clips import Clip, plan_clips, simulation_of
+from anchorpose.research.experiment.config import ExperimentConfig, Scene
+from anchorpose.research.experiment.method import Method, load_methods
+from anchorpose.research.experiment.methods.own_tracker import ABLATED
+from anchorpose.research.experiment.outcome import Matched, Outcome, Tracked, Tried
+from anchorpose.research.experiment.page.page import write_outcome
+from anchorpose.research.experiment.pictures.canvas import own_style
+from anchorpose.research.experiment.pool import Job, Progress, do
+from anchorpose.research.experiment.show import show
+from anchorpose.research.experiment.tuning import choose, worth_mm
+from anchorpose.simulate.clinic import draw_clinic
+from anchorpose.simulate.config import Speed
+from anchorpose.tracking.motion_file import ReferenceClips, write_motions
+
+KINDS: Final[tuple[tuple[str, tuple[str, ...], Speed], ...]] = (
+    ("upper body, slow", ("reach", "arm-raise", "head"), "slow"),
+    ("lower body, slow", ("squat", "weight-shift", "trunk", "steps"), "slow"),
+    ("upper body, fast", ("reach", "arm-raise", "head"), "fast"),
+    ("lower body, fast", ("squat", "weight-shift", "trunk", "steps"), "fast"),
+)
+"""The paper's samples: "upper and lower body movements", "slow, normal to fast"; normal lies between."""
+
+
+def training_clips(config: ExperimentConfig) -> list[Clip]:
+    """The recordings, each of one kind and another body; together as long as the samples that are asked for."""
+    seconds = max(config.training_samples / config.training_recordings, config.segment_frames + 1) / config.fps
+    clips = []
+    for number in range(config.training_recordings):
+        name, motions, speed = KINDS[number % len(KINDS)]
+        seed = config.training_seed + number
+        simulation = replace(
+            simulation_of(Scene.PAPER, seed, config),
+            seconds=seconds, motions=motions, speed=speed,
+        )  # fmt: skip
+        clips.append(Clip(f"training-{seed} ({name})", Scene.PAPER, simulation))
+    return clips
+
+
+def write_movements(path: Path, clips: list[Clip], samples: int) -> None:
+    """The joints of the training recordings as reference movements, so many frames in all.
+
+    The paper takes them from the sensor's skeleton on unoccluded data; here they are the simulator's own.
+    """
+    joints, names, rates, left = list[np.ndarray](), list[str](), list[float](), samples
+    for clip in clips:
+        if clip.simulation is None:
+            raise ValueError(f"{clip.name} is not simulated")
+        clinic = draw_clinic(clip.simulation)
+        moved = clinic.act(clinic.true_times_s(0)).joints_m()[: max(left, 0)]
+        if len(moved):
+            joints.append(moved)
+            names.append(clip.name)
+            rates.append(clip.simulation.fps)
+        left -= len(moved)
+    write_motions(path, ReferenceClips(tuple(joints), tuple(names), tuple(rates)))
+
+
+CACHE: Final = "cache"
+AllTried = tuple[tuple[str, tuple[Tried, ...]], ...]
+"""By the key of each method that has several settings."""
+
+
+def run_experiment(
+    out: Path, config: ExperimentConfig, real: Path | None, processes: int, progress: Progress,
+    tell: Callable[[str], None],
+) -> Outcome:  # fmt: skip
+    """The whole experiment into a folder, which may hold an earlier run: what it answered is not asked again.
+
+    real: a folder of recordings with reference skeletons, or None. tell: is given sentences on where the work stands.
+    Raises InputError where the folder is somebody else's, a method is unknown or ``real`` holds no recording.
+    """
+    _claim(out)
+    methods, clips = load_methods(config.methods), plan_clips(config, real)
+    if real is not None and not any(clip.folder for clip in clips):
+        raise InputError(real, "holds no recording with a skeleton.npz beside its recording.json", "check the folder")
+    _require_matplotlib()
+    trainers = tuple(training_clips(config))
+    movements, digest = _movements(out / CACHE, trainers, config)
+    brief = Brief(config=config, wanted=config.methods, chosen=(), movements=movements, movements_digest=digest,
+                  cache=out / CACHE, code=code_digest())  # fmt: skip
+    training = Job(replace(brief, training=True), trainers if config.tuned else ())
+    testing = Job(replace(brief, chosen=_chosen(_tried(training, methods))), tuple(clips))
+    left_s = training.left_s() + testing.left_s()
+    tell(f"About {_spoken(left_s / processes)} on {processes} cores.")
+    failed, _ = do(training, processes, progress, testing.left_s())
+    tried = _tried(training, methods)
+    testing = Job(replace(brief, chosen=_chosen(tried)), tuple(clips))
+    more, shown = do(testing, processes, progress, 0.0, partial(show, out, testing.brief, trainers))
+    tell("Putting tables, figures and the page together.")
+    tracked, matched = _collect(testing.answers())
+    times, not_shown = shown or (None, ())
+    ablated = ABLATED if any(run.method == ABLATED[0].key for run in tracked) else ()
+    outcome = Outcome(
+        config,
+        (*methods, *ablated),
+        tried,
+        tracked,
+        matched,
+        times,
+        (*failed, *more, *_unanswered(testing), *not_shown),
+        real,
+    )
+    write_outcome(outcome, out)
+    return outcome
+
+
+def _require_matplotlib() -> None:
+    """Hours before it is needed. Raises MissingPackage."""
+    with own_style():
+        pass
+
+
+def _chosen(tried: AllTried) -> tuple[tuple[str, int], ...]:
+    return tuple((key, next(n for n, one in enumerate(rows) if one.chosen)) for key, rows in tried)
+
+
+def _unanswered(job: Job) -> list[str]:
+    """A sentence for each clip of which some answer is missing, whatever the reason."""
+    missing = Counter(answer.clip.name for answer in job.answers() if not answer.there)
+    return [f"{name}: {count} answers are missing." for name, count in missing.items()]
+
+
+def _claim(out: Path) -> None:
+    """The folder is new, empty, or one of ours."""
+    if out.exists() and (not out.is_dir() or (any(out.iterdir()) and not (out / CACHE).is_dir())):
+        raise InputError(out, "exists and is no experiment", "choose another folder; nothing in it was touched")
+    try:
+        (out / CACHE).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(out, f"cannot be made ({error.strerror})", "choose a place that you may write to") from None
+
+
+def _movements(cache: Path, trainers: Sequence[Clip], config: ExperimentConfig) -> tuple[Path, str]:
+    path = cache / "movements.npz"
+    partial = path.with_suffix(".partial.npz")
+    write_movements(partial, list(trainers), config.training_samples)
+    partial.replace(path)
+    with np.load(path) as file:
+        digest = hashlib.sha256(b"".join(file[name].tobytes() for name in sorted(file.files))).hexdigest()
+    return path, digest
+
+
+def _tried(training: Job, methods: Sequence[Method]) -> AllTried:
+    """The settings of every method that has several, with their scores on the training recordings."""
+    windows: dict[tuple[str, object], list[np.ndarray]] = {}
+    for answer in training.answers():
+        if answer.there:
+            windows.setdefault((answer.method.key, repr(answer.setting)), []).append(read(answer.path)["tree_mm"])
+    return tuple(
+        (m.key, choose(m.settings, [worth_mm(windows.get((m.key, repr(setting)), [])) for setting in m.settings]))
+        for m in methods
+        if training.clips and len(m.settings) > 1
+    )
+
+
+def _collect(answers: Sequence[Answer]) -> tuple[tuple[Tracked, ...], tuple[Matched, ...]]:
+    tracked, matched = list[Tracked](), list[Matched]()
+    for answer in answers:
+        if not answer.there:
+            continue
+        arrays, who = read(answer.path), (answer.clip.scene, answer.clip.name, answer.hole_m, answer.method.key)
+        if answer.kind is Kind.TRACKED:
+            seconds = float(arrays["seconds"])
+            tracked.append(Tracked(*who, arrays["frame"], arrays["occluded"], arrays["error_mm"], seconds))
+            continue
+        matched += _windows_of(answer, arrays)
+    return tuple(tracked), tuple(matched)
+
+
+def _windows_of(answer: Answer, arrays: dict[str, np.ndarray]) -> Iterator[Matched]:
+    """A method's matches, window by window."""
+    for number, frame in enumerate(arrays["frame"].tolist()):
+        own = arrays["window"] == number
+        yield Matched(
+            answer.clip.scene,
+            answer.clip.name,
+            answer.hole_m,
+            answer.method.key,
+            frame,
+            bool(arrays["occluded"][number]) and answer.hole_m > 0,
+            region=arrays["region"][own],
+            direct_mm=arrays["direct_mm"][own],
+            tree_mm=arrays["tree_mm"][own],
+            direct_skin_mm=arrays["direct_skin_mm"][own],
+            tree_skin_mm=arrays["tree_skin_mm"][own],
+            mirrored=arrays["mirrored"][own].astype(bool),
+            nodes=int(arrays["nodes"][number]),
+            describe_s=float(arrays["describe_s"][number]),
+            body_m=float(arrays["body_m"]),
+        )
+
+
+def _spoken(seconds: float) -> str:
+    minutes = max(1, round(seconds / 60))
+    return f"{minutes} minutes" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"

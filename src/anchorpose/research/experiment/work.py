@@ -1,0 +1,289 @@
+"""The work on one recording: simulate it, find its reference, cut its holes, and ask every method what is not known.
+
+One method on one recording: every segment in the paper's framework, or a tracker of its own from end to end.
+
+Where the joints of a recording really are, or where its reference skeleton puts them.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from zlib import crc32
+
+import numpy as np
+
+from anchorpose.camera import transform_points
+from anchorpose.errors import InputError
+from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
+from anchorpose.recording.reader import open_recording, read_frames
+from anchorpose.recording.recording import Recording
+from anchorpose.research.experiment.answers import Answer, Kind, Plan, is_sampled, read, sampled_segments
+from anchorpose.research.experiment.clips import Clip, cut_holes, draw_hole_frames
+from anchorpose.research.experiment.config import Scene
+from anchorpose.research.experiment.correspondence import Skin
+from anchorpose.research.experiment.framework import follow_segment, paper_config, start_at
+from anchorpose.research.experiment.matching import MatchErrors, Truth, Window, draw_some, score, take_window, truth_of
+from anchorpose.research.experiment.method import Family, Method
+from anchorpose.research.experiment.reference import (
+    NoReference,
+    Reference,
+    from_arrays,
+    in_its_world,
+    make_reference,
+    to_arrays,
+)
+from anchorpose.simulate.write import simulate_recording
+from anchorpose.surface.patient_surface import SurfaceConfig
+from anchorpose.threads import one_thread
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.preparation import prepare_room
+from anchorpose.tracker.room import Room
+from anchorpose.tracking.motion_database import MotionDatabase
+from anchorpose.tracking.motion_file import load_motions
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """frame (f,) positions in the recording; joints_m (f, 21, 3) world, NaN where lost; seconds of one core."""
+
+    frame: np.ndarray
+    joints_m: np.ndarray
+    seconds: float
+
+
+def segment_starts(frames: int, length: int, found: np.ndarray) -> list[int]:
+    """The first frame of each whole segment in which the patient's pose is known."""
+    return [start for start in range(0, frames - length + 1, length) if found[start]]
+
+
+def track_segments(
+    method: Method, setting: object, room: Room, reference: Reference, motions: MotionDatabase | None,
+    config: TrackConfig, starts: Sequence[int], length: int,
+) -> Track:  # fmt: skip
+    """The method in the framework, anew from each start; the frames that are started in are left out."""
+    if method.associate is None:
+        raise ValueError(f"{method.key} makes no pairs that the framework could use")
+    began, frames, joints = time.process_time(), list[np.ndarray](), list[np.ndarray]()
+    own = method.configure(config, setting)
+    for start in starts:
+        sets = list(read_frames(room.recording, start, start + length))
+        tracker = start_at(start, sets[0], room, reference, motions, own, method.associate(setting))
+        joints.append(follow_segment(tracker, sets[1:]))
+        frames.append(np.arange(start + 1, start + len(sets)))
+    if not frames:
+        return Track(np.zeros(0, np.int64), np.zeros((0, 21, 3)), 0.0)
+    return Track(np.concatenate(frames), np.concatenate(joints), time.process_time() - began)
+
+
+def track_whole(method: Method, setting: object, recording: Recording) -> Track:
+    """A tracker of its own: it finds the patient, learns his body and follows him without being told anything.
+
+    Its joints are those of the pose that it holds, also where it would call them lost: what a method says, counts.
+    """
+    began, frames = time.process_time(), np.arange(len(recording.streams[0].files))
+    try:
+        joints = make_reference(recording, method.configure(TrackConfig(), setting)).joints_m
+    except NoReference:
+        joints = np.full((len(frames), 21, 3), np.nan)
+    return Track(frames, joints, time.process_time() - began)
+
+
+SURE = 1.0  # confidence of a reference joint that counts
+
+
+def simulated_joints(truth: Path) -> np.ndarray:
+    """(t, 21, 3) metres, world, of a truth.npz."""
+    with np.load(truth) as file:
+        joints: np.ndarray = file["joints"]
+    return joints
+
+
+def reference_joints(skeleton: Path, T_world_camera: np.ndarray) -> np.ndarray:
+    """(t, 21, 3) metres, world, of a skeleton.npz (``names`` of our joints, ``xyz`` (t, m, 4)); NaN where unsure.
+
+    ``xyz``: camera x right, y up, z away, metres, and confidence; a joint at the origin is none.
+    Raises InputError where the file is no such skeleton.
+    """
+    try:
+        with np.load(skeleton, allow_pickle=False) as file:
+            names, stored = [str(name) for name in file["names"]], np.asarray(file["xyz"], dtype=np.float64)
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(skeleton, f"is no reference skeleton ({error})", "give names and xyz (t, joints, 4)") from None
+    if stored.ndim != 3 or stored.shape[1:] != (len(names), 4) or not set(names) <= set(JOINT_INDEX):
+        raise InputError(skeleton, "its names and xyz do not fit our joints", "give names and xyz (t, joints, 4)")
+    unknown = (stored[..., :3] == 0.0).all(axis=-1) | (stored[..., 3] < SURE)
+    camera_m = np.where(unknown[..., None], np.nan, stored[..., :3] * [1.0, -1.0, 1.0])
+    joints = np.full((len(stored), JOINT_COUNT, 3), np.nan)
+    joints[:, [JOINT_INDEX[name] for name in names]] = transform_points(T_world_camera, camera_m)
+    return joints
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Subject:
+    """A recording that is there: truth_m (t, 21, 3) world, NaN where unknown; in_hole (t,) bool: frames that lose data;
+    starts: the frames whose pose is given; skin: the true surface, None of a real recording."""
+
+    clip: Clip
+    recording: Recording
+    reference: Reference
+    truth_m: np.ndarray
+    in_hole: np.ndarray
+    starts: tuple[int, ...]
+    skin: Skin | None
+
+    @property
+    def seed(self) -> int:
+        """What is drawn for this recording is drawn by its name."""
+        return crc32(self.clip.drawn_by.encode())
+
+
+def work_on(clip: Clip, plan: Plan) -> None:
+    """Answer everything about a clip that is not answered yet, one answer a file. Raises AnchorposeError where the
+    patient or a world is not found in it."""
+    open_answers = [answer for answer in plan.answers(clip) if not answer.there]
+    if not open_answers:
+        return
+    with one_thread(), subject_of(clip, plan) as subject:
+        for hole_m in plan.holes(clip):
+            asked = [answer for answer in open_answers if answer.hole_m == hole_m]
+            if asked:
+                with pierced(subject, hole_m) as (recording, cut):
+                    _answer_all(asked, subject, recording, cut, plan)
+
+
+@contextmanager
+def subject_of(clip: Clip, plan: Plan) -> Iterator[Subject]:
+    """The clip with its reference; a simulated one is gone afterwards: it can be made again."""
+    with TemporaryDirectory(prefix="anchorpose-") as folder:
+        if clip.simulation is not None:
+            made = Path(folder) / "simulated"
+            simulate_recording(made, clip.simulation)
+            yield _subject(clip, made / "recording", made / "truth" / "truth.npz", plan)
+        elif clip.folder is not None:
+            yield _subject(clip, clip.folder, clip.folder / "skeleton.npz", plan)
+
+
+def _subject(clip: Clip, folder: Path, truth: Path, plan: Plan) -> Subject:
+    recording, kept = open_recording(folder), plan.reference(clip)
+    if kept.is_file():
+        reference = from_arrays(read(kept))
+    else:
+        reference = make_reference(recording, TrackConfig())
+        plan.store.write(kept, to_arrays(reference))
+    recording = in_its_world(recording, reference)
+    frames, config = len(recording.streams[0].files), plan.config
+    starts = segment_starts(frames, config.segment_frames, reference.found)
+    if clip.simulation is None:
+        joints, skin = reference_joints(truth, reference.T_world_camera[0]), None
+        joints = joints[recording.streams[0].frame]
+    else:
+        joints, skin = simulated_joints(truth), Skin(clip.simulation)
+    in_hole = draw_hole_frames(frames, config.hole_share, crc32(clip.drawn_by.encode()), starts)
+    return Subject(clip, recording, reference, joints, in_hole, tuple(starts), skin)
+
+
+@contextmanager
+def pierced(subject: Subject, hole_m: float) -> Iterator[tuple[Recording, np.ndarray]]:
+    """The recording with holes of a radius, itself with none; and (t,) bool: the frames that lost readings."""
+    if hole_m == 0:
+        yield subject.recording, np.zeros(len(subject.in_hole), bool)
+        return
+    with TemporaryDirectory(prefix="anchorpose-") as folder:
+        out = Path(folder) / subject.recording.folder.name
+        reference = subject.reference
+        cut = cut_holes(subject.recording, out, reference.centre_m, subject.in_hole, hole_m)
+        yield in_its_world(open_recording(out), reference), cut
+
+
+def _answer_all(asked: Sequence[Answer], subject: Subject, recording: Recording, cut: np.ndarray, plan: Plan) -> None:
+    config = paper_config(plan.movements, refined=subject.clip.scene is not Scene.MATCHES)
+    room = prepare_room(recording, config)
+    motions = load_motions(config.motion_file, recording.rate_hz, config.motion)
+    album = _Album(subject, plan, room, motions, config)
+    for answer in asked:
+        if answer.kind is Kind.MATCHED:
+            known = album.windows(answer.method.configure(config, answer.setting))
+            scores = [score(answer.method, answer.setting, window, truth) for window, truth in known]
+            plan.store.write(answer.path, _matched_arrays([window.frame for window, _ in known], scores, subject, cut))
+    length = plan.config.segment_frames
+    for answer in asked:
+        if answer.kind is not Kind.TRACKED:
+            continue
+        if answer.method.family is Family.TRACKER:
+            track = _evaluated(track_whole(answer.method, answer.setting, recording), subject, length)
+        else:
+            chosen = subject.starts
+            if is_sampled(answer.method, subject.clip):
+                chosen = tuple(draw_some(chosen, sampled_segments(subject.clip, plan.config), subject.seed))
+            track = track_segments(
+                answer.method, answer.setting, room, subject.reference, motions, config, chosen, length
+            )
+        plan.store.write(answer.path, _tracked_arrays(track, subject, cut))
+
+
+class _Album:
+    """The windows of a recording: the same for all methods that make meshes alike."""
+
+    def __init__(
+        self, subject: Subject, plan: Plan, room: Room, motions: MotionDatabase | None, config: TrackConfig
+    ) -> None:
+        self.subject, self.room, self.motions, self.config = subject, room, motions, config
+        self.frames = window_frames(subject, plan)
+        self.taken: dict[SurfaceConfig, list[tuple[Window, Truth]]] = {}
+
+    def windows(self, config: TrackConfig) -> list[tuple[Window, Truth]]:
+        """The windows on meshes as this configuration has them, with what is true of them."""
+        skin, how = self.subject.skin, replace(self.config, surface=config.surface)
+        if skin is not None and config.surface not in self.taken:
+            found = [take_window(f, self.room, self.subject.reference, self.motions, how) for f in self.frames]
+            self.taken[config.surface] = [(window, truth_of(window, skin)) for window in found if window is not None]
+        return self.taken.get(config.surface, [])
+
+
+def window_frames(subject: Subject, plan: Plan) -> list[int]:
+    """The first frames of the windows, the same for every size of hole: where one is cut, it touches the pair."""
+    found, hole = subject.reference.found, subject.in_hole
+    here = np.arange(len(found) - 1)
+    touched = hole[:-1] | hole[1:] if subject.clip.holes_are_cut else np.ones(len(here), bool)
+    return draw_some(here[touched & found[:-1]].tolist(), plan.windows, subject.seed)
+
+
+def _evaluated(track: Track, subject: Subject, length: int) -> Track:
+    """Without the frames whose pose the other methods are given, and those after the last segment."""
+    kept = np.zeros(len(subject.truth_m), bool)
+    for start in subject.starts:
+        kept[start + 1 : start + length] = True
+    chosen = kept[track.frame]
+    return Track(track.frame[chosen], track.joints_m[chosen], track.seconds)
+
+
+def _tracked_arrays(track: Track, subject: Subject, cut: np.ndarray) -> dict[str, object]:
+    error_mm = 1000.0 * np.linalg.norm(track.joints_m - subject.truth_m[track.frame], axis=2)
+    return {
+        "frame": track.frame,
+        "occluded": cut[track.frame],
+        "error_mm": error_mm.astype(np.float32),
+        "seconds": track.seconds,
+    }
+
+
+def _matched_arrays(
+    frames: Sequence[int], scores: Sequence[MatchErrors], subject: Subject, cut: np.ndarray
+) -> dict[str, object]:
+    """Node by node of all windows; window (m,) says which."""
+    height_m = np.nan if subject.skin is None else subject.skin.clinic.patient.person.height_m
+    each = ("region", "direct_mm", "tree_mm", "direct_skin_mm", "tree_skin_mm", "mirrored")
+    return {
+        **{name: np.concatenate([getattr(one, name) for one in scores]) for name in each if scores},
+        "window": np.repeat(np.arange(len(scores)), [len(one.region) for one in scores]),
+        "frame": np.array(frames, np.int64),
+        "nodes": np.array([one.nodes for one in scores], np.int64),
+        "describe_s": np.array([one.describe_s for one in scores]),
+        "occluded": np.array([cut[frame : frame + 2].any() for frame in frames], bool),
+        "body_m": height_m,
+    }

@@ -1,0 +1,172 @@
+"""Fast point feature histograms: how the normals around a node lie to each other.
+
+Source: Rusu, Blodow, Beetz 2009 (doi:10.1109/ROBOT.2009.5152473), as PCL 1.13 and Open3D read it: neighbours weigh by
+their inverse squared distance, and each of the three angles has a histogram of its own that sums to 100.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from anchorpose.research.features.circle import ONE, PI, ZERO, angle_of
+from anchorpose.research.features.neighbours import (
+    Neighbours,
+    as_chosen,
+    as_points,
+    require_radius,
+    shared_or_found,
+)
+
+BINS = 11
+SIZE = 3 * BINS
+_PADDED = 40  # a row of histograms in whole vector registers
+_TWO_PI, _HALF, _BINS = np.float32(2 * np.pi), np.float32(0.5), np.float32(BINS)
+_FULL, _DEGENERATE = np.float32(100.0), np.float32(1e-12)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FpfhConfig:
+    """Histograms of 3 times 11 bins."""
+
+    radius_m: float = (
+        0.15  # of a simplified histogram, so that a node sees 30 cm; matches at 10 cm are twice as far off
+    )
+    own_histogram: bool = False  # True adds the node's own, as the paper and Open3D do; PCL leaves it out
+
+    def __post_init__(self) -> None:
+        require_radius(self.radius_m)
+
+
+def fpfh(
+    points_m: np.ndarray,
+    normals: np.ndarray,
+    config: FpfhConfig | None = None,
+    chosen: np.ndarray | None = None,
+    neighbours: Neighbours | None = None,
+) -> np.ndarray:
+    """(k, 33) float32: the histograms of three angles, 11 bins each, of the chosen nodes (k,) int, or of all (None).
+
+    points_m, normals (n, 3) in one frame, normals of unit length; NaN where not known: such a node is left out of
+    everybody's. neighbours: those of all nodes within ``radius_m``, where a caller has them. Each histogram sums to
+    100, or to 200 with the node's own. NaN row: a node without position, normal or neighbour.
+    """
+    config = config or FpfhConfig()
+    points, unit = as_points(points_m, "points_m"), as_points(normals, "normals")
+    if len(points) != len(unit):
+        raise ValueError(f"{len(points)} points, but {len(unit)} normals")
+    centre = as_chosen(chosen, len(points))
+    near = shared_or_found(neighbours, points, config.radius_m, None)
+    oriented = np.concatenate([points, unit], axis=1)
+    wanted = _wanted(near.start, near.node, centre, len(points))
+    simple, pairs = _simplified(oriented, near.start, near.node, wanted)
+    return _weighted(simple, pairs, near.start, near.node, near.distance2_m2, centre, config.own_histogram)
+
+
+@njit(cache=True)
+def _wanted(start: np.ndarray, node: np.ndarray, centre: np.ndarray, count: int) -> np.ndarray:
+    """(n,) bool: whose simplified histograms the chosen nodes need."""
+    wanted = np.zeros(count, np.bool_)
+    for c in range(len(centre)):
+        wanted[centre[c]] = True
+        if len(centre) < count:
+            for m in range(start[centre[c]], start[centre[c] + 1]):
+                wanted[node[m]] = True
+    return wanted
+
+
+@njit(cache=True)
+def _simplified(
+    oriented: np.ndarray, start: np.ndarray, node: np.ndarray, wanted: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(n, 40) float32 histograms that sum to 100 each, the last columns empty; (n,) int32 how many pairs made them.
+
+    A pair is worked out once for both its nodes: which of the two it is measured from does not depend on who asks.
+    """
+    simple, pairs = np.zeros((len(oriented), _PADDED), np.float32), np.zeros(len(oriented), np.int32)
+    longest = 0
+    for p in range(len(oriented)):
+        longest = max(longest, start[p + 1] - start[p])
+    others, bins = np.empty(longest + 1, np.uint32), np.empty((3, longest + 1), np.int32)
+    for p in range(len(oriented)):
+        count = 0
+        for m in range(start[p], start[p + 1]):
+            q = node[m]
+            others[count] = q
+            both = np.isfinite(oriented[p, 3]) & np.isfinite(oriented[q, 3])
+            count += both & (wanted[p] | wanted[q]) & (q > p)
+        _pair_bins(oriented, p, others, count, bins)
+        for c in range(count):
+            q = others[c]
+            for angle in range(3):
+                column = angle * BINS + bins[angle, c]
+                simple[p, column] += ONE
+                simple[q, column] += ONE
+            pairs[q] += 1
+        pairs[p] += count
+    for p in range(len(oriented)):
+        share = _FULL / np.float32(max(pairs[p], 1))
+        for column in range(_PADDED):
+            simple[p, column] *= share
+    return simple, pairs
+
+
+@njit(cache=True, error_model="numpy")
+def _pair_bins(oriented: np.ndarray, p: int, others: np.ndarray, count: int, bins: np.ndarray) -> None:
+    """The bin of each pair in each histogram: the paper's angles, of Darboux's frame at the more tilted of the two.
+
+    With unit normals, v = d x n / |d x n| and w = n x v, everything is products of d, n and the other normal.
+    """
+    x, y, z = oriented[p, 0], oriented[p, 1], oriented[p, 2]
+    nx, ny, nz = oriented[p, 3], oriented[p, 4], oriented[p, 5]
+    for c in range(count):
+        q = others[c]
+        dx, dy, dz = oriented[q, 0] - x, oriented[q, 1] - y, oriented[q, 2] - z
+        mx, my, mz = oriented[q, 3], oriented[q, 4], oriented[q, 5]
+        length = np.sqrt(dx * dx + dy * dy + dz * dz)
+        shorten = ONE / (length if length > ZERO else ONE)
+        dx, dy, dz = dx * shorten, dy * shorten, dz * shorten
+        here, there = nx * dx + ny * dy + nz * dz, mx * dx + my * dy + mz * dz
+        from_other = abs(here) < abs(there)
+        tilt = -there if from_other else here
+        other = -here if from_other else there
+        cosine = nx * mx + ny * my + nz * mz
+        twist = dx * (ny * mz - nz * my) + dy * (nz * mx - nx * mz) + dz * (nx * my - ny * mx)
+        sine2 = ONE - tilt * tilt
+        defined = (length > ZERO) & (sine2 > _DEGENERATE)
+        sine = np.sqrt(sine2 if defined else ONE)
+        theta = angle_of(other - tilt * cosine, cosine * sine)
+        alpha, phi = (twist / sine if defined else ZERO), (tilt if defined else ZERO)
+        theta = theta if defined else ZERO
+        first = np.int32(_BINS * ((theta + PI) / _TWO_PI))
+        second, third = np.int32(_BINS * ((alpha + ONE) * _HALF)), np.int32(_BINS * ((phi + ONE) * _HALF))
+        bins[0, c] = min(max(first, 0), BINS - 1)
+        bins[1, c] = min(max(second, 0), BINS - 1)
+        bins[2, c] = min(max(third, 0), BINS - 1)
+
+
+@njit(cache=True, error_model="numpy")
+def _weighted(
+    simple: np.ndarray, pairs: np.ndarray, start: np.ndarray, node: np.ndarray, distance2: np.ndarray,
+    centre: np.ndarray, own: bool,
+) -> np.ndarray:  # fmt: skip
+    """(k, 33): the neighbours' histograms by their inverse squared distance, each of the three to a sum of 100."""
+    result, mixed = np.empty((len(centre), SIZE), np.float32), np.empty(_PADDED, np.float32)
+    for c in range(len(centre)):
+        p = centre[c]
+        mixed[:] = ZERO
+        for m in range(start[p], start[p + 1]):
+            weight = ONE / distance2[m] if distance2[m] > ZERO else ZERO
+            row = simple[np.uint32(node[m])]
+            for column in range(_PADDED):
+                mixed[column] += weight * row[column]
+        for angle in range(3):
+            total = ZERO
+            for column in range(angle * BINS, (angle + 1) * BINS):
+                total += mixed[column]
+            share = _FULL / total if total > ZERO and pairs[p] > 0 else np.float32(np.nan)
+            for column in range(angle * BINS, (angle + 1) * BINS):
+                result[c, column] = mixed[column] * share + (simple[p, column] if own else ZERO)
+    return result

@@ -1,0 +1,205 @@
+"""Matching two surfaces by generalised multi-dimensional scaling (paper, Section III-A), for thousands of nodes.
+
+Samples far apart are mapped so that distances among them change least, from coarse to fine: first the few farthest,
+onto few candidates, by branch and bound, which keeps the best of all their maps that differ; then all samples onto more
+candidates; then, for the best maps, onto every node. All other nodes follow from their distances to the samples.
+Source: Bronstein, Bronstein and Kimmel 2006 (doi:10.1073/pnas.0508601103); the least squares there, with branch and
+bound for the start.
+
+Farthest-point samples of a surface by geodesic distance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from anchorpose.geodesics.distance import geodesic_distance
+from anchorpose.research.features.gmds_stress import best_places, branch_and_bound, settle, stress_m
+from anchorpose.surface.mesh import keep_nodes, pieces
+from anchorpose.surface.surface import Surface
+
+APART_M = 1e3
+"""Stands for the distance between pieces of surface: the same on every mesh, and no distance on a body is near it."""
+
+
+def farthest_points(surface: Surface, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes of which each is as far as possible from those before it, and their distances to all nodes.
+
+    Returns nodes (k,) int32, k = ``count`` unless there are fewer, and fields (k, n) float32 metres, ``APART_M`` on
+    other pieces. The first is the node farthest from the middle of its piece, the middle being the node nearest the
+    mean; a piece without samples is farther than any node on one with some. Raises ValueError on nodes not finite.
+    Source: Gonzalez 1985 (doi:10.1016/0304-3975(85)90224-5): at most twice as coarse as the best choice.
+    """
+    wanted = min(count, len(surface))
+    nodes, fields = np.empty(wanted, np.int32), np.empty((wanted, len(surface)), np.float32)
+    if wanted == 0:
+        return nodes, fields
+    away = surface.points_m - surface.points_m.mean(axis=0, dtype=np.float64)
+    nearest = field_from(surface, int((away**2).sum(axis=1).argmin()))
+    nodes[0] = np.where(nearest < APART_M, nearest, -1.0).argmax()
+    nearest = fields[0] = field_from(surface, nodes[0])
+    for row in range(1, wanted):
+        nodes[row] = nearest.argmax()
+        fields[row] = field_from(surface, nodes[row])
+        nearest = np.minimum(nearest, fields[row])
+        nearest[nodes[: row + 1]] = -1.0  # chosen once, even where several nodes are in one place
+    return nodes, fields
+
+
+def field_from(surface: Surface, node: int) -> np.ndarray:
+    """(n,) float32 distance field of one node."""
+    field = geodesic_distance(surface, np.array([node]))[0]
+    return np.minimum(field, np.float32(APART_M))
+
+
+FIRST_LIMIT_M = 0.02  # mean change of a distance with which branch and bound begins; doubled until it finds enough
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GmdsConfig:
+    """How finely to look, and for how long."""
+
+    samples: int = 100  # 7 cm apart on a body; with 50 the mirror image is as good as the truth more often
+    first_samples: int = 6  # more often than not head, hands, feet and one more
+    first_candidates: int = 60  # 10 cm apart on a body
+    candidates: int = 200  # 5 cm
+    starts: int = 24  # maps of the first samples to go on with: mirrored, swapped limbs, confused by coarseness
+    finalists: int = 3  # of them are refined to nodes
+    cap_m: float = 0.15  # no change counts for more: where a hand touches or loses touch, every way changes
+    sweeps: int = 10  # over all samples, at most; they come to rest after four or so
+    min_piece: float = 0.03  # of the nodes: a forearm; smaller pieces have no shape that tells where they belong
+    max_branches: int = 300_000  # a tenth of a second
+
+    def __post_init__(self) -> None:
+        for name in ("starts", "finalists", "sweeps", "first_candidates"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+        if not 2 <= self.first_samples <= self.samples:
+            raise ValueError(f"of {self.samples} samples {self.first_samples} cannot be the first to be mapped")
+        if not self.candidates >= self.first_candidates:
+            raise ValueError(f"{self.candidates} candidates cannot hold the first {self.first_candidates}")
+        if self.max_branches < self.first_samples:
+            raise ValueError(f"{self.max_branches} branches end before {self.first_samples} samples have a place")
+        if not 0 < self.cap_m < np.inf:
+            raise ValueError(f"cap_m must be positive and finite, got {self.cap_m}")
+        if not 0 <= self.min_piece <= 1:
+            raise ValueError(f"min_piece is a share of the nodes, got {self.min_piece}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GmdsMaps:
+    """The best maps of the samples, the best first; the others are its rivals, such as the mirror image.
+
+    samples (k,) int32 nodes of the source, places (m, k) int32 nodes of the target; stress_m (m,) float64: root mean
+    square of the capped changes of distance. proven: whether the best map of the first samples onto the first
+    candidates is known to be the best.
+    """
+
+    samples: np.ndarray
+    places: np.ndarray
+    stress_m: np.ndarray
+    proven: bool
+
+
+def match_by_gmds(source: Surface, target: Surface, config: GmdsConfig | None = None) -> np.ndarray:
+    """(n_source,) int32: the target's node for each of the source's, by the best map of ``gmds_maps``; -1 = undefined.
+
+    Undefined are nodes that are not finite or on pieces smaller than ``min_piece`` of the finite nodes, and all if
+    either surface has no other. Distances are by fast marching, links are paths; where nodes are does not count, so a
+    body may be matched with its mirror image. Several nodes may share a match.
+    """
+    match: np.ndarray = _solve(source, target, config or GmdsConfig())[1]
+    return match
+
+
+def gmds_maps(source: Surface, target: Surface, config: GmdsConfig | None = None) -> GmdsMaps:
+    """The maps of the samples that ``match_by_gmds`` chooses from: no map at all where everything is undefined."""
+    return _solve(source, target, config or GmdsConfig())[0]
+
+
+def _solve(source: Surface, target: Surface, config: GmdsConfig) -> tuple[GmdsMaps, np.ndarray]:
+    (a, node_a), (b, node_b) = (_usable(surface, config.min_piece) for surface in (source, target))
+    match = np.full(len(source), -1, np.int32)
+    if len(a) == 0 or len(b) == 0:
+        return GmdsMaps(np.empty(0, np.int32), np.empty((0, 0), np.int32), np.empty(0), True), match
+    samples, fields_a = farthest_points(a, config.samples)
+    candidates, fields_b = farthest_points(b, config.candidates)
+    among_a, among_b = fields_a[:, samples], fields_b[:, candidates]
+    starts, proven = _starts(among_a, among_b, config)
+    coarse = [_settled(among_a, among_b, start, config) for start in starts]
+    fine = [
+        _refined(b, among_a, candidates[p], fields_b[p], config) for p in _rivals(coarse, among_b, config.finalists)
+    ]
+    fine.sort(key=lambda found: found[2])
+    rows = np.ascontiguousarray(fields_a.T)
+    match[node_a] = node_b[best_places(rows, fine[0][1], config.cap_m, np.full(len(rows), -1))]
+    places, stress_m = np.array([found[0] for found in fine]), np.array([found[2] for found in fine])
+    return GmdsMaps(node_a[samples], node_b[places], stress_m, proven), match
+
+
+def _usable(surface: Surface, min_piece: float) -> tuple[Surface, np.ndarray]:
+    """What is finite and on large pieces, and the nodes (k,) int32 that it is made of."""
+    node = np.flatnonzero(np.isfinite(surface.points_m).all(axis=1)).astype(np.int32)
+    finite = keep_nodes(surface, np.isin(np.arange(len(surface)), node))
+    piece = pieces(finite)
+    large = np.bincount(piece)[piece] >= min_piece * len(finite)
+    return keep_nodes(finite, large), node[large]
+
+
+def _starts(among_a: np.ndarray, among_b: np.ndarray, config: GmdsConfig) -> tuple[np.ndarray, bool]:
+    """(m, k) int32 maps of the first samples to candidates, the best first, and whether none can be better than it."""
+    few = min(config.first_samples, len(among_a))
+    a = np.ascontiguousarray(among_a[:few, :few])
+    b = np.ascontiguousarray(among_b[: config.first_candidates, : config.first_candidates])
+    change_m = FIRST_LIMIT_M
+    while True:
+        limit = few * (few - 1) / 2 * change_m**2 if change_m < config.cap_m else np.inf
+        maps, costs = np.full((config.starts, few), -1, np.int32), np.full(config.starts, np.inf)
+        steps = branch_and_bound(a, b, config.cap_m, limit, maps, costs, 2.0 * _spacing_m(b), config.max_branches)
+        gave_up = steps == config.max_branches
+        if np.isfinite(costs[-1]) or limit == np.inf or (gave_up and np.isfinite(costs[0])):
+            return maps[np.isfinite(costs)], not gave_up
+        change_m *= 2.0
+
+
+def _settled(
+    among_a: np.ndarray, among_b: np.ndarray, start: np.ndarray, config: GmdsConfig
+) -> tuple[np.ndarray, float]:
+    """All samples' candidates (k,) int32, from a map of the first of them, and the stress."""
+    places = np.zeros(len(among_a), np.int32)
+    places[: len(start)] = start
+    settle(among_a, among_b, places, len(start), config.cap_m, config.sweeps)
+    return places, stress_m(among_a, among_b[np.ix_(places, places)], config.cap_m)
+
+
+def _rivals(found: list[tuple[np.ndarray, float]], among_b: np.ndarray, count: int) -> list[np.ndarray]:
+    """The maps of least stress of which no two send the samples to much the same places."""
+    kept: list[np.ndarray] = []
+    for places, _ in sorted(found, key=lambda one: one[1]):
+        if len(kept) < count and all(among_b[places, other].mean() > _spacing_m(among_b) for other in kept):
+            kept.append(places)
+    return kept
+
+
+def _spacing_m(distances: np.ndarray) -> float:
+    """Median distance of a point to its nearest neighbour; 0 of a point alone."""
+    return float(np.median(np.sort(distances, axis=1)[:, min(1, len(distances) - 1)]))
+
+
+def _refined(
+    target: Surface, among_a: np.ndarray, places: np.ndarray, fields: np.ndarray, config: GmdsConfig
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Moves samples to the nodes of least stress, one after another, until none moves; places, their fields, stress."""
+    places, fields, calm = places.copy(), fields.copy(), 0
+    for step in range(config.sweeps * len(places)):
+        at = step % len(places)
+        place = best_places(among_a[at : at + 1], fields, config.cap_m, np.array([at]))[0]
+        calm += 1
+        if place != places[at]:
+            places[at], calm = place, 0
+            fields[at] = field_from(target, place)
+        if calm >= len(places):
+            break
+    return places, fields, stress_m(among_a, fields[:, places], config.cap_m)

@@ -1,0 +1,146 @@
+"""Branch and bound over maps of few samples onto candidates, by the stress that ``gmds_stress`` goes on with.
+
+``geodesics.map_search`` proves one map of whole small meshes, by the paper's criteria; here several maps are wanted, of
+a sum that is capped, in a millisecond.
+
+The generalised stress of a map of samples, and the moves that make it small.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, error_model="numpy")
+def branch_and_bound(
+    a: np.ndarray, b: np.ndarray, cap: float, limit: float, maps: np.ndarray, costs: np.ndarray, same: float, steps: int
+) -> int:  # fmt: skip
+    """The best map of few samples onto candidates, exactly, and others that differ from it.
+
+    a (k, k), b (n, n) float32 distances; limit: stress over pairs in one order that no map may reach; maps (m, k) int32
+    and costs (m,) float64, inf = empty, are filled in, best first; of maps all of whose places are within ``same``
+    metres only the better is kept, so that the list holds rivals. Returns the branches looked at:
+    ``steps`` if it had to give up.
+    """
+    depth, count = len(a), len(b)
+    table = np.zeros((depth + 1, depth, count))
+    order = np.zeros((depth, count), np.int64)
+    turn, base, rest = np.zeros(depth, np.int64), np.zeros(depth + 1), np.zeros(depth)
+    chosen = np.zeros(depth, np.int32)
+    level, done = 0, 0
+    order[0] = np.arange(count)
+    for i in range(1, depth):
+        rest[0] += table[0, i].min()
+    while level >= 0 and done < steps:
+        bound = min(limit, costs[-1])
+        spot = turn[level]
+        if spot == count or base[level] + table[level, level, order[level, spot]] + rest[level] >= bound:
+            level -= 1
+            continue
+        turn[level] += 1
+        done += 1
+        place = order[level, spot]
+        chosen[level] = place
+        cost = base[level] + table[level, level, place]
+        if level == depth - 1:
+            _keep(chosen, cost, b, same, maps, costs)
+            continue
+        floor = 0.0
+        for i in range(level + 1, depth):
+            for v in range(count):
+                change = min(abs(np.float64(a[i, level]) - b[place, v]), cap)
+                table[level + 1, i, v] = table[level, i, v] + change * change
+            if i > level + 1:
+                floor += table[level + 1, i].min()
+        if cost + floor + table[level + 1, level + 1].min() >= bound:
+            continue
+        level += 1
+        base[level], rest[level], turn[level] = cost, floor, 0
+        order[level] = np.argsort(table[level, level])
+    return done
+
+
+@njit(cache=True, error_model="numpy")
+def _keep(chosen: np.ndarray, cost: float, b: np.ndarray, same: float, maps: np.ndarray, costs: np.ndarray) -> None:
+    """Insert a map in the list of the best, unless one like it is there and better; it ousts those like it."""
+    held = 0
+    while held < len(costs) and costs[held] < np.inf:
+        held += 1
+    for m in range(held):
+        if costs[m] <= cost and _alike(maps[m], chosen, b, same):
+            return
+    left = 0
+    for m in range(held):
+        if not _alike(maps[m], chosen, b, same):
+            maps[left], costs[left] = maps[m], costs[m]
+            left += 1
+    costs[left:held] = np.inf
+    at = min(left, len(costs) - 1)
+    while at > 0 and costs[at - 1] > cost:
+        maps[at], costs[at] = maps[at - 1], costs[at - 1]
+        at -= 1
+    if cost < costs[at]:
+        maps[at], costs[at] = chosen, cost
+
+
+@njit(cache=True, error_model="numpy")
+def _alike(one: np.ndarray, other: np.ndarray, b: np.ndarray, same: float) -> bool:
+    apart = np.float32(0.0)
+    for k in range(len(one)):
+        apart = max(apart, b[one[k], other[k]])
+    return bool(apart <= same)
+
+
+def stress_m(a: np.ndarray, b: np.ndarray, cap: float) -> float:
+    """Root mean square over all pairs of samples of the capped change from a to b (k, k), both in metres."""
+    change = np.minimum(np.abs(a - b, dtype=np.float64), cap)
+    np.fill_diagonal(change, 0.0)
+    return float(np.sqrt((change**2).sum() / max(len(a) * (len(a) - 1), 1)))
+
+
+@njit(cache=True, error_model="numpy")
+def best_places(rows: np.ndarray, fields: np.ndarray, cap: float, own: np.ndarray) -> np.ndarray:
+    """(m,) int32: where each point costs least, by its distances to samples whose places are known.
+
+    rows (m, k) float32: distances on the source; fields (k, n) float32: those of the samples' places to every node of
+    the target; both metres. own (m,) int: the sample that a row is itself and that does not count, -1 = none. The cost
+    is the sum of squared changes, none counting for more than the cap.
+    """
+    places = np.empty(len(rows), np.int32)
+    cost, most = np.empty(fields.shape[1], np.float32), np.float32(cap)
+    for row in range(len(rows)):
+        cost[:] = 0.0
+        for k in range(len(fields)):
+            if k != own[row]:
+                field, distance = fields[k], rows[row, k]
+                for v in range(len(cost)):
+                    change = min(abs(field[v] - distance), most)
+                    cost[v] += change * change
+        places[row] = cost.argmin()
+    return places
+
+
+@njit(cache=True, error_model="numpy")
+def settle(a: np.ndarray, b: np.ndarray, places: np.ndarray, known: int, cap: float, sweeps: int) -> None:
+    """Place the samples beyond the first ``known``, then move one after another as long as that helps.
+
+    a (k, k) float32 distances of the samples, b (n, n) float32 of all candidates for places; places (k,) int32,
+    changed in place.
+    """
+    costs, most, calm = np.empty(len(b), np.float32), np.float32(cap), 0
+    for step in range(known, (sweeps + 1) * len(a)):
+        at, first_time = step % len(a), step < len(a)
+        costs[:] = 0.0
+        for k in range(at if first_time else len(a)):
+            if k != at:
+                for v in range(len(b)):
+                    change = min(abs(b[places[k], v] - a[at, k]), most)
+                    costs[v] += change * change
+        place = costs.argmin()
+        if first_time or costs[place] < costs[places[at]]:
+            places[at], calm = place, 0
+            continue
+        calm += 1
+        if calm == len(a):
+            break

@@ -1,0 +1,198 @@
+"""What run.json tells of a tracked recording: inputs, cameras, residuals, and sentences on who was tracked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from anchorpose.body.corrected_joints import CONTRADICTED
+from anchorpose.body.skin_points import body_points
+from anchorpose.calibration.calibration import PoseSource
+from anchorpose.calibration.clock.clocks import Clocks
+from anchorpose.calibration.clock.settled import clock_notes
+from anchorpose.joints import JOINT_INDEX
+from anchorpose.recording.pairing import CameraGaps, find_gaps
+from anchorpose.recording.reader import input_files
+from anchorpose.results.corrections import (
+    Corrections,
+    JointCorrection,
+    poses_of,
+    read_corrections,
+    require_recording,
+    reviewed_recording,
+)
+from anchorpose.results.run_record import (
+    Association,
+    CameraRecord,
+    CorrectionsRecord,
+    DroppedFrame,
+    PictureRecord,
+    Residual,
+    RunRecord,
+    StageTiming,
+    hash_files,
+    record_body,
+)
+from anchorpose.results.tables import JointTable
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.learning import LearntPatient
+from anchorpose.tracker.room import Room, require_frames
+from anchorpose.tracker.stopwatch import Stopwatch
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Written:
+    """What the pass over all frames leaves behind besides the tables."""
+
+    association: Association
+    dropped: tuple[DroppedFrame, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Given:
+    """Files that the user gives besides the recording; None for what is not given."""
+
+    calibration: Path | None = None
+    corrections: Path | None = None
+
+
+def hash_inputs(room: Room, config: TrackConfig) -> tuple[tuple[str, str], ...]:
+    """(path, hash) of every file of the recording and of the reference movements."""
+    movements = config.motion_file
+    return (
+        *hash_files(input_files(room.recording), room.recording.folder),
+        *(hash_files([movements], movements.parent) if config.motion.uses_database else ()),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Said:
+    """A reviewer's file as it was read, with its hash."""
+
+    path: Path
+    sha256: str
+    corrections: Corrections
+
+
+def read_said(path: Path) -> Said:
+    """Raises InputError where it is no file of corrections."""
+    corrections = read_corrections(path)
+    ((_, digest),) = hash_files([path], path.parent)  # at once: the viewer may add to it while we track
+    return Said(path, digest, corrections)
+
+
+def require_about(said: Said, room: Room, inputs_sha256: tuple[tuple[str, str], ...]) -> None:
+    """Raises InputError where the corrections are about another recording, another world or frames there are not."""
+    name = room.recording.folder.resolve().name
+    require_recording(said.path, said.corrections, reviewed_recording(name, inputs_sha256, poses_of(room.cameras)))
+    require_frames(said.path, room.review, room.recording)
+
+
+def outcome_of(said: Said, joints: JointTable) -> CorrectionsRecord:
+    """What became of the corrections, by the joints that were written."""
+    corrections = said.corrections
+    sentences = tuple(text for text in (_why_not(one, joints) for one in corrections.joints) if text)
+    return CorrectionsRecord(said.path.name, said.sha256, corrections.unusable, corrections.joints, sentences)
+
+
+def _why_not(correction: JointCorrection, joints: JointTable) -> str | None:
+    """Why a joint is not where the reviewer says, None where it is."""
+    said, joint = f"{correction.joint} in frame {correction.frame}", JOINT_INDEX[correction.joint]
+    rows = np.flatnonzero(joints.frame == correction.frame)
+    if not len(rows):
+        return f"{said} was not corrected: the frame was not tracked"
+    row = int(rows[0])
+    if joints.lost[row].all():
+        return f"{said} was not corrected: the patient was not found in this frame, or it was marked as unusable"
+    if joints.lost[row, joint]:
+        return f"{said} was not corrected: the joint is lost all the same"
+    away_m = float(np.linalg.norm(joints.position_m[row, joint] - correction.position_m))
+    if away_m <= CONTRADICTED * np.hypot(correction.sigma_m, joints.sigma_m[row, joint]):
+        return None
+    return f"{said} was not corrected: no body of this size has it there, {100 * away_m:.0f} cm from where it is given"
+
+
+def account_of(
+    room: Room, written: Written, pictures: tuple[PictureRecord, ...], learnt: LearntPatient | None,
+    config: TrackConfig, watch: Stopwatch, given: Given, inputs_sha256: tuple[tuple[str, str], ...],
+    corrections: CorrectionsRecord | None,
+) -> RunRecord:  # fmt: skip
+    """The record of a run that has been through all frames."""
+    calibration, gaps = room.calibration, find_gaps(room.recording)
+    source = None if given.calibration is None else PoseSource.FILE
+    return RunRecord(
+        recording=room.recording.folder.resolve().name,
+        config=config if config.motions is None else replace(config, motions=Path(config.motions).name),
+        inputs_sha256=inputs_sha256,
+        corrections=corrections,
+        cameras=tuple(
+            CameraRecord(camera.name, camera.T_world_camera, (source or pose.source).value, clock.clock)
+            for camera, pose, clock in zip(room.cameras, calibration.poses, room.clocks.cameras, strict=True)
+        ),
+        residuals=(
+            *(
+                Residual(floor.camera, "floor, rms distance to the plane", floor.residual_m, "m")
+                for floor in calibration.residuals
+            ),
+            *(
+                Residual(pose.camera, figure.what, figure.value, figure.unit)
+                for pose in calibration.poses
+                for figure in pose.figures
+            ),
+            *_clock_residuals(room.clocks, gaps),
+        ),
+        timings=tuple(StageTiming(stage, seconds) for stage, seconds in watch.seconds.items()),
+        frame_count=len(written.association.matched_share),
+        association=written.association,
+        dropped=written.dropped,
+        body=None if learnt is None else record_body(body_points().asset, learnt.belief, learnt.first, learnt.seconds),
+        pictures=pictures,
+        notes=(
+            *calibration.notes,
+            *clock_notes(room.clocks),
+            *(camera.sentence for camera in gaps if camera.sentence),
+            *_notes(room, learnt),
+            *written.association.sentences,
+            *(() if corrections is None else corrections.not_honoured),
+        ),
+    )
+
+
+def _clock_residuals(clocks: Clocks, gaps: Sequence[CameraGaps]) -> list[Residual]:
+    """What was measured of each camera's clock, the first camera's being the reference."""
+    found = []
+    for camera, missing in zip(clocks.cameras[1:], gaps[1:], strict=True):
+        name, clock = camera.camera, camera.clock
+        if camera.sigma_s is not None:
+            found.append(
+                Residual(name, f"clock, ahead of the first camera's at {clock.at_s:.1f} s", clock.ahead_s, "s")
+            )
+            found.append(Residual(name, "clock, standard error of that", camera.sigma_s, "s"))
+        if camera.drift_sigma is not None:
+            found.append(Residual(name, "clock, drift against the first camera's", clock.drift, "s/s"))
+            found.append(Residual(name, "clock, standard error of the drift", camera.drift_sigma, "s/s"))
+            found.append(Residual(name, "clock, lags measured with other cameras", float(camera.lags), "1"))
+        found.append(Residual(name, "share of the first camera's frames with a picture", missing.paired_share, "1"))
+    if clocks.residual_s is not None:
+        found.append(Residual(clocks.cameras[0].camera, "clocks, rms of all lags", clocks.residual_s, "s"))
+    return found
+
+
+def _notes(room: Room, learnt: LearntPatient | None) -> list[str]:
+    """Sentences on who was tracked and with which body."""
+    if room.opening is None:
+        return ["nobody was seen in the sampled frames, so no joint could be tracked"]
+    choice = room.opening.choice
+    x, z = choice.ground_xz_m
+    notes = [
+        f"the patient was taken to be the person at x {x:.2f} m, z {z:.2f} m in frame {room.opening.frame}, "
+        f"who {choice.reason}; tracking goes from there to both ends"
+    ]
+    if learnt is None:
+        notes.append("no body could be fitted to this person, so no joint could be tracked")
+    else:
+        notes.append(f"the learnt clothes are {1000 * learnt.shape.clothing_m:.0f} mm thick")
+    return notes

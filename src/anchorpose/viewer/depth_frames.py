@@ -1,0 +1,211 @@
+"""The pictures behind the results, frame by frame: points of all cameras told apart, and the patient's surface.
+
+The cameras' clocks as a run used them, so that the viewer shows the pictures that were tracked together.
+
+How light a pixel is drawn, by the slope of the skin there: points without any shading look like paper cut-outs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from anchorpose.camera import Camera
+from anchorpose.errors import InputError
+from anchorpose.isolation.view import PixelLabel
+from anchorpose.recording.depth_image import read_depth_picture
+from anchorpose.recording.pairing import pair_frames
+from anchorpose.recording.reader import open_recording
+from anchorpose.recording.recording import Clock, Recording, put_clocks_together
+from anchorpose.results.people_labels import PEOPLE_FILE, ROOM, StoredPeople, read_picture
+from anchorpose.results.run_record import RUN_FILE, hash_files
+from anchorpose.surface.mesh import build_surface, faces
+
+
+def clocks_of_run(path: Path, run: dict[str, Any], cameras: tuple[str, ...]) -> tuple[Clock, ...]:
+    """One a camera, in the order of the names, from the run.json at ``path``; raises InputError where it tells none."""
+    told = {camera["name"]: camera.get("clock") for camera in run["cameras"]}
+    if not all(told.get(camera) for camera in cameras):
+        raise InputError(path, "does not tell the cameras' clocks", "track the recording again with this version")
+    return tuple(Clock(**told[camera]) for camera in cameras)
+
+
+REACH_PX: Final = 4  # slopes over nine pixels, 5 cm at 2 m: over fewer, the sensor's noise is what would be seen
+JUMP_M: Final = 0.15  # more than that between them is another surface, and no slope
+
+_LIGHT: Final = np.array(
+    [0.35, -0.5, -0.79]
+)  # camera frame: from above, a little from the side, mostly from the camera
+
+
+def shade(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
+    """(height, width) uint8, 255 = facing the light; for the eye only, nothing is measured with it.
+
+    depth_m (height, width) metres, 0 = no reading. The slope is 0 where a neighbour is missing or on another surface.
+    """
+    z = np.maximum(depth_m, 0.1)
+    across = _slope(depth_m, 1) * (camera.intrinsics.fx / (2 * REACH_PX)) / z
+    down = _slope(depth_m, 0) * (camera.intrinsics.fy / (2 * REACH_PX)) / z
+    facing = (across * _LIGHT[0] + down * _LIGHT[1] - _LIGHT[2]) / np.sqrt(1.0 + across**2 + down**2)
+    return np.asarray(255.0 * np.clip(facing, 0.0, 1.0)).astype(np.uint8)
+
+
+def _slope(depth_m: np.ndarray, axis: int) -> np.ndarray:
+    """The change of depth over ``2 * REACH_PX`` pixels along an axis; 0 where it cannot be told."""
+    before, after = np.roll(depth_m, REACH_PX, axis), np.roll(depth_m, -REACH_PX, axis)
+    change = after - before
+    known = (before > 0) & (after > 0) & (np.abs(change) < JUMP_M)
+    edge = [slice(None), slice(None)]
+    for edge[axis] in (slice(None, REACH_PX), slice(-REACH_PX, None)):
+        known[tuple(edge)] = False
+    return np.where(known, change, np.float32(0.0))
+
+
+UNTOLD: Final = 255
+"""The label of all pixels where no people.parquet says whose they are."""
+
+ROOM_STEP: Final = 3
+"""Of the room every third row and column: it is there to find one's bearings."""
+
+UNTOLD_STEP: Final = 2
+"""Of pictures in which nobody is told apart every second row and column: the room is most of them."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Footage:
+    """A recording on the clocks and in the world of a run.
+
+    pairs (n, cameras): for each frame of the results, each camera's picture, -1 = none. people: None where the results
+    do not tell whose the pixels are.
+    """
+
+    recording: Recording
+    frame: np.ndarray
+    pairs: np.ndarray
+    people: StoredPeople | None
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """In the order of ``points``' counts."""
+        return self.recording.cameras
+
+    def points(self, position: int, room: bool) -> tuple[list[np.ndarray], list[str]]:
+        """One a camera, (m, 4) uint16: column, row, grey value and look of each pixel with a reading; and problems.
+
+        Coarse grids come first (every eighth row and column, then every fourth, every second, the rest), so that a page
+        that is too slow may draw a part. The look is 256 times ``shade`` plus the label. position: row of the results'
+        frames. Pixels of the room only with ``room``, thinned out.
+        """
+        found, problems = list[np.ndarray](), list[str]()
+        for number, camera in enumerate(self.cameras):
+            depth_m, problem = self.depth(position, number)
+            if depth_m is None:
+                found.append(np.empty((0, 4), np.uint16))
+                problems.append(f"Camera {camera.name}: {problem}.")
+                continue
+            found.append(_pixels(depth_m, self.labels(position, number), camera, room))
+        return found, problems
+
+    def surface(self, position: int) -> tuple[np.ndarray, np.ndarray]:
+        """The patient's seen skin, all cameras: vertices (v, 3) world metres, faces (f, 3) int32; empty without labels.
+
+        Each camera's own mesh as ``surface.mesh`` makes it, not cut at contacts and not sewn together.
+        """
+        vertices, triangles, count = [np.empty((0, 3), np.float32)], [np.empty((0, 3), np.int32)], 0
+        for number, camera in enumerate(self.cameras):
+            depth_m, _ = self.depth(position, number)
+            labels = self.labels(position, number)
+            if depth_m is None or labels is None or camera.T_world_camera is None:
+                continue
+            sheet = build_surface(depth_m, labels == PixelLabel.PATIENT, camera)
+            vertices.append(sheet.points_m)
+            triangles.append(faces(sheet) + count)
+            count += len(sheet)
+        return np.concatenate(vertices), np.concatenate(triangles)
+
+    def depth(self, position: int, camera: int) -> tuple[np.ndarray | None, str]:
+        """The picture in metres, or None and why."""
+        index = self.pairs[position, camera]
+        if index < 0:
+            return None, "there is no picture of this time"
+        picture = read_depth_picture(self.recording.streams[camera].files[index], self.cameras[camera])
+        return picture.depth_m, f"the picture {picture.problem}" if picture.problem else ""
+
+    def labels(self, position: int, camera: int) -> np.ndarray | None:
+        """(height, width) uint8; all ``ROOM`` where nobody was told apart, None where nothing tells."""
+        if self.people is None:
+            return None
+        packed = self.people.get(int(self.frame[position]), self.cameras[camera].name)
+        if packed is None:
+            return np.full((self.cameras[camera].height, self.cameras[camera].width), ROOM, np.uint8)
+        return read_picture(packed)
+
+
+def open_footage(folder: Path, results: Path, run: dict[str, Any], frame: np.ndarray) -> Footage:
+    """The recording behind the results; raises InputError where it is another one.
+
+    frame (n,): the numbers of the results' frames.
+    """
+    recording = open_recording(folder)
+    poses = {camera["name"]: camera["camera_to_world"] for camera in run["cameras"]}
+    _refuse_another(recording, run, poses)
+    cameras = tuple(
+        replace(camera, T_world_camera=None if poses[camera.name] is None else np.array(poses[camera.name]))
+        for camera in recording.cameras
+    )
+    clocks = clocks_of_run(results / RUN_FILE, run, tuple(camera.name for camera in cameras))
+    recording = put_clocks_together(replace(recording, cameras=cameras), clocks)
+    rows = {int(number): row for row, number in enumerate(recording.streams[0].frame)}
+    missing = [int(number) for number in frame if int(number) not in rows]
+    if missing:
+        raise InputError(folder, f"has no frame {missing[0]}, but the results do", _REMEDY)
+    pairs = pair_frames(recording)[[rows[int(number)] for number in frame]]
+    people = StoredPeople(results / PEOPLE_FILE) if (results / PEOPLE_FILE).exists() else None
+    return Footage(recording, frame, pairs, people)
+
+
+_REMEDY: Final = "give the recording that these results were made of"
+
+
+def _refuse_another(recording: Recording, run: dict[str, Any], poses: dict[str, Any]) -> None:
+    """By the names of its cameras, their times and their first and last pictures: all pictures would take minutes."""
+    names = [camera.name for camera in recording.cameras]
+    if set(names) != set(poses):
+        raise InputError(recording.folder, f"has the cameras {', '.join(names)}, not {', '.join(poses)}", _REMEDY)
+    for name, stream in zip(names, recording.streams, strict=True):
+        times = recording.folder / name / "timestamps.csv"
+        asked = [stream.files[0], stream.files[-1], *([times] if times.exists() else [])]
+        for file, digest in hash_files(asked, recording.folder):
+            if run["inputs_sha256"].get(file) != digest:
+                raise InputError(recording.folder / file, "is not what the results were made of", _REMEDY)
+
+
+def _pixels(depth_m: np.ndarray, labels: np.ndarray | None, camera: Camera, room: bool) -> np.ndarray:
+    thin = np.zeros(depth_m.shape, bool)
+    step = UNTOLD_STEP if labels is None else ROOM_STEP
+    thin[::step, ::step] = True
+    if labels is None:
+        labels = np.full(depth_m.shape, UNTOLD, np.uint8)
+        shown = thin
+    else:
+        shown = (labels != ROOM) | (thin & room)
+    row, column = np.nonzero(shown & (depth_m > 0))
+    if not len(row):
+        return np.empty((0, 4), np.uint16)
+    coarse_first = np.argsort(_fineness(row, column), kind="stable")
+    row, column = row[coarse_first], column[coarse_first]
+    grey = np.rint(depth_m[row, column] / np.float32(camera.depth_scale))
+    top, left = max(0, row.min() - REACH_PX), max(0, column.min() - REACH_PX)  # shading is what costs most
+    lit = shade(depth_m[top : row.max() + REACH_PX + 1, left : column.max() + REACH_PX + 1], camera)
+    look = 256 * lit[row - top, column - left].astype(np.uint16) + labels[row, column]
+    return np.column_stack([column, row, grey, look]).astype(np.uint16)
+
+
+def _fineness(row: np.ndarray, column: np.ndarray) -> np.ndarray:
+    """0 for pixels on every eighth row and column, 1 on every fourth, 2 on every second, 3 for the rest."""
+    both = row | column
+    ranks = np.where(both % 2, 3, np.where(both % 4, 2, np.where(both % 8, 1, 0)))
+    return ranks.astype(np.uint8)  # bytes are sorted by counting

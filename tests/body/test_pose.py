@@ -1,0 +1,160 @@
+"""Pose changes, joint ranges and hinges."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from body_builder import asset, points, random_pose, standing
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from anchorpose.body.kinematics import shape_body
+from anchorpose.body.pose import (
+    MOVING_BONES,
+    POSE_SIZE,
+    descendants,
+    hinge_axes,
+    joint_range,
+    moving_bones,
+)
+from anchorpose.body.rotations import inverse_left_jacobian, turns_of, vectors_of
+from anchorpose.joints import JOINT_INDEX
+
+MEAN = shape_body(asset(), np.zeros(0))
+HINGES = ("LeftForeArm", "RightForeArm", "LeftLeg", "RightLeg")
+
+directions = st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda v: np.linalg.norm(v) > 0.1)
+angles = st.one_of(st.floats(0.0, 3.0), st.floats(-9.0, 0.0).map(lambda power: 10.0**power), st.just(0.0))
+
+
+@settings(deadline=None, derandomize=True)
+@given(directions, angles)
+def test_the_inverse_left_jacobian_is_the_derivative_of_the_logarithm(direction, angle):
+    w = np.array(direction) / np.linalg.norm(direction) * angle
+    step = 1e-6
+
+    def logarithm(d: np.ndarray) -> np.ndarray:
+        return (Rotation.from_rotvec(d) * Rotation.from_rotvec(w)).as_rotvec()
+
+    numeric = np.stack([(logarithm(d) - logarithm(-d)) / (2.0 * step) for d in step * np.eye(3)], axis=1)
+    change = np.empty((3, 3))
+    inverse_left_jacobian(w, change)
+    np.testing.assert_allclose(change, numeric, atol=1e-6)
+
+
+@settings(deadline=None, derandomize=True)
+@given(directions, st.one_of(angles, st.floats(3.0, np.pi - 1e-6)))
+def test_rotation_vectors_and_matrices_are_those_of_scipy(direction, angle):
+    w = np.array(direction) / np.linalg.norm(direction) * angle
+    matrix = Rotation.from_rotvec(w).as_matrix()
+    np.testing.assert_allclose(turns_of(w[None])[0], matrix, atol=1e-14)
+    np.testing.assert_allclose(vectors_of(matrix[None])[0], w, atol=1e-8)  # near pi the vector hangs on few digits
+
+
+def test_rotations_of_many_bones_are_those_of_each():
+    w = np.random.default_rng(1).normal(size=(7, 3))
+    w[3] = 0.0
+    np.testing.assert_allclose(vectors_of(turns_of(w)), w, atol=1e-12)
+
+
+def test_no_change_leaves_the_pose_and_a_change_back_restores_it():
+    pose, moving = random_pose(1), points().moving
+    still = pose.moved(np.zeros(POSE_SIZE), moving)
+    np.testing.assert_allclose(still.rotations, pose.rotations, atol=1e-15)
+    change = np.random.default_rng(2).normal(0.0, 0.3, POSE_SIZE)
+    back = pose.moved(change, moving).moved(-change, moving)
+    np.testing.assert_allclose(back.rotations, pose.rotations, atol=1e-12)
+    np.testing.assert_allclose(back.root_m, pose.root_m, atol=1e-12)
+
+
+def test_a_change_moves_only_the_moving_bones_and_not_the_pose_itself():
+    pose = random_pose(1)
+    before = pose.rotations.copy()
+    moved = pose.moved(np.full(POSE_SIZE, 0.1), points().moving)
+    fixed = np.setdiff1d(np.arange(len(before)), points().moving)
+    np.testing.assert_array_equal(moved.rotations[fixed], before[fixed])
+    np.testing.assert_array_equal(pose.rotations, before)
+    assert (np.abs(moved.rotations[points().moving] - before[points().moving]).max(axis=(1, 2)) > 0.01).all()
+
+
+def test_rotation_vectors_are_those_of_the_moving_bones():
+    vectors = standing(LeftArm=(30.0, 0.0, 0.0), RightLeg=(0.0, 0.0, -50.0)).rotation_vectors(points().moving)
+    found = {name: np.degrees(vectors[row]) for row, name in enumerate(MOVING_BONES) if vectors[row].any()}
+    assert found.keys() == {"LeftArm", "RightLeg"}
+    np.testing.assert_allclose(found["LeftArm"], [30.0, 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(found["RightLeg"], [0.0, 0.0, -50.0], atol=1e-9)
+
+
+def test_the_descendants_are_the_bones_that_a_turn_carries():
+    carried = descendants(asset())
+    for row, bone in enumerate(moving_bones(asset())):
+        turned = standing(**{asset().bone_names[bone]: (20.0, 10.0, -15.0)})
+        transforms = MEAN.bone_transforms(turned.rotations, MEAN.bone_heads[0])
+        moved = np.abs(transforms[:, :3, :3] - np.eye(3)).max(axis=(1, 2)) > 1e-9
+        np.testing.assert_array_equal(carried[row].astype(bool), moved)
+
+
+def test_the_joint_range_is_finite_and_leaves_only_the_root_free():
+    ranges = joint_range(asset())
+    for values in (ranges.mean, ranges.whiten, ranges.hinge, ranges.hinge_limit):
+        assert np.isfinite(values).all()
+    free = [name for name, whiten in zip(MOVING_BONES, ranges.whiten, strict=True) if np.linalg.matrix_rank(whiten) < 3]
+    assert free == ["Hips"]
+
+
+def test_the_joint_range_is_the_same_on_both_sides():
+    ranges, mirror = joint_range(asset()), np.diag([-1.0, -1.0, 1.0])  # of a rotation vector, through the X-Y plane
+    for row, name in enumerate(MOVING_BONES):
+        if not name.startswith("Left"):
+            continue
+        other = MOVING_BONES.index(name.replace("Left", "Right"))
+        variance = [np.linalg.inv(ranges.whiten[r].T @ ranges.whiten[r]) for r in (row, other)]
+        np.testing.assert_allclose(mirror @ variance[0] @ mirror, variance[1], atol=1e-3)
+        np.testing.assert_allclose(mirror @ ranges.mean[row], ranges.mean[other], atol=1e-3)
+        assert ranges.hinge_limit[row] == pytest.approx(ranges.hinge_limit[other], abs=np.radians(0.1))
+
+
+@pytest.mark.parametrize("name", HINGES)
+def test_hinge_axes_are_an_orthonormal_right_handed_frame(name):
+    axes, bend = hinge_axes(asset(), name)
+    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(axes) == pytest.approx(1.0)
+    assert 0.0 <= bend < np.pi / 2.0
+
+
+@pytest.mark.parametrize("name", ["ForeArm", "Leg"])
+def test_hinge_axes_of_left_and_right_are_mirror_images(name):
+    left, right = (hinge_axes(asset(), f"{side}{name}")[0][0] for side in ("Left", "Right"))
+    np.testing.assert_allclose(left * [-1.0, -1.0, 1.0], right, atol=1e-3)  # an axial vector through the X-Y plane
+
+
+def bent(name: str, angle_rad: float, joint: str) -> np.ndarray:
+    """(3,) where a joint goes when a hinge alone turns."""
+    rotations = np.tile(np.eye(3), (len(asset().bone_names), 1, 1))
+    rotations[asset().bone(name)] = Rotation.from_rotvec(hinge_axes(asset(), name)[0][0] * angle_rad).as_matrix()
+    return MEAN.joints(MEAN.bone_transforms(rotations, MEAN.bone_heads[0]))[JOINT_INDEX[joint]]
+
+
+@pytest.mark.parametrize("side", ["Left", "Right"])
+def test_a_knee_bends_the_ankle_backwards_and_an_elbow_bends_the_wrist_forwards(side):
+    rest = MEAN.rest_joints()
+    ankle = bent(f"{side}Leg", np.radians(60.0), f"Ankle{side}") - rest[JOINT_INDEX[f"Ankle{side}"]]
+    assert ankle[0] < -0.2
+    assert abs(ankle[2]) < 0.06  # in the plane of the leg, give or take the shank's slant
+    wrist = bent(f"{side}ForeArm", np.radians(40.0), f"Wrist{side}") - rest[JOINT_INDEX[f"Wrist{side}"]]
+    assert wrist[0] > 0.05
+
+
+@pytest.mark.parametrize("side", ["Left", "Right"])
+def test_an_elbow_at_its_limit_is_straight_and_bends_from_there(side):
+    shoulder, elbow = (MEAN.rest_joints()[JOINT_INDEX[f"{name}{side}"]] for name in ("Shoulder", "Elbow"))
+    limit = joint_range(asset()).hinge_limit[MOVING_BONES.index(f"{side}ForeArm")]
+
+    def flexion(angle_rad: float) -> float:
+        upper, lower = elbow - shoulder, bent(f"{side}ForeArm", angle_rad, f"Wrist{side}") - elbow
+        cosine = upper @ lower / np.linalg.norm(upper) / np.linalg.norm(lower)
+        return float(np.degrees(np.arccos(min(cosine, 1.0))))  # rounding may take it a digit beyond
+
+    assert flexion(limit) < 1.0
+    assert flexion(limit + np.radians(70.0)) == pytest.approx(70.0, abs=1.0)

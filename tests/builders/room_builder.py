@@ -1,0 +1,73 @@
+"""A room of boxes and cylinders, as depth cameras of known noise see it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from anchorpose.camera import Camera, Intrinsics
+from anchorpose.isolation.background import equipment_depth
+from anchorpose.isolation.config import IsolationConfig
+from anchorpose.isolation.empty_room import learn_background
+from anchorpose.isolation.scene import Scene, set_scene
+from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel
+
+NOISE_PER_M = 0.0012  # sigma = NOISE_PER_M z^2, about a Kinect v2's
+ROOM = (
+    Box("floor", np.array([0.0, -0.05, 0.0]), np.array([12.0, 0.1, 12.0]), np.eye(3)),
+    Box("wall", np.array([-2.05, 1.5, 0.0]), np.array([0.1, 3.0, 12.0]), np.eye(3)),
+)
+KNEE_BAR = Box("knee-bar", np.array([0.3, 0.5, 0.0]), np.array([0.05, 0.1, 0.8]), np.eye(3))
+
+
+def camera_at(position_m, look_at_m, width: int = 256, height: int = 212) -> Camera:
+    """A level camera that looks at a place."""
+    away = np.subtract(look_at_m, position_m).astype(float)
+    away /= np.linalg.norm(away)
+    right = np.cross(away, [0.0, 1.0, 0.0])
+    right /= np.linalg.norm(right)
+    T_world_camera = np.eye(4)
+    T_world_camera[:3, :3] = np.stack([right, np.cross(away, right), away], axis=1)
+    T_world_camera[:3, 3] = position_m
+    lens = Intrinsics(fx=0.71 * width, fy=0.71 * width, cx=width / 2, cy=height / 2)
+    return Camera(name="front", width=width, height=height, depth_scale=0.001, intrinsics=lens,
+                  T_world_camera=T_world_camera)  # fmt: skip
+
+
+FRONT = camera_at((2.5, 1.2, 0.0), (0.0, 0.9, 0.0))
+
+
+def body(x: float, z: float, height_m: float = 1.7) -> tuple[Cylinder, ...]:
+    """A person as a trunk with a head."""
+    up = np.array([0.0, 1.0, 0.0])
+    trunk = height_m - 0.3
+    return (
+        Cylinder("trunk", np.array([x, trunk / 2, z]), up, 0.16, trunk),
+        Cylinder("head", np.array([x, trunk + 0.15, z]), up, 0.09, 0.3),
+    )
+
+
+def picture(camera: Camera, *parts, seed: int | None = None) -> np.ndarray:
+    """(height, width) float32 depth of the parts, millimetre steps, with noise where a seed is given."""
+    depth = equipment_depth(camera, EquipmentModel(parts)).astype(np.float64)
+    if seed is not None:
+        depth += np.random.default_rng(seed).normal(0, 1, depth.shape) * NOISE_PER_M * depth**2
+    return (np.round(np.maximum(depth, 0) / 0.001) * 0.001).astype(np.float32)
+
+
+def unposed(camera: Camera) -> Camera:
+    return replace(camera, T_world_camera=None)
+
+
+def in_front(camera: Camera, *parts) -> np.ndarray:
+    """(height, width) bool: pixels where the parts are in front of the room."""
+    return picture(camera, *ROOM, *parts) < picture(camera, *ROOM) - 1e-3
+
+
+def built_scene(*equipment, camera: Camera = FRONT) -> Scene:
+    """The room with equipment in it, as isolation knows it from a picture of it and four frames."""
+    config = IsolationConfig()
+    frames = [picture(camera, *ROOM, *equipment, seed=k) for k in range(5)]
+    model = learn_background(frames[0], frames[1:], camera, 0.0, config)
+    return set_scene(camera, model, EquipmentModel(equipment) if equipment else None, config)

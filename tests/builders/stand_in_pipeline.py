@@ -1,0 +1,75 @@
+"""Stands in for the tracker in tests of the command line: reads every frame as the tracker does, answers "lost"."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from anchorpose.joints import JOINT_COUNT, JointState
+from anchorpose.recording.reader import input_files, open_recording, read_frames
+from anchorpose.report.page import write_report
+from anchorpose.results.contacts import write_contacts
+from anchorpose.results.joint_frame import JointFrame
+from anchorpose.results.measuring import write_measured
+from anchorpose.results.processing.policy import ProcessingConfig
+from anchorpose.results.run_record import DroppedFrame, RunRecord, hash_files, write_run_record
+from anchorpose.results.stand_training.measure import MeasureConfig
+from anchorpose.results.tables import write_joints
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageConfig:
+    gate_m: float = 0.05
+    steps: int = 3
+
+    def __post_init__(self) -> None:
+        if not self.gate_m > 0:
+            raise ValueError(f"gate_m must be positive, got {self.gate_m}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrackConfig:
+    association: StageConfig = field(default_factory=StageConfig)
+    height_m: float | None = None
+    patient_xz_m: tuple[float, float] | None = None
+    start: int = 0
+    stop: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.start < 0:
+            raise ValueError(f"start must not be negative, got {self.start}")
+
+
+def track_recording(
+    recording: Path, results: Path, config: TrackConfig, progress: Callable[[int, int], None],
+    calibration: Path | None = None, corrections: Path | None = None,
+) -> None:  # fmt: skip
+    opened = open_recording(recording)
+    blank, state = np.full((JOINT_COUNT, 3), np.nan), (JointState.LOST,) * JOINT_COUNT
+    dropped, count = [], 0
+    with write_joints(results / "joints.parquet") as joints:
+        for frame in read_frames(opened, config.start, config.stop):
+            joints.append(
+                JointFrame(
+                    frame=frame.frame, time_s=frame.time_s, position_m=blank, state=state, sigma_m=blank[:, 0].copy()
+                )
+            )
+            dropped += [DroppedFrame(frame.frame, frame.time_s, problem) for problem in frame.problems]
+            count += 1
+            progress(count, len(opened.streams[0].files))
+    record = RunRecord(
+        recording=recording.name,
+        config=config,
+        inputs_sha256=hash_files(input_files(opened), opened.folder),
+        cameras=(),
+        frame_count=count,
+        dropped=tuple(dropped),
+    )
+    write_run_record(results / "run.json", record)
+    with write_contacts(results / "contacts.parquet"):
+        pass  # nobody touches a patient who is nowhere
+    write_measured(results, ProcessingConfig(), MeasureConfig())
+    write_report(results)

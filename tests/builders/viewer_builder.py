@@ -1,0 +1,178 @@
+"""A small recording with its results, made up in two seconds, and a viewer of them for the tests of the page."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+
+import cv2
+import numpy as np
+from recording_builder import write_picture, write_timestamps
+from results_builder import make_frame, standing_joints
+from scipy.spatial.transform import Rotation
+
+from anchorpose.body.asset import load_body_asset
+from anchorpose.body.pose import MOVING_BONES
+from anchorpose.joints import JOINT_INDEX, JointState
+from anchorpose.recording.reader import input_files, open_recording
+from anchorpose.recording.recording import Clock
+from anchorpose.results.anchors_table import ANCHORS_FILE, AnchorFrame, write_anchors
+from anchorpose.results.angles import ANGLES_FILE, write_angles
+from anchorpose.results.contacts import CONTACTS_FILE, Contact, write_contacts
+from anchorpose.results.joint_frame import JointFrame
+from anchorpose.results.kinematics.joint_angles import joint_angles
+from anchorpose.results.people_labels import PEOPLE_FILE, LabelPicture, write_people
+from anchorpose.results.poses import POSES_FILE, BodyPose, write_poses
+from anchorpose.results.run_record import RUN_FILE, hash_files
+from anchorpose.results.tables import JOINTS_FILE, read_joints, write_joints
+from anchorpose.viewer.server import ViewerServer
+from anchorpose.viewing import open_viewer
+
+WIDTH, HEIGHT, FRAMES, PERIOD_S = 96, 128, 45, 1.0 / 15.0
+FOCAL = 110.0
+LOST_FRAME, UNSURE_FRAME = 30, 12
+
+BODY_TURN = Rotation.from_rotvec([0.0, 0.6, 0.0])  # all bones alike: the body of the page is the rest body, turned
+BODY_SHIFT_M = np.array([0.05, 0.02, 0.1])
+
+POSES = {
+    "front": np.array([[0, 0, -1, 2.4], [0, -1, 0, 1.0], [-1, 0, 0, 0.0], [0, 0, 0, 1.0]]),
+    "right": np.array([[1.0, 0, 0, 0.0], [0, -1, 0, 1.0], [0, 0, -1, 2.4], [0, 0, 0, 1.0]]),
+}
+
+
+def patient_mask() -> np.ndarray:
+    """(HEIGHT, WIDTH) bool: a person's outline, more or less."""
+    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+    cv2.circle(mask, (48, 34), 6, 1, -1)
+    cv2.rectangle(mask, (38, 42), (58, 72), 1, -1)
+    for x in (40, 52):
+        cv2.rectangle(mask, (x, 72), (x + 5, 108), 1, -1)
+    return mask.astype(bool)
+
+
+def labels_of(frame: int) -> np.ndarray:
+    """The patient (4), somebody else (5) who walks through, a bar (2), the room (0)."""
+    labels = np.where(patient_mask(), np.uint8(4), np.uint8(0))
+    labels[60:110, 2 + frame : 12 + frame] = 5
+    labels[80:84, 30:66] = 2
+    return labels
+
+
+def depth_mm(frame: int) -> np.ndarray:
+    """(HEIGHT, WIDTH) uint16: the patient at 2.4 m, round, the others before him, the wall behind."""
+    labels = labels_of(frame)
+    columns = np.abs(np.arange(WIDTH) - 48)
+    grey = np.full((HEIGHT, WIDTH), 3500, np.uint16)
+    patient = np.broadcast_to(2300 + 6 * columns, grey.shape)
+    grey[labels == 4] = patient[labels == 4]
+    grey[labels == 5] = 1900
+    grey[labels == 2] = 2100
+    grey[:3] = 0  # no reading
+    return grey
+
+
+def write_small_recording(folder: Path) -> Path:
+    """Two cameras, a bar as equipment."""
+    folder.mkdir(parents=True)
+    cameras = []
+    for name, pose in POSES.items():
+        for frame in range(FRAMES):
+            write_picture(folder / name / "depth" / f"{frame:06d}.png", depth_mm(frame))
+        write_timestamps(folder / name, [(frame, frame * PERIOD_S) for frame in range(FRAMES)])
+        intrinsics = {"fx": FOCAL, "fy": FOCAL, "cx": 48.0, "cy": 64.0, "distortion": [0.05, -0.02, 0.001, 0.0, 0.0]}
+        cameras.append(
+            {"name": name, "width": WIDTH, "height": HEIGHT, "depth_scale": 0.001, "intrinsics": intrinsics,
+             "camera_to_world": pose.tolist()}
+        )  # fmt: skip
+    box = {"name": "bar", "shape": "box", "center": [0.3, 0.6, 0], "size": [0.05, 0.09, 0.7],
+           "rotation": np.eye(3).tolist()}  # fmt: skip
+    equipment = {"format": "equipment-model", "version": 1, "parts": [box]}
+    (folder / "equipment.json").write_text(json.dumps(equipment))
+    document = {"format": "rgbd-recording", "version": 1, "cameras": cameras, "equipment": "equipment.json"}
+    (folder / "recording.json").write_text(json.dumps(document))
+    return folder
+
+
+def write_small_results(folder: Path, recording: Path, people: bool = True) -> Path:
+    """A patient who sways and bends a knee; all joints lost in one frame, a hand unsure in another."""
+    folder.mkdir(parents=True)
+    with (
+        write_joints(folder / JOINTS_FILE) as joints,
+        write_poses(folder / POSES_FILE) as poses,
+        write_anchors(folder / ANCHORS_FILE) as anchors,
+        write_contacts(folder / CONTACTS_FILE) as contacts,
+    ):
+        for frame in range(FRAMES):
+            joints.append(_joints(frame))
+            poses.append(_pose(frame))
+            place = np.full((5, 3), np.nan)
+            place[0] = (0.0, 1.7, 0.0)
+            anchors.append(AnchorFrame(frame, frame * PERIOD_S, place, np.where(np.isnan(place[:, 0]), np.nan, 0.02)))
+        contacts.append(Contact(
+            part="knee_left", person="person 1", first_frame=5,
+            last_frame=20, start_s=5 * PERIOD_S, end_s=20 * PERIOD_S, seen_share=1.0, area_cm2=30.0, gap_mm=10.0,
+        ))  # fmt: skip
+    write_angles(folder / ANGLES_FILE, joint_angles(read_joints(folder / JOINTS_FILE)))
+    if people:
+        with write_people(folder / PEOPLE_FILE) as pictures:
+            for frame in range(FRAMES):
+                for name in POSES:
+                    pictures.append(LabelPicture(frame, name, cv2.imencode(".png", labels_of(frame))[1].tobytes()))
+    opened = open_recording(recording)
+    document = {
+        "format": "anchorpose-run",
+        "version": 1,
+        "recording": "ward 3",
+        "frame_count": FRAMES,
+        "cameras": [
+            {"name": n, "camera_to_world": T.tolist(), "source": "given", "clock": asdict(Clock())}
+            for n, T in POSES.items()
+        ],
+        "residuals": [],
+        "association": {"matched_share": [None, *[0.97] * (FRAMES - 1)]},
+        "dropped": [{"frame": 3, "time_s": 0.2, "why": "front/depth/000003.png is truncated"}],
+        "body": {"coefficients": [0.0] * 16},
+        "notes": [],
+        "inputs_sha256": dict(hash_files(input_files(opened), recording)),
+    }
+    (folder / RUN_FILE).write_text(json.dumps(document))
+    return folder
+
+
+@contextmanager
+def viewer_of(results: Path, recording: Path | None = None, host: str = "127.0.0.1") -> Iterator[ViewerServer]:
+    """A running viewer on a free port of this machine."""
+    server = open_viewer(results, recording, None, "", host, 0)
+    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02}, daemon=True)
+    thread.start()
+    try:
+        yield server
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
+
+
+def _joints(frame: int) -> JointFrame:
+    place = standing_joints()
+    place[:, 2] += 0.05 * np.sin(frame / 7.0)
+    place[JOINT_INDEX["KneeLeft"], 0] += 0.15 * np.sin(frame / 10.0) ** 2
+    lost = tuple(JOINT_INDEX) if frame == LOST_FRAME else ()
+    states = {"WristLeft": JointState.HIDDEN_BY_PERSON} if frame % 10 < 4 else {}
+    made = make_frame(frame, frame * PERIOD_S, place, lost, 0.02, states)
+    if frame == UNSURE_FRAME:
+        made.sigma_m[JOINT_INDEX["HandRight"]] = 0.2
+    return made
+
+
+def _pose(frame: int) -> BodyPose:
+    asset = load_body_asset()
+    heads = BODY_TURN.apply(np.stack([asset.bone_heads[asset.bone(name)] for name in MOVING_BONES])) + BODY_SHIFT_M
+    turn = np.tile(BODY_TURN.as_quat(scalar_first=True), (len(MOVING_BONES), 1))
+    gone = np.nan if frame == LOST_FRAME else 0.0
+    return BodyPose(frame, frame * PERIOD_S, heads + gone, turn + gone, np.full(len(MOVING_BONES), np.nan))

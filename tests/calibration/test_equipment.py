@@ -1,0 +1,300 @@
+"""The equipment's pose in each camera: known answers, symmetry, refusals, movement; errors in mm and degrees."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from clinic_builder import bare, shoot
+from room_builder import NOISE_PER_M, ROOM, body, camera_at, picture, unposed
+
+from anchorpose.calibration.calibration import PoseSource
+from anchorpose.calibration.equipment.kernels import pixel_of
+from anchorpose.calibration.equipment.pose import (
+    EquipmentPose,
+    EquipmentPoseConfig,
+    NoEquipmentPose,
+    angle_between,
+    find_equipment,
+    prepare_equipment,
+)
+from anchorpose.calibration.equipment.render import EquipmentCaster
+from anchorpose.calibration.equipment.samples import find_symmetry, sample_equipment
+from anchorpose.calibration.equipment.search import lens_array
+from anchorpose.calibration.equipment.seen import agreement
+from anchorpose.calibration.equipment.still import see_still, what_stays
+from anchorpose.calibration.equipment.verdict import NoPose
+from anchorpose.calibration.floor import FloorConfig, find_floor
+from anchorpose.calibration.world import find_world
+from anchorpose.camera import Intrinsics, invert_rigid, transform_points
+from anchorpose.errors import InputError
+from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel, Mesh
+from anchorpose.simulate.config import SimulationConfig
+
+UP = np.array([0.0, 1.0, 0.0])
+SLOW = pytest.mark.slow  # seconds each, and others like them run every time
+
+
+def box(name, center, size) -> Box:
+    return Box(name, np.array(center, float), np.array(size, float), np.eye(3))
+
+
+FRAME = EquipmentModel(
+    (
+        box("post-left", (0.3, 0.5, -0.4), (0.05, 1.0, 0.05)),
+        box("post-right", (0.3, 0.5, 0.4), (0.05, 1.0, 0.05)),
+        box("rail-left", (-0.05, 0.9, -0.4), (0.7, 0.04, 0.04)),
+        Cylinder("rail-right", np.array([-0.05, 0.9, 0.4]), np.array([1.0, 0.0, 0.0]), 0.02, 0.7),
+        box("knee-bar", (0.3, 0.45, 0.0), (0.05, 0.09, 0.75)),
+    )
+)
+TABLE = EquipmentModel(
+    (box("top", (0.1, 0.7, 0.0), (0.8, 0.04, 0.5)), box("column", (0.1, 0.34, 0.0), (0.1, 0.68, 0.1)))
+)
+STOOL = EquipmentModel(
+    (
+        Cylinder("seat", np.array([0.0, 0.45, 0.0]), UP, 0.18, 0.05),
+        Cylinder("leg", np.array([0.0, 0.2, 0.0]), UP, 0.03, 0.4),
+    )
+)
+
+
+def errors(found, true, middle_m) -> tuple[float, float]:
+    """Millimetres at the equipment's middle, degrees."""
+    T = found @ invert_rigid(true)
+    shift = transform_points(T, middle_m) - middle_m
+    return 1000.0 * float(np.linalg.norm(shift)), float(np.degrees(angle_between(T, np.eye(4))))
+
+
+def camera():
+    return camera_at((2.3, 1.3, 0.8), (0.0, 0.8, 0.0), 512, 424)
+
+
+def view_of(*parts, place=None, seed=1):
+    place = camera() if place is None else place
+    seen = picture(place, *ROOM, *parts, seed=seed)
+    return see_still(unposed(place), [seen], None, NOISE_PER_M, find_floor(seen, place, NOISE_PER_M, FloorConfig()))
+
+
+def shifted(model: EquipmentModel, by) -> EquipmentModel:
+    return EquipmentModel(tuple(replace(part, center_m=part.center_m + np.array(by)) for part in model.parts))
+
+
+@pytest.mark.parametrize(
+    "place", [pytest.param((2.3, 1.3, 0.8), marks=SLOW), (-0.9, 1.5, -2.2), pytest.param((1.9, 1.1, 1.6), marks=SLOW)]
+)
+def test_the_pose_of_a_built_frame_is_found_from_any_side(place):
+    there = camera_at(place, (0.0, 0.8, 0.0), 512, 424)
+    found = find_equipment(view_of(*FRAME.parts, place=there), prepare_equipment(FRAME), EquipmentPoseConfig())
+    assert isinstance(found, EquipmentPose)
+    shift_mm, turn_deg = errors(found.camera_to_world, there.T_world_camera, np.array([0.1, 0.5, 0.0]))
+    assert shift_mm < 3.0  # asked for: 5 mm and 0.3 degrees
+    assert turn_deg < 0.2
+    assert found.sigma_m < 0.004
+
+
+@pytest.mark.slow
+def test_gamma_0_may_lie_anywhere_above_the_floor():
+    raised = shifted(FRAME, (1.0, 0.7, -2.0))
+    view = view_of(*FRAME.parts)
+    found = find_equipment(view, prepare_equipment(raised), EquipmentPoseConfig())
+    assert isinstance(found, EquipmentPose)
+    true = camera().T_world_camera.copy()
+    true[:3, 3] += (1.0, 0.7, -2.0)
+    shift_mm, _ = errors(found.camera_to_world, true, np.array([1.1, 1.2, -2.0]))
+    assert shift_mm < 3.0
+
+
+def test_half_of_the_frame_behind_people_is_enough():
+    view = view_of(*FRAME.parts, *body(0.55, 0.45), *body(0.0, 0.1))
+    found = find_equipment(view, prepare_equipment(FRAME), EquipmentPoseConfig())
+    assert isinstance(found, EquipmentPose)
+    shift_mm, turn_deg = errors(found.camera_to_world, camera().T_world_camera, np.array([0.1, 0.5, 0.0]))
+    assert found.evidence.hidden_m2.sum() > 0.2 * found.evidence.on_m2.sum()
+    assert shift_mm < 5.0
+    assert turn_deg < 0.3
+
+
+@pytest.mark.slow
+def test_a_mesh_of_a_part_is_found_like_the_part():
+    vertices, faces = FRAME.parts[4].triangles()
+    meshed = EquipmentModel((*FRAME.parts[:4], Mesh("knee-bar", vertices, faces[:, ::-1].copy())))
+    found = find_equipment(view_of(*FRAME.parts), prepare_equipment(meshed), EquipmentPoseConfig())
+    assert isinstance(found, EquipmentPose)
+    assert errors(found.camera_to_world, camera().T_world_camera, np.array([0.1, 0.5, 0.0]))[0] < 3.0
+
+
+def test_a_room_without_the_equipment_has_no_pose():
+    found = find_equipment(view_of(*body(0.0, 0.0), *body(0.5, 0.5)), prepare_equipment(FRAME), EquipmentPoseConfig())
+    assert isinstance(found, NoEquipmentPose)
+
+
+@pytest.mark.parametrize("rise_m", [0.03, pytest.param(0.1, marks=SLOW), pytest.param(-0.06, marks=SLOW)])
+def test_a_part_that_is_elsewhere_than_the_file_says_is_named(rise_m):
+    bar = replace(FRAME.parts[4], center_m=FRAME.parts[4].center_m + np.array([0.0, rise_m, 0.0]))
+    found = find_equipment(
+        view_of(*FRAME.parts[:4], bar), prepare_equipment(FRAME), EquipmentPoseConfig()
+    )  # fmt: skip
+    assert isinstance(found, NoEquipmentPose)
+    assert found.part is not None  # the bar or, where the rest was lifted to meet it, another
+    assert found.why in (NoPose.PART_MISSING, NoPose.PART_ELSEWHERE, NoPose.PART_UNREAD)
+
+
+@pytest.mark.slow
+def test_two_of_the_same_kind_in_one_room_are_ambiguous():
+    twin = shifted(FRAME, (-0.8, 0.0, -1.0))
+    found = find_equipment(view_of(*FRAME.parts, *twin.parts), prepare_equipment(FRAME), EquipmentPoseConfig())
+    assert isinstance(found, NoEquipmentPose)
+    assert found.why == NoPose.AMBIGUOUS
+
+
+def test_round_equipment_has_no_direction():
+    found = find_equipment(view_of(*STOOL.parts), prepare_equipment(STOOL), EquipmentPoseConfig())
+    assert isinstance(found, NoEquipmentPose)
+    assert found.why == NoPose.ROUND
+
+
+def test_symmetry_is_what_the_shapes_say():
+    def turns(model):
+        symmetry = find_symmetry(model, sample_equipment(model))
+        return [round(float(np.degrees(np.arctan2(T[0, 2], T[0, 0])))) % 360 for T in symmetry.same], symmetry.round
+
+    assert turns(FRAME) == ([], False)
+    assert turns(TABLE) == ([180], False)
+    assert turns(EquipmentModel((box("cube", (0.3, 0.2, 0.1), (0.4, 0.4, 0.4)),))) == ([90, 180, 270], False)
+    assert turns(STOOL)[1]
+
+
+@pytest.mark.slow
+def test_a_symmetric_table_is_found_up_to_its_symmetry():
+    table = prepare_equipment(TABLE)
+    found = find_equipment(view_of(*TABLE.parts), table, EquipmentPoseConfig())
+    assert isinstance(found, EquipmentPose)
+    turned = [invert_rigid(T) @ found.camera_to_world for T in (np.eye(4), *table.symmetry.same)]
+    assert min(errors(T, camera().T_world_camera, np.array([0.1, 0.5, 0.0]))[0] for T in turned) < 4.0
+
+
+def test_what_stays_is_the_room_behind_people_who_walk():
+    room = picture(camera(), *ROOM, *FRAME.parts)
+    walking = [picture(camera(), *ROOM, *FRAME.parts, *body(0.6, z)) for z in (-0.8, -0.4, 0.0, 0.4, 0.8)]
+    still = what_stays(np.stack(walking), NOISE_PER_M)
+    assert np.mean(np.abs(still - room) < 0.01) > 0.995
+
+
+def test_the_outline_is_known_to_a_fraction_of_a_pixel():
+    """A bar's edges against where its corners project to."""
+    bar = EquipmentModel((box("bar", (0.0, 0.8, 0.0), (0.001, 0.1, 0.6)),))
+    there = camera_at((2.0, 0.8, 0.0), (0.0, 0.8, 0.0), 512, 424)
+    caster = EquipmentCaster(bar)
+    T = invert_rigid(there.T_world_camera)
+    outline = caster.outline(there, T, caster.render(there, T))
+    top = there.project(transform_points(T, np.array([[0.0005, 0.85, 0.0]])))[0, 1]
+    upward = outline.step[:, 0] == -1
+    assert upward.sum() > 50
+    assert outline.row[upward] - outline.beyond_px[upward] == pytest.approx(top, abs=0.08)
+
+
+def test_the_kernels_projection_is_the_cameras():
+    lens = Intrinsics(fx=300.0, fy=310.0, cx=250.0, cy=200.0, distortion=(0.1, -0.05, 0.002, -0.001, 0.01))
+    there = replace(camera(), intrinsics=lens)
+    points = np.random.default_rng(3).uniform((-1, -1, 1.5), (1, 1, 4), (50, 3))
+    own = np.array([pixel_of(*point, lens_array(there)) for point in points])
+    assert own == pytest.approx(there.project(points), abs=1e-6)
+
+
+def test_cameras_agree_only_in_the_right_pose():
+    left, right = camera_at((2.3, 1.3, 0.8), (0, 0.8, 0)), camera_at((1.5, 1.3, -1.9), (0, 0.8, 0))
+    people = (*ROOM, *body(0.3, 0.2), *body(-0.5, -0.6))
+    pictures = [(picture(left, *people, seed=1), picture(right, *people, seed=2))]
+    assert (
+        agreement((left, right), pictures, 0.0, (NOISE_PER_M,) * 2).through_share < 0.10
+    )  # rims, where one looks past a body
+    half_turn = np.diag([-1.0, 1.0, -1.0, 1.0]) @ right.T_world_camera
+    wrong = replace(right, T_world_camera=half_turn)
+    assert agreement((left, wrong), pictures, 0.0, (NOISE_PER_M,) * 2).through_share > 0.4
+
+
+@pytest.fixture(scope="module")
+def clinic():
+    return shoot(SimulationConfig(seed=31, seconds=6.0, fps=10.0))
+
+
+@pytest.mark.parametrize("background", [pytest.param(True, marks=SLOW), False])
+def test_three_cameras_of_a_clinic_are_found(clinic, background):
+    true, recording, frames = clinic
+    world = find_world(recording if background else bare(recording), frames, FloorConfig())
+    for found, camera_true, pose in zip(world.cameras, true.cameras, world.poses, strict=True):
+        shift_mm, turn_deg = errors(found.T_world_camera, camera_true.T_world_camera, np.array([0.1, 0.5, 0.0]))
+        assert shift_mm < 5.0  # the figure asked for
+        assert turn_deg < 0.3
+        assert pose.source == PoseSource.EQUIPMENT
+        assert {figure.unit for figure in pose.figures} == {"m", "px", "1", "degree"}
+    assert world.floor_height_m == pytest.approx(0.0, abs=0.005)
+    assert not any("moved" in note for note in world.notes)
+
+
+@pytest.mark.slow
+def test_poses_that_are_given_are_kept_and_the_missing_one_joins_their_world(clinic):
+    true, recording, frames = clinic
+    mixed = replace(recording, cameras=(true.cameras[0], recording.cameras[1], true.cameras[2]))
+    world = find_world(mixed, frames, FloorConfig())
+    assert world.cameras[0] is true.cameras[0]
+    assert [pose.source for pose in world.poses] == [PoseSource.GIVEN, PoseSource.EQUIPMENT, PoseSource.GIVEN]
+    found, expected = world.cameras[1].T_world_camera, true.cameras[1].T_world_camera
+    assert errors(found, expected, np.array([0.1, 0.5, 0.0]))[0] < 5.0
+
+
+def test_another_clinics_equipment_is_refused_with_a_remedy(clinic):
+    _, recording, frames = clinic
+    with pytest.raises(InputError, match=r"camera_to_world is null for \w+, and this camera .*; compare equipment"):
+        find_world(replace(recording, equipment=FRAME), frames, FloorConfig())
+
+
+def test_given_poses_that_contradict_the_equipment_are_reported(clinic):
+    true, recording, frames = clinic
+    right = replace(recording, cameras=true.cameras)
+    assert not any(
+        "given pose of" in note or "moved" in note for note in find_world(right, frames, FloorConfig()).notes
+    )
+    wrong = true.cameras[1].T_world_camera.copy()
+    wrong[0, 3] += 0.04
+    off = replace(right, cameras=(true.cameras[0], replace(true.cameras[1], T_world_camera=wrong), true.cameras[2]))
+    notes = [note for note in find_world(off, frames, FloorConfig()).notes if "given pose of camera left" in note]
+    assert len(notes) == 1
+    assert "40 mm" in notes[0] or "39 mm" in notes[0] or "41 mm" in notes[0]
+
+
+@pytest.mark.parametrize(("shift_m", "background"), [((0.03, 0.0), True), pytest.param((0.1, 0.15), False, marks=SLOW)])
+def test_equipment_that_is_pushed_is_noticed_with_when_and_how_far(shift_m, background):
+    config = SimulationConfig(
+        seed=32, seconds=8.0, fps=10.0, cameras=1, therapists=1, equipment_moves_at_s=4.0, equipment_shift_m=shift_m
+    )
+    true, recording, frames = shoot(config, samples=12)
+    world = find_world(recording if background else bare(recording), frames, FloorConfig())
+    found, expected = world.cameras[0].T_world_camera, true.cameras[0].T_world_camera
+    assert errors(found, expected, np.array([0.1, 0.5, 0.0]))[0] < 5.0  # the world is the one before the push
+    (note,) = [note for note in world.notes if "was moved" in note]
+    since, how_far = float(note.split("about ")[1].split(" s")[0]), float(note.split("stands ")[1].split(" mm")[0])
+    assert 3.2 <= since <= 4.8  # a sampled frame apart
+    assert how_far == pytest.approx(1000 * np.hypot(*shift_m), abs=5.0)
+
+
+@pytest.mark.slow
+def test_symmetric_bars_need_someone_who_says_which_way_the_patient_faces():
+    true, recording, frames = shoot(SimulationConfig(seed=4, seconds=6.0, fps=10.0, parallel_bars=True))
+    with pytest.raises(InputError, match=r"looks the same from several sides, and which way the patient faces"):
+        find_world(recording, frames, FloorConfig())
+    asked = []
+
+    def tell_facing(cameras, floor_m, headings):
+        asked.append(headings)
+        along = [float(np.dot(cameras[0].T_world_camera[:3, :3].T @ heading, [0, 0, -1])) for heading in headings]
+        return int(np.argmax(along))  # this patient faces the first camera
+
+    world = find_world(recording, frames, FloorConfig(), tell_facing=tell_facing)
+    assert len(asked) == 1
+    for found, camera_true in zip(world.cameras, true.cameras, strict=True):
+        shift_mm, turn_deg = errors(found.T_world_camera, camera_true.T_world_camera, np.array([0.0, 0.5, 0.0]))
+        assert shift_mm < 8.0  # a round and a square rail: the half turn is a symmetry within 6 mm only
+        assert turn_deg < 0.5

@@ -1,0 +1,144 @@
+"""The empty room, with a picture of it and without: what stands out and what does not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from room_builder import FRONT, NOISE_PER_M, ROOM, body, in_front, picture
+
+from anchorpose.camera import transform_points
+from anchorpose.isolation.background import BackgroundSource, foreground
+from anchorpose.isolation.config import IsolationConfig
+from anchorpose.isolation.empty_room import depth_of_room, learn_background
+from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel
+
+CONFIG = IsolationConfig()
+EMPTY = picture(FRONT, *ROOM, seed=0)
+EMPTY_FRAMES = [picture(FRONT, *ROOM, seed=k) for k in range(1, 5)]
+
+
+def test_nobody_is_foreground_in_an_empty_room():
+    model = learn_background(EMPTY, EMPTY_FRAMES, FRONT, 0.0, CONFIG)
+    assert model.source == BackgroundSource.PICTURE
+    assert foreground(picture(FRONT, *ROOM, seed=9), model, CONFIG).mean() < 1e-3
+
+
+def test_a_body_is_foreground_down_to_its_soles():
+    model = learn_background(EMPTY, EMPTY_FRAMES, FRONT, 0.0, CONFIG)
+    depth, expected = picture(FRONT, *ROOM, *body(0, 0), seed=9), in_front(FRONT, *body(0, 0))
+    found = foreground(depth, model, CONFIG)
+    assert (found & expected).sum() > 0.97 * expected.sum()
+    assert (found & ~expected).sum() < 0.02 * expected.sum()
+    lowest = np.nanmin(transform_points(FRONT.T_world_camera, FRONT.back_project(np.where(found, depth, 0)))[..., 1])
+    assert lowest < 0.03
+
+
+def test_sigma_is_the_noise_of_picture_and_reading_together():
+    model = learn_background(EMPTY, EMPTY_FRAMES, FRONT, 0.0, CONFIG)
+    seen = EMPTY > 0
+    assert np.median(model.sigma_m[seen] / EMPTY[seen] ** 2) == pytest.approx(np.sqrt(2) * NOISE_PER_M, rel=0.15)
+
+
+def test_readings_where_the_background_has_none_are_foreground():
+    hole = EMPTY.copy()
+    hole[40:140, 100:160] = 0
+    model = learn_background(hole, EMPTY_FRAMES, FRONT, 0.0, CONFIG)
+    depth, expected = picture(FRONT, *ROOM, *body(0, 0), seed=9), in_front(FRONT, *body(0, 0))
+    assert (foreground(depth, model, CONFIG) & expected).sum() > 0.97 * expected.sum()
+
+
+def test_without_a_picture_a_body_that_walks_by_leaves_the_room_as_background():
+    walk = [picture(FRONT, *ROOM, *body(0.0, z), seed=k) for k, z in enumerate(np.linspace(-1.5, 1.5, 12))]
+    model = learn_background(None, walk, FRONT, 0.0, CONFIG)
+    assert model.source == BackgroundSource.RECORDING
+    expected = in_front(FRONT, *body(0.0, 0.0))
+    found = foreground(picture(FRONT, *ROOM, *body(0.0, 0.0), seed=20), model, CONFIG)
+    assert (found & expected).sum() > 0.95 * expected.sum()
+
+
+def test_without_a_picture_a_patient_who_sways_in_place_is_no_background():
+    sway = [picture(FRONT, *ROOM, *body(0.0, 0.04 * np.sin(k)), seed=k) for k in range(12)]
+    model = learn_background(None, sway, FRONT, 0.0, CONFIG)
+    expected = in_front(FRONT, *body(0.0, 0.0))
+    found = foreground(picture(FRONT, *ROOM, *body(0.0, 0.0), seed=20), model, CONFIG)
+    assert (found & expected).sum() > 0.85 * expected.sum()
+
+
+def test_a_cupboard_that_never_moves_is_background():
+    cupboard = Box("cupboard", np.array([-0.5, 0.9, 0.6]), np.array([0.4, 1.8, 0.6]), np.eye(3))
+    still = [picture(FRONT, *ROOM, cupboard, seed=k) for k in range(12)]
+    model = learn_background(None, still, FRONT, 0.0, CONFIG)
+    assert foreground(picture(FRONT, *ROOM, cupboard, seed=20), model, CONFIG).mean() < 2e-3
+
+
+def test_a_recording_of_people_only_is_all_foreground():
+    alone = picture(FRONT, *body(0, 0), seed=1)
+    model = learn_background(None, [alone], FRONT, None, CONFIG)
+    assert model.source == BackgroundSource.REMOVED
+    assert (foreground(alone, model, CONFIG) & (alone > 0)).sum() > 0.97 * (alone > 0).sum()
+
+
+FRAME = EquipmentModel(
+    tuple(Box("rail", np.array([0.0, 0.9, z]), np.array([0.8, 0.04, 0.04]), np.eye(3)) for z in (-0.45, 0.45))
+)
+
+
+def seen_over_time(*still, walker=None, equipment=None):
+    """The background learnt without a picture while ``still`` parts stay and a walker crosses behind."""
+    frames = []
+    for k, z in enumerate(np.linspace(-1.8, 1.8, 12)):
+        moving = body(-0.8, z) if walker else ()
+        frames.append(picture(FRONT, *ROOM, *(equipment.parts if equipment else ()), *still, *moving, seed=k))
+    return learn_background(None, frames, FRONT, 0.0, CONFIG, equipment)
+
+
+def test_who_stands_still_in_the_equipment_is_no_furniture():
+    patient = body(0.0, 0.0)
+    live = picture(FRONT, *ROOM, *FRAME.parts, *patient, seed=20)
+    expected = picture(FRONT, *ROOM, *FRAME.parts, *patient) < picture(FRONT, *ROOM, *FRAME.parts) - 1e-3
+    found = foreground(live, seen_over_time(*patient, equipment=FRAME), CONFIG)
+    assert (found & expected).sum() > 0.93 * expected.sum()
+    assert (found & ~expected).sum() < 0.03 * expected.sum()
+
+
+def test_the_room_behind_who_stands_still_is_put_together_from_floor_and_wall():
+    model = seen_over_time(*body(0.0, 0.0), equipment=FRAME)
+    hidden = in_front(FRONT, *body(0.0, 0.0)) & (picture(FRONT, *FRAME.parts) == 0)
+    assert np.median(np.abs(model.depth_m - picture(FRONT, *ROOM))[hidden]) < 0.02
+
+
+def test_a_still_part_that_moving_surface_hangs_on_to_is_somebodys():
+    """A trunk that stays with an arm that swings is no furniture; the same trunk alone is taken for it."""
+    trunk = Cylinder(
+        "trunk", np.array([0.0, 0.75, 0.0]), np.array([0.0, 1.0, 0.0]), 0.14, 0.55
+    )  # too short for a person
+
+    def arm(k):
+        return Box("arm", np.array([0.02, 0.8, 0.22]), np.array([0.08, 0.42 + 0.02 * (k % 3), 0.3]), np.eye(3))
+
+    frames = [picture(FRONT, *ROOM, trunk, *([arm(k)] if k % 2 else []), seed=k) for k in range(12)]
+    moving = learn_background(None, frames, FRONT, 0.0, CONFIG)
+    still = learn_background(None, [picture(FRONT, *ROOM, trunk, seed=k) for k in range(12)], FRONT, 0.0, CONFIG)
+    live, expected = picture(FRONT, *ROOM, trunk, seed=30), in_front(FRONT, trunk)
+    assert foreground(live, still, CONFIG)[expected].mean() < 0.05
+    assert foreground(live, moving, CONFIG)[expected].mean() > 0.9
+
+
+def test_the_nearest_of_the_rooms_planes_is_where_a_wall_or_the_floor_is():
+    known = EMPTY.copy()
+    known[60:150, 90:170] = 0
+    found = depth_of_room(known, FRONT, NOISE_PER_M)
+    true = picture(FRONT, *ROOM)
+    assert np.median(np.abs(found - true)[60:150, 90:170]) < 0.01
+    assert np.percentile(np.abs(found - true)[true > 0], 95) < 0.05
+
+
+def test_furniture_is_no_wall():
+    """There is room behind it, so its front says nothing of what people hide."""
+    cupboard = Box("cupboard", np.array([-0.5, 1.0, 0.9]), np.array([0.4, 2.0, 1.0]), np.eye(3))
+    found = depth_of_room(picture(FRONT, *ROOM, cupboard, seed=1), FRONT, NOISE_PER_M)
+    assert np.median(np.abs(found - picture(FRONT, *ROOM))[picture(FRONT, *ROOM) > 0]) < 0.01
+
+
+def test_a_picture_without_any_plane_tells_no_room():
+    assert not depth_of_room(picture(FRONT, *body(0, 0), seed=1), FRONT, NOISE_PER_M)[:40, :40].any()

@@ -1,0 +1,173 @@
+"""Who is in the room and who of them is the patient: bodies in a built room, then the shared recordings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from room_builder import FRONT, KNEE_BAR, ROOM, body, built_scene, camera_at, in_front, picture
+from scipy.spatial import cKDTree
+
+from anchorpose.calibration.floor import FloorConfig
+from anchorpose.calibration.world import find_world
+from anchorpose.isolation.config import IsolationConfig
+from anchorpose.isolation.empty_room import learn_background
+from anchorpose.isolation.people import choose_patient, find_people
+from anchorpose.isolation.scene import find_pieces, set_scene
+from anchorpose.isolation.separation import separate_first
+from anchorpose.isolation.view import PixelLabel
+from anchorpose.recording.equipment import Box, EquipmentModel
+from anchorpose.recording.reader import open_recording, read_frames
+
+DATA = Path(__file__).parents[3] / "shared" / "data"
+CONFIG = IsolationConfig()
+
+
+def test_a_body_behind_a_bar_is_one_person_and_the_bar_none():
+    scene = built_scene(KNEE_BAR)
+    pieces = [find_pieces(picture(FRONT, *ROOM, KNEE_BAR, *body(0, 0), seed=3), scene, CONFIG)]
+    people = find_people(pieces, CONFIG)
+    assert len(people.people) == 1
+    choice = choose_patient([people], None, None, np.zeros(2), CONFIG)
+    (view,) = separate_first(pieces, people, choice, CONFIG)
+    shin = in_front(FRONT, *body(0, 0)) & (np.arange(FRONT.height)[:, None] > 150)
+    assert view.patient[shin].mean() > 0.9
+    assert (view.labels == PixelLabel.EQUIPMENT).sum() > 200
+
+
+@pytest.mark.parametrize("apart", [0.45, 0.6, 1.0])
+def test_two_people_are_two_even_shoulder_to_shoulder(apart):
+    scene = built_scene()
+    parts = (*body(0.0, -apart / 2), *body(0.0, apart / 2))
+    people = find_people([find_pieces(picture(FRONT, *ROOM, *parts, seed=3), scene, CONFIG)], CONFIG)
+    assert len(people.people) == 2
+    places = sorted(person.ground_xz_m[1] for person in people.people)
+    assert places == pytest.approx([-apart / 2, apart / 2], abs=0.08)
+
+
+def test_two_cameras_agree_on_one_person():
+    side = camera_at((1.2, 1.3, -2.2), (0.0, 0.9, 0.0))
+    pieces = [
+        find_pieces(picture(camera, *ROOM, *body(0, 0), seed=3), built_scene(camera=camera), CONFIG)
+        for camera in (FRONT, side)
+    ]
+    people = find_people(pieces, CONFIG)
+    assert len(people.people) == 1
+    assert np.linalg.norm(people.people[0].ground_xz_m) < 0.15
+
+
+def choose(*places, equipment=None, patient_xz=None, times=8):
+    parts = [part for place in places for part in body(*place)]
+    people = find_people([find_pieces(picture(FRONT, *ROOM, *parts, seed=3), built_scene(), CONFIG)], CONFIG)
+    return choose_patient([people] * times, equipment, patient_xz, np.zeros(2), CONFIG)
+
+
+def test_the_patient_is_who_the_user_says():
+    choice = choose((0.0, 0.0), (0.1, 0.9), patient_xz=(0.0, 0.8))
+    assert choice.ground_xz_m[1] > 0.7
+    assert "given" in choice.reason
+
+
+def test_the_patient_is_who_stands_in_the_equipment():
+    frame = EquipmentModel((Box("rails", np.array([0.0, 0.5, 0.9]), np.array([0.8, 0.05, 0.8]), np.eye(3)),))
+    choice = choose((0.0, 0.0), (0.0, 0.9), equipment=frame)
+    assert choice.ground_xz_m[1] > 0.7
+    assert "within the equipment" in choice.reason
+
+
+def test_otherwise_the_patient_is_in_the_middle_and_the_reason_counts_the_others():
+    choice = choose((0.0, 0.0), (0.1, 0.9), (0.2, -0.8))
+    assert abs(choice.ground_xz_m[1]) < 0.1
+    assert "of 3 people" in choice.reason
+
+
+def test_of_a_single_picture_the_patient_is_who_fills_most_of_it():
+    choice = choose((0.0, 0.0), (1.0, 0.8), times=1)
+    assert choice.ground_xz_m[1] > 0.7
+    assert "fills most of the picture" in choice.reason
+
+
+def test_a_board_held_up_is_nobody_and_no_part_of_anybody():
+    board = Box("board", np.array([0.5, 1.1, 0.0]), np.array([0.01, 0.5, 0.5]), np.eye(3))
+    pieces = find_pieces(picture(FRONT, *ROOM, *body(0, 0), board, seed=3), built_scene(), CONFIG)
+    on_board = picture(FRONT, *ROOM, *body(0, 0), board) < picture(FRONT, *ROOM, *body(0, 0)) - 1e-3
+    assert (pieces.index[on_board] < 0).mean() > 0.97
+    assert (pieces.labels[on_board] == PixelLabel.CLUTTER).mean() > 0.9
+    people = find_people([pieces], CONFIG)
+    assert len(people.people) == 1
+
+
+def test_nobody_in_the_room_is_nobody_chosen():
+    assert choose() is None
+
+
+def shared_people(name: str, frame: int, with_picture: bool = True):
+    if not (DATA / name).exists():
+        pytest.skip(f"{DATA / name} is absent: the shared recordings are not part of this project")
+    opened = open_recording(DATA / name)
+    last = len(opened.streams[0].files) - 1
+    sampled = [
+        next(iter(read_frames(opened, int(k), int(k) + 1)))
+        for k in np.unique(np.linspace(0, last, 16 if with_picture else 48).astype(int))
+    ]
+    world = find_world(opened, sampled, FloorConfig())
+    scenes = []
+    for number, camera in enumerate(world.cameras):
+        seen = [depth for frame_set in sampled if (depth := frame_set.depths_m[number]) is not None]
+        background = opened.backgrounds_m[number] if with_picture else None
+        room = learn_background(background, seen, camera, world.floor_height_m, CONFIG, opened.equipment)
+        scenes.append(set_scene(camera, room, opened.equipment, CONFIG))
+    depths = next(iter(read_frames(opened, frame, frame + 1))).depths_m
+    pieces = [None if d is None else find_pieces(d, s, CONFIG) for d, s in zip(depths, scenes, strict=True)]
+    return opened, pieces, find_people(pieces, CONFIG)
+
+
+@pytest.mark.parametrize("with_picture", [True, False])
+def test_the_clinics_patient_is_found_among_three_people(with_picture):
+    opened, pieces, people = shared_people("sample_clinic/recording", 0, with_picture)
+    assert len(people.people) == 3
+    choice = choose_patient([people], opened.equipment, None, np.zeros(2), CONFIG)
+    pelvis = np.load(DATA / "sample_clinic" / "truth" / "truth.npz")["joints"][0, 0, [0, 2]]
+    assert np.linalg.norm(choice.ground_xz_m - pelvis) < 0.2
+    assert choice.reason == "stands within the equipment, of 3 people"
+    joints = np.load(DATA / "sample_clinic" / "truth" / "truth.npz")["joints"][0]
+    for piece, view in zip(pieces, separate_first(pieces, people, choice, CONFIG), strict=True):
+        seen = piece.points_m[view.patient[piece.row, piece.column]]
+        distance, _ = cKDTree(joints).query(seen)
+        assert np.mean(distance > 0.35) < 0.03  # nobody else's limbs
+
+
+def test_five_people_in_a_corridor_are_told_apart():
+    """The two in the middle stand 0.4 m apart, shoulder behind shoulder."""
+    _, _, people = shared_people("five_people", 0)
+    assert len(people.people) == 5
+
+
+@pytest.mark.parametrize("with_picture", [True, False])
+def test_the_visitor_of_the_rehabilitation_room_is_one_person(with_picture):
+    assert len(shared_people("iit_rehab_room", 150, with_picture)[2].people) == 1
+    assert len(shared_people("iit_rehab_room", 0, with_picture)[2].people) == 0
+
+
+def test_the_visitors_pixels_are_the_same_without_a_picture_of_the_empty_room():
+    found = []
+    for with_picture in (True, False):
+        _, (pieces,), people = shared_people("iit_rehab_room", 150, with_picture)
+        mask = np.zeros(pieces.depth_m.shape, bool)
+        mask[pieces.row, pieces.column] = people.of[0] >= 0
+        found.append(mask)
+    assert (found[0] & found[1]).sum() > 0.75 * (found[0] | found[1]).sum()
+
+
+def test_the_board_is_apart_from_the_man_who_holds_it():
+    """It hides his trunk; his legs below it and his head above it are one person, the board is nobody."""
+    _, (pieces,), people = shared_people("realsense_board", 1)
+    owner = np.full(pieces.depth_m.shape, -1)
+    owner[pieces.row, pieces.column] = people.of[0]
+    board, legs = owner[45:195, 160:240], owner[230:330, 185:225]
+    assert (pieces.depth_m[45:195, 160:240] > 0).mean() > 0.9
+    assert (board < 0).mean() > 0.99
+    man = np.bincount(legs[legs >= 0]).argmax()
+    assert (legs == man).mean() > 0.6
+    assert (owner[:22, 160:240] == man).sum() > 200

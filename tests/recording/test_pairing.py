@@ -1,0 +1,137 @@
+"""Pictures of several cameras are paired by time, each used once."""
+
+from __future__ import annotations
+
+import shutil
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from recording_builder import write_recording, write_timestamps
+
+from anchorpose.errors import InputError
+from anchorpose.recording.pairing import find_gaps, nearest_within, pair_frames
+from anchorpose.recording.reader import open_recording, read_frames
+from anchorpose.recording.recording import Clock, put_clocks_together
+
+times = st.lists(st.integers(0, 400), min_size=1, max_size=30, unique=True).map(lambda t: np.sort(t) / 100.0)
+
+
+@given(time_s=times, other_s=times, within_s=st.sampled_from([0.005, 0.02, 0.1]))
+def test_pairs_are_the_mutually_nearest_within_reach(time_s, other_s, within_s):
+    match = nearest_within(time_s, other_s, within_s)
+    gap = np.abs(time_s[:, None] - other_s)
+    for row, column in enumerate(match):
+        if column >= 0:
+            assert gap[row, column] <= within_s + 1e-9
+            assert gap[row, column] == gap[row].min() == gap[:, column].min()
+        else:
+            nearest = gap[row].argmin()
+            taken_or_far = gap[row, nearest] > within_s or gap[:, nearest].min() <= gap[row, nearest]
+            assert taken_or_far
+    used = match[match >= 0]
+    assert len(set(used.tolist())) == len(used)
+
+
+@given(time_s=times)
+def test_a_camera_is_paired_with_itself(time_s):
+    np.testing.assert_array_equal(nearest_within(time_s, time_s, 0.001), np.arange(len(time_s)))
+
+
+def test_a_slower_camera_is_missing_between_its_pictures_and_never_stale(tmp_path):
+    folder = write_recording(tmp_path / "r", frames=4, cameras=("front", "left"))
+    write_timestamps(folder / "left", [(0, 0.03), (1, 0.23), (2, 0.43), (3, 0.63)])
+    recording = open_recording(folder)
+    np.testing.assert_array_equal(pair_frames(recording)[:, 1], [0, -1, 1, -1])
+    sets = list(read_frames(recording))
+    assert [frame.depths_m[1] is None for frame in sets] == [False, True, False, True]
+    assert all(frame.problems == () for frame in sets)
+
+
+def test_clock_offsets_are_added_to_the_cameras_clock(tmp_path):
+    folder = write_recording(tmp_path / "r", frames=3, cameras=("front", "left"))
+    write_timestamps(folder / "left", [(0, 100.0), (1, 100.1), (2, 100.2)])
+    recording = open_recording(folder)
+    np.testing.assert_array_equal(pair_frames(recording, clock_offset_s=(0.0, -100.0))[:, 1], [0, 1, 2])
+
+
+def test_another_reference_camera_gives_its_own_clock(tmp_path):
+    folder = write_recording(tmp_path / "r", frames=3, cameras=("front", "left"))
+    write_timestamps(folder / "left", [(0, 0.11), (1, 0.21), (2, 0.31)])
+    first = next(iter(read_frames(open_recording(folder), reference=1)))
+    assert first.time_s == pytest.approx(0.11)
+    assert first.depths_m[0][5, 5] == pytest.approx(2.001)
+
+
+def test_cameras_that_never_meet_are_refused_by_name(tmp_path):
+    folder = write_recording(tmp_path / "r", frames=3, cameras=("front", "left"))
+    write_timestamps(folder / "left", [(0, 50.0), (1, 50.1), (2, 50.2)])
+    recording = open_recording(folder)
+    with pytest.raises(InputError, match=r"left.timestamps.csv: camera left never overlaps in time with camera front"):
+        read_frames(recording)
+
+
+def test_single_pictures_pair_when_a_usual_camera_would_have_taken_them_together(tmp_path):
+    folder = write_recording(tmp_path / "r", frames=1, cameras=("front", "left"))
+    write_timestamps(folder / "left", [(0, 0.01)])
+    np.testing.assert_array_equal(pair_frames(open_recording(folder)), [[0, 0]])
+
+
+def test_when_each_picture_was_taken_is_said_on_the_reference_clock(tmp_path):
+    folder = write_recording(tmp_path / "r", frames=3, cameras=("front", "left"))
+    write_timestamps(folder / "left", [(0, 100.01), (1, 100.11), (2, 100.31)])
+    recording = put_clocks_together(open_recording(folder), (Clock(), Clock(ahead_s=100.0)))
+    sets = list(read_frames(recording))
+    assert sets[0].taken_s == pytest.approx((0.0, 0.01))
+    assert sets[1].taken_s == pytest.approx((0.1, 0.11))
+    assert sets[2].taken_s[1] is None
+
+
+def test_a_doubled_picture_is_nobodys_pair(tmp_path):
+    folder = write_recording(tmp_path / "r", frames=4, cameras=("front", "left"))
+    shutil.copyfile(folder / "left/depth/000001.png", folder / "left/depth/000002.png")
+    shutil.copyfile(folder / "front/depth/000002.png", folder / "front/depth/000003.png")
+    recording = open_recording(folder)
+    np.testing.assert_array_equal(pair_frames(recording), [[0, 0], [1, 1], [2, -1], [-1, 3]])
+    front, left = find_gaps(recording)
+    assert (front.doubled, left.doubled, left.pictures) == (1, 1, 3)
+    assert left.sentence == "camera left: 1 hold the picture before once more and were left out"
+
+
+def test_pictures_without_noise_are_not_called_doubled(tmp_path):
+    folder = write_recording(tmp_path / "r", frames=4)
+    for frame in range(1, 4):
+        shutil.copyfile(folder / "front/depth/000000.png", folder / f"front/depth/{frame:06d}.png")
+    assert not open_recording(folder).streams[0].doubled.any()
+
+
+def test_a_stamp_given_twice_leaves_its_picture_out(tmp_path):
+    folder = write_recording(tmp_path / "r", frames=12)
+    write_timestamps(folder / "front", [(k, 0.1 * (k - (k == 5))) for k in range(12)])
+    recording = open_recording(folder)
+    assert recording.streams[0].frame.tolist() == [0, 1, 2, 3, 4, 6, 7, 8, 9, 10, 11]
+    assert find_gaps(recording)[0].repeated == 1
+
+
+def test_a_clock_set_back_is_refused(tmp_path):
+    folder = write_recording(tmp_path / "r", frames=3)
+    write_timestamps(folder / "front", [(0, 0.0), (1, 0.1), (2, 0.05)])
+    with pytest.raises(InputError, match=r"frame 2 is not later than 0.1 s; .*set back"):
+        open_recording(folder)
+
+
+def test_late_starts_early_ends_pauses_and_drops_are_said_once(tmp_path):
+    folder = write_recording(tmp_path / "r", frames=60, cameras=("front", "left"))
+    kept = [k for k in range(60) if 15 <= k <= 45 and k not in (20, 21) and not 28 <= k <= 40]
+    for k in set(range(60)) - set(kept):
+        (folder / f"left/depth/{k:06d}.png").unlink()
+    write_timestamps(folder / "left", [(k, 0.1 * k) for k in kept])
+    front, left = find_gaps(open_recording(folder))
+    assert front.sentence == ""
+    assert left.late_s == pytest.approx(1.5)
+    assert left.early_s == pytest.approx(1.4)
+    assert left.dropped == 2
+    assert left.pauses == (pytest.approx((2.7, 4.1)),)
+    assert left.paired_share == pytest.approx(len(kept) / 60)
+    assert "starts 1.5 s late; it ends 1.4 s early; it has no pictures from 2.7 to 4.1 s" in left.sentence

@@ -1,0 +1,286 @@
+"""Sessions side by side: what counts as a change, what is refused, and what is told of differences."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from page_reader import PageReader
+from report_builder import MEASURES, squats, write_session
+from table_reader import taken_again
+
+from anchorpose.cli import main
+from anchorpose.errors import InputError
+from anchorpose.report.comparable import grows_with_time
+from anchorpose.report.comparison import write_comparison
+from anchorpose.report.comparison_tables import change_between
+from anchorpose.results.measures import Measure, write_measures
+from anchorpose.results.measuring import write_measured
+from anchorpose.results.processing.policy import ProcessingConfig
+from anchorpose.results.stand_training.extension import ExtensionConfig
+from anchorpose.results.stand_training.measure import MeasureConfig
+
+UPRIGHT = Measure(measure="upright_time", value=10.0, unit="s", sigma=3.0, frames=300)
+BODY = {"learnt_from_s": 4.0, "height_m": 1.72, "height_sigma_m": 0.01, "clothing_m": 0.005, "bones": []}
+
+
+def session(
+    folder: Path, number: int, measures: tuple[Measure, ...] = MEASURES, frames: int = 30, **run: object
+) -> Path:
+    run = {"recording": f"week {number}", "inputs_sha256": {"recording.json": f"{number}" * 64}, "body": BODY} | run
+    return write_session(folder / f"r{number}", squats(frames, seed=number), measures, **run)
+
+
+def larger(times: float) -> tuple[Measure, ...]:
+    """Of a patient who did so much more in the same time."""
+    kept = ("recorded_time", "unknown_time", "sway_time")
+    return tuple(m if m.value is None or m.measure in kept else replace(m, value=times * m.value) for m in MEASURES)
+
+
+def lasting(seconds: float, unknown_s: float = 0.0, sway_s: float = 20.0) -> tuple[Measure, ...]:
+    """The same training, twice as long in twice the time; means and shares stay, and are known well."""
+    times = (seconds - unknown_s) / 60.0
+
+    def row(measure: str, value: float, unit: str, sigma: float | None = None, side: str | None = None) -> Measure:
+        return Measure(measure=measure, value=value, unit=unit, sigma=sigma, side=side, frames=900)
+
+    return (
+        row("recorded_time", seconds, "s"),
+        row("unknown_time", unknown_s, "s"),
+        row("upright_time", 40.0 * times, "s", 0.1),
+        row("upright_share", 2.0 / 3.0, "1", 0.001),
+        row("longest_upright_bout", 20.0 * times, "s", 0.1),
+        row("upright_bouts", 3.0 * times, "count"),
+        row("sway_time", sway_s, "s"),
+        row("sway_path", 10.0 * sway_s, "mm", 1.0),
+        row("sway_velocity", 10.0, "mm/s", 0.1),
+        row("hands_on_at_once_mean", 1.5, "count"),
+    )
+
+
+def changes_of(tmp_path: Path, *sessions: tuple[Measure, ...]) -> tuple[dict[str, str], str]:
+    """Of the last session against the first: change by measure, and what is told of differences."""
+    folders = [session(tmp_path, number, measures) for number, measures in enumerate(sessions, 1)]
+    page = PageReader(write_comparison(folders, tmp_path / "c.html"))
+    table = next(t for t in page.find("table") if t.children[0].text == "Measures side by side")
+    rows = {row.children[0].text: row.children[-1].text for row in page.find("tr") if table in row.ancestors}
+    return rows, " ".join(item.text for item in page.find("li"))
+
+
+def row_of(page: PageReader, name: str) -> str:
+    return next(row.text for row in page.find("tr") if row.children[0].text == name)
+
+
+def test_a_change_must_exceed_both_errors_together():
+    later = replace(UPRIGHT, value=19.9, sigma=4.0)
+    change = change_between(UPRIGHT, later)
+    assert change.detectable == pytest.approx(1.96 * 5.0)
+    assert change.exceeds is True
+    assert change_between(UPRIGHT, replace(later, value=19.7)).exceeds is False
+    assert change_between(UPRIGHT, replace(later, value=0.1)).exceeds is True
+    assert change_between(later, UPRIGHT).difference == pytest.approx(-change.difference)
+
+
+def test_without_an_error_nothing_is_claimed_and_without_a_value_there_is_no_change():
+    assert change_between(UPRIGHT, replace(UPRIGHT, sigma=None, value=99.0)).exceeds is None
+    assert change_between(UPRIGHT, replace(UPRIGHT, value=None, why="lost")) is None
+    with pytest.raises(ValueError, match="not the same measure"):
+        change_between(UPRIGHT, replace(UPRIGHT, unit="min"))
+
+
+def test_of_sessions_without_a_change_about_five_in_a_hundred_are_marked():
+    random, sigma = np.random.default_rng(3), (0.7, 1.3)
+    marked = [
+        change_between(
+            replace(UPRIGHT, value=5 + sigma[0] * random.normal(), sigma=sigma[0]),
+            replace(UPRIGHT, value=5 + sigma[1] * random.normal(), sigma=sigma[1]),
+        ).exceeds
+        for _ in range(4000)
+    ]
+    assert np.mean(marked) == pytest.approx(0.05, abs=3 * math.sqrt(0.05 * 0.95 / 4000))
+
+
+def test_the_page_shows_all_sessions_in_the_order_given_and_marks_what_exceeds(tmp_path):
+    folders = [session(tmp_path, 1), session(tmp_path, 2, larger(1.02)), session(tmp_path, 3, larger(1.5))]
+    page = PageReader(write_comparison(folders, tmp_path / "c.html"))
+    heads = [head.text for head in page.find("th", scope="col")]
+    assert heads[:6] == ["measure", "week 1", "week 2", "week 3", "change to week 2", "change to week 3"]
+    told = row_of(page, "time upright")
+    assert "3.25 s ± 0.24 s" in told
+    assert "+0.06 swithin the errors (± 0.33 s)" in told
+    assert "▲ +1.62 smore than the errors (± 0.33 s)" in told
+    assert "no error is stated" in row_of(page, "standing up: how often")
+    assert "not comparable" in row_of(page, "knee flexion while upright, mean, right")
+    assert not any("by person" in row.text for row in page.find("tr") if row.ancestors[-1].tag == "tbody"
+                   and "measures" in row.ancestors[-2].attributes["class"])  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("later", "words"),
+    [
+        (lasting(120.0), "not tested: more time recorded"),
+        (lasting(30.0), "not tested: less time recorded"),
+        (lasting(60.0, 24.0), "not tested: less time with posture known"),
+    ],
+)
+def test_what_grows_with_the_time_is_not_tested_between_sessions_of_different_lengths(tmp_path, later, words):
+    changes, told = changes_of(tmp_path, lasting(60.0), later)
+    for name in ("time upright", "longest time upright without a break", "bouts of being upright"):
+        assert words in changes[name]
+        assert "▲" not in changes[name]
+        assert "errors" not in changes[name]
+    for name in ("share of known time upright", "sway, mean speed", "sway, path"):  # the sway is from as much time
+        assert "within the errors" in changes[name]
+    assert "no error is stated" in changes["contacts at once while upright, mean"]
+    assert words.split("time ")[1] in told
+
+
+def test_of_about_the_same_length_a_change_is_tested(tmp_path):
+    changes, told = changes_of(tmp_path, lasting(60.0), lasting(62.0))
+    assert "more than the errors" in changes["time upright"]
+    assert "the same version with the same settings and cameras" in told
+
+
+def test_the_path_of_sway_goes_with_the_time_that_sway_is_taken_from(tmp_path):
+    changes, told = changes_of(tmp_path, lasting(60.0), lasting(60.0, sway_s=35.0))
+    assert "not tested: more time for sway" in changes["sway, path"]
+    assert "within the errors" in changes["sway, mean speed"]
+    assert "within the errors" in changes["time upright"]
+    assert "for sway: 35.0 instead of 20.0 s" in told
+
+
+def test_where_it_is_not_known_how_long_a_session_was_nothing_is_claimed(tmp_path):
+    changes, _ = changes_of(tmp_path, lasting(60.0)[1:], lasting(120.0)[1:])
+    assert "the time recorded is not known" in changes["time upright"]
+
+
+def test_every_measure_that_is_computed_grows_with_time_or_does_not(tmp_path):
+    folder = session(tmp_path, 1)
+    rows = write_measured(folder, ProcessingConfig(), MeasureConfig()).measures
+    grown = {row.measure for row in rows if grows_with_time(row)}
+    assert grown >= {
+        "upright_time", "upright_bouts", "longest_upright_bout", "knee_straight_time", "sit_to_stand_count",
+        "stand_to_sit_duration_longest", "sway_path", "assistance_time", "contacts", "hands_free_upright_time",
+    }  # fmt: skip
+    assert not grown & {
+        "upright_share", "sit_to_stand_duration_mean", "knee_flexion_upright_greatest", "sway_velocity", "load_share",
+        "assistance_share_upright", "hands_on_at_once_mean",
+    }  # fmt: skip
+
+
+def test_numbers_of_the_comparison_are_those_of_each_session_s_tables(tmp_path):
+    folders = [session(tmp_path, 1), session(tmp_path, 2, larger(1.5))]
+    page = PageReader(write_comparison(folders, tmp_path / "c.html"))
+    sources = {row.attributes["id"]: row for row in page.find("tr") if "data-file" in row.attributes}
+    figures = page.find("data")
+    assert {figure.attributes["data-rows"].split("-")[0] for figure in figures} == {"s1", "s2"}
+    for figure in figures:
+        folder = folders[int(figure.attributes["data-rows"][1]) - 1]
+        again = taken_again(folder, sources[figure.attributes["data-rows"]], figure.attributes["data-take"])
+        assert float(figure.attributes["value"]) == pytest.approx(again, rel=1e-12)
+
+
+def test_links_of_the_comparison_lead_somewhere_on_it(tmp_path):
+    page = PageReader(write_comparison([session(tmp_path, 1), session(tmp_path, 2)], tmp_path / "c.html"))
+    targets = {f"#{element.attributes.get('id')}" for element in page.elements}
+    links = {link.attributes["href"] for link in page.find("a")}
+    assert {link for link in links if not link.startswith("data:")} <= targets
+
+
+def test_the_same_sessions_give_the_same_bytes(tmp_path):
+    folders = [session(tmp_path, 1), session(tmp_path, 2)]
+    first = write_comparison(folders, tmp_path / "c.html").read_bytes()
+    assert write_comparison(folders, tmp_path / "d.html").read_bytes() == first
+
+
+@pytest.mark.parametrize(
+    ("run", "sentence"),
+    [
+        ({"versions": {"anchorpose": "0.0.1"}}, "tracked by anchorpose 0.0.1 instead of"),
+        ({"config": {"gate_m": 0.07, "deep": {"er": 1}}}, "other settings: gate_m, deep.er"),
+        (
+            {"cameras": [{"name": "side", "camera_to_world": None, "source": "x"}]},
+            "other cameras: side instead of front",
+        ),
+        (
+            {"body": BODY | {"height_m": 1.80}},
+            "heights differ by 8.0 cm, more than their errors: is it the same patient?",
+        ),
+        ({}, "the same version with the same settings and cameras"),
+    ],
+)
+def test_what_was_not_recorded_or_computed_alike_is_told(tmp_path, run, sentence):
+    folders = [session(tmp_path, 1), session(tmp_path, 2, **run)]
+    page = PageReader(write_comparison(folders, tmp_path / "c.html"))
+    told = [item.text for item in page.find("li")]
+    assert any(sentence in item for item in told)
+    assert not any(item.endswith("?.") for item in told)
+
+
+def test_labels_are_given_or_the_recordings_names_or_the_folders(tmp_path):
+    folders = [session(tmp_path, 1, recording="recording"), session(tmp_path, 2, recording="recording")]
+    heads = [head.text for head in PageReader(write_comparison(folders, tmp_path / "c.html")).find("th", scope="col")]
+    assert heads[1:3] == ["r1", "r2"]
+    page = PageReader(write_comparison(folders, tmp_path / "c.html", ["before", "<after>"]))
+    assert [head.text for head in page.find("th", scope="col")][1:3] == ["before", "<after>"]
+
+
+def test_measures_of_another_version_are_refused_with_the_remedy(tmp_path):
+    one = session(tmp_path, 1)
+    for number, measures, what in (
+        (2, MEASURES[1:], "recorded_time is in one of them only"),
+        (3, (replace(MEASURES[0], unit="min"), *MEASURES[1:]), "recorded_time has another unit"),
+    ):
+        with pytest.raises(InputError, match=rf"r{number}.measures.parquet: .*{what}.*anchorpose measure"):
+            write_comparison([one, session(tmp_path, number, measures)], tmp_path / "c.html")
+    assert not (tmp_path / "c.html").exists()
+
+
+def test_measures_by_other_definitions_are_refused_though_their_names_are_the_same(tmp_path, monkeypatch):
+    one, other = session(tmp_path, 1), session(tmp_path, 2)
+    config = asdict(MeasureConfig(extension=ExtensionConfig(straight_deg=20.0)))
+    write_measures(other / "measures.parquet", MEASURES, config)
+    with pytest.raises(InputError, match=r"other definitions: extension.straight_deg.*anchorpose measure"):
+        write_comparison([one, other], tmp_path / "c.html")
+    monkeypatch.setattr("anchorpose.results.measures.__version__", "0.0.1")
+    write_measures(other / "measures.parquet", MEASURES, asdict(MeasureConfig()))
+    with pytest.raises(InputError, match=r"measured by anchorpose 0\.0\.1 instead of .*anchorpose measure"):
+        write_comparison([one, other], tmp_path / "c.html")
+    for folder in (one, other):
+        pq.write_table(
+            pq.read_table(folder / "measures.parquet").replace_schema_metadata(), folder / "measures.parquet"
+        )
+    with pytest.raises(InputError, match="does not say how it was computed"):
+        write_comparison([one, other], tmp_path / "c.html")
+    assert not (tmp_path / "c.html").exists()
+
+
+def test_the_same_session_twice_is_refused(tmp_path):
+    one, same = session(tmp_path, 1), session(tmp_path / "copy", 1)
+    with pytest.raises(InputError, match="is given twice"):
+        write_comparison([one, one], tmp_path / "c.html")
+    with pytest.raises(InputError, match="made from the same recording as"):
+        write_comparison([one, same], tmp_path / "c.html")
+
+
+def test_the_verb_makes_either_page_and_refuses_half_a_request(tmp_path, capsys):
+    one, two = session(tmp_path, 1), session(tmp_path, 2)
+    assert main(["report", str(one)]) == 0
+    assert (one / "report.html").is_file()
+    page = tmp_path / "c.html"
+    assert main(["report", str(one), str(two), "-o", str(page), "--label", "before", "--label", "after"]) == 0
+    assert "change to after" in page.read_text(encoding="utf-8")
+    capsys.readouterr()
+    for wrong, sentence in (
+        ([str(one), str(two)], "say where to write their comparison"),
+        ([str(one), "-o", str(page)], "is the only session"),
+        ([str(one), str(two), "-o", str(page), "--label", "before"], "1 labels are given for 2 sessions"),
+    ):
+        assert main(["report", *wrong]) == 2
+        error = capsys.readouterr().err
+        assert sentence in error
+        assert error.count("\n") == 1

@@ -1,0 +1,216 @@
+"""Verdicts on the paper's claims: outcomes for which each of them is right."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from experiment_builder import METHODS, as_the_paper_says, make_outcome, matches_as_the_paper_says
+
+from anchorpose.joints import JOINT_NAMES
+from anchorpose.research.experiment.method import Family
+from anchorpose.research.experiment.outcome import Outcome, PaperTimes
+from anchorpose.research.experiment.page.claims import claims_json, judge_claims
+from anchorpose.research.experiment.page.tables import Estimate
+from anchorpose.research.experiment.page.tracking_claims import below_zero
+from anchorpose.research.experiment.page.verdict import (
+    Answer,
+    Claim,
+    Verdict,
+    at_least,
+    at_most,
+    between,
+    judge,
+    measured,
+)
+
+FAMILY = {one.key: one.family for one in METHODS}
+YES, NO, OPEN = Answer.YES, Answer.NO, Answer.OPEN
+
+
+def claim(outcome: Outcome, key: str) -> Claim:
+    return next(one for one in judge_claims(outcome) if one.key == key)
+
+
+def tracking_but(change: Callable[[str, float, bool], float | np.ndarray | None]) -> Outcome:
+    """As the paper says, but where ``change`` gives another mean."""
+
+    def mean(key: str, hole_m: float, occluded: bool) -> float | np.ndarray:
+        changed = change(key, hole_m, occluded)
+        return as_the_paper_says(key, hole_m, occluded) if changed is None else changed
+
+    return make_outcome(tracking=mean)
+
+
+def matching_but(change: Callable[[str, str], tuple[float, float] | None]) -> Outcome:
+    return make_outcome(matching=lambda key, region: change(key, region) or matches_as_the_paper_says(key, region))
+
+
+@pytest.mark.parametrize(
+    ("answers", "verdict"),
+    [
+        ([], Verdict.UNKNOWN),
+        ([OPEN, OPEN], Verdict.UNKNOWN),
+        ([YES, YES], Verdict.HOLDS),
+        ([YES, OPEN], Verdict.IN_PART),
+        ([YES, NO], Verdict.IN_PART),
+        ([YES, YES, NO], Verdict.IN_PART),
+        ([YES, NO, NO], Verdict.NOT),
+        ([NO, OPEN, OPEN], Verdict.NOT),
+        ([YES, OPEN, OPEN], Verdict.UNKNOWN),
+        ([YES, YES, NO, OPEN, OPEN, OPEN], Verdict.IN_PART),
+        ([YES, NO, OPEN, OPEN], Verdict.NOT),
+        ([NO], Verdict.NOT),
+    ],
+)
+def test_all_comparisons_together_make_the_verdict(answers: list[Answer], verdict: Verdict) -> None:
+    assert judge(answers) is verdict
+    assert judge(answers[::-1]) is verdict
+
+
+def test_only_a_whole_interval_decides() -> None:
+    inside, across, above = (Estimate(1.0, low, high, 5) for low, high in ((0.9, 1.1), (1.0, 1.2), (1.11, 1.3)))
+    assert [at_most(value, 1.1) for value in (inside, across, above)] == [YES, OPEN, NO]
+    assert [at_least(value, 1.1) for value in (inside, across, above)] == [OPEN, OPEN, YES]
+    assert [between(value, 0.8, 1.1) for value in (inside, across, above)] == [YES, OPEN, NO]
+    assert between(Estimate(0.5, 0.4, 0.6, 5), 0.8, 1.1) is NO
+    alone = Estimate(0.5, np.nan, np.nan, 1)
+    assert {at_most(alone, 1.0), at_least(alone, 0.1), between(alone, 0.1, 1.0)} == {OPEN}
+    assert [measured(value, 1.0) for value in (0.5, 1.5, np.nan)] == [YES, NO, OPEN]
+
+
+def test_less_is_less_only_where_the_whole_interval_is() -> None:
+    values = [Estimate(-1.0, low, high, 5) for low, high in ((-2.0, -0.1), (-2.0, 0.1), (0.0, 1.0))]
+    assert [below_zero(value) for value in values] == [YES, OPEN, NO]
+    assert below_zero(Estimate(-1.0, np.nan, np.nan, 1)) is OPEN
+
+
+def test_everything_holds_where_the_data_are_as_the_paper_says() -> None:
+    claims = judge_claims(make_outcome())
+    assert {one.key: one.verdict for one in claims if one.verdict is not Verdict.HOLDS} == {}
+    assert len({one.key for one in claims}) == len(claims) == 17
+    assert all(one.checks and one.rule and one.place for one in claims)
+
+
+def test_nothing_can_be_told_from_one_recording_but_the_time() -> None:
+    verdicts = {one.key: one.verdict for one in judge_claims(make_outcome(recordings=1))}
+    assert verdicts.pop("times") is Verdict.HOLDS
+    assert set(verdicts.values()) == {Verdict.UNKNOWN}
+
+
+def test_nothing_can_be_told_from_nothing() -> None:
+    empty = replace(make_outcome(recordings=1), tracked=(), matched=(), times=None)
+    assert {one.verdict for one in judge_claims(empty)} == {Verdict.UNKNOWN}
+
+
+def of_family(family: Family, key: str) -> bool:
+    return FAMILY.get(key) is family
+
+
+REFUTED_BY_TRACKING = {
+    "proposed-constant": lambda key, hole, hidden: 100.0 if key == "anchors" and hidden and hole == 0.15 else None,
+    "proposed-below-local": lambda key, hole, hidden: 70.0 if of_family(Family.PROPOSED, key) else (
+        40.0 if of_family(Family.LOCAL, key) else None),
+    "proposed-below-spectral": lambda key, hole, hidden: 40.0 if of_family(Family.SPECTRAL, key) else None,
+    "local-constant": lambda key, hole, hidden: 150.0 if of_family(Family.LOCAL, key) and hidden else None,
+    "local-distinctive": lambda key, hole, hidden: 90.0 if of_family(Family.LOCAL, key) else None,
+    "proposed-similar": lambda key, hole, hidden: np.array(
+        [150.0 if "Hand" in name else 40.0 for name in JOINT_NAMES]) if key == "anchors" else None,
+    "proposed-adequate": lambda key, hole, hidden: 150.0 if key == "anchors" else None,
+    "tree-helps": lambda key, hole, hidden: 45.0 if key == "anchors-no-tree" else None,
+    "helps-at-all": lambda key, hole, hidden: 30.0 if of_family(Family.NONE, key) else None,
+    "own-below-all": lambda key, hole, hidden: 200.0 if key == "own" else None,
+    "dijkstra-suffices": lambda key, hole, hidden: 80.0 if key == "anchors-dijkstra" else None,
+    "like-gmds": lambda key, hole, hidden: 20.0 if key == "gmds" else None,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("key", [key for key in REFUTED_BY_TRACKING if key not in ("dijkstra-suffices", "like-gmds")])
+def test_a_claim_about_joints_does_not_hold_where_the_data_say_otherwise(key: str) -> None:
+    refuted = claim(tracking_but(REFUTED_BY_TRACKING[key]), key)
+    assert refuted.verdict is Verdict.NOT
+    assert any(check.answer is NO for check in refuted.checks)
+
+
+@pytest.mark.parametrize("key", ["dijkstra-suffices", "like-gmds"])
+def test_a_claim_about_joints_and_matches_holds_in_part_where_only_the_matches_agree(key: str) -> None:
+    assert claim(tracking_but(REFUTED_BY_TRACKING[key]), key).verdict is Verdict.IN_PART
+
+
+REFUTED_BY_MATCHES = {
+    "best-in-head": lambda key, region: (400.0, 0.1) if region == "head" else None,
+    "swapped": lambda key, region: (240.0, 0.02),
+    "inaccurate-elsewhere": lambda key, region: (30.0, 0.1),
+    "spectral-inaccurate": lambda key, region: (30.0, 0.1) if of_family(Family.SPECTRAL, key) else None,
+}
+
+
+@pytest.mark.parametrize("key", list(REFUTED_BY_MATCHES))
+def test_a_claim_about_matches_does_not_hold_where_the_data_say_otherwise(key: str) -> None:
+    assert claim(matching_but(REFUTED_BY_MATCHES[key]), key).verdict is Verdict.NOT
+
+
+def test_the_proposed_method_is_constant_in_part_where_frames_without_a_hole_hide_what_one_costs() -> None:
+    outcome = tracking_but(lambda key, hole, hidden: 58.0 if key == "anchors" and hidden else None)
+    found = claim(outcome, "proposed-constant")
+    assert [check.answer for check in found.checks] == [YES, NO]
+    assert found.verdict is Verdict.IN_PART
+
+
+def test_the_proposed_method_is_not_constant_where_both_ratios_are_too_large() -> None:
+    outcome = tracking_but(lambda key, hole, hidden: 90.0 if key == "anchors" and hidden else None)
+    assert claim(outcome, "proposed-constant").verdict is Verdict.NOT
+
+
+def test_better_than_some_is_better_in_part() -> None:
+    outcome = tracking_but(lambda key, hole, hidden: 20.0 if key in ("fpfh", "shot") else None)
+    found = claim(outcome, "proposed-below-local")
+    assert found.verdict is Verdict.IN_PART
+    assert {check.what.split(",")[0] for check in found.checks if check.answer is NO} == {"less FPFH", "less SHOT"}
+
+
+def test_methods_that_err_alike_are_not_told_apart() -> None:
+    outcome = tracking_but(lambda key, hole, hidden: 50.0 if of_family(Family.SPECTRAL, key) else None)
+    answers = [check.answer for check in claim(outcome, "proposed-below-spectral").checks]
+    assert answers.count(OPEN) > len(answers) / 2
+
+
+def test_comparisons_use_the_frames_of_the_sample() -> None:
+    """The proposed method is bad only where the others did not run."""
+    outcome = make_outcome()
+    spoilt = [
+        replace(run, error_mm=np.where((run.frame > 9)[:, None], 500.0, run.error_mm))
+        if run.method == "anchors"
+        else run
+        for run in outcome.tracked
+    ]
+    changed = replace(outcome, tracked=tuple(spoilt))
+    assert claim(changed, "proposed-below-local").verdict is Verdict.HOLDS
+    assert claim(changed, "proposed-adequate").verdict is Verdict.NOT
+
+
+@pytest.mark.parametrize(
+    ("times", "verdict"),
+    [
+        (PaperTimes(15549, 40000, 0.5, 0.2, 0.2), Verdict.HOLDS),
+        (PaperTimes(15549, 40000, 0.5, 0.3, 0.2), Verdict.IN_PART),
+        (PaperTimes(15549, 40000, 2.0, 2.0, 2.0), Verdict.NOT),
+        (PaperTimes(3000, 9000, 0.01, 0.01, 0.01), Verdict.UNKNOWN),
+        (None, Verdict.UNKNOWN),
+    ],
+)
+def test_times_are_held_to_the_papers_on_a_mesh_as_large(times: PaperTimes | None, verdict: Verdict) -> None:
+    assert claim(replace(make_outcome(recordings=1), times=times), "times").verdict is verdict
+
+
+def test_claims_as_a_file_have_every_comparison_and_null_for_what_is_not_known() -> None:
+    claims = judge_claims(make_outcome(recordings=1))
+    entries = json.loads(claims_json(claims))
+    assert [entry["key"] for entry in entries] == [one.key for one in claims]
+    first = entries[0]["checks"][0]
+    assert first["low"] is None
+    assert first["mean"] == pytest.approx(1.0, abs=0.05)
+    assert first["answer"] == "open"

@@ -1,0 +1,399 @@
+"""The experiment's work: holes, windows, true correspondence, segments, and the same answers twice."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from anchorpose.association.matcher import Matcher
+from anchorpose.errors import AnchorposeError, InputError
+from anchorpose.joints import JOINT_INDEX
+from anchorpose.recording.reader import read_frames
+from anchorpose.research.experiment.answers import Brief, Kind, Plan, code_digest, read
+from anchorpose.research.experiment.clips import Clip, draw_hole_frames, plan_clips
+from anchorpose.research.experiment.config import ExperimentConfig, Scene, quick
+from anchorpose.research.experiment.correspondence import REGIONS, Skin
+from anchorpose.research.experiment.framework import paper_config
+from anchorpose.research.experiment.matching import Window, draw_some, score, take_window, truth_of
+from anchorpose.research.experiment.method import NO_SUBSET, Family, Method, load_methods
+from anchorpose.research.experiment.run import training_clips, write_movements
+from anchorpose.research.experiment.tuning import MISSED_MM, choose, worth_mm
+from anchorpose.research.experiment.work import (
+    Subject,
+    pierced,
+    reference_joints,
+    segment_starts,
+    subject_of,
+    track_segments,
+    window_frames,
+    work_on,
+)
+from anchorpose.tracker.association import Associate
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.observation import Observation
+from anchorpose.tracker.preparation import prepare_room
+from anchorpose.tracking.motion_file import load_motions, read_motions
+
+CONFIG = replace(quick(), seconds=1.2, segment_frames=5, methods=("nearest", "none"), windows=1)
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
+    folder = tmp_path_factory.mktemp("experiment")
+    movements = folder / "movements.npz"
+    write_movements(movements, training_clips(CONFIG), CONFIG.training_samples)
+    return Brief(
+        config=CONFIG,
+        wanted=CONFIG.methods,
+        chosen=(),
+        movements=movements,
+        movements_digest="m",
+        cache=folder / "cache",
+        code=code_digest(),
+    ).plan()
+
+
+@pytest.fixture(scope="module")
+def subject(plan: Plan) -> Iterator[Subject]:
+    with subject_of(plan_clips(CONFIG, None)[0], plan) as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def window(plan: Plan, subject: Subject) -> Window:
+    config = paper_config(plan.movements)
+    motions = load_motions(config.motion_file, subject.recording.rate_hz, config.motion)
+    found = take_window(3, prepare_room(subject.recording, config), subject.reference, motions, config)
+    assert found is not None
+    return found
+
+
+def knowing(subject: Subject, frame: int) -> Method:
+    """A method that is told the truth: it bounds what any can reach, and shows that the measure knows right."""
+
+    def associate(setting: object) -> Associate:
+        def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
+            assert subject.skin is not None
+            step = int(now.frame_set.frame) - frame
+            before, after = (s.surface.points_m.astype(float) for s in (now, following))
+            places = subject.skin.follow(before, frame + step, frame + step + 1, after).place_m
+            apart = np.linalg.norm(np.nan_to_num(places, nan=1e3)[:, None] - after[None], axis=2)
+            return Matcher(apart.argmin(axis=1).astype(np.int32)[:, None].__getitem__, len(before), NO_SUBSET)
+
+        return pair
+
+    return Method(key="truth", title="truth", family=Family.NONE, source="", associate=associate)
+
+
+def guessing() -> Method:
+    def associate(setting: object) -> Associate:
+        def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
+            match = np.random.default_rng(1).integers(0, len(following.surface), (len(now.surface), 1))
+            return Matcher(match.astype(np.int32).__getitem__, len(now.surface), NO_SUBSET)
+
+        return pair
+
+    return Method(key="guess", title="guess", family=Family.NONE, source="", associate=associate)
+
+
+def test_who_knows_the_truth_is_a_nodes_spacing_off_and_who_guesses_decimetres(
+    subject: Subject, window: Window
+) -> None:
+    assert subject.skin is not None
+    truth = truth_of(window, subject.skin)
+    known, guessed = (score(method, None, window, truth) for method in (knowing(subject, 3), guessing()))
+    assert np.nanmedian(known.direct_mm) < 12.0
+    assert np.nanmean(known.tree_mm) < 15.0
+    assert not known.mirrored.any()
+    assert np.nanmean(guessed.direct_mm) > 200.0
+    assert 0.005 < guessed.mirrored.mean() < 0.1  # by chance, of like size: one in forty
+    assert worth_mm([known.tree_mm]) < 20.0 < 60.0 < worth_mm([guessed.tree_mm])
+
+
+def test_along_the_skin_is_never_shorter_than_straight(subject: Subject, window: Window) -> None:
+    assert subject.skin is not None
+    errors = score(guessing(), None, window, truth_of(window, subject.skin))
+    assert (errors.direct_skin_mm >= errors.direct_mm - 1e-3).all()
+    assert np.nanmean(errors.direct_skin_mm) > 1.2 * np.nanmean(errors.direct_mm)
+
+
+def test_a_frame_is_its_own_true_correspondence(subject: Subject, window: Window) -> None:
+    nodes = window.observations[0].surface.points_m.astype(float)
+    assert subject.skin is not None
+    places = subject.skin.follow(nodes, 3, 3, nodes)
+    np.testing.assert_allclose(places.place_m[places.seen], nodes[places.seen], atol=1e-9)
+    assert places.seen.mean() > 0.97
+
+
+def test_distances_along_the_skin_go_round_the_body(subject: Subject) -> None:
+    skin = subject.skin
+    assert isinstance(skin, Skin)
+    head, left, right = (
+        int(np.flatnonzero((skin.region == list(REGIONS).index(name)) & (skin.side == side))[0])
+        for name, side in (("head", 0), ("hand", -1), ("hand", 1))
+    )
+    far = skin.along_skin_m(np.array([left, left, head]), np.array([right, left, left]))
+    assert 1.2 < far[0] < 2.2
+    assert far[1] == 0.0
+    assert 0.7 < far[2] < 1.4
+
+
+def test_holes_take_what_is_near_the_bodys_centre_and_nothing_else(subject: Subject) -> None:
+    with pierced(subject, 0.15) as (holed, cut):
+        np.testing.assert_array_equal(cut, subject.in_hole)
+        for frame in range(len(subject.in_hole)):
+            before, after = (
+                next(iter(read_frames(r, frame, frame + 1))).depths_m[0] for r in (subject.recording, holed)
+            )
+            assert before is not None
+            assert after is not None
+            changed = before != after
+            assert changed.any() == subject.in_hole[frame]
+            if changed.any():
+                assert (after[changed] == 0).all()
+                camera = subject.recording.cameras[0]
+                points = camera.back_project(before) @ camera.require_pose()[:3, :3].T + camera.require_pose()[:3, 3]
+                away = np.linalg.norm(points - subject.reference.centre_m[frame], axis=2)
+                middle = points.reshape(-1, 3)[np.argmin(np.where(before > 0, away, np.inf))]
+                away = np.linalg.norm(points - middle, axis=2)
+                assert away[changed].max() < 0.15
+                assert (changed | (before == 0))[away < 0.149].all()
+
+
+@pytest.mark.parametrize(("radius_m", "least"), [(0.03, 30), (0.06, 150)])
+def test_a_small_hole_is_cut_too_though_the_middle_of_the_seen_body_lies_inside_it(
+    subject: Subject, radius_m: float, least: int
+) -> None:
+    with pierced(subject, radius_m) as (holed, cut):
+        np.testing.assert_array_equal(cut, subject.in_hole)
+        for frame in np.flatnonzero(cut):
+            before, after = (
+                next(iter(read_frames(r, frame, frame + 1))).depths_m[0] for r in (subject.recording, holed)
+            )
+            assert before is not None
+            assert after is not None
+            assert (before != after).sum() > least
+
+
+def test_a_recording_without_holes_is_not_copied(subject: Subject) -> None:
+    with pierced(subject, 0.0) as (same, cut):
+        assert same is subject.recording
+        assert not cut.any()
+
+
+def test_hole_frames_are_drawn_once_and_never_where_tracking_starts() -> None:
+    chosen = draw_hole_frames(1000, 0.5, 3, range(0, 1000, 10))
+    np.testing.assert_array_equal(chosen, draw_hole_frames(1000, 0.5, 3, range(0, 1000, 10)))
+    assert not chosen[::10].any()
+    assert 0.4 < chosen.mean() < 0.5
+    assert (chosen != draw_hole_frames(1000, 0.5, 4, range(0, 1000, 10))).any()
+
+
+def test_windows_touch_a_hole_and_are_the_same_each_time(subject: Subject, plan: Plan) -> None:
+    frames = window_frames(subject, plan)
+    assert frames == window_frames(subject, plan)
+    assert all(subject.in_hole[frame] or subject.in_hole[frame + 1] for frame in frames)
+
+
+def test_a_segment_starts_where_the_pose_is_known_and_is_whole() -> None:
+    found = np.ones(23, bool)
+    found[5] = False
+    assert segment_starts(23, 5, found) == [0, 10, 15]
+
+
+def test_tracking_begins_at_the_given_pose_and_leaves_its_frame_out(subject: Subject, plan: Plan) -> None:
+    config = paper_config(plan.movements)
+    room = prepare_room(subject.recording, config)
+    motions = load_motions(config.motion_file, subject.recording.rate_hz, config.motion)
+    nearest = next(method for method in plan.methods if method.key == "nearest")
+    track = track_segments(nearest, None, room, subject.reference, motions, config, subject.starts, 5)
+    again = track_segments(nearest, None, room, subject.reference, motions, config, subject.starts, 5)
+    np.testing.assert_array_equal(track.joints_m, again.joints_m)
+    assert track.frame.tolist() == [1, 2, 3, 4, 6, 7, 8, 9]
+    error = np.linalg.norm(track.joints_m - subject.truth_m[track.frame], axis=2)
+    assert 0.0 < error.mean() < 0.04
+
+
+def test_every_answer_is_kept_and_asked_once(plan: Plan, subject: Subject, monkeypatch: pytest.MonkeyPatch) -> None:
+    clip = subject.clip
+    work_on(clip, plan)
+    answers = list(plan.answers(clip))
+    assert {(a.kind, a.hole_m, a.method.key) for a in answers} == {
+        (kind, hole, key) for kind in Kind for hole in (0.0, 0.15) for key in ("nearest", "none")
+    }
+    assert all(answer.there for answer in answers)
+    for answer in answers:
+        arrays = read(answer.path)
+        if answer.kind is Kind.TRACKED:
+            assert arrays["error_mm"].shape == (4, 21)  # one segment of the sample
+            assert arrays["occluded"].any() == (answer.hole_m > 0)
+    monkeypatch.setattr(
+        "anchorpose.research.experiment.work.simulate_recording", None
+    )  # not called: nothing is left to ask
+    work_on(clip, plan)
+
+
+def test_another_question_has_another_answer(plan: Plan, subject: Subject) -> None:
+    other = replace(plan, config=replace(plan.config, hole_share=0.4))
+    ours, theirs = ({a.path for a in p.answers(subject.clip)} for p in (plan, other))
+    assert not ours & theirs
+
+
+def test_a_sampled_method_is_asked_anew_where_the_sample_changes_also_with_matches_alone(plan: Plan) -> None:
+    config = replace(ExperimentConfig(recordings=1, sampled_recordings=1), scenes=(Scene.MATCHES,))
+    anchors = load_methods(("anchors",))
+    ones, others = (
+        {
+            answer.path
+            for clip in plan_clips(config, None)
+            for answer in replace(
+                plan, config=replace(config, sampled_segments=n), methods=anchors, settings={"anchors": None}
+            ).answers(clip)
+        }
+        for n in (1, 3)
+    )
+    assert len(ones) == 2
+    assert not ones & others
+
+
+def test_a_plan_made_by_another_program_is_refused(plan: Plan) -> None:
+    brief = Brief(config=CONFIG, wanted=(), chosen=(), movements=plan.movements, movements_digest="m",
+                  cache=plan.store.folder, code="another")  # fmt: skip
+    with pytest.raises(AnchorposeError, match="was changed while it ran"):
+        brief.plan()
+
+
+def test_slow_methods_run_on_the_sample_only(plan: Plan) -> None:
+    methods = load_methods(())
+    config = ExperimentConfig(recordings=4, sampled_recordings=1)
+    whole = replace(plan, config=config, methods=methods, settings={m.key: m.settings[0] for m in methods})
+    first, *others = [clip for clip in plan_clips(config, None) if clip.scene is Scene.PAPER]
+    assert {a.method.key for a in whole.answers(first)} >= {"anchors", "fpfh", "own"}
+    for clip in others:
+        assert {a.method.key for a in whole.answers(clip)} == {"anchors", "own"}
+        assert {a.kind for a in whole.answers(clip)} == {Kind.TRACKED}
+
+
+def test_training_samples_are_all_kinds_of_movement_and_as_many_as_asked(tmp_path: Path) -> None:
+    config = ExperimentConfig()
+    clips = training_clips(config)
+    write_movements(tmp_path / "m.npz", clips, config.training_samples)
+    written = read_motions(tmp_path / "m.npz")
+    assert written.frame_count == 200
+    assert len(written.names) == 4
+    assert {clip.name.split("(")[1] for clip in clips} == {
+        "upper body, slow)", "lower body, slow)", "upper body, fast)", "lower body, fast)"
+    }  # fmt: skip
+
+
+def test_settings_are_chosen_by_their_worth() -> None:
+    tried = choose(("a", "b", "c"), (30.0, 20.0, 20.0))
+    assert [t.chosen for t in tried] == [False, True, False]
+    assert [t.chosen for t in choose(("a", "b"), (np.nan, 4.0))] == [False, True]
+    assert [t.chosen for t in choose((None,), (np.nan,))] == [True]
+    missed = np.array([np.nan, 10.0, 500.0])
+    assert worth_mm([missed]) == pytest.approx((MISSED_MM + 10.0 + MISSED_MM) / 3)
+    assert np.isnan(worth_mm([]))
+
+
+def test_draws_are_without_repetition_and_in_order() -> None:
+    drawn = draw_some(range(100), 20, 5)
+    assert drawn == sorted(set(drawn))
+    assert draw_some(range(3), 20, 5) == [0, 1, 2]
+    assert draw_some([], 2, 5) == []
+
+
+def test_a_reference_skeleton_is_read_into_the_world(tmp_path: Path) -> None:
+    xyz = np.zeros((2, 2, 4))
+    xyz[0, 0] = [0.1, 0.5, 2.0, 1.0]
+    xyz[1, 0] = [0.1, 0.5, 2.0, 0.0]  # not sure
+    np.savez(tmp_path / "skeleton.npz", names=np.array(["Head", "HandLeft"]), xyz=xyz)
+    T = np.eye(4)
+    T[:3, 3] = [1.0, 2.0, 3.0]
+    joints = reference_joints(tmp_path / "skeleton.npz", T)
+    np.testing.assert_allclose(joints[0, JOINT_INDEX["Head"]], [1.1, 1.5, 5.0])
+    assert np.isfinite(joints).all(axis=2).sum() == 1
+
+
+def test_what_is_no_skeleton_is_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "skeleton.npz", names=np.array(["Tail"]), xyz=np.zeros((1, 1, 4)))
+    with pytest.raises(InputError, match="do not fit our joints"):
+        reference_joints(tmp_path / "skeleton.npz", np.eye(4))
+    with pytest.raises(InputError, match="no reference skeleton"):
+        reference_joints(tmp_path / "nowhere.npz", np.eye(4))
+
+
+def test_every_method_is_named_once_and_says_where_it_comes_from() -> None:
+    methods = load_methods(())
+    keys = [method.key for method in methods]
+    assert len(set(keys)) == len(keys)
+    assert {"anchors", "anchors-no-tree", "anchors-dijkstra", "fpfh", "shot", "shape-context", "rops", "hks", "si-hks",
+            "wks", "gmds", "mesh-hog", "ld-sift", "own"} <= set(keys)  # fmt: skip
+    assert all(m.source for m in methods if m.family not in (Family.NONE, Family.TRACKER))
+    assert all(len({repr(s) for s in method.settings}) == len(method.settings) for method in methods)
+
+
+def test_a_method_can_come_from_a_file(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(
+        "from anchorpose.research.experiment.method import Family, Method\n"
+        "METHODS = (Method(key='mine', title='mine', family=Family.LOCAL, source='me', associate=lambda s: None),)\n"
+    )
+    assert [m.key for m in load_methods(("fpfh", str(tmp_path / "mine.py")))] == ["fpfh", "mine"]
+    with pytest.raises(InputError, match="is no method"):
+        load_methods(("fpfhh",))
+    mine = (tmp_path / "mine.py").read_text()
+    first = load_methods((str(tmp_path / "mine.py"),))[0].content
+    (tmp_path / "mine.py").write_text(mine + "# changed")
+    assert load_methods((str(tmp_path / "mine.py"),))[0].content != first
+    (tmp_path / "mine.py").write_text(mine.replace("key='mine'", "key='fpfh'"))
+    with pytest.raises(InputError, match="the key of two methods"):
+        load_methods((str(tmp_path / "mine.py"),))
+    (tmp_path / "none.py").write_text("METHODS = ()\n")
+    with pytest.raises(InputError, match="has no METHODS"):
+        load_methods((str(tmp_path / "none.py"),))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"recordings": 0}, {"holes_m": (0.15,)}, {"holes_m": (0.0, 0.5)}, {"segment_frames": 1}, {"seconds": 0.1},
+     {"training_seed": 501}, {"hole_share": 0.0}, {"resamples": 0}, {"training_samples": 0}, {"fps": 0.0}],
+)  # fmt: skip
+def test_an_experiment_that_cannot_be_made_is_refused(wrong: dict[str, object]) -> None:
+    with pytest.raises(ValueError, match=r"must|are|have"):
+        ExperimentConfig(**wrong)  # type: ignore[arg-type]
+
+
+def test_pictures_that_lose_nothing_stay_the_users_own_files(subject: Subject) -> None:
+    with pierced(subject, 0.03) as (holed, _):
+        for frame, file in enumerate(holed.streams[0].files):
+            assert file.is_symlink() != bool(subject.in_hole[frame])
+            assert cv2.imread(str(file), cv2.IMREAD_UNCHANGED).dtype == np.uint16
+
+
+def test_a_folder_that_is_somebody_elses_is_not_touched(tmp_path: Path) -> None:
+    from anchorpose.research.experiment.run import run_experiment
+
+    (tmp_path / "thesis.tex").write_text("mine")
+    with pytest.raises(InputError, match="is no experiment"):
+        run_experiment(tmp_path, CONFIG, None, 1, lambda a, b: None, lambda text: None)
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_a_folder_without_reference_skeletons_is_refused(tmp_path: Path) -> None:
+    from anchorpose.research.experiment.run import run_experiment
+
+    (tmp_path / "real").mkdir()
+    with pytest.raises(InputError, match=r"skeleton\.npz"):
+        run_experiment(tmp_path / "out", CONFIG, tmp_path / "real", 1, lambda a, b: None, lambda text: None)
+
+
+def test_a_clip_is_simulated_or_real() -> None:
+    clips = plan_clips(ExperimentConfig(recordings=2, scene_recordings=1), None)
+    assert len(clips) == 2 + 10 + 4
+    assert all(isinstance(clip, Clip) and clip.simulation is not None for clip in clips)
+    assert {clip.scene for clip in clips if clip.holes_are_cut} == {Scene.PAPER, Scene.MATCHES, Scene.LOOSE}

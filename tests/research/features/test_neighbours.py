@@ -1,0 +1,112 @@
+"""Radius neighbours against scipy's tree; the angle and the axes that kernels work out, against numpy's."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from feature_shapes import bumpy_torus, pcl_reference
+from scipy.spatial import cKDTree
+
+from anchorpose.research.features.circle import angle_of
+from anchorpose.research.features.neighbours import count_within, find_neighbours, shared_or_found
+from anchorpose.research.features.principal_axes import principal_axes
+
+
+def cloud(seed: int, count: int = 600) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(-1.0, 1.0, (count, 3)).astype(np.float32)
+
+
+@pytest.mark.parametrize("radius_m", [0.05, 0.3, 10.0])
+def test_neighbours_are_those_of_a_tree(radius_m):
+    points = cloud(1)
+    found = find_neighbours(points, radius_m)
+    expected = cKDTree(points).query_ball_point(points, radius_m)
+    for c in range(len(points)):
+        row = slice(found.start[c], found.start[c + 1])
+        assert set(found.node[row]) == set(expected[c]) - {c}
+        away2 = ((points[found.node[row]] - points[c]) ** 2).sum(axis=1)
+        np.testing.assert_allclose(found.distance2_m2[row], away2, rtol=1e-5, atol=1e-10)
+    np.testing.assert_array_equal(count_within(points, radius_m), [len(row) for row in expected])
+
+
+def test_chosen_centres_have_the_neighbours_they_have_among_all():
+    points, chosen = cloud(2), np.array([17, 599, 17])
+    every, few = find_neighbours(points, 0.3), find_neighbours(points, 0.3, chosen)
+    for c, node in enumerate(chosen):
+        own = few.node[few.start[c] : few.start[c + 1]]
+        assert len(own) > 0
+        np.testing.assert_array_equal(own, every.node[every.start[node] : every.start[node + 1]])
+
+
+def test_nodes_of_one_place_are_neighbours_and_nobody_is_his_own():
+    found = find_neighbours(np.zeros((3, 3)), 0.1)
+    assert [sorted(found.node[found.start[c] : found.start[c + 1]]) for c in range(3)] == [[1, 2], [0, 2], [0, 1]]
+    assert (found.distance2_m2 == 0).all()
+
+
+def test_a_node_on_the_sphere_is_within():
+    points = np.array([[0, 0, 0], [0.25, 0, 0], [0.5, 0, 0]])
+    assert find_neighbours(points, 0.25).node.tolist() == [1, 0, 2, 1]
+
+
+def test_unknown_places_have_no_neighbours_and_are_nobodys():
+    points = cloud(3)
+    points[[4, 90]] = np.nan
+    found = find_neighbours(points, 0.4)
+    assert found.start[5] == found.start[4]
+    assert not np.isin(found.node, [4, 90]).any()
+    assert (count_within(points, 0.4)[[4, 90]] == 0).all()
+    stay = np.delete(np.arange(len(points)), [4, 90])
+    assert len(found.node) == len(find_neighbours(points[stay], 0.4).node)
+
+
+@pytest.mark.parametrize("points", [np.empty((0, 3)), np.full((4, 3), np.nan)])
+def test_no_known_places_give_no_neighbours(points):
+    found = find_neighbours(points, 0.1)
+    assert len(found) == len(points)
+    assert len(found.node) == 0
+    assert (count_within(points, 0.1) == 0).all()
+
+
+@pytest.mark.parametrize("radius_m", [0.0, -1.0, np.nan, np.inf])
+def test_a_radius_that_is_none_is_refused(radius_m):
+    with pytest.raises(ValueError, match="radius"):
+        find_neighbours(cloud(4), radius_m)
+
+
+def test_the_cloud_that_pcl_was_asked_about_is_ours():
+    reference, (points, normals, triangles) = pcl_reference(), bumpy_torus()
+    np.testing.assert_allclose(reference["points_m"], points, atol=1e-6)
+    np.testing.assert_allclose(reference["normals"], normals, atol=1e-5)
+    np.testing.assert_array_equal(reference["triangles"], triangles)
+
+
+def test_somebody_elses_neighbours_are_refused():
+    points = cloud(5)
+    with pytest.raises(ValueError, match="are not those of"):
+        shared_or_found(find_neighbours(points, 0.1), points, 0.2, None)
+    with pytest.raises(ValueError, match="are not those of"):
+        shared_or_found(find_neighbours(points[:-1], 0.1), points, 0.1, None)
+    with pytest.raises(ValueError, match="chosen nodes"):
+        shared_or_found(find_neighbours(points, 0.1), points, 0.1, np.array([1]))
+
+
+def test_angle_is_that_of_arctan2():
+    random = np.random.default_rng(6)
+    vectors = random.normal(size=(5000, 2)) * 10.0 ** random.uniform(-6, 3, (5000, 1))
+    vectors[:8] = [[1, 0], [0, 1], [-1, 0], [0, -1], [1, 1], [-1, 1], [-1, -1], [1, -1]]
+    for x, y in vectors.astype(np.float32):
+        assert angle_of(y, x) == pytest.approx(np.arctan2(np.float64(y), np.float64(x)), abs=4e-7)
+    assert angle_of(np.float32(0), np.float32(0)) == 0.0
+
+
+@pytest.mark.parametrize("sizes", [(3.0, 2.0, 1.0), (1.0, 1e-3, 1e-9), (1.0, 1.0, 0.5), (2.0, 0.0, 0.0), (0, 0, 0)])
+def test_principal_axes_are_eigenvectors_largest_first(sizes):
+    turn = np.linalg.qr(np.random.default_rng(7).normal(size=(3, 3)))[0]
+    matrix, axes = turn @ np.diag(sizes) @ turn.T, np.empty((3, 3))
+    matrix = (matrix + matrix.T) / 2
+    spread = matrix.copy()
+    principal_axes(matrix, axes)
+    np.testing.assert_allclose(np.diag(matrix), sizes, atol=1e-14)
+    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-14)
+    np.testing.assert_allclose(axes @ spread @ axes.T, np.diag(sizes), atol=1e-14)

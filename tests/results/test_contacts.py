@@ -1,0 +1,281 @@
+"""Who touches the patient where: distances in one frame, contacts over time, their table and their evaluation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from body_builder import FRONT, adult_rest, asset, before_wall, photograph, points, skin_in, standing
+
+from anchorpose.body.contact_regions import (
+    HAND_M,
+    REGION_BONES,
+    REGIONS,
+    Nearness,
+    area_of_point,
+    find_nearness,
+    region_of_points,
+)
+from anchorpose.body.skin_points import pose_points
+from anchorpose.body.visibility import VisibilityConfig
+from anchorpose.errors import InputError
+from anchorpose.isolation.bystander_memory import Crowd, nobody
+from anchorpose.isolation.view import PixelLabel
+from anchorpose.results.contact_intervals import ContactConfig, ContactIntervals
+from anchorpose.results.contacts import Contact, read_contacts, write_contacts
+from anchorpose.results.evaluate_tables import TrueTouch, evaluate_contacts, read_true_touch
+
+POSE = standing(LeftArm=(-20.0, 0.0, 0.0), RightArm=(20.0, 0.0, 0.0))
+POSED = pose_points(points(), adult_rest(), POSE)
+REGION, AREA_M2 = region_of_points(points()), area_of_point(points())
+FPS = 10.0
+
+
+def region(name: str) -> np.ndarray:
+    """The skin points of a part."""
+    return np.flatnonzero(np.isin(REGION, REGIONS.index(name)))
+
+
+def crowd_at(place_m: np.ndarray, label: int = PixelLabel.OTHER_PERSON, age_s: float = 0.0) -> Crowd:
+    count = len(place_m)
+    return Crowd(place_m.astype(np.float32), np.full(count, label, np.uint8), np.full(count, age_s, np.float32), 9)
+
+
+def near_in(crowd: Crowd) -> Nearness:
+    view = before_wall(photograph(skin_in(POSE, adult_rest()), FRONT), FRONT)
+    return find_nearness(POSED, crowd, (view,), (FRONT,), VisibilityConfig())
+
+
+def held(
+    skin: np.ndarray, distance_m: float = 0.02, label: int = 5, remembered: bool = False, shown: bool = True
+) -> Nearness:
+    """One person so near to these skin points, all of the patient in view or none."""
+    count = len(skin)
+    return Nearness(
+        np.full(count, label, np.uint8),
+        skin.astype(np.int32),
+        np.full(count, distance_m, np.float32),
+        np.full(count, remembered),
+        np.full(len(REGION), shown),
+    )
+
+
+def nothing(shown: bool = True) -> Nearness:
+    return held(np.zeros(0, int), shown=shown)
+
+
+def contacts_of(frames: list[Nearness | None], config: ContactConfig | None = None) -> list[Contact]:
+    intervals, found = ContactIntervals(REGION, AREA_M2, config or ContactConfig()), []
+    for frame, near in enumerate(frames):
+        found += intervals.push(frame, frame / FPS, near)
+    return found + list(intervals.finish())
+
+
+def span(contact: Contact) -> tuple[str, str, int, int]:
+    return contact.part, contact.person, contact.first_frame, contact.last_frame
+
+
+KNEE, CHEST = region("knee_left")[:12], region("chest")[:12]
+
+
+def test_every_bone_belongs_to_a_part_and_every_part_has_skin():
+    assert {bone for bones in REGION_BONES.values() for bone in bones} == set(asset().bone_names)
+    assert set(REGION) == set(range(len(REGIONS)))
+    left = [name for name in REGIONS if name.endswith("_left")]
+    for name in left:
+        other = name.replace("_left", "_right")
+        assert len(region(name)) == pytest.approx(len(region(other)), rel=0.25, abs=4)
+
+
+def test_the_skin_points_stand_for_the_skin_of_an_adult():
+    assert 1.5 < AREA_M2 * len(REGION) < 2.2  # square metres (Du Bois and Du Bois 1916)
+
+
+def test_the_knee_lies_between_thigh_and_shank():
+    height = {name: POSED.points_m[region(f"{name}_left"), 1] for name in ("thigh", "knee", "shank", "foot")}
+    assert height["foot"].mean() < height["shank"].mean() < height["knee"].mean() < height["thigh"].mean()
+    assert np.ptp(height["knee"]) < 0.25
+
+
+def test_distances_are_those_of_plain_search():
+    rng = np.random.default_rng(3)
+    place = POSED.points_m[rng.choice(len(REGION), 60)] + rng.normal(0.0, 0.1, (60, 3))
+    near = near_in(crowd_at(place))
+    plain = np.linalg.norm(POSED.points_m[:, None] - place.astype(np.float32), axis=2).min(axis=1)
+    expected = np.flatnonzero(plain < HAND_M)
+    np.testing.assert_array_equal(near.point, expected)
+    np.testing.assert_allclose(near.distance_m, plain[expected], atol=1e-6)
+
+
+def test_each_person_is_told_apart_and_the_patient_is_not_near_himself():
+    hands = [crowd_at(POSED.points_m[region(name)], label) for name, label in (("knee_left", 5), ("hand_right", 7))]
+    both = Crowd(*(np.concatenate([getattr(hand, name) for hand in (*hands, crowd_at(POSED.points_m, 4))])
+                   for name in ("points_m", "owner", "age_s")), 9)  # fmt: skip
+    near = near_in(both)
+    assert set(near.person) == {5, 7}
+    for label, name in ((5, "knee_left"), (7, "hand_right")):
+        on_skin = near.point[(near.person == label) & (near.distance_m < 1e-4)]
+        np.testing.assert_array_equal(np.sort(on_skin), region(name))
+
+
+def test_skin_that_is_only_remembered_is_said_to_be():
+    assert near_in(crowd_at(POSED.points_m[KNEE], age_s=0.5)).remembered.all()
+    assert not near_in(crowd_at(POSED.points_m[KNEE])).remembered.any()
+
+
+def test_only_skin_that_faces_the_camera_is_shown():
+    shown = near_in(nobody()).shown
+    front = POSED.normals[:, 0] > 0.7
+    assert shown[front].mean() > 0.7
+    assert not shown[POSED.normals[:, 0] < 0.0].any()
+
+
+def test_an_empty_room_has_nobody_near():
+    near = near_in(nobody())
+    assert len(near.person) == len(near.point) == 0
+
+
+def test_a_hold_is_one_contact_from_its_first_frame_to_its_last():
+    found = contacts_of([nothing()] * 3 + [held(KNEE)] * 5 + [nothing()] * 6)
+    assert [span(contact) for contact in found] == [("knee_left", "person 1", 3, 7)]
+    assert found[0].start_s == pytest.approx(0.3)
+    assert found[0].end_s == pytest.approx(0.7)
+    assert found[0].area_cm2 == pytest.approx(12e4 * AREA_M2)
+    assert found[0].gap_mm == pytest.approx(20.0, abs=0.01)
+    assert found[0].state == "seen"
+
+
+def test_a_short_gap_is_bridged_and_a_long_one_ends_the_contact():
+    assert len(contacts_of([held(KNEE)] * 4 + [nothing()] * 3 + [held(KNEE)] * 4)) == 1
+    assert len(contacts_of([held(KNEE)] * 4 + [nothing()] * 5 + [held(KNEE)] * 4)) == 2
+
+
+def test_a_brush_past_and_a_single_skin_point_are_no_contacts():
+    assert contacts_of([nothing(), held(KNEE), nothing()]) == []
+    assert contacts_of([held(KNEE[:2])] * 8) == []
+
+
+def test_a_contact_that_began_is_kept_by_less_skin_than_began_it():
+    assert span(contacts_of([held(KNEE)] * 3 + [held(KNEE[:2])] * 7)[0])[2:] == (0, 9)
+
+
+def test_skin_out_of_reach_is_not_touched():
+    assert contacts_of([held(KNEE, distance_m=0.07)] * 8) == []
+
+
+def test_a_hold_that_goes_out_of_sight_goes_on_as_inferred():
+    unseen = held(KNEE, distance_m=0.15, shown=False)
+    (contact,) = contacts_of([held(KNEE)] * 3 + [unseen] * 7 + [nothing()] * 5)
+    assert span(contact)[2:] == (0, 9)
+    assert contact.seen_share == pytest.approx(0.3)
+    assert contact.state == "inferred"
+
+
+def test_a_hold_has_ended_where_the_skin_is_seen_again_or_its_owner_has_gone():
+    for later in (held(KNEE, distance_m=0.15, shown=True), nothing(shown=False)):
+        (contact,) = contacts_of([held(KNEE)] * 3 + [later] * 7)
+        assert span(contact)[2:] == (0, 2)
+
+
+def test_remembered_hands_are_inferred():
+    (contact,) = contacts_of([held(KNEE, remembered=True)] * 5)
+    assert (contact.state, contact.seen_share) == ("inferred", 0.0)
+
+
+def test_people_and_parts_are_counted_apart_and_named_as_their_contacts_end():
+    both = held(np.concatenate([KNEE, CHEST]), label=9)
+    found = contacts_of([both] * 4 + [held(KNEE, label=6)] * 9)
+    assert [span(contact) for contact in found] == [
+        ("chest", "person 1", 0, 3), ("knee_left", "person 1", 0, 3), ("knee_left", "person 2", 4, 12),
+    ]  # fmt: skip
+
+
+def test_while_the_patient_is_lost_nobody_is_known():
+    found = contacts_of([held(KNEE)] * 4 + [None] + [held(KNEE)] * 4)
+    assert [span(contact) for contact in found] == [("knee_left", "person 1", 0, 3), ("knee_left", "person 2", 5, 8)]
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"keep_m2": 0.0}, {"keep_m2": 0.1}, {"reach_m": 0.0}, {"release_s": -1.0}, {"free_share": 1.5}]
+)
+def test_settings_that_cannot_work_are_refused(wrong):
+    with pytest.raises(ValueError, match="must"):
+        ContactConfig(**wrong)
+
+
+CONTACT = Contact(
+    part="knee_left", person="person 1", first_frame=2, last_frame=5, start_s=0.2, end_s=0.5, seen_share=0.9,
+    area_cm2=80.0, gap_mm=12.0,
+)  # fmt: skip
+
+
+def test_the_table_gives_back_what_was_written_and_the_same_bytes(tmp_path):
+    written = (CONTACT, replace(CONTACT, part="chest", seen_share=0.1))
+    for name in ("a", "b"):
+        with write_contacts(tmp_path / name) as table:
+            for contact in written:
+                table.append(contact)
+    assert read_contacts(tmp_path / "a") == written
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+    assert pq.read_table(tmp_path / "a")["state"].to_pylist() == ["seen", "inferred"]
+
+
+def test_a_recording_without_contacts_has_an_empty_table(tmp_path):
+    with write_contacts(tmp_path / "none"):
+        pass
+    assert read_contacts(tmp_path / "none") == ()
+
+
+def test_a_part_that_nobody_knows_is_refused(tmp_path):
+    with write_contacts(tmp_path / "t") as table:
+        table.append(replace(CONTACT, part="wing"))
+    with pytest.raises(InputError, match="wing"):
+        read_contacts(tmp_path / "t")
+
+
+NAMES = asset().bone_names
+
+
+def truth_of(*bones: str, frames: slice = slice(2, 6), count: int = 10) -> TrueTouch:
+    touched = np.zeros((count, len(NAMES)), dtype=bool)
+    touched[frames, [[NAMES.index(bone)] for bone in bones]] = True
+    return TrueTouch(touched, NAMES)
+
+
+def test_a_contact_as_the_truth_has_it_is_right_and_complete():
+    found = evaluate_contacts([replace(CONTACT, part="chest")], np.arange(10), truth_of("Spine"))
+    assert (found.overall.precision, found.overall.recall) == (1.0, 1.0)
+    assert [name for name, _ in found.per_part] == ["chest"]
+
+
+def test_a_held_knee_answers_for_thigh_and_shank():
+    both = evaluate_contacts([CONTACT], np.arange(10), truth_of("LeftUpLeg", "LeftLeg"))
+    assert (both.overall.precision, both.overall.recall) == (1.0, 1.0)
+    assert both.overall.touched == 8
+
+
+def test_frames_too_many_lower_precision_and_frames_too_few_recall():
+    late = evaluate_contacts([CONTACT], np.arange(10), truth_of("LeftLeg", frames=slice(4, 10)))
+    assert late.overall.precision == pytest.approx(2 / 4)
+    assert late.overall.recall == pytest.approx(2 / 6)
+
+
+def test_the_other_side_is_another_part():
+    found = evaluate_contacts([CONTACT], np.arange(10), truth_of("RightLeg"))
+    assert (found.overall.precision, found.overall.recall) == (0.0, 0.0)
+
+
+def test_where_nothing_is_touched_or_reported_there_is_no_share():
+    nothing_true = evaluate_contacts([CONTACT], np.arange(10), truth_of())
+    assert (nothing_true.overall.precision, nothing_true.overall.recall) == (0.0, None)
+    assert evaluate_contacts([], np.arange(10), truth_of("Spine")).overall.precision is None
+
+
+def test_a_truth_without_contacts_says_nothing_and_a_mismatch_is_refused(tmp_path):
+    np.savez(tmp_path / "plain.npz", time=np.arange(3.0))
+    assert read_true_touch(tmp_path / "plain.npz") is None
+    np.savez(tmp_path / "odd.npz", time=np.arange(3.0), touched=np.zeros((2, 1), bool), part_names=["Spine"])
+    with pytest.raises(InputError, match="touched"):
+        read_true_touch(tmp_path / "odd.npz")

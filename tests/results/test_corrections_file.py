@@ -1,0 +1,192 @@
+"""The file of a reviewer's corrections: kept whole, never shortened, refused with the place where it is wrong."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from recording_builder import edit_json
+
+from anchorpose.errors import InputError
+from anchorpose.results.corrections import (
+    Corrections,
+    JointCorrection,
+    ReviewedRecording,
+    Signature,
+    UnusableInterval,
+    corrections_beside,
+    corrections_of_run,
+    now_utc,
+    read_corrections,
+    recording_of_run,
+    require_recording,
+    reviewed_recording,
+    write_corrections,
+)
+from anchorpose.results.run_record import plain
+
+WHEN = "2026-03-01T09:30:00Z"
+POSE = np.array([[0, 0, -1, 2.5], [0, -1, 0, 1.2], [-1, 0, 0, 0.1], [0, 0, 0, 1.0]])
+HASHES = (("recording.json", "a" * 64), ("front/timestamps.csv", "b" * 64), ("front/depth/000000.png", "c" * 64))
+
+INTERVAL = UnusableInterval(
+    first_frame=3, last_frame=9, start_s=0.3, end_s=0.9, reason="a curtain", who="AB", when=WHEN
+)
+
+
+def knee(x: float = 0.1, who: str = "AB") -> JointCorrection:
+    return JointCorrection(
+        frame=4, time_s=0.4, joint="KneeLeft", position_m=(x, 0.5, -0.1), sigma_m=0.02, reason="sat on the bar",
+        who=who, when=WHEN,
+    )  # fmt: skip
+
+
+def reviewed() -> ReviewedRecording:
+    return reviewed_recording("ward", HASHES, {"front": POSE, "left": None})
+
+
+def written(path: Path) -> Path:
+    write_corrections(path, Corrections(reviewed()).added(INTERVAL).added(knee(0.2)).added(knee()))
+    return path
+
+
+def test_what_is_written_is_read_back(tmp_path: Path) -> None:
+    found = read_corrections(written(tmp_path / "c.json"))
+    assert found.unusable == (INTERVAL,)
+    assert found.joints == (knee(),)
+    assert found.withdrawn == ((knee(0.2), Signature("AB", WHEN)),)
+    require_recording(tmp_path / "c.json", found, reviewed())
+    assert np.array_equal(found.recording.T_world_camera["front"], POSE)
+    assert found.recording.T_world_camera["left"] is None
+
+
+def test_nothing_that_was_ever_said_leaves_the_file(tmp_path: Path) -> None:
+    by = Signature("CD", "2026-03-02T10:00:00Z")
+    write_corrections(tmp_path / "c.json", Corrections(reviewed()).added(INTERVAL).taken_back(INTERVAL, by))
+    found = read_corrections(tmp_path / "c.json")
+    assert found.unusable == ()
+    assert found.withdrawn == ((INTERVAL, by),)
+    with pytest.raises(ValueError, match="no such correction"):
+        found.taken_back(INTERVAL, by)
+
+
+def test_taking_back_a_second_correction_makes_the_first_one_hold_again(tmp_path: Path) -> None:
+    first, second, third = (replace(knee(x), when=f"2026-03-01T09:3{x:.0f}:00Z") for x in (1, 2, 3))
+    elsewhere = replace(knee(), frame=5)
+    held = Corrections(reviewed()).added(first).added(elsewhere).added(second).added(third)
+    assert held.joints == (elsewhere, third)
+    by = Signature("CD", "2026-03-02T10:00:00Z")
+    for undone, left in ((third, {elsewhere, second}), (second, {elsewhere, first}), (first, {elsewhere})):
+        held = held.taken_back(undone, by)
+        assert set(held.joints) == left
+        write_corrections(tmp_path / "c.json", held)
+        held = read_corrections(tmp_path / "c.json")
+    assert held.withdrawn == ((third, by), (second, by), (first, by))
+    again = held.added(replace(second, who="EF"))
+    assert again.taken_back(again.joints[-1], by).joints == (elsewhere,)  # what was taken back itself stays so
+
+
+def test_the_file_keeps_what_it_held_where_writing_fails(tmp_path: Path) -> None:
+    path = written(tmp_path / "c.json")
+    before = path.read_bytes()
+    endless = Corrections(reviewed_recording("ward", HASHES, {"front": np.full((4, 4), np.nan)}))
+    with pytest.raises(ValueError, match="JSON"):
+        write_corrections(path, endless)
+    assert path.read_bytes() == before
+    assert [file.name for file in tmp_path.iterdir()] == ["c.json"]
+
+
+def test_what_could_not_be_read_back_is_not_written(tmp_path: Path) -> None:
+    path = written(tmp_path / "c.json")
+    before = path.read_bytes()
+    held = read_corrections(path)
+    for unreadable in (held.taken_back(INTERVAL, Signature("", WHEN)), held.added(replace(INTERVAL, last_frame=0))):
+        with pytest.raises(InputError, match=r"c\.json"):
+            write_corrections(path, unreadable)
+    assert path.read_bytes() == before
+
+
+def test_the_file_lies_beside_the_results_so_that_tracking_again_keeps_it(tmp_path: Path) -> None:
+    assert corrections_beside(tmp_path / "r.1") == (tmp_path / "r.1.corrections.json").resolve()
+
+
+def test_a_recording_is_known_by_its_pictures_and_times_whatever_else_changes() -> None:
+    edited = (("recording.json", "f" * 64), *HASHES[1:], ("equipment.json", "e" * 64))
+    assert reviewed_recording("renamed", edited[::-1], {}).sha256 == reviewed().sha256
+    other = (*HASHES[:2], ("front/depth/000000.png", "d" * 64))
+    assert reviewed_recording("ward", other, {}).sha256 != reviewed().sha256
+
+
+def test_corrections_of_another_recording_or_world_are_refused(tmp_path: Path) -> None:
+    found = read_corrections(written(tmp_path / "c.json"))
+    other = reviewed_recording("ward", HASHES[:2], {"front": POSE, "left": None})
+    with pytest.raises(InputError, match=r"another recording \('ward'"):
+        require_recording(tmp_path / "c.json", found, other)
+    for poses in ({"front": POSE + 0.002, "left": None}, {"front": POSE, "left": POSE}, {"front": POSE}):
+        with pytest.raises(InputError, match="another world"):
+            require_recording(tmp_path / "c.json", found, reviewed_recording("ward", HASHES, poses))
+    require_recording(
+        tmp_path / "c.json", found, reviewed_recording("ward", HASHES, {"front": POSE + 5e-4, "left": None})
+    )
+
+
+def test_the_recording_of_a_run_is_read_from_its_record() -> None:
+    cameras = [{"name": "front", "camera_to_world": POSE.tolist()}, {"name": "left", "camera_to_world": None}]
+    run = {"recording": "ward", "inputs_sha256": dict(HASHES), "cameras": cameras}
+    assert recording_of_run(run).sha256 == reviewed().sha256
+    assert np.array_equal(recording_of_run(run).T_world_camera["front"], POSE)
+
+
+def test_a_run_that_tells_of_corrections_which_are_none_is_refused() -> None:
+    run = {"recording": "ward", "inputs_sha256": dict(HASHES), "cameras": []}
+    assert corrections_of_run(Path("run.json"), {**run, "corrections": None}).joints == ()
+    told = {"file": "c.json", "sha256": "a", "unusable": [], "joints": [{**asdict(knee()), "joint": "Knee"}]}
+    with pytest.raises(InputError, match=r"run.json: corrections.joints\[0\].joint is 'Knee'"):
+        corrections_of_run(Path("run.json"), {**run, "corrections": plain(told)})
+
+
+def test_the_time_of_now_is_one_that_the_file_accepts(tmp_path: Path) -> None:
+    entry = UnusableInterval(first_frame=0, last_frame=0, start_s=0.0, end_s=0.0, reason="x", who="AB", when=now_utc())
+    write_corrections(tmp_path / "c.json", Corrections(reviewed()).added(entry))
+    assert read_corrections(tmp_path / "c.json").unusable == (entry,)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda d: d.update(format="calibration"), "format is 'calibration'"),
+        (lambda d: d.update(version=2), "version is 2"),
+        (lambda d: d.update(unuseable=[]), "did you mean 'unusable'"),
+        (lambda d: d.pop("joints"), "the key 'joints' is missing"),
+        (lambda d: d["joints"][0].update(joint="Kneeleft"), r"\[0\].joint is 'Kneeleft'; did you mean 'KneeLeft'"),
+        (lambda d: d["joints"][0].update(position_m=[1, 2]), r"joints\[0\].position_m is not a list of 3"),
+        (lambda d: d["joints"][0].update(position_m=[100, 500, -101]), r"\[0\].position_m is more than 100 m"),
+        (lambda d: d["joints"][0].update(sigma_m=0), r"joints\[0\].sigma_m is 0"),
+        (lambda d: d["joints"][0].update(frame=1.5), r"joints\[0\].frame is 1.5"),
+        (lambda d: d["joints"].append(d["joints"][0]), r"joints\[1\] corrects KneeLeft of frame 4 a second time"),
+        (lambda d: d["unusable"][0].update(last_frame=2), r"unusable\[0\].last_frame is 2, before first_frame 3"),
+        (lambda d: d["unusable"][0].update(end_s=0.1), r"unusable\[0\].end_s is 0.1, before"),
+        (lambda d: d["unusable"][0].update(who=" "), r"unusable\[0\].who is not a text"),
+        (lambda d: d["unusable"][0].update(when="2026-03-01T09:30:00"), r"unusable\[0\].when .* write the time in UTC"),
+        (lambda d: d["withdrawn"][0]["entry"].update(joint="Hip"), r"withdrawn\[0\].entry.joint is 'Hip'"),
+    ],
+)  # fmt: skip
+def test_a_file_that_is_wrong_is_refused_with_the_place(
+    tmp_path: Path, change: Callable[[dict[str, Any]], Any], told: str
+) -> None:
+    path = written(tmp_path / "c.json")
+    edit_json(path, change)
+    with pytest.raises(InputError, match=told):
+        read_corrections(path)
+
+
+def test_a_file_without_anything_taken_back_needs_no_such_list(tmp_path: Path) -> None:
+    path = written(tmp_path / "c.json")
+    edit_json(path, lambda document: document.pop("withdrawn"))
+    assert json.loads(path.read_text())["version"] == 1
+    assert read_corrections(path).withdrawn == ()

@@ -1,0 +1,111 @@
+"""run.json; pictures that show what they should."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+
+import cv2
+import numpy as np
+from results_builder import standing_joints
+
+from anchorpose.camera import Camera, Intrinsics
+from anchorpose.isolation.view import PixelLabel
+from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JointState
+from anchorpose.pages.overlay import OverlayScene, draw_frame
+from anchorpose.results.run_record import hash_files, plain
+
+FACING = np.array([[0.0, 0, -1, 2.5], [0, -1, 0, 1.0], [-1, 0, 0, 0], [0, 0, 0, 1]])  # looks along -X
+CAMERA = Camera(
+    name="front",
+    width=256,
+    height=212,
+    depth_scale=0.001,
+    intrinsics=Intrinsics(fx=182.0, fy=182.0, cx=128.0, cy=106.0),
+    T_world_camera=FACING,
+)
+
+
+def test_run_json_holds_only_what_json_knows():
+    class Colour(Enum):
+        RED = "red"
+
+    @dataclass(frozen=True)
+    class Settings:
+        radius_m: float
+        colour: Colour
+        place: Path
+        weights: np.ndarray
+        names: frozenset[str]
+
+    settings = Settings(np.float64(0.5), Colour.RED, Path("a/b"), np.array([1.0, np.nan]), frozenset({"b", "a"}))
+    expected = {"radius_m": 0.5, "colour": "red", "place": "a/b", "weights": [1.0, None], "names": ["a", "b"]}
+    assert plain(settings) == expected
+    json.dumps(plain(settings), allow_nan=False)
+
+
+def test_hashes_are_those_of_the_bytes(tmp_path):
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "b.txt").write_bytes(b"abc")
+    known = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+    assert hash_files([tmp_path / "a" / "b.txt"], tmp_path) == (("a/b.txt", known),)
+
+
+def _decode(png: bytes) -> np.ndarray:
+    return cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR).astype(int)
+
+
+def _pixel(picture: np.ndarray, point_m: np.ndarray) -> np.ndarray:
+    in_camera = np.linalg.inv(FACING) @ [*point_m, 1.0]
+    scale = picture.shape[1] / CAMERA.width
+    column, row = (CAMERA.project(in_camera[None, :3])[0] + 0.5) * scale - 0.5
+    return picture[round(row), round(column)]
+
+
+def test_a_seen_joint_is_filled_and_an_inferred_one_hollow_where_it_is():
+    depth = np.full((212, 256), 2.0, np.float32)
+    states = [JointState.OBSERVED] * JOINT_COUNT
+    states[JOINT_INDEX["HandLeft"]] = JointState.HIDDEN_BY_PERSON
+    joints = standing_joints()
+    joints[JOINT_INDEX["FootRight"]] = np.nan  # lost: not drawn, and no limb to it
+    picture = _decode(
+        draw_frame(OverlayScene(camera=CAMERA, depth_m=depth, joints_m=joints, joint_states=tuple(states)))
+    )
+    assert _pixel(picture, joints[JOINT_INDEX["HandRight"]]).min() > 200
+    assert _pixel(picture, joints[JOINT_INDEX["HandLeft"]]).max() < 60
+
+
+def test_an_anchor_is_a_vermillion_dot_and_a_missed_one_is_not_drawn():
+    depth = np.full((212, 256), 2.0, np.float32)
+    head = standing_joints()[JOINT_INDEX["Head"]]
+    anchors = np.array([head, [np.nan] * 3])
+    scene = OverlayScene(camera=CAMERA, depth_m=depth, anchors_m=anchors, anchor_names=("Head", "HandLeft"))
+    blue, green, red = _pixel(_decode(draw_frame(scene)), head)
+    assert (red > 180, green < 130, blue < 60) == (True, True, True)
+
+
+def test_people_and_equipment_are_tinted_and_nothing_at_all_can_be_drawn():
+    depth = np.full((212, 256), 2.0, np.float32)
+    labels = np.full((212, 256), PixelLabel.BACKGROUND, np.uint8)
+    labels[:, :80], labels[:, 80:160] = PixelLabel.PATIENT, PixelLabel.OTHER_PERSON + 1
+    picture = _decode(draw_frame(OverlayScene(camera=CAMERA, depth_m=depth, labels=labels)))
+    patient, person, wall = picture[400, 100], picture[400, 500], picture[400, 900]
+    assert wall[0] == wall[1] == wall[2]
+    assert patient[0] > patient[2]
+    assert tuple(person) not in (tuple(patient), tuple(wall))
+    empty = draw_frame(OverlayScene(camera=CAMERA, depth_m=np.zeros((212, 256), np.float32)))
+    assert _decode(empty).shape[0] > 0
+
+
+def test_a_body_behind_the_camera_draws_nothing():
+    depth = np.full((212, 256), 2.0, np.float32)
+    behind = standing_joints() + np.array([9.0, 0, 0])
+    faces = np.array([[0, 1, 2]])
+    bare = draw_frame(OverlayScene(camera=CAMERA, depth_m=depth))
+    states = (JointState.OBSERVED,) * JOINT_COUNT
+    scene = OverlayScene(
+        camera=CAMERA, depth_m=depth, joints_m=behind, joint_states=states, body_m=behind, body_faces=faces
+    )
+    assert draw_frame(scene) == bare

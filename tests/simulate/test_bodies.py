@@ -1,0 +1,226 @@
+"""Simulated people: their shapes, their postures, and how patients and therapists meet."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from anchorpose.body.kinematics import shape_body
+from anchorpose.joints import JOINT_INDEX, LIMBS
+from anchorpose.simulate import config as presets
+from anchorpose.simulate.channels import HandGoals, posture_from
+from anchorpose.simulate.clinic import draw_clinic
+from anchorpose.simulate.config import SimulationConfig
+from anchorpose.simulate.patient import resting_channels
+from anchorpose.simulate.person import draw_person
+from anchorpose.simulate.posture import SIDES, palm_normal, pose_bones
+from anchorpose.simulate.rotations import turn_about
+from anchorpose.simulate.timeline import (
+    CHANNEL_INDEX,
+    Footwork,
+    Movement,
+    channel_values,
+    ease,
+    foot_track,
+    stance_places,
+    walk,
+)
+
+TURNING = {frozenset({JOINT_INDEX[a], JOINT_INDEX[b]}) for a, b in (
+    ("SpineBase", "SpineMid"), ("SpineShoulder", "ShoulderLeft"), ("SpineShoulder", "ShoulderRight"))}  # fmt: skip
+RIGID_LIMBS = [limb for limb in LIMBS if frozenset(limb) not in TURNING]
+# the lower back and the collarbones turn between their joints
+
+
+def act(config: SimulationConfig):
+    clinic = draw_clinic(config)
+    return clinic, clinic.act(clinic.true_times_s(0))
+
+
+def flexion_degrees(joints, start, middle, end):
+    first = joints[:, JOINT_INDEX[middle]] - joints[:, JOINT_INDEX[start]]
+    second = joints[:, JOINT_INDEX[end]] - joints[:, JOINT_INDEX[middle]]
+    cosine = (first * second).sum(1) / np.linalg.norm(first, axis=1) / np.linalg.norm(second, axis=1)
+    return np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+
+
+def on_hand(person, side):
+    names = np.array(person.body.asset.bone_names)[person.body.asset.main_bone()]
+    return np.array([name.startswith(SIDES[side]) and ("Hand" in name or "Finger" in name) for name in names])
+
+
+def test_people_are_as_tall_as_asked_and_use_every_coefficient():
+    people = [draw_person(np.random.default_rng(seed), 0.0) for seed in range(40)]
+    heights = [person.height_m for person in people]
+    assert min(heights) < 1.6
+    assert max(heights) > 1.8
+    assert all(np.ptp(p.body.vertices[:, 1]) == pytest.approx(p.height_m, abs=0.012) for p in people)
+    assert (np.array([p.coefficients for p in people]).std(axis=0) > 0.3).all()
+
+
+def test_no_shape_basis_contains_a_simulated_body_exactly():
+    person = draw_person(np.random.default_rng(3), 0.0)
+    plain = shape_body(person.body.asset, person.coefficients)
+    off = person.body.vertices - plain.vertices
+    off -= np.median(off, axis=0)
+    assert 0.001 < np.abs(off).max() < 0.03
+
+
+def test_clothes_stand_off_the_dressed_skin_and_leave_hands_and_head_bare():
+    person = draw_person(np.random.default_rng(4), 0.009)
+    bare = draw_person(np.random.default_rng(4), 0.0)
+    bones = np.tile(np.eye(4), (31, 1, 1))
+    outward = ((person.skin(bones, 1.0) - bare.skin(bones, 1.0)) * person.normals).sum(axis=1)
+    dressed = person.clothes.cover > 0.99
+    assert 0.005 < outward[dressed].mean() < 0.009
+    assert outward[dressed].max() < 0.018
+    hands = on_hand(person, 0) | on_hand(person, 1)
+    assert (person.clothes.cover[hands] < 0.01).mean() > 0.9, "a sleeve ends at the wrist"
+    assert np.abs(outward[person.clothes.cover < 0.01]).max() < 2e-4
+    later = ((person.skin(bones, 3.0) - person.skin(bones, 1.0)) * person.normals).sum(axis=1)
+    assert np.abs(later[dressed]).max() > 0.002, "folds move"
+
+
+def test_skinning_agrees_with_the_plain_version():
+    person = draw_person(np.random.default_rng(5), 0.0)
+    rng = np.random.default_rng(6)
+    bones = person.body.bone_transforms(turn_about(rng.normal(0, 0.4, (31, 3))), np.array([0.1, 0.9, 0.2]))
+    assert person.skin(bones, 0.0) == pytest.approx(person.body.skin(bones), abs=2e-6)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("standing_frame", [True, False])
+def test_bones_keep_their_length_and_joints_bend_the_human_way(seed, standing_frame):
+    config = SimulationConfig(seed=seed, seconds=8, fps=6, cameras=1, therapists=0, standing_frame=standing_frame)
+    joints = act(config)[1].joints_m()
+    lengths = np.array([np.linalg.norm(joints[:, a] - joints[:, b], axis=1) for a, b in RIGID_LIMBS])
+    assert np.ptp(lengths, axis=1).max() < 1e-9
+    for side in SIDES:
+        assert flexion_degrees(joints, f"Hip{side}", f"Knee{side}", f"Ankle{side}").max() < 135
+        assert flexion_degrees(joints, f"Shoulder{side}", f"Elbow{side}", f"Wrist{side}").max() < 150
+        knee_ahead = joints[:, JOINT_INDEX[f"Knee{side}"]] - 0.5 * (
+            joints[:, JOINT_INDEX[f"Hip{side}"]] + joints[:, JOINT_INDEX[f"Ankle{side}"]]
+        )
+        assert knee_ahead[:, 0].min() > 0, "knees bend forwards"
+
+
+@pytest.mark.parametrize("motion", ["squat", "weight-shift", "trunk", "sit-to-stand"])
+def test_planted_feet_stay_where_they_are_with_their_soles_on_the_floor(motion):
+    config = SimulationConfig(
+        seed=7, seconds=6, fps=5, cameras=1, therapists=0, standing_frame=False, motions=(motion,)
+    )
+    _, performance = act(config)
+    joints = performance.joints_m()
+    feet = [JOINT_INDEX[name] for name in ("AnkleLeft", "FootLeft", "AnkleRight", "FootRight")]
+    assert np.ptp(joints[:, feet], axis=0).max() < 1e-9
+    assert np.ptp(joints[:, JOINT_INDEX["SpineBase"]], axis=0).max() > 0.03, "the rest of the body moves"
+    soles = [performance.figures(frame)[0].skin_m[:, 1].min() for frame in range(0, 30, 5)]
+    assert np.abs(soles).max() < 0.002
+
+
+def test_nobody_sinks_into_the_floor_or_floats_while_walking():
+    config = SimulationConfig(seed=11, seconds=6, fps=4, cameras=1, therapists=3, standing_frame=False)
+    _, performance = act(config)
+    lowest = [[figure.skin_m[:, 1].min() for figure in performance.figures(frame)] for frame in range(24)]
+    assert np.min(lowest) > -0.002
+    assert np.max(lowest) < 0.03
+
+
+@pytest.mark.parametrize("seed", [1, 4, 6])
+def test_therapists_hands_are_on_the_skin_beside_the_joint_they_hold(seed):
+    clinic, performance = act(presets.clinic(seed, seconds=8.0, fps=3.0))
+    joints = performance.joints_m()
+    checked = 0
+    for index, therapist in enumerate(clinic.therapists):
+        held = performance.held_joints()[:, index]
+        pulls = [
+            therapist.actor.channels(performance.times_s)[CHANNEL_INDEX[f"pull_{side}"]] for side in ("left", "right")
+        ]
+        assert (held.T >= 0)[np.array(pulls) > 0.9999].mean() > 0.9, "a therapist who holds on keeps hold"
+        for frame in np.flatnonzero((held >= 0).any(axis=1)):
+            figures = performance.figures(frame)
+            skin = cKDTree(figures[0].skin_m)
+            for side in (0, 1):
+                hand = figures[1 + index].skin_m[on_hand(therapist.actor.person, side)]
+                distance, nearest = skin.query(hand)
+                assert distance.min() < 0.03
+                touched = figures[0].skin_m[nearest[distance.argmin()]]
+                assert np.linalg.norm(touched - joints[frame, held[frame, side]]) < 0.3
+                checked += 1
+    assert checked > 20
+
+
+def test_hands_on_the_rails_stay_on_them_while_the_trunk_moves():
+    config = SimulationConfig(seed=8, seconds=6, fps=5, cameras=1, therapists=0, motions=("squat",))
+    _, performance = act(config)
+    joints = performance.joints_m()
+    assert np.ptp(joints[:, [JOINT_INDEX["WristLeft"], JOINT_INDEX["WristRight"]]], axis=0).max() < 1e-6
+    assert np.ptp(joints[:, JOINT_INDEX["SpineShoulder"], 1]) > 0.05
+
+
+def test_a_hand_goal_within_reach_is_reached_exactly():
+    person = draw_person(np.random.default_rng(9), 0.0)
+    base = resting_channels(person, in_frame=True)
+    feet = Footwork(stance_places(np.zeros(2), 0.0, 0.26), np.zeros(2))
+    goals = HandGoals(np.array([[[0.2, 1.15, -0.3], [0.25, 1.2, 0.3]]]), np.tile(np.eye(3), (1, 2, 1, 1)))
+    bones = pose_bones(person.body, posture_from(person.body, base[:, None], feet, np.zeros(1), goals))
+    wrists = person.body.joints(bones[0])[[JOINT_INDEX["WristLeft"], JOINT_INDEX["WristRight"]]]
+    assert wrists == pytest.approx(goals.wrist_m[0], abs=1e-9)
+
+
+def test_palms_face_each_other_across_the_body():
+    body = draw_person(np.random.default_rng(10), 0.0).body
+    left, right = palm_normal(body, 0), palm_normal(body, 1)
+    assert left[2] > 0.2
+    assert right == pytest.approx(left * [1, 1, -1], abs=0.05)
+
+
+def test_a_walk_arrives_where_and_as_it_should():
+    start = Footwork(stance_places(np.array([2.0, 1.0]), 0.0, 0.28), np.zeros(2))
+    goal, facing = np.array([0.7, -0.3]), np.pi
+    path = walk(start, goal, facing, 0.0, 0.5, 0.28)
+    track = foot_track(path, np.array([-1.0, 1e3]))
+    assert track.ball_m[0][:, [0, 2]] == pytest.approx(start.places_m)
+    assert track.ball_m[1][:, [0, 2]].mean(axis=0) == pytest.approx(goal)
+    assert np.cos(track.yaw[1] - facing) == pytest.approx([1.0, 1.0])
+    lifted = foot_track(path, np.linspace(0, 5, 200)).ball_m[:, :, 1]
+    assert lifted.min(axis=1).max() < 1e-9, "one foot is always on the floor"
+
+
+def test_movements_come_and_go_smoothly():
+    movement = Movement((("trunk_flex", 0.5),), 1.0, 1.0, 0.5, 1.0)
+    times = np.linspace(0, 5, 501)
+    values = channel_values(np.zeros(32), [movement], times)[6]
+    assert values[[0, 500]] == pytest.approx([0, 0])
+    assert values.max() == pytest.approx(0.5)
+    assert np.abs(np.diff(values, 2)).max() < 0.5 * 6.0 * 0.01**2, "jerk-limited: 5.8 / T^2 is the largest acceleration"
+    assert ease(np.array([-1.0, 0.0, 0.5, 1.0, 2.0])) == pytest.approx([0, 0, 0.5, 1, 1])
+
+
+@pytest.mark.parametrize(
+    ("channel", "joint", "way"),
+    [
+        ("elbow_right", "WristRight", (1, 1, 0)),
+        ("shoulder_flex_left", "WristLeft", (1, 1, 0)),
+        ("shoulder_abduct_left", "WristLeft", (0, 1, -1)),
+        ("shoulder_abduct_right", "WristRight", (0, 1, 1)),
+        ("trunk_flex", "Head", (1, -1, 0)),
+        ("trunk_side", "Head", (0, -1, 1)),
+        ("trunk_turn", "ShoulderRight", (1, 0, 0)),
+        ("head_flex", "Head", (1, -1, 0)),
+        ("knee_out_left", "KneeLeft", (0, 0, -1)),
+        ("pelvis_right", "SpineBase", (0, 0, 1)),
+    ],
+)
+def test_a_positive_angle_moves_the_body_the_way_its_name_says(channel, joint, way):
+    person = draw_person(np.random.default_rng(12), 0.0, 1.7)
+    base = resting_channels(person, in_frame=False)
+    base[CHANNEL_INDEX["pelvis_up"]] = -0.1
+    bent = base.copy()
+    bent[CHANNEL_INDEX[channel]] += 0.6 if "pelvis" not in channel else 0.05
+    feet = Footwork(stance_places(np.zeros(2), 0.0, 0.26), np.zeros(2))
+    posture = posture_from(person.body, np.stack([base, bent], axis=1), feet, np.zeros(2), HandGoals.none(2))
+    before, after = (person.body.joints(bones)[JOINT_INDEX[joint]] for bones in pose_bones(person.body, posture))
+    moved = (after - before) * way
+    assert (moved[np.array(way) != 0] > 0.005).all()

@@ -1,0 +1,165 @@
+"""Everybody but the patient: found in any heading and posture, followed as he moves, given up when it is not him."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from body_builder import FRONT, LEFT, adult_rest, before_wall, photograph, points, skin_in, standing, stepped
+from scipy.spatial import cKDTree
+
+from anchorpose.body.pose import Pose
+from anchorpose.body.skin_points import pose_points
+from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.surface.mesh import SheetConfig, build_surface
+from anchorpose.tracker.bystanders import (
+    Bystander,
+    BystanderConfig,
+    Bystanders,
+    claims_of,
+    follow_bystanders,
+    loose_surface,
+)
+
+CONFIG = BystanderConfig()
+CAMERAS = (FRONT, LEFT)
+A_FRAME_S = 1.0 / 15.0
+LABEL = int(PixelLabel.OTHER_PERSON) + 1
+HEIGHT_M = 1.80  # not what the tracker takes an unknown adult to be
+
+POSTURES = {
+    "upright": {},
+    "bent": {"LowerBack": (0, 0, -30), "LeftUpLeg": (0, 0, 25), "RightUpLeg": (0, 0, 25), "LeftArm": (0, 0, 40)},
+    "squatting": {
+        "LeftUpLeg": (0, 0, 90), "RightUpLeg": (0, 0, 90), "LeftLeg": (0, 0, -100), "RightLeg": (0, 0, -100),
+        "LeftArm": (0, 0, 50), "RightArm": (0, 0, 50),
+    },
+}  # fmt: skip
+
+
+def posed(posture: str, heading_deg: float) -> Pose:
+    return standing((0.0, 0.6 if posture == "squatting" else 0.95, 0.0), Hips=(0, heading_deg, 0), **POSTURES[posture])
+
+
+def views_of(pose: Pose, label: int = LABEL) -> list[View]:
+    views = []
+    for camera in CAMERAS:
+        view = before_wall(photograph(skin_in(pose, adult_rest(HEIGHT_M)), camera), camera)
+        views.append(View(view.depth_m, np.where(view.patient, label, view.labels).astype(np.uint8)))
+    return views
+
+
+def see(before: Bystanders, pose: Pose, elapsed_s: float = A_FRAME_S, config: BystanderConfig = CONFIG) -> Bystanders:
+    return follow_bystanders(before, views_of(pose), CAMERAS, points(), elapsed_s, config)
+
+
+def the_one(bystanders: Bystanders) -> Bystander:
+    (found,) = bystanders.followed
+    return found
+
+
+def off_skin_m(places_m: np.ndarray, pose: Pose) -> np.ndarray:
+    """(n,) distance from the true skin."""
+    distance, _ = cKDTree(skin_in(pose, adult_rest(HEIGHT_M))).query(places_m)
+    return distance
+
+
+@pytest.mark.parametrize("posture", POSTURES)
+@pytest.mark.parametrize("heading_deg", [0.0, 100.0, 200.0])
+def test_whoever_is_seen_is_found_whatever_he_does(posture, heading_deg):
+    """What is seen of him lies on the body's skin; a body turned round by 180 degrees would have its feet elsewhere."""
+    pose = posed(posture, heading_deg)
+    one = the_one(see(Bystanders(), pose))
+    assert one.label == LABEL
+    skin = pose_points(points(), one.rest, one.belief.pose).points_m
+    seen = loose_surface([v.depth_m for v in views_of(pose)], [v.labels == LABEL for v in views_of(pose)], CAMERAS,
+                         CONFIG.sheet)  # fmt: skip
+    distance, _ = cKDTree(skin).query(seen.points_m)
+    assert np.quantile(distance, 0.9) < 0.04  # skin points are 28 mm apart, and the body has the wrong height
+
+
+def test_he_is_expected_where_his_movement_leads():
+    """Walking at 1.2 m/s he claims the places he will be at, far nearer than where he was."""
+    poses = [stepped(posed("upright", 0.0), 0.0, 0.0, 0.08 * k) for k in range(4)]
+    found = Bystanders()
+    for pose in poses[:3]:
+        found = see(found, pose)
+    claims = claims_of(found, points(), A_FRAME_S, CONFIG)
+    assert (claims.owner == LABEL).all()
+    ahead, stay = (np.median(off_skin_m(claims.points_m, pose)) for pose in (poses[3], poses[2]))
+    assert ahead < 0.03
+    assert ahead < 0.75 * stay
+
+
+def test_claims_grow_less_sure_with_time_and_are_surest_in_the_frame_itself():
+    found = see(Bystanders(), posed("upright", 0.0))
+    now, then = (claims_of(found, points(), after_s, CONFIG).sigma_m for after_s in (0.0, 0.2))
+    assert now == pytest.approx(CONFIG.skin_sigma_m)
+    assert then == pytest.approx(CONFIG.skin_sigma_m + 0.2 * CONFIG.growth_m_s)
+
+
+def test_time_may_run_backwards():
+    """On the way back to the start he goes on as he went, the other way round."""
+    poses = [stepped(posed("upright", 0.0), 0.0, 0.0, 0.08 * k) for k in range(3)]
+    found = Bystanders()
+    for pose in poses:
+        found = see(found, pose, -A_FRAME_S)
+    claims = claims_of(found, points(), -A_FRAME_S, CONFIG)
+    assert np.median(off_skin_m(claims.points_m, stepped(poses[-1], 0.0, 0.0, 0.08))) < 0.03
+
+
+def test_a_body_that_explains_nothing_any_more_is_given_up_and_found_again():
+    """The label jumps by a metre, as when people cross: the old body is nowhere near and must not be dragged along."""
+    found = see(Bystanders(), posed("upright", 0.0))
+    away = stepped(posed("upright", 0.0), 0.0, 0.0, 1.0)
+    again = the_one(see(found, away))
+    assert np.linalg.norm(again.belief.pose.root_m - away.root_m) < 0.1
+    assert not again.change.any()  # a new body has no movement yet
+
+
+def test_what_is_no_person_is_searched_ever_more_seldom():
+    """A wall has no body: one search, a pause, one search, a pause twice as long."""
+    config = replace(CONFIG, first_pause=2, longest_pause=4)
+    depth = np.full((FRONT.height, FRONT.width), 3.0, np.float32)
+    labels = np.full(depth.shape, PixelLabel.BACKGROUND, np.uint8)
+    labels[100:300, 50:450] = LABEL
+    waits, found = [], Bystanders()
+    for _ in range(12):
+        found = follow_bystanders(found, [View(depth, labels)], [FRONT], points(), A_FRAME_S, config)
+        assert not found.followed
+        waits.append(found.searched[0].wait)
+    assert waits == [2, 1, 0, 4, 3, 2, 1, 0, 4, 3, 2, 1]
+
+
+def test_who_has_left_and_a_room_with_nobody_have_no_body():
+    shape = FRONT.height, FRONT.width
+    empty = [View(np.full(shape, 4.0, np.float32), np.full(shape, PixelLabel.BACKGROUND, np.uint8))] * 2
+    found = see(Bystanders(), posed("upright", 0.0))
+    for before, views in ((found, empty), (Bystanders(), [None, None])):
+        nobody = follow_bystanders(before, views, CAMERAS, points(), A_FRAME_S, CONFIG)
+        assert (nobody.followed, nobody.searched) == ((), ())
+    assert len(claims_of(Bystanders(), points(), 0.0, CONFIG)) == 0
+
+
+def test_it_can_be_switched_off():
+    assert not see(Bystanders(), posed("upright", 0.0), config=replace(CONFIG, followed=False)).followed
+
+
+def test_settings_that_make_no_sense_are_refused():
+    with pytest.raises(ValueError, match="skin_sigma_m must be positive"):
+        BystanderConfig(skin_sigma_m=0.0)
+
+
+def test_loose_nodes_are_those_of_every_cameras_sheet():
+    views = views_of(posed("upright", 0.0))
+    config = SheetConfig(step=4)
+    loose = loose_surface([v.depth_m for v in views], [v.labels == LABEL for v in views], CAMERAS, config)
+    for number, (view, camera) in enumerate(zip(views, CAMERAS, strict=True)):
+        sheet = build_surface(view.depth_m, view.labels == LABEL, camera, config)
+        mine = loose.camera == number
+        np.testing.assert_array_equal(loose.points_m[mine], sheet.points_m)
+        np.testing.assert_array_equal(loose.normals[mine], sheet.normals)
+    assert (loose.ring == -1).all()
+    assert len(loose.link_node) == 0
+    assert len(loose_surface([None], [None], [FRONT], config)) == 0

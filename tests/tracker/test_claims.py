@@ -1,0 +1,38 @@
+"""What the patient claims by the skin that is predicted: surer where he is surer, nothing where he may be anywhere."""
+
+from __future__ import annotations
+
+import numpy as np
+from body_builder import adult_rest, points, standing
+
+from anchorpose.body.body_map import map_body
+from anchorpose.body.skin_points import pose_points
+from anchorpose.isolation.config import IsolationConfig
+from anchorpose.isolation.view import PixelLabel
+from anchorpose.surface.surface import ExpectedSkin
+from anchorpose.tracker.observation import Expectation, patient_claims
+
+CONFIG, REST = IsolationConfig(), adult_rest()
+
+
+def expectation(sigma_m: np.ndarray, frames_without_fit: int = 0) -> Expectation:
+    posed = pose_points(points(), REST, standing())
+    skin = ExpectedSkin(
+        posed.points_m.astype(np.float32), posed.normals.astype(np.float32), map_body(points(), REST.body)
+    )
+    return Expectation(skin, sigma_m, np.zeros((5, 3)), np.array([1.0, 0.0, 0.0]), frames_without_fit)
+
+
+def test_skin_is_claimed_as_wide_as_its_place_is_unsure() -> None:
+    sigma = np.linspace(0.0, 0.9 * CONFIG.loosest_claim_m, len(points().part))
+    claims = patient_claims(expectation(sigma, 2), CONFIG)
+    spread = CONFIG.skin_sigma_m + 2 * CONFIG.prediction_growth_m
+    np.testing.assert_allclose(claims.sigma_m, np.hypot(spread, sigma), rtol=1e-6)
+    assert (claims.owner == PixelLabel.PATIENT).all()
+
+
+def test_a_limb_that_may_be_anywhere_claims_nothing() -> None:
+    shank = points().part == points().asset.bone("RightLeg")
+    expected = expectation(np.where(shank, 1.01 * CONFIG.loosest_claim_m, 0.005))
+    claims = patient_claims(expected, CONFIG)
+    np.testing.assert_array_equal(claims.points_m, expected.skin.points_m[~shank])

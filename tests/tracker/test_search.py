@@ -1,0 +1,83 @@
+"""Looking for a lost patient: nobody who was beside him is taken for him, and he is found where he may have come."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from room_builder import FRONT, ROOM, body, built_scene, picture
+
+from anchorpose.isolation.bystander_memory import nobody, remember
+from anchorpose.isolation.config import IsolationConfig
+from anchorpose.isolation.people import PatientChoice, choose_patient, find_people
+from anchorpose.isolation.scene import find_pieces
+from anchorpose.isolation.separation import separate_first
+from anchorpose.recording.recording import FrameSet
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.search import WALK_M_S, Search
+
+CONFIG, ISOLATION = TrackConfig(), IsolationConfig()
+ROOM_NOW = SimpleNamespace(scenes=(built_scene(),), cameras=(FRONT,))
+A_FRAME_S = 1.0 / 15.0
+SEEN_FROM_ONE_SIDE_M = 0.17  # the axis of what is seen of a trunk lies between its middle and its front
+THERAPIST = body(0.0, 0.8)
+
+
+def frame(number: int, *people) -> FrameSet:
+    parts = [part for person in people for part in person]
+    depth = picture(FRONT, *ROOM, *parts, seed=40 + number)
+    return FrameSet(frame=number, time_s=number * A_FRAME_S, depths_m=(depth,))
+
+
+def seen(*people) -> SimpleNamespace:
+    """A frame, number 0, in which the patient stands in the middle, as far as the search asks for it."""
+    first = frame(0, *people)
+    pieces = [find_pieces(first.depths_m[0], ROOM_NOW.scenes[0], ISOLATION)]
+    found = find_people(pieces, ISOLATION)
+    views = separate_first(pieces, found, choose_patient([found], None, (0.0, 0.0), np.zeros(2), ISOLATION), ISOLATION)
+    crowd = remember(nobody(), pieces, views, (FRONT,), 0.0, ISOLATION)
+    return SimpleNamespace(crowd=crowd, frame_set=first)
+
+
+def lost_beside(*people) -> Search:
+    before = seen(body(0.0, 0.0), *people)
+    return Search(before, before, np.array([0.0, 0.9, 0.0]))
+
+
+def looked(search: Search, *moments: tuple) -> list[PatientChoice | None]:
+    """What is found in each of some frames; a moment: the people in it."""
+    return [search.look(frame(number, *people), ROOM_NOW, CONFIG) for number, people in enumerate(moments, 1)]
+
+
+def test_nobody_is_found_in_an_empty_room():
+    assert looked(lost_beside(), (), ()) == [None, None]
+
+
+def test_who_was_beside_him_is_not_him():
+    assert looked(lost_beside(THERAPIST), *[(THERAPIST,)] * 3) == [None] * 3
+
+
+def test_who_was_beside_him_is_not_him_in_his_place_either():
+    way = [(body(0.0, float(z)),) for z in np.arange(0.76, 0.0, -0.04)]
+    assert looked(lost_beside(THERAPIST), *way) == [None] * len(way)
+
+
+def test_he_is_found_beside_those_who_stayed():
+    found = looked(lost_beside(THERAPIST), (THERAPIST,), (THERAPIST, body(0.1, -0.1)))
+    assert found[0] is None
+    assert found[1].ground_xz_m == pytest.approx([0.1, -0.1], abs=SEEN_FROM_ONE_SIDE_M)
+
+
+def test_he_cannot_have_run_away_at_once_but_may_have_walked():
+    far = body(-0.4, -1.0)
+    search = lost_beside(THERAPIST)
+    enough = int(np.ceil(1.1 / WALK_M_S / A_FRAME_S))
+    found = looked(search, *[(THERAPIST, far)] * enough)
+    assert found[0] is None
+    assert found[-1].ground_xz_m == pytest.approx([-0.4, -1.0], abs=SEEN_FROM_ONE_SIDE_M)
+
+
+def test_of_two_newcomers_the_nearer_is_taken():
+    found = looked(lost_beside(), (body(0.0, -0.8), body(0.1, 0.2)))
+    assert found[0].ground_xz_m == pytest.approx([0.1, 0.2], abs=SEEN_FROM_ONE_SIDE_M)

@@ -1,0 +1,271 @@
+"""What the viewer sends: points where the camera saw them, the body as it is skinned, which frames to check first."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from recording_builder import edit_json, write_picture
+from results_builder import make_frame, standing_joints
+from scipy.spatial.transform import Rotation
+from viewer_builder import (
+    FRAMES,
+    LOST_FRAME,
+    UNSURE_FRAME,
+    depth_mm,
+    labels_of,
+    write_small_recording,
+    write_small_results,
+)
+
+from anchorpose.body.asset import load_body_asset
+from anchorpose.body.kinematics import shape_body
+from anchorpose.body.pose import MOVING_BONES
+from anchorpose.camera import Camera, Intrinsics, transform_points
+from anchorpose.errors import InputError
+from anchorpose.isolation.view import PixelLabel
+from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
+from anchorpose.recording.recording import Clock
+from anchorpose.results.kinematics.joint_angles import joint_angles
+from anchorpose.results.tables import JointTable
+from anchorpose.surface.mesh import build_surface
+from anchorpose.viewer import desk
+from anchorpose.viewer.depth_frames import Footage, clocks_of_run, shade
+from anchorpose.viewer.description import APART_S, worst_frames
+from anchorpose.viewer.payloads import motion_payload, pack, points_payload, rays_payload, surface_payload, unpack
+from anchorpose.viewer.review import Review, open_review
+
+
+@pytest.fixture(scope="module")
+def review(tmp_path_factory: pytest.TempPathFactory) -> Review:
+    folder = tmp_path_factory.mktemp("viewer")
+    recording = write_small_recording(folder / "recording")
+    return open_review(write_small_results(folder / "results", recording), recording)
+
+
+@pytest.fixture(scope="module")
+def footage(review: Review) -> Footage:
+    assert review.footage is not None
+    return review.footage
+
+
+def placed(footage: Footage, points: np.ndarray, rays: np.ndarray, camera: int) -> np.ndarray:
+    """What the page's shader does: pixel, ray and grey value to the world."""
+    column, row, grey = points[:, 0].astype(int), points[:, 1].astype(int), points[:, 2]
+    z = grey * footage.cameras[camera].depth_scale
+    seen = np.column_stack([rays[row, column] * z[:, None], z])
+    return transform_points(footage.cameras[camera].require_pose(), seen)
+
+
+def test_arrays_come_back_as_they_were_each_at_a_place_a_browser_can_read() -> None:
+    rng = np.random.default_rng(3)
+    arrays = {
+        "a": rng.integers(0, 255, 7).astype(np.uint8),
+        "b": rng.normal(size=(3, 5)),
+        "none": np.empty((0, 4), np.uint16),
+        "c": rng.normal(size=(2, 3, 4)).astype(np.float32)[:, ::2],
+    }
+    for length in range(9):  # every length of the head
+        meta, found = unpack(pack({"x": "y" * length}, arrays))
+        assert meta == {"x": "y" * length}
+        assert {name: array.shape for name, array in found.items()} == {n: a.shape for n, a in arrays.items()}
+        assert all(np.array_equal(found[name], array) for name, array in arrays.items())
+        assert all(array.ctypes.data % array.itemsize == 0 for array in found.values() if array.size)
+    with pytest.raises(ValueError, match="int64"):
+        pack({}, {"d": np.arange(3)})
+    with pytest.raises(ValueError, match="not packed here"):
+        unpack(b"PNG.....")
+
+
+def test_points_lie_where_the_camera_says_by_an_independent_way(footage: Footage) -> None:
+    meta, arrays = unpack(points_payload(footage, 7, 2, room=False))
+    _, rays = unpack(rays_payload(footage))
+    start = 0
+    for row, frame in enumerate((7, 8)):
+        labels, depth_m = labels_of(frame), depth_mm(frame).astype(np.float32) * np.float32(0.001)
+        for number, camera in enumerate(footage.cameras):
+            count = meta["counts"][row][number]
+            points = arrays["points"][start : start + count]
+            start += count
+            finer = np.gcd(np.gcd(points[:, 0], points[:, 1]), 8)  # 8: on every eighth row and column
+            assert (np.diff(finer.astype(int)) <= 0).all()  # a part of the points is a coarser picture
+            points = points[np.lexsort((points[:, 0], points[:, 1]))]
+            found = placed(footage, points, rays[f"rays{number}"], number)
+            shown = (labels > 0) & (depth_m > 0)
+            expected = transform_points(camera.require_pose(), camera.back_project(depth_m)[shown])
+            assert np.abs(found - expected).max() < 2e-6
+            assert np.array_equal(points[:, 3] % 256, labels[shown])
+    assert start == len(arrays["points"]) > 1000
+
+
+def test_the_room_is_shown_when_asked_for_and_thinned_out(footage: Footage) -> None:
+    counts = [unpack(points_payload(footage, 0, 1, room))[0]["counts"][0][0] for room in (False, True)]
+    room = ((labels_of(0) == 0) & (depth_mm(0) > 0)).sum()
+    assert 0.08 * room < counts[1] - counts[0] < 0.15 * room
+
+
+def plane_m(camera: Camera, across: float, down: float) -> np.ndarray:
+    """Depth of a plane 2 m ahead that falls away by so much a metre to the right and a metre down."""
+    rays = camera.pixel_rays()
+    return np.asarray(2.0 / (1.0 - across * rays[..., 0] - down * rays[..., 1]), dtype=np.float32)
+
+
+def test_skin_is_lightest_where_it_faces_the_light_and_half_as_light_across_it() -> None:
+    lens = Intrinsics(fx=365.0, fy=365.0, cx=60.0, cy=50.0)
+    camera = Camera(name="front", width=120, height=100, depth_scale=0.001, intrinsics=lens)
+    light = np.array([0.35, -0.5, -0.79])  # as in the module
+    for across, down in ((0.0, 0.0), (-light[0] / light[2], -light[1] / light[2]), (-1.0, 0.5), (0.3, 1.2)):
+        normal = np.array([across, down, -1.0]) / np.linalg.norm([across, down, 1.0])
+        expected = 255.0 * max(0.0, float(normal @ light))
+        assert abs(float(shade(plane_m(camera, across, down), camera)[50, 60]) - expected) < 3
+    step = plane_m(camera, 0.0, 0.0)
+    step[:, 60:] += 1.0
+    assert set(shade(step, camera)[:, 60 - 6 : 60 + 6].ravel()) == {201}  # an edge is no slope
+
+
+def test_without_labels_all_points_have_the_one_that_says_so(tmp_path: Path) -> None:
+    recording = write_small_recording(tmp_path / "recording")
+    opened = open_review(write_small_results(tmp_path / "results", recording, people=False), recording).footage
+    assert opened is not None
+    assert set(opened.points(0, room=False)[0][0][:, 3] % 256) == {255}
+    vertices, triangles = opened.surface(0)
+    assert len(vertices) == len(triangles) == 0  # whose surface, nobody knows
+
+
+def test_a_picture_that_cannot_be_read_is_told_and_has_no_points(tmp_path: Path) -> None:
+    recording = write_small_recording(tmp_path / "recording")
+    results = write_small_results(tmp_path / "results", recording)
+    picture = recording / "right" / "depth" / "000002.png"
+    picture.write_bytes(picture.read_bytes()[:80])
+    opened = open_review(results, recording).footage
+    assert opened is not None
+    points, problems = opened.points(2, room=False)
+    assert [len(camera) > 0 for camera in points] == [True, False]
+    assert problems == ["Camera right: the picture is truncated."]
+
+
+def test_the_surface_is_that_of_the_stage_of_this_name(footage: Footage) -> None:
+    meta, arrays = unpack(surface_payload(footage, 4, 2))
+    assert meta["counts"][0][0] > 200
+    first = meta["counts"][0]
+    depth_m = depth_mm(4).astype(np.float32) * np.float32(0.001)
+    sheets = [build_surface(depth_m, labels_of(4) == PixelLabel.PATIENT, camera) for camera in footage.cameras]
+    nodes = np.concatenate([sheet.points_m for sheet in sheets])
+    assert first[0] == len(nodes)
+    assert np.abs(arrays["vertices"][: first[0]] / 1000.0 - nodes).max() <= 0.00051
+    faces = arrays["faces"][: first[1]]
+    assert faces.max() < first[0]
+    sides = np.linalg.norm(nodes[faces] - nodes[np.roll(faces, 1, axis=1)], axis=2)
+    assert sides.max() < 0.15
+
+
+def test_frames_that_there_are_not_are_refused(footage: Footage) -> None:
+    for first, count in ((-1, 2), (FRAMES, 1), (0, 0), (0, 1000)):
+        with pytest.raises(ValueError, match="there are no frames"):
+            points_payload(footage, first, count, room=False)
+    assert len(unpack(points_payload(footage, FRAMES - 1, 8, room=False))[0]["counts"]) == 1
+
+
+def test_the_tables_arrive_whole_with_gaps_as_gaps(review: Review) -> None:
+    _, arrays = unpack(motion_payload(review))
+    lost = np.isnan(arrays["joints"]).any(axis=(1, 2))
+    assert np.flatnonzero(lost).tolist() == [LOST_FRAME]
+    assert np.isnan(arrays["poses"][LOST_FRAME]).all()
+    assert np.isnan(arrays["angles"][LOST_FRAME]).all()
+    assert np.isnan(arrays["matched"][0])
+    kept = ~lost
+    assert np.allclose(arrays["joints"][kept], review.joints.position_m[kept], atol=1e-6)
+    column = review.angles.names.index("knee_flexion_left")
+    expected = joint_angles(review.joints)
+    there = expected.names.index("knee_flexion_left")
+    assert np.allclose(arrays["angles"][kept, column], expected.degrees[kept, there], atol=1e-3)
+    assert np.isnan(arrays["anchors"][0, 1:]).all()
+
+
+@pytest.mark.parametrize(("influences", "off_m"), [(7, 1e-5), (desk.INFLUENCES, 0.005)])
+def test_the_page_skins_the_body_as_the_body_skins_itself(
+    monkeypatch: pytest.MonkeyPatch, influences: int, off_m: float
+) -> None:
+    """With all influences exactly; with the four that it is sent within 5 mm, in a pose of 20 degrees a bone."""
+    monkeypatch.setattr(desk, "INFLUENCES", influences)
+    rng = np.random.default_rng(11)
+    asset, coefficients = load_body_asset(), rng.normal(size=16)
+    arrays = desk.body_skin({"body": {"coefficients": coefficients.tolist()}})
+    assert arrays is not None
+    body, rows = shape_body(asset, coefficients), [asset.bone(name) for name in MOVING_BONES]
+    relative = np.tile(np.eye(3), (len(asset.bone_names), 1, 1))
+    relative[rows] = Rotation.from_rotvec(rng.normal(scale=0.2, size=(len(rows), 3))).as_matrix()
+    transforms = body.bone_transforms(relative, np.array([0.3, 0.9, -0.2]))
+    turns, heads = transforms[rows, :3, :3], transforms[rows]
+    places = np.einsum("bij,bj->bi", heads[:, :3, :3], body.bone_heads[rows]) + heads[:, :3, 3]
+    posed = np.zeros_like(body.vertices)
+    for k in range(influences):
+        bone = arrays["bones"][:, k]
+        arm = arrays["vertices"] - arrays["heads"][bone]
+        posed += arrays["weights"][:, k, None] * (np.einsum("vij,vj->vi", turns[bone], arm) + places[bone])
+    assert np.linalg.norm(posed - body.skin(transforms), axis=1).max() < off_m
+
+
+def test_results_without_a_body_have_no_skin() -> None:
+    assert desk.body_skin({"body": None}) is None
+
+
+def test_frames_to_check_name_what_is_wrong_and_lie_apart(review: Review) -> None:
+    share = review.matched_share.copy()
+    share[22] = 0.4
+    found = worst_frames(review.joints, share, review.run["dropped"])
+    told = {frame.position: frame.reason for frame in reversed(found)}
+    assert found[0].position == LOST_FRAME
+    assert told[LOST_FRAME] == "all joints lost"
+    assert told[3] == "front/depth/000003.png is truncated"
+    assert told[22] == "40 % of the points found again in the next frame"
+    unsure = [frame for frame in found if "sigma" in frame.reason]
+    assert unsure[0].position == UNSURE_FRAME
+    assert unsure[0].joint == JOINT_INDEX["HandRight"]
+    assert unsure[0].reason == "HandRight: sigma 200 mm"
+    assert np.diff(sorted(review.joints.time_s[frame.position] for frame in unsure)).min() >= APART_S
+
+
+def test_some_lost_joints_are_named() -> None:
+    frame = make_frame(0, 0.0, standing_joints(), lost=("WristLeft", "HandLeft"))
+    severity = np.array([[6 if name in ("WristLeft", "HandLeft") else 0 for name in JOINT_NAMES]], np.int8)
+    table = JointTable(np.array([0]), np.array([0.0]), frame.position_m[None], severity, frame.sigma_m[None])
+    assert worst_frames(table, np.array([np.nan]), [])[0].reason == "lost: WristLeft, HandLeft"
+
+
+def test_clocks_are_those_that_the_run_used() -> None:
+    found = Clock(ahead_s=0.25, drift=1e-4, at_s=-1.5)
+    run = {"cameras": [{"name": "left", "clock": asdict(found)}, {"name": "front", "clock": asdict(Clock())}]}
+    assert clocks_of_run(Path("run.json"), run, ("front", "left")) == (Clock(), found)
+
+
+def test_a_run_that_tells_no_clocks_is_refused() -> None:
+    with pytest.raises(InputError, match="track the recording again"):
+        clocks_of_run(Path("run.json"), {"cameras": [{"name": "front"}]}, ("front",))
+
+
+def test_another_recording_is_refused(tmp_path: Path) -> None:
+    recording = write_small_recording(tmp_path / "recording")
+    results = write_small_results(tmp_path / "results", recording)
+    edit_json(recording / "recording.json", lambda document: document.update(subject={"height_m": 1.7}))
+    open_review(results, recording)  # a height added makes no other recording of it
+    write_picture(recording / "front" / "depth" / f"{FRAMES - 1:06d}.png", depth_mm(3))
+    with pytest.raises(InputError, match=r"000044.png: is not what the results were made of"):
+        open_review(results, recording)
+    edit_json(recording / "recording.json", lambda document: document["cameras"].pop())
+    with pytest.raises(InputError, match="has the cameras front, not front, right"):
+        open_review(results, recording)
+
+
+def test_results_without_some_tables_are_looked_at_without_them(tmp_path: Path) -> None:
+    recording = write_small_recording(tmp_path / "recording")
+    results = write_small_results(tmp_path / "results", recording)
+    for name in ("poses", "anchors", "people", "contacts"):
+        (results / f"{name}.parquet").unlink()
+    found = open_review(results, None)
+    assert found.poses is None
+    assert set(unpack(motion_payload(found))[1]).isdisjoint({"poses", "anchors"})
+    shorter = replace(found, run={**found.run, "association": {"matched_share": [0.5]}})
+    assert np.isnan(shorter.matched_share).all()  # of other frames: nothing is known

@@ -1,0 +1,113 @@
+"""The hypotheses of a frame in the viewer: worked out in another process, drawn, and given up when asked to."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from viewer_builder import viewer_of, write_small_recording, write_small_results
+from viewer_page import opened, until
+
+from anchorpose.pipeline import TrackConfig, track_recording
+from anchorpose.recording.reader import open_recording
+from anchorpose.simulate.config import single
+from anchorpose.simulate.write import simulate_recording
+from anchorpose.tracker.inspection import inspect_frame
+from anchorpose.viewer.hypotheses import HypothesisWorker, Progress
+from anchorpose.viewer.payloads import unpack
+from anchorpose.viewer.server import ViewerServer
+
+PATIENCE_S = 240.0
+
+
+@pytest.fixture(scope="module")
+def tracked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """One camera, one second."""
+    folder = tmp_path_factory.mktemp("tracked")
+    simulate_recording(folder, replace(single(3, 1.0, 15.0), motions=("squat",)), lambda done, total: None)
+    results = folder / "results"
+    results.mkdir()
+    track_recording(folder / "recording", results, TrackConfig(), lambda done, total: None)
+    return results, folder / "recording"
+
+
+@pytest.fixture
+def server(tracked: tuple[Path, Path]) -> Iterator[ViewerServer]:
+    with viewer_of(*tracked) as running:
+        yield running
+
+
+def finished(worker: HypothesisWorker) -> Progress:
+    end = time.monotonic() + PATIENCE_S
+    while worker.standing.progress is Progress.WORKING:
+        assert time.monotonic() < end
+        time.sleep(0.05)
+    return worker.standing.progress
+
+
+@pytest.mark.slow
+def test_what_is_drawn_is_what_inspection_finds(server: ViewerServer, tracked: tuple[Path, Path]) -> None:
+    position = 6
+    server.desk.tell("hypotheses/start", {"position": position})
+    assert finished(server.desk.worker) is Progress.DONE
+    meta, arrays = unpack(server.desk.ask("hypotheses/found", {}).content)
+    place = server.desk.review.joints.position_m[position, 0]
+    config = replace(TrackConfig(), patient_xz_m=(float(place[0]), float(place[2])))
+    found = inspect_frame(open_recording(tracked[1]), 6, config, False, lambda: None)
+    assert found.next is not None
+    assert found.observation is not None
+    links = found.next.links
+    assert meta["frames"] == [6, 7]
+    assert len(meta["subsets"]) == links.match.shape[1]
+    assert np.allclose(arrays["nodes"], found.observation.surface.points_m, atol=1e-6)
+    node, subset = np.argwhere(links.match >= 0)[100]
+    there = found.next.observation.surface.points_m[links.match[node, subset]]
+    assert np.allclose(arrays["reached"][node, subset], there, atol=1e-6)
+    assert np.array_equal(np.isnan(arrays["reached"][..., 0]), links.match < 0)
+    assert (arrays["best"][arrays["asked"] == 0] == -1).all()
+    moved_m = np.linalg.norm(arrays["reached"] - arrays["nodes"][:, None], axis=2)
+    assert np.nanmedian(moved_m) < 0.1  # in a fifteenth of a second
+
+
+@pytest.mark.slow
+def test_the_page_asks_waits_and_draws_them(page: Any, server: ViewerServer) -> None:
+    opened(page, server)
+    for _ in range(6):
+        page.keyboard.press("ArrowRight")
+    page.keyboard.press("h")
+    until(page, lambda: page.evaluate("anchorpose.hypotheses.position") == 6, PATIENCE_S)
+    assert page.evaluate("anchorpose.hypotheses.group.visible")
+    assert (
+        page.evaluate("anchorpose.hypotheses.lines.reduce((n, l) => n + l.geometry.attributes.position.count, 0)") > 200
+    )
+    assert "found" in page.locator("#hypotheses-legend").inner_text()
+    page.keyboard.press("ArrowRight")
+    assert not page.evaluate("anchorpose.hypotheses.group.visible")  # they belong to another frame
+
+
+def test_the_work_can_be_given_up_and_begun_again(tmp_path: Path) -> None:
+    recording = write_small_recording(tmp_path / "recording")
+    with viewer_of(write_small_results(tmp_path / "results", recording), recording) as server:
+        worker = server.desk.worker
+        for position in (3, 9):  # the second ends the first
+            server.desk.tell("hypotheses/start", {"position": position})
+            assert worker.standing.progress is Progress.WORKING
+            assert worker.standing.position == position
+        server.desk.tell("hypotheses/cancel", {})
+        assert worker.standing.progress is Progress.CANCELLED
+        with pytest.raises(ValueError, match="no hypotheses yet"):
+            server.desk.ask("hypotheses/found", {})
+
+
+def test_a_frame_without_the_patient_says_why_there_are_none(tmp_path: Path) -> None:
+    """The small recording's paper figure is nobody whom a body fits."""
+    recording = write_small_recording(tmp_path / "recording")
+    with viewer_of(write_small_results(tmp_path / "results", recording), recording) as server:
+        server.desk.tell("hypotheses/start", {"position": 4})
+        assert finished(server.desk.worker) is Progress.FAILED
+        assert server.desk.worker.standing.said
