@@ -14,6 +14,7 @@ from surface_builder import flat_grid, grid_surface, kinect, sphere_depth, with_
 
 from anchorpose.camera import Camera
 from anchorpose.errors import MissingPackage
+from anchorpose.geodesics.distance import geodesic_distance_to_set
 from anchorpose.geodesics.extrema import surface_center
 from anchorpose.recording.reader import open_recording
 from anchorpose.research.geodesic_solvers import Solver, solve_distance, solve_distance_to_set
