@@ -19,7 +19,7 @@ Class = TypeVar("Class")
 def settings(cls: type[Class]) -> type[Class]:
     """A class of settings: a frozen dataclass whose fields are checked by their annotations.
 
-    Raises pydantic's ValidationError, a ValueError, on an unknown name, a wrong type or an impossible value. ``replace``,
-    ``asdict`` and ``fields`` of dataclasses work as usual.
+    Raises pydantic's ValidationError, a ValueError, on an unknown name, a wrong type or an impossible value.
+    ``replace``, ``asdict`` and ``fields`` of dataclasses work as usual.
     """
     return cast(type[Class], dataclass(frozen=True, kw_only=True, config=ConfigDict(extra="forbid"))(cls))
