@@ -33,7 +33,7 @@ def test_the_shares_of_the_bones_in_every_vertex_are_shares():
 
 
 def test_parents_stand_before_their_children():
-    assert asset().bone_parents[1] == -1
+    assert asset().bone_parents[0] == -1
     assert (asset().bone_parents[1:] >= 0).all()
     assert (asset().bone_parents < np.arange(len(asset().bone_names))).all()
 

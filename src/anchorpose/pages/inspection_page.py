@@ -54,7 +54,7 @@ def write_inspection(
             (folder / picture.camera / f"{number:02d}_{section.key}.png").write_bytes(picture.png_bytes)
     (folder / FACTS_FILE).write_text(json.dumps(facts, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     page = fill_page(
-        "anchorpose.results",
+        "anchorpose.pages",
         "inspection_page.html",
         title,
         account="".join(f"<li>{html.escape(sentence)}</li>" for sentence in account),
