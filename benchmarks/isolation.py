@@ -20,10 +20,10 @@ from typing import Final
 import cv2
 import numpy as np
 
-from anchorpose.isolation.bystander_memory import nobody, remember
+from anchorpose.isolation.bystander_memory import empty_memory, update_memory
 from anchorpose.isolation.people import find_people
 from anchorpose.isolation.scene import find_pieces
-from anchorpose.isolation.separation import separate, separate_first
+from anchorpose.isolation.separation import separate, separate_initial
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.pipeline import TrackConfig
 from anchorpose.recording.reader import open_recording, read_frames
@@ -100,7 +100,7 @@ def untracked_views(
         return
     count, first = len(recording.streams[0].files), room.opening.frame
     for positions in (range(first, -1, -1), range(first, count)):
-        crowd, before_s = nobody(), None
+        memory, before_s = empty_memory(), None
         for position in positions:
             frame = next(iter(read_frames(recording, position, position + 1)))
             pieces = [None if depth is None else find_pieces(depth, scene, config.isolation)
@@ -108,10 +108,13 @@ def untracked_views(
             elapsed_s = 0.0 if before_s is None else abs(frame.time_s - before_s)
             if before_s is None:
                 people = find_people(pieces, config.isolation)
-                views = separate_first(pieces, people, room.opening.choice, config.isolation)
+                views = separate_initial(pieces, people, room.opening.choice, config.isolation)
             else:
-                views = separate(pieces, crowd, None, elapsed_s, config.isolation)
-            crowd, before_s = remember(crowd, pieces, views, room.cameras, elapsed_s, config.isolation), frame.time_s
+                views = separate(pieces, memory, None, elapsed_s, config.isolation)
+            memory, before_s = (
+                update_memory(memory, pieces, views, room.cameras, elapsed_s, config.isolation),
+                frame.time_s,
+            )
             yield frame.frame, views
 
 
@@ -120,16 +123,18 @@ def milliseconds(recording: Recording, room: Room, config: TrackConfig) -> float
     if room.opening is None:
         return float("nan")
     frames = list(read_frames(recording, 0, 11))
-    crowd, spent = nobody(), []
+    memory, spent = empty_memory(), []
     for number, frame in enumerate(frames):
         start = time.process_time()
         pieces = [None if depth is None else find_pieces(depth, scene, config.isolation)
                   for depth, scene in zip(frame.depths_m, room.scenes, strict=True)]  # fmt: skip
         if number == 0:
-            views = separate_first(pieces, find_people(pieces, config.isolation), room.opening.choice, config.isolation)
+            views = separate_initial(
+                pieces, find_people(pieces, config.isolation), room.opening.choice, config.isolation
+            )
         else:
-            views = separate(pieces, crowd, None, 1.0 / 15.0, config.isolation)
-        crowd = remember(crowd, pieces, views, room.cameras, 1.0 / 15.0, config.isolation)
+            views = separate(pieces, memory, None, 1.0 / 15.0, config.isolation)
+        memory = update_memory(memory, pieces, views, room.cameras, 1.0 / 15.0, config.isolation)
         spent.append(time.process_time() - start)
     return 1000.0 * float(np.median(spent[1:]))
 

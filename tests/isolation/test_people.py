@@ -15,7 +15,7 @@ from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.empty_room import learn_background
 from anchorpose.isolation.people import choose_patient, find_people
 from anchorpose.isolation.scene import find_pieces, set_scene
-from anchorpose.isolation.separation import separate_first
+from anchorpose.isolation.separation import separate_initial
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.recording.equipment import Box, EquipmentModel
 from anchorpose.recording.reader import open_recording, read_frames
@@ -30,7 +30,7 @@ def test_a_body_behind_a_bar_is_one_person_and_the_bar_none():
     people = find_people(pieces, CONFIG)
     assert len(people.people) == 1
     choice = choose_patient([people], None, None, np.zeros(2), CONFIG)
-    (view,) = separate_first(pieces, people, choice, CONFIG)
+    (view,) = separate_initial(pieces, people, choice, CONFIG)
     shin = in_front(FRONT, *body(0, 0)) & (np.arange(FRONT.height)[:, None] > 150)
     assert view.patient[shin].mean() > 0.9
     assert (view.labels == PixelLabel.EQUIPMENT).sum() > 200
@@ -132,7 +132,7 @@ def test_the_clinics_patient_is_found_among_three_people(with_picture):
     assert np.linalg.norm(choice.ground_xz_m - pelvis) < 0.2
     assert choice.reason == "stands within the equipment, of 3 people"
     joints = np.load(DATA / "sample_clinic" / "truth" / "truth.npz")["joints"][0]
-    for piece, view in zip(pieces, separate_first(pieces, people, choice, CONFIG), strict=True):
+    for piece, view in zip(pieces, separate_initial(pieces, people, choice, CONFIG), strict=True):
         seen = piece.points_m[view.patient[piece.row, piece.column]]
         distance, _ = cKDTree(joints).query(seen)
         assert np.mean(distance > 0.35) < 0.03  # nobody else's limbs

@@ -8,12 +8,19 @@ import numpy as np
 import pytest
 from room_builder import FRONT, ROOM, body, built_scene, in_front, picture
 
-from anchorpose.isolation.bystander_memory import nobody, remember
+from anchorpose.isolation.bystander_memory import empty_memory, update_memory
 from anchorpose.isolation.config import IsolationConfig
-from anchorpose.isolation.ownership import CELL_M, SAMPLING_M, Claims, contest, grow_owners, sort_claims
+from anchorpose.isolation.ownership import (
+    CELL_M,
+    SAMPLING_M,
+    OwnershipLikelihood,
+    decide_ownership,
+    grow_regions,
+    sort_likelihood,
+)
 from anchorpose.isolation.people import choose_patient, find_people
 from anchorpose.isolation.scene import find_pieces
-from anchorpose.isolation.separation import separate, separate_first
+from anchorpose.isolation.separation import separate, separate_initial
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.recording.equipment import Box
 
@@ -29,25 +36,27 @@ def pieces_of(*parts, seed: int = 3):
 
 def first_views(pieces):
     people = find_people(pieces, CONFIG)
-    return separate_first(pieces, people, choose_patient([people], None, (0.0, 0.0), np.zeros(2), CONFIG), CONFIG)
+    return separate_initial(pieces, people, choose_patient([people], None, (0.0, 0.0), np.zeros(2), CONFIG), CONFIG)
 
 
-def skin_claims(*parts, sigma_m: float = 0.02) -> Claims:
+def skin_likelihood(*parts, sigma_m: float = 0.02) -> OwnershipLikelihood:
     """What a predicted skin of these parts would claim."""
     points = pieces_of(*parts)[0].points_m[::3]
-    return Claims(points, np.full(len(points), PATIENT, np.uint8), np.full(len(points), sigma_m, np.float32))
+    return OwnershipLikelihood(
+        points, np.full(len(points), PATIENT, np.uint8), np.full(len(points), sigma_m, np.float32)
+    )
 
 
 def follow(*scenes, expected=None):
-    """The last view of scenes (tuples of parts) seen one after another, and the crowd after it."""
+    """The last view of scenes (tuples of parts) seen one after another, and the memory after it."""
     pieces = pieces_of(*scenes[0])
     views = first_views(pieces)
-    crowd = remember(nobody(), pieces, views, [FRONT], 0.0, CONFIG)
+    memory = update_memory(empty_memory(), pieces, views, [FRONT], 0.0, CONFIG)
     for number, parts in enumerate(scenes[1:]):
         pieces = pieces_of(*parts, seed=10 + number)
-        views = separate(pieces, crowd, expected, A_FRAME_S, CONFIG)
-        crowd = remember(crowd, pieces, views, [FRONT], A_FRAME_S, CONFIG)
-    return views[0], crowd
+        views = separate(pieces, memory, expected, A_FRAME_S, CONFIG)
+        memory = update_memory(memory, pieces, views, [FRONT], A_FRAME_S, CONFIG)
+    return views[0], memory
 
 
 def bar(x: float, y: float, z: float, length_m: float) -> Box:
@@ -62,19 +71,19 @@ def shown(part, *others) -> np.ndarray:
 
 def test_the_strongest_claim_is_that_of_a_plain_search():
     rng = np.random.default_rng(5)
-    claims = Claims(
+    likelihood = OwnershipLikelihood(
         rng.uniform(0, 0.15, (400, 3)).astype(np.float32),
         rng.integers(4, 7, 400).astype(np.uint8),
         rng.uniform(0.005, 0.015, 400).astype(np.float32),
     )
     places = rng.uniform(0.02, 0.13, (500, 3)).astype(np.float32)
     gate, lead = 1.5, 0.5
-    assert gate * claims.sigma_m.max() + SAMPLING_M < CELL_M  # so the cells around a place hold all that count
-    won = contest(sort_claims(claims), places, np.ones(500, bool), gate, lead)
-    distance = np.maximum(np.linalg.norm(places[:, None] - claims.points_m, axis=2) - SAMPLING_M, 0.0)
-    cost = (distance / claims.sigma_m) ** 2 + 2 * np.log(claims.sigma_m)
-    cost[distance > gate * claims.sigma_m] = np.inf
-    best = np.stack([np.where(claims.owner == k, cost, np.inf).min(axis=1) for k in (4, 5, 6)], axis=1)
+    assert gate * likelihood.sigma_m.max() + SAMPLING_M < CELL_M  # so the cells around a place hold all that count
+    won = decide_ownership(sort_likelihood(likelihood), places, np.ones(500, bool), gate, lead)
+    distance = np.maximum(np.linalg.norm(places[:, None] - likelihood.points_m, axis=2) - SAMPLING_M, 0.0)
+    cost = (distance / likelihood.sigma_m) ** 2 + 2 * np.log(likelihood.sigma_m)
+    cost[distance > gate * likelihood.sigma_m] = np.inf
+    best = np.stack([np.where(likelihood.owner == k, cost, np.inf).min(axis=1) for k in (4, 5, 6)], axis=1)
     first, second = np.sort(best, axis=1)[:, :2].T
     claimed, disputed = np.isfinite(first), np.isfinite(second)
     ahead = np.where(disputed, second - np.where(claimed, first, 0.0), np.inf)
@@ -86,9 +95,11 @@ def test_the_strongest_claim_is_that_of_a_plain_search():
 
 
 def test_nothing_is_claimed_far_from_all_skin():
-    grid = sort_claims(Claims(np.zeros((1, 3), np.float32), np.array([4], np.uint8), np.array([0.02], np.float32)))
+    grid = sort_likelihood(
+        OwnershipLikelihood(np.zeros((1, 3), np.float32), np.array([4], np.uint8), np.array([0.02], np.float32))
+    )
     places = np.array([[0.01, 0, 0], [0.5, 0, 0], [-0.5, -9, 0]], np.float32)
-    assert contest(grid, places, np.ones(3, bool), 3.0, 2.0).tolist() == [4, 0, 0]
+    assert decide_ownership(grid, places, np.ones(3, bool), 3.0, 2.0).tolist() == [4, 0, 0]
 
 
 def test_growth_stops_at_the_valley_between_two_who_touch():
@@ -96,18 +107,18 @@ def test_growth_stops_at_the_valley_between_two_who_touch():
     (pieces,) = pieces_of(*body(0.0, -0.155), *body(0.0, 0.155))
     z = pieces.points_m[:, 2]
     seeds = np.where(z < -0.25, 4, np.where(z > 0.06, 5, 0)).astype(np.uint8)  # the right one's much nearer to it
-    grown = grow_owners(pieces, seeds, CONFIG.crease_cost)
+    grown = grow_regions(pieces, seeds, CONFIG.crease_cost)
     trunk = pieces.points_m[:, 1] < 1.35
     assert np.mean(grown[trunk & (z < -0.02)] == 4) > 0.95
     assert np.mean(grown[trunk & (z > 0.02)] == 5) > 0.95
-    plain = grow_owners(pieces, seeds, 0.0)
+    plain = grow_regions(pieces, seeds, 0.0)
     assert np.mean(plain[trunk & (z < -0.02)] == 4) < 0.93  # without creases they meet halfway between the seeds
 
 
 def test_growth_does_not_leap_over_a_depth_jump():
     (pieces,) = pieces_of(*body(0.0, 0.0), *body(1.0, 0.25))
     owner = np.where(pieces.points_m[:, 0] > 0.6, OTHER, 0).astype(np.uint8)
-    assert (grow_owners(pieces, owner, CONFIG.crease_cost)[pieces.points_m[:, 0] < 0.4] == 0).all()
+    assert (grow_regions(pieces, owner, CONFIG.crease_cost)[pieces.points_m[:, 0] < 0.4] == 0).all()
 
 
 @pytest.mark.parametrize("predicted", [True, False])
@@ -116,7 +127,7 @@ def test_a_helper_who_touches_the_patient_stays_apart(predicted):
     arms = [
         Box("arm", np.array([0.05, 1.1, 0.45 - k * 0.05]), np.array([0.08, 0.08, 0.3]), np.eye(3)) for k in range(4)
     ]
-    expected = skin_claims(*patient) if predicted else None
+    expected = skin_likelihood(*patient) if predicted else None
     view, _ = follow((*patient, *helper), *[(*patient, *helper, arm) for arm in arms], expected=expected)
     assert view.patient[in_front(FRONT, *patient) & ~in_front(FRONT, *helper, arms[-1])].mean() > 0.95
     assert (view.labels == OTHER)[in_front(FRONT, *helper) & ~in_front(FRONT, *patient)].mean() > 0.95
@@ -126,13 +137,15 @@ def test_a_helper_who_touches_the_patient_stays_apart(predicted):
 def test_a_helpers_hand_on_the_skin_stays_the_helpers_while_it_was_seen_to_come():
     patient, helper = body(0, 0), body(0.1, 0.62)
     arms = [bar(0.19, 1.0, (0.55 + end) / 2, 0.55 - end) for end in np.arange(0.42, 0.0, -0.07)]
-    view, _ = follow((*patient, *helper), *[(*patient, *helper, arm) for arm in arms], expected=skin_claims(*patient))
+    view, _ = follow(
+        (*patient, *helper), *[(*patient, *helper, arm) for arm in arms], expected=skin_likelihood(*patient)
+    )
     assert view.patient[shown(arms[-1], *patient, *helper)].mean() < 0.25
 
 
 def test_an_arm_that_outran_its_prediction_is_kept_while_nobody_is_near():
     arm = bar(0.1, 1.2, 0.35, 0.5)
-    (view,) = separate(pieces_of(*body(0, 0), arm), nobody(), skin_claims(*body(0, 0)), A_FRAME_S, CONFIG)
+    (view,) = separate(pieces_of(*body(0, 0), arm), empty_memory(), skin_likelihood(*body(0, 0)), A_FRAME_S, CONFIG)
     assert view.patient[shown(arm, *body(0, 0))].mean() > 0.9
 
 
@@ -147,18 +160,18 @@ def test_labels_stay_while_one_crosses_in_front_of_another():
 
 def test_a_person_who_comes_later_gets_a_label_of_their_own():
     here = (*body(0, 0), *body(0.1, 0.7))
-    view, crowd = follow(here, here, (*here, *body(0.2, -0.9)))
+    view, memory = follow(here, here, (*here, *body(0.2, -0.9)))
     newcomer = in_front(FRONT, *body(0.2, -0.9))
     assert (view.labels[newcomer] == OTHER + 1).mean() > 0.95
-    assert crowd.next_label == OTHER + 2
+    assert memory.next_label == OTHER + 2
 
 
 def test_who_is_met_on_the_way_back_in_time_bears_no_label_of_who_is_met_on_the_way_forth():
     here = (*body(0, 0), *body(0.1, 0.7))
-    _, crowd = follow(here)
+    _, memory = follow(here)
     newcomer = in_front(FRONT, *body(0.2, -0.9))
     pieces = pieces_of(*here, *body(0.2, -0.9))
-    forth, back = (separate(pieces, crowd, None, way * A_FRAME_S, CONFIG)[0].labels[newcomer] for way in (1, -1))
+    forth, back = (separate(pieces, memory, None, way * A_FRAME_S, CONFIG)[0].labels[newcomer] for way in (1, -1))
     assert not set(forth[forth >= OTHER].tolist()) & set(back[back >= OTHER].tolist())
     assert (back > OTHER + 1).mean() > 0.95
 
@@ -167,14 +180,14 @@ def test_hidden_skin_is_remembered_and_forgotten_in_time():
     patient, helper = body(0, 0), body(0.0, 0.8)
     screen = Box("screen", np.array([0.9, 1.0, 0.5]), np.array([0.05, 2.0, 0.7]), np.eye(3))
     seen = (*patient, *helper)
-    _, crowd = follow(seen, (*seen, screen))
-    old = crowd.age_s > 0
-    assert (crowd.owner[old] == OTHER).any()  # behind the screen
+    _, memory = follow(seen, (*seen, screen))
+    old = memory.age_s > 0
+    assert (memory.owner[old] == OTHER).any()  # behind the screen
     _, gone = follow(seen, patient)
     assert not (gone.owner == OTHER).any()  # the room was seen where the helper had stood
     hidden = pieces_of(*seen, screen, seed=40)
-    views = separate(hidden, crowd, None, CONFIG.memory_s, CONFIG)
-    forgotten = remember(crowd, hidden, views, [FRONT], CONFIG.memory_s, CONFIG)
+    views = separate(hidden, memory, None, CONFIG.memory_s, CONFIG)
+    forgotten = update_memory(memory, hidden, views, [FRONT], CONFIG.memory_s, CONFIG)
     assert (forgotten.age_s == 0).all()
 
 
@@ -184,22 +197,22 @@ def test_an_arm_taken_for_somebody_elses_does_not_claim_itself_again():
     labels = view.labels.copy()
     arm = view.patient & (np.arange(FRONT.width)[None] < np.argwhere(view.patient)[:, 1].mean() - 8)
     labels[arm] = OTHER
-    crowd = remember(nobody(), [pieces], [replace(view, labels=labels)], [FRONT], 0.0, CONFIG)
+    memory = update_memory(empty_memory(), [pieces], [replace(view, labels=labels)], [FRONT], 0.0, CONFIG)
     assert (labels == OTHER).sum() > 100
-    assert not (crowd.owner == OTHER).any()
+    assert not (memory.owner == OTHER).any()
 
 
 def test_a_missing_picture_stays_missing():
     pieces = [*pieces_of(*body(0, 0)), None]
     views = first_views(pieces)
     assert views[1] is None
-    crowd = remember(nobody(), pieces, views, [FRONT, FRONT], 0.0, CONFIG)
-    assert separate(pieces, crowd, None, A_FRAME_S, CONFIG)[1] is None
+    memory = update_memory(empty_memory(), pieces, views, [FRONT, FRONT], 0.0, CONFIG)
+    assert separate(pieces, memory, None, A_FRAME_S, CONFIG)[1] is None
 
 
 def test_settings_that_make_no_sense_are_refused():
-    with pytest.raises(ValueError, match="sure_lead"):
-        IsolationConfig(sure_lead=-1)
+    with pytest.raises(ValueError, match="least_lead"):
+        IsolationConfig(least_lead=-1)
     with pytest.raises(ValueError, match="right angle"):
         IsolationConfig(steepest_slope_rad=1.6)
 
@@ -208,7 +221,7 @@ def test_whoever_was_taken_for_part_of_the_patient_is_split_off():
     pieces = pieces_of(*body(0, 0), *body(0.2, 0.8))
     points = pieces[0].points_m[::5]
     mistaken = replace(
-        nobody(),
+        empty_memory(),
         points_m=points,
         owner=np.full(len(points), PATIENT, np.uint8),
         age_s=np.zeros(len(points), np.float32),
@@ -224,8 +237,8 @@ def test_a_second_column_is_the_patients_where_his_skin_is_predicted(foreseen):
     """Who bends down has his trunk and his legs in two columns, each as large as a person."""
     trunk, legs = body(0.3, 0.55), body(0, 0)[:1]
     joint = bar(0.15, 1.0, 0.27, 0.5)
-    predicted = skin_claims(*trunk, *legs, joint) if foreseen else skin_claims(*trunk)
-    (view,) = separate(pieces_of(*trunk, *legs, joint), nobody(), predicted, A_FRAME_S, CONFIG)
+    predicted = skin_likelihood(*trunk, *legs, joint) if foreseen else skin_likelihood(*trunk)
+    (view,) = separate(pieces_of(*trunk, *legs, joint), empty_memory(), predicted, A_FRAME_S, CONFIG)
     owned = view.labels[shown(legs[0], *trunk, joint)] == PATIENT
     assert owned.mean() > 0.95 if foreseen else owned.mean() < 0.05
 
@@ -233,8 +246,12 @@ def test_a_second_column_is_the_patients_where_his_skin_is_predicted(foreseen):
 def test_a_forearm_that_a_bar_cuts_off_is_its_owners():
     """Nothing claims it: it came from behind somebody. It nearly touches the patient and nobody else."""
     stump, forearm = bar(0.1, 1.2, 0.22, 0.2), bar(0.1, 1.2, 0.55, 0.3)
-    (view,) = separate(pieces_of(*body(0, 0), stump, forearm), nobody(), skin_claims(*body(0, 0)), A_FRAME_S, CONFIG)
+    (view,) = separate(
+        pieces_of(*body(0, 0), stump, forearm), empty_memory(), skin_likelihood(*body(0, 0)), A_FRAME_S, CONFIG
+    )
     assert view.patient[shown(forearm, *body(0, 0), stump)].mean() > 0.9
     far = bar(0.1, 1.2, 0.9, 0.3)
-    (view,) = separate(pieces_of(*body(0, 0), stump, far), nobody(), skin_claims(*body(0, 0)), A_FRAME_S, CONFIG)
+    (view,) = separate(
+        pieces_of(*body(0, 0), stump, far), empty_memory(), skin_likelihood(*body(0, 0)), A_FRAME_S, CONFIG
+    )
     assert not view.patient[shown(far, *body(0, 0), stump)].any()

@@ -21,7 +21,7 @@ from anchorpose.body.contact_regions import (
 from anchorpose.body.skin_points import pose_points
 from anchorpose.body.visibility import VisibilityConfig
 from anchorpose.errors import InputError
-from anchorpose.isolation.bystander_memory import Crowd, nobody
+from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.results.contact_intervals import ContactConfig, ContactIntervals
 from anchorpose.results.contacts import Contact, read_contacts, write_contacts
@@ -38,14 +38,16 @@ def region(name: str) -> np.ndarray:
     return np.flatnonzero(np.isin(REGION, REGIONS.index(name)))
 
 
-def crowd_at(place_m: np.ndarray, label: int = PixelLabel.OTHER_PERSON, age_s: float = 0.0) -> Crowd:
+def memory_at(place_m: np.ndarray, label: int = PixelLabel.OTHER_PERSON, age_s: float = 0.0) -> BystanderMemory:
     count = len(place_m)
-    return Crowd(place_m.astype(np.float32), np.full(count, label, np.uint8), np.full(count, age_s, np.float32), 9)
+    return BystanderMemory(
+        place_m.astype(np.float32), np.full(count, label, np.uint8), np.full(count, age_s, np.float32), 9
+    )
 
 
-def near_in(crowd: Crowd) -> Nearness:
+def near_in(memory: BystanderMemory) -> Nearness:
     view = before_wall(photograph(skin_in(POSE, adult_rest()), FRONT), FRONT)
-    return find_nearness(POSED, crowd, (view,), (FRONT,), VisibilityConfig())
+    return find_nearness(POSED, memory, (view,), (FRONT,), VisibilityConfig())
 
 
 def held(
@@ -102,7 +104,7 @@ def test_the_knee_lies_between_thigh_and_shank():
 def test_distances_are_those_of_plain_search():
     rng = np.random.default_rng(3)
     place = POSED.points_m[rng.choice(len(REGION), 60)] + rng.normal(0.0, 0.1, (60, 3))
-    near = near_in(crowd_at(place))
+    near = near_in(memory_at(place))
     plain = np.linalg.norm(POSED.points_m[:, None] - place.astype(np.float32), axis=2).min(axis=1)
     expected = np.flatnonzero(plain < HAND_M)
     np.testing.assert_array_equal(near.point, expected)
@@ -110,8 +112,8 @@ def test_distances_are_those_of_plain_search():
 
 
 def test_each_person_is_told_apart_and_the_patient_is_not_near_himself():
-    hands = [crowd_at(POSED.points_m[region(name)], label) for name, label in (("knee_left", 5), ("hand_right", 7))]
-    both = Crowd(*(np.concatenate([getattr(hand, name) for hand in (*hands, crowd_at(POSED.points_m, 4))])
+    hands = [memory_at(POSED.points_m[region(name)], label) for name, label in (("knee_left", 5), ("hand_right", 7))]
+    both = BystanderMemory(*(np.concatenate([getattr(hand, name) for hand in (*hands, memory_at(POSED.points_m, 4))])
                    for name in ("points_m", "owner", "age_s")), 9)  # fmt: skip
     near = near_in(both)
     assert set(near.person) == {5, 7}
@@ -121,19 +123,19 @@ def test_each_person_is_told_apart_and_the_patient_is_not_near_himself():
 
 
 def test_skin_that_is_only_remembered_is_said_to_be():
-    assert near_in(crowd_at(POSED.points_m[KNEE], age_s=0.5)).remembered.all()
-    assert not near_in(crowd_at(POSED.points_m[KNEE])).remembered.any()
+    assert near_in(memory_at(POSED.points_m[KNEE], age_s=0.5)).remembered.all()
+    assert not near_in(memory_at(POSED.points_m[KNEE])).remembered.any()
 
 
 def test_only_skin_that_faces_the_camera_is_shown():
-    shown = near_in(nobody()).shown
+    shown = near_in(empty_memory()).shown
     front = POSED.normals[:, 0] > 0.7
     assert shown[front].mean() > 0.7
     assert not shown[POSED.normals[:, 0] < 0.0].any()
 
 
 def test_an_empty_room_has_nobody_near():
-    near = near_in(nobody())
+    near = near_in(empty_memory())
     assert len(near.person) == len(near.point) == 0
 
 

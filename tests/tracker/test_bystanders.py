@@ -17,7 +17,7 @@ from anchorpose.tracker.bystanders import (
     Bystander,
     BystanderConfig,
     Bystanders,
-    claims_of,
+    bystander_likelihood,
     follow_bystanders,
     loose_surface,
 )
@@ -85,16 +85,16 @@ def test_he_is_expected_where_his_movement_leads():
     found = Bystanders()
     for pose in poses[:3]:
         found = see(found, pose)
-    claims = claims_of(found, points(), A_FRAME_S, CONFIG)
-    assert (claims.owner == LABEL).all()
-    ahead, stay = (np.median(off_skin_m(claims.points_m, pose)) for pose in (poses[3], poses[2]))
+    likelihood = bystander_likelihood(found, points(), A_FRAME_S, CONFIG)
+    assert (likelihood.owner == LABEL).all()
+    ahead, stay = (np.median(off_skin_m(likelihood.points_m, pose)) for pose in (poses[3], poses[2]))
     assert ahead < 0.03
     assert ahead < 0.75 * stay
 
 
 def test_claims_grow_less_sure_with_time_and_are_surest_in_the_frame_itself():
     found = see(Bystanders(), posed("upright", 0.0))
-    now, then = (claims_of(found, points(), after_s, CONFIG).sigma_m for after_s in (0.0, 0.2))
+    now, then = (bystander_likelihood(found, points(), after_s, CONFIG).sigma_m for after_s in (0.0, 0.2))
     assert now == pytest.approx(CONFIG.skin_sigma_m)
     assert then == pytest.approx(CONFIG.skin_sigma_m + 0.2 * CONFIG.growth_m_s)
 
@@ -105,8 +105,8 @@ def test_time_may_run_backwards():
     found = Bystanders()
     for pose in poses:
         found = see(found, pose, -A_FRAME_S)
-    claims = claims_of(found, points(), -A_FRAME_S, CONFIG)
-    assert np.median(off_skin_m(claims.points_m, stepped(poses[-1], 0.0, 0.0, 0.08))) < 0.03
+    likelihood = bystander_likelihood(found, points(), -A_FRAME_S, CONFIG)
+    assert np.median(off_skin_m(likelihood.points_m, stepped(poses[-1], 0.0, 0.0, 0.08))) < 0.03
 
 
 def test_a_body_that_explains_nothing_any_more_is_given_up_and_found_again():
@@ -139,7 +139,7 @@ def test_who_has_left_and_a_room_with_nobody_have_no_body():
     for before, views in ((found, empty), (Bystanders(), [None, None])):
         nobody = follow_bystanders(before, views, CAMERAS, points(), A_FRAME_S, CONFIG)
         assert (nobody.followed, nobody.searched) == ((), ())
-    assert len(claims_of(Bystanders(), points(), 0.0, CONFIG)) == 0
+    assert len(bystander_likelihood(Bystanders(), points(), 0.0, CONFIG)) == 0
 
 
 def test_it_can_be_switched_off():

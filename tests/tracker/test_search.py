@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from room_builder import FRONT, ROOM, body, built_scene, picture
 
-from anchorpose.isolation.bystander_memory import nobody, remember
+from anchorpose.isolation.bystander_memory import empty_memory, update_memory
 from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.people import PatientChoice, choose_patient, find_people
 from anchorpose.isolation.scene import find_pieces
-from anchorpose.isolation.separation import separate_first
+from anchorpose.isolation.separation import separate_initial
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.search import WALK_M_S, Search
@@ -35,9 +35,11 @@ def seen(*people) -> SimpleNamespace:
     first = frame(0, *people)
     pieces = [find_pieces(first.depths_m[0], ROOM_NOW.scenes[0], ISOLATION)]
     found = find_people(pieces, ISOLATION)
-    views = separate_first(pieces, found, choose_patient([found], None, (0.0, 0.0), np.zeros(2), ISOLATION), ISOLATION)
-    crowd = remember(nobody(), pieces, views, (FRONT,), 0.0, ISOLATION)
-    return SimpleNamespace(crowd=crowd, frame_set=first)
+    views = separate_initial(
+        pieces, found, choose_patient([found], None, (0.0, 0.0), np.zeros(2), ISOLATION), ISOLATION
+    )
+    memory = update_memory(empty_memory(), pieces, views, (FRONT,), 0.0, ISOLATION)
+    return SimpleNamespace(memory=memory, frame_set=first)
 
 
 def lost_beside(*people) -> Search:

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from anchorpose.body.skin_points import PosedPoints, SkinPoints
 from anchorpose.body.visibility import VisibilityConfig, seen_skin
 from anchorpose.camera import Camera
-from anchorpose.isolation.bystander_memory import Crowd
+from anchorpose.isolation.bystander_memory import BystanderMemory
 from anchorpose.isolation.view import View
 
 KNEE_RADIUS_M: Final = 0.10  # from the joint's centre: the kneecap and a hand's breadth around the leg
@@ -101,10 +101,14 @@ class Nearness:
 
 
 def find_nearness(
-    posed: PosedPoints, crowd: Crowd, views: Sequence[View | None], cameras: Sequence[Camera], config: VisibilityConfig
+    posed: PosedPoints,
+    memory: BystanderMemory,
+    views: Sequence[View | None],
+    cameras: Sequence[Camera],
+    config: VisibilityConfig,
 ) -> Nearness:
     """Distances from the posed skin to what is seen of all others, and to theirs that is remembered."""
-    others, shown = crowd.others, seen_skin(posed, views, cameras, config)
+    others, shown = memory.without_patient, seen_skin(posed, views, cameras, config)
     person, point, distance, remembered = [], [], [], []
     for label in np.flatnonzero(np.bincount(others.owner)).tolist():
         own = np.flatnonzero(_within(others.points_m, posed.points_m) & (others.owner == label))

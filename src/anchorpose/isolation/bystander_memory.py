@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.isolation.config import IsolationConfig
-from anchorpose.isolation.ownership import Claims
+from anchorpose.isolation.ownership import OwnershipLikelihood
 from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel, View
 
@@ -22,7 +22,7 @@ CELL_M = 0.05  # skin that is seen again replaces what is remembered within it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Crowd:
+class BystanderMemory:
     """The skin of all people as last seen: points_m (n, 3) float32 world, owner (n,) uint8 label, age_s (n,) float32.
 
     next_label: the label that a new person gets.
@@ -34,33 +34,39 @@ class Crowd:
     next_label: int
 
     @property
-    def others(self) -> Crowd:
+    def without_patient(self) -> BystanderMemory:
         """Everybody but the patient."""
         return self.without(np.array([PixelLabel.PATIENT]))
 
-    def without(self, labels: np.ndarray) -> Crowd:
+    def without(self, labels: np.ndarray) -> BystanderMemory:
         """Everybody but those of the labels (k,)."""
         return self._of(~np.isin(self.owner, labels))
 
-    def _of(self, kept: np.ndarray) -> Crowd:
-        return Crowd(self.points_m[kept], self.owner[kept], self.age_s[kept], self.next_label)
+    def _of(self, kept: np.ndarray) -> BystanderMemory:
+        return BystanderMemory(self.points_m[kept], self.owner[kept], self.age_s[kept], self.next_label)
 
-    def claims(self, elapsed_s: float, config: IsolationConfig) -> Claims:
+    def likelihood(self, elapsed_s: float, config: IsolationConfig) -> OwnershipLikelihood:
         """What everybody claims ``elapsed_s`` after the last frame: skin moves, and what was hidden longest most."""
         spread = np.hypot(config.memory_sigma_m, config.memory_speed_m_s * (self.age_s + abs(elapsed_s)))
-        return Claims(self.points_m, self.owner, spread.astype(np.float32))
+        return OwnershipLikelihood(self.points_m, self.owner, spread.astype(np.float32))
 
 
-def nobody() -> Crowd:
+def empty_memory() -> BystanderMemory:
     """An empty room."""
-    return Crowd(np.zeros((0, 3), np.float32), np.zeros(0, np.uint8), np.zeros(0, np.float32), PixelLabel.OTHER_PERSON)
+    return BystanderMemory(
+        np.zeros((0, 3), np.float32), np.zeros(0, np.uint8), np.zeros(0, np.float32), PixelLabel.OTHER_PERSON
+    )
 
 
-def remember(
-    before: Crowd, pieces: Sequence[Pieces | None], views: Sequence[View | None], cameras: Sequence[Camera],
-    elapsed_s: float, config: IsolationConfig,
-) -> Crowd:  # fmt: skip
-    """The crowd after one more frame.
+def update_memory(
+    before: BystanderMemory,
+    pieces: Sequence[Pieces | None],
+    views: Sequence[View | None],
+    cameras: Sequence[Camera],
+    elapsed_s: float,
+    config: IsolationConfig,
+) -> BystanderMemory:
+    """The memory after one more frame.
 
     Skin that no camera can see now, because something stands before it, is remembered for ``memory_s``; where a camera
     looks past it, it has gone. Clusters too small to be a person are left out: an arm of the patient that was once
@@ -68,13 +74,13 @@ def remember(
     """
     points, owner = _seen_now(pieces, views)
     kept = _hidden_since(before, points, pieces, cameras, elapsed_s, config)
-    crowd = Crowd(
+    memory = BystanderMemory(
         np.concatenate([points, kept.points_m]),
         np.concatenate([owner, kept.owner]),
         np.concatenate([np.zeros(len(points), np.float32), kept.age_s]),
         max(before.next_label, int(owner.max(initial=0)) + 1),
     )
-    return crowd._of(_in_large_clusters(crowd, config))
+    return memory._of(_in_large_clusters(memory, config))
 
 
 def _seen_now(pieces: Sequence[Pieces | None], views: Sequence[View | None]) -> tuple[np.ndarray, np.ndarray]:
@@ -93,10 +99,14 @@ def _seen_now(pieces: Sequence[Pieces | None], views: Sequence[View | None]) -> 
 
 
 def _hidden_since(
-    before: Crowd, seen_m: np.ndarray, pieces: Sequence[Pieces | None], cameras: Sequence[Camera], elapsed_s: float,
+    before: BystanderMemory,
+    seen_m: np.ndarray,
+    pieces: Sequence[Pieces | None],
+    cameras: Sequence[Camera],
+    elapsed_s: float,
     config: IsolationConfig,
-) -> Crowd:  # fmt: skip
-    """What of the crowd was seen before, not now, and may still be where it was."""
+) -> BystanderMemory:
+    """What of the memory was seen before, not now, and may still be where it was."""
     age = before.age_s + np.float32(abs(elapsed_s))
     kept = np.flatnonzero((age < config.memory_s) & ~_near(before.points_m, seen_m))
     points = before.points_m[kept]
@@ -109,7 +119,7 @@ def _hidden_since(
         depth = piece.depth_m[row, column]
         hidden &= ~inside | ((depth > 0) & (depth < in_camera[:, 2] - CELL_M)) | (in_camera[:, 2] <= 0)
     kept = kept[hidden]
-    return Crowd(before.points_m[kept], before.owner[kept], age[kept], before.next_label)
+    return BystanderMemory(before.points_m[kept], before.owner[kept], age[kept], before.next_label)
 
 
 def _near(points_m: np.ndarray, seen_m: np.ndarray) -> np.ndarray:
@@ -124,12 +134,12 @@ def _near(points_m: np.ndarray, seen_m: np.ndarray) -> np.ndarray:
     return near
 
 
-def _in_large_clusters(crowd: Crowd, config: IsolationConfig) -> np.ndarray:
+def _in_large_clusters(memory: BystanderMemory, config: IsolationConfig) -> np.ndarray:
     """(n,) bool: points that hang together with enough of the same person's to be a person."""
-    large = np.zeros(len(crowd.owner), dtype=bool)
-    for label in np.flatnonzero(np.bincount(crowd.owner)):
-        own = np.flatnonzero(crowd.owner == label)
-        points = crowd.points_m[own]
+    large = np.zeros(len(memory.owner), dtype=bool)
+    for label in np.flatnonzero(np.bincount(memory.owner)):
+        own = np.flatnonzero(memory.owner == label)
+        points = memory.points_m[own]
         cube = np.floor((points - points.min(axis=0)) / config.cluster_gap_m).astype(np.int64)
         filled = np.zeros(cube.max(axis=0) + 1, dtype=bool)
         filled[tuple(cube.T)] = True

@@ -21,7 +21,7 @@ class IsolationConfig:
     crumb_area_m2: float = 0.0005  # a piece smaller than a finger's end is nobody
     trunk_radius_m: float = 0.15  # half a trunk's depth and some clothes: what stands there is this person
     claim_gate: float = 3.0  # sigmas: skin farther from where it is expected is not claimed, it has to grow
-    sure_lead: float = 2.0  # squared deviations by which a claim must be stronger than its rivals
+    least_lead: float = 2.0  # squared deviations by which a claim must be stronger than its rivals
     crease_cost: float = 4.0  # steps over the surface for each deviation of the noise that a valley is deep
     memory_sigma_m: float = 0.012  # noise and half the spacing of remembered points
     memory_speed_m_s: float = 0.30  # of skin between frames: people who hold or stand; who walks grows

@@ -18,7 +18,7 @@ from anchorpose.calibration.start import FRAMES_NEEDED, people_only
 from anchorpose.camera import Camera, transform_points
 from anchorpose.isolation.background import BackgroundModel, BackgroundSource, equipment_depth
 from anchorpose.isolation.config import IsolationConfig
-from anchorpose.isolation.resting import people_who_stay
+from anchorpose.isolation.resting import resting_people
 from anchorpose.recording.equipment import EquipmentModel
 
 LEAN_M = 0.25  # beyond the outline on the ground: arms over the rails, and the back
@@ -27,9 +27,16 @@ SOLE_M = 0.015  # above the floor: what the plane may be off, and a third of a f
 
 
 def clear_equipment(
-    room_m: np.ndarray, sigma_m: np.ndarray, camera: Camera, equipment: EquipmentModel, drawn_m: np.ndarray,
-    walls_m: np.ndarray, floor_height_m: float | None, noise_per_m: float, config: IsolationConfig,
-) -> np.ndarray:  # fmt: skip
+    room_m: np.ndarray,
+    sigma_m: np.ndarray,
+    camera: Camera,
+    equipment: EquipmentModel,
+    drawn_m: np.ndarray,
+    walls_m: np.ndarray,
+    floor_height_m: float | None,
+    noise_per_m: float,
+    config: IsolationConfig,
+) -> np.ndarray:
     """``room_m`` as it would be if nobody stood in the equipment, (height, width) float32.
 
     room_m, sigma_m (height, width): what stays in place, 0 = unknown; drawn_m: ``equipment_depth``; walls_m:
@@ -150,7 +157,7 @@ def learn_background(
 
     picture_m (height, width) float32 or None; frames_m: pictures of the same shape, spread over the recording; the
     camera has a pose. Without a picture the background is what is farthest most of the time, less those who never
-    leave their place: who stands in the equipment (``clear_equipment``), and ``people_who_stay``, behind whom
+    leave their place: who stands in the equipment (``clear_equipment``), and ``resting_people``, behind whom
     only floor and walls are known. floor_height_m: None where no floor is seen; the equipment is not needed beside a
     picture.
     Raises ValueError without frames.
@@ -175,7 +182,7 @@ def learn_background(
     room = depth if drawn is None else np.where(drawn > 0, np.float32(0.0), depth)  # a rail joins people to each other
     if len(frames_m) < FRAMES_NEEDED:
         nearer = []
-    somebody = people_who_stay(room, nearer, camera, floor_height_m, noise, config)
+    somebody = resting_people(room, nearer, camera, floor_height_m, noise, config)
     depth[somebody] = walls[somebody]
     sigma = np.maximum(sigma, np.float32(noise) * depth**2)  # also where geometry put the background in
     return BackgroundModel(depth, sigma, noise, focal_px, BackgroundSource.RECORDING)

@@ -19,7 +19,7 @@ SAMPLING_M = 0.01  # half the distance of neighbouring claims: so far from the n
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Claims:
+class OwnershipLikelihood:
     """points_m (n, 3) float32 world: skin, sampled; owner (n,) uint8 label; sigma_m (n,) float32: spread about it."""
 
     points_m: np.ndarray
@@ -31,59 +31,70 @@ class Claims:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ClaimGrid:
-    """Claims sorted by cells: those of cell c are start[c] to start[c + 1].
+class LikelihoodGrid:
+    """OwnershipLikelihood sorted by cells: those of cell c are start[c] to start[c + 1].
 
     origin_m (3,) float32; around (a, b, c) uint8: who has claims in a cell and the 26 around it, 0 = nobody, MIXED =
     more than one person.
     """
 
-    claims: Claims
+    likelihood: OwnershipLikelihood
     start: np.ndarray
     origin_m: np.ndarray
     around: np.ndarray
 
 
-def join_claims(claims: Sequence[Claims]) -> Claims:
+def join_likelihoods(parts: Sequence[OwnershipLikelihood]) -> OwnershipLikelihood:
     """All claims together."""
-    if not claims:
-        return Claims(np.zeros((0, 3), np.float32), np.zeros(0, np.uint8), np.zeros(0, np.float32))
-    return Claims(
-        np.concatenate([claim.points_m for claim in claims]).astype(np.float32, copy=False),
-        np.concatenate([claim.owner for claim in claims]).astype(np.uint8, copy=False),
-        np.concatenate([claim.sigma_m for claim in claims]).astype(np.float32, copy=False),
+    if not parts:
+        return OwnershipLikelihood(np.zeros((0, 3), np.float32), np.zeros(0, np.uint8), np.zeros(0, np.float32))
+    return OwnershipLikelihood(
+        np.concatenate([part.points_m for part in parts]).astype(np.float32, copy=False),
+        np.concatenate([part.owner for part in parts]).astype(np.uint8, copy=False),
+        np.concatenate([part.sigma_m for part in parts]).astype(np.float32, copy=False),
     )
 
 
-def sort_claims(claims: Claims) -> ClaimGrid:
+def sort_likelihood(likelihood: OwnershipLikelihood) -> LikelihoodGrid:
     """Sort claims (at least one) into cells."""
-    origin = (claims.points_m.min(axis=0) - CELL_M).astype(np.float32)
-    cell = np.floor((claims.points_m - origin) / np.float32(CELL_M)).astype(np.int64)
+    origin = (likelihood.points_m.min(axis=0) - CELL_M).astype(np.float32)
+    cell = np.floor((likelihood.points_m - origin) / np.float32(CELL_M)).astype(np.int64)
     shape = cell.max(axis=0) + 2
     flat = (cell[:, 0] * shape[1] + cell[:, 1]) * shape[2] + cell[:, 2]
     start = np.zeros(int(shape.prod()) + 1, np.int32)
     np.cumsum(np.bincount(flat, minlength=int(shape.prod())), out=start[1:])
     order = np.argsort(flat, kind="stable")
     around = np.zeros(shape, np.uint8)
-    _spread_owners(around, cell, claims.owner)
-    ordered = Claims(claims.points_m[order], claims.owner[order], claims.sigma_m[order])
-    return ClaimGrid(ordered, start, origin, around)
+    _spread_owners(around, cell, likelihood.owner)
+    ordered = OwnershipLikelihood(likelihood.points_m[order], likelihood.owner[order], likelihood.sigma_m[order])
+    return LikelihoodGrid(ordered, start, origin, around)
 
 
-def contest(grid: ClaimGrid, places_m: np.ndarray, asked: np.ndarray, gate: float, sure_lead: float) -> np.ndarray:
+def decide_ownership(
+    grid: LikelihoodGrid, places_m: np.ndarray, asked: np.ndarray, gate: float, least_lead: float
+) -> np.ndarray:
     """(m,) uint8: who claims each place (m, 3) float32 for sure, 0 = nobody.
 
     Where all claims around are one person's, it is his. Elsewhere, and only where ``asked`` (m,) bool, the strongest
     claim decides, that is the least (d / sigma)^2 + 2 log(sigma) with d the distance to the skin: the likelihood of a
-    reading that is off the skin by d. It has to lead everybody else's by ``sure_lead``; claims farther off than
+    reading that is off the skin by d. It has to lead everybody else's by ``least_lead``; claims farther off than
     ``gate`` of their sigmas do not count.
     """
-    claims = grid.claims
-    weight, penalty = 1.0 / claims.sigma_m**2, 2.0 * np.log(claims.sigma_m)
-    return _contest(
-        claims.points_m, claims.owner, weight, penalty, grid.start, grid.origin_m, grid.around, places_m, asked, gate,
-        sure_lead,
-    )  # fmt: skip
+    likelihood = grid.likelihood
+    weight, penalty = 1.0 / likelihood.sigma_m**2, 2.0 * np.log(likelihood.sigma_m)
+    return _decide(
+        likelihood.points_m,
+        likelihood.owner,
+        weight,
+        penalty,
+        grid.start,
+        grid.origin_m,
+        grid.around,
+        places_m,
+        asked,
+        gate,
+        least_lead,
+    )
 
 
 @njit(cache=True)
@@ -105,10 +116,19 @@ def _spread_owners(around: np.ndarray, cell: np.ndarray, owner: np.ndarray) -> N
 
 
 @njit(cache=True)
-def _contest(
-    points: np.ndarray, owners: np.ndarray, weight: np.ndarray, penalty: np.ndarray, start: np.ndarray,
-    origin: np.ndarray, around: np.ndarray, places: np.ndarray, asked: np.ndarray, gate: float, sure_lead: float,
-) -> np.ndarray:  # fmt: skip
+def _decide(
+    points: np.ndarray,
+    owners: np.ndarray,
+    weight: np.ndarray,
+    penalty: np.ndarray,
+    start: np.ndarray,
+    origin: np.ndarray,
+    around: np.ndarray,
+    places: np.ndarray,
+    asked: np.ndarray,
+    gate: float,
+    least_lead: float,
+) -> np.ndarray:
     shape = around.shape
     won = np.zeros(len(places), np.uint8)
     cell_m = np.float32(CELL_M)
@@ -141,7 +161,7 @@ def _contest(
                         rival, best, owner = best, cost, owners[k]
                     elif cost < rival:
                         rival = cost
-        if owner > 0 and rival - best >= sure_lead:
+        if owner > 0 and rival - best >= least_lead:
             won[i] = owner
     return won
 
@@ -151,7 +171,7 @@ CREASE_PX = 3  # a crease is looked for over three pixels to either side: a fing
 DEEPEST = 60  # steps that a crease may cost: as many pixels as a forearm is long
 
 
-def grow_owners(view: Pieces, owner: np.ndarray, crease_cost: float) -> np.ndarray:
+def grow_regions(view: Pieces, owner: np.ndarray, crease_cost: float) -> np.ndarray:
     """Spread owners over the surface along the cheapest ways, until they meet or the depth jumps.
 
     owner (n,) uint8 for each foreground pixel: NOBODY where it is still open. A step costs one, and in a valley more:
@@ -161,9 +181,16 @@ def grow_owners(view: Pieces, owner: np.ndarray, crease_cost: float) -> np.ndarr
     """
     grown = owner.copy()
     _spread(
-        view.index, view.depth_m, view.limit.square, view.limit.slope, view.row, view.column,
-        grown, crease_cost, float(np.sqrt(1.5)) * view.noise_per_m,
-    )  # fmt: skip
+        view.index,
+        view.depth_m,
+        view.limit.square,
+        view.limit.slope,
+        view.row,
+        view.column,
+        grown,
+        crease_cost,
+        float(np.sqrt(1.5)) * view.noise_per_m,
+    )
     return grown
 
 
@@ -181,9 +208,16 @@ def _valley(grid: np.ndarray, depth: np.ndarray, r: int, c: int, d_r: int, d_c: 
 
 @njit(cache=True)
 def _spread(
-    grid: np.ndarray, depth: np.ndarray, square: float, slope: float, row: np.ndarray, column: np.ndarray,
-    owner: np.ndarray, crease_cost: float, noise: float,
-) -> None:  # fmt: skip
+    grid: np.ndarray,
+    depth: np.ndarray,
+    square: float,
+    slope: float,
+    row: np.ndarray,
+    column: np.ndarray,
+    owner: np.ndarray,
+    crease_cost: float,
+    noise: float,
+) -> None:
     """Dijkstra with a ring of buckets, linked lists of pixels; costs are whole steps."""
     height, width = grid.shape
     ring = DEEPEST + 2

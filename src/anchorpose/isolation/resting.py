@@ -22,7 +22,7 @@ RING_PX: Final = 11  # around a body, 3 cm at 2 m
 BESIDE_PX: Final = 2  # from the border of a piece to what may hang on to it
 
 
-def people_who_stay(
+def resting_people(
     room_m: np.ndarray,
     nearer: Sequence[np.ndarray],
     camera: Camera,

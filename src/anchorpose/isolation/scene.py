@@ -106,9 +106,14 @@ class Pieces:
         row, column = self.row[kept], self.column[kept]
         index[row, column] = np.arange(len(row), dtype=np.int32)
         return replace(
-            self, index=index, row=row, column=column, piece=self.piece[kept], points_m=self.points_m[kept],
+            self,
+            index=index,
+            row=row,
+            column=column,
+            piece=self.piece[kept],
+            points_m=self.points_m[kept],
             area_m2=self.area_m2[kept],
-        )  # fmt: skip
+        )
 
 
 def set_scene(

@@ -7,19 +7,27 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from anchorpose.isolation.bystander_memory import SAMPLE_PX, Crowd
+from anchorpose.isolation.bystander_memory import SAMPLE_PX, BystanderMemory
 from anchorpose.isolation.config import IsolationConfig
-from anchorpose.isolation.ownership import NOBODY, ClaimGrid, Claims, contest, grow_owners, join_claims, sort_claims
+from anchorpose.isolation.ownership import (
+    NOBODY,
+    LikelihoodGrid,
+    OwnershipLikelihood,
+    decide_ownership,
+    grow_regions,
+    join_likelihoods,
+    sort_likelihood,
+)
 from anchorpose.isolation.people import PatientChoice, People, find_columns, find_people, ground_distance
 from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel, View
 
-CONTEST_PX = 2  # of what two people claim every second row and column is contested; the pixels between grow from them
+DECISION_PX = 2  # of what two people claim every second row and column is contested; the pixels between grow from them
 LAST_LABEL = 254
 FIRST_EARLIER_LABEL = 128  # of people met on the way back in time
 
 
-def separate_first(
+def separate_initial(
     pieces: Sequence[Pieces | None], people: People, choice: PatientChoice, config: IsolationConfig
 ) -> tuple[View | None, ...]:
     """Label each camera's pixels where nothing is known of an earlier frame.
@@ -35,32 +43,36 @@ def separate_first(
     owners: list[np.ndarray | None] = []
     for view, of in zip(pieces, people.of, strict=True):
         trunks = None if view is None or of is None else _trunks(view, of, axes, label, config)
-        owners.append(None if view is None or trunks is None else grow_owners(view, trunks, config.crease_cost))
+        owners.append(None if view is None or trunks is None else grow_regions(view, trunks, config.crease_cost))
     return _views(pieces, _with_detached(pieces, owners, config))
 
 
 def separate(
-    pieces: Sequence[Pieces | None], crowd: Crowd, expected: Claims | None, elapsed_s: float, config: IsolationConfig
+    pieces: Sequence[Pieces | None],
+    memory: BystanderMemory,
+    expected: OwnershipLikelihood | None,
+    elapsed_s: float,
+    config: IsolationConfig,
 ) -> tuple[View | None, ...]:
     """Label each camera's pixels by who was where ``elapsed_s`` ago and, if given, by predicted skin.
 
     expected: what those claim whose skin is predicted; the others claim where they were seen last. A pixel goes to the
-    strongest claim if that is clearly stronger than all others' (``sure_lead``). What is left, between two people or
-    outrunning every claim, goes to whom it hangs together with (``grow_owners``); a piece by itself to whom it nearly
+    strongest claim if that is clearly stronger than all others' (``least_lead``). What is left, between two people or
+    outrunning every claim, goes to whom it hangs together with (``grow_regions``); a piece by itself to whom it nearly
     touches (a bar cuts a forearm off); what is far from everybody and as large as a person is a new person.
     elapsed_s: negative where time is followed backwards; who is met there first has labels of another range, so that
     nobody met later bears the same.
     """
-    remembered = crowd if expected is None else crowd.without(np.flatnonzero(np.bincount(expected.owner)))
-    claims = join_claims([remembered.claims(elapsed_s, config), *([] if expected is None else [expected])])
-    grid = sort_claims(claims) if len(claims) else None
-    claimed = [None if view is None else _contested(view, grid, config) for view in pieces]
+    remembered = memory if expected is None else memory.without(np.flatnonzero(np.bincount(expected.owner)))
+    likelihood = join_likelihoods([remembered.likelihood(elapsed_s, config), *([] if expected is None else [expected])])
+    grid = sort_likelihood(likelihood) if len(likelihood) else None
+    claimed = [None if view is None else _owners_by_likelihood(view, grid, config) for view in pieces]
     owners = [
-        None if view is None or owner is None else grow_owners(view, owner, config.crease_cost)
+        None if view is None or owner is None else grow_regions(view, owner, config.crease_cost)
         for view, owner in zip(pieces, claimed, strict=True)
     ]
     owners = _with_detached(pieces, owners, config)
-    free = crowd.next_label if elapsed_s >= 0 else max(crowd.next_label, FIRST_EARLIER_LABEL)
+    free = memory.next_label if elapsed_s >= 0 else max(memory.next_label, FIRST_EARLIER_LABEL)
     owners = _with_newcomers(pieces, owners, free, config)
     # what he was taken for before proves nothing
     predicted: Sequence[np.ndarray | None] = [None] * len(pieces) if expected is None else claimed
@@ -78,16 +90,16 @@ def _trunks(view: Pieces, of: np.ndarray, axes: np.ndarray, label: np.ndarray, c
     return np.where((of >= 0) & (near | alone[view.piece]), label[of], NOBODY).astype(np.uint8)
 
 
-def _contested(view: Pieces, grid: ClaimGrid | None, config: IsolationConfig) -> np.ndarray:
+def _owners_by_likelihood(view: Pieces, grid: LikelihoodGrid | None, config: IsolationConfig) -> np.ndarray:
     """(n,) uint8 owner of each foreground pixel by claims alone."""
     if grid is None:
         return np.zeros(len(view.row), np.uint8)
-    return contest(grid, view.points_m, _asked(view), config.claim_gate, config.sure_lead)
+    return decide_ownership(grid, view.points_m, _asked(view), config.claim_gate, config.least_lead)
 
 
 def _asked(view: Pieces) -> np.ndarray:
     """(n,) bool: the pixels at which rivals' claims are weighed."""
-    return np.asarray((view.row % CONTEST_PX == 0) & (view.column % CONTEST_PX == 0))
+    return np.asarray((view.row % DECISION_PX == 0) & (view.column % DECISION_PX == 0))
 
 
 def _with_detached(
@@ -118,9 +130,12 @@ def _around_open(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The corners (3,) of the box around all pixels that nobody owns, and some way on."""
     places = np.concatenate(
-        [view.points_m[owner == NOBODY] for view, owner in zip(pieces, owners, strict=True)
-         if view is not None and owner is not None]
-    )  # fmt: skip
+        [
+            view.points_m[owner == NOBODY]
+            for view, owner in zip(pieces, owners, strict=True)
+            if view is not None and owner is not None
+        ]
+    )
     return places.min(axis=0) - reach_m, places.max(axis=0) + reach_m
 
 
@@ -157,8 +172,11 @@ def _with_newcomers(
     pieces: Sequence[Pieces | None], owners: Sequence[np.ndarray | None], next_label: int, config: IsolationConfig
 ) -> list[np.ndarray | None]:
     """Owners with new labels for what nobody owns and is a person by size."""
-    area = sum(float(view.area_m2[owner == NOBODY].sum()) for view, owner in zip(pieces, owners, strict=True)
-               if view is not None and owner is not None)  # fmt: skip
+    area = sum(
+        float(view.area_m2[owner == NOBODY].sum())
+        for view, owner in zip(pieces, owners, strict=True)
+        if view is not None and owner is not None
+    )
     if area < config.person_area_m2:
         return list(owners)
     open_only = [
@@ -178,9 +196,12 @@ def _with_newcomers(
 
 
 def _one_patient(
-    pieces: Sequence[Pieces | None], owners: Sequence[np.ndarray | None], claimed: Sequence[np.ndarray | None],
-    free: int, config: IsolationConfig,
-) -> list[np.ndarray | None]:  # fmt: skip
+    pieces: Sequence[Pieces | None],
+    owners: Sequence[np.ndarray | None],
+    claimed: Sequence[np.ndarray | None],
+    free: int,
+    config: IsolationConfig,
+) -> list[np.ndarray | None]:
     """Owners with whoever stands apart from the patient, and was taken for part of him, split off.
 
     The patient is where most of what he owns is; a further column of his that is a person by size is one, unless his
@@ -211,7 +232,7 @@ def _one_patient(
             his = view.only(owner == PixelLabel.PATIENT)
             of = np.argmin([ground_distance(his.points_m, axis) for axis in axes], axis=0)
             seeds = np.where(ground_distance(his.points_m, axes[of]) < config.trunk_radius_m, label[of], NOBODY)
-            grown = grow_owners(his, seeds.astype(np.uint8), config.crease_cost)
+            grown = grow_regions(his, seeds.astype(np.uint8), config.crease_cost)
             owner = owner.copy()
             owner[owner == PixelLabel.PATIENT] = np.where(grown == NOBODY, PixelLabel.PATIENT, grown)
         split.append(owner)
@@ -219,9 +240,11 @@ def _one_patient(
 
 
 def _expected_share(
-    pieces: Sequence[Pieces | None], owners: Sequence[np.ndarray | None], claimed: Sequence[np.ndarray | None],
+    pieces: Sequence[Pieces | None],
+    owners: Sequence[np.ndarray | None],
+    claimed: Sequence[np.ndarray | None],
     axes: np.ndarray,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """(k,) share of what the patient owns about each axis that he claimed himself, before it grew to him."""
     own, every = np.zeros(len(axes)), np.zeros(len(axes))
     for view, owner, claim in zip(pieces, owners, claimed, strict=True):

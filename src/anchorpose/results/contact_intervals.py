@@ -18,7 +18,7 @@ class ContactConfig:
     """When skin is touched, when that is a contact, and when it has ended."""
 
     # A contact is skin within 3 cm of skin. A camera sees the back of the hand that holds: its thickness, 2 cm at the
-    # fingers, comes on top, and half the spacing of the crowd's points.
+    # fingers, comes on top, and half the spacing of the remembered points.
     reach_m: float = 0.06
     begin_m2: float = 0.0025  # a few finger tips; less is noise at the border between two people
     keep_m2: float = 0.0007  # of a contact that has begun: one skin point

@@ -22,7 +22,7 @@ from anchorpose.body.pose import DEGREE, POSE_SIZE, Pose
 from anchorpose.body.registration import PoseBelief, RegistrationConfig, posterior, register, vague_belief
 from anchorpose.body.skin_points import RestPoints, SkinPoints, pose_points, rest_points
 from anchorpose.camera import Camera
-from anchorpose.isolation.ownership import Claims, join_claims
+from anchorpose.isolation.ownership import OwnershipLikelihood, join_likelihoods
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface.mesh import SheetConfig, build_surface
 from anchorpose.surface.surface import Surface
@@ -113,15 +113,17 @@ class Bystanders:
     searched: tuple[Search, ...] = ()
 
 
-def claims_of(bystanders: Bystanders, points: SkinPoints, elapsed_s: float, config: BystanderConfig) -> Claims:
+def bystander_likelihood(
+    bystanders: Bystanders, points: SkinPoints, elapsed_s: float, config: BystanderConfig
+) -> OwnershipLikelihood:
     """What their bodies claim ``elapsed_s`` after the frame they were fitted to; 0: in that frame itself."""
     spread = config.skin_sigma_m + config.growth_m_s * abs(elapsed_s)
     found = []
     for one in bystanders.followed:
         skin = pose_points(points, one.rest, _ahead(one, points, elapsed_s, config)).points_m.astype(np.float32)
         owner, sigma = np.full(len(skin), one.label, np.uint8), np.full(len(skin), spread, np.float32)
-        found.append(Claims(skin, owner, sigma))
-    return join_claims(found)
+        found.append(OwnershipLikelihood(skin, owner, sigma))
+    return join_likelihoods(found)
 
 
 def follow_bystanders(

@@ -12,18 +12,18 @@ from anchorpose.body.skin_points import body_points
 from anchorpose.geodesics.anchors import Anchors, find_anchors
 from anchorpose.geodesics.descriptor import anchor_descriptor
 from anchorpose.geodesics.trusted_anchors import trusted_anchors
-from anchorpose.isolation.bystander_memory import Crowd, nobody, remember
+from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory, update_memory
 from anchorpose.isolation.config import IsolationConfig
-from anchorpose.isolation.ownership import Claims, join_claims
+from anchorpose.isolation.ownership import OwnershipLikelihood, join_likelihoods
 from anchorpose.isolation.people import PatientChoice, find_people
 from anchorpose.isolation.scene import Pieces, find_pieces
-from anchorpose.isolation.separation import separate, separate_first
+from anchorpose.isolation.separation import separate, separate_initial
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.recording.recording import FrameSet
 from anchorpose.surface.border import Border, border
 from anchorpose.surface.patient_surface import blank_view, patient_surface
 from anchorpose.surface.surface import ExpectedSkin, Surface, seen_part
-from anchorpose.tracker.bystanders import Bystanders, claims_of, follow_bystanders
+from anchorpose.tracker.bystanders import Bystanders, bystander_likelihood, follow_bystanders
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.room import FACING, UP, Room
 from anchorpose.tracker.stopwatch import Stopwatch
@@ -51,7 +51,7 @@ class Observation:
     seen node to each anchor, inf where not reached, NaN where missed, or where a hole lengthens it and enough others
     are left. expected: where the patient was expected,
     None in a frame of which nothing was. border (n,) uint8 of ``Border``: what each seen node ends at. pieces: the
-    people's pixels, so that they can be told apart again; crowd: where everybody's skin is.
+    people's pixels, so that they can be told apart again; memory: where everybody's skin is.
     """
 
     frame_set: FrameSet
@@ -62,7 +62,7 @@ class Observation:
     descriptor: np.ndarray
     border: np.ndarray
     pieces: tuple[Pieces | None, ...]
-    crowd: Crowd
+    memory: BystanderMemory
     bystanders: Bystanders
 
     @property
@@ -77,9 +77,9 @@ def observe_first(
     """A frame of which nothing is expected but where the patient stands."""
     with watch.stage("isolation"):
         pieces = _find_pieces(frame_set, room, config)
-        views = separate_first(pieces, find_people(pieces, config.isolation), choice, config.isolation)
+        views = separate_initial(pieces, find_people(pieces, config.isolation), choice, config.isolation)
     others = _follow_others(Bystanders(), views, room, 0.0, config, watch)
-    return _observed(frame_set, room, pieces, views, None, nobody(), others, 0.0, height_m, config, watch)
+    return _observed(frame_set, room, pieces, views, None, empty_memory(), others, 0.0, height_m, config, watch)
 
 
 def observe(
@@ -92,7 +92,9 @@ def observe(
     elapsed_s = frame_set.time_s - before.frame_set.time_s  # negative on the way back to the start
     views = _separated(pieces, expected, before, before.bystanders, elapsed_s, elapsed_s, config, watch)
     others = _follow_others(before.bystanders, views, room, elapsed_s, config, watch)
-    return _observed(frame_set, room, pieces, views, expected, before.crowd, others, elapsed_s, height_m, config, watch)
+    return _observed(
+        frame_set, room, pieces, views, expected, before.memory, others, elapsed_s, height_m, config, watch
+    )
 
 
 def observe_again(
@@ -103,7 +105,7 @@ def observe_again(
     elapsed_s = seen.frame_set.time_s - before.frame_set.time_s
     views = _separated(seen.pieces, expected, before, seen.bystanders, elapsed_s, 0.0, config, watch)
     return _observed(
-        seen.frame_set, room, seen.pieces, views, expected, before.crowd, seen.bystanders, elapsed_s, height_m, config,
+        seen.frame_set, room, seen.pieces, views, expected, before.memory, seen.bystanders, elapsed_s, height_m, config,
         watch,
     )  # fmt: skip
 
@@ -114,9 +116,9 @@ def _separated(
 ) -> tuple[View | None, ...]:  # fmt: skip
     """Everybody's pixels; ahead_s: from the frame that the bystanders' bodies were fitted to to this one."""
     with watch.stage("isolation"):
-        others = claims_of(bystanders, body_points(), ahead_s, config.bystanders)
-        claims = join_claims([others, patient_claims(expected, config.isolation)])
-        return separate(pieces, before.crowd, claims, elapsed_s, config.isolation)
+        others = bystander_likelihood(bystanders, body_points(), ahead_s, config.bystanders)
+        likelihood = join_likelihoods([others, patient_likelihood(expected, config.isolation)])
+        return separate(pieces, before.memory, likelihood, elapsed_s, config.isolation)
 
 
 def _follow_others(
@@ -127,7 +129,7 @@ def _follow_others(
         return follow_bystanders(before, views, room.cameras, body_points(), elapsed_s, config.bystanders)
 
 
-def patient_claims(expected: Expectation, config: IsolationConfig) -> Claims:
+def patient_likelihood(expected: Expectation, config: IsolationConfig) -> OwnershipLikelihood:
     """What the patient claims by his predicted skin.
 
     A limb that has been hidden for long claims nothing: whatever it met would be taken for it. What is seen of it again
@@ -136,7 +138,7 @@ def patient_claims(expected: Expectation, config: IsolationConfig) -> Claims:
     spread = config.skin_sigma_m + config.prediction_growth_m * expected.frames_without_fit
     sure = expected.sigma_m < config.loosest_claim_m
     sigma = np.hypot(spread, expected.sigma_m[sure]).astype(np.float32)
-    return Claims(expected.skin.points_m[sure], np.full(len(sigma), PixelLabel.PATIENT, np.uint8), sigma)
+    return OwnershipLikelihood(expected.skin.points_m[sure], np.full(len(sigma), PixelLabel.PATIENT, np.uint8), sigma)
 
 
 def _find_pieces(frame_set: FrameSet, room: Room, config: TrackConfig) -> list[Pieces | None]:
@@ -148,7 +150,7 @@ def _find_pieces(frame_set: FrameSet, room: Room, config: TrackConfig) -> list[P
 
 def _observed(
     frame_set: FrameSet, room: Room, pieces: Sequence[Pieces | None], views: Sequence[View | None],
-    expected: Expectation | None, before: Crowd, bystanders: Bystanders, elapsed_s: float, height_m: float,
+    expected: Expectation | None, before: BystanderMemory, bystanders: Bystanders, elapsed_s: float, height_m: float,
     config: TrackConfig, watch: Stopwatch,
 ) -> Observation:  # fmt: skip
     shown = [blank_view(camera) if view is None else view for view, camera in zip(views, room.cameras, strict=True)]
@@ -166,10 +168,10 @@ def _observed(
             descriptor = np.where(trusted, descriptor, np.nan).astype(np.float32)
         descriptor = descriptor[: len(surface)]
     with watch.stage("isolation"):
-        crowd = remember(before, pieces, views, room.cameras, elapsed_s, config.isolation)
+        memory = update_memory(before, pieces, views, room.cameras, elapsed_s, config.isolation)
     with watch.stage("registration"):
         evidence = gather_evidence(surface, views, room.cameras)
     return Observation(
-        frame_set, expected, evidence, whole, anchors, descriptor, kind[: len(surface)], tuple(pieces), crowd,
+        frame_set, expected, evidence, whole, anchors, descriptor, kind[: len(surface)], tuple(pieces), memory,
         bystanders,
     )  # fmt: skip

@@ -213,7 +213,7 @@ class _Work:
             return None
         with self.watch.stage("contacts"):
             posed = pose_points(body_points(), self.rest, belief.pose)
-            return find_nearness(posed, seen.crowd, seen.evidence.views, seen.evidence.cameras, self.config.visibility)
+            return find_nearness(posed, seen.memory, seen.evidence.views, seen.evidence.cameras, self.config.visibility)
 
     def _smoothed(self, record: FrameRecord, answer: Passed) -> FrameRecord:
         """The record with both passes' answer."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from anchorpose.isolation.bystander_memory import SAMPLE_PX, remember
+from anchorpose.isolation.bystander_memory import SAMPLE_PX, update_memory
 from anchorpose.isolation.people import PatientChoice, Person, find_people, ground_distance
 from anchorpose.isolation.scene import Pieces, find_pieces
 from anchorpose.isolation.separation import separate
@@ -28,9 +28,9 @@ class Search:
     """
 
     def __init__(self, now: Observation, last_found: Observation, place_m: np.ndarray) -> None:
-        self._crowd, self._time_s = now.crowd.others, now.frame_set.time_s
+        self._memory, self._time_s = now.memory.without_patient, now.frame_set.time_s
         self._place_xz_m, self._lost_s = place_m[[0, 2]], last_found.frame_set.time_s
-        self._newcomer = last_found.crowd.next_label  # labels from this on are of people who came since
+        self._newcomer = last_found.memory.next_label  # labels from this on are of people who came since
 
     def look(self, frame_set: FrameSet, room: Room, config: TrackConfig) -> PatientChoice | None:
         """Who may be the patient in this frame, None where nobody may; frames come in their order, none is left out."""
@@ -39,8 +39,8 @@ class Search:
             for depth, scene in zip(frame_set.depths_m, room.scenes, strict=True)
         ]
         elapsed_s = frame_set.time_s - self._time_s
-        views = separate(pieces, self._crowd, None, elapsed_s, config.isolation)
-        self._crowd = remember(self._crowd, pieces, views, room.cameras, elapsed_s, config.isolation)
+        views = separate(pieces, self._memory, None, elapsed_s, config.isolation)
+        self._memory = update_memory(self._memory, pieces, views, room.cameras, elapsed_s, config.isolation)
         self._time_s = frame_set.time_s
         reach_m = NEAR_M + WALK_M_S * abs(frame_set.time_s - self._lost_s)
         people = find_people(pieces, config.isolation).people

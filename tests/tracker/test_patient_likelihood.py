@@ -10,7 +10,7 @@ from anchorpose.body.skin_points import pose_points
 from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.surface.surface import ExpectedSkin
-from anchorpose.tracker.observation import Expectation, patient_claims
+from anchorpose.tracker.observation import Expectation, patient_likelihood
 
 CONFIG, REST = IsolationConfig(), adult_rest()
 
@@ -25,14 +25,14 @@ def expectation(sigma_m: np.ndarray, frames_without_fit: int = 0) -> Expectation
 
 def test_skin_is_claimed_as_wide_as_its_place_is_unsure() -> None:
     sigma = np.linspace(0.0, 0.9 * CONFIG.loosest_claim_m, len(points().part))
-    claims = patient_claims(expectation(sigma, 2), CONFIG)
+    likelihood = patient_likelihood(expectation(sigma, 2), CONFIG)
     spread = CONFIG.skin_sigma_m + 2 * CONFIG.prediction_growth_m
-    np.testing.assert_allclose(claims.sigma_m, np.hypot(spread, sigma), rtol=1e-6)
-    assert (claims.owner == PixelLabel.PATIENT).all()
+    np.testing.assert_allclose(likelihood.sigma_m, np.hypot(spread, sigma), rtol=1e-6)
+    assert (likelihood.owner == PixelLabel.PATIENT).all()
 
 
 def test_a_limb_that_may_be_anywhere_claims_nothing() -> None:
     shank = points().part == points().asset.bone("RightLeg")
     expected = expectation(np.where(shank, 1.01 * CONFIG.loosest_claim_m, 0.005))
-    claims = patient_claims(expected, CONFIG)
-    np.testing.assert_array_equal(claims.points_m, expected.skin.points_m[~shank])
+    likelihood = patient_likelihood(expected, CONFIG)
+    np.testing.assert_array_equal(likelihood.points_m, expected.skin.points_m[~shank])
