@@ -17,13 +17,13 @@ import numpy as np
 from anchorpose.recording.pairing import half_period_s, nearest_within
 from anchorpose.results.contacts import CONTACTS_FILE, read_contacts
 from anchorpose.results.evaluate import read_truth
-from anchorpose.results.evaluate_tables import NORMAL_95
 from anchorpose.results.kinematics.joint_angles import joint_angles
 from anchorpose.results.measures import Measure
 from anchorpose.results.stand_training.assistance import CONTACT_MEASURES
 from anchorpose.results.stand_training.centre_of_mass import centre_of_mass
 from anchorpose.results.stand_training.measure import MeasureConfig, measure_session
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
+from anchorpose.results.uncertainty import NORMAL_95
 
 OF_CONTACTS = {name for name, _ in CONTACT_MEASURES}
 """Both sides have them from the same contacts, so that they would hold whatever the joints are."""
@@ -37,7 +37,7 @@ def pair(results: Path, truth: Path) -> tuple[JointTable, JointTable]:
     row = nearest_within(known.time_s, joints.time_s, half_period_s(known.time_s))
     kept = (row >= 0) & (known.time_s >= known.time_s[0] + SKIP_S)
     found = JointTable(*(getattr(joints, name)[row[kept]] for name in JointTable.__slots__))
-    exact = np.zeros_like(found.severity), np.full_like(found.sigma_m, 1e-6)
+    exact = np.zeros_like(found.state_code), np.full_like(found.sigma_m, 1e-6)
     return found, JointTable(found.frame, found.time_s, known.position_m[kept], *exact)
 
 

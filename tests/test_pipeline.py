@@ -19,10 +19,9 @@ from anchorpose.body.asset import load_body_asset
 from anchorpose.body.kinematics import shape_body
 from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel
-from anchorpose.joints import JOINT_INDEX, LIMBS, JointState
+from anchorpose.joints import JOINT_INDEX, LIMBS, STATE_CODE, JointState
 from anchorpose.pipeline import TrackConfig, track_recording
 from anchorpose.results.anchors_table import read_anchors
-from anchorpose.results.joint_frame import SEVERITY
 from anchorpose.results.people_labels import read_people, read_picture
 from anchorpose.results.poses import pose_of, read_poses
 from anchorpose.results.tables import JointTable, read_joints
@@ -101,7 +100,7 @@ def test_a_damaged_picture_is_counted_and_the_rest_tracked(run):
     assert dropped["frame"] == DAMAGED
     assert f"front/depth/{DAMAGED:06d}.png" in dropped["why"]
     assert dropped["time_s"] == pytest.approx(DAMAGED / FPS)
-    observed = (run.joints.severity == SEVERITY[JointState.OBSERVED]).sum(axis=1)
+    observed = (run.joints.state_code == STATE_CODE[JointState.OBSERVED]).sum(axis=1)
     assert observed[DAMAGED] == 0
     assert np.delete(observed, DAMAGED).min() > 14
     beside = run.joints.sigma_m[[DAMAGED - 1, DAMAGED + 1]].min(axis=0)
@@ -217,7 +216,7 @@ def empty_room(tmp_path_factory) -> Path:
 def test_a_recording_without_anybody_is_lost_from_end_to_end_and_says_so(empty_room, tmp_path):
     track_recording(empty_room, tmp_path, TrackConfig(), silent)
     joints = read_joints(tmp_path / "joints.parquet")
-    assert (joints.severity == SEVERITY[JointState.LOST]).all()
+    assert (joints.state_code == STATE_CODE[JointState.LOST]).all()
     assert np.isnan(joints.position_m).all()
     document = json.loads((tmp_path / "run.json").read_text())
     assert document["frame_count"] == 4

@@ -42,3 +42,9 @@ class JointState(StrEnum):
     HIDDEN = "hidden"
     OUT_OF_VIEW = "out_of_view"
     LOST = "lost"
+
+
+STATE_CODE: Final = {state: code for code, state in enumerate(JointState)}
+"""Each state as a number that grows with how poorly the joint is known: 0 observed, up to lost."""
+
+LOST: Final = STATE_CODE[JointState.LOST]

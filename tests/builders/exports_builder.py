@@ -58,11 +58,11 @@ def make_samples(time_s: np.ndarray, position_m: np.ndarray | None = None) -> Sa
         time_s=time_s,
         position_m=position_m,
         joint_sigma_m=np.full((count, JOINT_COUNT), 0.01),
-        joint_severity=np.where(np.isnan(position_m[..., 0]), 6, 0).astype(np.int8),
+        joint_state_code=np.where(np.isnan(position_m[..., 0]), 6, 0).astype(np.int8),
         angles=("knee_flexion_left",),
         degrees=10.0 * time_s[:, None],
         sigma_deg=np.full((count, 1), 2.0),
-        angle_severity=np.zeros((count, 1), np.int8),
+        angle_state_code=np.zeros((count, 1), np.int8),
     )
 
 

@@ -90,7 +90,12 @@ def write_measured(folder: Path, measures: Iterable[Measure] = MEASURES) -> None
     count, place = len(joints.frame), joints.position_m[:, JOINT_INDEX["SpineBase"]]
     upright = np.where(np.isnan(place[:, 1]), -1, np.arange(count) >= count // 4).astype(np.int8)
     posture = PostureTable(
-        joints.frame, joints.time_s, place, np.full(count, 0.01), upright, joints.severity[:, JOINT_INDEX["SpineBase"]]
+        joints.frame,
+        joints.time_s,
+        place,
+        np.full(count, 0.01),
+        upright,
+        joints.state_code[:, JOINT_INDEX["SpineBase"]],
     )
     write_posture(folder / POSTURE_FILE, posture)
     write_episodes(folder / EPISODES_FILE, _episodes(joints.frame, joints.time_s))

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from results_builder import standing_joints
 
-from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES
+from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, LOST
 from anchorpose.results.contacts import Contact
-from anchorpose.results.joint_frame import LOST
 from anchorpose.results.kinematics.joint_angles import joint_angles
 from anchorpose.results.measures import Measure
 from anchorpose.results.stand_training.measure import MeasureConfig, measure_session
@@ -44,11 +43,11 @@ def table(position_m: np.ndarray, sigma_m: float = 0.005, lost: dict[str, slice]
     """Joints (n, 21, 3) at ``RATE`` frames a second; all seen but the lost ones."""
     frames = len(position_m)
     position, sigma = position_m.copy(), np.full((frames, JOINT_COUNT), sigma_m)
-    severity = np.zeros((frames, JOINT_COUNT), np.int8)
+    state_code = np.zeros((frames, JOINT_COUNT), np.int8)
     for name, when in (lost or {}).items():
         position[when, JOINT_INDEX[name]], sigma[when, JOINT_INDEX[name]] = np.nan, np.nan
-        severity[when, JOINT_INDEX[name]] = LOST
-    return JointTable(np.arange(frames, dtype=np.int32), np.arange(frames) / RATE, position, severity, sigma)
+        state_code[when, JOINT_INDEX[name]] = LOST
+    return JointTable(np.arange(frames, dtype=np.int32), np.arange(frames) / RATE, position, state_code, sigma)
 
 
 def measured(

@@ -86,7 +86,7 @@ def test_a_c3d_loses_neither_angles_nor_sigma_nor_states(results, tmp_path):
         assert np.allclose(written[recorded], angle_of(results, name), atol=1e-4, equal_nan=True)
     analog = dict(zip(file["parameters"]["ANALOG"]["LABELS"]["value"], file["data"]["analogs"][0], strict=True))
     number = column("KneeLeft")
-    assert np.array_equal(analog["KneeLeft.state"][recorded], joints.severity[:, number])
+    assert np.array_equal(analog["KneeLeft.state"][recorded], joints.state_code[:, number])
     sigma_mm = np.where(joints.lost[:, number], -1.0, 1000.0 * joints.sigma_m[:, number])
     assert np.allclose(analog["KneeLeft.sigma"][recorded], sigma_mm, atol=1e-5)
     assert analog["HandLeft.state"][0] == STATES.index("hidden_by_person")

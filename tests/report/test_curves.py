@@ -52,9 +52,9 @@ def test_a_peak_of_one_frame_in_ten_minutes_is_drawn_at_its_full_height():
 
 
 def test_a_state_of_one_frame_is_that_of_its_group():
-    severity = np.zeros(18_000, dtype=np.int8)
-    severity[777] = 6
-    assert worst(severity, bins_of(18_000)).tolist().count(6) == 1
+    state_code = np.zeros(18_000, dtype=np.int8)
+    state_code[777] = 6
+    assert worst(state_code, bins_of(18_000)).tolist().count(6) == 1
 
 
 def test_a_line_is_broken_where_values_are_missing():

@@ -8,9 +8,8 @@ import pytest
 from results_builder import make_frame, standing_joints, write_results
 from scipy.spatial.transform import Rotation
 
-from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
+from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, LOST
 from anchorpose.results.angles import read_angles
-from anchorpose.results.joint_frame import LOST
 from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES, joint_angles
 from anchorpose.results.tables import JointTable
 
@@ -18,11 +17,11 @@ NAMES = list(ANGLE_NAMES)
 RIGHT = np.array([0.0, 0.0, 1.0])  # turning about it lifts what points forward, and what hangs swings forward
 
 
-def _table(position_m: np.ndarray, sigma_m: float = 0.01, severity: np.ndarray | None = None) -> JointTable:
+def _table(position_m: np.ndarray, sigma_m: float = 0.01, state_code: np.ndarray | None = None) -> JointTable:
     frames = len(position_m)
-    severity = np.zeros((frames, JOINT_COUNT), np.int8) if severity is None else severity
+    state_code = np.zeros((frames, JOINT_COUNT), np.int8) if state_code is None else state_code
     sigma = np.full((frames, JOINT_COUNT), sigma_m)
-    return JointTable(np.arange(frames, dtype=np.int32), np.arange(frames) / 30, position_m, severity, sigma)
+    return JointTable(np.arange(frames, dtype=np.int32), np.arange(frames) / 30, position_m, state_code, sigma)
 
 
 def _turn(joints: np.ndarray, about: str, moved: list[str], degrees: float, axis: np.ndarray = RIGHT) -> np.ndarray:
@@ -221,7 +220,7 @@ def test_near_the_axis_that_it_turns_about_an_angle_is_not_told_though_its_joint
         angles = joint_angles(_table(_turn(standing_joints(), "ShoulderLeft", arm, degrees)[None]))
         column = angles.column("shoulder_plane_left")
         assert np.isfinite([angles.degrees[0, column], angles.sigma_deg[0, column]]).tolist() == [told, told]
-        assert angles.severity[0, column] == 0
+        assert angles.state_code[0, column] == 0
         split = _turn(standing_joints(), "HipRight", ["KneeRight"], 90.0 - degrees, np.array([-1.0, 0.0, 0.0]))
         assert np.isfinite(_angle(split, "hip_pelvis_flexion_right")) == told
         assert np.isfinite(_angle(split, "hip_adduction_right"))
@@ -253,21 +252,21 @@ def test_a_mirrored_patient_has_left_and_right_exchanged():
 
 
 def test_an_angle_is_as_poorly_known_as_its_worst_joint_and_gone_with_a_lost_one():
-    severity = np.zeros((1, JOINT_COUNT), np.int8)
-    severity[0, JOINT_INDEX["AnkleLeft"]] = 2
-    angles = joint_angles(_table(standing_joints()[None], severity=severity))
-    assert angles.severity[0, NAMES.index("knee_flexion_left")] == 2
-    assert angles.severity[0, NAMES.index("knee_flexion_right")] == 0
+    state_code = np.zeros((1, JOINT_COUNT), np.int8)
+    state_code[0, JOINT_INDEX["AnkleLeft"]] = 2
+    angles = joint_angles(_table(standing_joints()[None], state_code=state_code))
+    assert angles.state_code[0, NAMES.index("knee_flexion_left")] == 2
+    assert angles.state_code[0, NAMES.index("knee_flexion_right")] == 0
     lost = standing_joints()
     lost[JOINT_INDEX["HipLeft"]] = np.nan
-    severity[0, JOINT_INDEX["HipLeft"]] = LOST
-    angles = joint_angles(_table(lost[None], severity=severity))
+    state_code[0, JOINT_INDEX["HipLeft"]] = LOST
+    angles = joint_angles(_table(lost[None], state_code=state_code))
     gone = {name for name, value in zip(NAMES, angles.degrees[0], strict=True) if np.isnan(value)}
     gone -= {f"shoulder_{name}_{side}" for name in ("plane", "rotation") for side in ("left", "right")}  # undetermined
     of_the_pelvis = {name for name in NAMES if name.startswith(("pelvis", "trunk_pelvis", "hip"))}
     assert gone == {"knee_flexion_left", "knee_flexion_right", "trunk_flexion", "trunk_side_bend", *of_the_pelvis}
     assert np.isnan(angles.sigma_deg[0, [NAMES.index(name) for name in gone]]).all()
-    assert (angles.severity[0, [NAMES.index(name) for name in gone]] == LOST).all()
+    assert (angles.state_code[0, [NAMES.index(name) for name in gone]] == LOST).all()
 
 
 def test_sigma_is_the_spread_that_noise_makes():
@@ -309,6 +308,6 @@ def test_the_table_holds_every_angle_of_every_frame_twice_the_same(tmp_path):
     assert list(rows[0]) == ["frame", "time_s", "angle", "degrees", "state", "sigma_deg"]
     back, degrees = read_angles(paths[0]), [row["degrees"] for row in rows[:: len(NAMES)]]
     np.testing.assert_array_equal(back.degrees[:, 0], [np.nan if d is None else d for d in degrees])
-    assert (back.names, back.severity[1, NAMES.index("knee_flexion_left")]) == (ANGLE_NAMES, LOST)
+    assert (back.names, back.state_code[1, NAMES.index("knee_flexion_left")]) == (ANGLE_NAMES, LOST)
     lost = next(row for row in rows if row["frame"] == 1 and row["angle"] == "knee_flexion_left")
     assert (lost["degrees"], lost["state"], lost["sigma_deg"]) == (None, "lost", None)

@@ -25,8 +25,8 @@ from anchorpose.results.posture import PostureTable, read_posture, write_posture
 def _posture() -> PostureTable:
     com = np.array([[0.0, 1.0, 0.1], [np.nan] * 3, [0.0, 0.9, 0.1]])
     sigma = np.array([0.004, np.nan, 0.006])
-    upright, severity = np.array([1, -1, 0], np.int8), np.array([0, 6, 3], np.int8)
-    return PostureTable(np.arange(3, dtype=np.int32), np.arange(3) / 15, com, sigma, upright, severity)
+    upright, state_code = np.array([1, -1, 0], np.int8), np.array([0, 6, 3], np.int8)
+    return PostureTable(np.arange(3, dtype=np.int32), np.arange(3) / 15, com, sigma, upright, state_code)
 
 
 def test_posture_comes_back_with_its_unknown_frames_unknown(tmp_path):

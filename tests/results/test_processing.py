@@ -10,12 +10,10 @@ import pytest
 from results_builder import standing_joints
 
 from anchorpose.errors import AnchorposeError, InputError
-from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
+from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, LOST
 from anchorpose.results.angles import write_angles
 from anchorpose.results.angles_processed import PROCESSING, read_processed_angles, write_processed_angles
-from anchorpose.results.joint_frame import LOST
 from anchorpose.results.kinematics.joint_angles import joint_angles
-from anchorpose.results.lasting import changing_sigma, lasting_sigma
 from anchorpose.results.processing.filters import (
     FIRST_ACCELERATION_M_S2,
     FIRST_SPEED_M_S,
@@ -26,6 +24,7 @@ from anchorpose.results.processing.filters import (
 from anchorpose.results.processing.policy import ProcessingConfig, fill_gaps
 from anchorpose.results.processing.process import FILLED, MEASURED, SMOOTHED, process_angles, process_joints
 from anchorpose.results.tables import JointTable
+from anchorpose.results.uncertainty import random_sigma, systematic_sigma
 
 RATE = 30.0
 
@@ -40,11 +39,11 @@ def moving(frames: int = 240, gap: slice | None = None, joint: str = "WristLeft"
     time_s = np.arange(frames) / RATE
     position = standing_joints() + wave(time_s)[:, None]
     position = position + noise_m * np.random.default_rng(3).normal(size=position.shape)
-    severity, sigma = np.zeros((frames, JOINT_COUNT), np.int8), np.full((frames, JOINT_COUNT), 0.01)
+    state_code, sigma = np.zeros((frames, JOINT_COUNT), np.int8), np.full((frames, JOINT_COUNT), 0.01)
     if gap is not None:
         position[gap, JOINT_INDEX[joint]], sigma[gap, JOINT_INDEX[joint]] = np.nan, np.nan
-        severity[gap, JOINT_INDEX[joint]] = LOST
-    return JointTable(np.arange(frames, dtype=np.int32), time_s, position, severity, sigma)
+        state_code[gap, JOINT_INDEX[joint]] = LOST
+    return JointTable(np.arange(frames, dtype=np.int32), time_s, position, state_code, sigma)
 
 
 def test_slow_movement_passes_unchanged_and_undelayed_and_the_cutoff_is_where_it_is_said_to_be():
@@ -76,7 +75,7 @@ def test_smoothing_alone_leaves_every_gap_and_does_not_look_across_it(smooth):
     wrist = JOINT_INDEX["WristLeft"]
     assert np.isnan(done.joints.position_m[100:110, wrist]).all()
     assert np.isnan(done.joints.sigma_m[100:110, wrist]).all()
-    assert (done.joints.severity[100:110, wrist] == LOST).all()
+    assert (done.joints.state_code[100:110, wrist] == LOST).all()
     assert (done.processing[100:110, wrist] == MEASURED).all()
     alone = JointTable(*(getattr(table, name)[:100] for name in JointTable.__slots__))
     np.testing.assert_array_equal(
@@ -95,7 +94,7 @@ def test_short_gaps_are_filled_marked_and_least_sure_in_their_middle_and_longer_
     assert (np.delete(done.processing[:, wrist], np.arange(100, 109)) == MEASURED).all()
     sigma = done.joints.sigma_m[99:110, wrist]
     assert sigma[5] > sigma[1] > sigma[0] == 0.01
-    assert (done.joints.severity[100:109, wrist] > 0).all()
+    assert (done.joints.state_code[100:109, wrist] > 0).all()
     assert (np.abs(done.joints.position_m - moving().position_m)[104, wrist] < 2.5 * sigma[5]).all()
     for gap in (slice(100, 125), slice(0, 5), slice(235, 240)):  # too long; at the start; at the end
         left = process_joints(moving(gap=gap), config)
@@ -154,13 +153,13 @@ def test_the_kalman_smoother_is_the_least_squares_solution():
     time_s, jerk = np.cumsum(rng.uniform(0.02, 0.08, 12)), 20.0
     seen, sigma = rng.normal(size=(12, 3)), rng.uniform(0.2, 0.5, 12)
     rows, right = [], []
-    first = np.diag(1.0 / np.array([changing_sigma(sigma)[0], FIRST_SPEED_M_S, FIRST_ACCELERATION_M_S2]))
+    first = np.diag(1.0 / np.array([random_sigma(sigma)[0], FIRST_SPEED_M_S, FIRST_ACCELERATION_M_S2]))
     for k in range(12):
         place = np.zeros((1, 36))
         if k:
-            place[0, 3 * k] = 1.0 / changing_sigma(sigma)[k]
+            place[0, 3 * k] = 1.0 / random_sigma(sigma)[k]
             rows.append(place)
-            right.append(seen[k][None] / changing_sigma(sigma)[k])
+            right.append(seen[k][None] / random_sigma(sigma)[k])
             h = time_s[k] - time_s[k - 1]
             noise = np.array([[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h**2 / 2], [h**3 / 6, h**2 / 2, h]])
             white = np.linalg.inv(np.linalg.cholesky(jerk**2 * noise))
@@ -175,7 +174,7 @@ def test_the_kalman_smoother_is_the_least_squares_solution():
     right.append(first @ np.vstack([seen[0], np.zeros((2, 3))]))
     system = np.vstack(rows)
     expected = np.linalg.lstsq(system, np.vstack(right), rcond=None)[0][::3]
-    spread = np.sqrt(np.diag(np.linalg.inv(system.T @ system))[::3] + lasting_sigma(sigma) ** 2)
+    spread = np.sqrt(np.diag(np.linalg.inv(system.T @ system))[::3] + systematic_sigma(sigma) ** 2)
     course, found = smooth_stretch(time_s, seen, sigma, jerk)
     np.testing.assert_allclose(course, expected, atol=1e-8)
     np.testing.assert_allclose(found, spread, rtol=1e-6)
@@ -185,7 +184,7 @@ def test_smoothing_does_not_promise_more_than_the_part_that_comes_and_goes():
     table = moving(noise_m=0.005)
     for smooth in ("butterworth", "kalman"):
         sigma = process_joints(table, ProcessingConfig(smooth=smooth)).joints.sigma_m
-        assert (sigma >= lasting_sigma(table.sigma_m) - 1e-12).all()
+        assert (sigma >= systematic_sigma(table.sigma_m) - 1e-12).all()
         assert (sigma <= table.sigma_m + 1e-12).all()
 
 

@@ -13,10 +13,10 @@ from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 from anchorpose.results.angles_processed import read_processed_angles
 from anchorpose.results.contacts import Contact
 from anchorpose.results.episodes import read_episodes
-from anchorpose.results.lasting import LASTING_SHARE, sigma_of_mean
 from anchorpose.results.measures import read_measures
 from anchorpose.results.measuring import measure_rows
 from anchorpose.results.posture import read_posture
+from anchorpose.results.uncertainty import SYSTEMATIC_SHARE, sigma_of_mean
 
 ABOVE = [row for row, name in enumerate(JOINT_NAMES) if not name.startswith(("Ankle", "Foot"))]
 
@@ -130,7 +130,7 @@ def test_a_mean_over_many_frames_is_hardly_surer_than_one_frame():
     assert long is not None
     assert 0.75 * short < long < short
     sigma = np.full(10, 2.0)
-    assert sigma_of_mean(sigma, 1e9) == pytest.approx(2.0 * np.sqrt(LASTING_SHARE))
+    assert sigma_of_mean(sigma, 1e9) == pytest.approx(2.0 * np.sqrt(SYSTEMATIC_SHARE))
     assert sigma_of_mean(sigma, 0.0) == pytest.approx(2.0)
 
 

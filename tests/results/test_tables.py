@@ -14,8 +14,8 @@ from hypothesis.extra import numpy as hnp
 from results_builder import make_frame, standing_joints
 
 from anchorpose.errors import InputError
-from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, JointState
-from anchorpose.results.joint_frame import LOST, SEVERITY, JointFrame
+from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, LOST, STATE_CODE, JointState
+from anchorpose.results.joint_frame import JointFrame
 from anchorpose.results.tables import FRAMES_PER_ROW_GROUP, read_joints, write_joints
 
 
@@ -50,7 +50,7 @@ def test_frames_come_back_as_they_were_written(tmp_path_factory, frames):
     np.testing.assert_array_equal(table.time_s, [frame.time_s for frame in frames])
     np.testing.assert_array_equal(table.position_m, [frame.position_m for frame in frames])
     np.testing.assert_array_equal(table.sigma_m, [frame.sigma_m for frame in frames])
-    np.testing.assert_array_equal(table.severity, [[SEVERITY[state] for state in frame.state] for frame in frames])
+    np.testing.assert_array_equal(table.state_code, [[STATE_CODE[state] for state in frame.state] for frame in frames])
 
 
 def test_the_columns_are_those_of_the_format_and_lost_joints_are_null(tmp_path):
@@ -137,5 +137,5 @@ def test_a_truncated_or_missing_table_is_refused(tmp_path):
 
 
 def test_lost_is_the_worst_state():
-    assert max(SEVERITY.values()) == LOST
-    assert SEVERITY[JointState.OBSERVED] == 0
+    assert max(STATE_CODE.values()) == LOST
+    assert STATE_CODE[JointState.OBSERVED] == 0

@@ -230,8 +230,8 @@ def test_frames_to_check_name_what_is_wrong_and_lie_apart(review: Review) -> Non
 
 def test_some_lost_joints_are_named() -> None:
     frame = make_frame(0, 0.0, standing_joints(), lost=("WristLeft", "HandLeft"))
-    severity = np.array([[6 if name in ("WristLeft", "HandLeft") else 0 for name in JOINT_NAMES]], np.int8)
-    table = JointTable(np.array([0]), np.array([0.0]), frame.position_m[None], severity, frame.sigma_m[None])
+    state_code = np.array([[6 if name in ("WristLeft", "HandLeft") else 0 for name in JOINT_NAMES]], np.int8)
+    table = JointTable(np.array([0]), np.array([0.0]), frame.position_m[None], state_code, frame.sigma_m[None])
     assert worst_frames(table, np.array([np.nan]), [])[0].reason == "lost: WristLeft, HandLeft"
 
 

@@ -60,13 +60,13 @@ def print_outcome(results: Path) -> None:
     """Prints how much was seen, inferred and lost, what was dropped, and where the report is."""
     import numpy as np
 
+    from anchorpose.joints import LOST
     from anchorpose.report.page import REPORT_FILE
-    from anchorpose.results.joint_frame import LOST
     from anchorpose.results.run_record import RUN_FILE, read_run_document
     from anchorpose.results.tables import JOINTS_FILE, read_joints
 
     joints = read_joints(results / JOINTS_FILE)
-    seen, lost = np.mean(joints.severity == 0), np.mean(joints.severity == LOST)
+    seen, lost = np.mean(joints.state_code == 0), np.mean(joints.state_code == LOST)
     print(
         f"{len(joints.frame)} frames: {100 * seen:.1f} % of the joints seen, {100 * (1 - seen - lost):.1f} % inferred, "
         f"{100 * lost:.1f} % lost."

@@ -65,17 +65,17 @@ def channels_of(samples: Samples) -> list[Channel]:
         Channel(name, "n/a", "JNTANG", name, "deg", "joint angle", samples.degrees[:, number], 6)
         for number, name in enumerate(samples.angles)
     ]
-    joints = _quality(JOINT_NAMES, "m", samples.joint_sigma_m, samples.joint_severity)
+    joints = _quality(JOINT_NAMES, "m", samples.joint_sigma_m, samples.joint_state_code)
     return [
         latency,
         *places,
         *angles,
         *joints,
-        *_quality(samples.angles, "deg", samples.sigma_deg, samples.angle_severity),
+        *_quality(samples.angles, "deg", samples.sigma_deg, samples.angle_state_code),
     ]
 
 
-def _quality(names: tuple[str, ...], units: str, sigma: np.ndarray, severity: np.ndarray) -> list[Channel]:
+def _quality(names: tuple[str, ...], units: str, sigma: np.ndarray, state_code: np.ndarray) -> list[Channel]:
     meaning = "one standard deviation of the error" + (" along each axis" if units == "m" else "")
     return [
         channel
@@ -84,7 +84,7 @@ def _quality(names: tuple[str, ...], units: str, sigma: np.ndarray, severity: np
             Channel(f"{name}_sigma", "n/a", "MISC", name, units, meaning, sigma[:, number], 6),
             Channel(
                 f"{name}_state", "n/a", "MISC", name, "n/a", f"how it is known: {_STATE_CODES}",
-                severity[:, number].astype(np.float64), 0,
+                state_code[:, number].astype(np.float64), 0,
             ),
         )
     ]  # fmt: skip

@@ -92,8 +92,8 @@ def _points(file: Any, regular: RegularSamples) -> None:
 def _analogs(file: Any, regular: RegularSamples) -> None:
     samples = regular.samples
     columns = [
-        *_channels(JOINT_NAMES, samples.joint_sigma_m * MM_PER_M, samples.joint_severity, "mm"),
-        *_channels(samples.angles, samples.sigma_deg, samples.angle_severity, "deg"),
+        *_channels(JOINT_NAMES, samples.joint_sigma_m * MM_PER_M, samples.joint_state_code, "mm"),
+        *_channels(samples.angles, samples.sigma_deg, samples.angle_state_code, "deg"),
     ]
     parameters = file["parameters"]["ANALOG"]
     parameters["RATE"]["value"] = [regular.rate_hz]
@@ -104,7 +104,7 @@ def _analogs(file: Any, regular: RegularSamples) -> None:
 
 
 def _channels(
-    names: Sequence[str], sigma: np.ndarray, severity: np.ndarray, unit: str
+    names: Sequence[str], sigma: np.ndarray, state_code: np.ndarray, unit: str
 ) -> list[tuple[str, str, np.ndarray]]:
     """(label, unit, values (n,)) of sigma and state of each."""
     filled = np.where(np.isnan(sigma), NOT_GIVEN, sigma)
@@ -113,7 +113,7 @@ def _channels(
         for column, name in enumerate(names)
         for channel in (
             (f"{name}.sigma", unit, filled[:, column]),
-            (f"{name}.state", "", severity[:, column].astype(np.float64)),
+            (f"{name}.state", "", state_code[:, column].astype(np.float64)),
         )
     ]
 

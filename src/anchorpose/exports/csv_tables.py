@@ -185,7 +185,7 @@ def _wide_joints(source: Source) -> list[Column]:
     for number, name in enumerate(JOINT_NAMES):
         columns += [(f"{name}_{axis}_m", samples.position_m[:, number, place]) for place, axis in enumerate("xyz")]
         columns.append((f"{name}_sigma_m", samples.joint_sigma_m[:, number]))
-        columns.append((f"{name}_state", [STATES[code] for code in samples.joint_severity[:, number]]))
+        columns.append((f"{name}_state", [STATES[code] for code in samples.joint_state_code[:, number]]))
     return columns
 
 
@@ -197,7 +197,7 @@ def _wide_angles(source: Source) -> list[Column]:
     for number, name in enumerate(samples.angles):
         columns.append((f"{name}_deg", samples.degrees[:, number]))
         columns.append((f"{name}_sigma_deg", samples.sigma_deg[:, number]))
-        columns.append((f"{name}_state", [STATES[code] for code in samples.angle_severity[:, number]]))
+        columns.append((f"{name}_state", [STATES[code] for code in samples.angle_state_code[:, number]]))
     return columns
 
 

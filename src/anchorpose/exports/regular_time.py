@@ -13,7 +13,7 @@ import numpy as np
 
 from anchorpose.errors import AnchorposeError
 from anchorpose.exports.source import Samples
-from anchorpose.results.joint_frame import LOST
+from anchorpose.joints import LOST
 
 NEAR_SHARE: Final = 0.01
 """Of the time between frames: a sample so near to its place on the grid is taken as being there. At 30 frames a second
@@ -64,9 +64,9 @@ class Between:
         mixed = np.where(share == 0.0, left, np.where(share == 1.0, right, left + share * change))
         return np.where(self.bridged[fit], mixed, np.nan)
 
-    def worse(self, severity: np.ndarray) -> np.ndarray:
+    def worse(self, state_code: np.ndarray) -> np.ndarray:
         """(g, ...) the worse state of the two ends; lost in a gap."""
-        share, left, right = self.share[:, None], severity[self.before], severity[self.before + 1]
+        share, left, right = self.share[:, None], state_code[self.before], state_code[self.before + 1]
         worst = np.where(share == 0.0, left, np.where(share == 1.0, right, np.maximum(left, right)))
         return np.where(self.bridged[:, None], worst, LOST).astype(np.int8)
 
@@ -175,10 +175,10 @@ def _at(samples: Samples, grid_s: np.ndarray, between: Between) -> Samples:
         time_s=grid_s,
         position_m=between.values(samples.position_m),
         joint_sigma_m=between.values(samples.joint_sigma_m),
-        joint_severity=between.worse(samples.joint_severity),
+        joint_state_code=between.worse(samples.joint_state_code),
         degrees=between.values(samples.degrees, turn=360.0),
         sigma_deg=between.values(samples.sigma_deg),
-        angle_severity=between.worse(samples.angle_severity),
+        angle_state_code=between.worse(samples.angle_state_code),
     )
 
 

@@ -9,9 +9,8 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.joints import JOINT_COUNT, JointState
+from anchorpose.joints import JOINT_COUNT, LOST, JointState
 from anchorpose.results.angles import ANGLES_FILE, read_angles
-from anchorpose.results.joint_frame import LOST
 from anchorpose.results.run_record import hash_files
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 
@@ -24,17 +23,17 @@ class Samples:
     """The same things measured in every frame: joints and angles on one clock.
 
     time_s (n,) float64, increasing; position_m (n, 21, 3) world, NaN where missing; joint_sigma_m (n, 21);
-    joint_severity (n, 21) int8, index into ``STATES``; degrees, sigma_deg, angle_severity (n, a), of ``angles``.
+    joint_state_code (n, 21) int8, index into ``STATES``; degrees, sigma_deg, angle_state_code (n, a), of ``angles``.
     """
 
     time_s: np.ndarray
     position_m: np.ndarray
     joint_sigma_m: np.ndarray
-    joint_severity: np.ndarray
+    joint_state_code: np.ndarray
     angles: tuple[str, ...]
     degrees: np.ndarray
     sigma_deg: np.ndarray
-    angle_severity: np.ndarray
+    angle_state_code: np.ndarray
 
     def rows(self, rows: slice) -> Samples:
         """The samples of some frames."""
@@ -59,15 +58,15 @@ def read_source(folder: Path) -> Source:
     joints = read_joints(folder / JOINTS_FILE)
     if not (np.isfinite(joints.time_s).all() and (np.diff(joints.time_s) > 0).all()):
         raise InputError(folder / JOINTS_FILE, "its times do not increase from frame to frame", "track again")
-    names, degrees, sigma_deg, severity = _angles(folder / ANGLES_FILE, joints)
+    names, degrees, sigma_deg, state_code = _angles(folder / ANGLES_FILE, joints)
     samples = Samples(
-        joints.time_s, joints.position_m, joints.sigma_m, joints.severity, names, degrees, sigma_deg, severity
+        joints.time_s, joints.position_m, joints.sigma_m, joints.state_code, names, degrees, sigma_deg, state_code
     )
     return Source(folder, joints.frame, samples, hash_files(sorted(folder.glob("*.parquet")), folder))
 
 
 def _angles(path: Path, joints: JointTable) -> tuple[tuple[str, ...], np.ndarray, np.ndarray, np.ndarray]:
-    """Names in the order of the table, and (n, a) degrees, sigma and severity on the frames of the joints."""
+    """Names in the order of the table, and (n, a) degrees, sigma and state_code on the frames of the joints."""
     if not path.exists():
         empty = np.empty((len(joints.frame), 0))
         return (), empty, empty, empty.astype(np.int8)
@@ -78,9 +77,9 @@ def _angles(path: Path, joints: JointTable) -> tuple[tuple[str, ...], np.ndarray
             path, f"holds frames that {JOINTS_FILE} has not", "run 'anchorpose measure' on its folder again"
         )
     shape = (len(joints.frame), len(angles.names))
-    degrees, sigma_deg, severity = np.full(shape, np.nan), np.full(shape, np.nan), np.full(shape, LOST, np.int8)
-    degrees[row], sigma_deg[row], severity[row] = angles.degrees, angles.sigma_deg, angles.severity
-    return angles.names, degrees, sigma_deg, severity
+    degrees, sigma_deg, state_code = np.full(shape, np.nan), np.full(shape, np.nan), np.full(shape, LOST, np.int8)
+    degrees[row], sigma_deg[row], state_code[row] = angles.degrees, angles.sigma_deg, angles.state_code
+    return angles.names, degrees, sigma_deg, state_code
 
 
 def missing_share(samples: Samples) -> float:

@@ -16,12 +16,11 @@ from anchorpose.body.skin_points import FittedShape, body_points
 from anchorpose.camera import Camera
 from anchorpose.geodesics.anchors import ANCHOR_NAMES
 from anchorpose.isolation.view import PixelLabel
-from anchorpose.joints import JointState
+from anchorpose.joints import LOST, JointState
 from anchorpose.pages.overlay import OverlayScene, draw_frame
 from anchorpose.recording.reader import read_frames
 from anchorpose.results.anchors_table import ANCHORS_FILE, AnchorTable, read_anchors
 from anchorpose.results.episodes import EPISODES_FILE, SIT_TO_STAND, STAND_TO_SIT, Episode, read_episodes
-from anchorpose.results.joint_frame import LOST
 from anchorpose.results.people_labels import PEOPLE_FILE, LabelPicture, frames_of_people, read_people, read_picture
 from anchorpose.results.poses import POSES_FILE, PoseTable, pose_of, read_poses
 from anchorpose.results.run_record import PictureRecord
@@ -87,8 +86,8 @@ def choose_frames(joints: JointTable, episodes: Sequence[Episode], told_apart: n
 
 def _doubt(joints: JointTable, row: int) -> tuple[int, int, float]:
     """Joints lost, then joints not seen, then sigma."""
-    severity, sigma = joints.severity[row], joints.sigma_m[row]
-    return int((severity == LOST).sum()), int((severity > 0).sum()), float(np.nanmedian(sigma))
+    state_code, sigma = joints.state_code[row], joints.sigma_m[row]
+    return int((state_code == LOST).sum()), int((state_code > 0).sum()), float(np.nanmedian(sigma))
 
 
 def _row_at(joints: JointTable, time_s: float) -> int:
@@ -132,7 +131,7 @@ def _draw(
         scene = OverlayScene(
             camera=camera, depth_m=depth_m, labels=told, mesh_m=mesh_m, mesh_edges=mesh_edges,
             anchors_m=anchors.position_m[row], anchor_names=ANCHOR_NAMES, joints_m=joints.position_m[row],
-            joint_states=tuple(_STATES[code] for code in joints.severity[row]), body_m=body_m,
+            joint_states=tuple(_STATES[code] for code in joints.state_code[row]), body_m=body_m,
             body_faces=body_points().asset.faces,
         )  # fmt: skip
         caption = _caption(joints, anchors, row)

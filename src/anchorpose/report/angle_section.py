@@ -88,7 +88,7 @@ def _curve(session: Session, name: str) -> Curve:
         side=split_side(name)[1] or "",
         value=on_shortest_arc(angles.degrees[:, column]),
         sigma=angles.sigma_deg[:, column],
-        severity=angles.severity[:, column],
+        state_code=angles.state_code[:, column],
     )
 
 

@@ -154,6 +154,6 @@ def envelope(values: np.ndarray, bins: Bins) -> Envelope:
     return Envelope(low, high, at_low <= at_high)
 
 
-def worst(severity: np.ndarray, bins: Bins) -> np.ndarray:
+def worst(state_code: np.ndarray, bins: Bins) -> np.ndarray:
     """(b,) the worst state of each group."""
-    return np.maximum.reduceat(severity, bins.start)
+    return np.maximum.reduceat(state_code, bins.start)

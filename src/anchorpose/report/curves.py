@@ -16,11 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from anchorpose.joints import JointState
+from anchorpose.joints import LOST, JointState
 from anchorpose.report.axis import UNITS, Axis, Bins, Envelope, envelope, make_axis, worst
 from anchorpose.report.chart import Column, Reading, Row, cells
 from anchorpose.report.words import COVERAGE, STATE_WORDS, escape
-from anchorpose.results.joint_frame import LOST
 
 Points = list[tuple[int, int]]
 
@@ -128,7 +127,7 @@ _STATES = tuple(STATE_WORDS[state] for state in JointState)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Curve:
-    """One quantity. value, sigma (n,) float64, NaN where lost; severity (n,). side: left, right or empty.
+    """One quantity. value, sigma (n,) float64, NaN where lost; state_code (n,). side: left, right or empty.
 
     key: the beginning of its columns' names in the CSV.
     """
@@ -137,7 +136,7 @@ class Curve:
     side: str
     value: np.ndarray
     sigma: np.ndarray
-    severity: np.ndarray
+    state_code: np.ndarray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -166,7 +165,7 @@ def state_rows(curves: Sequence[Curve], bins: Bins) -> list[Row]:
     """One low row a curve: where it was inferred or lost; none where all was seen throughout."""
     rows = []
     for curve in curves:
-        state = worst(curve.severity, bins)
+        state = worst(curve.state_code, bins)
         if (state > 0).any():
             level = np.where(state == LOST, 1.0, np.where(state > 0, 0.5, 0.0))
             lost, inferred = step_path(np.where(level == 1.0, 1.0, 0.0), bins), step_path(level * (level < 1), bins)
@@ -180,7 +179,7 @@ def readings(curve: Curve, quantity: Quantity, bins: Bins, label: str, with_stat
     """What the slider says of a curve; one state does for several curves of a joint."""
     line, name = envelope(curve.value, bins), f"{curve.key}_{{}}_{quantity.unit_name}"
     sigma = np.fmax.reduceat(curve.sigma, bins.start)
-    states = [_STATES[code] for code in worst(curve.severity, bins)]
+    states = [_STATES[code] for code in worst(curve.state_code, bins)]
     return Reading(
         label=label,
         unit=quantity.unit,
@@ -198,7 +197,7 @@ def _band(curve: Curve, bins: Bins) -> tuple[np.ndarray, np.ndarray]:
 
 def _shapes(curve: Curve, line: Envelope, band: tuple[np.ndarray, np.ndarray], bins: Bins, axis: Axis) -> str:
     middle = (line.low + line.high) / 2.0
-    seen, inferred = line_paths(Envelope(middle, middle, line.rising), worst(curve.severity, bins) == 0, bins, axis)
+    seen, inferred = line_paths(Envelope(middle, middle, line.rising), worst(curve.state_code, bins) == 0, bins, axis)
     side = curve.side or "both"
     spread = f"<path class='spread {side}' d='{band_path(line.low, line.high, bins, axis)}'/>" if bins.thinned else ""
     return (

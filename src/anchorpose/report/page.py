@@ -14,6 +14,7 @@ from typing import Any, Final
 import cv2
 import numpy as np
 
+from anchorpose.joints import LOST
 from anchorpose.report.angle_section import angle_section
 from anchorpose.report.measure_section import measure_section
 from anchorpose.report.sections import exclusions, joint_section, provenance, state_table
@@ -22,7 +23,6 @@ from anchorpose.report.summary import summary
 from anchorpose.report.timeline import timeline
 from anchorpose.report.words import counted, escape
 from anchorpose.results.folder import write_text_whole
-from anchorpose.results.joint_frame import LOST
 from anchorpose.results.web_page import fill_page
 
 WEBP_QUALITY: Final = 80
@@ -82,7 +82,7 @@ def _seen_then(session: Session, frame: int) -> str:
 
 
 def _states(session: Session, frame: int) -> np.ndarray:
-    states: np.ndarray = session.joints.severity[int(np.flatnonzero(session.joints.frame == frame)[0])]
+    states: np.ndarray = session.joints.state_code[int(np.flatnonzero(session.joints.frame == frame)[0])]
     return states
 
 

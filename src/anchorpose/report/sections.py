@@ -64,7 +64,7 @@ def _curve(session: Session, name: str, axis: str) -> Curve:
         side=split_side(name)[1] or "",
         value=session.joints.position_m[:, column, "xyz".index(axis)],
         sigma=session.joints.sigma_m[:, column],
-        severity=session.joints.severity[:, column],
+        state_code=session.joints.state_code[:, column],
     )
 
 

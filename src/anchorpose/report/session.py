@@ -9,13 +9,12 @@ from typing import Any, Final
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.joints import JointState
+from anchorpose.joints import STATE_CODE, JointState
 from anchorpose.report.axis import Bins, make_bins
 from anchorpose.report.ledger import Ledger
 from anchorpose.results.angles import ANGLES_FILE, AngleTable, read_angles
 from anchorpose.results.contacts import CONTACTS_FILE, Contact, read_contacts
 from anchorpose.results.episodes import EPISODES_FILE, Episode, read_episodes
-from anchorpose.results.joint_frame import SEVERITY
 from anchorpose.results.measures import MEASURES_FILE, Definition, Measure, read_definition, read_measures
 from anchorpose.results.posture import POSTURE_FILE, PostureTable, read_posture
 from anchorpose.results.run_record import RUN_FILE, read_run_document
@@ -76,7 +75,7 @@ def read_session(folder: Path, name: str = "") -> Session:
         joints=joints,
         angles=angles,
         posture=posture,
-        posture_seen=stance(joints).severity == SEVERITY[JointState.OBSERVED],
+        posture_seen=stance(joints).state_code == STATE_CODE[JointState.OBSERVED],
         episodes=read_episodes(folder / EPISODES_FILE),
         measures=read_measures(folder / MEASURES_FILE),
         definition=read_definition(folder / MEASURES_FILE),

@@ -33,7 +33,7 @@ def summary(session: Session) -> str:
 
 def seen_shares(session: Session) -> np.ndarray:
     """(21,) share of the frames in which each joint was seen."""
-    shares: np.ndarray = (session.joints.severity == 0).mean(axis=0)
+    shares: np.ndarray = (session.joints.state_code == 0).mean(axis=0)
     return shares
 
 

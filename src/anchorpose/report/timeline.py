@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.joints import JOINT_COUNT, JointState
+from anchorpose.joints import JOINT_COUNT, STATE_CODE, JointState
 from anchorpose.report.axis import Axis, Bins, envelope
 from anchorpose.report.chart import Chart, Column, Reading, Row, cells, chart_html
 from anchorpose.report.curves import band_path, line_paths
@@ -17,7 +17,6 @@ from anchorpose.report.timeline_rows import kept_rows, posture_readings, posture
 from anchorpose.report.words import COVERAGE, STATE_WORDS
 from anchorpose.results.contacts import CONTACTS_FILE
 from anchorpose.results.episodes import EPISODES_FILE
-from anchorpose.results.joint_frame import SEVERITY
 from anchorpose.results.posture import POSTURE_FILE
 from anchorpose.results.tables import JOINTS_FILE
 
@@ -90,7 +89,7 @@ def matched_percent(session: Session) -> np.ndarray | None:
 
 
 def _share(session: Session, state: JointState) -> np.ndarray:
-    return 100.0 * (session.joints.severity == SEVERITY[state]).sum(axis=1) / JOINT_COUNT
+    return 100.0 * (session.joints.state_code == STATE_CODE[state]).sum(axis=1) / JOINT_COUNT
 
 
 def _headed(heading: str, rows: Sequence[Row]) -> list[Row]:

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from anchorpose.errors import InputError
-from anchorpose.results.states import state_names, state_severity
+from anchorpose.results.states import state_codes, state_names
 from anchorpose.results.tables import FRAMES_PER_ROW_GROUP, open_parquet, read_parquet
 
 ANGLES_FILE: Final = "angles.parquet"
@@ -31,15 +31,15 @@ ANGLES_SCHEMA: Final = pa.schema(
 class AngleTable:
     """frame (n,) int32, time_s (n,) float64, names (a,) of docs/angles.md.
 
-    degrees and sigma_deg (n, a) float64, NaN where a joint is lost or the pose leaves the angle undetermined; severity
-    (n, a) int8 index into ``JointState``, the worst of the joints involved.
+    degrees and sigma_deg (n, a) float64, NaN where a joint is lost or the pose leaves the angle undetermined;
+    state_code (n, a) int8 index into ``JointState``, the worst of the joints involved.
     """
 
     frame: np.ndarray
     time_s: np.ndarray
     names: tuple[str, ...]
     degrees: np.ndarray
-    severity: np.ndarray
+    state_code: np.ndarray
     sigma_deg: np.ndarray
 
     def column(self, name: str) -> int:
@@ -72,7 +72,7 @@ def angle_columns(angles: AngleTable, rows: slice) -> list[pa.Array]:
         pa.array(np.repeat(angles.time_s[rows], len(angles.names))),
         pa.array(angles.names * count, pa.string()),
         pa.array(angles.degrees[rows].ravel(), pa.float64(), from_pandas=True),
-        pa.array(state_names(angles.severity[rows].ravel()), pa.string()),
+        pa.array(state_names(angles.state_code[rows].ravel()), pa.string()),
         pa.array(angles.sigma_deg[rows].ravel(), pa.float64(), from_pandas=True),
     ]
 
@@ -91,6 +91,6 @@ def angles_of(path: Path, table: pa.Table) -> AngleTable:
         time_s=table["time_s"].to_numpy()[first],
         names=names,
         degrees=table["degrees"].to_numpy().reshape(shape),
-        severity=state_severity(path, table["state"]).reshape(shape),
+        state_code=state_codes(path, table["state"]).reshape(shape),
         sigma_deg=table["sigma_deg"].to_numpy().reshape(shape),
     )

@@ -15,11 +15,10 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, JointState
+from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, STATE_CODE, JointState
 from anchorpose.recording.pairing import half_period_s, nearest_within
 from anchorpose.results.contacts import CONTACTS_FILE, read_contacts
 from anchorpose.results.evaluate_tables import (
-    NORMAL_95,
     AngleError,
     ContactEvaluation,
     TrueTouch,
@@ -27,8 +26,8 @@ from anchorpose.results.evaluate_tables import (
     evaluate_contacts,
     read_true_touch,
 )
-from anchorpose.results.joint_frame import SEVERITY
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
+from anchorpose.results.uncertainty import NORMAL_95
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,7 +165,7 @@ def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
 
 def compare(joints: JointTable, truth: Truth, truth_frames: int) -> Evaluation:
     """The evaluation of frames (n) that are matched row by row, out of ``truth_frames``."""
-    everything = np.ones(joints.severity.shape, dtype=bool)
+    everything = np.ones(joints.state_code.shape, dtype=bool)
     occluded = np.repeat(truth.occluded[:, None], JOINT_COUNT, axis=1)
     half = len(joints.frame) // 2
     first, second = (
@@ -183,9 +182,9 @@ def compare(joints: JointTable, truth: Truth, truth_frames: int) -> Evaluation:
             for index, name in enumerate(JOINT_NAMES)
         ),
         per_state=tuple(
-            (str(state), _summary(joints, truth, joints.severity == SEVERITY[state])) for state in JointState
+            (str(state), _summary(joints, truth, joints.state_code == STATE_CODE[state])) for state in JointState
         ),
-        hidden=_summary(joints, truth, np.isin(joints.severity, [SEVERITY[state] for state in HIDDEN])),
+        hidden=_summary(joints, truth, np.isin(joints.state_code, [STATE_CODE[state] for state in HIDDEN])),
         angles=angle_errors(joints, truth.position_m),
         longest_off=longest_off(joints, truth.position_m),
         occluded_frames=_summary(joints, truth, occluded),
@@ -223,7 +222,7 @@ def _frames(joints: JointTable, index: np.ndarray) -> JointTable:
         joints.frame[index],
         joints.time_s[index],
         joints.position_m[index],
-        joints.severity[index],
+        joints.state_code[index],
         joints.sigma_m[index],
     )
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from anchorpose.errors import InputError
 from anchorpose.results.contacts import Contact
 from anchorpose.results.kinematics.joint_angles import joint_angles
 from anchorpose.results.tables import JointTable
+from anchorpose.results.uncertainty import NORMAL_95
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,10 +93,6 @@ def _score(reported: np.ndarray, touched: np.ndarray, due: np.ndarray, found: np
     )
 
 
-NORMAL_95: Final = 1.96
-"""Standard deviations within which 95 of 100 values of a normal distribution lie."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AngleError:
     """Of one angle; None where no frame has both it and its truth."""
@@ -111,7 +107,7 @@ def angle_errors(joints: JointTable, truth_m: np.ndarray) -> tuple[tuple[str, An
     """Each angle's error; truth_m (n, 21, 3) true joints, metres, of the frames of ``joints``, NaN where unknown."""
     found = joint_angles(joints)
     exact = np.zeros_like(joints.sigma_m)
-    true = joint_angles(JointTable(joints.frame, joints.time_s, truth_m, joints.severity, exact))
+    true = joint_angles(JointTable(joints.frame, joints.time_s, truth_m, joints.state_code, exact))
     away = np.radians(found.degrees - true.degrees)
     error = np.degrees(np.abs(np.arctan2(np.sin(away), np.cos(away))))
     within = error <= NORMAL_95 * found.sigma_deg

@@ -3,16 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
 from anchorpose.joints import JOINT_COUNT, JointState
-
-SEVERITY: Final = {state: rank for rank, state in enumerate(JointState)}
-"""How poorly a joint is known: 0 where observed, counting up to lost."""
-
-LOST: Final = SEVERITY[JointState.LOST]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -24,6 +24,7 @@ from anchorpose.results.processing.policy import ProcessingConfig
 from anchorpose.results.processing.process import process_angles
 from anchorpose.results.stand_training.measure import MeasureConfig, measure_session
 from anchorpose.results.tables import JOINTS_FILE, read_joints
+from anchorpose.results.uncertainty import NORMAL_95
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,8 +64,6 @@ def write_measured(results: Path, processing: ProcessingConfig, config: MeasureC
         shutil.rmtree(work, ignore_errors=True)
     return Measured(tuple(measures), processed)
 
-
-SPREAD_95: Final = 1.96
 
 _SHOWN: Final = {
     "recorded_time": "recorded",
@@ -141,5 +140,5 @@ def _value(row: Measure) -> str:
     factor = 100.0 if row.unit == "1" else 1.0
     unit = _UNIT.get(row.unit, row.unit)
     digits = 0 if row.unit == "count" and float(row.value).is_integer() else 1
-    spread = "" if row.sigma is None else f" ± {SPREAD_95 * factor * row.sigma:.1f}"
+    spread = "" if row.sigma is None else f" ± {NORMAL_95 * factor * row.sigma:.1f}"
     return f"{factor * row.value:.{digits}f}{spread} {unit}".rstrip()

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 import pyarrow as pa
 
-from anchorpose.results.states import state_names, state_severity
+from anchorpose.results.states import state_codes, state_names
 from anchorpose.results.tables import FRAMES_PER_ROW_GROUP, open_parquet, read_parquet
 
 POSTURE_FILE: Final = "posture.parquet"
@@ -36,7 +36,7 @@ class PostureTable:
 
     frame (n,) int32, time_s (n,) float64. com_m (n, 3) float64 world, NaN where a joint that it needs is lost;
     com_sigma_m (n,) float64, one standard deviation an axis. upright (n,) int8: 1 yes, 0 no, -1 cannot be told (null in
-    the file). severity (n,) int8 index into ``JointState``: the worst of the joints used.
+    the file). state_code (n,) int8 index into ``JointState``: the worst of the joints used.
     """
 
     frame: np.ndarray
@@ -44,7 +44,7 @@ class PostureTable:
     com_m: np.ndarray
     com_sigma_m: np.ndarray
     upright: np.ndarray
-    severity: np.ndarray
+    state_code: np.ndarray
 
 
 def write_posture(path: Path, posture: PostureTable) -> None:
@@ -55,7 +55,7 @@ def write_posture(path: Path, posture: PostureTable) -> None:
         *(pa.array(posture.com_m[:, axis], pa.float64(), from_pandas=True) for axis in range(3)),
         pa.array(posture.com_sigma_m, pa.float64(), from_pandas=True),
         pa.array(posture.upright == UPRIGHT, mask=posture.upright == UNKNOWN),
-        pa.array(state_names(posture.severity), pa.string()),
+        pa.array(state_names(posture.state_code), pa.string()),
     ]
     with open_parquet(path, POSTURE_SCHEMA) as writer:
         writer.write_table(pa.Table.from_arrays(columns, schema=POSTURE_SCHEMA), row_group_size=FRAMES_PER_ROW_GROUP)
@@ -71,5 +71,5 @@ def read_posture(path: Path) -> PostureTable:
         com_m=np.stack([table[f"com_{axis}_m"].to_numpy(zero_copy_only=False) for axis in "xyz"], axis=1),
         com_sigma_m=table["com_sigma_m"].to_numpy(zero_copy_only=False),
         upright=upright.to_numpy(zero_copy_only=False).astype(np.int8),
-        severity=state_severity(path, table["state"]),
+        state_code=state_codes(path, table["state"]),
     )

@@ -13,8 +13,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from anchorpose.errors import InputError
-from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, JointState
-from anchorpose.results.joint_frame import LOST, SEVERITY, JointFrame
+from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, LOST, STATE_CODE, JointState
+from anchorpose.results.joint_frame import JointFrame
 
 JOINTS_FILE: Final = "joints.parquet"
 
@@ -41,20 +41,20 @@ FRAMES_PER_ROW_GROUP: Final = 512
 class JointTable:
     """All frames of a result. NaN and ``lost`` where a joint has no position.
 
-    frame (n,) int32, time_s (n,) float64, position_m (n, 21, 3) float64 world, severity (n, 21) int8 index into
+    frame (n,) int32, time_s (n,) float64, position_m (n, 21, 3) float64 world, state_code (n, 21) int8 index into
     ``JointState``, sigma_m (n, 21) float64.
     """
 
     frame: np.ndarray
     time_s: np.ndarray
     position_m: np.ndarray
-    severity: np.ndarray
+    state_code: np.ndarray
     sigma_m: np.ndarray
 
     @property
     def lost(self) -> np.ndarray:
         """(n, 21) bool."""
-        return self.severity == LOST
+        return self.state_code == LOST
 
 
 class RowGroups(Generic[Row]):
@@ -95,7 +95,7 @@ def read_joints(path: Path) -> JointTable:
     table = read_parquet(path, JOINTS_SCHEMA)
     columns = {name: table[name].to_numpy(zero_copy_only=False) for name in ("frame", "time_s", "sigma_m")}
     joints = _codes(path, table["joint"], JOINT_INDEX, "joint")
-    severities = _codes(path, table["state"], {str(state): SEVERITY[state] for state in JointState}, "state")
+    state_codes = _codes(path, table["state"], {str(state): STATE_CODE[state] for state in JointState}, "state")
     frame, first, row = np.unique(columns["frame"], return_index=True, return_inverse=True)
     seen = np.zeros((len(frame), JOINT_COUNT), dtype=np.int64)
     np.add.at(seen, (row, joints), 1)
@@ -103,10 +103,10 @@ def read_joints(path: Path) -> JointTable:
         raise InputError(path, "has no frames, or frames without exactly 21 joints", "track the recording again")
     position_m = np.full((len(frame), JOINT_COUNT, 3), np.nan)
     sigma_m = np.full((len(frame), JOINT_COUNT), np.nan)
-    severity = np.zeros((len(frame), JOINT_COUNT), dtype=np.int8)
+    state_code = np.zeros((len(frame), JOINT_COUNT), dtype=np.int8)
     position_m[row, joints] = np.stack([table[axis].to_numpy() for axis in ("x_m", "y_m", "z_m")], axis=1)
-    sigma_m[row, joints], severity[row, joints] = columns["sigma_m"], severities
-    return JointTable(frame, columns["time_s"][first], position_m, severity, sigma_m)
+    sigma_m[row, joints], state_code[row, joints] = columns["sigma_m"], state_codes
+    return JointTable(frame, columns["time_s"][first], position_m, state_code, sigma_m)
 
 
 def read_parquet(path: Path, schema: pa.Schema, rows: Any = None) -> pa.Table:

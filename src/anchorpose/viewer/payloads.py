@@ -81,10 +81,10 @@ def motion_payload(review: Review) -> bytes:
         "frame": joints.frame.astype(np.int32),
         "joints": joints.position_m.astype(np.float32),
         "sigma": joints.sigma_m.astype(np.float32),
-        "severity": joints.severity.astype(np.uint8),
+        "severity": joints.state_code.astype(np.uint8),
         "angles": angles.degrees.astype(np.float32),
         "angle_sigma": angles.sigma_deg.astype(np.float32),
-        "angle_severity": angles.severity.astype(np.uint8),
+        "angle_severity": angles.state_code.astype(np.uint8),
         "matched": review.matched_share.astype(np.float32),
     }
     if review.poses is not None:

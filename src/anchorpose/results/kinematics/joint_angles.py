@@ -64,18 +64,18 @@ def joint_angles(joints: JointTable) -> AngleTable:
     """
     position_m = np.ascontiguousarray(joints.position_m.transpose(1, 2, 0))
     sigma_m = np.ascontiguousarray(joints.sigma_m.T)
-    angle, sigma, severity = list[np.ndarray](), list[np.ndarray](), list[np.ndarray]()
+    angle, sigma, state_code = list[np.ndarray](), list[np.ndarray](), list[np.ndarray]()
     for group in ANGLE_GROUPS:
         value, spread = angles_with_sigma(group, position_m, sigma_m)
-        worst = joints.severity[:, [JOINT_INDEX[name] for name in group.joints]].max(axis=1)
+        worst = joints.state_code[:, [JOINT_INDEX[name] for name in group.joints]].max(axis=1)
         angle.extend(value)
         sigma.extend(spread)
-        severity.extend([worst] * len(group.names))
+        state_code.extend([worst] * len(group.names))
     return AngleTable(
         frame=joints.frame,
         time_s=joints.time_s,
         names=ANGLE_NAMES,
         degrees=np.degrees(np.stack(angle, axis=1)),
-        severity=np.stack(severity, axis=1).astype(np.int8),
+        state_code=np.stack(state_code, axis=1).astype(np.int8),
         sigma_deg=np.degrees(np.stack(sigma, axis=1)),
     )

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from scipy.signal import butter, sosfiltfilt
 
-from anchorpose.results.lasting import changing_sigma, lasting_sigma
+from anchorpose.results.uncertainty import random_sigma, systematic_sigma
 
 FIRST_SPEED_M_S: Final = 1.0  # standard deviations of what is not known before the first frame
 FIRST_ACCELERATION_M_S2: Final = 10.0
@@ -27,8 +27,8 @@ def smooth_stretch(
     The acceleration is constant but for a random walk: it changes by ``jerk`` times the square root of the time. Only
     the part of sigma that comes and goes is smoothed away; what lasts is added again, so sigma never falls below that.
     """
-    course, variance = _smooth(np.diff(time_s), np.ascontiguousarray(position_m), changing_sigma(sigma_m) ** 2, jerk)
-    return course, np.sqrt(np.maximum(variance, 0.0) + lasting_sigma(sigma_m) ** 2)
+    course, variance = _smooth(np.diff(time_s), np.ascontiguousarray(position_m), random_sigma(sigma_m) ** 2, jerk)
+    return course, np.sqrt(np.maximum(variance, 0.0) + systematic_sigma(sigma_m) ** 2)
 
 
 @njit(cache=True)

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from anchorpose.errors import AnchorposeError
-from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JointState
+from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, STATE_CODE, JointState
 from anchorpose.results.angles_processed import PROCESSING, ProcessedAngles
 from anchorpose.results.frame_time import longest_even_step_s, unbroken_runs, usual_step_s
-from anchorpose.results.joint_frame import SEVERITY
 from anchorpose.results.kinematics.joint_angles import ANGLE_GROUPS, joint_angles
 from anchorpose.results.processing.filters import (
     MOST_UNEVEN,
@@ -39,21 +38,21 @@ def process_joints(joints: JointTable, config: ProcessingConfig) -> ProcessedJoi
     if config.smooth == "butterworth":
         _check(joints.time_s, config.cutoff_hz)
     position_m, sigma_m = joints.position_m.copy(), joints.sigma_m.copy()
-    severity, processing = joints.severity.copy(), np.zeros(joints.severity.shape, dtype=np.int8)
+    state_code, processing = joints.state_code.copy(), np.zeros(joints.state_code.shape, dtype=np.int8)
     for joint in range(JOINT_COUNT):
         if config.fill != "none":
             filled = fill_gaps(
                 joints.time_s, position_m[:, joint], sigma_m[:, joint], config.fill, config.longest_gap_s
             )
             position_m[:, joint], sigma_m[:, joint] = filled.position_m, filled.sigma_m
-            severity[filled.filled, joint] = SEVERITY[JointState.HIDDEN]
+            state_code[filled.filled, joint] = STATE_CODE[JointState.HIDDEN]
             processing[filled.filled, joint] = FILLED
         for run in unbroken_runs(np.isfinite(sigma_m[:, joint]), joints.time_s, longest_even_step_s(joints.time_s)):
             smoothed = _smooth(joints.time_s[run], position_m[run, joint], sigma_m[run, joint], config)
             if smoothed is not None:
                 position_m[run, joint], sigma_m[run, joint] = smoothed
                 processing[run, joint] = np.maximum(processing[run, joint], SMOOTHED)
-    return ProcessedJoints(JointTable(joints.frame, joints.time_s, position_m, severity, sigma_m), processing)
+    return ProcessedJoints(JointTable(joints.frame, joints.time_s, position_m, state_code, sigma_m), processing)
 
 
 def process_angles(joints: JointTable, config: ProcessingConfig) -> ProcessedAngles:

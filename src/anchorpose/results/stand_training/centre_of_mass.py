@@ -76,14 +76,14 @@ simulated recordings it was up to 5 mm off (docs/measures.md)."""
 
 
 class CentreOfMass(NamedTuple):
-    """position_m (n, 3) world, NaN where a joint that carries mass is lost; sigma_m (n,) an axis; severity (n,) int8.
+    """position_m (n, 3) world, NaN where a joint that carries mass is lost; sigma_m (n,) an axis; state_code (n,) int8.
 
     sigma_m is what the joints' sigma makes of it. That the patient's masses are not those of the table is not in it.
     """
 
     position_m: np.ndarray
     sigma_m: np.ndarray
-    severity: np.ndarray
+    state_code: np.ndarray
 
 
 def centre_of_mass(joints: JointTable) -> CentreOfMass:
@@ -93,4 +93,4 @@ def centre_of_mass(joints: JointTable) -> CentreOfMass:
     position_m = np.einsum("j,njk->nk", weights[used], joints.position_m[:, used])
     own, shared = (joints.sigma_m[:, used] ** 2) @ weights[used] ** 2, (joints.sigma_m[:, used] @ weights[used]) ** 2
     sigma_m = np.sqrt((1.0 - SHARED_ERROR) * own + SHARED_ERROR * shared)
-    return CentreOfMass(position_m, sigma_m, joints.severity[:, used].max(axis=1))
+    return CentreOfMass(position_m, sigma_m, joints.state_code[:, used].max(axis=1))

@@ -11,9 +11,9 @@ from typing import Final
 import numpy as np
 
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.results.lasting import lasting_sigma, sigma_of_mean
 from anchorpose.results.measures import Measure
 from anchorpose.results.stand_training.session import Session, inferred_share
+from anchorpose.results.uncertainty import sigma_of_mean, systematic_sigma
 
 NOT_UPRIGHT_WITH: Final = "the patient was never known to be upright with this angle known"
 EXTENDED: Final = ("knee_flexion", "hip_flexion")
@@ -56,7 +56,7 @@ def _flexion(session: Session, angle: str, side: str) -> list[Measure]:
             for which in ("mean", "least", "greatest")
         ]  # fmt: skip
     column = session.angles.column(name)
-    sigma, severity = session.angles.sigma_deg[used, column], session.angles.severity[used, column]
+    sigma, state_code = session.angles.sigma_deg[used, column], session.angles.state_code[used, column]
     value, seconds = degrees[used], float(session.seconds[used].sum())
     least, greatest = np.percentile(value, [LEAST_PERCENTILE, 100.0 - LEAST_PERCENTILE])
     found = (
@@ -66,7 +66,7 @@ def _flexion(session: Session, angle: str, side: str) -> list[Measure]:
     )
     return [
         Measure(measure=f"{angle}_upright_{which}", side=side, value=number, unit="deg", sigma=spread,
-                frames=int(used.sum()), inferred_share=inferred_share(severity))
+                frames=int(used.sum()), inferred_share=inferred_share(state_code))
         for which, number, spread in found
     ]  # fmt: skip
 
@@ -83,7 +83,7 @@ def _straight_time(session: Session, side: str, straight_deg: float) -> Measure:
     if not used.any():
         return Measure(measure="knee_straight_time", side=side, value=None, unit="s", frames=0, why=NOT_UPRIGHT_WITH)
     column = session.angles.column(name)
-    error = lasting_sigma(session.angles.sigma_deg[used, column])
+    error = systematic_sigma(session.angles.sigma_deg[used, column])
     straight_s = [
         float(session.seconds[used][np.abs(degrees[used]) + shift * error <= straight_deg].sum())
         for shift in (0.0, -1.0, 1.0)
@@ -95,7 +95,7 @@ def _straight_time(session: Session, side: str, straight_deg: float) -> Measure:
         unit="s",
         sigma=0.5 * (straight_s[1] - straight_s[2]),
         frames=int(used.sum()),
-        inferred_share=inferred_share(session.angles.severity[used, column]),
+        inferred_share=inferred_share(session.angles.state_code[used, column]),
     )
 
 
@@ -127,7 +127,7 @@ def _difference(session: Session, angle: str) -> Measure:
         unit="deg",
         sigma=sigma_of_mean(sigma, float(session.seconds[used].sum())),
         frames=int(used.sum()),
-        inferred_share=inferred_share(session.angles.severity[used][:, columns].max(axis=1)),
+        inferred_share=inferred_share(session.angles.state_code[used][:, columns].max(axis=1)),
     )
 
 
@@ -148,10 +148,10 @@ def _load_shares(session: Session) -> list[Measure]:
                 for side, _ in names]  # fmt: skip
     feet = session.joints.sigma_m[used][:, ankles]
     sigma = np.hypot(session.posture.com_sigma_m[used], 0.5 * np.hypot(feet[:, 0], feet[:, 1])) / width[used]
-    severity = np.maximum(session.posture.severity[used], session.joints.severity[used][:, ankles].max(axis=1))
+    state_code = np.maximum(session.posture.state_code[used], session.joints.state_code[used][:, ankles].max(axis=1))
     return [
         Measure(measure="load_share", side=side, value=0.5 + sign * float(along[used].mean()), unit="1",
                 sigma=sigma_of_mean(sigma, float(session.seconds[used].sum())), frames=int(used.sum()),
-                inferred_share=inferred_share(severity))
+                inferred_share=inferred_share(state_code))
         for side, sign in names
     ]  # fmt: skip

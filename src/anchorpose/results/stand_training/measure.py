@@ -52,7 +52,12 @@ def measure_session(
         joints=joints,
         angles=angles,
         posture=PostureTable(
-            joints.frame, joints.time_s, body.position_m, body.sigma_m, state, np.maximum(body.severity, found.severity)
+            joints.frame,
+            joints.time_s,
+            body.position_m,
+            body.sigma_m,
+            state,
+            np.maximum(body.state_code, found.state_code),
         ),
         stance=found,
         seconds=frame_seconds(joints.time_s),

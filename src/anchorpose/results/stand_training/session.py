@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from anchorpose.joints import LOST
 from anchorpose.results.angles import AngleTable
 from anchorpose.results.contacts import Contact
 from anchorpose.results.episodes import SIT_TO_STAND, STAND_TO_SIT, Episode
-from anchorpose.results.joint_frame import LOST
 from anchorpose.results.posture import UPRIGHT, PostureTable
 from anchorpose.results.stand_training.stance import Stance
 from anchorpose.results.tables import JointTable
@@ -51,10 +51,10 @@ class Session:
     @property
     def found(self) -> np.ndarray:
         """(n,) bool: the patient was found, any joint of him. In other frames nobody knows who touched him."""
-        found: np.ndarray = self.joints.severity.min(axis=1) < LOST
+        found: np.ndarray = self.joints.state_code.min(axis=1) < LOST
         return found
 
 
-def inferred_share(severity: np.ndarray) -> float | None:
-    """Of frames (k,) with the severity of the worst joint used, those in which it was not seen; None of no frames."""
-    return float(np.mean(severity > 0)) if len(severity) else None
+def inferred_share(state_code: np.ndarray) -> float | None:
+    """Of frames (k,) with the state_code of the worst joint used, those in which it was not seen; None of no frames."""
+    return float(np.mean(state_code > 0)) if len(state_code) else None

@@ -32,7 +32,7 @@ class Stance:
     trunk_sigma_deg: np.ndarray
     height: np.ndarray
     height_sigma: np.ndarray
-    severity: np.ndarray
+    state_code: np.ndarray
 
 
 def stance(joints: JointTable) -> Stance:
@@ -46,7 +46,7 @@ def stance(joints: JointTable) -> Stance:
     used = [JOINT_INDEX[name] for name in (*_INCLINATIONS.joints, *_ANKLES)]
     return Stance(
         thigh, thigh_sigma, trunk, trunk_sigma, height_m / leg_m, height_sigma_m / leg_m,
-        joints.severity[:, used].max(axis=1),
+        joints.state_code[:, used].max(axis=1),
     )  # fmt: skip
 
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.results.frame_time import LONGEST_STEP, unbroken_runs, usual_step_s
-from anchorpose.results.lasting import changing_sigma
 from anchorpose.results.measures import Measure
 from anchorpose.results.processing.filters import low_pass
 from anchorpose.results.stand_training.session import Session, inferred_share
+from anchorpose.results.uncertainty import random_sigma
 
 CHI2_95: Final = 5.991
 """Of two degrees of freedom: 95 of 100 points of a normal cloud lie within the ellipse (Schubert and Kirchner 2014,
@@ -81,10 +81,10 @@ def sway_measures(session: Session, config: SwayConfig) -> list[Measure]:
         )
         names = {"sway_time": "s", **UNITS, "sway_path_noise": "mm"}
         return [Measure(measure=name, value=None, unit=unit, frames=0, why=why) for name, unit in names.items()]
-    severity = np.concatenate([session.posture.severity[bout.frames] for bout in bouts])
+    state_code = np.concatenate([session.posture.state_code[bout.frames] for bout in bouts])
     rows = [("sway_time", sum(bout.seconds for bout in bouts), None), *_values(session, bouts, config)]
     rows.append(("sway_path_noise", 1000.0 * sum(bout.noise_m for bout in bouts), None))
-    return [_row(name, value, sigma, severity, config) for name, value, sigma in rows]
+    return [_row(name, value, sigma, state_code, config) for name, value, sigma in rows]
 
 
 def _values(session: Session, bouts: list[Bout], config: SwayConfig) -> list[tuple[str, float | None, float | None]]:
@@ -95,7 +95,7 @@ def _values(session: Session, bouts: list[Bout], config: SwayConfig) -> list[tup
         for name, scale in (("path_m", 1000.0), ("noise_m", 1000.0), ("seconds", 1.0))
     )
     sigma_m = np.concatenate([session.posture.com_sigma_m[bout.frames] for bout in bouts])
-    error = 1000.0 * float(np.sqrt(np.mean(changing_sigma(sigma_m) ** 2)))
+    error = 1000.0 * float(np.sqrt(np.mean(random_sigma(sigma_m) ** 2)))
     covariance = deviation.T @ deviation / (len(deviation) - 1)
     rms = np.sqrt(np.diag(covariance))
     axes = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance), 0.0))
@@ -120,9 +120,9 @@ def _with_noise(value: np.ndarray, noise: float) -> np.ndarray:
     return spread
 
 
-def _row(name: str, value: float | None, sigma: float | None, severity: np.ndarray, config: SwayConfig) -> Measure:
+def _row(name: str, value: float | None, sigma: float | None, state_code: np.ndarray, config: SwayConfig) -> Measure:
     unit = UNITS.get(name, "s" if name == "sway_time" else "mm")
-    frames, shared = len(severity), inferred_share(severity)
+    frames, shared = len(state_code), inferred_share(state_code)
     if value is None:
         what = "the path" if name in ("sway_path", "sway_velocity") else "the sway, in one direction at least,"
         why = f"{what} is less than {config.times_noise:g} times what the joints' noise alone would draw"

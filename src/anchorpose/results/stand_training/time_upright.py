@@ -22,28 +22,28 @@ NEVER_KNOWN: Final = "in no frame was it known whether the patient was upright"
 def upright_episodes(joints: JointTable, stance: Stance, state: np.ndarray) -> tuple[Episode, ...]:
     """The bouts; state (n,) of ``upright``."""
     return tuple(
-        episode(UPRIGHT_EPISODE, joints, stance.severity, run)
+        episode(UPRIGHT_EPISODE, joints, stance.state_code, run)
         for run in runs_of_known(state == UPRIGHT, state != UNKNOWN, joints.time_s)
     )  # fmt: skip
 
 
-def episode(kind: str, joints: JointTable, severity: np.ndarray, run: slice) -> Episode:
-    """The frames of ``run`` as an episode; severity (n,) of the joints that it was told by."""
+def episode(kind: str, joints: JointTable, state_code: np.ndarray, run: slice) -> Episode:
+    """The frames of ``run`` as an episode; state_code (n,) of the joints that it was told by."""
     return Episode(
         kind=kind,
         first_frame=int(joints.frame[run.start]),
         last_frame=int(joints.frame[run.stop - 1]),
         start_s=float(joints.time_s[run.start]),
         end_s=float(joints.time_s[run.stop - 1]),
-        state=tuple(JointState)[int(severity[run].max())],
+        state=tuple(JointState)[int(state_code[run].max())],
     )
 
 
 def time_measures(session: Session, config: UprightConfig) -> list[Measure]:
     """Recorded, found, upright and unknown time, the share, the bouts and the longest of them."""
-    seconds, state, severity = session.seconds, session.posture.upright, session.stance.severity
+    seconds, state, state_code = session.seconds, session.posture.upright, session.stance.state_code
     known, standing = state != UNKNOWN, state == UPRIGHT
-    frames, shared = int(known.sum()), inferred_share(severity[known])
+    frames, shared = int(known.sum()), inferred_share(state_code[known])
     total, known_s = recorded_seconds(session.joints.time_s), float(seconds[known].sum())
     runs = runs_of_known(standing, known, session.joints.time_s)
     recorded = _row("recorded_time", total, "s", len(seconds), None, None if total else NO_TIME)

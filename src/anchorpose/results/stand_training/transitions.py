@@ -10,13 +10,13 @@ import numpy as np
 
 from anchorpose.results.episodes import SIT_TO_STAND, STAND_TO_SIT, Episode
 from anchorpose.results.frame_time import frame_seconds, runs_of_known, unbroken_runs, usual_step_s
-from anchorpose.results.lasting import changing_sigma
 from anchorpose.results.measures import Measure
 from anchorpose.results.posture import UNKNOWN, UPRIGHT
 from anchorpose.results.stand_training.session import Session, inferred_share
 from anchorpose.results.stand_training.stance import Stance, hold
 from anchorpose.results.stand_training.time_upright import NEVER_KNOWN, episode
 from anchorpose.results.tables import JointTable
+from anchorpose.results.uncertainty import random_sigma
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,7 +79,7 @@ def transitions(joints: JointTable, stance: Stance, state: np.ndarray, config: T
 
 def transition_episodes(joints: JointTable, stance: Stance, found: list[Transition]) -> tuple[Episode, ...]:
     """As rows of episodes.parquet."""
-    return tuple(episode(one.kind, joints, stance.severity, one.frames) for one in found)
+    return tuple(episode(one.kind, joints, stance.state_code, one.frames) for one in found)
 
 
 def transition_measures(session: Session, found: list[Transition]) -> list[Measure]:
@@ -103,14 +103,14 @@ def _duration(session: Session, ones: list[Transition], kind: str, which: str) -
         "shortest": [min(ones, key=lambda one: one.seconds)],
         "longest": [max(ones, key=lambda one: one.seconds)],
     }[which]
-    severity = np.concatenate([session.stance.severity[one.frames] for one in chosen])
+    state_code = np.concatenate([session.stance.state_code[one.frames] for one in chosen])
     return Measure(
         measure=measure,
         value=float(np.mean([one.seconds for one in chosen])),
         unit="s",
         sigma=float(np.sqrt(np.sum([one.sigma_s**2 for one in chosen])) / len(chosen)),
-        frames=len(severity),
-        inferred_share=inferred_share(severity),
+        frames=len(state_code),
+        inferred_share=inferred_share(state_code),
     )
 
 
@@ -141,7 +141,7 @@ def _transition(
     end_level = _level(time_s, stance.height, after, config.settle_s, last_percentile, last=False)
     way = (stance.height[before.start : after.stop] - start_level) / (end_level - start_level)
     middle = before.stop - before.start
-    noise = float(np.nanmean(changing_sigma(stance.height_sigma[before.stop - 1 : after.start + 1])))
+    noise = float(np.nanmean(random_sigma(stance.height_sigma[before.stop - 1 : after.start + 1])))
     noise /= abs(end_level - start_level)  # a share of the way, as the edges are
     shake = min(noise, 0.5 * config.edge)  # edges that are tried must stay between the levels
     lengths = list[float]()
