@@ -19,7 +19,7 @@ from anchorpose.association.hypotheses import anchor_subsets, match_hypotheses
 from anchorpose.body.asset import load_body_asset
 from anchorpose.body.body_map import map_body
 from anchorpose.body.kinematics import shape_body
-from anchorpose.body.skin_points import FittedShape, rest_points, skin_points
+from anchorpose.body.skin_points import FittedShape, build_body, skin_points
 from anchorpose.camera import Camera, Intrinsics
 from anchorpose.geodesics.anchors import Anchors, find_anchors
 from anchorpose.geodesics.descriptor import anchor_descriptor
@@ -213,9 +213,9 @@ def test_find_anchors(benchmark, frames):
 def expected_skin() -> ExpectedSkin:
     """The figure as a tracker would predict it."""
     points, shape = skin_points(load_body_asset()), FittedShape(np.zeros(0), 0.0)
-    rest, body = rest_points(points, shape), shape.body(points.asset)
-    place = rest.points_m - [0.0, body.vertices[:, 1].min(), 0.0]
-    return ExpectedSkin(place.astype(np.float32), rest.normals.astype(np.float32), map_body(points, body))
+    body = build_body(points, shape)
+    place = body.rest_m - [0.0, body.mesh.vertices[:, 1].min(), 0.0]
+    return ExpectedSkin(place.astype(np.float32), body.rest_normals.astype(np.float32), map_body(body))
 
 
 @pytest.mark.parametrize("angles", [(0.0,), (0.0, 0.8, -0.8)], ids=["one", "three"])

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from body_builder import (
     FRONT,
-    adult_rest,
+    adult_body,
     before_wall,
     camera_at,
     evidence_of,
     photograph,
-    points,
     random_pose,
     seen_body,
     skin_in,
@@ -38,9 +37,9 @@ from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface.surface import Surface
 
 CONFIG = ConstraintConfig()
-REST = adult_rest()
+BODY = adult_body()
 POSE = random_pose(1, 0.3)
-POSED = pose_points(points(), REST, POSE)
+POSED = pose_points(BODY, POSE)
 
 
 def nodes(points_m: np.ndarray, normals: np.ndarray, camera: int = 0) -> Surface:
@@ -66,11 +65,11 @@ def facing(posed: PosedPoints, least: float = 0.5, camera: Camera = FRONT) -> np
 
 
 def moved(shift_m: tuple[float, float, float]) -> PosedPoints:
-    return pose_points(points(), REST, stepped(POSE, *shift_m))
+    return pose_points(BODY, stepped(POSE, *shift_m))
 
 
 def view_of_body() -> View:
-    return before_wall(photograph(skin_in(POSE, REST), FRONT), FRONT)
+    return before_wall(photograph(skin_in(POSE, BODY), FRONT), FRONT)
 
 
 def test_a_surface_that_is_the_skin_has_no_residual():
@@ -84,7 +83,7 @@ def test_a_surface_that_is_the_skin_has_no_residual():
 
 
 def test_a_surface_that_the_camera_saw_lies_on_the_skin_to_millimetres():
-    evidence = seen_body(POSE, REST)
+    evidence = seen_body(POSE, BODY)
     rows = surface_constraints(POSED, evidence.surface, (FRONT,), 0.06, CONFIG)
     # between points 28 mm apart, symmetric planes leave the curvature of fingers, nose and toes
     assert np.median(np.abs(rows.residuals(POSED))) < 0.001
@@ -104,7 +103,7 @@ def test_a_step_off_the_skin_is_the_residual_along_the_normal():
 @pytest.mark.parametrize("reach_m", [0.06, 0.12, 0.4])
 def test_every_node_pulls_the_nearest_skin_in_place_and_normal_of_all_skin_that_faces_it(reach_m):
     behind = camera_at((-2.4, 1.1, 0.0), (0.0, 0.9, 0.0), "behind")
-    evidence, posed = seen_body(POSE, REST, (FRONT, behind)), moved((0.05, 0.03, 0.08))
+    evidence, posed = seen_body(POSE, BODY, (FRONT, behind)), moved((0.05, 0.03, 0.08))
     config = replace(CONFIG, node_count=10_000)
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, reach_m, config)
     place, wanted = 0, evidence.surface
@@ -169,7 +168,7 @@ def test_nodes_beyond_reach_say_nothing():
 
 
 def test_skin_that_faces_away_from_the_camera_is_not_pulled():
-    evidence = seen_body(POSE, REST)
+    evidence = seen_body(POSE, BODY)
     rows = surface_constraints(POSED, evidence.surface, (FRONT,), 0.1, CONFIG)
     assert set(rows.point) <= set(facing(POSED, 0.0))
     behind = camera_at((-2.4, 1.1, 0.0), (0.0, 0.9, 0.0))
@@ -179,14 +178,14 @@ def test_skin_that_faces_away_from_the_camera_is_not_pulled():
 
 def test_each_camera_pulls_the_skin_it_sees():
     behind = camera_at((-2.4, 1.1, 0.0), (0.0, 0.9, 0.0), "behind")
-    evidence = seen_body(POSE, REST, (FRONT, behind))
+    evidence = seen_body(POSE, BODY, (FRONT, behind))
     rows = surface_constraints(POSED, evidence.surface, evidence.cameras, 0.06, CONFIG)
     front = set(facing(POSED, 0.0))
     assert 0.35 < np.mean([point in front for point in rows.point]) < 0.65
 
 
 def test_no_more_nodes_are_asked_than_configured_and_always_the_same():
-    evidence = seen_body(POSE, REST)
+    evidence = seen_body(POSE, BODY)
     few = replace(CONFIG, node_count=200)
     first, again = (surface_constraints(POSED, evidence.surface, (FRONT,), 0.1, few) for _ in range(2))
     assert 150 < len(first) <= 200
@@ -295,18 +294,18 @@ def test_a_limb_may_be_hidden_in_a_wide_hole_and_not_in_the_rim_of_lost_readings
 
 
 def test_following_the_rows_brings_a_strayed_body_back():
-    evidence = seen_body(POSE, REST)
+    evidence = seen_body(POSE, BODY)
     costs = [
-        evidence_cost(points(), REST, stepped(POSE, 0.0, 0.0, z), evidence, 0.1, CONFIG, FitConfig())
+        evidence_cost(BODY, stepped(POSE, 0.0, 0.0, z), evidence, 0.1, CONFIG, FitConfig())
         for z in (0.0, 0.02, 0.05, 0.10)
     ]
     assert (np.diff(costs) > 0).all(), costs
 
 
 def test_evidence_without_pictures_is_the_surface_alone():
-    evidence = seen_body(POSE, REST)
+    evidence = seen_body(POSE, BODY)
     blind = replace(evidence, views=(None,), outlines=(None,))
-    rows = evidence_rows(points(), REST, POSE, blind, 0.1, CONFIG)
+    rows = evidence_rows(BODY, POSE, blind, 0.1, CONFIG)
     alone = surface_constraints(POSED, evidence.surface, evidence.cameras, 0.1, CONFIG)
     np.testing.assert_array_equal(rows.point, alone.point)
 
@@ -314,7 +313,7 @@ def test_evidence_without_pictures_is_the_surface_alone():
 def test_the_evidence_of_an_empty_picture_gives_no_rows():
     view = view_of_body()
     empty = View(view.depth_m, np.full(view.labels.shape, PixelLabel.BACKGROUND, np.uint8))
-    assert len(evidence_rows(points(), REST, POSE, evidence_of((empty,), (FRONT,)), 0.1, CONFIG)) == 0
+    assert len(evidence_rows(BODY, POSE, evidence_of((empty,), (FRONT,)), 0.1, CONFIG)) == 0
 
 
 def test_known_places_are_three_rows_each():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from body_builder import adult, adult_rest, asset, points, random_pose, seen_body, shaken, standing
+from body_builder import adult, adult_body, asset, points, random_pose, seen_body, shaken, standing
 
 from anchorpose.body.constraints import ConstraintConfig
 from anchorpose.body.evidence import evidence_rows
@@ -21,16 +21,16 @@ from anchorpose.body.fit import (
 )
 from anchorpose.body.pose import DEGREE, MOVING_BONES, POSE_SIZE, Pose, hinge_axes, joint_range
 from anchorpose.body.shape_belief import ShapeBelief, ShapePrior
-from anchorpose.body.skin_points import FittedShape, pose_points, rest_points
+from anchorpose.body.skin_points import FittedShape, build_body, pose_points
 
-REST = adult_rest()
+BODY = adult_body()
 CONFIG = FitConfig()
 STEP = 1e-5
 
 
 def equations_at(pose: Pose, constraints, shape_count: int = 0) -> NormalEquations:
-    posed = pose_points(points(), REST, pose)
-    return pose_equations(points(), REST, pose, posed, constraints, None, CONFIG, shape_count)
+    posed = pose_points(BODY, pose)
+    return pose_equations(BODY, pose, posed, constraints, None, CONFIG, shape_count)
 
 
 def slope(cost, pose: Pose) -> np.ndarray:
@@ -44,7 +44,7 @@ def slope(cost, pose: Pose) -> np.ndarray:
 def test_the_gradient_is_half_the_slope_of_the_cost(seed):
     truth = random_pose(seed)
     pose = shaken(truth, seed + 5, 3.0, 0.02)
-    rows = evidence_rows(points(), REST, pose, seen_body(truth, REST), 0.1, ConstraintConfig(node_count=400))
+    rows = evidence_rows(BODY, pose, seen_body(truth, BODY), 0.1, ConstraintConfig(node_count=400))
     numeric = slope(lambda p: equations_at(p, rows).cost, pose)
     gradient = equations_at(pose, rows).gradient
     np.testing.assert_allclose(gradient, numeric / 2.0, atol=1e-4 * np.abs(gradient).max())
@@ -122,7 +122,7 @@ def test_a_strong_prediction_is_obeyed():
 
 def test_shape_columns_leave_the_equations_of_the_pose_as_they_are():
     pose = random_pose(6)
-    rows = evidence_rows(points(), REST, pose, seen_body(pose, REST), 0.1, ConstraintConfig(node_count=400))
+    rows = evidence_rows(BODY, pose, seen_body(pose, BODY), 0.1, ConstraintConfig(node_count=400))
     plain, shaped = equations_at(pose, rows), equations_at(pose, rows, 5)
     assert shaped.hessian.shape == (POSE_SIZE + 6, POSE_SIZE + 6)
     np.testing.assert_allclose(shaped.hessian[:POSE_SIZE, :POSE_SIZE], plain.hessian, rtol=1e-9, atol=1e-6)
@@ -163,21 +163,19 @@ def test_the_step_on_the_shape_is_the_step_of_the_whole_system():
     spread = np.random.default_rng(3).normal(size=(size, size))
     information = spread @ spread.T + np.diag([1.0, 1.0, 1.0, 1.0, 1.0 / 0.004**2])
     known = ShapeBelief(FittedShape(np.full(4, 0.3), 0.008), information, ShapePrior())
-    rest = rest_points(points(), shape)
+    body = build_body(points(), shape)
     truths = [random_pose(seed) for seed in (8, 9)]
     poses = [shaken(truth, 3, 2.0, 0.01) for truth in truths]
     frames = [
-        ShapeFrame(
-            pose, evidence_rows(points(), rest, pose, seen_body(truth, REST), 0.1, ConstraintConfig(node_count=500))
-        )
+        ShapeFrame(pose, evidence_rows(body, pose, seen_body(truth, BODY), 0.1, ConstraintConfig(node_count=500)))
         for pose, truth in zip(poses, truths, strict=True)
     ]
     whole, right = np.zeros((2 * POSE_SIZE + size,) * 2), np.zeros(2 * POSE_SIZE + size)
     whole[-size:, -size:] = known.information
     right[-size:] = known.information @ known.deviation(shape)
     for number, frame in enumerate(frames):
-        posed = pose_points(points(), rest, frame.pose)
-        own = pose_equations(points(), rest, frame.pose, posed, frame.constraints, None, CONFIG, 4)
+        posed = pose_points(body, frame.pose)
+        own = pose_equations(body, frame.pose, posed, frame.constraints, None, CONFIG, 4)
         place = [*range(number * POSE_SIZE, (number + 1) * POSE_SIZE), *range(2 * POSE_SIZE, 2 * POSE_SIZE + size)]
         damped = own.hessian + 1e-3 * np.diag(np.append(np.diag(own.hessian)[:POSE_SIZE], np.zeros(size)))
         whole[np.ix_(place, place)] += damped

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from body_builder import adult, adult_rest, asset, joint_errors_m, joints_of, points, seen_body, standing
+from body_builder import adult, adult_body, asset, joint_errors_m, joints_of, points, seen_body, standing
 
 from anchorpose.body.constraints import ConstraintConfig
 from anchorpose.body.fit import FitConfig
 from anchorpose.body.initial import FirstPose, anchor_constraints, anchor_points, find_first_pose
 from anchorpose.body.pose import Pose
 from anchorpose.body.shape_belief import ShapePrior
-from anchorpose.body.skin_points import pose_points, rest_points
+from anchorpose.body.skin_points import build_body, pose_points
 from anchorpose.geodesics.anchors import ANCHOR_NAMES, Anchors, no_anchors
 from anchorpose.joints import JOINT_INDEX
 
-REST = adult_rest()
+BODY = adult_body()
 UNSEEN = no_anchors()
 STANDING = standing((0.05, 0.93, -0.04), LeftArm=(-20.0, 0.0, 10.0), RightArm=(15.0, 0.0, 5.0), Hips=(0.0, 8.0, 0.0))
 SITTING = standing(
@@ -26,13 +26,13 @@ REACHING = standing(LeftArm=(80.0, 0.0, 0.0), RightArm=(20.0, 0.0, 0.0))
 
 
 def tips_of(pose: Pose) -> Anchors:
-    posed = pose_points(points(), REST, pose)
+    posed = pose_points(BODY, pose)
     return Anchors(np.arange(5, dtype=np.int32), posed.points_m[anchor_points(asset(), points())], np.full(5, 0.005))
 
 
 def first_pose(truth: Pose, anchors: Anchors, height_m: float | None = None) -> FirstPose:
     shape = adult() if height_m is None else adult(height_m)
-    evidence = seen_body(truth, REST)
+    evidence = seen_body(truth, BODY)
     known = ShapePrior().belief(asset())
     return find_first_pose(
         points(), evidence, anchors, [shape], known, height_m is None, ConstraintConfig(), FitConfig()
@@ -43,14 +43,14 @@ def first_pose(truth: Pose, anchors: Anchors, height_m: float | None = None) -> 
 def test_a_known_body_is_found_from_its_tips_and_its_surface(truth):
     found = first_pose(truth, tips_of(truth))
     # 12 cm of last reach: registration brings the rest
-    assert joint_errors_m(REST, found.pose, truth).mean() < 0.015
+    assert joint_errors_m(BODY, found.pose, truth).mean() < 0.015
     assert found.shape is adult()
 
 
 @pytest.mark.parametrize("truth", [STANDING, SITTING], ids=["standing", "sitting"])
 def test_a_body_is_found_without_any_anchor(truth):
     found = first_pose(truth, UNSEEN)
-    assert joint_errors_m(REST, found.pose, truth).mean() < 0.015
+    assert joint_errors_m(BODY, found.pose, truth).mean() < 0.015
 
 
 def test_an_anchor_of_the_wrong_limb_misleads_nobody():
@@ -59,13 +59,13 @@ def test_an_anchor_of_the_wrong_limb_misleads_nobody():
     wrong.position_m[1] = wrong.position_m[0]
     wrong.node[0], wrong.position_m[0] = -1, np.nan
     found = first_pose(STANDING, wrong)
-    assert joint_errors_m(REST, found.pose, STANDING).mean() < 0.015
+    assert joint_errors_m(BODY, found.pose, STANDING).mean() < 0.015
 
 
 def test_a_body_of_another_height_is_found_with_a_shape_that_gives_way():
     found = first_pose(STANDING, tips_of(STANDING), height_m=1.64)
-    own = rest_points(points(), found.shape)
-    errors = np.linalg.norm(joints_of(own, found.pose) - joints_of(REST, STANDING), axis=1)
+    own = build_body(points(), found.shape)
+    errors = np.linalg.norm(joints_of(own, found.pose) - joints_of(BODY, STANDING), axis=1)
     assert errors.mean() < 0.03
     height_m = float(np.ptp(found.shape.body(asset()).vertices[:, 1]))
     assert abs(height_m - 1.72) < 0.04  # half of what it was off
@@ -78,8 +78,8 @@ def test_the_same_evidence_gives_the_same_bits():
 
 
 def test_anchor_points_are_the_tips_of_the_body():
-    tips = REST.points_m[anchor_points(asset(), points())]
-    joints = REST.body.rest_joints()
+    tips = BODY.rest_m[anchor_points(asset(), points())]
+    joints = BODY.mesh.rest_joints()
     for name, tip in zip(ANCHOR_NAMES, tips, strict=True):
         side = next((side for side in ("Left", "Right") if side.lower() in name.lower()), "")
         joint = next(part for part in ("Head", "Hand", "Foot") if part.lower() in name.lower())

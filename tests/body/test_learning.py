@@ -25,7 +25,7 @@ from anchorpose.body.learning import LearnedBody, LearningConfig, bone_lengths, 
 from anchorpose.body.pose import Pose
 from anchorpose.body.registration import RegistrationConfig
 from anchorpose.body.shape_belief import ShapeBelief, ShapePrior
-from anchorpose.body.skin_points import FittedShape, rest_points
+from anchorpose.body.skin_points import FittedShape, build_body
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 
 POSES = [random_pose(seed, 0.5) for seed in (20, 21, 22, 24, 25, 26)]  # 23 puts a hand through the groin
@@ -86,8 +86,8 @@ def test_trunk_and_neck_are_learnt_too(naked):
 
 
 def test_joints_of_the_learnt_poses_are_those_of_the_body_that_was_seen(naked):
-    true_rest = rest_points(points(), FittedShape(COEFFICIENTS, 0.0))
-    own_rest = rest_points(points(), naked.belief.shape)
+    true_rest = build_body(points(), FittedShape(COEFFICIENTS, 0.0))
+    own_rest = build_body(points(), naked.belief.shape)
     for pose, truth in zip(naked.poses, POSES, strict=True):
         errors = np.linalg.norm(joints_of(own_rest, pose) - joints_of(true_rest, truth), axis=1)
         assert errors.mean() < 0.006
@@ -142,10 +142,10 @@ WITHOUT_LEGS = hide_bones("LeftUpLeg", "LeftLeg", "LeftFoot", "LeftToeBase",
 @pytest.fixture(scope="module")
 def windows() -> tuple[ShapeBelief, ShapeBelief]:
     """After frames that hide the legs, and after some more that show them."""
-    rest = rest_points(points(), FittedShape(COEFFICIENTS, 0.0))
+    body = build_body(points(), FittedShape(COEFFICIENTS, 0.0))
     known, shape, after = NOTHING, shape_of_height(asset(), 1.70), []
     for poses, change in ((POSES[:3], WITHOUT_LEGS), (POSES[3:], None)):
-        evidence = [seen_body(pose, rest, change=change) if change else seen_body(pose, rest) for pose in poses]
+        evidence = [seen_body(pose, body, change=change) if change else seen_body(pose, body) for pose in poses]
         rough = [shaken(pose, 60 + k, turn_deg=2.0, shift_m=0.015) for k, pose in enumerate(poses)]
         known = learn_body(points(), shape, rough, evidence, known, LearningConfig(), RegistrationConfig()).belief
         shape = known.shape
@@ -171,9 +171,9 @@ def test_frames_hardly_change_what_is_well_known():
     """Where three frames of somebody a hand taller come after much that was seen of the patient, he stays himself."""
     stranger = np.array(COEFFICIENTS)
     stranger[0] += 0.5
-    rest = rest_points(points(), FittedShape(stranger, 0.0))
+    body = build_body(points(), FittedShape(stranger, 0.0))
     own = FittedShape(COEFFICIENTS, 0.0)
     known = ShapeBelief(own, 1e6 * NOTHING.information, NOTHING.prior)
-    evidence = [seen_body(pose, rest) for pose in POSES[:2]]
+    evidence = [seen_body(pose, body) for pose in POSES[:2]]
     learned = learn_body(points(), own, POSES[:2], evidence, known, LearningConfig(), RegistrationConfig())
     np.testing.assert_allclose(limb_lengths_m(learned.belief.shape), limb_lengths_m(own), atol=0.003)

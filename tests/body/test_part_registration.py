@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from body_builder import adult_rest, asset, points, random_pose
+from body_builder import adult_body, asset, random_pose
 from scipy.spatial.transform import Rotation
 from surface_builder import no_links
 
@@ -225,10 +225,10 @@ def test_the_predicted_motions_are_not_changed_in_place():
 
 
 def test_parts_that_stay_joined_have_the_joints_of_the_body():
-    rest = adult_rest()
-    transforms = pose_points(points(), rest, random_pose(3)).transforms
-    joints = rest.body.joints(transforms)
-    found = joints_of_parts(asset(), rest.body, transforms)
+    body = adult_body()
+    transforms = pose_points(body, random_pose(3)).transforms
+    joints = body.mesh.joints(transforms)
+    found = joints_of_parts(asset(), body.mesh, transforms)
     np.testing.assert_allclose(found, joints, atol=1e-9)
 
 

@@ -10,7 +10,7 @@ from body_builder import (
     FRONT,
     LEFT,
     NOTHING,
-    adult_rest,
+    adult_body,
     asset,
     before_wall,
     blank,
@@ -46,7 +46,7 @@ from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_INDEX
 
 CONFIG = RegistrationConfig()
-REST = adult_rest()
+BODY = adult_body()
 ARM_LEFT = [JOINT_INDEX[name] for name in ("WristLeft", "HandLeft")]
 ARM_RIGHT = [JOINT_INDEX[name] for name in ("WristRight", "HandRight")]
 
@@ -59,30 +59,30 @@ def predicted(pose: Pose, turn_deg: float, shift_m: float) -> PoseBelief:
 
 
 def registered(belief: PoseBelief, evidence: Evidence, config: RegistrationConfig = CONFIG) -> Registration:
-    return register(points(), REST, belief, evidence, NOTHING, config)
+    return register(BODY, belief, evidence, NOTHING, config)
 
 
 def sigmas(belief: PoseBelief) -> np.ndarray:
-    posed = pose_points(points(), REST, belief.pose)
-    return joint_sigma(points(), REST, posed, belief.covariance, UncertaintyConfig(floor_m=0.006, inflation=1.0))
+    posed = pose_points(BODY, belief.pose)
+    return joint_sigma(BODY, posed, belief.covariance, UncertaintyConfig(floor_m=0.006, inflation=1.0))
 
 
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("cameras", [(FRONT,), (FRONT, LEFT)], ids=["one camera", "two cameras"])
 def test_a_pose_is_found_again_from_two_degrees_a_bone_and_two_centimetres_away(seed, cameras):
     truth = random_pose(seed, 0.3)
-    evidence = seen_body(truth, REST, cameras)
+    evidence = seen_body(truth, BODY, cameras)
     start = shaken(truth, seed + 100, turn_deg=2.0, shift_m=0.015)
-    assert joint_errors_m(REST, start, truth).mean() > 0.025
+    assert joint_errors_m(BODY, start, truth).mean() > 0.025
     # without noise the mesh and the 28 mm sample of the skin leave 1 to 2 mm
     free = registered(vague_belief(start), evidence)
     assert free.found
-    assert joint_errors_m(REST, free.belief.pose, truth).mean() < 0.004
-    assert joint_errors_m(REST, free.belief.pose, truth).max() < 0.015
+    assert joint_errors_m(BODY, free.belief.pose, truth).mean() < 0.004
+    assert joint_errors_m(BODY, free.belief.pose, truth).max() < 0.015
     # a prediction that is wrong by one of its sigmas keeps a tenth of its error
     held = registered(predicted(start, 2.0, 0.015), evidence)
     assert held.found
-    assert joint_errors_m(REST, held.belief.pose, truth).mean() < 0.008
+    assert joint_errors_m(BODY, held.belief.pose, truth).mean() < 0.008
     for found in (free, held):
         assert found.explained > 0.95
         assert np.isfinite(found.belief.pose.rotations).all()
@@ -91,26 +91,26 @@ def test_a_pose_is_found_again_from_two_degrees_a_bone_and_two_centimetres_away(
 
 def test_a_tight_prior_holds_the_start_and_a_vague_one_lets_go():
     truth = random_pose(1, 0.3)
-    evidence, start = seen_body(truth, REST), shaken(random_pose(1, 0.3), 101, 2.0, 0.015)
+    evidence, start = seen_body(truth, BODY), shaken(random_pose(1, 0.3), 101, 2.0, 0.015)
     errors = [
-        joint_errors_m(REST, registered(belief, evidence).belief.pose, truth).mean()
+        joint_errors_m(BODY, registered(belief, evidence).belief.pose, truth).mean()
         for belief in (vague_belief(start), predicted(start, 2.0, 0.015), predicted(start, 0.05, 0.0005))
     ]
     assert errors[0] < errors[1] < errors[2]
-    assert errors[2] > 0.5 * joint_errors_m(REST, start, truth).mean()
+    assert errors[2] > 0.5 * joint_errors_m(BODY, start, truth).mean()
 
 
 def test_a_registered_pose_is_where_registration_ends_again():
     truth = random_pose(2, 0.3)
-    evidence = seen_body(truth, REST)
+    evidence = seen_body(truth, BODY)
     once = registered(vague_belief(shaken(truth, 3, 2.0, 0.01)), evidence).belief.pose
     again = registered(vague_belief(once), evidence).belief.pose
-    assert joint_errors_m(REST, again, once).max() < 0.003
+    assert joint_errors_m(BODY, again, once).max() < 0.003
 
 
 def test_the_same_input_gives_the_same_bits():
     truth = random_pose(4, 0.3)
-    evidence, start = seen_body(truth, REST), vague_belief(shaken(random_pose(4, 0.3), 5, 2.0, 0.01))
+    evidence, start = seen_body(truth, BODY), vague_belief(shaken(random_pose(4, 0.3), 5, 2.0, 0.01))
     first, again = (registered(start, evidence).belief for _ in range(2))
     np.testing.assert_array_equal(first.pose.rotations, again.pose.rotations)
     np.testing.assert_array_equal(first.pose.root_m, again.pose.root_m)
@@ -122,13 +122,13 @@ def test_a_room_that_is_turned_and_shifted_turns_and_shifts_the_answer(degrees):
     motion = turned_about_y(degrees, (0.7, 0.0, -1.2))
     truth = random_pose(6, 0.3)
     start = shaken(truth, 7, 2.0, 0.015)
-    here = registered(vague_belief(start), seen_body(truth, REST)).belief
+    here = registered(vague_belief(start), seen_body(truth, BODY)).belief
     there = registered(
-        vague_belief(motion.of_pose(start)), seen_body(motion.of_pose(truth), REST, (motion.of_camera(FRONT),))
+        vague_belief(motion.of_pose(start)), seen_body(motion.of_pose(truth), BODY, (motion.of_camera(FRONT),))
     ).belief
     # float32 surfaces and pixels on the silhouette differ a little
-    expected = transform_points(motion.T, joints_of(REST, here.pose))
-    np.testing.assert_allclose(joints_of(REST, there.pose), expected, atol=0.002)
+    expected = transform_points(motion.T, joints_of(BODY, here.pose))
+    np.testing.assert_allclose(joints_of(BODY, there.pose), expected, atol=0.002)
     np.testing.assert_allclose(sigmas(there), sigmas(here), rtol=0.05)
 
 
@@ -155,7 +155,7 @@ def test_a_surface_that_is_not_this_body_leaves_the_prediction():
 def test_too_little_of_a_body_is_not_found_and_leaves_the_prediction(kept):
     truth = random_pose(8, 0.3)
     gone = [name for name in asset().bone_names if name != kept]
-    evidence = seen_body(truth, REST, change=hide_bones(*gone))
+    evidence = seen_body(truth, BODY, change=hide_bones(*gone))
     assert len(evidence.surface) < CONFIG.least_nodes
     belief = predicted(truth, 3.0, 0.02)
     found = registered(belief, evidence)
@@ -167,7 +167,7 @@ def test_too_little_of_a_body_is_not_found_and_leaves_the_prediction(kept):
 def test_a_body_across_the_room_is_not_found():
     far = predicted(random_pose(9, 0.3), 3.0, 0.02)
     far = replace(far, pose=stepped(far.pose, 0.0, 0.0, 1.5))
-    found = registered(far, seen_body(random_pose(9, 0.3), REST))
+    found = registered(far, seen_body(random_pose(9, 0.3), BODY))
     assert not found.found
     assert found.belief is far
 
@@ -175,7 +175,7 @@ def test_a_body_across_the_room_is_not_found():
 def test_seeing_makes_surer():
     truth = random_pose(10, 0.3)
     belief = vague_belief(shaken(truth, 11, 2.0, 0.01))
-    found = registered(belief, seen_body(truth, REST))
+    found = registered(belief, seen_body(truth, BODY))
     assert (sigmas(found.belief) < 0.5 * sigmas(belief)).all()
 
 
@@ -183,7 +183,7 @@ def test_a_forearm_that_is_not_seen_is_less_sure_than_the_one_that_is():
     truth = random_pose(12, 0.2)
     belief = predicted(shaken(truth, 13, 1.0, 0.01), 10.0, 0.05)
     hidden = hide_bones("LeftArm", "LeftForeArm", "LeftHand", "LThumb", "LeftFingerBase", "LeftHandFinger1")
-    seen, unseen = (registered(belief, seen_body(truth, REST, change=change)).belief for change in (None, hidden))
+    seen, unseen = (registered(belief, seen_body(truth, BODY, change=change)).belief for change in (None, hidden))
     assert (sigmas(unseen)[ARM_LEFT] > 1.5 * sigmas(seen)[ARM_LEFT]).all()
     assert (sigmas(unseen)[ARM_LEFT] > 1.5 * sigmas(unseen)[ARM_RIGHT]).all()
     np.testing.assert_allclose(sigmas(unseen)[ARM_RIGHT], sigmas(seen)[ARM_RIGHT], rtol=0.2)
@@ -194,16 +194,16 @@ def test_an_arm_that_is_not_seen_stays_near_its_prediction_and_within_its_sigma(
     truth = random_pose(seed, 0.2)
     hidden = hide_bones("LeftArm", "LeftForeArm", "LeftHand", "LThumb", "LeftFingerBase", "LeftHandFinger1")
     start = shaken(truth, 13, 1.0, 0.01)
-    found = registered(predicted(start, 4.0, 0.02), seen_body(truth, REST, change=hidden)).belief
-    errors = joint_errors_m(REST, found.pose, truth)[ARM_LEFT]
-    assert (errors < 2.0 * joint_errors_m(REST, start, truth)[ARM_LEFT]).all()
+    found = registered(predicted(start, 4.0, 0.02), seen_body(truth, BODY, change=hidden)).belief
+    errors = joint_errors_m(BODY, found.pose, truth)[ARM_LEFT]
+    assert (errors < 2.0 * joint_errors_m(BODY, start, truth)[ARM_LEFT]).all()
     assert (errors < 3.0 * np.sqrt(3.0) * sigmas(found)[ARM_LEFT]).all()
 
 
 def test_a_limb_out_of_sight_grows_less_sure_from_frame_to_frame_and_sure_again_when_it_is_back():
     truth = random_pose(14, 0.2)
-    hidden = seen_body(truth, REST, change=hide_bones("RightForeArm", "RightHand", "RThumb", "RightFingerBase"))
-    open_view = seen_body(truth, REST)
+    hidden = seen_body(truth, BODY, change=hide_bones("RightForeArm", "RightHand", "RThumb", "RightFingerBase"))
+    open_view = seen_body(truth, BODY)
     belief = registered(vague_belief(truth), open_view).belief
     course = [sigmas(belief)[ARM_RIGHT].max()]
     for evidence in (*[hidden] * 5, open_view):
@@ -215,7 +215,7 @@ def test_a_limb_out_of_sight_grows_less_sure_from_frame_to_frame_and_sure_again_
 
 
 def test_without_evidence_a_belief_only_grows_less_sure():
-    belief = registered(vague_belief(random_pose(15)), seen_body(random_pose(15), REST)).belief
+    belief = registered(vague_belief(random_pose(15)), seen_body(random_pose(15), BODY)).belief
     course = [sigmas(belief)]
     for _ in range(10):
         belief = belief.later(belief.pose, 0.1, FitConfig())
@@ -225,7 +225,7 @@ def test_without_evidence_a_belief_only_grows_less_sure():
 
 
 def test_time_that_does_not_pass_changes_no_belief():
-    belief = registered(vague_belief(random_pose(16)), seen_body(random_pose(16), REST)).belief
+    belief = registered(vague_belief(random_pose(16)), seen_body(random_pose(16), BODY)).belief
     later = belief.later(belief.pose, 0.0, FitConfig())
     np.testing.assert_allclose(later.covariance, belief.covariance, rtol=1e-9)
     np.testing.assert_allclose(later.information, belief.information, rtol=1e-6, atol=1e-6 * belief.information.max())
@@ -235,17 +235,17 @@ def test_an_arm_that_is_not_where_it_was_expected_is_looked_for_elsewhere():
     truth = standing(LeftArm=(70.0, 0.0, 0.0), RightArm=(25.0, 0.0, 0.0))
     start = standing(LeftArm=(-25.0, 0.0, 0.0), RightArm=(25.0, 0.0, 0.0))
     belief = predicted(start, 4.0, 0.02)
-    evidence = seen_body(truth, REST)
-    assert joint_errors_m(REST, start, truth)[JOINT_INDEX["WristLeft"]] > 0.5
+    evidence = seen_body(truth, BODY)
+    assert joint_errors_m(BODY, start, truth)[JOINT_INDEX["WristLeft"]] > 0.5
     found = registered(belief, evidence)
-    assert joint_errors_m(REST, found.belief.pose, truth).max() < 0.05
+    assert joint_errors_m(BODY, found.belief.pose, truth).max() < 0.05
     never = registered(belief, evidence, replace(CONFIG, most_uncovered=1.0))
-    assert joint_errors_m(REST, never.belief.pose, truth).max() > 0.2
+    assert joint_errors_m(BODY, never.belief.pose, truth).max() > 0.2
 
 
 def test_a_posterior_leaves_the_pose_that_was_found():
     truth = random_pose(18, 0.3)
-    found = posterior(points(), REST, truth, vague_belief(truth), seen_body(truth, REST), CONFIG)
+    found = posterior(BODY, truth, vague_belief(truth), seen_body(truth, BODY), CONFIG)
     assert found.found
     assert found.belief.pose is truth
     assert np.linalg.eigvalsh(found.belief.covariance).min() > 0.0
@@ -254,9 +254,9 @@ def test_a_posterior_leaves_the_pose_that_was_found():
 
 def test_nodes_on_the_skin_belong_to_the_bone_that_moves_it():
     pose = random_pose(19, 0.3)
-    posed = pose_points(points(), REST, pose)
+    posed = pose_points(BODY, pose)
     nodes = np.vstack([posed.points_m, [[0.0, 5.0, 0.0]]])
-    point, part = node_parts(points(), REST, pose, nodes, 0.05)
+    point, part = node_parts(BODY, pose, nodes, 0.05)
     np.testing.assert_array_equal(point[:-1], np.arange(len(posed.points_m)))
     np.testing.assert_array_equal(part[:-1], points().part)
     assert point[-1] == part[-1] == -1

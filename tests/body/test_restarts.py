@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from body_builder import adult_rest, asset, joints_of, random_pose, turned_about_y
+from body_builder import adult_body, asset, joints_of, random_pose, turned_about_y
 
 from anchorpose.body.registration import arm_restarts, leg_restarts
 from anchorpose.joints import JOINT_INDEX
 
 POSE = random_pose(2, 0.5)
 FOREARM_ONLY = 6  # these come first
-REST = adult_rest()
+BODY = adult_body()
 FIRST = {"Left": np.array([0.2, -1.0, -0.3]), "Right": np.array([0.2, -1.0, 0.3])}
 
 
@@ -32,7 +32,7 @@ def test_a_restart_keeps_all_bones_but_one_arm(side):
 
 @pytest.mark.parametrize("side", ["Left", "Right"])
 def test_restarts_differ_from_one_another_by_more_than_a_wrists_width(side):
-    wrists = [joints_of(REST, pose)[JOINT_INDEX[f"Wrist{side}"]] for pose in arm_restarts(asset(), POSE, side)]
+    wrists = [joints_of(BODY, pose)[JOINT_INDEX[f"Wrist{side}"]] for pose in arm_restarts(asset(), POSE, side)]
     apart = np.linalg.norm(np.array(wrists)[:, None] - wrists, axis=2) + np.eye(len(wrists))
     assert apart.min() > 0.04
 
@@ -41,7 +41,7 @@ def test_restarts_differ_from_one_another_by_more_than_a_wrists_width(side):
 def test_elbows_are_nearly_straight_or_bent_by_a_right_angle(side):
     for number, restart in enumerate(list(arm_restarts(asset(), POSE, side))[FOREARM_ONLY:]):
         shoulder, elbow, wrist = (
-            joints_of(REST, restart)[JOINT_INDEX[f"{j}{side}"]] for j in ("Shoulder", "Elbow", "Wrist")
+            joints_of(BODY, restart)[JOINT_INDEX[f"{j}{side}"]] for j in ("Shoulder", "Elbow", "Wrist")
         )
         cosine = (elbow - shoulder) @ (wrist - elbow) / np.linalg.norm(elbow - shoulder) / np.linalg.norm(wrist - elbow)
         # the asset's arm and this adult's differ by a degree or two at rest
@@ -52,20 +52,20 @@ def test_legs_stand_or_sit_both_or_one():
     """Angles from straight, in degrees: the asset's legs stand a little apart, and this adult's differ a little."""
     found = []
     for restart in leg_restarts(asset(), POSE):
-        joints, legs = joints_of(REST, restart), []
-        up = REST.body.bone_transforms(restart.rotations, restart.root_m)[asset().bone("Hips"), :3, 1]
-        ahead = REST.body.bone_transforms(restart.rotations, restart.root_m)[asset().bone("Hips"), :3, 0]
+        joints, legs = joints_of(BODY, restart), []
+        up = BODY.transforms(restart)[asset().bone("Hips"), :3, 1]
+        ahead = BODY.transforms(restart)[asset().bone("Hips"), :3, 0]
         for side in ("Left", "Right"):
             hip, knee, ankle = (joints[JOINT_INDEX[f"{joint}{side}"]] for joint in ("Hip", "Knee", "Ankle"))
             thigh, shank = (part / np.linalg.norm(part) for part in (knee - hip, ankle - knee))
             legs.append(tuple(bool(value) for value in (thigh @ -up > 0.97, thigh @ ahead > 0.94, shank @ -up > 0.94)))
         found.append(tuple(legs))
     standing, sitting = (True, False, True), (False, True, True)
-    before = joints_of(REST, POSE)
+    before = joints_of(BODY, POSE)
     assert found[:2] == [(standing, standing), (sitting, sitting)]
     assert [legs[0] for legs in found[2:4]] == [standing, sitting]
     assert [legs[1] for legs in found[4:]] == [standing, sitting]
-    kept = [joints_of(REST, restart) for restart in leg_restarts(asset(), POSE)]
+    kept = [joints_of(BODY, restart) for restart in leg_restarts(asset(), POSE)]
     right, left = JOINT_INDEX["AnkleRight"], JOINT_INDEX["AnkleLeft"]
     assert all((joints[right] == before[right]).all() for joints in kept[2:4])
     assert all((joints[left] == before[left]).all() for joints in kept[4:])
@@ -76,9 +76,9 @@ def test_directions_are_in_the_axes_of_the_trunk(side):
     turned = turned_about_y(90.0, (1.0, 0.0, 0.0)).of_pose(random_pose(3, 0.0))
     for pose in (random_pose(3, 0.0), turned):
         first = list(arm_restarts(asset(), pose, side))[FOREARM_ONLY]
-        transforms = REST.body.bone_transforms(first.rotations, first.root_m)
+        transforms = BODY.transforms(first)
         parent = transforms[asset().bone(f"{side}Shoulder"), :3, :3]
-        joints = joints_of(REST, first)
+        joints = joints_of(BODY, first)
         upper = parent.T @ (joints[JOINT_INDEX[f"Elbow{side}"]] - joints[JOINT_INDEX[f"Shoulder{side}"]])
         cosine = upper @ FIRST[side] / np.linalg.norm(upper) / np.linalg.norm(FIRST[side])
         assert cosine > np.cos(np.radians(5.0))
@@ -87,10 +87,10 @@ def test_directions_are_in_the_axes_of_the_trunk(side):
 @pytest.mark.parametrize("side", ["Left", "Right"])
 def test_the_first_restarts_turn_a_bent_forearm_about_an_upper_arm_that_stays(side):
     shoulder, elbow, wrist = (JOINT_INDEX[f"{joint}{side}"] for joint in ("Shoulder", "Elbow", "Wrist"))
-    before = joints_of(REST, POSE)
+    before = joints_of(BODY, POSE)
     forearms = []
     for restart in list(arm_restarts(asset(), POSE, side))[:FOREARM_ONLY]:
-        joints = joints_of(REST, restart)
+        joints = joints_of(BODY, restart)
         np.testing.assert_allclose(joints[[shoulder, elbow]], before[[shoulder, elbow]], atol=0.01)
         forearms.append((joints[wrist] - joints[elbow]) / np.linalg.norm(joints[wrist] - joints[elbow]))
     upper = (before[elbow] - before[shoulder]) / np.linalg.norm(before[elbow] - before[shoulder])

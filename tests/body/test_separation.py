@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from body_builder import adult_rest, asset, points, standing, turned_about_y
+from body_builder import adult_body, asset, points, standing, turned_about_y
 from scipy.spatial import cKDTree
 
 from anchorpose.body.evidence import separation_rows, trunk_and_arms
@@ -12,13 +12,13 @@ from anchorpose.body.fit import FitConfig, limited, pose_equations, solve_damped
 from anchorpose.body.pose import POSE_SIZE, Pose
 from anchorpose.body.skin_points import pose_points
 
-REST = adult_rest()
+BODY = adult_body()
 ASIDE = standing(LeftArm=(-20.0, 0.0, 0.0), RightArm=(20.0, 0.0, 0.0))
 INSIDE = standing(RightArm=(55.0, 0.0, 0.0), RightForeArm=(30.0, 0.0, 0.0))  # the right forearm swung through the hip
 
 
 def rows_of(pose: Pose):
-    return separation_rows(points(), pose_points(points(), REST, pose))
+    return separation_rows(points(), pose_points(BODY, pose))
 
 
 def bones_of(index: np.ndarray) -> set[str]:
@@ -38,7 +38,7 @@ def test_trunk_and_arms_are_apart_and_both_sides_are_there():
 
 
 def test_a_forearm_inside_the_trunk_is_pushed_out_of_it():
-    rows, posed = rows_of(INSIDE), pose_points(points(), REST, INSIDE)
+    rows, posed = rows_of(INSIDE), pose_points(BODY, INSIDE)
     assert len(rows) > 5
     assert all(name.startswith("R") for name in bones_of(rows.point))
     assert (rows.residuals(posed) < -0.009).all()  # behind the skin it is held against
@@ -47,12 +47,12 @@ def test_a_forearm_inside_the_trunk_is_pushed_out_of_it():
 
 def test_following_the_rows_takes_the_forearm_out():
     pose, config, near = INSIDE, FitConfig(), np.eye(POSE_SIZE)
-    depth = [-rows_of(pose).residuals(pose_points(points(), REST, pose)).sum()]
+    depth = [-rows_of(pose).residuals(pose_points(BODY, pose)).sum()]
     for _ in range(6):
-        posed = pose_points(points(), REST, pose)
-        equations = pose_equations(points(), REST, pose, posed, rows_of(pose), (INSIDE, near), config)
+        posed = pose_points(BODY, pose)
+        equations = pose_equations(BODY, pose, posed, rows_of(pose), (INSIDE, near), config)
         pose = pose.moved(limited(solve_damped(equations), config), points().moving)
-        depth.append(-rows_of(pose).residuals(pose_points(points(), REST, pose)).sum())
+        depth.append(-rows_of(pose).residuals(pose_points(BODY, pose)).sum())
     assert depth[-1] < 0.3 * depth[0], depth
 
 
@@ -66,7 +66,7 @@ def test_the_rows_turn_with_the_body(degrees):
 
 def test_the_nearest_skin_of_the_trunk_is_that_of_a_search_tree():
     trunk, arms = trunk_and_arms(points())
-    posed = pose_points(points(), REST, INSIDE)
+    posed = pose_points(BODY, INSIDE)
     distance, nearest = cKDTree(posed.points_m[trunk]).query(posed.points_m[arms], distance_upper_bound=0.15)
     skin = trunk[nearest[distance < 0.15]]
     depth = ((posed.points_m[skin] - posed.points_m[arms[distance < 0.15]]) * posed.normals[skin]).sum(axis=1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from body_builder import adult, adult_rest, asset, points, random_pose, standing, turned_about_y, winding_numbers
+from body_builder import adult, adult_body, asset, points, random_pose, standing, turned_about_y, winding_numbers
 from scipy.spatial import cKDTree
 
 from anchorpose.body.asset import joint_bones
@@ -12,18 +12,18 @@ from anchorpose.body.pose import POSE_SIZE, Pose
 from anchorpose.body.pose_accumulation import accumulate_pose
 from anchorpose.body.skin_points import (
     POINT_COUNT,
+    Body,
     FittedShape,
-    RestPoints,
+    build_body,
     joint_jacobian,
     pose_jacobian,
     pose_points,
-    rest_points,
     shape_jacobian,
     skin_points,
 )
 
 STEP = 1e-6
-CLOTHED = adult_rest(1.72, 0.008)
+CLOTHED = adult_body(1.72, 0.008)
 POSES = [random_pose(1), random_pose(2, 0.8), standing()]
 
 
@@ -33,17 +33,15 @@ def rows(seed: int, count: int = 300) -> tuple[np.ndarray, np.ndarray]:
     return rng.integers(0, POINT_COUNT, count), direction / np.linalg.norm(direction, axis=1, keepdims=True)
 
 
-def moved_along(
-    rest: RestPoints, pose: Pose, index: np.ndarray, direction: np.ndarray, change: np.ndarray
-) -> np.ndarray:
-    posed = pose_points(points(), rest, pose.moved(change, points().moving))
+def moved_along(body: Body, pose: Pose, index: np.ndarray, direction: np.ndarray, change: np.ndarray) -> np.ndarray:
+    posed = pose_points(body, pose.moved(change, points().moving))
     return (posed.points_m[index] * direction).sum(axis=1)
 
 
 @pytest.mark.parametrize("pose", POSES, ids=["random", "wide", "standing"])
 def test_the_pose_jacobian_is_the_derivative_of_the_skin(pose):
     index, direction = rows(1)
-    jacobian = pose_jacobian(points(), CLOTHED, pose_points(points(), CLOTHED, pose), index, direction)
+    jacobian = pose_jacobian(CLOTHED, pose_points(CLOTHED, pose), index, direction)
     numeric = np.stack(
         [
             (moved_along(CLOTHED, pose, index, direction, d) - moved_along(CLOTHED, pose, index, direction, -d))
@@ -63,11 +61,11 @@ def test_the_shape_jacobian_is_the_derivative_of_the_naked_skin(pose):
     def along(change: np.ndarray) -> np.ndarray:
         coefficients = shape.coefficients.copy()
         coefficients[:count] += change
-        rest = rest_points(points(), FittedShape(coefficients, 0.0))
-        return (pose_points(points(), rest, pose).points_m[index] * direction).sum(axis=1)
+        body = build_body(points(), FittedShape(coefficients, 0.0))
+        return (pose_points(body, pose).points_m[index] * direction).sum(axis=1)
 
-    rest = rest_points(points(), shape)
-    jacobian = shape_jacobian(points(), rest, pose_points(points(), rest, pose), index, direction, count)
+    body = build_body(points(), shape)
+    jacobian = shape_jacobian(body, pose_points(body, pose), index, direction, count)
     numeric = np.stack([(along(d) - along(-d)) / (2 * STEP) for d in STEP * np.eye(count)], axis=1)
     np.testing.assert_allclose(jacobian[:, :count], numeric, atol=1e-7)
 
@@ -77,10 +75,10 @@ def test_the_last_column_of_the_shape_jacobian_is_the_clothing():
     pose, shape = POSES[0], adult(1.72, 0.008)
 
     def along(clothing_m: float) -> np.ndarray:
-        rest = rest_points(points(), FittedShape(shape.coefficients, clothing_m))
-        return (pose_points(points(), rest, pose).points_m[index] * direction).sum(axis=1)
+        body = build_body(points(), FittedShape(shape.coefficients, clothing_m))
+        return (pose_points(body, pose).points_m[index] * direction).sum(axis=1)
 
-    jacobian = shape_jacobian(points(), CLOTHED, pose_points(points(), CLOTHED, pose), index, direction, 3)
+    jacobian = shape_jacobian(CLOTHED, pose_points(CLOTHED, pose), index, direction, 3)
     numeric = (along(0.008 + STEP) - along(0.008 - STEP)) / (2 * STEP)
     # linear blending shortens the offset at bent joints by up to a tenth, which the normal does not follow
     np.testing.assert_allclose(jacobian[:, -1], numeric, atol=0.1)
@@ -90,11 +88,11 @@ def test_the_last_column_of_the_shape_jacobian_is_the_clothing():
 @pytest.mark.parametrize("pose", POSES, ids=["random", "wide", "standing"])
 def test_the_joint_jacobian_is_the_derivative_of_the_joints(pose):
     def joints(change: np.ndarray) -> np.ndarray:
-        return CLOTHED.body.joints(pose_points(points(), CLOTHED, pose.moved(change, points().moving)).transforms)
+        return CLOTHED.mesh.joints(pose_points(CLOTHED, pose.moved(change, points().moving)).transforms)
 
     at = joints(np.zeros(POSE_SIZE))
-    transforms = CLOTHED.body.bone_transforms(pose.rotations, pose.root_m)
-    jacobian = joint_jacobian(points(), CLOTHED, transforms, joint_bones(asset()), at)
+    transforms = CLOTHED.transforms(pose)
+    jacobian = joint_jacobian(CLOTHED, transforms, joint_bones(asset()), at)
     numeric = np.stack([(joints(d) - joints(-d)) / (2 * STEP) for d in STEP * np.eye(POSE_SIZE)], axis=2)
     np.testing.assert_allclose(jacobian, numeric, atol=1e-7)
 
@@ -104,19 +102,17 @@ def test_accumulation_is_the_plain_jacobian_multiplied_out(pose):
     index, direction = rows(4, 700)
     rng = np.random.default_rng(5)
     residual, weight = rng.normal(size=700), rng.uniform(0.0, 3.0, 700)
-    posed = pose_points(points(), CLOTHED, pose)
-    plain = pose_jacobian(points(), CLOTHED, posed, index, direction)
-    hessian, gradient = accumulate_pose(points(), CLOTHED, posed, index, direction, residual, weight)
+    posed = pose_points(CLOTHED, pose)
+    plain = pose_jacobian(CLOTHED, posed, index, direction)
+    hessian, gradient = accumulate_pose(CLOTHED, posed, index, direction, residual, weight)
     np.testing.assert_allclose(hessian, plain.T @ (weight[:, None] * plain), atol=1e-9)
     np.testing.assert_allclose(gradient, plain.T @ (weight * residual), atol=1e-9)
     np.testing.assert_array_equal(hessian, hessian.T)
 
 
 def test_accumulation_of_no_rows_is_zero():
-    nothing, posed = np.zeros(0), pose_points(points(), CLOTHED, POSES[0])
-    hessian, gradient = accumulate_pose(
-        points(), CLOTHED, posed, np.zeros(0, np.int64), np.zeros((0, 3)), nothing, nothing
-    )
+    nothing, posed = np.zeros(0), pose_points(CLOTHED, POSES[0])
+    hessian, gradient = accumulate_pose(CLOTHED, posed, np.zeros(0, np.int64), np.zeros((0, 3)), nothing, nothing)
     assert not hessian.any()
     assert not gradient.any()
 
@@ -143,26 +139,26 @@ def test_the_sample_is_even_and_leaves_no_patch_of_skin_without_a_point():
 
 
 def test_the_sample_of_the_skin_is_the_skin():
-    pose, rest = POSES[1], adult_rest(1.72, 0.0)
-    skin = rest.body.skin(rest.body.bone_transforms(pose.rotations, pose.root_m))
-    np.testing.assert_allclose(pose_points(points(), rest, pose).points_m, skin[points().vertex], atol=1e-12)
+    pose, body = POSES[1], adult_body(1.72, 0.0)
+    skin = body.mesh.skin(body.transforms(pose))
+    np.testing.assert_allclose(pose_points(body, pose).points_m, skin[points().vertex], atol=1e-12)
 
 
 def test_normals_are_unit_and_point_out_of_the_body():
-    rest = adult_rest(1.72, 0.0)
+    body = adult_body(1.72, 0.0)
     for pose in POSES:
-        posed = pose_points(points(), rest, pose)
+        posed = pose_points(body, pose)
         np.testing.assert_allclose(np.linalg.norm(posed.normals, axis=1), 1.0, atol=1e-12)
     some = np.linspace(0, POINT_COUNT - 1, 150).astype(int)
-    skin, faces, off = rest.body.vertices, asset().faces, 0.002 * rest.normals[some]
-    outside = winding_numbers(skin, faces, rest.points_m[some] + off) < 0.5
-    inside = winding_numbers(skin, faces, rest.points_m[some] - off) > 0.5
+    skin, faces, off = body.mesh.vertices, asset().faces, 0.002 * body.rest_normals[some]
+    outside = winding_numbers(skin, faces, body.rest_m[some] + off) < 0.5
+    inside = winding_numbers(skin, faces, body.rest_m[some] - off) > 0.5
     assert np.mean(outside & inside) > 0.97  # 2 mm may cross the fold of an ear or between two toes
 
 
 def test_clothes_stand_off_covered_skin_and_off_nothing_else():
-    naked, dressed = adult_rest(1.72, 0.0), CLOTHED
-    off = np.linalg.norm(dressed.points_m - naked.points_m, axis=1)
+    naked, dressed = adult_body(1.72, 0.0), CLOTHED
+    off = np.linalg.norm(dressed.rest_m - naked.rest_m, axis=1)
     np.testing.assert_allclose(off, 0.008 * points().covered, atol=1e-12)
     names = {asset().bone_names[part] for part in points().part[points().covered == 0.0]}
     assert {"Head", "LeftHand", "RightHand", "LeftFoot", "RightFoot"} <= names
@@ -173,7 +169,7 @@ def test_clothes_stand_off_covered_skin_and_off_nothing_else():
 
 def test_a_rigid_motion_of_the_pose_moves_points_and_turns_normals():
     motion, pose = turned_about_y(115.0, (0.3, 0.1, -2.0)), POSES[1]
-    before, after = (pose_points(points(), CLOTHED, p) for p in (pose, motion.of_pose(pose)))
+    before, after = (pose_points(CLOTHED, p) for p in (pose, motion.of_pose(pose)))
     turn, shift = motion.T[:3, :3], motion.T[:3, 3]
     np.testing.assert_allclose(after.points_m, before.points_m @ turn.T + shift, atol=1e-12)
     np.testing.assert_allclose(after.normals, before.normals @ turn.T, atol=1e-12)

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from body_builder import adult_rest, joints_of, points, random_pose, turned_about_y
+from body_builder import adult_body, joints_of, points, random_pose, turned_about_y
 
 from anchorpose.body.pose import DEGREE, POSE_SIZE, Pose
 from anchorpose.body.skin_points import pose_points
 from anchorpose.body.uncertainty import UncertaintyConfig, joint_sigma, skin_sigma
 from anchorpose.joints import JOINT_INDEX
 
-REST = adult_rest()
+BODY = adult_body()
 POSE = random_pose(1)
 KNEE = JOINT_INDEX["KneeRight"]
 
 
 def sigma(covariance: np.ndarray, pose: Pose = POSE, **config: float) -> np.ndarray:
     settings = UncertaintyConfig(**{"floor_m": 0.006, "inflation": 1.0, **config})
-    return joint_sigma(points(), REST, pose_points(points(), REST, pose), covariance, settings)
+    return joint_sigma(BODY, pose_points(BODY, pose), covariance, settings)
 
 
 def some_covariance(seed: int) -> np.ndarray:
@@ -37,18 +37,18 @@ def test_a_root_that_strays_takes_every_joint_with_it():
 
 
 def test_skin_is_as_sure_as_the_part_it_moves_with():
-    posed = pose_points(points(), REST, POSE)
+    posed = pose_points(BODY, POSE)
     knee = list(points().moving).index(points().asset.bone("RightLeg"))
     variance = np.zeros(POSE_SIZE)
     variance[3 * knee : 3 * knee + 3] = (10.0 * DEGREE) ** 2
-    found = skin_sigma(points(), REST, posed, np.diag(variance), UncertaintyConfig(floor_m=0.004, inflation=1.0))
+    found = skin_sigma(BODY, posed, np.diag(variance), UncertaintyConfig(floor_m=0.004, inflation=1.0))
     names = np.array(points().asset.bone_names)[points().part]
     below = np.isin(names, ["RightLeg", "RightFoot", "RightToeBase"])
     np.testing.assert_allclose(found[~below], 0.004, rtol=1e-9)
     assert (found[below] > 0.01).all()
     foot, shank = found[names == "RightFoot"], found[names == "RightLeg"]
     assert foot.min() > 1.5 * shank.max()  # twice as far from the knee as the middle of the shank
-    shin_m = np.linalg.norm(posed.points_m[names == "RightLeg"].mean(axis=0) - joints_of(REST, POSE)[KNEE])
+    shin_m = np.linalg.norm(posed.points_m[names == "RightLeg"].mean(axis=0) - joints_of(BODY, POSE)[KNEE])
     np.testing.assert_allclose(shank, np.hypot(0.004, 10.0 * DEGREE * shin_m * np.sqrt(2.0 / 3.0)), rtol=0.02)
 
 
@@ -72,7 +72,7 @@ def test_sigma_is_the_spread_of_the_joints_of_drawn_poses():
     variance = np.full(POSE_SIZE, (1.0 * DEGREE) ** 2)
     variance[-3:] = 0.005**2
     drawn = np.array([
-        joints_of(REST, POSE.moved(rng.normal(size=POSE_SIZE) * np.sqrt(variance), points().moving)) for _ in range(600)
+        joints_of(BODY, POSE.moved(rng.normal(size=POSE_SIZE) * np.sqrt(variance), points().moving)) for _ in range(600)
     ])  # fmt: skip
     spread = np.sqrt(drawn.var(axis=0).mean(axis=1))
     # 600 draws know a standard deviation to 3 %; turns of a degree are linear to less than that

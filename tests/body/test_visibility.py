@@ -10,7 +10,7 @@ import pytest
 from body_builder import (
     FRONT,
     LEFT,
-    adult_rest,
+    adult_body,
     asset,
     before_wall,
     camera_at,
@@ -31,7 +31,7 @@ from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_NAMES, JointState
 from anchorpose.simulate.render import Picture
 
-REST = adult_rest()
+BODY = adult_body()
 POSE = standing(LeftArm=(-20.0, 0.0, 0.0), RightArm=(20.0, 0.0, 0.0))
 CONFIG = VisibilityConfig()
 Change = Callable[[View, Picture], View]
@@ -44,10 +44,10 @@ def states(
     """The states of a body in a pose, in pictures of it (or of another pose), changed."""
     views = []
     for camera in cameras:
-        picture = photograph(skin_in(drawn or pose, REST), camera)
+        picture = photograph(skin_in(drawn or pose, BODY), camera)
         view = before_wall(picture, camera)
         views.append(view if change is None else change(view, picture))
-    found = joint_states(points(), pose_points(points(), REST, pose), views, cameras, CONFIG)
+    found = joint_states(points(), pose_points(BODY, pose), views, cameras, CONFIG)
     return dict(zip(JOINT_NAMES, found, strict=True))
 
 
@@ -126,14 +126,14 @@ def test_one_camera_that_sees_a_joint_is_enough():
 
 
 def test_a_camera_without_a_picture_says_nothing():
-    picture = photograph(skin_in(POSE, REST), FRONT)
-    posed, view = pose_points(points(), REST, POSE), before_wall(picture, FRONT)
+    picture = photograph(skin_in(POSE, BODY), FRONT)
+    posed, view = pose_points(BODY, POSE), before_wall(picture, FRONT)
     alone = joint_states(points(), posed, (view,), (FRONT,), CONFIG)
     assert joint_states(points(), posed, (None, view), (LEFT, FRONT), CONFIG) == alone
 
 
 def test_no_picture_at_all_hides_everything_for_no_known_reason():
-    found = joint_states(points(), pose_points(points(), REST, POSE), (None,), (FRONT,), CONFIG)
+    found = joint_states(points(), pose_points(BODY, POSE), (None,), (FRONT,), CONFIG)
     assert set(found) == {JointState.HIDDEN}
 
 
@@ -152,10 +152,10 @@ def test_states_move_with_camera_and_body():
 
 def test_every_joint_has_skin_around_it_that_moves_with_it():
     around = skin_around_joints(points(), CONFIG.joint_radius_m, CONFIG.trunk_radius_m)
-    joints = adult_rest().body.rest_joints()
+    joints = adult_body().mesh.rest_joints()
     for name, joint, skin in zip(JOINT_NAMES, joints, around, strict=True):
         assert len(skin) >= 5, name
-        assert np.linalg.norm(REST.points_m[skin] - joint, axis=1).max() < 0.3, name
+        assert np.linalg.norm(BODY.rest_m[skin] - joint, axis=1).max() < 0.3, name
     left, right = (set(around[JOINT_NAMES.index(f"Knee{side}")].tolist()) for side in ("Left", "Right"))
     assert not left & right
 

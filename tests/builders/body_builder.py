@@ -14,7 +14,7 @@ from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence, gather_evidence
 from anchorpose.body.initial import shape_of_height
 from anchorpose.body.pose import DEGREE, MOVING_BONES, POSE_SIZE, Pose, joint_range
-from anchorpose.body.skin_points import FittedShape, RestPoints, SkinPoints, pose_points, rest_points, skin_points
+from anchorpose.body.skin_points import Body, FittedShape, SkinPoints, build_body, pose_points, skin_points
 from anchorpose.camera import Camera, Intrinsics, transform_points
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.simulate.person import vertex_normals
@@ -42,8 +42,8 @@ def adult(height_m: float = 1.72, clothing_m: float = 0.0) -> FittedShape:
 
 
 @cache
-def adult_rest(height_m: float = 1.72, clothing_m: float = 0.0) -> RestPoints:
-    return rest_points(points(), adult(height_m, clothing_m))
+def adult_body(height_m: float = 1.72, clothing_m: float = 0.0) -> Body:
+    return build_body(points(), adult(height_m, clothing_m))
 
 
 def standing(root_m: Sequence[float] = (0.0, 0.95, 0.0), **turns_deg: tuple[float, float, float]) -> Pose:
@@ -82,12 +82,12 @@ def shaken(pose: Pose, seed: int, turn_deg: float, shift_m: float) -> Pose:
     return pose.moved(change, points().moving)
 
 
-def joints_of(rest: RestPoints, pose: Pose) -> np.ndarray:
-    return rest.body.joints(pose_points(points(), rest, pose).transforms)
+def joints_of(body: Body, pose: Pose) -> np.ndarray:
+    return body.mesh.joints(pose_points(body, pose).transforms)
 
 
-def joint_errors_m(rest: RestPoints, pose: Pose, truth: Pose) -> np.ndarray:
-    return np.linalg.norm(joints_of(rest, pose) - joints_of(rest, truth), axis=1)
+def joint_errors_m(body: Body, pose: Pose, truth: Pose) -> np.ndarray:
+    return np.linalg.norm(joints_of(body, pose) - joints_of(body, truth), axis=1)
 
 
 def camera_at(position_m: Sequence[float], look_at_m: Sequence[float], name: str = "front", shrink: int = 1) -> Camera:
@@ -128,9 +128,9 @@ def before_wall(picture: Picture, camera: Camera, distance_m: float = 4.0) -> Vi
     return View(np.where(body, picture.depth_m, np.float32(distance_m)).astype(np.float32), labels)
 
 
-def skin_in(pose: Pose, rest: RestPoints) -> np.ndarray:
+def skin_in(pose: Pose, body: Body) -> np.ndarray:
     """(v, 3) naked skin in the world."""
-    return rest.body.skin(rest.body.bone_transforms(pose.rotations, pose.root_m))
+    return body.mesh.skin(body.transforms(pose))
 
 
 def dressed_in(pose: Pose, shape: FittedShape) -> np.ndarray:
@@ -151,14 +151,14 @@ def evidence_of(views: Sequence[View], cameras: Sequence[Camera]) -> Evidence:
 
 def seen_body(
     pose: Pose,
-    rest: RestPoints,
+    body: Body,
     cameras: Sequence[Camera] = (FRONT,),
     change: Callable[[View, Picture], View] | None = None,
 ) -> Evidence:
     """The evidence that cameras gather of a naked body in a pose; ``change`` may hide some of it."""
     views = []
     for camera in cameras:
-        picture = photograph(skin_in(pose, rest), camera)
+        picture = photograph(skin_in(pose, body), camera)
         view = before_wall(picture, camera)
         views.append(view if change is None else change(view, picture))
     return evidence_of(views, cameras)

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from body_builder import FRONT, adult_rest, asset, before_wall, photograph, points, shaken, skin_in, standing
+from body_builder import FRONT, adult_body, asset, before_wall, photograph, points, shaken, skin_in, standing
 
 from anchorpose.body.body_map import map_body
 from anchorpose.body.initial import anchor_points
@@ -31,18 +31,18 @@ LIMB_ENDS = ("Head", "LeftHand", "RightHand", "LeftToeBase", "RightToeBase")
 
 @cache
 def body_map():
-    return map_body(points(), adult_rest().body)
+    return map_body(adult_body())
 
 
 def expected_in(pose):
-    posed = pose_points(points(), adult_rest(), pose)
+    posed = pose_points(adult_body(), pose)
     skin = ExpectedSkin(posed.points_m.astype(np.float32), posed.normals.astype(np.float32), body_map())
     return skin, posed.points_m[anchor_points(asset(), points())]
 
 
 def seen_behind(pose, bars_m, noise_m=0.003):
     """The body before a wall, its readings noisy, with bars (height of the middle, width) in front of it."""
-    view = before_wall(photograph(skin_in(pose, adult_rest()), FRONT), FRONT)
+    view = before_wall(photograph(skin_in(pose, adult_body()), FRONT), FRONT)
     noise = np.random.default_rng(5).normal(0.0, noise_m, view.depth_m.shape)
     depth = np.where(view.depth_m > 0, view.depth_m + noise, 0.0).astype(np.float32)
     labels = view.labels.copy()
@@ -57,7 +57,7 @@ def seen_behind(pose, bars_m, noise_m=0.003):
 
 
 def part_at(pose, place_m):
-    skin = skin_in(pose, adult_rest())
+    skin = skin_in(pose, adult_body())
     return asset().bone_names[asset().main_bone()[np.argmin(np.linalg.norm(skin - place_m, axis=1))]]
 
 

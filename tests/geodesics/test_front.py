@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from body_builder import FRONT, adult_rest, photograph, skin_in, standing
+from body_builder import FRONT, adult_body, photograph, skin_in, standing
 from surface_builder import flat_grid, grid_surface, with_links
 
 from anchorpose.geodesics.distance import geodesic_distance
@@ -139,7 +139,7 @@ def test_fields_of_many_sources_are_those_of_each_alone_and_no_source_gives_no_f
 
 def test_on_a_body_it_is_within_millimetres_of_the_exact_distance():
     geodesic = pytest.importorskip("pygeodesic.geodesic", reason="the exact method, pygeodesic, is not installed")
-    depth = photograph(skin_in(standing(), adult_rest()), FRONT).depth_m
+    depth = photograph(skin_in(standing(), adult_body()), FRONT).depth_m
     noisy = depth + np.random.default_rng(0).normal(0, 0.003, depth.shape).astype(np.float32)
     surface = build_surface(np.where(depth > 0, noisy, 0), depth > 0, FRONT)
     triangles, piece = faces(surface), pieces(surface)

@@ -72,7 +72,7 @@ def test_with_fast_marching_it_trusts_what_the_definition_trusts_but_for_the_sha
 
 
 def a_body() -> Surface:
-    skin = body_builder.skin_in(body_builder.standing(), body_builder.adult_rest())
+    skin = body_builder.skin_in(body_builder.standing(), body_builder.adult_body())
     depth_m = body_builder.photograph(skin, body_builder.FRONT).depth_m
     surface = build_surface(depth_m, depth_m > 0, body_builder.FRONT)
     return keep_nodes(surface, pieces(surface) == np.bincount(pieces(surface)).argmax())

@@ -94,7 +94,7 @@ def test_dijkstra_is_as_much_too_long_as_its_docstring_says():
 def body() -> Surface:
     """The simulator's body as a Kinect v2 would see it, without bridges and joins: one piece of triangles."""
     camera = body_builder.FRONT
-    skin = body_builder.skin_in(body_builder.standing(), body_builder.adult_rest())
+    skin = body_builder.skin_in(body_builder.standing(), body_builder.adult_body())
     return one_piece(body_builder.photograph(skin, camera).depth_m, camera)
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from body_builder import FRONT, adult_rest, asset, before_wall, photograph, points, skin_in, standing
+from body_builder import FRONT, adult_body, asset, before_wall, photograph, points, skin_in, standing
 
 from anchorpose.body.contact_regions import (
     HAND_M,
@@ -28,7 +28,7 @@ from anchorpose.results.contacts import Contact, read_contacts, write_contacts
 from anchorpose.results.evaluate_tables import TrueTouch, evaluate_contacts, read_true_touch
 
 POSE = standing(LeftArm=(-20.0, 0.0, 0.0), RightArm=(20.0, 0.0, 0.0))
-POSED = pose_points(points(), adult_rest(), POSE)
+POSED = pose_points(adult_body(), POSE)
 REGION, AREA_M2 = region_of_points(points()), area_of_point(points())
 FPS = 10.0
 
@@ -46,7 +46,7 @@ def memory_at(place_m: np.ndarray, label: int = PixelLabel.OTHER_PERSON, age_s: 
 
 
 def near_in(memory: BystanderMemory) -> Nearness:
-    view = before_wall(photograph(skin_in(POSE, adult_rest()), FRONT), FRONT)
+    view = before_wall(photograph(skin_in(POSE, adult_body()), FRONT), FRONT)
     return find_nearness(POSED, memory, (view,), (FRONT,), VisibilityConfig())
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from body_builder import adult_rest, points
+from body_builder import adult_body
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.sparse import csr_array
@@ -132,9 +132,9 @@ def test_only_skin_beside_skin_far_on_the_body_is_contested():
 
 
 def test_the_body_s_map_knows_near_from_far():
-    skin, rest = points(), adult_rest()
-    body = map_body(skin, rest.body)
-    place = rest.body.vertices[skin.vertex]
+    person = adult_body()
+    body = map_body(person)
+    place = person.mesh.vertices[person.points.vertex]
     straight = np.linalg.norm(place[body.pairs[:, 0]] - place[body.pairs[:, 1]], axis=1)
     assert straight.max() < 0.15
     assert np.bincount(body.pairs.ravel()).min() >= 3
@@ -157,8 +157,9 @@ def test_the_way_over_the_body_is_bounded_by_any_path_and_is_symmetric(a, b):
 
 
 def test_the_way_over_the_body_is_that_along_the_mesh_or_little_less():
-    body, skin, rest = _adult_map(), points(), adult_rest()
-    faces, vertices = skin.asset.faces, rest.body.vertices
+    body, person = _adult_map(), adult_body()
+    skin = person.points
+    faces, vertices = skin.asset.faces, person.mesh.vertices
     edges = np.unique(np.sort(np.concatenate([faces[:, :2], faces[:, 1:], faces[:, ::2]]), axis=1), axis=0)
     length = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
     mesh = csr_array((length, edges.T), shape=(len(vertices), len(vertices)))
@@ -174,7 +175,7 @@ _MAPS = []
 
 def _adult_map():
     if not _MAPS:
-        _MAPS.append(map_body(points(), adult_rest().body))
+        _MAPS.append(map_body(adult_body()))
     return _MAPS[0]
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from body_builder import FRONT, LEFT, adult_rest, before_wall, photograph, points, skin_in, standing, stepped
+from body_builder import FRONT, LEFT, adult_body, before_wall, photograph, points, skin_in, standing, stepped
 from scipy.spatial import cKDTree
 
 from anchorpose.body.pose import Pose
@@ -45,7 +45,7 @@ def posed(posture: str, heading_deg: float) -> Pose:
 def views_of(pose: Pose, label: int = LABEL) -> list[View]:
     views = []
     for camera in CAMERAS:
-        view = before_wall(photograph(skin_in(pose, adult_rest(HEIGHT_M)), camera), camera)
+        view = before_wall(photograph(skin_in(pose, adult_body(HEIGHT_M)), camera), camera)
         views.append(View(view.depth_m, np.where(view.patient, label, view.labels).astype(np.uint8)))
     return views
 
@@ -61,7 +61,7 @@ def the_one(bystanders: Bystanders) -> Bystander:
 
 def off_skin_m(places_m: np.ndarray, pose: Pose) -> np.ndarray:
     """(n,) distance from the true skin."""
-    distance, _ = cKDTree(skin_in(pose, adult_rest(HEIGHT_M))).query(places_m)
+    distance, _ = cKDTree(skin_in(pose, adult_body(HEIGHT_M))).query(places_m)
     return distance
 
 
@@ -72,7 +72,7 @@ def test_whoever_is_seen_is_found_whatever_he_does(posture, heading_deg):
     pose = posed(posture, heading_deg)
     one = the_one(see(Bystanders(), pose))
     assert one.label == LABEL
-    skin = pose_points(points(), one.rest, one.belief.pose).points_m
+    skin = pose_points(one.body, one.belief.pose).points_m
     seen = loose_surface([v.depth_m for v in views_of(pose)], [v.labels == LABEL for v in views_of(pose)], CAMERAS,
                          CONFIG.sheet)  # fmt: skip
     distance, _ = cKDTree(skin).query(seen.points_m)

@@ -13,7 +13,7 @@ from anchorpose.body.corrected_joints import ToldJoints, contradicted, with_told
 from anchorpose.body.fit import FitConfig
 from anchorpose.body.pose import POSE_SIZE, Pose
 from anchorpose.body.registration import PoseBelief
-from anchorpose.body.skin_points import FittedShape, body_points, rest_points
+from anchorpose.body.skin_points import FittedShape, body_points, build_body
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.pipeline import TrackConfig, track_recording
@@ -206,15 +206,15 @@ def belief(sigma: float) -> PoseBelief:
 @pytest.mark.parametrize("sigma_m", [0.002, 0.02])
 def test_the_surer_the_reviewer_the_nearer_the_joint(sigma_m):
     points, fit = body_points(), FitConfig()
-    rest = rest_points(points, FittedShape(np.zeros(5), 0.01))
-    at = rest.body.joints(rest.body.bone_transforms(belief(0.1).pose.rotations, belief(0.1).pose.root_m))[WRIST]
+    body = build_body(points, FittedShape(np.zeros(5), 0.01))
+    at = body.joints(belief(0.1).pose)[WRIST]
     told = ToldJoints(np.array([WRIST]), at[None] + [0.0, 0.1, 0.05], np.array([sigma_m]))
-    found = with_told(points, rest, belief(0.1), told, fit)
-    now = rest.body.joints(rest.body.bone_transforms(found.pose.rotations, found.pose.root_m))[WRIST]
+    found = with_told(body, belief(0.1), told, fit)
+    now = body.joints(found.pose)[WRIST]
     away_m = np.linalg.norm(now - told.position_m[0])
     assert away_m < 0.005 if sigma_m < 0.01 else 0.0005 < away_m < 0.05
-    assert contradicted(points, rest, belief(0.004), told)
-    assert not contradicted(points, rest, found, told)
+    assert contradicted(body, belief(0.004), told)
+    assert not contradicted(body, found, told)
     assert np.trace(found.covariance) < np.trace(belief(0.1).covariance)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from body_builder import adult_rest, points, standing
+from body_builder import adult_body, points, standing
 
 from anchorpose.body.body_map import map_body
 from anchorpose.body.skin_points import pose_points
@@ -12,14 +12,12 @@ from anchorpose.isolation.view import PixelLabel
 from anchorpose.surface.surface import ExpectedSkin
 from anchorpose.tracker.observation import Expectation, patient_likelihood
 
-CONFIG, REST = IsolationConfig(), adult_rest()
+CONFIG, BODY = IsolationConfig(), adult_body()
 
 
 def expectation(sigma_m: np.ndarray, frames_without_fit: int = 0) -> Expectation:
-    posed = pose_points(points(), REST, standing())
-    skin = ExpectedSkin(
-        posed.points_m.astype(np.float32), posed.normals.astype(np.float32), map_body(points(), REST.body)
-    )
+    posed = pose_points(BODY, standing())
+    skin = ExpectedSkin(posed.points_m.astype(np.float32), posed.normals.astype(np.float32), map_body(BODY))
     return Expectation(skin, sigma_m, np.zeros((5, 3)), np.array([1.0, 0.0, 0.0]), frames_without_fit)
 
 

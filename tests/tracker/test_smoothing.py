@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from body_builder import adult_rest, points, standing
+from body_builder import adult_body, standing
 
 from anchorpose.body.fit import FitConfig
 from anchorpose.body.pose import Pose
@@ -14,7 +14,7 @@ from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, LIMBS, JointState
 from anchorpose.tracker.config import SmoothingConfig
 from anchorpose.tracker.smoothing import Passed, smooth, smooth_in_time
 
-REST, CONFIG = adult_rest(), SmoothingConfig()
+BODY, CONFIG = adult_body(), SmoothingConfig()
 FRAMES, FPS = 16, 15.0
 TIME_S = np.arange(FRAMES) / FPS
 ARM = [JOINT_INDEX[name] for name in ("ElbowLeft", "WristLeft", "HandLeft")]
@@ -27,7 +27,7 @@ def course_of_pass(swing: float = 20.0, sigma_m: float = 0.01) -> list[Passed]:
 
 
 def answer(pose: Pose, sigma_m: float = 0.01, states: dict[int, JointState] | None = None) -> Passed:
-    joints = REST.body.joints(REST.body.bone_transforms(pose.rotations, pose.root_m))
+    joints = BODY.joints(pose)
     state = [(states or {}).get(joint, OBSERVED) for joint in range(JOINT_COUNT)]
     sigma = np.where([one is LOST for one in state], np.nan, sigma_m)
     return Passed(pose, joints, sigma, tuple(state))
@@ -42,7 +42,7 @@ def smoothed(
     there: list[Passed], back: list[Passed], config: SmoothingConfig = CONFIG, held: np.ndarray | None = None
 ) -> list[Passed]:
     held = np.zeros((len(there), 21), bool) if held is None else held
-    return smooth(points(), REST, TIME_S, there, back, held, config, FitConfig())
+    return smooth(BODY, TIME_S, there, back, held, config, FitConfig())
 
 
 def off_m(found: list[Passed], truth: list[Passed]) -> np.ndarray:

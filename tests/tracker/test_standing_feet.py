@@ -9,7 +9,7 @@ import pytest
 from body_builder import (
     FRONT,
     NOTHING,
-    adult_rest,
+    adult_body,
     hide_bones,
     joint_errors_m,
     joints_of,
@@ -26,7 +26,7 @@ from anchorpose.body.skin_points import pose_points
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JointState
 from anchorpose.tracker.standing_feet import PLACES, StandingConfig, StandingFeet
 
-REST, POSE, CONFIG = adult_rest(), random_pose(1, 0.2), StandingConfig()
+BODY, POSE, CONFIG = adult_body(), random_pose(1, 0.2), StandingConfig()
 RIGHT = [JOINT_INDEX[name] for name in ("AnkleRight", "FootRight")]
 STEP_S = 1 / 15
 LEG_RIGHT = ("RightUpLeg", "RightLeg", "RightFoot", "RightToeBase")
@@ -47,8 +47,8 @@ class Watched:
         """So many frames later; the rows for the right foot in the next."""
         for _ in range(frames):
             shift = np.array([shift_m, 0.0, 0.0])
-            skin = pose_points(points(), REST, self.pose).points_m + shift
-            self.feet.note(skin, joints_of(REST, self.pose) + shift, states(right), self.time_s)
+            skin = pose_points(BODY, self.pose).points_m + shift
+            self.feet.note(skin, joints_of(BODY, self.pose) + shift, states(right), self.time_s)
             self.time_s += self.step_s
         return of_right(self.feet.rows(self.time_s))
 
@@ -66,7 +66,7 @@ def test_a_foot_that_stood_is_held_where_it_stood_and_less_and_less(step_s: floa
     watched.see(6)
     soon, later = watched.see(3, JointState.HIDDEN_BY_PERSON), watched.see(12, JointState.HIDDEN_BY_PERSON)
     assert len(soon) == len(later) == 3 * PLACES
-    np.testing.assert_allclose(soon.residuals(pose_points(points(), REST, POSE)), 0.0, atol=1e-9)
+    np.testing.assert_allclose(soon.residuals(pose_points(BODY, POSE)), 0.0, atol=1e-9)
     np.testing.assert_allclose(soon.sigma_m, CONFIG.sigma_m + 4 * abs(step_s) * CONFIG.drift_m_s)
     np.testing.assert_allclose(later.sigma_m, CONFIG.sigma_m + 16 * abs(step_s) * CONFIG.drift_m_s)
 
@@ -99,7 +99,7 @@ def test_cameras_that_look_past_it_and_people_who_know_better_let_it_go(joint: i
 
 
 def test_a_hidden_leg_stays_on_its_foot_and_is_no_surer_for_it() -> None:
-    evidence = seen_body(POSE, REST, (FRONT,), hide_bones(*LEG_RIGHT))
+    evidence = seen_body(POSE, BODY, (FRONT,), hide_bones(*LEG_RIGHT))
     astray = shaken(POSE, 7, turn_deg=12.0, shift_m=0.0)
     variance = np.full(POSE_SIZE, (12.0 * DEGREE) ** 2)
     variance[-3:] = 0.02**2
@@ -108,15 +108,14 @@ def test_a_hidden_leg_stays_on_its_foot_and_is_no_surer_for_it() -> None:
     watched.see(9)
     held = watched.see(2, JointState.HIDDEN_BY_PERSON)
     alone, standing = (
-        register(points(), REST, belief, evidence, NOTHING, RegistrationConfig(), lasting=rows).belief
-        for rows in (None, held)
+        register(BODY, belief, evidence, NOTHING, RegistrationConfig(), lasting=rows).belief for rows in (None, held)
     )
-    errors = [joint_errors_m(REST, found.pose, POSE)[RIGHT].max() for found in (alone, standing)]
+    errors = [joint_errors_m(BODY, found.pose, POSE)[RIGHT].max() for found in (alone, standing)]
     assert errors[0] > 0.06
     assert errors[1] < 0.04
     settled = replace(belief, pose=standing.pose)
     again = [
-        register(points(), REST, settled, evidence, NOTHING, RegistrationConfig(), lasting=rows).belief.covariance
+        register(BODY, settled, evidence, NOTHING, RegistrationConfig(), lasting=rows).belief.covariance
         for rows in (None, held)
     ]
     assert np.trace(again[1]) > 0.9 * np.trace(again[0])

@@ -11,7 +11,7 @@ import pytest
 
 from anchorpose.body.asset import load_body_asset
 from anchorpose.body.pose import MOVING_BONES, POSE_SIZE, Pose, moving_bones
-from anchorpose.body.skin_points import FittedShape, body_points, rest_points
+from anchorpose.body.skin_points import FittedShape, body_points, build_body
 from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.results.anchors_table import AnchorFrame, read_anchors, write_anchors
@@ -28,7 +28,7 @@ from anchorpose.results.poses import pose_of, read_poses, write_poses
 from anchorpose.tracker.witnesses import axial_sigma, body_pose
 
 POINTS = body_points()
-REST = rest_points(POINTS, FittedShape(np.array([1.0, -0.5, 0.3]), 0.008))
+BODY = build_body(POINTS, FittedShape(np.array([1.0, -0.5, 0.3]), 0.008))
 
 
 def any_pose(seed: int) -> Pose:
@@ -47,9 +47,9 @@ def written(tmp_path, poses):
 @pytest.mark.parametrize("seed", range(5))
 def test_the_joints_can_be_had_from_the_table_again(seed, tmp_path):
     pose = any_pose(seed)
-    table = written(tmp_path, [body_pose(POINTS, REST, 7, 0.25, pose, None)])
+    table = written(tmp_path, [body_pose(BODY, 7, 0.25, pose, None)])
     again = pose_of(POINTS.asset, table.head_m[0], table.quaternion[0])
-    joints = [REST.body.joints(REST.body.bone_transforms(p.rotations, p.root_m)) for p in (pose, again)]
+    joints = [BODY.joints(p) for p in (pose, again)]
     np.testing.assert_allclose(joints[1], joints[0], atol=2e-6)  # float32 at a metre: 0.1 micrometres a number
     assert table.frame.tolist() == [7]
     assert table.time_s.tolist() == [0.25]
@@ -58,15 +58,11 @@ def test_the_joints_can_be_had_from_the_table_again(seed, tmp_path):
 
 def test_the_rest_pose_is_no_turn_at_all():
     pose = Pose(np.tile(np.eye(3), (len(POINTS.asset.bone_names), 1, 1)), np.array([0.0, 1.0, 0.0]))
-    np.testing.assert_allclose(
-        body_pose(POINTS, REST, 0, 0.0, pose, None).quaternion, [[1.0, 0, 0, 0]] * 21, atol=1e-12
-    )
+    np.testing.assert_allclose(body_pose(BODY, 0, 0.0, pose, None).quaternion, [[1.0, 0, 0, 0]] * 21, atol=1e-12)
 
 
 def test_a_lost_frame_has_no_pose(tmp_path):
-    table = written(
-        tmp_path, [body_pose(POINTS, REST, 0, 0.0, None, None), body_pose(POINTS, REST, 1, 0.1, any_pose(1), None)]
-    )
+    table = written(tmp_path, [body_pose(BODY, 0, 0.0, None, None), body_pose(BODY, 1, 0.1, any_pose(1), None)])
     assert np.isnan(table.head_m[0]).all()
     assert np.isfinite(table.head_m[1]).all()
     with pytest.raises(ValueError, match="lost"):
@@ -76,12 +72,12 @@ def test_a_lost_frame_has_no_pose(tmp_path):
 def test_axial_sigma_is_that_of_turns_about_the_bone():
     pose, knee = any_pose(3), MOVING_BONES.index("LeftLeg")
     bone = POINTS.asset.bone("LeftLeg")
-    along = REST.body.bone_tails[bone] - REST.body.bone_heads[bone]
+    along = BODY.mesh.bone_tails[bone] - BODY.mesh.bone_heads[bone]
     axis = pose.rotations[bone] @ (along / np.linalg.norm(along))
     covariance = np.zeros((POSE_SIZE, POSE_SIZE))
     own = slice(3 * knee, 3 * knee + 3)
     covariance[own, own] = 0.04 * np.outer(axis, axis) + 0.09 * (np.eye(3) - np.outer(axis, axis))
-    sigma = axial_sigma(POINTS, REST, pose, covariance, 0.5)
+    sigma = axial_sigma(BODY, pose, covariance, 0.5)
     assert sigma[knee] == pytest.approx(0.5 * 0.2)
     assert np.delete(sigma, knee).max() == 0.0
 
@@ -106,7 +102,7 @@ def test_labels_come_back_without_the_room(tmp_path):
 
 def test_tables_that_are_cut_off_are_refused(tmp_path):
     for name, write, row, read in (
-        ("poses", write_poses, body_pose(POINTS, REST, 0, 0.0, any_pose(1), None), read_poses),
+        ("poses", write_poses, body_pose(BODY, 0, 0.0, any_pose(1), None), read_poses),
         ("anchors", write_anchors, AnchorFrame(0, 0.0, np.zeros((5, 3)), np.ones(5)), read_anchors),
     ):
         path = tmp_path / f"{name}.parquet"

@@ -30,14 +30,14 @@ from anchorpose.tracking.skeleton_file import read_skeletons
 from anchorpose.tracking.sublists import best_sublists
 
 UIPRMD = Path(__file__).parents[3] / "shared" / "data" / "uiprmd_kinect" / "skeletons.npz"
-REST = np.random.default_rng(4).normal(0, 0.4, (21, 3))
-REST[JOINT_INDEX["HipLeft"]], REST[JOINT_INDEX["HipRight"]] = (0, 0.9, -0.12), (0, 0.9, 0.12)
-REST[JOINT_INDEX["ShoulderLeft"]], REST[JOINT_INDEX["ShoulderRight"]] = (0, 1.4, -0.2), (0, 1.4, 0.2)
+BODY = np.random.default_rng(4).normal(0, 0.4, (21, 3))
+BODY[JOINT_INDEX["HipLeft"]], BODY[JOINT_INDEX["HipRight"]] = (0, 0.9, -0.12), (0, 0.9, 0.12)
+BODY[JOINT_INDEX["ShoulderLeft"]], BODY[JOINT_INDEX["ShoulderRight"]] = (0, 1.4, -0.2), (0, 1.4, 0.2)
 
 
 def swing(frames: int, period: float = 40.0, size_m: float = 0.3) -> np.ndarray:
     """(frames, 21, 3): one hand goes up and down as a sine, the body moves sideways."""
-    joints = np.repeat(REST[None], frames, axis=0)
+    joints = np.repeat(BODY[None], frames, axis=0)
     phase = 2 * np.pi * np.arange(frames) / period
     joints[:, JOINT_INDEX["HandLeft"], 1] += size_m * np.sin(phase)
     return joints + 0.02 * np.sin(phase)[:, None, None] * np.array([0, 0, 1.0])
@@ -115,7 +115,7 @@ def test_heading_is_zero_towards_x_and_survives_missing_hips():
 
 
 def test_a_movement_unlike_all_of_the_database_is_left_to_its_own_velocity():
-    leap = np.repeat(REST[None], 12, axis=0)
+    leap = np.repeat(BODY[None], 12, axis=0)
     leap[:, JOINT_INDEX["FootLeft"], 0] += 0.1 * np.arange(12) + 2.0
     ahead = predict_joints(leap, 2, database_of(swing(120)), MotionConfig())
     assert ahead.trust < 0.2  # not nothing: the damped velocity falls short of a leap too

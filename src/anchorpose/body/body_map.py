@@ -6,20 +6,20 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from anchorpose.body.kinematics import ShapedBody
-from anchorpose.body.skin_points import SkinPoints
+from anchorpose.body.skin_points import Body
 from anchorpose.surface.surface import BodyMap
 
 LANDMARKS = 24  # one every 30 cm: two skin points of an adult are then told apart to within their sampling
 
 
-def map_body(points: SkinPoints, body: ShapedBody) -> BodyMap:
-    """The map of the sampled skin of one shape, at rest.
+def map_body(body: Body) -> BodyMap:
+    """The map of the body's sampled skin at rest.
 
     Landmarks are spread over the skin, each as far as can be from those before; distances to them run along the edges
     of the mesh, some 5 % too long.
     """
-    faces, vertices = points.asset.faces, body.vertices
+    points, vertices = body.points, body.mesh.vertices
+    faces = points.asset.faces
     edges = np.unique(np.sort(np.concatenate([faces[:, :2], faces[:, 1:], faces[:, ::2]]), axis=1), axis=0)
     length = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
     mesh = csr_array((length, edges.T), shape=(len(vertices), len(vertices)))

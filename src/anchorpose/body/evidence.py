@@ -17,7 +17,7 @@ from numba import njit
 from anchorpose.body.constraints import ConstraintConfig, Constraints, join, surface_constraints
 from anchorpose.body.fit import FitConfig, pose_equations
 from anchorpose.body.pose import Pose
-from anchorpose.body.skin_points import PosedPoints, RestPoints, SkinPoints, pose_points
+from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, pose_points
 from anchorpose.body.visibility import lens_of, pixels_of
 from anchorpose.camera import Camera, invert_rigid
 from anchorpose.isolation.view import PixelLabel, View
@@ -209,13 +209,11 @@ def gather_evidence(surface: Surface, views: Sequence[View | None], cameras: Seq
     return Evidence(surface, tuple(views), outlines, tuple(cameras))
 
 
-def evidence_rows(
-    points: SkinPoints, rest: RestPoints, pose: Pose, evidence: Evidence, reach_m: float, config: ConstraintConfig
-) -> Constraints:
+def evidence_rows(body: Body, pose: Pose, evidence: Evidence, reach_m: float, config: ConstraintConfig) -> Constraints:
     """Every node to the skin, skin that should be seen to the outline, and limbs out of the trunk."""
-    posed = pose_points(points, rest, pose)
+    posed = pose_points(body, pose)
     rows = [surface_constraints(posed, evidence.surface, evidence.cameras, reach_m, config)]
-    rows.append(separation_rows(points, posed))
+    rows.append(separation_rows(body.points, posed))
     for view, outline, camera in zip(evidence.views, evidence.outlines, evidence.cameras, strict=True):
         if view is not None and outline is not None:
             rows.append(outline_constraints(posed, view, outline, camera, reach_m, config))
@@ -223,16 +221,16 @@ def evidence_rows(
 
 
 def evidence_cost(
-    points: SkinPoints, rest: RestPoints, pose: Pose, evidence: Evidence, reach_m: float, config: ConstraintConfig,
+    body: Body, pose: Pose, evidence: Evidence, reach_m: float, config: ConstraintConfig,
     fit: FitConfig,
 ) -> float:  # fmt: skip
     """How badly a pose explains a frame, comparable between poses: rows, joint range, and nodes that nothing explains.
 
     A node beyond the reach of all skin costs as much as a row that the robust kernel fully doubts.
     """
-    rows = evidence_rows(points, rest, pose, evidence, reach_m, config)
-    cost = pose_equations(points, rest, pose, pose_points(points, rest, pose), rows, None, fit).cost
-    posed = pose_points(points, rest, pose)
+    rows = evidence_rows(body, pose, evidence, reach_m, config)
+    cost = pose_equations(body, pose, pose_points(body, pose), rows, None, fit).cost
+    posed = pose_points(body, pose)
     explained = len(surface_constraints(posed, evidence.surface, evidence.cameras, reach_m, config))
     missing = min(len(evidence.surface), config.node_count) - explained
     return cost + missing * doubted_node_cost(reach_m, config, fit)

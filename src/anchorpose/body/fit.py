@@ -19,13 +19,13 @@ from anchorpose.body.pose_accumulation import accumulate_pose
 from anchorpose.body.rotations import inverse_left_jacobian
 from anchorpose.body.shape_belief import ShapeBelief
 from anchorpose.body.skin_points import (
+    Body,
     FittedShape,
     PosedPoints,
-    RestPoints,
     SkinPoints,
+    build_body,
     pose_jacobian,
     pose_points,
-    rest_points,
     shape_jacobian,
 )
 
@@ -106,22 +106,24 @@ class NormalEquations:
 
 
 def pose_equations(
-    points: SkinPoints, rest: RestPoints, pose: Pose, posed: PosedPoints, constraints: Constraints,
+    body: Body, pose: Pose, posed: PosedPoints, constraints: Constraints,
     predicted: Predicted | None, config: FitConfig, shape_count: int = 0,
 ) -> NormalEquations:  # fmt: skip
     """Normal equations of one frame: data, joint range, hinge limits, prediction; shape columns where asked for."""
     size = POSE_SIZE + (shape_count + 1 if shape_count else 0)
     hessian, gradient = np.zeros((size, size)), np.zeros(size)
-    hessian[:POSE_SIZE, :POSE_SIZE], gradient[:POSE_SIZE], prior_cost = prior_equations(points, pose, predicted, config)
+    hessian[:POSE_SIZE, :POSE_SIZE], gradient[:POSE_SIZE], prior_cost = prior_equations(
+        body.points, pose, predicted, config
+    )
     residual = constraints.residuals(posed)
     weight = constraints.weights(residual) / config.rows_per_observation
     if shape_count:
-        jacobian = _full_jacobian(points, rest, posed, constraints, shape_count)
+        jacobian = _full_jacobian(body, posed, constraints, shape_count)
         weighted = jacobian * weight[:, None]
         hessian += weighted.T @ jacobian
         gradient += weighted.T @ residual
     else:
-        of_rows = accumulate_pose(points, rest, posed, constraints.point, constraints.direction, residual, weight)
+        of_rows = accumulate_pose(body, posed, constraints.point, constraints.direction, residual, weight)
         hessian += of_rows[0]
         gradient += of_rows[1]
     scaled = (residual / constraints.scale_m) ** 2
@@ -130,14 +132,12 @@ def pose_equations(
     return NormalEquations(hessian, gradient, cost + prior_cost)
 
 
-def _full_jacobian(
-    points: SkinPoints, rest: RestPoints, posed: PosedPoints, constraints: Constraints, shape_count: int
-) -> np.ndarray:
+def _full_jacobian(body: Body, posed: PosedPoints, constraints: Constraints, shape_count: int) -> np.ndarray:
     """(n, POSE_SIZE + shape_count + 1): rows by pose and shape."""
     index, direction = constraints.point, constraints.direction
     return np.hstack([
-        pose_jacobian(points, rest, posed, index, direction),
-        shape_jacobian(points, rest, posed, index, direction, shape_count),
+        pose_jacobian(body, posed, index, direction),
+        shape_jacobian(body, posed, index, direction, shape_count),
     ])  # fmt: skip
 
 
@@ -195,14 +195,14 @@ def learn_shape_step(
 
     known: what is known without these frames. Returns what is known with them, linearised at ``shape``, and the poses.
     """
-    rest = rest_points(points, shape)
+    body = build_body(points, shape)
     count = len(shape.coefficients)
     size = count + 1
     schur, right = known.information.copy(), known.information @ known.deviation(shape)
     eliminated = []
     for frame in frames:
-        posed = pose_points(points, rest, frame.pose)
-        equations = pose_equations(points, rest, frame.pose, posed, frame.constraints, None, config, count)
+        posed = pose_points(body, frame.pose)
+        equations = pose_equations(body, frame.pose, posed, frame.constraints, None, config, count)
         h, g = equations.hessian, equations.gradient
         factor = cho_factor(h[:POSE_SIZE, :POSE_SIZE] + 1e-3 * np.diag(np.diag(h)[:POSE_SIZE]))
         cross = cho_solve(factor, h[:POSE_SIZE, POSE_SIZE:])

@@ -27,7 +27,7 @@ from anchorpose.body.fit import (
 from anchorpose.body.pose import DEGREE, Pose
 from anchorpose.body.registration import RegistrationConfig
 from anchorpose.body.shape_belief import ShapeBelief
-from anchorpose.body.skin_points import FittedShape, RestPoints, SkinPoints, pose_points, rest_points
+from anchorpose.body.skin_points import Body, FittedShape, SkinPoints, build_body, pose_points
 from anchorpose.geodesics.anchors import Anchors, no_anchors
 from anchorpose.surface.surface import Surface
 
@@ -90,30 +90,30 @@ def _settle(
 ) -> FirstPose:  # fmt: skip
     """Anchors place the tips, then the surface draws the body in, with less and less reach."""
     pose, shape = first.pose, first.shape
-    rest = rest_points(points, shape)
+    body = build_body(points, shape)
     held = anchor_constraints(points, anchors)
     for _ in range(_ANCHOR_STEPS if len(held) else 0):
-        posed = pose_points(points, rest, pose)
-        equations = pose_equations(points, rest, pose, posed, held, None, fit_config)
+        posed = pose_points(body, pose)
+        equations = pose_equations(body, pose, posed, held, None, fit_config)
         pose = pose.moved(limited(solve_damped(equations), fit_config), points.moving)
     for reach_m in reaches_m:
-        rows = join([evidence_rows(points, rest, pose, evidence, reach_m, config), held])
+        rows = join([evidence_rows(body, pose, evidence, reach_m, config), held])
         if shape_known or reach_m > _RIGID_SHAPE_REACH_M:
-            posed = pose_points(points, rest, pose)
-            equations = pose_equations(points, rest, pose, posed, rows, None, fit_config)
+            posed = pose_points(body, pose)
+            equations = pose_equations(body, pose, posed, rows, None, fit_config)
             pose = pose.moved(limited(solve_damped(equations), fit_config), points.moving)
         else:
             learned, (pose,) = learn_shape_step(points, shape, [ShapeFrame(pose, rows)], known, fit_config)
             shape = learned.shape
-            rest = rest_points(points, shape)
-    cost = evidence_cost(points, rest, pose, evidence, reaches_m[-1], config, fit_config) + known.cost(shape)
+            body = build_body(points, shape)
+    cost = evidence_cost(body, pose, evidence, reaches_m[-1], config, fit_config) + known.cost(shape)
     return FirstPose(pose, shape, first.start, cost)
 
 
 def _placed(points: SkinPoints, shape: FittedShape, pose: Pose, surface: Surface) -> Pose:
     """Move the root so that the middle of the body lies at the middle of what is seen."""
-    rest = rest_points(points, shape)
-    posed = pose_points(points, rest, pose)
+    body = build_body(points, shape)
+    posed = pose_points(body, pose)
     middle = (np.percentile(surface.points_m, 2, axis=0) + np.percentile(surface.points_m, 98, axis=0)) / 2.0
     own = (posed.points_m.min(axis=0) + posed.points_m.max(axis=0)) / 2.0
     return Pose(pose.rotations, pose.root_m + middle - own)
@@ -184,35 +184,35 @@ _ROUNDS: Final = (((0.45, 0.35, 0.28), 6), ((0.25, 0.20, 0.20, 0.15), 2), ((0.12
 _FEW_NODES: Final = 250  # of all rounds but the last: enough to tell a back from a front
 
 
-def find_rough_pose(points: SkinPoints, rest: RestPoints, evidence: Evidence, config: RegistrationConfig) -> Pose:
+def find_rough_pose(body: Body, evidence: Evidence, config: RegistrationConfig) -> Pose:
     """The pose in which the body explains the nodes best, of many starts."""
     coarse = replace(config, constraints=replace(config.constraints, node_count=_FEW_NODES))
-    poses = [_placed_roughly(points, rest, pose, evidence) for pose in _starts(points.asset)]
+    poses = [_placed_roughly(body, pose, evidence) for pose in _starts(body.points.asset)]
     for number, (reaches_m, kept) in enumerate(_ROUNDS):
         settings = config if number == len(_ROUNDS) - 1 else coarse
-        tried = [_settle_roughly(points, rest, pose, evidence, reaches_m, settings) for pose in poses]
+        tried = [_settle_roughly(body, pose, evidence, reaches_m, settings) for pose in poses]
         cheapest = np.argsort([cost for _, cost in tried], kind="stable")[:kept]
         poses = [tried[place][0] for place in cheapest]
     return poses[0]
 
 
 def _settle_roughly(
-    points: SkinPoints, rest: RestPoints, pose: Pose, evidence: Evidence, reaches_m: Sequence[float],
+    body: Body, pose: Pose, evidence: Evidence, reaches_m: Sequence[float],
     config: RegistrationConfig,
 ) -> tuple[Pose, float]:  # fmt: skip
     """A few steps of registration, and how badly the pose then explains the nodes."""
     for reach_m in (*reaches_m, reaches_m[-1]):
-        posed = pose_points(points, rest, pose)
+        posed = pose_points(body, pose)
         rows = surface_constraints(posed, evidence.surface, evidence.cameras, reach_m, config.constraints)
-        equations = pose_equations(points, rest, pose, posed, rows, None, config.fit)
-        settled, pose = pose, pose.moved(limited(solve_damped(equations), config.fit), points.moving)
+        equations = pose_equations(body, pose, posed, rows, None, config.fit)
+        settled, pose = pose, pose.moved(limited(solve_damped(equations), config.fit), body.points.moving)
     missing = min(len(evidence.surface), config.constraints.node_count) - len(rows)
     return settled, equations.cost + missing * doubted_node_cost(reaches_m[-1], config.constraints, config.fit)
 
 
-def _placed_roughly(points: SkinPoints, rest: RestPoints, pose: Pose, evidence: Evidence) -> Pose:
+def _placed_roughly(body: Body, pose: Pose, evidence: Evidence) -> Pose:
     """The pose with its middle over the middle of what is seen, its top at the top: heads are seldom hidden."""
-    seen, own = evidence.surface.points_m, pose_points(points, rest, pose).points_m
+    seen, own = evidence.surface.points_m, pose_points(body, pose).points_m
     shift = np.median(seen, axis=0) - (own.min(axis=0) + own.max(axis=0)) / 2.0
     shift[1] = seen[:, 1].max() - own[:, 1].max()
     return Pose(pose.rotations, pose.root_m + shift)

@@ -10,30 +10,28 @@ import numpy as np
 from anchorpose.body.asset import joint_bones
 from anchorpose.body.fit import FitConfig, limited, prior_equations
 from anchorpose.body.pose import POSE_SIZE, Pose
-from anchorpose.body.skin_points import RestPoints, SkinPoints, joint_jacobian, pose_points
+from anchorpose.body.skin_points import Body, joint_jacobian, pose_points
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 
 _JOINT_SIGMA_M = 0.01  # predicted joints are means of whole parts: closer than that they need not be met
 _STEPS = 3
 
 
-def pose_from_joints(
-    points: SkinPoints, rest: RestPoints, start: Pose, joints_m: np.ndarray, config: FitConfig
-) -> Pose:
+def pose_from_joints(body: Body, start: Pose, joints_m: np.ndarray, config: FitConfig) -> Pose:
     """The pose near ``start`` whose joints come closest to joints_m (21, 3); rows of NaN say nothing."""
-    bones = joint_bones(points.asset)
+    bones = joint_bones(body.points.asset)
     known = np.isfinite(joints_m).all(axis=1)
     nearby = np.diag(1.0 / config.process_variance(1.0))  # what the joints leave open stays as it was
     pose = start
     for _ in range(_STEPS):
-        transforms = rest.body.bone_transforms(pose.rotations, pose.root_m)
-        at = rest.body.joints(transforms)
-        jacobian = joint_jacobian(points, rest, transforms, bones[known], at[known]).reshape(-1, POSE_SIZE)
+        transforms = body.transforms(pose)
+        at = body.mesh.joints(transforms)
+        jacobian = joint_jacobian(body, transforms, bones[known], at[known]).reshape(-1, POSE_SIZE)
         error = (at[known] - joints_m[known]).ravel()
-        hessian, gradient, _ = prior_equations(points, pose, (start, nearby), config)
+        hessian, gradient, _ = prior_equations(body.points, pose, (start, nearby), config)
         hessian += jacobian.T @ jacobian / _JOINT_SIGMA_M**2
         gradient += jacobian.T @ error / _JOINT_SIGMA_M**2
-        pose = pose.moved(limited(-np.linalg.solve(hessian, gradient), config), points.moving)
+        pose = pose.moved(limited(-np.linalg.solve(hessian, gradient), config), body.points.moving)
     return pose
 
 
@@ -43,11 +41,11 @@ _LEGS = tuple(
 )  # fmt: skip
 
 
-def uncrossed(points: SkinPoints, rest: RestPoints, pose: Pose, config: FitConfig) -> Pose | None:
+def uncrossed(body: Body, pose: Pose, config: FitConfig) -> Pose | None:
     """The pose with each leg where the other one is; None where the knees are not crossed."""
-    posed = pose_points(points, rest, pose)
-    joints = rest.body.joints(posed.transforms)
-    right = posed.transforms[points.asset.bone("Hips"), :3, 2]
+    posed = pose_points(body, pose)
+    joints = body.mesh.joints(posed.transforms)
+    right = posed.transforms[body.points.asset.bone("Hips"), :3, 2]
     left_leg, right_leg = _LEGS
     if (joints[right_leg[0]] - joints[left_leg[0]]) @ right > -CROSSED_M:
         return None
@@ -57,8 +55,8 @@ def uncrossed(points: SkinPoints, rest: RestPoints, pose: Pose, config: FitConfi
     wanted[left_leg], wanted[right_leg] = joints[right_leg], joints[left_leg]
     start = pose.rotations.copy()
     for limb in ("UpLeg", "Leg", "Foot"):
-        start[[points.asset.bone(f"{side}{limb}") for side in ("Left", "Right")]] = np.eye(3)
+        start[[body.points.asset.bone(f"{side}{limb}") for side in ("Left", "Right")]] = np.eye(3)
     found = Pose(start, pose.root_m)
     for _ in range(3):
-        found = pose_from_joints(points, rest, found, wanted, config)
+        found = pose_from_joints(body, found, wanted, config)
     return found

@@ -18,7 +18,7 @@ from anchorpose.body.fit import ShapeFrame, learn_shape_step
 from anchorpose.body.pose import Pose
 from anchorpose.body.registration import RegistrationConfig
 from anchorpose.body.shape_belief import ShapeBelief, ShapePrior
-from anchorpose.body.skin_points import FittedShape, SkinPoints, rest_points
+from anchorpose.body.skin_points import FittedShape, SkinPoints, build_body
 from anchorpose.joints import JOINT_INDEX
 
 
@@ -62,9 +62,9 @@ def learn_body(
         raise ValueError("a body needs at least one frame to be learnt from")
     current, learned = list(poses), ShapeBelief(shape, known.information, known.prior)
     for reach_m in config.reaches_m:
-        rest = rest_points(points, learned.shape)
+        body = build_body(points, learned.shape)
         frames = [
-            ShapeFrame(pose, evidence_rows(points, rest, pose, seen, reach_m, registration.constraints))
+            ShapeFrame(pose, evidence_rows(body, pose, seen, reach_m, registration.constraints))
             for pose, seen in zip(current, evidence, strict=True)
         ]
         learned, current = learn_shape_step(points, learned.shape, frames, known, registration.fit)
@@ -107,7 +107,7 @@ def bone_lengths(asset: BodyAsset, belief: ShapeBelief) -> tuple[BoneLength, ...
 
 
 def _spans(asset: BodyAsset, shape: FittedShape) -> np.ndarray:
-    """(n, 3) from the first to the second joint of each bone at rest."""
+    """(n, 3) from the first to the second joint of each bone at body."""
     start, end = _ends(asset)
     heads = shape.body(asset).bone_heads
     return np.asarray(heads[end] - heads[start])

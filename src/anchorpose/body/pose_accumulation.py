@@ -12,20 +12,20 @@ import numpy as np
 from numba import njit
 
 from anchorpose.body.kinematics import turning
-from anchorpose.body.skin_points import PosedPoints, RestPoints, SkinPoints
+from anchorpose.body.skin_points import Body, PosedPoints
 
 
 def accumulate_pose(
-    points: SkinPoints, rest: RestPoints, posed: PosedPoints, index: np.ndarray, direction: np.ndarray,
+    body: Body, posed: PosedPoints, index: np.ndarray, direction: np.ndarray,
     residual_m: np.ndarray, weight: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """``J^T W J`` (POSE_SIZE, POSE_SIZE) and ``J^T W r`` (POSE_SIZE,); arguments as in ``pose_jacobian``."""
-    parents = points.asset.bone_parents
-    pivot, frame = turning(posed.transforms, rest.body.bone_heads, parents, points.moving)
-    spread, pull = _by_point(len(rest.points_m), index, direction, residual_m, weight)
-    pairs, forces = _by_bones(points.bones, points.influence, posed.transforms, rest.points_m, spread, pull)
+    parents = body.points.asset.bone_parents
+    pivot, frame = turning(posed.transforms, body.mesh.bone_heads, parents, body.points.moving)
+    spread, pull = _by_point(len(body.rest_m), index, direction, residual_m, weight)
+    pairs, forces = _by_bones(body.points.bones, body.points.influence, posed.transforms, body.rest_m, spread, pull)
     _down_the_skeleton(parents, pairs, forces)
-    return _by_parameter(points.moving, pivot, frame, pairs, forces)
+    return _by_parameter(body.points.moving, pivot, frame, pairs, forces)
 
 
 @njit(cache=True)

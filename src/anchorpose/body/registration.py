@@ -18,7 +18,7 @@ from anchorpose.body.evidence import Evidence, doubted_node_cost, evidence_cost,
 from anchorpose.body.fit import FitConfig, NormalEquations, limited, pose_equations, range_information, solve_damped
 from anchorpose.body.nearest_skin import nearest_point
 from anchorpose.body.pose import DEGREE, POSE_SIZE, Pose, hinge_axes
-from anchorpose.body.skin_points import RestPoints, SkinPoints, pose_points
+from anchorpose.body.skin_points import Body, pose_points
 
 _DIRECTIONS = (
     (0.2, -1.0, 0.3),
@@ -148,7 +148,7 @@ class Registration:
 
 
 def register(
-    points: SkinPoints, rest: RestPoints, predicted: PoseBelief, evidence: Evidence, held: Constraints,
+    body: Body, predicted: PoseBelief, evidence: Evidence, held: Constraints,
     config: RegistrationConfig, may_search: bool = True, lasting: Constraints | None = None,
 ) -> Registration:  # fmt: skip
     """tau-hat = ICP(tau, phi), for all parts at once: they stay joined, and bones keep their length.
@@ -160,31 +160,31 @@ def register(
     if len(evidence.surface) < config.least_nodes:
         return Registration(predicted, 0.0, False)
     lasting = no_constraints() if lasting is None else lasting
-    pose = _descend(points, rest, predicted.pose, predicted, evidence, held, config.reaches_m, config, lasting)
+    pose = _descend(body, predicted.pose, predicted, evidence, held, config.reaches_m, config, lasting)
     expected = predicted
-    search = may_search and _uncovered(points, rest, pose, evidence, config) > config.most_uncovered
+    search = may_search and _uncovered(body, pose, evidence, config) > config.most_uncovered
     if search:
-        pose, predicted = _restart(points, rest, pose, predicted, evidence, held, config, lasting)
-    found = posterior(points, rest, pose, predicted, evidence, config)
+        pose, predicted = _restart(body, pose, predicted, evidence, held, config, lasting)
+    found = posterior(body, pose, predicted, evidence, config)
     return replace(found if found.found else replace(found, belief=expected), searched=search)
 
 
 def _descend(
-    points: SkinPoints, rest: RestPoints, pose: Pose, predicted: PoseBelief, evidence: Evidence, held: Constraints,
+    body: Body, pose: Pose, predicted: PoseBelief, evidence: Evidence, held: Constraints,
     reaches_m: Sequence[float], config: RegistrationConfig, lasting: Constraints,
 ) -> Pose:  # fmt: skip
     """Gauss-Newton from one pose, with less and less reach."""
     for number, reach_m in enumerate(reaches_m):
-        rows = [evidence_rows(points, rest, pose, evidence, reach_m, config.constraints), lasting]
+        rows = [evidence_rows(body, pose, evidence, reach_m, config.constraints), lasting]
         if number < config.held_steps:
             rows.append(held)
-        equations = _equations(points, rest, pose, predicted, join(rows), config)
-        pose = pose.moved(limited(solve_damped(equations), config.fit), points.moving)
+        equations = _equations(body, pose, predicted, join(rows), config)
+        pose = pose.moved(limited(solve_damped(equations), config.fit), body.points.moving)
     return pose
 
 
 def _restart(
-    points: SkinPoints, rest: RestPoints, pose: Pose, predicted: PoseBelief, evidence: Evidence, held: Constraints,
+    body: Body, pose: Pose, predicted: PoseBelief, evidence: Evidence, held: Constraints,
     config: RegistrationConfig, lasting: Constraints,
 ) -> tuple[Pose, PoseBelief]:  # fmt: skip
     """Seen skin that the body does not cover: look for arms and legs elsewhere, keep what explains the frame best.
@@ -195,60 +195,56 @@ def _restart(
     reach_m, constraints = config.restart_reaches_m[-1], config.constraints
     nodes = min(len(evidence.surface), constraints.node_count)
     worth = config.restart_gain * nodes * doubted_node_cost(reach_m, constraints, config.fit)
-    best = evidence_cost(points, rest, pose, evidence, reach_m, constraints, config.fit) - worth
+    best = evidence_cost(body, pose, evidence, reach_m, constraints, config.fit) - worth
     found = pose
     for starts in (partial(arm_restarts, side="Left"), partial(arm_restarts, side="Right"), leg_restarts):
-        for start in starts(points.asset, found):
+        for start in starts(body.points.asset, found):
             belief = PoseBelief(start, doubted.covariance, doubted.information)
-            tried = _descend(points, rest, start, belief, evidence, held, config.restart_reaches_m, config, lasting)
-            cost = evidence_cost(points, rest, tried, evidence, reach_m, constraints, config.fit)
+            tried = _descend(body, start, belief, evidence, held, config.restart_reaches_m, config, lasting)
+            cost = evidence_cost(body, tried, evidence, reach_m, constraints, config.fit)
             if cost < best:
                 found, best = tried, cost
     if found is pose:
         return pose, predicted
     settled = PoseBelief(found, doubted.covariance, doubted.information)
-    return _descend(points, rest, found, settled, evidence, held, config.reaches_m[2:], config, lasting), settled
+    return _descend(body, found, settled, evidence, held, config.reaches_m[2:], config, lasting), settled
 
 
-def _uncovered(
-    points: SkinPoints, rest: RestPoints, pose: Pose, evidence: Evidence, config: RegistrationConfig
-) -> float:
+def _uncovered(body: Body, pose: Pose, evidence: Evidence, config: RegistrationConfig) -> float:
     """Share of the nodes that lie off the body by more than a limb's thickness."""
-    posed = pose_points(points, rest, pose)
+    posed = pose_points(body, pose)
     nodes = evidence.surface.points_m[:: config.uncovered_stride].astype(np.float64)
     return float(np.mean(nearest_point(posed.points_m, nodes, config.uncovered_m) < 0))
 
 
 def posterior(
-    points: SkinPoints, rest: RestPoints, pose: Pose, predicted: PoseBelief, evidence: Evidence,
+    body: Body, pose: Pose, predicted: PoseBelief, evidence: Evidence,
     config: RegistrationConfig,
 ) -> Registration:  # fmt: skip
     """What the evidence says of a pose that was found: how sure it is, and whether it is this body that is seen.
 
     Only skin that is seen makes a pose surer. That a limb is not where the room is seen tells a side, not a place.
     """
-    posed = pose_points(points, rest, pose)
+    posed = pose_points(body, pose)
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], config.constraints)
     share = len(rows) / max(1, min(len(evidence.surface), config.constraints.node_count))
     if share < config.least_explained:
         return Registration(predicted, share, False)
-    hessian = _equations(points, rest, pose, predicted, rows, config).hessian
-    seen = hessian - range_information(points, pose, config.fit)
+    hessian = _equations(body, pose, predicted, rows, config).hessian
+    seen = hessian - range_information(body.points, pose, config.fit)
     return Registration(PoseBelief(pose, np.linalg.inv(hessian), seen), share, True)
 
 
 def _equations(
-    points: SkinPoints, rest: RestPoints, pose: Pose, predicted: PoseBelief, rows: Constraints,
+    body: Body, pose: Pose, predicted: PoseBelief, rows: Constraints,
     config: RegistrationConfig,
 ) -> NormalEquations:  # fmt: skip
-    posed = pose_points(points, rest, pose)
-    return pose_equations(points, rest, pose, posed, rows, (predicted.pose, predicted.information), config.fit)
+    posed = pose_points(body, pose)
+    return pose_equations(body, pose, posed, rows, (predicted.pose, predicted.information), config.fit)
 
 
-def node_parts(
-    points: SkinPoints, rest: RestPoints, pose: Pose, nodes_m: np.ndarray, reach_m: float
-) -> tuple[np.ndarray, np.ndarray]:
+def node_parts(body: Body, pose: Pose, nodes_m: np.ndarray, reach_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Nearest skin point of each node (n,), -1 beyond reach, and the bone (n,) that moves it, -1 likewise."""
-    posed = pose_points(points, rest, pose)
+    posed = pose_points(body, pose)
     point = nearest_point(posed.points_m, nodes_m, reach_m)
-    return point, np.where(point >= 0, points.part[point], -1)
+    return point, np.where(point >= 0, body.points.part[point], -1)

@@ -50,12 +50,25 @@ class FittedShape:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RestPoints:
-    """One shape's points at rest: points_m (p, 3) with clothes, normals (p, 3), and the body they come from."""
+class Body:
+    """A person's body in one shape: its sampled skin at rest, and the whole mesh with its skeleton.
 
-    points_m: np.ndarray
-    normals: np.ndarray
-    body: ShapedBody
+    rest_m (p, 3): the skin points with clothes, metres; rest_normals (p, 3): outward unit normals.
+    """
+
+    points: SkinPoints
+    shape: FittedShape
+    mesh: ShapedBody
+    rest_m: np.ndarray
+    rest_normals: np.ndarray
+
+    def transforms(self, pose: Pose) -> np.ndarray:
+        """T_world_rest (b, 4, 4) of the bones in a pose."""
+        return self.mesh.bone_transforms(pose.rotations, pose.root_m)
+
+    def joints(self, pose: Pose) -> np.ndarray:
+        """(21, 3) joints in a pose, order of ``JOINT_NAMES``, metres in the world."""
+        return self.mesh.joints(self.transforms(pose))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,26 +144,24 @@ def _faces_around(asset: BodyAsset, vertex: np.ndarray) -> np.ndarray:
     return order[start[:, None] + column] // 3
 
 
-def rest_points(points: SkinPoints, shape: FittedShape) -> RestPoints:
-    """Points and normals of a shape in the rest pose."""
-    body = shape.body(points.asset)
-    corners = body.vertices[points.asset.faces[points.faces_of]]  # (p, f, 3, 3)
+def build_body(points: SkinPoints, shape: FittedShape) -> Body:
+    """The body of a shape, with its skin points and their normals in the rest pose."""
+    mesh = shape.body(points.asset)
+    corners = mesh.vertices[points.asset.faces[points.faces_of]]  # (p, f, 3, 3)
     normals = np.cross(corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0]).sum(axis=1)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    skin = body.vertices[points.vertex]
-    return RestPoints(skin + shape.clothing_m * points.covered[:, None] * normals, normals, body)
+    rest_m = mesh.vertices[points.vertex] + shape.clothing_m * points.covered[:, None] * normals
+    return Body(points, shape, mesh, rest_m, normals)
 
 
-def pose_points(points: SkinPoints, rest: RestPoints, pose: Pose) -> PosedPoints:
+def pose_points(body: Body, pose: Pose) -> PosedPoints:
     """Linear blend skinning of the sampled points."""
-    transforms = rest.body.bone_transforms(pose.rotations, pose.root_m)
-    posed, normals = skin(points.bones, points.influence, transforms, rest.points_m, rest.normals)
+    transforms = body.transforms(pose)
+    posed, normals = skin(body.points.bones, body.points.influence, transforms, body.rest_m, body.rest_normals)
     return PosedPoints(posed, normals, transforms)
 
 
-def pose_jacobian(
-    points: SkinPoints, rest: RestPoints, posed: PosedPoints, index: np.ndarray, direction: np.ndarray
-) -> np.ndarray:
+def pose_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction: np.ndarray) -> np.ndarray:
     """How far each chosen point moves along its direction with each pose parameter.
 
     index (n,) points, direction (n, 3) unit vectors. Returns (n, POSE_SIZE): rotations in the parent's frame, then the
@@ -158,11 +169,11 @@ def pose_jacobian(
     """
     transforms = posed.transforms
     used, back = np.unique(index, return_inverse=True)
-    weights = points.weights[used]
-    placed = np.einsum("bij,nj->nbi", transforms[:, :3, :3], rest.points_m[used]) + transforms[:, :3, 3]
-    carried = points.below @ (weights[..., None] * placed)  # (n, m, 3): sum over the bones below of weight x place
-    share = weights @ points.below.T
-    pivot, frame = turning(transforms, rest.body.bone_heads, points.asset.bone_parents, points.moving)
+    weights = body.points.weights[used]
+    placed = np.einsum("bij,nj->nbi", transforms[:, :3, :3], body.rest_m[used]) + transforms[:, :3, 3]
+    carried = body.points.below @ (weights[..., None] * placed)  # (n, m, 3): sum over the bones below of weight x place
+    share = weights @ body.points.below.T
+    pivot, frame = turning(transforms, body.mesh.bone_heads, body.points.asset.bone_parents, body.points.moving)
     lever = carried - share[..., None] * pivot
     torque = np.cross(lever[back], direction[:, None, :])  # d(point . direction) = turn . (lever x direction)
     jacobian = np.empty((len(index), POSE_SIZE))
@@ -171,11 +182,9 @@ def pose_jacobian(
     return jacobian
 
 
-def shape_jacobian(
-    points: SkinPoints, rest: RestPoints, posed: PosedPoints, index: np.ndarray, direction: np.ndarray, count: int
-) -> np.ndarray:
+def shape_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction: np.ndarray, count: int) -> np.ndarray:
     """How far each point moves along its direction with each shape coefficient and the clothing: (n, count + 1)."""
-    asset, transforms = points.asset, posed.transforms
+    asset, transforms = body.points.asset, posed.transforms
     head_basis = asset.bone_head_basis[:count]
     shift = np.zeros((len(transforms), count, 3))  # of each bone's head in the world
     for bone, parent in enumerate(asset.bone_parents):
@@ -183,19 +192,17 @@ def shape_jacobian(
             step = head_basis[:, bone] - head_basis[:, parent]
             shift[bone] = shift[parent] + step @ transforms[parent, :3, :3].T
     offset = shift - np.einsum("bij,kbj->bki", transforms[:, :3, :3], head_basis)
-    weights = points.weights[index]
+    weights = body.points.weights[index]
     blended = (weights @ transforms[:, :3, :3].reshape(-1, 9)).reshape(-1, 3, 3)
     local = np.einsum("nij,ni->nj", blended, direction)
     jacobian = np.empty((len(index), count + 1))
-    jacobian[:, :count] = np.einsum("nj,knj->nk", local, asset.vertex_basis[:count, points.vertex[index]])
+    jacobian[:, :count] = np.einsum("nj,knj->nk", local, asset.vertex_basis[:count, body.points.vertex[index]])
     jacobian[:, :count] += np.einsum("nki,ni->nk", np.einsum("nb,bki->nki", weights, offset), direction)
-    jacobian[:, count] = points.covered[index] * (posed.normals[index] * direction).sum(axis=1)
+    jacobian[:, count] = body.points.covered[index] * (posed.normals[index] * direction).sum(axis=1)
     return jacobian
 
 
-def joint_jacobian(
-    points: SkinPoints, rest: RestPoints, transforms: np.ndarray, bones: np.ndarray, joints_m: np.ndarray
-) -> np.ndarray:
+def joint_jacobian(body: Body, transforms: np.ndarray, bones: np.ndarray, joints_m: np.ndarray) -> np.ndarray:
     """Derivative (n, 3, POSE_SIZE) by the pose of points joints_m (n, 3) in the world, each fixed to a bone (n,)."""
-    pivot, frame = turning(transforms, rest.body.bone_heads, points.asset.bone_parents, points.moving)
-    return joint_derivative(pivot, frame, points.below, bones, joints_m)
+    pivot, frame = turning(transforms, body.mesh.bone_heads, body.points.asset.bone_parents, body.points.moving)
+    return joint_derivative(pivot, frame, body.points.below, bones, joints_m)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from anchorpose.body.asset import joint_bones
-from anchorpose.body.skin_points import PosedPoints, RestPoints, SkinPoints, joint_jacobian
+from anchorpose.body.skin_points import Body, PosedPoints, joint_jacobian
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -22,34 +22,30 @@ class UncertaintyConfig:
             raise ValueError("floor_m and inflation must be positive")
 
 
-def joint_sigma(
-    points: SkinPoints, rest: RestPoints, posed: PosedPoints, covariance: np.ndarray, config: UncertaintyConfig
-) -> np.ndarray:
+def joint_sigma(body: Body, posed: PosedPoints, covariance: np.ndarray, config: UncertaintyConfig) -> np.ndarray:
     """(21,) one standard deviation of the position error per axis, metres.
 
     covariance (POSE_SIZE, POSE_SIZE): of the pose, inverse of the normal equations' hessian.
     """
-    places = rest.body.joints(posed.transforms)
-    variance = _variance(points, rest, posed, covariance, joint_bones(points.asset), places)
+    places = body.mesh.joints(posed.transforms)
+    variance = _variance(body, posed, covariance, joint_bones(body.points.asset), places)
     return np.sqrt(config.floor_m**2 + config.inflation**2 * variance)
 
 
-def skin_sigma(
-    points: SkinPoints, rest: RestPoints, posed: PosedPoints, covariance: np.ndarray, config: UncertaintyConfig
-) -> np.ndarray:
+def skin_sigma(body: Body, posed: PosedPoints, covariance: np.ndarray, config: UncertaintyConfig) -> np.ndarray:
     """(p,) the same of skin points: that of the middle of the part which each moves with."""
-    count = np.bincount(points.part)
+    count = np.bincount(body.points.part)
     parts = np.flatnonzero(count)
-    middles = np.stack([np.bincount(points.part, posed.points_m[:, axis]) for axis in range(3)], axis=1)
+    middles = np.stack([np.bincount(body.points.part, posed.points_m[:, axis]) for axis in range(3)], axis=1)
     variance = np.zeros(len(count))
-    variance[parts] = _variance(points, rest, posed, covariance, parts, middles[parts] / count[parts, None])
-    return np.sqrt(config.floor_m**2 + config.inflation**2 * variance[points.part])
+    variance[parts] = _variance(body, posed, covariance, parts, middles[parts] / count[parts, None])
+    return np.sqrt(config.floor_m**2 + config.inflation**2 * variance[body.points.part])
 
 
 def _variance(
-    points: SkinPoints, rest: RestPoints, posed: PosedPoints, covariance: np.ndarray, bones: np.ndarray,
+    body: Body, posed: PosedPoints, covariance: np.ndarray, bones: np.ndarray,
     places_m: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
     """(n,) mean variance of the three axes, square metres, of places_m (n, 3) that are fixed to bones (n,)."""
-    jacobian = joint_jacobian(points, rest, posed.transforms, bones, places_m)
+    jacobian = joint_jacobian(body, posed.transforms, bones, places_m)
     return np.asarray(((jacobian @ covariance) * jacobian).sum(axis=(1, 2)) / 3.0)

@@ -84,7 +84,7 @@ _SEEN, _SELF, _EQUIPMENT, _PERSON, _HOLE, _OUTSIDE, _MISFIT = range(7)
 
 @cache
 def skin_around_joints(points: SkinPoints, radius_m: float, trunk_radius_m: float) -> tuple[np.ndarray, ...]:
-    """For each joint the skin points of its own and the adjacent part that lie within its radius at rest."""
+    """For each joint the skin points of its own and the adjacent part that lie within its radius at body."""
     asset: BodyAsset = points.asset
     body = shape_body(asset, np.zeros(1))
     place = body.vertices[points.vertex]

@@ -14,7 +14,7 @@ from anchorpose.body.initial import anchor_constraints
 from anchorpose.body.part_registration import register_parts
 from anchorpose.body.pose import Pose
 from anchorpose.body.registration import node_parts
-from anchorpose.body.skin_points import PosedPoints, RestPoints, SkinPoints
+from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Observation
 from anchorpose.tracking.tree import Support, TrackResult, best_branches
@@ -67,7 +67,7 @@ def link(now: Observation, following: Observation, config: TrackConfig) -> Match
 
 
 def global_hypothesis(
-    points: SkinPoints, rest: RestPoints, pose: Pose, predicted: Sequence[Pose], window: Sequence[Observation],
+    body: Body, pose: Pose, predicted: Sequence[Pose], window: Sequence[Observation],
     links: Sequence[Matcher], config: TrackConfig,
 ) -> GlobalHypothesis:  # fmt: skip
     """Build, score and search the tree from the first frame of the window over the others.
@@ -77,10 +77,10 @@ def global_hypothesis(
     source = window[0].surface
     chosen = np.unique(np.linspace(0, len(source) - 1, min(len(source), config.follow.tree_nodes)).astype(np.int64))
     nodes = source.points_m[chosen].astype(np.float64)
-    point, part = node_parts(points, rest, pose, nodes, config.follow.part_reach_m)
+    point, part = node_parts(body, pose, nodes, config.follow.part_reach_m)
     on_body = part >= 0
     chosen, nodes, point, part = chosen[on_body], nodes[on_body], point[on_body], part[on_body]
-    places = carried(rest, pose, predicted, nodes, part)
+    places = carried(body, pose, predicted, nodes, part)
     tree = best_branches(_reached(chosen, links), [seen.surface.points_m for seen in window[1:]], places, config.tree)
     matched = np.full((len(chosen), 3), np.nan)
     found = tree.match >= 0
@@ -98,14 +98,12 @@ def _reached(chosen: np.ndarray, links: Sequence[Matcher]) -> list[np.ndarray]:
     return matches
 
 
-def carried(
-    rest: RestPoints, pose: Pose, predicted: Sequence[Pose], nodes_m: np.ndarray, part: np.ndarray
-) -> np.ndarray:
+def carried(body: Body, pose: Pose, predicted: Sequence[Pose], nodes_m: np.ndarray, part: np.ndarray) -> np.ndarray:
     """(m, depth, 3): where nodes go that move with their parts from one pose to the predicted ones."""
-    T_world_rest = rest.body.bone_transforms(pose.rotations, pose.root_m)
+    T_world_rest = body.transforms(pose)
     places = np.empty((len(nodes_m), len(predicted), 3))
     for level, later in enumerate(predicted):
-        T_next_now = part_motion(T_world_rest, rest.body.bone_transforms(later.rotations, later.root_m))
+        T_next_now = part_motion(T_world_rest, body.transforms(later))
         places[:, level] = np.einsum("mij,mj->mi", T_next_now[part, :3, :3], nodes_m) + T_next_now[part, :3, 3]
     return places
 

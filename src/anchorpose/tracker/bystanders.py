@@ -20,7 +20,7 @@ from anchorpose.body.fit import FitConfig
 from anchorpose.body.initial import find_rough_pose, shape_of_height
 from anchorpose.body.pose import DEGREE, POSE_SIZE, Pose
 from anchorpose.body.registration import PoseBelief, RegistrationConfig, posterior, register, vague_belief
-from anchorpose.body.skin_points import RestPoints, SkinPoints, pose_points, rest_points
+from anchorpose.body.skin_points import Body, SkinPoints, build_body, pose_points
 from anchorpose.camera import Camera
 from anchorpose.isolation.ownership import OwnershipLikelihood, join_likelihoods
 from anchorpose.isolation.view import PixelLabel, View
@@ -90,7 +90,7 @@ class Bystander:
     """Somebody with a body: his label, shape and pose; change (POSE_SIZE,) of the pose in the last ``elapsed_s``."""
 
     label: int
-    rest: RestPoints
+    body: Body
     belief: PoseBelief
     change: np.ndarray
     elapsed_s: float
@@ -120,7 +120,7 @@ def bystander_likelihood(
     spread = config.skin_sigma_m + config.growth_m_s * abs(elapsed_s)
     found = []
     for one in bystanders.followed:
-        skin = pose_points(points, one.rest, _ahead(one, points, elapsed_s, config)).points_m.astype(np.float32)
+        skin = pose_points(one.body, _ahead(one, points, elapsed_s, config)).points_m.astype(np.float32)
         owner, sigma = np.full(len(skin), one.label, np.uint8), np.full(len(skin), spread, np.float32)
         found.append(OwnershipLikelihood(skin, owner, sigma))
     return join_likelihoods(found)
@@ -181,7 +181,7 @@ def _follow(
 ) -> Bystander | None:
     pose, settings = _ahead(one, points, elapsed_s, config), config.registration
     predicted = one.belief.later(pose, abs(elapsed_s), settings.fit)
-    found = register(points, one.rest, predicted, evidence, no_constraints(), settings, may_search=False)
+    found = register(one.body, predicted, evidence, no_constraints(), settings, may_search=False)
     if not found.found or found.explained < config.least_explained:
         return None
     change = one.belief.pose.change_to(found.belief.pose, points.moving)
@@ -191,12 +191,12 @@ def _follow(
 def _find(label: int, evidence: Evidence, points: SkinPoints, config: BystanderConfig) -> Bystander | None:
     if len(evidence.surface) < config.least_nodes:
         return None
-    rest = rest_points(points, shape_of_height(points.asset, config.height_m))
-    pose = find_rough_pose(points, rest, evidence, config.registration)
-    found = posterior(points, rest, pose, vague_belief(pose), evidence, config.registration)
+    body = build_body(points, shape_of_height(points.asset, config.height_m))
+    pose = find_rough_pose(body, evidence, config.registration)
+    found = posterior(body, pose, vague_belief(pose), evidence, config.registration)
     if not found.found or found.explained < config.least_explained:
         return None
-    return Bystander(label, rest, found.belief, np.zeros(POSE_SIZE), 1.0)
+    return Bystander(label, body, found.belief, np.zeros(POSE_SIZE), 1.0)
 
 
 def _ahead(one: Bystander, points: SkinPoints, elapsed_s: float, config: BystanderConfig) -> Pose:

@@ -8,7 +8,7 @@ import numpy as np
 
 from anchorpose.body.corrected_joints import ToldJoints
 from anchorpose.body.registration import PoseBelief, Registration
-from anchorpose.body.skin_points import FittedShape, RestPoints, SkinPoints, pose_points
+from anchorpose.body.skin_points import Body, FittedShape, pose_points
 from anchorpose.body.uncertainty import joint_sigma
 from anchorpose.body.visibility import joint_states
 from anchorpose.joints import JOINT_COUNT, JointState
@@ -51,7 +51,7 @@ def nobody_found(frame_set: FrameSet, observation: Observation | None = None) ->
 
 
 def estimate_of(
-    points: SkinPoints, rest: RestPoints, shape: FittedShape, registration: Registration, observation: Observation,
+    body: Body, registration: Registration, observation: Observation,
     matched_share: float | None, config: TrackConfig, told: ToldJoints | None = None,
 ) -> Estimate:  # fmt: skip
     """Joints by the rule J, their states from the pictures, their sigma from the posterior.
@@ -61,10 +61,12 @@ def estimate_of(
     """
     placed = () if told is None else told.joint.tolist()
     belief = registration.belief
-    posed = pose_points(points, rest, belief.pose)
-    joints = rest.body.joints(posed.transforms)
-    sigma = joint_sigma(points, rest, posed, belief.covariance, config.uncertainty)
-    found = joint_states(points, posed, observation.evidence.views, observation.evidence.cameras, config.visibility)
+    posed = pose_points(body, belief.pose)
+    joints = body.mesh.joints(posed.transforms)
+    sigma = joint_sigma(body, posed, belief.covariance, config.uncertainty)
+    found = joint_states(
+        body.points, posed, observation.evidence.views, observation.evidence.cameras, config.visibility
+    )
     states = tuple(
         JointState.HIDDEN if joint in placed and state is JointState.LOST else state
         for joint, state in enumerate(found)
@@ -77,7 +79,7 @@ def estimate_of(
         observation.frame_set,
         observation,
         belief,
-        shape,
+        body.shape,
         registration.explained,
         np.where(lost[:, None], np.nan, joints),
         np.where(lost, np.nan, sigma),

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from anchorpose.body.contact_regions import Nearness, find_nearness
-from anchorpose.body.skin_points import FittedShape, RestPoints, body_points, pose_points, rest_points
+from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body, pose_points
 from anchorpose.joints import JointState
 from anchorpose.recording.reader import read_frames
 from anchorpose.recording.recording import FrameSet, Recording
@@ -55,7 +55,7 @@ def _set_aside(record: FrameRecord, why: str | None) -> FrameRecord:
             state=(JointState.LOST,) * len(joints.state),
             sigma_m=np.full_like(joints.sigma_m, np.nan),
         ),
-        body=body_pose(body_points(), None, body.frame, body.time_s, None, None),
+        body=body_pose(None, body.frame, body.time_s, None, None),
         near=None,
         problems=(*record.problems, why),
     )
@@ -104,7 +104,7 @@ def track_on(
 
     keep_labels: is given whose each pixel is, as soon as it is known: from the opening back to the start first.
     """
-    rest = None if shape is None else rest_points(body_points(), shape)
+    body = None if shape is None else build_body(body_points(), shape)
     kept = set[tuple[int, str]]()
 
     def keep_once(picture: LabelPicture) -> None:  # the opening stands on both sides
@@ -112,7 +112,7 @@ def track_on(
             kept.add((picture.frame, picture.camera))
             keep_labels(picture)
 
-    work = _Work(route, room, motions, shape, rest, config, watch, keep_once, associate)
+    work = _Work(route, room, motions, shape, body, config, watch, keep_once, associate)
     before = list(work.side(route.back))[1:] if len(route.back) > 1 else []
     yield from reversed(before)
     yield from work.side(route.forth)
@@ -126,7 +126,7 @@ class _Work:
     room: Room
     motions: MotionDatabase | None
     shape: FittedShape | None
-    rest: RestPoints | None
+    body: Body | None
     config: TrackConfig
     watch: Stopwatch
     keep_labels: Callable[[LabelPicture], None]
@@ -134,30 +134,29 @@ class _Work:
 
     def side(self, positions: Sequence[int]) -> Iterator[FrameRecord]:
         """All frames from the opening to one end, in this order."""
-        if self.config.smooth and self.rest is not None:
-            return self._there_and_back(positions, self.rest)
+        if self.config.smooth and self.body is not None:
+            return self._there_and_back(positions, self.body)
         return self._there(positions)
 
     def _there(self, positions: Sequence[int]) -> Iterator[FrameRecord]:
         for estimate in self._follow(positions):
             yield self._record(estimate)
 
-    def _there_and_back(self, positions: Sequence[int], rest: RestPoints) -> Iterator[FrameRecord]:
+    def _there_and_back(self, positions: Sequence[int], body: Body) -> Iterator[FrameRecord]:
         """To one end and back to the opening, both passes put together.
 
         Until the two have met, joints, pose and contacts are kept of every frame, some kilobytes.
         """
         there, records, last = list[Passed](), list[FrameRecord](), None
         for estimate in self._follow(positions):
-            there.append(self._passed(rest, estimate))
+            there.append(self._passed(body, estimate))
             records.append(self._record(estimate))
             last = estimate
         begin = None if last is None else turn_round(last, self.config)
-        back = [self._passed(rest, estimate) for estimate in self._follow(positions[::-1], begin)][::-1]
+        back = [self._passed(body, estimate) for estimate in self._follow(positions[::-1], begin)][::-1]
         with self.watch.stage("smoothing"):
             smoothed = smooth(
-                body_points(),
-                rest,
+                body,
                 np.array([record.joints.time_s for record in records]),
                 there,
                 back,
@@ -174,8 +173,8 @@ class _Work:
             self.room, frames, self.motions, self.shape, self.config, self.watch, begin, self.associate
         )
 
-    def _passed(self, rest: RestPoints, estimate: Estimate) -> Passed:
-        return passed(rest, estimate, self.room.review.why_unusable(estimate.frame_set.frame) is None)
+    def _passed(self, body: Body, estimate: Estimate) -> Passed:
+        return passed(body, estimate, self.room.review.why_unusable(estimate.frame_set.frame) is None)
 
     def _record(self, estimate: Estimate) -> FrameRecord:
         frame_set = estimate.frame_set
@@ -199,20 +198,20 @@ class _Work:
         return _set_aside(record, self.room.review.why_unusable(frame_set.frame))
 
     def _body(self, estimate: Estimate) -> BodyPose:
-        points, belief = body_points(), estimate.belief
+        belief = estimate.belief
         frame, time_s = estimate.frame_set.frame, estimate.frame_set.time_s
-        if self.rest is None or belief is None:
-            return body_pose(points, None, frame, time_s, None, None)
-        sigma = axial_sigma(points, self.rest, belief.pose, belief.covariance, self.config.uncertainty.inflation)
-        return body_pose(points, self.rest, frame, time_s, belief.pose, sigma)
+        if self.body is None or belief is None:
+            return body_pose(None, frame, time_s, None, None)
+        sigma = axial_sigma(self.body, belief.pose, belief.covariance, self.config.uncertainty.inflation)
+        return body_pose(self.body, frame, time_s, belief.pose, sigma)
 
     def _near(self, estimate: Estimate) -> Nearness | None:
         """How near others are to the patient of the learnt body; None where he is lost."""
         seen, belief = estimate.observation, estimate.belief
-        if self.rest is None or seen is None or belief is None:
+        if self.body is None or seen is None or belief is None:
             return None
         with self.watch.stage("contacts"):
-            posed = pose_points(body_points(), self.rest, belief.pose)
+            posed = pose_points(self.body, belief.pose)
             return find_nearness(posed, seen.memory, seen.evidence.views, seen.evidence.cameras, self.config.visibility)
 
     def _smoothed(self, record: FrameRecord, answer: Passed) -> FrameRecord:
@@ -221,5 +220,5 @@ class _Work:
         position = np.where(lost[:, None], np.nan, answer.joints_m)
         joints = replace(record.joints, position_m=position, sigma_m=answer.sigma_m, state=answer.states)
         frame, time_s = record.joints.frame, record.joints.time_s
-        body = body_pose(body_points(), self.rest, frame, time_s, answer.pose, None)
+        body = body_pose(self.body, frame, time_s, answer.pose, None)
         return replace(record, joints=joints, body=body)

@@ -18,7 +18,7 @@ from anchorpose.body.inverse_kinematics import pose_from_joints, uncrossed
 from anchorpose.body.part_registration import joints_of_parts
 from anchorpose.body.pose import Pose
 from anchorpose.body.registration import PoseBelief, Registration, posterior, register
-from anchorpose.body.skin_points import FittedShape, body_points, pose_points, rest_points
+from anchorpose.body.skin_points import FittedShape, body_points, build_body, pose_points
 from anchorpose.body.uncertainty import skin_sigma
 from anchorpose.recording.recording import FrameSet
 from anchorpose.surface.surface import ExpectedSkin
@@ -57,7 +57,7 @@ class PatientTracker:
         self.wear(start.shape)
         self.history: deque[np.ndarray] = deque(maxlen=config.follow.history)
         self.belief = self._corrected(start.belief, start.observation)
-        self.history.append(self._joints(self.belief.pose))
+        self.history.append(self.body.joints(self.belief.pose))
         self.window: deque[Observation] = deque([start.observation])
         self.links: deque[Matcher] = deque()
         self.ahead: list[Pose] = []
@@ -70,16 +70,13 @@ class PatientTracker:
     @property
     def height_m(self) -> float:
         """Standing height of the learnt body."""
-        return float(np.ptp(self.rest.body.vertices[:, 1]))
+        return float(np.ptp(self.body.mesh.vertices[:, 1]))
 
     def wear(self, shape: FittedShape) -> None:
         """Go on with this shape, and all that depends on it."""
         self.shape = shape
-        self.rest = rest_points(self.points, shape)
-        self.map = map_body(self.points, self.rest.body)
-
-    def _joints(self, pose: Pose) -> np.ndarray:
-        return self.rest.body.joints(self.rest.body.bone_transforms(pose.rotations, pose.root_m))
+        self.body = build_body(self.points, shape)
+        self.map = map_body(self.body)
 
     def push(self, frame_set: FrameSet) -> Iterator[Estimate]:
         """Take one more frame; yields the estimate of the frame that now has enough look-ahead."""
@@ -113,17 +110,15 @@ class PatientTracker:
         share = None if hypothesis is None else hypothesis.matched_share
         with self.watch.stage("states and sigma"):
             told = self.room.review.joints.get(seen.frame_set.frame)
-            if told is not None and contradicted(self.points, self.rest, registration.belief, told):
+            if told is not None and contradicted(self.body, registration.belief, told):
                 told = None
-            return estimate_of(self.points, self.rest, self.shape, registration, seen, share, self.config, told)
+            return estimate_of(self.body, registration, seen, share, self.config, told)
 
     def _remember(self, estimate: Estimate) -> Estimate:
         """What the next frames need to know of this one beside the pose; returns the estimate."""
         with self.watch.stage("states and sigma"):
-            posed = pose_points(self.points, self.rest, self.belief.pose)
-            self.skin_sigma_m = skin_sigma(
-                self.points, self.rest, posed, self.belief.covariance, self.config.uncertainty
-            )
+            posed = pose_points(self.body, self.belief.pose)
+            self.skin_sigma_m = skin_sigma(self.body, posed, self.belief.covariance, self.config.uncertainty)
             time_s = estimate.frame_set.time_s
             self.feet.note(posed.points_m, estimate.joints_m, estimate.states, time_s)
             told = self.room.review.joints.get(estimate.frame_set.frame)
@@ -141,7 +136,7 @@ class PatientTracker:
                 ).joints_m
                 pose = self.belief.pose
                 for joints_m in joints:
-                    pose = pose_from_joints(self.points, self.rest, pose, joints_m, config.registration.fit)
+                    pose = pose_from_joints(self.body, pose, joints_m, config.registration.fit)
                     self.ahead.append(pose)
         return self.ahead[:steps]
 
@@ -171,7 +166,7 @@ class PatientTracker:
 
     def expectation(self, pose: Pose) -> Expectation:
         """What a frame should show in which the patient has this pose."""
-        posed = pose_points(self.points, self.rest, pose)
+        posed = pose_points(self.body, pose)
         trunk = posed.transforms[self.points.asset.bone("Spine1"), :3, 0]
         level = np.array([trunk[0], 0.0, trunk[2]])
         skin = ExpectedSkin(posed.points_m.astype(np.float32), posed.normals.astype(np.float32), self.map)
@@ -200,7 +195,7 @@ class PatientTracker:
         self.last_found = following if registration.found else self.last_found
         registration = replace(registration, belief=self._corrected(registration.belief, following))
         self.belief, self.ahead = registration.belief, []
-        self.history.append(self._joints(self.belief.pose))
+        self.history.append(self.body.joints(self.belief.pose))
         self.window.popleft()
         self.links.popleft()
         return self._remember(self._estimate(registration, following, hypothesis))
@@ -214,10 +209,10 @@ class PatientTracker:
         told, fit = self.room.review.joints.get(seen.frame_set.frame), self.config.registration.fit
         if told is None:
             return belief
-        wrong = contradicted(self.points, self.rest, belief, told)
+        wrong = contradicted(self.body, belief, told)
         open_minded = doubted(belief, told, self.config.registration.restart_doubt_s, fit) if wrong else belief
-        corrected = with_told(self.points, self.rest, open_minded, told, fit, self.config.uncertainty.inflation)
-        if contradicted(self.points, self.rest, corrected, told):
+        corrected = with_told(self.body, open_minded, told, fit, self.config.uncertainty.inflation)
+        if contradicted(self.body, corrected, told):
             return belief
         if wrong:
             self.history.clear()
@@ -226,21 +221,20 @@ class PatientTracker:
     def _hypothesise(self, poses: list[Pose]) -> GlobalHypothesis:
         with self.watch.stage("association"):
             return global_hypothesis(
-                self.points, self.rest, self.belief.pose, poses, list(self.window), list(self.links), self.config
+                self.body, self.belief.pose, poses, list(self.window), list(self.links), self.config
             )
 
     def _register(
         self, hypothesis: GlobalHypothesis, window: list[Observation], poses: list[Pose], predicted: PoseBelief
     ) -> Registration:
         config = self.config
-        now = pose_points(self.points, self.rest, self.belief.pose)
-        T_predicted = part_motion(now.transforms, pose_points(self.points, self.rest, poses[0]).transforms)
+        now = pose_points(self.body, self.belief.pose)
+        T_predicted = part_motion(now.transforms, pose_points(self.body, poses[0]).transforms)
         evidence = window[1].evidence
         if config.method is Method.ARTICULATED:
             held = held_by(self.points, now, hypothesis, window, T_predicted)
             found = register(
-                self.points,
-                self.rest,
+                self.body,
                 predicted,
                 evidence,
                 held,
@@ -251,22 +245,21 @@ class PatientTracker:
             self.search_wait = config.follow.search_pause if found.searched else max(0, self.search_wait - 1)
             return self._uncross(found, predicted, evidence) if found.found else found
         T_next_now = parts_by_icp(now, hypothesis, window, T_predicted, config)
-        joints = joints_of_parts(self.points.asset, self.rest.body, T_next_now @ now.transforms)
-        pose = pose_from_joints(self.points, self.rest, poses[0], joints, config.registration.fit)
-        return posterior(self.points, self.rest, pose, predicted, evidence, config.registration)
+        joints = joints_of_parts(self.points.asset, self.body.mesh, T_next_now @ now.transforms)
+        pose = pose_from_joints(self.body, poses[0], joints, config.registration.fit)
+        return posterior(self.body, pose, predicted, evidence, config.registration)
 
     def _uncross(self, found: Registration, predicted: PoseBelief, evidence: Evidence) -> Registration:
         """The registration with the legs exchanged where they are crossed and the frame is explained better so."""
         config = self.config.registration
-        pose = uncrossed(self.points, self.rest, found.belief.pose, config.fit)
+        pose = uncrossed(self.body, found.belief.pose, config.fit)
         if pose is None:
             return found
         doubted = predicted.later(pose, config.restart_doubt_s, config.fit)
-        other = register(self.points, self.rest, doubted, evidence, NOTHING_HELD, config, may_search=False)
+        other = register(self.body, doubted, evidence, NOTHING_HELD, config, may_search=False)
         costs = [
             evidence_cost(
-                self.points,
-                self.rest,
+                self.body,
                 tried.belief.pose,
                 evidence,
                 config.reaches_m[-1],

@@ -18,7 +18,7 @@ import numpy as np
 from anchorpose.body.fit import FitConfig
 from anchorpose.body.inverse_kinematics import pose_from_joints
 from anchorpose.body.pose import LIMB_OF_BONES, LIMB_OF_JOINTS, PARTS, Pose
-from anchorpose.body.skin_points import RestPoints, SkinPoints
+from anchorpose.body.skin_points import Body, SkinPoints
 from anchorpose.joints import JOINT_COUNT, JointState
 from anchorpose.tracker.config import SmoothingConfig
 from anchorpose.tracker.estimate import Estimate
@@ -91,17 +91,17 @@ class Passed:
     states: tuple[JointState, ...]
 
 
-def passed(rest: RestPoints, estimate: Estimate, usable: bool) -> Passed:
+def passed(body: Body, estimate: Estimate, usable: bool) -> Passed:
     """What is kept of an estimate until the other pass has come to the same frame; nothing of one of no use."""
     if estimate.belief is None or not usable:
         blank = np.full((JOINT_COUNT, 3), np.nan)
         return Passed(None, blank, blank[:, 0].copy(), (JointState.LOST,) * JOINT_COUNT)
     pose = estimate.belief.pose
-    return Passed(pose, _joints(rest, pose), estimate.sigma_m, estimate.states)
+    return Passed(pose, body.joints(pose), estimate.sigma_m, estimate.states)
 
 
 def smooth(
-    points: SkinPoints, rest: RestPoints, time_s: np.ndarray, there: Sequence[Passed], back: Sequence[Passed],
+    body: Body, time_s: np.ndarray, there: Sequence[Passed], back: Sequence[Passed],
     held: np.ndarray, config: SmoothingConfig, fit: FitConfig,
 ) -> list[Passed]:  # fmt: skip
     """The frames (t,) of two passes, both in the order of the first, as one.
@@ -115,9 +115,9 @@ def smooth(
     joints = _smoothed_stretches(time_s, mixed, held, config)
     answers = []
     for one, other, answer, wanted, share in zip(there, back, mixed, joints, weight, strict=True):
-        start = _nearer_pose(one.pose, other.pose, points, share)
-        pose = None if start is None else pose_from_joints(points, rest, start, wanted, fit)
-        answers.append(replace(answer, pose=pose, joints_m=wanted if pose is None else _joints(rest, pose)))
+        start = _nearer_pose(one.pose, other.pose, body.points, share)
+        pose = None if start is None else pose_from_joints(body, start, wanted, fit)
+        answers.append(replace(answer, pose=pose, joints_m=wanted if pose is None else body.joints(pose)))
     return answers
 
 
@@ -212,7 +212,3 @@ def _nearer_pose(one: Pose | None, other: Pose | None, points: SkinPoints, weigh
     taken = points.moving[weight[LIMB_OF_BONES] > 0.5]
     rotations[taken] = other.rotations[taken]
     return Pose(rotations, other.root_m if weight[0] > 0.5 else one.root_m)
-
-
-def _joints(rest: RestPoints, pose: Pose) -> np.ndarray:
-    return rest.body.joints(rest.body.bone_transforms(pose.rotations, pose.root_m))

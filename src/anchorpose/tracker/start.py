@@ -11,7 +11,7 @@ import numpy as np
 from anchorpose.body.initial import find_first_pose, shape_of_height
 from anchorpose.body.registration import PoseBelief, posterior, vague_belief
 from anchorpose.body.shape_belief import ShapeBelief
-from anchorpose.body.skin_points import FittedShape, body_points, rest_points
+from anchorpose.body.skin_points import FittedShape, body_points, build_body
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.surface.surface import Surface
@@ -64,8 +64,8 @@ def find_start(
             known is not None or not config.learning.own_shape,
             config.registration.constraints, config.registration.fit,
         )  # fmt: skip
-    rest = rest_points(points, first.shape)
-    found = posterior(points, rest, first.pose, vague_belief(first.pose), observation.evidence, config.registration)
+    body = build_body(points, first.shape)
+    found = posterior(body, first.pose, vague_belief(first.pose), observation.evidence, config.registration)
     if not found.found or found.explained < config.follow.least_explained:
         return NoStart.NO_BODY_FITS
     return Start(observation, first.shape, found.belief, found.explained)
@@ -80,8 +80,8 @@ def turn_round(estimate: Estimate, config: TrackConfig) -> Start | None:
     if seen is None or belief is None or shape is None:
         return None
     points = body_points()
-    rest = rest_points(points, shape)
-    found = posterior(points, rest, belief.pose, vague_belief(belief.pose), seen.evidence, config.registration)
+    body = build_body(points, shape)
+    found = posterior(body, belief.pose, vague_belief(belief.pose), seen.evidence, config.registration)
     return Start(seen, shape, found.belief, found.explained)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from anchorpose.body.pose import MOVING_BONES, Pose
 from anchorpose.body.rotations import vectors_of
-from anchorpose.body.skin_points import RestPoints, SkinPoints
+from anchorpose.body.skin_points import Body
 from anchorpose.geodesics.anchors import no_anchors
 from anchorpose.recording.recording import FrameSet
 from anchorpose.results.anchors_table import AnchorFrame
@@ -17,30 +17,28 @@ from anchorpose.tracker.observation import Observation
 
 
 def body_pose(
-    points: SkinPoints, rest: RestPoints | None, frame: int, time_s: float, pose: Pose | None,
+    body: Body | None, frame: int, time_s: float, pose: Pose | None,
     axial_sigma_rad: np.ndarray | None,
 ) -> BodyPose:  # fmt: skip
     """The bones of a pose in the world; all NaN without one. axial_sigma_rad (21,), None where it is not known."""
     count = len(MOVING_BONES)
     head_m, quaternion, sigma = np.full((count, 3), np.nan), np.full((count, 4), np.nan), np.full(count, np.nan)
-    if rest is not None and pose is not None:
-        T_world_rest = rest.body.bone_transforms(pose.rotations, pose.root_m)[points.moving]
-        heads = rest.body.bone_heads[points.moving]
+    if body is not None and pose is not None:
+        T_world_rest = body.transforms(pose)[body.points.moving]
+        heads = body.mesh.bone_heads[body.points.moving]
         head_m = np.einsum("mij,mj->mi", T_world_rest[:, :3, :3], heads) + T_world_rest[:, :3, 3]
         quaternion = _quaternions(T_world_rest[:, :3, :3])
         sigma = sigma if axial_sigma_rad is None else axial_sigma_rad
     return BodyPose(frame, time_s, head_m, quaternion, sigma)
 
 
-def axial_sigma(
-    points: SkinPoints, rest: RestPoints, pose: Pose, covariance: np.ndarray, inflation: float
-) -> np.ndarray:
+def axial_sigma(body: Body, pose: Pose, covariance: np.ndarray, inflation: float) -> np.ndarray:
     """(21,) radians: how sure each bone's turn about its own long axis against its parent is, one standard deviation.
 
     covariance (POSE_SIZE, POSE_SIZE): of the pose; inflation: as for the joints (``UncertaintyConfig``).
     """
-    body, moving = rest.body, points.moving
-    along = body.bone_tails[moving] - body.bone_heads[moving]
+    mesh, moving = body.mesh, body.points.moving
+    along = mesh.bone_tails[moving] - mesh.bone_heads[moving]
     axis = np.einsum("mij,mj->mi", pose.rotations[moving], along / np.linalg.norm(along, axis=1, keepdims=True))
     blocks = np.stack([covariance[k : k + 3, k : k + 3] for k in range(0, 3 * len(moving), 3)])
     return inflation * np.sqrt(np.einsum("mi,mij,mj->m", axis, blocks, axis))

@@ -31,7 +31,7 @@ BLUE, VERMILLION = (0, 114, 178), (213, 94, 0)
 
 def moment_of(place_m: np.ndarray | None = None, seen: np.ndarray | None = None) -> SimpleNamespace:
     """Two frames of a body that stands still, unless it is said where its nodes are in the second."""
-    place = BODY.points_m.astype(np.float64) if place_m is None else place_m
+    place = BODY.rest_m.astype(np.float64) if place_m is None else place_m
     truth = TruePlaces(np.arange(COUNT), place, np.ones(COUNT, bool) if seen is None else seen)
     return SimpleNamespace(name="whole", title="Nothing hidden", truth=truth, surfaces=(BODY, BODY), window=None)
 
@@ -106,7 +106,7 @@ def test_one_per_cent_of_the_known_nodes_is_drawn_and_always_the_same() -> None:
 
 
 def test_a_pair_is_right_within_five_centimetres_of_the_true_place(monkeypatch: pytest.MonkeyPatch) -> None:
-    place = BODY.points_m.astype(np.float64)
+    place = BODY.rest_m.astype(np.float64)
     place[:100, 1] += 0.049
     place[100:200, 1] += 0.051
     place[200] = np.nan
@@ -123,7 +123,7 @@ def test_a_pair_is_right_within_five_centimetres_of_the_true_place(monkeypatch: 
 
 def test_shares_are_of_the_nodes_whose_true_place_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     seen = np.arange(COUNT) < 400
-    place = BODY.points_m.astype(np.float64)
+    place = BODY.rest_m.astype(np.float64)
     place[:100] += 1.0
     direct = np.where(np.arange(COUNT) < 150, np.arange(COUNT), -1)
     moment = moment_of(place, seen)
@@ -156,10 +156,10 @@ def test_lines_are_blue_and_solid_where_right_vermilion_and_dashed_where_wrong(m
     assert len(bad.get_segments()) == len(wrong)
     right = np.setdiff1d(node, np.concatenate([wrong, none]))
     shift_m = canvas.apart_m(VIEW, BODY, BODY)
-    ends = np.stack([VIEW.flat_m(BODY.points_m[right]), VIEW.flat_m(BODY.points_m[direct[right]], shift_m)], axis=1)
+    ends = np.stack([VIEW.flat_m(BODY.rest_m[right]), VIEW.flat_m(BODY.rest_m[direct[right]], shift_m)], axis=1)
     np.testing.assert_allclose(good.get_segments(), ends, atol=1e-6)
     ring = axes.lines[-1]
-    np.testing.assert_allclose(np.transpose(ring.get_data()), VIEW.flat_m(BODY.points_m[none]), atol=1e-6)
+    np.testing.assert_allclose(np.transpose(ring.get_data()), VIEW.flat_m(BODY.rest_m[none]), atol=1e-6)
 
 
 def test_the_tree_chooses_among_several_hypotheses_and_one_is_taken_as_it_is() -> None:
@@ -206,7 +206,7 @@ def test_nodes_have_the_colour_of_their_subset_on_both_sides() -> None:
     ]  # fmt: skip
     shift_m = canvas.apart_m(VIEW, BODY, BODY)
     for number, line in enumerate(drawn):
-        nodes = BODY.points_m[subset == number]
+        nodes = BODY.rest_m[subset == number]
         places = np.concatenate([VIEW.flat_m(nodes), VIEW.flat_m(nodes, shift_m)])
         np.testing.assert_allclose(np.transpose(line.get_data()), places, atol=1e-6)
         assert line.get_color() == hypotheses.COLOURS[number]

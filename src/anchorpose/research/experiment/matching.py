@@ -80,9 +80,7 @@ def ask(method: Method, setting: object, window: Window) -> Matches:
     links = tuple(associate(now, after, config) for now, after in pairwise(seen))
     hypotheses = links[0].all().match
     tracker = window.tracker
-    tree = global_hypothesis(
-        tracker.points, tracker.rest, tracker.belief.pose, window.poses[: len(links)], seen, links, config
-    )
+    tree = global_hypothesis(tracker.body, tracker.belief.pose, window.poses[: len(links)], seen, links, config)
     direct = (
         hypotheses[:, 0] if not method.several and hypotheses.shape[1] == 1 else np.full(len(hypotheses), -1, np.int32)
     )

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from anchorpose.body.pose import Pose
-from anchorpose.body.skin_points import FittedShape, body_points, rest_points
+from anchorpose.body.skin_points import FittedShape, body_points, build_body
 from anchorpose.errors import AnchorposeError
 from anchorpose.recording.recording import Recording
 from anchorpose.tracker.config import TrackConfig
@@ -60,8 +60,8 @@ def make_reference(recording: Recording, config: TrackConfig) -> Reference:
     learnt = learn_on(route, room, motions, config, watch)
     if learnt is None:
         raise NoReference(f"{recording.folder.name}: nobody was found in it, so that no method can start.")
-    points, rest = body_points(), rest_points(body_points(), learnt.shape)
-    frames, bones = len(recording.streams[0].files), len(points.asset.bone_names)
+    body = build_body(body_points(), learnt.shape)
+    frames, bones = len(recording.streams[0].files), len(body.points.asset.bone_names)
     rotations, root = np.full((frames, bones, 3, 3), np.nan), np.full((frames, 3), np.nan)
     joints, centre = np.full((frames, 21, 3), np.nan), np.full((frames, 3), np.nan)
     for side in (route.back, route.forth):
@@ -71,7 +71,7 @@ def make_reference(recording: Recording, config: TrackConfig) -> Reference:
                 continue
             pose = estimate.belief.pose
             rotations[position], root[position] = pose.rotations, pose.root_m
-            joints[position] = rest.body.joints(rest.body.bone_transforms(pose.rotations, pose.root_m))
+            joints[position] = body.joints(pose)
             centre[position] = estimate.observation.surface.points_m.mean(axis=0, dtype=np.float64)
     poses = np.array([camera.require_pose() for camera in room.cameras])
     return Reference(poses, learnt.shape, rotations, root, joints, centre)

@@ -80,7 +80,7 @@ def follow(
 def _joints(tracker: PatientTracker) -> np.ndarray:
     """(21, 3) where the motion dynamics expect them in the frame that is registered next."""
     pose = tracker.predict(1)[0]
-    return tracker.rest.body.joints(tracker.rest.body.bone_transforms(pose.rotations, pose.root_m))
+    return tracker.body.joints(pose)
 
 
 def tracked_picture(view: View, method: Method, frames: list[TrackedFrame], rate_hz: float, start: int) -> Picture:
