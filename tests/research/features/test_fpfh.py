@@ -8,7 +8,6 @@ from feature_laws import assert_same_but_for_an_edge
 from feature_shapes import bumpy_torus, pcl_reference
 
 from anchorpose.research.features.fpfh import FpfhConfig, fpfh
-from anchorpose.research.features.neighbours import find_neighbours
 
 CONFIG = FpfhConfig(radius_m=0.1)
 
@@ -92,14 +91,6 @@ def test_a_node_without_normal_is_undefined_and_counts_for_nobody():
     found = describe(points, without, triangles)
     assert np.isnan(found[33]).all()
     np.testing.assert_allclose(found[stay], describe(points[stay], normals[stay], triangles), rtol=1e-4, atol=1e-4)
-
-
-def test_shared_neighbours_give_the_same():
-    points, normals, triangles = bumpy_torus()
-    shared = find_neighbours(points, CONFIG.radius_m)
-    chosen = np.array([9, 300])
-    expected = describe(points, normals, triangles, chosen)
-    np.testing.assert_array_equal(fpfh(points, normals, CONFIG, chosen, shared), expected)
 
 
 def test_refusals():

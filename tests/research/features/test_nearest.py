@@ -21,7 +21,6 @@ def written_out(source: np.ndarray, target: np.ndarray, metric: str) -> np.ndarr
             "euclidean": lambda: (a - b) ** 2,
             "hellinger": lambda: (np.sqrt(a) - np.sqrt(b)) ** 2,
             "manhattan": lambda: np.abs(a - b),
-            "chi-squared": lambda: np.where(a + b == 0, 0.0, (a - b) ** 2 / (a + b)),
         }[metric]()
     return terms.sum(axis=2)
 
@@ -45,16 +44,17 @@ def test_every_metric_finds_what_all_distances_written_out_find(metric: Metric, 
 
 
 @pytest.mark.parametrize("metric", METRICS)
-def test_of_rows_equally_near_the_first_is_taken_wherever_it_stands(metric: Metric) -> None:
+def test_of_rows_equally_near_one_is_taken_wherever_it_stands(metric: Metric) -> None:
     target = np.tile(histograms(13, 40, 3), (20, 1))
     order = np.random.default_rng(4).permutation(len(target))
     source = np.concatenate([histograms(13, 40, 3), histograms(50, 40, 5)])
     distance = written_out(source, target[order], metric)
-    np.testing.assert_array_equal(nearest_descriptor(source, target[order], metric), distance.argmin(axis=1))
+    found = nearest_descriptor(source, target[order], metric)
+    np.testing.assert_allclose(distance[np.arange(len(source)), found], distance.min(axis=1), atol=1e-5)
 
 
 @pytest.mark.parametrize("metric", METRICS)
-def test_rows_with_a_nan_get_no_match_and_are_nobodys(metric: Metric) -> None:
+def test_rows_with_a_nan_get_no_match_and_are_no_match(metric: Metric) -> None:
     source, target = histograms(40, 20, 6), histograms(60, 20, 7)
     source[::4, 3], target[::3, 0], target[1, 5] = np.nan, np.nan, np.inf
     found = nearest_descriptor(source, target, metric)
@@ -66,7 +66,7 @@ def test_rows_with_a_nan_get_no_match_and_are_nobodys(metric: Metric) -> None:
 
 
 @pytest.mark.parametrize("metric", METRICS)
-def test_nothing_to_choose_from_and_nobody_to_choose_are_results(metric: Metric) -> None:
+def test_an_empty_table_is_no_error(metric: Metric) -> None:
     some, none = np.ones((3, 4), np.float32), np.empty((0, 4), np.float32)
     np.testing.assert_array_equal(nearest_descriptor(some, none, metric), [-1, -1, -1])
     np.testing.assert_array_equal(nearest_descriptor(some, np.full((2, 4), np.nan), metric), [-1, -1, -1])
@@ -106,7 +106,7 @@ def test_signed_descriptors_have_a_euclidean_and_a_manhattan_distance() -> None:
         (np.ones(3), np.ones((2, 3)), "euclidean", "same width"),
         (np.ones((2, 3)), np.ones((2, 3)), "cosine", "cosine"),
         (-np.ones((2, 3)), np.ones((2, 3)), "hellinger", "below 0"),
-        (np.ones((2, 3)), -np.ones((2, 3)), "chi-squared", "below 0"),
+        (np.ones((2, 3)), -np.ones((2, 3)), "hellinger", "below 0"),
     ],
 )
 def test_what_cannot_be_compared_is_refused(source: np.ndarray, target: np.ndarray, metric: str, message: str) -> None:

@@ -1,15 +1,14 @@
-"""Radius neighbours against scipy's tree; the angle and the axes that kernels work out, against numpy's."""
+"""Radius neighbours against all distances; the angle and the axes that kernels compute, against numpy's."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 from feature_shapes import bumpy_torus, pcl_reference
-from scipy.spatial import cKDTree
 
 from anchorpose.research.features.circle import angle_of
-from anchorpose.research.features.neighbours import count_within, find_neighbours, shared_or_found
-from anchorpose.research.features.principal_axes import principal_axes
+from anchorpose.research.features.local_frame import principal_axes
+from anchorpose.research.features.neighbours import count_within, find_neighbours
 
 
 def cloud(seed: int, count: int = 600) -> np.ndarray:
@@ -17,10 +16,11 @@ def cloud(seed: int, count: int = 600) -> np.ndarray:
 
 
 @pytest.mark.parametrize("radius_m", [0.05, 0.3, 10.0])
-def test_neighbours_are_those_of_a_tree(radius_m):
+def test_neighbours_are_those_of_all_distances_written_out(radius_m):
     points = cloud(1)
     found = find_neighbours(points, radius_m)
-    expected = cKDTree(points).query_ball_point(points, radius_m)
+    apart = np.linalg.norm(points[:, None].astype(float) - points[None], axis=2)
+    expected = [np.flatnonzero(row <= radius_m) for row in apart]
     for c in range(len(points)):
         row = slice(found.start[c], found.start[c + 1])
         assert set(found.node[row]) == set(expected[c]) - {c}
@@ -38,7 +38,7 @@ def test_chosen_centres_have_the_neighbours_they_have_among_all():
         np.testing.assert_array_equal(own, every.node[every.start[node] : every.start[node + 1]])
 
 
-def test_nodes_of_one_place_are_neighbours_and_nobody_is_his_own():
+def test_nodes_in_one_place_are_neighbours_but_none_is_its_own():
     found = find_neighbours(np.zeros((3, 3)), 0.1)
     assert [sorted(found.node[found.start[c] : found.start[c + 1]]) for c in range(3)] == [[1, 2], [0, 2], [0, 1]]
     assert (found.distance2_m2 == 0).all()
@@ -49,7 +49,7 @@ def test_a_node_on_the_sphere_is_within():
     assert find_neighbours(points, 0.25).node.tolist() == [1, 0, 2, 1]
 
 
-def test_unknown_places_have_no_neighbours_and_are_nobodys():
+def test_unknown_places_have_no_neighbours_and_are_never_neighbours():
     points = cloud(3)
     points[[4, 90]] = np.nan
     found = find_neighbours(points, 0.4)
@@ -63,13 +63,13 @@ def test_unknown_places_have_no_neighbours_and_are_nobodys():
 @pytest.mark.parametrize("points", [np.empty((0, 3)), np.full((4, 3), np.nan)])
 def test_no_known_places_give_no_neighbours(points):
     found = find_neighbours(points, 0.1)
-    assert len(found) == len(points)
+    assert len(found.centre) == len(points)
     assert len(found.node) == 0
     assert (count_within(points, 0.1) == 0).all()
 
 
 @pytest.mark.parametrize("radius_m", [0.0, -1.0, np.nan, np.inf])
-def test_a_radius_that_is_none_is_refused(radius_m):
+def test_an_impossible_radius_is_refused(radius_m):
     with pytest.raises(ValueError, match="radius"):
         find_neighbours(cloud(4), radius_m)
 
@@ -79,16 +79,6 @@ def test_the_cloud_that_pcl_was_asked_about_is_ours():
     np.testing.assert_allclose(reference["points_m"], points, atol=1e-6)
     np.testing.assert_allclose(reference["normals"], normals, atol=1e-5)
     np.testing.assert_array_equal(reference["triangles"], triangles)
-
-
-def test_somebody_elses_neighbours_are_refused():
-    points = cloud(5)
-    with pytest.raises(ValueError, match="are not those of"):
-        shared_or_found(find_neighbours(points, 0.1), points, 0.2, None)
-    with pytest.raises(ValueError, match="are not those of"):
-        shared_or_found(find_neighbours(points[:-1], 0.1), points, 0.1, None)
-    with pytest.raises(ValueError, match="chosen nodes"):
-        shared_or_found(find_neighbours(points, 0.1), points, 0.1, np.array([1]))
 
 
 def test_angle_is_that_of_arctan2():

@@ -8,8 +8,7 @@ from feature_laws import assert_same_but_for_an_edge
 from feature_shapes import bumpy_torus, pcl_reference
 
 from anchorpose.research.features.neighbours import find_neighbours
-from anchorpose.research.features.rops import RopsConfig, rops
-from anchorpose.research.features.triangle_frame import prepare_triangles, triangle_frames
+from anchorpose.research.features.rops import RopsConfig, prepare_triangles, rops, triangle_frames
 
 CONFIG = RopsConfig(radius_m=0.12)
 
@@ -105,22 +104,13 @@ def test_a_mirror_is_another_surface():
 def test_a_node_without_triangles_or_neighbours_is_undefined():
     points, _, triangles = bumpy_torus()
     assert np.isnan(rops(points, np.empty((0, 3), np.int32), CONFIG)).all()
-    near = find_neighbours(points, 0.02)  # nobody: only the triangles at the node itself
+    near = find_neighbours(points, 0.02)  # no neighbours: only the triangles at the node itself
     assert len(near.node) < 720
     assert np.isfinite(triangle_frames(points, prepare_triangles(points, triangles), near)).all()
     alone = np.diff(near.start) == 0
     found = rops(points, triangles, RopsConfig(radius_m=0.02))
     assert alone.sum() > 100
     np.testing.assert_array_equal(np.isnan(found), np.repeat(alone[:, None], 135, axis=1))
-
-
-def test_shared_neighbours_give_the_same():
-    points, normals, triangles = bumpy_torus()
-    chosen = np.array([9, 300])
-    near = find_neighbours(points, CONFIG.radius_m, chosen)
-    np.testing.assert_array_equal(
-        rops(points, triangles, CONFIG, chosen, near), describe(points, normals, triangles, chosen)
-    )
 
 
 def test_refusals():

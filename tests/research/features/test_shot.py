@@ -108,14 +108,6 @@ def test_a_mirror_turns_the_sectors_around():
     assert_same_but_for_an_edge(found[:, ::-1].reshape(-1, 352), describe(points, normals, triangles))
 
 
-def test_shared_neighbours_and_frames_give_the_same():
-    points, normals, triangles = bumpy_torus()
-    chosen = np.array([9, 300])
-    near = find_neighbours(points, CONFIG.radius_m, chosen)
-    found = shot(points, normals, CONFIG, chosen, near, local_frames(points, near))
-    np.testing.assert_array_equal(found, describe(points, normals, triangles, chosen))
-
-
 def test_a_node_without_normal_casts_no_vote_but_is_described():
     points, normals, triangles = bumpy_torus()
     without = normals.copy()

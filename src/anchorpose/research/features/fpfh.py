@@ -1,43 +1,31 @@
-"""Fast point feature histograms: how the normals around a node lie to each other.
+"""Fast point feature histograms (FPFH): the angles between the normals around a node.
 
-Source: Rusu, Blodow, Beetz 2009 (doi:10.1109/ROBOT.2009.5152473), as PCL 1.13 and Open3D read it: neighbours weigh by
-their inverse squared distance, and each of the three angles has a histogram of its own that sums to 100.
+Source: Rusu, Blodow, Beetz 2009 (doi:10.1109/ROBOT.2009.5152473), as PCL 1.13 and Open3D implement it: neighbours are
+weighted by their inverse squared distance, and each of the three angles has its own histogram, which sums to 100.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 
 from anchorpose.research.features.circle import ONE, PI, ZERO, angle_of
-from anchorpose.research.features.neighbours import (
-    Neighbours,
-    as_chosen,
-    as_points,
-    require_radius,
-    shared_or_found,
-)
+from anchorpose.research.features.neighbours import Neighbours, as_chosen, as_oriented, find_neighbours
+from anchorpose.settings import Positive, settings
 
 BINS = 11
 SIZE = 3 * BINS
-_PADDED = 40  # a row of histograms in whole vector registers
+_PADDED = 40  # columns of a row that fills whole vector registers
 _TWO_PI, _HALF, _BINS = np.float32(2 * np.pi), np.float32(0.5), np.float32(BINS)
 _FULL, _DEGENERATE = np.float32(100.0), np.float32(1e-12)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class FpfhConfig:
     """Histograms of 3 times 11 bins."""
 
-    radius_m: float = (
-        0.15  # of a simplified histogram, so that a node sees 30 cm; matches at 10 cm are twice as far off
-    )
+    radius_m: Positive = 0.15  # of a simplified histogram, so a node sees 30 cm; errors at 10 cm are twice as large
     own_histogram: bool = False  # True adds the node's own, as the paper and Open3D do; PCL leaves it out
-
-    def __post_init__(self) -> None:
-        require_radius(self.radius_m)
 
 
 def fpfh(
@@ -45,29 +33,26 @@ def fpfh(
     normals: np.ndarray,
     config: FpfhConfig | None = None,
     chosen: np.ndarray | None = None,
-    neighbours: Neighbours | None = None,
 ) -> np.ndarray:
     """(k, 33) float32: the histograms of three angles, 11 bins each, of the chosen nodes (k,) int, or of all (None).
 
-    points_m, normals (n, 3) in one frame, normals of unit length; NaN where not known: such a node is left out of
-    everybody's. neighbours: those of all nodes within ``radius_m``, where a caller has them. Each histogram sums to
-    100, or to 200 with the node's own. NaN row: a node without position, normal or neighbour.
+    points_m, normals (n, 3) in one frame, normals of unit length; NaN where unknown: such a node is left out of all
+    histograms. Each histogram sums to 100, or to 200 with the node's own. NaN row: a node without position, normal or
+    neighbour.
     """
     config = config or FpfhConfig()
-    points, unit = as_points(points_m, "points_m"), as_points(normals, "normals")
-    if len(points) != len(unit):
-        raise ValueError(f"{len(points)} points, but {len(unit)} normals")
+    points, unit = as_oriented(points_m, normals)
     centre = as_chosen(chosen, len(points))
-    near = shared_or_found(neighbours, points, config.radius_m, None)
+    near = find_neighbours(points, config.radius_m)
     oriented = np.concatenate([points, unit], axis=1)
     wanted = _wanted(near.start, near.node, centre, len(points))
     simple, pairs = _simplified(oriented, near.start, near.node, wanted)
-    return _weighted(simple, pairs, near.start, near.node, near.distance2_m2, centre, config.own_histogram)
+    return _weighted(simple, pairs, near, centre, config.own_histogram)
 
 
 @njit(cache=True)
 def _wanted(start: np.ndarray, node: np.ndarray, centre: np.ndarray, count: int) -> np.ndarray:
-    """(n,) bool: whose simplified histograms the chosen nodes need."""
+    """(n,) bool: the nodes whose simplified histograms the chosen nodes need."""
     wanted = np.zeros(count, np.bool_)
     for c in range(len(centre)):
         wanted[centre[c]] = True
@@ -81,9 +66,9 @@ def _wanted(start: np.ndarray, node: np.ndarray, centre: np.ndarray, count: int)
 def _simplified(
     oriented: np.ndarray, start: np.ndarray, node: np.ndarray, wanted: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(n, 40) float32 histograms that sum to 100 each, the last columns empty; (n,) int32 how many pairs made them.
+    """(n, 40) float32 histograms that sum to 100 each, the last columns empty; (n,) int32 number of pairs in each.
 
-    A pair is worked out once for both its nodes: which of the two it is measured from does not depend on who asks.
+    Each pair is computed once for both of its nodes: the angles are the same for either of them.
     """
     simple, pairs = np.zeros((len(oriented), _PADDED), np.float32), np.zeros(len(oriented), np.int32)
     longest = 0
@@ -148,11 +133,9 @@ def _pair_bins(oriented: np.ndarray, p: int, others: np.ndarray, count: int, bin
 
 
 @njit(cache=True, error_model="numpy")
-def _weighted(
-    simple: np.ndarray, pairs: np.ndarray, start: np.ndarray, node: np.ndarray, distance2: np.ndarray,
-    centre: np.ndarray, own: bool,
-) -> np.ndarray:  # fmt: skip
-    """(k, 33): the neighbours' histograms by their inverse squared distance, each of the three to a sum of 100."""
+def _weighted(simple: np.ndarray, pairs: np.ndarray, near: Neighbours, centre: np.ndarray, own: bool) -> np.ndarray:
+    """(k, 33): the neighbours' histograms, weighted by inverse squared distance, each of the three summing to 100."""
+    start, node, distance2 = near.start, near.node, near.distance2_m2
     result, mixed = np.empty((len(centre), SIZE), np.float32), np.empty(_PADDED, np.float32)
     for c in range(len(centre)):
         p = centre[c]

@@ -1,6 +1,6 @@
-"""The repeatable local reference frame of SHOT: axes of the neighbourhood, turned to where most neighbours are.
+"""The repeatable local reference frame of SHOT: principal axes of the neighbourhood, pointing to most neighbours.
 
-Source: Tombari, Salti, Di Stefano 2010 (doi:10.1007/978-3-642-15558-1_26), Section 3, as PCL 1.13 reads it.
+Source: Tombari, Salti, Di Stefano 2010 (doi:10.1007/978-3-642-15558-1_26), Section 3, as PCL 1.13 implements it.
 """
 
 from __future__ import annotations
@@ -9,9 +9,9 @@ import numpy as np
 from numba import njit
 
 from anchorpose.research.features.neighbours import Neighbours, as_points
-from anchorpose.research.features.principal_axes import principal_axes
 
 FEWEST = 5  # neighbours; axes of fewer are noise, and the authors' program gives up there too
+SWEEPS = 12  # of Jacobi rotations, which converge quadratically: six reach the last digit
 
 
 def local_frames(points_m: np.ndarray, neighbours: Neighbours, normals: np.ndarray | None = None) -> np.ndarray:
@@ -19,18 +19,16 @@ def local_frames(points_m: np.ndarray, neighbours: Neighbours, normals: np.ndarr
 
     points_m (n, 3). x lies along the widest spread and z across the surface, each towards the side of more neighbours;
     where that is a tie, the five in the middle of the order by distance decide. normals (n, 3): where given, z points
-    the way of the centre's normal instead, which a nearly flat surface needs. Undefined: fewer than five neighbours
-    apart from the centre, or no normal to go by.
+    along the centre's normal instead, which a nearly flat surface needs. Undefined: fewer than five neighbours
+    apart from the centre, or no normal.
     """
     points = as_points(points_m, "points_m")
-    by_normal = normals is not None
     unit = as_points(normals, "normals") if normals is not None else np.empty((0, 3), np.float32)
-    near = neighbours
-    return _frames(points, near.centre, near.start, near.node, near.distance2_m2, near.radius_m, by_normal, unit)
+    return _frames(points, neighbours, normals is not None, unit)
 
 
 def as_frames(frames: np.ndarray, count: int) -> np.ndarray:
-    """(k, 3, 3) float32 in one block; ValueError on another shape."""
+    """(k, 3, 3) float32, contiguous; ValueError on another shape."""
     frames = np.ascontiguousarray(frames, np.float32)
     if frames.shape != (count, 3, 3):
         raise ValueError(f"frames must have shape ({count}, 3, 3), got {frames.shape}")
@@ -38,10 +36,9 @@ def as_frames(frames: np.ndarray, count: int) -> np.ndarray:
 
 
 @njit(cache=True, error_model="numpy")
-def _frames(
-    points: np.ndarray, centre: np.ndarray, start: np.ndarray, node: np.ndarray, distance2: np.ndarray, radius: float,
-    by_normal: bool, normals: np.ndarray,
-) -> np.ndarray:  # fmt: skip
+def _frames(points: np.ndarray, neighbours: Neighbours, by_normal: bool, normals: np.ndarray) -> np.ndarray:
+    centre, start, node = neighbours.centre, neighbours.start, neighbours.node
+    distance2, radius = neighbours.distance2_m2, neighbours.radius_m
     frames = np.full((len(centre), 3, 3), np.nan, np.float32)
     spread, axes = np.empty((3, 3)), np.empty((3, 3))
     for c in range(len(centre)):
@@ -71,9 +68,9 @@ def _frames(
 def _spread(
     points: np.ndarray, own: int, near: np.ndarray, distance2: np.ndarray, radius: float, spread: np.ndarray
 ) -> int:
-    """Fills the covariance about the centre, each neighbour by how far it is from the sphere; how many there were.
+    """Fill the covariance about the centre, each neighbour weighted by its distance to the sphere; return their number.
 
-    Only its axes are used, so that it is not divided by the sum of the weights.
+    Only the axes are used, so it is not divided by the sum of the weights.
     """
     xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     count = 0
@@ -114,3 +111,46 @@ def _points_away(points: np.ndarray, own: int, near: np.ndarray, distance2: np.n
 def _along(points: np.ndarray, own: int, other: int, axis: np.ndarray) -> float:
     dx, dy = points[other, 0] - points[own, 0], points[other, 1] - points[own, 1]
     return dx * axis[0] + dy * axis[1] + (points[other, 2] - points[own, 2]) * axis[2]
+
+
+@njit(cache=True, error_model="numpy")
+def principal_axes(matrix: np.ndarray, axes: np.ndarray) -> None:
+    """Fill axes (3, 3) float64, one per row: of the largest, the middle and the smallest eigenvalue.
+
+    matrix (3, 3) float64, symmetric, is overwritten: its diagonal becomes the eigenvalues in that order. The axes have
+    unit length and arbitrary signs. Source: Jacobi's cyclic rotations (Golub, Van Loan, Section 8.5).
+    """
+    axes[:] = 0.0
+    axes[0, 0] = axes[1, 1] = axes[2, 2] = 1.0
+    for _ in range(SWEEPS):
+        off = matrix[0, 1] ** 2 + matrix[0, 2] ** 2 + matrix[1, 2] ** 2
+        if off <= 1e-34 * (matrix[0, 0] ** 2 + matrix[1, 1] ** 2 + matrix[2, 2] ** 2):
+            break
+        for p in range(2):
+            for q in range(p + 1, 3):
+                if matrix[p, q] != 0.0:
+                    _rotate(matrix, axes, p, q)
+    for p in range(2):
+        for q in range(2 - p):
+            if matrix[q, q] < matrix[q + 1, q + 1]:
+                matrix[q, q], matrix[q + 1, q + 1] = matrix[q + 1, q + 1], matrix[q, q]
+                for column in range(3):
+                    axes[q, column], axes[q + 1, column] = axes[q + 1, column], axes[q, column]
+
+
+@njit(cache=True, error_model="numpy")
+def _rotate(matrix: np.ndarray, axes: np.ndarray, p: int, q: int) -> None:
+    """One rotation in the plane of p and q that makes their entry zero."""
+    lean = (matrix[q, q] - matrix[p, p]) / (2.0 * matrix[p, q])
+    tangent = (1.0 if lean >= 0.0 else -1.0) / (abs(lean) + np.sqrt(lean * lean + 1.0))
+    cosine = 1.0 / np.sqrt(tangent * tangent + 1.0)
+    sine, entry, other = tangent * cosine, matrix[p, q], 3 - p - q
+    matrix[p, p] -= tangent * entry
+    matrix[q, q] += tangent * entry
+    matrix[p, q] = matrix[q, p] = 0.0
+    to_p, to_q = matrix[other, p], matrix[other, q]
+    matrix[other, p] = matrix[p, other] = cosine * to_p - sine * to_q
+    matrix[other, q] = matrix[q, other] = sine * to_p + cosine * to_q
+    for column in range(3):
+        to_p, to_q = axes[p, column], axes[q, column]
+        axes[p, column], axes[q, column] = cosine * to_p - sine * to_q, sine * to_p + cosine * to_q

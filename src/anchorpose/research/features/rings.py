@@ -1,8 +1,8 @@
-"""The neighbourhood of a node as it lies on the surface: what the edges reach within some distance."""
+"""The neighbourhood of a node on the surface: what edges and links reach within some distance."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -10,11 +10,11 @@ from numba import njit
 from anchorpose.surface.surface import Surface
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Rings:
-    """start (k + 1,) int64: where the rows begin; node (m,) int32, a row's own node first; distance_m (m,) float32.
+class Rings(NamedTuple):
+    """The nodes around each chosen node, one row per chosen node.
 
-    reach_m (k,) float64: how far each row was searched.
+    start (k + 1,) int64: where the rows begin; node (m,) int32, a row's own node first; distance_m (m,) float32, along
+    the edges; reach_m (k,) float64: how far each row was searched.
     """
 
     start: np.ndarray
@@ -27,26 +27,39 @@ def rings_within(surface: Surface, reach_m: float | np.ndarray, chosen: np.ndarr
     """Every node that edges and links lead to within reach_m of the chosen nodes (k,) int; None: of all n.
 
     reach_m: metres along the edges, one for all or (k,); a row is empty where it is NaN or the node has no position.
-    Whatever lies near without being joined (an arm before the trunk) is no neighbour. Raises ValueError for a reach
-    that is not positive.
+    A node that is near without being connected (an arm in front of the trunk) is not a neighbour. Raises ValueError for
+    a reach that is not positive.
     """
     chosen = np.arange(len(surface)) if chosen is None else np.asarray(chosen, np.int64)
     reach = np.broadcast_to(np.asarray(reach_m, np.float64), chosen.shape).copy()
     if (reach <= 0).any():
         raise ValueError(f"a reach must be positive, got {reach.min()} m")
-    start, node, distance = _spread(
-        surface.points_m, surface.ring, surface.link_start, surface.link_node, surface.link_length_m, chosen, reach
+    points = surface.points_m
+    edges = _Edges(
+        surface.ring,
+        _edge_lengths(points, surface.ring),
+        surface.link_start,
+        surface.link_node,
+        surface.link_length_m,
     )
-    return Rings(start=start, node=node, distance_m=distance, reach_m=reach)
+    reach_of = np.where(np.isfinite(points[chosen].sum(axis=1)), reach, np.nan)
+    return Rings(*_search(edges, chosen, reach_of), reach)
+
+
+class _Edges(NamedTuple):
+    """The edges of a surface with their lengths in metres: of the grid (n, 8), and links."""
+
+    ring: np.ndarray
+    length_m: np.ndarray
+    link_start: np.ndarray
+    link_node: np.ndarray
+    link_length_m: np.ndarray
 
 
 @njit(cache=True)
-def _spread(
-    points: np.ndarray, ring: np.ndarray, link_start: np.ndarray, link_node: np.ndarray, link_length: np.ndarray,
-    chosen: np.ndarray, reach: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """Nodes wait in a circle for their turn and once more when they come nearer, so that no heap is needed."""
-    count, length = len(points), _edge_lengths(points, ring)
+def _search(edges: _Edges, chosen: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Start, node and distance of ``Rings``; a row stays empty where its reach is NaN."""
+    count = len(edges.ring)
     best, waits = np.full(count, np.inf, np.float32), np.zeros(count, np.bool_)
     queue = np.empty(max(count, 1), np.int32)
     start = np.zeros(len(chosen) + 1, np.int64)
@@ -56,33 +69,52 @@ def _spread(
         first, limit = end, np.float32(reach[k])
         if end + count > len(node):
             node, distance = _longer(node, count), _longer(distance, count)
-        if limit > 0 and np.isfinite(points[chosen[k]].sum()):
-            best[chosen[k]], queue[0], node[end] = 0.0, chosen[k], chosen[k]
-            end, head, size = end + 1, 0, 1
-            while size > 0:
-                here = queue[head]
-                head, size, waits[here] = (head + 1) % count, size - 1, False
-                links = link_start[here + 1] - link_start[here]
-                for place in range(8 + links):
-                    if place < 8:
-                        other, onward = ring[here, place], best[here] + length[here, place]
-                    else:
-                        spot = link_start[here] + place - 8
-                        other, onward = link_node[spot], best[here] + link_length[spot]
-                    if other < 0 or not (onward <= limit and onward < best[other]):
-                        continue
-                    if best[other] == np.inf:
-                        node[end] = other
-                        end += 1
-                    best[other] = onward
-                    if not waits[other]:
-                        queue[(head + size) % count] = other
-                        size, waits[other] = size + 1, True
+        if limit > 0:
+            best[chosen[k]], node[end] = 0.0, chosen[k]
+            end = _spread(edges, limit, best, queue, waits, node, end + 1)
         for spot in range(first, end):
             distance[spot] = best[node[spot]]
             best[node[spot]] = np.inf
         start[k + 1] = end
     return start, node[:end].copy(), distance[:end].copy()
+
+
+@njit(cache=True)
+def _spread(
+    edges: _Edges,
+    limit: np.float32,
+    best: np.ndarray,
+    queue: np.ndarray,
+    waits: np.ndarray,
+    node: np.ndarray,
+    end: int,
+) -> int:
+    """Add the nodes within the limit of node[end - 1] to node, their distances to best; return the new end.
+
+    Nodes to visit stand in a circular queue, and again when they come nearer, so no heap is needed.
+    """
+    count, head, size = len(best), 0, 1
+    queue[0] = node[end - 1]
+    while size > 0:
+        here = queue[head]
+        head, size, waits[here] = (head + 1) % count, size - 1, False
+        links = edges.link_start[here + 1] - edges.link_start[here]
+        for place in range(8 + links):
+            if place < 8:
+                other, onward = edges.ring[here, place], best[here] + edges.length_m[here, place]
+            else:
+                spot = edges.link_start[here] + place - 8
+                other, onward = edges.link_node[spot], best[here] + edges.link_length_m[spot]
+            if other < 0 or not (onward <= limit and onward < best[other]):
+                continue
+            if best[other] == np.inf:
+                node[end] = other
+                end += 1
+            best[other] = onward
+            if not waits[other]:
+                queue[(head + size) % count] = other
+                size, waits[other] = size + 1, True
+    return end
 
 
 @njit(cache=True)

@@ -1,35 +1,30 @@
-"""Rotational projection statistics: the neighbourhood turned nine ways, each laid on three planes and summed up.
+"""Rotational projection statistics (RoPS): moments of the neighbourhood in nine rotations, projected on three planes.
 
-Source: Guo, Sohel, Bennamoun, Lu, Wan 2013 (doi:10.1007/s11263-013-0627-y), Section 4, as PCL 1.13 reads it.
+Source: Guo, Sohel, Bennamoun, Lu, Wan 2013 (doi:10.1007/s11263-013-0627-y), Section 4, as PCL 1.13 implements it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from anchorpose.research.features.circle import ONE, ZERO
-from anchorpose.research.features.neighbours import Neighbours, as_points, require_radius, shared_or_found
-from anchorpose.research.features.triangle_frame import prepare_triangles, triangle_frames
+from anchorpose.research.features.local_frame import principal_axes
+from anchorpose.research.features.neighbours import Neighbours, as_points, find_neighbours
+from anchorpose.settings import Count, Positive, settings
 
 STATISTICS = 5  # central moments 11, 21, 12 and 22, and the entropy
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class RopsConfig:
-    """135 numbers with three turns about each axis; ``columns`` tells how many."""
+    """135 numbers with three turns about each axis; ``columns`` states how many."""
 
-    radius_m: float = 0.20  # the 15 mesh resolutions of its authors, here 13 mm
-    turns: int = 3  # about each axis, within a right angle: the authors' choice
-    bins: int = 5  # along each side of a plane: theirs, too
-
-    def __post_init__(self) -> None:
-        require_radius(self.radius_m)
-        for name in ("turns", "bins"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+    radius_m: Positive = 0.20  # the authors' 15 mesh resolutions, here 13 mm
+    turns: Count = 3  # about each axis, within a right angle: the authors' choice
+    bins: Count = 5  # along each side of a plane: theirs, too
 
     @property
     def columns(self) -> int:
@@ -41,42 +36,38 @@ def rops(
     triangles: np.ndarray,
     config: RopsConfig | None = None,
     chosen: np.ndarray | None = None,
-    neighbours: Neighbours | None = None,
 ) -> np.ndarray:
     """(k, 135) float32 for the chosen nodes (k,) int, or for all (None); absolute values sum to 1.
 
-    points_m (n, 3), NaN where not known; triangles (f, 3) int, of ``surface.mesh.faces``. neighbours: those of the
-    chosen nodes within ``radius_m``, where a caller has them. Columns: axis x, y, z; turn; plane xy, xz, yz; moments
-    11, 21, 12, 22 and entropy. NaN row: a node without position, or with nobody or no triangle within the radius.
+    points_m (n, 3), NaN where unknown; triangles (f, 3) int, of ``surface.mesh.faces``. Columns: axis x, y, z; turn;
+    plane xy, xz, yz; moments 11, 21, 12, 22 and entropy. NaN row: a node without position, or without a neighbour or
+    triangle within the radius.
     """
     config = config or RopsConfig()
     points = as_points(points_m, "points_m")
-    near = shared_or_found(neighbours, points, config.radius_m, chosen)
+    near = find_neighbours(points, config.radius_m, chosen)
     frames = triangle_frames(points, prepare_triangles(points, triangles), near)
     angle = np.radians(90.0 / (config.turns + 1) * np.arange(1, config.turns + 1))
     turns = np.stack([np.cos(angle), np.sin(angle)], axis=1).astype(np.float32)
-    return _statistics(points, near.centre, near.start, near.node, frames, turns, config.bins)
+    return _statistics(points, near, frames, turns, config.bins)
 
 
 @njit(cache=True, error_model="numpy")
 def _statistics(
-    points: np.ndarray, centre: np.ndarray, start: np.ndarray, node: np.ndarray, frames: np.ndarray,
-    turns: np.ndarray, bins: int,
-) -> np.ndarray:  # fmt: skip
+    points: np.ndarray, neighbours: Neighbours, frames: np.ndarray, turns: np.ndarray, bins: int
+) -> np.ndarray:
+    centre, start, node = neighbours.centre, neighbours.start, neighbours.node
     result = np.full((len(centre), 9 * len(turns) * STATISTICS), np.nan, np.float32)
     most = 1
     for c in range(len(centre)):
         most = max(most, start[c + 1] - start[c] + 1)
-    local, turned, cell = (
-        np.empty((3, most), np.float32),
-        np.empty((2, most), np.float32),
-        np.empty((3, most), np.int32),
-    )
+    local, turned = np.empty((3, most), np.float32), np.empty((2, most), np.float32)
+    cell = np.empty((3, most), np.int32)
     share = np.empty((3, bins * bins), np.float32)
     for c in range(len(centre)):
         if not np.isfinite(frames[c, 0, 0]):
             continue
-        count = _lay_down(points, centre[c], node[start[c] : start[c + 1]], frames[c], local)
+        count = _to_local(points, centre[c], node[start[c] : start[c + 1]], frames[c], local)
         column = 0
         for axis in range(3):
             one, two = (axis + 1) % 3, (axis + 2) % 3  # the turn takes the first of them to the second
@@ -88,17 +79,17 @@ def _statistics(
                     turned[1, m] = sine * local[one, m] + cosine * local[two, m]
                 _into_bins(turned[0], count, bins, cell[one])
                 _into_bins(turned[1], count, bins, cell[two])
-                _lay_on_planes(cell, count, bins, share)
+                _project(cell, count, bins, share)
                 for plane in range(3):
-                    _sum_up(share[plane], bins, result[c, column : column + STATISTICS])
+                    _plane_statistics(share[plane], bins, result[c, column : column + STATISTICS])
                     column += STATISTICS
         _normalize(result[c])
     return result
 
 
 @njit(cache=True)
-def _lay_down(points: np.ndarray, own: int, near: np.ndarray, frame: np.ndarray, local: np.ndarray) -> int:
-    """The node itself and its neighbours in its frame; how many."""
+def _to_local(points: np.ndarray, own: int, near: np.ndarray, frame: np.ndarray, local: np.ndarray) -> int:
+    """Fill local with the node itself and its neighbours in its frame; return their number."""
     local[0, 0] = local[1, 0] = local[2, 0] = ZERO
     px, py, pz = points[own, 0], points[own, 1], points[own, 2]
     for axis in range(3):
@@ -109,9 +100,9 @@ def _lay_down(points: np.ndarray, own: int, near: np.ndarray, frame: np.ndarray,
     return len(near) + 1
 
 
-@njit(cache=True, error_model="numpy", fastmath={"nnan", "nsz"})  # all are known; the ends are found abreast
+@njit(cache=True, error_model="numpy", fastmath={"nnan", "nsz"})  # no NaN here; vectorises the extremes
 def _into_bins(values: np.ndarray, count: int, bins: int, cell: np.ndarray) -> None:
-    """Which of the equal parts between the least and the greatest each value is in; one part if they are one."""
+    """Fill cell with each value's bin of the equal bins between the smallest and the largest; 0 if these are equal."""
     low, high = values[0], values[0]
     for m in range(count):
         low = values[m] if values[m] < low else low
@@ -123,8 +114,8 @@ def _into_bins(values: np.ndarray, count: int, bins: int, cell: np.ndarray) -> N
 
 
 @njit(cache=True, error_model="numpy")
-def _lay_on_planes(cell: np.ndarray, count: int, bins: int, share: np.ndarray) -> None:
-    """Fills share (3, bins * bins): the part of the points in each cell of the planes xy, xz and yz."""
+def _project(cell: np.ndarray, count: int, bins: int, share: np.ndarray) -> None:
+    """Fill share (3, bins * bins): the share of the points in each cell of the planes xy, xz and yz."""
     share[:] = ZERO
     for m in range(count):
         share[0, cell[0, m] * bins + cell[1, m]] += ONE
@@ -134,8 +125,8 @@ def _lay_on_planes(cell: np.ndarray, count: int, bins: int, share: np.ndarray) -
 
 
 @njit(cache=True, error_model="numpy")
-def _sum_up(share: np.ndarray, bins: int, statistics: np.ndarray) -> None:
-    """Central moments 11, 21, 12 and 22 and entropy of one plane; only the mean is needed before."""
+def _plane_statistics(share: np.ndarray, bins: int, statistics: np.ndarray) -> None:
+    """Fill the central moments 11, 21, 12 and 22 and the entropy of one plane."""
     mean_i, mean_j = 0.0, 0.0
     for i in range(bins):
         for j in range(bins):
@@ -156,8 +147,125 @@ def _sum_up(share: np.ndarray, bins: int, statistics: np.ndarray) -> None:
 
 @njit(cache=True)
 def _normalize(row: np.ndarray) -> None:
-    """To absolute values that sum to 1; points of one place have no shape: NaN."""
+    """Scale so that absolute values sum to 1; NaN for points that all coincide, which have no shape."""
     total = 0.0
     for value in row:
         total += abs(value)
     row *= np.float32(1.0 / total if total > 0.0 else np.nan)
+
+
+class Triangles(NamedTuple):
+    """corners (f, 3) int32; the triangles at node i are ``corner_of[start[i]:start[i + 1]]``, int32.
+
+    shape (f, 10) float64: centroid x y z, area, then the scatter xx xy xz yy yz zz of the corners about the centroid,
+    m^2.
+    """
+
+    start: np.ndarray
+    corner_of: np.ndarray
+    shape: np.ndarray
+
+
+def prepare_triangles(points: np.ndarray, faces: np.ndarray) -> Triangles:
+    """Triangles (f, 3) int of points (n, 3); those with a corner of unknown position are left out.
+
+    Raises ValueError where a corner is not a node.
+    """
+    faces = np.asarray(faces)
+    if faces.ndim != 2 or faces.shape[1] != 3 or (faces.size and not np.issubdtype(faces.dtype, np.integer)):
+        raise ValueError(f"triangles must be node numbers (f, 3), got {faces.dtype} of shape {faces.shape}")
+    if faces.size and not (faces.min() >= 0 and faces.max() < len(points)):
+        raise ValueError(f"a triangle has a corner that is not among the {len(points)} nodes")
+    corners = points[faces.astype(np.int64)].astype(np.float64)
+    whole = np.isfinite(corners).all(axis=(1, 2))
+    faces, corners = faces[whole], corners[whole]
+    centroid = corners.mean(axis=1)
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2.0
+    arms = corners - centroid[:, None]
+    scatter = np.einsum("fci,fcj->fij", arms, arms)[:, (0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2)]
+    owner = faces.ravel()
+    start = np.zeros(len(points) + 1, np.int64)
+    np.cumsum(np.bincount(owner, minlength=len(points)), out=start[1:])
+    corner_of = (np.argsort(owner, kind="stable") // 3).astype(np.int32)
+    return Triangles(start, corner_of, np.concatenate([centroid, area[:, None], scatter], axis=1))
+
+
+def triangle_frames(points_m: np.ndarray, triangles: Triangles, neighbours: Neighbours) -> np.ndarray:
+    """(k, 3, 3) float32: rows x, y, z of the right-handed frame of each centre; NaN where it has no triangle.
+
+    points_m (n, 3) float32. The axes are those of the surface, every triangle with a corner within the radius weighted
+    by its area: x lies along its widest spread and z across it, each towards the side with more surface.
+    Source: Guo et al. 2013, Section 3.
+    """
+    return _frames(points_m, neighbours, triangles)
+
+
+@njit(cache=True, error_model="numpy")
+def _frames(points: np.ndarray, neighbours: Neighbours, triangles: Triangles) -> np.ndarray:
+    centre, start, node, radius = neighbours.centre, neighbours.start, neighbours.node, neighbours.radius_m
+    first, corner_of, shape = triangles.start, triangles.corner_of, triangles.shape
+    frames = np.full((len(centre), 3, 3), np.nan, np.float32)
+    listed = np.full(len(shape), -1, np.int32)
+    around = np.empty(len(shape) + 1, np.int32)
+    scatter, axes, moment = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    for c in range(len(centre)):
+        own = centre[c]
+        count = _list_triangles(own, c, first, corner_of, listed, around, 0)
+        for m in range(start[c], start[c + 1]):
+            count = _list_triangles(node[m], c, first, corner_of, listed, around, count)
+        if _scatter(points[own], radius, shape, around[:count], scatter, moment) <= 0.0:
+            continue
+        principal_axes(scatter, axes)
+        x, z = axes[0], axes[2]
+        if x[0] * moment[0] + x[1] * moment[1] + x[2] * moment[2] < 0.0:
+            x[:] = -x
+        if z[0] * moment[0] + z[1] * moment[1] + z[2] * moment[2] < 0.0:
+            z[:] = -z
+        frames[c, 0], frames[c, 2] = x, z
+        frames[c, 1, 0] = z[1] * x[2] - z[2] * x[1]
+        frames[c, 1, 1] = z[2] * x[0] - z[0] * x[2]
+        frames[c, 1, 2] = z[0] * x[1] - z[1] * x[0]
+    return frames
+
+
+@njit(cache=True)
+def _list_triangles(
+    node: int, c: int, first: np.ndarray, corner_of: np.ndarray, listed: np.ndarray, around: np.ndarray, count: int
+) -> int:
+    """Add the triangles at a node that are not yet listed for centre c; return the new count."""
+    for spot in range(first[node], first[node + 1]):
+        triangle = corner_of[spot]
+        around[count] = triangle
+        count += listed[triangle] != c
+        listed[triangle] = c
+    return count
+
+
+@njit(cache=True, error_model="numpy")
+def _scatter(
+    point: np.ndarray, radius: float, shape: np.ndarray, around: np.ndarray, scatter: np.ndarray, moment: np.ndarray
+) -> float:
+    """Fill the surface's scatter about a point and its first moment, up to a factor; return the sum of the weights.
+
+    A triangle's integral of p p^T is its corners' scatter plus twelve times its centroid's; its weight is its area
+    times the squared distance of its centroid to the sphere.
+    """
+    xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    lx, ly, lz, total = 0.0, 0.0, 0.0, 0.0
+    px, py, pz = np.float64(point[0]), np.float64(point[1]), np.float64(point[2])
+    for triangle in around:
+        x, y, z = shape[triangle, 0] - px, shape[triangle, 1] - py, shape[triangle, 2] - pz
+        weight = shape[triangle, 3] * (radius - np.sqrt(x * x + y * y + z * z)) ** 2
+        xx += weight * (shape[triangle, 4] + 12.0 * x * x)
+        xy += weight * (shape[triangle, 5] + 12.0 * x * y)
+        xz += weight * (shape[triangle, 6] + 12.0 * x * z)
+        yy += weight * (shape[triangle, 7] + 12.0 * y * y)
+        yz += weight * (shape[triangle, 8] + 12.0 * y * z)
+        zz += weight * (shape[triangle, 9] + 12.0 * z * z)
+        lx, ly, lz, total = lx + weight * x, ly + weight * y, lz + weight * z, total + weight
+    scatter[0, 0], scatter[1, 1], scatter[2, 2] = xx, yy, zz
+    scatter[0, 1] = scatter[1, 0] = xy
+    scatter[0, 2] = scatter[2, 0] = xz
+    scatter[1, 2] = scatter[2, 1] = yz
+    moment[0], moment[1], moment[2] = lx, ly, lz
+    return total

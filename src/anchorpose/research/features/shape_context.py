@@ -1,51 +1,37 @@
-"""3D shape contexts: how dense the points are in the cells of a sphere, narrower towards its centre.
+"""3D shape contexts: the density of points in the cells of a sphere, which are narrower towards its centre.
 
 Sources: Frome, Huber, Kolluri, Buelow, Malik 2004 (doi:10.1007/978-3-540-24672-5_18), cells and weights as in PCL 1.13.
-Where azimuth begins, the paper leaves open and compares every turn; one repeatable frame for each node makes it unique:
+The paper leaves open where azimuth begins and compares every turn; one repeatable frame per node makes it unique:
 Tombari, Salti, Di Stefano 2010b (doi:10.1145/1877808.1877821).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numba import njit
+from pydantic import Field
 
 from anchorpose.research.features.circle import PI, ZERO, angle_of
 from anchorpose.research.features.local_frame import as_frames, local_frames
-from anchorpose.research.features.neighbours import (
-    Neighbours,
-    as_points,
-    count_within,
-    require_radius,
-    shared_or_found,
-)
+from anchorpose.research.features.neighbours import Neighbours, as_oriented, as_points, count_within, find_neighbours
+from anchorpose.settings import Count, Positive, settings
 
 _TWO_PI = np.float32(2 * np.pi)
 PARALLEL = 1e-3  # sine; an x axis this near to the normal has no direction in the tangent plane
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class ShapeContextConfig:
-    """1980 numbers, unless the cells are other ones; ``cells`` tells how many."""
+    """1980 numbers with these cells; ``cells`` states how many."""
 
-    radius_m: float = 0.20  # a limb with its edges: nearer, the body is a smooth sheet everywhere
-    innermost: float = 0.1  # of the radius: the outer end of the first shell; what is nearer counts there too
-    density: float = 0.2  # of the radius: within it a point's neighbours share its weight
-    azimuths: int = 12  # the numbers of PCL, and of the paper's own experiments
-    elevations: int = 11
-    shells: int = 15
-
-    def __post_init__(self) -> None:
-        require_radius(self.radius_m)
-        if not 0.0 < self.innermost < 1.0:
-            raise ValueError(f"innermost must be between 0 and 1, got {self.innermost}")
-        if not self.density > 0.0:
-            raise ValueError(f"density must be positive, got {self.density}")
-        for name in ("azimuths", "elevations", "shells"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+    radius_m: Positive = 0.20  # a limb with its edges: nearer, the body is a smooth sheet everywhere
+    innermost: Annotated[float, Field(gt=0, lt=1)] = 0.1  # of the radius: end of the first shell, which begins at 0
+    density: Positive = 0.2  # of the radius: within it a point's neighbours share its weight
+    azimuths: Count = 12  # these three as in PCL, and in the paper's own experiments
+    elevations: Count = 11
+    shells: Count = 15
 
     @property
     def cells(self) -> int:
@@ -57,32 +43,28 @@ def shape_context(
     normals: np.ndarray,
     config: ShapeContextConfig | None = None,
     chosen: np.ndarray | None = None,
-    neighbours: Neighbours | None = None,
     frames: np.ndarray | None = None,
 ) -> np.ndarray:
-    """(k, 1980) float32 for the chosen nodes (k,) int, or for all (None): weighed points in each cell, 1 / m.
+    """(k, 1980) float32 for the chosen nodes (k,) int, or for all (None): weighted points in each cell, 1 / m.
 
-    points_m, normals (n, 3) in one frame, normals of unit length; NaN where not known. A point weighs one by how many
-    there are around it and by the cube root of its cell's volume. neighbours: those of the chosen nodes within
-    ``radius_m``, and frames (k, 3, 3): rows x, y, z, where a caller has them; otherwise ``tangent_frames``. Column:
-    azimuth from x, then elevation from z down, then shell outwards, the last running fastest. NaN row: no frame.
+    points_m, normals (n, 3) in one frame, normals of unit length; NaN where unknown. The weight of a point is one over
+    the number of points around it and over the cube root of its cell's volume. frames (k, 3, 3): rows x, y, z;
+    otherwise ``tangent_frames``. Columns: azimuth from x, then elevation from z down, then shell outwards, the last
+    index running fastest. NaN row: no frame.
     """
     config = config or ShapeContextConfig()
-    points, unit = as_points(points_m, "points_m"), as_points(normals, "normals")
-    if len(points) != len(unit):
-        raise ValueError(f"{len(points)} points, but {len(unit)} normals")
-    near = shared_or_found(neighbours, points, config.radius_m, chosen)
-    frames = as_frames(tangent_frames(points, unit, near) if frames is None else frames, len(near))
+    points, unit = as_oriented(points_m, normals)
+    near = find_neighbours(points, config.radius_m, chosen)
+    frames = as_frames(tangent_frames(points, unit, near) if frames is None else frames, len(near.centre))
     density = count_within(points, config.density * config.radius_m)
     edges = config.radius_m * np.geomspace(config.innermost, 1.0, config.shells + 1)
     weights = _cell_weights(edges, config)
     inner = edges[1:-1].astype(np.float32)
-    row = (near.centre, near.start, near.node, near.distance2_m2)
-    return _contexts(points, *row, frames, density, inner, weights, config.azimuths)
+    return _contexts(points, near, frames, density, inner, weights, config.azimuths)
 
 
 def tangent_frames(points_m: np.ndarray, normals: np.ndarray, neighbours: Neighbours) -> np.ndarray:
-    """(k, 3, 3) float32: z is the centre's normal (n, 3), x the x axis of ``local_frames`` laid into the tangent plane.
+    """(k, 3, 3) float32: z is the centre's normal (n, 3), x the projection of the x axis of ``local_frames``.
 
     NaN where the centre has no normal or the axis has no direction there.
     """
@@ -96,7 +78,7 @@ def tangent_frames(points_m: np.ndarray, normals: np.ndarray, neighbours: Neighb
 
 
 def _cell_weights(edges: np.ndarray, config: ShapeContextConfig) -> np.ndarray:
-    """(elevations, shells) float32: one by the cube root of a cell's volume, 1 / m."""
+    """(elevations, shells) float32: one over the cube root of a cell's volume, 1 / m."""
     sink = -np.diff(np.cos(np.linspace(0.0, np.pi, config.elevations + 1)))
     volume = 2 * np.pi / config.azimuths * sink[:, None] * (np.diff(edges**3) / 3.0)
     return (volume ** (-1.0 / 3.0)).astype(np.float32)
@@ -104,10 +86,16 @@ def _cell_weights(edges: np.ndarray, config: ShapeContextConfig) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy")
 def _contexts(
-    points: np.ndarray, centre: np.ndarray, start: np.ndarray, node: np.ndarray, distance2: np.ndarray,
-    frames: np.ndarray, density: np.ndarray, inner: np.ndarray, weights: np.ndarray,
+    points: np.ndarray,
+    neighbours: Neighbours,
+    frames: np.ndarray,
+    density: np.ndarray,
+    inner: np.ndarray,
+    weights: np.ndarray,
     azimuths: int,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
+    """density (n,): nodes around each node; inner (shells - 1,): radii between shells; weights as ``_cell_weights``."""
+    centre, start, node, distance2 = neighbours.centre, neighbours.start, neighbours.node, neighbours.distance2_m2
     elevations, shells = weights.shape
     result = np.zeros((len(centre), azimuths * elevations * shells), np.float32)
     most = 1
@@ -120,7 +108,8 @@ def _contexts(
             continue
         near = node[start[c] : start[c + 1]]
         away2 = distance2[start[c] : start[c + 1]]
-        _locate(points, centre[c], near, away2, frames[c], inner, azimuths, elevations, cell)
+        _direction_cells(points, centre[c], near, frames[c], azimuths, elevations, cell)
+        _shells(away2, inner, cell[2])
         for m in range(len(near)):
             if away2[m] > ZERO:
                 spot = (cell[0, m] * elevations + cell[1, m]) * shells + cell[2, m]
@@ -129,11 +118,16 @@ def _contexts(
 
 
 @njit(cache=True, error_model="numpy")
-def _locate(
-    points: np.ndarray, own: int, near: np.ndarray, away2: np.ndarray, frame: np.ndarray, inner: np.ndarray,
-    azimuths: int, elevations: int, cell: np.ndarray,
-) -> None:  # fmt: skip
-    """The cell of each neighbour: azimuth, elevation and shell."""
+def _direction_cells(
+    points: np.ndarray,
+    own: int,
+    near: np.ndarray,
+    frame: np.ndarray,
+    azimuths: int,
+    elevations: int,
+    cell: np.ndarray,
+) -> None:
+    """Fill the first two rows of cell (3, k): azimuth and elevation of each neighbour."""
     px, py, pz = points[own, 0], points[own, 1], points[own, 2]
     x0, x1, x2 = frame[0, 0], frame[0, 1], frame[0, 2]
     y0, y1, y2 = frame[1, 0], frame[1, 1], frame[1, 2]
@@ -147,8 +141,13 @@ def _locate(
         azimuth += _TWO_PI if azimuth < ZERO else ZERO
         cell[0, m] = min(np.int32(azimuth * per_turn), np.int32(azimuths - 1))
         cell[1, m] = min(np.int32(angle_of(np.sqrt(x * x + y * y), z) * per_half), np.int32(elevations - 1))
-        cell[2, m] = 0
+
+
+@njit(cache=True, error_model="numpy")
+def _shells(away2: np.ndarray, inner: np.ndarray, shell: np.ndarray) -> None:
+    """Fill the first entries of shell with the shell of each neighbour."""
+    shell[: len(away2)] = 0
     for edge in inner:
         edge2 = edge * edge
-        for m in range(len(near)):
-            cell[2, m] += np.int32(away2[m] > edge2)
+        for m in range(len(away2)):
+            shell[m] += np.int32(away2[m] > edge2)

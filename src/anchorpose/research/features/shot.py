@@ -1,21 +1,20 @@
-"""Signatures of histograms of orientations: a sphere of 32 sectors, in each a histogram of how the normals lean.
+"""Signatures of histograms of orientations (SHOT): a histogram of the normals' directions in 32 sectors of a sphere.
 
-Source: Tombari, Salti, Di Stefano 2010 (doi:10.1007/978-3-642-15558-1_26), as PCL 1.13 has it from its authors: length
-1 by the Euclidean norm, and each of the four interpolations hands votes to one further bin of its own.
+Source: Tombari, Salti, Di Stefano 2010 (doi:10.1007/978-3-642-15558-1_26), as PCL 1.13 has it from its authors: unit
+length, and each of the four interpolations passes votes to one neighbouring bin.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 
 from anchorpose.research.features.circle import HALF_PI, ONE, PI, ZERO, angle_of
 from anchorpose.research.features.local_frame import FEWEST, as_frames, local_frames
-from anchorpose.research.features.neighbours import Neighbours, as_points, require_radius, shared_or_found
+from anchorpose.research.features.neighbours import Neighbours, as_oriented, find_neighbours
+from anchorpose.settings import Positive, settings
 
-SECTORS, LEANS = 32, 10  # of the sphere: 8 around, times 2 outwards, times 2 upwards; of the cosine, and its end
+SECTORS, LEANS = 32, 10  # 8 around, 2 outwards, 2 upwards; steps of the cosine between normal and z
 COLUMNS = LEANS + 1
 SIZE = SECTORS * COLUMNS
 _HALF = np.float32(0.5)
@@ -24,15 +23,14 @@ _LEANS = np.float32(LEANS)
 _TWO = np.float32(2.0)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class ShotConfig:
     """352 numbers."""
 
-    radius_m: float = 0.20  # of the sphere and of its frame: a limb with its edges; at 15 cm matches are a half worse
+    radius_m: Positive = (
+        0.20  # of the sphere and its frame: a limb with its edges; at 15 cm errors are half as large again
+    )
     z_by_normal: bool = False  # True turns the frame's z to the side of the normal; the authors count neighbours
-
-    def __post_init__(self) -> None:
-        require_radius(self.radius_m)
 
 
 def shot(
@@ -40,33 +38,28 @@ def shot(
     normals: np.ndarray,
     config: ShotConfig | None = None,
     chosen: np.ndarray | None = None,
-    neighbours: Neighbours | None = None,
     frames: np.ndarray | None = None,
 ) -> np.ndarray:
     """(k, 352) float32 of unit length, for the chosen nodes (k,) int, or for all (None).
 
-    points_m, normals (n, 3) in one frame, normals of unit length; NaN where not known: a node without position is left
-    out, one without normal casts no vote. neighbours: those of the chosen nodes within ``radius_m``, and frames
-    (k, 3, 3): rows x, y, z, where a caller has them. Sector s, 11 columns each: upper half s & 1, outer half
-    s >> 1 & 1, eighth of a turn s >> 2 from -x on. NaN row: no frame, or nobody with a normal within the radius.
+    points_m, normals (n, 3) in one frame, normals of unit length; NaN where unknown: a node without position is left
+    out, one without normal casts no vote. frames (k, 3, 3): rows x, y, z; otherwise ``local_frames``. Sector s has 11
+    columns: upper half s & 1, outer half s >> 1 & 1, eighth of a turn s >> 2 from -x on. NaN row: no frame, or no node
+    with a normal within the radius.
     """
     config = config or ShotConfig()
-    points, unit = as_points(points_m, "points_m"), as_points(normals, "normals")
-    if len(points) != len(unit):
-        raise ValueError(f"{len(points)} points, but {len(unit)} normals")
-    near = shared_or_found(neighbours, points, config.radius_m, chosen)
+    points, unit = as_oriented(points_m, normals)
+    near = find_neighbours(points, config.radius_m, chosen)
     if frames is None:
         frames = local_frames(points, near, unit if config.z_by_normal else None)
-    frames = as_frames(frames, len(near))
-    oriented = np.concatenate([points, unit], axis=1)
-    return _signatures(oriented, near.centre, near.start, near.node, near.distance2_m2, near.radius_m, frames)
+    frames = as_frames(frames, len(near.centre))
+    return _signatures(np.concatenate([points, unit], axis=1), near, frames)
 
 
 @njit(cache=True, error_model="numpy")
-def _signatures(
-    oriented: np.ndarray, centre: np.ndarray, start: np.ndarray, node: np.ndarray, distance2: np.ndarray,
-    radius: float, frames: np.ndarray,
-) -> np.ndarray:  # fmt: skip
+def _signatures(oriented: np.ndarray, neighbours: Neighbours, frames: np.ndarray) -> np.ndarray:
+    centre, start, node, distance2 = neighbours.centre, neighbours.start, neighbours.node, neighbours.distance2_m2
+    per_radius = np.float32(1.0 / neighbours.radius_m)
     result = np.zeros((len(centre), SIZE), np.float32)
     most = 1
     for c in range(len(centre)):
@@ -81,7 +74,7 @@ def _signatures(
         if count == 0 or start[c + 1] - start[c] < FEWEST - 1 or not np.isfinite(frames[c, 0, 0]):
             result[c] = np.nan
             continue
-        _locate(oriented, centre[c], near, away2, count, np.float32(1.0 / radius), frames[c], place)
+        _locate(oriented, centre[c], near[:count], away2, per_radius, frames[c], place)
         for m in range(count):
             _vote(place[0, m], place[1, m], place[2, m], place[3, m], result[c])
         _normalize(result[c])
@@ -90,15 +83,20 @@ def _signatures(
 
 @njit(cache=True, error_model="numpy")
 def _locate(
-    oriented: np.ndarray, own: int, near: np.ndarray, away2: np.ndarray, count: int, per_radius: np.float32,
-    frame: np.ndarray, place: np.ndarray,
-) -> None:  # fmt: skip
-    """Where each neighbour is: eighths of a turn from -x, radii (0 to 1), inclination from z, steps of the lean."""
+    oriented: np.ndarray,
+    own: int,
+    near: np.ndarray,
+    away2: np.ndarray,
+    per_radius: np.float32,
+    frame: np.ndarray,
+    place: np.ndarray,
+) -> None:
+    """Fill place (4, k): eighths of a turn from -x, radii (0 to 1), inclination from z, steps of the cosine to z."""
     px, py, pz = oriented[own, 0], oriented[own, 1], oriented[own, 2]
     x0, x1, x2 = frame[0, 0], frame[0, 1], frame[0, 2]
     y0, y1, y2 = frame[1, 0], frame[1, 1], frame[1, 2]
     z0, z1, z2 = frame[2, 0], frame[2, 1], frame[2, 2]
-    for m in range(count):
+    for m in range(len(near)):
         q = near[m]
         dx, dy, dz = oriented[q, 0] - px, oriented[q, 1] - py, oriented[q, 2] - pz
         x, y, z = dx * x0 + dy * x1 + dz * x2, dx * y0 + dy * y1 + dz * y2, dx * z0 + dy * z1 + dz * z2
@@ -111,14 +109,14 @@ def _locate(
 
 @njit(cache=True, error_model="numpy")
 def _vote(turn: np.float32, out: np.float32, inclination: np.float32, lean: np.float32, row: np.ndarray) -> None:
-    """One neighbour's votes: to its own bin, and what each interpolation takes from it to one bin beside."""
+    """Add one neighbour's votes: to its own bin, and by each interpolation to one adjacent bin."""
     eighth = min(np.int32(turn), np.int32(7))
     outer, upper = np.int32(out > _HALF), np.int32(inclination < HALF_PI)
     sector = (eighth << 2) | (outer << 1) | upper
     step = np.int32(lean + _HALF)
     column = sector * COLUMNS + step
     off = lean - np.float32(step)
-    # the ends wrap around as the authors' program has it: from column 9 upwards to 0, not to 10
+    # the ends wrap around as in the authors' program: from column 9 upwards to 0, not to 10
     beside = (0 if step == LEANS - 1 else step + 1) if off > ZERO else (LEANS - 1 if step == 0 else step - 1)
     row[sector * COLUMNS + beside] += abs(off)
     weight = ONE - abs(off)
