@@ -35,7 +35,7 @@ from anchorpose.tracker.observation import Observation, observe
 from anchorpose.tracker.passes import learn_on, plan_route
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room
-from anchorpose.tracker.stopwatch import Stopwatch
+from anchorpose.tracker.run import Stopwatch
 from anchorpose.tracking.motion_file import load_motions
 
 ALONE: Final = {"standing_frame": False, "stool": False, "therapists": 0}
@@ -101,7 +101,7 @@ def moments(folder: Path, config: TrackConfig) -> Iterator[Moment]:
     learnt = learn_on(route, room, motions, config, watch)
     shape = None if learnt is None else learnt.shape
     height_m = float(np.ptp(shape.body(body_points().asset).vertices[:, 1])) if shape else 1.75
-    for positions in (route.back[1:], route.forth):
+    for positions in (route.back[1:], route.forward):
         before: Observation | None = None
         for estimate in follow_patient(room, route.frames(positions), motions, shape, config, watch):
             seen = estimate.observation

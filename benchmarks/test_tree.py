@@ -18,7 +18,7 @@ from anchorpose.tracker import association
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.following import follow_patient
 from anchorpose.tracker.preparation import prepare_room
-from anchorpose.tracker.stopwatch import Stopwatch
+from anchorpose.tracker.run import Stopwatch
 from anchorpose.tracking.motion_file import load_motions
 from anchorpose.tracking.tree import Support, TreeConfig, best_branches
 

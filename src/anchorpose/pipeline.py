@@ -1,9 +1,8 @@
-"""From a recording folder to a results folder: the order of the stages.
+"""From a recording folder to a results folder: the stages in their order.
 
 recording -> calibration -> isolation -> surface -> geodesics -> association -> tracking -> body -> results -> report
 
-The room is prepared once; then every frame goes through ``tracker.observation`` (isolation to descriptor) and
-``tracker.patient`` (association to body). The patient's body is learnt on a first pass over the first seconds.
+``track_recording`` is the order of the work; what happens to a single frame is ``tracker.patient.PatientTracker.step``.
 """
 
 from __future__ import annotations
@@ -28,13 +27,13 @@ from anchorpose.results.processing.policy import ProcessingConfig
 from anchorpose.results.run_record import RUN_FILE, Association, DroppedFrame, write_run_record
 from anchorpose.results.stand_training.measure import MeasureConfig
 from anchorpose.results.tables import JOINTS_FILE, read_joints, write_joints
+from anchorpose.run_account import UserInputs, Written, account_of, hash_inputs, outcome_of, read_review, require_about
 from anchorpose.threads import one_thread
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.passes import FrameRecord, learn_on, plan_route, track_on
 from anchorpose.tracker.preparation import prepare_room
-from anchorpose.tracker.room import NOTHING_SAID, review_of
-from anchorpose.tracker.run_account import Given, Written, account_of, hash_inputs, outcome_of, read_said, require_about
-from anchorpose.tracker.stopwatch import Stopwatch
+from anchorpose.tracker.room import NO_REVIEW, review_of
+from anchorpose.tracker.run import Run, Stopwatch
 from anchorpose.tracking.motion_file import load_motions
 
 __all__ = ["TrackConfig", "track_recording"]
@@ -43,49 +42,57 @@ Progress = Callable[[int, int], None]
 
 
 def track_recording(
-    recording: Path, results: Path, config: TrackConfig, progress: Progress, calibration: Path | None = None,
+    recording: Path,
+    results: Path,
+    config: TrackConfig,
+    progress: Progress,
+    calibration: Path | None = None,
     corrections: Path | None = None,
-) -> None:  # fmt: skip
+) -> None:
     """Track the patient through a recording and write everything into an existing, empty results folder.
 
     progress is called with frames done and frames to do; the frames the body is learnt from count twice. calibration: a
-    calibration.json whose poses are used instead of given or found ones. corrections: a file of what a reviewer of
-    earlier results said of this recording.
+    calibration.json whose poses replace given or found ones. corrections: a reviewer's corrections of earlier results.
     Linear algebra runs on one thread: on several, sums are added in another order, and the tables get other bytes.
     Raises InputError where the recording cannot be used.
     """
     with one_thread():
-        _track(recording, results, config, progress, Given(calibration, corrections))
+        _track(recording, results, config, progress, UserInputs(calibration, corrections))
 
 
-def _track(recording: Path, results: Path, config: TrackConfig, progress: Progress, given: Given) -> None:
-    watch = Stopwatch()
-    opened = with_height(open_recording(recording), config.height_m)
-    if given.calibration is not None:
-        opened = with_poses(opened, given.calibration)
-    said = None if given.corrections is None else read_said(given.corrections)
-    frame_range(opened, config.start, config.stop)  # refuses an empty range before any work is done
-    motions = load_motions(config.motion_file, opened.rate_hz, config.motion)  # likewise a file that is none
-    total, window = _frame_counts(opened, config)
-    with watch.stage("calibration and background"):
-        room = prepare_room(opened, config, NOTHING_SAID if said is None else review_of(said.corrections))
+def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress, user: UserInputs) -> None:
+    # recording: everything is read and checked before any work is done
+    recording = with_height(open_recording(folder), config.height_m)
+    if user.calibration is not None:
+        recording = with_poses(recording, user.calibration)
+    review = None if user.corrections is None else read_review(user.corrections)
+    frame_range(recording, config.start, config.stop)
+    motions = load_motions(config.motion_file, recording.rate_hz, config.motion)
+    total, first_pass = _frame_counts(recording, config)
+    work = first_pass + total * (2 if config.smooth else 1)
+
+    # calibration and isolation: clocks, camera poses, the empty room, and who is the patient
+    stopwatch = Stopwatch()
+    with stopwatch.stage("calibration and background"):
+        room = prepare_room(recording, config, NO_REVIEW if review is None else review_of(review.corrections))
     inputs = hash_inputs(room, config)
-    if said is not None:
-        require_about(said, room, inputs)
-    work = window + total * (2 if config.smooth else 1)
-    route = plan_route(room, config, _counter(progress, work))
-    learnt = learn_on(route, room, motions, config, watch)
+    if review is not None:
+        require_about(review, room, inputs)
+    run, route = Run(room, config, motions, stopwatch), plan_route(room, config, _counter(progress, work))
+
+    # body: the patient's own shape, from a first pass over the first seconds
+    learnt = learn_on(route, run)
     shape = None if learnt is None else learnt.shape
 
-    def track(keep_labels: Callable[[LabelPicture], None]) -> Iterator[FrameRecord]:
-        return track_on(route, room, motions, shape, config, watch, keep_labels)
+    # every frame: isolation, surface, geodesics, association, tracking, body
+    written = _write_frames(results, lambda keep: track_on(route, run, shape, keep), config)
 
-    written = _write_frames(results, track, config)
-    with watch.stage("results"):
+    # results and report
+    with stopwatch.stage("results"):
         write_measured(results, ProcessingConfig(), MeasureConfig())
         pictures = save_pictures(results, draw_chosen(results, room, shape, config.surface.sheet))
-        reviewed = None if said is None else outcome_of(said, read_joints(results / JOINTS_FILE))
-        account = account_of(room, written, pictures, learnt, config, watch, given, inputs, reviewed)
+        outcome = None if review is None else outcome_of(review, read_joints(results / JOINTS_FILE))
+        account = account_of(run, written, pictures, learnt, user, inputs, outcome)
         write_run_record(results / RUN_FILE, account)
         write_report(results)
     progress(work, work)
@@ -98,7 +105,7 @@ def _frame_counts(recording: Recording, config: TrackConfig) -> tuple[int, int]:
 
 
 def _counter(progress: Progress, total: int) -> Callable[[], None]:
-    """Tells progress of one more frame at each call."""
+    """Reports one more frame at each call."""
     done = 0
 
     def tick() -> None:
@@ -112,7 +119,7 @@ def _counter(progress: Progress, total: int) -> Callable[[], None]:
 def _write_frames(
     results: Path, track: Callable[[Callable[[LabelPicture], None]], Iterator[FrameRecord]], config: TrackConfig
 ) -> Written:
-    """Stream joints, poses, anchors, labels and contacts to their tables; keep problems."""
+    """Stream joints, poses, anchors, labels and contacts to their tables; collect problems."""
     dropped, shares = list[DroppedFrame](), list[float | None]()
     points = body_points()
     intervals = ContactIntervals(region_of_points(points), area_of_point(points), config.contacts)

@@ -20,7 +20,7 @@ from anchorpose.tracker.estimate import Estimate, nobody_found
 from anchorpose.tracker.following import FIRST_PAUSE, follow_patient
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room
-from anchorpose.tracker.stopwatch import Stopwatch
+from anchorpose.tracker.run import Stopwatch
 
 FPS, FRAMES = 8.0, 20
 APPEARS, VANISHES, RETURNS = 2, 8, 15  # frames: the room is empty, he is there, the camera is blind, he is there again

@@ -16,10 +16,10 @@ from anchorpose.body.skin_points import FittedShape
 from anchorpose.tracker import learning
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.learning import LearntPatient, learn_patient
-from anchorpose.tracker.room import NOTHING_SAID, Review
-from anchorpose.tracker.stopwatch import Stopwatch
+from anchorpose.tracker.room import NO_REVIEW, Review
+from anchorpose.tracker.run import Stopwatch
 
-ROOM = SimpleNamespace(recording=SimpleNamespace(subject_height_m=None), opening=None, review=NOTHING_SAID)
+ROOM = SimpleNamespace(recording=SimpleNamespace(subject_height_m=None), opening=None, review=NO_REVIEW)
 START = FittedShape(np.zeros(asset().shape_count), 0.006)
 
 

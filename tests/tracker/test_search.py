@@ -15,7 +15,7 @@ from anchorpose.isolation.scene import find_pieces
 from anchorpose.isolation.separation import separate_initial
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.search import WALK_M_S, Search
+from anchorpose.tracker.following import WALK_M_S, Search
 
 CONFIG, ISOLATION = TrackConfig(), IsolationConfig()
 ROOM_NOW = SimpleNamespace(scenes=(built_scene(),), cameras=(FRONT,))

@@ -25,7 +25,7 @@ from anchorpose.results.people_labels import (
     write_people,
 )
 from anchorpose.results.poses import pose_of, read_poses, write_poses
-from anchorpose.tracker.witnesses import axial_sigma, body_pose
+from anchorpose.tracker.frame_record import axial_sigma, body_pose
 
 POINTS = body_points()
 BODY = build_body(POINTS, FittedShape(np.array([1.0, -0.5, 0.3]), 0.008))

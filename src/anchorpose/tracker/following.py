@@ -2,76 +2,140 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+
+import numpy as np
 
 from anchorpose.body.skin_points import FittedShape
-from anchorpose.isolation.people import PatientChoice
+from anchorpose.isolation.bystander_memory import SAMPLE_PX, update_memory
+from anchorpose.isolation.people import PatientChoice, Person, find_people, ground_distance
+from anchorpose.isolation.scene import Pieces
+from anchorpose.isolation.separation import separate
+from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.recording.recording import FrameSet
-from anchorpose.tracker.association import Associate, link
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate, nobody_found
+from anchorpose.tracker.observation import Observation, find_all_pieces
 from anchorpose.tracker.patient import PatientTracker
-from anchorpose.tracker.room import Room
-from anchorpose.tracker.search import Search
+from anchorpose.tracker.run import Run
 from anchorpose.tracker.start import NoStart, Start, find_start
-from anchorpose.tracker.stopwatch import Stopwatch
-from anchorpose.tracking.motion_database import MotionDatabase
 
 FIRST_PAUSE, LONGEST_PAUSE = 5, 15  # frames between searches that fail, doubled each time: one costs thirty frames
+NEAR_M = 0.5  # from where he was seen last: he stood there, and what is left of him to see is off his axis
+WALK_M_S = 1.5  # as fast as people walk
+BYSTANDER = 0.5  # of what is seen of somebody: so much belongs to one who was there beside the patient
 
 
 def follow_patient(
-    room: Room, frames: Iterable[FrameSet], motions: MotionDatabase | None, known: FittedShape | None,
-    config: TrackConfig, watch: Stopwatch, begin: Start | None = None, associate: Associate = link,
-) -> Iterator[Estimate]:  # fmt: skip
-    """An estimate for every frame, in order: lost until he is found, followed, and searched for again when lost.
+    run: Run, frames: Iterable[FrameSet], known: FittedShape | None, begin: Start | None = None
+) -> Iterator[Estimate]:
+    """An estimate for every frame, in order: lost until the patient is found, followed, and searched for when lost.
 
-    frames: in the order of time, or against it; the first one should be the room's opening. known: the learnt shape;
-    None where it is still to be learnt. begin: the patient as he was found in the first frame already.
+    frames: in the order of time, or against it; the first one should be the room's initial frame. known: the learnt
+    shape; None where it is still to be learnt. begin: the patient as already found in the first frame.
     """
-    choice = room.opening.choice if room.opening else None
-    for estimate, _ in follow_openly(room, frames, choice, motions, known, config, watch, begin, associate):
+    choice = run.room.initial_frame.choice if run.room.initial_frame else None
+    for estimate, _ in follow_openly(run, frames, choice, known, begin):
         yield estimate
 
 
 def follow_openly(
-    room: Room, frames: Iterable[FrameSet], choice: PatientChoice | None, motions: MotionDatabase | None,
-    known: FittedShape | None, config: TrackConfig, watch: Stopwatch, begin: Start | None = None,
-    associate: Associate = link,
-) -> Iterator[tuple[Estimate, PatientTracker | None]]:  # fmt: skip
+    run: Run,
+    frames: Iterable[FrameSet],
+    choice: PatientChoice | None,
+    known: FittedShape | None,
+    begin: Start | None = None,
+) -> Iterator[tuple[Estimate, PatientTracker | None]]:
     """As ``follow_patient``, from any frame, and with the tracker as it stands after each estimate, if any.
 
-    choice: where he stands in the first frame, None where nobody is to be looked for.
+    choice: where the patient stands in the first frame, None where nobody is to be looked for.
     """
     tracker: PatientTracker | None = None
-    search: Search | None = None  # once he was followed and lost
+    search: Search | None = None  # once the patient was followed and lost
     wait, pause = 0, FIRST_PAUSE
     for frame_set in frames:
-        if tracker is None:
-            wait -= 1
-            if search is not None:
-                with watch.stage("isolation"):
-                    choice = search.look(frame_set, room, config)
-            if choice is None or wait >= 0:
-                yield nobody_found(frame_set), None
-                continue
-            start = begin or find_start(frame_set, room, choice, known, config, watch)
-            begin = None
-            if isinstance(start, NoStart):
-                if start is NoStart.NO_BODY_FITS:
-                    wait, pause = pause, min(2 * pause, LONGEST_PAUSE)
-                yield nobody_found(frame_set), None
-                continue
-            tracker, search = PatientTracker(room, start, motions, config, watch, associate), None
+        if tracker is not None:
+            estimate = tracker.step(frame_set)
+            if estimate is not None:
+                yield estimate, tracker
+            if tracker.unseen_s > run.config.follow.lost_after_s:
+                search, known = (
+                    Search(tracker.window[-1], tracker.last_found, tracker.belief.pose.root_m),
+                    tracker.shape,
+                )
+                yield from ((nobody_found(seen.frame_set, seen), None) for seen in list(tracker.window)[1:])
+                tracker = None
+            continue
+        wait -= 1
+        if search is not None:
+            with run.stage("isolation"):
+                choice = search.look(frame_set, run)
+        start: Start | NoStart | None = None
+        if choice is not None and wait < 0:
+            start, begin = begin or find_start(frame_set, run, choice, known), None
+        if isinstance(start, Start):
+            tracker, search = PatientTracker(run, start), None
             wait, pause = 0, FIRST_PAUSE
             yield tracker.first, tracker
             continue
-        for estimate in tracker.push(frame_set):
-            yield estimate, tracker
-        if tracker.unseen_s > config.follow.lost_after_s:
-            search, known = Search(tracker.window[-1], tracker.last_found, tracker.belief.pose.root_m), tracker.shape
-            yield from ((nobody_found(seen.frame_set, seen), None) for seen in list(tracker.window)[1:])
-            tracker = None
+        if start is NoStart.NO_BODY_FITS:
+            wait, pause = pause, min(2 * pause, LONGEST_PAUSE)
+        yield nobody_found(frame_set), None
     if tracker is not None:
         for estimate in tracker.finish():
             yield estimate, tracker
+
+
+class Search:
+    """Everybody else is followed on while the patient is lost, so that nobody of them is taken for him.
+
+    now: the last frame looked at; last_found: the last in which he was seen; place_m (3,): where he should be now.
+    """
+
+    def __init__(self, now: Observation, last_found: Observation, place_m: np.ndarray) -> None:
+        self._memory, self._time_s = now.memory.without_patient, now.frame_set.time_s
+        self._place_xz_m, self._lost_s = place_m[[0, 2]], last_found.frame_set.time_s
+        self._newcomer = last_found.memory.next_label  # labels from this on are of people who came since
+
+    def look(self, frame_set: FrameSet, run: Run) -> PatientChoice | None:
+        """Who may be the patient in this frame, None where nobody may; frames come in their order, none is left out."""
+        pieces, config = find_all_pieces(frame_set, run), run.config
+        elapsed_s = frame_set.time_s - self._time_s
+        views = separate(pieces, self._memory, None, elapsed_s, config.isolation)
+        self._memory = update_memory(self._memory, pieces, views, run.room.cameras, elapsed_s, config.isolation)
+        self._time_s = frame_set.time_s
+        reach_m = NEAR_M + WALK_M_S * abs(frame_set.time_s - self._lost_s)
+        people = find_people(pieces, config.isolation).people
+        axes = [one.ground_xz_m for one in people if self._may_be_patient(one, pieces, views, reach_m, config)]
+        if not axes:
+            return None
+        nearest = min(axes, key=lambda axis: float(np.linalg.norm(axis - self._place_xz_m)))
+        return PatientChoice(nearest, "nearest to where he was lost of those who were not beside him", sure=False)
+
+    def _may_be_patient(
+        self,
+        person: Person,
+        pieces: Sequence[Pieces | None],
+        views: Sequence[View | None],
+        reach_m: float,
+        config: TrackConfig,
+    ) -> bool:
+        """Whether somebody is near enough to have come from there, and is nobody who was followed all the while."""
+        if np.linalg.norm(person.ground_xz_m - self._place_xz_m) > reach_m:
+            return False
+        labels = _labels_about(person.ground_xz_m, pieces, views, config)
+        known = (labels >= PixelLabel.OTHER_PERSON) & (labels < self._newcomer)
+        return float(np.mean(known)) < BYSTANDER
+
+
+def _labels_about(
+    axis_xz_m: np.ndarray, pieces: Sequence[Pieces | None], views: Sequence[View | None], config: TrackConfig
+) -> np.ndarray:
+    """(n,) uint8 labels of every third pixel of the people that stands about an axis."""
+    found = [np.zeros(0, np.uint8)]
+    for piece, view in zip(pieces, views, strict=True):
+        if piece is not None and view is not None:
+            near = np.flatnonzero(ground_distance(piece.points_m, axis_xz_m) < config.isolation.person_radius_m)
+            near = near[::SAMPLE_PX]
+            found.append(view.labels[piece.row[near], piece.column[near]])
+    return np.concatenate(found)

@@ -17,14 +17,14 @@ from anchorpose.tracker.association import GlobalHypothesis
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import follow_openly
+from anchorpose.tracker.initial_frame import rank_initial_frames
 from anchorpose.tracker.observation import Observation, observe_first
 from anchorpose.tracker.passes import Route, learn_on, plan_route
 from anchorpose.tracker.patient import PatientTracker
-from anchorpose.tracker.preparation import prepare_room
-from anchorpose.tracker.room import Opening, Room, rank_openings, sight_people
+from anchorpose.tracker.preparation import prepare_room, sight_people
+from anchorpose.tracker.room import InitialFrame, Room
+from anchorpose.tracker.run import Run
 from anchorpose.tracker.start import ORDINARY_HEIGHT_M
-from anchorpose.tracker.stopwatch import Stopwatch
-from anchorpose.tracking.motion_database import MotionDatabase
 from anchorpose.tracking.motion_file import load_motions
 
 WORTH_THE_WAIT = (
@@ -109,54 +109,48 @@ def inspect_frame(
     config.patient_xz_m: where he stands; with as_tracked at the start, otherwise here. tick is called for every frame
     that is read. Raises InputError where there is no such frame.
     """
-    position, watch = position_of(recording, frame), Stopwatch()
-    room = prepare_room(recording, config)
-    motions = load_motions(config.motion_file, recording.rate_hz, config.motion)
+    position, room = position_of(recording, frame), prepare_room(recording, config)
+    run = Run(room, config, load_motions(config.motion_file, recording.rate_hz, config.motion))
     route = plan_route(room, config, tick)
-    if position not in {*route.forth, *route.back}:
+    if position not in {*route.forward, *route.backward}:
         problem = f"frame {frame} is outside of the frames that the settings track"
         raise InputError(recording.folder, problem, "change start and stop in the settings")
     frame_set = next(route.frames([position]))
-    if room.opening is None:
+    if room.initial_frame is None:
         why = "Nobody was seen in the frames that were sampled, so there is no patient to look for."
         return Inspection(room, frame_set, None, None, None, ORDINARY_HEIGHT_M, (why,))
-    if as_tracked:
-        reached, account = _as_tracked(route, position, room, motions, config, watch)
-    else:
-        reached, account = _from_nearby(route, position, room, motions, config, watch)
+    reached, account = (_as_tracked if as_tracked else _from_nearby)(route, position, run)
     if reached is not None:
         return Inspection(
             room, frame_set, reached.estimate.observation, reached.estimate, reached.next, reached.height_m, account
         )
     height_m = recording.subject_height_m or ORDINARY_HEIGHT_M
     here = _choose(route, [position], room, config)
-    seen = observe_first(frame_set, room, (here or [room.opening])[0].choice, height_m, config, watch)
+    seen = observe_first(frame_set, (here or [room.initial_frame])[0].choice, height_m, run)
     return Inspection(room, frame_set, seen, None, None, height_m, account)
 
 
-def _as_tracked(
-    route: Route, position: int, room: Room, motions: MotionDatabase | None, config: TrackConfig, watch: Stopwatch
-) -> tuple[_Reached | None, tuple[str, ...]]:
-    learnt = learn_on(route, room, motions, config, watch)
-    if learnt is None or room.opening is None:
+def _as_tracked(route: Route, position: int, run: Run) -> tuple[_Reached | None, tuple[str, ...]]:
+    learnt, room = learn_on(route, run), run.room
+    if learnt is None or room.initial_frame is None:
         return None, ("No body could be fitted to this person, so track finds no joint in any frame.",)
-    reached = _follow(route, room.opening, position, room, learnt.shape, motions, config, watch)
+    reached = _follow(route, room.initial_frame, position, learnt.shape, run)
     if reached is None:
         return None, ("The patient is lost in this frame: track gives no joint here either.",)
-    return reached, (f"As in track: the body was learnt, and followed from frame {_number(room, room.opening.frame)}.",)
+    return reached, (
+        f"As in track: the body was learnt, and followed from frame {_number(room, room.initial_frame.frame)}.",
+    )
 
 
-def _from_nearby(
-    route: Route, position: int, room: Room, motions: MotionDatabase | None, config: TrackConfig, watch: Stopwatch
-) -> tuple[_Reached | None, tuple[str, ...]]:
+def _from_nearby(route: Route, position: int, run: Run) -> tuple[_Reached | None, tuple[str, ...]]:
     """As ``track`` does it, but from an opening near the frame and with a first guess of the body."""
-    for opening in _openings_nearby(route, position, room, config):
-        reached = _follow(route, opening, position, room, None, motions, config, watch)
+    for opening in _openings_nearby(route, position, run.room, run.config):
+        reached = _follow(route, opening, position, None, run)
         if reached is not None:
             return reached, (
                 "The body here is a first guess from the height; track learns it over four seconds "
                 "(--as-tracked does the same, and takes as long).",
-                f"The patient was looked for in frame {_number(room, opening.frame)} and followed from there.",
+                f"The patient was looked for in frame {_number(run.room, opening.frame)} and followed from there.",
             )
     return None, (
         "No body explains what is seen where the patient should be, so there are no joints in this frame.",
@@ -165,46 +159,43 @@ def _from_nearby(
     )
 
 
-def _openings_nearby(route: Route, position: int, room: Room, config: TrackConfig) -> list[Opening]:
+def _openings_nearby(route: Route, position: int, room: Room, config: TrackConfig) -> list[InitialFrame]:
     """Where to begin: the recording's own opening if it is near, else the best of the frames before; then the frame."""
     here = _choose(route, [position], room, config)
-    if config.patient_xz_m is not None or room.opening is None:
+    if config.patient_xz_m is not None or room.initial_frame is None:
         return here
-    distance = position - room.opening.frame
+    distance = position - room.initial_frame.frame
     if abs(distance) <= WORTH_THE_WAIT:
-        return [room.opening, *here]
+        return [room.initial_frame, *here]
     before = np.linspace(position - np.sign(distance) * NEARBY, position, NEARBY_SAMPLES).astype(int)
     return [*_choose(route, before.tolist(), room, config), *here]
 
 
-def _choose(route: Route, positions: Sequence[int], room: Room, config: TrackConfig) -> list[Opening]:
+def _choose(route: Route, positions: Sequence[int], room: Room, config: TrackConfig) -> list[InitialFrame]:
     """The opening among some frames as ``track`` chooses it, or none; one camera's view of nobody is no opening."""
     sightings = [sight_people(frame_set, room.scenes, config) for frame_set in route.frames(positions)]
-    return list(rank_openings(positions, sightings, room.calibration, room.recording, config)[:1])
+    return list(rank_initial_frames(positions, sightings, room.calibration, room.recording, config)[:1])
 
 
-def _follow(
-    route: Route, opening: Opening, position: int, room: Room, shape: FittedShape | None,
-    motions: MotionDatabase | None, config: TrackConfig, watch: Stopwatch,
-) -> _Reached | None:  # fmt: skip
+def _follow(route: Route, opening: InitialFrame, position: int, shape: FittedShape | None, run: Run) -> _Reached | None:
     """The patient in the frame at ``position``, followed from an opening; None where he is not found there."""
-    frames = route.frames(_course(opening.frame, position, room, route, config))
-    for estimate, tracker in follow_openly(room, frames, opening.choice, motions, shape, config, watch):
+    frames = route.frames(_course(opening.frame, position, route, run))
+    for estimate, tracker in follow_openly(run, frames, opening.choice, shape):
         if tracker is None and shape is None:
             return None  # without a known body the search goes on for long: another opening is tried
-        if estimate.frame_set.frame == _number(room, position):
+        if estimate.frame_set.frame == _number(run.room, position):
             if tracker is None or estimate.belief is None:
                 return None
             return _Reached(estimate, _what_comes_next(tracker, frames), tracker.height_m)
     return None
 
 
-def _course(first: int, position: int, room: Room, route: Route, config: TrackConfig) -> Sequence[int]:
+def _course(first: int, position: int, route: Route, run: Run) -> Sequence[int]:
     """Positions from the first frame to the one looked at and on over the look-ahead, within what is tracked."""
-    opening = room.opening.frame if room.opening else position
-    direction = 1 if position >= opening else -1
-    low, high = min([*route.forth, *route.back]), max([*route.forth, *route.back])
-    last = int(np.clip(position + direction * config.follow.look_ahead, low, high))
+    initial = run.room.initial_frame.frame if run.room.initial_frame else position
+    direction = 1 if position >= initial else -1
+    low, high = min([*route.forward, *route.backward]), max([*route.forward, *route.backward])
+    last = int(np.clip(position + direction * run.config.follow.look_ahead, low, high))
     return range(int(np.clip(first, low, high)), last + direction, direction)
 
 
@@ -214,7 +205,7 @@ def _what_comes_next(tracker: PatientTracker, frames: Iterator[FrameSet]) -> Nex
         frame_set = next(frames, None)
         if frame_set is None:
             break
-        tracker.take(frame_set)
+        tracker.step(frame_set, only_look=True)
     hypothesis = tracker.next_hypothesis()
     return None if hypothesis is None else Next(tracker.window[1], tracker.links[0].all(), hypothesis)
 

@@ -12,15 +12,13 @@ from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import follow_openly
-from anchorpose.tracker.room import Room
+from anchorpose.tracker.run import Run
 from anchorpose.tracker.start import known_shape
-from anchorpose.tracker.stopwatch import Stopwatch
-from anchorpose.tracking.motion_database import MotionDatabase
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LearntPatient:
-    """What is known of his shape in the end and was after the first window; seconds: how long it was learnt from."""
+    """The belief in the patient's shape at the end and after the first window; seconds: how long it was learnt from."""
 
     belief: ShapeBelief
     first: ShapeBelief
@@ -32,20 +30,19 @@ class LearntPatient:
         return self.belief.shape
 
 
-def learn_patient(
-    room: Room, frames: Iterable[FrameSet], motions: MotionDatabase | None, config: TrackConfig, watch: Stopwatch
-) -> LearntPatient | None:
-    """The patient's shape, or None where he is never found.
+def learn_patient(run: Run, frames: Iterable[FrameSet]) -> LearntPatient | None:
+    """The patient's shape, or None where the patient is never found.
 
-    The first window opens with the first frame in which he is found. Where bones are not known well at the end of a
-    window, because they were hidden or nothing moved, he is followed on with what was learnt so far, and the next
-    window's frames add what they show. Only frames that take part in learning are kept, and those of one window.
+    The first window begins with the first frame in which the patient is found. Where bones are not known well at the
+    end of a window, because they were hidden or nothing moved, tracking goes on with what was learnt so far, and the
+    next window's frames add what they show. Only frames that take part in learning are kept, and those of one window.
     """
+    room, config = run.room, run.config
     learning, known = config.learning, known_shape(room.recording, config)
     learnt: LearntPatient | None = None
     kept, began_s = list[Estimate](), None
-    choice = room.opening.choice if room.opening else None
-    for estimate, tracker in follow_openly(room, frames, choice, motions, None, config, watch):
+    choice = room.initial_frame.choice if room.initial_frame else None
+    for estimate, tracker in follow_openly(run, frames, choice, None):
         time_s = estimate.frame_set.time_s
         if began_s is not None and abs(time_s - began_s) > learning.longest_s:
             break
@@ -58,27 +55,27 @@ def learn_patient(
             return LearntPatient(fixed, fixed, 0.0)
         began_s = time_s if began_s is None else began_s
         if kept and _apart_s(kept[0], estimate) > learning.window_s:
-            learnt, kept = _learn_more(learnt, known, began_s, kept, config, watch), []
+            learnt, kept = _learn_more(learnt, known, began_s, kept, run), []
             if _is_sure(learnt.belief, config):
                 return learnt
             if tracker is not None:
-                tracker.wear(learnt.shape)
+                tracker.use_shape(learnt.shape)
         if not kept or _apart_s(kept[-1], estimate) >= learning.window_s / learning.frame_count - 1e-6:
             kept.append(estimate)
-    return learnt if began_s is None or not kept else _learn_more(learnt, known, began_s, kept, config, watch)
+    return learnt if began_s is None or not kept else _learn_more(learnt, known, began_s, kept, run)
 
 
 def _apart_s(one: Estimate, other: Estimate) -> float:
-    """Time between two frames; the first pass may go against time."""
+    """Time between two frames; the learning pass may go backward."""
     return abs(other.frame_set.time_s - one.frame_set.time_s)
 
 
 def _learn_more(
-    learnt: LearntPatient | None, known: ShapeBelief, began_s: float, kept: Sequence[Estimate], config: TrackConfig,
-    watch: Stopwatch,
-) -> LearntPatient:  # fmt: skip
+    learnt: LearntPatient | None, known: ShapeBelief, began_s: float, kept: Sequence[Estimate], run: Run
+) -> LearntPatient:
     """What is known after one more window."""
-    with watch.stage("body shape"):
+    config = run.config
+    with run.stage("body shape"):
         belief = learn_body(
             body_points(),
             next(estimate.shape for estimate in kept if estimate.shape),

@@ -1,4 +1,4 @@
-"""What one frame shows of the patient: isolation, surface, geodesics, descriptor."""
+"""What one frame shows of the patient: isolation, surface and geodesics, one function per stage."""
 
 from __future__ import annotations
 
@@ -24,17 +24,16 @@ from anchorpose.surface.border import Border, border
 from anchorpose.surface.patient_surface import blank_view, patient_surface
 from anchorpose.surface.surface import ExpectedSkin, Surface, seen_part
 from anchorpose.tracker.bystanders import Bystanders, bystander_likelihood, follow_bystanders
-from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.room import FACING, UP, Room
-from anchorpose.tracker.stopwatch import Stopwatch
+from anchorpose.tracker.room import FACING, UP
+from anchorpose.tracker.run import Run
 
 LEAST_TRUSTED = 4  # three tell nodes apart (paper, Section IV-D), four make two subsets; with fewer a node keeps all
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Expectation:
-    """Where the patient should be: his skin, how sure each point of it is (p,), anchors_m (5, 3), heading (3,) unit;
-    frames since the last fit."""
+    """Where the patient should be: the skin, how uncertain each point of it is (p,), anchors_m (5, 3), heading (3,)
+    unit; frames since the last fit."""
 
     skin: ExpectedSkin
     sigma_m: np.ndarray
@@ -44,14 +43,37 @@ class Expectation:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Isolated:
+    """Who is who in one frame: per camera the people's pixels and everybody's labels (None without a depth image),
+    the memory of everybody's skin, and the bystanders' bodies."""
+
+    pieces: tuple[Pieces | None, ...]
+    views: tuple[View | None, ...]
+    memory: BystanderMemory
+    bystanders: Bystanders
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenSurface:
+    """The patient's surface in one frame.
+
+    whole: with the hidden skin, which is inferred. border (n,) uint8 of ``Border``: what each of its nodes ends at.
+    evidence: what the body is registered to, the seen part of the surface among it.
+    """
+
+    whole: Surface
+    border: np.ndarray
+    evidence: Evidence
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Observation:
     """One frame after the stages up to geodesics.
 
-    whole: the patient's surface with its hidden skin, which is inferred. descriptor (n, 5) metres: the distance of each
+    whole: the patient's surface with the hidden skin, which is inferred. descriptor (n, 5) metres: the distance of each
     seen node to each anchor, inf where not reached, NaN where missed, or where a hole lengthens it and enough others
-    are left. expected: where the patient was expected,
-    None in a frame of which nothing was. border (n,) uint8 of ``Border``: what each seen node ends at. pieces: the
-    people's pixels, so that they can be told apart again; memory: where everybody's skin is.
+    are left. expected: where the patient was expected, None in a frame without expectation. border (n,) uint8 of
+    ``Border``: what each seen node ends at.
     """
 
     frame_set: FrameSet
@@ -71,69 +93,61 @@ class Observation:
         return self.evidence.surface
 
 
-def observe_first(
-    frame_set: FrameSet, room: Room, choice: PatientChoice, height_m: float, config: TrackConfig, watch: Stopwatch
-) -> Observation:
-    """A frame of which nothing is expected but where the patient stands."""
-    with watch.stage("isolation"):
-        pieces = _find_pieces(frame_set, room, config)
-        views = separate_initial(pieces, find_people(pieces, config.isolation), choice, config.isolation)
-    others = _follow_others(Bystanders(), views, room, 0.0, config, watch)
-    return _observed(frame_set, room, pieces, views, None, empty_memory(), others, 0.0, height_m, config, watch)
+def observe_first(frame_set: FrameSet, choice: PatientChoice, height_m: float, run: Run) -> Observation:
+    """A frame in which nothing is expected except where the patient stands."""
+    isolated = isolate_first(frame_set, choice, run)
+    return observe(frame_set, isolated, None, height_m, run)
 
 
 def observe(
-    frame_set: FrameSet, room: Room, expected: Expectation, before: Observation, height_m: float, config: TrackConfig,
-    watch: Stopwatch,
-) -> Observation:  # fmt: skip
-    """A frame in which the patient is expected at a place, and the others where they were in the frame before."""
-    with watch.stage("isolation"):
-        pieces = _find_pieces(frame_set, room, config)
-    elapsed_s = frame_set.time_s - before.frame_set.time_s  # negative on the way back to the start
-    views = _separated(pieces, expected, before, before.bystanders, elapsed_s, elapsed_s, config, watch)
-    others = _follow_others(before.bystanders, views, room, elapsed_s, config, watch)
-    return _observed(
-        frame_set, room, pieces, views, expected, before.memory, others, elapsed_s, height_m, config, watch
-    )
+    frame_set: FrameSet, isolated: Isolated, expected: Expectation | None, height_m: float, run: Run
+) -> Observation:
+    """Surface and anchors of a frame whose people are isolated. height_m: what the anchors' distances are scaled by."""
+    surface = see_surface(isolated, expected, run)
+    anchors, descriptor = see_anchors(surface, expected, height_m, run)
+    return gather(frame_set, expected, isolated, surface, anchors, descriptor)
 
 
-def observe_again(
-    seen: Observation, room: Room, expected: Expectation, before: Observation, height_m: float, config: TrackConfig,
-    watch: Stopwatch,
-) -> Observation:  # fmt: skip
-    """The same frame, isolated by a better expectation than there was when it came in."""
+def isolate_first(frame_set: FrameSet, choice: PatientChoice, run: Run) -> Isolated:
+    """Who is who where nothing is known but where the patient stands."""
+    config = run.config.isolation
+    with run.stage("isolation"):
+        pieces = find_all_pieces(frame_set, run)
+        views = separate_initial(pieces, find_people(pieces, config), choice, config)
+    bystanders = _follow_bystanders(Bystanders(), views, 0.0, run)
+    return _isolated(pieces, views, empty_memory(), bystanders, 0.0, run)
+
+
+def isolate(frame_set: FrameSet, expected: Expectation, before: Observation, run: Run) -> Isolated:
+    """Who is who where the patient is expected at a place, and the bystanders where they were in the frame before."""
+    with run.stage("isolation"):
+        pieces = find_all_pieces(frame_set, run)
+    elapsed_s = frame_set.time_s - before.frame_set.time_s  # negative in a backward pass
+    views = _separated(pieces, expected, before, before.bystanders, elapsed_s, elapsed_s, run)
+    bystanders = _follow_bystanders(before.bystanders, views, elapsed_s, run)
+    return _isolated(pieces, views, before.memory, bystanders, elapsed_s, run)
+
+
+def isolate_again(seen: Observation, expected: Expectation, before: Observation, run: Run) -> Isolated:
+    """Who is who in a frame that was isolated before, by a better expectation than there was when it came in."""
     elapsed_s = seen.frame_set.time_s - before.frame_set.time_s
-    views = _separated(seen.pieces, expected, before, seen.bystanders, elapsed_s, 0.0, config, watch)
-    return _observed(
-        seen.frame_set, room, seen.pieces, views, expected, before.memory, seen.bystanders, elapsed_s, height_m, config,
-        watch,
-    )  # fmt: skip
+    views = _separated(seen.pieces, expected, before, seen.bystanders, elapsed_s, 0.0, run)
+    return _isolated(seen.pieces, views, before.memory, seen.bystanders, elapsed_s, run)
 
 
-def _separated(
-    pieces: Sequence[Pieces | None], expected: Expectation, before: Observation, bystanders: Bystanders,
-    elapsed_s: float, ahead_s: float, config: TrackConfig, watch: Stopwatch,
-) -> tuple[View | None, ...]:  # fmt: skip
-    """Everybody's pixels; ahead_s: from the frame that the bystanders' bodies were fitted to to this one."""
-    with watch.stage("isolation"):
-        others = bystander_likelihood(bystanders, body_points(), ahead_s, config.bystanders)
-        likelihood = join_likelihoods([others, patient_likelihood(expected, config.isolation)])
-        return separate(pieces, before.memory, likelihood, elapsed_s, config.isolation)
-
-
-def _follow_others(
-    before: Bystanders, views: Sequence[View | None], room: Room, elapsed_s: float, config: TrackConfig,
-    watch: Stopwatch,
-) -> Bystanders:  # fmt: skip
-    with watch.stage("bystanders"):
-        return follow_bystanders(before, views, room.cameras, body_points(), elapsed_s, config.bystanders)
+def find_all_pieces(frame_set: FrameSet, run: Run) -> list[Pieces | None]:
+    """The people's pixels of every camera, None for a camera without a depth image."""
+    return [
+        None if depth is None else find_pieces(depth, scene, run.config.isolation)
+        for depth, scene in zip(frame_set.depths_m, run.room.scenes, strict=True)
+    ]
 
 
 def patient_likelihood(expected: Expectation, config: IsolationConfig) -> OwnershipLikelihood:
-    """What the patient claims by his predicted skin.
+    """The likelihood that a place is the patient's, by the predicted skin.
 
-    A limb that has been hidden for long claims nothing: whatever it met would be taken for it. What is seen of it again
-    hangs on him.
+    A limb that has been hidden for long has none: whatever it met would be taken for it. What is seen of it again
+    is connected to the patient.
     """
     spread = config.skin_sigma_m + config.prediction_growth_m * expected.frames_without_fit
     sure = expected.sigma_m < config.loosest_claim_m
@@ -141,37 +155,88 @@ def patient_likelihood(expected: Expectation, config: IsolationConfig) -> Owners
     return OwnershipLikelihood(expected.skin.points_m[sure], np.full(len(sigma), PixelLabel.PATIENT, np.uint8), sigma)
 
 
-def _find_pieces(frame_set: FrameSet, room: Room, config: TrackConfig) -> list[Pieces | None]:
-    return [
-        None if depth is None else find_pieces(depth, scene, config.isolation)
-        for depth, scene in zip(frame_set.depths_m, room.scenes, strict=True)
-    ]
+def _separated(
+    pieces: Sequence[Pieces | None],
+    expected: Expectation,
+    before: Observation,
+    bystanders: Bystanders,
+    elapsed_s: float,
+    ahead_s: float,
+    run: Run,
+) -> tuple[View | None, ...]:
+    """Everybody's pixels; ahead_s: from the frame that the bystanders' bodies were fitted to until this one."""
+    with run.stage("isolation"):
+        others = bystander_likelihood(bystanders, body_points(), ahead_s, run.config.bystanders)
+        likelihood = join_likelihoods([others, patient_likelihood(expected, run.config.isolation)])
+        return separate(pieces, before.memory, likelihood, elapsed_s, run.config.isolation)
 
 
-def _observed(
-    frame_set: FrameSet, room: Room, pieces: Sequence[Pieces | None], views: Sequence[View | None],
-    expected: Expectation | None, before: BystanderMemory, bystanders: Bystanders, elapsed_s: float, height_m: float,
-    config: TrackConfig, watch: Stopwatch,
-) -> Observation:  # fmt: skip
-    shown = [blank_view(camera) if view is None else view for view, camera in zip(views, room.cameras, strict=True)]
-    with watch.stage("surface"):
-        whole = patient_surface(shown, room.cameras, None if expected is None else expected.skin, config.surface)
+def _follow_bystanders(before: Bystanders, views: Sequence[View | None], elapsed_s: float, run: Run) -> Bystanders:
+    with run.stage("bystanders"):
+        return follow_bystanders(before, views, run.room.cameras, body_points(), elapsed_s, run.config.bystanders)
+
+
+def _isolated(
+    pieces: Sequence[Pieces | None],
+    views: Sequence[View | None],
+    before: BystanderMemory,
+    bystanders: Bystanders,
+    elapsed_s: float,
+    run: Run,
+) -> Isolated:
+    with run.stage("isolation"):
+        memory = update_memory(before, pieces, views, run.room.cameras, elapsed_s, run.config.isolation)
+    return Isolated(tuple(pieces), tuple(views), memory, bystanders)
+
+
+def see_surface(isolated: Isolated, expected: Expectation | None, run: Run) -> SeenSurface:
+    """The patient's surface from the patient's pixels; the expected skin says where it is cut and closed."""
+    cameras = run.room.cameras
+    shown = [blank_view(camera) if view is None else view for view, camera in zip(isolated.views, cameras, strict=True)]
+    with run.stage("surface"):
+        whole = patient_surface(shown, cameras, None if expected is None else expected.skin, run.config.surface)
         kind = border(whole, shown)
-        surface = seen_part(whole)
-    with watch.stage("geodesics"):
+        seen = seen_part(whole)
+    with run.stage("registration"):
+        evidence = gather_evidence(seen, isolated.views, cameras)
+    return SeenSurface(whole, kind, evidence)
+
+
+def see_anchors(
+    surface: SeenSurface, expected: Expectation | None, height_m: float, run: Run
+) -> tuple[Anchors, np.ndarray]:
+    """The anchors, and the descriptor (n, 5) of the seen nodes (see ``Observation``)."""
+    config, whole = run.config, surface.whole
+    with run.stage("geodesics"):
         facing, places = (FACING, None) if expected is None else (expected.facing, expected.anchors_m)
-        anchors = find_anchors(whole, UP, facing, height_m, kind == Border.CUT, places, config.anchors)
+        cut = surface.border == Border.CUT
+        anchors = find_anchors(whole, UP, facing, height_m, cut, places, config.anchors)
         descriptor = anchor_descriptor(whole, anchors)
         if config.hypotheses.trusted_only:
-            trusted = trusted_anchors(whole, descriptor, kind == Border.CUT)
+            trusted = trusted_anchors(whole, descriptor, cut)
             trusted |= trusted.sum(axis=1, keepdims=True) < LEAST_TRUSTED
             descriptor = np.where(trusted, descriptor, np.nan).astype(np.float32)
-        descriptor = descriptor[: len(surface)]
-    with watch.stage("isolation"):
-        memory = update_memory(before, pieces, views, room.cameras, elapsed_s, config.isolation)
-    with watch.stage("registration"):
-        evidence = gather_evidence(surface, views, room.cameras)
+    return anchors, descriptor[: len(surface.evidence.surface)]
+
+
+def gather(
+    frame_set: FrameSet,
+    expected: Expectation | None,
+    isolated: Isolated,
+    surface: SeenSurface,
+    anchors: Anchors,
+    descriptor: np.ndarray,
+) -> Observation:
+    """The stages' results of one frame in one value."""
     return Observation(
-        frame_set, expected, evidence, whole, anchors, descriptor, kind[: len(surface)], tuple(pieces), memory,
-        bystanders,
-    )  # fmt: skip
+        frame_set,
+        expected,
+        surface.evidence,
+        surface.whole,
+        anchors,
+        descriptor,
+        surface.border[: len(surface.evidence.surface)],
+        isolated.pieces,
+        isolated.memory,
+        isolated.bystanders,
+    )

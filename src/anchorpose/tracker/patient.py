@@ -11,7 +11,7 @@ import numpy as np
 from anchorpose.association.matcher import Matcher
 from anchorpose.body.body_map import map_body
 from anchorpose.body.constraints import place_constraints
-from anchorpose.body.corrected_joints import contradicted, doubted, with_told
+from anchorpose.body.corrected_joints import ToldJoints, contradicted, doubted, with_told
 from anchorpose.body.evidence import Evidence, evidence_cost
 from anchorpose.body.initial import anchor_points
 from anchorpose.body.inverse_kinematics import pose_from_joints, uncrossed
@@ -23,7 +23,6 @@ from anchorpose.body.uncertainty import skin_sigma
 from anchorpose.recording.recording import FrameSet
 from anchorpose.surface.surface import ExpectedSkin
 from anchorpose.tracker.association import (
-    Associate,
     GlobalHypothesis,
     global_hypothesis,
     held_by,
@@ -31,15 +30,22 @@ from anchorpose.tracker.association import (
     part_motion,
     parts_by_icp,
 )
-from anchorpose.tracker.config import Method, TrackConfig
+from anchorpose.tracker.config import Method
 from anchorpose.tracker.estimate import Estimate, estimate_of
-from anchorpose.tracker.observation import Expectation, Observation, observe, observe_again
-from anchorpose.tracker.room import Room
+from anchorpose.tracker.observation import (
+    Expectation,
+    Observation,
+    gather,
+    isolate,
+    isolate_again,
+    observe,
+    see_anchors,
+    see_surface,
+)
+from anchorpose.tracker.run import Run
 from anchorpose.tracker.standing_feet import StandingFeet
 from anchorpose.tracker.start import Start
-from anchorpose.tracker.stopwatch import Stopwatch
 from anchorpose.tracking.joint_motion import predict_joints
-from anchorpose.tracking.motion_database import MotionDatabase
 
 NOTHING_HELD = place_constraints(np.zeros(0, np.int64), np.zeros((0, 3)), 1.0, 1.0)  # pairs and anchors go by the legs
 
@@ -47,15 +53,12 @@ NOTHING_HELD = place_constraints(np.zeros(0, np.int64), np.zeros((0, 3)), 1.0, 1
 class PatientTracker:
     """The patient from a start on. The window holds the frame last registered and up to ``look_ahead`` later ones."""
 
-    def __init__(
-        self, room: Room, start: Start, motions: MotionDatabase | None, config: TrackConfig, watch: Stopwatch,
-        associate: Associate = link,
-    ) -> None:  # fmt: skip
-        self.watch, self.associate = watch, associate
-        self.room, self.config, self.motions = room, config, motions
+    def __init__(self, run: Run, start: Start) -> None:
+        self.run, self.config = run, run.config
+        self.associate = run.associate or link
         self.points = body_points()
-        self.wear(start.shape)
-        self.history: deque[np.ndarray] = deque(maxlen=config.follow.history)
+        self.use_shape(start.shape)
+        self.history: deque[np.ndarray] = deque(maxlen=self.config.follow.history)
         self.belief = self._corrected(start.belief, start.observation)
         self.history.append(self.body.joints(self.belief.pose))
         self.window: deque[Observation] = deque([start.observation])
@@ -64,75 +67,97 @@ class PatientTracker:
         self.unseen_s, self.unseen_frames = 0.0, 0
         self.last_found = start.observation
         self.search_wait = 0  # frames until arms may be searched for again
-        self.feet = StandingFeet(self.points, config.standing)
-        self.first = self._remember(self._estimate(Registration(self.belief, start.explained, True), start.observation))
+        self.feet = StandingFeet(self.points, self.config.standing)
+        self.first = self._estimate(Registration(self.belief, start.explained, True), start.observation, None)
+
+    def step(self, frame_set: FrameSet | None, only_look: bool = False) -> Estimate | None:
+        """One frame of the method (paper, Section IV).
+
+        frame_set: the next frame, None when no more come; only_look: it only joins the look-ahead. Returns the estimate
+        of the first frame after the last estimated one, once its whole look-ahead is in the window; else None.
+        """
+        if frame_set is not None:
+            # predict: scaled motion dynamics say where the body will be (Section IV-C)
+            expected = self.expect(self.predict(len(self.window))[-1])
+            # isolate: which pixels are the patient's, which are others', the equipment's and the room's
+            isolated = isolate(frame_set, expected, self.window[-1], self.run)
+            # surface: one mesh of all cameras, cut where the body touches itself, closed where it is hidden
+            surface = see_surface(isolated, expected, self.run)
+            # anchors: head, hands and feet; every node's geodesic distance to them is its descriptor (Definition 3)
+            anchors, descriptor = see_anchors(surface, expected, self.height_m, self.run)
+            seen = gather(frame_set, expected, isolated, surface, anchors, descriptor)
+            # link: for every subset of anchors, the node of this frame that each node of the last one matches
+            self._link(self.window[-1], seen)
+            self.window.append(seen)
+        enough = 2 if frame_set is None else 1 + self.config.follow.look_ahead
+        if only_look or len(self.window) < enough:
+            return None
+        # the second frame of the window is estimated now, by a prediction from the frame before it
+        poses, elapsed_s = self._look_ahead(), self._elapsed_s()
+        # tree: the chain of hypotheses over the look-ahead that agrees best with the prediction (Section IV-D)
+        hypothesis = self._search_tree(poses)
+        # register: the body, all parts at once, to the tree's matches and to all that is seen of the patient
+        registration = self._register(hypothesis, poses, elapsed_s)
+        # estimate: joints by the rule J, their states and their uncertainty
+        following = self._move_on(registration, elapsed_s)
+        return self._estimate(replace(registration, belief=self.belief), following, hypothesis)
+
+    def finish(self) -> Iterator[Estimate]:
+        """The estimates of the frames still in the window, with what look-ahead is left."""
+        while (estimate := self.step(None)) is not None:
+            yield estimate
 
     @property
     def height_m(self) -> float:
         """Standing height of the learnt body."""
         return float(np.ptp(self.body.mesh.vertices[:, 1]))
 
-    def wear(self, shape: FittedShape) -> None:
+    def use_shape(self, shape: FittedShape) -> None:
         """Go on with this shape, and all that depends on it."""
         self.shape = shape
         self.body = build_body(self.points, shape)
         self.map = map_body(self.body)
 
-    def push(self, frame_set: FrameSet) -> Iterator[Estimate]:
-        """Take one more frame; yields the estimate of the frame that now has enough look-ahead."""
-        self.take(frame_set)
-        if len(self.window) > self.config.follow.look_ahead:
-            yield self._advance()
+    def _elapsed_s(self) -> float:
+        return abs(self.window[1].frame_set.time_s - self.window[0].frame_set.time_s)
 
-    def take(self, frame_set: FrameSet) -> None:
-        """Look at one more frame of the look-ahead and link it with the last."""
-        expected = self._expect(len(self.window))
-        seen = observe(frame_set, self.room, expected, self.window[-1], self.height_m, self.config, self.watch)
-        with self.watch.stage("association"):
-            self.links.append(self.associate(self.window[-1], seen, self.config))
-        self.window.append(seen)
+    def _link(self, now: Observation, following: Observation) -> None:
+        with self.run.stage("association"):
+            self.links.append(self.associate(now, following, self.config))
 
     def next_hypothesis(self) -> GlobalHypothesis | None:
         """What the registration of the next frame will start from; None without a next frame that shows the patient."""
-        if len(self.window) < 2:
-            return None
-        poses = self._look_ahead()
-        return self._hypothesise(poses) if len(self.window[1].surface) else None
+        return None if len(self.window) < 2 else self._search_tree(self._look_ahead())
 
-    def finish(self) -> Iterator[Estimate]:
-        """The estimates of the frames still in the window, with what look-ahead is left."""
-        while len(self.window) > 1:
-            yield self._advance()
-
-    def _estimate(
-        self, registration: Registration, seen: Observation, hypothesis: GlobalHypothesis | None = None
-    ) -> Estimate:
+    def _estimate(self, registration: Registration, seen: Observation, hypothesis: GlobalHypothesis | None) -> Estimate:
+        """The estimate of a frame; notes of it what the next frames need besides the pose."""
         share = None if hypothesis is None else hypothesis.matched_share
-        with self.watch.stage("states and sigma"):
-            told = self.room.review.joints.get(seen.frame_set.frame)
-            if told is not None and contradicted(self.body, registration.belief, told):
-                told = None
-            return estimate_of(self.body, registration, seen, share, self.config, told)
-
-    def _remember(self, estimate: Estimate) -> Estimate:
-        """What the next frames need to know of this one beside the pose; returns the estimate."""
-        with self.watch.stage("states and sigma"):
+        corrected = self._corrections(seen)
+        with self.run.stage("states and sigma"):
+            honoured = corrected
+            if corrected is not None and contradicted(self.body, registration.belief, corrected):
+                honoured = None
+            estimate = estimate_of(self.body, registration, seen, share, self.config, honoured)
             posed = pose_points(self.body, self.belief.pose)
-            self.skin_sigma_m = skin_sigma(self.body, posed, self.belief.covariance, self.config.uncertainty)
-            time_s = estimate.frame_set.time_s
-            self.feet.note(posed.points_m, estimate.joints_m, estimate.states, time_s)
-            told = self.room.review.joints.get(estimate.frame_set.frame)
-            if told is not None:
-                self.feet.forget(told.joint.tolist())
+            self.skin_sigma_m = skin_sigma(
+                self.body, posed, self.belief.covariance, self.config.uncertainty
+            )
+            self.feet.note(posed.points_m, estimate.joints_m, estimate.states, estimate.frame_set.time_s)
+            if corrected is not None:
+                self.feet.forget(corrected.joint.tolist())
         return estimate
+
+    def _corrections(self, seen: Observation) -> ToldJoints | None:
+        """Joints of this frame that a reviewer corrected."""
+        return self.run.room.review.joints.get(seen.frame_set.frame)
 
     def predict(self, steps: int) -> list[Pose]:
         """The next poses by scaled motion dynamics: those of the whole look-ahead, once a registered frame."""
-        with self.watch.stage("prediction"):
+        with self.run.stage("prediction"):
             if not self.ahead:
                 config = self.config
                 joints = predict_joints(
-                    np.array(self.history), config.follow.look_ahead, self.motions, config.motion
+                    np.array(self.history), config.follow.look_ahead, self.run.motions, config.motion
                 ).joints_m
                 pose = self.belief.pose
                 for joints_m in joints:
@@ -147,24 +172,22 @@ class PatientTracker:
         frame came in, he is told apart from others anew, and his surface is made anew.
         """
         poses = self.predict(len(self.window) - 1)
-        expected, before = self.expectation(poses[0]), self.window[1].expected
+        expected, before = self.expect(poses[0]), self.window[1].expected
         if before is None or _apart_m(expected, before) > self.config.follow.see_again_m:
             self._see_again(expected)
         return poses
 
     def _see_again(self, expected: Expectation) -> None:
-        now, config = self.window[0], self.config
-        seen = observe_again(self.window[1], self.room, expected, now, self.height_m, config, self.watch)
+        now = self.window[0]
+        isolated = isolate_again(self.window[1], expected, now, self.run)
+        seen = observe(self.window[1].frame_set, isolated, expected, self.height_m, self.run)
         self.window[1] = seen
-        with self.watch.stage("association"):
-            self.links[0] = self.associate(now, seen, config)
+        with self.run.stage("association"):
+            self.links[0] = self.associate(now, seen, self.config)
             if len(self.window) > 2:
-                self.links[1] = self.associate(seen, self.window[2], config)
+                self.links[1] = self.associate(seen, self.window[2], self.config)
 
-    def _expect(self, steps: int) -> Expectation:
-        return self.expectation(self.predict(steps)[-1])
-
-    def expectation(self, pose: Pose) -> Expectation:
+    def expect(self, pose: Pose) -> Expectation:
         """What a frame should show in which the patient has this pose."""
         posed = pose_points(self.body, pose)
         trunk = posed.transforms[self.points.asset.bone("Spine1"), :3, 0]
@@ -178,27 +201,17 @@ class PatientTracker:
             self.unseen_frames,
         )
 
-    def _advance(self) -> Estimate:
-        """Register the second frame of the window and make it the first."""
-        elapsed_s = abs(self.window[1].frame_set.time_s - self.window[0].frame_set.time_s)
-        poses = self._look_ahead()
+    def _move_on(self, registration: Registration, elapsed_s: float) -> Observation:
+        """Make the second frame of the window the first, with the registered pose; returns it."""
         following = self.window[1]
-        predicted = self.belief.later(poses[0], elapsed_s, self.config.registration.fit)
-        hypothesis = self._hypothesise(poses) if len(following.surface) else None
-        if hypothesis is not None:
-            with self.watch.stage("registration"):
-                registration = self._register(hypothesis, list(self.window), poses, predicted)
-        else:
-            registration = Registration(predicted, 0.0, False)
         self.unseen_s = 0.0 if registration.found else self.unseen_s + elapsed_s
         self.unseen_frames = 0 if registration.found else self.unseen_frames + 1
         self.last_found = following if registration.found else self.last_found
-        registration = replace(registration, belief=self._corrected(registration.belief, following))
-        self.belief, self.ahead = registration.belief, []
+        self.belief, self.ahead = self._corrected(registration.belief, following), []
         self.history.append(self.body.joints(self.belief.pose))
         self.window.popleft()
         self.links.popleft()
-        return self._remember(self._estimate(registration, following, hypothesis))
+        return following
 
     def _corrected(self, belief: PoseBelief, seen: Observation) -> PoseBelief:
         """The belief by what a reviewer said of this frame's joints, if he did.
@@ -206,7 +219,7 @@ class PatientTracker:
         Where he contradicts it, what was seen was taken for the wrong limb: then it says less than he, and the limbs'
         movement so far was somebody else's. A place that the body cannot reach is not believed.
         """
-        told, fit = self.room.review.joints.get(seen.frame_set.frame), self.config.registration.fit
+        told, fit = self._corrections(seen), self.config.registration.fit
         if told is None:
             return belief
         wrong = contradicted(self.body, belief, told)
@@ -218,36 +231,52 @@ class PatientTracker:
             self.history.clear()
         return corrected
 
-    def _hypothesise(self, poses: list[Pose]) -> GlobalHypothesis:
-        with self.watch.stage("association"):
+    def _search_tree(self, poses: list[Pose]) -> GlobalHypothesis | None:
+        """The best branch; None where the frame shows nothing of the patient."""
+        if not len(self.window[1].surface):
+            return None
+        with self.run.stage("association"):
             return global_hypothesis(
                 self.body, self.belief.pose, poses, list(self.window), list(self.links), self.config
             )
 
-    def _register(
-        self, hypothesis: GlobalHypothesis, window: list[Observation], poses: list[Pose], predicted: PoseBelief
-    ) -> Registration:
-        config = self.config
+    def _register(self, hypothesis: GlobalHypothesis | None, poses: list[Pose], elapsed_s: float) -> Registration:
+        """The pose of the second frame of the window; the predicted one where nothing is seen."""
+        predicted = self.belief.later(poses[0], elapsed_s, self.config.registration.fit)
+        if hypothesis is None:
+            return Registration(predicted, 0.0, False)
+        with self.run.stage("registration"):
+            if self.config.method is Method.PARTS:
+                return self._register_parts(hypothesis, poses[0], predicted)
+            return self._register_body(hypothesis, poses[0], predicted)
+
+    def _register_body(self, hypothesis: GlobalHypothesis, pose: Pose, predicted: PoseBelief) -> Registration:
+        """All parts at once, joined, on the learnt body."""
+        config, following = self.config, self.window[1]
         now = pose_points(self.body, self.belief.pose)
-        T_predicted = part_motion(now.transforms, pose_points(self.body, poses[0]).transforms)
-        evidence = window[1].evidence
-        if config.method is Method.ARTICULATED:
-            held = held_by(self.points, now, hypothesis, window, T_predicted)
-            found = register(
-                self.body,
-                predicted,
-                evidence,
-                held,
-                config.registration,
-                self.search_wait == 0,
-                self.feet.rows(window[1].frame_set.time_s),
-            )
-            self.search_wait = config.follow.search_pause if found.searched else max(0, self.search_wait - 1)
-            return self._uncross(found, predicted, evidence) if found.found else found
-        T_next_now = parts_by_icp(now, hypothesis, window, T_predicted, config)
+        T_predicted = part_motion(now.transforms, pose_points(self.body, pose).transforms)
+        held = held_by(self.points, now, hypothesis, list(self.window), T_predicted)
+        found = register(
+            self.body,
+            predicted,
+            following.evidence,
+            held,
+            config.registration,
+            self.search_wait == 0,
+            self.feet.rows(following.frame_set.time_s),
+        )
+        self.search_wait = config.follow.search_pause if found.searched else max(0, self.search_wait - 1)
+        return self._uncross(found, predicted, following.evidence) if found.found else found
+
+    def _register_parts(self, hypothesis: GlobalHypothesis, pose: Pose, predicted: PoseBelief) -> Registration:
+        """The paper's own way: every part by itself, from frame to frame."""
+        config = self.config.registration
+        now = pose_points(self.body, self.belief.pose)
+        T_predicted = part_motion(now.transforms, pose_points(self.body, pose).transforms)
+        T_next_now = parts_by_icp(now, hypothesis, list(self.window), T_predicted, self.config)
         joints = joints_of_parts(self.points.asset, self.body.mesh, T_next_now @ now.transforms)
-        pose = pose_from_joints(self.body, poses[0], joints, config.registration.fit)
-        return posterior(self.body, pose, predicted, evidence, config.registration)
+        pose = pose_from_joints(self.body, pose, joints, config.fit)
+        return posterior(self.body, pose, predicted, self.window[1].evidence, config)
 
     def _uncross(self, found: Registration, predicted: PoseBelief, evidence: Evidence) -> Registration:
         """The registration with the legs exchanged where they are crossed and the frame is explained better so."""

@@ -1,15 +1,11 @@
 """Clocks, calibration and room, from frames spread over the recording.
 
-Which way the patient faces, where the world cannot say it yet: the body is fitted facing each way.
-
-Of the frames in which tracking may begin, the one in which a body explains what is seen.
-
-A therapist who holds the patient may be taken for a part of him; which frame shows him alone is told by fitting him.
+Where the equipment looks the same from two sides, a body fitted facing each way tells which way the patient faces.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -23,118 +19,24 @@ from anchorpose.calibration.clock.settled import settle_clocks
 from anchorpose.calibration.people.camera_to_camera import CameraToCameraConfig
 from anchorpose.calibration.world import find_world
 from anchorpose.camera import Camera
+from anchorpose.errors import InputError
 from anchorpose.geodesics.anchors import no_anchors
-from anchorpose.isolation.people import choose_patient
+from anchorpose.isolation.background import BackgroundModel
+from anchorpose.isolation.empty_room import learn_background
+from anchorpose.isolation.people import People, choose_patient, find_people
+from anchorpose.isolation.scene import Scene, find_pieces, set_scene
 from anchorpose.recording.reader import read_frames
 from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.initial_frame import look_at, rank_initial_frames, with_best_initial_frame
 from anchorpose.tracker.observation import observe_first
-from anchorpose.tracker.room import (
-    NOTHING_SAID,
-    Opening,
-    Review,
-    Room,
-    furnish_room,
-    look_at,
-    sample_recording,
-    sight_people,
-)
-from anchorpose.tracker.start import ORDINARY_HEIGHT_M, NoStart, find_start, first_heights, known_shape
-from anchorpose.tracker.stopwatch import Stopwatch
+from anchorpose.tracker.room import NO_REVIEW, Review, Room
+from anchorpose.tracker.run import Run
+from anchorpose.tracker.start import ORDINARY_HEIGHT_M, first_heights, known_shape
 
-WELL: Final = 0.90  # of the patient's surface explained: alone he has 92 to 100 %, with a therapist's arm 70
-WHOLE: Final = 0.8  # of the surface that is usually seen of him: a sliver behind a therapist is explained by anything
-TRIES: Final = 6  # frames, a second or two of fitting each
-APART: Final = 0.25  # of the frames' span: what spoils a frame spoils those around it
-
-
-def with_best_opening(room: Room, config: TrackConfig) -> Room:
-    """The room with the best of its openings first. One person alone cannot be mistaken, and is not fitted."""
-    if config.patient_xz_m is not None or max((one.people for one in room.openings), default=0) < 2:
-        return room
-
-    def explained(opening: Opening) -> float:
-        frame_set = next(iter(read_frames(room.recording, opening.frame, opening.frame + 1)))
-        start = find_start(frame_set, room, opening.choice, None, config, Stopwatch())
-        return 0.0 if isinstance(start, NoStart) else start.explained
-
-    best = best_of(room.openings, explained)
-    return replace(room, openings=(best, *(one for one in room.openings if one is not best)))
-
-
-def best_of(openings: Sequence[Opening], explained: Callable[[Opening], float]) -> Opening:
-    """The first that shows him whole and is explained well, or of ``TRIES`` the best; explained: share of his surface.
-
-    After the best by score come those that are far from all that were tried.
-    """
-    left, tried = list(openings), list[tuple[float, Opening]]()
-    while left and len(tried) < TRIES:
-        opening = max(left, key=lambda one: _worth(one, [other for _, other in tried], openings))
-        left.remove(opening)
-        share = explained(opening)
-        if share >= WELL and opening.whole >= WHOLE:
-            return opening
-        tried.append((share * opening.whole, opening))
-    return max(tried, key=lambda one: one[0])[1]
-
-
-def _worth(opening: Opening, tried: Sequence[Opening], openings: Sequence[Opening]) -> float:
-    """Score, less near a frame that was tried."""
-    if not tried:
-        return opening.score
-    span = APART * max(1, np.ptp([one.frame for one in openings]))
-    gap = min(abs(opening.frame - other.frame) for other in tried)
-    return opening.score * min(1.0, gap / span)
-
-
+BLIND_SAMPLES = 3  # times as many where the empty room has to be put together from moments in which it is free
 LOOKS: Final = 3  # frames, each 2 to 6 s of fitting
 LEAST_RATIO: Final = 1.2  # of the next best heading's cost to the best one's: 1.3 to 3.8 where the patient is seen well
-
-
-def heading_of_patient(
-    room: Room, samples: Sequence[FrameSet], headings: Sequence[np.ndarray], config: TrackConfig
-) -> int | None:
-    """Index of the level unit vector (3,) that he faces; None unless every frame looked at says the same, clearly.
-
-    room: with an opening that indexes ``samples``. Several frames, for in a single one somebody else may be taken for
-    a part of him.
-    """
-    if room.opening is None:
-        return None
-    looks = sorted({room.opening.frame, *np.linspace(0, len(samples) - 1, LOOKS + 1).astype(int)[1:-1].tolist()})
-    costs = [cost for look in looks if (cost := _costs(room, samples, look, headings, config)) is not None]
-    if not costs:
-        return None
-    ratios = np.array(costs)
-    best = int(np.log(ratios).sum(axis=0).argmin())
-    others = np.delete(ratios, best, axis=1).min(axis=1) / ratios[:, best]
-    sure = (others > 1.0).all() and float(np.exp(np.log(others).mean())) > LEAST_RATIO
-    return best if sure else None
-
-
-def _costs(
-    room: Room, samples: Sequence[FrameSet], look: int, headings: Sequence[np.ndarray], config: TrackConfig
-) -> list[float] | None:
-    """Cost of the best body facing each way in one frame; None where too little of him is seen."""
-    sightings = [sight_people(samples[look], room.scenes, config)]
-    sightings += [sight_people(frame, room.scenes, config) for frame in (samples[0], samples[-1])]
-    place = look_at(room.cameras[0])
-    choice = choose_patient(sightings, room.recording.equipment, config.patient_xz_m, place, config.isolation)
-    if choice is None or not choice.sure:
-        return None
-    height_m = room.recording.subject_height_m or ORDINARY_HEIGHT_M
-    seen = observe_first(samples[look], room, choice, height_m, config, Stopwatch())
-    if len(seen.surface) < config.registration.least_nodes:
-        return None
-    points = body_points()
-    shapes = [shape_of_height(points.asset, height) for height in first_heights(seen.surface, room)]
-    return [  # their anchors are named by a heading, so they are left out
-        find_first_pose(
-            points, seen.evidence, no_anchors(), shapes, known_shape(room.recording, config), False,
-            config.registration.constraints, config.registration.fit, (float(np.arctan2(-heading[2], heading[0])),),
-        ).cost
-        for heading in headings
-    ]  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,13 +50,9 @@ class Settled:
     samples: tuple[FrameSet, ...]
 
 
-def prepare_room(recording: Recording, config: TrackConfig, review: Review = NOTHING_SAID) -> Room:
+def prepare_room(recording: Recording, config: TrackConfig, review: Review = NO_REVIEW) -> Room:
     """Everything that is known before the first frame is followed."""
-    settled = settle(recording, config)
-    room = furnish_room(
-        settled.recording, settled.clocks, settled.calibration, settled.chosen, settled.samples, config, review
-    )
-    return with_best_opening(room, config)
+    return with_best_initial_frame(furnish_room(settle(recording, config), config, review), config)
 
 
 def settle(recording: Recording, config: TrackConfig) -> Settled:
@@ -196,7 +94,103 @@ def calibrate(
         posed = replace(recording, cameras=cameras)
         provisional = Calibration(cameras, floor_m, (), (), records)
         timeless = Clocks((), None, 0)  # frames are paired already
-        room = furnish_room(posed, timeless, provisional, range(len(samples)), samples, config, NOTHING_SAID)
-        return heading_of_patient(room, samples, headings, config)
+        settled = Settled(posed, timeless, provisional, tuple(range(len(samples))), tuple(samples))
+        return heading_of_patient(furnish_room(settled, config, NO_REVIEW), samples, headings, config)
 
     return find_world(recording, samples, config.floor, config.equipment_pose, tell_facing, placing)
+
+
+def sample_recording(recording: Recording, config: TrackConfig) -> tuple[list[int], list[FrameSet]]:
+    """Positions of frames spread over what is to be tracked, and these frames."""
+    first, count = config.start, len(recording.streams[0].time_s[config.start : config.stop])
+    wanted = config.follow.samples * (1 if all(room is not None for room in recording.backgrounds_m) else BLIND_SAMPLES)
+    chosen = np.unique(np.linspace(first, first + count - 1, min(wanted, count)).astype(int)).tolist()
+    return chosen, [next(iter(read_frames(recording, k, k + 1))) for k in chosen]
+
+
+def furnish_room(settled: Settled, config: TrackConfig, review: Review) -> Room:
+    """Background of every camera, and who is the patient, from the settled recording's sampled frames.
+
+    Tracking does not begin in a frame that a reviewer marked as unusable, unless all are.
+    """
+    recording, calibration, samples = settled.recording, settled.calibration, settled.samples
+    scenes = tuple(
+        set_scene(camera, _background(settled, number, config), recording.equipment, config.isolation)
+        for number, camera in enumerate(calibration.cameras)
+    )
+    usable = [k for k, frame_set in enumerate(samples) if review.why_unusable(frame_set.frame) is None]
+    usable = usable or list(range(len(samples)))
+    sightings = [sight_people(samples[k], scenes, config) for k in usable]
+    initial = rank_initial_frames([settled.chosen[k] for k in usable], sightings, calibration, recording, config)
+    return Room(recording, settled.clocks, calibration, scenes, initial, review)
+
+
+def sight_people(frame_set: FrameSet, scenes: Sequence[Scene], config: TrackConfig) -> People:
+    """The people of one moment."""
+    pieces = [
+        None if depth is None else find_pieces(depth, scene, config.isolation)
+        for depth, scene in zip(frame_set.depths_m, scenes, strict=True)
+    ]
+    return find_people(pieces, config.isolation)
+
+
+def _background(settled: Settled, number: int, config: TrackConfig) -> BackgroundModel:
+    recording, camera = settled.recording, settled.calibration.cameras[number]
+    frames = [depth for sample in settled.samples if (depth := sample.depths_m[number]) is not None]
+    if not frames:
+        where = recording.folder / camera.name
+        raise InputError(where, "none of the sampled depth images can be read", "record or copy this camera again")
+    return learn_background(
+        recording.backgrounds_m[number],
+        frames,
+        camera,
+        settled.calibration.floor_height_m,
+        config.isolation,
+        recording.equipment,
+    )
+
+
+def heading_of_patient(
+    room: Room, samples: Sequence[FrameSet], headings: Sequence[np.ndarray], config: TrackConfig
+) -> int | None:
+    """Index of the level unit vector (3,) that he faces; None unless every frame looked at says the same, clearly.
+
+    room: with an opening that indexes ``samples``. Several frames, for in a single one somebody else may be taken for
+    a part of him.
+    """
+    if room.initial_frame is None:
+        return None
+    looks = sorted({room.initial_frame.frame, *np.linspace(0, len(samples) - 1, LOOKS + 1).astype(int)[1:-1].tolist()})
+    costs = [cost for look in looks if (cost := _costs(room, samples, look, headings, config)) is not None]
+    if not costs:
+        return None
+    ratios = np.array(costs)
+    best = int(np.log(ratios).sum(axis=0).argmin())
+    others = np.delete(ratios, best, axis=1).min(axis=1) / ratios[:, best]
+    sure = (others > 1.0).all() and float(np.exp(np.log(others).mean())) > LEAST_RATIO
+    return best if sure else None
+
+
+def _costs(
+    room: Room, samples: Sequence[FrameSet], look: int, headings: Sequence[np.ndarray], config: TrackConfig
+) -> list[float] | None:
+    """Cost of the best body facing each way in one frame; None where too little of him is seen."""
+    sightings = [sight_people(samples[look], room.scenes, config)]
+    sightings += [sight_people(frame, room.scenes, config) for frame in (samples[0], samples[-1])]
+    place = look_at(room.cameras[0])
+    choice = choose_patient(sightings, room.recording.equipment, config.patient_xz_m, place, config.isolation)
+    if choice is None or not choice.sure:
+        return None
+    height_m = room.recording.subject_height_m or ORDINARY_HEIGHT_M
+    seen = observe_first(samples[look], choice, height_m, Run(room, config))
+    if len(seen.surface) < config.registration.least_nodes:
+        return None
+    points = body_points()
+    shapes = [shape_of_height(points.asset, height) for height in first_heights(seen.surface, room)]
+    return [  # their anchors are named by a heading, so they are left out
+        find_first_pose(
+            points, seen.evidence, no_anchors(), shapes, known_shape(room.recording, config), False,
+            config.registration.constraints, config.registration.fit, (float(np.arctan2(-heading[2], heading[0])),),
+        ).cost
+        for heading in headings
+    ]  # fmt: skip

@@ -19,7 +19,7 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.observation import Observation, observe_first
 from anchorpose.tracker.room import Room
-from anchorpose.tracker.stopwatch import Stopwatch
+from anchorpose.tracker.run import Run
 
 ADULT_HEIGHTS_M = (1.45, 2.0)
 CUT_OFF = 1.08  # feet at the picture's edge or lost on the floor take a twelfth of the height
@@ -45,19 +45,15 @@ class NoStart(StrEnum):
     NO_BODY_FITS = "no body explains what is seen there"
 
 
-def find_start(
-    frame_set: FrameSet, room: Room, choice: PatientChoice, known: FittedShape | None, config: TrackConfig,
-    watch: Stopwatch,
-) -> Start | NoStart:  # fmt: skip
-    """The patient in this frame, or why he is not found."""
-    points = body_points()
-    observation = observe_first(
-        frame_set, room, choice, room.recording.subject_height_m or ORDINARY_HEIGHT_M, config, watch
-    )
+def find_start(frame_set: FrameSet, run: Run, choice: PatientChoice, known: FittedShape | None) -> Start | NoStart:
+    """The patient in this frame, or why there is none. known: the learnt shape, if there is one already."""
+    points, room, config = body_points(), run.room, run.config
+    height_m = room.recording.subject_height_m or ORDINARY_HEIGHT_M
+    observation = observe_first(frame_set, choice, height_m, run)
     if len(observation.surface) < config.registration.least_nodes:
         return NoStart.TOO_LITTLE_SEEN
     shapes = [known] if known else [shape_of_height(points.asset, h) for h in first_heights(observation.surface, room)]
-    with watch.stage("first pose"):
+    with run.stage("first pose"):
         first = find_first_pose(
             points, observation.evidence, observation.anchors, shapes,
             known_shape(room.recording, config),

@@ -16,15 +16,12 @@ from anchorpose.isolation.people import PatientChoice
 from anchorpose.recording.recording import FrameSet
 from anchorpose.research.experiment.reference import Reference
 from anchorpose.surface.patient_surface import SurfaceConfig
-from anchorpose.tracker.association import Associate, link
 from anchorpose.tracker.config import FollowConfig, Method, TrackConfig
-from anchorpose.tracker.observation import observe_again, observe_first
+from anchorpose.tracker.observation import isolate_again, observe, observe_first
 from anchorpose.tracker.patient import PatientTracker
-from anchorpose.tracker.room import Room
+from anchorpose.tracker.run import Run
 from anchorpose.tracker.start import Start
-from anchorpose.tracker.stopwatch import Stopwatch
 from anchorpose.tracking.motion import MotionConfig, MotionRule
-from anchorpose.tracking.motion_database import MotionDatabase
 
 ANYWHERE_M = 10.0  # every node may be matched with every other, as in the paper
 ALL_NODES = 100_000  # the tree starts from every node: a random method needs them all to be told from a good one
@@ -50,24 +47,23 @@ def paper_config(motions: Path, refined: bool = True) -> TrackConfig:
     )
 
 
-def start_at(
-    frame: int, frame_set: FrameSet, room: Room, reference: Reference, motions: MotionDatabase | None,
-    config: TrackConfig, associate: Associate = link,
-) -> PatientTracker:  # fmt: skip
+def start_at(frame: int, frame_set: FrameSet, reference: Reference, run: Run) -> PatientTracker:
     """A tracker of the patient from a frame (position in the recording) on, in which his pose is given.
 
     So are his joints in the frames before, as far back as he was followed without a gap: the dynamics need a past.
     """
-    watch, pose = Stopwatch(), reference.pose(frame)
+    pose = reference.pose(frame)
     choice = PatientChoice(pose.root_m[[0, 2]], "was followed before anything was removed", True)
-    first = observe_first(frame_set, room, choice, 1.7, config, watch)
+    first = observe_first(frame_set, choice, 1.7, run)
     belief = _sure(vague_belief(pose))
     start = Start(first, reference.shape, belief, 1.0)
-    unnamed = PatientTracker(room, start, motions, config, watch, associate)
-    seen = observe_again(first, room, unnamed.expectation(pose), first, unnamed.height_m, config, watch)
-    tracker = PatientTracker(room, replace(start, observation=seen), motions, config, watch, associate)
+    unnamed = PatientTracker(run, start)
+    expected = unnamed.expect(pose)
+    isolated = isolate_again(first, expected, first, run)
+    seen = observe(frame_set, isolated, expected, unnamed.height_m, run)
+    tracker = PatientTracker(run, replace(start, observation=seen))
     lost = np.flatnonzero(~reference.found[:frame])
-    since = max(lost[-1] + 1 if len(lost) else 0, frame - config.follow.history + 1)
+    since = max(lost[-1] + 1 if len(lost) else 0, frame - run.config.follow.history + 1)
     tracker.history.extendleft(reference.joints_m[since:frame][::-1])
     return tracker
 
@@ -76,7 +72,8 @@ def follow_segment(tracker: PatientTracker, later: Sequence[FrameSet]) -> np.nda
     """(n, 21, 3) metres, world: the joints in each of the later frames, lost or not: what a method says, counts."""
     joints = []
     for frame_set in later:
-        joints += [tracker.history[-1] for _ in tracker.push(frame_set)]
+        if tracker.step(frame_set) is not None:
+            joints.append(tracker.history[-1])
     joints += [tracker.history[-1] for _ in tracker.finish()]
     return np.array(joints).reshape(-1, 21, 3)
 

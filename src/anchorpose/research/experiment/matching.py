@@ -27,6 +27,7 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.patient import PatientTracker
 from anchorpose.tracker.room import Room
+from anchorpose.tracker.run import Run
 from anchorpose.tracking.motion_database import MotionDatabase
 
 
@@ -62,9 +63,9 @@ def take_window(
     if not reference.found[frame] or frame + 1 >= count:
         return None
     frames = list(read_frames(room.recording, frame, min(frame + 1 + config.follow.look_ahead, count)))
-    tracker = start_at(frame, frames[0], room, reference, motions, config)
+    tracker = start_at(frame, frames[0], reference, Run(room, config, motions))
     for frame_set in frames[1:]:
-        tracker.take(frame_set)
+        tracker.step(frame_set, only_look=True)
     if tracker.next_hypothesis() is None:
         return None
     poses = tracker.predict(len(tracker.window) - 1)

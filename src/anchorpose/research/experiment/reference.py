@@ -19,7 +19,7 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.following import follow_patient
 from anchorpose.tracker.passes import learn_on, plan_route
 from anchorpose.tracker.preparation import prepare_room
-from anchorpose.tracker.stopwatch import Stopwatch
+from anchorpose.tracker.run import Run
 from anchorpose.tracking.motion_file import load_motions
 
 
@@ -54,18 +54,18 @@ class Reference:
 
 def make_reference(recording: Recording, config: TrackConfig) -> Reference:
     """Track the recording as it is. Raises NoReference where nobody is found, InputError where no world is."""
-    room, watch = prepare_room(recording, config), Stopwatch()
+    room = prepare_room(recording, config)
+    run = Run(room, config, load_motions(config.motion_file, recording.rate_hz, config.motion))
     route = plan_route(room, config, lambda: None)
-    motions = load_motions(config.motion_file, recording.rate_hz, config.motion)
-    learnt = learn_on(route, room, motions, config, watch)
+    learnt = learn_on(route, run)
     if learnt is None:
         raise NoReference(f"{recording.folder.name}: nobody was found in it, so that no method can start.")
     body = build_body(body_points(), learnt.shape)
     frames, bones = len(recording.streams[0].files), len(body.points.asset.bone_names)
     rotations, root = np.full((frames, bones, 3, 3), np.nan), np.full((frames, 3), np.nan)
     joints, centre = np.full((frames, 21, 3), np.nan), np.full((frames, 3), np.nan)
-    for side in (route.back, route.forth):
-        estimates = follow_patient(room, route.frames(side), motions, learnt.shape, config, watch)
+    for side in (route.backward, route.forward):
+        estimates = follow_patient(run, route.frames(side), learnt.shape)
         for position, estimate in zip(side, estimates, strict=True):
             if estimate.belief is None or estimate.observation is None or len(estimate.observation.surface) == 0:
                 continue

@@ -43,6 +43,7 @@ from anchorpose.threads import one_thread
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room
+from anchorpose.tracker.run import Run
 from anchorpose.tracking.motion_database import MotionDatabase
 from anchorpose.tracking.motion_file import load_motions
 
@@ -72,7 +73,7 @@ def track_segments(
     own = method.configure(config, setting)
     for start in starts:
         sets = list(read_frames(room.recording, start, start + length))
-        tracker = start_at(start, sets[0], room, reference, motions, own, method.associate(setting))
+        tracker = start_at(start, sets[0], reference, Run(room, own, motions, associate=method.associate(setting)))
         joints.append(follow_segment(tracker, sets[1:]))
         frames.append(np.arange(start + 1, start + len(sets)))
     if not frames:

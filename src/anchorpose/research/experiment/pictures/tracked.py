@@ -24,6 +24,7 @@ from anchorpose.research.experiment.pictures.canvas import (
 from anchorpose.research.experiment.pictures.moments import Stage
 from anchorpose.surface.surface import Surface
 from anchorpose.tracker.patient import PatientTracker
+from anchorpose.tracker.run import Run
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -61,14 +62,14 @@ def follow(
         raise ValueError(f"no frame comes after frame {start}")
     stop = min(wanted[-1] + config.follow.look_ahead, len(truth_m))
     frames = list(read_frames(stage.room.recording, start, stop))
-    tracker = start_at(
-        start, frames[0], stage.room, stage.reference, stage.motions, config, method.associate(setting)
-    )  # fmt: skip
+    run = Run(stage.room, config, stage.motions, associate=method.associate(setting))
+    tracker = start_at(start, frames[0], stage.reference, run)
     found: list[TrackedFrame] = []
     frame = start
     for frame_set in [*frames[1:], None]:
         predicted = _joints(tracker)
-        for _ in tracker.push(frame_set) if frame_set is not None else tracker.finish():
+        estimates = tracker.finish() if frame_set is None else filter(None, [tracker.step(frame_set)])
+        for _ in estimates:
             frame += 1
             if frame in wanted:
                 joints = {"truth": truth_m[frame], "predicted": predicted, "tracked": tracker.history[-1]}

@@ -1,4 +1,4 @@
-"""What run.json tells of a tracked recording: inputs, cameras, residuals, and sentences on who was tracked."""
+"""What run.json records of a tracked recording: inputs, cameras, residuals, and sentences on who was tracked."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from anchorpose.results.tables import JointTable
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.learning import LearntPatient
 from anchorpose.tracker.room import Room, require_frames
-from anchorpose.tracker.stopwatch import Stopwatch
+from anchorpose.tracker.run import Run
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +52,7 @@ class Written:
 
 
 @dataclass(frozen=True, slots=True)
-class Given:
+class UserInputs:
     """Files that the user gives besides the recording; None for what is not given."""
 
     calibration: Path | None = None
@@ -69,37 +69,37 @@ def hash_inputs(room: Room, config: TrackConfig) -> tuple[tuple[str, str], ...]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Said:
-    """A reviewer's file as it was read, with its hash."""
+class ReviewFile:
+    """A reviewer's file of corrections as it was read, with its hash."""
 
     path: Path
     sha256: str
     corrections: Corrections
 
 
-def read_said(path: Path) -> Said:
-    """Raises InputError where it is no file of corrections."""
+def read_review(path: Path) -> ReviewFile:
+    """Raises InputError where it is not a file of corrections."""
     corrections = read_corrections(path)
-    ((_, digest),) = hash_files([path], path.parent)  # at once: the viewer may add to it while we track
-    return Said(path, digest, corrections)
+    ((_, digest),) = hash_files([path], path.parent)  # now: the viewer may add to it during tracking
+    return ReviewFile(path, digest, corrections)
 
 
-def require_about(said: Said, room: Room, inputs_sha256: tuple[tuple[str, str], ...]) -> None:
+def require_about(review: ReviewFile, room: Room, inputs_sha256: tuple[tuple[str, str], ...]) -> None:
     """Raises InputError where the corrections are about another recording, another world or frames there are not."""
     name = room.recording.folder.resolve().name
-    require_recording(said.path, said.corrections, reviewed_recording(name, inputs_sha256, poses_of(room.cameras)))
-    require_frames(said.path, room.review, room.recording)
+    require_recording(review.path, review.corrections, reviewed_recording(name, inputs_sha256, poses_of(room.cameras)))
+    require_frames(review.path, room.review, room.recording)
 
 
-def outcome_of(said: Said, joints: JointTable) -> CorrectionsRecord:
-    """What became of the corrections, by the joints that were written."""
-    corrections = said.corrections
+def outcome_of(review: ReviewFile, joints: JointTable) -> CorrectionsRecord:
+    """Which corrections were honoured, judged by the joints that were written."""
+    corrections = review.corrections
     sentences = tuple(text for text in (_why_not(one, joints) for one in corrections.joints) if text)
-    return CorrectionsRecord(said.path.name, said.sha256, corrections.unusable, corrections.joints, sentences)
+    return CorrectionsRecord(review.path.name, review.sha256, corrections.unusable, corrections.joints, sentences)
 
 
 def _why_not(correction: JointCorrection, joints: JointTable) -> str | None:
-    """Why a joint is not where the reviewer says, None where it is."""
+    """Why a joint is not where the reviewer placed it, None where it is."""
     said, joint = f"{correction.joint} in frame {correction.frame}", JOINT_INDEX[correction.joint]
     rows = np.flatnonzero(joints.frame == correction.frame)
     if not len(rows):
@@ -116,13 +116,18 @@ def _why_not(correction: JointCorrection, joints: JointTable) -> str | None:
 
 
 def account_of(
-    room: Room, written: Written, pictures: tuple[PictureRecord, ...], learnt: LearntPatient | None,
-    config: TrackConfig, watch: Stopwatch, given: Given, inputs_sha256: tuple[tuple[str, str], ...],
+    run: Run,
+    written: Written,
+    pictures: tuple[PictureRecord, ...],
+    learnt: LearntPatient | None,
+    user: UserInputs,
+    inputs_sha256: tuple[tuple[str, str], ...],
     corrections: CorrectionsRecord | None,
-) -> RunRecord:  # fmt: skip
+) -> RunRecord:
     """The record of a run that has been through all frames."""
+    room, config = run.room, run.config
     calibration, gaps = room.calibration, find_gaps(room.recording)
-    source = None if given.calibration is None else PoseSource.FILE
+    source = None if user.calibration is None else PoseSource.FILE
     return RunRecord(
         recording=room.recording.folder.resolve().name,
         config=config if config.motions is None else replace(config, motions=Path(config.motions).name),
@@ -144,7 +149,7 @@ def account_of(
             ),
             *_clock_residuals(room.clocks, gaps),
         ),
-        timings=tuple(StageTiming(stage, seconds) for stage, seconds in watch.seconds.items()),
+        timings=tuple(StageTiming(stage, seconds) for stage, seconds in run.stopwatch.seconds.items()),
         frame_count=len(written.association.matched_share),
         association=written.association,
         dropped=written.dropped,
@@ -183,12 +188,12 @@ def _clock_residuals(clocks: Clocks, gaps: Sequence[CameraGaps]) -> list[Residua
 
 def _notes(room: Room, learnt: LearntPatient | None) -> list[str]:
     """Sentences on who was tracked and with which body."""
-    if room.opening is None:
+    if room.initial_frame is None:
         return ["nobody was seen in the sampled frames, so no joint could be tracked"]
-    choice = room.opening.choice
+    choice = room.initial_frame.choice
     x, z = choice.ground_xz_m
     notes = [
-        f"the patient was taken to be the person at x {x:.2f} m, z {z:.2f} m in frame {room.opening.frame}, "
+        f"the patient was taken to be the person at x {x:.2f} m, z {z:.2f} m in frame {room.initial_frame.frame}, "
         f"who {choice.reason}; tracking goes from there to both ends"
     ]
     if learnt is None:

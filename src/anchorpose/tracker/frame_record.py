@@ -1,0 +1,153 @@
+"""What is kept of a frame: joints, the body's pose, anchors, person labels, and how near others are to the patient."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from anchorpose.body.contact_regions import Nearness, find_nearness
+from anchorpose.body.pose import MOVING_BONES, Pose
+from anchorpose.body.rotations import vectors_of
+from anchorpose.body.skin_points import Body, pose_points
+from anchorpose.geodesics.anchors import no_anchors
+from anchorpose.joints import JointState
+from anchorpose.recording.recording import FrameSet
+from anchorpose.results.anchors_table import AnchorFrame
+from anchorpose.results.joint_frame import JointFrame
+from anchorpose.results.people_labels import LabelPicture, label_picture
+from anchorpose.results.poses import BodyPose
+from anchorpose.tracker.estimate import Estimate
+from anchorpose.tracker.observation import Observation
+from anchorpose.tracker.run import Run
+from anchorpose.tracker.smoothing import Passed
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameRecord:
+    """What is kept of one frame: the joints, the body's pose, anchors, share of nodes matched, how near others are to
+    the patient (None where the patient is lost), and what was wrong with its depth images."""
+
+    joints: JointFrame
+    body: BodyPose
+    anchors: AnchorFrame
+    matched_share: float | None
+    near: Nearness | None
+    problems: tuple[str, ...]
+
+
+def record_of(estimate: Estimate, body: Body | None, run: Run) -> FrameRecord:
+    """The record of an estimate; body: the learnt body, None where there is none.
+
+    Of a frame that a reviewer marked as unusable nothing is known, and its problems say why.
+    """
+    frame_set = estimate.frame_set
+    joints = JointFrame(
+        frame=frame_set.frame,
+        time_s=frame_set.time_s,
+        position_m=estimate.joints_m,
+        state=estimate.states,
+        sigma_m=estimate.sigma_m,
+    )
+    bones, near = _bones(estimate, body, run), _near(estimate, body, run)
+    anchors, share = anchor_frame(estimate), estimate.matched_share
+    record = FrameRecord(joints, bones, anchors, share, near, frame_set.problems)
+    why = run.room.review.why_unusable(frame_set.frame)
+    return record if why is None else _without_patient(record, why)
+
+
+def smoothed_record(record: FrameRecord, answer: Passed, body: Body) -> FrameRecord:
+    """The record with what a forward and a backward pass found together."""
+    lost = np.array([state is JointState.LOST for state in answer.states])
+    position = np.where(lost[:, None], np.nan, answer.joints_m)
+    joints = replace(record.joints, position_m=position, sigma_m=answer.sigma_m, state=answer.states)
+    frame, time_s = record.joints.frame, record.joints.time_s
+    bones = body_pose(body, frame, time_s, answer.pose, None)
+    return replace(record, joints=joints, body=bones)
+
+
+def _without_patient(record: FrameRecord, why: str) -> FrameRecord:
+    joints, body = record.joints, record.body
+    return replace(
+        record,
+        joints=replace(
+            joints,
+            position_m=np.full_like(joints.position_m, np.nan),
+            state=(JointState.LOST,) * len(joints.state),
+            sigma_m=np.full_like(joints.sigma_m, np.nan),
+        ),
+        body=body_pose(None, body.frame, body.time_s, None, None),
+        near=None,
+        problems=(*record.problems, why),
+    )
+
+
+def _bones(estimate: Estimate, body: Body | None, run: Run) -> BodyPose:
+    belief = estimate.belief
+    frame, time_s = estimate.frame_set.frame, estimate.frame_set.time_s
+    if body is None or belief is None:
+        return body_pose(None, frame, time_s, None, None)
+    sigma = axial_sigma(body, belief.pose, belief.covariance, run.config.uncertainty.inflation)
+    return body_pose(body, frame, time_s, belief.pose, sigma)
+
+
+def _near(estimate: Estimate, body: Body | None, run: Run) -> Nearness | None:
+    """How near others are to the learnt body of the patient; None where the patient is lost."""
+    seen, belief = estimate.observation, estimate.belief
+    if body is None or seen is None or belief is None:
+        return None
+    with run.stage("contacts"):
+        posed = pose_points(body, belief.pose)
+        return find_nearness(posed, seen.memory, seen.evidence.views, seen.evidence.cameras, run.config.visibility)
+
+
+def body_pose(
+    body: Body | None, frame: int, time_s: float, pose: Pose | None, axial_sigma_rad: np.ndarray | None
+) -> BodyPose:
+    """The bones of a pose in the world; all NaN without one. axial_sigma_rad (21,), None where it is not known."""
+    count = len(MOVING_BONES)
+    head_m, quaternion, sigma = np.full((count, 3), np.nan), np.full((count, 4), np.nan), np.full(count, np.nan)
+    if body is not None and pose is not None:
+        T_world_rest = body.transforms(pose)[body.points.moving]
+        heads = body.mesh.bone_heads[body.points.moving]
+        head_m = np.einsum("mij,mj->mi", T_world_rest[:, :3, :3], heads) + T_world_rest[:, :3, 3]
+        quaternion = _quaternions(T_world_rest[:, :3, :3])
+        sigma = sigma if axial_sigma_rad is None else axial_sigma_rad
+    return BodyPose(frame, time_s, head_m, quaternion, sigma)
+
+
+def axial_sigma(body: Body, pose: Pose, covariance: np.ndarray, inflation: float) -> np.ndarray:
+    """(21,) radians: how sure each bone's turn about its own long axis against its parent is, one standard deviation.
+
+    covariance (POSE_SIZE, POSE_SIZE): of the pose; inflation: as for the joints (``UncertaintyConfig``).
+    """
+    mesh, moving = body.mesh, body.points.moving
+    along = mesh.bone_tails[moving] - mesh.bone_heads[moving]
+    axis = np.einsum("mij,mj->mi", pose.rotations[moving], along / np.linalg.norm(along, axis=1, keepdims=True))
+    blocks = np.stack([covariance[k : k + 3, k : k + 3] for k in range(0, 3 * len(moving), 3)])
+    return inflation * np.sqrt(np.einsum("mi,mij,mj->m", axis, blocks, axis))
+
+
+def anchor_frame(estimate: Estimate) -> AnchorFrame:
+    """The anchors of the surface; all missed where nothing was looked for."""
+    anchors = no_anchors() if estimate.observation is None else estimate.observation.anchors
+    return AnchorFrame(estimate.frame_set.frame, estimate.frame_set.time_s, anchors.position_m, anchors.sigma_m)
+
+
+def label_pictures(frame_set: FrameSet, observation: Observation | None) -> tuple[LabelPicture, ...]:
+    """Whose each pixel is, of the cameras that have a picture of the frame."""
+    if observation is None:
+        return ()
+    evidence = observation.evidence
+    return tuple(
+        label_picture(frame_set.frame, camera.name, view)
+        for camera, view in zip(evidence.cameras, evidence.views, strict=True)
+        if view is not None
+    )
+
+
+def _quaternions(rotations: np.ndarray) -> np.ndarray:
+    """(m, 4) w, x, y, z with w not negative."""
+    vectors = vectors_of(rotations)
+    half = 0.5 * np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.hstack([np.cos(half), 0.5 * np.sinc(half / np.pi) * vectors])
