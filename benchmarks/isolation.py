@@ -38,7 +38,7 @@ from anchorpose.tracker.following import follow_patient
 from anchorpose.tracker.passes import learn_on, plan_route
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room
-from anchorpose.tracker.stopwatch import Stopwatch
+from anchorpose.tracker.run import Run
 from anchorpose.tracking.motion_file import load_motions
 
 ON_IT_M: Final = 0.03
@@ -82,12 +82,12 @@ def count(views: Sequence[View | None], shot: Shot, outline: bool) -> Count:
 
 def tracked_views(recording: Recording, room: Room, config: TrackConfig) -> Iterator[tuple[int, Sequence[View | None]]]:
     """The labels that tracking used, frame by frame."""
-    watch, motions = Stopwatch(), load_motions(config.motion_file, 15.0, config.motion)
+    run = Run(room, config, load_motions(config.motion_file, 15.0, config.motion))
     route = plan_route(room, config, lambda: None)
-    learnt = learn_on(route, room, motions, config, watch)
+    learnt = learn_on(route, run)
     shape = None if learnt is None else learnt.shape
-    for positions in (route.back[1:], route.forth):
-        for estimate in follow_patient(room, route.frames(positions), motions, shape, config, watch):
+    for positions in (route.backward[1:], route.forward):
+        for estimate in follow_patient(run, route.frames(positions), shape):
             if estimate.observation is not None:
                 yield estimate.frame_set.frame, estimate.observation.evidence.views
 
@@ -95,10 +95,10 @@ def tracked_views(recording: Recording, room: Room, config: TrackConfig) -> Iter
 def untracked_views(
     recording: Recording, room: Room, config: TrackConfig
 ) -> Iterator[tuple[int, Sequence[View | None]]]:
-    """The labels without any prediction, from the opening frame to both ends."""
-    if room.opening is None:
+    """The labels without any prediction, from the initial frame to both ends."""
+    if room.initial_frame is None:
         return
-    count, first = len(recording.streams[0].files), room.opening.frame
+    count, first = len(recording.streams[0].files), room.initial_frame.frame
     for positions in (range(first, -1, -1), range(first, count)):
         memory, before_s = empty_memory(), None
         for position in positions:
@@ -108,7 +108,7 @@ def untracked_views(
             elapsed_s = 0.0 if before_s is None else abs(frame.time_s - before_s)
             if before_s is None:
                 people = find_people(pieces, config.isolation)
-                views = separate_initial(pieces, people, room.opening.choice, config.isolation)
+                views = separate_initial(pieces, people, room.initial_frame.choice, config.isolation)
             else:
                 views = separate(pieces, memory, None, elapsed_s, config.isolation)
             memory, before_s = (
@@ -120,7 +120,7 @@ def untracked_views(
 
 def milliseconds(recording: Recording, room: Room, config: TrackConfig) -> float:
     """Median processor time of isolation over ten frames that are in memory, all cameras."""
-    if room.opening is None:
+    if room.initial_frame is None:
         return float("nan")
     frames = list(read_frames(recording, 0, 11))
     memory, spent = empty_memory(), []
@@ -130,7 +130,7 @@ def milliseconds(recording: Recording, room: Room, config: TrackConfig) -> float
                   for depth, scene in zip(frame.depths_m, room.scenes, strict=True)]  # fmt: skip
         if number == 0:
             views = separate_initial(
-                pieces, find_people(pieces, config.isolation), room.opening.choice, config.isolation
+                pieces, find_people(pieces, config.isolation), room.initial_frame.choice, config.isolation
             )
         else:
             views = separate(pieces, memory, None, 1.0 / 15.0, config.isolation)

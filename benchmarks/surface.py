@@ -31,11 +31,11 @@ from anchorpose.simulate.shoot import Shot, Studio, set_up
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.threads import one_thread
 from anchorpose.tracker.following import follow_patient
-from anchorpose.tracker.observation import Observation, observe
+from anchorpose.tracker.observation import Observation, isolate, observe
 from anchorpose.tracker.passes import learn_on, plan_route
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room
-from anchorpose.tracker.run import Stopwatch
+from anchorpose.tracker.run import Run
 from anchorpose.tracking.motion_file import load_motions
 
 ALONE: Final = {"standing_frame": False, "stool": False, "therapists": 0}
@@ -96,14 +96,14 @@ def moments(folder: Path, config: TrackConfig) -> Iterator[Moment]:
     """Every frame of a recording in which the patient was expected somewhere."""
     recording = open_recording(folder)
     room = prepare_room(recording, config)
-    watch, motions = Stopwatch(), load_motions(config.motion_file, 15.0, config.motion)
+    run = Run(room, config, load_motions(config.motion_file, 15.0, config.motion))
     route = plan_route(room, config, lambda: None)
-    learnt = learn_on(route, room, motions, config, watch)
+    learnt = learn_on(route, run)
     shape = None if learnt is None else learnt.shape
     height_m = float(np.ptp(shape.body(body_points().asset).vertices[:, 1])) if shape else 1.75
-    for positions in (route.back[1:], route.forward):
+    for positions in (route.backward[1:], route.forward):
         before: Observation | None = None
-        for estimate in follow_patient(room, route.frames(positions), motions, shape, config, watch):
+        for estimate in follow_patient(run, route.frames(positions), shape):
             seen = estimate.observation
             if seen is not None and seen.expected is not None and before is not None:
                 yield Moment(seen, before, room, height_m)
@@ -169,7 +169,9 @@ def add_jitter(score: Score, moment: Moment, shot: Shot, studio: Studio, config:
             reading = sense(rng, spec, picture.depth_m, picture.cosine, wiggle)
             depths.append((reading * camera.depth_scale).astype(np.float32))
         frame_set = replace(moment.seen.frame_set, depths_m=tuple(depths))
-        seen = observe(frame_set, moment.room, expected, moment.before, moment.height_m, config, Stopwatch())
+        again_run = Run(moment.room, config)
+        isolated = isolate(frame_set, expected, moment.before, again_run)
+        seen = observe(frame_set, isolated, expected, moment.height_m, again_run)
         found.append(seen.anchors)
     both = found[0].found & found[1].found
     score.jitter_m += np.linalg.norm(found[0].position_m - found[1].position_m, axis=1)[both].tolist()

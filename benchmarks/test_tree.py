@@ -18,7 +18,7 @@ from anchorpose.tracker import association
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.following import follow_patient
 from anchorpose.tracker.preparation import prepare_room
-from anchorpose.tracker.run import Stopwatch
+from anchorpose.tracker.run import Run
 from anchorpose.tracking.motion_file import load_motions
 from anchorpose.tracking.tree import Support, TreeConfig, best_branches
 
@@ -51,7 +51,7 @@ def windows(request, tmp_path_factory) -> list[Window]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(association, "best_branches", noted)
-        for _ in follow_patient(room, read_frames(recording), motions, None, config, Stopwatch()):
+        for _ in follow_patient(Run(room, config, motions), read_frames(recording), None):
             pass
     return [window for window in met if len(window.matches) == 3]
 

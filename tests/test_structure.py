@@ -24,7 +24,7 @@ FLOW = (
 )  # fmt: skip
 VALUES = ("errors", "joints", "camera", "versions", "settings")
 BESIDE_THE_FLOW = (
-    "simulate", "tracker", "pipeline", "calibrating", "inspecting", "collecting", "threads", "cli",
+    "simulate", "tracker", "pipeline", "calibrating", "inspecting", "collecting", "run_account", "threads", "cli",
     "research", "exports", "pages", "viewer", "viewing",
 )  # fmt: skip
 PACKAGE_ITSELF = "anchorpose"  # `from anchorpose import __version__`
@@ -100,8 +100,8 @@ def test_value_modules_import_nothing_but_each_other(value: str) -> None:
 
 def test_nothing_that_tracks_can_reach_the_simulation_and_its_truth() -> None:
     assert forbidden_imports("tracker", {*FLOW, *VALUES, "tracker"}) == []
-    for way in ("pipeline", "calibrating", "inspecting", "collecting"):
-        assert forbidden_imports(way, {*FLOW, *VALUES, "tracker", "threads", "pages"}) == []
+    for way in ("pipeline", "run_account", "calibrating", "inspecting", "collecting"):
+        assert forbidden_imports(way, {*FLOW, *VALUES, "tracker", "threads", "pages", "run_account"}) == []
 
 
 @pytest.mark.parametrize("folder", [*FLOW, "tracker", "pipeline", "pages", "exports", "simulate", "viewer"])

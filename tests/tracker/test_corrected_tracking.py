@@ -161,7 +161,7 @@ def test_tracking_begins_elsewhere_where_its_first_frame_is_unusable(review, tmp
     track_recording(review.recording, results, TrackConfig(), lambda *_: None, corrections=file)
     joints = read_joints(results / "joints.parquet")
     np.testing.assert_array_equal(joints.lost.all(axis=1), joints.frame < 2)
-    people = read_people(results / "people.parquet")  # the opening stands on both sides, and once in the table
+    people = read_people(results / "people.parquet")  # the initial frame stands on both sides, and once in the table
     assert {frame for frame, _ in people} == set(joints.frame.tolist())
 
 

@@ -20,7 +20,7 @@ from anchorpose.tracker.estimate import Estimate, nobody_found
 from anchorpose.tracker.following import FIRST_PAUSE, follow_patient
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room
-from anchorpose.tracker.run import Stopwatch
+from anchorpose.tracker.run import Run, Stopwatch
 
 FPS, FRAMES = 8.0, 20
 APPEARS, VANISHES, RETURNS = 2, 8, 15  # frames: the room is empty, he is there, the camera is blind, he is there again
@@ -59,7 +59,7 @@ def course(tmp_path_factory) -> Course:
     with np.load(out / "truth/truth.npz") as truth:
         # the body is known: here it is the following that is tested; clothes as thick as simulated ones on average
         shape, joints = FittedShape(truth["shape_coefficients"], 0.007), truth["joints"]
-    estimates = list(follow_patient(room, read_frames(room.recording), None, shape, CONFIG, Stopwatch()))
+    estimates = list(follow_patient(Run(room, CONFIG), read_frames(room.recording), shape))
     return Course(room, shape, joints, estimates)
 
 
@@ -151,7 +151,7 @@ def test_bones_keep_their_length_while_he_is_followed(course):
 
 def test_a_body_found_by_itself_is_kept_when_he_is_found_again(course):
     frames = list(read_frames(course.room.recording))[VANISHES - 1 : RETURNS + 2]
-    estimates = list(follow_patient(course.room, frames, None, None, CONFIG, Stopwatch()))
+    estimates = list(follow_patient(Run(course.room, CONFIG), frames, None))
     shapes = [estimate.shape for estimate in estimates if estimate.shape is not None]
     assert not lost(estimates[0])
     assert not lost(estimates[-1])
@@ -161,7 +161,7 @@ def test_a_body_found_by_itself_is_kept_when_he_is_found_again(course):
 
 def test_following_from_the_middle_is_following(course):
     frames = read_frames(course.room.recording, APPEARS, APPEARS + 2)
-    estimates = list(follow_patient(course.room, frames, None, course.shape, CONFIG, Stopwatch()))
+    estimates = list(follow_patient(Run(course.room, CONFIG), frames, course.shape))
     assert [estimate.frame_set.frame for estimate in estimates] == [APPEARS, APPEARS + 1]
     assert not any(lost(estimate) for estimate in estimates)
 
@@ -170,7 +170,7 @@ def test_the_papers_own_parts_follow_roughly(course):
     config = replace(CONFIG, method=Method.PARTS)
     frames = read_frames(course.room.recording, APPEARS, VANISHES)
     watch = Stopwatch()
-    estimates = list(follow_patient(course.room, frames, None, course.shape, config, watch))
+    estimates = list(follow_patient(Run(course.room, config, stopwatch=watch), frames, course.shape))
     assert len(estimates) == VANISHES - APPEARS
     off = np.linalg.norm([e.joints_m - course.truth_m[e.frame_set.frame] for e in estimates], axis=2)
     assert off[0].mean() < 0.02
@@ -181,21 +181,21 @@ def test_the_papers_own_parts_follow_roughly(course):
 
 
 def test_a_room_without_a_patient_loses_every_frame(course):
-    empty = replace(course.room, openings=())
+    empty = replace(course.room, initial_frames=())
     frames = read_frames(course.room.recording, APPEARS, VANISHES)
-    estimates = list(follow_patient(empty, frames, None, course.shape, CONFIG, Stopwatch()))
+    estimates = list(follow_patient(Run(empty, CONFIG), frames, course.shape))
     assert len(estimates) == VANISHES - APPEARS
     assert all(lost(estimate) for estimate in estimates)
 
 
 def test_no_frames_give_no_estimates(course):
-    assert list(follow_patient(course.room, [], None, course.shape, CONFIG, Stopwatch())) == []
+    assert list(follow_patient(Run(course.room, CONFIG), [], course.shape)) == []
 
 
 def test_the_time_of_every_stage_is_kept(course):
     watch = Stopwatch()
     frames = read_frames(course.room.recording, APPEARS, APPEARS + 3)
-    list(follow_patient(course.room, frames, None, course.shape, CONFIG, watch))
+    list(follow_patient(Run(course.room, CONFIG, stopwatch=watch), frames, course.shape))
     assert {"isolation", "surface", "geodesics", "first pose", "association", "registration"} <= watch.seconds.keys()
     assert all(seconds >= 0.0 for seconds in watch.seconds.values())
 
@@ -241,7 +241,7 @@ def test_no_more_frames_are_held_than_the_look_ahead_needs(course):
             yield frame_set
 
     held = []
-    for _ in follow_patient(course.room, watched(), None, course.shape, CONFIG, Stopwatch()):
+    for _ in follow_patient(Run(course.room, CONFIG), watched(), course.shape):
         held.append(sum(picture() is not None for picture in pictures))
     assert len(held) == FRAMES
     assert len(pictures) == FRAMES - (RETURNS - VANISHES)

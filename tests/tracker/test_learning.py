@@ -17,9 +17,9 @@ from anchorpose.tracker import learning
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.learning import LearntPatient, learn_patient
 from anchorpose.tracker.room import NO_REVIEW, Review
-from anchorpose.tracker.run import Stopwatch
+from anchorpose.tracker.run import Run
 
-ROOM = SimpleNamespace(recording=SimpleNamespace(subject_height_m=None), opening=None, review=NO_REVIEW)
+ROOM = SimpleNamespace(recording=SimpleNamespace(subject_height_m=None), initial_frame=None, review=NO_REVIEW)
 START = FittedShape(np.zeros(asset().shape_count), 0.006)
 
 
@@ -60,7 +60,7 @@ class Pass:
     ) -> LearntPatient | None:
         monkeypatch.setattr(learning, "follow_openly", self.follow)
         monkeypatch.setattr(learning, "learn_body", self.learn)
-        return learn_patient(room, [], None, replace(TrackConfig(), learning=config or LearningConfig()), Stopwatch())
+        return learn_patient(Run(room, replace(TrackConfig(), learning=config or LearningConfig())), [])
 
 
 @pytest.mark.parametrize("step_s", [0.1, -0.1])

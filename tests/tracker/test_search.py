@@ -16,6 +16,7 @@ from anchorpose.isolation.separation import separate_initial
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.following import WALK_M_S, Search
+from anchorpose.tracker.run import Run
 
 CONFIG, ISOLATION = TrackConfig(), IsolationConfig()
 ROOM_NOW = SimpleNamespace(scenes=(built_scene(),), cameras=(FRONT,))
@@ -49,7 +50,7 @@ def lost_beside(*people) -> Search:
 
 def looked(search: Search, *moments: tuple) -> list[PatientChoice | None]:
     """What is found in each of some frames; a moment: the people in it."""
-    return [search.look(frame(number, *people), ROOM_NOW, CONFIG) for number, people in enumerate(moments, 1)]
+    return [search.look(frame(number, *people), Run(ROOM_NOW, CONFIG)) for number, people in enumerate(moments, 1)]
 
 
 def test_nobody_is_found_in_an_empty_room():

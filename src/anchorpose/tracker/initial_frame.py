@@ -93,7 +93,7 @@ def look_at(camera: Camera) -> np.ndarray:
 
 
 def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:
-    """The room with the best of its initial frames first. A person who is alone cannot be confused: no fit is needed."""
+    """The room with its best initial frame first. A person who is alone cannot be confused: no fit is needed."""
     candidates = room.initial_frames
     if config.patient_xz_m is not None or max((one.people for one in candidates), default=0) < 2:
         return room

@@ -139,9 +139,7 @@ class PatientTracker:
                 honoured = None
             estimate = estimate_of(self.body, registration, seen, share, self.config, honoured)
             posed = pose_points(self.body, self.belief.pose)
-            self.skin_sigma_m = skin_sigma(
-                self.body, posed, self.belief.covariance, self.config.uncertainty
-            )
+            self.skin_sigma_m = skin_sigma(self.body, posed, self.belief.covariance, self.config.uncertainty)
             self.feet.note(posed.points_m, estimate.joints_m, estimate.states, estimate.frame_set.time_s)
             if corrected is not None:
                 self.feet.forget(corrected.joint.tolist())
