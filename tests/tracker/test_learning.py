@@ -44,7 +44,7 @@ class Pass:
                     frame_set=SimpleNamespace(frame=number, time_s=time_s), belief=SimpleNamespace(pose=None),
                     shape=START, explained=self.explained, observation=seen,
                 ),
-                SimpleNamespace(wear=self.worn.append),
+                SimpleNamespace(use_shape=self.worn.append),
             )  # fmt: skip
 
     def learn(
