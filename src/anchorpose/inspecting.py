@@ -1,12 +1,11 @@
-"""From a recording folder to pictures of what every stage makes of one frame."""
+"""From a recording folder to pictures of every stage of one frame."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
 
-from anchorpose.pages.inspection_page import write_inspection
-from anchorpose.pages.inspection_sections import inspection_facts, inspection_sections
+from anchorpose.pages.inspection_page import inspection_facts, inspection_sections, write_inspection
 from anchorpose.recording.format import with_height
 from anchorpose.recording.reader import open_recording
 from anchorpose.threads import one_thread
@@ -17,7 +16,7 @@ from anchorpose.tracker.inspection import Inspection, inspect_frame
 def inspect_recording(
     recording: Path, out: Path, frame: int, config: TrackConfig, as_tracked: bool, tick: Callable[[], None]
 ) -> Inspection:
-    """Write pictures of what every stage makes of one frame into an existing, empty folder; see ``inspect_frame``."""
+    """Write pictures of every stage of one frame into an existing, empty folder; see ``inspect_frame``."""
     with one_thread():
         inspection = inspect_frame(
             with_height(open_recording(recording), config.height_m), frame, config, as_tracked, tick

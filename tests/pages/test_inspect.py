@@ -15,9 +15,8 @@ from room_builder import FRONT, KNEE_BAR, ROOM, body, picture
 from anchorpose.cli import main
 from anchorpose.inspecting import inspect_recording
 from anchorpose.joints import JOINT_NAMES
-from anchorpose.pages.canvas import enlarge, scale_of, shade
+from anchorpose.pages.canvas import EQUIPMENT, PATIENT, SKY, enlarge, scale_of, shade
 from anchorpose.pages.inspection_page import FACTS_FILE, Section, StagePicture, write_inspection
-from anchorpose.pages.palette import EQUIPMENT, PATIENT, SKY
 from anchorpose.pages.stage_drawing import Layer, draw_layers, draw_values
 from anchorpose.pipeline import TrackConfig, track_recording
 from anchorpose.results.folder import new_results_folder
@@ -57,7 +56,7 @@ def looked(recording, tmp_path_factory) -> Looked:
 
 
 def test_every_stage_has_a_section_in_order_and_every_camera_a_picture_of_it(looked):
-    assert tuple(re.findall(r"<section id='(\w+)'", looked.page)) == STAGES
+    assert tuple(re.findall(r'<section id="(\w+)"', looked.page)) == STAGES
     names = sorted(path.name for path in (looked.folder / "front").iterdir())
     assert names == [f"{n:02d}_{stage}.png" for n, stage in enumerate(STAGES, 1) if stage != "equipment"]
     assert all(cv2.imread(str(looked.folder / "front" / name)) is not None for name in names)
@@ -118,7 +117,7 @@ def test_without_anybody_the_earlier_stages_are_shown_and_the_page_says_why(tmp_
     names = {path.stem[3:] for path in (tmp_path / "out" / "front").iterdir()}
     assert names == {"depth", "background", "standing_out", "equipment", "people"}
     assert "Nobody was seen in the frames that were sampled" in page
-    assert page.count("class='missing'") == 6
+    assert page.count('class="missing"') == 6
 
 
 def test_what_is_no_body_is_shown_up_to_its_anchors(tmp_path):

@@ -1,6 +1,6 @@
 """Pictures of chosen frames for the report, drawn from the tables and the recording once everything is tracked.
 
-Which frames are worth a picture: some spread over the recording, the surest and the least sure, and transitions.
+Chosen are some frames spread over the recording, the most and the least certain ones, and transitions.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from anchorpose.pages.overlay import OverlayScene, draw_frame
 from anchorpose.recording.reader import read_frames
 from anchorpose.results.anchors_table import ANCHORS_FILE, AnchorTable, read_anchors
 from anchorpose.results.episodes import EPISODES_FILE, SIT_TO_STAND, STAND_TO_SIT, Episode, read_episodes
-from anchorpose.results.people_labels import PEOPLE_FILE, LabelPicture, frames_of_people, read_people, read_picture
+from anchorpose.results.people_labels import PEOPLE_FILE, frames_of_people, read_people, read_picture
 from anchorpose.results.poses import POSES_FILE, PoseTable, pose_of, read_poses
 from anchorpose.results.run_record import PictureRecord
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
@@ -38,11 +38,11 @@ class FramePicture:
     camera: str
     png_bytes: bytes
     caption: str
-    why: str = ""  # the frame was chosen, for people; empty where it only stands for the others
+    why: str = ""  # the frame was chosen, for people; empty for frames spread over the recording
 
 
 def save_pictures(folder: Path, pictures: Iterable[FramePicture]) -> tuple[PictureRecord, ...]:
-    """Writes the pictures to ``folder``/pictures and returns what run.json says of them."""
+    """Writes the pictures to ``folder``/pictures and returns their entries for run.json."""
     records = []
     for picture in pictures:
         file = f"pictures/{picture.frame:06d}_{picture.camera}.png"
@@ -52,39 +52,38 @@ def save_pictures(folder: Path, pictures: Iterable[FramePicture]) -> tuple[Pictu
     return tuple(records)
 
 
-SPREAD: Final = 4
-TRANSITIONS: Final = 4  # at most, of all: the first of them
+SPREAD: Final = 4  # frames, evenly over the recording
+TRANSITIONS: Final = 4  # at most, the first ones
 
 _WORDS: Final = {SIT_TO_STAND: "standing up", STAND_TO_SIT: "sitting down"}
 
 
 @dataclass(frozen=True, slots=True)
 class ChosenFrame:
-    """row: of the joints' table; why: what it shows, for people; empty for those that are only spread."""
+    """row: of the joints' table; why: what it shows, for people; empty for frames spread over the recording."""
 
     row: int
     why: str
 
 
-def choose_frames(joints: JointTable, episodes: Sequence[Episode], told_apart: np.ndarray) -> list[ChosenFrame]:
+def choose_frames(joints: JointTable, episodes: Sequence[Episode], segmented: np.ndarray) -> list[ChosenFrame]:
     """In the order of time, each frame once.
 
-    told_apart (n,) bool: frames of which there is a picture with the people told apart; the surest and the least sure
-    are chosen among those of them in which the patient is found.
+    segmented (n,) bool: frames with person labels; the most and the least certain frame are chosen among those of
+    them in which the patient is found.
     """
     why = dict.fromkeys(np.unique(np.linspace(0, len(joints.frame) - 1, SPREAD).astype(int)).tolist(), "")
     transitions = [episode for episode in episodes if episode.kind in _WORDS][:TRANSITIONS]
     for episode in transitions:
         why[_row_at(joints, 0.5 * (episode.start_s + episode.end_s))] = _WORDS[episode.kind]
-    found = np.flatnonzero(told_apart & ~joints.lost.all(axis=1))
+    found = np.flatnonzero(segmented & ~joints.lost.all(axis=1))
     if len(found):
-        doubt = [_doubt(joints, row) for row in found.tolist()]
-        why[int(found[min(range(len(found)), key=doubt.__getitem__)])] = "surest of all frames"
-        why[int(found[max(range(len(found)), key=doubt.__getitem__)])] = "least sure of all frames"
+        why[min(found.tolist(), key=lambda row: _uncertainty(joints, row))] = "surest of all frames"
+        why[max(found.tolist(), key=lambda row: _uncertainty(joints, row))] = "least sure of all frames"
     return [ChosenFrame(row, text) for row, text in sorted(why.items())]
 
 
-def _doubt(joints: JointTable, row: int) -> tuple[int, int, float]:
+def _uncertainty(joints: JointTable, row: int) -> tuple[int, int, float]:
     """Joints lost, then joints not seen, then sigma."""
     state_code, sigma = joints.state_code[row], joints.sigma_m[row]
     return int((state_code == LOST).sum()), int((state_code > 0).sum()), float(np.nanmedian(sigma))
@@ -94,63 +93,70 @@ def _row_at(joints: JointTable, time_s: float) -> int:
     return int(np.abs(joints.time_s - time_s).argmin())
 
 
-_STATES = tuple(JointState)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Results:
+    """What a run found: its tables, and the body in its shape."""
+
+    joints: JointTable
+    poses: PoseTable
+    anchors: AnchorTable
+    shape: FittedShape
 
 
 def draw_chosen(results: Path, room: Room, shape: FittedShape | None, sheet: SheetConfig) -> Iterator[FramePicture]:
-    """A picture of each camera in each frame of ``choose_frames``; none without a body, or where nobody was told apart.
+    """A picture from each camera of each frame of ``choose_frames``; none without a body or without person labels.
 
     results: a folder with all tables; sheet: how a camera's mesh is made.
     """
     if shape is None:
         return
-    joints, poses, anchors = (
-        read_joints(results / JOINTS_FILE), read_poses(results / POSES_FILE), read_anchors(results / ANCHORS_FILE)
-    )  # fmt: skip
-    told_apart = np.isin(joints.frame, frames_of_people(results / PEOPLE_FILE))
-    chosen = choose_frames(joints, read_episodes(results / EPISODES_FILE), told_apart)
+    joints, anchors = read_joints(results / JOINTS_FILE), read_anchors(results / ANCHORS_FILE)
+    found = _Results(joints, read_poses(results / POSES_FILE), anchors, shape)
+    segmented = np.isin(joints.frame, frames_of_people(results / PEOPLE_FILE))
+    chosen = choose_frames(joints, read_episodes(results / EPISODES_FILE), segmented)
     people = read_people(results / PEOPLE_FILE, [int(joints.frame[frame.row]) for frame in chosen])
     for frame in chosen:
-        yield from _draw(frame, room, shape, sheet, joints, poses, anchors, people)
+        number = int(joints.frame[frame.row])
+        position = int(np.flatnonzero(room.recording.streams[0].frame == number)[0])
+        frame_set = next(iter(read_frames(room.recording, position, position + 1)))
+        caption = _caption(joints, anchors, frame.row)
+        for camera, depth_m in zip(room.cameras, frame_set.depths_m, strict=True):
+            labels = people.get((number, camera.name))
+            if depth_m is not None and labels is not None:
+                png = draw_frame(_scene(found, frame.row, camera, depth_m, read_picture(labels), sheet))
+                yield FramePicture(number, frame_set.time_s, camera.name, png, caption, frame.why)
 
 
-def _draw(
-    frame: ChosenFrame, room: Room, shape: FittedShape, sheet: SheetConfig, joints: JointTable, poses: PoseTable,
-    anchors: AnchorTable, people: dict[tuple[int, str], LabelPicture],
-) -> Iterator[FramePicture]:  # fmt: skip
-    row, number = frame.row, int(joints.frame[frame.row])
-    position = int(np.flatnonzero(room.recording.streams[0].frame == number)[0])
-    frame_set = next(iter(read_frames(room.recording, position, position + 1)))
-    body_m = _body(shape, poses, row)
-    for camera, depth_m in zip(room.cameras, frame_set.depths_m, strict=True):
-        labels = people.get((number, camera.name))
-        if depth_m is None or labels is None:
-            continue
-        told = read_picture(labels)
-        mesh_m, mesh_edges = _mesh(depth_m, told, camera, sheet)
-        scene = OverlayScene(
-            camera=camera, depth_m=depth_m, labels=told, mesh_m=mesh_m, mesh_edges=mesh_edges,
-            anchors_m=anchors.position_m[row], anchor_names=ANCHOR_NAMES, joints_m=joints.position_m[row],
-            joint_states=tuple(_STATES[code] for code in joints.state_code[row]), body_m=body_m,
-            body_faces=body_points().asset.faces,
-        )  # fmt: skip
-        caption = _caption(joints, anchors, row)
-        yield FramePicture(number, frame_set.time_s, camera.name, draw_frame(scene), caption, frame.why)
+def _scene(
+    found: _Results, row: int, camera: Camera, depth_m: np.ndarray, labels: np.ndarray, sheet: SheetConfig
+) -> OverlayScene:
+    """One row of the results over one camera's depth image and its person labels."""
+    surface = build_surface(depth_m, labels == PixelLabel.PATIENT, camera, sheet)
+    return OverlayScene(
+        camera=camera,
+        depth_m=depth_m,
+        labels=labels,
+        mesh_m=surface.points_m,
+        mesh_edges=edges(surface),
+        anchors_m=found.anchors.position_m[row],
+        anchor_names=ANCHOR_NAMES,
+        joints_m=found.joints.position_m[row],
+        joint_states=tuple(_STATES[code] for code in found.joints.state_code[row]),
+        body_m=_posed_skin(found.shape, found.poses, row),
+        body_faces=body_points().asset.faces,
+    )
 
 
-def _body(shape: FittedShape, poses: PoseTable, row: int) -> np.ndarray | None:
-    """(v, 3) the learnt skin in the frame's pose, None where the patient is lost."""
+_STATES: Final = tuple(JointState)
+
+
+def _posed_skin(shape: FittedShape, poses: PoseTable, row: int) -> np.ndarray | None:
+    """(v, 3) the skin of the learnt body in the pose of this row, None where the patient is lost."""
     if not np.isfinite(poses.head_m[row]).all():
         return None
     asset = body_points().asset
     body, pose = shape.body(asset), pose_of(asset, poses.head_m[row], poses.quaternion[row])
     return body.skin(body.bone_transforms(pose.rotations, pose.root_m))
-
-
-def _mesh(depth_m: np.ndarray, labels: np.ndarray, camera: Camera, sheet: SheetConfig) -> tuple[np.ndarray, np.ndarray]:
-    """The camera's own mesh of the patient: its nodes (n, 3), world, and edges (m, 2)."""
-    surface = build_surface(depth_m, labels == PixelLabel.PATIENT, camera, sheet)
-    return surface.points_m, edges(surface)
 
 
 def _caption(joints: JointTable, anchors: AnchorTable, row: int) -> str:

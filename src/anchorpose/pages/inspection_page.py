@@ -1,17 +1,25 @@
-"""One self-contained page that shows what every stage made of a frame, and the pictures beside it."""
+"""The page of one inspected frame: every stage's pictures, one sentence on it and what its colours mean."""
 
 from __future__ import annotations
 
 import base64
-import html
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
+from anchorpose.geodesics.anchors import ANCHOR_NAMES
+from anchorpose.isolation.view import PixelLabel
+from anchorpose.joints import JOINT_NAMES
+from anchorpose.pages import canvas, inspection_drawing
+from anchorpose.pages.canvas import as_hex, as_png
 from anchorpose.results.folder import write_text_whole
-from anchorpose.results.web_page import fill_page
+from anchorpose.results.web_page import render_page
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.inspection import InspectedCamera, Inspection
 
 PAGE_FILE: Final = "index.html"
 FACTS_FILE: Final = "inspect.json"
@@ -24,6 +32,11 @@ class StagePicture:
 
     camera: str
     png_bytes: bytes
+
+    @property
+    def base64(self) -> str:
+        """For a data address."""
+        return base64.b64encode(self.png_bytes).decode("ascii")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,43 +59,178 @@ def write_inspection(
 ) -> Path:
     """Writes each camera's pictures, inspect.json and index.html into an existing folder; returns the page's path.
 
-    The pictures are ``<camera>/<number>_<stage>.png`` in the order of the stages; the page holds them all in itself.
+    The pictures are ``<camera>/<number>_<stage>.png`` in the order of the stages; the page embeds them all.
     """
     for number, section in enumerate(sections, 1):
         for picture in section.pictures:
             (folder / picture.camera).mkdir(exist_ok=True)
             (folder / picture.camera / f"{number:02d}_{section.key}.png").write_bytes(picture.png_bytes)
     (folder / FACTS_FILE).write_text(json.dumps(facts, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    page = fill_page(
-        "anchorpose.pages",
-        "inspection_page.html",
-        title,
-        account="".join(f"<li>{html.escape(sentence)}</li>" for sentence in account),
-        contents="".join(f"<li><a href='#{section.key}'>{html.escape(section.title)}</a></li>" for section in sections),
-        sections="".join(_section(number, section) for number, section in enumerate(sections, 1)),
-    )
+    page = render_page("anchorpose.pages", "inspection_page.html", title=title, account=account, sections=sections)
     write_text_whole(folder / PAGE_FILE, page)
     return folder / PAGE_FILE
 
 
-def _section(number: int, section: Section) -> str:
-    legend = "".join(
-        f"<li><i style='background:{colour}'></i>{html.escape(text)}</li>" for colour, text in section.legend
-    )
-    shown = f"<ul class='legend'>{legend}</ul>" if legend else ""
-    pictures = "".join(_figure(section, picture) for picture in section.pictures)
-    body = f"{shown}<div class='pictures'>{pictures}</div>" if pictures else ""
-    missing = f"<p class='missing'>{html.escape(section.missing)}</p>" if section.missing else ""
-    return (
-        f"<section id='{section.key}'><h2>{number}. {html.escape(section.title)}</h2>"
-        f"<p>{html.escape(section.caption)}</p>{missing}{body}</section>"
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stage:
+    """How a stage is shown: ``draw`` makes one camera's picture, None where there is nothing to draw.
+
+    caption: with ``{next_frame}`` and ``{rooms}`` to fill in. legend: (colour, meaning). missing: why there may be no
+    picture of any camera.
+    """
+
+    key: str
+    title: str
+    caption: str
+    draw: Callable[[InspectedCamera], np.ndarray | None]
+    legend: tuple[tuple[Sequence[float], str], ...] = ()
+    missing: str = "No camera has a usable picture of this frame."
+
+
+NO_SURFACE: Final = "No surface of the patient was found in this frame, so there is nothing to show."
+NO_NEXT: Final = "The patient is not followed into a next frame, so there is nothing to link this one with."
+NO_POSE: Final = "The patient was not found in this frame: the sentences at the top say why."
+NO_EQUIPMENT: Final = (
+    "The recording has no equipment.json, so no equipment is known; 'anchorpose equipment fit' proposes one."
+)
+
+STAGES: Final = (
+    Stage(
+        key="depth", title="What the camera recorded", draw=inspection_drawing.draw_reading,
+        caption="Distance from the camera: yellow is near, blue is far, black has no reading.",
+    ),
+    Stage(
+        key="background", title="The empty room", draw=inspection_drawing.draw_background,
+        caption="What the camera sees when nobody is there ({rooms}).",
+    ),
+    Stage(
+        key="standing_out", title="The foreground", draw=inspection_drawing.draw_foreground,
+        caption="Pixels that are nearer than the empty room by more than the sensor's noise.",
+        legend=((canvas.SKY, "nearer than the room"),),
+    ),
+    Stage(
+        key="equipment", title="The equipment", draw=inspection_drawing.draw_equipment, missing=NO_EQUIPMENT,
+        caption="Pixels on the equipment are removed; the tracker keeps a record of what the equipment may hide.",
+        legend=(
+            (canvas.WHITE, "outline: where the equipment is expected"),
+            (canvas.EQUIPMENT, "removed as equipment"),
+            (canvas.BLUE, "striped: the equipment hides what is behind"),
+        ),
+    ),
+    Stage(
+        key="people", title="People", draw=inspection_drawing.draw_people,
+        caption="Each person has a colour; only the patient is tracked.",
+        legend=(
+            (canvas.PATIENT, "the patient"),
+            *((colour, f"person {number}") for number, colour in enumerate(canvas.OTHERS, 2)),
+            (canvas.EQUIPMENT, "equipment"),
+            (canvas.GREY, "nobody: flying pixels, small components, or people not separated"),
+        ),
+    ),
+    Stage(
+        key="surface", title="The patient's surface", draw=inspection_drawing.draw_mesh, missing=NO_SURFACE,
+        caption="A mesh over the visible skin, lit from the upper left.",
+        legend=(
+            (inspection_drawing.SEEN_ONCE, "seen by this camera"),
+            (inspection_drawing.SEEN_TWICE, "and linked with another camera's surface"),
+            (canvas.YELLOW, "edges over a small gap"),
+            (canvas.GREEN, "hidden skin: inferred from where the patient is expected"),
+            (canvas.PURPLE, "ends behind another part of the patient's body"),
+            (canvas.VERMILLION, "cut off by equipment, a person, a hole or the picture's edge"),
+        ),
+    ),
+    Stage(
+        key="geodesics", title="Distance along the skin", draw=inspection_drawing.draw_geodesics, missing=NO_SURFACE,
+        caption="Distance of each point from the centre along the skin; a line every 10 cm, grey is not reached.",
+    ),
+    Stage(
+        key="anchors", title="Anchors: head, hands and feet", draw=inspection_drawing.draw_anchors, missing=NO_SURFACE,
+        caption="The points farthest from the centre; each of the five anchors is found or reported as missed.",
+        legend=(
+            (canvas.WHITE, "ring: an end of the surface"),
+            (canvas.VERMILLION, "identified as the part named beside it"),
+            (canvas.SKY, "found in another camera's picture"),
+        ),
+    ),
+    Stage(
+        key="hypotheses", title="Hypotheses", draw=inspection_drawing.draw_hypotheses, missing=NO_NEXT,
+        caption="How many hypotheses found each point again in frame {next_frame}; grey points were not found at all.",
+    ),
+    Stage(
+        key="tree", title="The best chain of hypotheses", draw=inspection_drawing.draw_tree, missing=NO_NEXT,
+        caption="Where the skin moves from this frame to frame {next_frame} according to the frames after it; the "
+        f"arrows are {inspection_drawing.MAGNIFIED:g} times as long as the movement.",
+        legend=((canvas.SKY, "matched"), (canvas.ORANGE, "cross: no match that agrees with the movement so far")),
+    ),
+    Stage(
+        key="registration", title="The body and its joints", draw=inspection_drawing.draw_registration, missing=NO_POSE,
+        caption="The body fitted to the picture: a filled joint was seen, a hollow one is inferred, a cross is hidden "
+        "by an unknown cause; the circle around a joint is two standard deviations.",
+        legend=((canvas.YELLOW, "outline of the body, circles of uncertainty"), (canvas.WHITE, "joints and limbs")),
+    ),
+)  # fmt: skip
+
+
+def inspection_sections(inspection: Inspection, config: TrackConfig) -> tuple[Section, ...]:
+    """The stages in their order, with a picture for each camera that has one of this frame."""
+    cameras = [
+        InspectedCamera(inspection, number, depth, config)
+        for number, depth in enumerate(inspection.frame_set.depths_m)
+        if depth is not None
+    ]
+    following = inspection.next
+    next_frame = following.observation.frame_set.frame if following is not None else "the next"
+    rooms = "; ".join(f"camera {s.camera.name}: {s.background.source.value}" for s in inspection.room.scenes)
+    return tuple(_section(stage, cameras, {"next_frame": next_frame, "rooms": rooms}) for stage in STAGES)
+
+
+def _section(stage: Stage, cameras: Iterable[InspectedCamera], facts: dict[str, Any]) -> Section:
+    drawn = [(one.camera.name, stage.draw(one)) for one in cameras]
+    pictures = tuple(StagePicture(name, as_png(picture)) for name, picture in drawn if picture is not None)
+    return Section(
+        key=stage.key,
+        title=stage.title,
+        caption=stage.caption.format(**facts),
+        legend=tuple((as_hex(colour), meaning) for colour, meaning in stage.legend),
+        pictures=pictures,
+        missing="" if pictures else stage.missing,
     )
 
 
-def _figure(section: Section, picture: StagePicture) -> str:
-    encoded = base64.b64encode(picture.png_bytes).decode("ascii")
-    name = html.escape(picture.camera)
-    return (
-        f"<figure><img alt='{html.escape(section.title)}, camera {name}' loading='lazy' "
-        f"src='data:image/png;base64,{encoded}'><figcaption>camera {name}</figcaption></figure>"
-    )
+def inspection_facts(inspection: Inspection) -> dict[str, Any]:
+    """The same in numbers, for inspect.json: pixels of each kind, nodes, anchors, matches, joints."""
+    facts: dict[str, Any] = {
+        "recording": inspection.room.recording.folder.resolve().name,
+        "frame": inspection.frame_set.frame,
+        "time_s": inspection.frame_set.time_s,
+        "problems": list(inspection.frame_set.problems),
+        "account": list(inspection.account),
+    }
+    seen, following, estimate = inspection.observation, inspection.next, inspection.estimate
+    if seen is not None:
+        cameras = zip(inspection.room.cameras, seen.evidence.views, strict=True)
+        facts["pixels"] = {camera.name: _pixel_counts(view.labels) for camera, view in cameras if view is not None}
+        facts["nodes"] = len(seen.surface)
+        facts["anchors_found"] = [name for name, found in zip(ANCHOR_NAMES, seen.anchors.found, strict=True) if found]
+    if following is not None:
+        matched = np.isfinite(following.hypothesis.matched_m).all(axis=1)
+        facts["next_frame"] = following.observation.frame_set.frame
+        facts["tree_nodes"], facts["tree_matched"] = len(matched), int(matched.sum())
+    if estimate is not None:
+        joints = zip(JOINT_NAMES, estimate.states, estimate.joints_m, estimate.sigma_m, strict=True)
+        facts["explained_share"] = round(estimate.explained, 4)
+        facts["joints"] = [
+            {"joint": name, "state": str(state), "position_m": _rounded(position), "sigma_m": _rounded(sigma[None])}
+            for name, state, position, sigma in joints
+        ]
+    return facts
+
+
+def _pixel_counts(labels: np.ndarray) -> dict[str, int]:
+    counts = np.bincount(labels.ravel())
+    names = {int(label): label.name.lower() for label in PixelLabel}
+    return {names.get(label, f"person_{label}"): int(count) for label, count in enumerate(counts) if count}
+
+
+def _rounded(values: np.ndarray) -> list[float | None]:
+    return [None if np.isnan(value) else round(float(value), 5) for value in values]

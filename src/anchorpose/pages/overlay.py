@@ -12,8 +12,23 @@ import numpy as np
 from anchorpose.camera import Camera
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import LIMBS, JointState
-from anchorpose.pages.canvas import as_png, enlarge, projector, scale_of, shade, whole, write
-from anchorpose.pages.palette import BLACK, EQUIPMENT, GREEN, PATIENT, PURPLE, VERMILLION, WHITE, YELLOW
+from anchorpose.pages.canvas import (
+    BLACK,
+    EQUIPMENT,
+    GREEN,
+    PATIENT,
+    PURPLE,
+    VERMILLION,
+    WHITE,
+    YELLOW,
+    as_png,
+    enlarge,
+    projector,
+    scale_of,
+    shade,
+    whole,
+    write,
+)
 
 _LABEL_TINT: Final = {
     PixelLabel.EQUIPMENT: EQUIPMENT,
@@ -111,9 +126,13 @@ def _draw_joints(picture: np.ndarray, pixels: np.ndarray, states: tuple[JointSta
 
 
 def _draw_sigma(
-    picture: np.ndarray, camera: Camera, scale: int, to_pixel: Callable[[np.ndarray], np.ndarray],
-    joints_m: np.ndarray, sigma_m: np.ndarray,
-) -> None:  # fmt: skip
+    picture: np.ndarray,
+    camera: Camera,
+    scale: int,
+    to_pixel: Callable[[np.ndarray], np.ndarray],
+    joints_m: np.ndarray,
+    sigma_m: np.ndarray,
+) -> None:
     """A circle of two sigmas around each joint: the joint lies inside it about six times in seven."""
     away_m = np.linalg.norm(joints_m - camera.position_m, axis=1)
     radius = 2.0 * sigma_m * camera.intrinsics.fx * scale / away_m

@@ -1,7 +1,4 @@
-"""How the stages' results are drawn over one camera's depth picture: masks, labels, values and arrows of nodes.
-
-The equipment's model drawn into a camera's picture, part by part.
-"""
+"""What is drawn over one camera's depth image: masks, names, values and arrows of nodes, the equipment's parts."""
 
 from __future__ import annotations
 
@@ -14,9 +11,25 @@ import numpy as np
 
 from anchorpose.calibration.equipment.render import EquipmentCaster
 from anchorpose.camera import Camera, invert_rigid
-from anchorpose.pages.canvas import NO_READING, enlarge, projector, scale_of, shade, whole, write
-from anchorpose.pages.palette import BLACK, GREEN, ORANGE, PURPLE, SKY, VERMILLION, WHITE, YELLOW, Colour
-from anchorpose.recording.equipment import EquipmentModel
+from anchorpose.pages.canvas import (
+    BLACK,
+    GREEN,
+    NO_READING,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILLION,
+    WHITE,
+    YELLOW,
+    Colour,
+    enlarge,
+    projector,
+    scale_of,
+    shade,
+    whole,
+    write,
+)
+from anchorpose.recording.equipment import EquipmentModel, EquipmentPart
 
 COLOUR_STRENGTH: Final = 0.7
 """How much of a tinted pixel is the colour; the rest is grey, so that shape stays visible."""
@@ -27,7 +40,7 @@ ARROW_TIP: Final = 0.35
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layer:
-    """Pixels (height, width) bool of one meaning, and their colour; hatched ones are striped, to lie over others."""
+    """Pixels (height, width) bool of one meaning, and their colour; hatched ones let others show through."""
 
     mask: np.ndarray
     colour: Colour
@@ -35,7 +48,7 @@ class Layer:
 
 
 def draw_depth(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
-    """Distance as colour, yellow near and blue far, with a bar that says which is how far."""
+    """Distance as colour, yellow near and blue far, with a colour bar below."""
     seen = depth_m > 0
     near, far = np.percentile(depth_m[seen], [1, 99]) if seen.any() else (0.0, 1.0)
     far = max(float(far), float(near) + 1e-3)
@@ -113,9 +126,15 @@ def draw_arrows(picture: np.ndarray, starts: np.ndarray, ends: np.ndarray, colou
 
 
 def draw_dots(
-    picture: np.ndarray, places: np.ndarray, colour: Colour, radius: int, names: Sequence[str] = (),
-    *, hollow: bool = False, rim: bool = True,
-) -> None:  # fmt: skip
+    picture: np.ndarray,
+    places: np.ndarray,
+    colour: Colour,
+    radius: int,
+    names: Sequence[str] = (),
+    *,
+    hollow: bool = False,
+    rim: bool = True,
+) -> None:
     """Dots at pixels (n, 2), NaN left out, with a black rim; names beside them where given."""
     for number, place in enumerate(places):
         if np.isfinite(place).all():
@@ -185,22 +204,31 @@ def draw_model(camera: Camera, depth_m: np.ndarray, model: EquipmentModel | None
     """
     picture = enlarge(shade(depth_m), scale_of(camera))
     to_pixel = projector(camera, scale_of(camera))
-    rendering = None if model is None else EquipmentCaster(model).render(camera, invert_rigid(camera.require_pose()))
-    names = []
-    if model is not None and rendering is not None:
-        shown = np.full(depth_m.shape, -1)
-        shown[rendering.window] = rendering.part
-        for number, part in enumerate(model.parts):
-            if (shown == number).any():
-                draw_contour(picture, shown == number, camera, PART_COLOURS[number % len(PART_COLOURS)])
-                names.append((part.name, part.triangles()[0].mean(axis=0)))
-    for name, middle_m in names:
-        place = to_pixel(middle_m[None])[0]
+    parts = [] if model is None else _draw_part_outlines(picture, camera, depth_m, model)
+    for part in parts:
+        place = to_pixel(part.triangles()[0].mean(axis=0)[None])[0]
         if np.isfinite(place).all():
-            write(picture, name, whole(place))
+            write(picture, part.name, whole(place))
     if axes:
         _draw_axes(picture, to_pixel(np.concatenate([np.zeros((1, 3)), 0.3 * np.eye(3)])))
     return picture
+
+
+def _draw_part_outlines(
+    picture: np.ndarray, camera: Camera, depth_m: np.ndarray, model: EquipmentModel
+) -> list[EquipmentPart]:
+    """The outline of each part that the camera sees; returns these parts."""
+    rendering = EquipmentCaster(model).render(camera, invert_rigid(camera.require_pose()))
+    if rendering is None:
+        return []
+    number_of_part = np.full(depth_m.shape, -1)
+    number_of_part[rendering.window] = rendering.part
+    drawn = []
+    for number, part in enumerate(model.parts):
+        if (number_of_part == number).any():
+            draw_contour(picture, number_of_part == number, camera, PART_COLOURS[number % len(PART_COLOURS)])
+            drawn.append(part)
+    return drawn
 
 
 def _draw_axes(picture: np.ndarray, ends: np.ndarray) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from markupsafe import Markup
+
 from anchorpose.errors import InputError
 from anchorpose.report.comparable import differences, require_comparable
 from anchorpose.report.comparison_tables import angle_table, change_table
@@ -14,7 +16,7 @@ from anchorpose.report.summary import summary
 from anchorpose.report.timeline import short_timeline
 from anchorpose.report.words import escape
 from anchorpose.results.folder import write_text_whole
-from anchorpose.results.web_page import fill_page
+from anchorpose.results.web_page import render_page
 
 
 def write_comparison(folders: Sequence[Path], page: Path, labels: Sequence[str] = ()) -> Path:
@@ -53,7 +55,8 @@ def _page(sessions: Sequence[Session], labels: Sequence[str]) -> str:
         "first": escape(labels[0]),
     }
     parts["sources"] = "".join(_sources(session, label) for session, label in zip(sessions, labels, strict=True))
-    return fill_page("anchorpose.report", "comparison.html", "Comparison of sessions", **parts, **page_parts())
+    values = {name: Markup(html) for name, html in (parts | page_parts()).items()}
+    return render_page("anchorpose.report", "comparison.html", title="Comparison of sessions", **values)
 
 
 def _session(session: Session, label: str) -> str:

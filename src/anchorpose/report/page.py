@@ -13,6 +13,7 @@ from typing import Any, Final
 
 import cv2
 import numpy as np
+from markupsafe import Markup
 
 from anchorpose.joints import LOST
 from anchorpose.report.angle_section import angle_section
@@ -23,7 +24,7 @@ from anchorpose.report.summary import summary
 from anchorpose.report.timeline import timeline
 from anchorpose.report.words import counted, escape
 from anchorpose.results.folder import write_text_whole
-from anchorpose.results.web_page import fill_page
+from anchorpose.results.web_page import render_page
 
 WEBP_QUALITY: Final = 80
 """Lines and names stay sharp at a quarter of the bytes of PNG; the PNG pictures are in the results folder."""
@@ -127,7 +128,8 @@ def _page(session: Session) -> str:
         "thinned": _thinned(session),
     }
     parts["sources"] = session.ledger.sources()  # last: all others have told by now what they took
-    return fill_page("anchorpose.report", "page.html", f"Stand training: {session.recording}", **parts, **page_parts())
+    values = {name: Markup(html) for name, html in (parts | page_parts()).items()}
+    return render_page("anchorpose.report", "page.html", title=f"Stand training: {session.recording}", **values)
 
 
 def _thinned(session: Session) -> str:

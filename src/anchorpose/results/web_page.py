@@ -1,24 +1,31 @@
-"""Pages that hold all they need in themselves: a template each, and the one head that all of them have."""
+"""Self-contained web pages from Jinja templates, which lie beside the modules that fill them."""
 
 from __future__ import annotations
 
-import html
-from importlib import resources
-from string import Template
+from functools import cache
 from typing import Final
 
-HEAD_FILE: Final = "page_head.html"
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+HEAD_PACKAGE: Final = "anchorpose.results"
+"""Holds ``page_head.html``, the head that all pages include."""
 
 
-def fill_page(package: str, template: str, title: str, **parts: str) -> str:
-    """The template, a file of the package, with its ``$head``, ``$title`` and the other parts, which are HTML already.
+def render_page(package: str, template: str, **values: object) -> str:
+    """The filled template, a file of ``package``; every value is escaped unless it is ``Markup``.
 
-    title: as people read it; it is escaped here.
+    Templates include others of the package and ``page_head.html``, which needs a ``title``, by name;
+    ``inline(name)`` puts in a file as it is. Raises jinja2.UndefinedError for a value that is missing.
     """
-    escaped = html.escape(title)
-    head = _read("anchorpose.results", HEAD_FILE).substitute(title=escaped)
-    return _read(package, template).substitute(head=head, title=escaped, **parts)
+    return _environment(package).get_template(template).render(values)
 
 
-def _read(package: str, name: str) -> Template:
-    return Template(resources.files(package).joinpath(name).read_text(encoding="utf-8"))
+@cache
+def _environment(package: str) -> Environment:
+    loader = ChoiceLoader([PackageLoader(place, "") for place in dict.fromkeys((package, HEAD_PACKAGE))])
+    environment = Environment(
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.globals["inline"] = lambda name: Markup(loader.get_source(environment, name)[0])
+    return environment

@@ -11,8 +11,8 @@ from typing import Any, Final
 import numpy as np
 
 from anchorpose.errors import MissingPackage
-from anchorpose.pages import palette
-from anchorpose.pages.palette import as_hex
+from anchorpose.pages import canvas as colours
+from anchorpose.pages.canvas import as_hex
 from anchorpose.research.experiment.method import PROPOSED, Family, Method
 from anchorpose.research.experiment.page.tables import Estimate, Table
 
@@ -24,11 +24,11 @@ GROUND: Final = "#ffffff"
 ON_DARK: Final = "#fefefe"  # not the ground: a page in dark colours changes that
 
 LOOK: Final = {
-    Family.PROPOSED: (as_hex(palette.VERMILLION), "solid"),
-    Family.LOCAL: (as_hex(palette.BLUE), (0, (5, 1.5))),
-    Family.SPECTRAL: (as_hex(palette.GREEN), (0, (1, 1.2))),
-    Family.MESH: (as_hex(palette.PURPLE), (0, (5, 1.5, 1, 1.5))),
-    Family.GLOBAL: (as_hex(palette.ORANGE), (0, (8, 2))),
+    Family.PROPOSED: (as_hex(colours.VERMILLION), "solid"),
+    Family.LOCAL: (as_hex(colours.BLUE), (0, (5, 1.5))),
+    Family.SPECTRAL: (as_hex(colours.GREEN), (0, (1, 1.2))),
+    Family.MESH: (as_hex(colours.PURPLE), (0, (5, 1.5, 1, 1.5))),
+    Family.GLOBAL: (as_hex(colours.ORANGE), (0, (8, 2))),
     Family.NONE: (FAINT, (0, (2, 2))),
     Family.TRACKER: (INK, "solid"),
 }

@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
+from markupsafe import Markup
+
 from anchorpose.research.experiment.outcome import Outcome
 from anchorpose.research.experiment.page.claims import claims_json, judge_claims
 from anchorpose.research.experiment.page.drawing import Picture
@@ -35,7 +37,7 @@ from anchorpose.research.experiment.page.tables import Table, csv_text
 from anchorpose.research.experiment.page.tracking_tables import OTHER_HOLES, tracking_tables
 from anchorpose.research.experiment.page.verdict import Claim
 from anchorpose.results.folder import whole_or_nothing, write_text_whole
-from anchorpose.results.web_page import fill_page
+from anchorpose.results.web_page import render_page
 
 NO_DATA = "<p class='hint'>Nothing was run that this could be told from.</p>"
 
@@ -59,29 +61,29 @@ def compose_page(
         rows = [table_html(table, table.key in UNFOLDED) for table in tables if _root(table) in listed]
         return "".join([*images, pictures_html(shown, pictures), *rows]) or NO_DATA
 
-    return fill_page(
-        "anchorpose.research.experiment.page",
-        "page.html",
-        "The paper’s experiment, repeated",
-        summary=summary_html(outcome, claims, tables),
-        claims=claims_html(claims),
-        run=run_html(outcome),
-        tracking=part(
+    parts = {
+        "summary": summary_html(outcome, claims, tables),
+        "claims": claims_html(claims),
+        "run": run_html(outcome),
+        "tracking": part(
             ("result1", "sd1", "ratio", "result2", "sd2"),
             ("result1", "sd1", "result1_occluded", "known", "ratio", "ratio_occluded", "result2", "sd2"),
             ("tracked", "hypotheses", "regions"),
         ),
-        matching=part(
+        "matching": part(
             ("matching", "princeton"),
             ("matching", "matching_by_region", "mirrored_by_region", "matching_by_size", "matching_by_size_tree",
              "princeton_mm", "princeton_height"),
             ("matches",),
         ),
-        times=_paper_times(outcome) + part(("times",), ("times",)),
-        more=part(("scenes", *MORE, "ablation"), ("scenes", *MORE, "ablation"), ("other",)),
-        limits=limits_html(outcome),
-        again=again_html(outcome),
-    )  # fmt: skip
+        "times": _paper_times(outcome) + part(("times",), ("times",)),
+        "more": part(("scenes", *MORE, "ablation"), ("scenes", *MORE, "ablation"), ("other",)),
+        "limits": limits_html(outcome),
+        "again": again_html(outcome),
+    }  # fmt: skip
+    title = "The paper’s experiment, repeated"
+    package = "anchorpose.research.experiment.page"
+    return render_page(package, "page.html", title=title, **{name: Markup(html) for name, html in parts.items()})
 
 
 def _root(table: Table) -> str:

@@ -12,8 +12,8 @@ import numpy as np
 
 from anchorpose.camera import Camera
 from anchorpose.errors import MissingPackage
-from anchorpose.pages import palette
-from anchorpose.pages.palette import as_hex
+from anchorpose.pages import canvas as colours
+from anchorpose.pages.canvas import as_hex
 from anchorpose.surface.mesh import faces
 from anchorpose.surface.surface import Surface
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 DOTS_PER_INCH: Final = 110
 COLOURS: Final = 256  # what a PNG with a palette can hold
-BLUE, VERMILLION, GREEN = as_hex(palette.BLUE), as_hex(palette.VERMILLION), as_hex(palette.GREEN)
+BLUE, VERMILLION, GREEN = as_hex(colours.BLUE), as_hex(colours.VERMILLION), as_hex(colours.GREEN)
 BARE: Final = np.array([0.86, 0.86, 0.86])
 """The colour of a mesh of which nothing but its shape is told."""
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from anchorpose.geodesics.anchors import ANCHOR_NAMES
-from anchorpose.pages import palette
-from anchorpose.pages.palette import as_hex
+from anchorpose.pages import canvas as colours
+from anchorpose.pages.canvas import as_hex
 from anchorpose.research.experiment.matching import Matches, ask
 from anchorpose.research.experiment.method import Method
 from anchorpose.research.experiment.pictures.canvas import Picture, View, apart_m, blank_figure, frame_axes
@@ -23,8 +23,8 @@ NODES: Final = 5  # of which every possible match is drawn
 DRAW_SEED: Final = 23
 MISSED: Final = "#b8b8b8"
 COLOURS: Final = (
-    *(as_hex(colour) for colour in (palette.ORANGE, palette.SKY, palette.GREEN, palette.YELLOW, palette.BLUE,
-                                    palette.VERMILLION, palette.PURPLE, palette.BLACK)),
+    *(as_hex(colour) for colour in (colours.ORANGE, colours.SKY, colours.GREEN, colours.YELLOW, colours.BLUE,
+                                    colours.VERMILLION, colours.PURPLE, colours.BLACK)),
     "#882255", "#999933",
 )  # fmt: skip
 """Okabe and Ito's, and two of Paul Tol's muted ones: ten subsets of three of five anchors."""

@@ -1,11 +1,10 @@
-"""Pictures of the stages that work on the patient's surface: mesh, geodesics, anchors, hypotheses, registration.
-
-Pictures of the stages that tell pixels apart: depth, room, equipment, people.
-"""
+"""One camera's picture of every stage of an inspected frame, in the order of the stages."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import wraps
+from typing import Final
 
 import numpy as np
 
@@ -16,9 +15,7 @@ from anchorpose.geodesics.extrema import geodesic_extrema, surface_center
 from anchorpose.isolation.background import equipment_mask, foreground
 from anchorpose.isolation.scene import find_pieces
 from anchorpose.isolation.view import PixelLabel
-from anchorpose.pages.canvas import enlarge, projector, scale_of, shade, write
-from anchorpose.pages.overlay import OverlayScene, draw_scene
-from anchorpose.pages.palette import (
+from anchorpose.pages.canvas import (
     BLUE,
     EQUIPMENT,
     GREEN,
@@ -30,7 +27,13 @@ from anchorpose.pages.palette import (
     WHITE,
     YELLOW,
     colour_of_person,
+    enlarge,
+    projector,
+    scale_of,
+    shade,
+    write,
 )
+from anchorpose.pages.overlay import OverlayScene, draw_scene
 from anchorpose.pages.stage_drawing import (
     Layer,
     draw_arrows,
@@ -50,14 +53,72 @@ from anchorpose.surface.links import links
 from anchorpose.tracker.inspection import InspectedCamera
 from anchorpose.tracker.observation import Observation
 
-ISO_M = 0.1
-MAGNIFIED = 3.0  # a hand moves 3 cm in a frame: nine pixels, too few for an arrow
-LIGHT = np.array([-0.4, -0.5, -0.77])  # towards the light, camera frame: from above on the left
-SEEN_ONCE, SEEN_TWICE = np.array([235.0, 235.0, 235.0]), np.array([255.0, 200.0, 130.0])
+ISO_M: Final = 0.1  # between two lines of equal distance
+MAGNIFIED: Final = 3.0  # a hand moves 3 cm in a frame: nine pixels, too few for an arrow
+LIGHT: Final = np.array([-0.4, -0.5, -0.77])  # towards the light, camera frame: from above on the left
+SEEN_ONCE: Final = (235.0, 235.0, 235.0)
+SEEN_TWICE: Final = (255.0, 200.0, 130.0)
 
 Projection = Callable[[np.ndarray], np.ndarray]
+SurfaceDrawing = Callable[[InspectedCamera, Observation, np.ndarray], np.ndarray | None]
 
 
+def draw_reading(one: InspectedCamera) -> np.ndarray:
+    """The depth as it was recorded."""
+    return draw_depth(one.depth_m, one.camera)
+
+
+def draw_background(one: InspectedCamera) -> np.ndarray:
+    """The empty room as isolation knows it."""
+    return draw_depth(one.scene.background.depth_m, one.camera)
+
+
+def draw_foreground(one: InspectedCamera) -> np.ndarray:
+    """The foreground: pixels in front of the empty room."""
+    mask = foreground(one.depth_m, one.scene.background, one.config.isolation)
+    return draw_layers(one.depth_m, one.camera, [Layer(mask, SKY)])
+
+
+def draw_equipment(one: InspectedCamera) -> np.ndarray | None:
+    """Where the equipment is expected, which pixels were removed, which are hidden by it; None without equipment."""
+    expected = one.scene.equipment
+    if expected is None:
+        return None
+    nearer = foreground(one.depth_m, one.scene.background, one.config.isolation)
+    removed = equipment_mask(one.depth_m, nearer, expected)
+    layers = [Layer(removed, EQUIPMENT), Layer(removed & (expected.depth_m > 0), BLUE, hatched=True)]
+    picture = draw_layers(one.depth_m, one.camera, layers)
+    draw_contour(picture, expected.depth_m > 0, one.camera, WHITE)
+    return picture
+
+
+def draw_people(one: InspectedCamera) -> np.ndarray:
+    """The person label of each pixel; without a patient, the pieces that isolation found."""
+    labels = _labels(one)
+    people = [int(label) for label in np.unique(labels) if label >= PixelLabel.PATIENT]
+    masks = [labels == label for label in people]
+    layers = [Layer(labels == PixelLabel.EQUIPMENT, EQUIPMENT), Layer(labels == PixelLabel.CLUTTER, GREY)]
+    layers += [Layer(mask, colour_of_person(label)) for mask, label in zip(masks, people, strict=True)]
+    picture = draw_layers(one.depth_m, one.camera, layers)
+    name_masks(picture, one.camera, masks, [person_name(label) for label in people])
+    return picture
+
+
+def _of_surface(draw: SurfaceDrawing) -> Callable[[InspectedCamera], np.ndarray | None]:
+    """A drawing of the surface's nodes that one camera saw (``own``: which these are); None where it saw none."""
+
+    @wraps(draw)
+    def drawn(one: InspectedCamera) -> np.ndarray | None:
+        seen = one.inspection.observation
+        if seen is None:
+            return None
+        own = seen.surface.camera == one.number
+        return draw(one, seen, own) if own.any() else None
+
+    return drawn
+
+
+@_of_surface
 def draw_mesh(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray:
     """The surface in relief, its bridges and joins, and where something else cuts it off."""
     picture, to_pixel = _canvas(one)
@@ -76,6 +137,7 @@ def draw_mesh(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.nd
     return picture
 
 
+@_of_surface
 def draw_geodesics(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray:
     """Distance along the skin from the centre, a line every ``ISO_M``."""
     picture, to_pixel = _canvas(one)
@@ -88,8 +150,9 @@ def draw_geodesics(one: InspectedCamera, seen: Observation, own: np.ndarray) -> 
     return draw_bar(picture, "0 m", f"{highest:.2f} m")
 
 
+@_of_surface
 def draw_anchors(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray:
-    """The extrema, those that were taken for head, hands and feet, and which of the five are missed."""
+    """The extrema, those identified as head, hands and feet, and which of the five anchors are missed."""
     picture, to_pixel = _canvas(one)
     extrema = geodesic_extrema(seen.whole, _whole_field(seen), one.config.anchors.radius * one.inspection.height_m)
     draw_values(picture, one.camera, seen.surface.pixel[own], np.full(int(own.sum()), 0.35), 1.0, None)
@@ -104,6 +167,7 @@ def draw_anchors(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np
     return picture
 
 
+@_of_surface
 def draw_hypotheses(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray | None:
     """Under how many subsets of the anchors each node has a match in the next frame; None without a next frame."""
     following = one.inspection.next
@@ -117,8 +181,9 @@ def draw_hypotheses(one: InspectedCamera, seen: Observation, own: np.ndarray) ->
     return draw_bar(picture, "1", f"{subsets} hypotheses")
 
 
+@_of_surface
 def draw_tree(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray | None:
-    """Where the best branches say that the skin goes; None without a next frame."""
+    """Where the skin moves according to the best branches; None without a next frame."""
     following = one.inspection.next
     if following is None:
         return None
@@ -133,7 +198,7 @@ def draw_tree(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.nd
 
 
 def draw_registration(one: InspectedCamera) -> np.ndarray | None:
-    """The body in its pose and the joints; None where the patient was not found."""
+    """The posed body and the joints; None where the patient was not found."""
     estimate = one.inspection.estimate
     if estimate is None or estimate.belief is None or estimate.shape is None:
         return None
@@ -156,64 +221,23 @@ def draw_registration(one: InspectedCamera) -> np.ndarray | None:
 
 
 def _canvas(one: InspectedCamera) -> tuple[np.ndarray, Projection]:
-    """The dimmed depth picture to draw on, and the way from the world onto it."""
+    """The dimmed depth image to draw on, and the projection of world points onto it."""
     picture = enlarge(shade(one.depth_m) // 2, scale_of(one.camera))
     return picture, projector(one.camera, scale_of(one.camera))
 
 
 def _field(seen: Observation) -> tuple[np.ndarray, int]:
-    """(n,) geodesic distance from the centre, and the centre, as ``find_anchors`` has them."""
+    """(n,) geodesic distance from the centre, and the centre, as ``find_anchors`` computes them."""
     return _whole_field(seen)[: len(seen.surface)], surface_center(seen.surface)
 
 
 def _whole_field(seen: Observation) -> np.ndarray:
-    """The same over hidden skin as well."""
+    """The same over the whole body, hidden skin included."""
     return geodesic_distance(seen.whole, np.array([surface_center(seen.whole)]))[0]
 
 
-def draw_reading(one: InspectedCamera) -> np.ndarray:
-    """The depth as it was recorded."""
-    return draw_depth(one.depth_m, one.camera)
-
-
-def draw_background(one: InspectedCamera) -> np.ndarray:
-    """The empty room as isolation knows it."""
-    return draw_depth(one.scene.background.depth_m, one.camera)
-
-
-def draw_foreground(one: InspectedCamera) -> np.ndarray:
-    """What stands out of the room."""
-    mask = foreground(one.depth_m, one.scene.background, one.config.isolation)
-    return draw_layers(one.depth_m, one.camera, [Layer(mask, SKY)])
-
-
-def draw_equipment(one: InspectedCamera) -> np.ndarray | None:
-    """Where the equipment is expected, which pixels were removed, which are hidden by it; None without equipment."""
-    expected = one.scene.equipment
-    if expected is None:
-        return None
-    nearer = foreground(one.depth_m, one.scene.background, one.config.isolation)
-    removed = equipment_mask(one.depth_m, nearer, expected)
-    layers = [Layer(removed, EQUIPMENT), Layer(removed & (expected.depth_m > 0), BLUE, hatched=True)]
-    picture = draw_layers(one.depth_m, one.camera, layers)
-    draw_contour(picture, expected.depth_m > 0, one.camera, WHITE)
-    return picture
-
-
-def draw_people(one: InspectedCamera) -> np.ndarray:
-    """Who owns which pixel; without anybody to look for, what would have been looked at."""
-    labels = _labels(one)
-    people = [int(label) for label in np.unique(labels) if label >= PixelLabel.PATIENT]
-    masks = [labels == label for label in people]
-    layers = [Layer(labels == PixelLabel.EQUIPMENT, EQUIPMENT), Layer(labels == PixelLabel.CLUTTER, GREY)]
-    layers += [Layer(mask, colour_of_person(label)) for mask, label in zip(masks, people, strict=True)]
-    picture = draw_layers(one.depth_m, one.camera, layers)
-    name_masks(picture, one.camera, masks, [person_name(label) for label in people])
-    return picture
-
-
 def person_name(label: int) -> str:
-    """What people call the one with this pixel label."""
+    """The name on pictures of the person with this pixel label."""
     return "patient" if label == PixelLabel.PATIENT else f"person {label - PixelLabel.OTHER_PERSON + 2}"
 
 
