@@ -22,7 +22,7 @@ FLOW = (
     "recording", "calibration", "isolation", "surface", "geodesics", "association", "tracking", "body", "results",
     "report",
 )  # fmt: skip
-VALUES = ("errors", "joints", "camera", "versions", "settings")
+VALUES = ("errors", "joints", "camera", "rotations", "versions", "settings")
 BESIDE_THE_FLOW = (
     "simulate", "tracker", "pipeline", "calibrating", "inspecting", "collecting", "run_account", "threads", "cli",
     "research", "exports", "pages", "viewer", "viewing",

@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from body_builder import asset, points, random_pose, standing
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from anchorpose.body.kinematics import shape_body
@@ -18,44 +16,10 @@ from anchorpose.body.pose import (
     joint_range,
     moving_bones,
 )
-from anchorpose.body.rotations import inverse_left_jacobian, turns_of, vectors_of
 from anchorpose.joints import JOINT_INDEX
 
 MEAN = shape_body(asset(), np.zeros(0))
 HINGES = ("LeftForeArm", "RightForeArm", "LeftLeg", "RightLeg")
-
-directions = st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda v: np.linalg.norm(v) > 0.1)
-angles = st.one_of(st.floats(0.0, 3.0), st.floats(-9.0, 0.0).map(lambda power: 10.0**power), st.just(0.0))
-
-
-@settings(deadline=None, derandomize=True)
-@given(directions, angles)
-def test_the_inverse_left_jacobian_is_the_derivative_of_the_logarithm(direction, angle):
-    w = np.array(direction) / np.linalg.norm(direction) * angle
-    step = 1e-6
-
-    def logarithm(d: np.ndarray) -> np.ndarray:
-        return (Rotation.from_rotvec(d) * Rotation.from_rotvec(w)).as_rotvec()
-
-    numeric = np.stack([(logarithm(d) - logarithm(-d)) / (2.0 * step) for d in step * np.eye(3)], axis=1)
-    change = np.empty((3, 3))
-    inverse_left_jacobian(w, change)
-    np.testing.assert_allclose(change, numeric, atol=1e-6)
-
-
-@settings(deadline=None, derandomize=True)
-@given(directions, st.one_of(angles, st.floats(3.0, np.pi - 1e-6)))
-def test_rotation_vectors_and_matrices_are_those_of_scipy(direction, angle):
-    w = np.array(direction) / np.linalg.norm(direction) * angle
-    matrix = Rotation.from_rotvec(w).as_matrix()
-    np.testing.assert_allclose(turns_of(w[None])[0], matrix, atol=1e-14)
-    np.testing.assert_allclose(vectors_of(matrix[None])[0], w, atol=1e-8)  # near pi the vector hangs on few digits
-
-
-def test_rotations_of_many_bones_are_those_of_each():
-    w = np.random.default_rng(1).normal(size=(7, 3))
-    w[3] = 0.0
-    np.testing.assert_allclose(vectors_of(turns_of(w)), w, atol=1e-12)
 
 
 def test_no_change_leaves_the_pose_and_a_change_back_restores_it():

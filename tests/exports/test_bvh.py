@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 from anchorpose.body.asset import load_body_asset
 from anchorpose.body.kinematics import shape_body
 from anchorpose.body.pose import MOVING_BONES, Pose, moving_bones
-from anchorpose.body.rotations import turns_of
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.exports.bvh_skeleton import skeleton_of_joints
 from anchorpose.exports.product import ExportConfig, Format
@@ -21,6 +20,7 @@ from anchorpose.exports.run import export_results
 from anchorpose.exports.segment_frames import joint
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 from anchorpose.results.poses import POSES_FILE, BodyPose, write_poses
+from anchorpose.rotations import rotation_matrices
 
 BY_JOINTS = {
     **{name: name for name in JOINT_NAMES if not name.startswith(("Hand", "Foot", "Head"))},
@@ -60,8 +60,10 @@ def posed(count: int, spin_deg: float = 0.0) -> tuple[np.ndarray, list[BodyPose]
     joints, poses = [], []
     for frame in range(count):
         rotations = np.tile(np.eye(3), (len(asset.bone_names), 1, 1))
-        rotations[moving] = turns_of(swing[0] * np.sin(0.3 * frame) + swing[1] * np.cos(0.2 * frame))
-        rotations[moving[0]] = turns_of(np.array([[0.0, np.radians(spin_deg) * frame, 0.0]]))[0] @ rotations[moving[0]]
+        rotations[moving] = rotation_matrices(swing[0] * np.sin(0.3 * frame) + swing[1] * np.cos(0.2 * frame))
+        rotations[moving[0]] = (
+            rotation_matrices(np.array([[0.0, np.radians(spin_deg) * frame, 0.0]]))[0] @ rotations[moving[0]]
+        )
         pose = Pose(rotations, np.array([0.1 * frame, 0.9, 0.0]))
         placed = body.bone_transforms(pose.rotations, pose.root_m)
         heads = np.einsum("bij,bj->bi", placed[moving, :3, :3], body.bone_heads[moving]) + placed[moving, :3, 3]

@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 
 from anchorpose.body.kinematics import shape_body
 from anchorpose.joints import JOINT_INDEX, LIMBS
+from anchorpose.rotations import turns
 from anchorpose.simulate import config as presets
 from anchorpose.simulate.channels import HandGoals, posture_from
 from anchorpose.simulate.clinic import draw_clinic
@@ -15,7 +16,6 @@ from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.patient import resting_channels
 from anchorpose.simulate.person import draw_person
 from anchorpose.simulate.posture import SIDES, palm_normal, pose_bones
-from anchorpose.simulate.rotations import turn_about
 from anchorpose.simulate.timeline import (
     CHANNEL_INDEX,
     Footwork,
@@ -85,7 +85,7 @@ def test_clothes_stand_off_the_dressed_skin_and_leave_hands_and_head_bare():
 def test_skinning_agrees_with_the_plain_version():
     person = draw_person(np.random.default_rng(5), 0.0)
     rng = np.random.default_rng(6)
-    bones = person.body.bone_transforms(turn_about(rng.normal(0, 0.4, (31, 3))), np.array([0.1, 0.9, 0.2]))
+    bones = person.body.bone_transforms(turns(rng.normal(0, 0.4, (31, 3))), np.array([0.1, 0.9, 0.2]))
     assert person.skin(bones, 0.0) == pytest.approx(person.body.skin(bones), abs=2e-6)
 
 

@@ -16,7 +16,6 @@ from scipy.linalg.lapack import dposv
 from anchorpose.body.constraints import Constraints
 from anchorpose.body.pose import DEGREE, POSE_SIZE, Pose, joint_range
 from anchorpose.body.pose_accumulation import accumulate_pose
-from anchorpose.body.rotations import inverse_left_jacobian
 from anchorpose.body.shape_belief import ShapeBelief
 from anchorpose.body.skin_points import (
     Body,
@@ -28,6 +27,7 @@ from anchorpose.body.skin_points import (
     pose_points,
     shape_jacobian,
 )
+from anchorpose.rotations import inverse_left_jacobian
 
 
 @njit(cache=True)

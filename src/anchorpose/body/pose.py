@@ -12,8 +12,8 @@ from typing import Final
 import numpy as np
 
 from anchorpose.body.asset import BodyAsset
-from anchorpose.body.rotations import turns_of, vectors_of
 from anchorpose.joints import JOINT_COUNT, JOINT_NAMES
+from anchorpose.rotations import rotation_matrices, rotation_vectors
 
 MOVING_BONES: Final = (
     "Hips", "LowerBack", "Spine", "Spine1", "Neck", "Neck1", "Head",
@@ -39,17 +39,17 @@ class Pose:
     def moved(self, change: np.ndarray, moving: np.ndarray) -> Pose:
         """The pose after a change (POSE_SIZE,): ``exp(change) @ rotation`` in the parent's frame, then translation."""
         rotations = self.rotations.copy()
-        rotations[moving] = turns_of(change[:-3].reshape(-1, 3)) @ rotations[moving]
+        rotations[moving] = rotation_matrices(change[:-3].reshape(-1, 3)) @ rotations[moving]
         return Pose(rotations, self.root_m + change[-3:])
 
     def change_to(self, after: Pose, moving: np.ndarray) -> np.ndarray:
         """(POSE_SIZE,) the change that leads to another pose: ``self.moved(change, moving)`` is ``after``."""
         turned = after.rotations[moving] @ self.rotations[moving].transpose(0, 2, 1)
-        return np.append(vectors_of(turned).ravel(), after.root_m - self.root_m)
+        return np.append(rotation_vectors(turned).ravel(), after.root_m - self.root_m)
 
     def rotation_vectors(self, moving: np.ndarray) -> np.ndarray:
         """(m, 3) rotation vectors of the moving bones, radians."""
-        return vectors_of(self.rotations[moving])
+        return rotation_vectors(self.rotations[moving])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,10 +17,11 @@ from anchorpose.body.kinematics import shape_body
 from anchorpose.body.pose import MOVING_BONES
 from anchorpose.errors import InputError
 from anchorpose.exports.regular_time import Between
-from anchorpose.exports.segment_frames import joint, pelvis_axes, torso_axes, unit
+from anchorpose.exports.segment_frames import joint, pelvis_axes, torso_axes
 from anchorpose.exports.source import Samples
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.results.poses import read_poses
+from anchorpose.rotations import unit
 
 ROOT: Final = "SpineBase"
 

@@ -26,10 +26,10 @@ from anchorpose.exports.segment_frames import (
     pelvis_axes,
     torso_axes,
     turns_deg,
-    unit,
 )
 from anchorpose.results.kinematics.limbs import knee_bend
 from anchorpose.results.poses import PoseTable, read_poses
+from anchorpose.rotations import unit
 
 
 @dataclass(frozen=True, slots=True, eq=False)

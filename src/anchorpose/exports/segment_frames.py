@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.joints import JOINT_INDEX
+from anchorpose.rotations import unit
 
 LOWER_SPINE_LEAN_DEG: Final = 4.4
 UPPER_SPINE_LEAN_DEG: Final = 5.2
@@ -70,12 +71,6 @@ def bend_deg(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """(n,) angle between two vectors, exact for small ones too; NaN where one is missing or has no length."""
     along = np.sum(unit(first) * unit(second), axis=-1)
     return np.degrees(np.arctan2(np.linalg.norm(np.cross(unit(first), unit(second)), axis=-1), along))
-
-
-def unit(vector: np.ndarray) -> np.ndarray:
-    """Vectors (..., 3) of length one; NaN where there is no length."""
-    length = np.linalg.norm(vector, axis=-1, keepdims=True)
-    return vector / np.where(length > 0, length, np.nan)
 
 
 def _about_z(axes: np.ndarray, degrees: float) -> np.ndarray:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from anchorpose.body.kinematics import ShapedBody
+from anchorpose.rotations import UP, turns, turns_about
 from anchorpose.simulate.posture import OUTWARD, Posture
-from anchorpose.simulate.rotations import UP, turn_about, turn_by
 from anchorpose.simulate.timeline import CHANNEL_INDEX, Footwork, body_course, foot_track
 
 ELBOW_LIMITS = (0.12, 2.5)  # radians: nearly straight to hand at the shoulder
@@ -54,7 +54,7 @@ def posture_from(
     def both(name: str) -> np.ndarray:
         return np.stack([channel(f"{name}_left"), channel(f"{name}_right")], axis=1)
 
-    heading = turn_by(UP, yaw)
+    heading = turns_about(UP, yaw)
     balls_m = body.bone_heads[[body.asset.bone("LeftToeBase"), body.asset.bone("RightToeBase")]]
     ball_m = feet.ball_m + UP * balls_m[:, 1:2]
     offset = np.stack(
@@ -70,7 +70,7 @@ def posture_from(
     shoulder = np.stack([flexion, both("shoulder_abduct"), both("shoulder_inward")], axis=2)
     return Posture(
         pelvis_m=floor + np.einsum("tij,tj->ti", heading, offset),
-        pelvis_turn=heading @ turn_about(lean),
+        pelvis_turn=heading @ turns(lean),
         trunk=np.stack([channel(f"trunk_{k}") for k in ("flex", "side", "turn")], axis=1).clip(*TRUNK_LIMITS),
         head=np.stack([channel(f"head_{k}") for k in ("flex", "side", "turn")], axis=1).clip(*HEAD_LIMITS),
         ball_m=ball_m,

@@ -10,17 +10,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from anchorpose.body.kinematics import ShapedBody
-from anchorpose.simulate.rotations import (
+from anchorpose.rotations import (
     FORWARD,
     RIGHT,
     UP,
-    apply,
     orthonormal_frame,
-    rotation_vector,
-    turn_about,
-    turn_by,
+    rotate,
+    turns,
+    turns_about,
     unit,
 )
 
@@ -117,7 +117,7 @@ class _Poser:
             self._arm(posture, side)
         transforms = np.zeros((*self.turn.shape[:2], 4, 4))
         transforms[..., :3, :3] = self.turn
-        transforms[..., :3, 3] = self.place - apply(self.turn, self.body.bone_heads)
+        transforms[..., :3, 3] = self.place - rotate(self.turn, self.body.bone_heads)
         transforms[..., 3, 3] = 1.0
         return transforms
 
@@ -130,7 +130,7 @@ class _Poser:
         parent = self.body.asset.bone_parents[bone]
         offset = self.body.bone_heads[bone] - self.body.bone_heads[parent]
         self.turn[:, bone] = turn
-        self.place[:, bone] = self.place[:, parent] + apply(self.turn[:, parent], offset)
+        self.place[:, bone] = self.place[:, parent] + rotate(self.turn[:, parent], offset)
 
     def _follow(self, name: str, local: np.ndarray | None = None) -> None:
         """Turn a bone by ``local`` relative to its parent."""
@@ -139,10 +139,10 @@ class _Poser:
 
     def _feet(self, posture: Posture) -> tuple[np.ndarray, np.ndarray]:
         """Ankles (t, 2, 3) and turns of the feet (t, 2, 3, 3)."""
-        turn = turn_by(UP, posture.foot_yaw) @ turn_by(RIGHT, -posture.heel_lift)
+        turn = turns_about(UP, posture.foot_yaw) @ turns_about(RIGHT, -posture.heel_lift)
         heads = self.body.bone_heads
         offsets = np.array([heads[self._bone(f"{s}Foot")] - heads[self._bone(f"{s}ToeBase")] for s in SIDES])
-        return posture.ball_m + apply(turn, offsets), turn
+        return posture.ball_m + rotate(turn, offsets), turn
 
     def _pelvis(self, posture: Posture, ankles_m: np.ndarray) -> None:
         hips = self._bone("Hips")
@@ -150,7 +150,7 @@ class _Poser:
         place = posture.pelvis_m.copy()
         highest = [place[:, 1]]
         for side, name in enumerate(SIDES):
-            offset = apply(
+            offset = rotate(
                 posture.pelvis_turn, self.body.bone_heads[self._bone(f"{name}UpLeg")] - self.body.bone_heads[hips]
             )
             length = FULL_REACH * sum(_limb(self.body, (f"{name}UpLeg", f"{name}Leg", f"{name}Foot")).lengths)
@@ -170,41 +170,41 @@ class _Poser:
         self._follow(f"{name}UpLeg")
         hip_m = self.place[:, self._bone(f"{name}UpLeg")]
         ahead = posture.foot_yaw[:, side] - OUTWARD[side] * posture.knee_out[:, side]
-        thigh, shank = _reach(limb, hip_m, ankle_m, apply(turn_by(UP, ahead), FORWARD))
+        thigh, shank = _reach(limb, hip_m, ankle_m, rotate(turns_about(UP, ahead), FORWARD))
         self._set(f"{name}UpLeg", thigh)
         self._set(f"{name}Leg", shank)
         self._set(f"{name}Foot", foot)
-        self._set(f"{name}ToeBase", turn_by(UP, posture.foot_yaw[:, side]))
+        self._set(f"{name}ToeBase", turns_about(UP, posture.foot_yaw[:, side]))
 
     def _spine(self, posture: Posture) -> None:
         for shares, angles in ((SPINE_SHARES, posture.trunk), (NECK_SHARES, posture.head)):
             bend = np.stack([angles[:, 1], angles[:, 2], -angles[:, 0]], axis=1)
             for name, share in shares:
-                self._follow(name, turn_about(share * bend))
+                self._follow(name, turns(share * bend))
 
     def _arm(self, posture: Posture, side: int) -> None:
         name, outward = SIDES[side], OUTWARD[side]
         flexion, abduction, inward = posture.shoulder[:, side].T
         swing = np.stack([-outward * abduction, np.zeros_like(flexion), flexion], axis=1)
         raised = np.logaddexp(0.0, (np.linalg.norm(swing, axis=1) - 0.5) * 8.0) / 8.0
-        self._follow(f"{name}Shoulder", turn_by(FORWARD, -outward * CLAVICLE_SHARE * raised))
+        self._follow(f"{name}Shoulder", turns_about(FORWARD, -outward * CLAVICLE_SHARE * raised))
         self._follow(f"{name}Arm")
 
         limb = _limb(self.body, (f"{name}Arm", f"{name}ForeArm", f"{name}Hand"))
         hanging = orthonormal_frame(-UP, RIGHT) @ orthonormal_frame(limb.first, limb.axis).T
         thorax = self.turn[:, self._bone("Spine1")]
-        upper = thorax @ turn_about(swing) @ turn_by(UP, outward * inward) @ hanging
-        fore = upper @ turn_by(limb.axis, posture.elbow[:, side] - limb.rest_bend)
+        upper = thorax @ turns(swing) @ turns_about(UP, outward * inward) @ hanging
+        fore = upper @ turns_about(limb.axis, posture.elbow[:, side] - limb.rest_bend)
         upper, fore = self._pulled(posture, side, limb, upper, fore)
 
         self._set(f"{name}Arm", upper)
-        self._set(f"{name}ForeArm", fore @ turn_by(limb.second, -outward * posture.pronation[:, side]))
+        self._set(f"{name}ForeArm", fore @ turns_about(limb.second, -outward * posture.pronation[:, side]))
         palm, along = palm_normal(self.body, side), finger_direction(self.body, side)
         across = unit(np.cross(along, palm))
-        free = self.turn[:, self._bone(f"{name}ForeArm")] @ turn_by(across, posture.wrist[:, side])
-        held = rotation_vector(np.swapaxes(free, -1, -2) @ posture.hand_turn[:, side])
-        self._set(f"{name}Hand", free @ turn_about(posture.pull[:, side, None] * held))
-        curl = turn_by(across, posture.fingers[:, side])
+        free = self.turn[:, self._bone(f"{name}ForeArm")] @ turns_about(across, posture.wrist[:, side])
+        held = Rotation.from_matrix(np.swapaxes(free, -1, -2) @ posture.hand_turn[:, side]).as_rotvec()
+        self._set(f"{name}Hand", free @ turns(posture.pull[:, side, None] * held))
+        curl = turns_about(across, posture.fingers[:, side])
         self._follow(f"{name[0]}Thumb")
         self._follow(f"{name}FingerBase", curl)
         self._follow(f"{name}HandFinger1", curl)
@@ -217,10 +217,11 @@ class _Poser:
         if not pull.any():
             return upper, fore
         shoulder_m = self.place[:, self._bone(f"{SIDES[side]}Arm")]
-        elbow_m = shoulder_m + limb.lengths[0] * apply(upper, limb.first)
-        wrist_m = elbow_m + limb.lengths[1] * apply(fore, limb.second)
+        elbow_m = shoulder_m + limb.lengths[0] * rotate(upper, limb.first)
+        wrist_m = elbow_m + limb.lengths[1] * rotate(fore, limb.second)
         goal_m = wrist_m + pull * (posture.hand_m[:, side] - wrist_m)
-        behind = apply(self.turn[:, self._bone("Spine1")], ELBOW_BEHIND_M * unit(OUTWARD[side] * 0.4 * RIGHT - FORWARD))
+        backward = ELBOW_BEHIND_M * unit(OUTWARD[side] * 0.4 * RIGHT - FORWARD)
+        behind = rotate(self.turn[:, self._bone("Spine1")], backward)
         return _reach(limb, shoulder_m, goal_m, elbow_m - shoulder_m + pull * behind)
 
 

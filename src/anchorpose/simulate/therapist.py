@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from anchorpose.joints import JOINT_INDEX
+from anchorpose.rotations import FORWARD, UP, orthonormal_frame, rotate, unit
 from anchorpose.simulate.channels import HandGoals, posture_from
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.patient import LONG_AGO_S, PALM_ABOVE_BONE_M, Actor, draw_waves, resting_channels
 from anchorpose.simulate.person import Person, draw_person
 from anchorpose.simulate.posture import OUTWARD, SIDES, finger_direction, palm_normal, pose_bones
-from anchorpose.simulate.rotations import FORWARD, UP, apply, orthonormal_frame, unit
 from anchorpose.simulate.timeline import CHANNEL_INDEX, Footwork, Movement, channel_values, stance_places, walk
 
 STANCE_M = 0.28
@@ -96,7 +96,7 @@ class Therapist:
         person, wrist_bones = self.actor.person, [self.actor.person.body.asset.bone(f"{side}Hand") for side in SIDES]
         goals = _hand_goals(person, self.hold, *skin_points(patient.person, patient_bones, self.hold.vertices))
         hands = bones[:, wrist_bones]
-        wrists_m = apply(hands[..., :3, :3], person.body.bone_heads[wrist_bones]) + hands[..., :3, 3]
+        wrists_m = rotate(hands[..., :3, :3], person.body.bone_heads[wrist_bones]) + hands[..., :3, 3]
         return np.where(np.linalg.norm(wrists_m - goals.wrist_m, axis=2) < HELD_M, self.hold.joints, -1)
 
 
@@ -239,7 +239,7 @@ def _crouched_shoulders(person: Person, base: np.ndarray) -> tuple[np.ndarray, f
     moved = bones[:, arms]
     chain = [body.bone_heads[asset.bone(name)] for name in ("LeftArm", "LeftForeArm", "LeftHand")]
     arm_m = float(np.linalg.norm(chain[1] - chain[0]) + np.linalg.norm(chain[2] - chain[1]))
-    return apply(moved[..., :3, :3], body.bone_heads[arms]) + moved[..., :3, 3], arm_m
+    return rotate(moved[..., :3, :3], body.bone_heads[arms]) + moved[..., :3, 3], arm_m
 
 
 def _choose_hold(patient: Actor, task: Task, facing: np.ndarray, at_s: float) -> Hold:

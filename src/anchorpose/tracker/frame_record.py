@@ -8,7 +8,6 @@ import numpy as np
 
 from anchorpose.body.contact_regions import Nearness, find_nearness
 from anchorpose.body.pose import MOVING_BONES, Pose
-from anchorpose.body.rotations import vectors_of
 from anchorpose.body.skin_points import Body, pose_points
 from anchorpose.geodesics.anchors import no_anchors
 from anchorpose.joints import JointState
@@ -17,6 +16,7 @@ from anchorpose.results.anchors_table import AnchorFrame
 from anchorpose.results.joint_frame import JointFrame
 from anchorpose.results.people_labels import LabelPicture, label_picture
 from anchorpose.results.poses import BodyPose
+from anchorpose.rotations import quaternions
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.run import Run
@@ -111,7 +111,7 @@ def body_pose(
         T_world_rest = body.transforms(pose)[body.points.moving]
         heads = body.mesh.bone_heads[body.points.moving]
         head_m = np.einsum("mij,mj->mi", T_world_rest[:, :3, :3], heads) + T_world_rest[:, :3, 3]
-        quaternion = _quaternions(T_world_rest[:, :3, :3])
+        quaternion = quaternions(T_world_rest[:, :3, :3])
         sigma = sigma if axial_sigma_rad is None else axial_sigma_rad
     return BodyPose(frame, time_s, head_m, quaternion, sigma)
 
@@ -144,10 +144,3 @@ def label_pictures(frame_set: FrameSet, observation: Observation | None) -> tupl
         for camera, view in zip(evidence.cameras, evidence.views, strict=True)
         if view is not None
     )
-
-
-def _quaternions(rotations: np.ndarray) -> np.ndarray:
-    """(m, 4) w, x, y, z with w not negative."""
-    vectors = vectors_of(rotations)
-    half = 0.5 * np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.hstack([np.cos(half), 0.5 * np.sinc(half / np.pi) * vectors])

@@ -17,6 +17,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from anchorpose import rotations
+
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """(...) of vectors (3, ...)."""
@@ -36,8 +38,7 @@ def length(vector: np.ndarray) -> np.ndarray:
 
 def unit(vector: np.ndarray) -> np.ndarray:
     """(3, ...) of length one; NaN where the vector has no length."""
-    long = length(vector)
-    return vector / np.where(long > 0, long, np.nan)
+    return rotations.unit(vector, axis=0)
 
 
 def square_to(vector: np.ndarray, axis: np.ndarray) -> np.ndarray:

@@ -1,27 +1,76 @@
-"""Rotation vectors and matrices of a few bones at once, of which scipy's Rotation would check each at every call."""
+"""Rotations and directions: rotation vectors (axis times angle, radians), matrices, quaternions, unit vectors.
+
+Compiled where tracking asks for a few bones at once: scipy's Rotation would check each of them at every call.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
 
+FORWARD, UP, RIGHT = np.eye(3)
+"""Axes of the body and of the world that it stands in."""
 
-def turns_of(vectors: np.ndarray) -> np.ndarray:
-    """(m, 3, 3) rotation matrices of rotation vectors (m, 3), radians."""
+
+def unit(vectors: np.ndarray, axis: int = -1) -> np.ndarray:
+    """Vectors of length one, their components along ``axis``; NaN where a vector has no length."""
+    length = np.linalg.norm(vectors, axis=axis, keepdims=True)
+    return vectors / np.where(length > 0, length, np.nan)
+
+
+def orthonormal_frame(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Columns: ``first``, ``second`` made perpendicular to it, and their cross product; (..., 3) to (..., 3, 3)."""
+    first = unit(first)
+    second = unit(second - (second * first).sum(axis=-1, keepdims=True) * first)
+    return np.stack([first, second, np.cross(first, second)], axis=-1)
+
+
+def rotate(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """``matrices @ vectors`` for (..., 3, 3) and (..., 3)."""
+    return np.einsum("...ij,...j->...i", matrices, vectors)
+
+
+def turns(vectors: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) rotation matrices of rotation vectors (..., 3), by numpy.
+
+    Simulated recordings keep every digit by this one; ``rotation_matrices`` may differ from it in the last.
+    """
+    angle = np.linalg.norm(vectors, axis=-1)[..., None, None]
+    axis = vectors / np.where(angle[..., 0] > 0, angle[..., 0], 1.0)
+    cross = np.zeros((*vectors.shape[:-1], 3, 3))
+    cross[..., 0, 1], cross[..., 0, 2], cross[..., 1, 2] = -axis[..., 2], axis[..., 1], -axis[..., 0]
+    cross -= np.swapaxes(cross, -1, -2)
+    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
+
+
+def turns_about(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) rotations by ``angle`` (...) about one unit ``axis`` (3,)."""
+    return turns(np.asarray(angle)[..., None] * axis)
+
+
+def rotation_matrices(vectors: np.ndarray) -> np.ndarray:
+    """(m, 3, 3) rotation matrices of rotation vectors (m, 3)."""
     matrices = np.empty((len(vectors), 3, 3))
-    _turns(np.ascontiguousarray(vectors, np.float64), matrices)
+    _matrices(np.ascontiguousarray(vectors, np.float64), matrices)
     return matrices
 
 
-def vectors_of(matrices: np.ndarray) -> np.ndarray:
+def rotation_vectors(matrices: np.ndarray) -> np.ndarray:
     """(m, 3) rotation vectors, no longer than pi, of rotation matrices (m, 3, 3)."""
     vectors = np.empty((len(matrices), 3))
     _vectors(np.ascontiguousarray(matrices, np.float64), vectors)
     return vectors
 
 
+def quaternions(matrices: np.ndarray) -> np.ndarray:
+    """(m, 4) unit quaternions w, x, y, z, w not negative, of rotation matrices (m, 3, 3)."""
+    vectors = rotation_vectors(matrices)
+    half = 0.5 * np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.hstack([np.cos(half), 0.5 * np.sinc(half / np.pi) * vectors])
+
+
 @njit(cache=True)
-def _turns(vectors: np.ndarray, matrices: np.ndarray) -> None:
+def _matrices(vectors: np.ndarray, matrices: np.ndarray) -> None:
     """Rodrigues' formula."""
     for m in range(len(vectors)):
         x, y, z = vectors[m, 0], vectors[m, 1], vectors[m, 2]
