@@ -28,8 +28,8 @@ from anchorpose.research.features.fpfh import FpfhConfig, fpfh
 from anchorpose.research.features.rops import RopsConfig, rops
 from anchorpose.research.features.shape_context import ShapeContextConfig, shape_context
 from anchorpose.research.features.shot import ShotConfig, shot
-from anchorpose.surface.mesh import SheetConfig, build_surface, faces
-from anchorpose.surface.surface import Surface
+from anchorpose.surface.mesh import build_surface, faces
+from anchorpose.surface.surface import Surface, SurfaceConfig
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "pcl_reference"))
 from pcl import ask, build
@@ -45,7 +45,7 @@ def figure(zoom: float) -> Surface:
     size = {"width": int(512 * zoom), "height": int(424 * zoom)}
     camera = Camera(name="front", **size, depth_scale=0.001, intrinsics=lens, T_world_camera=plain.require_pose())
     depth = render(camera, 0)
-    return build_surface(depth, depth > 0, camera, SheetConfig(step=2))
+    return build_surface(depth, depth > 0, camera, SurfaceConfig(step=2))
 
 
 def ours(name: str, surface: Surface, triangles: np.ndarray, chosen: np.ndarray, radius_m: float) -> Callable:

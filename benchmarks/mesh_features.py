@@ -22,8 +22,8 @@ from anchorpose.research.features.mesh_gradient import mesh_gradient, principal_
 from anchorpose.research.features.mesh_hog import FirstAxis, MeshHogConfig, mesh_hog, scalar_function
 from anchorpose.research.features.nearest import Metric, nearest_descriptor
 from anchorpose.research.features.rings import rings_within
-from anchorpose.surface.mesh import SheetConfig, build_surface
-from anchorpose.surface.surface import Surface
+from anchorpose.surface.mesh import build_surface
+from anchorpose.surface.surface import Surface, SurfaceConfig
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "builders"))
 from features_plain import plain_ld_sift, plain_mesh_hog
@@ -51,7 +51,7 @@ def figure(distance_m: float) -> Surface:
     pose[0, 3] = distance_m
     camera = replace(camera, T_world_camera=pose)
     depth = render(camera, 0)
-    return build_surface(depth, depth > 0, camera, SheetConfig(step=2))
+    return build_surface(depth, depth > 0, camera, SurfaceConfig(step=2))
 
 
 def parts(surface: Surface) -> dict[str, Callable[[], object]]:

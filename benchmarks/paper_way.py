@@ -26,8 +26,8 @@ from test_kernels import FACING, HEIGHT_M, UP, camera_at, largest_piece, manifol
 from anchorpose.camera import Camera
 from anchorpose.geodesics.anchors import find_anchors
 from anchorpose.geodesics.distance import geodesic_distance
-from anchorpose.surface.mesh import SheetConfig, build_surface, faces
-from anchorpose.surface.surface import Surface
+from anchorpose.surface.mesh import build_surface, faces
+from anchorpose.surface.surface import Surface, SurfaceConfig
 
 PROGRAM = Path(__file__).parent / "paper_way"
 TO_INSTALL = "needs PCL and a compiler: apt install libpcl-dev libboost-graph-dev cmake g++"
@@ -84,7 +84,7 @@ def run_paper(program: Path, cloud_m: np.ndarray, sources: np.ndarray, radius_m:
 
 def run_ours(depth_m: np.ndarray, camera: Camera, pixels: np.ndarray, step: int) -> Way:
     """One run of build_surface and geodesic_distance from the nodes nearest to pixels (s, 2), after one to warm up."""
-    config = SheetConfig(step=step)
+    config = SurfaceConfig(step=step)
     geodesic_distance(build_surface(depth_m, depth_m > 0, camera, config), np.zeros(5, np.int32))
     begin = time.perf_counter()
     surface = build_surface(depth_m, depth_m > 0, camera, config)
@@ -154,7 +154,7 @@ def main() -> None:
     program = build(arguments.build)
     camera = camera_at(0.0)
     depth = render(camera, 0)
-    surface = build_surface(depth, depth > 0, camera, SheetConfig(step=1))
+    surface = build_surface(depth, depth > 0, camera, SurfaceConfig(step=1))
     anchors = find_anchors(surface, UP, FACING, HEIGHT_M)
     pixels = surface.pixel[anchors.node[anchors.found]].astype(np.int64)
     seen = np.argwhere(depth > 0)

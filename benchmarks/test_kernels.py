@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from anchorpose.surface.edges import drop_flying_pixels
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
@@ -29,12 +30,12 @@ from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.research.geodesic_solvers import edge_distance, edge_graph
 from anchorpose.surface.border import Border, border
 from anchorpose.surface.denoise import denoise, estimate_noise
-from anchorpose.surface.edges import drop_flying_pixels
 from anchorpose.surface.fusion import fuse
-from anchorpose.surface.mesh import SheetConfig, build_surface, faces, pieces
+from anchorpose.surface.links import pieces
+from anchorpose.surface.mesh import build_surface, faces
 from anchorpose.surface.normals import estimate_normals
 from anchorpose.surface.patient_surface import patient_surface
-from anchorpose.surface.surface import ExpectedSkin, Surface
+from anchorpose.surface.surface import ExpectedSkin, Surface, SurfaceConfig
 
 UP, FACING = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
 HEIGHT_M = 1.7
@@ -99,7 +100,7 @@ def render(camera: Camera, seed: int) -> np.ndarray:
 def make_frame(seed: int, angle_rad: float = 0.0, step: int = 2) -> Frame:
     camera = camera_at(angle_rad)
     depth = render(camera, seed)
-    surface = build_surface(depth, depth > 0, camera, SheetConfig(step=step))
+    surface = build_surface(depth, depth > 0, camera, SurfaceConfig(step=step))
     anchors = find_anchors(surface, UP, FACING, HEIGHT_M)
     return Frame(camera, depth, depth > 0, surface, anchors, anchor_descriptor(surface, anchors), step)
 
@@ -167,7 +168,7 @@ def test_pieces(benchmark, frames):
 
 def test_build_surface(benchmark, frames):
     one = frames[0]
-    surface = benchmark(build_surface, one.depth_m, one.mask, one.camera, SheetConfig(step=one.step))
+    surface = benchmark(build_surface, one.depth_m, one.mask, one.camera, SurfaceConfig(step=one.step))
     benchmark.extra_info["nodes"] = len(surface)
 
 

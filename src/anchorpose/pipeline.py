@@ -90,7 +90,7 @@ def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress,
     # results and report
     with stopwatch.stage("results"):
         write_measured(results, ProcessingConfig(), MeasureConfig())
-        pictures = save_pictures(results, draw_chosen(results, room, shape, config.surface.sheet))
+        pictures = save_pictures(results, draw_chosen(results, room, shape, config.surface))
         outcome = None if review is None else outcome_of(review, read_joints(results / JOINTS_FILE))
         account = account_of(run, written, pictures, learnt, user, inputs, outcome)
         write_run_record(results / RUN_FILE, account)

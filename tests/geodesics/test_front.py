@@ -12,7 +12,8 @@ from surface_builder import flat_grid, grid_surface, with_links
 
 from anchorpose.geodesics.distance import geodesic_distance
 from anchorpose.geodesics.fast_marching import march, march_from_set
-from anchorpose.surface.mesh import build_surface, faces, keep_nodes, pieces
+from anchorpose.surface.links import pieces
+from anchorpose.surface.mesh import build_surface, faces, keep_nodes
 
 SPACING = 0.013
 

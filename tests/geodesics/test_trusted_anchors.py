@@ -18,7 +18,8 @@ from anchorpose.geodesics.paths import came_from
 from anchorpose.geodesics.trusted_anchors import TOLERANCE_M, detour, trusted_anchors
 from anchorpose.research.geodesic_solvers import Solver, solve_distance
 from anchorpose.research.occlusion import light_from, occlude
-from anchorpose.surface.mesh import build_surface, keep_nodes, pieces
+from anchorpose.surface.links import pieces
+from anchorpose.surface.mesh import build_surface, keep_nodes
 from anchorpose.surface.surface import Surface
 
 HOLES = {

@@ -19,8 +19,8 @@ from anchorpose.geodesics.extrema import surface_center
 from anchorpose.recording.reader import open_recording
 from anchorpose.research.geodesic_solvers import Solver, solve_distance, solve_distance_to_set
 from anchorpose.research.triangulation import triangle_mesh
-from anchorpose.surface.mesh import SheetConfig, build_surface, faces, keep_nodes
-from anchorpose.surface.surface import Surface
+from anchorpose.surface.mesh import build_surface, faces, keep_nodes
+from anchorpose.surface.surface import Surface, SurfaceConfig
 
 SPACING = 0.013  # every second pixel of a Kinect v2 at 2.4 m
 
@@ -100,7 +100,7 @@ def body() -> Surface:
 
 def one_piece(depth_m: np.ndarray, camera: Camera, step: int = 2) -> Surface:
     """The largest patch of triangles, and no edge or corner beside them that is a passage for some solvers only."""
-    surface = build_surface(depth_m, depth_m > 0, camera, SheetConfig(step=step, max_join_m=0))
+    surface = build_surface(depth_m, depth_m > 0, camera, SurfaceConfig(step=step, max_join_m=0))
     while True:
         mesh = triangle_mesh(surface)
         largest = mesh.node[mesh.patch == np.bincount(mesh.patch).argmax()]

@@ -16,13 +16,14 @@ from trousers_builder import AWAY_M, CAMERA, CROTCH_M, expected_legs, legs_depth
 from anchorpose.body.body_map import map_body
 from anchorpose.geodesics.distance import geodesic_distance
 from anchorpose.isolation.view import PixelLabel, View
-from anchorpose.surface.contacts import ContactConfig, cut_contacts
-from anchorpose.surface.hidden import HiddenConfig, add_hidden_skin
+from anchorpose.surface import contacts
+from anchorpose.surface.contacts import cut_contacts
+from anchorpose.surface.hidden import add_hidden_skin
 from anchorpose.surface.links import links
 from anchorpose.surface.mesh import build_surface
 from anchorpose.surface.patient_surface import patient_surface
-from anchorpose.surface.skin_under import SkinUnderConfig, find_contested, show_skin
-from anchorpose.surface.surface import HIDDEN_SKIN, seen_part, way_over_skin
+from anchorpose.surface.shown_skin import assign_skin, find_ambiguous_skin
+from anchorpose.surface.surface import HIDDEN_SKIN, geodesic_lower_bound, seen_part
 
 BAR = np.s_[62:74]  # rows that a bar hides, 6.5 cm of both legs
 
@@ -67,13 +68,14 @@ def test_legs_that_touch_are_cut_along_their_crease_up_to_the_crotch(shift):
     assert across.mean() < 0.005  # of all edges
 
 
-def test_a_leg_predicted_elsewhere_is_not_cut_on_its_smooth_skin():
+def test_a_leg_predicted_elsewhere_is_not_cut_on_its_smooth_skin(monkeypatch):
     surface = build_surface(legs_depth(), legs_depth() > 0, CAMERA)
     expected = expected_legs((0.06, 0.0, 0.07))
     left, right = 117, 351  # one skin point in the middle of each leg, 70 cm apart on the body
     halved = replace(surface, skin=np.where(surface.points_m[:, 2] > -0.06, left, right).astype(np.int32))
     np.testing.assert_array_equal(cut_contacts(halved, expected).ring, surface.ring)
-    anything = cut_contacts(halved, expected, ContactConfig(least_step=1e-9))  # every edge is evidence
+    monkeypatch.setattr(contacts, "LEAST_STEP", 1e-9)  # every edge is evidence
+    anything = cut_contacts(halved, expected)
     assert (surface.ring >= 0).sum() - (anything.ring >= 0).sum() > 200
 
 
@@ -113,18 +115,18 @@ def test_skin_that_a_camera_sees_through_is_not_there():
 def test_nodes_show_the_skin_that_lies_under_them_and_far_ones_show_none():
     surface = build_surface(legs_depth(), legs_depth() > 0, CAMERA)
     expected = expected_legs()
-    shown = show_skin(surface, CAMERA, expected, find_contested(expected))
+    shown = assign_skin(surface, CAMERA, expected, find_ambiguous_skin(expected))
     known = shown.skin >= 0
     assert known.mean() > 0.97
     apart = np.linalg.norm(surface.points_m[known] - expected.points_m[shown.skin[known]], axis=1)
     assert apart.max() < 0.03
     away = expected_legs((0.0, 0.0, 0.4))
-    assert (show_skin(surface, CAMERA, away, find_contested(away)).skin == -1).all()
+    assert (assign_skin(surface, CAMERA, away, find_ambiguous_skin(away)).skin == -1).all()
 
 
 def test_only_skin_beside_skin_far_on_the_body_is_contested():
     expected = expected_legs()
-    contested = find_contested(expected)
+    contested = find_ambiguous_skin(expected)
     up = expected.points_m[:, 1] - 1.0
     inner = np.abs(expected.points_m[:, 2]) < 0.02
     assert contested[inner & (up < 0.0)].all()
@@ -143,17 +145,17 @@ def test_the_body_s_map_knows_near_from_far():
     direct = body.via == body.pairs[:, 0]
     assert (body.straight[direct] == 1.0).all()
     hands = int(np.argmax(place[:, 2])), int(np.argmin(place[:, 2]))
-    assert way_over_skin(body.landmarks_m, *hands) > 1.0
+    assert geodesic_lower_bound(body.landmarks_m, *hands) > 1.0
 
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2399), st.integers(0, 2399))
 def test_the_way_over_the_body_is_bounded_by_any_path_and_is_symmetric(a, b):
     body = _adult_map()
-    assert way_over_skin(body.landmarks_m, a, b) == way_over_skin(body.landmarks_m, b, a)
-    assert way_over_skin(body.landmarks_m, a, a) == 0.0
+    assert geodesic_lower_bound(body.landmarks_m, a, b) == geodesic_lower_bound(body.landmarks_m, b, a)
+    assert geodesic_lower_bound(body.landmarks_m, a, a) == 0.0
     through = min(body.landmarks_m[a] + body.landmarks_m[b])
-    assert way_over_skin(body.landmarks_m, a, b) <= through + 1e-5
+    assert geodesic_lower_bound(body.landmarks_m, a, b) <= through + 1e-5
 
 
 def test_the_way_over_the_body_is_that_along_the_mesh_or_little_less():
@@ -165,7 +167,7 @@ def test_the_way_over_the_body_is_that_along_the_mesh_or_little_less():
     mesh = csr_array((length, edges.T), shape=(len(vertices), len(vertices)))
     for a in (0, 700, 1500, 2300):
         along = dijkstra(mesh, directed=False, indices=skin.vertex[a])[skin.vertex]
-        ways = np.array([way_over_skin(body.landmarks_m, a, b) for b in range(len(along))])
+        ways = np.array([geodesic_lower_bound(body.landmarks_m, a, b) for b in range(len(along))])
         assert (ways <= along + 1e-4).all()
         assert np.median(ways / np.maximum(along, 1e-9)) > 0.85
 
@@ -179,19 +181,10 @@ def _adult_map():
     return _MAPS[0]
 
 
-@pytest.mark.parametrize(
-    ("config", "wrong"),
-    [(ContactConfig, "least_way_m"), (SkinUnderConfig, "reach_m"), (HiddenConfig, "stretch")],
-)
-def test_impossible_settings_are_refused(config, wrong):
-    with pytest.raises(ValueError, match=wrong):
-        config(**{wrong: 0.0})
-
-
 def test_a_surface_without_nodes_shows_nothing_and_is_cut_nowhere():
     nothing = np.zeros((CAMERA.height, CAMERA.width), np.float32)
     empty = build_surface(nothing, nothing > 0, CAMERA)
     expected = expected_legs()
-    assert show_skin(empty, CAMERA, expected, find_contested(expected)) is empty
+    assert assign_skin(empty, CAMERA, expected, find_ambiguous_skin(expected)) is empty
     assert len(cut_contacts(empty, expected)) == 0
     assert len(add_hidden_skin(replace(empty), expected, [np.full(nothing.shape, 4.0, np.float32)], [CAMERA])) == 0

@@ -17,7 +17,7 @@ from anchorpose.isolation.view import PixelLabel
 from anchorpose.surface.border import SUPPORT, _disc, _rims, _supported, _within_reach
 from anchorpose.surface.links import add_links
 from anchorpose.surface.mesh import build_surface
-from anchorpose.surface.skin_under import SkinUnderConfig, find_contested, show_skin
+from anchorpose.surface.shown_skin import MAX_TURN_DEG, OFF_PLANE_WEIGHT, REACH_M, assign_skin, find_ambiguous_skin
 from anchorpose.surface.surface import HIDDEN_SKIN, BodyMap, ExpectedSkin
 
 CAMERA = kinect(90, 70)
@@ -79,25 +79,25 @@ def test_every_node_shows_the_nearest_of_all_skin_points(seed):
     normals = (normals / np.linalg.norm(normals, axis=1, keepdims=True)).astype(np.float32)
     none = np.zeros((0, 2), np.int32)
     body = BodyMap(np.zeros((200, 4), np.float32), none, none[:, 0], np.zeros(0, np.float32))
-    expected, config = ExpectedSkin(skin, normals, body), SkinUnderConfig()
-    assert not find_contested(expected).any()
+    expected = ExpectedSkin(skin, normals, body)
+    assert not find_ambiguous_skin(expected).any()
     offset = surface.points_m[:, None].astype(np.float64) - skin
-    away2 = (offset**2).sum(axis=2) + (config.off_sheet**2 - 1) * (offset * normals).sum(axis=2) ** 2
+    away2 = (offset**2).sum(axis=2) + (float(OFF_PLANE_WEIGHT) ** 2 - 1) * (offset * normals).sum(axis=2) ** 2
     T_camera_world = invert_rigid(CAMERA.require_pose())
     column, line = CAMERA.project(skin @ T_camera_world[:3, :3].T + T_camera_world[:3, 3]).T
     outside = (column < 0) | (line < 0) | (column >= CAMERA.width) | (line >= CAMERA.height)  # of the picture
     expected_inside = replace(expected, points_m=np.where(outside[:, None], np.float32(9.0), skin))
-    shown = show_skin(surface, CAMERA, expected_inside, np.zeros(200, bool)).skin
-    turned = surface.normals @ normals.T <= np.cos(np.radians(config.max_turn_deg))
+    shown = assign_skin(surface, CAMERA, expected_inside, np.zeros(200, bool)).skin
+    turned = surface.normals @ normals.T <= np.cos(np.radians(MAX_TURN_DEG))
     away = np.where(turned | outside, np.inf, np.sqrt(away2))
-    np.testing.assert_array_equal(shown >= 0, away.min(axis=1) < config.reach_m)
+    np.testing.assert_array_equal(shown >= 0, away.min(axis=1) < REACH_M)
     assert (shown >= 0).mean() > 0.5
     known = shown >= 0
     np.testing.assert_allclose(away[known, shown[known]], away[known].min(axis=1), atol=1e-5)
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_contested_skin_has_skin_beside_it_that_is_far_on_the_body(seed):
+def test_ambiguous_skin_has_skin_beside_it_that_is_far_on_the_body(seed):
     rng = np.random.default_rng(seed)
     skin = rng.uniform(0, 0.4, (300, 3)).astype(np.float32)
     landmarks = rng.uniform(0, 0.14, (300, 3)).astype(np.float32)
@@ -107,7 +107,7 @@ def test_contested_skin_has_skin_beside_it_that_is_far_on_the_body(seed):
     way = np.abs(landmarks[:, None] - landmarks).max(axis=2)
     wanted = ((apart < 0.08) & (way > 0.12)).any(axis=1)
     assert 0.05 < wanted.mean() < 0.95
-    np.testing.assert_array_equal(find_contested(expected), wanted)
+    np.testing.assert_array_equal(find_ambiguous_skin(expected), wanted)
 
 
 def test_a_surface_of_hidden_skin_alone_has_no_anchors_and_no_centre():

@@ -9,9 +9,10 @@ import pytest
 from surface_builder import FACING_X, kinect, plane_depth, sphere_depth
 
 from anchorpose.geodesics.distance import geodesic_distance
-from anchorpose.surface.fusion import FusionConfig, fuse
-from anchorpose.surface.links import links
-from anchorpose.surface.mesh import build_surface, pieces
+from anchorpose.surface.fusion import fuse
+from anchorpose.surface.links import links, pieces
+from anchorpose.surface.mesh import build_surface
+from anchorpose.surface.surface import SurfaceConfig
 
 FRONT = kinect()
 
@@ -48,7 +49,7 @@ def test_links_join_cameras_both_ways_and_only_close_nodes():
     assert len(pair) > 100
     assert (surface.camera[pair[:, 0]] != surface.camera[pair[:, 1]]).all()
     np.testing.assert_allclose(length, np.linalg.norm(np.subtract(*surface.points_m[pair.T]), axis=1), atol=1e-6)
-    assert length.max() <= FusionConfig().max_apart_m
+    assert length.max() <= SurfaceConfig().fusion_max_apart_m
     row = np.repeat(np.arange(len(surface)), np.diff(surface.link_start))
     both = set(zip(row.tolist(), surface.link_node.tolist(), strict=True))
     assert all((b, a) in both for a, b in both)
@@ -128,5 +129,5 @@ def test_a_surface_without_its_camera_is_refused():
     shown = replace(see_ball(FRONT), skin=np.zeros(len(see_ball(FRONT)), np.int32))
     with pytest.raises(ValueError, match="show skin"):
         fuse([shown, shown], [FRONT, turned(30)])
-    with pytest.raises(ValueError, match="max_apart_m"):
-        FusionConfig(max_apart_m=0.0)
+    with pytest.raises(ValueError, match="fusion_max_apart_m"):
+        SurfaceConfig(fusion_max_apart_m=0.0)

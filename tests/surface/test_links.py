@@ -7,9 +7,9 @@ import pytest
 from surface_builder import flat_grid, with_links
 
 from anchorpose.geodesics.distance import geodesic_distance
-from anchorpose.surface.links import compress_links, links
-from anchorpose.surface.mesh import edges, grid_edges, keep_nodes, pieces
-from anchorpose.surface.patient_surface import join_rest
+from anchorpose.surface.joins import join_rest
+from anchorpose.surface.links import compress_links, links, pieces
+from anchorpose.surface.mesh import edges, grid_edges, keep_nodes
 
 
 @pytest.mark.parametrize("seed", range(4))

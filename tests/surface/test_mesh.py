@@ -10,10 +10,10 @@ from surface_builder import kinect, plane_depth, sphere_depth
 
 from anchorpose.camera import transform_points
 from anchorpose.geodesics.distance import geodesic_distance
-from anchorpose.surface.bridge import BridgeConfig
-from anchorpose.surface.edges import EdgeConfig
-from anchorpose.surface.mesh import SheetConfig, build_surface, edges, faces, keep_nodes, pieces
-from anchorpose.surface.patient_surface import join_pieces
+from anchorpose.surface.joins import join_pieces
+from anchorpose.surface.links import pieces
+from anchorpose.surface.mesh import build_surface, edges, faces, keep_nodes
+from anchorpose.surface.surface import SurfaceConfig
 
 CAMERA = kinect()
 EVERYWHERE = np.ones((CAMERA.height, CAMERA.width), bool)
@@ -24,7 +24,7 @@ def mesh(depth_m, config=None, bridge=None, camera=CAMERA):
 
 
 def joined(depth_m):
-    config = SheetConfig()
+    config = SurfaceConfig()
     return join_pieces(mesh(depth_m), config.step, config.max_join_m)
 
 
@@ -70,7 +70,7 @@ def test_faces_cover_a_sheet_once_and_turn_towards_the_camera():
 def test_faces_of_a_ragged_sheet_are_unique_and_stand_on_edges():
     rng = np.random.default_rng(2)
     depth = np.where(rng.random((CAMERA.height, CAMERA.width)) < 0.85, 2.0, 0.0).astype(np.float32)
-    surface = mesh(depth, SheetConfig(step=1, edge=EdgeConfig(min_support=0)))
+    surface = mesh(depth, SurfaceConfig(step=1, min_support=0))
     triangle = np.sort(faces(surface), axis=1)
     assert len(np.unique(triangle, axis=0)) == len(triangle)
     known = {tuple(pair) for pair in edges(surface).tolist()}
@@ -166,7 +166,7 @@ def test_a_gap_that_nothing_hides_is_not_bridged():
 
 def test_a_bar_wider_than_the_limit_is_not_bridged():
     depth, hidden = shins(np.s_[42:66])  # 16 cm
-    config = SheetConfig(bridge=BridgeConfig(max_width_m=0.12))
+    config = SurfaceConfig(bridge_max_width_m=0.12)
     assert len(mesh(depth, config, hidden).link_node) == 0
 
 
@@ -205,11 +205,13 @@ def test_a_camera_without_pose_and_a_picture_of_another_size_are_refused():
     depth = np.ones((CAMERA.height, CAMERA.width), np.float32)
     with pytest.raises(ValueError, match="pose"):
         build_surface(depth, EVERYWHERE, kinect(T_world_camera=None))
-    with pytest.raises(ValueError, match="pictures of"):
+    with pytest.raises(ValueError, match="frames of"):
         build_surface(depth[:-1], EVERYWHERE[:-1], CAMERA)
 
 
-@pytest.mark.parametrize("wrong", [{"step": 0}, {"min_piece_m2": -1.0}, {"max_join_m": -0.1}, {"normal_radius_px": 0}])
+@pytest.mark.parametrize(
+    "wrong", [{"step": 0}, {"min_piece_m2": -1.0}, {"max_join_m": -0.1}, {"min_support": 9}, {"denoise_radius_px": 0}]
+)
 def test_an_impossible_mesh_is_refused(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
-        SheetConfig(**wrong)
+        SurfaceConfig(**wrong)

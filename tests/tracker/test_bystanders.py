@@ -12,7 +12,8 @@ from scipy.spatial import cKDTree
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import pose_points
 from anchorpose.isolation.view import PixelLabel, View
-from anchorpose.surface.mesh import SheetConfig, build_surface
+from anchorpose.surface.mesh import build_surface
+from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.tracker.bystanders import (
     Bystander,
     BystanderConfig,
@@ -153,7 +154,7 @@ def test_settings_that_make_no_sense_are_refused():
 
 def test_loose_nodes_are_those_of_every_cameras_sheet():
     views = views_of(posed("upright", 0.0))
-    config = SheetConfig(step=4)
+    config = SurfaceConfig(step=4)
     loose = loose_surface([v.depth_m for v in views], [v.labels == LABEL for v in views], CAMERAS, config)
     for number, (view, camera) in enumerate(zip(views, CAMERAS, strict=True)):
         sheet = build_surface(view.depth_m, view.labels == LABEL, camera, config)

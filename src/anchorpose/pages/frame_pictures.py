@@ -25,7 +25,8 @@ from anchorpose.results.people_labels import PEOPLE_FILE, frames_of_people, read
 from anchorpose.results.poses import POSES_FILE, PoseTable, pose_of, read_poses
 from anchorpose.results.run_record import PictureRecord
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
-from anchorpose.surface.mesh import SheetConfig, build_surface, edges
+from anchorpose.surface.mesh import build_surface, edges
+from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.tracker.room import Room
 
 
@@ -103,7 +104,7 @@ class _Results:
     shape: FittedShape
 
 
-def draw_chosen(results: Path, room: Room, shape: FittedShape | None, sheet: SheetConfig) -> Iterator[FramePicture]:
+def draw_chosen(results: Path, room: Room, shape: FittedShape | None, sheet: SurfaceConfig) -> Iterator[FramePicture]:
     """A picture from each camera of each frame of ``choose_frames``; none without a body or without person labels.
 
     results: a folder with all tables; sheet: how a camera's mesh is made.
@@ -128,7 +129,7 @@ def draw_chosen(results: Path, room: Room, shape: FittedShape | None, sheet: She
 
 
 def _scene(
-    found: _Results, row: int, camera: Camera, depth_m: np.ndarray, labels: np.ndarray, sheet: SheetConfig
+    found: _Results, row: int, camera: Camera, depth_m: np.ndarray, labels: np.ndarray, sheet: SurfaceConfig
 ) -> OverlayScene:
     """One row of the results over one camera's depth image and its person labels."""
     surface = build_surface(depth_m, labels == PixelLabel.PATIENT, camera, sheet)

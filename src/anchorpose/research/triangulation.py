@@ -13,7 +13,8 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from anchorpose.surface.mesh import faces, pieces
+from anchorpose.surface.links import pieces
+from anchorpose.surface.mesh import faces
 from anchorpose.surface.surface import Surface
 
 LONGEST_M = 1e6

@@ -1,7 +1,7 @@
-"""What lies beyond each node: where the patient ends, and where something else cuts him off.
+"""What lies beyond each node: where the patient ends, and where something else cuts the surface off.
 
-A bar or a therapist's arm before the shin ends the surface there, and an end looks like a foot to a geodesic
-extremum. Only the node's surroundings in the picture tell the two apart.
+A bar or a therapist's arm in front of the shin ends the surface there, and an end looks like a foot to a geodesic
+extremum. Only the node's surroundings in the depth frame show the difference.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface.denoise import extent
 from anchorpose.surface.surface import Surface
 
-REACH_PX = 5  # from an edge to the nodes it speaks for: two nodes, and the pixels that a depth edge loses
-LOOK_PX = 3  # across the lost or mixed pixels of an edge
-SUPPORT = 3  # pixels of an edge within 5x5: one noisy reading beside the skin is no edge
+REACH_PX = 5  # from an edge to the nodes that it marks: two nodes, and the pixels that a depth edge loses
+SEARCH_PX = 3  # across the lost or mixed pixels of an edge
+SUPPORT = 3  # pixels of an edge within 5x5: one noisy reading beside the skin is not an edge
 IN_FRONT_M = 0.04  # a bar that touches the skin is at least this thick; sensor noise is less
 TOUCHING_M = 0.10  # a hand that holds the patient lies at the patient's own depth, give or take its thickness
 HOLE_RADIUS_PX = 3  # the rim of lost readings around every silhouette is thinner
@@ -32,24 +32,24 @@ class Border(IntEnum):
 
     INSIDE = 0  # skin all around, or the patient's own silhouette before what is farther away
     SELF = 1  # another part of the patient stands in front
-    CUT = 2  # equipment, another person or a thing of the room in front, a hole, or the edge of the picture
+    CUT = 2  # equipment, another person or an object of the room in front, a hole, or the edge of the frame
 
 
 def border(surface: Surface, views: Sequence[View]) -> np.ndarray:
-    """(n,) uint8 of ``Border`` for each node; views: one a camera, in the order of ``surface.camera``.
+    """(n,) uint8 of ``Border`` for each node; views: one per camera, in the order of ``surface.camera``.
 
-    A camera without a node of the surface is not looked at; a hidden node meets nothing.
+    A camera without a node of the surface is skipped; a hidden node is ``INSIDE``.
     """
     kind = np.zeros(len(surface), np.uint8)
     for camera in np.unique(surface.camera[: surface.seen_count]):
         seen = surface.camera == camera
         row, column = surface.pixel[seen].T
-        kind[seen] = _border_picture(views[camera])[row, column]
+        kind[seen] = _border_of_pixels(views[camera])[row, column]
     return kind
 
 
-def _border_picture(view: View) -> np.ndarray:
-    """(height, width) uint8 of ``Border``, of use on the patient's pixels; only their surroundings are looked at."""
+def _border_of_pixels(view: View) -> np.ndarray:
+    """(height, width) uint8 of ``Border``, valid on the patient's pixels; only their surroundings are searched."""
     whole = np.zeros(view.labels.shape, np.uint8)
     top, bottom, left, right = extent(view.patient)
     if bottom == 0:
@@ -102,10 +102,11 @@ def _within_reach(kind: np.ndarray, spots: np.ndarray, disc: np.ndarray) -> np.n
 
 @njit(cache=True)
 def _edge_kinds(depth: np.ndarray, labels: np.ndarray) -> np.ndarray:
-    """What each patient pixel meets within ``LOOK_PX`` in eight directions.
+    """What each patient pixel meets within ``SEARCH_PX`` in eight directions.
 
-    The floor and the foot plate run to the camera below every sole and cut nothing. So what is in front is judged by
-    its own slope, carried on to the patient's pixel: floor arrives there at the sole's depth, a bar well before it.
+    The floor and the foot plate extend towards the camera below every sole and cut nothing. So what is in front is
+    judged by its own slope, carried on to the patient's pixel: floor arrives there at the sole's depth, a bar well
+    before it.
     """
     height, width = depth.shape
     kinds = np.zeros((height, width), np.uint8)
@@ -114,12 +115,12 @@ def _edge_kinds(depth: np.ndarray, labels: np.ndarray) -> np.ndarray:
             if labels[row, col] != PixelLabel.PATIENT or depth[row, col] <= 0.0:
                 continue
             z = depth[row, col]
-            if 0 < row < height - 1 and 0 < col < width - 1 and _amid(depth, labels, row, col, z - TOUCHING_M):
+            if 0 < row < height - 1 and 0 < col < width - 1 and _surrounded(depth, labels, row, col, z - TOUCHING_M):
                 continue
             kind = 0
             for way in range(8):
                 down, right = (0, -1, -1, -1, 0, 1, 1, 1)[way], (1, 1, 0, -1, -1, -1, 0, 1)[way]
-                for walk in range(1, LOOK_PX + 1):
+                for walk in range(1, SEARCH_PX + 1):
                     i, j = row + walk * down, col + walk * right
                     if i < 0 or i >= height or j < 0 or j >= width:
                         break
@@ -146,13 +147,13 @@ def _edge_kinds(depth: np.ndarray, labels: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True)
-def _amid(depth: np.ndarray, labels: np.ndarray, row: int, col: int, nearest: float) -> bool:
-    """Whether the patient is all around a pixel, nowhere nearer than that: so it is of most pixels."""
-    amid = True
+def _surrounded(depth: np.ndarray, labels: np.ndarray, row: int, col: int, nearest: float) -> bool:
+    """Whether the patient is all around a pixel, nowhere nearer than that: so it is for most pixels."""
+    surrounded = True
     for i in range(row - 1, row + 2):
         for j in range(col - 1, col + 2):
-            amid &= (labels[i, j] == PixelLabel.PATIENT) & (depth[i, j] > 0.0) & (depth[i, j] >= nearest)
-    return amid
+            surrounded &= (labels[i, j] == PixelLabel.PATIENT) & (depth[i, j] > 0.0) & (depth[i, j] >= nearest)
+    return surrounded
 
 
 def _disc(radius: int) -> np.ndarray:
@@ -162,8 +163,8 @@ def _disc(radius: int) -> np.ndarray:
 def _holes(labels: np.ndarray) -> np.ndarray | None:
     """(height, width) uint8: lost readings thick enough to hide something and largely within the patient; None if none.
 
-    Recordings whose background was removed lose everything around the patient; that is no hole, for it reaches the
-    edge of what is looked at.
+    Recordings whose background was removed lose everything around the patient; that is not a hole, for it reaches the
+    edge of what is searched.
     """
     lost = (labels == np.uint8(PixelLabel.NO_READING)).astype(np.uint8)
     thick = cv2.morphologyEx(lost, cv2.MORPH_OPEN, _disc(HOLE_RADIUS_PX))
@@ -187,7 +188,7 @@ def _rims(component: np.ndarray, labels: np.ndarray, rim: np.ndarray, disc: np.n
     """(count,) pixels of the rim (r,) within a disc (5, 5) of each component, and how many of them are patient."""
     height, width = component.shape
     length, enclosed = np.zeros(count, np.int64), np.zeros(count, np.int64)
-    last = np.full(count, -1, np.int64)  # the pixel of the rim that a component has counted
+    last = np.full(count, -1, np.int64)  # the last pixel of the rim that each component counted
     for k in range(len(rim)):
         row, col = rim[k] // width, rim[k] % width
         for i in range(max(0, row - 2), min(height, row + 3)):

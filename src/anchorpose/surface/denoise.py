@@ -1,29 +1,88 @@
-"""Edge-preserving smoothing of the depth picture, scaled by the noise the frame itself shows.
+"""Cleaning a depth frame before it is measured: its noise, edge-preserving smoothing, and no flying pixels.
 
-Raw sensor noise lengthens geodesics by about a tenth; smoothing comes before anything that measures the surface.
-
-Where in the picture there is anything to do: the patient fills a tenth of it, and looking elsewhere costs time.
+Raw sensor noise lengthens geodesics by about a tenth. All work is limited to the patient, who fills a tenth of the
+frame.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numba import njit
 
+MAD_TO_SIGMA: Final = 1.4826  # median absolute deviation of a normal distribution to its standard deviation
+SECOND_DIFFERENCE_GAIN: Final = 6.0**0.5  # standard deviation of z[-1] - 2 z[0] + z[1] over that of z
+MAX_STEP: Final = 0.02  # of the depth; larger than any sensor's steps: an edge of the body, not of its numbers
+QUANTISED_SHARE: Final = 0.3  # more equal neighbours than this: the depth steps are seen, not the noise
+RANGE_SIGMAS: Final = 6.0  # of the noise, where the biweight ends; twice the usual 3: the centre pixel is as noisy
+MAX_SLANT_DEG: Final = 76.0  # skin seen flatter than this is a few pixels wide; arms in front of the trunk jump more
+JUMP_SIGMAS: Final = 2.0  # of the raw noise; what smoothing leaves of it at an edge is about half
+
+
+def estimate_noise(depth_m: np.ndarray, mask: np.ndarray) -> float:
+    """Noise coefficient a of the frame: a reading at depth z has a standard deviation of about ``a * z**2`` metres.
+
+    depth_m (height, width) metres, 0 = no reading; mask (height, width) bool, the pixels to look at. The robust spread
+    of second differences along rows, or the height of the depth steps where those exceed the noise. 0 for a frame
+    without noise or with fewer than three readings in a row anywhere.
+    """
+    bend, step, step_per_z2 = _differences(depth_m, mask)
+    if len(bend) == 0:
+        return 0.0
+    noise = MAD_TO_SIGMA * float(np.median(bend)) / SECOND_DIFFERENCE_GAIN
+    if np.count_nonzero(step == 0) > QUANTISED_SHARE * len(step):
+        stepped = step_per_z2[(step > 0) & (step <= MAX_STEP)]
+        if len(stepped) > 0:
+            return max(noise, float(np.median(stepped)) / 2.0)  # what quantising hides each way
+    return noise
+
+
+def denoise(depth_m: np.ndarray, mask: np.ndarray, noise: float | None = None, radius_px: int = 2) -> np.ndarray:
+    """Bilateral filter of the masked depth; pixels outside the mask or without reading are 0.
+
+    depth_m (height, width) metres, 0 = no reading; mask (height, width) bool. noise: coefficient of
+    ``estimate_noise``, estimated here when None; radius_px: of the window. Returns (height, width) float32 metres.
+    Source: Tomasi and Manduchi 1998 (doi:10.1109/ICCV.1998.710815), with Tukey's biweight as range kernel.
+    """
+    if depth_m.shape != mask.shape:
+        raise ValueError(f"depth is {depth_m.shape}, mask is {mask.shape}")
+    if noise is None:
+        noise = estimate_noise(depth_m, mask)
+    top, bottom, left, right = extent(mask)
+    inside = np.s_[top:bottom, left:right]
+    masked = np.zeros(depth_m.shape, np.float32)
+    masked[inside] = np.where(mask[inside], depth_m[inside], 0.0)
+    if noise <= 0:
+        return masked
+    return _bilateral(masked, np.float32(noise * RANGE_SIGMAS), _spatial(radius_px), top, bottom, left, right)
+
+
+def jump_coefficients(focal_px: float, noise: float) -> tuple[float, float]:
+    """(slope, spread): neighbours one pixel apart at depth z are on one skin up to ``slope * z + spread * z**2``."""
+    return float(np.tan(np.radians(MAX_SLANT_DEG))) / focal_px, JUMP_SIGMAS * noise
+
+
+def drop_flying_pixels(depth_m: np.ndarray, slope: float, spread: float, min_support: int) -> np.ndarray:
+    """The depth without readings that hang in the air between two surfaces.
+
+    depth_m (height, width) float32 metres, 0 = no reading. A pixel stays when at least ``min_support`` of its eight
+    neighbours are within the jump limit of ``jump_coefficients``.
+    """
+    depth = np.ascontiguousarray(depth_m, dtype=np.float32)
+    return _supported(depth, np.float32(slope), np.float32(spread), min_support, *extent(depth > 0))
+
 
 @njit(cache=True)
 def extent(mask: np.ndarray) -> tuple:
-    """(top, bottom, left, right), past the last, of the positive entries of (height, width); all 0 without any."""
+    """(top, bottom, left, right), past the last, of the True entries of (height, width) bool; all 0 without any."""
     height, width = mask.shape
     columns = np.zeros(width, np.uint8)
     top, bottom = height, 0
     for row in range(height):
         inked = np.uint8(0)
         for col in range(width):
-            hit = np.uint8(mask[row, col] > 0)
+            hit = np.uint8(mask[row, col])
             columns[col] |= hit
             inked |= hit
         if inked:
@@ -39,79 +98,15 @@ def extent(mask: np.ndarray) -> tuple:
 
 
 @njit(cache=True)
-def span(mask: np.ndarray, row: int, left: int, right: int) -> tuple:
-    """(first, last), past the last, of the nonzero entries of a row between two columns; (right, right) for none."""
-    while left < right and not mask[row, left] > 0:
+def _span(depth: np.ndarray, row: int, left: int, right: int) -> tuple:
+    """(first, last), past the last, of the positive entries of a row between two columns; (right, right) for none."""
+    while left < right and not depth[row, left] > 0:
         left += 1
     if left == right:
         return right, right
-    while not mask[row, right - 1] > 0:
+    while not depth[row, right - 1] > 0:
         right -= 1
     return left, right
-
-
-MAD_TO_SIGMA = 1.4826  # median absolute deviation of a normal distribution to its standard deviation
-SECOND_DIFFERENCE_GAIN = 6.0**0.5  # standard deviation of z[-1] - 2 z[0] + z[1] over that of z
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DenoiseConfig:
-    """How far the smoothing reaches, in pixels and in noise standard deviations."""
-
-    radius_px: int = 2  # a 5x5 window: below the width of a finger at 2.4 m, enough to bring path error to about 1 %
-    range_sigmas: float = 6.0  # where the biweight ends; twice the usual 3 because the centre pixel is as noisy
-    max_step: float = 0.02  # of the depth: coarser steps than any sensor's are edges of the body, not of its numbers
-    quantised_share: float = 0.3  # equal neighbours beyond this share mean the depth steps, not the noise, are seen
-
-    def __post_init__(self) -> None:
-        if self.radius_px < 1:
-            raise ValueError(f"radius_px must be at least 1, got {self.radius_px}")
-        if not self.range_sigmas > 0:
-            raise ValueError(f"range_sigmas must be positive, got {self.range_sigmas}")
-        for name in ("max_step", "quantised_share"):
-            if not 0 < getattr(self, name) <= 1:
-                raise ValueError(f"{name} must lie in (0, 1], got {getattr(self, name)}")
-
-
-def estimate_noise(depth_m: np.ndarray, mask: np.ndarray, config: DenoiseConfig | None = None) -> float:
-    """Noise coefficient a of the frame: a reading at depth z has a standard deviation of about ``a * z**2`` metres.
-
-    depth_m (height, width) metres, 0 = no reading; mask (height, width) bool, the pixels to look at. The robust spread
-    of second differences along rows, or the height of the depth steps where those exceed the noise. 0 for a frame
-    without noise or with fewer than three readings in a row anywhere.
-    """
-    config = config or DenoiseConfig()
-    bend, step = _differences(depth_m, mask, *extent(mask))
-    if len(bend) == 0:
-        return 0.0
-    noise = MAD_TO_SIGMA * float(np.median(bend)) / SECOND_DIFFERENCE_GAIN
-    if np.count_nonzero(step[:, 0] == 0) > config.quantised_share * len(step):
-        stepped = step[(step[:, 0] > 0) & (step[:, 0] <= config.max_step), 1]
-        if len(stepped) > 0:
-            return max(noise, float(np.median(stepped)) / 2.0)  # what quantising hides each way
-    return noise
-
-
-def denoise(
-    depth_m: np.ndarray, mask: np.ndarray, noise: float | None = None, config: DenoiseConfig | None = None
-) -> np.ndarray:
-    """Bilateral filter of the masked depth; pixels outside the mask or without reading are 0.
-
-    depth_m (height, width) metres, 0 = no reading; mask (height, width) bool. noise: coefficient of
-    ``estimate_noise``, estimated here when None. Returns (height, width) float32 metres.
-    Source: Tomasi and Manduchi 1998 (doi:10.1109/ICCV.1998.710815), with Tukey's biweight as range kernel.
-    """
-    config = config or DenoiseConfig()
-    if depth_m.shape != mask.shape:
-        raise ValueError(f"depth is {depth_m.shape}, mask is {mask.shape}")
-    if noise is None:
-        noise = estimate_noise(depth_m, mask, config)
-    box = extent(mask)
-    masked = np.zeros(depth_m.shape, np.float32)
-    _copy_masked(depth_m, mask, masked, *box)
-    if noise <= 0:
-        return masked
-    return _bilateral(masked, np.float32(noise * config.range_sigmas), _spatial(config.radius_px), *box)
 
 
 def _spatial(radius: int) -> np.ndarray:
@@ -120,30 +115,15 @@ def _spatial(radius: int) -> np.ndarray:
     return np.exp(-0.5 * (across[:, None] + across) / (0.5 * len(across)) ** 2).astype(np.float32)
 
 
-@njit(cache=True)
-def _copy_masked(
-    depth: np.ndarray, mask: np.ndarray, masked: np.ndarray, top: int, bottom: int, left: int, right: int
-) -> None:
-    for row in range(top, bottom):
-        for col in range(np.uint64(left), np.uint64(right)):
-            masked[row, col] = depth[row, col] if mask[row, col] else 0.0
-
-
-@njit(cache=True, error_model="numpy")
-def _differences(depth: np.ndarray, mask: np.ndarray, top: int, bottom: int, left: int, right: int) -> tuple:
-    """Of three readings in a row about z: (k,) second difference over z**2; (k, 2) step over z and over z**2."""
-    bend = np.empty(max((bottom - top) * (right - left), 0))
-    step = np.empty((len(bend), 2))
-    count = 0
-    for row in range(top, bottom):
-        for col in range(left + 1, right - 1):
-            near, z, far = np.float64(depth[row, col - 1]), np.float64(depth[row, col]), np.float64(depth[row, col + 1])
-            if mask[row, col - 1] and mask[row, col] and mask[row, col + 1] and near > 0.0 and z > 0.0 and far > 0.0:
-                bend[count] = abs(near - 2.0 * z + far) / z**2
-                step[count, 0] = abs(far - z) / z
-                step[count, 1] = abs(far - z) / z**2
-                count += 1
-    return bend[:count], step[:count]
+def _differences(depth: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of three readings in a row about z: (k,) second difference over z**2, step over z, and step over z**2."""
+    top, bottom, left, right = extent(mask)
+    inside = np.s_[top:bottom, left:right]
+    reading = np.where(mask[inside], depth[inside], 0.0)
+    near, middle, far = reading[:, :-2], reading[:, 1:-1], reading[:, 2:]
+    whole = (near > 0.0) & (middle > 0.0) & (far > 0.0)
+    near, z, far = (part[whole].astype(np.float64) for part in (near, middle, far))
+    return abs(near - 2.0 * z + far) / z**2, abs(far - z) / z, abs(far - z) / z**2
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
@@ -155,7 +135,7 @@ def _bilateral(
     smooth = np.zeros_like(depth)
     inverse, total, weights = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
     for row in range(top, bottom):
-        first, last = span(depth, row, left, right)
+        first, last = _span(depth, row, left, right)
         for col in range(first, last):
             inverse[col] = np.float32(1.0) / (reach * depth[row, col] * depth[row, col])
             total[col], weights[col] = 0.0, 0.0
@@ -163,10 +143,9 @@ def _bilateral(
             for j in range(-radius, radius + 1):
                 low, high = max(first, -j), min(last, width - j)
                 near = spatial[i - row + radius, j + radius]
-                _add_tap(
-                    depth, np.uint64(row), np.uint64(i), np.uint64(low), np.uint64(low + j),
-                    np.uint64(max(high - low, 0)), near, inverse, total, weights,
-                )  # fmt: skip
+                count = np.uint64(max(high - low, 0))
+                at, there = np.uint64(low), np.uint64(low + j)
+                _add_tap(depth, np.uint64(row), np.uint64(i), at, there, count, near, inverse, total, weights)
         for col in range(first, last):
             if depth[row, col] > 0.0:
                 smooth[row, col] = depth[row, col] + total[col] / weights[col]
@@ -175,9 +154,17 @@ def _bilateral(
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
 def _add_tap(
-    depth: np.ndarray, row: Any, i: Any, at: Any, there: Any, count: Any, near: Any, inverse: np.ndarray,
-    total: np.ndarray, weights: np.ndarray,
-) -> None:  # fmt: skip
+    depth: np.ndarray,
+    row: Any,
+    i: Any,
+    at: Any,
+    there: Any,
+    count: Any,
+    near: Any,
+    inverse: np.ndarray,
+    total: np.ndarray,
+    weights: np.ndarray,
+) -> None:
     """One neighbour of each pixel of a row; unsigned, so that no index can mean one from the end."""
     zero, one = np.float32(0.0), np.float32(1.0)
     for k in range(count):
@@ -188,3 +175,37 @@ def _add_tap(
         weight = closeness * closeness * near if z > zero else zero
         total[at + k] += weight * offset
         weights[at + k] += weight
+
+
+@njit(cache=True)
+def _supported(
+    depth: np.ndarray, slope: Any, spread: Any, min_support: int, top: int, bottom: int, left: int, right: int
+) -> np.ndarray:
+    kept, width = np.zeros_like(depth), depth.shape[1]
+    limit, support = np.empty(width, np.float32), np.empty(width, np.int32)
+    for row in range(top, bottom):
+        first, last = _span(depth, row, left, right)
+        for col in range(first, last):
+            limit[col] = slope * depth[row, col] + spread * depth[row, col] * depth[row, col]
+            support[col] = -1  # itself
+        for i in range(max(0, row - 1), min(depth.shape[0], row + 2)):
+            for j in range(-1, 2):
+                low, high = max(first, -j), min(last, width - j)
+                count = np.uint64(max(high - low, 0))
+                _count_tap(
+                    depth, np.uint64(row), np.uint64(i), np.uint64(low), np.uint64(low + j), count, limit, support
+                )
+        for col in range(first, last):
+            if depth[row, col] > 0.0 and support[col] >= min_support:
+                kept[row, col] = depth[row, col]
+    return kept
+
+
+@njit(cache=True)
+def _count_tap(
+    depth: np.ndarray, row: Any, i: Any, at: Any, there: Any, count: Any, limit: np.ndarray, support: np.ndarray
+) -> None:
+    """One neighbour of each pixel of a row; unsigned, so that no index can mean one from the end."""
+    for k in range(count):
+        z = depth[i, there + k]
+        support[at + k] += np.int32((z > np.float32(0.0)) & (abs(z - depth[row, at + k]) <= limit[at + k]))

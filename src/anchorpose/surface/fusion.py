@@ -1,4 +1,4 @@
-"""Several cameras' meshes as one surface: one sheet where they see the same skin, sewn where one ends.
+"""Several cameras' meshes as one surface: one layer where they see the same skin, linked where one ends.
 
 Of two nodes on the same skin the one goes that its camera sees less squarely or from farther off. A border of two rings
 stays, and there every node is linked to the corners of the other camera's cell that it falls into.
@@ -7,45 +7,37 @@ stays, and there every node is linked to the corners of the other camera's cell 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numba import njit
 
 from anchorpose.camera import Camera
-from anchorpose.surface.links import add_links, into_camera, pinhole
+from anchorpose.surface.links import add_links
 from anchorpose.surface.mesh import keep_nodes
-from anchorpose.surface.surface import ExpectedSkin, Surface, way_over_skin
+from anchorpose.surface.pinhole import Pinhole, into_camera, pinhole
+from anchorpose.surface.surface import ExpectedSkin, Surface, SurfaceConfig, geodesic_lower_bound
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FusionConfig:
-    """When two nodes of two cameras are the same skin."""
-
-    max_apart_m: float = 0.03  # calibration to about 1 cm, plus half a mesh cell seen slantwise
-    max_off_plane_m: float = 0.015  # along the normal: clothes and noise; an arm before the trunk is farther
-    max_turn_deg: float = 60.0  # cameras 45 degrees apart see normals of the same skin turned by noise only
-    max_way_m: float = 0.09  # on the body: a thigh against the other is farther, skin points 3 cm apart blur less
-
-    def __post_init__(self) -> None:
-        for name in ("max_apart_m", "max_off_plane_m", "max_way_m"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
-        if not 0 < self.max_turn_deg <= 180:
-            raise ValueError(f"max_turn_deg must lie in (0, 180], got {self.max_turn_deg}")
+MAX_OFF_PLANE_M: Any = np.float32(0.015)  # along the normal: clothes and noise; an arm before the trunk is farther
+MAX_TURN_DEG: Final = 60.0  # cameras 45 degrees apart see normals of the same skin turned by noise only
+MIN_COSINE: Any = np.float32(np.cos(np.radians(MAX_TURN_DEG)))
+MAX_ON_BODY_M: Any = np.float32(0.09)  # a thigh against the other is farther, skin points 3 cm apart blur less
 
 
 def fuse(
-    surfaces: Sequence[Surface], cameras: Sequence[Camera], expected: ExpectedSkin | None = None,
-    config: FusionConfig | None = None,
-) -> Surface:  # fmt: skip
+    surfaces: Sequence[Surface],
+    cameras: Sequence[Camera],
+    expected: ExpectedSkin | None = None,
+    config: SurfaceConfig | None = None,
+) -> Surface:
     """One surface of all cameras' nodes, in the order given, without those that another camera sees better.
 
-    surfaces: one a camera, each in the world frame, as from ``build_surface``. ``camera`` of the result counts through
-    the arguments. expected: what the ``skin`` of the surfaces counts through; nodes that show skin far apart on the
-    body are never the same.
+    surfaces: one per camera, each in the world frame, as from ``build_surface``. ``camera`` of the result numbers the
+    arguments. expected: the skin that ``skin`` of the surfaces refers to; nodes that show skin far apart on the body
+    are never the same. Raises ValueError where cameras or the expected skin are missing.
     """
-    config = config or FusionConfig()
+    config = config or SurfaceConfig()
     if len(surfaces) != len(cameras) or len(surfaces) == 0:
         raise ValueError(f"{len(surfaces)} surfaces for {len(cameras)} cameras")
     if len(surfaces) == 1:
@@ -54,19 +46,19 @@ def fuse(
         raise ValueError("the surfaces show skin, but which was expected is not given")
     first = np.concatenate([[0], np.cumsum([len(surface) for surface in surfaces])])
     both = _side_by_side(surfaces, first)
-    landmarks = np.zeros((1, 1), np.float32) if expected is None else expected.map.landmarks_m
-    dropped = np.zeros(len(both), np.bool_)
-    inner = _inner(both.ring)
+    landmarks = np.zeros((1, 1), np.float32) if expected is None else expected.arrays.landmarks_m
+    inner, dropped = np.all(both.ring >= 0, axis=1), np.zeros(len(both), np.bool_)
+    nodes = Nodes(both.points_m, both.normals, inner, both.skin, dropped, landmarks)
     pairs = [
-        _same_skin(
-            both, inner, slice(first[source], first[source + 1]), slice(first[target], first[target + 1]),
-            cameras[source], camera, landmarks, dropped, config,
-        )
-        for target, camera in enumerate(cameras) for source in range(len(surfaces)) if source != target
-    ]  # fmt: skip
-    stay = _with_border(both.ring, dropped)
-    sewn, length = _seam(both.points_m, np.concatenate(pairs), stay)
-    start, node, length_m = add_links(both, sewn, length, len(both))
+        _same_skin(both, nodes, first[source:][:2], first[target:][:2], (cameras[source], camera), config)
+        for target, camera in enumerate(cameras)
+        for source in range(len(surfaces))
+        if source != target
+    ]
+    stay = _with_border(both.ring, nodes.dropped)
+    seam = np.concatenate(pairs)
+    seam = seam[stay[seam].all(axis=1)]
+    start, node, length_m = add_links(both, seam, _lengths_m(both.points_m, seam), len(both))
     linked = replace(both, link_start=start, link_node=node, link_length_m=length_m)
     return keep_nodes(linked, stay)
 
@@ -90,26 +82,48 @@ def _side_by_side(surfaces: Sequence[Surface], first: np.ndarray) -> Surface:
     )
 
 
+class Nodes(NamedTuple):
+    """All cameras' nodes: points_m, normals (n, 3) float32; inner (n,) bool: with a whole ring; skin (n,) int32: the
+    skin point that each shows; dropped (n,) bool: seen better by another camera; landmarks_m (k, l) float32."""
+
+    points_m: np.ndarray
+    normals: np.ndarray
+    inner: np.ndarray
+    skin: np.ndarray
+    dropped: np.ndarray
+    landmarks_m: np.ndarray
+
+
+class Grid(NamedTuple):
+    """node (rows, cols) int32: a camera's node at every ``step``-th pixel, -1 where there is none."""
+
+    node: np.ndarray
+    step: int
+
+
 def _same_skin(
-    both: Surface, inner: np.ndarray, source: slice, target: slice, seen_by: Camera, camera: Camera,
-    landmarks: np.ndarray, dropped: np.ndarray, config: FusionConfig,
-) -> np.ndarray:  # fmt: skip
+    both: Surface,
+    nodes: Nodes,
+    source: np.ndarray,
+    target: np.ndarray,
+    cameras: tuple[Camera, Camera],
+    config: SurfaceConfig,
+) -> np.ndarray:
     """(m, 2) int32 pairs: each node of the source with the corners of the target's cell that it falls into.
 
-    Marks in ``dropped`` the nodes of the source that the target's camera sees better.
+    source, target (2,): first node and the one after the last; cameras: theirs. Marks in ``dropped`` the nodes of the
+    source that the target's camera sees better.
     """
-    if source.start == source.stop or target.start == target.stop:
+    begin, end = target.tolist()
+    if source[0] == source[1] or begin == end:
         return np.empty((0, 2), np.int32)
-    step = _grid_step(both.ring[target], both.pixel, target.start)
-    grid = np.full((-(-camera.height // step), -(-camera.width // step)), -1, np.int32)
-    grid[both.pixel[target, 0] // step, both.pixel[target, 1] // step] = np.arange(target.start, target.stop)
-    return _pair_corners(
-        both.points_m, both.normals, inner, both.skin, source.start, source.stop, grid, step, *pinhole(camera),
-        seen_by.position_m.astype(np.float32),
-        camera.position_m.astype(np.float32), landmarks, dropped, np.float32(config.max_apart_m),
-        np.float32(config.max_off_plane_m), np.float32(np.cos(np.radians(config.max_turn_deg))),
-        np.float32(config.max_way_m),
-    )  # fmt: skip
+    camera = cameras[1]
+    step, pixel = _grid_step(both.ring[begin:end], both.pixel, begin), both.pixel[begin:end]
+    node = np.full((-(-camera.height // step), -(-camera.width // step)), -1, np.int32)
+    node[pixel[:, 0] // step, pixel[:, 1] // step] = np.arange(begin, end)
+    eyes = np.array([one.position_m for one in cameras], np.float32)
+    apart_m = np.float32(config.fusion_max_apart_m)
+    return _pair_corners(nodes, source[0], source[1], Grid(node, step), pinhole(camera), eyes, apart_m)
 
 
 def _grid_step(ring: np.ndarray, pixel: np.ndarray, first: int) -> int:
@@ -120,56 +134,32 @@ def _grid_step(ring: np.ndarray, pixel: np.ndarray, first: int) -> int:
     return int(pixel[ring[east[0], 0], 1] - pixel[first + east[0], 1])
 
 
-@njit(cache=True)
-def _inner(ring: np.ndarray) -> np.ndarray:
-    """(n,) bool: nodes with a whole ring."""
-    inner = np.ones(len(ring), np.bool_)
-    for n in range(len(ring)):
-        for k in range(8):
-            inner[n] &= ring[n, k] >= 0
-    return inner
+def _lengths_m(points_m: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+    """(m,) float32, added up in single precision."""
+    x, y, z = (points_m[pairs[:, 0]] - points_m[pairs[:, 1]]).T
+    length: np.ndarray = np.sqrt(x**2 + y**2 + z**2)
+    return length
 
 
-@njit(cache=True)
 def _with_border(ring: np.ndarray, dropped: np.ndarray) -> np.ndarray:
-    """(n,) bool: what stays: nodes that are not dropped, and two rings around them to sew them on to."""
+    """(n,) bool: what stays: nodes that are not dropped, and two rings around them to link them to."""
     stay = ~dropped
     for _ in range(2):
-        before = stay.copy()
-        for n in range(len(ring)):
-            for k in range(8):
-                stay[n] |= ring[n, k] >= 0 and before[ring[n, k]]
+        stay = stay | np.append(stay, False)[ring].any(axis=1)
     return stay
 
 
 @njit(cache=True)
-def _seam(points: np.ndarray, pairs: np.ndarray, stay: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(m, 2) int32 the pairs of which both stay, and (m,) float32 how far they are apart."""
-    sewn, length = np.empty_like(pairs), np.empty(len(pairs), np.float32)
-    count = 0
-    for e in range(len(pairs)):
-        p, q = pairs[e, 0], pairs[e, 1]
-        if stay[p] and stay[q]:
-            squared = np.float32(0.0)
-            for axis in range(3):
-                squared += (points[p, axis] - points[q, axis]) ** 2
-            sewn[count, 0], sewn[count, 1], length[count] = p, q, np.sqrt(squared)
-            count += 1
-    return sewn[:count], length[:count]
-
-
-@njit(cache=True)
 def _pair_corners(
-    points: np.ndarray, normals: np.ndarray, inner: np.ndarray, shown: np.ndarray, begin: int, end: int,
-    grid: np.ndarray, step: int, T_camera_world: np.ndarray, lens: np.ndarray, seen_from: np.ndarray,
-    other_from: np.ndarray, landmarks: np.ndarray, dropped: np.ndarray, max_apart: np.float32,
-    max_off_plane: np.float32, min_cosine: np.float32, max_way: np.float32,
-) -> np.ndarray:  # fmt: skip
-    rows, cols = grid.shape
+    nodes: Nodes, begin: int, end: int, grid: Grid, camera: Pinhole, eyes: np.ndarray, max_apart: np.float32
+) -> np.ndarray:
+    """``_same_skin`` for the nodes from begin to end; eyes (2, 3) float32: positions of their camera and the other."""
+    points, shown, step = nodes.points_m, nodes.skin, grid.step
+    rows, cols = grid.node.shape
     pairs = np.empty((4 * (end - begin), 2), np.int32)
     count = 0
     for p in range(begin, end):
-        high, left, _ = into_camera(T_camera_world, lens, points, p)
+        high, left, _ = into_camera(camera, points, p)
         high, left = high / step, left / step
         if not (-1.0 <= high <= rows and -1.0 <= left <= cols):
             continue
@@ -177,40 +167,36 @@ def _pair_corners(
         whole, corners = True, 0
         for i in range(row, row + 2):
             for j in range(col, col + 2):
-                if not (0 <= i < rows and 0 <= j < cols) or grid[i, j] < 0:
+                if not (0 <= i < rows and 0 <= j < cols) or grid.node[i, j] < 0:
                     whole = False
                     continue
-                q = grid[i, j]
-                if not _one_skin(points, normals, p, q, max_apart, max_off_plane, min_cosine) or (
-                    shown[p] >= 0
-                    and shown[q] >= 0
-                    and shown[p] != shown[q]
-                    and way_over_skin(landmarks, shown[p], shown[q]) > max_way
-                ):
+                q = grid.node[i, j]
+                if not _one_skin(nodes, p, q, max_apart) or _far_on_body(nodes.landmarks_m, shown[p], shown[q]):
                     whole = False
                     continue
                 pairs[count, 0], pairs[count, 1] = p, q
                 count += 1
                 corners += 1
-                whole = whole and inner[q]
+                whole = whole and nodes.inner[q]
         if whole and corners == 4:
             q = pairs[count - 1, 1]
-            here = _squareness(points, normals, p, q, seen_from)
-            there = _squareness(points, normals, p, q, other_from)
-            dropped[p] = dropped[p] or there > here
+            here, there = _squareness(nodes, p, q, eyes[0]), _squareness(nodes, p, q, eyes[1])
+            nodes.dropped[p] = nodes.dropped[p] or there > here
     return pairs[:count].copy()
 
 
 @njit(cache=True)
-def _one_skin(
-    points: np.ndarray,
-    normals: np.ndarray,
-    p: int,
-    q: int,
-    max_apart: np.float32,
-    max_off_plane: np.float32,
-    min_cosine: np.float32,
-) -> bool:
+def _far_on_body(landmarks: np.ndarray, one: int, other: int) -> bool:
+    """Whether two skin points are too far apart on the body to be the same; -1 is unknown and never is."""
+    if one < 0 or other < 0 or one == other:
+        return False
+    return bool(geodesic_lower_bound(landmarks, one, other) > MAX_ON_BODY_M)
+
+
+@njit(cache=True)
+def _one_skin(nodes: Nodes, p: int, q: int, max_apart: np.float32) -> bool:
+    """Whether two nodes are near, in each other's tangent planes, and turned alike."""
+    points, normals = nodes.points_m, nodes.normals
     apart2, cosine, off_p, off_q = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
     for axis in range(3):
         gap = points[q, axis] - points[p, axis]
@@ -218,16 +204,17 @@ def _one_skin(
         cosine += normals[p, axis] * normals[q, axis]
         off_p += gap * normals[p, axis]
         off_q += gap * normals[q, axis]
-    near = apart2 <= max_apart * max_apart and abs(off_p) <= max_off_plane and abs(off_q) <= max_off_plane
-    return bool(near and cosine >= min_cosine)
+    near = apart2 <= max_apart * max_apart and abs(off_p) <= MAX_OFF_PLANE_M and abs(off_q) <= MAX_OFF_PLANE_M
+    return bool(near and cosine >= MIN_COSINE)
 
 
 @njit(cache=True)
-def _squareness(points: np.ndarray, normals: np.ndarray, p: int, q: int, position: np.ndarray) -> np.float32:
-    """Readings that a camera has for each square metre of the skin at p and q, up to a constant."""
+def _squareness(nodes: Nodes, p: int, q: int, eye: np.ndarray) -> np.float32:
+    """Readings that a camera at a place (3,) has for each square metre of skin at p and q, up to a constant."""
+    points, normals = nodes.points_m, nodes.normals
     along, away2 = np.float32(0), np.float32(0)
     for axis in range(3):
-        sight = position[axis] - points[p, axis]
+        sight = eye[axis] - points[p, axis]
         along += sight * (normals[p, axis] + normals[q, axis])
         away2 += sight * sight
     return along / (away2 * np.sqrt(away2))

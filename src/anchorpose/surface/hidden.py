@@ -1,59 +1,46 @@
 """The skin that no camera sees closes the surface: behind a bar or an arm, in the armpits, on the back.
 
-The expected skin is put where nothing was seen and nothing contradicts it, joined to the rim of what was seen. It is
-inferred, never a measurement: it lets geodesics run as they do on the body, and tells whether a limb goes on.
-Registration, track tree and pictures of the patient get what was seen.
+Expected skin is added where nothing was seen and nothing contradicts it, linked to the rim of what was seen. It is
+inferred, never a measurement: with it geodesics run as they do on the body, and it shows whether a limb continues.
+Registration, track tree and pictures of the patient use only what was seen.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
 from anchorpose.camera import Camera
-from anchorpose.surface.links import add_links, into_camera, pinhole
-from anchorpose.surface.mesh import pieces
+from anchorpose.surface.links import add_links, pieces
+from anchorpose.surface.pinhole import Pinhole, into_camera, pinhole
 from anchorpose.surface.surface import HIDDEN_SKIN, ExpectedSkin, Surface
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HiddenConfig:
-    """What may be added to the seen surface."""
-
-    seen_through_m: float = 0.05  # a reading so far behind a skin point shows that no skin is there
-    stretch: float = 0.98  # ways over neighbours, and neighbours of neighbours, are 2 % longer than straight ones
-
-    def __post_init__(self) -> None:
-        for name in ("seen_through_m", "stretch"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+SEEN_THROUGH_M: Any = np.float32(0.05)  # a reading so far behind a skin point shows that no skin is there
+STRETCH: Any = np.float32(0.98)  # paths over neighbours, and over their neighbours, are 2 % longer than straight ones
 
 
 def add_hidden_skin(
-    surface: Surface, expected: ExpectedSkin, depths_m: Sequence[np.ndarray], cameras: Sequence[Camera],
-    config: HiddenConfig | None = None,
-) -> Surface:  # fmt: skip
+    surface: Surface, expected: ExpectedSkin, depths_m: Sequence[np.ndarray], cameras: Sequence[Camera]
+) -> Surface:
     """The surface with the hidden skin as further nodes, after the seen ones: no grid, all links.
 
-    depths_m: every camera's whole picture (height, width) metres, 0 = no reading. A skin point that nothing shows and
-    some camera sees through is left out. Nodes at the rim of what is seen are linked to the skin point that they show,
-    which is a node then as well, whatever is seen through it: there the outline is predicted some pixels too wide.
+    depths_m: every camera's whole depth frame (height, width) float32 metres, 0 = no reading. A skin point that no node
+    shows and some camera sees through is left out. Nodes at the rim of what is seen are linked to the skin point that
+    they show, which then becomes a node too, even if a camera sees through it: there the outline is predicted some
+    pixels too wide.
     """
-    config = config or HiddenConfig()
     body, first = expected.map, len(surface)
-    absent = _seen_through(expected, depths_m, cameras, config)
-    piece = pieces(surface)
-    place, shown = _place_hidden(surface.ring, surface.skin, piece, body.pairs, absent, first)
+    absent = _seen_through(expected, depths_m, cameras)
+    seen = Seen(surface.points_m, surface.skin, np.any(surface.ring < 0, axis=1), pieces(surface))
+    place, shown = _place_hidden(seen, body.pairs, absent)
     added = np.flatnonzero(place >= 0)
     if len(added) == 0:
         return surface
-    pairs, length = _link_hidden(
-        surface.points_m, surface.ring, surface.skin, place, shown, expected.points_m, body.pairs, body.via,
-        body.straight, np.float32(config.stretch),
-    )  # fmt: skip
+    paths = Paths(expected.points_m, body.pairs, body.via, body.straight)
+    pairs, length = _link_hidden(seen, paths, place, shown)
     start, node, length_m = add_links(surface, pairs, length, first + len(added))
     return Surface(
         points_m=np.concatenate([surface.points_m, expected.points_m[added]]),
@@ -68,52 +55,60 @@ def add_hidden_skin(
     )
 
 
-def _seen_through(
-    expected: ExpectedSkin, depths_m: Sequence[np.ndarray], cameras: Sequence[Camera], config: HiddenConfig
-) -> np.ndarray:
+def _seen_through(expected: ExpectedSkin, depths_m: Sequence[np.ndarray], cameras: Sequence[Camera]) -> np.ndarray:
     """(k,) bool: skin points that are not there, for a camera sees what is behind them."""
     absent = np.zeros(len(expected.points_m), np.bool_)
     for depth, camera in zip(depths_m, cameras, strict=True):
-        _mark_seen_through(expected.points_m, *pinhole(camera), depth, np.float32(config.seen_through_m), absent)
+        _mark_seen_through(expected.points_m, pinhole(camera), depth, absent)
     return absent
 
 
 @njit(cache=True)
-def _mark_seen_through(
-    skin: np.ndarray,
-    T_camera_world: np.ndarray,
-    lens: np.ndarray,
-    depth: np.ndarray,
-    behind: np.float32,
-    absent: np.ndarray,
-) -> None:
+def _mark_seen_through(skin: np.ndarray, camera: Pinhole, depth: np.ndarray, absent: np.ndarray) -> None:
+    """Mark in ``absent`` (k,) the skin points in front of what the camera reads."""
     for k in range(len(skin)):
-        high, left, z = into_camera(T_camera_world, lens, skin, k)
+        high, left, z = into_camera(camera, skin, k)
         if z <= 0.0:
             continue
         row, col = int(np.rint(high)), int(np.rint(left))
-        if 0 <= row < depth.shape[0] and 0 <= col < depth.shape[1] and depth[row, col] > z + behind:
+        if 0 <= row < depth.shape[0] and 0 <= col < depth.shape[1] and depth[row, col] > z + SEEN_THROUGH_M:
             absent[k] = True
 
 
+class Seen(NamedTuple):
+    """The seen nodes: points_m (n, 3) float32; skin (n,) int32: the skin point that each shows, -1 unknown; rim (n,)
+    bool: without a whole ring; piece (n,) int32: the connected piece of mesh."""
+
+    points_m: np.ndarray
+    skin: np.ndarray
+    rim: np.ndarray
+    piece: np.ndarray
+
+
+class Paths(NamedTuple):
+    """Expected skin points_m (k, 3) float32 and the paths between neighbours among them, as in ``BodyMap``."""
+
+    points_m: np.ndarray
+    pairs: np.ndarray
+    via: np.ndarray
+    straight: np.ndarray
+
+
 @njit(cache=True)
-def _place_hidden(
-    ring: np.ndarray, skin: np.ndarray, piece: np.ndarray, pairs: np.ndarray, absent: np.ndarray, first: int
-) -> tuple[np.ndarray, np.ndarray]:
+def _place_hidden(seen: Seen, pairs: np.ndarray, absent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """place (k,): the new node of each skin point, -1 for none; shown (k,): the piece of mesh that shows it, -1 none.
 
     A skin point that the mesh shows becomes a node next to hidden ones and where a rim shows it.
     """
+    skin, first = seen.skin, len(seen.skin)
     shown = np.full(len(absent), -1, np.int32)
     inner = np.zeros(len(absent), np.bool_)
     wanted = np.zeros(len(absent), np.bool_)
     for n in range(len(skin)):
         if skin[n] < 0:
             continue
-        rim = False
-        for k in range(8):
-            rim = rim or ring[n, k] < 0
-        shown[skin[n]] = piece[n]
+        rim = seen.rim[n]
+        shown[skin[n]] = seen.piece[n]
         inner[skin[n]] = inner[skin[n]] or not rim
         wanted[skin[n]] = wanted[skin[n]] or rim
     for k in range(len(absent)):
@@ -136,39 +131,35 @@ def _place_hidden(
 
 
 @njit(cache=True)
-def _link_hidden(
-    points: np.ndarray, ring: np.ndarray, skin: np.ndarray, place: np.ndarray, shown: np.ndarray,
-    skin_points: np.ndarray, pairs: np.ndarray, via: np.ndarray, straight: np.ndarray, stretch: np.float32,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+def _link_hidden(seen: Seen, paths: Paths, place: np.ndarray, shown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(m, 2) links among new nodes and from the rim to them; (m,) float32 their lengths.
 
     Between two that one piece of mesh shows there is none: the mesh leads from one to the other.
     """
-    most = len(pairs) + len(points)
+    skin, skin_points, pairs, via = seen.skin, paths.points_m, paths.pairs, paths.via
+    most = len(pairs) + len(skin)
     found, length = np.empty((most, 2), np.int32), np.empty(most, np.float32)
     count = 0
     for e in range(len(pairs)):
         a, b = pairs[e, 0], pairs[e, 1]
         if place[a] < 0 or place[b] < 0 or (shown[a] >= 0 and shown[a] == shown[b]):
             continue
-        way = _apart(skin_points, a, skin_points, b)
+        way = _apart(skin_points, np.int64(a), skin_points, b)
         if via[e] != a:
-            way = _apart(skin_points, a, skin_points, via[e]) + _apart(skin_points, via[e], skin_points, b)
-        found[count, 0], found[count, 1], length[count] = place[a], place[b], stretch * straight[e] * way
+            way = _apart(skin_points, np.int64(a), skin_points, via[e])
+            way += _apart(skin_points, np.int64(via[e]), skin_points, b)
+        found[count, 0], found[count, 1], length[count] = place[a], place[b], STRETCH * paths.straight[e] * way
         count += 1
     for n in range(len(skin)):
-        rim = False
-        for k in range(8):
-            rim = rim or ring[n, k] < 0
-        if rim and skin[n] >= 0 and place[skin[n]] >= 0:
+        if seen.rim[n] and skin[n] >= 0 and place[skin[n]] >= 0:
             found[count, 0], found[count, 1] = n, place[skin[n]]
-            length[count] = _apart(points, n, skin_points, skin[n])
+            length[count] = _apart(seen.points_m, n, skin_points, skin[n])
             count += 1
     return found[:count].copy(), length[:count].copy()
 
 
 @njit(cache=True)
-def _apart(points: np.ndarray, a: int, others: np.ndarray, b: int) -> np.float32:
+def _apart(points: np.ndarray, a: Any, others: np.ndarray, b: int) -> np.float32:
     squared = np.float32(0.0)
     for axis in range(3):
         squared += (points[a, axis] - others[b, axis]) ** 2

@@ -1,15 +1,16 @@
-"""Edges that the pixel grid does not have: between cameras, across bars, over hidden skin.
+"""Links, the edges that the pixel grid does not have, and the connected pieces of a mesh.
 
-Points into a camera, inside compiled kernels.
+Links lead between cameras, across bars and over hidden skin.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 
-from anchorpose.camera import Camera, invert_rigid
-from anchorpose.surface.surface import Surface
+from anchorpose.surface.surface import MeshArrays, Surface
 
 
 def links(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
@@ -48,9 +49,13 @@ def add_links(
 
 @njit(cache=True)
 def _compress(
-    own_start: np.ndarray, own_node: np.ndarray, own_length: np.ndarray, pairs: np.ndarray, length: np.ndarray,
+    own_start: np.ndarray,
+    own_node: np.ndarray,
+    own_length: np.ndarray,
+    pairs: np.ndarray,
+    length: np.ndarray,
     count: int,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """own_start (o + 1,) of the first o nodes, whose rows are as they should be."""
     owners = len(own_start) - 1
     room = np.zeros(count + 1, np.int32)
@@ -74,7 +79,7 @@ def _compress(
             filled[here] += 1
     start, place = np.zeros(count + 1, np.int32), np.full(count, -1, np.int32)
     end = 0
-    for n in range(count):  # close the gaps that pairs given twice leave; place: where each node stands in this row
+    for n in range(count):  # close the gaps that repeated pairs leave; place: each node's place in this row
         for spot in range(room[n], room[n + 1]):
             there, metre = node[spot], metres[spot]
             if place[there] < start[n]:
@@ -86,23 +91,52 @@ def _compress(
     return start, node[:end].copy(), metres[:end].copy()
 
 
-def pinhole(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """T_camera_world (4, 4) float32, and fx, fy, cx, cy (4,) float32."""
-    lens = camera.intrinsics
-    T_camera_world = invert_rigid(camera.require_pose()).astype(np.float32)
-    return T_camera_world, np.array([lens.fx, lens.fy, lens.cx, lens.cy], np.float32)
+def pieces(surface: Surface) -> np.ndarray:
+    """(n,) int32: number of the connected piece that each node belongs to, in the order of the pieces' first nodes."""
+    return _connected_pieces(surface.arrays)
 
 
 @njit(cache=True)
-def into_camera(
-    T_camera_world: np.ndarray, lens: np.ndarray, points: np.ndarray, k: int
-) -> tuple[np.float32, np.float32, np.float32]:
-    """Row and column in pixels of one point, and its depth; NaN behind the camera."""
-    x, y, z = T_camera_world[0, 3], T_camera_world[1, 3], T_camera_world[2, 3]
-    for axis in range(3):
-        x += T_camera_world[0, axis] * points[k, axis]
-        y += T_camera_world[1, axis] * points[k, axis]
-        z += T_camera_world[2, axis] * points[k, axis]
-    if z <= 0.0:
-        return np.float32(np.nan), np.float32(np.nan), z
-    return lens[1] * y / z + lens[3], lens[0] * x / z + lens[2], z
+def _connected_pieces(mesh: MeshArrays) -> np.ndarray:
+    """``pieces``, compiled; the root of a piece is its first node.
+
+    Source: Tarjan 1975 (doi:10.1145/321879.321884), with path halving.
+    """
+    ring, link_start, link_node = mesh.ring, mesh.link_start, mesh.link_node
+    count = len(ring)
+    root = np.arange(count, dtype=np.int32)
+    for node in range(count):
+        for place in range(4):  # E NE N NW: every edge of the grid once
+            if ring[node, place] >= 0:
+                unite(root, np.int64(node), np.int64(ring[node, place]))
+        for spot in range(link_start[node], link_start[node + 1]):
+            unite(root, np.int64(node), np.int64(link_node[spot]))
+    piece = np.empty(count, np.int32)
+    found = 0
+    for node in range(count):
+        first = find_root(root, np.int64(node))
+        if first == node:
+            piece[node] = found
+            found += 1
+        else:
+            piece[node] = piece[first]
+    return piece
+
+
+@njit(cache=True)
+def unite(root: np.ndarray, one: Any, other: Any) -> None:
+    """Join the sets of two nodes under the smaller root; root (n,) int32: a union-find forest."""
+    one, other = find_root(root, one), find_root(root, other)
+    if one < other:
+        root[other] = one
+    else:
+        root[one] = other
+
+
+@njit(cache=True)
+def find_root(root: np.ndarray, node: Any) -> Any:
+    """The root of a node's set; shortens the path to it. Nodes are int64 here and above: one compilation."""
+    while root[node] != node:
+        root[node] = root[root[node]]
+        node = root[node]
+    return node

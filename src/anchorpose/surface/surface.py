@@ -1,18 +1,49 @@
-"""The surface mesh M = {V, E} (paper, Section III), organised as the camera's pixel grid.
+"""The surface mesh M = {V, E} (paper, Section III), organised as the camera's pixel grid, and its settings.
 
-The patient's skin where it is predicted: what the surface may know of the body before it is registered.
+Also the patient's skin where it is predicted: what the surface may know of the body before it is registered.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Any, Final, NamedTuple
 
 import numpy as np
 from numba import njit
+from pydantic import Field
+
+from anchorpose.settings import Count, NotNegative, Positive, settings
 
 HIDDEN_SKIN: Final = 255
 """``Surface.camera`` of a node that no camera saw."""
+
+
+@settings
+class SurfaceConfig:
+    """From labelled depth images to one surface."""
+
+    by_body: bool = True  # cut and closed by the expected body; False: what the depth images show, as in the paper
+    step: Count = 2  # every second pixel: 13 mm at 2.4 m, a quarter of the time for 3 mm more geodesic error
+    min_piece_m2: NotNegative = 0.0020  # half the palm of a hand; smaller pieces are bits of clothes, bars and floor
+    max_join_m: NotNegative = 0.10  # a chin is up to this far in front of the neck; 0 leaves pieces apart
+    denoise_radius_px: Count = 2  # 5x5 pixels: less than a finger's width at 2.4 m, path error falls to about 1 %
+    min_support: Annotated[int, Field(ge=0, le=8)] = 3  # neighbours; a fingertip two pixels wide has that many
+    bridge_max_width_m: NotNegative = 0.15  # a padded knee rest with its shadow; beyond it the leg's bend is unknown
+    fusion_max_apart_m: Positive = 0.03  # calibration to about 1 cm, plus half a mesh cell seen at a slant
+
+
+class MeshArrays(NamedTuple):
+    """The mesh as compiled kernels take it: the fields of ``Surface`` of the same names, each in one C-ordered block.
+
+    points_m, normals (n, 3), link_length_m (m,) float32; ring (n, 8), link_start (n + 1,), link_node (m,) int32.
+    """
+
+    points_m: np.ndarray
+    normals: np.ndarray
+    ring: np.ndarray
+    link_start: np.ndarray
+    link_node: np.ndarray
+    link_length_m: np.ndarray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,7 +57,7 @@ class Surface:
     to nodes of other cameras and across what hides the skin, compressed rows, symmetric.
     camera (n,) uint8, pixel (n, 2) int16 row and column: where the node was seen; ``HIDDEN_SKIN`` and -1 where it was
     not: such nodes are inferred, come last, and only lead geodesics from one seen place to another.
-    skin (n,) int32: the expected skin point that the node shows, -1 where that is not known.
+    skin (n,) int32: the expected skin point that the node shows, -1 where that is unknown.
     """
 
     points_m: np.ndarray
@@ -46,6 +77,18 @@ class Surface:
     def seen_count(self) -> int:
         """How many nodes a camera saw: these come first."""
         return int(np.searchsorted(self.camera == HIDDEN_SKIN, True))
+
+    @property
+    def arrays(self) -> MeshArrays:
+        """Nodes and edges for compiled kernels."""
+        return MeshArrays(
+            np.ascontiguousarray(self.points_m, dtype=np.float32),
+            np.ascontiguousarray(self.normals, dtype=np.float32),
+            np.ascontiguousarray(self.ring, dtype=np.int32),
+            np.ascontiguousarray(self.link_start, dtype=np.int32),
+            np.ascontiguousarray(self.link_node, dtype=np.int32),
+            np.ascontiguousarray(self.link_length_m, dtype=np.float32),
+        )
 
 
 def seen_part(surface: Surface) -> Surface:
@@ -74,14 +117,22 @@ class BodyMap:
     """Distances along the body between k sampled skin points, whatever of it is seen; they hold in every pose.
 
     landmarks_m (k, l) float32: geodesic distance of each point to l landmarks: the paper's descriptor (Definition 3) on
-    the body itself. pairs (e, 2) int32: neighbours; via (e,) int32: the neighbour of both that a pair's way leads over
-    (of direct neighbours the first one itself); straight (e,) float32: the pair's distance over the length of that way.
+    the body itself. pairs (e, 2) int32: neighbours; via (e,) int32: the neighbour of both that a pair's path leads over
+    (of direct neighbours the first one itself); straight (e,) float32: the pair's distance over that path's length.
     """
 
     landmarks_m: np.ndarray
     pairs: np.ndarray
     via: np.ndarray
     straight: np.ndarray
+
+
+class SkinArrays(NamedTuple):
+    """Expected skin as compiled kernels take it: points_m, normals (k, 3) and landmarks_m (k, l) float32, C-ordered."""
+
+    points_m: np.ndarray
+    normals: np.ndarray
+    landmarks_m: np.ndarray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,10 +143,22 @@ class ExpectedSkin:
     normals: np.ndarray
     map: BodyMap
 
+    @property
+    def arrays(self) -> SkinArrays:
+        """Places and distances for compiled kernels."""
+        return SkinArrays(
+            np.ascontiguousarray(self.points_m, dtype=np.float32),
+            np.ascontiguousarray(self.normals, dtype=np.float32),
+            np.ascontiguousarray(self.map.landmarks_m, dtype=np.float32),
+        )
+
 
 @njit(cache=True)
-def way_over_skin(landmarks: np.ndarray, a: int, b: int) -> np.float32:
-    """A lower bound of the distance of two skin points along the body's mesh: what the triangle inequality leaves."""
+def geodesic_lower_bound(landmarks: np.ndarray, a: Any, b: Any) -> np.float32:
+    """Lower bound of the distance of two skin points along the body's mesh, by the triangle inequality.
+
+    landmarks (k, l) float32 of ``BodyMap``.
+    """
     most = np.float32(0.0)
     for k in range(landmarks.shape[1]):
         apart = abs(landmarks[a, k] - landmarks[b, k])

@@ -24,13 +24,13 @@ from anchorpose.body.skin_points import Body, SkinPoints, build_body, pose_point
 from anchorpose.camera import Camera
 from anchorpose.isolation.ownership import OwnershipLikelihood, join_likelihoods
 from anchorpose.isolation.view import PixelLabel, View
-from anchorpose.surface.mesh import SheetConfig, build_surface
-from anchorpose.surface.surface import Surface
+from anchorpose.surface.mesh import build_surface
+from anchorpose.surface.surface import Surface, SurfaceConfig
 
 
 def loose_surface(
     depths_m: Sequence[np.ndarray | None], masks: Sequence[np.ndarray | None], cameras: Sequence[Camera],
-    config: SheetConfig,
+    config: SurfaceConfig,
 ) -> Surface:  # fmt: skip
     """The masked pixels of all cameras as nodes with normals, without ring and links; None: no picture."""
     sheets = [
@@ -68,7 +68,7 @@ class BystanderConfig:
     """How the others are followed."""
 
     followed: bool = True  # False: they claim where they were seen last, as the patient's rivals do elsewhere
-    sheet: SheetConfig = field(default_factory=lambda: SheetConfig(step=4))  # a rough body needs no finer nodes
+    sheet: SurfaceConfig = field(default_factory=lambda: SurfaceConfig(step=4))  # a rough body needs no finer nodes
     registration: RegistrationConfig = field(default_factory=lambda: ROUGHLY)
     height_m: float = 1.72  # of an adult of whom nothing else is known
     least_explained: float = 0.75  # share of somebody's nodes that his body must account for, else he has none

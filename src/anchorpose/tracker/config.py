@@ -21,7 +21,7 @@ from anchorpose.calibration.people.camera_to_camera import CameraToCameraConfig
 from anchorpose.geodesics.anchors import AnchorConfig
 from anchorpose.isolation.config import IsolationConfig
 from anchorpose.results.contact_intervals import ContactConfig
-from anchorpose.surface.patient_surface import SurfaceConfig
+from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.tracker.bystanders import BystanderConfig
 from anchorpose.tracker.standing_feet import StandingConfig
 from anchorpose.tracking.motion import MotionConfig

@@ -15,7 +15,7 @@ from anchorpose.body.registration import PoseBelief, vague_belief
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.recording.recording import FrameSet
 from anchorpose.research.experiment.reference import Reference
-from anchorpose.surface.patient_surface import SurfaceConfig
+from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.tracker.config import FollowConfig, Method, TrackConfig
 from anchorpose.tracker.observation import isolate_again, observe, observe_first
 from anchorpose.tracker.patient import PatientTracker

@@ -38,7 +38,7 @@ ROUNDS = 5  # of which the median counts
 
 def measure(frame: int, room: Room, reference: Reference, config: TrackConfig) -> PaperTimes | None:
     """One frame's times, after everything was compiled; None where the patient is not known in it."""
-    fine = replace(config.surface, sheet=replace(config.surface.sheet, step=1))
+    fine = replace(config.surface, step=1)
     window = take_window(frame, room, reference, None, config)
     if window is None:
         return None

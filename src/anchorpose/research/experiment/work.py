@@ -38,7 +38,7 @@ from anchorpose.research.experiment.reference import (
     to_arrays,
 )
 from anchorpose.simulate.write import simulate_recording
-from anchorpose.surface.patient_surface import SurfaceConfig
+from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.threads import one_thread
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.preparation import prepare_room

@@ -17,7 +17,8 @@ import numpy as np
 
 from anchorpose.geodesics.distance import geodesic_distance
 from anchorpose.research.features.gmds_stress import best_places, branch_and_bound, settle, stress_m
-from anchorpose.surface.mesh import keep_nodes, pieces
+from anchorpose.surface.links import pieces
+from anchorpose.surface.mesh import keep_nodes
 from anchorpose.surface.surface import Surface
 
 APART_M = 1e3

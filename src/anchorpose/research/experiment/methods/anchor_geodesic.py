@@ -19,7 +19,7 @@ from anchorpose.research.experiment.framework import ANYWHERE_M, PAPER_GATE
 from anchorpose.research.experiment.method import PROPOSED, Family, Method, remembered
 from anchorpose.research.features.nearest import nearest_descriptor
 from anchorpose.research.geodesic_solvers import Solver, solve_distance
-from anchorpose.surface.patient_surface import SurfaceConfig
+from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.tracker.association import Associate, link
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Observation

@@ -8,7 +8,7 @@ from typing import Any, Final
 from anchorpose.association.matcher import Feature, HypothesisConfig
 from anchorpose.body.learning import LearningConfig
 from anchorpose.research.experiment.method import OWN, Family, Method
-from anchorpose.surface.patient_surface import SurfaceConfig
+from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.tracker.config import FollowConfig, TrackConfig
 from anchorpose.tracker.config import Method as Registration
 from anchorpose.tracking.motion import MotionConfig, MotionRule

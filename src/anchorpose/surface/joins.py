@@ -1,0 +1,180 @@
+"""Links between parts of the surface that the depth frame cuts apart although the body is one.
+
+A bar in front of the shins hides a strip of leg, it does not cut the leg; a chin stands in front of the neck.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numba import njit
+from scipy.spatial import KDTree
+
+from anchorpose.surface.links import add_links, pieces, straight_m
+from anchorpose.surface.surface import Surface
+
+MAX_DEPARTURE: Final = 0.35  # from either tangent plane, over the width: a shin bends less, two legs far more
+SLACK_M: Final = 0.015  # soft tissue and noise beside a narrow bar
+MARGIN_PX: Final = 4  # readings lost or removed beside the bar
+
+FORWARD: Final = ((0, 1), (-1, 1), (-1, 0), (-1, -1))
+"""Row and column offset of ring places E, NE, N, NW: every pair of grid neighbours once."""
+
+SPREAD: Final = 1.5  # the seam is where the jump is within half of its smallest; elsewhere the pieces merely overlap
+
+
+def bridge_pairs(
+    index: np.ndarray,
+    hidden: np.ndarray,
+    points_m: np.ndarray,
+    normals: np.ndarray,
+    step: int,
+    spacing_m: float,
+    max_width_m: float,
+) -> np.ndarray:
+    """Pairs of nodes that face each other across hidden pixels, along rows, columns and diagonals.
+
+    index (rows, cols) int32: node on the grid of every ``step``-th pixel, -1 = none; hidden (height, width) bool:
+    pixels where equipment stands before whatever is behind; points_m, normals (n, 3) float32, one frame.
+    spacing_m: the smallest distance of two grid neighbours, which bounds the length of the walk;
+    max_width_m: of the hidden strip. Returns (m, 2) int32.
+    """
+    longest = int(np.ceil(max_width_m / max(spacing_m, 1e-4))) + 1
+    return _facing_pairs(index, hidden, points_m, normals, step, longest, -(-MARGIN_PX // step), float(max_width_m))
+
+
+@njit(cache=True)
+def _facing_pairs(
+    index: np.ndarray,
+    hidden: np.ndarray,
+    points: np.ndarray,
+    normals: np.ndarray,
+    step: int,
+    longest: int,
+    margin: int,
+    max_width: float,
+) -> np.ndarray:
+    """``bridge_pairs``, walking at most ``longest`` grid cells, of which 2 ``margin`` at each end may hide nothing."""
+    rows, cols = index.shape
+    pairs = np.empty((4 * len(points), 2), np.int32)
+    count = 0
+    for way in range(4):
+        down, right = (0, 1, 1, 1)[way], (1, 0, 1, -1)[way]
+        for row in range(rows):
+            for col in range(cols):
+                node = index[row, col]
+                if node < 0:
+                    continue
+                covered, bare = 0, 0
+                for walk in range(1, longest + 2 * margin + 1):
+                    i, j = row + walk * down, col + walk * right
+                    if i >= rows or j < 0 or j >= cols:
+                        break
+                    other = index[i, j]
+                    if other >= 0:
+                        if covered > 0 and _belong(points, normals, node, other, max_width):
+                            pairs[count, 0], pairs[count, 1] = node, other
+                            count += 1
+                        break
+                    if hidden[i * step, j * step]:
+                        covered += 1
+                    else:
+                        bare += 1
+                        if bare > 2 * margin:
+                            break
+    return pairs[:count].copy()
+
+
+@njit(cache=True)
+def _belong(points: np.ndarray, normals: np.ndarray, p: int, q: int, max_width: float) -> bool:
+    """Whether two nodes are near enough, look the same way and each lies near the tangent plane of the other."""
+    width2, from_p, from_q, turn = 0.0, 0.0, 0.0, 0.0
+    for axis in range(3):
+        gap = np.float64(points[q, axis]) - np.float64(points[p, axis])
+        width2 += gap * gap
+        from_p += gap * normals[p, axis]
+        from_q += gap * normals[q, axis]
+        turn += normals[p, axis] * normals[q, axis]
+    width = np.sqrt(width2)
+    allowed = SLACK_M + MAX_DEPARTURE * width
+    return width <= max_width and turn > 0.0 and abs(from_p) <= allowed and abs(from_q) <= allowed
+
+
+def join_pieces(surface: Surface, step: int, max_gap_m: float) -> Surface:
+    """One camera's surface, on the grid of every ``step``-th pixel, with its pieces joined where they come nearest.
+
+    Pieces that show known skin count as one: hidden skin joins them better than the shortest way would.
+    """
+    piece = pieces(surface)
+    known = np.unique(piece[surface.skin >= 0])
+    if len(known):
+        piece = np.where(np.isin(piece, known), known[0], piece)
+    if len(piece) == 0 or (piece == piece[0]).all():
+        return surface
+    index = np.full(surface.pixel.max(axis=0) // step + 1, -1, np.int32)
+    index[surface.pixel[:, 0] // step, surface.pixel[:, 1] // step] = np.arange(len(surface))
+    seams = join_pairs(index, surface.points_m, piece, max_gap_m)
+    start, node, length = add_links(surface, seams, straight_m(surface.points_m, seams), len(surface))
+    return replace(surface, link_start=start, link_node=node, link_length_m=length)
+
+
+def join_rest(surface: Surface, max_gap_m: float) -> Surface:
+    """The surface with seen pieces that nothing joins to the largest linked to it where they are nearest.
+
+    At most ``max_gap_m`` wide; what is farther off stays apart, and its distances inf.
+    """
+    seen = surface.seen_count
+    if seen == 0:
+        return surface
+    piece = pieces(surface)
+    size = np.bincount(piece[:seen], minlength=piece.max() + 1)
+    rest = np.setdiff1d(piece[:seen], size.argmax())
+    if len(rest) == 0:
+        return surface
+    main = np.flatnonzero(piece == size.argmax())
+    tree = KDTree(surface.points_m[main])
+    pairs = []
+    for number in rest:
+        own = np.flatnonzero(piece == number)
+        away, nearest = tree.query(surface.points_m[own])
+        if away.min() <= max_gap_m:
+            pairs.append([own[away.argmin()], main[nearest[away.argmin()]]])
+    added = np.array(pairs, np.int32).reshape(-1, 2)
+    start, node, length = add_links(surface, added, straight_m(surface.points_m, added), len(surface))
+    return replace(surface, link_start=start, link_node=node, link_length_m=length)
+
+
+def join_pairs(index: np.ndarray, points_m: np.ndarray, piece: np.ndarray, max_gap_m: float) -> np.ndarray:
+    """Pairs of grid neighbours that join pieces of surface into one where they come nearest, at most ``max_gap_m``.
+
+    index (rows, cols) int32: node on the grid, -1 = none; points_m (n, 3); piece (n,) int32 of ``pieces``. Two pieces
+    are joined once, by the shortest way (Kruskal's rule), so that an arm before the trunk stays apart from it as long
+    as the shoulder holds it. Returns (m, 2) int32.
+    """
+    pair = _seams(index, piece)
+    gap = np.linalg.norm(points_m[pair[:, 0]] - points_m[pair[:, 1]], axis=1)
+    pair, gap = pair[gap <= max_gap_m], gap[gap <= max_gap_m]
+    sides = np.sort(piece[pair], axis=1)
+    merged = np.arange(piece.max(initial=-1) + 1)
+    chosen = np.zeros(len(pair), bool)
+    for place in np.argsort(gap, kind="stable"):
+        one, two = sides[place]
+        if merged[one] != merged[two]:
+            merged[merged == merged[two]] = merged[one]
+            chosen |= (sides == sides[place]).all(axis=1) & (gap <= SPREAD * gap[place])
+    return pair[chosen].astype(np.int32)
+
+
+def _seams(index: np.ndarray, piece: np.ndarray) -> np.ndarray:
+    """(k, 2) grid neighbours on different pieces."""
+    rows, cols = index.shape
+    found = []
+    for down, right in FORWARD:
+        here = index[max(0, -down) :, max(0, -right) : cols - max(0, right)]
+        there = index[: rows + down, max(0, right) : cols + min(0, right)]
+        both = (here >= 0) & (there >= 0)
+        pair = np.stack([here[both], there[both]], axis=1)
+        found.append(pair[piece[pair[:, 0]] != piece[pair[:, 1]]])
+    return np.concatenate(found)
