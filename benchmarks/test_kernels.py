@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from anchorpose.surface.edges import drop_flying_pixels
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
@@ -29,7 +28,7 @@ from anchorpose.geodesics.extrema import geodesic_extrema, surface_center
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.research.geodesic_solvers import edge_distance, edge_graph
 from anchorpose.surface.border import Border, border
-from anchorpose.surface.denoise import denoise, estimate_noise
+from anchorpose.surface.denoise import denoise, drop_flying_pixels, estimate_noise
 from anchorpose.surface.fusion import fuse
 from anchorpose.surface.links import pieces
 from anchorpose.surface.mesh import build_surface, faces

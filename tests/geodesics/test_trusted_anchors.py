@@ -118,7 +118,7 @@ def test_an_anchor_missed_or_not_reached_is_not_trusted():
 
 
 def test_a_bridge_over_the_occlusion_takes_the_detour_away():
-    """Links across a bar, as ``surface.bridge`` makes them, lead straight on."""
+    """Links across a bar, as ``surface.joins`` makes them, lead straight on."""
     pierced = lattice_hole(31, 31, lambda row, col: (np.abs(row) < 2) & (np.abs(col) < 12))
     seen, node = keep_nodes(pierced.whole, ~pierced.hidden), np.flatnonzero(~pierced.hidden)
     source = int(np.searchsorted(node, 3 * 31 + 15))

@@ -210,8 +210,9 @@ def test_a_camera_without_pose_and_a_picture_of_another_size_are_refused():
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"step": 0}, {"min_piece_m2": -1.0}, {"max_join_m": -0.1}, {"min_support": 9}, {"denoise_radius_px": 0}]
+    ("name", "value"),
+    [("step", 0), ("min_piece_m2", -1.0), ("max_join_m", -0.1), ("min_support", 9), ("denoise_radius_px", 0)],
 )
-def test_an_impossible_mesh_is_refused(wrong):
-    with pytest.raises(ValueError, match=next(iter(wrong))):
-        SurfaceConfig(**wrong)
+def test_an_impossible_mesh_is_refused(name, value):
+    with pytest.raises(ValueError, match=name):
+        SurfaceConfig(**{name: value})
