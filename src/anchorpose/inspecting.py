@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from anchorpose.pages.inspection_page import inspection_facts, inspection_sections, write_inspection
-from anchorpose.recording.format import with_height
 from anchorpose.recording.reader import open_recording
+from anchorpose.recording.recording_file import with_height
 from anchorpose.threads import one_thread
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.inspection import Inspection, inspect_frame

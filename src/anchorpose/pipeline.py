@@ -13,9 +13,9 @@ from pathlib import Path
 from anchorpose.body.contact_regions import area_of_point, region_of_points
 from anchorpose.body.skin_points import body_points
 from anchorpose.pages.frame_pictures import draw_chosen, save_pictures
-from anchorpose.recording.format import with_height, with_poses
 from anchorpose.recording.reader import frame_range, open_recording
 from anchorpose.recording.recording import Recording
+from anchorpose.recording.recording_file import with_height, with_poses
 from anchorpose.report.page import write_report
 from anchorpose.results.anchors_table import ANCHORS_FILE, write_anchors
 from anchorpose.results.contact_intervals import ContactIntervals

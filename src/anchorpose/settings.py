@@ -1,16 +1,24 @@
-"""How settings are declared: frozen, keyword-only and checked when made."""
+"""How settings and files are declared and checked, and what is wrong with a value in one sentence."""
 
 from __future__ import annotations
 
-from typing import Annotated, TypeVar, cast, dataclass_transform
+import difflib
+import json
+from collections.abc import Iterable
+from dataclasses import fields, is_dataclass
+from functools import cache
+from typing import Annotated, Any, Final, TypeVar, cast, dataclass_transform, get_args, get_type_hints
 
-from pydantic import ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic.dataclasses import dataclass
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(gt=0, strict=True)]
+
+STRICT: Final = ConfigDict(extra="forbid", allow_inf_nan=False)
+"""Unknown names and numbers that are not finite are refused."""
 
 Class = TypeVar("Class")
 
@@ -22,4 +30,127 @@ def settings(cls: type[Class]) -> type[Class]:
     Raises pydantic's ValidationError, a ValueError, on an unknown name, a wrong type or an impossible value.
     ``replace``, ``asdict`` and ``fields`` of dataclasses work as usual.
     """
-    return cast(type[Class], dataclass(frozen=True, kw_only=True, config=ConfigDict(extra="forbid"))(cls))
+    return cast(type[Class], dataclass(frozen=True, kw_only=True, config=STRICT)(cls))
+
+
+class Unfit(ValueError):
+    """A value of the right type that cannot be used: what is wrong with it and what to do.
+
+    key: the field that is meant, where the object that holds it is checked as a whole.
+    """
+
+    def __init__(self, problem: str, remedy: str, key: str = "") -> None:
+        self.problem, self.remedy, self.key = problem, remedy, key
+        super().__init__(f"{problem}; {remedy}")
+
+
+def nearest_key(unknown: str, known: Iterable[str]) -> str | None:
+    """The known key that ``unknown`` most likely was meant to be, whatever its case; None where nothing is alike."""
+    names = {name.lower(): name for name in known}
+    alike = difflib.get_close_matches(unknown.lower(), list(names), n=1, cutoff=0.5)
+    return names[alike[0]] if alike else None
+
+
+def explain(error: ValidationError, kind: Any = None) -> tuple[str, str]:
+    """The first thing that is wrong, with its place such as ``cameras[0].name``, and what to do about it.
+
+    kind: the type that was asked for; it gives the descriptions of fields and the names that are known. An unknown name
+    comes first: it explains why another one is missing.
+    """
+    unknown = ("extra_forbidden", "unexpected_keyword_argument")
+    found = min(error.errors(include_url=False), key=lambda one: one["type"] not in unknown)
+    place, meaning, known = _follow(kind, found["loc"])
+    problem, given, context = found["type"], found["input"], found.get("ctx", {})
+    name = place.rpartition(".")[2]
+    if problem in unknown:
+        near = nearest_key(name, known)
+        remedy = f"did you mean '{near}'" if near else f"remove it, known keys are {', '.join(sorted(known))}"
+        return f"unknown key '{place}'", remedy
+    if problem == "missing":
+        near = nearest_key(name, given) if isinstance(given, dict) else None
+        remedy = f"add it (or is '{near}' meant to be it?)" if near else "add it"
+        return f"the key '{place}' is missing", remedy + (meaning and f": {meaning}")
+    if problem == "value_error":
+        refusal = context["error"]
+        if isinstance(refusal, Unfit):
+            return f"{_join(place, refusal.key)} {refusal.problem}".strip(), refusal.remedy
+        return f"{place} is refused: {refusal}" if place else str(refusal), "correct that value"
+    if problem == "union_tag_invalid":
+        key = _join(place, context["discriminator"].strip("'"))
+        return f"{key} is '{context['tag']}'", f"it must be one of {context['expected_tags']}"
+    wanted = found["msg"].partition(" should ")[2]
+    for words, plain in _PLAIN_WORDS.items():
+        wanted = wanted.replace(words, plain)
+    if not wanted:
+        return f"cannot be used ({found['msg']})", "correct the file"
+    return f"{place} is {_shown(given)}", f"it must {wanted}" + (meaning and f": {meaning}")
+
+
+def sentence_of(error: ValueError) -> str:
+    """What an impossible setting is refused with, in one sentence without a full stop."""
+    return "; ".join(explain(error)) if isinstance(error, ValidationError) else str(error)
+
+
+_PLAIN_WORDS: Final = {
+    "greater than or equal to": "at least",
+    "less than or equal to": "at most",
+    "greater than": "more than",
+    "a valid array": "a list",
+    "a valid boolean": "true or false",
+    "a valid integer": "a whole number",
+    "a valid number": "a number",
+    "a valid string": "a text in quotation marks",
+    "an object": "an object or a table",
+}
+
+
+def _follow(kind: Any, location: tuple[int | str, ...]) -> tuple[str, str, list[str]]:
+    """The place of an error, the description of its innermost field, and the names that are known beside it."""
+    place, meaning, owners, known = "", "", _classes_in(kind), list[str]()
+    for step in location:
+        if isinstance(step, int):
+            place += f"[{step}]"
+            continue
+        declared = {name: hint for owner in owners for name, hint in _fields(owner).items()}
+        tagged = [owner for owner in owners if _is_tag(step, owner)]
+        if step not in declared and tagged:  # the tag of a union is not a part of the place
+            owners = tagged
+            continue
+        place, known = _join(place, step), list(declared)
+        if step in declared:
+            meaning, owners = _stated(declared[step], "description"), _classes_in(declared[step])
+    return place, meaning, known
+
+
+def _is_tag(step: str, owner: type) -> bool:
+    return step == owner.__name__ or any(step in get_args(hint) for hint in _fields(owner).values())
+
+
+def _classes_in(hint: Any) -> list[type]:
+    """The classes with fields that a type is made of, such as those of a tuple or a union."""
+    if isinstance(hint, type) and (is_dataclass(hint) or issubclass(hint, BaseModel)):
+        return [hint]
+    return [found for part in get_args(hint) for found in _classes_in(part)]
+
+
+@cache
+def _fields(owner: type) -> dict[str, Any]:
+    """The annotation of every field, by its name in the file."""
+    hints = get_type_hints(owner, include_extras=True)
+    names = owner.model_fields if issubclass(owner, BaseModel) else [field.name for field in fields(cast(Any, owner))]
+    return {_stated(hints[name], "alias") or name: hints[name] for name in names}
+
+
+def _stated(hint: Any, what: str) -> str:
+    """The alias or the description that an annotation gives; empty where it gives none."""
+    own = [text for part in getattr(hint, "__metadata__", ()) if (text := getattr(part, what, None))]
+    return own[0] if own else next((text for part in get_args(hint) if (text := _stated(part, what))), "")
+
+
+def _join(place: str, key: str) -> str:
+    return f"{place}.{key}" if place and key else place or key
+
+
+def _shown(value: Any) -> str:
+    text = json.dumps(value, default=repr)
+    return text if len(text) <= 40 else text[:37] + "..."

@@ -244,11 +244,11 @@ def test_a_layout_is_read_as_it_is_written(tmp_path):
         ({"dictionary": "APRILTAG_36h11"}, "did you mean DICT_APRILTAG_36h11"),
         ({"tags": []}, "list every tag once"),
         ({"tags": [{"id": 1, "size_m": 160, "pose": np.eye(4).tolist()}]}, "at most 5"),
-        ({"tags": [{"id": 1, "size_m": 0.1, "pose": (2 * np.eye(4)).tolist()}]}, "is no rigid motion"),
+        ({"tags": [{"id": 1, "size_m": 0.1, "pose": (2 * np.eye(4)).tolist()}]}, "is not a rigid motion"),
         ({"tags": document()["tags"] * 2}, "names an id twice"),
-        ({"board": {}}, "either single tags or one board"),
+        ({"tags": None}, "either single tags or one board"),
         ({"tagz": []}, "did you mean 'tags'"),
-        ({"version": 2}, "reads version 1"),
+        ({"version": 2}, "version is 2; it must be 1: the version that this release reads"),
     ],
 )
 def test_a_layout_that_cannot_be_used_is_refused_with_a_remedy(tmp_path, changes, said):

@@ -12,8 +12,8 @@ from recording_builder import camera_entry, edit_json, write_recording
 from anchorpose.calibration.calibration import Calibration, PoseFigure, PoseRecord, PoseSource
 from anchorpose.cli import main
 from anchorpose.errors import InputError
-from anchorpose.recording.format import read_calibration, with_poses
 from anchorpose.recording.reader import open_recording
+from anchorpose.recording.recording_file import read_calibration, with_poses
 from anchorpose.results.calibration_file import calibration_rows, write_calibration
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.write import simulate_recording
@@ -59,7 +59,7 @@ def test_a_file_without_one_of_the_cameras_is_refused(tmp_path):
     ("change", "problem"),
     [
         (lambda d: d.update(format="rgbd-recording"), "format"),
-        (lambda d: d["cameras"][0]["camera_to_world"][0].__setitem__(0, 3.0), "no rigid motion"),
+        (lambda d: d["cameras"][0]["camera_to_world"][0].__setitem__(0, 3.0), "not a rigid motion"),
         (lambda d: d["cameras"].append(d["cameras"][0]), "twice"),
     ],
 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import field
 from enum import Enum
 from typing import Literal
 
@@ -11,6 +11,7 @@ import pytest
 
 from anchorpose.cli.config_file import load_config
 from anchorpose.errors import InputError
+from anchorpose.settings import Positive, settings
 
 
 class Mode(Enum):
@@ -18,19 +19,19 @@ class Mode(Enum):
     EXACT = "exact"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class Inner:
-    radius_m: float = 0.5
+    radius_m: Positive = 0.5
     count: int = 3
     mode: Mode = Mode.EXACT
     sensor: Literal["kinect", "realsense"] = "kinect"
 
     def __post_init__(self) -> None:
-        if not self.radius_m > 0:
-            raise ValueError(f"radius_m must be positive, got {self.radius_m}")
+        if self.radius_m > self.count:
+            raise ValueError(f"radius_m must not exceed count, got {self.radius_m}")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class Outer:
     inner: Inner = field(default_factory=Inner)
     place: tuple[float, float] | None = None
@@ -38,7 +39,7 @@ class Outer:
     strict: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class Demanding:
     height_m: float
 
@@ -67,18 +68,19 @@ def test_toml_and_json_give_the_same(tmp_path):
         ("[inner]\nradius = 1", "unknown key 'inner.radius'; did you mean 'radius_m'"),
         ("[iner]\n", "did you mean 'inner'"),
         ("zzz = 1", "remove it, known keys are inner, names, place, strict"),
-        ('[inner]\nradius_m = "wide"', "inner.radius_m is 'wide'; write a finite number"),
-        ("[inner]\nradius_m = nan", "inner.radius_m is nan"),
-        ("[inner]\nradius_m = true", "inner.radius_m is True"),
-        ("[inner]\ncount = 3.0", "inner.count is 3.0; write a whole number"),
-        ("[inner]\nradius_m = -1", "inner is refused: radius_m must be positive"),
-        ('[inner]\nmode = "slow"', "write one of fast, exact"),
-        ('[inner]\nsensor = "lidar"', "write one of kinect, realsense"),
-        ("strict = 1", "write true or false"),
-        ("place = [1]", "place is"),
-        ("place = [1, inf]", "place is"),
-        ("names = [1]", "names is"),
-        ("inner = 3", "inner is not a table"),
+        ('[inner]\nradius_m = "wide"', 'inner.radius_m is "wide"; it must be a number'),
+        ("[inner]\nradius_m = nan", "inner.radius_m is NaN; it must be a finite number"),
+        ("[inner]\nradius_m = true", "inner.radius_m is true"),
+        ("[inner]\ncount = 3.0", "inner.count is 3.0; it must be a whole number"),
+        ("[inner]\nradius_m = -1", "inner.radius_m is -1; it must be more than 0"),
+        ("[inner]\nradius_m = 9", "inner is refused: radius_m must not exceed count, got 9"),
+        ('[inner]\nmode = "slow"', "it must be 'fast' or 'exact'"),
+        ('[inner]\nsensor = "lidar"', "it must be 'kinect' or 'realsense'"),
+        ("strict = 1", "strict is 1; it must be true or false"),
+        ("place = [1]", "the key 'place[1]' is missing"),
+        ("place = [1, inf]", "place[1] is Infinity"),
+        ("names = [1]", "names[0] is 1"),
+        ("inner = 3", "inner is 3; it must be an object or a table"),
         ("inner = ", "is not TOML"),
     ],
 )

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from anchorpose.errors import InputError
-from anchorpose.recording.format import with_height
 from anchorpose.recording.recording import Recording
+from anchorpose.recording.recording_file import with_height
 from anchorpose.tracker.config import TrackConfig
 
 

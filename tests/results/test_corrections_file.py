@@ -105,10 +105,12 @@ def test_what_could_not_be_read_back_is_not_written(tmp_path: Path) -> None:
     path = written(tmp_path / "c.json")
     before = path.read_bytes()
     held = read_corrections(path)
-    for unreadable in (held.taken_back(INTERVAL, Signature("", WHEN)), held.added(replace(INTERVAL, last_frame=0))):
+    for unreadable in (held.taken_back(INTERVAL, Signature("", WHEN)), held.added(replace(INTERVAL, first_frame=-1))):
         with pytest.raises(InputError, match=r"c\.json"):
             write_corrections(path, unreadable)
     assert path.read_bytes() == before
+    with pytest.raises(ValueError, match="is 0, before first_frame 3"):
+        replace(INTERVAL, last_frame=0)
 
 
 def test_the_file_lies_beside_the_results_so_that_tracking_again_keeps_it(tmp_path: Path) -> None:
@@ -159,7 +161,7 @@ def test_the_time_of_now_is_one_that_the_file_accepts(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        (lambda d: d.update(format="calibration"), "format is 'calibration'"),
+        (lambda d: d.update(format="calibration"), 'format is "calibration"'),
         (lambda d: d.update(version=2), "version is 2"),
         (lambda d: d.update(unuseable=[]), "did you mean 'unusable'"),
         (lambda d: d.pop("joints"), "the key 'joints' is missing"),
@@ -171,7 +173,7 @@ def test_the_time_of_now_is_one_that_the_file_accepts(tmp_path: Path) -> None:
         (lambda d: d["joints"].append(d["joints"][0]), r"joints\[1\] corrects KneeLeft of frame 4 a second time"),
         (lambda d: d["unusable"][0].update(last_frame=2), r"unusable\[0\].last_frame is 2, before first_frame 3"),
         (lambda d: d["unusable"][0].update(end_s=0.1), r"unusable\[0\].end_s is 0.1, before"),
-        (lambda d: d["unusable"][0].update(who=" "), r"unusable\[0\].who is not a text"),
+        (lambda d: d["unusable"][0].update(who=" "), r'unusable\[0\].who is " "; it must have at least 1 character'),
         (lambda d: d["unusable"][0].update(when="2026-03-01T09:30:00"), r"unusable\[0\].when .* write the time in UTC"),
         (lambda d: d["withdrawn"][0]["entry"].update(joint="Hip"), r"withdrawn\[0\].entry.joint is 'Hip'"),
     ],

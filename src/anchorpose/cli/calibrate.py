@@ -43,12 +43,11 @@ def calibrate(
     from rich.table import Table
 
     from anchorpose.calibrating import calibrate_recording
-    from anchorpose.cli.config_file import load_config
-    from anchorpose.pipeline import TrackConfig
+    from anchorpose.cli.config_file import load_track_config
     from anchorpose.results.calibration_file import CALIBRATION_MARKS, calibration_rows
     from anchorpose.results.folder import new_results_folder
 
-    settings = load_config(config, TrackConfig) if config is not None else TrackConfig()
+    settings = load_track_config(config)
     source = recording.resolve()
     target = output if output is not None else source.with_name(f"{source.name}-calibration")
     with new_results_folder(target, recording, overwrite, CALIBRATION_MARKS) as folder:

@@ -44,15 +44,14 @@ def inspect(
     overwrite
         Replace the folder of an earlier inspection.
     """
-    from anchorpose.cli.config_file import load_config
+    from anchorpose.cli.config_file import load_track_config
     from anchorpose.cli.console import counter
     from anchorpose.cli.track import parse_place
     from anchorpose.inspecting import inspect_recording
     from anchorpose.pages.inspection_page import FACTS_FILE, PAGE_FILE
-    from anchorpose.pipeline import TrackConfig
     from anchorpose.results.folder import new_results_folder
 
-    settings = load_config(config, TrackConfig) if config is not None else TrackConfig()
+    settings = load_track_config(config)
     if patient is not None:
         settings = replace(settings, patient_xz_m=parse_place(patient))
     target = out if out is not None else Path(f"inspect-{frame}")

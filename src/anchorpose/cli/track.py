@@ -63,12 +63,12 @@ def track(
     stop
         Frame to stop before; the default is the end.
     """
-    from anchorpose.cli.config_file import load_config
+    from anchorpose.cli.config_file import load_track_config
     from anchorpose.cli.console import print_outcome, progress_bar
-    from anchorpose.pipeline import TrackConfig, track_recording
+    from anchorpose.pipeline import track_recording
     from anchorpose.results.folder import new_results_folder
 
-    settings = load_config(config, TrackConfig) if config is not None else TrackConfig()
+    settings = load_track_config(config)
     given: dict[str, Any] = {
         "start": start,
         "stop": stop,

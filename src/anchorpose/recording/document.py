@@ -1,168 +1,132 @@
-"""Strict reading of a JSON file: every value checked, every refusal naming the file, the place in it and the remedy."""
+"""Reading a JSON file as a declared document; every refusal names the file, the place in it and the remedy."""
 
 from __future__ import annotations
 
-import difflib
 import json
-import math
-from collections.abc import Iterable
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from functools import cache
+from pathlib import Path, PurePosixPath
+from typing import Annotated, Any, Final, Literal, TypeVar, cast
 
 import numpy as np
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    Field,
+    PlainValidator,
+    StringConstraints,
+    TypeAdapter,
+    ValidationError,
+)
 
 from anchorpose.errors import InputError
+from anchorpose.settings import STRICT, Unfit, explain
+
+ROTATION_TOLERANCE: Final = 5e-4
+"""Largest entry of R^T R - I that rounding to four decimals explains; more is a scale, a shear or a mistake."""
 
 
-def nearest_key(unknown: str, known: Iterable[str]) -> str | None:
-    """The known key that ``unknown`` most likely was meant to be; None where nothing is alike."""
-    alike = difflib.get_close_matches(unknown.lower(), list(known), n=1, cutoff=0.5)
-    return alike[0] if alike else None
+class Entry(BaseModel):
+    """An object of a JSON file; its fields say which keys it has and what they may hold."""
+
+    model_config = STRICT
 
 
-def unknown_key_remedy(unknown: str, known: Iterable[str]) -> str:
-    """What to do about a key that nobody reads: the nearest known one, or all of them."""
-    names = sorted(known)
-    nearest = nearest_key(unknown, names)
-    return f"did you mean '{nearest}'" if nearest else f"remove it, known keys are {', '.join(names)}"
+def numbers(*shape: int, meaning: str) -> PlainValidator:
+    """Nested lists of finite numbers as a float64 array of exactly ``shape``; ``meaning`` says what to write."""
 
-
-@dataclass(frozen=True, slots=True)
-class JsonObject:
-    """One object of a JSON file and where it stands in it, such as ``cameras[0].intrinsics``."""
-
-    path: Path
-    place: str
-    values: dict[str, Any]
-
-    def refuse(self, key: str, problem: str, remedy: str) -> InputError:
-        """The error that says what is wrong with the value of ``key``."""
-        return InputError(self.path, f"{self._name(key)} {problem}", remedy)
-
-    def only(self, *known: str) -> None:
-        """Raises InputError on the first key that is not among ``known``."""
-        for key in self.values:
-            if key not in known:
-                raise InputError(self.path, f"unknown key '{self._name(key)}'", unknown_key_remedy(key, known))
-
-    def has(self, key: str) -> bool:
-        """Whether ``key`` is there and not null."""
-        return self.values.get(key) is not None
-
-    def text(self, key: str) -> str:
-        value = self._require(key)
-        if not isinstance(value, str) or not value.strip():
-            raise self.refuse(key, f"is not a text ({_shown(value)})", "write it in quotation marks")
-        return value
-
-    def number(self, key: str, *, above: float = -math.inf, at_most: float = math.inf, meaning: str) -> float:
-        """A finite number in (above, at_most]; ``meaning`` tells people what the number is."""
-        value = _as_number(self._require(key))
-        if value is None:
-            problem = f"is not a number ({_shown(self.values[key])})"
-            raise self.refuse(key, problem, f"write {meaning} as a finite number")
-        if not above < value <= at_most:
-            raise self.refuse(key, f"is {value:g}", f"it must be {meaning}, {_range(above, at_most)}")
-        return value
-
-    def whole_number(self, key: str, *, above: int, at_most: int, meaning: str) -> int:
-        value = self.number(key, above=above, at_most=at_most, meaning=meaning)
-        if value != int(value):
-            raise self.refuse(key, f"is {value:g}", f"it must be {meaning}, a whole number")
-        return int(value)
-
-    def numbers(self, key: str, shape: tuple[int, ...], meaning: str) -> np.ndarray:
-        """Nested lists of finite numbers as a float64 array of exactly ``shape``."""
-        flat: list[float] = []
-        if not _collect(self._require(key), shape, flat):
+    def check(value: Any) -> np.ndarray:
+        cells = np.array(value, dtype=object)
+        if cells.shape != shape or not all(type(cell) in (int, float) and abs(cell) < 1e300 for cell in cells.flat):
             size = " x ".join(str(count) for count in shape)
-            raise self.refuse(key, f"is not a list of {size} finite numbers", f"write {meaning}")
-        return np.array(flat).reshape(shape)
+            raise Unfit(f"is not a list of {size} finite numbers", f"write {meaning}")
+        return cells.astype(np.float64)
 
-    def object(self, key: str) -> JsonObject:
-        value = self._require(key)
-        if not isinstance(value, dict):
-            raise self.refuse(key, f"is not an object ({_shown(value)})", "write it in curly brackets")
-        return JsonObject(self.path, self._name(key), value)
-
-    def objects(self, key: str) -> tuple[JsonObject, ...]:
-        value = self._require(key)
-        if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
-            raise self.refuse(key, "is not a list of objects", "write it as [{...}, {...}]")
-        return tuple(JsonObject(self.path, f"{self._name(key)}[{i}]", item) for i, item in enumerate(value))
-
-    def _name(self, key: str) -> str:
-        return f"{self.place}.{key}" if self.place else key
-
-    def _require(self, key: str) -> Any:
-        if key not in self.values:
-            nearest = nearest_key(key, self.values)
-            remedy = f"add it (or is '{nearest}' meant to be it?)" if nearest else "add it"
-            raise InputError(self.path, f"the key '{self._name(key)}' is missing", remedy)
-        return self.values[key]
+    return PlainValidator(check)
 
 
-def read_json_object(path: Path) -> JsonObject:
-    """The top of a JSON file; raises InputError unless it is one object of finite values with unique keys."""
+def is_rotation(matrix: np.ndarray) -> bool:
+    """Whether a (3, 3) matrix is a proper rotation within ``ROTATION_TOLERANCE``."""
+    orthonormal = np.abs(matrix.T @ matrix - np.eye(3)).max() <= ROTATION_TOLERANCE
+    return bool(orthonormal and np.linalg.det(matrix) > 0)
+
+
+def require_rigid(pose: np.ndarray, instead: str = "") -> np.ndarray:
+    """The pose (4, 4); raises Unfit unless it is a rigid motion: lengths in a scaled or mirrored world mean nothing."""
+    if np.abs(pose[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-9 or not is_rotation(pose[:3, :3]):
+        remedy = f"write a rotation and a translation in metres with the last row 0 0 0 1{instead}"
+        raise Unfit("is not a rigid motion", remedy)
+    return pose
+
+
+def _require_inside(name: str) -> str:
+    path = PurePosixPath(name.replace("\\", "/"))
+    if path.is_absolute() or ".." in path.parts or ":" in name:
+        raise Unfit(f"leads out of the recording folder ('{name}')", "put the file into the folder")
+    return name
+
+
+def _whole(value: Any) -> Any:
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+Document = TypeVar("Document")
+
+Text = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1)]
+Whole = Annotated[int, BeforeValidator(_whole)]  # some programs write every number with a decimal point
+Version = Annotated[
+    Literal[1],
+    BeforeValidator(_whole),
+    Field(description="the version that this release reads, a later one needs a later anchorpose"),
+]
+Pose = Annotated[np.ndarray, numbers(4, 4, meaning="four rows of four numbers"), AfterValidator(require_rigid)]
+FileInFolder = Annotated[Text, AfterValidator(_require_inside)]
+
+
+def read_document(path: Path, kind: type[Document]) -> Document:
+    """A JSON file as the declared ``kind``; raises InputError naming the file, the key and the remedy."""
+    return validate(path, kind, read_json(path))
+
+
+def validate(path: Path, kind: type[Document], values: Any) -> Document:
+    """``values`` of the file ``path`` as ``kind``, nothing rounded or converted from text; raises InputError."""
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        found: Document = _adapter(cast(Any, kind)).validate_json(json.dumps(values, default=str), strict=True)
+    except ValidationError as error:
+        raise InputError(path, *explain(error, kind)) from None
+    except RecursionError:
+        raise InputError(path, "is nested too deeply", "correct the file") from None
+    return found
+
+
+@cache
+def _adapter(kind: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(kind)
+
+
+def read_text(path: Path) -> str:
+    """The text of a file in UTF-8; raises InputError."""
+    try:
+        return path.read_bytes().decode("utf-8-sig")
     except FileNotFoundError:
         raise InputError(path, "there is no such file", "check the path") from None
     except OSError as error:
         raise InputError(path, f"cannot be read ({error.strerror})", "check the file and its permissions") from None
     except UnicodeDecodeError:
         raise InputError(path, "is not text in UTF-8", "save it again as UTF-8") from None
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """The object that a JSON file holds; raises InputError unless it is one with unique keys."""
     try:
-        values = json.loads(text, object_pairs_hook=_unique_pairs)
+        values = json.loads(read_text(path), object_pairs_hook=_unique_pairs)
     except json.JSONDecodeError as error:
         raise InputError(path, f"is not JSON (line {error.lineno}: {error.msg})", "correct that line") from None
     except (ValueError, RecursionError) as error:
         raise InputError(path, f"cannot be used ({error})", "correct the file") from None
     if not isinstance(values, dict):
         raise InputError(path, "is not a JSON object", "it must start with a curly bracket")
-    return JsonObject(path, "", values)
-
-
-def check_format(top: JsonObject, name: str) -> None:
-    """Raises InputError unless the file says that it is version 1 of the format ``name``."""
-    found = top.text("format")
-    if found != name:
-        raise top.refuse("format", f"is '{found}'", f"this place needs a file of the format '{name}'")
-    version = top.number("version", meaning="the version of the format")
-    if version != 1:
-        raise top.refuse("version", f"is {version:g}", "this release reads version 1: write that or update anchorpose")
-
-
-def _collect(value: Any, shape: tuple[int, ...], flat: list[float]) -> bool:
-    if not shape:
-        number = _as_number(value)
-        if number is None:
-            return False
-        flat.append(number)
-        return True
-    return isinstance(value, list) and len(value) == shape[0] and all(_collect(v, shape[1:], flat) for v in value)
-
-
-def _as_number(value: Any) -> float | None:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    try:
-        number = float(value)
-    except OverflowError:
-        return None
-    return number if math.isfinite(number) else None
-
-
-def _shown(value: Any) -> str:
-    text = json.dumps(value)
-    return text if len(text) <= 40 else text[:37] + "..."
-
-
-def _range(above: float, at_most: float) -> str:
-    low = "" if above == -math.inf else f"more than {above:g}"
-    high = "" if at_most == math.inf else f"at most {at_most:g}"
-    return " and ".join(part for part in (low, high) if part)
+    return values
 
 
 def _unique_pairs(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

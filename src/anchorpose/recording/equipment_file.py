@@ -1,20 +1,128 @@
-"""Reading and writing equipment.json, the format ``equipment-model``.
-
-Reading triangle meshes from PLY files: ascii and binary, polygons split into triangles.
-"""
+"""equipment.json, the format ``equipment-model``, and the PLY meshes that it names."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
-from typing import Any, Final
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
+from pydantic import AfterValidator, Field, model_validator
 
 from anchorpose.errors import InputError
-from anchorpose.recording.document import JsonObject, check_format, read_json_object
+from anchorpose.recording.document import Entry, FileInFolder, Text, Version, is_rotation, numbers, read_document
 from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel, EquipmentPart, Mesh
+from anchorpose.settings import Unfit
+
+LARGEST_M: Final = 20.0
+"""Equipment fits into a room; anything larger was written in millimetres."""
+
+
+def _require_rotation(matrix: np.ndarray) -> np.ndarray:
+    if not is_rotation(matrix):
+        raise Unfit("is not a rotation", "its columns must be unit vectors, at right angles, right-handed")
+    return matrix
+
+
+def _unit(axis: np.ndarray) -> np.ndarray:
+    length = np.linalg.norm(axis)
+    if not length > 1e-6:
+        raise Unfit("has no direction", "write the direction of the axis, for example [0, 1, 0]")
+    return np.asarray(axis / length)
+
+
+_Coordinate = Annotated[float, Field(ge=-LARGEST_M, le=LARGEST_M, description="metres from the origin of Gamma_0")]
+_Length = Annotated[float, Field(gt=0, le=LARGEST_M, description="a length in metres")]
+_Rotation = Annotated[np.ndarray, numbers(3, 3, meaning="three rows of three"), AfterValidator(_require_rotation)]
+_Axis = Annotated[np.ndarray, numbers(3, meaning="the direction of the cylinder's axis"), AfterValidator(_unit)]
+
+
+class PartEntry(Entry):
+    name: Text
+    center: tuple[_Coordinate, _Coordinate, _Coordinate]
+
+
+class BoxEntry(PartEntry):
+    shape: Literal["box"]
+    size: tuple[_Length, _Length, _Length]
+    rotation: _Rotation | None = None  # edges along the axes of Gamma_0
+
+
+class CylinderEntry(PartEntry):
+    shape: Literal["cylinder"]
+    radius: _Length
+    length: _Length
+    axis: _Axis
+
+
+class MeshEntry(Entry):
+    name: Text
+    shape: Literal["mesh"]
+    file: FileInFolder
+
+
+class EquipmentDocument(Entry):
+    """What equipment.json holds; the files of meshes are not read yet."""
+
+    format: Literal["equipment-model"]
+    version: Version
+    parts: tuple[Annotated[BoxEntry | CylinderEntry | MeshEntry, Field(discriminator="shape")], ...]
+
+    @model_validator(mode="after")
+    def _require_named_parts(self) -> EquipmentDocument:
+        names = [part.name for part in self.parts]
+        if not names:
+            raise Unfit("is empty", 'list at least one part or write "equipment": null in recording.json', "parts")
+        for name in names:
+            if names.count(name) > 1:
+                raise Unfit(f"has two parts named '{name}'", "give each part its own name", "parts")
+        return self
+
+
+def read_equipment(path: Path) -> EquipmentModel:
+    """The model chi_0 in an equipment.json; raises InputError naming the file, the key and the remedy."""
+    document = read_document(path, EquipmentDocument)
+    return EquipmentModel(tuple(_part(path, f"parts[{i}]", entry) for i, entry in enumerate(document.parts)))
+
+
+def equipment_files(path: Path) -> tuple[Path, ...]:
+    """The equipment.json at ``path`` and the meshes that it names."""
+    parts = read_document(path, EquipmentDocument).parts
+    return path, *(path.parent / part.file for part in parts if isinstance(part, MeshEntry))
+
+
+def write_equipment(path: Path, equipment: EquipmentModel) -> None:
+    """Writes boxes and cylinders as an equipment.json; raises TypeError on a mesh, which is a file of its own."""
+    document = {"format": "equipment-model", "version": 1, "parts": [_part_entry(part) for part in equipment.parts]}
+    path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+
+
+def _part(path: Path, place: str, entry: BoxEntry | CylinderEntry | MeshEntry) -> EquipmentPart:
+    match entry:
+        case BoxEntry():
+            rotation = np.eye(3) if entry.rotation is None else entry.rotation
+            return Box(entry.name, np.array(entry.center), np.array(entry.size), rotation)
+        case CylinderEntry():
+            return Cylinder(entry.name, np.array(entry.center), entry.axis, entry.radius, entry.length)
+    vertices_m, faces = read_ply(path.parent / entry.file)
+    farthest_m = np.abs(vertices_m).max()
+    if farthest_m > LARGEST_M:
+        raise InputError(path, f"{place}.file reaches {farthest_m:.0f} m from the origin", "save the mesh in metres")
+    return Mesh(entry.name, vertices_m, faces)
+
+
+def _part_entry(part: EquipmentPart) -> dict[str, Any]:
+    entry: dict[str, Any] = {"name": part.name, "shape": type(part).__name__.lower()}
+    match part:
+        case Box():
+            lengths = {"size": part.size_m.tolist(), "rotation": part.rotation.tolist()}
+        case Cylinder():
+            lengths = {"radius": float(part.radius_m), "length": float(part.length_m), "axis": part.axis.tolist()}
+        case _:
+            raise TypeError(f"{part.name} is a mesh; only boxes and cylinders are written")
+    return {**entry, "center": part.center_m.tolist(), **lengths}
+
 
 _TYPES: Final = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
@@ -36,7 +144,7 @@ class _Property:
 class _Element:
     name: str
     count: int
-    properties: tuple[_Property, ...]
+    properties: list[_Property]
 
 
 def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -51,12 +159,12 @@ def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
     try:
         order, elements, start = _parse_header(data)
         vertices, polygons = _parse_body(data[start:], order, elements)
-    except (ValueError, IndexError, KeyError, UnicodeDecodeError) as error:
-        raise InputError(path, f"is no usable PLY mesh ({error})", _REMEDY) from None
-    faces = [(p[0], p[i], p[i + 1]) for p in polygons for i in range(1, len(p) - 1)]
+        faces = [(p[0], p[i], p[i + 1]) for p in polygons for i in range(1, len(p) - 1)]
+        triangles = np.array(faces, dtype=np.int64)
+    except (ValueError, IndexError, KeyError, OverflowError) as error:
+        raise InputError(path, f"is not a usable PLY mesh ({error})", _REMEDY) from None
     if not faces or not np.isfinite(vertices).all():
         raise InputError(path, "has no faces or a vertex that is not finite", _REMEDY)
-    triangles = np.array(faces, dtype=np.int64)
     if triangles.min() < 0 or triangles.max() >= len(vertices):
         raise InputError(path, f"a face names a vertex outside 0 to {len(vertices) - 1}", _REMEDY)
     return vertices, triangles.astype(np.int32)
@@ -73,26 +181,23 @@ def _parse_header(data: bytes) -> tuple[str, list[_Element], int]:
             case ["format", name, _]:
                 order = _ORDERS[name]
             case ["element", name, count]:
-                elements.append(_Element(name, int(count), ()))
+                elements.append(_Element(name, int(count), []))
             case ["property", "list", count_type, item_type, name]:
-                _append(elements, _Property(name, _TYPES[item_type], _TYPES[count_type]))
+                elements[-1].properties.append(_Property(name, _TYPES[item_type], _TYPES[count_type]))
             case ["property", item_type, name]:
-                _append(elements, _Property(name, _TYPES[item_type], None))
+                elements[-1].properties.append(_Property(name, _TYPES[item_type], None))
     if order is None:
         raise ValueError("its header names no format")
     return order, elements, data.index(b"\n", end) + 1
 
 
-def _append(elements: list[_Element], new: _Property) -> None:
-    last = elements[-1]
-    elements[-1] = _Element(last.name, last.count, (*last.properties, new))
-
-
 def _parse_body(body: bytes, order: str, elements: list[_Element]) -> tuple[np.ndarray, list[list[int]]]:
-    read = _AsciiReader(body.split()) if order == "" else _BinaryReader(body, order)
+    values = _Values(body, order)
     vertices, polygons = None, list[list[int]]()
     for element in elements:
-        rows = [{p.name: read.value(p) for p in element.properties} for _ in range(element.count)]
+        if element.count > len(body):
+            raise ValueError("it is cut short")
+        rows = [{p.name: values.of(p) for p in element.properties} for _ in range(element.count)]
         if element.name == "vertex":
             vertices = np.array([[row[axis][0] for axis in "xyz"] for row in rows], dtype=np.float64).reshape(-1, 3)
         if element.name == "face":
@@ -102,146 +207,24 @@ def _parse_body(body: bytes, order: str, elements: list[_Element]) -> tuple[np.n
     return vertices, polygons
 
 
-class _AsciiReader:
-    def __init__(self, words: list[bytes]) -> None:
-        self._words, self._next = words, 0
+class _Values:
+    """The values of a PLY body, one after the other: words of text where ``order`` is empty, else binary numbers."""
 
-    def value(self, wanted: _Property) -> list[float]:
-        count = 1 if wanted.count_type is None else int(self._take(1)[0])
-        return self._take(count)
-
-    def _take(self, count: int) -> list[float]:
-        words = self._words[self._next : self._next + count]
-        if count < 0 or len(words) < count:
-            raise ValueError("it is cut short")
-        self._next += count
-        return [float(word) for word in words]
-
-
-class _BinaryReader:
     def __init__(self, body: bytes, order: str) -> None:
-        self._body, self._order, self._next = body, order, 0
+        self._order, self._content = order, body if order else body.split()
+        self._next = 0
 
-    def value(self, wanted: _Property) -> list[float]:
-        count = 1 if wanted.count_type is None else int(self._take(wanted.count_type, 1)[0])
-        return self._take(wanted.type, count)
+    def of(self, wanted: _Property) -> list[float]:
+        """The next value of a property, or all values of its list."""
+        return self._take(wanted.type, 1 if wanted.count_type is None else int(self._take(wanted.count_type, 1)[0]))
 
     def _take(self, type_name: str, count: int) -> list[float]:
         dtype = np.dtype(self._order + type_name)
-        end = self._next + count * dtype.itemsize
-        if count < 0 or end > len(self._body):
+        start, end = self._next, self._next + count * (dtype.itemsize if self._order else 1)
+        if count < 0 or end > len(self._content):
             raise ValueError("it is cut short")
-        values = np.frombuffer(self._body, dtype, count, self._next)
         self._next = end
-        return values.tolist()
-
-
-LARGEST_M: Final = 20.0
-"""Equipment fits into a room; anything larger was written in millimetres."""
-
-ROTATION_TOLERANCE: Final = 5e-4
-"""Largest entry of R^T R - I that rounding to four decimals explains; more is a scale, a shear or a mistake."""
-
-
-def read_equipment(path: Path) -> EquipmentModel:
-    """The model chi_0 in an equipment.json; raises InputError naming the file, the key and the remedy."""
-    top = read_json_object(path)
-    top.only("format", "version", "parts")
-    check_format(top, "equipment-model")
-    parts = tuple(_parse_part(part) for part in top.objects("parts"))
-    if not parts:
-        raise top.refuse("parts", "is empty", 'list at least one part or write "equipment": null in recording.json')
-    names = [part.name for part in parts]
-    for name in names:
-        if names.count(name) > 1:
-            raise top.refuse("parts", f"has two parts named '{name}'", "give each part its own name")
-    return EquipmentModel(parts)
-
-
-def write_equipment(path: Path, equipment: EquipmentModel) -> None:
-    """Writes boxes and cylinders as an equipment.json; raises TypeError on a mesh, which is a file of its own."""
-    document = {"format": "equipment-model", "version": 1, "parts": [_part_entry(part) for part in equipment.parts]}
-    path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-
-
-def is_rotation(matrix: np.ndarray) -> bool:
-    """Whether a (3, 3) matrix is a proper rotation within ``ROTATION_TOLERANCE``."""
-    orthonormal = np.abs(matrix.T @ matrix - np.eye(3)).max() <= ROTATION_TOLERANCE
-    return bool(orthonormal and np.linalg.det(matrix) > 0)
-
-
-def check_relative(where: JsonObject, key: str) -> str:
-    """A file name inside the recording folder; raises InputError for a path that leads out of it."""
-    name = where.text(key)
-    path = PurePosixPath(name.replace("\\", "/"))
-    if path.is_absolute() or ".." in path.parts or ":" in name:
-        raise where.refuse(key, f"leads out of the recording folder ('{name}')", "put the file into the folder")
-    return name
-
-
-def _parse_part(part: JsonObject) -> EquipmentPart:
-    match part.text("shape"):
-        case "box":
-            return _parse_box(part)
-        case "cylinder":
-            return _parse_cylinder(part)
-        case "mesh":
-            return _parse_mesh(part)
-        case other:
-            raise part.refuse("shape", f"is '{other}'", "it must be box, cylinder or mesh")
-
-
-def _part_entry(part: EquipmentPart) -> dict[str, Any]:
-    entry: dict[str, Any] = {"name": part.name, "shape": type(part).__name__.lower()}
-    match part:
-        case Box():
-            lengths = {"size": part.size_m.tolist(), "rotation": part.rotation.tolist()}
-        case Cylinder():
-            lengths = {"radius": float(part.radius_m), "length": float(part.length_m), "axis": part.axis.tolist()}
-        case _:
-            raise TypeError(f"{part.name} is a mesh; only boxes and cylinders are written")
-    return {**entry, "center": part.center_m.tolist(), **lengths}
-
-
-def _parse_box(part: JsonObject) -> Box:
-    part.only("name", "shape", "center", "size", "rotation")
-    size = part.numbers("size", (3,), "the three edge lengths in metres")
-    if size.min() <= 0 or size.max() > LARGEST_M:
-        raise part.refuse("size", f"is {size.tolist()}", f"edge lengths are metres, above 0 and up to {LARGEST_M:g}")
-    rotation = np.eye(3)  # the format's meaning of no rotation: edges along the axes of Gamma_0
-    if part.has("rotation"):
-        rotation = part.numbers("rotation", (3, 3), "a rotation matrix, three rows of three numbers")
-        if not is_rotation(rotation):
-            raise part.refuse("rotation", "is no rotation", "its columns must be unit, at right angles, right-handed")
-    return Box(part.text("name"), _center(part), size, rotation)
-
-
-def _parse_cylinder(part: JsonObject) -> Cylinder:
-    part.only("name", "shape", "center", "radius", "length", "axis")
-    axis = part.numbers("axis", (3,), "the direction of the cylinder's axis")
-    length = np.linalg.norm(axis)
-    if not length > 1e-6:
-        raise part.refuse("axis", "has no direction", "write the direction of the axis, for example [0, 1, 0]")
-    return Cylinder(
-        part.text("name"),
-        _center(part),
-        axis / length,
-        part.number("radius", above=0, at_most=LARGEST_M, meaning="the radius in metres"),
-        part.number("length", above=0, at_most=LARGEST_M, meaning="the length in metres"),
-    )
-
-
-def _parse_mesh(part: JsonObject) -> Mesh:
-    part.only("name", "shape", "file")
-    path = part.path.parent / check_relative(part, "file")
-    vertices, faces = read_ply(path)
-    if np.abs(vertices).max() > LARGEST_M:
-        raise part.refuse("file", f"reaches {np.abs(vertices).max():.0f} m from the origin", "save the mesh in metres")
-    return Mesh(part.text("name"), vertices, faces)
-
-
-def _center(part: JsonObject) -> np.ndarray:
-    center = part.numbers("center", (3,), "the centre in metres, three numbers")
-    if np.abs(center).max() > LARGEST_M:
-        raise part.refuse("center", f"is {center.tolist()}", f"metres are meant, up to {LARGEST_M:g} from the origin")
-    return center
+        if isinstance(self._content, bytes):
+            found: list[float] = np.frombuffer(self._content, dtype, count, start).tolist()
+            return found
+        return [float(word) for word in self._content[start:end]]

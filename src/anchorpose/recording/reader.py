@@ -14,11 +14,11 @@ import numpy as np
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
 from anchorpose.recording.depth_image import read_depth_picture, read_header_problem
-from anchorpose.recording.document import read_json_object
-from anchorpose.recording.equipment_file import read_equipment
-from anchorpose.recording.format import read_recording_document
+from anchorpose.recording.document import read_document
+from anchorpose.recording.equipment_file import equipment_files, read_equipment
 from anchorpose.recording.pairing import pair_frames
 from anchorpose.recording.recording import DepthStream, FrameSet, Recording
+from anchorpose.recording.recording_file import RecordingDocument
 from anchorpose.recording.timestamps import find_doubled, read_timestamps, times_from_rate
 
 
@@ -36,19 +36,18 @@ def open_recording(folder: Path) -> Recording:
     path = folder / "recording.json"
     if not path.is_file():
         raise InputError(path, "there is no such file", "give the folder of a recording, the one with recording.json")
-    document = read_recording_document(path)
-    streams = tuple(
-        _open_stream(folder / camera.name, fps) for camera, fps in zip(document.cameras, document.fps, strict=True)
-    )
-    for camera, stream in zip(document.cameras, streams, strict=True):
+    document = read_document(path, RecordingDocument)
+    cameras = tuple(entry.camera() for entry in document.cameras)
+    streams = tuple(_open_stream(folder / entry.name, entry.fps or document.fps) for entry in document.cameras)
+    for camera, stream in zip(cameras, streams, strict=True):
         _check_pictures(camera, stream)
     return Recording(
         folder=folder,
-        cameras=document.cameras,
+        cameras=cameras,
         streams=streams,
-        backgrounds_m=tuple(_read_background(folder, camera) for camera in document.cameras),
-        equipment=read_equipment(folder / document.equipment_file) if document.equipment_file else None,
-        subject_height_m=document.subject_height_m,
+        backgrounds_m=tuple(_read_background(folder, camera) for camera in cameras),
+        equipment=read_equipment(folder / document.equipment) if document.equipment else None,
+        subject_height_m=document.subject.height_m if document.subject else None,
     )
 
 
@@ -179,11 +178,9 @@ def input_files(recording: Recording) -> tuple[Path, ...]:
     """Every file that was read for ``recording``, pictures included, in a fixed order."""
     document = recording.folder / "recording.json"
     files = [document]
-    equipment_file = read_recording_document(document).equipment_file
-    if equipment_file:
-        equipment = recording.folder / equipment_file
-        parts = read_json_object(equipment).objects("parts")
-        files += [equipment, *(equipment.parent / part.text("file") for part in parts if part.has("file"))]
+    equipment = read_document(document, RecordingDocument).equipment
+    if equipment:
+        files += equipment_files(recording.folder / equipment)
     for camera, stream in zip(recording.cameras, recording.streams, strict=True):
         beside = (recording.folder / camera.name / name for name in ("timestamps.csv", "background.png"))
         files += [path for path in beside if path.exists()]

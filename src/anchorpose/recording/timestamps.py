@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import InputError
+from anchorpose.recording.document import read_text
 
 MOST_REPEATED: Final = 0.1
 """Of the times of a camera: where more are those of the picture before, its clock ticks too slowly."""
@@ -55,13 +56,7 @@ def times_from_rate(frames: np.ndarray, fps: float) -> np.ndarray:
 
 
 def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})", "check the file") from None
-    except UnicodeDecodeError:
-        raise InputError(path, "is not text in UTF-8", "save it again as UTF-8") from None
-    lines = text.splitlines()
+    lines = read_text(path).splitlines()
     if not lines or [cell.strip() for cell in lines[0].split(",")] != ["frame", "time_s"]:
         raise InputError(path, f"starts with {lines[0][:60] if lines else ''!r}", "its first line must be frame,time_s")
     for number, line in enumerate(lines[1:], start=2):

@@ -10,7 +10,7 @@ import numpy as np
 
 from anchorpose import __version__
 from anchorpose.calibration.calibration import Calibration
-from anchorpose.recording.format import CALIBRATION_FILE, CALIBRATION_FORMAT
+from anchorpose.recording.recording_file import CALIBRATION_FILE, CALIBRATION_FORMAT
 
 CALIBRATION_MARKS: Final = (CALIBRATION_FILE,)
 

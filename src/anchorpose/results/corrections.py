@@ -1,10 +1,8 @@
-"""corrections.json: what a reviewer found to be wrong, who says so and when; ``track --corrections`` honours it.
+"""corrections.json: what a reviewer found to be wrong, with the reviewer and the time; read by ``track --corrections``.
 
 Frames and times are those of the results' tables, positions are in their world frame. Nothing is ever lost from the
 file: what a reviewer takes back, or corrects again, moves to ``withdrawn``; it comes back from there where the
-correction that replaced it is taken back.
-
-Which recording, and which world, corrections are about.
+correction that replaced it is taken back. Corrections name the recording and the world that they are about.
 """
 
 from __future__ import annotations
@@ -15,15 +13,17 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, ClassVar, Final, Literal, cast
 
 import numpy as np
+from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag, model_validator
 
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
-from anchorpose.recording.document import JsonObject, check_format, nearest_key, read_json_object
+from anchorpose.recording.document import Entry, Text, Version, Whole, numbers, read_document, validate
 from anchorpose.results.folder import write_text_whole
+from anchorpose.settings import STRICT, Unfit, nearest_key
 
 SAME_WORLD_M: Final = 0.001
 """Camera poses closer than this, in every number of the matrix, are of the same world: a metre away from the camera
@@ -85,10 +85,42 @@ def same_world(a: dict[str, np.ndarray | None], b: dict[str, np.ndarray | None])
     return True
 
 
-CORRECTIONS_FORMAT: Final = "anchorpose-corrections"
-
 LATEST_FRAME: Final = 2**31 - 1
 FARTHEST_M: Final = 100.0
+
+
+def _require_utc(when: str) -> str:
+    try:
+        utc = datetime.fromisoformat(when).utcoffset() == timedelta(0)
+    except ValueError:
+        utc = False
+    if not utc:
+        raise Unfit(f"is '{when}'", "write the time in UTC, such as 2026-03-01T09:30:00Z")
+    return when
+
+
+def _require_joint(name: str) -> str:
+    if name not in JOINT_NAMES:
+        near = nearest_key(name, JOINT_NAMES)
+        remedy = f"did you mean '{near}'" if near else f"name one of {', '.join(JOINT_NAMES)}"
+        raise Unfit(f"is '{name}'", remedy)
+    return name
+
+
+def _require_near(position_m: np.ndarray) -> tuple[float, ...]:
+    if np.abs(position_m).max() > FARTHEST_M:
+        raise Unfit(f"is more than {FARTHEST_M:g} m away", "write metres, in the results' world")
+    return tuple(position_m.tolist())
+
+
+Utc = Annotated[str, AfterValidator(_require_utc)]
+Frame = Annotated[Whole, Field(ge=0, le=LATEST_FRAME, description="the number of a frame")]
+Seconds = Annotated[float, Field(description="a time in seconds")]
+Position = Annotated[
+    tuple[float, float, float],
+    numbers(3, meaning="x, y and z in metres, world frame"),
+    AfterValidator(_require_near),
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,30 +135,38 @@ class Signature:
 class UnusableInterval:
     """Frames first_frame to last_frame, both included, that no measure may rest on."""
 
-    first_frame: int
-    last_frame: int
-    start_s: float
-    end_s: float
-    reason: str
-    who: str
-    when: str
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    first_frame: Frame
+    last_frame: Frame
+    start_s: Seconds
+    end_s: Seconds
+    reason: Text
+    who: Text
+    when: Utc
+
+    def __post_init__(self) -> None:
+        for first, last in (("first_frame", "last_frame"), ("start_s", "end_s")):
+            begin, end = getattr(self, first), getattr(self, last)
+            if end < begin:
+                raise Unfit(f"is {end:g}, before {first} {begin:g}", "exchange the two", last)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointCorrection:
-    """Where a joint is in one frame, world frame, and how well the reviewer can tell (one sigma an axis)."""
+    """Where a joint is in one frame, world frame, and the reviewer's uncertainty (one sigma per axis)."""
 
-    frame: int
-    time_s: float
-    joint: str
-    position_m: tuple[float, float, float]
-    sigma_m: float
-    reason: str
-    who: str
-    when: str
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    frame: Frame
+    time_s: Seconds
+    joint: Annotated[str, AfterValidator(_require_joint)]
+    position_m: Position
+    sigma_m: Annotated[float, Field(gt=0, le=1, description="one sigma in metres")]
+    reason: Text
+    who: Text
+    when: Utc
 
 
-Entry = UnusableInterval | JointCorrection
+Correction = UnusableInterval | JointCorrection
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,9 +176,9 @@ class Corrections:
     recording: ReviewedRecording
     unusable: tuple[UnusableInterval, ...] = ()
     joints: tuple[JointCorrection, ...] = ()
-    withdrawn: tuple[tuple[Entry, Signature], ...] = ()
+    withdrawn: tuple[tuple[Correction, Signature], ...] = ()
 
-    def added(self, entry: Entry) -> Corrections:
+    def added(self, entry: Correction) -> Corrections:
         """With one more entry; what held before of the same joint in the same frame counts as withdrawn by it."""
         if isinstance(entry, UnusableInterval):
             return replace(self, unusable=(*self.unusable, entry))
@@ -150,7 +190,7 @@ class Corrections:
             withdrawn=(*self.withdrawn, *((old, by) for old in same)),
         )
 
-    def taken_back(self, entry: Entry, by: Signature) -> Corrections:
+    def taken_back(self, entry: Correction, by: Signature) -> Corrections:
         """Without ``entry``, which moves to ``withdrawn``; what it had replaced holds again. Raises ValueError where it
         does not hold."""
         if entry not in (*self.unusable, *self.joints):
@@ -163,7 +203,7 @@ class Corrections:
             withdrawn=(*(pair for pair in self.withdrawn if pair not in before), (entry, by)),
         )
 
-    def _replaced_by(self, entry: Entry) -> tuple[tuple[JointCorrection, Signature], ...]:
+    def _replaced_by(self, entry: Correction) -> tuple[tuple[JointCorrection, Signature], ...]:
         """The withdrawal, one at most, that ``added`` made for ``entry``: of its joint and frame, signed as it is."""
         signed = Signature(entry.who, entry.when)
         found = [
@@ -198,23 +238,98 @@ def require_recording(path: Path, corrections: Corrections, recording: ReviewedR
         raise InputError(path, "its positions are in another world: the cameras' poses were others", remedy)
 
 
+CORRECTIONS_FORMAT: Final = "anchorpose-corrections"
+
+
+def _kind_of(value: Any) -> str:
+    """A correction is of a joint where it has the key ``joint``, else of an interval."""
+    return "JointCorrection" if isinstance(value, dict) and "joint" in value else "UnusableInterval"
+
+
+AnyCorrection = Annotated[
+    Annotated[UnusableInterval, Tag("UnusableInterval")] | Annotated[JointCorrection, Tag("JointCorrection")],
+    Discriminator(_kind_of),
+]
+
+
+class WithdrawalEntry(Entry):
+    """One correction that was taken back, who did so and when."""
+
+    entry: AnyCorrection
+    who: Text
+    when: Utc
+
+
+class CameraEntry(Entry):
+    """A camera and its pose, if it was used."""
+
+    name: Text
+    camera_to_world: Annotated[np.ndarray, numbers(4, 4, meaning="the pose as a 4 x 4 matrix")] | None = None
+
+
+class RecordingEntry(Entry):
+    """See ``ReviewedRecording``."""
+
+    name: Text
+    sha256: Text
+    cameras: tuple[CameraEntry, ...]
+
+
+class HeldEntry(Entry):
+    """The corrections that hold, as in run.json and corrections.json."""
+
+    unusable: tuple[UnusableInterval, ...]
+    joints: tuple[JointCorrection, ...]
+
+    @model_validator(mode="after")
+    def _require_each_joint_once(self) -> HeldEntry:
+        seen = set[tuple[int, str]]()
+        for index, joint in enumerate(self.joints):
+            if (joint.frame, joint.joint) in seen:
+                problem = f"corrects {joint.joint} of frame {joint.frame} a second time"
+                raise Unfit(problem, "keep one of the two", f"joints[{index}]")
+            seen.add((joint.frame, joint.joint))
+        return self
+
+
+class HeldByRun(HeldEntry, extra="ignore"):
+    """The same beside the other keys that run.json has there."""
+
+
+class RunEntry(Entry):
+    """The part of run.json that is about corrections."""
+
+    corrections: HeldByRun | None = None
+
+
+class CorrectionsDocument(HeldEntry):
+    """corrections.json."""
+
+    format: Literal["anchorpose-corrections"]
+    version: Version
+    recording: RecordingEntry
+    withdrawn: tuple[WithdrawalEntry, ...] | None = None
+
+
 def read_corrections(path: Path) -> Corrections:
     """A corrections.json; raises InputError naming the file, the place in it and the remedy."""
-    return _parse(read_json_object(path))
-
-
-def _parse(top: JsonObject) -> Corrections:
-    top.only("format", "version", "recording", "unusable", "joints", "withdrawn")
-    check_format(top, CORRECTIONS_FORMAT)
-    withdrawn = tuple(parse_withdrawal(item) for item in top.objects("withdrawn")) if top.has("withdrawn") else ()
-    return replace(_holding(top, _recording(top.object("recording"))), withdrawn=withdrawn)
+    document = read_document(path, CorrectionsDocument)
+    about = document.recording
+    poses = {camera.name: camera.camera_to_world for camera in about.cameras}
+    return Corrections(
+        ReviewedRecording(about.name, about.sha256, poses),
+        document.unusable,
+        document.joints,
+        tuple((taken.entry, Signature(taken.who, taken.when)) for taken in document.withdrawn or ()),
+    )
 
 
 def corrections_of_run(path: Path, run: dict[str, Any]) -> Corrections:
     """What the results of the run.json at ``path`` were tracked with, none where there was nothing: a review of them
-    goes on from there. Raises InputError where it tells of corrections that are none."""
-    top, recording = JsonObject(path, "", run), recording_of_run(run)
-    return _holding(top.object("corrections"), recording) if top.has("corrections") else Corrections(recording)
+    goes on from there. Raises InputError where its corrections cannot be used."""
+    held = validate(path, RunEntry, {"corrections": run.get("corrections")}).corrections
+    recording = recording_of_run(run)
+    return Corrections(recording) if held is None else Corrections(recording, held.unusable, held.joints)
 
 
 def write_corrections(path: Path, corrections: Corrections) -> None:
@@ -235,88 +350,17 @@ def write_corrections(path: Path, corrections: Corrections) -> None:
         "withdrawn": [{"entry": asdict(entry), "who": by.who, "when": by.when} for entry, by in corrections.withdrawn],
     }
     text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
-    _parse(JsonObject(path, "", json.loads(text)))
+    validate(path, CorrectionsDocument, document)
     write_text_whole(path, text + "\n")
 
 
-def parse_entry(item: JsonObject) -> Entry:
-    """One correction as in the file: of a joint where it has the key ``joint``, else an interval."""
-    return _joint(item) if "joint" in item.values else _interval(item)
+def parse_correction(path: Path, values: dict[str, Any]) -> Correction:
+    """One correction as in the file; raises InputError with the name ``path``."""
+    found: Correction = validate(path, cast(Any, AnyCorrection), values)
+    return found
 
 
-def parse_withdrawal(item: JsonObject) -> tuple[Entry, Signature]:
-    """One correction that was taken back, and who did so, as in the file."""
-    item.only("entry", "who", "when")
-    return parse_entry(item.object("entry")), _signature(item)
-
-
-def _holding(item: JsonObject, recording: ReviewedRecording) -> Corrections:
-    """The lists ``unusable`` and ``joints`` of an object; raises InputError where a joint is corrected twice."""
-    joints = tuple(_joint(entry) for entry in item.objects("joints"))
-    seen = set[tuple[int, str]]()
-    for index, joint in enumerate(joints):
-        if (joint.frame, joint.joint) in seen:
-            problem = f"corrects {joint.joint} of frame {joint.frame} a second time"
-            raise item.refuse(f"joints[{index}]", problem, "keep one of the two")
-        seen.add((joint.frame, joint.joint))
-    return Corrections(recording, tuple(_interval(entry) for entry in item.objects("unusable")), joints)
-
-
-def _recording(item: JsonObject) -> ReviewedRecording:
-    item.only("name", "sha256", "cameras")
-    poses = {
-        camera.text("name"): camera.numbers("camera_to_world", (4, 4), "the pose as a 4 x 4 matrix")
-        if camera.has("camera_to_world")
-        else None
-        for camera in item.objects("cameras")
-    }
-    return ReviewedRecording(item.text("name"), item.text("sha256"), poses)
-
-
-def _interval(item: JsonObject) -> UnusableInterval:
-    item.only("first_frame", "last_frame", "start_s", "end_s", "reason", "who", "when")
-    first, last = _frame(item, "first_frame"), _frame(item, "last_frame")
-    start_s = item.number("start_s", meaning="a time in seconds")
-    end_s = item.number("end_s", meaning="a time in seconds")
-    if last < first:
-        raise item.refuse("last_frame", f"is {last}, before first_frame {first}", "exchange the two")
-    if end_s < start_s:
-        raise item.refuse("end_s", f"is {end_s:g}, before start_s {start_s:g}", "exchange the two")
-    by = _signature(item)
-    return UnusableInterval(
-        first_frame=first, last_frame=last, start_s=start_s, end_s=end_s, reason=item.text("reason"),
-        who=by.who, when=by.when,
-    )  # fmt: skip
-
-
-def _joint(item: JsonObject) -> JointCorrection:
-    item.only("frame", "time_s", "joint", "position_m", "sigma_m", "reason", "who", "when")
-    name, by = item.text("joint"), _signature(item)
-    if name not in JOINT_NAMES:
-        near = nearest_key(name, {joint.lower() for joint in JOINT_NAMES})
-        meant = next((joint for joint in JOINT_NAMES if joint.lower() == near), None)
-        remedy = f"did you mean '{meant}'" if meant else f"name one of {', '.join(JOINT_NAMES)}"
-        raise item.refuse("joint", f"is '{name}'", remedy)
-    x, y, z = item.numbers("position_m", (3,), "x, y and z in metres, world frame").tolist()
-    if max(abs(x), abs(y), abs(z)) > FARTHEST_M:
-        raise item.refuse("position_m", f"is more than {FARTHEST_M:g} m away", "write metres, in the results' world")
-    return JointCorrection(
-        frame=_frame(item, "frame"), time_s=item.number("time_s", meaning="a time in seconds"), joint=name,
-        position_m=(x, y, z), sigma_m=item.number("sigma_m", above=0, at_most=1, meaning="one sigma in metres"),
-        reason=item.text("reason"), who=by.who, when=by.when,
-    )  # fmt: skip
-
-
-def _signature(item: JsonObject) -> Signature:
-    when = item.text("when")
-    try:
-        utc = datetime.fromisoformat(when).utcoffset() == timedelta(0)
-    except ValueError:
-        utc = False
-    if not utc:
-        raise item.refuse("when", f"is '{when}'", "write the time in UTC, such as 2026-03-01T09:30:00Z")
-    return Signature(item.text("who"), when)
-
-
-def _frame(item: JsonObject, key: str) -> int:
-    return item.whole_number(key, above=-1, at_most=LATEST_FRAME, meaning="a frame's number")
+def parse_withdrawal(path: Path, values: dict[str, Any]) -> tuple[Correction, Signature]:
+    """One correction that was taken back, with who did so, as in the file; raises InputError."""
+    taken = validate(path, WithdrawalEntry, values)
+    return taken.entry, Signature(taken.who, taken.when)

@@ -21,7 +21,7 @@ from anchorpose.body.asset import BodyAsset
 from anchorpose.body.learning import bone_lengths
 from anchorpose.body.shape_belief import ShapeBelief, standing_height
 from anchorpose.errors import InputError
-from anchorpose.recording.document import read_json_object
+from anchorpose.recording.document import read_json
 from anchorpose.recording.recording import Clock
 from anchorpose.results.corrections import JointCorrection, UnusableInterval
 from anchorpose.versions import versions
@@ -210,10 +210,10 @@ def write_run_record(path: Path, record: RunRecord) -> None:
 
 def read_run_document(path: Path) -> dict[str, Any]:
     """A run.json as it stands in the file; raises InputError unless it is one."""
-    top = read_json_object(path)
-    if top.values.get("format") != "anchorpose-run":
-        raise InputError(path, "is no run.json of anchorpose", "give a results folder made by 'anchorpose track'")
-    return top.values
+    run = read_json(path)
+    if run.get("format") != "anchorpose-run":
+        raise InputError(path, "is not a run.json of anchorpose", "give a results folder made by 'anchorpose track'")
+    return run
 
 
 def plain(value: Any) -> Any:

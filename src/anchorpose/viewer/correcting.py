@@ -14,11 +14,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from anchorpose.errors import InputError
-from anchorpose.recording.document import JsonObject
 from anchorpose.results.corrections import (
     Corrections,
     now_utc,
-    parse_entry,
+    parse_correction,
     parse_withdrawal,
     read_corrections,
     require_recording,
@@ -107,7 +106,7 @@ class Correcting:
         for frame, time_key in (("first_frame", "start_s"), ("last_frame", "end_s"), ("frame", "time_s")):
             if frame in given:
                 timed[time_key] = self._time_of(given[frame])
-        entry = parse_entry(JsonObject(Path("correction"), "", timed))
+        entry = parse_correction(Path("correction"), timed)
         with locked(self.path):
             after = self.current().added(entry)
             write_corrections(self.path, after)
@@ -116,7 +115,7 @@ class Correcting:
     def take_back(self, given: dict[str, Any]) -> Corrections:
         """Moves an ``entry``, given as it stands in the file, to what was withdrawn, by ``who``; raises InputError, or
         ValueError where the entry does not hold."""
-        entry, by = parse_withdrawal(JsonObject(Path("correction"), "", {**given, "when": now_utc()}))
+        entry, by = parse_withdrawal(Path("correction"), {**given, "when": now_utc()})
         with locked(self.path):
             after = self.current().taken_back(entry, by)
             write_corrections(self.path, after)

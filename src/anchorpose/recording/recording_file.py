@@ -1,0 +1,186 @@
+"""recording.json, the format ``rgbd-recording``, and its replacements: calibration.json and a measured height."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Final, Literal
+
+import numpy as np
+from pydantic import AfterValidator, Field, model_validator
+
+from anchorpose.camera import Camera, Intrinsics
+from anchorpose.errors import InputError
+from anchorpose.recording.document import (
+    Entry,
+    FileInFolder,
+    Text,
+    Version,
+    Whole,
+    numbers,
+    read_document,
+    require_rigid,
+)
+from anchorpose.recording.recording import Recording
+from anchorpose.settings import Unfit
+
+FARTHEST_CAMERA_M: Final = 100.0
+"""A camera stands in the room of its world frame; a larger translation was written in millimetres."""
+
+COARSEST_DEPTH_SCALE_M: Final = 0.1
+"""A step of 10 cm resolves no limb; a larger scale means that the unit was mistaken."""
+
+SHORTEST_SUBJECT_M, TALLEST_SUBJECT_M = 0.4, 2.8
+
+SAME_HEIGHT_M: Final = 0.03  # shoes and the time of day; more is another person, or a mistake
+
+
+def _require_in_room(pose: np.ndarray) -> np.ndarray:
+    farthest_m = np.abs(require_rigid(pose, ", or null to have it estimated")[:3, 3]).max()
+    if farthest_m > FARTHEST_CAMERA_M:
+        raise Unfit(f"puts the camera {farthest_m:.0f} m away", "write the translation in metres")
+    return pose
+
+
+def _require_folder_name(name: str) -> str:
+    if not re.fullmatch(r"[\w][\w .+-]*", name) or name.endswith((".", " ")):
+        raise Unfit(f"is '{name}'", "it names a folder: use letters, digits, - and _")
+    return name
+
+
+Focal = Annotated[float, Field(gt=0, description="the focal length in pixels")]
+Principal = Annotated[float, Field(description="the principal point in pixels")]
+Distortion = Annotated[tuple[float, float, float, float, float], Field(description="OpenCV's k1, k2, p1, p2, k3")]
+Size = Annotated[Whole, Field(gt=0, le=16384, description="the size of the depth images in pixels")]
+Rate = Annotated[float, Field(gt=0, le=1000, description="depth images per second")]
+Height = Annotated[
+    float, Field(gt=SHORTEST_SUBJECT_M, le=TALLEST_SUBJECT_M, description="the patient's height in metres")
+]
+CameraPose = Annotated[
+    np.ndarray,
+    numbers(4, 4, meaning="four rows of four numbers, or null where the pose is unknown"),
+    AfterValidator(_require_in_room),
+]
+
+
+class LensEntry(Entry):
+    """Intrinsics; without ``distortion`` the recorder has undistorted its depth images."""
+
+    fx: Focal
+    fy: Focal
+    cx: Principal
+    cy: Principal
+    distortion: Distortion | None = None
+
+
+class CameraEntry(Entry):
+    """A camera; ``camera_to_world`` is None where it is unknown, ``fps`` where timestamps.csv gives the times."""
+
+    name: Annotated[str, AfterValidator(_require_folder_name)]
+    width: Size
+    height: Size
+    depth_scale: Annotated[
+        float, Field(gt=0, le=COARSEST_DEPTH_SCALE_M, description="metres per grey value (0.001 for millimetres)")
+    ]
+    intrinsics: LensEntry
+    camera_to_world: CameraPose | None = None
+    fps: Rate | None = None
+
+    def camera(self) -> Camera:
+        """The camera that is described."""
+        same = self.model_dump(include={"name", "width", "height", "depth_scale"})
+        lens = Intrinsics(**self.intrinsics.model_dump(exclude_none=True))
+        return Camera(**same, intrinsics=lens, T_world_camera=self.camera_to_world)
+
+
+class SubjectEntry(Entry):
+    """What is known of the patient."""
+
+    height_m: Height | None = None
+
+
+class RecordingDocument(Entry):
+    """What recording.json says, before any other file of the folder is read.
+
+    ``fps`` stands in a camera, or at the top for all cameras without their own.
+    """
+
+    format: Literal["rgbd-recording"]
+    version: Version
+    cameras: tuple[CameraEntry, ...]
+    equipment: FileInFolder | None = None
+    subject: SubjectEntry | None = None
+    fps: Rate | None = None
+
+    @model_validator(mode="after")
+    def _require_named_cameras(self) -> RecordingDocument:
+        if not self.cameras:
+            raise Unfit("is empty", "list at least one camera", "cameras")
+        folded = [camera.name.casefold() for camera in self.cameras]  # on some disks either case is the same folder
+        for camera in self.cameras:
+            if folded.count(camera.name.casefold()) > 1:
+                raise Unfit(f"has two cameras named '{camera.name}'", "give each camera its own name", "cameras")
+        return self
+
+
+def with_height(recording: Recording, height_m: float | None) -> Recording:
+    """The recording with the given height, or its own where none is given.
+
+    Raises InputError where the two contradict each other: nobody can know which one is wrong.
+    """
+    own_m = recording.subject_height_m
+    if height_m is None:
+        return recording
+    if own_m is not None and abs(own_m - height_m) > SAME_HEIGHT_M:
+        raise InputError(
+            recording.folder / "recording.json",
+            f"says that the patient is {own_m:.2f} m tall, and the given height is {height_m:.2f} m",
+            "measure again, and correct the one or leave the other out",
+        )
+    return replace(recording, subject_height_m=height_m)
+
+
+CALIBRATION_FORMAT: Final = "camera-calibration"
+CALIBRATION_FILE: Final = "calibration.json"
+
+
+class CalibratedCamera(Entry, extra="ignore"):
+    """A camera of calibration.json; only its pose is used."""
+
+    name: Text
+    camera_to_world: CameraPose
+
+
+class CalibrationDocument(Entry, extra="ignore"):
+    """calibration.json, the format ``camera-calibration``."""
+
+    format: Literal["camera-calibration"]
+    version: Version
+    cameras: tuple[CalibratedCamera, ...]
+
+
+def read_calibration(path: Path) -> dict[str, np.ndarray]:
+    """T_world_camera (4, 4) by camera name; raises InputError naming the file, the key and the remedy."""
+    file = path / CALIBRATION_FILE if path.is_dir() else path
+    cameras = read_document(file, CalibrationDocument).cameras
+    poses = {camera.name: camera.camera_to_world for camera in cameras}
+    if len(poses) < len(cameras):
+        names = [camera.name for camera in cameras]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InputError(file, f"cameras names '{twice}' twice", "keep one of the two")
+    return poses
+
+
+def with_poses(recording: Recording, path: Path) -> Recording:
+    """The recording with the poses of a calibration file instead of its own.
+
+    Raises InputError where the file has no pose for one of its cameras: old and new poses are in different worlds.
+    """
+    poses = read_calibration(path)
+    missing = [camera.name for camera in recording.cameras if camera.name not in poses]
+    if missing:
+        remedy = "calibrate a recording of the same cameras, or leave this file out"
+        raise InputError(path, f"has no pose for camera {', '.join(missing)}", remedy)
+    cameras = tuple(replace(camera, T_world_camera=poses[camera.name]) for camera in recording.cameras)
+    return replace(recording, cameras=cameras)
