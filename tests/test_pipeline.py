@@ -21,10 +21,9 @@ from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_INDEX, LIMBS, STATE_CODE, JointState
 from anchorpose.pipeline import TrackConfig, track_recording
-from anchorpose.results.anchors_table import read_anchors
-from anchorpose.results.people_labels import read_people, read_picture
+from anchorpose.results.people_labels import decode_labels, read_people
 from anchorpose.results.poses import pose_of, read_poses
-from anchorpose.results.tables import JointTable, read_joints
+from anchorpose.results.tables import JointTable, read_anchors, read_joints
 from anchorpose.simulate.config import SimulationConfig, clinic, single
 from anchorpose.simulate.write import simulate_recording
 
@@ -145,7 +144,7 @@ def test_anchors_and_labels_are_of_the_same_patient(run):
         if frame == DAMAGED:
             assert (frame, "front") not in people
         else:
-            assert (read_picture(people[frame, "front"]) == PixelLabel.PATIENT).sum() > 5000
+            assert (decode_labels(people[frame, "front"]) == PixelLabel.PATIENT).sum() > 5000
 
 
 @pytest.mark.slow

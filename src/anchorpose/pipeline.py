@@ -17,16 +17,15 @@ from anchorpose.recording.reader import frame_range, open_recording
 from anchorpose.recording.recording import Recording
 from anchorpose.recording.recording_file import with_height, with_poses
 from anchorpose.report.page import write_report
-from anchorpose.results.anchors_table import ANCHORS_FILE, write_anchors
 from anchorpose.results.contact_intervals import ContactIntervals
-from anchorpose.results.contacts import CONTACTS_FILE, write_contacts
 from anchorpose.results.measuring import write_measured
-from anchorpose.results.people_labels import PEOPLE_FILE, LabelPicture, write_people
+from anchorpose.results.people_labels import PEOPLE_FILE, LabelImage, write_people
 from anchorpose.results.poses import POSES_FILE, write_poses
 from anchorpose.results.processing.policy import ProcessingConfig
+from anchorpose.results.records import CONTACTS_FILE, write_contacts
 from anchorpose.results.run_record import RUN_FILE, Association, DroppedFrame, write_run_record
 from anchorpose.results.stand_training.measure import MeasureConfig
-from anchorpose.results.tables import JOINTS_FILE, read_joints, write_joints
+from anchorpose.results.tables import ANCHORS_FILE, JOINTS_FILE, read_joints, write_anchors, write_joints
 from anchorpose.run_account import UserInputs, Written, account_of, hash_inputs, outcome_of, read_review, require_about
 from anchorpose.threads import one_thread
 from anchorpose.tracker.config import TrackConfig
@@ -117,7 +116,7 @@ def _counter(progress: Progress, total: int) -> Callable[[], None]:
 
 
 def _write_frames(
-    results: Path, track: Callable[[Callable[[LabelPicture], None]], Iterator[FrameRecord]], config: TrackConfig
+    results: Path, track: Callable[[Callable[[LabelImage], None]], Iterator[FrameRecord]], config: TrackConfig
 ) -> Written:
     """Stream joints, poses, anchors, labels and contacts to their tables; collect problems."""
     dropped, shares = list[DroppedFrame](), list[float | None]()

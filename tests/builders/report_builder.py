@@ -11,14 +11,20 @@ import numpy as np
 from results_builder import make_frame, standing_joints, write_results
 
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, JointState
-from anchorpose.results.contacts import CONTACTS_FILE, Contact, write_contacts
-from anchorpose.results.episodes import EPISODES_FILE, Episode, write_episodes
-from anchorpose.results.joint_frame import JointFrame
-from anchorpose.results.measures import MEASURES_FILE, Measure, write_measures
-from anchorpose.results.posture import POSTURE_FILE, PostureTable, write_posture
+from anchorpose.results.records import (
+    CONTACTS_FILE,
+    EPISODES_FILE,
+    MEASURES_FILE,
+    Contact,
+    Episode,
+    Measure,
+    write_contacts,
+    write_episodes,
+    write_measures,
+)
 from anchorpose.results.run_record import RUN_FILE
 from anchorpose.results.stand_training.measure import MeasureConfig
-from anchorpose.results.tables import JOINTS_FILE, read_joints
+from anchorpose.results.tables import JOINTS_FILE, POSTURE_FILE, JointFrame, PostureTable, read_joints, write_posture
 
 RATE_HZ = 30.0
 

@@ -8,8 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, JointState
-from anchorpose.results.angles import ANGLES_FILE, write_angles
-from anchorpose.results.joint_frame import JointFrame
 from anchorpose.results.kinematics.joint_angles import joint_angles
 from anchorpose.results.run_record import (
     RUN_FILE,
@@ -19,7 +17,7 @@ from anchorpose.results.run_record import (
     RunRecord,
     write_run_record,
 )
-from anchorpose.results.tables import JOINTS_FILE, read_joints, write_joints
+from anchorpose.results.tables import ANGLES_FILE, JOINTS_FILE, JointFrame, read_joints, write_angles, write_joints
 
 
 def standing_joints() -> np.ndarray:

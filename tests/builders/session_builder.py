@@ -6,9 +6,8 @@ import numpy as np
 from results_builder import standing_joints
 
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, LOST
-from anchorpose.results.contacts import Contact
 from anchorpose.results.kinematics.joint_angles import joint_angles
-from anchorpose.results.measures import Measure
+from anchorpose.results.records import Contact, Measure
 from anchorpose.results.stand_training.measure import MeasureConfig, measure_session
 from anchorpose.results.stand_training.session import Session
 from anchorpose.results.tables import JointTable

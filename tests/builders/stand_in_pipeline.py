@@ -11,13 +11,12 @@ import numpy as np
 from anchorpose.joints import JOINT_COUNT, JointState
 from anchorpose.recording.reader import input_files, open_recording, read_frames
 from anchorpose.report.page import write_report
-from anchorpose.results.contacts import write_contacts
-from anchorpose.results.joint_frame import JointFrame
 from anchorpose.results.measuring import write_measured
 from anchorpose.results.processing.policy import ProcessingConfig
+from anchorpose.results.records import write_contacts
 from anchorpose.results.run_record import DroppedFrame, RunRecord, hash_files, write_run_record
 from anchorpose.results.stand_training.measure import MeasureConfig
-from anchorpose.results.tables import write_joints
+from anchorpose.results.tables import JointFrame, write_joints
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

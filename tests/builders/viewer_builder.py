@@ -20,15 +20,22 @@ from anchorpose.body.pose import MOVING_BONES
 from anchorpose.joints import JOINT_INDEX, JointState
 from anchorpose.recording.reader import input_files, open_recording
 from anchorpose.recording.recording import Clock
-from anchorpose.results.anchors_table import ANCHORS_FILE, AnchorFrame, write_anchors
-from anchorpose.results.angles import ANGLES_FILE, write_angles
-from anchorpose.results.contacts import CONTACTS_FILE, Contact, write_contacts
-from anchorpose.results.joint_frame import JointFrame
 from anchorpose.results.kinematics.joint_angles import joint_angles
-from anchorpose.results.people_labels import PEOPLE_FILE, LabelPicture, write_people
+from anchorpose.results.people_labels import PEOPLE_FILE, LabelImage, write_people
 from anchorpose.results.poses import POSES_FILE, BodyPose, write_poses
+from anchorpose.results.records import CONTACTS_FILE, Contact, write_contacts
 from anchorpose.results.run_record import RUN_FILE, hash_files
-from anchorpose.results.tables import JOINTS_FILE, read_joints, write_joints
+from anchorpose.results.tables import (
+    ANCHORS_FILE,
+    ANGLES_FILE,
+    JOINTS_FILE,
+    AnchorFrame,
+    JointFrame,
+    read_joints,
+    write_anchors,
+    write_angles,
+    write_joints,
+)
 from anchorpose.viewer.server import ViewerServer
 from anchorpose.viewing import open_viewer
 
@@ -122,7 +129,7 @@ def write_small_results(folder: Path, recording: Path, people: bool = True) -> P
         with write_people(folder / PEOPLE_FILE) as pictures:
             for frame in range(FRAMES):
                 for name in POSES:
-                    pictures.append(LabelPicture(frame, name, cv2.imencode(".png", labels_of(frame))[1].tobytes()))
+                    pictures.append(LabelImage(frame, name, cv2.imencode(".png", labels_of(frame))[1].tobytes()))
     opened = open_recording(recording)
     document = {
         "format": "anchorpose-run",

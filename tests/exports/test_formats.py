@@ -21,7 +21,7 @@ from anchorpose.exports.product import ExportConfig, Format
 from anchorpose.exports.run import export_results
 from anchorpose.exports.source import STATES
 from anchorpose.joints import JOINT_NAMES
-from anchorpose.results.contacts import CONTACTS_FILE, Contact, write_contacts
+from anchorpose.results.records import CONTACTS_FILE, Contact, write_contacts
 from anchorpose.results.tables import read_joints
 
 START_S = 100.0

@@ -18,9 +18,9 @@ from anchorpose.errors import InputError
 from anchorpose.report.comparable import grows_with_time
 from anchorpose.report.comparison import write_comparison
 from anchorpose.report.comparison_tables import change_between
-from anchorpose.results.measures import Measure, write_measures
 from anchorpose.results.measuring import write_measured
 from anchorpose.results.processing.policy import ProcessingConfig
+from anchorpose.results.records import Measure, write_measures
 from anchorpose.results.stand_training.extension import ExtensionConfig
 from anchorpose.results.stand_training.measure import MeasureConfig
 
@@ -246,7 +246,7 @@ def test_measures_by_other_definitions_are_refused_though_their_names_are_the_sa
     write_measures(other / "measures.parquet", MEASURES, config)
     with pytest.raises(InputError, match=r"other definitions: extension.straight_deg.*anchorpose measure"):
         write_comparison([one, other], tmp_path / "c.html")
-    monkeypatch.setattr("anchorpose.results.measures.__version__", "0.0.1")
+    monkeypatch.setattr("anchorpose.results.records.__version__", "0.0.1")
     write_measures(other / "measures.parquet", MEASURES, asdict(MeasureConfig()))
     with pytest.raises(InputError, match=r"measured by anchorpose 0\.0\.1 instead of .*anchorpose measure"):
         write_comparison([one, other], tmp_path / "c.html")

@@ -9,9 +9,8 @@ from results_builder import make_frame, standing_joints, write_results
 from scipy.spatial.transform import Rotation
 
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, LOST
-from anchorpose.results.angles import read_angles
 from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES, joint_angles
-from anchorpose.results.tables import JointTable
+from anchorpose.results.tables import JointTable, read_angles
 
 NAMES = list(ANGLE_NAMES)
 RIGHT = np.array([0.0, 0.0, 1.0])  # turning about it lifts what points forward, and what hangs swings forward

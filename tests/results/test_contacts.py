@@ -24,8 +24,8 @@ from anchorpose.errors import InputError
 from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.results.contact_intervals import ContactConfig, ContactIntervals
-from anchorpose.results.contacts import Contact, read_contacts, write_contacts
 from anchorpose.results.evaluate_tables import TrueTouch, evaluate_contacts, read_true_touch
+from anchorpose.results.records import Contact, read_contacts, write_contacts
 
 POSE = standing(LeftArm=(-20.0, 0.0, 0.0), RightArm=(20.0, 0.0, 0.0))
 POSED = pose_points(adult_body(), POSE)

@@ -9,17 +9,19 @@ import pytest
 from anchorpose import __version__
 from anchorpose.errors import InputError
 from anchorpose.joints import JointState
-from anchorpose.results.episodes import Episode, read_episodes, write_episodes
-from anchorpose.results.measures import (
+from anchorpose.results.records import (
     DEFINITION_KEY,
-    MEASURES_SCHEMA,
+    MEASURES,
     Definition,
+    Episode,
     Measure,
     read_definition,
+    read_episodes,
     read_measures,
+    write_episodes,
     write_measures,
 )
-from anchorpose.results.posture import PostureTable, read_posture, write_posture
+from anchorpose.results.tables import PostureTable, read_posture, write_posture
 
 
 def _posture() -> PostureTable:
@@ -56,10 +58,10 @@ def test_measures_tell_by_which_version_and_thresholds_they_were_computed(tmp_pa
     path, config = tmp_path / "measures.parquet", {"upright": {"thigh_enter_deg": 40.0}}
     write_measures(path, [], config)
     assert read_definition(path) == Definition(__version__, config)
-    pq.write_table(MEASURES_SCHEMA.empty_table(), path)
+    pq.write_table(MEASURES.schema.empty_table(), path)
     assert read_definition(path) is None
     for text in ("no JSON", "[]", '{"anchorpose": "0.1.0"}'):
-        pq.write_table(MEASURES_SCHEMA.with_metadata({DEFINITION_KEY: text}).empty_table(), path)
+        pq.write_table(MEASURES.schema.with_metadata({DEFINITION_KEY: text}).empty_table(), path)
         with pytest.raises(InputError, match=r"measures\.parquet"):
             read_definition(path)
 

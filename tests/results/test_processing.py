@@ -11,8 +11,6 @@ from results_builder import standing_joints
 
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, LOST
-from anchorpose.results.angles import write_angles
-from anchorpose.results.angles_processed import PROCESSING, read_processed_angles, write_processed_angles
 from anchorpose.results.kinematics.joint_angles import joint_angles
 from anchorpose.results.processing.filters import (
     FIRST_ACCELERATION_M_S2,
@@ -23,7 +21,13 @@ from anchorpose.results.processing.filters import (
 )
 from anchorpose.results.processing.policy import ProcessingConfig, fill_gaps
 from anchorpose.results.processing.process import FILLED, MEASURED, SMOOTHED, process_angles, process_joints
-from anchorpose.results.tables import JointTable
+from anchorpose.results.tables import (
+    PROCESSING,
+    JointTable,
+    read_processed_angles,
+    write_angles,
+    write_processed_angles,
+)
 from anchorpose.results.uncertainty import random_sigma, systematic_sigma
 
 RATE = 30.0
@@ -233,14 +237,14 @@ def test_settings_that_make_no_sense_are_refused(wrong):
 def test_an_angle_is_as_processed_as_its_joints_and_the_file_tells_the_policy(tmp_path):
     table, config = moving(gap=slice(100, 104)), ProcessingConfig(smooth="butterworth", fill="linear")
     processed = process_angles(table, config)
-    elbow, knee = (processed.angles.column(name) for name in ("elbow_flexion_left", "knee_flexion_left"))
+    elbow, knee = (processed.column(name) for name in ("elbow_flexion_left", "knee_flexion_left"))
     assert (processed.processing[100:104, elbow] == FILLED).all()
     assert (processed.processing[:, knee] == SMOOTHED).all()
     path = tmp_path / "angles_processed.parquet"
     write_processed_angles(path, processed)
     back = read_processed_angles(path)
     np.testing.assert_array_equal(back.processing, processed.processing)
-    np.testing.assert_array_equal(back.angles.degrees, processed.angles.degrees)
+    np.testing.assert_array_equal(back.degrees, processed.degrees)
     policy = json.loads(back.policy)
     assert (policy["smooth"], policy["cutoff_hz"], policy["fill"], policy["joint_frames_filled"]) == (
         "butterworth", 6.0, "linear", 4,

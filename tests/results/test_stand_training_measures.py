@@ -10,12 +10,9 @@ from session_builder import RATE, contact, measured, squatting_joints, table, va
 
 from anchorpose.cli import main
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
-from anchorpose.results.angles_processed import read_processed_angles
-from anchorpose.results.contacts import Contact
-from anchorpose.results.episodes import read_episodes
-from anchorpose.results.measures import read_measures
 from anchorpose.results.measuring import measure_rows
-from anchorpose.results.posture import read_posture
+from anchorpose.results.records import Contact, read_episodes, read_measures
+from anchorpose.results.tables import read_posture, read_processed_angles
 from anchorpose.results.uncertainty import SYSTEMATIC_SHARE, sigma_of_mean
 
 ABOVE = [row for row, name in enumerate(JOINT_NAMES) if not name.startswith(("Ankle", "Foot"))]
@@ -305,7 +302,7 @@ def test_processing_is_written_beside_the_measured_angles_and_goes_when_it_is_no
     assert "2 filled" in " ".join(capsys.readouterr().out.split())
     assert (results / "angles.parquet").read_bytes() == plain
     marks = read_processed_angles(results / "angles_processed.parquet")
-    assert (marks.processing[30, marks.angles.column("hip_flexion_left")], marks.processing.max()) == (2, 2)
+    assert (marks.processing[30, marks.column("hip_flexion_left")], marks.processing.max()) == (2, 2)
     assert main(["measure", str(results)]) == 0
     assert not (results / "angles_processed.parquet").exists()
 

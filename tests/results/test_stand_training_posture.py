@@ -11,9 +11,9 @@ from session_builder import RATE, measured, squatting_joints, table, value
 
 from anchorpose.body.asset import joint_bones, load_body_asset
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
-from anchorpose.results.episodes import SIT_TO_STAND, STAND_TO_SIT, UPRIGHT_EPISODE
+from anchorpose.results.frame_table import UNKNOWN
 from anchorpose.results.frame_time import frame_seconds, recorded_seconds, unbroken_runs
-from anchorpose.results.posture import NOT_UPRIGHT, UNKNOWN, UPRIGHT
+from anchorpose.results.records import SIT_TO_STAND, STAND_TO_SIT, UPRIGHT_EPISODE
 from anchorpose.results.stand_training.centre_of_mass import (
     PAIRED_SEGMENTS,
     SHARED_ERROR,
@@ -22,7 +22,7 @@ from anchorpose.results.stand_training.centre_of_mass import (
     joint_weights,
 )
 from anchorpose.results.stand_training.stance import UprightConfig, hold
-from anchorpose.results.tables import JointTable
+from anchorpose.results.tables import NOT_UPRIGHT, UPRIGHT, JointTable
 
 
 def still(thigh_deg: float, seconds: float) -> np.ndarray:

@@ -15,8 +15,8 @@ from results_builder import make_frame, standing_joints
 
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, LOST, STATE_CODE, JointState
-from anchorpose.results.joint_frame import JointFrame
-from anchorpose.results.tables import FRAMES_PER_ROW_GROUP, read_joints, write_joints
+from anchorpose.results.frame_table import FRAMES_PER_ROW_GROUP
+from anchorpose.results.tables import JointFrame, read_joints, write_joints
 
 
 def _write(path, frames):

@@ -17,7 +17,6 @@ from anchorpose.body.skin_points import FittedShape, body_points, build_body
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.pipeline import TrackConfig, track_recording
-from anchorpose.results.contacts import read_contacts
 from anchorpose.results.corrections import (
     Corrections,
     JointCorrection,
@@ -28,6 +27,7 @@ from anchorpose.results.corrections import (
 )
 from anchorpose.results.people_labels import read_people
 from anchorpose.results.poses import read_poses
+from anchorpose.results.records import read_contacts
 from anchorpose.results.run_record import read_run_document
 from anchorpose.results.tables import JointTable, read_joints
 from anchorpose.simulate.config import single

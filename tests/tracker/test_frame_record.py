@@ -14,17 +14,17 @@ from anchorpose.body.pose import MOVING_BONES, POSE_SIZE, Pose, moving_bones
 from anchorpose.body.skin_points import FittedShape, body_points, build_body
 from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel, View
-from anchorpose.results.anchors_table import AnchorFrame, read_anchors, write_anchors
 from anchorpose.results.people_labels import (
     ROOM,
-    LabelPicture,
+    LabelImage,
     StoredPeople,
-    label_picture,
+    decode_labels,
+    encode_labels,
     read_people,
-    read_picture,
     write_people,
 )
 from anchorpose.results.poses import pose_of, read_poses, write_poses
+from anchorpose.results.tables import AnchorFrame, read_anchors, write_anchors
 from anchorpose.tracker.frame_record import axial_sigma, body_pose
 
 POINTS = body_points()
@@ -95,8 +95,8 @@ def test_anchors_come_back_and_a_missed_one_stays_missed(tmp_path):
 def test_labels_come_back_without_the_room(tmp_path):
     labels = np.random.default_rng(3).integers(0, 9, size=(40, 60)).astype(np.uint8)
     with write_people(tmp_path / "p.parquet") as table:
-        table.append(label_picture(3, "left", View(np.ones((40, 60), np.float32), labels)))
-    read = read_picture(read_people(tmp_path / "p.parquet")[3, "left"])
+        table.append(encode_labels(3, "left", View(np.ones((40, 60), np.float32), labels)))
+    read = decode_labels(read_people(tmp_path / "p.parquet")[3, "left"])
     np.testing.assert_array_equal(read, np.where(np.isin(labels, [0, 1, PixelLabel.CLUTTER]), ROOM, labels))
 
 
@@ -114,7 +114,7 @@ def test_tables_that_are_cut_off_are_refused(tmp_path):
 
 
 def test_two_pictures_of_one_frame_are_refused(tmp_path):
-    picture = label_picture(0, "front", View(np.ones((4, 4), np.float32), np.ones((4, 4), np.uint8)))
+    picture = encode_labels(0, "front", View(np.ones((4, 4), np.float32), np.ones((4, 4), np.uint8)))
     with write_people(tmp_path / "p.parquet") as table:
         table.append(picture)
         table.append(picture)
@@ -123,10 +123,10 @@ def test_two_pictures_of_one_frame_are_refused(tmp_path):
     assert isinstance(pq.read_table(tmp_path / "p.parquet"), pa.Table)
 
 
-def write_pictures(path: Path, count: int) -> dict[tuple[int, str], LabelPicture]:
+def write_pictures(path: Path, count: int) -> dict[tuple[int, str], LabelImage]:
     """Two cameras and some gaps, in an order that is not that of the names; packed bytes that say which they are."""
     made = [
-        LabelPicture(frame, camera, f"{camera} {frame}".encode() * 50)
+        LabelImage(frame, camera, f"{camera} {frame}".encode() * 50)
         for frame in range(count)
         for camera in ("right", "front")
         if frame % 7 or camera == "front"

@@ -19,8 +19,7 @@ from anchorpose.exports.product import ExportConfig, Product, rounded_text, rows
 from anchorpose.exports.regular_time import nominal_rate_hz, without_gaps
 from anchorpose.exports.source import STATES, Samples, Source
 from anchorpose.joints import JOINT_NAMES
-from anchorpose.results.contacts import CONTACTS_FILE, read_contacts
-from anchorpose.results.episodes import EPISODES_FILE, read_episodes
+from anchorpose.results.records import CONTACTS_FILE, EPISODES_FILE, read_contacts, read_episodes
 
 WORLD: Final = "world"
 CHANNEL_COLUMNS: Final = (

@@ -10,9 +10,8 @@ import numpy as np
 
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, LOST, JointState
-from anchorpose.results.angles import ANGLES_FILE, read_angles
 from anchorpose.results.run_record import hash_files
-from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
+from anchorpose.results.tables import ANGLES_FILE, JOINTS_FILE, JointTable, read_angles, read_joints
 
 STATES: Final = tuple(str(state) for state in JointState)
 """In the order of the codes 0 (observed) to 6 (lost) that formats without texts write."""

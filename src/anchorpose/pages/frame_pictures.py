@@ -19,12 +19,11 @@ from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import LOST, JointState
 from anchorpose.pages.overlay import OverlayScene, draw_frame
 from anchorpose.recording.reader import read_frames
-from anchorpose.results.anchors_table import ANCHORS_FILE, AnchorTable, read_anchors
-from anchorpose.results.episodes import EPISODES_FILE, SIT_TO_STAND, STAND_TO_SIT, Episode, read_episodes
-from anchorpose.results.people_labels import PEOPLE_FILE, frames_of_people, read_people, read_picture
+from anchorpose.results.people_labels import PEOPLE_FILE, decode_labels, frames_of_people, read_people
 from anchorpose.results.poses import POSES_FILE, PoseTable, pose_of, read_poses
+from anchorpose.results.records import EPISODES_FILE, SIT_TO_STAND, STAND_TO_SIT, Episode, read_episodes
 from anchorpose.results.run_record import PictureRecord
-from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
+from anchorpose.results.tables import ANCHORS_FILE, JOINTS_FILE, AnchorTable, JointTable, read_anchors, read_joints
 from anchorpose.surface.mesh import build_surface, edges
 from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.tracker.room import Room
@@ -124,7 +123,7 @@ def draw_chosen(results: Path, room: Room, shape: FittedShape | None, sheet: Sur
         for camera, depth_m in zip(room.cameras, frame_set.depths_m, strict=True):
             labels = people.get((number, camera.name))
             if depth_m is not None and labels is not None:
-                png = draw_frame(_scene(found, frame.row, camera, depth_m, read_picture(labels), sheet))
+                png = draw_frame(_scene(found, frame.row, camera, depth_m, decode_labels(labels), sheet))
                 yield FramePicture(number, frame_set.time_s, camera.name, png, caption, frame.why)
 
 

@@ -21,7 +21,7 @@ from anchorpose.report.words import (
     split_side,
     table,
 )
-from anchorpose.results.angles import ANGLES_FILE
+from anchorpose.results.tables import ANGLES_FILE
 
 GROUPS: Final = {
     "Knees": ("knee",),

@@ -16,7 +16,7 @@ from typing import Any, Final, NamedTuple
 from anchorpose.errors import InputError
 from anchorpose.report.session import Session
 from anchorpose.report.words import COVERAGE, listed, number
-from anchorpose.results.measures import MEASURES_FILE, Measure
+from anchorpose.results.records import MEASURES_FILE, Measure
 from anchorpose.results.tables import JOINTS_FILE
 
 ALIKE: Final = 0.05

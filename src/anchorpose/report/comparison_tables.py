@@ -20,8 +20,8 @@ from anchorpose.report.ledger import Form, Rows, Taking
 from anchorpose.report.measure_section import grouped_measures, rows_of, title_of, value_and_error, value_form, words_of
 from anchorpose.report.session import Session
 from anchorpose.report.words import COVERAGE, INFERRED_STATES, escape, heading_row, named_part, row, table
-from anchorpose.results.angles import ANGLES_FILE
-from anchorpose.results.measures import Measure
+from anchorpose.results.records import Measure
+from anchorpose.results.tables import ANGLES_FILE
 
 
 @dataclass(frozen=True, slots=True)

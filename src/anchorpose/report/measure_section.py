@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 from anchorpose.report.ledger import Form, Ledger, Rows, Taking
 from anchorpose.report.session import Session
 from anchorpose.report.words import COVERAGE, decimals_for, escape, heading_row, named_part, spaced, table
-from anchorpose.results.measures import MEASURES_FILE, Measure
+from anchorpose.results.records import MEASURES_FILE, Measure
 
 
 class Words(NamedTuple):

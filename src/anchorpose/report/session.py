@@ -12,14 +12,32 @@ from anchorpose.errors import InputError
 from anchorpose.joints import STATE_CODE, JointState
 from anchorpose.report.axis import Bins, make_bins
 from anchorpose.report.ledger import Ledger
-from anchorpose.results.angles import ANGLES_FILE, AngleTable, read_angles
-from anchorpose.results.contacts import CONTACTS_FILE, Contact, read_contacts
-from anchorpose.results.episodes import EPISODES_FILE, Episode, read_episodes
-from anchorpose.results.measures import MEASURES_FILE, Definition, Measure, read_definition, read_measures
-from anchorpose.results.posture import POSTURE_FILE, PostureTable, read_posture
+from anchorpose.results.records import (
+    CONTACTS_FILE,
+    EPISODES_FILE,
+    MEASURES_FILE,
+    Contact,
+    Definition,
+    Episode,
+    Measure,
+    read_contacts,
+    read_definition,
+    read_episodes,
+    read_measures,
+)
 from anchorpose.results.run_record import RUN_FILE, read_run_document
 from anchorpose.results.stand_training.stance import stance
-from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
+from anchorpose.results.tables import (
+    ANGLES_FILE,
+    JOINTS_FILE,
+    POSTURE_FILE,
+    AngleTable,
+    JointTable,
+    PostureTable,
+    read_angles,
+    read_joints,
+    read_posture,
+)
 
 MEASURED: Final = (ANGLES_FILE, POSTURE_FILE, EPISODES_FILE, MEASURES_FILE)
 """What 'anchorpose measure' writes, from the joints."""

@@ -9,10 +9,8 @@ from anchorpose.report.ledger import Form, Rows, Taking
 from anchorpose.report.measure_section import rows_of, value_form
 from anchorpose.report.session import Session
 from anchorpose.report.words import COVERAGE, INFERRED_STATES, counted, escape, listed, named_part
-from anchorpose.results.contacts import CONTACTS_FILE
-from anchorpose.results.episodes import EPISODES_FILE, SIT_TO_STAND, STAND_TO_SIT
-from anchorpose.results.measures import Measure
-from anchorpose.results.posture import UNKNOWN
+from anchorpose.results.frame_table import UNKNOWN
+from anchorpose.results.records import CONTACTS_FILE, EPISODES_FILE, SIT_TO_STAND, STAND_TO_SIT, Measure
 from anchorpose.results.tables import JOINTS_FILE
 
 JOINTS, CONTACTS = Rows(JOINTS_FILE), Rows(CONTACTS_FILE)

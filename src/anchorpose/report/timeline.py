@@ -15,10 +15,8 @@ from anchorpose.report.ledger import Rows
 from anchorpose.report.session import Session
 from anchorpose.report.timeline_rows import kept_rows, posture_readings, posture_rows, touch_reading, touch_rows
 from anchorpose.report.words import COVERAGE, STATE_WORDS
-from anchorpose.results.contacts import CONTACTS_FILE
-from anchorpose.results.episodes import EPISODES_FILE
-from anchorpose.results.posture import POSTURE_FILE
-from anchorpose.results.tables import JOINTS_FILE
+from anchorpose.results.records import CONTACTS_FILE, EPISODES_FILE
+from anchorpose.results.tables import JOINTS_FILE, POSTURE_FILE
 
 PERCENT: Final = Axis(0.0, 100.0, (0.0, 100.0))
 

@@ -23,9 +23,9 @@ from anchorpose.report.curves import step_path
 from anchorpose.report.ledger import Form
 from anchorpose.report.session import Session
 from anchorpose.report.words import STATE_WORDS, escape, named_part
-from anchorpose.results.contacts import Contact
-from anchorpose.results.episodes import SIT_TO_STAND, STAND_TO_SIT, Episode
-from anchorpose.results.posture import NOT_UPRIGHT, UNKNOWN, UPRIGHT
+from anchorpose.results.frame_table import UNKNOWN
+from anchorpose.results.records import SIT_TO_STAND, STAND_TO_SIT, Contact, Episode
+from anchorpose.results.tables import NOT_UPRIGHT, UPRIGHT
 
 
 def kept_rows(session: Session) -> list[Row]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from anchorpose.body.contact_regions import REGIONS, Nearness
-from anchorpose.results.contacts import Contact
+from anchorpose.results.records import Contact
 
 CM2_PER_M2, MM_PER_M = 1e4, 1e3
 

@@ -17,7 +17,6 @@ import numpy as np
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, STATE_CODE, JointState
 from anchorpose.recording.pairing import half_period_s, nearest_within
-from anchorpose.results.contacts import CONTACTS_FILE, read_contacts
 from anchorpose.results.evaluate_tables import (
     AngleError,
     ContactEvaluation,
@@ -26,6 +25,7 @@ from anchorpose.results.evaluate_tables import (
     evaluate_contacts,
     read_true_touch,
 )
+from anchorpose.results.records import CONTACTS_FILE, read_contacts
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 from anchorpose.results.uncertainty import NORMAL_95
 

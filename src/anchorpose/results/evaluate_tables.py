@@ -13,8 +13,8 @@ import numpy as np
 
 from anchorpose.body.contact_regions import REGION_BONES, REGIONS
 from anchorpose.errors import InputError
-from anchorpose.results.contacts import Contact
 from anchorpose.results.kinematics.joint_angles import joint_angles
+from anchorpose.results.records import Contact
 from anchorpose.results.tables import JointTable
 from anchorpose.results.uncertainty import NORMAL_95
 

@@ -13,17 +13,31 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
-from anchorpose.results.angles import ANGLES_FILE, write_angles
-from anchorpose.results.angles_processed import PROCESSED_FILE, PROCESSING, ProcessedAngles, write_processed_angles
-from anchorpose.results.contacts import CONTACTS_FILE, read_contacts
-from anchorpose.results.episodes import EPISODES_FILE, write_episodes
 from anchorpose.results.kinematics.joint_angles import joint_angles
-from anchorpose.results.measures import MEASURES_FILE, Measure, write_measures
-from anchorpose.results.posture import POSTURE_FILE, write_posture
 from anchorpose.results.processing.policy import ProcessingConfig
 from anchorpose.results.processing.process import process_angles
+from anchorpose.results.records import (
+    CONTACTS_FILE,
+    EPISODES_FILE,
+    MEASURES_FILE,
+    Measure,
+    read_contacts,
+    write_episodes,
+    write_measures,
+)
 from anchorpose.results.stand_training.measure import MeasureConfig, measure_session
-from anchorpose.results.tables import JOINTS_FILE, read_joints
+from anchorpose.results.tables import (
+    ANGLES_FILE,
+    JOINTS_FILE,
+    POSTURE_FILE,
+    PROCESSED_FILE,
+    PROCESSING,
+    ProcessedAngles,
+    read_joints,
+    write_angles,
+    write_posture,
+    write_processed_angles,
+)
 from anchorpose.results.uncertainty import NORMAL_95
 
 

@@ -1,11 +1,11 @@
-"""people.parquet: whose each pixel is, a small picture a camera and frame, so that a viewer need not track again."""
+"""people.parquet: the person label of each pixel, one small image per camera and frame, for viewers."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,98 +17,98 @@ import pyarrow.parquet as pq
 
 from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel, View
-from anchorpose.results.tables import RowGroups, open_parquet, read_parquet
-
-PEOPLE_FILE: Final = "people.parquet"
-
-PEOPLE_SCHEMA: Final = pa.schema(
-    [
-        pa.field("frame", pa.int32(), nullable=False),
-        pa.field("camera", pa.string(), nullable=False),
-        pa.field("labels", pa.binary(), nullable=False),
-    ]
-)
-
-PICTURES_PER_ROW_GROUP: Final = 256
-"""About half a megabyte; fixed, since row groups decide the bytes of the file."""
+from anchorpose.results.parquet import TRACK_AGAIN, RecordTable, refuse_unreadable, require_columns
 
 GROUPS_KEPT: Final = 4
-"""Of those read last: some seconds of three cameras around where somebody looks, a few megabytes."""
+"""Row groups read last that stay in memory: some seconds of three cameras, a few megabytes."""
+
+ROOM: Final = 0
+"""Neither equipment nor a person: the room, small components, and pixels without a reading."""
 
 _NOWHERE: Final = np.empty(0, np.int32)
 
-ROOM: Final = 0
-"""What is neither equipment nor somebody: the room, crumbs, and pixels without a reading, which the depth tells."""
-
-_PACKED: Final = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE)
-"""Areas of one value: run lengths make the smallest files, 5 kB a picture."""
+_PNG_SETTINGS: Final = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE)
+"""Large areas have one value: run lengths make the smallest files, 5 kB an image."""
 
 
 @dataclass(frozen=True, slots=True)
-class LabelPicture:
-    """One camera's pixels told apart, as an 8-bit PNG of ``PixelLabel``, ``ROOM`` for all that is nobody's."""
+class LabelImage:
+    """One camera's segmentation; labels: an 8-bit PNG of ``PixelLabel``, ``ROOM`` where there is no person."""
 
     frame: int
     camera: str
-    png_bytes: bytes
+    labels: bytes
 
 
-def label_picture(frame: int, camera: str, view: View) -> LabelPicture:
-    """The picture of one camera's view."""
-    somebody = (view.labels >= PixelLabel.PATIENT) | (view.labels == PixelLabel.EQUIPMENT)
-    known = np.where(somebody, view.labels, np.uint8(ROOM))
-    _, encoded = cv2.imencode(".png", known, _PACKED)
-    return LabelPicture(frame, camera, encoded.tobytes())
+PEOPLE: Final = RecordTable(
+    file="people.parquet",
+    record=LabelImage,
+    schema=pa.schema(
+        [
+            pa.field("frame", pa.int32(), nullable=False),
+            pa.field("camera", pa.string(), nullable=False),
+            pa.field("labels", pa.binary(), nullable=False),
+        ]
+    ),
+    rows_per_group=256,  # about half a megabyte
+    remedy=TRACK_AGAIN,
+)
+PEOPLE_FILE, write_people = PEOPLE.file, PEOPLE.open
 
 
-def read_picture(picture: LabelPicture) -> np.ndarray:
-    """(height, width) uint8 labels. Raises ValueError where the bytes are no picture."""
-    labels = cv2.imdecode(np.frombuffer(picture.png_bytes, np.uint8), cv2.IMREAD_UNCHANGED)
+def encode_labels(frame: int, camera: str, view: View) -> LabelImage:
+    """The segmentation of one camera's view."""
+    labelled = (view.labels >= PixelLabel.PATIENT) | (view.labels == PixelLabel.EQUIPMENT)
+    labels = np.where(labelled, view.labels, np.uint8(ROOM))
+    _, encoded = cv2.imencode(".png", labels, _PNG_SETTINGS)
+    return LabelImage(frame, camera, encoded.tobytes())
+
+
+def decode_labels(image: LabelImage) -> np.ndarray:
+    """(height, width) uint8 labels. Raises ValueError where the bytes are not an 8-bit image."""
+    labels = cv2.imdecode(np.frombuffer(image.labels, np.uint8), cv2.IMREAD_UNCHANGED)
     if labels is None or labels.dtype != np.uint8 or labels.ndim != 2:
-        raise ValueError(f"frame {picture.frame}, camera {picture.camera}: the labels are no 8-bit picture")
+        raise ValueError(f"frame {image.frame}, camera {image.camera}: the labels are not an 8-bit image")
     return labels
 
 
-@contextmanager
-def write_people(path: Path) -> Iterator[RowGroups[LabelPicture]]:
-    """Opens people.parquet for writing, frames in any order; where nothing was told apart there is no row."""
-    with open_parquet(path, PEOPLE_SCHEMA) as writer:
-        pictures = RowGroups(writer, _to_table, PICTURES_PER_ROW_GROUP)
-        yield pictures
-        pictures.flush()
+def read_people(path: Path, frames: Sequence[int] | None = None) -> dict[tuple[int, str], LabelImage]:
+    """The images of some frames, or of all, still encoded, by frame and camera; raises InputError for two of one."""
+    rows = PEOPLE.read(path, None if frames is None else pc.field("frame").isin(frames))
+    images = {(row.frame, row.camera): row for row in rows}
+    if len(images) != len(rows):
+        raise _two_of_one(path)
+    return images
 
 
-def read_people(path: Path, frames: Sequence[int] | None = None) -> dict[tuple[int, str], LabelPicture]:
-    """The pictures of some frames, or of all, still packed, by frame and camera; raises InputError where one stands
-    twice."""
-    rows = read_parquet(path, PEOPLE_SCHEMA, None if frames is None else pc.field("frame").isin(frames)).to_pylist()
-    pictures = {(row["frame"], row["camera"]): LabelPicture(row["frame"], row["camera"], row["labels"]) for row in rows}
-    if len(pictures) != len(rows):
-        raise InputError(path, "has two pictures of one frame and camera", "track the recording again")
-    return pictures
+def frames_of_people(path: Path) -> np.ndarray:
+    """(k,) int32, increasing: the frames of which there is an image, without reading the images."""
+    frames: np.ndarray = np.unique(pq.read_table(path, columns=["frame"])["frame"].to_numpy())
+    return frames
 
 
 class StoredPeople:
-    """The pictures of a people.parquet, read where they are asked for: those of an hour would fill the memory.
+    """The images of a people.parquet, read when they are needed: those of an hour would fill the memory.
 
-    Raises InputError where it is none, or one picture stands twice; threads may share it.
+    Raises InputError where the file is not such a table, or has two images of one camera and frame; threads may share
+    it.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        keys, group = _read_keys(path)
+        keys, group = self._read_keys()
         if keys.group_by(["frame", "camera"]).aggregate([]).num_rows != len(keys):
-            raise InputError(path, "has two pictures of one frame and camera", "track the recording again")
+            raise _two_of_one(path)
         frame, camera = keys["frame"].to_numpy(), keys["camera"].to_numpy(zero_copy_only=False)
         self._where = dict[str, tuple[np.ndarray, np.ndarray]]()
         for name in np.unique(camera):
             order = np.flatnonzero(camera == name)
             order = order[np.argsort(frame[order])]
             self._where[str(name)] = (frame[order], group[order])
-        self._read = lru_cache(GROUPS_KEPT)(partial(_read_group, path))
+        self._read = lru_cache(GROUPS_KEPT)(self._read_group)
 
-    def get(self, frame: int, camera: str) -> LabelPicture | None:
-        """The picture, still packed; None where nothing was told apart. Raises InputError where it cannot be read."""
+    def get(self, frame: int, camera: str) -> LabelImage | None:
+        """The image, still encoded; None where there is none. Raises InputError where it cannot be read."""
         frames, groups = self._where.get(camera, (_NOWHERE, _NOWHERE))
         place = int(np.searchsorted(frames, frame))
         if place == len(frames) or frames[place] != frame:
@@ -118,43 +118,24 @@ class StoredPeople:
             raise InputError(self._path, "has been replaced meanwhile", "start again")
         return found
 
+    def _read_keys(self) -> tuple[pa.Table, np.ndarray]:
+        """Frame and camera of each row, and (n,) int32 the row group that it is in."""
+        with self._opened() as file:
+            rows = [file.metadata.row_group(number).num_rows for number in range(file.num_row_groups)]
+            return file.read(["frame", "camera"]), np.repeat(np.arange(len(rows), dtype=np.int32), rows)
 
-def _read_keys(path: Path) -> tuple[pa.Table, np.ndarray]:
-    """Frame and camera of each row, and (n,) int32 the row group that it is in."""
-    with _opened(path) as file:
-        rows = [file.metadata.row_group(number).num_rows for number in range(file.num_row_groups)]
-        return file.read(["frame", "camera"]), np.repeat(np.arange(len(rows), dtype=np.int32), rows)
+    def _read_group(self, number: int) -> dict[tuple[int, str], LabelImage]:
+        with self._opened() as file:
+            rows = PEOPLE.records(self._path, file.read_row_group(number)) if number < file.num_row_groups else ()
+        return {(row.frame, row.camera): row for row in rows}
 
-
-def _read_group(path: Path, number: int) -> dict[tuple[int, str], LabelPicture]:
-    with _opened(path) as file:
-        rows = file.read_row_group(number).to_pylist() if number < file.num_row_groups else []
-    return {(row["frame"], row["camera"]): LabelPicture(row["frame"], row["camera"], row["labels"]) for row in rows}
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[Any]:
-    """A parquet file of our columns; raises InputError where it is none or cannot be read in the block."""
-    try:
-        with pq.ParquetFile(path) as file:
-            if file.schema_arrow.names != PEOPLE_SCHEMA.names or file.schema_arrow.types != PEOPLE_SCHEMA.types:
-                raise InputError(path, f"its columns are not {', '.join(PEOPLE_SCHEMA.names)}", "track again")
+    @contextmanager
+    def _opened(self) -> Iterator[Any]:
+        """The open file; raises InputError where it is not such a table or cannot be read in the block."""
+        with refuse_unreadable(self._path), pq.ParquetFile(self._path) as file:
+            require_columns(self._path, file.schema_arrow, PEOPLE.schema)
             yield file
-    except (pa.ArrowException, OSError) as error:
-        problem = f"is no parquet table ({str(error).splitlines()[0][:80]})"
-        raise InputError(path, problem, "track the recording again") from None
 
 
-def frames_of_people(path: Path) -> np.ndarray:
-    """(k,) int32, increasing: the frames of which there is a picture, without reading the pictures."""
-    frames: np.ndarray = np.unique(pq.read_table(path, columns=["frame"])["frame"].to_numpy())
-    return frames
-
-
-def _to_table(pictures: Sequence[LabelPicture]) -> pa.Table:
-    columns = [
-        pa.array([picture.frame for picture in pictures], pa.int32()),
-        pa.array([picture.camera for picture in pictures], pa.string()),
-        pa.array([picture.png_bytes for picture in pictures], pa.binary()),
-    ]
-    return pa.Table.from_arrays(columns, schema=PEOPLE_SCHEMA)
+def _two_of_one(path: Path) -> InputError:
+    return InputError(path, "has two pictures of one frame and camera", TRACK_AGAIN)

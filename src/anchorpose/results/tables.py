@@ -1,40 +1,52 @@
-"""joints.parquet: written frame by frame, the same bytes for the same frames; and read back whole."""
+"""The tables of a results folder that have the same rows in every frame: joints, anchors, angles, posture."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Final, Generic, TypeVar
+from typing import Final
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
-from anchorpose.errors import InputError
-from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, LOST, STATE_CODE, JointState
-from anchorpose.results.joint_frame import JointFrame
+from anchorpose.geodesics.anchors import ANCHOR_NAMES
+from anchorpose.joints import JOINT_COUNT, JOINT_NAMES, LOST, STATE_CODE, JointState
+from anchorpose.results.frame_table import Codes, Column, Flags, FrameTable, Numbers
+from anchorpose.results.parquet import MEASURE_AGAIN, TRACK_AGAIN
 
-JOINTS_FILE: Final = "joints.parquet"
+_STATES: Final = tuple(str(state) for state in JointState)
 
-JOINTS_SCHEMA: Final = pa.schema(
-    [
-        pa.field("frame", pa.int32(), nullable=False),
-        pa.field("time_s", pa.float64(), nullable=False),
-        pa.field("joint", pa.string(), nullable=False),
-        pa.field("x_m", pa.float64()),
-        pa.field("y_m", pa.float64()),
-        pa.field("z_m", pa.float64()),
-        pa.field("state", pa.string(), nullable=False),
-        pa.field("sigma_m", pa.float64()),
-    ]
-)
 
-Row = TypeVar("Row")
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class JointFrame:
+    """The 21 joints at one time of the reference clock, order of ``JOINT_NAMES``, world frame.
 
-FRAMES_PER_ROW_GROUP: Final = 512
-"""Half a megabyte in memory; fixed, since row groups decide the bytes of the file."""
+    position_m (21, 3) float64, NaN where lost; sigma_m (21,) float64, one standard deviation along each axis, NaN where
+    lost. Raises ValueError where position, sigma and state disagree: a lost joint has no numbers, any other has all.
+    """
+
+    frame: int
+    time_s: float
+    position_m: np.ndarray
+    state: tuple[JointState, ...]
+    sigma_m: np.ndarray
+
+    def __post_init__(self) -> None:
+        if self.position_m.shape != (JOINT_COUNT, 3) or self.sigma_m.shape != (JOINT_COUNT,):
+            raise ValueError(f"position_m is {self.position_m.shape} and sigma_m {self.sigma_m.shape}, not 21 joints")
+        if len(self.state) != JOINT_COUNT:
+            raise ValueError(f"{len(self.state)} states given for {JOINT_COUNT} joints")
+        lost = np.array([state is JointState.LOST for state in self.state])
+        known = np.isfinite(self.position_m).all(axis=1) & np.isfinite(self.sigma_m) & (self.sigma_m > 0)
+        blank = np.isnan(self.position_m).all(axis=1) & np.isnan(self.sigma_m)
+        if not np.where(lost, blank, known).all():
+            wrong = int(np.flatnonzero(~np.where(lost, blank, known))[0])
+            raise ValueError(
+                f"frame {self.frame}, joint {wrong}: position, sigma and state {self.state[wrong]} disagree"
+            )
+
+    @property
+    def state_code(self) -> np.ndarray:
+        """(21,) int8, ``STATE_CODE`` of each state."""
+        return np.array([STATE_CODE[state] for state in self.state], dtype=np.int8)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,92 +69,143 @@ class JointTable:
         return self.state_code == LOST
 
 
-class RowGroups(Generic[Row]):
-    """Appends rows to an open parquet file, one row group at a time: memory holds no more."""
-
-    def __init__(self, writer: Any, to_table: Callable[[Sequence[Row]], pa.Table], size: int) -> None:
-        self._writer, self._to_table, self._size, self._rows = writer, to_table, size, list[Row]()
-
-    def append(self, row: Row) -> None:
-        """Adds one row."""
-        self._rows.append(row)
-        if len(self._rows) == self._size:
-            self.flush()
-
-    def flush(self) -> None:
-        """Writes what is held back."""
-        if self._rows:
-            self._writer.write_table(self._to_table(self._rows))
-            self._rows = []
+JOINTS: Final = FrameTable(
+    file="joints.parquet",
+    arrays=JointTable,
+    thing="joint",
+    names=JOINT_NAMES,
+    columns={
+        "position_m": Numbers(("x_m", "y_m", "z_m")),
+        "state_code": Codes("state", _STATES, TRACK_AGAIN),
+        "sigma_m": Numbers(("sigma_m",)),
+    },
+    remedy=TRACK_AGAIN,
+)
+JOINTS_FILE, read_joints, write_joints = JOINTS.file, JOINTS.read, JOINTS.open
 
 
-@contextmanager
-def write_joints(path: Path) -> Iterator[RowGroups[JointFrame]]:
-    """Opens joints.parquet for writing, frame by frame; the file is complete when the block ends without an error."""
-    with open_parquet(path, JOINTS_SCHEMA) as writer:
-        joints = RowGroups(writer, _to_table, FRAMES_PER_ROW_GROUP)
-        yield joints
-        joints.flush()
+@dataclass(frozen=True, slots=True, eq=False)
+class AnchorFrame:
+    """Head, hands and feet in one frame: position_m (5, 3) world and sigma_m (5,), order of ``ANCHOR_NAMES``.
+
+    They are extrema of the surface, not joints; NaN where missed.
+    """
+
+    frame: int
+    time_s: float
+    position_m: np.ndarray
+    sigma_m: np.ndarray
 
 
-def open_parquet(path: Path, schema: pa.Schema) -> Any:
-    """A parquet writer with everything fixed that decides the bytes."""
-    return pq.ParquetWriter(path, schema, version="2.6", compression="zstd", compression_level=3)
+@dataclass(frozen=True, slots=True, eq=False)
+class AnchorTable:
+    """All frames: frame (n,) int32, time_s (n,), position_m (n, 5, 3), sigma_m (n, 5) float64, NaN where missed."""
+
+    frame: np.ndarray
+    time_s: np.ndarray
+    position_m: np.ndarray
+    sigma_m: np.ndarray
 
 
-def read_joints(path: Path) -> JointTable:
-    """A joints.parquet, whichever order its rows are in; raises InputError unless every frame has its 21 joints."""
-    table = read_parquet(path, JOINTS_SCHEMA)
-    columns = {name: table[name].to_numpy(zero_copy_only=False) for name in ("frame", "time_s", "sigma_m")}
-    joints = _codes(path, table["joint"], JOINT_INDEX, "joint")
-    state_codes = _codes(path, table["state"], {str(state): STATE_CODE[state] for state in JointState}, "state")
-    frame, first, row = np.unique(columns["frame"], return_index=True, return_inverse=True)
-    seen = np.zeros((len(frame), JOINT_COUNT), dtype=np.int64)
-    np.add.at(seen, (row, joints), 1)
-    if len(frame) == 0 or (seen != 1).any():
-        raise InputError(path, "has no frames, or frames without exactly 21 joints", "track the recording again")
-    position_m = np.full((len(frame), JOINT_COUNT, 3), np.nan)
-    sigma_m = np.full((len(frame), JOINT_COUNT), np.nan)
-    state_code = np.zeros((len(frame), JOINT_COUNT), dtype=np.int8)
-    position_m[row, joints] = np.stack([table[axis].to_numpy() for axis in ("x_m", "y_m", "z_m")], axis=1)
-    sigma_m[row, joints], state_code[row, joints] = columns["sigma_m"], state_codes
-    return JointTable(frame, columns["time_s"][first], position_m, state_code, sigma_m)
+ANCHORS: Final = FrameTable(
+    file="anchors.parquet",
+    arrays=AnchorTable,
+    thing="anchor",
+    names=ANCHOR_NAMES,
+    columns={"position_m": Numbers(("x_m", "y_m", "z_m")), "sigma_m": Numbers(("sigma_m",))},
+    remedy=TRACK_AGAIN,
+)
+ANCHORS_FILE, read_anchors, write_anchors = ANCHORS.file, ANCHORS.read, ANCHORS.open
 
 
-def read_parquet(path: Path, schema: pa.Schema, rows: Any = None) -> pa.Table:
-    """A table with exactly the columns of ``schema``; raises InputError otherwise. rows: an expression of pyarrow that
-    says which rows are read; None for all."""
-    try:
-        table = pq.read_table(path, filters=rows)
-    except FileNotFoundError:
-        raise InputError(path, "there is no such file", "give a results folder made by 'anchorpose track'") from None
-    except (pa.ArrowException, OSError) as error:
-        problem = f"is no parquet table ({str(error).splitlines()[0][:80]})"
-        raise InputError(path, problem, "track the recording again") from None
-    if table.schema.names != schema.names or table.schema.types != schema.types:
-        raise InputError(path, f"its columns are not {', '.join(schema.names)}", "track the recording again")
-    return table
+@dataclass(frozen=True, slots=True, eq=False)
+class AngleTable:
+    """frame (n,) int32, time_s (n,) float64, names (a,) of docs/angles.md; ``kinematics`` defines the angles.
+
+    degrees and sigma_deg (n, a) float64, NaN where a joint is lost or the pose leaves the angle undetermined;
+    state_code (n, a) int8 index into ``JointState``, the worst of the joints involved.
+    """
+
+    frame: np.ndarray
+    time_s: np.ndarray
+    names: tuple[str, ...]
+    degrees: np.ndarray
+    state_code: np.ndarray
+    sigma_deg: np.ndarray
+
+    def column(self, name: str) -> int:
+        """Index of the angle ``name`` on the second axis; raises ValueError where there is none."""
+        return self.names.index(name)
 
 
-def _to_table(frames: Sequence[JointFrame]) -> pa.Table:
-    position = np.concatenate([frame.position_m for frame in frames])
-    sigma = np.concatenate([frame.sigma_m for frame in frames])
-    columns = [
-        pa.array(np.repeat(np.array([frame.frame for frame in frames], dtype=np.int32), JOINT_COUNT)),
-        pa.array(np.repeat(np.array([frame.time_s for frame in frames], dtype=np.float64), JOINT_COUNT)),
-        pa.array(JOINT_NAMES * len(frames), pa.string()),
-        *(pa.array(position[:, axis], pa.float64(), from_pandas=True) for axis in range(3)),  # NaN becomes null
-        pa.array([str(state) for frame in frames for state in frame.state], pa.string()),
-        pa.array(sigma, pa.float64(), from_pandas=True),
-    ]
-    return pa.Table.from_arrays(columns, schema=JOINTS_SCHEMA)
+_ANGLE_COLUMNS: Final[dict[str, Column]] = {
+    "degrees": Numbers(("degrees",)),
+    "state_code": Codes("state", _STATES, MEASURE_AGAIN),
+    "sigma_deg": Numbers(("sigma_deg",)),
+}
+
+ANGLES: Final = FrameTable(
+    file="angles.parquet", arrays=AngleTable, thing="angle", columns=_ANGLE_COLUMNS, remedy=MEASURE_AGAIN
+)
+ANGLES_FILE, read_angles, write_angles = ANGLES.file, ANGLES.read, ANGLES.write
 
 
-def _codes(path: Path, column: pa.ChunkedArray, code_of: dict[str, int], what: str) -> np.ndarray:
-    encoded = column.combine_chunks().dictionary_encode()
-    names = encoded.dictionary.to_pylist()
-    for name in names:
-        if name not in code_of:
-            raise InputError(path, f"holds the unknown {what} '{name}'", "track the recording again")
-    codes = np.array([code_of[name] for name in names], dtype=np.int64)
-    return codes[encoded.indices.to_numpy()]
+PROCESSING: Final = ("measured", "smoothed", "filled")
+"""What was done to an angle's joints, the worst of them; the codes of ``ProcessedAngles.processing``."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProcessedAngles(AngleTable):
+    """Angles of joints that were smoothed or whose gaps were filled.
+
+    processing (n, a) int8 index into ``PROCESSING``; policy: the settings and what came of them, as JSON.
+    """
+
+    processing: np.ndarray
+    policy: str
+
+
+ANGLES_PROCESSED: Final = FrameTable(
+    file="angles_processed.parquet",
+    arrays=ProcessedAngles,
+    thing="angle",
+    columns={**_ANGLE_COLUMNS, "processing": Codes("processing", PROCESSING, MEASURE_AGAIN)},
+    text=("policy", "processing_policy"),
+    remedy=MEASURE_AGAIN,
+)
+PROCESSED_FILE, read_processed_angles = ANGLES_PROCESSED.file, ANGLES_PROCESSED.read
+write_processed_angles = ANGLES_PROCESSED.write
+
+
+NOT_UPRIGHT, UPRIGHT = 0, 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PostureTable:
+    """One row per frame: the estimated centre of mass of the whole body, and whether the patient is upright.
+
+    frame (n,) int32, time_s (n,) float64. com_m (n, 3) float64 world, NaN where a joint that it needs is lost;
+    com_sigma_m (n,) float64, one standard deviation along each axis. upright (n,) int8: ``UPRIGHT``, ``NOT_UPRIGHT`` or
+    ``UNKNOWN``. state_code (n,) int8 index into ``JointState``: the worst of the joints used.
+    """
+
+    frame: np.ndarray
+    time_s: np.ndarray
+    com_m: np.ndarray
+    com_sigma_m: np.ndarray
+    upright: np.ndarray
+    state_code: np.ndarray
+
+
+POSTURE: Final = FrameTable(
+    file="posture.parquet",
+    arrays=PostureTable,
+    columns={
+        "com_m": Numbers(("com_x_m", "com_y_m", "com_z_m")),
+        "com_sigma_m": Numbers(("com_sigma_m",)),
+        "upright": Flags("upright"),
+        "state_code": Codes("state", _STATES, MEASURE_AGAIN),
+    },
+    remedy=MEASURE_AGAIN,
+)
+POSTURE_FILE, read_posture, write_posture = POSTURE.file, POSTURE.read, POSTURE.write

@@ -12,10 +12,9 @@ from anchorpose.body.skin_points import Body, pose_points
 from anchorpose.geodesics.anchors import no_anchors
 from anchorpose.joints import JointState
 from anchorpose.recording.recording import FrameSet
-from anchorpose.results.anchors_table import AnchorFrame
-from anchorpose.results.joint_frame import JointFrame
-from anchorpose.results.people_labels import LabelPicture, label_picture
+from anchorpose.results.people_labels import LabelImage, encode_labels
 from anchorpose.results.poses import BodyPose
+from anchorpose.results.tables import AnchorFrame, JointFrame
 from anchorpose.rotations import quaternions
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.observation import Observation
@@ -134,13 +133,13 @@ def anchor_frame(estimate: Estimate) -> AnchorFrame:
     return AnchorFrame(estimate.frame_set.frame, estimate.frame_set.time_s, anchors.position_m, anchors.sigma_m)
 
 
-def label_pictures(frame_set: FrameSet, observation: Observation | None) -> tuple[LabelPicture, ...]:
+def label_pictures(frame_set: FrameSet, observation: Observation | None) -> tuple[LabelImage, ...]:
     """Whose each pixel is, of the cameras that have a picture of the frame."""
     if observation is None:
         return ()
     evidence = observation.evidence
     return tuple(
-        label_picture(frame_set.frame, camera.name, view)
+        encode_labels(frame_set.frame, camera.name, view)
         for camera, view in zip(evidence.cameras, evidence.views, strict=True)
         if view is not None
     )

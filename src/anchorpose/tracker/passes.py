@@ -10,7 +10,7 @@ import numpy as np
 from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body
 from anchorpose.recording.reader import read_frames
 from anchorpose.recording.recording import FrameSet, Recording
-from anchorpose.results.people_labels import LabelPicture
+from anchorpose.results.people_labels import LabelImage
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import follow_patient
@@ -55,7 +55,7 @@ def learn_on(route: Route, run: Run) -> LearntPatient | None:
 
 
 def track_on(
-    route: Route, run: Run, shape: FittedShape | None, keep_labels: Callable[[LabelPicture], None]
+    route: Route, run: Run, shape: FittedShape | None, keep_labels: Callable[[LabelImage], None]
 ) -> Iterator[FrameRecord]:
     """A record of every frame in the order of time.
 
@@ -63,7 +63,7 @@ def track_on(
     """
     kept = set[tuple[int, str]]()
 
-    def keep_once(picture: LabelPicture) -> None:  # the initial frame stands on both sides
+    def keep_once(picture: LabelImage) -> None:  # the initial frame stands on both sides
         if (picture.frame, picture.camera) not in kept:
             kept.add((picture.frame, picture.camera))
             keep_labels(picture)
@@ -82,7 +82,7 @@ class _Passes:
     run: Run
     shape: FittedShape | None
     body: Body | None
-    keep_labels: Callable[[LabelPicture], None]
+    keep_labels: Callable[[LabelImage], None]
 
     def side(self, positions: Sequence[int]) -> Iterator[FrameRecord]:
         """All frames from the initial frame to one end, in this order."""

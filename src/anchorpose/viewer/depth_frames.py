@@ -20,7 +20,7 @@ from anchorpose.recording.depth_image import read_depth_picture
 from anchorpose.recording.pairing import pair_frames
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording import Clock, Recording, put_clocks_together
-from anchorpose.results.people_labels import PEOPLE_FILE, ROOM, StoredPeople, read_picture
+from anchorpose.results.people_labels import PEOPLE_FILE, ROOM, StoredPeople, decode_labels
 from anchorpose.results.run_record import RUN_FILE, hash_files
 from anchorpose.surface.mesh import build_surface, faces
 
@@ -141,7 +141,7 @@ class Footage:
         packed = self.people.get(int(self.frame[position]), self.cameras[camera].name)
         if packed is None:
             return np.full((self.cameras[camera].height, self.cameras[camera].width), ROOM, np.uint8)
-        return read_picture(packed)
+        return decode_labels(packed)
 
 
 def open_footage(folder: Path, results: Path, run: dict[str, Any], frame: np.ndarray) -> Footage:

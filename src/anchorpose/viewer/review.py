@@ -9,12 +9,20 @@ from typing import Any
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.results.anchors_table import ANCHORS_FILE, AnchorTable, read_anchors
-from anchorpose.results.angles import ANGLES_FILE, AngleTable, read_angles
-from anchorpose.results.contacts import CONTACTS_FILE, Contact, read_contacts
 from anchorpose.results.poses import POSES_FILE, PoseTable, read_poses
+from anchorpose.results.records import CONTACTS_FILE, Contact, read_contacts
 from anchorpose.results.run_record import RUN_FILE, read_run_document
-from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
+from anchorpose.results.tables import (
+    ANCHORS_FILE,
+    ANGLES_FILE,
+    JOINTS_FILE,
+    AnchorTable,
+    AngleTable,
+    JointTable,
+    read_anchors,
+    read_angles,
+    read_joints,
+)
 from anchorpose.viewer.depth_frames import Footage, open_footage
 
 

@@ -10,11 +10,10 @@ from typing import Final
 import numpy as np
 
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.results.angles import AngleTable
 from anchorpose.results.kinematics.definition import LEAST_LEVER, AngleGroup
 from anchorpose.results.kinematics.limbs import ARMS, LEGS
 from anchorpose.results.kinematics.trunk import NECK, PELVIS, TRUNK
-from anchorpose.results.tables import JointTable
+from anchorpose.results.tables import AngleTable, JointTable
 
 
 def angles_with_sigma(

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
 from anchorpose.errors import AnchorposeError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, STATE_CODE, JointState
-from anchorpose.results.angles_processed import PROCESSING, ProcessedAngles
 from anchorpose.results.frame_time import longest_even_step_s, unbroken_runs, usual_step_s
 from anchorpose.results.kinematics.joint_angles import ANGLE_GROUPS, joint_angles
 from anchorpose.results.processing.filters import (
@@ -20,7 +19,7 @@ from anchorpose.results.processing.filters import (
     smooth_stretch,
 )
 from anchorpose.results.processing.policy import ProcessingConfig, fill_gaps, policy_text
-from anchorpose.results.tables import JointTable
+from anchorpose.results.tables import PROCESSING, JointTable, ProcessedAngles
 
 MEASURED, SMOOTHED, FILLED = range(len(PROCESSING))
 
@@ -66,7 +65,8 @@ def process_angles(joints: JointTable, config: ProcessingConfig) -> ProcessedAng
     counts = {f"joint_frames_{name}": int((done.processing == code).sum()) for code, name in enumerate(PROCESSING)}
     counts["joint_frames_measured"] -= int(done.joints.lost.sum())
     counts["joint_frames_lost"] = int(done.joints.lost.sum())
-    return ProcessedAngles(angles, np.stack(columns, axis=1), policy_text(config, counts))
+    arrays = {field.name: getattr(angles, field.name) for field in fields(angles)}
+    return ProcessedAngles(**arrays, processing=np.stack(columns, axis=1), policy=policy_text(config, counts))
 
 
 def _smooth(

@@ -10,9 +10,8 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.results.contacts import Contact
 from anchorpose.results.frame_time import unbroken_runs
-from anchorpose.results.measures import Measure
+from anchorpose.results.records import Contact, Measure
 from anchorpose.results.stand_training.session import Session
 
 

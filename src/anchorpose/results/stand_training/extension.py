@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.results.measures import Measure
+from anchorpose.results.records import Measure
 from anchorpose.results.stand_training.session import Session, inferred_share
 from anchorpose.results.uncertainty import sigma_of_mean, systematic_sigma
 

@@ -6,11 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from anchorpose.results.angles import AngleTable
-from anchorpose.results.contacts import Contact
 from anchorpose.results.frame_time import frame_seconds
-from anchorpose.results.measures import Measure
-from anchorpose.results.posture import PostureTable
+from anchorpose.results.records import Contact, Measure
 from anchorpose.results.stand_training.assistance import assistance_measures
 from anchorpose.results.stand_training.centre_of_mass import centre_of_mass
 from anchorpose.results.stand_training.extension import ExtensionConfig, extension_measures, symmetry_measures
@@ -24,7 +21,7 @@ from anchorpose.results.stand_training.transitions import (
     transition_measures,
     transitions,
 )
-from anchorpose.results.tables import JointTable
+from anchorpose.results.tables import AngleTable, JointTable, PostureTable
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,12 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from anchorpose.joints import LOST
-from anchorpose.results.angles import AngleTable
-from anchorpose.results.contacts import Contact
-from anchorpose.results.episodes import SIT_TO_STAND, STAND_TO_SIT, Episode
-from anchorpose.results.posture import UPRIGHT, PostureTable
+from anchorpose.results.records import SIT_TO_STAND, STAND_TO_SIT, Contact, Episode
 from anchorpose.results.stand_training.stance import Stance
-from anchorpose.results.tables import JointTable
+from anchorpose.results.tables import UPRIGHT, AngleTable, JointTable, PostureTable
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,10 +11,10 @@ from typing import Final
 import numpy as np
 
 from anchorpose.joints import JOINT_INDEX
+from anchorpose.results.frame_table import UNKNOWN
 from anchorpose.results.kinematics.definition import AngleGroup, Points, Reading, length
 from anchorpose.results.kinematics.joint_angles import angles_with_sigma
-from anchorpose.results.posture import NOT_UPRIGHT, UNKNOWN, UPRIGHT
-from anchorpose.results.tables import JointTable
+from anchorpose.results.tables import NOT_UPRIGHT, UPRIGHT, JointTable
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,8 +9,8 @@ import numpy as np
 
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.results.frame_time import LONGEST_STEP, unbroken_runs, usual_step_s
-from anchorpose.results.measures import Measure
 from anchorpose.results.processing.filters import low_pass
+from anchorpose.results.records import Measure
 from anchorpose.results.stand_training.session import Session, inferred_share
 from anchorpose.results.uncertainty import random_sigma
 

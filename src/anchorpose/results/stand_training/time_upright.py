@@ -7,13 +7,12 @@ from typing import Final
 import numpy as np
 
 from anchorpose.joints import JointState
-from anchorpose.results.episodes import UPRIGHT_EPISODE, Episode
+from anchorpose.results.frame_table import UNKNOWN
 from anchorpose.results.frame_time import recorded_seconds, runs_of_known
-from anchorpose.results.measures import Measure
-from anchorpose.results.posture import UNKNOWN, UPRIGHT
+from anchorpose.results.records import UPRIGHT_EPISODE, Episode, Measure
 from anchorpose.results.stand_training.session import Session, inferred_share
 from anchorpose.results.stand_training.stance import Stance, UprightConfig, upright
-from anchorpose.results.tables import JointTable
+from anchorpose.results.tables import UPRIGHT, JointTable
 
 NO_TIME: Final = "the recording has a single frame, which has no duration"
 NEVER_KNOWN: Final = "in no frame was it known whether the patient was upright"

@@ -8,14 +8,13 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.results.episodes import SIT_TO_STAND, STAND_TO_SIT, Episode
+from anchorpose.results.frame_table import UNKNOWN
 from anchorpose.results.frame_time import frame_seconds, runs_of_known, unbroken_runs, usual_step_s
-from anchorpose.results.measures import Measure
-from anchorpose.results.posture import UNKNOWN, UPRIGHT
+from anchorpose.results.records import SIT_TO_STAND, STAND_TO_SIT, Episode, Measure
 from anchorpose.results.stand_training.session import Session, inferred_share
 from anchorpose.results.stand_training.stance import Stance, hold
 from anchorpose.results.stand_training.time_upright import NEVER_KNOWN, episode
-from anchorpose.results.tables import JointTable
+from anchorpose.results.tables import UPRIGHT, JointTable
 from anchorpose.results.uncertainty import random_sigma
 
 

@@ -1,0 +1,211 @@
+"""How a table with the same rows in every frame is declared, written and read; in memory it is a set of arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final, Generic, TypeVar
+
+import numpy as np
+import pyarrow as pa
+
+from anchorpose.errors import InputError
+from anchorpose.results.parquet import RowGroups, open_parquet, read_parquet
+
+Frames = TypeVar("Frames")
+
+FRAMES_PER_ROW_GROUP: Final = 512
+"""Half a megabyte of joints in memory; fixed, since row groups decide the bytes of the file."""
+
+UNKNOWN: Final = -1
+"""A flag that is neither 1 (yes) nor 0 (no)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Numbers:
+    """Columns of one array (..., names), or (...) where there is one name; NaN is null in the file."""
+
+    names: tuple[str, ...]
+    type: pa.DataType = field(default_factory=pa.float64)
+
+    def schema(self) -> list[pa.Field]:
+        """Nullable numbers."""
+        return [pa.field(name, self.type) for name in self.names]
+
+    def to_arrow(self, values: np.ndarray) -> list[pa.Array]:
+        """The columns of an array."""
+        flat = values.astype(self.type.to_pandas_dtype(), copy=False).reshape(-1, len(self.names))
+        return [pa.array(column, self.type, from_pandas=True) for column in flat.T]
+
+    def to_numpy(self, path: Path, table: pa.Table) -> np.ndarray:
+        """(rows, names), or (rows,) where there is one name."""
+        columns = [table[name].to_numpy(zero_copy_only=False) for name in self.names]
+        return columns[0] if len(columns) == 1 else np.stack(columns, axis=1)
+
+
+@dataclass(frozen=True, slots=True)
+class Codes:
+    """A column of texts that is an int8 array of indices into ``texts`` in memory."""
+
+    name: str
+    texts: tuple[str, ...]
+    remedy: str
+
+    def schema(self) -> list[pa.Field]:
+        """A text in every row."""
+        return [pa.field(self.name, pa.string(), nullable=False)]
+
+    def to_arrow(self, values: np.ndarray) -> list[pa.Array]:
+        """The column of an array."""
+        return [pa.array(np.array(self.texts, dtype=object)[values.ravel()], pa.string())]
+
+    def to_numpy(self, path: Path, table: pa.Table) -> np.ndarray:
+        """(rows,) int8; raises InputError for a text that is not one of ``texts``."""
+        return _codes(path, table[self.name], self.name, self.texts, self.remedy)[1].astype(np.int8)
+
+
+@dataclass(frozen=True, slots=True)
+class Flags:
+    """A column of yes and no, int8 in memory: 1 yes, 0 no, ``UNKNOWN`` null."""
+
+    name: str
+
+    def schema(self) -> list[pa.Field]:
+        """Nullable."""
+        return [pa.field(self.name, pa.bool_())]
+
+    def to_arrow(self, values: np.ndarray) -> list[pa.Array]:
+        """The column of an array."""
+        return [pa.array(values == 1, mask=values == UNKNOWN)]
+
+    def to_numpy(self, path: Path, table: pa.Table) -> np.ndarray:
+        """(rows,) int8."""
+        column = table[self.name].cast(pa.int8()).fill_null(UNKNOWN)
+        flags: np.ndarray = column.to_numpy(zero_copy_only=False).astype(np.int8)
+        return flags
+
+
+Column = Numbers | Codes | Flags
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameTable(Generic[Frames]):
+    """A table with the same rows in every frame.
+
+    arrays: the dataclass that holds the table in memory, with frame (n,) int32, time_s (n,) float64 and the arrays of
+    ``columns`` by their names, (n, ...) or (n, things, ...). thing: the column that names what a row is about, such as
+    "joint"; None where there is one row per frame. names: the things in their order; None where each file has its own,
+    which are then the field ``names``. text: a field that stands in the file's metadata, and its key there.
+    """
+
+    file: str
+    arrays: Callable[..., Frames]
+    columns: Mapping[str, Column]
+    thing: str | None = None
+    names: tuple[str, ...] | None = None
+    text: tuple[str, str] | None = None
+    remedy: str
+
+    def schema(self) -> pa.Schema:
+        """The columns of the file."""
+        start = [pa.field("frame", pa.int32(), nullable=False), pa.field("time_s", pa.float64(), nullable=False)]
+        thing = [pa.field(self.thing, pa.string(), nullable=False)] if self.thing else []
+        return pa.schema([*start, *thing, *(each for column in self.columns.values() for each in column.schema())])
+
+    def write(self, path: Path, frames: Frames) -> None:
+        """Writes the whole table."""
+        schema = self.schema()
+        if self.text:
+            schema = schema.with_metadata({self.text[1]: getattr(frames, self.text[0])})
+        names: tuple[str, ...] = getattr(frames, "names", ()) if self.names is None else self.names
+        arrays = self._arrays(frames)
+        with open_parquet(path, schema) as writer:
+            for start in range(0, len(arrays["frame"]), FRAMES_PER_ROW_GROUP):
+                some = {name: array[start : start + FRAMES_PER_ROW_GROUP] for name, array in arrays.items()}
+                writer.write_table(self._to_table(schema, names, some))
+
+    @contextmanager
+    def open(self, path: Path) -> Iterator[RowGroups[Any]]:
+        """Opens the file for writing frame by frame; it is complete when the block ends without an error.
+
+        A frame has the fields of ``arrays`` without their first axis.
+        """
+        schema = self.schema()
+
+        def to_table(frames: Sequence[Any]) -> pa.Table:
+            each = [self._arrays(frame) for frame in frames]
+            stacked = {name: np.stack([arrays[name] for arrays in each]) for name in each[0]}
+            return self._to_table(schema, self.names or (), stacked)
+
+        with open_parquet(path, schema) as writer:
+            groups = RowGroups[Any](writer, to_table, FRAMES_PER_ROW_GROUP)
+            yield groups
+            groups.flush()
+
+    def read(self, path: Path) -> Frames:
+        """The table, whichever order its rows are in; raises InputError unless every frame has each thing once."""
+        table = read_parquet(path, self.schema())
+        frame = table["frame"].to_numpy()
+        names, codes = self._things(path, table)
+        order, count = np.lexsort((codes, frame)), max(len(names), 1)
+        complete = len(frame) > 0 and len(frame) % count == 0
+        if complete:
+            by_frame, things = frame[order].reshape(-1, count), codes[order].reshape(-1, count)
+            complete = bool((things == np.arange(count)).all() and (by_frame == by_frame[:, :1]).all())
+            complete &= bool((np.diff(by_frame[:, 0]) > 0).all())
+        if not complete:
+            rows = f"{len(names)} {self.thing}s" if self.thing else "one row"
+            raise InputError(path, f"has no frames, or frames without exactly {rows}", self.remedy)
+        shape = (-1, count) if self.thing else (-1,)
+        arrays = {name: column.to_numpy(path, table)[order] for name, column in self.columns.items()}
+        first = order[::count]
+        return self.arrays(
+            frame=frame[first],
+            time_s=table["time_s"].to_numpy()[first],
+            **{name: array.reshape(*shape, *array.shape[1:]) for name, array in arrays.items()},
+            **({"names": names} if self.thing and self.names is None else {}),
+            **self._text(path, table.schema),
+        )
+
+    def _arrays(self, frames: Any) -> dict[str, np.ndarray]:
+        return {name: np.asarray(getattr(frames, name)) for name in ("frame", "time_s", *self.columns)}
+
+    def _to_table(self, schema: pa.Schema, names: Sequence[str], arrays: dict[str, np.ndarray]) -> pa.Table:
+        count = len(names) if self.thing else 1
+        columns = [
+            pa.array(np.repeat(arrays["frame"].astype(np.int32), count)),
+            pa.array(np.repeat(arrays["time_s"].astype(np.float64), count)),
+            *([pa.array(list(names) * len(arrays["frame"]), pa.string())] if self.thing else []),
+        ]
+        for name, column in self.columns.items():
+            columns += column.to_arrow(arrays[name])
+        return pa.Table.from_arrays(columns, schema=schema)
+
+    def _things(self, path: Path, table: pa.Table) -> tuple[tuple[str, ...], np.ndarray]:
+        if self.thing is None:
+            return (), np.zeros(len(table), dtype=np.int64)
+        return _codes(path, table[self.thing], self.thing, self.names, self.remedy)
+
+    def _text(self, path: Path, schema: pa.Schema) -> dict[str, str]:
+        if self.text is None:
+            return {}
+        name, key = self.text
+        text = (schema.metadata or {}).get(key.encode())
+        if text is None:
+            raise InputError(path, f"has no '{key}' in its metadata", self.remedy)
+        return {name: text.decode()}
+
+
+def _codes(
+    path: Path, column: pa.ChunkedArray, what: str, texts: tuple[str, ...] | None, remedy: str
+) -> tuple[tuple[str, ...], np.ndarray]:
+    """The texts, those of the column where None are given, and (n,) int64 the index of each row's text."""
+    encoded = column.combine_chunks().dictionary_encode()
+    found = encoded.dictionary.to_pylist()
+    known = texts if texts is not None else tuple(found)
+    for text in found:
+        if text not in known:
+            raise InputError(path, f"holds the unknown {what} '{text}'", remedy)
+    return known, np.array([known.index(text) for text in found], dtype=np.int64)[encoded.indices.to_numpy()]

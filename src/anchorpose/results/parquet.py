@@ -1,0 +1,118 @@
+"""Parquet files of the results, and how a table of records is declared: the same values always give the same bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, Final, Generic, TypeVar
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from anchorpose.errors import InputError
+
+Row = TypeVar("Row")
+
+TRACK_AGAIN: Final = "track the recording again"
+MEASURE_AGAIN: Final = "run 'anchorpose measure' on its folder again"
+
+
+class RowGroups(Generic[Row]):
+    """Appends rows to an open parquet file; memory holds no more than one row group."""
+
+    def __init__(self, writer: Any, to_table: Callable[[Sequence[Row]], pa.Table], size: int) -> None:
+        self._writer, self._to_table, self._size, self._rows = writer, to_table, size, list[Row]()
+
+    def append(self, row: Row) -> None:
+        """Adds one row."""
+        self._rows.append(row)
+        if len(self._rows) == self._size:
+            self.flush()
+
+    def flush(self) -> None:
+        """Writes the rows that are still in memory."""
+        if self._rows:
+            self._writer.write_table(self._to_table(self._rows))
+            self._rows = []
+
+
+def open_parquet(path: Path, schema: pa.Schema) -> Any:
+    """A parquet writer with everything fixed that decides the bytes."""
+    return pq.ParquetWriter(path, schema, version="2.6", compression="zstd", compression_level=3)
+
+
+def read_parquet(path: Path, schema: pa.Schema, rows: Any = None) -> pa.Table:
+    """A table with exactly the columns of ``schema``; raises InputError otherwise.
+
+    rows: a pyarrow expression that selects the rows to read; None for all.
+    """
+    with refuse_unreadable(path):
+        table = pq.read_table(path, filters=rows)
+    require_columns(path, table.schema, schema)
+    return table
+
+
+@contextmanager
+def refuse_unreadable(path: Path) -> Iterator[None]:
+    """Raises InputError where the file at ``path`` turns out in the block to be missing or no parquet table."""
+    try:
+        yield
+    except FileNotFoundError:
+        raise InputError(path, "there is no such file", "give a results folder made by 'anchorpose track'") from None
+    except (pa.ArrowException, OSError) as error:
+        raise InputError(path, f"is no parquet table ({str(error).splitlines()[0][:80]})", TRACK_AGAIN) from None
+
+
+def require_columns(path: Path, found: pa.Schema, schema: pa.Schema) -> None:
+    """Raises InputError unless the file at ``path`` has the names and types of ``schema``."""
+    if found.names != schema.names or found.types != schema.types:
+        raise InputError(path, f"its columns are not {', '.join(schema.names)}", TRACK_AGAIN)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordTable(Generic[Row]):
+    """A table with one row per record.
+
+    record: the dataclass of a row, whose attributes have the names of the columns. known: the texts that may stand in a
+    column. rows_per_group: fixed, since row groups decide the bytes of the file.
+    """
+
+    file: str
+    record: type[Row]
+    schema: pa.Schema
+    known: Mapping[str, Collection[str]] = field(default_factory=dict)
+    rows_per_group: int = 1024
+    remedy: str
+
+    def write(self, path: Path, records: Sequence[Row], metadata: dict[str, str] | None = None) -> None:
+        """Writes the whole table, rows in the order given."""
+        schema = self.schema.with_metadata(metadata) if metadata else self.schema
+        with open_parquet(path, schema) as writer:
+            writer.write_table(self._to_table(records).replace_schema_metadata(metadata))
+
+    @contextmanager
+    def open(self, path: Path) -> Iterator[RowGroups[Row]]:
+        """Opens the file for writing row by row; it is complete when the block ends without an error."""
+        with open_parquet(path, self.schema) as writer:
+            groups = RowGroups(writer, self._to_table, self.rows_per_group)
+            yield groups
+            groups.flush()
+
+    def read(self, path: Path, rows: Any = None) -> tuple[Row, ...]:
+        """All records, or those that the pyarrow expression ``rows`` selects; raises InputError for another table."""
+        return self.records(path, read_parquet(path, self.schema, rows))
+
+    def records(self, path: Path, table: pa.Table) -> tuple[Row, ...]:
+        """The rows of a table as records; path: of its file, for messages."""
+        for column, known in self.known.items():
+            for text in table[column].unique().to_pylist():
+                if text not in known:
+                    raise InputError(path, f"holds the unknown {column} '{text}'", self.remedy)
+        own = [each.name for each in fields(self.record) if each.name in self.schema.names]  # type: ignore[arg-type]
+        return tuple(self.record(**row) for row in table.select(own).to_pylist())
+
+    def _to_table(self, records: Sequence[Row]) -> pa.Table:
+        columns = [pa.array([getattr(record, each.name) for record in records], each.type) for each in self.schema]
+        return pa.Table.from_arrays(columns, schema=self.schema)

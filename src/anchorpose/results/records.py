@@ -1,0 +1,207 @@
+"""The tables of a results folder that have one row per record: contacts, episodes and measures."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from anchorpose import __version__
+from anchorpose.body.contact_regions import REGIONS
+from anchorpose.errors import InputError
+from anchorpose.joints import JointState
+from anchorpose.results.parquet import MEASURE_AGAIN, TRACK_AGAIN, RecordTable
+
+SEEN, INFERRED = "seen", "inferred"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Contact:
+    """One part of the patient that one person touched without a break.
+
+    part: one of ``REGIONS``. person: a name that stays the same as long as this person is followed. first_frame,
+    last_frame and start_s, end_s: both included. seen_share: share of the touching skin that some camera saw at the
+    time; the rest was remembered from shortly before. area_cm2: the patient's skin within reach, mean over the frames.
+    gap_mm: least measured distance between the two skins, which cameras see from outside.
+    """
+
+    part: str
+    person: str
+    first_frame: int
+    last_frame: int
+    start_s: float
+    end_s: float
+    seen_share: float
+    area_cm2: float
+    gap_mm: float
+
+    @property
+    def state(self) -> str:
+        """``seen`` where most of the touching skin was, else ``inferred``."""
+        return SEEN if self.seen_share >= 0.5 else INFERRED
+
+
+CONTACTS: Final = RecordTable(
+    file="contacts.parquet",
+    record=Contact,
+    schema=pa.schema(
+        [
+            pa.field("part", pa.string(), nullable=False),
+            pa.field("person", pa.string(), nullable=False),
+            pa.field("first_frame", pa.int32(), nullable=False),
+            pa.field("last_frame", pa.int32(), nullable=False),
+            pa.field("start_s", pa.float64(), nullable=False),
+            pa.field("end_s", pa.float64(), nullable=False),
+            pa.field("state", pa.string(), nullable=False),
+            pa.field("seen_share", pa.float64(), nullable=False),
+            pa.field("area_cm2", pa.float64(), nullable=False),
+            pa.field("gap_mm", pa.float64(), nullable=False),
+        ]
+    ),
+    known={"part": REGIONS},
+    remedy=TRACK_AGAIN,
+)
+CONTACTS_FILE, read_contacts, write_contacts = CONTACTS.file, CONTACTS.read, CONTACTS.open
+
+
+UPRIGHT_EPISODE, SIT_TO_STAND, STAND_TO_SIT = "upright", "sit_to_stand", "stand_to_sit"
+
+EPISODE_KINDS: Final = (UPRIGHT_EPISODE, SIT_TO_STAND, STAND_TO_SIT)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Episode:
+    """A stretch of time without a break in which the patient was upright, stood up or sat down.
+
+    kind: one of ``EPISODE_KINDS``. first_frame, last_frame and start_s, end_s: both included. state: the worst of the
+    joints that it was recognised by, in any of its frames.
+    """
+
+    kind: str
+    first_frame: int
+    last_frame: int
+    start_s: float
+    end_s: float
+    state: JointState
+
+    @property
+    def seconds(self) -> float:
+        """From its first frame to its last."""
+        return self.end_s - self.start_s
+
+
+EPISODES: Final = RecordTable(
+    file="episodes.parquet",
+    record=Episode,
+    schema=pa.schema(
+        [
+            pa.field("kind", pa.string(), nullable=False),
+            pa.field("first_frame", pa.int32(), nullable=False),
+            pa.field("last_frame", pa.int32(), nullable=False),
+            pa.field("start_s", pa.float64(), nullable=False),
+            pa.field("end_s", pa.float64(), nullable=False),
+            pa.field("state", pa.string(), nullable=False),
+        ]
+    ),
+    known={"kind": EPISODE_KINDS, "state": tuple(str(state) for state in JointState)},
+    remedy=MEASURE_AGAIN,
+)
+EPISODES_FILE: Final = EPISODES.file
+
+
+def write_episodes(path: Path, episodes: Sequence[Episode]) -> None:
+    """Writes episodes.parquet in the order in which they begin."""
+    EPISODES.write(path, sorted(episodes, key=lambda each: (each.start_s, EPISODE_KINDS.index(each.kind))))
+
+
+def read_episodes(path: Path) -> tuple[Episode, ...]:
+    """All rows of an episodes.parquet; raises InputError for another table."""
+    return tuple(replace(episode, state=JointState(episode.state)) for episode in EPISODES.read(path))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Measure:
+    """One number of docs/measures.md.
+
+    side: "left", "right" or None. part: a region of the body (``REGIONS``), person: as in contacts.parquet; None where
+    the measure is not about a single part or person. value: None where it is unknown, and then ``why`` says why. sigma:
+    one standard deviation of the value, None where it is unknown (counts). frames: how many it rests on.
+    inferred_share: share of these frames in which a joint that it uses was inferred rather than seen.
+    Raises ValueError where value and why disagree: one of the two is given, never both.
+    """
+
+    measure: str
+    value: float | None
+    unit: str
+    side: str | None = None
+    part: str | None = None
+    person: str | None = None
+    sigma: float | None = None
+    frames: int
+    inferred_share: float | None = None
+    why: str | None = None
+
+    def __post_init__(self) -> None:
+        if (self.value is None) != (self.why is not None):
+            raise ValueError(f"{self.measure} has the value {self.value} and the reason for none {self.why!r}")
+
+
+MEASURES: Final = RecordTable(
+    file="measures.parquet",
+    record=Measure,
+    schema=pa.schema(
+        [
+            pa.field("measure", pa.string(), nullable=False),
+            pa.field("side", pa.string()),
+            pa.field("part", pa.string()),
+            pa.field("person", pa.string()),
+            pa.field("value", pa.float64()),
+            pa.field("unit", pa.string(), nullable=False),
+            pa.field("sigma", pa.float64()),
+            pa.field("frames", pa.int32(), nullable=False),
+            pa.field("inferred_share", pa.float64()),
+            pa.field("why", pa.string()),
+        ]
+    ),
+    remedy=MEASURE_AGAIN,
+)
+MEASURES_FILE, read_measures = MEASURES.file, MEASURES.read
+
+DEFINITION_KEY: Final = "measure_definition"
+"""Of the schema's metadata: a JSON text of ``Definition``."""
+
+
+@dataclass(frozen=True, slots=True)
+class Definition:
+    """What the measures were computed by; another definition may give another number the same name.
+
+    anchorpose: the version of the program. config: the thresholds, as nested dicts of JSON values.
+    """
+
+    anchorpose: str
+    config: dict[str, Any]
+
+
+def write_measures(path: Path, measures: Sequence[Measure], config: dict[str, Any]) -> None:
+    """Writes measures.parquet in the order given, with this version and ``config`` as its ``Definition``."""
+    definition = json.dumps({"anchorpose": __version__, "config": config}, sort_keys=True)
+    MEASURES.write(path, measures, {DEFINITION_KEY: definition})
+
+
+def read_definition(path: Path) -> Definition | None:
+    """The definition of a measures.parquet; None where the file is older than this record.
+
+    Raises InputError where the record cannot be read.
+    """
+    text = (pq.read_schema(path).metadata or {}).get(DEFINITION_KEY.encode())
+    if text is None:
+        return None
+    try:
+        return Definition(**json.loads(text))
+    except (ValueError, TypeError):
+        raise InputError(path, "its definition of the measures cannot be read", MEASURE_AGAIN) from None
