@@ -22,7 +22,7 @@ import numpy as np
 
 from anchorpose.isolation.bystander_memory import empty_memory, update_memory
 from anchorpose.isolation.people import find_people
-from anchorpose.isolation.scene import find_pieces
+from anchorpose.isolation.scene import find_all_pieces
 from anchorpose.isolation.separation import separate, separate_initial
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.pipeline import TrackConfig
@@ -103,18 +103,15 @@ def untracked_views(
         memory, before_s = empty_memory(), None
         for position in positions:
             frame = next(iter(read_frames(recording, position, position + 1)))
-            pieces = [None if depth is None else find_pieces(depth, scene, config.isolation)
-                      for depth, scene in zip(frame.depths_m, room.scenes, strict=True)]  # fmt: skip
+            pieces = find_all_pieces(frame.depths_m, room.scenes)
             elapsed_s = 0.0 if before_s is None else abs(frame.time_s - before_s)
             if before_s is None:
                 people = find_people(pieces, config.isolation)
-                views = separate_initial(pieces, people, room.initial_frame.choice, config.isolation)
+                views = separate_initial(pieces, people, room.initial_frame.choice)
             else:
                 views = separate(pieces, memory, None, elapsed_s, config.isolation)
-            memory, before_s = (
-                update_memory(memory, pieces, views, room.cameras, elapsed_s, config.isolation),
-                frame.time_s,
-            )
+            memory = update_memory(memory, pieces, views, room.cameras, elapsed_s)
+            before_s = frame.time_s
             yield frame.frame, views
 
 
@@ -126,15 +123,12 @@ def milliseconds(recording: Recording, room: Room, config: TrackConfig) -> float
     memory, spent = empty_memory(), []
     for number, frame in enumerate(frames):
         start = time.process_time()
-        pieces = [None if depth is None else find_pieces(depth, scene, config.isolation)
-                  for depth, scene in zip(frame.depths_m, room.scenes, strict=True)]  # fmt: skip
+        pieces = find_all_pieces(frame.depths_m, room.scenes)
         if number == 0:
-            views = separate_initial(
-                pieces, find_people(pieces, config.isolation), room.initial_frame.choice, config.isolation
-            )
+            views = separate_initial(pieces, find_people(pieces, config.isolation), room.initial_frame.choice)
         else:
             views = separate(pieces, memory, None, 1.0 / 15.0, config.isolation)
-        memory = update_memory(memory, pieces, views, room.cameras, 1.0 / 15.0, config.isolation)
+        memory = update_memory(memory, pieces, views, room.cameras, 1.0 / 15.0)
         spent.append(time.process_time() - start)
     return 1000.0 * float(np.median(spent[1:]))
 

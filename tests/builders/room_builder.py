@@ -8,7 +8,6 @@ import numpy as np
 
 from anchorpose.camera import Camera, Intrinsics
 from anchorpose.isolation.background import equipment_depth
-from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.empty_room import learn_background
 from anchorpose.isolation.scene import Scene, set_scene
 from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel
@@ -67,7 +66,6 @@ def in_front(camera: Camera, *parts) -> np.ndarray:
 
 def built_scene(*equipment, camera: Camera = FRONT) -> Scene:
     """The room with equipment in it, as isolation knows it from a picture of it and four frames."""
-    config = IsolationConfig()
     frames = [picture(camera, *ROOM, *equipment, seed=k) for k in range(5)]
-    model = learn_background(frames[0], frames[1:], camera, 0.0, config)
-    return set_scene(camera, model, EquipmentModel(equipment) if equipment else None, config)
+    model = learn_background(frames[0], frames[1:], camera, 0.0)
+    return set_scene(camera, model, EquipmentModel(equipment) if equipment else None)

@@ -8,25 +8,23 @@ from room_builder import FRONT, NOISE_PER_M, ROOM, body, in_front, picture
 
 from anchorpose.camera import transform_points
 from anchorpose.isolation.background import BackgroundSource, foreground
-from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.empty_room import depth_of_room, learn_background
 from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel
 
-CONFIG = IsolationConfig()
 EMPTY = picture(FRONT, *ROOM, seed=0)
 EMPTY_FRAMES = [picture(FRONT, *ROOM, seed=k) for k in range(1, 5)]
 
 
 def test_nobody_is_foreground_in_an_empty_room():
-    model = learn_background(EMPTY, EMPTY_FRAMES, FRONT, 0.0, CONFIG)
+    model = learn_background(EMPTY, EMPTY_FRAMES, FRONT, 0.0)
     assert model.source == BackgroundSource.PICTURE
-    assert foreground(picture(FRONT, *ROOM, seed=9), model, CONFIG).mean() < 1e-3
+    assert foreground(picture(FRONT, *ROOM, seed=9), model).mean() < 1e-3
 
 
 def test_a_body_is_foreground_down_to_its_soles():
-    model = learn_background(EMPTY, EMPTY_FRAMES, FRONT, 0.0, CONFIG)
+    model = learn_background(EMPTY, EMPTY_FRAMES, FRONT, 0.0)
     depth, expected = picture(FRONT, *ROOM, *body(0, 0), seed=9), in_front(FRONT, *body(0, 0))
-    found = foreground(depth, model, CONFIG)
+    found = foreground(depth, model)
     assert (found & expected).sum() > 0.97 * expected.sum()
     assert (found & ~expected).sum() < 0.02 * expected.sum()
     lowest = np.nanmin(transform_points(FRONT.T_world_camera, FRONT.back_project(np.where(found, depth, 0)))[..., 1])
@@ -34,7 +32,7 @@ def test_a_body_is_foreground_down_to_its_soles():
 
 
 def test_sigma_is_the_noise_of_picture_and_reading_together():
-    model = learn_background(EMPTY, EMPTY_FRAMES, FRONT, 0.0, CONFIG)
+    model = learn_background(EMPTY, EMPTY_FRAMES, FRONT, 0.0)
     seen = EMPTY > 0
     assert np.median(model.sigma_m[seen] / EMPTY[seen] ** 2) == pytest.approx(np.sqrt(2) * NOISE_PER_M, rel=0.15)
 
@@ -42,40 +40,40 @@ def test_sigma_is_the_noise_of_picture_and_reading_together():
 def test_readings_where_the_background_has_none_are_foreground():
     hole = EMPTY.copy()
     hole[40:140, 100:160] = 0
-    model = learn_background(hole, EMPTY_FRAMES, FRONT, 0.0, CONFIG)
+    model = learn_background(hole, EMPTY_FRAMES, FRONT, 0.0)
     depth, expected = picture(FRONT, *ROOM, *body(0, 0), seed=9), in_front(FRONT, *body(0, 0))
-    assert (foreground(depth, model, CONFIG) & expected).sum() > 0.97 * expected.sum()
+    assert (foreground(depth, model) & expected).sum() > 0.97 * expected.sum()
 
 
 def test_without_a_picture_a_body_that_walks_by_leaves_the_room_as_background():
     walk = [picture(FRONT, *ROOM, *body(0.0, z), seed=k) for k, z in enumerate(np.linspace(-1.5, 1.5, 12))]
-    model = learn_background(None, walk, FRONT, 0.0, CONFIG)
+    model = learn_background(None, walk, FRONT, 0.0)
     assert model.source == BackgroundSource.RECORDING
     expected = in_front(FRONT, *body(0.0, 0.0))
-    found = foreground(picture(FRONT, *ROOM, *body(0.0, 0.0), seed=20), model, CONFIG)
+    found = foreground(picture(FRONT, *ROOM, *body(0.0, 0.0), seed=20), model)
     assert (found & expected).sum() > 0.95 * expected.sum()
 
 
 def test_without_a_picture_a_patient_who_sways_in_place_is_no_background():
     sway = [picture(FRONT, *ROOM, *body(0.0, 0.04 * np.sin(k)), seed=k) for k in range(12)]
-    model = learn_background(None, sway, FRONT, 0.0, CONFIG)
+    model = learn_background(None, sway, FRONT, 0.0)
     expected = in_front(FRONT, *body(0.0, 0.0))
-    found = foreground(picture(FRONT, *ROOM, *body(0.0, 0.0), seed=20), model, CONFIG)
+    found = foreground(picture(FRONT, *ROOM, *body(0.0, 0.0), seed=20), model)
     assert (found & expected).sum() > 0.85 * expected.sum()
 
 
 def test_a_cupboard_that_never_moves_is_background():
     cupboard = Box("cupboard", np.array([-0.5, 0.9, 0.6]), np.array([0.4, 1.8, 0.6]), np.eye(3))
     still = [picture(FRONT, *ROOM, cupboard, seed=k) for k in range(12)]
-    model = learn_background(None, still, FRONT, 0.0, CONFIG)
-    assert foreground(picture(FRONT, *ROOM, cupboard, seed=20), model, CONFIG).mean() < 2e-3
+    model = learn_background(None, still, FRONT, 0.0)
+    assert foreground(picture(FRONT, *ROOM, cupboard, seed=20), model).mean() < 2e-3
 
 
 def test_a_recording_of_people_only_is_all_foreground():
     alone = picture(FRONT, *body(0, 0), seed=1)
-    model = learn_background(None, [alone], FRONT, None, CONFIG)
+    model = learn_background(None, [alone], FRONT, None)
     assert model.source == BackgroundSource.REMOVED
-    assert (foreground(alone, model, CONFIG) & (alone > 0)).sum() > 0.97 * (alone > 0).sum()
+    assert (foreground(alone, model) & (alone > 0)).sum() > 0.97 * (alone > 0).sum()
 
 
 FRAME = EquipmentModel(
@@ -89,14 +87,14 @@ def seen_over_time(*still, walker=None, equipment=None):
     for k, z in enumerate(np.linspace(-1.8, 1.8, 12)):
         moving = body(-0.8, z) if walker else ()
         frames.append(picture(FRONT, *ROOM, *(equipment.parts if equipment else ()), *still, *moving, seed=k))
-    return learn_background(None, frames, FRONT, 0.0, CONFIG, equipment)
+    return learn_background(None, frames, FRONT, 0.0, equipment)
 
 
 def test_who_stands_still_in_the_equipment_is_no_furniture():
     patient = body(0.0, 0.0)
     live = picture(FRONT, *ROOM, *FRAME.parts, *patient, seed=20)
     expected = picture(FRONT, *ROOM, *FRAME.parts, *patient) < picture(FRONT, *ROOM, *FRAME.parts) - 1e-3
-    found = foreground(live, seen_over_time(*patient, equipment=FRAME), CONFIG)
+    found = foreground(live, seen_over_time(*patient, equipment=FRAME))
     assert (found & expected).sum() > 0.93 * expected.sum()
     assert (found & ~expected).sum() < 0.03 * expected.sum()
 
@@ -117,11 +115,11 @@ def test_a_still_part_that_moving_surface_hangs_on_to_is_somebodys():
         return Box("arm", np.array([0.02, 0.8, 0.22]), np.array([0.08, 0.42 + 0.02 * (k % 3), 0.3]), np.eye(3))
 
     frames = [picture(FRONT, *ROOM, trunk, *([arm(k)] if k % 2 else []), seed=k) for k in range(12)]
-    moving = learn_background(None, frames, FRONT, 0.0, CONFIG)
-    still = learn_background(None, [picture(FRONT, *ROOM, trunk, seed=k) for k in range(12)], FRONT, 0.0, CONFIG)
+    moving = learn_background(None, frames, FRONT, 0.0)
+    still = learn_background(None, [picture(FRONT, *ROOM, trunk, seed=k) for k in range(12)], FRONT, 0.0)
     live, expected = picture(FRONT, *ROOM, trunk, seed=30), in_front(FRONT, trunk)
-    assert foreground(live, still, CONFIG)[expected].mean() < 0.05
-    assert foreground(live, moving, CONFIG)[expected].mean() > 0.9
+    assert foreground(live, still)[expected].mean() < 0.05
+    assert foreground(live, moving)[expected].mean() > 0.9
 
 
 def test_the_nearest_of_the_rooms_planes_is_where_a_wall_or_the_floor_is():

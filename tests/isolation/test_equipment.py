@@ -9,14 +9,12 @@ from scipy.ndimage import label as label_mask
 from anchorpose.camera import transform_points
 from anchorpose.isolation.background import equipment_depth, equipment_mask, foreground
 from anchorpose.isolation.components import jump_limit, label_components, without_flying_pixels
-from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.empty_room import learn_background
 from anchorpose.isolation.scene import find_pieces, set_scene
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.recording.equipment import Box, EquipmentModel
 
-CONFIG = IsolationConfig()
-FLAT_LIMIT = jump_limit(0.002, 180.0, 4.0, 1.4)
+FLAT_LIMIT = jump_limit(0.002, 180.0)
 
 
 def nearer_than(parts, others) -> np.ndarray:
@@ -25,7 +23,7 @@ def nearer_than(parts, others) -> np.ndarray:
 
 
 def mask_of(depth, scene) -> np.ndarray:
-    return equipment_mask(depth, foreground(depth, scene.background, CONFIG), scene.equipment)
+    return equipment_mask(depth, foreground(depth, scene.background), scene.equipment)
 
 
 def test_flying_pixels_are_left_out_and_surfaces_stay():
@@ -79,8 +77,8 @@ def test_fingers_around_a_bar_are_seen_where_the_empty_bar_was_measured():
     scene = built_scene(KNEE_BAR)
     on_fingers = nearer_than((fingers,), (KNEE_BAR,)) & scene.equipment.measured
     assert mask_of(depth, scene)[on_fingers].mean() < 0.1
-    model = learn_background(picture(FRONT, *ROOM, seed=0), [picture(FRONT, *ROOM, seed=1)], FRONT, 0.0, CONFIG)
-    drawn = set_scene(FRONT, model, EquipmentModel((KNEE_BAR,)), CONFIG)
+    model = learn_background(picture(FRONT, *ROOM, seed=0), [picture(FRONT, *ROOM, seed=1)], FRONT, 0.0)
+    drawn = set_scene(FRONT, model, EquipmentModel((KNEE_BAR,)))
     assert mask_of(depth, drawn)[on_fingers].mean() > 0.3
 
 
@@ -94,16 +92,16 @@ def test_a_bar_that_gives_no_reading_still_hides():
 def test_a_bar_a_little_off_its_place_is_still_taken_away():
     """A pose found from depth is good to some millimetres."""
     moved = Box("knee-bar", KNEE_BAR.center_m + np.array([0.004, 0.003, 0.003]), KNEE_BAR.size_m, KNEE_BAR.rotation)
-    model = learn_background(picture(FRONT, *ROOM, seed=0), [picture(FRONT, *ROOM, seed=1)], FRONT, 0.0, CONFIG)
-    scene = set_scene(FRONT, model, EquipmentModel((moved,)), CONFIG)
+    model = learn_background(picture(FRONT, *ROOM, seed=0), [picture(FRONT, *ROOM, seed=1)], FRONT, 0.0)
+    scene = set_scene(FRONT, model, EquipmentModel((moved,)))
     depth = picture(FRONT, *ROOM, KNEE_BAR, *body(0.0, 0.0), seed=3)
-    labels = find_pieces(depth, scene, CONFIG).labels
+    labels = find_pieces(depth, scene).labels
     on_bar = nearer_than((KNEE_BAR,), body(0.0, 0.0))
     assert (labels[on_bar] == PixelLabel.EQUIPMENT).mean() > 0.97
 
 
 def test_the_patient_behind_a_bar_loses_only_what_it_hides():
     scene = built_scene(KNEE_BAR)
-    labels = find_pieces(picture(FRONT, *ROOM, KNEE_BAR, *body(0, 0), seed=3), scene, CONFIG).labels
+    labels = find_pieces(picture(FRONT, *ROOM, KNEE_BAR, *body(0, 0), seed=3), scene).labels
     beside = in_front(FRONT, *body(0, 0)) & ~(scene.equipment.low_m < np.inf)
     assert (labels[beside] == PixelLabel.CLUTTER).mean() > 0.98

@@ -26,11 +26,11 @@ CONFIG = IsolationConfig()
 
 def test_a_body_behind_a_bar_is_one_person_and_the_bar_none():
     scene = built_scene(KNEE_BAR)
-    pieces = [find_pieces(picture(FRONT, *ROOM, KNEE_BAR, *body(0, 0), seed=3), scene, CONFIG)]
+    pieces = [find_pieces(picture(FRONT, *ROOM, KNEE_BAR, *body(0, 0), seed=3), scene)]
     people = find_people(pieces, CONFIG)
     assert len(people.people) == 1
     choice = choose_patient([people], None, None, np.zeros(2), CONFIG)
-    (view,) = separate_initial(pieces, people, choice, CONFIG)
+    (view,) = separate_initial(pieces, people, choice)
     shin = in_front(FRONT, *body(0, 0)) & (np.arange(FRONT.height)[:, None] > 150)
     assert view.patient[shin].mean() > 0.9
     assert (view.labels == PixelLabel.EQUIPMENT).sum() > 200
@@ -40,7 +40,7 @@ def test_a_body_behind_a_bar_is_one_person_and_the_bar_none():
 def test_two_people_are_two_even_shoulder_to_shoulder(apart):
     scene = built_scene()
     parts = (*body(0.0, -apart / 2), *body(0.0, apart / 2))
-    people = find_people([find_pieces(picture(FRONT, *ROOM, *parts, seed=3), scene, CONFIG)], CONFIG)
+    people = find_people([find_pieces(picture(FRONT, *ROOM, *parts, seed=3), scene)], CONFIG)
     assert len(people.people) == 2
     places = sorted(person.ground_xz_m[1] for person in people.people)
     assert places == pytest.approx([-apart / 2, apart / 2], abs=0.08)
@@ -49,8 +49,7 @@ def test_two_people_are_two_even_shoulder_to_shoulder(apart):
 def test_two_cameras_agree_on_one_person():
     side = camera_at((1.2, 1.3, -2.2), (0.0, 0.9, 0.0))
     pieces = [
-        find_pieces(picture(camera, *ROOM, *body(0, 0), seed=3), built_scene(camera=camera), CONFIG)
-        for camera in (FRONT, side)
+        find_pieces(picture(camera, *ROOM, *body(0, 0), seed=3), built_scene(camera=camera)) for camera in (FRONT, side)
     ]
     people = find_people(pieces, CONFIG)
     assert len(people.people) == 1
@@ -59,7 +58,7 @@ def test_two_cameras_agree_on_one_person():
 
 def choose(*places, equipment=None, patient_xz=None, times=8):
     parts = [part for place in places for part in body(*place)]
-    people = find_people([find_pieces(picture(FRONT, *ROOM, *parts, seed=3), built_scene(), CONFIG)], CONFIG)
+    people = find_people([find_pieces(picture(FRONT, *ROOM, *parts, seed=3), built_scene())], CONFIG)
     return choose_patient([people] * times, equipment, patient_xz, np.zeros(2), CONFIG)
 
 
@@ -90,7 +89,7 @@ def test_of_a_single_picture_the_patient_is_who_fills_most_of_it():
 
 def test_a_board_held_up_is_nobody_and_no_part_of_anybody():
     board = Box("board", np.array([0.5, 1.1, 0.0]), np.array([0.01, 0.5, 0.5]), np.eye(3))
-    pieces = find_pieces(picture(FRONT, *ROOM, *body(0, 0), board, seed=3), built_scene(), CONFIG)
+    pieces = find_pieces(picture(FRONT, *ROOM, *body(0, 0), board, seed=3), built_scene())
     on_board = picture(FRONT, *ROOM, *body(0, 0), board) < picture(FRONT, *ROOM, *body(0, 0)) - 1e-3
     assert (pieces.index[on_board] < 0).mean() > 0.97
     assert (pieces.labels[on_board] == PixelLabel.CLUTTER).mean() > 0.9
@@ -116,10 +115,10 @@ def shared_people(name: str, frame: int, with_picture: bool = True):
     for number, camera in enumerate(world.cameras):
         seen = [depth for frame_set in sampled if (depth := frame_set.depths_m[number]) is not None]
         background = opened.backgrounds_m[number] if with_picture else None
-        room = learn_background(background, seen, camera, world.floor_height_m, CONFIG, opened.equipment)
-        scenes.append(set_scene(camera, room, opened.equipment, CONFIG))
+        room = learn_background(background, seen, camera, world.floor_height_m, opened.equipment)
+        scenes.append(set_scene(camera, room, opened.equipment))
     depths = next(iter(read_frames(opened, frame, frame + 1))).depths_m
-    pieces = [None if d is None else find_pieces(d, s, CONFIG) for d, s in zip(depths, scenes, strict=True)]
+    pieces = [None if d is None else find_pieces(d, s) for d, s in zip(depths, scenes, strict=True)]
     return opened, pieces, find_people(pieces, CONFIG)
 
 
@@ -132,7 +131,7 @@ def test_the_clinics_patient_is_found_among_three_people(with_picture):
     assert np.linalg.norm(choice.ground_xz_m - pelvis) < 0.2
     assert choice.reason == "stands within the equipment, of 3 people"
     joints = np.load(DATA / "sample_clinic" / "truth" / "truth.npz")["joints"][0]
-    for piece, view in zip(pieces, separate_initial(pieces, people, choice, CONFIG), strict=True):
+    for piece, view in zip(pieces, separate_initial(pieces, people, choice), strict=True):
         seen = piece.points_m[view.patient[piece.row, piece.column]]
         distance, _ = cKDTree(joints).query(seen)
         assert np.mean(distance > 0.35) < 0.03  # nobody else's limbs

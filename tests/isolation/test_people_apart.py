@@ -1,4 +1,4 @@
-"""Every pixel to its person: claims against a plain search, growth up to creases, people who touch, cross and leave."""
+"""The person label of every pixel: decisions against brute force, growth up to creases, people who touch and cross."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from room_builder import FRONT, ROOM, body, built_scene, in_front, picture
 
-from anchorpose.isolation.bystander_memory import empty_memory, update_memory
+from anchorpose.isolation.bystander_memory import MEMORY_S, empty_memory, update_memory
 from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.ownership import (
     CELL_M,
     SAMPLING_M,
     OwnershipLikelihood,
     decide_ownership,
-    grow_regions,
     sort_likelihood,
 )
 from anchorpose.isolation.people import choose_patient, find_people
+from anchorpose.isolation.region_growing import grow_regions
 from anchorpose.isolation.scene import find_pieces
 from anchorpose.isolation.separation import separate, separate_initial
 from anchorpose.isolation.view import PixelLabel
@@ -31,16 +31,16 @@ PATIENT, OTHER = PixelLabel.PATIENT, PixelLabel.OTHER_PERSON
 
 
 def pieces_of(*parts, seed: int = 3):
-    return [find_pieces(picture(FRONT, *ROOM, *parts, seed=seed), SCENE, CONFIG)]
+    return [find_pieces(picture(FRONT, *ROOM, *parts, seed=seed), SCENE)]
 
 
 def first_views(pieces):
     people = find_people(pieces, CONFIG)
-    return separate_initial(pieces, people, choose_patient([people], None, (0.0, 0.0), np.zeros(2), CONFIG), CONFIG)
+    return separate_initial(pieces, people, choose_patient([people], None, (0.0, 0.0), np.zeros(2), CONFIG))
 
 
 def skin_likelihood(*parts, sigma_m: float = 0.02) -> OwnershipLikelihood:
-    """What a predicted skin of these parts would claim."""
+    """The likelihood of a predicted skin of these parts."""
     points = pieces_of(*parts)[0].points_m[::3]
     return OwnershipLikelihood(
         points, np.full(len(points), PATIENT, np.uint8), np.full(len(points), sigma_m, np.float32)
@@ -51,11 +51,11 @@ def follow(*scenes, expected=None):
     """The last view of scenes (tuples of parts) seen one after another, and the memory after it."""
     pieces = pieces_of(*scenes[0])
     views = first_views(pieces)
-    memory = update_memory(empty_memory(), pieces, views, [FRONT], 0.0, CONFIG)
+    memory = update_memory(empty_memory(), pieces, views, [FRONT], 0.0)
     for number, parts in enumerate(scenes[1:]):
         pieces = pieces_of(*parts, seed=10 + number)
         views = separate(pieces, memory, expected, A_FRAME_S, CONFIG)
-        memory = update_memory(memory, pieces, views, [FRONT], A_FRAME_S, CONFIG)
+        memory = update_memory(memory, pieces, views, [FRONT], A_FRAME_S)
     return views[0], memory
 
 
@@ -69,7 +69,7 @@ def shown(part, *others) -> np.ndarray:
     return picture(FRONT, *ROOM, part, *others) < picture(FRONT, *ROOM, *others) - 1e-3
 
 
-def test_the_strongest_claim_is_that_of_a_plain_search():
+def test_the_most_likely_owner_is_that_of_a_brute_force_search():
     rng = np.random.default_rng(5)
     likelihood = OwnershipLikelihood(
         rng.uniform(0, 0.15, (400, 3)).astype(np.float32),
@@ -85,21 +85,21 @@ def test_the_strongest_claim_is_that_of_a_plain_search():
     cost[distance > gate * likelihood.sigma_m] = np.inf
     best = np.stack([np.where(likelihood.owner == k, cost, np.inf).min(axis=1) for k in (4, 5, 6)], axis=1)
     first, second = np.sort(best, axis=1)[:, :2].T
-    claimed, disputed = np.isfinite(first), np.isfinite(second)
-    ahead = np.where(disputed, second - np.where(claimed, first, 0.0), np.inf)
-    sure, unsure = claimed & (ahead > lead + 1e-3), disputed & (ahead < lead - 1e-3)
+    owned, disputed = np.isfinite(first), np.isfinite(second)
+    ahead = np.where(disputed, second - np.where(owned, first, 0.0), np.inf)
+    sure, unsure = owned & (ahead > lead + 1e-3), disputed & (ahead < lead - 1e-3)
     assert sure.sum() > 100
     assert unsure.sum() > 50
     assert (won[sure] == 4 + best[sure].argmin(axis=1)).all()
     assert (won[unsure] == 0).all()
 
 
-def test_nothing_is_claimed_far_from_all_skin():
+def test_places_far_from_all_skin_have_no_owner():
     grid = sort_likelihood(
         OwnershipLikelihood(np.zeros((1, 3), np.float32), np.array([4], np.uint8), np.array([0.02], np.float32))
     )
     places = np.array([[0.01, 0, 0], [0.5, 0, 0], [-0.5, -9, 0]], np.float32)
-    assert decide_ownership(grid, places, np.ones(3, bool), 3.0, 2.0).tolist() == [4, 0, 0]
+    assert decide_ownership(grid, places, np.ones(3, bool)).tolist() == [4, 0, 0]
 
 
 def test_growth_stops_at_the_valley_between_two_who_touch():
@@ -107,7 +107,7 @@ def test_growth_stops_at_the_valley_between_two_who_touch():
     (pieces,) = pieces_of(*body(0.0, -0.155), *body(0.0, 0.155))
     z = pieces.points_m[:, 2]
     seeds = np.where(z < -0.25, 4, np.where(z > 0.06, 5, 0)).astype(np.uint8)  # the right one's much nearer to it
-    grown = grow_regions(pieces, seeds, CONFIG.crease_cost)
+    grown = grow_regions(pieces, seeds)
     trunk = pieces.points_m[:, 1] < 1.35
     assert np.mean(grown[trunk & (z < -0.02)] == 4) > 0.95
     assert np.mean(grown[trunk & (z > 0.02)] == 5) > 0.95
@@ -118,7 +118,7 @@ def test_growth_stops_at_the_valley_between_two_who_touch():
 def test_growth_does_not_leap_over_a_depth_jump():
     (pieces,) = pieces_of(*body(0.0, 0.0), *body(1.0, 0.25))
     owner = np.where(pieces.points_m[:, 0] > 0.6, OTHER, 0).astype(np.uint8)
-    assert (grow_regions(pieces, owner, CONFIG.crease_cost)[pieces.points_m[:, 0] < 0.4] == 0).all()
+    assert (grow_regions(pieces, owner)[pieces.points_m[:, 0] < 0.4] == 0).all()
 
 
 @pytest.mark.parametrize("predicted", [True, False])
@@ -166,7 +166,7 @@ def test_a_person_who_comes_later_gets_a_label_of_their_own():
     assert memory.next_label == OTHER + 2
 
 
-def test_who_is_met_on_the_way_back_in_time_bears_no_label_of_who_is_met_on_the_way_forth():
+def test_new_people_get_different_labels_in_the_forward_and_the_backward_pass():
     here = (*body(0, 0), *body(0.1, 0.7))
     _, memory = follow(here)
     newcomer = in_front(FRONT, *body(0.2, -0.9))
@@ -186,18 +186,18 @@ def test_hidden_skin_is_remembered_and_forgotten_in_time():
     _, gone = follow(seen, patient)
     assert not (gone.owner == OTHER).any()  # the room was seen where the helper had stood
     hidden = pieces_of(*seen, screen, seed=40)
-    views = separate(hidden, memory, None, CONFIG.memory_s, CONFIG)
-    forgotten = update_memory(memory, hidden, views, [FRONT], CONFIG.memory_s, CONFIG)
+    views = separate(hidden, memory, None, MEMORY_S, CONFIG)
+    forgotten = update_memory(memory, hidden, views, [FRONT], MEMORY_S)
     assert (forgotten.age_s == 0).all()
 
 
-def test_an_arm_taken_for_somebody_elses_does_not_claim_itself_again():
+def test_an_arm_labelled_as_another_persons_is_not_remembered_as_theirs():
     (pieces,) = pieces_of(*body(0, 0))
     (view,) = first_views([pieces])
     labels = view.labels.copy()
     arm = view.patient & (np.arange(FRONT.width)[None] < np.argwhere(view.patient)[:, 1].mean() - 8)
     labels[arm] = OTHER
-    memory = update_memory(empty_memory(), [pieces], [replace(view, labels=labels)], [FRONT], 0.0, CONFIG)
+    memory = update_memory(empty_memory(), [pieces], [replace(view, labels=labels)], [FRONT], 0.0)
     assert (labels == OTHER).sum() > 100
     assert not (memory.owner == OTHER).any()
 
@@ -206,15 +206,13 @@ def test_a_missing_picture_stays_missing():
     pieces = [*pieces_of(*body(0, 0)), None]
     views = first_views(pieces)
     assert views[1] is None
-    memory = update_memory(empty_memory(), pieces, views, [FRONT, FRONT], 0.0, CONFIG)
+    memory = update_memory(empty_memory(), pieces, views, [FRONT, FRONT], 0.0)
     assert separate(pieces, memory, None, A_FRAME_S, CONFIG)[1] is None
 
 
 def test_settings_that_make_no_sense_are_refused():
-    with pytest.raises(ValueError, match="least_lead"):
-        IsolationConfig(least_lead=-1)
-    with pytest.raises(ValueError, match="right angle"):
-        IsolationConfig(steepest_slope_rad=1.6)
+    with pytest.raises(ValueError, match="reach_m"):
+        IsolationConfig(reach_m=-1)
 
 
 def test_whoever_was_taken_for_part_of_the_patient_is_split_off():
@@ -233,8 +231,8 @@ def test_whoever_was_taken_for_part_of_the_patient_is_split_off():
 
 
 @pytest.mark.parametrize("foreseen", [True, False])
-def test_a_second_column_is_the_patients_where_his_skin_is_predicted(foreseen):
-    """Who bends down has his trunk and his legs in two columns, each as large as a person."""
+def test_a_second_column_is_the_patients_where_their_skin_is_predicted(foreseen):
+    """Somebody who bends down has trunk and legs in two columns, each as large as a person."""
     trunk, legs = body(0.3, 0.55), body(0, 0)[:1]
     joint = bar(0.15, 1.0, 0.27, 0.5)
     predicted = skin_likelihood(*trunk, *legs, joint) if foreseen else skin_likelihood(*trunk)
@@ -244,7 +242,7 @@ def test_a_second_column_is_the_patients_where_his_skin_is_predicted(foreseen):
 
 
 def test_a_forearm_that_a_bar_cuts_off_is_its_owners():
-    """Nothing claims it: it came from behind somebody. It nearly touches the patient and nobody else."""
+    """No skin was expected there: it came from behind somebody. It nearly touches the patient and nobody else."""
     stump, forearm = bar(0.1, 1.2, 0.22, 0.2), bar(0.1, 1.2, 0.55, 0.3)
     (view,) = separate(
         pieces_of(*body(0, 0), stump, forearm), empty_memory(), skin_likelihood(*body(0, 0)), A_FRAME_S, CONFIG

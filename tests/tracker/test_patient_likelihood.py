@@ -1,4 +1,4 @@
-"""What the patient claims by the skin that is predicted: surer where he is surer, nothing where he may be anywhere."""
+"""The likelihood of the patient's predicted skin: as wide as its uncertainty; limbs that may be anywhere have none."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from anchorpose.body.skin_points import pose_points
 from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.surface.surface import ExpectedSkin
-from anchorpose.tracker.observation import Expectation, patient_likelihood
+from anchorpose.tracker.observation import LOOSEST_SKIN_M, Expectation, patient_likelihood
 
 CONFIG, BODY = IsolationConfig(), adult_body()
 
@@ -21,16 +21,16 @@ def expectation(sigma_m: np.ndarray, frames_without_fit: int = 0) -> Expectation
     return Expectation(skin, sigma_m, np.zeros((5, 3)), np.array([1.0, 0.0, 0.0]), frames_without_fit)
 
 
-def test_skin_is_claimed_as_wide_as_its_place_is_unsure() -> None:
-    sigma = np.linspace(0.0, 0.9 * CONFIG.loosest_claim_m, len(points().part))
+def test_the_spread_is_the_uncertainty_of_the_skin() -> None:
+    sigma = np.linspace(0.0, 0.9 * LOOSEST_SKIN_M, len(points().part))
     likelihood = patient_likelihood(expectation(sigma, 2), CONFIG)
     spread = CONFIG.skin_sigma_m + 2 * CONFIG.prediction_growth_m
     np.testing.assert_allclose(likelihood.sigma_m, np.hypot(spread, sigma), rtol=1e-6)
     assert (likelihood.owner == PixelLabel.PATIENT).all()
 
 
-def test_a_limb_that_may_be_anywhere_claims_nothing() -> None:
+def test_a_limb_that_may_be_anywhere_has_no_likelihood() -> None:
     shank = points().part == points().asset.bone("RightLeg")
-    expected = expectation(np.where(shank, 1.01 * CONFIG.loosest_claim_m, 0.005))
+    expected = expectation(np.where(shank, 1.01 * LOOSEST_SKIN_M, 0.005))
     likelihood = patient_likelihood(expected, CONFIG)
     np.testing.assert_array_equal(likelihood.points_m, expected.skin.points_m[~shank])

@@ -34,12 +34,10 @@ def frame(number: int, *people) -> FrameSet:
 def seen(*people) -> SimpleNamespace:
     """A frame, number 0, in which the patient stands in the middle, as far as the search asks for it."""
     first = frame(0, *people)
-    pieces = [find_pieces(first.depths_m[0], ROOM_NOW.scenes[0], ISOLATION)]
+    pieces = [find_pieces(first.depths_m[0], ROOM_NOW.scenes[0])]
     found = find_people(pieces, ISOLATION)
-    views = separate_initial(
-        pieces, found, choose_patient([found], None, (0.0, 0.0), np.zeros(2), ISOLATION), ISOLATION
-    )
-    memory = update_memory(empty_memory(), pieces, views, (FRONT,), 0.0, ISOLATION)
+    views = separate_initial(pieces, found, choose_patient([found], None, (0.0, 0.0), np.zeros(2), ISOLATION))
+    memory = update_memory(empty_memory(), pieces, views, (FRONT,), 0.0)
     return SimpleNamespace(memory=memory, frame_set=first)
 
 

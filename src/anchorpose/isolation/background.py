@@ -1,12 +1,10 @@
-"""The empty room as each camera sees it, and what stands in front of it (paper, Section III).
-
-The equipment chi_0 as each camera must see it, and the readings that are it (paper, Section III).
-"""
+"""The empty room and the equipment chi_0 as each camera sees them, and what stands in front (paper, Section III)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Final
 
 import cv2
 import numpy as np
@@ -14,13 +12,17 @@ from numba import njit
 
 from anchorpose.calibration.equipment.render import EquipmentCaster
 from anchorpose.camera import Camera, invert_rigid
-from anchorpose.isolation.components import JumpLimit, jump_limit, without_flying_pixels
-from anchorpose.isolation.config import IsolationConfig
+from anchorpose.isolation.components import JUMP_GATE, JumpLimit, jump_limit, without_flying_pixels
 from anchorpose.recording.equipment import EquipmentModel
+
+BACKGROUND_GATE: Final = 2.0  # sigmas of a pixel, for a 3x3 median, whose deviation is 0.4 of that: five of its own
+EQUIPMENT_GATE: Final = 3.0  # sigmas of a single pixel, not of a median: thin bars are 3 pixels wide
+EQUIPMENT_TOLERANCE_M: Final = 0.01  # the equipment was measured by hand, and its pose was estimated
+_SQUARE: Final = np.ones((3, 3), np.uint8)
 
 
 class BackgroundSource(StrEnum):
-    """Where the background came from; people read it in the run's notes."""
+    """Where the background came from; the run's notes quote it."""
 
     PICTURE = "the given picture of the empty room"
     RECORDING = "what stays in place in the recording"
@@ -41,22 +43,23 @@ class BackgroundModel:
     focal_px: float
     source: BackgroundSource
 
-    def jump_limit(self, config: IsolationConfig) -> JumpLimit:
-        """How far neighbours on one surface may differ in this camera's pictures."""
-        return jump_limit(self.noise_per_m, self.focal_px, config.jump_gate, config.steepest_slope_rad)
+    @property
+    def jump_limit(self) -> JumpLimit:
+        """How far neighbours on one surface may differ in this camera's frames."""
+        return jump_limit(self.noise_per_m, self.focal_px)
 
 
-def foreground(depth_m: np.ndarray, model: BackgroundModel, config: IsolationConfig) -> np.ndarray:
+def foreground(depth_m: np.ndarray, model: BackgroundModel) -> np.ndarray:
     """(height, width) bool: pixels nearer than the room by more than the noise explains, flying pixels left out.
 
     The test is on the 3x3 median of the difference in sigmas, so it reaches down to a sole on the floor: the margin is
-    two sigmas along the ray, at grazing incidence a centimetre of height. A pixel that is nearer beyond doubt needs no
-    such company: fingers and corners of the outline are smaller than the median. Where the background is unknown, a
-    reading counts as foreground; what hangs together with nobody is sorted out later.
+    two sigmas along the ray, at grazing incidence a centimetre of height. A pixel that is clearly nearer needs no
+    median: fingers and corners of the outline are smaller than that. Where the background is unknown, a reading counts
+    as foreground; what belongs to no person is removed later.
     """
     nearer = _sigmas_nearer(depth_m, model.depth_m, model.sigma_m)
-    mask = ((cv2.medianBlur(nearer, 3) > config.background_gate) & (nearer > 0)) | (nearer > config.jump_gate)
-    return without_flying_pixels(depth_m, mask, model.jump_limit(config))
+    mask = ((cv2.medianBlur(nearer, 3) > BACKGROUND_GATE) & (nearer > 0)) | (nearer > JUMP_GATE)
+    return without_flying_pixels(depth_m, mask, model.jump_limit)
 
 
 @njit(cache=True)
@@ -74,16 +77,13 @@ def _sigmas_nearer(depth: np.ndarray, room: np.ndarray, sigma: np.ndarray) -> np
     return nearer
 
 
-_SQUARE = np.ones((3, 3), np.uint8)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class ExpectedEquipment:
     """What one camera would see if nothing but the equipment were there.
 
     depth_m (height, width) float32 metres, 0 = no equipment on this ray. A reading between low_m and high_m, (height,
     width) float32, is the equipment; where there is none near, low_m is inf. measured (height, width) bool: pixels
-    around which the empty room's picture shows nothing but equipment, where it is drawn.
+    around which the background frame shows nothing but equipment, where it is drawn.
     """
 
     depth_m: np.ndarray
@@ -101,15 +101,15 @@ def equipment_depth(camera: Camera, equipment: EquipmentModel) -> np.ndarray:
     return depth
 
 
-def expect_equipment(drawn_m: np.ndarray, background: BackgroundModel, config: IsolationConfig) -> ExpectedEquipment:
-    """Which readings are the equipment, once a camera, for it does not move.
+def expect_equipment(drawn_m: np.ndarray, background: BackgroundModel) -> ExpectedEquipment:
+    """Which readings are the equipment, once per camera, since it does not move.
 
     drawn_m: ``equipment_depth``. The silhouette is one pixel wider than drawn: a pixel that is half bar reads as bar.
     """
     sigma = background.noise_per_m * drawn_m**2
-    reach = config.equipment_tolerance_m + config.equipment_gate * np.maximum(background.sigma_m, sigma)
+    reach = EQUIPMENT_TOLERANCE_M + EQUIPMENT_GATE * np.maximum(background.sigma_m, sigma)
     measured = (drawn_m > 0) & (background.depth_m > 0) & (np.abs(background.depth_m - drawn_m) < reach)
-    margin = config.equipment_gate * sigma + np.where(measured, 0.0, config.equipment_tolerance_m)
+    margin = EQUIPMENT_GATE * sigma + np.where(measured, 0.0, EQUIPMENT_TOLERANCE_M)
     depth = np.where(measured, background.depth_m, drawn_m)
     low = cv2.erode(np.where(drawn_m > 0, depth - margin, np.inf).astype(np.float32), _SQUARE)
     high = cv2.dilate(np.where(drawn_m > 0, depth + margin, 0.0).astype(np.float32), _SQUARE)

@@ -1,13 +1,16 @@
-"""Connected pieces of a depth picture, cut where the depth jumps."""
+"""Connected pieces of a depth frame, cut where the depth jumps."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numba import njit
 
-SUPPORT = 3  # of eight neighbours: what the corner of a convex outline still has
+SUPPORT: Final = 3  # of eight neighbours: what the corner of a convex outline still has
+JUMP_GATE: Final = 4.0  # sigmas: neighbours on one surface differ by noise and by slope, and by no more than this noise
+STEEPEST_SLOPE_RAD: Final = 1.40  # 80 degrees: steeper surfaces give a depth camera no reading
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,9 +28,9 @@ class JumpLimit:
         return self.square * depth_m**2 + self.slope * depth_m
 
 
-def jump_limit(noise_per_m: float, focal_px: float, gate: float, slope_rad: float) -> JumpLimit:
-    """The limit for a sensor of noise ``noise_per_m z^2``, ``gate`` deviations of a difference above the slope."""
-    return JumpLimit(float(gate * np.sqrt(2.0) * noise_per_m), float(np.tan(slope_rad) / focal_px))
+def jump_limit(noise_per_m: float, focal_px: float) -> JumpLimit:
+    """The limit for a sensor of noise ``noise_per_m z^2``: ``JUMP_GATE`` deviations of a difference above the slope."""
+    return JumpLimit(float(JUMP_GATE * np.sqrt(2.0) * noise_per_m), float(np.tan(STEEPEST_SLOPE_RAD) / focal_px))
 
 
 def label_components(depth_m: np.ndarray, mask: np.ndarray, limit: JumpLimit) -> tuple[np.ndarray, int]:

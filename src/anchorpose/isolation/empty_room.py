@@ -1,13 +1,13 @@
-"""Learning the empty room: from its picture or, without one, from what stays in place in the recording.
+"""The empty room of one camera: from its background frame or, without one, from what stays in place in the recording.
 
-The room within the equipment: whatever stands there for a whole recording is the patient, and no furniture.
-
-Floor and walls behind people who stay: the part of an empty room that can be told without seeing it.
+What stays is the room less the people who never leave their place: whoever stands in the equipment for a whole
+recording is the patient, not furniture, and of what is behind resting people only floor and walls are known.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 import cv2
 import numpy as np
@@ -16,43 +16,100 @@ from scipy.spatial import ConvexHull
 from anchorpose.calibration.noise import MAD_OF_NORMAL, noise_per_m
 from anchorpose.calibration.start import FRAMES_NEEDED, people_only
 from anchorpose.camera import Camera, transform_points
-from anchorpose.isolation.background import BackgroundModel, BackgroundSource, equipment_depth
-from anchorpose.isolation.config import IsolationConfig
+from anchorpose.isolation.background import (
+    EQUIPMENT_GATE,
+    EQUIPMENT_TOLERANCE_M,
+    BackgroundModel,
+    BackgroundSource,
+    equipment_depth,
+)
+from anchorpose.isolation.components import JUMP_GATE
 from anchorpose.isolation.resting import resting_people
 from anchorpose.recording.equipment import EquipmentModel
 
-LEAN_M = 0.25  # beyond the outline on the ground: arms over the rails, and the back
-HEAD_M = 2.3  # above the floor: a raised arm
-SOLE_M = 0.015  # above the floor: what the plane may be off, and a third of a foot's height
+BLOCK_PX: Final = 16  # noise changes slowly over the image: it is measured in blocks of this size
+READINGS_NEEDED: Final = 32  # of one block, for a median good to a sixth of itself
+FAR_PERCENTILE, NEAR_PERCENTILE = 95, 80  # both show the room where a pixel is free a fifth of the time
+FAR_SIGMAS, NEAR_SIGMAS = 1.6449, 0.8416  # where these percentiles lie on a normal distribution
+MOVED_SIGMAS: Final = 5.0  # of a pixel's noise, over a dozen frames
+
+LEAN_M: Final = 0.25  # beyond the outline on the ground: arms over the rails, and the back
+HEAD_M: Final = 2.3  # above the floor: a raised arm
+SOLE_M: Final = 0.015  # above the floor: what the plane may be off, and a third of a foot's height
+
+PLANES: Final = 6  # floor, ceiling and the walls in view
+TRIALS: Final = 200  # a plane with a fifth of the points is drawn once in 125
+VOTERS: Final = 5000  # points that vote on a plane
+TOLERANCE_M: Final = 0.02  # walls and floors are flat to that
+NOISE_GATE: Final = 3.0  # sigmas
+LEAST_SHARE: Final = 0.03  # of the image: a smaller plane is furniture, or somebody's back
+MOST_BEYOND: Final = 0.02  # of the readings on the far side: nothing is behind a wall
 
 
-def clear_equipment(
-    room_m: np.ndarray,
-    sigma_m: np.ndarray,
+def learn_background(
+    empty_m: np.ndarray | None,
+    frames_m: Sequence[np.ndarray],
     camera: Camera,
-    equipment: EquipmentModel,
-    drawn_m: np.ndarray,
-    walls_m: np.ndarray,
     floor_height_m: float | None,
-    noise_per_m: float,
-    config: IsolationConfig,
-) -> np.ndarray:
-    """``room_m`` as it would be if nobody stood in the equipment, (height, width) float32.
+    equipment: EquipmentModel | None = None,
+) -> BackgroundModel:
+    """The background of one camera from a frame of the empty room or, without one, from sampled frames.
 
-    room_m, sigma_m (height, width): what stays in place, 0 = unknown; drawn_m: ``equipment_depth``; walls_m:
-    ``depth_of_room``. What is above the floor, within the equipment's outline and not the equipment itself is taken
-    away. What is behind it is the equipment as drawn or else floor or wall; where neither is known, 0.
+    empty_m (height, width) float32 or None; frames_m: frames of the same shape, spread over the recording; the camera
+    has a pose. Without an empty frame the background is what is farthest most of the time, less the people who never
+    leave their place. floor_height_m: None where no floor is seen; the equipment is not needed beside an empty frame.
+    Raises ValueError without frames.
     """
+    if not frames_m:
+        raise ValueError("a background needs at least one frame of the recording to measure the noise on")
+    noise, focal_px = noise_per_m(frames_m), camera.intrinsics.fx
+    if empty_m is not None:
+        depth = _fill_specks(empty_m.astype(np.float32))
+        sigma = _noise_behind(depth, frames_m, noise)
+        return BackgroundModel(depth, sigma, noise, focal_px, BackgroundSource.PICTURE)
+    if all(people_only(frame) for frame in frames_m):
+        nothing = np.zeros_like(frames_m[0], dtype=np.float32)
+        return BackgroundModel(nothing, nothing, noise, focal_px, BackgroundSource.REMOVED)
+    depth, sigma = _from_recording(frames_m, camera, floor_height_m, equipment, noise)
+    return BackgroundModel(depth, sigma, noise, focal_px, BackgroundSource.RECORDING)
+
+
+def _from_recording(
+    frames_m: Sequence[np.ndarray],
+    camera: Camera,
+    floor_height_m: float | None,
+    equipment: EquipmentModel | None,
+    noise: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """(depth_m, sigma_m) of what stays in place, without the people who do."""
+    depth, sigma = _what_stays(np.stack(frames_m), noise)
+    nearer = [np.where(frame < depth - MOVED_SIGMAS * sigma, frame, np.float32(0.0)) for frame in frames_m]
+    walls, room = depth_of_room(depth, camera, noise), depth
+    if equipment is not None:
+        drawn = equipment_depth(camera, equipment)
+        standing = _in_equipment(depth, camera, equipment, floor_height_m, noise)
+        margin = EQUIPMENT_TOLERANCE_M + EQUIPMENT_GATE * np.maximum(sigma, noise * drawn**2)
+        standing &= ~((drawn > 0) & (depth > drawn - margin))
+        depth = depth.copy()
+        depth[standing] = np.where(drawn > 0, drawn, walls)[standing]
+        room = np.where(drawn > 0, np.float32(0.0), depth)  # a rail joins people to each other
+    if len(frames_m) < FRAMES_NEEDED:
+        nearer = []
+    people = resting_people(room, nearer, camera, floor_height_m, noise)
+    depth[people] = walls[people]
+    return depth, np.maximum(sigma, np.float32(noise) * depth**2)  # also where floor and walls were filled in
+
+
+def _in_equipment(
+    room_m: np.ndarray, camera: Camera, equipment: EquipmentModel, floor_height_m: float | None, noise_per_m: float
+) -> np.ndarray:
+    """(height, width) bool: what is above the floor and within the equipment's outline, itself included."""
     points = transform_points(camera.require_pose(), camera.back_project(room_m))
     lowest = float(equipment.triangles()[0][:, 1].min()) if floor_height_m is None else floor_height_m
     above = points[..., 1] - lowest
     inside = _outside_m(points, equipment) < LEAN_M
-    standing = inside & (above > SOLE_M + config.jump_gate * noise_per_m * room_m) & (above < HEAD_M)
-    margin = config.equipment_tolerance_m + config.equipment_gate * np.maximum(sigma_m, noise_per_m * drawn_m**2)
-    standing &= ~((drawn_m > 0) & (room_m > drawn_m - margin))
-    cleared = room_m.copy()
-    cleared[standing] = np.where(drawn_m > 0, drawn_m, walls_m)[standing]
-    return cleared
+    standing: np.ndarray = inside & (above > SOLE_M + JUMP_GATE * noise_per_m * room_m) & (above < HEAD_M)
+    return standing
 
 
 def _outside_m(points_m: np.ndarray, equipment: EquipmentModel) -> np.ndarray:
@@ -61,131 +118,6 @@ def _outside_m(points_m: np.ndarray, equipment: EquipmentModel) -> np.ndarray:
     sides = points_m[..., [0, 2]] @ hull.equations[:, :2].T + hull.equations[:, 2]
     distance: np.ndarray = np.where(np.isfinite(points_m[..., 0]), sides.max(axis=-1), np.inf)
     return distance
-
-
-PLANES = 6  # floor, ceiling and the walls in view
-TRIALS = 200  # a plane with a fifth of the points is drawn once in 125
-VOTERS = 5000
-TOLERANCE_M = 0.02  # walls and floors are flat to that
-NOISE_GATE = 3.0
-LEAST_SHARE = 0.03  # of the picture: a smaller plane is furniture, or somebody's back
-MOST_BEYOND = 0.02  # of the readings on the far side: nothing is behind a wall
-
-
-def depth_of_room(room_m: np.ndarray, camera: Camera, noise_per_m: float, seed: int = 0) -> np.ndarray:
-    """(height, width) float32 depth of the nearest wall, floor or ceiling along each ray; 0 where none is met.
-
-    room_m (height, width) float32: what is known of the room, 0 = nothing. Walls are planes with many readings on them
-    and none behind them. A room is convex, so that of several planes the nearest is the one that is seen.
-    """
-    points = camera.back_project(room_m).reshape(-1, 3).astype(np.float64)
-    points = points[np.isfinite(points[:, 2])]
-    rng = np.random.default_rng(seed)
-    share = min(1.0, VOTERS / max(len(points), 1))
-    points = points[rng.random(len(points)) < share]
-    rays = np.concatenate([camera.pixel_rays(), np.ones((*room_m.shape, 1), np.float32)], axis=-1)
-    nearest = np.full(room_m.shape, np.inf, np.float32)
-    for plane in _planes(points, LEAST_SHARE * share * room_m.size, noise_per_m, rng):
-        towards = rays @ plane[:3].astype(np.float32)
-        depth = np.where(towards > 1e-3, plane[3] / np.maximum(towards, 1e-3), np.inf)
-        nearest = np.minimum(nearest, depth.astype(np.float32))
-    return np.where(np.isfinite(nearest), nearest, np.float32(0.0))
-
-
-def _planes(points_m: np.ndarray, least: float, noise_per_m: float, rng: np.random.Generator) -> list[np.ndarray]:
-    """(4,) each: normal away from the camera and offset, ``normal @ p = offset``; largest first."""
-    found, left = list[np.ndarray](), points_m
-    limit = TOLERANCE_M + NOISE_GATE * noise_per_m * points_m[:, 2] ** 2
-    while len(found) < PLANES and len(left) > max(least, 3):
-        plane = _best(left, points_m, least, limit, noise_per_m, rng)
-        if plane is None:
-            break
-        found.append(plane)
-        left = left[np.abs(left @ plane[:3] - plane[3]) > TOLERANCE_M + NOISE_GATE * noise_per_m * left[:, 2] ** 2]
-    return found
-
-
-def _best(
-    left_m: np.ndarray,
-    points_m: np.ndarray,
-    least: float,
-    limit_m: np.ndarray,
-    noise_per_m: float,
-    rng: np.random.Generator,
-) -> np.ndarray | None:
-    corners = left_m[rng.integers(0, len(left_m), (TRIALS, 3))]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    length = np.linalg.norm(normals, axis=1)
-    normals = normals[length > 1e-6] / length[length > 1e-6, None]
-    offsets = np.einsum("ij,ij->i", normals, corners[length > 1e-6, 0])
-    sign = np.where(offsets < 0, -1.0, 1.0)
-    best, best_votes = None, least
-    gate = TOLERANCE_M + NOISE_GATE * noise_per_m * left_m[:, 2] ** 2
-    for normal, offset in zip(normals * sign[:, None], offsets * sign, strict=True):
-        votes = int(np.count_nonzero(np.abs(left_m @ normal - offset) < gate))
-        if votes <= best_votes or np.mean(points_m @ normal - offset > 2.0 * limit_m) > MOST_BEYOND:
-            continue
-        best, best_votes = np.append(normal, offset), votes
-    return None if best is None else _refitted(best, left_m, gate)
-
-
-def _refitted(plane: np.ndarray, points_m: np.ndarray, gate_m: np.ndarray) -> np.ndarray:
-    """Least squares on the inliers."""
-    own = points_m[np.abs(points_m @ plane[:3] - plane[3]) < gate_m]
-    centre = own.mean(axis=0)
-    normal = np.linalg.eigh(np.cov((own - centre).T))[1][:, 0]
-    normal *= np.sign(normal @ plane[:3])
-    return np.append(normal, normal @ centre)
-
-
-BLOCK_PX = 16  # noise changes slowly over the picture: it is measured in blocks of this size
-READINGS_NEEDED = 32  # of one block, for a median good to a sixth of itself
-FAR_PERCENTILE, NEAR_PERCENTILE = 95, 80  # both show the room where a pixel is free a fifth of the time
-MOVED_SIGMAS = 5.0  # of a pixel's noise, over a dozen frames
-FAR_SIGMAS, NEAR_SIGMAS = 1.6449, 0.8416  # where these percentiles lie on a normal distribution
-
-
-def learn_background(
-    picture_m: np.ndarray | None,
-    frames_m: Sequence[np.ndarray],
-    camera: Camera,
-    floor_height_m: float | None,
-    config: IsolationConfig,
-    equipment: EquipmentModel | None = None,
-) -> BackgroundModel:
-    """The background of one camera from its picture of the empty room or, without one, from sampled frames.
-
-    picture_m (height, width) float32 or None; frames_m: pictures of the same shape, spread over the recording; the
-    camera has a pose. Without a picture the background is what is farthest most of the time, less those who never
-    leave their place: who stands in the equipment (``clear_equipment``), and ``resting_people``, behind whom
-    only floor and walls are known. floor_height_m: None where no floor is seen; the equipment is not needed beside a
-    picture.
-    Raises ValueError without frames.
-    """
-    if not frames_m:
-        raise ValueError("a background needs at least one frame of the recording to measure the noise on")
-    noise, focal_px = noise_per_m(frames_m), camera.intrinsics.fx
-    if picture_m is not None:
-        depth = _fill_specks(picture_m.astype(np.float32))
-        sigma = _noise_behind(depth, frames_m, noise)
-        return BackgroundModel(depth, sigma, noise, focal_px, BackgroundSource.PICTURE)
-    if all(people_only(frame) for frame in frames_m):
-        nothing = np.zeros_like(frames_m[0], dtype=np.float32)
-        return BackgroundModel(nothing, nothing, noise, focal_px, BackgroundSource.REMOVED)
-    depth, sigma = _what_stays(np.stack(frames_m), noise)
-    nearer = [np.where(frame < depth - MOVED_SIGMAS * sigma, frame, np.float32(0.0)) for frame in frames_m]
-    walls = depth_of_room(depth, camera, noise)
-    drawn = None
-    if equipment is not None:
-        drawn = equipment_depth(camera, equipment)
-        depth = clear_equipment(depth, sigma, camera, equipment, drawn, walls, floor_height_m, noise, config)
-    room = depth if drawn is None else np.where(drawn > 0, np.float32(0.0), depth)  # a rail joins people to each other
-    if len(frames_m) < FRAMES_NEEDED:
-        nearer = []
-    somebody = resting_people(room, nearer, camera, floor_height_m, noise, config)
-    depth[somebody] = walls[somebody]
-    sigma = np.maximum(sigma, np.float32(noise) * depth**2)  # also where geometry put the background in
-    return BackgroundModel(depth, sigma, noise, focal_px, BackgroundSource.RECORDING)
 
 
 def _fill_specks(depth_m: np.ndarray) -> np.ndarray:
@@ -246,3 +178,70 @@ def _as_sigma(factor: np.ndarray, depth_m: np.ndarray, floor: float) -> np.ndarr
     whole = np.maximum(np.where(np.isfinite(factor), factor, typical), floor).astype(np.float32)
     smooth = cv2.resize(whole, depth_m.shape[::-1], interpolation=cv2.INTER_LINEAR)
     return (smooth * np.where(depth_m > 0, depth_m, 1.0) ** 2).astype(np.float32)
+
+
+def depth_of_room(room_m: np.ndarray, camera: Camera, noise_per_m: float, seed: int = 0) -> np.ndarray:
+    """(height, width) float32 depth of the nearest wall, floor or ceiling along each ray; 0 where none is met.
+
+    room_m (height, width) float32: what is known of the room, 0 = nothing. Walls are planes with many readings on them
+    and none behind them. A room is convex, so that of several planes the nearest is the one that is seen.
+    """
+    points = camera.back_project(room_m).reshape(-1, 3).astype(np.float64)
+    points = points[np.isfinite(points[:, 2])]
+    rng = np.random.default_rng(seed)
+    share = min(1.0, VOTERS / max(len(points), 1))
+    points = points[rng.random(len(points)) < share]
+    rays = np.concatenate([camera.pixel_rays(), np.ones((*room_m.shape, 1), np.float32)], axis=-1)
+    nearest = np.full(room_m.shape, np.inf, np.float32)
+    for plane in _planes(points, LEAST_SHARE * share * room_m.size, noise_per_m, rng):
+        towards = rays @ plane[:3].astype(np.float32)
+        depth = np.where(towards > 1e-3, plane[3] / np.maximum(towards, 1e-3), np.inf)
+        nearest = np.minimum(nearest, depth.astype(np.float32))
+    return np.where(np.isfinite(nearest), nearest, np.float32(0.0))
+
+
+def _planes(points_m: np.ndarray, least: float, noise_per_m: float, rng: np.random.Generator) -> list[np.ndarray]:
+    """(4,) each: normal away from the camera and offset, ``normal @ p = offset``; largest first."""
+    found, left = list[np.ndarray](), points_m
+    limit = TOLERANCE_M + NOISE_GATE * noise_per_m * points_m[:, 2] ** 2
+    while len(found) < PLANES and len(left) > max(least, 3):
+        plane = _best(left, points_m, least, limit, noise_per_m, rng)
+        if plane is None:
+            break
+        found.append(plane)
+        left = left[np.abs(left @ plane[:3] - plane[3]) > TOLERANCE_M + NOISE_GATE * noise_per_m * left[:, 2] ** 2]
+    return found
+
+
+def _best(
+    left_m: np.ndarray,
+    points_m: np.ndarray,
+    least: float,
+    limit_m: np.ndarray,
+    noise_per_m: float,
+    rng: np.random.Generator,
+) -> np.ndarray | None:
+    """The plane through three of the points ``left_m`` with most of them on it and nothing beyond, None if too few."""
+    corners = left_m[rng.integers(0, len(left_m), (TRIALS, 3))]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(normals, axis=1)
+    normals = normals[length > 1e-6] / length[length > 1e-6, None]
+    offsets = np.einsum("ij,ij->i", normals, corners[length > 1e-6, 0])
+    sign = np.where(offsets < 0, -1.0, 1.0)
+    best, best_votes = None, least
+    gate = TOLERANCE_M + NOISE_GATE * noise_per_m * left_m[:, 2] ** 2
+    for normal, offset in zip(normals * sign[:, None], offsets * sign, strict=True):
+        votes = int(np.count_nonzero(np.abs(left_m @ normal - offset) < gate))
+        if votes <= best_votes or np.mean(points_m @ normal - offset > 2.0 * limit_m) > MOST_BEYOND:
+            continue
+        best, best_votes = np.append(normal, offset), votes
+    return None if best is None else _refitted(best, left_m, gate)
+
+
+def _refitted(plane: np.ndarray, points_m: np.ndarray, gate_m: np.ndarray) -> np.ndarray:
+    """Least squares on the inliers."""
+    own = points_m[np.abs(points_m @ plane[:3] - plane[3]) < gate_m]
+    centre = own.mean(axis=0)
+    normal = np.linalg.eigh(np.cov((own - centre).T))[1][:, 0]
+    normal *= np.sign(normal @ plane[:3])
+    return np.append(normal, normal @ centre)

@@ -1,9 +1,10 @@
-"""Who is in the picture: people as upright columns over the ground, and which of them is the patient."""
+"""Who is in the room: people as upright columns over the ground, and which of them is the patient."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import cv2
 import numpy as np
@@ -13,15 +14,19 @@ from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.scene import Pieces
 from anchorpose.recording.equipment import EquipmentModel
 
-CELL_M = 0.04  # ground cells: a sixth of a person's radius
+PERSON_HEIGHT_M: Final = 0.50  # what must be seen of a person, from top to bottom: half of one who sits
+PERSON_AREA_M2: Final = 0.12  # what must be seen of a person: a fifth of an adult's frontal area
+CELL_M: Final = 0.04  # ground cells: a sixth of a person's radius
 SADDLE_NEAR, SADDLE_FAR = 0.6, 0.8  # two peaks with more than this of the lower one between them are one body, near
-NEAR_M, FAR_M = 0.35, 0.50  # each other and far apart: arms carry less, the thighs of who sits carry more
+NEAR_M, FAR_M = 0.35, 0.50  # each other and far apart: arms carry less, the thighs of a seated person carry more
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Person:
-    """ground_xz_m (2,) float64: the body's axis on the ground; bottom_m, top_m: heights; area_m2: surface seen about
-    the axis, by how many pixels."""
+    """One person: ground_xz_m (2,) float64, the body's axis on the ground; bottom_m, top_m: heights.
+
+    area_m2, pixels: the surface seen about the axis, and by how many pixels.
+    """
 
     ground_xz_m: np.ndarray
     bottom_m: float
@@ -32,7 +37,7 @@ class Person:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class People:
-    """The people of one moment; of: one a camera, (n,) int32 person of each foreground pixel, -1 = nobody."""
+    """The people of one moment; of: one per camera, (n,) int32 person of each foreground pixel, -1 = nobody."""
 
     people: tuple[Person, ...]
     of: tuple[np.ndarray | None, ...]
@@ -40,7 +45,7 @@ class People:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PatientChoice:
-    """Where the patient stands at the start, (2,) float64 X and Z, and how we know; sure: named or in the equipment."""
+    """Where the patient stands at the start, (2,) float64 X and Z, and why; sure: named or in the equipment."""
 
     ground_xz_m: np.ndarray
     reason: str
@@ -50,14 +55,15 @@ class PatientChoice:
 def find_people(pieces: Sequence[Pieces | None], config: IsolationConfig) -> People:
     """Split the foreground of all cameras into persons.
 
-    Each person is a column of mass over the ground (Y is up); a connected piece that covers one column belongs to it,
-    one that covers several is divided by the nearest axis, one that covers none goes to the nearest person in reach.
+    Each person is a column of mass over the ground (Y is up). A connected piece that covers one column belongs to that
+    person, one that covers several is divided by the nearest axis, one that covers none goes to the nearest person
+    within reach.
     """
-    seen = [view for view in pieces if view is not None]
-    points = np.concatenate([view.points_m for view in seen]) if seen else np.empty((0, 3), np.float32)
-    area = np.concatenate([view.area_m2 for view in seen]) if seen else np.empty(0, np.float32)
+    seen = [pixels for pixels in pieces if pixels is not None]
+    points = np.concatenate([pixels.points_m for pixels in seen]) if seen else np.empty((0, 3), np.float32)
+    area = np.concatenate([pixels.area_m2 for pixels in seen]) if seen else np.empty(0, np.float32)
     people = find_columns(points, area, config)
-    return People(people, tuple(None if view is None else _owners(view, people, config) for view in pieces))
+    return People(people, tuple(None if pixels is None else _owners(pixels, people, config) for pixels in pieces))
 
 
 def choose_patient(
@@ -67,11 +73,12 @@ def choose_patient(
     look_at_xz: np.ndarray,
     config: IsolationConfig,
 ) -> PatientChoice | None:
-    """The patient among the people of the first sighting; later ones tell who stays. None where nobody is seen.
+    """The patient among the people of the first sighting; later ones show who stays. None where nobody is seen.
 
-    In this order: the person at ``patient_xz``, if the user said so; who stands within the equipment's outline; of a
-    few sightings, in which furniture stays as well as anybody, who fills most of the picture; who stays in place
-    longest and, of these, is nearest to ``look_at_xz``, where the first camera's axis meets the scene.
+    In this order: the person at ``patient_xz``, if the user named one; the person within the equipment's outline; with
+    only a few sightings, in which furniture stays as well as anybody, the person who fills most of the frame; the
+    person who stays in place longest and, of these, is nearest to ``look_at_xz``, where the first camera's axis meets
+    the scene.
     """
     if not sightings or not sightings[0].people:
         return None
@@ -81,22 +88,27 @@ def choose_patient(
     if patient_xz is not None:
         nearest = int(np.argmin(np.linalg.norm(axes - patient_xz, axis=1)))
         return PatientChoice(axes[nearest], f"nearest to the place that was given, {among}", sure=True)
-    if equipment is not None:
-        inside = _inside_outline(axes, equipment)
-        if inside.any():
-            centre = equipment.triangles()[0][:, [0, 2]].mean(axis=0)
-            nearest = int(np.argmin(np.where(inside, np.linalg.norm(axes - centre, axis=1), np.inf)))
-            return PatientChoice(axes[nearest], f"stands within the equipment, {among}", sure=True)
+    within = None if equipment is None else _most_central(axes, equipment)
+    if within is not None:
+        return PatientChoice(axes[within], f"stands within the equipment, {among}", sure=True)
     if len(sightings) < FRAMES_NEEDED:
         largest = int(np.argmax([person.pixels for person in people]))
         return PatientChoice(axes[largest], f"fills most of the picture, {among}", sure=False)
     stays = np.array([[_is_there(axis, sighting, config) for sighting in sightings] for axis in axes]).sum(axis=1)
     off_axis = np.linalg.norm(axes - look_at_xz, axis=1)
     best = int(np.lexsort((off_axis, -stays))[0])
-    reason = (
-        f"was seen in place in {stays[best]} of {len(sightings)} frames and nearest to the middle of the view, {among}"
-    )
-    return PatientChoice(axes[best], reason, sure=False)
+    seen = f"was seen in place in {stays[best]} of {len(sightings)} frames"
+    return PatientChoice(axes[best], f"{seen} and nearest to the middle of the view, {among}", sure=False)
+
+
+def _most_central(axes_xz: np.ndarray, equipment: EquipmentModel) -> int | None:
+    """Which of the axes (n, 2) is nearest to the middle of the equipment's outline, None where all are outside."""
+    ground = equipment.triangles()[0][:, [0, 2]]
+    outline = cv2.convexHull(ground.astype(np.float32))
+    inside = np.array([cv2.pointPolygonTest(outline, (float(x), float(z)), False) >= 0 for x, z in axes_xz])
+    if not inside.any():
+        return None
+    return int(np.argmin(np.where(inside, np.linalg.norm(axes_xz - ground.mean(axis=0), axis=1), np.inf)))
 
 
 def find_columns(points_m: np.ndarray, area_m2: np.ndarray, config: IsolationConfig) -> tuple[Person, ...]:
@@ -118,22 +130,20 @@ def find_columns(points_m: np.ndarray, area_m2: np.ndarray, config: IsolationCon
         if height <= 0.02 * mass.max():
             return tuple(found)
         cv2.circle(left, (int(peak[1]), int(peak[0])), int(1.5 * config.person_radius_m / CELL_M), 0.0, -1)
-        person = _person_at(low + (peak + 0.5) * CELL_M, points_m, area_m2, config)
+        person = _person_at(low + (peak + 0.5) * CELL_M, points_m, area_m2, config.person_radius_m)
         one_body = any(_saddle(mass, peak, other) > _one_body_share(peak - other) * height for other in peaks)
         if person is not None and not one_body:
             found.append(person)
             peaks.append(peak)
 
 
-def _person_at(
-    axis_xz: np.ndarray, points_m: np.ndarray, area_m2: np.ndarray, config: IsolationConfig
-) -> Person | None:
-    near = ((points_m[:, [0, 2]] - axis_xz) ** 2).sum(axis=1) < config.person_radius_m**2
+def _person_at(axis_xz: np.ndarray, points_m: np.ndarray, area_m2: np.ndarray, radius_m: float) -> Person | None:
+    near = ((points_m[:, [0, 2]] - axis_xz) ** 2).sum(axis=1) < radius_m**2
     area = float(area_m2[near].sum())
-    if area < config.person_area_m2:
+    if area < PERSON_AREA_M2:
         return None
     bottom, top = np.percentile(points_m[near, 1], [1, 99])
-    if top - bottom < config.person_height_m:
+    if top - bottom < PERSON_HEIGHT_M:
         return None
     return Person(axis_xz.astype(np.float64), float(bottom), float(top), area, int(near.sum()))
 
@@ -155,27 +165,22 @@ def _saddle(mass: np.ndarray, start: np.ndarray, end: np.ndarray) -> float:
     return float(mass[line[:, 0], line[:, 1]].min())
 
 
-def _owners(view: Pieces, people: tuple[Person, ...], config: IsolationConfig) -> np.ndarray:
+def _owners(pixels: Pieces, people: tuple[Person, ...], config: IsolationConfig) -> np.ndarray:
     """(n,) int32 person of each foreground pixel of one camera, -1 = nobody."""
-    if not people or not len(view.row):
-        return np.full(len(view.row), -1, dtype=np.int32)
+    if not people or not len(pixels.row):
+        return np.full(len(pixels.row), -1, dtype=np.int32)
     axes = np.array([person.ground_xz_m for person in people], dtype=np.float32)
-    distance = np.linalg.norm(view.points_m[:, None, [0, 2]] - axes, axis=2)  # (n, people)
+    distance = np.linalg.norm(pixels.points_m[:, None, [0, 2]] - axes, axis=2)  # (n, people)
     nearest = distance.argmin(axis=1)
     in_core = distance < config.person_radius_m
     covered = np.stack(
-        [np.bincount(view.piece, view.area_m2 * core, view.piece_count + 1) for core in in_core.T], axis=1
+        [np.bincount(pixels.piece, pixels.area_m2 * core, pixels.piece_count + 1) for core in in_core.T], axis=1
     )  # (pieces, people)
-    covers = covered > config.person_area_m2 / 4
-    only = np.where(covers.sum(axis=1) == 1, covers.argmax(axis=1), -1)[view.piece]
+    covers = covered > PERSON_AREA_M2 / 4
+    only = np.where(covers.sum(axis=1) == 1, covers.argmax(axis=1), -1)[pixels.piece]
     owner = np.where(only >= 0, only, nearest)
     out_of_reach = distance[np.arange(len(owner)), owner] > config.reach_m
     return np.where(out_of_reach, -1, owner).astype(np.int32)
-
-
-def _inside_outline(axes_xz: np.ndarray, equipment: EquipmentModel) -> np.ndarray:
-    outline = cv2.convexHull(equipment.triangles()[0][:, [0, 2]].astype(np.float32))
-    return np.array([cv2.pointPolygonTest(outline, (float(x), float(z)), False) >= 0 for x, z in axes_xz])
 
 
 def _is_there(axis_xz: np.ndarray, sighting: People, config: IsolationConfig) -> bool:

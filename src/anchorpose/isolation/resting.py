@@ -1,4 +1,4 @@
-"""People who never leave their place, told from the room by floor, size, movement and what hangs on to them."""
+"""People who never leave their place, distinguished from the room by floor, size, movement and what is connected."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ import cv2
 import numpy as np
 
 from anchorpose.camera import Camera, transform_points
-from anchorpose.isolation.components import JumpLimit, jump_limit, label_components
-from anchorpose.isolation.config import IsolationConfig
+from anchorpose.isolation.components import JUMP_GATE, JumpLimit, jump_limit, label_components
+from anchorpose.isolation.people import PERSON_AREA_M2, PERSON_HEIGHT_M
 
 SOLE_M: Final = 0.05  # above the floor; what is lower is the floor's noise
 TOP_M: Final = (0.9, 2.3)  # heads of people who sit and of people who raise an arm
 WIDEST_M: Final = 1.3  # from hand to hand with bent arms; walls and tables are wider
 LARGEST_M2: Final = 1.0  # of a person, seen from one side
-LEAST_MOVED_SHARE: Final = 0.1  # of the pixels around a body that were covered in some frame: it sways, a cupboard not
-LEAST_ATTACHED_SHARE: Final = 0.3  # of a piece's border that moving surface hung on to: a trunk's limbs, a chair's not
+LEAST_MOVED_SHARE: Final = 0.1  # of the pixels around a body, covered in some frame: bodies sway, cupboards do not
+LEAST_ATTACHED_SHARE: Final = 0.3  # of a piece's border with a moving surface connected: trunks have limbs
 RING_PX: Final = 11  # around a body, 3 cm at 2 m
-BESIDE_PX: Final = 2  # from the border of a piece to what may hang on to it
+BESIDE_PX: Final = 2  # from the border of a piece to what may be connected
 
 
 def resting_people(
@@ -28,20 +28,19 @@ def resting_people(
     camera: Camera,
     floor_height_m: float | None,
     noise_per_m: float,
-    config: IsolationConfig,
 ) -> np.ndarray:
-    """(height, width) bool: pieces of ``room_m`` that are somebody: connected, above the floor, and moving or moved on.
+    """(height, width) bool: pieces of ``room_m`` that are people: connected, above the floor, with something moving.
 
     room_m (height, width) float32: what was farthest over time, 0 = unknown; nearer: frames (height, width) float32
-    with only what was in front of it, 0 elsewhere; none where there are too few frames to ask for movement. Somebody is
-    as large as a person and sways, or is a still part that moving surface hangs on to. Where no floor is seen
-    (floor_height_m None) nobody is connected to it either, and the height above it is not asked for.
+    with only what was in front of it, 0 elsewhere; none where there are too few frames to see movement. People are as
+    large as a person and sway, or are a still part with a moving surface connected to it. Where no floor is seen
+    (floor_height_m None) nobody is connected to it either, and the height above it is not tested.
     """
     points = transform_points(camera.require_pose(), camera.back_project(room_m))
     upright = room_m > 0
     if floor_height_m is not None:  # noise across the floor is a z h, the camera about a metre above it
-        upright &= points[..., 1] - floor_height_m > SOLE_M + config.jump_gate * noise_per_m * room_m
-    limit = jump_limit(noise_per_m, camera.intrinsics.fx, config.jump_gate, config.steepest_slope_rad)
+        upright &= points[..., 1] - floor_height_m > SOLE_M + JUMP_GATE * noise_per_m * room_m
+    limit = jump_limit(noise_per_m, camera.intrinsics.fx)
     pieces, count = label_components(room_m, upright, limit)
     pixel_m2 = room_m.astype(np.float64) ** 2 / (camera.intrinsics.fx * camera.intrinsics.fy)
     area = np.bincount(pieces.ravel(), pixel_m2.ravel(), count + 1)
@@ -49,9 +48,9 @@ def resting_people(
     moved = np.any([frame > 0 for frame in nearer], axis=0) if len(nearer) else None
     attached = _attached_share(room_m, pieces, count, nearer, limit)
     mask = (attached > LEAST_ATTACHED_SHARE)[pieces] & (area < LARGEST_M2)[pieces] & (pieces > 0)
-    for piece in np.flatnonzero(area > config.person_area_m2):
+    for piece in np.flatnonzero(area > PERSON_AREA_M2):
         body = pieces == piece
-        if _has_a_body_size(points[body], floor_height_m, config) and _moves(body, moved):
+        if _has_a_body_size(points[body], floor_height_m) and _moves(body, moved):
             mask |= body
     return mask
 
@@ -59,7 +58,7 @@ def resting_people(
 def _attached_share(
     room_m: np.ndarray, pieces: np.ndarray, count: int, nearer: Sequence[np.ndarray], limit: JumpLimit
 ) -> np.ndarray:
-    """(count + 1,) of each piece's border pixels the share beside which a nearer surface went on without a jump."""
+    """(count + 1,) of each piece's border pixels the share beside which a nearer surface continued without a jump."""
     same = cv2.erode(pieces.astype(np.float32), np.ones((3, 3))) == pieces
     same &= cv2.dilate(pieces.astype(np.float32), np.ones((3, 3))) == pieces
     row, column = np.nonzero(~same & (pieces > 0))
@@ -68,21 +67,21 @@ def _attached_share(
     row, column = row[inside], column[inside]
     own = room_m[row, column]
     reach = BESIDE_PX * limit.at(own)
-    hung = np.zeros(len(row), dtype=bool)
+    continued = np.zeros(len(row), dtype=bool)
     for frame in nearer:
         for d_row, d_column in ((0, BESIDE_PX), (0, -BESIDE_PX), (BESIDE_PX, 0), (-BESIDE_PX, 0)):
             beside = frame[row + d_row, column + d_column]
-            hung |= (beside > 0) & (np.abs(beside - own) < reach)
+            continued |= (beside > 0) & (np.abs(beside - own) < reach)
     border = np.bincount(pieces[row, column], minlength=count + 1)
-    return np.bincount(pieces[row, column], hung, count + 1) / np.maximum(border, 1)
+    return np.bincount(pieces[row, column], continued, count + 1) / np.maximum(border, 1)
 
 
-def _has_a_body_size(points_m: np.ndarray, floor_height_m: float | None, config: IsolationConfig) -> bool:
+def _has_a_body_size(points_m: np.ndarray, floor_height_m: float | None) -> bool:
     low, high = np.percentile(points_m, [1, 99], axis=0)
     top_fits = floor_height_m is None or TOP_M[0] < high[1] - floor_height_m < TOP_M[1]
     return bool(
         top_fits
-        and config.person_height_m < high[1] - low[1] < TOP_M[1]
+        and PERSON_HEIGHT_M < high[1] - low[1] < TOP_M[1]
         and np.hypot(high[0] - low[0], high[2] - low[2]) < WIDEST_M
     )
 

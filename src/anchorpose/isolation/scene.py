@@ -1,11 +1,10 @@
-"""What isolation knows of one camera before the first frame, and what it cuts out of each.
-
-Boards, doors and cloths held up: things in front of the room that are too flat and too square to be a body.
-"""
+"""One camera's scene before the first frame, and the people's pixels that are cut out of each frame."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 import cv2
 import numpy as np
@@ -21,15 +20,16 @@ from anchorpose.isolation.background import (
     expect_equipment,
     foreground,
 )
-from anchorpose.isolation.components import JumpLimit, label_components
-from anchorpose.isolation.config import IsolationConfig
+from anchorpose.isolation.components import JUMP_GATE, JumpLimit, label_components
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.recording.equipment import EquipmentModel
 
-LEAST_M2 = 0.15  # a smaller patch of a body, cut out by bars, may be flat
-FLATTEST = 0.025  # deviation from a plane over the width; trunks bulge by 5 %
-LEAST_FILLED = 0.85  # of the smallest rectangle around it; a trunk with thighs fills less
-SAMPLE = 500  # points of a piece that are asked
+SMALLEST_PIECE_M2: Final = 0.0005  # a piece smaller than a fingertip is not a person
+FEET_M: Final = 0.3  # an ankle's height, and what a removed floor takes with it
+LEAST_M2: Final = 0.15  # a smaller patch of a body, cut out by bars, may be flat
+FLATTEST: Final = 0.025  # deviation from a plane over the width; trunks bulge by 5 %
+LEAST_FILLED: Final = 0.85  # of the smallest rectangle around it; a trunk with thighs fills less
+SAMPLE: Final = 500  # points of a piece that are tested
 
 
 def flat_pieces(
@@ -62,9 +62,6 @@ def flat_pieces(
 def _median(values: np.ndarray) -> float:
     """As ``np.median``, which takes ten times as long for a few hundred."""
     return np.float64(np.median(values))
-
-
-FEET_M = 0.3  # an ankle's height, and what a removed floor takes with it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,7 +98,7 @@ class Pieces:
     noise_per_m: float
 
     def only(self, kept: np.ndarray) -> Pieces:
-        """The same picture with some of the foreground pixels, kept (n,) bool."""
+        """The same frame with some of the foreground pixels, kept (n,) bool."""
         index = np.full_like(self.index, -1)
         row, column = self.row[kept], self.column[kept]
         index[row, column] = np.arange(len(row), dtype=np.int32)
@@ -116,29 +113,32 @@ class Pieces:
         )
 
 
-def set_scene(
-    camera: Camera, background: BackgroundModel, equipment: EquipmentModel | None, config: IsolationConfig
-) -> Scene:
+def set_scene(camera: Camera, background: BackgroundModel, equipment: EquipmentModel | None) -> Scene:
     """Prepare one camera; raises ValueError where its pose is unknown."""
     camera.require_pose()
     rays = camera.pixel_rays()
     if equipment is None:
         return Scene(camera, rays, background, None)
-    return Scene(camera, rays, background, expect_equipment(equipment_depth(camera, equipment), background, config))
+    return Scene(camera, rays, background, expect_equipment(equipment_depth(camera, equipment), background))
 
 
-def find_pieces(depth_m: np.ndarray, scene: Scene, config: IsolationConfig) -> Pieces:
+def find_all_pieces(depths_m: Sequence[np.ndarray | None], scenes: Sequence[Scene]) -> list[Pieces | None]:
+    """The pieces of all cameras at one moment; None where a camera has no frame."""
+    return [None if depth is None else find_pieces(depth, scene) for depth, scene in zip(depths_m, scenes, strict=True)]
+
+
+def find_pieces(depth_m: np.ndarray, scene: Scene) -> Pieces:
     """Take room and equipment away from one frame and cut the rest at its depth jumps."""
     model, camera = scene.background, scene.camera
-    people = foreground(depth_m, model, config)
+    people = foreground(depth_m, model)
     equipment = None if scene.equipment is None else equipment_mask(depth_m, people, scene.equipment)
     if equipment is not None:
         people &= ~equipment
-    labels = _first_labels(depth_m, people, scene, equipment, config)
-    limit = model.jump_limit(config)
+    labels = _first_labels(depth_m, people, scene, equipment)
+    limit = model.jump_limit
     piece_of, count = label_components(depth_m, people, limit)
     focal = camera.intrinsics.fx * camera.intrinsics.fy
-    large = _areas(depth_m, piece_of, count, focal) >= config.crumb_area_m2
+    large = _areas(depth_m, piece_of, count, focal) >= SMALLEST_PIECE_M2
     large[0] = False
     renumbered = np.where(large, np.cumsum(large), 0).astype(np.int32)
     T_world_camera = camera.require_pose().astype(np.float32)
@@ -148,12 +148,10 @@ def find_pieces(depth_m: np.ndarray, scene: Scene, config: IsolationConfig) -> P
     return found.only(~flat) if flat.any() else found
 
 
-def _first_labels(
-    depth_m: np.ndarray, people: np.ndarray, scene: Scene, equipment: np.ndarray | None, config: IsolationConfig
-) -> np.ndarray:
-    """(height, width) uint8 of ``PixelLabel`` before anybody is told from anybody."""
+def _first_labels(depth_m: np.ndarray, people: np.ndarray, scene: Scene, equipment: np.ndarray | None) -> np.ndarray:
+    """(height, width) uint8 of ``PixelLabel`` before people are separated."""
     model = scene.background
-    labels = _nearness(depth_m, model.depth_m, model.sigma_m, config.jump_gate)
+    labels = _nearness(depth_m, model.depth_m, model.sigma_m, JUMP_GATE)
     if equipment is not None:
         labels[equipment] = PixelLabel.EQUIPMENT
     labels[people] = PixelLabel.CLUTTER

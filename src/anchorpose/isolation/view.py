@@ -1,4 +1,4 @@
-"""One camera's frame with every pixel told apart."""
+"""One camera's frame with a label for every pixel."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ class PixelLabel(IntEnum):
     NO_READING = 0
     BACKGROUND = 1
     EQUIPMENT = 2  # remembered, not just removed: the patient may be behind it
-    CLUTTER = 3  # foreground that is nobody: flying pixels, crumbs
+    CLUTTER = 3  # foreground that belongs to no person: flying pixels, small components
     PATIENT = 4
     OTHER_PERSON = 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """One camera's depth picture and the label of each pixel.
+    """One camera's depth frame and the label of each pixel.
 
     depth_m (height, width) float32 metres, 0 = no reading; labels (height, width) uint8 of ``PixelLabel``.
     """

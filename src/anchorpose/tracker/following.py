@@ -9,13 +9,13 @@ import numpy as np
 from anchorpose.body.skin_points import FittedShape
 from anchorpose.isolation.bystander_memory import SAMPLE_PX, update_memory
 from anchorpose.isolation.people import PatientChoice, Person, find_people, ground_distance
-from anchorpose.isolation.scene import Pieces
+from anchorpose.isolation.scene import Pieces, find_all_pieces
 from anchorpose.isolation.separation import separate
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate, nobody_found
-from anchorpose.tracker.observation import Observation, find_all_pieces
+from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.patient import PatientTracker
 from anchorpose.tracker.run import Run
 from anchorpose.tracker.start import NoStart, Start, find_start
@@ -99,10 +99,10 @@ class Search:
 
     def look(self, frame_set: FrameSet, run: Run) -> PatientChoice | None:
         """Who may be the patient in this frame, None where nobody may; frames come in their order, none is left out."""
-        pieces, config = find_all_pieces(frame_set, run), run.config
+        pieces, config = find_all_pieces(frame_set.depths_m, run.room.scenes), run.config
         elapsed_s = frame_set.time_s - self._time_s
         views = separate(pieces, self._memory, None, elapsed_s, config.isolation)
-        self._memory = update_memory(self._memory, pieces, views, run.room.cameras, elapsed_s, config.isolation)
+        self._memory = update_memory(self._memory, pieces, views, run.room.cameras, elapsed_s)
         self._time_s = frame_set.time_s
         reach_m = NEAR_M + WALK_M_S * abs(frame_set.time_s - self._lost_s)
         people = find_people(pieces, config.isolation).people

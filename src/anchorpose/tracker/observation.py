@@ -16,7 +16,7 @@ from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory,
 from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.ownership import OwnershipLikelihood, join_likelihoods
 from anchorpose.isolation.people import PatientChoice, find_people
-from anchorpose.isolation.scene import Pieces, find_pieces
+from anchorpose.isolation.scene import Pieces, find_all_pieces
 from anchorpose.isolation.separation import separate, separate_initial
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.recording.recording import FrameSet
@@ -27,6 +27,7 @@ from anchorpose.tracker.bystanders import Bystanders, bystander_likelihood, foll
 from anchorpose.tracker.room import FACING, UP
 from anchorpose.tracker.run import Run
 
+LOOSEST_SKIN_M = 0.05  # half of a limb's width: skin predicted less precisely is left out of the likelihood
 LEAST_TRUSTED = 4  # three tell nodes apart (paper, Section IV-D), four make two subsets; with fewer a node keeps all
 
 
@@ -110,10 +111,9 @@ def observe(
 
 def isolate_first(frame_set: FrameSet, choice: PatientChoice, run: Run) -> Isolated:
     """Who is who where nothing is known but where the patient stands."""
-    config = run.config.isolation
     with run.stage("isolation"):
-        pieces = find_all_pieces(frame_set, run)
-        views = separate_initial(pieces, find_people(pieces, config), choice, config)
+        pieces = find_all_pieces(frame_set.depths_m, run.room.scenes)
+        views = separate_initial(pieces, find_people(pieces, run.config.isolation), choice)
     bystanders = _follow_bystanders(Bystanders(), views, 0.0, run)
     return _isolated(pieces, views, empty_memory(), bystanders, 0.0, run)
 
@@ -121,7 +121,7 @@ def isolate_first(frame_set: FrameSet, choice: PatientChoice, run: Run) -> Isola
 def isolate(frame_set: FrameSet, expected: Expectation, before: Observation, run: Run) -> Isolated:
     """Who is who where the patient is expected at a place, and the bystanders where they were in the frame before."""
     with run.stage("isolation"):
-        pieces = find_all_pieces(frame_set, run)
+        pieces = find_all_pieces(frame_set.depths_m, run.room.scenes)
     elapsed_s = frame_set.time_s - before.frame_set.time_s  # negative in a backward pass
     views = _separated(pieces, expected, before, before.bystanders, elapsed_s, elapsed_s, run)
     bystanders = _follow_bystanders(before.bystanders, views, elapsed_s, run)
@@ -135,14 +135,6 @@ def isolate_again(seen: Observation, expected: Expectation, before: Observation,
     return _isolated(seen.pieces, views, before.memory, seen.bystanders, elapsed_s, run)
 
 
-def find_all_pieces(frame_set: FrameSet, run: Run) -> list[Pieces | None]:
-    """The people's pixels of every camera, None for a camera without a depth image."""
-    return [
-        None if depth is None else find_pieces(depth, scene, run.config.isolation)
-        for depth, scene in zip(frame_set.depths_m, run.room.scenes, strict=True)
-    ]
-
-
 def patient_likelihood(expected: Expectation, config: IsolationConfig) -> OwnershipLikelihood:
     """The likelihood that a place is the patient's, by the predicted skin.
 
@@ -150,7 +142,7 @@ def patient_likelihood(expected: Expectation, config: IsolationConfig) -> Owners
     is connected to the patient.
     """
     spread = config.skin_sigma_m + config.prediction_growth_m * expected.frames_without_fit
-    sure = expected.sigma_m < config.loosest_claim_m
+    sure = expected.sigma_m < LOOSEST_SKIN_M
     sigma = np.hypot(spread, expected.sigma_m[sure]).astype(np.float32)
     return OwnershipLikelihood(expected.skin.points_m[sure], np.full(len(sigma), PixelLabel.PATIENT, np.uint8), sigma)
 
@@ -185,7 +177,7 @@ def _isolated(
     run: Run,
 ) -> Isolated:
     with run.stage("isolation"):
-        memory = update_memory(before, pieces, views, run.room.cameras, elapsed_s, run.config.isolation)
+        memory = update_memory(before, pieces, views, run.room.cameras, elapsed_s)
     return Isolated(tuple(pieces), tuple(views), memory, bystanders)
 
 

@@ -24,7 +24,7 @@ from anchorpose.geodesics.anchors import no_anchors
 from anchorpose.isolation.background import BackgroundModel
 from anchorpose.isolation.empty_room import learn_background
 from anchorpose.isolation.people import People, choose_patient, find_people
-from anchorpose.isolation.scene import Scene, find_pieces, set_scene
+from anchorpose.isolation.scene import Scene, find_all_pieces, set_scene
 from anchorpose.recording.reader import read_frames
 from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.tracker.config import TrackConfig
@@ -115,7 +115,7 @@ def furnish_room(settled: Settled, config: TrackConfig, review: Review) -> Room:
     """
     recording, calibration, samples = settled.recording, settled.calibration, settled.samples
     scenes = tuple(
-        set_scene(camera, _background(settled, number, config), recording.equipment, config.isolation)
+        set_scene(camera, _background(settled, number), recording.equipment)
         for number, camera in enumerate(calibration.cameras)
     )
     usable = [k for k, frame_set in enumerate(samples) if review.why_unusable(frame_set.frame) is None]
@@ -127,14 +127,10 @@ def furnish_room(settled: Settled, config: TrackConfig, review: Review) -> Room:
 
 def sight_people(frame_set: FrameSet, scenes: Sequence[Scene], config: TrackConfig) -> People:
     """The people of one moment."""
-    pieces = [
-        None if depth is None else find_pieces(depth, scene, config.isolation)
-        for depth, scene in zip(frame_set.depths_m, scenes, strict=True)
-    ]
-    return find_people(pieces, config.isolation)
+    return find_people(find_all_pieces(frame_set.depths_m, scenes), config.isolation)
 
 
-def _background(settled: Settled, number: int, config: TrackConfig) -> BackgroundModel:
+def _background(settled: Settled, number: int) -> BackgroundModel:
     recording, camera = settled.recording, settled.calibration.cameras[number]
     frames = [depth for sample in settled.samples if (depth := sample.depths_m[number]) is not None]
     if not frames:
@@ -145,7 +141,6 @@ def _background(settled: Settled, number: int, config: TrackConfig) -> Backgroun
         frames,
         camera,
         settled.calibration.floor_height_m,
-        config.isolation,
         recording.equipment,
     )
 

@@ -1,0 +1,139 @@
+"""Region growing: pixels without a clear owner join the person they are connected to, up to the nearest crease."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from anchorpose.isolation.ownership import NOBODY
+from anchorpose.isolation.scene import Pieces
+
+CREASE_COST: Final = 4.0  # steps over the surface for each deviation of the noise that a valley is deep
+CREASE_PX: Final = 3  # creases are searched over three pixels to either side: a finger's width at 2.5 m
+DEEPEST: Final = 60  # steps that a crease may cost: as many pixels as a forearm is long
+
+
+def grow_regions(pixels: Pieces, owner: np.ndarray, crease_cost: float = CREASE_COST) -> np.ndarray:
+    """Spread owners over the surface along the cheapest paths, until they meet or the depth jumps.
+
+    owner (n,) uint8 for each foreground pixel: ``NOBODY`` where it is still open. A step costs one, and in a valley
+    more: ``crease_cost`` steps for each deviation of the noise that the surface lies behind its neighbours on both
+    sides. Two bodies that touch meet in such a valley. Returns (n,) uint8; ``NOBODY`` remains where a pixel is
+    connected to none with an owner.
+    """
+    limit, noise = pixels.limit, float(np.sqrt(1.5)) * pixels.noise_per_m
+    surface = _Surface(pixels.index, pixels.depth_m, pixels.row, pixels.column, limit.square, limit.slope, noise)
+    grown = owner.copy()
+    _grow(surface, grown, crease_cost)
+    return grown
+
+
+class _Surface(NamedTuple):
+    """What growing needs of ``Pieces``; number: its index; noise: deviation of a valley's depth at one metre."""
+
+    number: np.ndarray
+    depth: np.ndarray
+    row: np.ndarray
+    column: np.ndarray
+    square: float
+    slope: float
+    noise: float
+
+
+class _Queue(NamedTuple):
+    """Pixels to give to an owner (``NOBODY``: they have theirs) in a ring of buckets by cost, each a linked list.
+
+    head (buckets,): the first entry of each, -1 = none; after, pixel, owner (capacity,): of each entry.
+    """
+
+    head: np.ndarray
+    after: np.ndarray
+    pixel: np.ndarray
+    owner: np.ndarray
+
+
+@njit(cache=True)
+def _push(queue: _Queue, used: int, bucket: int, pixel: int, owner: int) -> int:
+    """Add an entry to a bucket; returns how many entries were ever added."""
+    queue.pixel[used], queue.owner[used], queue.after[used] = pixel, owner, queue.head[bucket]
+    queue.head[bucket] = used
+    return used + 1
+
+
+@njit(cache=True)
+def _grow(surface: _Surface, owner: np.ndarray, crease_cost: float) -> None:
+    """Dijkstra's algorithm with a ring of buckets; costs are whole steps."""
+    ring = DEEPEST + 2
+    owned = 0
+    for pixel in range(len(owner)):
+        owned += owner[pixel] != NOBODY
+    capacity = 4 * (len(owner) - owned) + owned + 1
+    after, pixels = np.empty(capacity, np.int32), np.empty(capacity, np.int32)
+    queue = _Queue(np.full(ring, -1, np.int32), after, pixels, np.empty(capacity, np.uint8))
+    used = 0
+    for pixel in range(len(owner) - 1, -1, -1):
+        if owner[pixel] != NOBODY and _beside_open(surface, owner, pixel):
+            used = _push(queue, used, 0, pixel, NOBODY)
+    level, left = 0, used
+    while left > 0:
+        bucket = level % ring
+        while queue.head[bucket] >= 0:
+            entry = queue.head[bucket]
+            queue.head[bucket] = queue.after[entry]
+            left -= 1
+            pixel = queue.pixel[entry]
+            if queue.owner[entry] != NOBODY:
+                if owner[pixel] != NOBODY:
+                    continue
+                owner[pixel] = queue.owner[entry]
+            for d_r, d_c in ((0, -1), (-1, 0), (0, 1), (1, 0)):
+                other, steps = _step(surface, owner, pixel, d_r, d_c, crease_cost)
+                if other >= 0:
+                    used = _push(queue, used, (level + steps) % ring, other, owner[pixel])
+                    left += 1
+        level += 1
+
+
+@njit(cache=True)
+def _beside_open(surface: _Surface, owner: np.ndarray, pixel: int) -> bool:
+    """Whether any of a pixel's four neighbours is foreground without an owner."""
+    height, width = surface.number.shape
+    for d_r, d_c in ((0, -1), (-1, 0), (0, 1), (1, 0)):
+        r, c = surface.row[pixel] + d_r, surface.column[pixel] + d_c
+        if 0 <= r < height and 0 <= c < width:
+            other = surface.number[r, c]
+            if other >= 0 and owner[other] == NOBODY:
+                return True
+    return False
+
+
+@njit(cache=True)
+def _step(surface: _Surface, owner: np.ndarray, pixel: int, d_r: int, d_c: int, crease_cost: float) -> tuple[int, int]:
+    """The pixel beside one in a direction, -1 where growing cannot go there, and the cost in steps."""
+    depth = surface.depth
+    r, c = surface.row[pixel], surface.column[pixel]
+    nr, nc = r + d_r, c + d_c
+    if nr < 0 or nc < 0 or nr >= depth.shape[0] or nc >= depth.shape[1]:
+        return -1, 0
+    other = surface.number[nr, nc]
+    if other < 0 or owner[other] != NOBODY:
+        return -1, 0
+    far = max(depth[r, c], depth[nr, nc])
+    if abs(depth[r, c] - depth[nr, nc]) > surface.square * far * far + surface.slope * far:
+        return -1, 0
+    valley = _valley(surface.number, depth, nr, nc, d_r, d_c) / (surface.noise * far * far)
+    return other, 1 + min(int(crease_cost * max(valley - 2.0, 0.0)), DEEPEST)
+
+
+@njit(cache=True)
+def _valley(index: np.ndarray, depth: np.ndarray, r: int, c: int, d_r: int, d_c: int) -> float:
+    """How far the surface at a pixel lies behind the middle of its two neighbours along a direction, metres."""
+    height, width = index.shape
+    r1, c1, r2, c2 = r - CREASE_PX * d_r, c - CREASE_PX * d_c, r + CREASE_PX * d_r, c + CREASE_PX * d_c
+    if min(r1, r2, c1, c2) < 0 or max(r1, r2) >= height or max(c1, c2) >= width:
+        return 0.0
+    if index[r1, c1] < 0 or index[r2, c2] < 0:
+        return 0.0
+    return depth[r, c] - 0.5 * (depth[r1, c1] + depth[r2, c2])
