@@ -1,10 +1,12 @@
-"""Which program made a result: this package and the libraries that its numbers hang on."""
+"""Which program made a result: version and code of this package, and the libraries that its numbers depend on."""
 
 from __future__ import annotations
 
+import hashlib
 import platform
 from functools import cache
 from importlib import metadata
+from pathlib import Path
 from typing import Final
 
 from anchorpose import __version__
@@ -17,3 +19,17 @@ def versions() -> dict[str, str]:
     """By name: of this package, Python, and the libraries."""
     libraries = {name: metadata.version(name) for name in LIBRARIES}
     return {"anchorpose": __version__, "python": platform.python_version(), **libraries}
+
+
+@cache
+def code_digest(leave_out: tuple[str, ...] = ()) -> str:
+    """SHA-256 in hex over the package's modules and .npz files, except those whose path starts with ``leave_out``.
+
+    The same digest means the same code, also between two releases and in a changed copy.
+    """
+    root, digest = Path(__file__).parent, hashlib.sha256()
+    for path in sorted(root.rglob("*")):
+        place = path.relative_to(root).as_posix()
+        if path.is_file() and path.suffix in (".py", ".npz") and not place.startswith(leave_out):
+            digest.update(place.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()

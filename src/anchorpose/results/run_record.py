@@ -24,7 +24,7 @@ from anchorpose.errors import InputError
 from anchorpose.recording.document import read_json
 from anchorpose.recording.recording import Clock
 from anchorpose.results.corrections import JointCorrection, UnusableInterval
-from anchorpose.versions import versions
+from anchorpose.versions import code_digest, versions
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,6 +191,7 @@ def write_run_record(path: Path, record: RunRecord) -> None:
         "format": "anchorpose-run",
         "version": 1,
         "versions": versions(),
+        "code": code_digest(),
         "recording": record.recording,
         "frame_count": record.frame_count,
         "cameras": plain(record.cameras),

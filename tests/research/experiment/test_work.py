@@ -14,7 +14,7 @@ from anchorpose.association.matcher import Matcher
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.reader import read_frames
-from anchorpose.research.experiment.answers import Brief, Kind, Plan, code_digest, read
+from anchorpose.research.experiment.answers import Brief, Kind, Plan, experiment_code, read
 from anchorpose.research.experiment.clips import Clip, draw_hole_frames, plan_clips
 from anchorpose.research.experiment.config import ExperimentConfig, Scene, quick
 from anchorpose.research.experiment.correspondence import REGIONS, Skin
@@ -54,7 +54,7 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
         movements=movements,
         movements_digest="m",
         cache=folder / "cache",
-        code=code_digest(),
+        code=experiment_code(),
     ).plan()
 
 

@@ -16,13 +16,12 @@ from typing import Final
 
 import numpy as np
 
-import anchorpose
 from anchorpose.errors import AnchorposeError
 from anchorpose.research.experiment.clips import Clip
 from anchorpose.research.experiment.config import ExperimentConfig, Scene
 from anchorpose.research.experiment.method import Family, Method, load_methods
 from anchorpose.research.experiment.methods.own_tracker import ABLATED
-from anchorpose.versions import versions
+from anchorpose.versions import code_digest, versions
 
 PRESENTING: Final = (
     "cli/",
@@ -49,7 +48,7 @@ class Store:
 
     def path(self, kind: str, *asked: object) -> Path:
         """Where the answer to a question is kept; asked: values whose ``repr`` says all that the answer depends on."""
-        text = "\n".join([code_digest(), repr(versions()), kind, *map(repr, asked)])
+        text = "\n".join([experiment_code(), repr(versions()), kind, *map(repr, asked)])
         return self.folder / kind / f"{hashlib.sha256(text.encode()).hexdigest()[:24]}.npz"
 
     def write(self, path: Path, arrays: Mapping[str, object]) -> None:
@@ -71,18 +70,9 @@ def read(path: Path) -> dict[str, np.ndarray]:
         return {name: file[name] for name in file.files}
 
 
-@cache
-def code_digest() -> str:
-    """Of every module and data file of the package that a result may depend on."""
-    root, digest = Path(anchorpose.__file__).parent, hashlib.sha256()
-    for path in sorted(root.rglob("*")):
-        place = path.relative_to(root).as_posix()
-        if not path.is_file() or path.suffix not in (".py", ".npz"):
-            continue
-        if place.startswith(PRESENTING):
-            continue
-        digest.update(place.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
-    return digest.hexdigest()
+def experiment_code() -> str:
+    """The digest of all code that a result of the experiment may depend on."""
+    return code_digest(PRESENTING)
 
 
 FRAMEWORK_MS = 90.0  # of one frame in the framework, whatever the method: isolation to registration
@@ -221,7 +211,7 @@ class Brief:
 
     def plan(self) -> Plan:
         """The plan itself."""
-        if self.code != code_digest():
+        if self.code != experiment_code():
             raise AnchorposeError("the program was changed while it ran; start the experiment again.")
         methods = load_methods(self.wanted)
         numbers = dict(self.chosen)

@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.research.experiment.answers import Answer, Brief, Kind, code_digest, read
+from anchorpose.research.experiment.answers import Answer, Brief, Kind, experiment_code, read
 from anchorpose.research.experiment.clips import Clip, plan_clips, simulation_of
 from anchorpose.research.experiment.config import ExperimentConfig, Scene
 from anchorpose.research.experiment.method import Method, load_methods
@@ -98,7 +98,7 @@ def run_experiment(
     trainers = tuple(training_clips(config))
     movements, digest = _movements(out / CACHE, trainers, config)
     brief = Brief(config=config, wanted=config.methods, chosen=(), movements=movements, movements_digest=digest,
-                  cache=out / CACHE, code=code_digest())  # fmt: skip
+                  cache=out / CACHE, code=experiment_code())  # fmt: skip
     training = Job(replace(brief, training=True), trainers if config.tuned else ())
     testing = Job(replace(brief, chosen=_chosen(_tried(training, methods))), tuple(clips))
     left_s = training.left_s() + testing.left_s()
