@@ -101,7 +101,7 @@ def main() -> None:
             print(f"  {label:36s} {milliseconds(step):8.1f} ms")
         for radius_m in (0.1, 0.2):
             compare_hog(surface, MeshHogConfig(radius_m=radius_m), f"{radius_m} m")
-        compare_hog(surface, MeshHogConfig(first_axis=FirstAxis.WHITHER), "0.2 m, whither")
+        compare_hog(surface, MeshHogConfig(first_axis=FirstAxis.GRADIENT), "0.2 m, gradient")
         for radius_m in (0.1, 0.15):
             compare_sift(surface, LdSiftConfig(radius_m=radius_m), f"{radius_m} m")
         compare_sift(surface, LdSiftConfig(angle=Angle.PEAK), "0.15 m, peak")

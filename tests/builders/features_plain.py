@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from anchorpose.research.features.depth_map import image_side
 from anchorpose.research.features.ld_sift import REACH, Angle, Beyond, LdSiftConfig, half_widths
 from anchorpose.research.features.mesh_hog import FirstAxis, MeshHogConfig
 from anchorpose.research.features.rings import rings_within
-from anchorpose.research.features.sift import picture_side
 from anchorpose.surface.mesh import faces
 from anchorpose.surface.surface import Surface
 
@@ -26,8 +26,8 @@ def plain_mesh_hog(surface: Surface, config: MeshHogConfig, gradients: np.ndarra
     slope, normal = gradients[rings.node[keep]].astype(np.float64), surface.normals[node].astype(np.float64)
     weight = np.exp(-0.5 * (rings.distance_m[keep] / (config.radius_m * config.spread)) ** 2)
     flat = np.eye(3) - np.outer(normal, normal) / (normal @ normal)
-    direction = (slope if config.first_axis is FirstAxis.WHITHER else away) @ flat
-    size = np.linalg.norm(slope @ flat if config.first_axis is FirstAxis.WHITHER else slope, axis=1)
+    direction = (slope if config.first_axis is FirstAxis.GRADIENT else away) @ flat
+    size = np.linalg.norm(slope @ flat if config.first_axis is FirstAxis.GRADIENT else slope, axis=1)
     unit = direction / np.linalg.norm(direction, axis=1, keepdims=True)
     begin = (unit * (weight * size)[:, None]).sum(axis=0)
     begin /= np.linalg.norm(begin)
@@ -106,7 +106,7 @@ def plain_ld_sift(surface: Surface, config: LdSiftConfig, node: int) -> np.ndarr
         low, top, high = polar[peak - 1], polar[peak], polar[(peak + 1) % 36]
         angle = begin + (peak + 0.5 + (low - high) / (2 * (low - 2 * top + high))) * np.pi / 18
         axis = np.array([np.cos(angle), np.sin(angle)])
-    side = picture_side(config.samples)
+    side = image_side(config.samples)
     picture = np.full((side, side), -config.floor_m if config.beyond is Beyond.FLOOR else np.nan)
     for i, j in np.ndindex(side, side):
         along, across = (np.array([j, i]) - (side - 1) / 2) * half / (2 * config.samples)

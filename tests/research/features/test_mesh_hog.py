@@ -53,7 +53,7 @@ def test_moving_the_surface_and_renumbering_its_nodes_changes_no_row(axis: First
 
 
 @pytest.mark.parametrize("turn", [0.4, 1.1, 2.5, 4.0])
-@pytest.mark.parametrize(("axis", "limit"), [(FirstAxis.WHERE, 0.35), (FirstAxis.WHITHER, 0.15)])
+@pytest.mark.parametrize(("axis", "limit"), [(FirstAxis.POSITION, 0.35), (FirstAxis.GRADIENT, 0.15)])
 def test_a_lump_turned_on_its_sheet_has_nearly_the_same_descriptor(axis: FirstAxis, limit: float, turn: float) -> None:
     """The nodes lie elsewhere on it, which shows more in where gradients are than in whither they point."""
     config = MeshHogConfig(radius_m=0.12, curvature_radius_m=0.05, first_axis=axis)
@@ -105,7 +105,7 @@ def test_a_node_without_position_or_normal_has_no_descriptor_and_spoils_no_other
     [{"radius_m": 0.0}, {"curvature_radius_m": np.nan}, {"spread": -1.0}, {"slices": 1}, {"function": "colour"}],
 )
 def test_settings_without_a_meaning_are_refused(wrong: dict) -> None:
-    with pytest.raises(ValueError, match=r"must be|not a valid"):
+    with pytest.raises(ValueError, match="validation error"):
         MeshHogConfig(**wrong)
 
 

@@ -9,21 +9,24 @@ import pytest
 from spectral_builder import ball, flag, moved, scaled, shuffled
 from surface_builder import flat_grid
 
-from anchorpose.research.features.heat_signatures import (
+from anchorpose.research.features.laplacian import mesh_laplacian
+from anchorpose.research.features.spectral_signatures import (
     HksConfig,
     SiHksConfig,
+    Spectrum,
     WksConfig,
     heat_times,
     hks,
     si_hks,
+    spectrum,
+    spectrum_of,
     wave_energies,
     wks,
 )
-from anchorpose.research.features.spectrum import Spectrum, SpectrumConfig, mesh_laplacian, spectrum, spectrum_of
 from anchorpose.surface.mesh import keep_nodes
 
 SIGNATURES = (hks, si_hks, wks)
-PAIRS = SpectrumConfig(pairs=60)
+PAIRS = 60
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +86,7 @@ def test_pyfm_finds_the_same(sheet):
 
 def test_on_a_sphere_every_node_is_alike():
     points, triangles = ball()
-    found = spectrum_of(mesh_laplacian(points, triangles), len(points), SpectrumConfig(pairs=121))  # to degree 10
+    found = spectrum_of(mesh_laplacian(points, triangles), len(points), 121)  # to degree 10
     area = 4 * np.pi * 0.3**2
     heat = hks(found, HksConfig(range_m2=(0.005, 1.0), scaled=False))
     np.testing.assert_allclose(heat, np.tile(heat.mean(axis=0), (len(heat), 1)), rtol=0.03)
@@ -96,7 +99,7 @@ def test_on_a_sphere_every_node_is_alike():
 
 def test_soon_a_plane_s_middle_has_lost_what_a_plane_loses_its_rim_half_of_it_its_corner_a_quarter():
     surface = flat_grid(41, 41, 0.01)
-    found = spectrum(surface, SpectrumConfig(pairs=400))
+    found = spectrum(surface, 400)
     node = [np.flatnonzero((surface.pixel == pixel).all(axis=1))[0] for pixel in ([20, 20], [20, 0], [0, 0])]
     time = 0.0012
     heat = hks(found, HksConfig(times=2, range_m2=(time, 1.0), scaled=False), np.array(node))[:, 0]
@@ -117,7 +120,7 @@ def test_motion_numbering_and_bending_change_nothing(signature, sheet):
 @pytest.mark.parametrize("signature", SIGNATURES)
 def test_a_mirror_image_is_described_alike(signature):
     surface = flat_grid(15, 20, 0.02)
-    rows = signature(spectrum(surface, SpectrumConfig(pairs=43)))
+    rows = signature(spectrum(surface, 43))
     mirror = np.lexsort([-surface.pixel[:, 1], surface.pixel[:, 0]])
     np.testing.assert_allclose(rows[mirror], rows, rtol=0.02)  # but for the diagonals of the cells
     assert np.ptp(rows, axis=0).max() > 0.5 * np.abs(rows).max(axis=0).min()
@@ -172,7 +175,7 @@ def test_what_has_no_triangle_is_not_known(signature):
 
 
 def test_a_spectrum_of_constants_alone_gives_neither_times_nor_energies():
-    found = spectrum(flat_grid(4, 4, 0.02), SpectrumConfig(pairs=1))
+    found = spectrum(flat_grid(4, 4, 0.02), 1)
     assert np.isnan(hks(found)).all()
     assert np.isnan(wks(found)).all()
     assert np.isnan(wks(found, WksConfig(range_per_m2=(1.0, 100.0)))).all()

@@ -10,13 +10,8 @@ from scipy.spatial import ConvexHull, Delaunay, Voronoi
 from spectral_builder import ball, flag, moved, rough_sheet, scaled, shuffled
 from surface_builder import flat_grid
 
-from anchorpose.research.features.spectrum import (
-    SpectrumConfig,
-    mesh_laplacian,
-    spectrum,
-    spectrum_of,
-    surface_laplacian,
-)
+from anchorpose.research.features.laplacian import mesh_laplacian, surface_laplacian
+from anchorpose.research.features.spectral_signatures import spectrum, spectrum_of
 from anchorpose.surface.mesh import faces, keep_nodes
 
 
@@ -37,7 +32,7 @@ def test_a_rectangle_has_the_waves_that_neumann_s_condition_allows():
     surface = flat_grid(31, 46, 0.02)
     i, j = np.mgrid[:12, :12]
     known = np.sort((np.pi**2 * ((i / 0.6) ** 2 + (j / 0.9) ** 2)).ravel())[:20]
-    found = spectrum(surface, SpectrumConfig(pairs=20))
+    found = spectrum(surface, 20)
     np.testing.assert_allclose(found.eigenvalues, known, rtol=0.012)
     assert found.eigenvalues[0] == 0.0
     first = found.eigenfunctions[:, 1]
@@ -47,7 +42,7 @@ def test_a_rectangle_has_the_waves_that_neumann_s_condition_allows():
 
 def test_a_sphere_has_its_harmonics_with_their_multiplicities():
     points, triangles = ball(radius_m=0.3)
-    found = spectrum_of(mesh_laplacian(points, triangles), len(points), SpectrumConfig(pairs=36))
+    found = spectrum_of(mesh_laplacian(points, triangles), len(points), 36)
     degree = np.repeat(np.arange(6), 2 * np.arange(6) + 1)
     np.testing.assert_allclose(found.eigenvalues, degree * (degree + 1) / 0.3**2, rtol=0.02)  # short waves the worse
     assert found.mass_m2.sum() == pytest.approx(4 * np.pi * 0.3**2, rel=0.01)
@@ -134,7 +129,7 @@ def test_three_triangles_on_one_edge_share_it_alike():
 @pytest.mark.parametrize("pairs", [40, 400])
 def test_eigenpairs_solve_the_equation_and_are_orthonormal(pairs):
     surface = rough_sheet(1)
-    operator, found = surface_laplacian(surface), spectrum(surface, SpectrumConfig(pairs=pairs))
+    operator, found = surface_laplacian(surface), spectrum(surface, pairs)
     waves = found.eigenfunctions[operator.node]
     pieces = operator.piece.max() + 1
     assert pieces > 1
@@ -147,7 +142,7 @@ def test_eigenpairs_solve_the_equation_and_are_orthonormal(pairs):
 
 
 def test_the_spectrum_does_not_see_motion_numbering_or_bending_and_scales_with_the_area():
-    surface, config = flag(), SpectrumConfig(pairs=60)
+    surface, config = flag(), 60
     known = spectrum(surface, config).eigenvalues
     order = np.random.default_rng(3).permutation(len(surface))
     for other, slack in ((moved(surface), 1e-4), (shuffled(surface, order), 1e-9), (flag(turn_rad=0.15), 1e-4)):
@@ -166,8 +161,8 @@ def test_pieces_share_one_spectrum_which_is_that_of_each():
     both = flat_grid(20, 41, 0.02)
     apart = keep_nodes(both, both.pixel[:, 1] != 24)
     left, right = (keep_nodes(both, keep) for keep in (both.pixel[:, 1] < 24, both.pixel[:, 1] > 24))
-    found = spectrum(apart, SpectrumConfig(pairs=30))
-    own = [spectrum(part, SpectrumConfig(pairs=30)).eigenvalues for part in (left, right)]
+    found = spectrum(apart, 30)
+    own = [spectrum(part, 30).eigenvalues for part in (left, right)]
     np.testing.assert_allclose(found.eigenvalues, np.sort(np.concatenate(own))[:30], rtol=1e-8, atol=1e-12)
     assert found.piece_count == 2
     np.testing.assert_array_equal(np.bincount(found.piece), [len(left), len(right)])
@@ -176,7 +171,7 @@ def test_pieces_share_one_spectrum_which_is_that_of_each():
 def test_what_has_no_triangle_is_not_known():
     sheet = flat_grid(12, 12, 0.02)
     lonely = keep_nodes(sheet, ((sheet.pixel < 9).all(axis=1)) | (sheet.pixel == [11, 11]).all(axis=1))
-    found = spectrum(lonely, SpectrumConfig(pairs=10))
+    found = spectrum(lonely, 10)
     assert np.isnan(found.eigenfunctions[-1]).all()
     assert found.piece[-1] == -1
     assert found.mass_m2[-1] == 0.0
@@ -184,7 +179,7 @@ def test_what_has_no_triangle_is_not_known():
 
     points = sheet.points_m.copy()
     points[50] = np.nan
-    found = spectrum(replace(sheet, points_m=points), SpectrumConfig(pairs=10))
+    found = spectrum(replace(sheet, points_m=points), 10)
     np.testing.assert_array_equal(np.flatnonzero(np.isnan(found.eigenfunctions).any(axis=1)), [50])
 
     empty = spectrum(keep_nodes(sheet, np.zeros(len(sheet), bool)))
@@ -196,4 +191,4 @@ def test_small_surfaces_have_as_many_pairs_as_nodes():
     found = spectrum(flat_grid(2, 2, 0.02))
     assert found.eigenfunctions.shape == (4, 4)
     with pytest.raises(ValueError, match="pairs"):
-        SpectrumConfig(pairs=0)
+        spectrum(flat_grid(2, 2, 0.02), 0)

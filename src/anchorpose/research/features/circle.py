@@ -1,7 +1,4 @@
-"""Histograms around a circle: filling them, and the angle of their peak.
-
-The angle of a vector in the plane, without a branch, so that eight of them are worked out at once.
-"""
+"""Angles in kernels: fast arctangents, and histograms around a circle with the angle of their peak."""
 
 from __future__ import annotations
 
@@ -12,7 +9,7 @@ from numba import njit
 
 FULL_TURN = 2.0 * np.pi
 
-SMALLEST = 5e-324  # keeps the direction of nothing from being that of NaN
+SMALLEST = 5e-324  # so that the direction of a zero vector is 0, not NaN
 
 ARC = (0.159154940193, -0.0530511756054, 0.0318180525506, -0.0225964969971, 0.0168996617356,
        -0.0118679530359, 0.00670641106217, -0.00250370604512, 0.000440267689862)  # fmt: skip
@@ -21,7 +18,7 @@ ARC = (0.159154940193, -0.0530511756054, 0.0318180525506, -0.0225964969971, 0.01
 
 @njit(cache=True, error_model="numpy")
 def turn_fraction(x: float, y: float, begin: float) -> float:
-    """Where (x, y) points, in [0, 1) of a turn from begin, itself a part of a turn; a library's arctangent is slow."""
+    """Direction of (x, y) from begin, both shares of a turn, in [0, 1); faster than a library's arctangent."""
     wide, high = abs(x), abs(y)
     ratio = min(wide, high) / max(wide, high, SMALLEST)
     square = ratio * ratio
@@ -37,12 +34,12 @@ def turn_fraction(x: float, y: float, begin: float) -> float:
         fraction = -fraction
     fraction -= begin
     fraction -= np.floor(fraction)
-    return fraction if fraction < 1.0 else 0.0  # what is a rounding below 0 gives 1
+    return fraction if fraction < 1.0 else 0.0  # a value just below 0 rounds to 1
 
 
 @njit(cache=True)
 def spread_over_two(bins: np.ndarray, fraction: float, weight: float) -> None:
-    """Shares a weight between the two bins whose middles are next to a fraction of a turn."""
+    """Divide a weight between the two bins whose middles are nearest to a fraction of a turn."""
     at = fraction * len(bins) - 0.5
     low = int(np.floor(at))
     bins[low % len(bins)] += weight * (1.0 - (at - low))
@@ -51,7 +48,7 @@ def spread_over_two(bins: np.ndarray, fraction: float, weight: float) -> None:
 
 @njit(cache=True)
 def peak_fraction(bins: np.ndarray) -> float:
-    """The part of a turn at the top of the parabola through the fullest bin, the first of several, and both beside."""
+    """Share of a turn at the top of the parabola through the first fullest bin and its two neighbours."""
     peak = 0
     for b in range(len(bins)):
         if bins[b] > bins[peak]:
@@ -64,7 +61,7 @@ def peak_fraction(bins: np.ndarray) -> float:
 
 @njit(cache=True)
 def smooth(bins: np.ndarray, rounds: int) -> None:
-    """Mixes every bin with the two beside it, 1 : 2 : 1, so many times; each adds half a bin's square of variance."""
+    """Average every bin with its neighbours, 1 : 2 : 1, ``rounds`` times; each adds half a bin squared of variance."""
     for _ in range(rounds):
         first, before = bins[0], bins[-1]
         for b in range(len(bins)):
@@ -73,7 +70,7 @@ def smooth(bins: np.ndarray, rounds: int) -> None:
             before = here
 
 
-# arctan(t) / t over t^2, interpolated at Chebyshev's nodes: right to 1e-7 rad in single precision
+# arctan(t) / t over t^2, interpolated at Chebyshev nodes: within 1e-7 rad in single precision
 _A0, _A1, _A2, _A3 = (np.float32(a) for a in (0.999999982, -0.333330367, 0.19991872, -0.141977978))
 _A4, _A5, _A6, _A7 = (np.float32(a) for a in (0.106183706, -0.0745685481, 0.0421376235, -0.015731249))
 _A8 = np.float32(0.00276628348)
@@ -85,7 +82,7 @@ PI, HALF_PI = np.float32(np.pi), np.float32(np.pi / 2)
 
 @njit(cache=True, error_model="numpy")
 def angle_of(y: Any, x: Any) -> Any:
-    """The angle of (x, y) float32 from the x axis, radians from -pi to pi; 0 for the vector of no length."""
+    """Angle of (x, y) float32 from the x axis, radians, -pi to pi; 0 for a zero vector. Branch-free: it vectorises."""
     along, across = abs(x), abs(y)
     steep = across > along
     longer = across if steep else along

@@ -1,6 +1,11 @@
-"""Depth of the surface around a node, seen from above its tangent plane, and which way up that picture is."""
+"""The depth of the surface around a node as a small upright image, and the SIFT descriptor of that image.
+
+The surface is seen from above the node's tangent plane; pixels may be unknown (NaN).
+"""
 
 from __future__ import annotations
+
+from typing import Final
 
 import numpy as np
 from numba import njit
@@ -9,12 +14,17 @@ from anchorpose.research.features.circle import FULL_TURN, peak_fraction, spread
 
 DIRECTIONS = 36  # bins of the histogram of gradients, as in SIFT
 SMALLEST_M2 = 1e-12  # twice the area of a triangle that still has a slope
-HALF_SPREAD = 0.5  # sigma of the weights for the angle, as a part of the window's half width
+HALF_SPREAD = 0.5  # sigma of the weights for the angle, as a share of the window's half width
+CELLS: Final = 4  # a side
+ORIENTATIONS: Final = 8
+WIDTH: Final = CELLS * CELLS * ORIENTATIONS
+MARGIN: Final = 0.5  # cells around all that still share in the outermost ones
+CLIP: Final = 0.2  # of the unit length: no single edge may outweigh the rest
 
 
 @njit(cache=True, error_model="numpy")
 def triangle_slopes(local: np.ndarray, triangles: np.ndarray, count: int, half: float, slopes: np.ndarray) -> None:
-    """Fills slopes (>= count, 5): weight, centre x and y, gradient of the height of each triangle.
+    """Fill slopes (>= count, 5): weight, centre x and y, gradient of the height of each triangle.
 
     local (m, 3): tangential x, y and height of vertices; triangles (>= count, 3) of them; half: the window's half
     width. The weight is the projected area times a Gaussian of the distance, 0 where seen from below or edge on.
@@ -34,8 +44,10 @@ def triangle_slopes(local: np.ndarray, triangles: np.ndarray, count: int, half: 
 
 @njit(cache=True)
 def principal_angle(slopes: np.ndarray, count: int, column: int) -> float:
-    """Part of a turn to the longer principal axis of the centres (column 1) or of the gradients (column 3), to the end
-    of it towards which the surface rises; NaN where there is no surface."""
+    """Direction, as a share of a turn, of the longer principal axis of the centres (column 1) or gradients (column 3).
+
+    Of its two ends the one towards which the surface rises; NaN where there is no surface.
+    """
     xx, xy, yy, rise_x, rise_y, total = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for t in range(count):
         weight, x, y = slopes[t, 0], slopes[t, column], slopes[t, column + 1]
@@ -50,8 +62,10 @@ def principal_angle(slopes: np.ndarray, count: int, column: int) -> float:
 
 @njit(cache=True)
 def gradient_angle(slopes: np.ndarray, count: int, begin: float, polar: np.ndarray) -> float:
-    """Part of a turn to where most of the gradient points; NaN where there is none. Bins polar (DIRECTIONS,) are
-    counted from begin, which turns with the body."""
+    """Direction, as a share of a turn, in which most of the gradient points; NaN without any gradient.
+
+    polar (DIRECTIONS,): workspace, bins counted from begin, which turns with the body.
+    """
     polar[:] = 0.0
     for t in range(count):
         gx, gy = slopes[t, 3], slopes[t, 4]
@@ -61,29 +75,28 @@ def gradient_angle(slopes: np.ndarray, count: int, begin: float, polar: np.ndarr
 
 
 @njit(cache=True)
-def draw(
-    local: np.ndarray, vertices: int, triangles: np.ndarray, count: int, angle: float, pixel: float, floor: float,
-    picture: np.ndarray,
-) -> None:  # fmt: skip
-    """Fills picture (side, side) with heights, linear on each triangle, the highest where several lie, else the floor.
+def draw_depth_map(
+    local: np.ndarray, triangles: np.ndarray, count: int, angle: float, pixel: float, floor: float, image: np.ndarray
+) -> None:
+    """Fill image (side, side) with heights, linear on each triangle, the highest where several overlap, else the floor.
 
-    The columns' direction is at the angle, pixels are so many metres apart, and the node is in the middle. What lies
-    below the floor is not seen; with a floor of NaN everything is. Turns local, of which vertices are used, into
-    columns, rows and heights.
+    The columns' direction is at the angle (radians), pixels are ``pixel`` metres apart, and the node is in the middle.
+    What lies below the floor is not seen; with a floor of NaN everything is. Overwrites local (m, 3) with columns,
+    rows and heights.
     """
-    picture[:] = floor
-    middle, cosine, sine = 0.5 * (len(picture) - 1), np.cos(angle) / pixel, np.sin(angle) / pixel
-    for v in range(vertices):
+    image[:] = floor
+    middle, cosine, sine = 0.5 * (len(image) - 1), np.cos(angle) / pixel, np.sin(angle) / pixel
+    for v in range(len(local)):
         x, y = local[v, 0], local[v, 1]
         local[v, 0], local[v, 1] = middle + cosine * x + sine * y, middle + cosine * y - sine * x
     for t in range(count):
-        _draw_triangle(local, triangles[t, 0], triangles[t, 1], triangles[t, 2], picture)
+        _draw_triangle(local, triangles[t, 0], triangles[t, 1], triangles[t, 2], image)
 
 
 @njit(cache=True, error_model="numpy")
-def _draw_triangle(corner: np.ndarray, a: int, b: int, c: int, picture: np.ndarray) -> None:
-    """Column, row and height of three corners; a pixel on a side belongs to both triangles, that none is missed."""
-    last, slack = len(picture) - 1, 1e-9
+def _draw_triangle(corner: np.ndarray, a: int, b: int, c: int, image: np.ndarray) -> None:
+    """Draw one triangle, its corners as column, row and height; a pixel on a side belongs to both triangles."""
+    last, slack = len(image) - 1, 1e-9
     ax, ay, az = corner[a, 0], corner[a, 1], corner[a, 2]
     bx, by, cx, cy = corner[b, 0] - ax, corner[b, 1] - ay, corner[c, 0] - ax, corner[c, 1] - ay
     left, right = ax + _lowest(bx, cx), ax - _lowest(-bx, -cx)
@@ -104,12 +117,87 @@ def _draw_triangle(corner: np.ndarray, a: int, b: int, c: int, picture: np.ndarr
             beta, gamma = dx * cy - dy * cx, bx * dy - by * dx
             if (beta >= -slack) & (gamma >= -slack) & (beta + gamma <= 1.0 + slack):
                 height = az + beta * bz + gamma * cz
-                if not picture[i, j] >= height:  # NaN is not
-                    picture[i, j] = height
+                if not image[i, j] >= height:  # NaN is not
+                    image[i, j] = height
 
 
 @njit(cache=True)
 def _lowest(one: float, other: float) -> float:
-    """Of 0 and both."""
+    """The smallest of 0 and both."""
     low = one if one < other else other
     return low if low < 0.0 else 0.0
+
+
+def image_side(samples: int) -> int:
+    """Pixels on a side of an image with ``samples`` per cell: cells, margins, and one more all around for gradients."""
+    return (CELLS + 1) * samples + 2
+
+
+def cell_shares(samples: int) -> np.ndarray:
+    """(side, 3) float64: for each column (or row) its Gaussian weight, the first of its two cells, the second's share.
+
+    Cell 0 is the margin.
+    """
+    away = (np.arange(image_side(samples)) - 0.5 * (image_side(samples) - 1)) / samples  # cells from the middle
+    cell = away + 0.5 * CELLS + 0.5
+    return np.stack([np.exp(-(away**2) / (0.5 * CELLS * CELLS)), np.floor(cell), cell - np.floor(cell)], axis=1)
+
+
+@njit(cache=True)
+def describe_image(image: np.ndarray, shares: np.ndarray, descriptor: np.ndarray) -> bool:
+    """Fill descriptor (WIDTH,) float32, cells row after row; False where the image has no known gradient.
+
+    image (side, side) of ``image_side``, rows downwards, NaN unknown; shares of ``cell_shares``. Gradients are central
+    differences, one-sided beside unknown pixels, their orientations counted from the columns' direction towards the
+    rows'. Gaussian weight with a sigma of two cells; linear interpolation between cells and orientations; unit length,
+    clipped, unit length again. Source: Lowe 2004 (doi:10.1023/B:VISI.0000029664.99615.94), section 6.
+    """
+    side = len(image)
+    bins = np.zeros((CELLS + 2, CELLS + 2, ORIENTATIONS))  # the outer cells are discarded
+    across, length, turn = np.empty((CELLS + 2, ORIENTATIONS)), np.empty(side), np.empty(side)
+    for i in range(1, side - 1):
+        _row_gradients(image[i - 1], image[i], image[i + 1], length, turn)
+        across[:] = 0.0
+        for j in range(1, side - 1):
+            if length[j] > 0.0:
+                weight = length[j] * shares[j, 0]
+                c, o = int(shares[j, 1]), int(turn[j])
+                inner, onward = weight * shares[j, 2], (o + 1) % ORIENTATIONS
+                outer, part = weight - inner, turn[j] - o
+                across[c, o] += outer * (1.0 - part)
+                across[c, onward] += outer * part
+                across[c + 1, o] += inner * (1.0 - part)
+                across[c + 1, onward] += inner * part
+        r, lower = int(shares[i, 1]), shares[i, 0] * shares[i, 2]
+        upper = shares[i, 0] - lower
+        for c in range(CELLS + 2):
+            for o in range(ORIENTATIONS):
+                bins[r, c, o] += upper * across[c, o]
+                bins[r + 1, c, o] += lower * across[c, o]
+    kept = bins[1:-1, 1:-1]
+    size = np.sqrt((kept * kept).sum())
+    if not size > 0.0:
+        return False
+    clipped = np.minimum(kept / size, CLIP)
+    clipped /= np.sqrt((clipped * clipped).sum())
+    descriptor[:] = clipped.ravel()
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def _row_gradients(above: np.ndarray, row: np.ndarray, below: np.ndarray, length: np.ndarray, turn: np.ndarray) -> None:
+    """Fill length (NaN: unknown) and orientation in [0, ORIENTATIONS) of a row's gradients except the outermost."""
+    for j in range(1, len(row) - 1):
+        dx, dy = _difference(row[j - 1], row[j], row[j + 1]), _difference(above[j], row[j], below[j])
+        length[j] = np.sqrt(dx * dx + dy * dy)
+        turn[j] = turn_fraction(dx, dy, 0.0) * ORIENTATIONS
+
+
+@njit(cache=True)
+def _difference(before: float, here: float, after: float) -> float:
+    """Over two pixels, from one side where the other is unknown; NaN where it is unknown."""
+    first = here if np.isnan(before) else before
+    last = here if np.isnan(after) else after
+    steps = 2.0 if np.isnan(before) != np.isnan(after) else 1.0
+    known = not (np.isnan(here) or (np.isnan(before) and np.isnan(after)))
+    return steps * (last - first) if known else np.nan

@@ -1,28 +1,28 @@
-"""Matching two surfaces by generalised multi-dimensional scaling (paper, Section III-A), for thousands of nodes.
+"""Matching two surfaces by generalised multi-dimensional scaling, GMDS (paper, Section III-A).
 
-Samples far apart are mapped so that distances among them change least, from coarse to fine: first the few farthest,
-onto few candidates, by branch and bound, which keeps the best of all their maps that differ; then all samples onto more
-candidates; then, for the best maps, onto every node. All other nodes follow from their distances to the samples.
-Source: Bronstein, Bronstein and Kimmel 2006 (doi:10.1073/pnas.0508601103); the least squares there, with branch and
-bound for the start.
-
-Farthest-point samples of a surface by geodesic distance.
+Samples far apart are mapped so that the distances between them change least, from coarse to fine: first the few
+farthest onto few candidates, by branch and bound, which keeps the best of all maps that differ; then all samples onto
+more candidates; then, for the best maps, onto every node. All other nodes follow from their distances to the samples.
+Source: Bronstein, Bronstein and Kimmel 2006 (doi:10.1073/pnas.0508601103): their least squares, with branch and bound
+for the initial map.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from anchorpose.geodesics.distance import geodesic_distance
-from anchorpose.research.features.gmds_stress import best_places, branch_and_bound, settle, stress_m
+from anchorpose.research.features.map_search import best_places, branch_and_bound, settle, stress_m
+from anchorpose.settings import Count, Positive, Share, settings
 from anchorpose.surface.links import pieces
 from anchorpose.surface.mesh import keep_nodes
 from anchorpose.surface.surface import Surface
 
-APART_M = 1e3
-"""Stands for the distance between pieces of surface: the same on every mesh, and no distance on a body is near it."""
+APART_M: Final = 1e3  # stands for the distance between pieces of surface; far from any distance on a body
+FIRST_LIMIT_M: Final = 0.02  # mean change of a distance at which the search begins; doubled until it finds enough
 
 
 def farthest_points(surface: Surface, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -55,43 +55,33 @@ def field_from(surface: Surface, node: int) -> np.ndarray:
     return np.minimum(field, np.float32(APART_M))
 
 
-FIRST_LIMIT_M = 0.02  # mean change of a distance with which branch and bound begins; doubled until it finds enough
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class GmdsConfig:
-    """How finely to look, and for how long."""
+    """Resolution and effort of the search."""
 
-    samples: int = 100  # 7 cm apart on a body; with 50 the mirror image is as good as the truth more often
-    first_samples: int = 6  # more often than not head, hands, feet and one more
-    first_candidates: int = 60  # 10 cm apart on a body
-    candidates: int = 200  # 5 cm
-    starts: int = 24  # maps of the first samples to go on with: mirrored, swapped limbs, confused by coarseness
-    finalists: int = 3  # of them are refined to nodes
-    cap_m: float = 0.15  # no change counts for more: where a hand touches or loses touch, every way changes
-    sweeps: int = 10  # over all samples, at most; they come to rest after four or so
-    min_piece: float = 0.03  # of the nodes: a forearm; smaller pieces have no shape that tells where they belong
-    max_branches: int = 300_000  # a tenth of a second
+    samples: Count = 100  # 7 cm apart on a body; with 50 the mirror image is as good as the truth more often
+    first_samples: Count = 6  # more often than not head, hands, feet and one more
+    first_candidates: Count = 60  # 10 cm apart on a body
+    candidates: Count = 200  # 5 cm apart
+    starts: Count = 24  # maps of the first samples to continue with: mirrored, limbs swapped, coarse
+    finalists: Count = 3  # of these that are refined to nodes
+    cap_m: Positive = 0.15  # of a change: where a hand starts or stops touching the body, all distances to it change
+    sweeps: Count = 10  # over all samples, at most; usually they settle after four
+    min_piece: Share = 0.03  # of the nodes: a forearm; smaller pieces have no shape that could be recognised
+    max_branches: Count = 300_000  # a tenth of a second
 
     def __post_init__(self) -> None:
-        for name in ("starts", "finalists", "sweeps", "first_candidates"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
         if not 2 <= self.first_samples <= self.samples:
             raise ValueError(f"of {self.samples} samples {self.first_samples} cannot be the first to be mapped")
         if not self.candidates >= self.first_candidates:
             raise ValueError(f"{self.candidates} candidates cannot hold the first {self.first_candidates}")
         if self.max_branches < self.first_samples:
             raise ValueError(f"{self.max_branches} branches end before {self.first_samples} samples have a place")
-        if not 0 < self.cap_m < np.inf:
-            raise ValueError(f"cap_m must be positive and finite, got {self.cap_m}")
-        if not 0 <= self.min_piece <= 1:
-            raise ValueError(f"min_piece is a share of the nodes, got {self.min_piece}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GmdsMaps:
-    """The best maps of the samples, the best first; the others are its rivals, such as the mirror image.
+    """The best maps of the samples, the best first; the others are alternatives, such as the mirror image.
 
     samples (k,) int32 nodes of the source, places (m, k) int32 nodes of the target; stress_m (m,) float64: root mean
     square of the capped changes of distance. proven: whether the best map of the first samples onto the first
@@ -108,8 +98,8 @@ def match_by_gmds(source: Surface, target: Surface, config: GmdsConfig | None = 
     """(n_source,) int32: the target's node for each of the source's, by the best map of ``gmds_maps``; -1 = undefined.
 
     Undefined are nodes that are not finite or on pieces smaller than ``min_piece`` of the finite nodes, and all if
-    either surface has no other. Distances are by fast marching, links are paths; where nodes are does not count, so a
-    body may be matched with its mirror image. Several nodes may share a match.
+    either surface has no other. Distances are by fast marching, links are paths. Positions do not count, so a body may
+    be matched with its mirror image. Several nodes may share a match.
     """
     match: np.ndarray = _solve(source, target, config or GmdsConfig())[1]
     return match
@@ -130,9 +120,8 @@ def _solve(source: Surface, target: Surface, config: GmdsConfig) -> tuple[GmdsMa
     among_a, among_b = fields_a[:, samples], fields_b[:, candidates]
     starts, proven = _starts(among_a, among_b, config)
     coarse = [_settled(among_a, among_b, start, config) for start in starts]
-    fine = [
-        _refined(b, among_a, candidates[p], fields_b[p], config) for p in _rivals(coarse, among_b, config.finalists)
-    ]
+    finalists = _alternatives(coarse, among_b, config.finalists)
+    fine = [_refined(b, among_a, candidates[p], fields_b[p], config) for p in finalists]
     fine.sort(key=lambda found: found[2])
     rows = np.ascontiguousarray(fields_a.T)
     match[node_a] = node_b[best_places(rows, fine[0][1], config.cap_m, np.full(len(rows), -1))]
@@ -141,7 +130,7 @@ def _solve(source: Surface, target: Surface, config: GmdsConfig) -> tuple[GmdsMa
 
 
 def _usable(surface: Surface, min_piece: float) -> tuple[Surface, np.ndarray]:
-    """What is finite and on large pieces, and the nodes (k,) int32 that it is made of."""
+    """The finite nodes on large pieces as a surface, and their numbers (k,) int32."""
     node = np.flatnonzero(np.isfinite(surface.points_m).all(axis=1)).astype(np.int32)
     finite = keep_nodes(surface, np.isin(np.arange(len(surface)), node))
     piece = pieces(finite)
@@ -150,7 +139,7 @@ def _usable(surface: Surface, min_piece: float) -> tuple[Surface, np.ndarray]:
 
 
 def _starts(among_a: np.ndarray, among_b: np.ndarray, config: GmdsConfig) -> tuple[np.ndarray, bool]:
-    """(m, k) int32 maps of the first samples to candidates, the best first, and whether none can be better than it."""
+    """(m, k) int32 maps of the first samples to candidates, the best first, and whether the best is proven."""
     few = min(config.first_samples, len(among_a))
     a = np.ascontiguousarray(among_a[:few, :few])
     b = np.ascontiguousarray(among_b[: config.first_candidates, : config.first_candidates])
@@ -175,8 +164,8 @@ def _settled(
     return places, stress_m(among_a, among_b[np.ix_(places, places)], config.cap_m)
 
 
-def _rivals(found: list[tuple[np.ndarray, float]], among_b: np.ndarray, count: int) -> list[np.ndarray]:
-    """The maps of least stress of which no two send the samples to much the same places."""
+def _alternatives(found: list[tuple[np.ndarray, float]], among_b: np.ndarray, count: int) -> list[np.ndarray]:
+    """The maps of least stress of which no two send the samples to nearly the same places."""
     kept: list[np.ndarray] = []
     for places, _ in sorted(found, key=lambda one: one[1]):
         if len(kept) < count and all(among_b[places, other].mean() > _spacing_m(among_b) for other in kept):
@@ -192,15 +181,15 @@ def _spacing_m(distances: np.ndarray) -> float:
 def _refined(
     target: Surface, among_a: np.ndarray, places: np.ndarray, fields: np.ndarray, config: GmdsConfig
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Moves samples to the nodes of least stress, one after another, until none moves; places, their fields, stress."""
-    places, fields, calm = places.copy(), fields.copy(), 0
+    """Moves samples to the nodes of least stress, one after another, until none moves. Places, fields, stress."""
+    places, fields, unmoved = places.copy(), fields.copy(), 0
     for step in range(config.sweeps * len(places)):
         at = step % len(places)
         place = best_places(among_a[at : at + 1], fields, config.cap_m, np.array([at]))[0]
-        calm += 1
+        unmoved += 1
         if place != places[at]:
-            places[at], calm = place, 0
+            places[at], unmoved = place, 0
             fields[at] = field_from(target, place)
-        if calm >= len(places):
+        if unmoved >= len(places):
             break
     return places, fields, stress_m(among_a, fields[:, places], config.cap_m)

@@ -1,11 +1,8 @@
-"""The gradient of a function that is known at the nodes.
+"""Derivatives on the mesh: the gradient of a function known at the nodes, and the curvature of the surface.
 
-Two directions that span the tangent plane of a normal, for kernels that turn them afterwards.
-
-Curvature of the surface from how its normals turn.
-
-Second differences of depth are mostly noise; the normals are already fitted to many pixels, and one more fit over all
-neighbours within a few centimetres leaves what a limb or a nose bends. On planes, spheres and cylinders it is exact.
+Curvature comes from how the normals turn. Second differences of depth are mostly noise; the normals are already fitted
+to many pixels, and one more fit over all neighbours within a few centimetres keeps the curvature of a limb or a nose.
+On planes, spheres and cylinders it is exact.
 """
 
 from __future__ import annotations
@@ -19,9 +16,9 @@ from anchorpose.surface.surface import Surface
 
 @njit(cache=True)
 def tangent_frame(normal: np.ndarray, frame: np.ndarray) -> bool:
-    """Fills frame (3, 3) float64 with two unit tangents and the unit normal, right-handed; False where it is NaN or 0.
+    """Fill frame (3, 3) float64 with two unit tangents and the unit normal, right-handed; False for a NaN or 0 normal.
 
-    The tangents hang on the world's axes: whoever uses them must not let that show in a result.
+    The tangents depend on the world's axes: a result must not depend on their choice.
     """
     x, y, z = np.float64(normal[0]), np.float64(normal[1]), np.float64(normal[2])
     size = np.sqrt(x * x + y * y + z * z)
@@ -45,14 +42,14 @@ def tangent_frame(normal: np.ndarray, frame: np.ndarray) -> bool:
 
 
 FLAT_RATIO = 1e-3
-"""Neighbours spread less than this part of their length across it are on a line: they do not tell how normals turn."""
+"""Neighbours whose spread has a smaller ratio of width to length lie on a line and do not determine a derivative."""
 
 
 def principal_curvatures(surface: Surface, radius_m: float) -> np.ndarray:
     """(n, 2) float32, 1/m: the larger and the smaller curvature, positive where the skin bulges towards the camera.
 
-    radius_m: how far along the edges the neighbours are that are used, with weights that fall to zero there. NaN where
-    the neighbours do not determine it: isolated nodes, nodes on a line, normals or positions that are NaN.
+    radius_m: reach along the edges of the neighbours used, whose weights fall to zero there. NaN where they do not
+    determine it: isolated nodes, nodes on a line, normals or positions that are NaN.
     The shape operator S is the symmetric map with dn = S dx in the tangent plane, by least squares over neighbours;
     the estimate from differences of normals goes back to Taubin 1995 (doi:10.1109/ICCV.1995.466840).
     """
@@ -108,9 +105,9 @@ def _curvatures(
 def mesh_gradient(surface: Surface, values: np.ndarray) -> np.ndarray:
     """(n, 3) float32, units of values per metre, world frame: the gradient in each node's tangent plane.
 
-    values (n,): the function. NaN where it is not known, where the normal is not, and where fewer than two neighbours
-    in different directions know it. Least squares over the directional derivatives along the grid's edges: exact for
-    functions that are linear on a plane. Raises ValueError where values are not one a node.
+    values (n,): the function. NaN where it or the normal is unknown, and where fewer than two neighbours in different
+    directions have a value. Least squares over the directional derivatives along the grid's edges: exact for
+    functions that are linear on a plane. Raises ValueError where values are not one per node.
     """
     values = np.asarray(values, np.float64)
     if values.shape != (len(surface),):

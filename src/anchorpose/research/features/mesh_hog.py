@@ -2,54 +2,50 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import StrEnum
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numba import njit
+from pydantic import Field
 
 from anchorpose.research.features.circle import FULL_TURN, peak_fraction, smooth, spread_over_two, turn_fraction
 from anchorpose.research.features.mesh_gradient import gaussian_curvature, mean_curvature, mesh_gradient, tangent_frame
-from anchorpose.research.features.rings import rings_within
+from anchorpose.research.features.rings import Rings, rings_within
+from anchorpose.settings import Positive, settings
 from anchorpose.surface.surface import Surface
 
 
 class ScalarFunction(StrEnum):
-    """The function whose gradients are described; the authors' third, colour, is not in depth data."""
+    """The function whose gradients are described; the authors' third, colour, does not exist in depth data."""
 
     MEAN_CURVATURE = "mean-curvature"
     GAUSSIAN_CURVATURE = "gaussian-curvature"
 
 
 class FirstAxis(StrEnum):
-    """What the histogram over directions counts whose peak is the first axis of the local frame."""
+    """What the histogram over directions counts; its peak is the first axis of the local frame."""
 
-    WHERE = "where"  # in which direction from the node the gradients are large, as the authors' program does
-    WHITHER = "whither"  # in which direction they point, as SIFT does
+    POSITION = "position"  # the direction from the node in which gradients are large, as in the authors' program
+    GRADIENT = "gradient"  # the direction in which gradients point, as in SIFT
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+TwoOrMore = Annotated[int, Field(ge=2)]
+
+
+@settings
 class MeshHogConfig:
-    """What MeshHOG looks at; the numbers are the authors' but for both radii and the smoothing."""
+    """What MeshHOG describes; the numbers are the authors' except for both radii and the smoothing."""
 
-    radius_m: float = 0.20  # of 0.1 to 0.3 m what tells most places of a body apart at 0.1 s a frame
-    curvature_radius_m: float = 0.07  # bridges the noise of a depth camera, resolves a forearm
+    radius_m: Positive = 0.20  # of 0.1 to 0.3 m the one that distinguishes most places of a body at 0.1 s per frame
+    curvature_radius_m: Positive = 0.07  # larger than the noise of a depth camera, resolves a forearm
     function: ScalarFunction = ScalarFunction.MEAN_CURVATURE
-    first_axis: FirstAxis = FirstAxis.WHERE
-    directions: int = 36  # bins of the histogram that gives the first axis
-    smoothing: int = 16  # rounds of 1 : 2 : 1 over them: near nodes on a grid lie in eight directions only
-    slices: int = 4  # of each of the three planes, by position
-    orientations: int = 8  # in each slice, by direction of the gradient
-    spread: float = 0.3  # sigma of the Gaussian weight, as a part of radius_m
-
-    def __post_init__(self) -> None:
-        for name in ("radius_m", "curvature_radius_m", "spread"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
-        for name, least in (("directions", 4), ("smoothing", 0), ("slices", 2), ("orientations", 2)):
-            if getattr(self, name) < least:
-                raise ValueError(f"{name} must be {least} or more, got {getattr(self, name)}")
-        ScalarFunction(self.function), FirstAxis(self.first_axis)
+    first_axis: FirstAxis = FirstAxis.POSITION
+    directions: Annotated[int, Field(ge=4)] = 36  # bins of the histogram that gives the first axis
+    smoothing: Annotated[int, Field(ge=0)] = 16  # rounds of 1 : 2 : 1: neighbours on a grid lie in eight directions
+    slices: TwoOrMore = 4  # of each of the three planes, by position
+    orientations: TwoOrMore = 8  # in each slice, by direction of the gradient
+    spread: Positive = 0.3  # sigma of the Gaussian weight, as a share of radius_m
 
     @property
     def width(self) -> int:
@@ -58,9 +54,11 @@ class MeshHogConfig:
 
 
 def mesh_hog(
-    surface: Surface, config: MeshHogConfig | None = None, chosen: np.ndarray | None = None,
+    surface: Surface,
+    config: MeshHogConfig | None = None,
+    chosen: np.ndarray | None = None,
     values: np.ndarray | None = None,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """(k, 3 * slices * orientations) float32, unit length, a row for each chosen node (k,) int; None: for all n.
 
     values (n,): another function of the nodes instead of ``config.function``. A row is NaN where the node has no
@@ -68,22 +66,26 @@ def mesh_hog(
 
     The local frame is the normal and the direction in the tangent plane in which gradients are largest. Positions and
     gradients of the nodes within radius_m along the surface are projected onto its three planes; in each plane a
-    node's weight, the projected gradient's length times a Gaussian of the distance, goes to the slice of its position
-    and the orientation of its gradient, shared with the next ones. Three things differ from the authors' program, so
-    that no result hangs on the grid or on where bins begin: the histogram for the first axis is smoothed, its peak is
-    found between bins counted from a direction that turns with the body, and a gradient weighs what its projection is
-    long, not what it is itself.
+    node's weight, the projected gradient's length times a Gaussian of the distance, is divided between the slices
+    nearest to its position and the orientations nearest to its gradient. Three things differ from the authors' program,
+    so that no result depends on the grid or on where bins begin: the histogram for the first axis is smoothed, its peak
+    is interpolated between bins counted from a direction that turns with the body, and a gradient is weighted by the
+    length of its projection, not by its own.
     Sources: Zaharescu et al. 2009 (doi:10.1109/CVPRW.2009.5206748) and 2012 (doi:10.1007/s11263-012-0528-5).
     """
     config = config or MeshHogConfig()
     chosen = np.arange(len(surface)) if chosen is None else np.asarray(chosen, np.int64)
     gradient = mesh_gradient(surface, scalar_function(surface, config) if values is None else values)
     rings = rings_within(surface, config.radius_m, chosen)
-    return _histograms(
-        surface.points_m, surface.normals, gradient, chosen, rings.start, rings.node, rings.distance_m,
-        config.radius_m * config.spread, config.first_axis == FirstAxis.WHITHER,
-        config.directions, config.smoothing, config.slices, config.orientations,
-    )  # fmt: skip
+    layout = _Layout(
+        config.radius_m * config.spread,
+        config.first_axis == FirstAxis.GRADIENT,
+        config.directions,
+        config.smoothing,
+        config.slices,
+        config.orientations,
+    )
+    return _histograms(surface.points_m, surface.normals, gradient, chosen, rings, layout)
 
 
 def scalar_function(surface: Surface, config: MeshHogConfig) -> np.ndarray:
@@ -93,26 +95,37 @@ def scalar_function(surface: Surface, config: MeshHogConfig) -> np.ndarray:
 
 
 PLANES = ((0, 1, 1.0), (0, 2, -1.0), (2, 1, -1.0))
-"""Of each plane the axis angles are counted from, the axis a quarter turn on, and its sign."""
+"""For each plane: the axis from which angles are counted, the axis a quarter turn on, and its sign."""
+
+
+class _Layout(NamedTuple):
+    """The histograms as the kernels need them; sigma_m: of the Gaussian weight."""
+
+    sigma_m: float
+    by_gradient: bool
+    directions: int
+    smoothing: int
+    slices: int
+    orientations: int
 
 
 @njit(cache=True)
 def _histograms(
-    points: np.ndarray, normals: np.ndarray, gradient: np.ndarray, chosen: np.ndarray, start: np.ndarray,
-    ring: np.ndarray, distance: np.ndarray, sigma: float, whither: bool, directions: int, rounds: int,
-    slices: int, orientations: int,
-) -> np.ndarray:  # fmt: skip
-    histograms = np.full((len(chosen), 3 * slices * orientations), np.nan, np.float32)
+    points: np.ndarray, normals: np.ndarray, gradient: np.ndarray, chosen: np.ndarray, rings: Rings, layout: _Layout
+) -> np.ndarray:
+    histograms = np.full((len(chosen), 3 * layout.slices * layout.orientations), np.nan, np.float32)
     longest = 0
     for k in range(len(chosen)):
-        longest = max(longest, start[k + 1] - start[k])
-    local, frame, polar = np.empty((longest, 7)), np.empty((3, 3)), np.empty(directions)
-    bins = np.empty((3, slices, orientations))
+        longest = max(longest, rings.start[k + 1] - rings.start[k])
+    local, frame, polar = np.empty((longest, 7)), np.empty((3, 3)), np.empty(layout.directions)
+    bins = np.empty((3, layout.slices, layout.orientations))
     for k in range(len(chosen)):
         if not tangent_frame(normals[chosen[k]], frame):
             continue
-        count = _lay_out(points, gradient, chosen[k], ring, distance, start[k], start[k + 1], frame, sigma, local)
-        angle = _first_axis(local, count, whither, rounds, polar)
+        row = slice(rings.start[k], rings.start[k + 1])
+        near, distance = rings.node[row], rings.distance_m[row]
+        count = _to_local(points, gradient, chosen[k], near, distance, frame, layout.sigma_m, local)
+        angle = _first_axis(local, count, layout.by_gradient, layout.smoothing, polar)
         if not np.isfinite(angle):
             continue
         _turn(local, count, np.cos(angle), np.sin(angle))
@@ -126,14 +139,20 @@ def _histograms(
 
 
 @njit(cache=True)
-def _lay_out(
-    points: np.ndarray, gradient: np.ndarray, node: int, ring: np.ndarray, distance: np.ndarray, first: int, last: int,
-    frame: np.ndarray, sigma: float, local: np.ndarray,
-) -> int:  # fmt: skip
-    """Fills local with position (3), gradient (3) and weight of each neighbour that has a gradient; how many."""
+def _to_local(
+    points: np.ndarray,
+    gradient: np.ndarray,
+    node: int,
+    near: np.ndarray,
+    distance: np.ndarray,
+    frame: np.ndarray,
+    sigma: float,
+    local: np.ndarray,
+) -> int:
+    """Fill local with position (3), gradient (3) and weight of each neighbour with a gradient; return the number."""
     count = 0
-    for spot in range(first, last):
-        other = ring[spot]
+    for spot in range(len(near)):
+        other = near[spot]
         if other == node or not np.isfinite(gradient[other, 0]):
             continue
         for row in range(3):
@@ -148,14 +167,14 @@ def _lay_out(
 
 
 @njit(cache=True)
-def _first_axis(local: np.ndarray, count: int, whither: bool, rounds: int, polar: np.ndarray) -> float:
-    """Angle of the first axis from the first tangent, NaN where no gradient has a length."""
-    column = 3 if whither else 0
+def _first_axis(local: np.ndarray, count: int, by_gradient: bool, rounds: int, polar: np.ndarray) -> float:
+    """Angle of the first axis from the first tangent; NaN where all gradients are zero."""
+    column = 3 if by_gradient else 0
     x, y, total = 0.0, 0.0, 0.0
     for c in range(count):
         size = np.sqrt(local[c, column] ** 2 + local[c, column + 1] ** 2)
         if size > 0.0:
-            weight = local[c, 6] * _length(local[c], whither)
+            weight = local[c, 6] * _length(local[c], by_gradient)
             x, y = x + weight * local[c, column] / size, y + weight * local[c, column + 1] / size
             total += weight
     if not total > 0.0:
@@ -165,7 +184,7 @@ def _first_axis(local: np.ndarray, count: int, whither: bool, rounds: int, polar
     for c in range(count):
         if local[c, column] != 0.0 or local[c, column + 1] != 0.0:
             fraction = turn_fraction(local[c, column], local[c, column + 1], begin)
-            spread_over_two(polar, fraction, local[c, 6] * _length(local[c], whither))
+            spread_over_two(polar, fraction, local[c, 6] * _length(local[c], by_gradient))
     smooth(polar, rounds)
     return (begin + peak_fraction(polar)) * FULL_TURN
 
@@ -178,7 +197,7 @@ def _length(row: np.ndarray, projected: bool) -> float:
 
 @njit(cache=True)
 def _turn(local: np.ndarray, count: int, cosine: float, sine: float) -> None:
-    """Counts positions and gradients from the first axis."""
+    """Rotate positions and gradients so that angles count from the first axis."""
     for c in range(count):
         for column in (0, 3):
             x, y = local[c, column], local[c, column + 1]
@@ -187,7 +206,7 @@ def _turn(local: np.ndarray, count: int, cosine: float, sine: float) -> None:
 
 @njit(cache=True)
 def _fill(local: np.ndarray, count: int, plane: tuple, bins: np.ndarray) -> None:
-    """Adds to bins (slices, orientations) of one plane."""
+    """Add all neighbours to the bins (slices, orientations) of one plane."""
     first, second, sign = plane
     slices, orientations = bins.shape
     for c in range(count):

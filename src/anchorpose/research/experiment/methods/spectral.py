@@ -9,9 +9,17 @@ from typing import Any
 import numpy as np
 
 from anchorpose.research.experiment.method import DescriptorSetting, Family, Method, by_descriptor
-from anchorpose.research.features.heat_signatures import HksConfig, SiHksConfig, WksConfig, hks, si_hks, wks
 from anchorpose.research.features.nearest import Metric
-from anchorpose.research.features.spectrum import Spectrum, SpectrumConfig, spectrum
+from anchorpose.research.features.spectral_signatures import (
+    HksConfig,
+    SiHksConfig,
+    Spectrum,
+    WksConfig,
+    hks,
+    si_hks,
+    spectrum,
+    wks,
+)
 from anchorpose.tracker.observation import Observation
 
 
@@ -29,7 +37,7 @@ Signature = Callable[[Spectrum, Any], np.ndarray]
 
 def _described(signature: Signature) -> Callable[[Observation, SpectralConfig], np.ndarray]:
     def describe(seen: Observation, config: SpectralConfig) -> np.ndarray:
-        found = signature(spectrum(seen.surface, SpectrumConfig(pairs=config.pairs)), config.signature)
+        found = signature(spectrum(seen.surface, config.pairs), config.signature)
         if not config.logarithm:
             return found
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,9 +1,7 @@
-"""Branch and bound over maps of few samples onto candidates, by the stress that ``gmds_stress`` goes on with.
+"""The stress of a map between two sets of points with known distances, and the searches that minimise it.
 
-``geodesics.map_search`` proves one map of whole small meshes, by the paper's criteria; here several maps are wanted, of
-a sum that is capped, in a millisecond.
-
-The generalised stress of a map of samples, and the moves that make it small.
+Branch and bound finds the best maps of few samples; ``settle`` and ``best_places`` improve maps of many, one sample
+at a time. The stress is a sum of squared changes of distance, each change capped.
 """
 
 from __future__ import annotations
@@ -14,14 +12,21 @@ from numba import njit
 
 @njit(cache=True, error_model="numpy")
 def branch_and_bound(
-    a: np.ndarray, b: np.ndarray, cap: float, limit: float, maps: np.ndarray, costs: np.ndarray, same: float, steps: int
-) -> int:  # fmt: skip
+    a: np.ndarray,
+    b: np.ndarray,
+    cap: float,
+    limit: float,
+    maps: np.ndarray,
+    costs: np.ndarray,
+    same: float,
+    steps: int,
+) -> int:
     """The best map of few samples onto candidates, exactly, and others that differ from it.
 
-    a (k, k), b (n, n) float32 distances; limit: stress over pairs in one order that no map may reach; maps (m, k) int32
-    and costs (m,) float64, inf = empty, are filled in, best first; of maps all of whose places are within ``same``
-    metres only the better is kept, so that the list holds rivals. Returns the branches looked at:
-    ``steps`` if it had to give up.
+    a (k, k), b (n, n) float32 distances; limit: stress, each pair counted once, that every map must stay below; maps
+    (m, k) int32 and costs (m,) float64, inf = empty, are filled in, best first. Of maps whose places are all within
+    ``same`` metres of each other only the better is kept, so that the list holds alternatives. Returns the number of
+    branches visited: ``steps`` if it had to give up.
     """
     depth, count = len(a), len(b)
     table = np.zeros((depth + 1, depth, count))
@@ -46,13 +51,7 @@ def branch_and_bound(
         if level == depth - 1:
             _keep(chosen, cost, b, same, maps, costs)
             continue
-        floor = 0.0
-        for i in range(level + 1, depth):
-            for v in range(count):
-                change = min(abs(np.float64(a[i, level]) - b[place, v]), cap)
-                table[level + 1, i, v] = table[level, i, v] + change * change
-            if i > level + 1:
-                floor += table[level + 1, i].min()
+        floor = _place_sample(a, b, level, place, cap, table)
         if cost + floor + table[level + 1, level + 1].min() >= bound:
             continue
         level += 1
@@ -62,8 +61,24 @@ def branch_and_bound(
 
 
 @njit(cache=True, error_model="numpy")
+def _place_sample(a: np.ndarray, b: np.ndarray, level: int, place: int, cap: float, table: np.ndarray) -> float:
+    """Fill table[level + 1], the cost of each open sample at each candidate, after sample ``level`` went to a place.
+
+    Returns the smallest possible cost of the samples after the next one.
+    """
+    floor = 0.0
+    for i in range(level + 1, len(a)):
+        for v in range(len(b)):
+            change = min(abs(np.float64(a[i, level]) - b[place, v]), cap)
+            table[level + 1, i, v] = table[level, i, v] + change * change
+        if i > level + 1:
+            floor += table[level + 1, i].min()
+    return floor
+
+
+@njit(cache=True, error_model="numpy")
 def _keep(chosen: np.ndarray, cost: float, b: np.ndarray, same: float, maps: np.ndarray, costs: np.ndarray) -> None:
-    """Insert a map in the list of the best, unless one like it is there and better; it ousts those like it."""
+    """Insert a map in the list of the best, unless a better one is alike; it replaces those alike."""
     held = 0
     while held < len(costs) and costs[held] < np.inf:
         held += 1
@@ -101,11 +116,11 @@ def stress_m(a: np.ndarray, b: np.ndarray, cap: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def best_places(rows: np.ndarray, fields: np.ndarray, cap: float, own: np.ndarray) -> np.ndarray:
-    """(m,) int32: where each point costs least, by its distances to samples whose places are known.
+    """(m,) int32: the place of least cost of each point, by its distances to samples whose places are known.
 
     rows (m, k) float32: distances on the source; fields (k, n) float32: those of the samples' places to every node of
-    the target; both metres. own (m,) int: the sample that a row is itself and that does not count, -1 = none. The cost
-    is the sum of squared changes, none counting for more than the cap.
+    the target; both metres. own (m,) int: the sample that a row belongs to and that does not count, -1 = none. The cost
+    is the sum of squared changes, each capped.
     """
     places = np.empty(len(rows), np.int32)
     cost, most = np.empty(fields.shape[1], np.float32), np.float32(cap)
@@ -123,12 +138,12 @@ def best_places(rows: np.ndarray, fields: np.ndarray, cap: float, own: np.ndarra
 
 @njit(cache=True, error_model="numpy")
 def settle(a: np.ndarray, b: np.ndarray, places: np.ndarray, known: int, cap: float, sweeps: int) -> None:
-    """Place the samples beyond the first ``known``, then move one after another as long as that helps.
+    """Place the samples after the first ``known``, then move one after another while this reduces the cost.
 
     a (k, k) float32 distances of the samples, b (n, n) float32 of all candidates for places; places (k,) int32,
     changed in place.
     """
-    costs, most, calm = np.empty(len(b), np.float32), np.float32(cap), 0
+    costs, most, unmoved = np.empty(len(b), np.float32), np.float32(cap), 0
     for step in range(known, (sweeps + 1) * len(a)):
         at, first_time = step % len(a), step < len(a)
         costs[:] = 0.0
@@ -139,8 +154,8 @@ def settle(a: np.ndarray, b: np.ndarray, places: np.ndarray, known: int, cap: fl
                     costs[v] += change * change
         place = costs.argmin()
         if first_time or costs[place] < costs[places[at]]:
-            places[at], calm = place, 0
+            places[at], unmoved = place, 0
             continue
-        calm += 1
-        if calm == len(a):
+        unmoved += 1
+        if unmoved == len(a):
             break

@@ -1,32 +1,80 @@
-"""Edge lengths of triangles, flipped until no edge has obtuse angles against it: an intrinsic Delaunay triangulation.
+"""The Laplace-Beltrami operator of a surface's triangles, on their intrinsic Delaunay triangulation.
 
-Depth meshes have slivers along their outline, whose cotangents are hugely negative, and heat would flow from cold to
-warm there. Flipping edges within the surface, lengths only, changes no distance on it and leaves no negative weight.
-An outline has triangles on one side only; so each triangle is there twice, front and back, and the two sheets hang
-together along the outline, where a mirror is what Neumann's condition asks for. Edges of three triangles and more are
-glued the same way, each to the next.
+Depth meshes have slivers along their outline with hugely negative cotangents, for which heat would flow from cold to
+warm. Flipping edges within the surface, on lengths alone, changes no distance on it and leaves no negative weight. An
+outline has triangles on one side only; so each triangle exists twice, front and back, and the two sheets are glued
+along the outline, where the mirror image satisfies Neumann's condition. Edges of three or more triangles are glued the
+same way, each to the next.
 Sources: Bobenko and Springborn 2007 (doi:10.1007/s00454-007-9006-1), the flips; Sharp and Crane 2020
-(doi:10.1111/cgf.14069), both sides of each triangle and the lengthening of edges by a trifle.
+(doi:10.1111/cgf.14069), both sides of each triangle and the slight lengthening of edges.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Final
+
 import numpy as np
 from numba import njit
+from scipy.sparse import coo_array, csc_array
+from scipy.sparse.csgraph import connected_components
 
-TRIFLE = 1e-5
-"""Of the mean edge: by so much at least two sides of every triangle are longer than the third."""
-FLIPS_PER_EDGE = 50  # far more than any mesh needs: flips end by themselves, but for rounding
-TOLERANCE = 1e-9  # of a cotangent
+from anchorpose.surface.mesh import faces
+from anchorpose.surface.surface import Surface
+
+MIN_SLACK: Final = 1e-5  # of the mean edge: two sides of every triangle exceed the third by at least this
+FLIPS_PER_EDGE: Final = 50  # far more than any mesh needs: flips end by themselves, except for rounding
+TOLERANCE: Final = 1e-9  # of a cotangent
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Laplacian:
+    """The operator on the nodes that belong to a triangle.
+
+    node (v,) int32: these nodes of the surface, in whose order everything else is; stiffness (v, v) float64 sparse,
+    symmetric, positive semidefinite, without positive entries off its diagonal: cotangent weights; mass_m2 (v,)
+    float64: the area nearer to the node than to any other (Voronoi), which unlike thirds of triangles does not depend
+    on the diagonal that cuts a square; piece (v,) int32: the number of the node's connected component (triangles with
+    a common corner are connected).
+    """
+
+    node: np.ndarray
+    stiffness: csc_array
+    mass_m2: np.ndarray
+    piece: np.ndarray
+
+
+def surface_laplacian(surface: Surface) -> Laplacian:
+    """Cotangent weights with lumped mass on the intrinsic Delaunay triangulation, Neumann boundary conditions.
+
+    Links have no triangles and conduct no heat. Triangles with a node whose position is not finite are left out.
+    """
+    triangles = faces(surface)
+    return mesh_laplacian(surface.points_m, triangles[np.isfinite(surface.points_m).all(axis=1)[triangles].all(axis=1)])
+
+
+def mesh_laplacian(points_m: np.ndarray, triangles: np.ndarray) -> Laplacian:
+    """The same for any triangles (f, 3) int of points (n, 3) metres, also where three share an edge."""
+    node, own = np.unique(triangles, return_inverse=True)
+    count = len(node)
+    edges, values = intrinsic_delaunay(np.asarray(points_m, np.float64)[node], own.reshape(-1, 3))
+    tail, head = edges.T
+    weight = np.where(tail == head, 0.0, values[:, 0] / 2.0)  # halves, for each triangle has a front and a back
+    off = coo_array((np.tile(-weight, 2), (np.append(tail, head), np.append(head, tail))), shape=(count, count)).tocsc()
+    diagonal = np.bincount(np.append(tail, head), np.tile(weight, 2), count)
+    stiffness = (off + coo_array((diagonal, (np.arange(count), np.arange(count))), shape=(count, count))).tocsc()
+    mass_m2 = np.bincount(np.append(tail, head), np.tile(values[:, 1] / 2.0, 2), count)
+    piece = connected_components(coo_array((np.ones(len(tail), np.int8), (tail, head)), shape=(count, count)), False)[1]
+    return Laplacian(node.astype(np.int32), csc_array(stiffness), mass_m2, piece.astype(np.int32))
 
 
 def intrinsic_delaunay(points_m: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Weight of each half-edge and the area on either half of it, on the triangulation after all flips.
+    """Weight of each half-edge and the area at either half of it, on the triangulation after all flips.
 
     points_m (n, 3) float64 metres, triangles (f, 3) int of finite points, sides of any orientation. Returns
     edges (6 f, 2) int32, tail and head node, which are the same where an edge was flipped across the outline;
-    values (6 f, 2) float64: half the cotangent of the angle opposite, and what of the triangle's area in m² lies at
-    this edge and is nearest to its tail, which equals that nearest to its head. Each triangle counts twice, as front
+    values (6 f, 2) float64: half the cotangent of the opposite angle, and the part of the triangle's area in m² at this
+    edge that is nearest to its tail, which equals the part nearest to its head. Each triangle counts twice, as front
     and as back.
     """
     tail, after, twin = _both_sides(np.asarray(triangles, np.int64))
@@ -34,14 +82,14 @@ def intrinsic_delaunay(points_m: np.ndarray, triangles: np.ndarray) -> tuple[np.
     length = np.sqrt((apart**2).sum(axis=1))
     if len(length):
         slack = length[after] + length[after[after]] - length
-        length = length + max(TRIFLE * length.mean() - slack.min(), 0.0)
+        length = length + max(MIN_SLACK * length.mean() - slack.min(), 0.0)
         _flip_all(tail, after, twin, length)
     edges = np.stack([tail, tail[after]], axis=1).astype(np.int32)
     return edges, _weights(after, length)
 
 
 def _both_sides(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """tail (h,) node, after (h,) the next half-edge around its triangle, twin (h,) the one it is glued to; h = 6 f."""
+    """tail (h,) node, after (h,) the next half-edge of its triangle, twin (h,) the one it is glued to; h = 6 f."""
     corners = np.concatenate([triangles, triangles[:, [0, 2, 1]]])
     tail = corners.ravel()
     half = np.arange(len(tail)).reshape(-1, 3)
@@ -62,7 +110,7 @@ def _both_sides(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 @njit(cache=True)
 def _flip_all(tail: np.ndarray, after: np.ndarray, twin: np.ndarray, length: np.ndarray) -> int:
-    """Flip in place until every edge is Delaunay; returns how many flips that took."""
+    """Flip in place until every edge is Delaunay; return the number of flips."""
     waiting, queued = np.arange(len(tail)), np.ones(len(tail), np.bool_)
     first, size, flips = 0, len(tail), 0
     while size > 0 and flips < FLIPS_PER_EDGE * len(tail):
@@ -88,7 +136,7 @@ def _flip_all(tail: np.ndarray, after: np.ndarray, twin: np.ndarray, length: np.
 
 @njit(cache=True)
 def _other_diagonal(h: int, g: int, after: np.ndarray, length: np.ndarray) -> float:
-    """Distance between the two corners off an edge, both triangles laid flat."""
+    """Distance between the two corners opposite an edge, both triangles laid flat."""
     base = length[h]
     beside, from_j, from_i = 2.0 * _area(h, after, length) / base, length[after[h]], length[after[after[h]]]
     along = (base * base + from_i * from_i - from_j * from_j) / (2.0 * base)
@@ -99,7 +147,7 @@ def _other_diagonal(h: int, g: int, after: np.ndarray, length: np.ndarray) -> fl
 
 @njit(cache=True)
 def _area(h: int, after: np.ndarray, length: np.ndarray) -> float:
-    """Of the half-edge's triangle, by Heron's formula in the order of Kahan, which slivers do not upset."""
+    """Area of the half-edge's triangle by Heron's formula in Kahan's order, which is stable for slivers."""
     a, b, c = length[h], length[after[h]], length[after[after[h]]]
     long, short = max(a, b, c), min(a, b, c)
     mid = max(min(a, b), min(max(a, b), c))
@@ -109,7 +157,7 @@ def _area(h: int, after: np.ndarray, length: np.ndarray) -> float:
 
 @njit(cache=True)
 def _cotangent(h: int, after: np.ndarray, length: np.ndarray) -> float:
-    """Of the angle opposite the half-edge."""
+    """Cotangent of the angle opposite the half-edge."""
     a, b, c = length[h], length[after[h]], length[after[after[h]]]
     return (b * b + c * c - a * a) / max(4.0 * _area(h, after, length), 1e-300)
 

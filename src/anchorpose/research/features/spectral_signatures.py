@@ -1,0 +1,272 @@
+"""The spectrum of a surface's Laplace-Beltrami operator, and the descriptors made from it: HKS, SI-HKS and WKS."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Final
+
+import numpy as np
+from pydantic import AfterValidator, Field
+from scipy.linalg import eigh
+from scipy.sparse import csc_array, diags_array
+from scipy.sparse.linalg import LinearOperator, eigsh, splu
+
+from anchorpose.research.features.laplacian import Laplacian, surface_laplacian
+from anchorpose.settings import Count, Positive, settings
+from anchorpose.surface.surface import Surface
+
+PAIRS: Final = 150  # waves down to 10 cm on a body's 0.45 m²; Sun et al. and Aubry et al. took 300 of closed meshes
+LANCZOS_VECTORS: Final = 1.6  # per pair: on body meshes of 2,300 nodes faster than 1.3 and 2.5
+START: Final = 20110413  # seed of Lanczos' first vector: with ARPACK's own, two runs would differ in the last digits
+DECAY: Final = 4.0 * np.log(10.0)  # of a wave that has decayed, e^-DECAY = 1e-4: first and last time of Sun et al.
+
+
+def _ascending(limits: tuple[float, float]) -> tuple[float, float]:
+    if not 0 < limits[0] < limits[1] < np.inf:
+        raise ValueError(f"two positive numbers, the smaller first, are needed, got {limits}")
+    return limits
+
+
+Range = Annotated[tuple[float, float], AfterValidator(_ascending)]
+"""Two positive numbers, the smaller first."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spectrum:
+    """eigenvalues (k,) float64 in 1/m², ascending, exactly 0 once for each connected piece of surface.
+
+    eigenfunctions (n, k) float64 in 1/m, orthonormal with respect to mass_m2 (n,), the area of each node: NaN and 0 at
+    nodes without triangles. piece (n,) int32: the node's connected piece, -1 without a triangle. The sign of an
+    eigenfunction is arbitrary, and so is the basis where eigenvalues coincide.
+    """
+
+    eigenvalues: np.ndarray
+    eigenfunctions: np.ndarray
+    mass_m2: np.ndarray
+    piece: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.piece)
+
+    @property
+    def piece_count(self) -> int:
+        return int(self.piece.max(initial=-1)) + 1
+
+    @property
+    def positive(self) -> np.ndarray:
+        """(k,) bool: eigenvalues other than the pieces' zeros."""
+        return self.eigenvalues > 0.0
+
+
+def spectrum(surface: Surface, pairs: int = PAIRS) -> Spectrum:
+    """The lowest ``pairs`` eigenpairs of all pieces together, fewer where there are fewer nodes with triangles.
+
+    Pieces share the spectrum, each with its own waves down to the same length. Neumann's condition at the outline.
+    """
+    return spectrum_of(surface_laplacian(surface), len(surface), pairs)
+
+
+def spectrum_of(laplacian: Laplacian, count: int, pairs: int = PAIRS) -> Spectrum:
+    """The same for an operator on some of ``count`` nodes. Raises ValueError without pairs."""
+    if pairs < 1:
+        raise ValueError(f"pairs must be at least 1, got {pairs}")
+    values, waves = _eigenpairs(laplacian, min(pairs, len(laplacian.node)))
+    functions = np.full((count, len(values)), np.nan)
+    functions[laplacian.node] = waves
+    mass_m2, piece = np.zeros(count), np.full(count, -1, np.int32)
+    mass_m2[laplacian.node], piece[laplacian.node] = laplacian.mass_m2, laplacian.piece
+    return Spectrum(values, functions, mass_m2, piece)
+
+
+def _eigenpairs(laplacian: Laplacian, pairs: int) -> tuple[np.ndarray, np.ndarray]:
+    """(k,) and (v, k). The lowest are set exactly, to 0 and a constant on each piece; rounding leaves them near 0."""
+    if pairs == 0:
+        return np.empty(0), np.empty((0, 0))
+    scale = 1.0 / np.sqrt(laplacian.mass_m2)
+    symmetric = (diags_array(scale) @ laplacian.stiffness @ diags_array(scale)).tocsc()
+    values, vectors = _lowest(symmetric, pairs, 1.0 / laplacian.mass_m2.sum())
+    waves = vectors * scale[:, None]
+    area = np.bincount(laplacian.piece, laplacian.mass_m2)
+    still = min(len(area), pairs)
+    values[:still] = 0.0
+    waves[:, :still] = (laplacian.piece[:, None] == np.arange(still)) / np.sqrt(area[:still])
+    return values, waves
+
+
+def _lowest(matrix: csc_array, pairs: int, shift: float) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenpairs of a symmetric matrix by shift and invert, around a shift just below its lowest eigenvalue of 0."""
+    count = matrix.shape[0]
+    if LANCZOS_VECTORS * pairs >= count - 1:
+        values, vectors = eigh(matrix.toarray())
+        return values[:pairs], vectors[:, :pairs]
+    factors = splu(
+        (matrix + shift * diags_array(np.ones(count))).tocsc(),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+    values, vectors = eigsh(
+        matrix,
+        pairs,
+        sigma=-shift,
+        OPinv=LinearOperator(matrix.shape, factors.solve, dtype=np.float64),
+        v0=np.random.default_rng(START).standard_normal(count),
+        ncv=max(int(LANCZOS_VECTORS * pairs), min(count, pairs + 20)),
+    )
+    order = np.argsort(values, kind="stable")
+    return values[order], vectors[:, order]
+
+
+def weighted_squares(spectrum: Spectrum, weights: np.ndarray, chosen: np.ndarray | None) -> np.ndarray:
+    """sum_i w_i phi_i(x)^2, (k, d) float64 in 1/m², for weights (pairs, d) at each chosen node (k,) int, None = all.
+
+    NaN at nodes without triangles.
+    """
+    waves = spectrum.eigenfunctions if chosen is None else spectrum.eigenfunctions[np.asarray(chosen)]
+    sums: np.ndarray = (waves**2) @ weights
+    return sums
+
+
+def body_sums(spectrum: Spectrum, weights: np.ndarray) -> np.ndarray:
+    """(d,) float64: the integral of ``weighted_squares`` over the piece of surface with the largest area.
+
+    Over all pieces, small components would count as much as the body at low eigenvalues; over each node's own piece, a
+    severed arm would change at high ones. NaN without triangles.
+    """
+    if spectrum.piece_count == 0:
+        return np.full(weights.shape[1], np.nan)
+    at = spectrum.piece >= 0
+    largest = np.bincount(spectrum.piece[at], spectrum.mass_m2[at]).argmax()
+    body = spectrum.piece == largest
+    sums: np.ndarray = (spectrum.mass_m2[body] @ spectrum.eigenfunctions[body] ** 2) @ weights
+    return sums
+
+
+@settings
+class HksConfig:
+    """Times of the heat kernel signature."""
+
+    times: Count = 100  # as Sun et al.
+    range_m2: Range | None = None  # first and last time; None: from the spectrum, as Sun et al.
+    scaled: bool = True  # by the heat trace, as Sun et al.: otherwise short times outweigh all others
+
+
+def hks(spectrum: Spectrum, config: HksConfig | None = None, chosen: np.ndarray | None = None) -> np.ndarray:
+    """Heat kernel signature: the heat left at a node at time t after it was put there, sum_i exp(-lambda_i t) phi_i^2.
+
+    Times t are evenly spaced in their logarithm and in m²: heat diffuses over one square metre in a time of one.
+    Returns (k, times) float32 in 1/m², a row for each chosen node (k,) int, None meaning all; NaN at nodes without
+    triangles, and everywhere if the times are to come from a spectrum without positive eigenvalues. Scaled: each time
+    divided by its integral over the largest piece of surface, the heat trace.
+    Source: Sun, Ovsjanikov and Guibas 2009 (doi:10.1111/j.1467-8659.2009.01515.x), Section 4.
+    """
+    config = config or HksConfig()
+    times_m2 = heat_times(spectrum, config)
+    weights = np.exp(-spectrum.eigenvalues[:, None] * times_m2)
+    heat = weighted_squares(spectrum, weights, chosen)
+    if config.scaled:
+        heat /= body_sums(spectrum, weights)
+    return heat.astype(np.float32)
+
+
+def heat_times(spectrum: Spectrum, config: HksConfig) -> np.ndarray:
+    """(times,) m²: from the decay of the shortest wave to that of the longest, unless the range is given."""
+    positive = spectrum.eigenvalues[spectrum.positive]
+    if config.range_m2 is not None:
+        first, last = config.range_m2
+    elif len(positive):
+        first, last = DECAY / positive[-1], DECAY / positive[0]
+    else:
+        return np.full(config.times, np.nan)
+    return np.geomspace(first, last, config.times)
+
+
+@settings
+class SiHksConfig:
+    """Times of the scale-invariant heat kernel signature, and how many frequencies are kept."""
+
+    first_octave: Annotated[float, Field(allow_inf_nan=False)] = -22.0  # of 1 m²: 0.5 mm², hardly any wave has decayed
+    octaves: Positive = 24.0  # as Bronstein and Kokkinos; up to 4 m², when a body's longest wave has decayed
+    steps_per_octave: Count = 16  # as Bronstein and Kokkinos
+    frequencies: Count = 6  # the lowest, as Bronstein and Kokkinos
+
+    def __post_init__(self) -> None:
+        if self.frequencies > int(self.octaves * self.steps_per_octave) // 2:
+            raise ValueError(f"the times given do not resolve {self.frequencies} frequencies")
+
+
+def si_hks(spectrum: Spectrum, config: SiHksConfig | None = None, chosen: np.ndarray | None = None) -> np.ndarray:
+    """Scale-invariant HKS: |Fourier transform| of d log h / d tau, where h is the HKS at times 2^tau m².
+
+    A surface scaled by s has its HKS divided by s² and shifted by 2 log2 s octaves: the derivative of the logarithm
+    removes the one, the modulus the other, as long as the derivative is zero at both ends of the times; this is why
+    there are many octaves. Returns (k, frequencies) float32 from frequency 0 on, a row for each chosen node (k,) int,
+    None meaning all; NaN at nodes without triangles.
+    Source: Bronstein and Kokkinos 2010 (doi:10.1109/CVPR.2010.5539838), Section 3.
+    """
+    config = config or SiHksConfig()
+    octave = config.first_octave + np.arange(0, config.octaves, 1.0 / config.steps_per_octave)
+    decay = spectrum.eigenvalues[:, None] * 2.0**octave
+    left = np.exp(-decay)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        slope = -np.log(2.0) * weighted_squares(spectrum, decay * left, chosen)
+        slope /= weighted_squares(spectrum, left, chosen)
+    wave = np.exp(-2j * np.pi * np.outer(np.arange(len(octave)), np.arange(config.frequencies)) / len(octave))
+    return (np.abs(slope @ wave) / config.steps_per_octave).astype(np.float32)
+
+
+@settings
+class WksConfig:
+    """Energies of the wave kernel signature, and how sharply they are resolved."""
+
+    energies: Count = 100  # as Aubry et al.
+    width_steps: Positive = 7.0  # standard deviation of an energy's logarithm, in steps between energies; likewise
+    range_per_m2: Range | None = None  # eigenvalues between which energies lie; None: the spectrum's own
+
+    def __post_init__(self) -> None:
+        if not self.energies > 4 * self.width_steps:
+            raise ValueError(f"{self.energies} energies leave nothing between margins of 2 x {self.width_steps} steps")
+
+
+def wks(spectrum: Spectrum, config: WksConfig | None = None, chosen: np.ndarray | None = None) -> np.ndarray:
+    """Wave kernel signature: the probability of a quantum particle of energy e at a node, sum_i w_i(e) phi_i(x)^2.
+
+    w_i is a Gaussian of log lambda_i around e; the integral over the largest piece is 1.
+
+    Returns (k, energies) float32 in 1/m², a row for each chosen node (k,) int, None meaning all; NaN at nodes without
+    triangles or on a piece without positive eigenvalues, whose particles have no energy.
+    Source: Aubry, Schlickewei and Cremers 2011 (doi:10.1109/ICCVW.2011.6130444), Sections 3 and 4; energies keep two
+    standard deviations from either end of the range.
+    """
+    config = config or WksConfig()
+    moving = spectrum.positive
+    log_energy, width = wave_energies(spectrum, config)
+    weights = np.zeros((len(moving), config.energies))
+    level = np.log(spectrum.eigenvalues[moving])
+    weights[moving] = np.exp(-0.5 * ((log_energy - level[:, None]) / width) ** 2)
+    with np.errstate(invalid="ignore"):
+        likely = weighted_squares(spectrum, weights, chosen) / body_sums(spectrum, weights)
+    likely[_without_wave(spectrum)[slice(None) if chosen is None else np.asarray(chosen)]] = np.nan
+    return likely.astype(np.float32)
+
+
+def _without_wave(spectrum: Spectrum) -> np.ndarray:
+    """(n,) bool: nodes on pieces without a wave, such as those smaller than the shortest wave of the spectrum."""
+    at = spectrum.piece >= 0
+    inside = spectrum.mass_m2[at] * (spectrum.eigenfunctions[np.ix_(at, spectrum.positive)] ** 2).sum(axis=1)
+    waves = np.append(np.bincount(spectrum.piece[at], inside, spectrum.piece_count), 0.0)  # how many each piece has
+    without: np.ndarray = waves[spectrum.piece] < 0.5
+    return without
+
+
+def wave_energies(spectrum: Spectrum, config: WksConfig) -> tuple[np.ndarray, float]:
+    """(energies,) logarithms of eigenvalues in 1/m², evenly spaced, and the Gaussian's deviation; NaN without any."""
+    positive = spectrum.eigenvalues[spectrum.positive]
+    if config.range_per_m2 is not None:
+        low, high = np.log(config.range_per_m2)
+    elif len(positive) > 1:
+        low, high = np.log(positive[0]), np.log(positive[-1])
+    else:
+        return np.full(config.energies, np.nan), np.nan
+    width = config.width_steps * (high - low) / config.energies
+    return np.linspace(low + 2.0 * width, high - 2.0 * width, config.energies), float(width)

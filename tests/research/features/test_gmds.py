@@ -1,0 +1,169 @@
+"""GMDS: its search against all maps tried out, isometries, mirror images, the paper's two criteria, refusals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+from bent_sheets import hill, sheet
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from anchorpose.research.features.gmds import GmdsConfig, gmds_maps, match_by_gmds
+from anchorpose.research.features.map_search import branch_and_bound, stress_m
+from anchorpose.surface.mesh import keep_nodes
+from anchorpose.surface.surface import Surface
+
+EVERY_NODE = GmdsConfig(samples=63, candidates=63)
+
+
+def some_distances(seed: int, count: int) -> np.ndarray:
+    """Distances between random places."""
+    places = np.random.default_rng(seed).normal(size=(count, 3))
+    return np.linalg.norm(places[:, None] - places[None], axis=2).astype(np.float32)
+
+
+def change(a: np.ndarray, b: np.ndarray, match: np.ndarray) -> np.ndarray:
+    """(n, n) change of every distance under a map."""
+    return np.abs(a.astype(np.float64) - b[np.ix_(match, match)])
+
+
+def distortion(a: np.ndarray, b: np.ndarray, match: np.ndarray) -> float:
+    """The greatest change of a distance (paper, Eq. distortion)."""
+    return float(change(a, b, match).max())
+
+
+def descriptor_cost(a: np.ndarray, b: np.ndarray, match: np.ndarray) -> float:
+    """Sum over nodes of the Euclidean distance between full descriptors (paper, Eq. euclidean)."""
+    return float(np.sqrt((change(a, b, match) ** 2).sum(axis=1)).sum())
+
+
+def pair_cost(a: np.ndarray, b: np.ndarray, match: np.ndarray, cap: float) -> float:
+    """The sum of capped squared changes, each pair counted once."""
+    return float((np.minimum(change(a, b, match), cap) ** 2).sum() / 2.0)
+
+
+def all_maps(count_a: int, count_b: int) -> list[np.ndarray]:
+    return [np.array(match) for match in product(range(count_b), repeat=count_a)]
+
+
+def search(
+    a: np.ndarray, b: np.ndarray, cap: float, kept: int, steps: int = 10**6, same: float = 0.0
+) -> tuple[np.ndarray, np.ndarray, int]:
+    maps, costs = np.full((kept, len(a)), -1, np.int32), np.full(kept, np.inf)
+    used = branch_and_bound(a, b, cap, np.inf, maps, costs, same, steps)
+    return maps, costs, used
+
+
+@settings(max_examples=40)
+@given(st.integers(2, 5), st.integers(1, 5), st.integers(0, 10_000), st.sampled_from([0.3, 1.0, 100.0]))
+def test_branch_and_bound_finds_what_trying_all_maps_finds(count_a, count_b, seed, cap):
+    a, b = some_distances(seed, count_a), some_distances(seed + 1, count_b)
+    maps, costs, _ = search(a, b, cap, kept=3)
+    every = sorted(pair_cost(a, b, match, cap) for match in all_maps(count_a, count_b))
+    np.testing.assert_allclose(costs[: len(every)], every[:3], atol=1e-5)
+    for match, cost in zip(maps[: len(every)], costs, strict=False):
+        assert pair_cost(a, b, match, cap) == pytest.approx(cost, abs=1e-5)
+
+
+def test_alternatives_differ_in_at_least_one_place():
+    a, b = some_distances(1, 4), some_distances(2, 6)
+    maps, costs, _ = search(a, b, 100.0, kept=5, same=1.0)
+    assert (np.diff(costs) >= 0).all()
+    for first in range(5):
+        for second in range(first):
+            assert b[maps[first], maps[second]].max() > 1.0
+
+
+def test_a_search_that_must_stop_early_reports_it():
+    a, b = some_distances(3, 6), some_distances(4, 30)
+    hurried, patient = search(a, b, 100.0, 1, steps=40), search(a, b, 100.0, 1)
+    assert hurried[2] == 40 < patient[2]
+    assert hurried[1][0] >= patient[1][0]
+    surface = hill(0.04)
+    assert not gmds_maps(surface, surface, GmdsConfig(max_branches=10)).proven
+    assert gmds_maps(surface, surface).proven
+
+
+def moved(surface: Surface) -> Surface:
+    turn = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
+    return replace(surface, points_m=(surface.points_m @ turn.T + [0.3, -0.2, 1.0]).astype(np.float32))
+
+
+def test_a_mesh_is_matched_with_itself_after_it_was_moved():
+    whole = hill(0.04)
+    np.testing.assert_array_equal(match_by_gmds(whole, moved(whole), EVERY_NODE), np.arange(len(whole)))
+    maps = gmds_maps(whole, moved(whole), EVERY_NODE)
+    assert maps.stress_m[0] < 1e-6
+    np.testing.assert_array_equal(maps.places[0], maps.samples)
+
+
+def test_a_part_of_a_mesh_is_found_on_the_whole():
+    whole = hill(0.04)
+    part = np.flatnonzero(whole.pixel[:, 1] >= 2)
+    match = match_by_gmds(keep_nodes(whole, np.isin(np.arange(len(whole)), part)), whole, EVERY_NODE)
+    away = np.linalg.norm(whole.points_m[match] - whole.points_m[part], axis=1)
+    assert np.median(away) == 0.0
+    assert away.max() < 0.05
+
+
+def test_distances_say_how_much_a_hill_differs_from_a_sheet():
+    flat, low, high = hill(0.0), hill(0.03), hill(0.06)
+    stress = [gmds_maps(flat, other, EVERY_NODE).stress_m[0] for other in (flat, low, high)]
+    assert stress[0] < 1e-6
+    assert 0.001 < stress[1] < stress[2]
+
+
+def test_the_mirror_image_is_an_alternative():
+    maps = gmds_maps(sheet(), sheet(), GmdsConfig(samples=63, candidates=63, finalists=4))
+    assert len(maps.places) == 4  # a rectangle has four isometries
+    assert (maps.stress_m < 1e-3).all()
+
+
+def test_nodes_without_a_position_and_on_small_pieces_have_no_match():
+    whole = hill(0.04)
+    points = whole.points_m.copy()
+    points[5] = np.nan
+    rest = keep_nodes(replace(whole, points_m=points), whole.pixel[:, 1] != 1)  # the first column by itself
+    match = match_by_gmds(rest, whole, GmdsConfig(min_piece=0.2))
+    np.testing.assert_array_equal(match < 0, (rest.pixel[:, 1] == 0) | ~np.isfinite(rest.points_m[:, 0]))
+    nothing = keep_nodes(whole, np.zeros(len(whole), bool))
+    assert (match_by_gmds(whole, nothing) == -1).all()
+    assert len(match_by_gmds(nothing, whole)) == 0
+
+
+@given(st.integers(2, 12), st.integers(1, 12), st.integers(0, 10_000))
+def test_the_cost_of_a_map_lies_between_twice_its_distortion_and_the_bound_of_the_paper(count_a, count_b, seed):
+    """Zero distortion and zero cost mean the same, an isometry; this is why the paper calls both equivalent."""
+    a, b = some_distances(seed, count_a), some_distances(seed + 1, count_b)
+    match = np.random.default_rng(seed).integers(0, count_b, count_a)
+    worst, cost = distortion(a, b, match), descriptor_cost(a, b, match)
+    assert 2 * worst - 1e-9 <= cost <= count_a * np.sqrt(count_a - 1) * worst + 1e-9
+    assert cost <= count_a * np.sqrt(count_a) * worst + 1e-9  # as the paper has it
+
+
+def test_the_two_criteria_of_the_paper_and_the_stress_may_choose_different_maps():
+    """So "essentially equivalent" holds for isometries, not for what is best otherwise."""
+    differ = set()
+    for seed in range(20):
+        a, b = some_distances(seed, 4), some_distances(seed + 100, 4)
+        maps = all_maps(4, 4)
+        by_worst = min(maps, key=lambda match: distortion(a, b, match))
+        by_all = min(maps, key=lambda match: descriptor_cost(a, b, match))
+        by_stress = search(a, b, 100.0, 1)[0][0]
+        assert stress_m(a, b[np.ix_(by_stress, by_stress)], 100.0) <= distortion(a, b, by_worst) + 1e-6
+        differ |= {name for name, other in (("sum", by_all), ("stress", by_stress)) if (other != by_worst).any()}
+    assert differ == {"sum", "stress"}
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"samples": 0}, {"first_samples": 1}, {"first_candidates": 300}, {"cap_m": 0.0}, {"min_piece": 2.0},
+     {"max_branches": 3}],
+)  # fmt: skip
+def test_settings_without_a_meaning_are_refused(wrong):
+    with pytest.raises(ValueError, match="validation error"):
+        GmdsConfig(**wrong)
