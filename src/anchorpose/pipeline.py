@@ -21,7 +21,7 @@ from anchorpose.results.contact_intervals import ContactIntervals
 from anchorpose.results.measuring import write_measured
 from anchorpose.results.people_labels import PEOPLE_FILE, LabelImage, write_people
 from anchorpose.results.poses import POSES_FILE, write_poses
-from anchorpose.results.processing.policy import ProcessingConfig
+from anchorpose.results.processing.process import ProcessingConfig
 from anchorpose.results.records import CONTACTS_FILE, write_contacts
 from anchorpose.results.run_record import RUN_FILE, Association, DroppedFrame, write_run_record
 from anchorpose.results.stand_training.measure import MeasureConfig

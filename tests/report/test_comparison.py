@@ -19,7 +19,7 @@ from anchorpose.report.comparable import grows_with_time
 from anchorpose.report.comparison import write_comparison
 from anchorpose.report.comparison_tables import change_between
 from anchorpose.results.measuring import write_measured
-from anchorpose.results.processing.policy import ProcessingConfig
+from anchorpose.results.processing.process import ProcessingConfig
 from anchorpose.results.records import Measure, write_measures
 from anchorpose.results.stand_training.extension import ExtensionConfig
 from anchorpose.results.stand_training.measure import MeasureConfig

@@ -27,7 +27,7 @@ from anchorpose.report.ledger import Ledger, Rows, Taking
 from anchorpose.report.measure_section import GROUPS, grouped_measures, words_of
 from anchorpose.report.page import write_report
 from anchorpose.results.measuring import write_measured
-from anchorpose.results.processing.policy import ProcessingConfig
+from anchorpose.results.processing.process import ProcessingConfig
 from anchorpose.results.stand_training.measure import MeasureConfig
 
 FRAMES = 120

@@ -41,8 +41,9 @@ def measure(
 
     from anchorpose.errors import AnchorposeError
     from anchorpose.results.measuring import measure_rows, processing_sentence, write_measured
-    from anchorpose.results.processing.policy import ProcessingConfig
+    from anchorpose.results.processing.process import ProcessingConfig
     from anchorpose.results.stand_training.measure import MeasureConfig
+    from anchorpose.settings import sentence_of
 
     if cutoff is not None and smooth != "butterworth":
         raise AnchorposeError("--cutoff belongs to the Butterworth filter; add --smooth butterworth.")
@@ -54,7 +55,7 @@ def measure(
             smooth=smooth, fill=fill, **{name: value for name, value in given.items() if value is not None}
         )
     except ValueError as error:
-        raise AnchorposeError(f"{error}; correct --cutoff or --longest-gap.") from None
+        raise AnchorposeError(f"{sentence_of(error)}; correct --cutoff or --longest-gap.") from None
     measured = write_measured(results, settings, MeasureConfig())
     table = Table("", "value ± 95 %", "inferred", "why not")
     for row in measure_rows(measured.measures):

@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from anchorpose.results.kinematics.joint_angles import joint_angles
-from anchorpose.results.processing.policy import ProcessingConfig
-from anchorpose.results.processing.process import process_angles
+from anchorpose.results.processing.process import ProcessingConfig, process_angles
 from anchorpose.results.records import (
     CONTACTS_FILE,
     EPISODES_FILE,
@@ -60,7 +59,7 @@ def write_measured(results: Path, processing: ProcessingConfig, config: MeasureC
     joints = read_joints(results / JOINTS_FILE)
     contacts = read_contacts(results / CONTACTS_FILE) if (results / CONTACTS_FILE).exists() else None
     angles = joint_angles(joints)
-    processed = process_angles(joints, processing) if processing.asked_for else None
+    processed = process_angles(joints, processing) if processing.active else None
     session, measures = measure_session(joints, angles, contacts, config)
     work = Path(tempfile.mkdtemp(prefix=".measuring-", dir=results))
     try:

@@ -16,9 +16,7 @@ from anchorpose.results.kinematics.trunk import NECK, PELVIS, TRUNK
 from anchorpose.results.tables import AngleTable, JointTable
 
 
-def angles_with_sigma(
-    group: AngleGroup, position_m: np.ndarray, sigma_m: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+def angles_with_sigma(group: AngleGroup, position_m: np.ndarray, sigma_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A group's angles and their standard deviations, (k, n) radians each; NaN where a joint is or the lever is short.
 
     position_m (21, 3, n), sigma_m (21, n): errors are taken as independent between joints and axes. Each coordinate is

@@ -1,8 +1,6 @@
-"""Joints low-passed without delay, stretch by stretch.
+"""Two smoothers of one joint's path, without delay: Kalman with Rauch, Tung and Striebel, and Butterworth.
 
-Joints smoothed by what came before and after (Rauch, Tung and Striebel 1965, doi:10.2514/3.3166).
-
-A low-pass filter that delays nothing.
+Source: Rauch, Tung and Striebel 1965 (doi:10.2514/3.3166).
 """
 
 from __future__ import annotations
@@ -24,8 +22,8 @@ def smooth_stretch(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Position (n, 3) and sigma (n,) of one joint that is known in all frames, time_s (n,) rising in any steps.
 
-    The acceleration is constant but for a random walk: it changes by ``jerk`` times the square root of the time. Only
-    the part of sigma that comes and goes is smoothed away; what lasts is added again, so sigma never falls below that.
+    The acceleration is a random walk: it changes by ``jerk`` times the square root of the time. Only the random part of
+    sigma is smoothed away; the systematic part is added again, so sigma never falls below that.
     """
     course, variance = _smooth(np.diff(time_s), np.ascontiguousarray(position_m), random_sigma(sigma_m) ** 2, jerk)
     return course, np.sqrt(np.maximum(variance, 0.0) + systematic_sigma(sigma_m) ** 2)
@@ -35,7 +33,7 @@ def smooth_stretch(
 def _smooth(
     steps_s: np.ndarray, position_m: np.ndarray, variance: np.ndarray, jerk: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Position (n, 3) and its variance an axis (n,); rows of the state are position, speed and acceleration."""
+    """Position (n, 3) and its variance along each axis (n,); the state's rows are position, speed and acceleration."""
     count = len(position_m)
     mean, spread = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))  # after each frame
     ahead, wide = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))  # as predicted from the frame before
@@ -71,7 +69,7 @@ def _random_walk(step_s: float) -> np.ndarray:
 
 @njit(cache=True)
 def _times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The product of two (3, 3); written out, since numba takes half a minute to compile that of any size."""
+    """The product of two (3, 3); written out, since numba takes half a minute to compile one of any size."""
     product = np.zeros((3, 3))
     for i in range(3):
         for j in range(3):
@@ -135,11 +133,11 @@ def evenness(time_s: np.ndarray) -> float:
 
 def filter_stretch(
     time_s: np.ndarray, position_m: np.ndarray, sigma_m: np.ndarray, cutoff_hz: float
-) -> tuple[np.ndarray, np.ndarray] | None:  # fmt: skip
-    """Position (n, 3) and sigma (n,) of one joint that is known in all frames; None of too short a stretch.
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Position (n, 3) and sigma (n,) of one joint that is known in all frames; None for too short a stretch.
 
-    Sigma stays what it was, or becomes that of the worst neighbours within half a period of the cutoff: errors that
-    last are not filtered away, and a poorly known frame moves its neighbours.
+    Sigma stays as it was, or becomes the rms of the neighbours within half a period of the cutoff where that is larger:
+    systematic errors are not filtered away, and a poorly known frame moves its neighbours.
     """
     rate_hz = 1.0 / float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     if not rate_hz or len(time_s) < shortest_frames(rate_hz, cutoff_hz):

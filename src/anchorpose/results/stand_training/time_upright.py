@@ -76,9 +76,14 @@ def _sigma_s(session: Session, config: UprightConfig) -> float:
 
 
 def _row(
-    measure: str, value: float | None, unit: str, frames: int, shared: float | None, why: str | None,
+    measure: str,
+    value: float | None,
+    unit: str,
+    frames: int,
+    shared: float | None,
+    why: str | None,
     sigma: float | None = None,
-) -> Measure:  # fmt: skip
+) -> Measure:
     if why is not None:
         return Measure(measure=measure, value=None, unit=unit, frames=frames, inferred_share=shared, why=why)
     return Measure(measure=measure, value=value, unit=unit, sigma=sigma, frames=frames, inferred_share=shared)

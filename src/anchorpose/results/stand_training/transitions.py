@@ -161,7 +161,7 @@ def _transition(
 
 def _level(
     time_s: np.ndarray, height: np.ndarray, run: slice, settle_s: float, percentile: float, *, last: bool
-) -> float:  # fmt: skip
+) -> float:
     """Height of a posture, from the part of it that is next to the transition."""
     times = time_s[run]
     near = times >= times[-1] - settle_s if last else times <= times[0] + settle_s

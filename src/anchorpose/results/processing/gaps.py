@@ -1,68 +1,17 @@
-"""What is done to the joints before angles are made of them: said by the user, written down with the result.
-
-Filling short gaps of one joint, with an uncertainty that is measured on the same joint where it was seen.
-"""
+"""Filling short gaps of one joint, with an uncertainty that is measured on the same joint where it was seen."""
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict, dataclass
-from typing import Final, Literal, NamedTuple, get_args
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
 from anchorpose.results.frame_time import longest_even_step_s, usual_step_s
 
-Smoothing = Literal["none", "butterworth", "kalman"]
 Filling = Literal["none", "linear", "spline"]
 
-DEFAULT_CUTOFF_HZ: Final = 6.0
-"""Usual for walking and standing (Winter, Biomechanics and Motor Control of Human Movement)."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ProcessingConfig:
-    """How joints are smoothed and which gaps are filled; by default nothing is done.
-
-    smooth: "butterworth" (zero lag, effective order four, ``cutoff_hz``) or "kalman" (Rauch, Tung and Striebel with the
-    joints' sigma; ``jerk`` says how freely the acceleration changes). fill: "linear" or "spline" for gaps up to
-    ``longest_gap_s``; longer ones stay.
-    """
-
-    smooth: Smoothing = "none"
-    cutoff_hz: float = DEFAULT_CUTOFF_HZ
-    jerk: float = 30.0  # m/s^3 times the square root of a second: a hand that reaches turns round within about 0.3 s
-    fill: Filling = "none"
-    longest_gap_s: float = 0.2  # about half the time in which a reaching hand turns round
-
-    def __post_init__(self) -> None:
-        if self.smooth not in get_args(Smoothing) or self.fill not in get_args(Filling):
-            raise ValueError(f"unknown way to smooth ({self.smooth}) or to fill ({self.fill})")
-        if not (0 < self.cutoff_hz < float("inf") and 0 < self.jerk < float("inf")):
-            raise ValueError("cutoff_hz and jerk must be positive")
-        if not 0 < self.longest_gap_s < float("inf"):
-            raise ValueError("longest_gap_s must be positive")
-
-    @property
-    def asked_for(self) -> bool:
-        """Whether anything is to be done."""
-        return self.smooth != "none" or self.fill != "none"
-
-
-def policy_text(config: ProcessingConfig, counts: dict[str, int]) -> str:
-    """The policy as JSON, the settings that were not used left out; counts: what came of it."""
-    settings = asdict(config)
-    if config.smooth != "butterworth":
-        del settings["cutoff_hz"]
-    if config.smooth != "kalman":
-        del settings["jerk"]
-    if config.fill == "none":
-        del settings["longest_gap_s"]
-    return json.dumps(settings | counts, sort_keys=True)
-
-
 LEAST_TRIALS: Final = 20
-"""Places of the recording in which the same gap was cut and filled, to know how far off a filling is."""
+"""Places of the recording in which the same gap is cut and filled on trial, to measure the error of a filling."""
 
 
 class Filled(NamedTuple):
@@ -75,12 +24,12 @@ class Filled(NamedTuple):
 
 def fill_gaps(
     time_s: np.ndarray, position_m: np.ndarray, sigma_m: np.ndarray, fill: Filling, longest_s: float
-) -> Filled:  # fmt: skip
+) -> Filled:
     """One joint, position_m (n, 3), NaN where it is lost, with its gaps up to longest_s filled.
 
-    A gap is left where it is longer (from the last frame before to the first after), where it begins or ends the
-    recording, where frames are missing around it, and where the joint was not seen for long enough elsewhere to know
-    how far off the filling may be. That is found by cutting the same gap into every stretch in which the joint is
+    A gap stays where it is longer (from the last frame before to the first after), where it begins or ends the
+    recording, where frames are missing around it, and where the joint was not seen for long enough elsewhere to measure
+    the error of a filling. That error is measured by cutting the same gap into every stretch in which the joint is
     known, and filling it; it grows towards the middle of the gap.
     """
     known = np.isfinite(position_m).all(axis=1)
@@ -90,7 +39,7 @@ def fill_gaps(
         missing = np.arange(start, stop)
         around = np.concatenate([np.arange(start - reach, start), np.arange(stop, stop + reach)])
         weights = _weights(time_s[missing], time_s[around])
-        error_m = _tried_elsewhere(time_s, position_m, known, reach, stop - start)
+        error_m = _trial_error(time_s, position_m, known, reach, stop - start)
         if error_m is None:
             continue
         filled_m[missing] = weights @ position_m[around]
@@ -114,10 +63,10 @@ def _gaps(known: np.ndarray, time_s: np.ndarray, reach: int, longest_s: float) -
 
 
 def _weights(missing_s: np.ndarray, around_s: np.ndarray) -> np.ndarray:
-    """(m, 2 or 4): what of each known position goes into each missing one.
+    """(m, 2 or 4) weights of the known positions in each missing one.
 
-    Of two known ones, the straight line between them; of four, the cubic that passes the inner two with the speed from
-    the outer to the inner ones (Hermite).
+    Two known ones give the straight line between them; four give the cubic that passes the inner two with the speed
+    from the outer to the inner ones (Hermite).
     """
     inner = around_s[len(around_s) // 2 - 1 : len(around_s) // 2 + 1]
     gap_s = inner[1] - inner[0]
@@ -130,10 +79,10 @@ def _weights(missing_s: np.ndarray, around_s: np.ndarray) -> np.ndarray:
     return np.stack([-before, start + before, end - after, after], axis=1)
 
 
-def _tried_elsewhere(
+def _trial_error(
     time_s: np.ndarray, position_m: np.ndarray, known: np.ndarray, reach: int, missing: int
-) -> np.ndarray | None:  # fmt: skip
-    """(missing,) rms error an axis of the same filling where the joint is known; None of too few such places."""
+) -> np.ndarray | None:
+    """(missing,) rms error along each axis of the same filling where the joint is known; None with too few places."""
     span = missing + 2 * reach
     if len(time_s) < span:
         return None
