@@ -1,1 +1,1 @@
-"""What stand training is judged by: upright time, standing up, extension, sway, symmetry, assistance."""
+"""Measures of stand training: upright time, standing up, extension, sway, symmetry, assistance."""

@@ -1,7 +1,4 @@
-"""Who helps where and for how long, from the contacts: what stand training is graded by.
-
-In which frames somebody touched the patient.
-"""
+"""Assistance from the contacts: who touches the patient where and for how long, and how much while upright."""
 
 from __future__ import annotations
 
@@ -16,7 +13,7 @@ from anchorpose.results.stand_training.session import Session
 
 
 def touched_frames(frame: np.ndarray, contacts: Sequence[Contact]) -> np.ndarray:
-    """(c, n) bool: whether each contact holds in each frame; both its ends belong to it."""
+    """(c, n) bool: whether each contact holds in each frame, its first and last included."""
     first = np.array([contact.first_frame for contact in contacts], dtype=np.int64)
     last = np.array([contact.last_frame for contact in contacts], dtype=np.int64)
     held: np.ndarray = (frame >= first[:, None]) & (frame <= last[:, None])
@@ -28,9 +25,8 @@ def time_with_sigma(
 ) -> tuple[float, float | None]:
     """Time with any of the contacts, and its sigma; held (c, n) of ``touched_frames``.
 
-    No sigma without contacts: how many were missed is not known here.
-
-    Each beginning and each end may be a frame off; and of a contact that was seen in part, the rest may or may not be.
+    No sigma without contacts: how many were missed is unknown here. Each beginning and each end may be a frame off; the
+    unseen part of a contact may or may not have been there.
     """
     any_of, seen = _any_and_seen(held, contacts)
     edges = 2 * len(unbroken_runs(any_of, time_s))
@@ -42,13 +38,13 @@ def time_with_sigma(
 
 
 def inferred_touch_share(held: np.ndarray, contacts: Sequence[Contact]) -> float | None:
-    """Of the frames with any of the contacts, the part in which none was seen; None of no frames."""
+    """Share of the frames with any of the contacts in which none was seen; None for no frames."""
     any_of, seen = _any_and_seen(held, contacts)
     return float(np.mean(1.0 - seen[any_of])) if any_of.any() else None
 
 
 def _any_and_seen(held: np.ndarray, contacts: Sequence[Contact]) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) bool: frames with a contact; (n,): the greatest share seen of those that hold, 0 where none does."""
+    """(n,) bool: frames with a contact; (n,): the greatest seen share of those that hold, 0 where none does."""
     shares = np.array([contact.seen_share for contact in contacts], dtype=np.float64)
     return np.any(held, axis=0, keepdims=True)[0], np.max(held * shares[:, None], axis=0, initial=0.0)
 
@@ -71,7 +67,7 @@ CONTACT_MEASURES: Final = (
 def assistance_measures(session: Session) -> list[Measure]:
     """Of the whole session; then for each person, each part, and each person and part, the time and the contacts.
 
-    Only of frames in which the patient was found: in others nobody can be seen to touch him, or not to.
+    Only frames in which the patient was found count: in others contacts are unknown.
     """
     contacts = session.contacts
     if contacts is None or not session.found.any():

@@ -1,9 +1,8 @@
 """The whole-body centre of mass, estimated from the joints and a table of segment masses.
 
-How much of the body's mass each segment has and where along it its centre lies.
-
-Source: de Leva 1996 (doi:10.1016/0021-9290(95)00178-6), Table 4: living young adults, women and men. The patient's sex
-is not asked for, so the mean of both columns is used; they differ by 4 mm in the height of a standing body's centre.
+Source of the masses: de Leva 1996 (doi:10.1016/0021-9290(95)00178-6), Table 4: living young adults, women and men. The
+patient's sex is unknown, so the mean of both columns is used; they differ by 4 mm in the height of a standing body's
+centre.
 """
 
 from __future__ import annotations
@@ -70,15 +69,15 @@ def _on_side(segment: Segment, side: str) -> Segment:
 
 
 SHARED_ERROR: Final = 0.3
-"""Of the variance of a joint's error, how much all joints have in common: a body that is placed too far away has all
-its joints too far away. Joints whose errors had nothing in common would promise a centre of mass known to 1.6 mm; on
-simulated recordings it was up to 5 mm off (docs/measures.md)."""
+"""Share of the variance of a joint's error that all joints have in common: a body that is placed too far away has all
+its joints too far away. Independent errors would give the centre of mass a sigma of 1.6 mm; on simulated recordings it
+was up to 5 mm off (docs/measures.md)."""
 
 
 class CentreOfMass(NamedTuple):
-    """position_m (n, 3) world, NaN where a joint that carries mass is lost; sigma_m (n,) an axis; state_code (n,) int8.
+    """position_m (n, 3) world, NaN where a joint that carries mass is lost; sigma_m (n,) per axis; state_code (n,).
 
-    sigma_m is what the joints' sigma makes of it. That the patient's masses are not those of the table is not in it.
+    sigma_m follows from the joints' sigma; it does not include that the patient's masses differ from the table.
     """
 
     position_m: np.ndarray

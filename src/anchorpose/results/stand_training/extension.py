@@ -1,34 +1,28 @@
-"""How straight knees and hips are while the patient is upright.
-
-Left against right while the patient is upright.
-"""
+"""How straight knees and hips are while the patient is upright, and how left and right differ."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
+from pydantic import Field
 
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.results.records import Measure
 from anchorpose.results.stand_training.session import Session, inferred_share
 from anchorpose.results.uncertainty import sigma_of_mean, systematic_sigma
+from anchorpose.settings import settings
 
 NOT_UPRIGHT_WITH: Final = "the patient was never known to be upright with this angle known"
 EXTENDED: Final = ("knee_flexion", "hip_flexion")
 LEAST_PERCENTILE: Final = 5.0  # a single frame's least or greatest value is its error as much as the patient's
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class ExtensionConfig:
     """When a knee counts as straight: within so many degrees, bent either way."""
 
-    straight_deg: float = 10.0
-
-    def __post_init__(self) -> None:
-        if not 0 < self.straight_deg < 90:
-            raise ValueError(f"straight_deg must lie between 0 and 90, got {self.straight_deg}")
+    straight_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0
 
 
 def extension_measures(session: Session, config: ExtensionConfig) -> list[Measure]:
@@ -72,12 +66,12 @@ def _flexion(session: Session, angle: str, side: str) -> list[Measure]:
 
 
 def _sigma_near(sigma: np.ndarray, there: np.ndarray) -> float:
-    """Of a percentile, what its frames have; nothing is averaged out there."""
+    """Of a percentile, that of its frames; averaging does not reduce it."""
     return float(np.sqrt(np.mean(sigma[there] ** 2)))
 
 
 def _straight_time(session: Session, side: str, straight_deg: float) -> Measure:
-    """While upright; sigma is half of what an error that lasts, one sigma either way, would change."""
+    """While upright; sigma is half of what a systematic error of one sigma either way would change."""
     name = f"knee_flexion_{side}"
     used, degrees = known_upright(session, name)
     if not used.any():
@@ -100,7 +94,7 @@ def _straight_time(session: Session, side: str, straight_deg: float) -> Measure:
 
 
 LEAST_STANCE_M: Final = 0.08
-"""With the ankles closer than this, the centre of mass between them tells too little of which foot bears it."""
+"""With the ankles closer than this, the centre of mass between them says too little about the load on each foot."""
 
 NO_STANCE: Final = (
     "the patient was never known to be upright on feet at least 8 cm apart, with the centre of mass between them and "
@@ -109,7 +103,7 @@ NO_STANCE: Final = (
 
 
 def symmetry_measures(session: Session) -> list[Measure]:
-    """Difference of knees and hips (left less right), and how the load would be shared by a patient who stood still."""
+    """Difference of knees and hips (left less right), and the load on each foot if the patient stands still."""
     return [*(_difference(session, angle) for angle in EXTENDED), *_load_shares(session)]
 
 
@@ -134,7 +128,7 @@ def _difference(session: Session, angle: str) -> Measure:
 def _load_shares(session: Session) -> list[Measure]:
     """Where the centre of mass lies between the ankles, seen from above: 0.5 is the middle, for either foot.
 
-    Beyond an ankle two feet alone do not carry a patient who stands still: such frames tell no shares.
+    Frames with the centre beyond an ankle are left out: two feet alone would not carry a patient who stands still.
     """
     ankles = [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]
     left, right = (session.joints.position_m[:, joint][:, [0, 2]] for joint in ankles)

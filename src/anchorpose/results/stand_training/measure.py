@@ -1,8 +1,8 @@
-"""All of it: from joints and contacts to posture, episodes and measures."""
+"""All measures of stand training: from joints and contacts to posture, episodes and measures."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
@@ -14,19 +14,21 @@ from anchorpose.results.stand_training.extension import ExtensionConfig, extensi
 from anchorpose.results.stand_training.session import Session
 from anchorpose.results.stand_training.stance import UprightConfig, stance, upright
 from anchorpose.results.stand_training.sway import SwayConfig, sway_measures
-from anchorpose.results.stand_training.time_upright import time_measures, upright_episodes
-from anchorpose.results.stand_training.transitions import (
+from anchorpose.results.stand_training.upright import (
     TransitionConfig,
+    time_measures,
     transition_episodes,
     transition_measures,
     transitions,
+    upright_episodes,
 )
 from anchorpose.results.tables import AngleTable, JointTable, PostureTable
+from anchorpose.settings import settings
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class MeasureConfig:
-    """The definitions' numbers; docs/measures.md names them, so a change there is a change of what is measured."""
+    """The thresholds in the definitions of docs/measures.md, recorded with the measures."""
 
     upright: UprightConfig = field(default_factory=UprightConfig)
     transitions: TransitionConfig = field(default_factory=TransitionConfig)
@@ -39,7 +41,7 @@ def measure_session(
 ) -> tuple[Session, list[Measure]]:
     """The session with its posture and episodes, and every measure of docs/measures.md.
 
-    contacts: None where they are not known, which is another thing than none.
+    contacts: None where they are unknown, which is not the same as no contact.
     """
     found, body = stance(joints), centre_of_mass(joints)
     state = upright(found, config.upright)

@@ -1,4 +1,4 @@
-"""All that the measures of a recording are read from."""
+"""What the measures of a recording are computed from."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from anchorpose.results.tables import UPRIGHT, AngleTable, JointTable, PostureTa
 class Session:
     """Of the same frames: joints, angles, posture, stance; seconds (n,) that each frame stands for.
 
-    contacts: None where the results folder tells none.
+    contacts: None where the results folder has no table of them.
     """
 
     joints: JointTable
@@ -38,7 +38,7 @@ class Session:
         return self.upright & ~self.moving()
 
     def moving(self, settle_s: float = 0.0) -> np.ndarray:
-        """(n,) bool: within a change between sitting and standing, whose ends still rest, or settle_s after its end."""
+        """(n,) bool: inside a change between sitting and standing, without its two end frames, or settle_s after it."""
         time_s, changing = self.joints.time_s, np.zeros(len(self.seconds), dtype=bool)
         for episode in self.episodes:
             if episode.kind in (SIT_TO_STAND, STAND_TO_SIT):
@@ -47,11 +47,11 @@ class Session:
 
     @property
     def found(self) -> np.ndarray:
-        """(n,) bool: the patient was found, any joint of him. In other frames nobody knows who touched him."""
+        """(n,) bool: any joint of the patient was found. In other frames contacts are unknown."""
         found: np.ndarray = self.joints.state_code.min(axis=1) < LOST
         return found
 
 
 def inferred_share(state_code: np.ndarray) -> float | None:
-    """Of frames (k,) with the state_code of the worst joint used, those in which it was not seen; None of no frames."""
+    """Share of frames in which the worst joint used, state_code (k,), was not seen; None for no frames."""
     return float(np.mean(state_code > 0)) if len(state_code) else None

@@ -1,7 +1,4 @@
-"""What tells standing from sitting: inclination of thighs and trunk, and the height of the pelvis over the feet.
-
-Upright or not, frame by frame, with hysteresis.
-"""
+"""Whether the patient is upright in each frame, by the inclination of thighs and trunk and the height of the pelvis."""
 
 from __future__ import annotations
 
@@ -15,6 +12,7 @@ from anchorpose.results.frame_table import UNKNOWN
 from anchorpose.results.kinematics.definition import AngleGroup, Points, Reading, length
 from anchorpose.results.kinematics.joint_angles import angles_with_sigma
 from anchorpose.results.tables import NOT_UPRIGHT, UPRIGHT, JointTable
+from anchorpose.settings import Positive, settings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,12 +70,12 @@ _INCLINATIONS: Final = AngleGroup(
 
 
 def _pelvis_height(joints: JointTable) -> tuple[np.ndarray, np.ndarray]:
-    """Metres, of every frame, and sigma. The lower ankle is the one that is stood on."""
+    """Metres, of every frame, and sigma. The patient stands on the lower ankle."""
     height, variance = joints.position_m[..., 1], joints.sigma_m**2
     hips, ankles = ([JOINT_INDEX[f"{name}{side}"] for side in ("Left", "Right")] for name in ("Hip", "Ankle"))
     both_m = height[:, ankles]
     sigma_m = np.sqrt(variance[:, hips].sum(axis=1) / 4.0 + variance[:, ankles].mean(axis=1))
-    # plain min and not nanmin: with one ankle lost it is not known which one is lower
+    # min and not nanmin: with one ankle lost it is not known which one is lower
     return height[:, hips].mean(axis=1) - both_m.min(axis=1), sigma_m
 
 
@@ -95,33 +93,33 @@ def _leg_length(joints: JointTable) -> float:
     return float(np.median(known)) if len(known) else float("nan")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class UprightConfig:
-    """Begins when all three are met, ends when one of the wider limits is passed; between them nothing changes.
+    """Upright begins when all three limits are met and ends when one of the wider limits is passed (hysteresis).
 
-    Thighs within 45 degrees of the vertical are how accelerometers tell standing from sitting (Skotte et al. 2014,
+    Accelerometers distinguish standing from sitting by thighs within 45 degrees of the vertical (Skotte et al. 2014,
     doi:10.1123/jpah.2011-0347). Thighs alone would call kneeling upright, and a patient who hangs over a rail; the
     pelvis' height and the trunk say otherwise.
     """
 
-    thigh_enter_deg: float = 40.0
-    thigh_leave_deg: float = 45.0
-    height_enter: float = 0.85  # of the leg's length: thigh and shank each about 30 degrees from the vertical
-    height_leave: float = 0.80
-    trunk_enter_deg: float = 45.0
-    trunk_leave_deg: float = 50.0
+    thigh_enter_deg: Positive = 40.0
+    thigh_leave_deg: Positive = 45.0
+    height_enter: Positive = 0.85  # of the leg's length: thigh and shank each about 30 degrees from the vertical
+    height_leave: Positive = 0.80
+    trunk_enter_deg: Positive = 45.0
+    trunk_leave_deg: Positive = 50.0
 
     def __post_init__(self) -> None:
-        if not 0 < self.thigh_enter_deg <= self.thigh_leave_deg or not 0 < self.trunk_enter_deg <= self.trunk_leave_deg:
+        if self.thigh_enter_deg > self.thigh_leave_deg or self.trunk_enter_deg > self.trunk_leave_deg:
             raise ValueError("the limits that end standing must not be narrower than those that begin it")
-        if not 0 < self.height_leave <= self.height_enter:
-            raise ValueError("height_leave must lie between 0 and height_enter")
+        if self.height_leave > self.height_enter:
+            raise ValueError("height_leave must not exceed height_enter")
 
 
 def upright(stance: Stance, config: UprightConfig, shift: float = 0.0) -> np.ndarray:
-    """(n,) int8: 1 upright, 0 not, -1 cannot be told: a joint is lost, or nothing decisive was seen since one was.
+    """(n,) int8: ``UPRIGHT``, ``NOT_UPRIGHT``, or ``UNKNOWN``: a joint is lost, or neither limit was met since then.
 
-    shift: so many sigma are taken off what speaks against standing, to see what errors may change.
+    shift: moves every value by so many sigma towards standing, to see what errors may change.
     """
     thigh = stance.thigh_deg - shift * stance.thigh_sigma_deg
     trunk = stance.trunk_deg - shift * stance.trunk_sigma_deg
@@ -134,7 +132,7 @@ def upright(stance: Stance, config: UprightConfig, shift: float = 0.0) -> np.nda
 
 
 def hold(begins: np.ndarray, ends: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """(n,) int8: 1 from a frame that begins it to one that ends it, else 0; -1 until the first, and where not known."""
+    """(n,) int8: 1 from a frame that begins to one that ends, else 0; -1 before the first of either or if unknown."""
     state = np.full(len(known), UNKNOWN, dtype=np.int8)
     decisive = begins | ends | ~known
     last = np.maximum.accumulate(np.where(decisive, np.arange(len(known)), -1))

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Annotated, Final, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.results.frame_time import LONGEST_STEP, unbroken_runs, usual_step_s
@@ -13,15 +13,16 @@ from anchorpose.results.processing.filters import low_pass
 from anchorpose.results.records import Measure
 from anchorpose.results.stand_training.session import Session, inferred_share
 from anchorpose.results.uncertainty import random_sigma
+from anchorpose.settings import NotNegative, Positive, settings
 
 CHI2_95: Final = 5.991
 """Of two degrees of freedom: 95 of 100 points of a normal cloud lie within the ellipse (Schubert and Kirchner 2014,
 doi:10.1016/j.gaitpost.2013.09.001)."""
 
 SCALE_ERROR: Final = 0.03
-"""Sway is told too large or small by so much, one standard deviation: found on simulated recordings."""
+"""One standard deviation of the relative error of sway, found on simulated recordings."""
 
-STEPS_A_PERIOD: Final = 4.0
+STEPS_PER_PERIOD: Final = 4.0
 """Frames in a period of the cutoff, at least: noise is judged by what lies between the cutoff and half the rate."""
 
 UNITS: Final = {
@@ -29,26 +30,20 @@ UNITS: Final = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class SwayConfig:
     """Which bouts, and which of their movement counts as sway."""
 
-    cutoff_hz: float = 1.5  # a standing body's centre of mass moves below 1 Hz; the joints' jitter does not
-    shortest_bout_s: float = 5.0
-    settle_s: float = 1.0  # after standing up, in which the body still arrives
-    times_noise: float = 2.0  # a path that is not so many times what noise alone would draw is not told
-
-    def __post_init__(self) -> None:
-        if not (self.cutoff_hz > 0 and self.shortest_bout_s > 0 and self.settle_s >= 0 and self.times_noise >= 1):
-            raise ValueError(
-                "cutoff_hz and shortest_bout_s must be positive, settle_s not negative, times_noise at least 1"
-            )
+    cutoff_hz: Positive = 1.5  # a standing body's centre of mass moves below 1 Hz; the joints' jitter does not
+    shortest_bout_s: Positive = 5.0
+    settle_s: NotNegative = 1.0  # after standing up, until the body is at rest
+    times_noise: Annotated[float, Field(ge=1)] = 2.0  # a shorter path, in paths of noise alone, is not reported
 
 
 class Bout(NamedTuple):
     """deviation_m (k, 2): forwards and to the patient's right of the bout's mean, low-passed, evenly spaced in time.
 
-    path_m: drawn on the floor; noise_m: the path that errors alone would draw; seconds; frames: those of the session.
+    path_m: length on the floor; noise_m: length of the path of errors alone; seconds; frames: those of the session.
     """
 
     deviation_m: np.ndarray
@@ -65,7 +60,7 @@ def sway_bouts(session: Session, config: SwayConfig) -> list[Bout]:
     whole = settled & np.isfinite(session.posture.com_m).all(axis=1)
     runs = [
         run
-        for run in unbroken_runs(whole, time_s, LONGEST_STEP / (STEPS_A_PERIOD * config.cutoff_hz))
+        for run in unbroken_runs(whole, time_s, LONGEST_STEP / (STEPS_PER_PERIOD * config.cutoff_hz))
         if time_s[run.stop - 1] - time_s[run.start] >= config.shortest_bout_s
     ]
     return [_bout(session, run, config) for run in runs if _fast_enough(time_s[run], config)]
@@ -77,7 +72,7 @@ def sway_measures(session: Session, config: SwayConfig) -> list[Measure]:
     if not bouts:
         why = (
             f"no upright bout of {config.shortest_bout_s:g} s had the centre of mass in all its frames, "
-            f"at {STEPS_A_PERIOD * config.cutoff_hz:g} frames a second or more"
+            f"at {STEPS_PER_PERIOD * config.cutoff_hz:g} frames a second or more"
         )
         names = {"sway_time": "s", **UNITS, "sway_path_noise": "mm"}
         return [Measure(measure=name, value=None, unit=unit, frames=0, why=why) for name, unit in names.items()]
@@ -114,7 +109,7 @@ def _values(session: Session, bouts: list[Bout], config: SwayConfig) -> list[tup
 
 
 def _with_noise(value: np.ndarray, noise: float) -> np.ndarray:
-    """Sigma of what noise, which adds as squares, has made larger: what it may have added, and the error of scale."""
+    """Sigma of a value that noise, which adds as squares, has enlarged: what it may have added, and the scale error."""
     added = value - np.sqrt(np.maximum(value**2 - noise**2, 0.0))
     spread: np.ndarray = np.hypot(SCALE_ERROR * value, added)
     return spread
@@ -131,7 +126,7 @@ def _row(name: str, value: float | None, sigma: float | None, state_code: np.nda
 
 
 def _fast_enough(time_s: np.ndarray, config: SwayConfig) -> bool:
-    return usual_step_s(time_s) * STEPS_A_PERIOD * config.cutoff_hz <= 1.0
+    return usual_step_s(time_s) * STEPS_PER_PERIOD * config.cutoff_hz <= 1.0
 
 
 def _bout(session: Session, run: slice, config: SwayConfig) -> Bout:
@@ -149,7 +144,7 @@ def _bout(session: Session, run: slice, config: SwayConfig) -> Bout:
 
 
 def _patient_axes(session: Session, run: slice) -> np.ndarray:
-    """(2, 2): forwards and to the right on the floor (x, z), of the patient as he faces on average in the bout."""
+    """(2, 2): forwards and to the right on the floor (x, z), in the direction that the patient faces on average."""
     hips = session.joints.position_m[run][:, [JOINT_INDEX["HipLeft"], JOINT_INDEX["HipRight"]]]
     across = (hips[:, 1] - hips[:, 0])[:, [0, 2]]
     x, z = (across / np.linalg.norm(across, axis=1, keepdims=True)).mean(axis=0)
@@ -157,10 +152,10 @@ def _patient_axes(session: Session, run: slice) -> np.ndarray:
 
 
 def _noise_speed(residual_m: np.ndarray, rate_hz: float, cutoff_hz: float) -> float:
-    """Metres a second that errors alone would move below the cutoff.
+    """Speed in m/s of errors alone below the cutoff.
 
-    What is left above it, (k, 2), no body does. Its errors are taken to go on below the cutoff as a random walk, power
-    ~ 1 / f^2, which is more than they were found to do (docs/measures.md).
+    residual_m (k, 2), the movement above the cutoff, is all error: no body moves so fast. Below the cutoff the errors
+    are taken to continue as a random walk, power ~ 1 / f^2, which is more than was found (docs/measures.md).
     """
     variance = float(np.mean(residual_m.var(axis=0)))
     speed = np.sqrt(4.0 * np.pi**2 * cutoff_hz * variance / (1.0 / cutoff_hz - 2.0 / rate_hz))

@@ -1,0 +1,246 @@
+"""Upright time and its bouts, and the changes between sitting and standing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+
+from anchorpose.joints import JointState
+from anchorpose.results.frame_table import UNKNOWN
+from anchorpose.results.frame_time import frame_seconds, recorded_seconds, runs_of_known, unbroken_runs, usual_step_s
+from anchorpose.results.records import SIT_TO_STAND, STAND_TO_SIT, UPRIGHT_EPISODE, Episode, Measure
+from anchorpose.results.stand_training.session import Session, inferred_share
+from anchorpose.results.stand_training.stance import Stance, UprightConfig, hold, upright
+from anchorpose.results.tables import UPRIGHT, JointTable
+from anchorpose.results.uncertainty import random_sigma
+from anchorpose.settings import Positive, settings
+
+NO_TIME: Final = "the recording has a single frame, which has no duration"
+NEVER_KNOWN: Final = "in no frame was it known whether the patient was upright"
+NONE_SEEN: Final = "none was seen from beginning to end"
+
+LOW_PERCENTILE: Final = 10.0
+"""The seat's height is the lowest of sitting, that of standing the highest, except for a tenth of the frames: medians
+would include the way up, the extreme frame its noise."""
+
+
+def upright_episodes(joints: JointTable, stance: Stance, state: np.ndarray) -> tuple[Episode, ...]:
+    """The upright bouts; state (n,) of ``upright``."""
+    return tuple(
+        episode(UPRIGHT_EPISODE, joints, stance.state_code, run)
+        for run in runs_of_known(state == UPRIGHT, state != UNKNOWN, joints.time_s)
+    )  # fmt: skip
+
+
+def episode(kind: str, joints: JointTable, state_code: np.ndarray, run: slice) -> Episode:
+    """The frames of ``run`` as an episode; state_code (n,) of the joints that it is recognised by."""
+    return Episode(
+        kind=kind,
+        first_frame=int(joints.frame[run.start]),
+        last_frame=int(joints.frame[run.stop - 1]),
+        start_s=float(joints.time_s[run.start]),
+        end_s=float(joints.time_s[run.stop - 1]),
+        state=tuple(JointState)[int(state_code[run].max())],
+    )
+
+
+def time_measures(session: Session, config: UprightConfig) -> list[Measure]:
+    """Recorded, found, upright and unknown time, the share, the bouts and the longest of them."""
+    seconds, state, state_code = session.seconds, session.posture.upright, session.stance.state_code
+    known, standing = state != UNKNOWN, state == UPRIGHT
+    frames, shared = int(known.sum()), inferred_share(state_code[known])
+    total, known_s = recorded_seconds(session.joints.time_s), float(seconds[known].sum())
+    runs = runs_of_known(standing, known, session.joints.time_s)
+    recorded = _row("recorded_time", total, "s", len(seconds), None, None if total else NO_TIME)
+    why = NO_TIME if not total else None if known_s else NEVER_KNOWN
+    upright_s, sigma_s = float(seconds[standing].sum()), _sigma_s(session, config)
+    longest = max((float(seconds[run][standing[run]].sum()) for run in runs), default=0.0)
+    return [
+        recorded,
+        _row("found_time", float(seconds[session.found].sum()), "s", int(session.found.sum()), None, recorded.why),
+        _row("unknown_time", max(total - known_s, 0.0), "s", len(seconds), None, recorded.why),
+        _row("upright_time", upright_s, "s", frames, shared, why, sigma_s),
+        _row("upright_share", upright_s / known_s if known_s else None, "1", frames, shared, why,
+             sigma_s / known_s if known_s else None),
+        _row("upright_bouts", float(len(runs)), "count", frames, shared, why),
+        _row("longest_upright_bout", longest, "s", frames, shared, why, sigma_s),
+    ]  # fmt: skip
+
+
+def _sigma_s(session: Session, config: UprightConfig) -> float:
+    """Half of what the time changes when all frames err by one sigma, first for and then against standing.
+
+    Added to it: every beginning and end of a bout may be half a frame off.
+    """
+    state = session.posture.upright
+    edges = 2 * len(runs_of_known(state == UPRIGHT, state != UNKNOWN, session.joints.time_s))
+    usual = float(np.median(session.seconds))
+    more, less = (
+        float(session.seconds[upright(session.stance, config, shift) == UPRIGHT].sum()) for shift in (1.0, -1.0)
+    )
+    return float(np.hypot(0.5 * (more - less), 0.5 * np.sqrt(edges) * usual))
+
+
+def _row(
+    measure: str,
+    value: float | None,
+    unit: str,
+    frames: int,
+    shared: float | None,
+    why: str | None,
+    sigma: float | None = None,
+) -> Measure:
+    if why is not None:
+        return Measure(measure=measure, value=None, unit=unit, frames=frames, inferred_share=shared, why=why)
+    return Measure(measure=measure, value=value, unit=unit, sigma=sigma, frames=frames, inferred_share=shared)
+
+
+@settings
+class TransitionConfig:
+    """Seated: thighs near the level and the pelvis at rest for a while, so that a short squat is not sitting.
+
+    Standing must last, too: a patient who nearly stands and sinks back has not stood up.
+    """
+
+    seated_enter_deg: Positive = 65.0
+    seated_leave_deg: Positive = 55.0
+    rest_s: Positive = 1.0  # the pelvis within ``rest_height`` of the seat, or of its height in standing
+    rest_height: Positive = 0.05  # of the leg's length
+    settle_s: Positive = 3.0  # next to the transition, of sitting and of standing: gives their heights
+    edge: Positive = 0.05  # of the rise: it begins when the pelvis has left the lower end by this much
+    longest_s: Positive = 20.0  # between sitting and standing; slower ones are a pause between the two
+
+    def __post_init__(self) -> None:
+        if not self.seated_leave_deg <= self.seated_enter_deg < 90:
+            raise ValueError("seated_enter_deg must lie between seated_leave_deg and 90")
+        if not self.edge < 0.5:
+            raise ValueError("edge must be less than 0.5")
+
+
+@dataclass(frozen=True, slots=True)
+class Transition:
+    """frames: from the last frame still in one posture to the first in the other."""
+
+    kind: str
+    frames: slice
+    seconds: float
+    sigma_s: float
+
+
+def transitions(joints: JointTable, stance: Stance, state: np.ndarray, config: TransitionConfig) -> list[Transition]:
+    """Every change between sitting and standing during which no joint was lost; state (n,) of ``upright``."""
+    time_s, seconds, thigh = joints.time_s, frame_seconds(joints.time_s), stance.thigh_deg
+    seated = hold(thigh >= config.seated_enter_deg, thigh < config.seated_leave_deg, np.isfinite(thigh)) == UPRIGHT
+    sitting = [
+        run
+        for run in runs_of_known(seated, np.isfinite(thigh), time_s)
+        if _rests(seconds[run], stance.height[run], config)
+    ]
+    standing = [
+        run
+        for run in runs_of_known(state == UPRIGHT, state != UNKNOWN, time_s)
+        if _rests(seconds[run], -stance.height[run], config)
+    ]
+    postures = sorted([(run.start, run, False) for run in sitting] + [(run.start, run, True) for run in standing])
+    known = unbroken_runs(np.isfinite(stance.height + thigh), time_s)
+    found = list[Transition]()
+    for (_, before, stood), (_, after, stands) in pairwise(postures):
+        whole = any(stretch.start < before.stop and after.start < stretch.stop for stretch in known)
+        if stood != stands and whole and time_s[after.start] - time_s[before.stop - 1] <= config.longest_s:
+            found.append(_transition(time_s, stance, before, after, config, rises=stands))
+    return found
+
+
+def transition_episodes(joints: JointTable, stance: Stance, found: list[Transition]) -> tuple[Episode, ...]:
+    """As rows of episodes.parquet."""
+    return tuple(episode(one.kind, joints, stance.state_code, one.frames) for one in found)
+
+
+def transition_measures(session: Session, found: list[Transition]) -> list[Measure]:
+    """For each kind the count and the mean, shortest and longest duration; no values where posture is never known."""
+    rows = list[Measure]()
+    frames = int((session.posture.upright != UNKNOWN).sum())
+    for kind in (SIT_TO_STAND, STAND_TO_SIT):
+        ones = [one for one in found if one.kind == kind]
+        count, why = (float(len(ones)), None) if frames else (None, NEVER_KNOWN)
+        rows.append(Measure(measure=f"{kind}_count", value=count, unit="count", frames=frames, why=why))
+        rows += [_duration(session, ones, kind, which) for which in ("mean", "shortest", "longest")]
+    return rows
+
+
+def _duration(session: Session, ones: list[Transition], kind: str, which: str) -> Measure:
+    measure = f"{kind}_duration_{which}"
+    if not ones:
+        return Measure(measure=measure, value=None, unit="s", frames=0, why=NONE_SEEN)
+    chosen = {
+        "mean": ones,
+        "shortest": [min(ones, key=lambda one: one.seconds)],
+        "longest": [max(ones, key=lambda one: one.seconds)],
+    }[which]
+    state_code = np.concatenate([session.stance.state_code[one.frames] for one in chosen])
+    return Measure(
+        measure=measure,
+        value=float(np.mean([one.seconds for one in chosen])),
+        unit="s",
+        sigma=float(np.sqrt(np.sum([one.sigma_s**2 for one in chosen])) / len(chosen)),
+        frames=len(state_code),
+        inferred_share=inferred_share(state_code),
+    )
+
+
+def _rests(seconds: np.ndarray, height: np.ndarray, config: TransitionConfig) -> bool:
+    """Whether the pelvis stays near the lowest height of a run for long enough; height (k,), negated for standing."""
+    known = np.isfinite(height)
+    if not known.any():
+        return False
+    still = known & (height <= np.percentile(height[known], LOW_PERCENTILE) + config.rest_height)
+    return float(seconds[still].sum()) >= config.rest_s
+
+
+def _transition(
+    time_s: np.ndarray, stance: Stance, before: slice, after: slice, config: TransitionConfig, *, rises: bool
+) -> Transition:
+    """The part of the way between two postures in which the pelvis moves."""
+    low, high = LOW_PERCENTILE, 100.0 - LOW_PERCENTILE
+    first_percentile, last_percentile = (low, high) if rises else (high, low)
+    start_level = _level(time_s, stance.height, before, config.settle_s, first_percentile, last=True)
+    end_level = _level(time_s, stance.height, after, config.settle_s, last_percentile, last=False)
+    way = (stance.height[before.start : after.stop] - start_level) / (end_level - start_level)
+    middle = before.stop - before.start
+    noise = float(np.nanmean(random_sigma(stance.height_sigma[before.stop - 1 : after.start + 1])))
+    noise /= abs(end_level - start_level)  # a share of the way, as the edges are
+    shake = min(noise, 0.5 * config.edge)  # the edges tried must stay between the levels
+    lengths = list[float]()
+    for edge in (config.edge, config.edge + shake, config.edge - shake):
+        first, last = _moving(way, middle, edge)
+        lengths.append(float(time_s[before.start + last] - time_s[before.start + first]))
+    first, last = _moving(way, middle, config.edge)
+    step = usual_step_s(time_s[before.start : after.stop])
+    off_s = 0.5 * abs(lengths[1] - lengths[2]) * noise / shake if shake else 0.0  # extrapolated linearly to more noise
+    sigma_s = np.hypot(off_s, step / np.sqrt(6.0))  # both ends fall between two frames
+    return Transition(
+        SIT_TO_STAND if rises else STAND_TO_SIT,
+        slice(before.start + first, before.start + last + 1),
+        lengths[0],
+        float(sigma_s),
+    )
+
+
+def _level(
+    time_s: np.ndarray, height: np.ndarray, run: slice, settle_s: float, percentile: float, *, last: bool
+) -> float:
+    """Height in a posture, from the part of it next to the transition: its last seconds, or its first."""
+    times = time_s[run]
+    near = times >= times[-1] - settle_s if last else times <= times[0] + settle_s
+    return float(np.nanpercentile(height[run][near], percentile))  # an ankle may have been lost while seated
+
+
+def _moving(way: np.ndarray, middle: int, edge: float) -> tuple[int, int]:
+    """First and last index of the move, way (k,) going from 0 to 1 and ``middle`` lying within it."""
+    still, there = np.flatnonzero(way[: middle + 1] <= edge), np.flatnonzero(way[middle:] >= 1.0 - edge)
+    first = int(still[-1]) if len(still) else 0
+    last = middle + int(there[0]) if len(there) else len(way) - 1
+    return first, last
