@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,17 +13,20 @@ from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import pose_points
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface.mesh import build_surface
-from anchorpose.surface.surface import SurfaceConfig
+from anchorpose.tracker import bystanders, observation
 from anchorpose.tracker.bystanders import (
+    COARSE,
+    GROWTH_M_S,
+    SKIN_SIGMA_M,
     Bystander,
-    BystanderConfig,
     Bystanders,
     bystander_likelihood,
     follow_bystanders,
-    loose_surface,
+    unconnected_surface,
 )
+from anchorpose.tracker.config import FollowConfig, TrackConfig
+from anchorpose.tracker.run import Run
 
-CONFIG = BystanderConfig()
 CAMERAS = (FRONT, LEFT)
 A_FRAME_S = 1.0 / 15.0
 LABEL = int(PixelLabel.OTHER_PERSON) + 1
@@ -51,8 +54,8 @@ def views_of(pose: Pose, label: int = LABEL) -> list[View]:
     return views
 
 
-def see(before: Bystanders, pose: Pose, elapsed_s: float = A_FRAME_S, config: BystanderConfig = CONFIG) -> Bystanders:
-    return follow_bystanders(before, views_of(pose), CAMERAS, points(), elapsed_s, config)
+def see(before: Bystanders, pose: Pose, elapsed_s: float = A_FRAME_S) -> Bystanders:
+    return follow_bystanders(before, views_of(pose), CAMERAS, points(), elapsed_s)
 
 
 def the_one(bystanders: Bystanders) -> Bystander:
@@ -74,8 +77,11 @@ def test_whoever_is_seen_is_found_whatever_he_does(posture, heading_deg):
     one = the_one(see(Bystanders(), pose))
     assert one.label == LABEL
     skin = pose_points(one.body, one.belief.pose).points_m
-    seen = loose_surface([v.depth_m for v in views_of(pose)], [v.labels == LABEL for v in views_of(pose)], CAMERAS,
-                         CONFIG.sheet)  # fmt: skip
+    seen = unconnected_surface(
+        [v.depth_m for v in views_of(pose)],
+        [v.labels == LABEL for v in views_of(pose)],
+        CAMERAS,
+    )
     distance, _ = cKDTree(skin).query(seen.points_m)
     assert np.quantile(distance, 0.9) < 0.04  # skin points are 28 mm apart, and the body has the wrong height
 
@@ -86,7 +92,7 @@ def test_he_is_expected_where_his_movement_leads():
     found = Bystanders()
     for pose in poses[:3]:
         found = see(found, pose)
-    likelihood = bystander_likelihood(found, points(), A_FRAME_S, CONFIG)
+    likelihood = bystander_likelihood(found, points(), A_FRAME_S)
     assert (likelihood.owner == LABEL).all()
     ahead, stay = (np.median(off_skin_m(likelihood.points_m, pose)) for pose in (poses[3], poses[2]))
     assert ahead < 0.03
@@ -95,9 +101,9 @@ def test_he_is_expected_where_his_movement_leads():
 
 def test_claims_grow_less_sure_with_time_and_are_surest_in_the_frame_itself():
     found = see(Bystanders(), posed("upright", 0.0))
-    now, then = (bystander_likelihood(found, points(), after_s, CONFIG).sigma_m for after_s in (0.0, 0.2))
-    assert now == pytest.approx(CONFIG.skin_sigma_m)
-    assert then == pytest.approx(CONFIG.skin_sigma_m + 0.2 * CONFIG.growth_m_s)
+    now, then = (bystander_likelihood(found, points(), after_s).sigma_m for after_s in (0.0, 0.2))
+    assert now == pytest.approx(SKIN_SIGMA_M)
+    assert then == pytest.approx(SKIN_SIGMA_M + 0.2 * GROWTH_M_S)
 
 
 def test_time_may_run_backwards():
@@ -106,7 +112,7 @@ def test_time_may_run_backwards():
     found = Bystanders()
     for pose in poses:
         found = see(found, pose, -A_FRAME_S)
-    likelihood = bystander_likelihood(found, points(), -A_FRAME_S, CONFIG)
+    likelihood = bystander_likelihood(found, points(), -A_FRAME_S)
     assert np.median(off_skin_m(likelihood.points_m, stepped(poses[-1], 0.0, 0.0, 0.08))) < 0.03
 
 
@@ -119,15 +125,16 @@ def test_a_body_that_explains_nothing_any_more_is_given_up_and_found_again():
     assert not again.change.any()  # a new body has no movement yet
 
 
-def test_what_is_no_person_is_searched_ever_more_seldom():
+def test_what_is_not_a_person_is_searched_for_less_and_less_often(monkeypatch):
     """A wall has no body: one search, a pause, one search, a pause twice as long."""
-    config = replace(CONFIG, first_pause=2, longest_pause=4)
+    monkeypatch.setattr(bystanders, "FIRST_PAUSE", 2)
+    monkeypatch.setattr(bystanders, "LONGEST_PAUSE", 4)
     depth = np.full((FRONT.height, FRONT.width), 3.0, np.float32)
     labels = np.full(depth.shape, PixelLabel.BACKGROUND, np.uint8)
     labels[100:300, 50:450] = LABEL
     waits, found = [], Bystanders()
     for _ in range(12):
-        found = follow_bystanders(found, [View(depth, labels)], [FRONT], points(), A_FRAME_S, config)
+        found = follow_bystanders(found, [View(depth, labels)], [FRONT], points(), A_FRAME_S)
         assert not found.followed
         waits.append(found.searched[0].wait)
     assert waits == [2, 1, 0, 4, 3, 2, 1, 0, 4, 3, 2, 1]
@@ -138,29 +145,25 @@ def test_who_has_left_and_a_room_with_nobody_have_no_body():
     empty = [View(np.full(shape, 4.0, np.float32), np.full(shape, PixelLabel.BACKGROUND, np.uint8))] * 2
     found = see(Bystanders(), posed("upright", 0.0))
     for before, views in ((found, empty), (Bystanders(), [None, None])):
-        nobody = follow_bystanders(before, views, CAMERAS, points(), A_FRAME_S, CONFIG)
+        nobody = follow_bystanders(before, views, CAMERAS, points(), A_FRAME_S)
         assert (nobody.followed, nobody.searched) == ((), ())
-    assert len(bystander_likelihood(Bystanders(), points(), 0.0, CONFIG)) == 0
+    assert len(bystander_likelihood(Bystanders(), points(), 0.0)) == 0
 
 
-def test_it_can_be_switched_off():
-    assert not see(Bystanders(), posed("upright", 0.0), config=replace(CONFIG, followed=False)).followed
-
-
-def test_settings_that_make_no_sense_are_refused():
-    with pytest.raises(ValueError, match="skin_sigma_m must be positive"):
-        BystanderConfig(skin_sigma_m=0.0)
-
-
-def test_loose_nodes_are_those_of_every_cameras_sheet():
+def test_unconnected_nodes_are_those_of_every_cameras_sheet():
     views = views_of(posed("upright", 0.0))
-    config = SurfaceConfig(step=4)
-    loose = loose_surface([v.depth_m for v in views], [v.labels == LABEL for v in views], CAMERAS, config)
+    loose = unconnected_surface([v.depth_m for v in views], [v.labels == LABEL for v in views], CAMERAS)
     for number, (view, camera) in enumerate(zip(views, CAMERAS, strict=True)):
-        sheet = build_surface(view.depth_m, view.labels == LABEL, camera, config)
+        sheet = build_surface(view.depth_m, view.labels == LABEL, camera, COARSE)
         mine = loose.camera == number
         np.testing.assert_array_equal(loose.points_m[mine], sheet.points_m)
         np.testing.assert_array_equal(loose.normals[mine], sheet.normals)
     assert (loose.ring == -1).all()
     assert len(loose.link_node) == 0
-    assert len(loose_surface([None], [None], [FRONT], config)) == 0
+    assert len(unconnected_surface([None], [None], [FRONT])) == 0
+
+
+def test_following_can_be_switched_off():
+    """Without bodies of their own, bystanders are only remembered where they were seen."""
+    run = Run(SimpleNamespace(cameras=CAMERAS), TrackConfig(follow=FollowConfig(bystanders=False)))
+    assert not observation.see_bystanders(Bystanders(), views_of(posed("upright", 0.0)), A_FRAME_S, run).followed

@@ -11,10 +11,10 @@ from body_builder import adult_body, standing
 from anchorpose.body.fit import FitConfig
 from anchorpose.body.pose import Pose
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, LIMBS, JointState
-from anchorpose.tracker.config import SmoothingConfig
+from anchorpose.tracker.config import FollowConfig
 from anchorpose.tracker.smoothing import Passed, smooth, smooth_in_time
 
-BODY, CONFIG = adult_body(), SmoothingConfig()
+BODY, LOST_SIGMA_M = adult_body(), FollowConfig().lost_sigma_m
 FRAMES, FPS = 16, 15.0
 TIME_S = np.arange(FRAMES) / FPS
 ARM = [JOINT_INDEX[name] for name in ("ElbowLeft", "WristLeft", "HandLeft")]
@@ -38,11 +38,9 @@ def nobody() -> Passed:
     return Passed(None, gone, gone[:, 0], (LOST,) * JOINT_COUNT)
 
 
-def smoothed(
-    there: list[Passed], back: list[Passed], config: SmoothingConfig = CONFIG, held: np.ndarray | None = None
-) -> list[Passed]:
+def smoothed(there: list[Passed], back: list[Passed], held: np.ndarray | None = None) -> list[Passed]:
     held = np.zeros((len(there), 21), bool) if held is None else held
-    return smooth(BODY, TIME_S, there, back, held, config, FitConfig())
+    return smooth(BODY, TIME_S, there, back, held, LOST_SIGMA_M, FitConfig())
 
 
 def off_m(found: list[Passed], truth: list[Passed]) -> np.ndarray:
@@ -147,12 +145,6 @@ def test_a_joint_lost_in_both_passes_stays_lost():
     for one in smoothed(gone, list(gone)):
         assert [k for k, state in enumerate(one.states) if state is LOST] == ARM
         np.testing.assert_array_equal(np.flatnonzero(np.isnan(one.sigma_m)), ARM)
-
-
-@pytest.mark.parametrize("name", SmoothingConfig.__slots__)
-def test_settings_that_cannot_work_are_refused(name):
-    with pytest.raises(ValueError, match=name):
-        SmoothingConfig(**{name: 0})
 
 
 def test_a_joint_that_a_reviewer_placed_stays_and_moves_no_other_frame():

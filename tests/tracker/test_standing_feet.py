@@ -24,9 +24,9 @@ from anchorpose.body.pose import DEGREE, POSE_SIZE, Pose
 from anchorpose.body.registration import PoseBelief, RegistrationConfig, register
 from anchorpose.body.skin_points import pose_points
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JointState
-from anchorpose.tracker.standing_feet import PLACES, StandingConfig, StandingFeet
+from anchorpose.tracker.standing_feet import DRIFT_M_S, PLACES, SIGMA_M, STILL_M, StandingFeet
 
-BODY, POSE, CONFIG = adult_body(), random_pose(1, 0.2), StandingConfig()
+BODY, POSE = adult_body(), random_pose(1, 0.2)
 RIGHT = [JOINT_INDEX[name] for name in ("AnkleRight", "FootRight")]
 STEP_S = 1 / 15
 LEG_RIGHT = ("RightUpLeg", "RightLeg", "RightFoot", "RightToeBase")
@@ -41,7 +41,7 @@ class Watched:
     """Feet of a body that stands in one pose, and time."""
 
     def __init__(self, pose: Pose = POSE, step_s: float = STEP_S) -> None:
-        self.feet, self.pose, self.step_s, self.time_s = StandingFeet(points(), CONFIG), pose, step_s, 0.0
+        self.feet, self.pose, self.step_s, self.time_s = StandingFeet(points()), pose, step_s, 0.0
 
     def see(self, frames: int, right: JointState = JointState.OBSERVED, shift_m: float = 0.0) -> Constraints:
         """So many frames later; the rows for the right foot in the next."""
@@ -67,8 +67,8 @@ def test_a_foot_that_stood_is_held_where_it_stood_and_less_and_less(step_s: floa
     soon, later = watched.see(3, JointState.HIDDEN_BY_PERSON), watched.see(12, JointState.HIDDEN_BY_PERSON)
     assert len(soon) == len(later) == 3 * PLACES
     np.testing.assert_allclose(soon.residuals(pose_points(BODY, POSE)), 0.0, atol=1e-9)
-    np.testing.assert_allclose(soon.sigma_m, CONFIG.sigma_m + 4 * abs(step_s) * CONFIG.drift_m_s)
-    np.testing.assert_allclose(later.sigma_m, CONFIG.sigma_m + 16 * abs(step_s) * CONFIG.drift_m_s)
+    np.testing.assert_allclose(soon.sigma_m, SIGMA_M + 4 * abs(step_s) * DRIFT_M_S)
+    np.testing.assert_allclose(later.sigma_m, SIGMA_M + 16 * abs(step_s) * DRIFT_M_S)
 
 
 def test_a_glimpse_at_the_same_place_keeps_it_and_elsewhere_lets_it_go() -> None:
@@ -77,7 +77,7 @@ def test_a_glimpse_at_the_same_place_keeps_it_and_elsewhere_lets_it_go() -> None
     watched.see(4, JointState.HIDDEN)
     assert len(watched.see(1)) > 0
     watched.see(4, JointState.HIDDEN)
-    assert len(watched.see(1, shift_m=2 * CONFIG.still_m)) == 0
+    assert len(watched.see(1, shift_m=2 * STILL_M)) == 0
 
 
 def test_a_foot_that_moves_is_not_held() -> None:

@@ -19,6 +19,7 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Observation
 from anchorpose.tracking.tree import Support, TrackResult, best_branches
 
+PART_REACH_M = 0.08  # a node farther from the skin moves with no part
 PAIR_SIGMA_M = 0.04  # the descriptor's own error: 17 to 40 mm with the best subset
 ANCHOR_SIGMA_M = 0.05  # the paper's bound on the anchors' localisation
 
@@ -77,7 +78,7 @@ def global_hypothesis(
     source = window[0].surface
     chosen = np.unique(np.linspace(0, len(source) - 1, min(len(source), config.follow.tree_nodes)).astype(np.int64))
     nodes = source.points_m[chosen].astype(np.float64)
-    point, part = node_parts(body, pose, nodes, config.follow.part_reach_m)
+    point, part = node_parts(body, pose, nodes, PART_REACH_M)
     on_body = part >= 0
     chosen, nodes, point, part = chosen[on_body], nodes[on_body], point[on_body], part[on_body]
     places = carried(body, pose, predicted, nodes, part)

@@ -9,7 +9,8 @@ Nodes without edges: what somebody's skin looks like where no geodesic is asked 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numba import njit
@@ -28,13 +29,15 @@ from anchorpose.surface.mesh import build_surface
 from anchorpose.surface.surface import Surface, SurfaceConfig
 
 
-def loose_surface(
-    depths_m: Sequence[np.ndarray | None], masks: Sequence[np.ndarray | None], cameras: Sequence[Camera],
-    config: SurfaceConfig,
-) -> Surface:  # fmt: skip
-    """The masked pixels of all cameras as nodes with normals, without ring and links; None: no picture."""
+def unconnected_surface(
+    depths_m: Sequence[np.ndarray | None], masks: Sequence[np.ndarray | None], cameras: Sequence[Camera]
+) -> Surface:
+    """The masked pixels of all cameras as nodes with normals, without edges; None: a camera without a depth image.
+
+    It serves where no geodesic distance is needed.
+    """
     sheets = [
-        (number, build_surface(depth, mask, camera, config))
+        (number, build_surface(depth, mask, camera, COARSE))
         for number, (depth, mask, camera) in enumerate(zip(depths_m, masks, cameras, strict=True))
         if depth is not None and mask is not None and mask.any()
     ]
@@ -63,26 +66,14 @@ ROUGHLY = RegistrationConfig(
 """A third of the patient's nodes and steps, and the pace of somebody who walks."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BystanderConfig:
-    """How the others are followed."""
-
-    followed: bool = True  # False: they claim where they were seen last, as the patient's rivals do elsewhere
-    sheet: SurfaceConfig = field(default_factory=lambda: SurfaceConfig(step=4))  # a rough body needs no finer nodes
-    registration: RegistrationConfig = field(default_factory=lambda: ROUGHLY)
-    height_m: float = 1.72  # of an adult of whom nothing else is known
-    least_explained: float = 0.75  # share of somebody's nodes that his body must account for, else he has none
-    least_nodes: int = 150  # to begin with: a third of a front four metres away
-    skin_sigma_m: float = 0.03  # clothes, hair, and a body of ordinary shape
-    growth_m_s: float = 0.4  # by which a hand outruns its prediction
-    damping: float = 0.8  # of the movement from frame to frame
-    first_pause: int = 15  # frames between searches for a body that fail, doubled each time
-    longest_pause: int = 240
-
-    def __post_init__(self) -> None:
-        for name in set(self.__slots__) - {"followed", "sheet", "registration"}:
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+COARSE: Final = SurfaceConfig(step=4)  # a rough body needs no finer nodes
+HEIGHT_M: Final = 1.72  # of an adult of whom nothing else is known
+LEAST_EXPLAINED: Final = 0.75  # share of a person's nodes that the body must account for; otherwise there is no body
+LEAST_NODES: Final = 150  # to begin with: a third of a front four metres away
+SKIN_SIGMA_M: Final = 0.03  # clothes, hair, and a body of ordinary shape
+GROWTH_M_S: Final = 0.4  # by which a hand outruns its prediction
+DAMPING: Final = 0.8  # of the movement from frame to frame
+FIRST_PAUSE, LONGEST_PAUSE = 15, 240  # frames between searches for a body that fail, doubled each time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,44 +104,39 @@ class Bystanders:
     searched: tuple[Search, ...] = ()
 
 
-def bystander_likelihood(
-    bystanders: Bystanders, points: SkinPoints, elapsed_s: float, config: BystanderConfig
-) -> OwnershipLikelihood:
+def bystander_likelihood(bystanders: Bystanders, points: SkinPoints, elapsed_s: float) -> OwnershipLikelihood:
     """What their bodies claim ``elapsed_s`` after the frame they were fitted to; 0: in that frame itself."""
-    spread = config.skin_sigma_m + config.growth_m_s * abs(elapsed_s)
+    spread = SKIN_SIGMA_M + GROWTH_M_S * abs(elapsed_s)
     found = []
     for one in bystanders.followed:
-        skin = pose_points(one.body, _ahead(one, points, elapsed_s, config)).points_m.astype(np.float32)
+        skin = pose_points(one.body, _ahead(one, points, elapsed_s)).points_m.astype(np.float32)
         owner, sigma = np.full(len(skin), one.label, np.uint8), np.full(len(skin), spread, np.float32)
         found.append(OwnershipLikelihood(skin, owner, sigma))
     return join_likelihoods(found)
 
 
 def follow_bystanders(
-    before: Bystanders, views: Sequence[View | None], cameras: Sequence[Camera], points: SkinPoints, elapsed_s: float,
-    config: BystanderConfig,
-) -> Bystanders:  # fmt: skip
+    before: Bystanders, views: Sequence[View | None], cameras: Sequence[Camera], points: SkinPoints, elapsed_s: float
+) -> Bystanders:
     """Everybody's body in the next frame, from the pixels that are labelled his.
 
     A body that no longer accounts for what is seen of him is given up, and searched for anew.
     """
-    if not config.followed:
-        return before
     known = {one.label: one for one in before.followed}
     searched = {search.label: search for search in before.searched}
     followed, waiting = list[Bystander](), list[Search]()
     for label in _labels(views):
-        last = searched.get(label, Search(label, 0, config.first_pause))
+        last = searched.get(label, Search(label, 0, FIRST_PAUSE))
         if last.wait > 0:
             waiting.append(replace(last, wait=last.wait - 1))
             continue
-        evidence = _evidence(views, cameras, label, config)
-        found = _follow(known[label], evidence, points, elapsed_s, config) if label in known else None
-        found = found or _find(label, evidence, points, config)
+        evidence = _evidence(views, cameras, label)
+        found = _follow(known[label], evidence, points, elapsed_s) if label in known else None
+        found = found or _find(label, evidence, points)
         if found:
             followed.append(found)
         else:
-            waiting.append(Search(label, last.pause, min(2 * last.pause, config.longest_pause)))
+            waiting.append(Search(label, last.pause, min(2 * last.pause, LONGEST_PAUSE)))
     return Bystanders(tuple(followed), tuple(waiting))
 
 
@@ -168,37 +154,35 @@ def _note_labels(labels: np.ndarray, there: np.ndarray) -> None:
         there[label] = True
 
 
-def _evidence(views: Sequence[View | None], cameras: Sequence[Camera], label: int, config: BystanderConfig) -> Evidence:
+def _evidence(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> Evidence:
     """His nodes; his outline is left out, since half of it is where something hides him."""
     masks = [None if view is None else view.labels == label for view in views]
     depths = [None if view is None else view.depth_m for view in views]
-    surface = loose_surface(depths, masks, cameras, config.sheet)
+    surface = unconnected_surface(depths, masks, cameras)
     return Evidence(surface, tuple(views), (None,) * len(views), tuple(cameras))
 
 
-def _follow(
-    one: Bystander, evidence: Evidence, points: SkinPoints, elapsed_s: float, config: BystanderConfig
-) -> Bystander | None:
-    pose, settings = _ahead(one, points, elapsed_s, config), config.registration
+def _follow(one: Bystander, evidence: Evidence, points: SkinPoints, elapsed_s: float) -> Bystander | None:
+    pose, settings = _ahead(one, points, elapsed_s), ROUGHLY
     predicted = one.belief.later(pose, abs(elapsed_s), settings.fit)
     found = register(one.body, predicted, evidence, no_constraints(), settings, may_search=False)
-    if not found.found or found.explained < config.least_explained:
+    if not found.found or found.explained < LEAST_EXPLAINED:
         return None
     change = one.belief.pose.change_to(found.belief.pose, points.moving)
     return replace(one, belief=found.belief, change=change, elapsed_s=elapsed_s)
 
 
-def _find(label: int, evidence: Evidence, points: SkinPoints, config: BystanderConfig) -> Bystander | None:
-    if len(evidence.surface) < config.least_nodes:
+def _find(label: int, evidence: Evidence, points: SkinPoints) -> Bystander | None:
+    if len(evidence.surface) < LEAST_NODES:
         return None
-    body = build_body(points, shape_of_height(points.asset, config.height_m))
-    pose = find_rough_pose(body, evidence, config.registration)
-    found = posterior(body, pose, vague_belief(pose), evidence, config.registration)
-    if not found.found or found.explained < config.least_explained:
+    body = build_body(points, shape_of_height(points.asset, HEIGHT_M))
+    pose = find_rough_pose(body, evidence, ROUGHLY)
+    found = posterior(body, pose, vague_belief(pose), evidence, ROUGHLY)
+    if not found.found or found.explained < LEAST_EXPLAINED:
         return None
     return Bystander(label, body, found.belief, np.zeros(POSE_SIZE), 1.0)
 
 
-def _ahead(one: Bystander, points: SkinPoints, elapsed_s: float, config: BystanderConfig) -> Pose:
+def _ahead(one: Bystander, points: SkinPoints, elapsed_s: float) -> Pose:
     """His pose some time after the frame he was fitted in: he goes on as he moved, a little slower."""
-    return one.belief.pose.moved(config.damping * elapsed_s / one.elapsed_s * one.change, points.moving)
+    return one.belief.pose.moved(DAMPING * elapsed_s / one.elapsed_s * one.change, points.moving)

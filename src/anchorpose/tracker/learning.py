@@ -13,7 +13,7 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import follow_openly
 from anchorpose.tracker.run import Run
-from anchorpose.tracker.start import known_shape
+from anchorpose.tracker.start import LEAST_EXPLAINED, known_shape
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +46,7 @@ def learn_patient(run: Run, frames: Iterable[FrameSet]) -> LearntPatient | None:
         time_s = estimate.frame_set.time_s
         if began_s is not None and abs(time_s - began_s) > learning.longest_s:
             break
-        if estimate.belief is None or estimate.shape is None or estimate.explained < config.follow.least_explained:
+        if estimate.belief is None or estimate.shape is None or estimate.explained < LEAST_EXPLAINED:
             continue
         if room.review.why_unusable(estimate.frame_set.frame) is not None:
             continue

@@ -114,7 +114,7 @@ def isolate_first(frame_set: FrameSet, choice: PatientChoice, run: Run) -> Isola
     with run.stage("isolation"):
         pieces = find_all_pieces(frame_set.depths_m, run.room.scenes)
         views = separate_initial(pieces, find_people(pieces, run.config.isolation), choice)
-    bystanders = _follow_bystanders(Bystanders(), views, 0.0, run)
+    bystanders = see_bystanders(Bystanders(), views, 0.0, run)
     return _isolated(pieces, views, empty_memory(), bystanders, 0.0, run)
 
 
@@ -124,7 +124,7 @@ def isolate(frame_set: FrameSet, expected: Expectation, before: Observation, run
         pieces = find_all_pieces(frame_set.depths_m, run.room.scenes)
     elapsed_s = frame_set.time_s - before.frame_set.time_s  # negative in a backward pass
     views = _separated(pieces, expected, before, before.bystanders, elapsed_s, elapsed_s, run)
-    bystanders = _follow_bystanders(before.bystanders, views, elapsed_s, run)
+    bystanders = see_bystanders(before.bystanders, views, elapsed_s, run)
     return _isolated(pieces, views, before.memory, bystanders, elapsed_s, run)
 
 
@@ -158,14 +158,16 @@ def _separated(
 ) -> tuple[View | None, ...]:
     """Everybody's pixels; ahead_s: from the frame that the bystanders' bodies were fitted to until this one."""
     with run.stage("isolation"):
-        others = bystander_likelihood(bystanders, body_points(), ahead_s, run.config.bystanders)
+        others = bystander_likelihood(bystanders, body_points(), ahead_s)
         likelihood = join_likelihoods([others, patient_likelihood(expected, run.config.isolation)])
         return separate(pieces, before.memory, likelihood, elapsed_s, run.config.isolation)
 
 
-def _follow_bystanders(before: Bystanders, views: Sequence[View | None], elapsed_s: float, run: Run) -> Bystanders:
+def see_bystanders(before: Bystanders, views: Sequence[View | None], elapsed_s: float, run: Run) -> Bystanders:
+    if not run.config.follow.bystanders:
+        return before
     with run.stage("bystanders"):
-        return follow_bystanders(before, views, run.room.cameras, body_points(), elapsed_s, run.config.bystanders)
+        return follow_bystanders(before, views, run.room.cameras, body_points(), elapsed_s)
 
 
 def _isolated(

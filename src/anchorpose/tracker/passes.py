@@ -109,7 +109,7 @@ class _Passes:
                 there,
                 back,
                 held_joints(self.run.room.review, [record.joints.frame for record in records]),
-                self.run.config.smoothing,
+                self.run.config.follow.lost_sigma_m,
                 self.run.config.registration.fit,
             )
         for record, answer in zip(records, smoothed, strict=True):

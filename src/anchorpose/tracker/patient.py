@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
@@ -47,6 +48,8 @@ from anchorpose.tracker.standing_feet import StandingFeet
 from anchorpose.tracker.start import Start
 from anchorpose.tracking.joint_motion import predict_joints
 
+SEE_AGAIN_M: Final = 0.03  # skin expected this far from where it was when the frame came in: half a forearm's width
+SEARCH_PAUSE: Final = 4  # frames between two searches for an arm, each of which costs as much as ten frames
 NOTHING_HELD = place_constraints(np.zeros(0, np.int64), np.zeros((0, 3)), 1.0, 1.0)  # pairs and anchors go by the legs
 
 
@@ -67,7 +70,7 @@ class PatientTracker:
         self.unseen_s, self.unseen_frames = 0.0, 0
         self.last_found = start.observation
         self.search_wait = 0  # frames until arms may be searched for again
-        self.feet = StandingFeet(self.points, self.config.standing)
+        self.feet = StandingFeet(self.points)
         self.first = self._estimate(Registration(self.belief, start.explained, True), start.observation, None)
 
     def step(self, frame_set: FrameSet | None, only_look: bool = False) -> Estimate | None:
@@ -171,7 +174,7 @@ class PatientTracker:
         """
         poses = self.predict(len(self.window) - 1)
         expected, before = self.expect(poses[0]), self.window[1].expected
-        if before is None or _apart_m(expected, before) > self.config.follow.see_again_m:
+        if before is None or _apart_m(expected, before) > SEE_AGAIN_M:
             self._see_again(expected)
         return poses
 
@@ -263,7 +266,7 @@ class PatientTracker:
             self.search_wait == 0,
             self.feet.rows(following.frame_set.time_s),
         )
-        self.search_wait = config.follow.search_pause if found.searched else max(0, self.search_wait - 1)
+        self.search_wait = SEARCH_PAUSE if found.searched else max(0, self.search_wait - 1)
         return self._uncross(found, predicted, following.evidence) if found.found else found
 
     def _register_parts(self, hypothesis: GlobalHypothesis, pose: Pose, predicted: PoseBelief) -> Registration:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
@@ -20,10 +21,16 @@ from anchorpose.body.inverse_kinematics import pose_from_joints
 from anchorpose.body.pose import LIMB_OF_BONES, LIMB_OF_JOINTS, PARTS, Pose
 from anchorpose.body.skin_points import Body, SkinPoints
 from anchorpose.joints import JOINT_COUNT, JointState
-from anchorpose.tracker.config import SmoothingConfig
 from anchorpose.tracker.estimate import Estimate
 
-FIRST_SPEED_M_S = 1.0  # standard deviation of a joint's velocity before anything is known of it
+FIRST_SPEED_M_S: Final = 1.0  # standard deviation of a joint's velocity before anything is known of it
+APART_M: Final = 0.06  # a limb's joints nearer than this are averaged: the width of a wrist, so it is the same limb
+TRUNK_APART_M: Final = 0.15  # half a shoulder breadth: beyond it the trunk is in two places, and limbs cannot be mixed
+HIDDEN_COST: Final = 0.5  # of a joint that is not seen, per frame; of one that is seen: 0
+LOST_COST: Final = 2.0  # of a joint where the cameras see past it: it is not there
+SWITCH_COST: Final = 0.2  # of changing from one pass to the other: less than a hidden joint in one frame
+SWITCH_COST_PER_M: Final = 10.0  # a jump of 0.2 m has to save one lost joint
+ACCELERATION: Final = 2.0  # m/s per square root of a second: 1 m/s in the quarter of a second that a reach starts in
 
 
 def smooth_in_time(
@@ -102,7 +109,7 @@ def passed(body: Body, estimate: Estimate, usable: bool) -> Passed:
 
 def smooth(
     body: Body, time_s: np.ndarray, there: Sequence[Passed], back: Sequence[Passed],
-    held: np.ndarray, config: SmoothingConfig, fit: FitConfig,
+    held: np.ndarray, lost_sigma_m: float, fit: FitConfig,
 ) -> list[Passed]:  # fmt: skip
     """The frames (t,) of two passes, both in the order of the first, as one.
 
@@ -110,9 +117,9 @@ def smooth(
     Joints are put together, smoothed over each stretch without a gap, and the body is posed to meet them: bones keep
     their lengths, joints their ranges, and frames in which both passes lost the patient stay lost.
     """
-    weight = _weights_of_back(there, back, config)
+    weight = _weights_of_back(there, back, lost_sigma_m)
     mixed = [_mixed(*frame) for frame in zip(there, back, weight[:, LIMB_OF_JOINTS], strict=True)]
-    joints = _smoothed_stretches(time_s, mixed, held, config)
+    joints = _smoothed_stretches(time_s, mixed, held, lost_sigma_m)
     answers = []
     for one, other, answer, wanted, share in zip(there, back, mixed, joints, weight, strict=True):
         start = _nearer_pose(one.pose, other.pose, body.points, share)
@@ -122,33 +129,33 @@ def smooth(
 
 
 def _smoothed_stretches(
-    time_s: np.ndarray, frames: Sequence[Passed], held: np.ndarray, config: SmoothingConfig
+    time_s: np.ndarray, frames: Sequence[Passed], held: np.ndarray, lost_sigma_m: float
 ) -> np.ndarray:
     """(t, 21, 3) joints, NaN where the patient is lost."""
     before = np.array([frame.joints_m for frame in frames])
     joints = before.copy()
-    sigma = np.where(held, config.lost_sigma_m, [_known_sigma(frame, config) for frame in frames])
+    sigma = np.where(held, lost_sigma_m, [_known_sigma(frame, lost_sigma_m) for frame in frames])
     followed = np.isfinite(joints).all(axis=(1, 2))
     edges = np.flatnonzero(np.diff(followed.astype(np.int64), prepend=0, append=0)).reshape(-1, 2)
     for start, stop in edges.tolist():
         own = slice(start, stop)
-        joints[own] = smooth_in_time(time_s[own], joints[own], sigma[own], config.acceleration)
+        joints[own] = smooth_in_time(time_s[own], joints[own], sigma[own], ACCELERATION)
     return np.where(held[..., None], before, joints)
 
 
-def _weights_of_back(there: Sequence[Passed], back: Sequence[Passed], config: SmoothingConfig) -> np.ndarray:
+def _weights_of_back(there: Sequence[Passed], back: Sequence[Passed], lost_sigma_m: float) -> np.ndarray:
     """(t, PARTS) share of the second pass in trunk and limbs: by information where the two agree, else 0 or 1."""
     apart_m = np.linalg.norm([f.joints_m - s.joints_m for f, s in zip(there, back, strict=True)], axis=2)
     apart_m = np.nan_to_num(apart_m).reshape(-1, JOINT_COUNT)
-    costs = np.array([[_joint_costs(frame.states, config) for frame in way] for way in (there, back)])
-    variance = np.array([[_known_sigma(frame, config) ** 2 for frame in way] for way in (there, back)])
+    costs = np.array([[_joint_costs(frame.states) for frame in way] for way in (there, back)])
+    variance = np.array([[_known_sigma(frame, lost_sigma_m) ** 2 for frame in way] for way in (there, back)])
     weight = np.zeros((len(there), PARTS))
     split = np.zeros(len(there), dtype=bool)
     for part in range(PARTS):
         own = np.isin(LIMB_OF_JOINTS, part)
         distance, cost = apart_m[:, own].max(axis=1), costs[:, :, own].sum(axis=2)
-        agree = distance < (config.apart_m if part else config.trunk_apart_m)
-        chosen = _course(np.where(agree, 0.0, cost), distance, config)
+        agree = distance < (APART_M if part else TRUNK_APART_M)
+        chosen = _course(np.where(agree, 0.0, cost), distance)
         spread = variance[:, :, own].mean(axis=2)
         weight[:, part] = np.where(agree, spread[0] / spread.sum(axis=0), chosen)
         if part == 0:
@@ -157,21 +164,21 @@ def _weights_of_back(there: Sequence[Passed], back: Sequence[Passed], config: Sm
     return weight
 
 
-def _joint_costs(states: Sequence[JointState], config: SmoothingConfig) -> list[float]:
-    known = {JointState.OBSERVED: 0.0, JointState.LOST: config.lost_cost}
-    return [known.get(state, config.hidden_cost) for state in states]
+def _joint_costs(states: Sequence[JointState]) -> list[float]:
+    known = {JointState.OBSERVED: 0.0, JointState.LOST: LOST_COST}
+    return [known.get(state, HIDDEN_COST) for state in states]
 
 
-def _known_sigma(frame: Passed, config: SmoothingConfig) -> np.ndarray:
-    return np.where(np.isnan(frame.sigma_m), config.lost_sigma_m, frame.sigma_m)
+def _known_sigma(frame: Passed, lost_sigma_m: float) -> np.ndarray:
+    return np.where(np.isnan(frame.sigma_m), lost_sigma_m, frame.sigma_m)
 
 
-def _course(cost: np.ndarray, distance_m: np.ndarray, config: SmoothingConfig) -> np.ndarray:
+def _course(cost: np.ndarray, distance_m: np.ndarray) -> np.ndarray:
     """(t,) which of two ways, (2, t) cost, is the cheapest course through all frames (Viterbi 1967).
 
     Changing over costs more the farther the two are apart: limbs do not jump.
     """
-    change = config.switch_cost + config.switch_cost_per_m * distance_m
+    change = SWITCH_COST + SWITCH_COST_PER_M * distance_m
     total, came_from = cost[:, 0].copy(), np.zeros((len(distance_m), 2), dtype=np.int64)
     for frame in range(1, len(distance_m)):
         other = total[::-1] + change[frame]

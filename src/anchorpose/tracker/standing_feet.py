@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -18,23 +19,12 @@ from anchorpose.body.skin_points import SkinPoints
 from anchorpose.joints import JOINT_INDEX, JointState
 
 SIDES = ("Left", "Right")
-PLACES = 6  # skin points that hold a foot: its place and its turn
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StandingConfig:
-    """When a foot stands, and how long that is believed."""
-
-    still_s: float = 0.4  # seen to stand for so long: longer than the sole is flat on the floor in a step
-    still_m: float = 0.03  # within which it stays meanwhile: the noise of an ankle that is seen
-    sigma_m: float = 0.02  # of its place when it goes out of sight
-    drift_m_s: float = 0.05  # what may happen unseen: a small step in two seconds
-    doubt_m: float = 0.10  # a knee that is seen to go farther takes the foot with it
-
-    def __post_init__(self) -> None:
-        for name in self.__slots__:
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+PLACES: Final = 6  # skin points that hold a foot: its place and its rotation
+STILL_S: Final = 0.4  # seen standing for this long: longer than the sole is flat on the floor during a step
+STILL_M: Final = 0.03  # distance within which it stays meanwhile: the noise of a visible ankle
+SIGMA_M: Final = 0.02  # of its place when it goes out of sight
+DRIFT_M_S: Final = 0.05  # growth of that while unseen: a small step in two seconds
+DOUBT_M: Final = 0.10  # a knee that is seen to move farther takes the foot with it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,8 +39,7 @@ class _Stand:
 class StandingFeet:
     """Where each foot was last seen standing; time may run backwards."""
 
-    def __init__(self, points: SkinPoints, config: StandingConfig) -> None:
-        self._config = config
+    def __init__(self, points: SkinPoints) -> None:
         region = region_of_points(points)
         self._skin = {side: _spread(np.flatnonzero(region == REGIONS.index(f"foot_{side.lower()}"))) for side in SIDES}
         self._recent: dict[str, deque[tuple[float, np.ndarray]]] = {side: deque() for side in SIDES}
@@ -71,10 +60,10 @@ class StandingFeet:
                 recent.clear()
                 continue
             recent.append((time_s, joints_m[ankle]))
-            while abs(time_s - recent[0][0]) > self._config.still_s + 1e-6 and len(recent) > 2:
+            while abs(time_s - recent[0][0]) > STILL_S + 1e-6 and len(recent) > 2:
                 recent.popleft()
             before = self._stand.get(side)
-            stayed = before is not None and np.linalg.norm(joints_m[ankle] - before.ankle_m) < self._config.still_m
+            stayed = before is not None and np.linalg.norm(joints_m[ankle] - before.ankle_m) < STILL_M
             if stayed or self._is_still(recent):
                 self._stand[side] = _Stand(skin_m[self._skin[side]], joints_m[ankle], time_s)
             else:
@@ -91,14 +80,14 @@ class StandingFeet:
         """What holds the feet in a frame; none of feet that do not stand."""
         held = []
         for side, stand in self._stand.items():
-            sigma_m = self._config.sigma_m + self._config.drift_m_s * abs(time_s - stand.seen_s)
-            held.append(place_constraints(self._skin[side], stand.places_m, sigma_m, self._config.doubt_m))
+            sigma_m = SIGMA_M + DRIFT_M_S * abs(time_s - stand.seen_s)
+            held.append(place_constraints(self._skin[side], stand.places_m, sigma_m, DOUBT_M))
         return join(held) if held else no_constraints()
 
     def _is_still(self, recent: deque[tuple[float, np.ndarray]]) -> bool:
         places = np.array([place for _, place in recent])
-        long = abs(recent[-1][0] - recent[0][0]) >= 0.75 * self._config.still_s
-        return bool(long and np.linalg.norm(places - places[-1], axis=1).max() < self._config.still_m)
+        long = abs(recent[-1][0] - recent[0][0]) >= 0.75 * STILL_S
+        return bool(long and np.linalg.norm(places - places[-1], axis=1).max() < STILL_M)
 
 
 def _spread(index: np.ndarray) -> np.ndarray:

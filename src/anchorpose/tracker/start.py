@@ -21,6 +21,7 @@ from anchorpose.tracker.observation import Observation, observe_first
 from anchorpose.tracker.room import Room
 from anchorpose.tracker.run import Run
 
+LEAST_EXPLAINED = 0.55  # share of the surface that a first pose must account for
 ADULT_HEIGHTS_M = (1.45, 2.0)
 CUT_OFF = 1.08  # feet at the picture's edge or lost on the floor take a twelfth of the height
 SEATED_BELOW_M = 1.35  # who is seen no taller sits, or is half hidden: then the extent says nothing of the height
@@ -62,7 +63,7 @@ def find_start(frame_set: FrameSet, run: Run, choice: PatientChoice, known: Fitt
         )  # fmt: skip
     body = build_body(points, first.shape)
     found = posterior(body, first.pose, vague_belief(first.pose), observation.evidence, config.registration)
-    if not found.found or found.explained < config.follow.least_explained:
+    if not found.found or found.explained < LEAST_EXPLAINED:
         return NoStart.NO_BODY_FITS
     return Start(observation, first.shape, found.belief, found.explained)
 
