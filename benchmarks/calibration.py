@@ -21,7 +21,7 @@ from typing import Final, get_args
 
 import numpy as np
 
-from anchorpose.calibration.equipment.pose import angle_between
+from anchorpose.calibration.equipment_pose import angle_between
 from anchorpose.camera import Camera, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.equipment import EquipmentModel
@@ -93,7 +93,7 @@ def calibrate(seed: int, way: str, recording: Recording, frames: Sequence[FrameS
     config = TrackConfig()
     start = time.perf_counter()
     try:
-        found = find_poses(recording, frames, config, config.placing)
+        found = find_poses(recording, frames, config)
     except InputError as error:
         return Outcome(seed, way, error.problem, seconds=time.perf_counter() - start)
     seconds = time.perf_counter() - start

@@ -14,9 +14,9 @@ from dataclasses import replace
 import numpy as np
 from lazy_clinic import lazy_clinic
 
-from anchorpose.calibration.floor import FloorConfig, FloorPlane, find_floor
+from anchorpose.calibration.camera_to_camera import CameraToCamera, PlacingConfig, place_cameras
+from anchorpose.calibration.floor import FloorPlane, find_floor
 from anchorpose.calibration.noise import noise_per_m
-from anchorpose.calibration.people.camera_to_camera import CameraToCamera, CameraToCameraConfig, place_cameras
 from anchorpose.camera import invert_rigid
 from anchorpose.recording.recording import FrameSet
 from anchorpose.simulate import config as presets
@@ -40,7 +40,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--clock-error", type=float, default=0.0, help="seconds")
     chosen = parser.parse_args()
-    config = CameraToCameraConfig()
+    config = PlacingConfig()
     print("| seed | placed | errors mm | errors degrees | s |\n|---|---|---|---|--:|", flush=True)
     for seed in range(chosen.first_seed, chosen.first_seed + chosen.seeds):
         clinic = presets.clinic(seed, chosen.seconds, 30.0)
@@ -52,7 +52,7 @@ def main() -> None:
         ]
         start = time.perf_counter()
         floors = [
-            find_floor(room, camera, noise_per_m([room]), FloorConfig())
+            find_floor(room, camera, noise_per_m([room]))
             for room, camera in zip(footage.backgrounds_m, cameras, strict=True)
         ]
         if not all(isinstance(floor, FloorPlane) for floor in floors):

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from lazy_clinic import LazyClinic, lazy_clinic
 
-from anchorpose.calibration.clock.clocks import ClockConfig, Clocks, estimate_clocks, pose_level
-from anchorpose.calibration.clock.motion_signal import Level
+from anchorpose.calibration.clock_signal import Level, pose_level
+from anchorpose.calibration.clocks import ClockConfig, Clocks, estimate_clocks
 from anchorpose.camera import Camera
 from anchorpose.simulate import config as presets
 
@@ -107,7 +107,7 @@ def main() -> None:
                 clocks = estimate_clocks(seen, _levels(footage), ClockConfig())
                 for place, values in zip(
                     places,
-                    (score(footage, clocks), [time.perf_counter() - start], [clocks.pictures_read]),
+                    (score(footage, clocks), [time.perf_counter() - start], [clocks.frames_read]),
                     strict=True,
                 ):
                     place += values

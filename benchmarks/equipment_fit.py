@@ -16,7 +16,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from anchorpose.calibration.proposal.proposal import EquipmentFitConfig, NoEquipment, propose_equipment
+from anchorpose.calibration.proposal import NoEquipment, propose_equipment
+from anchorpose.calibration.proposal_readings import Region
 from anchorpose.camera import Camera
 from anchorpose.isolation.background import equipment_depth
 from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel
@@ -47,7 +48,7 @@ def score_recording(recording: Recording, cameras: Sequence[int]) -> Score | NoE
     rooms = [recording.backgrounds_m[index] for index in cameras]
     proposal = propose_equipment(
         [recording.cameras[index] for index in cameras], [room for room in rooms if room is not None], 0.0,
-        EquipmentFitConfig(),
+        Region(),
     )  # fmt: skip
     if isinstance(proposal, NoEquipment) or truth is None:
         return NoEquipment.NOTHING_STANDS

@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from anchorpose.calibration.calibration import Calibration, PoseRecord
-from anchorpose.calibration.equipment.still import what_stays
-from anchorpose.calibration.marker.layout import read_marker_layout
-from anchorpose.calibration.marker.places import place_by_markers
-from anchorpose.calibration.noise import noise_per_m
+from anchorpose.calibration.marker_layout import read_marker_layout
+from anchorpose.calibration.marker_pose import place_by_markers
+from anchorpose.calibration.noise import noise_per_m, what_stays
 from anchorpose.pages.canvas import as_png
 from anchorpose.pages.stage_drawing import draw_model
 from anchorpose.recording.reader import open_recording
@@ -24,11 +23,10 @@ from anchorpose.tracker.preparation import settle
 def calibrate_recording(
     recording: Path, folder: Path, config: TrackConfig, ignore_given: bool = False, markers: Path | None = None
 ) -> Calibration:
-    """Find every camera's pose and write calibration.json and one picture a camera into an existing folder.
+    """Find every camera's pose and write calibration.json and one picture per camera into an existing folder.
 
-    ignore_given: find given poses anew. markers: a markers.json; cameras with a picture of the markers are placed by
-    them, the others in the same world. Raises InputError where the recording cannot be used or a pose is not to be
-    trusted.
+    ignore_given: find given poses as well. markers: a markers.json; cameras with an image of the markers are placed by
+    them, the others in the same world. Raises InputError where the recording cannot be used or a pose is not accepted.
     """
     with one_thread():
         opened = open_recording(recording)

@@ -11,8 +11,7 @@ import numpy as np
 from anchorpose.body.corrected_joints import CONTRADICTED
 from anchorpose.body.skin_points import body_points
 from anchorpose.calibration.calibration import PoseSource
-from anchorpose.calibration.clock.clocks import Clocks
-from anchorpose.calibration.clock.settled import clock_notes
+from anchorpose.calibration.clocks import Clocks, clock_notes
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.pairing import CameraGaps, find_gaps
 from anchorpose.recording.reader import input_files

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from room_builder import FRONT, KNEE_BAR, NOISE_PER_M, ROOM, body, camera_at, picture, unposed
 
-from anchorpose.calibration.floor import FloorConfig, FloorPlane, NoFloor, find_floor
+from anchorpose.calibration.floor import FloorPlane, NoFloor, find_floor
 from anchorpose.calibration.noise import noise_per_m
 from anchorpose.calibration.world import find_world
 from anchorpose.camera import transform_points
@@ -53,7 +53,7 @@ def test_noise_cannot_be_measured_on_an_empty_picture():
 @pytest.mark.parametrize("height", [0.8, 1.2, 2.1])
 def test_the_floor_is_found_at_its_height_and_tilt(height):
     camera = camera_at((2.5, height, 0.3), (0.0, 0.9, 0.0))
-    floor = find_floor(picture(camera, *ROOM, seed=2), camera, NOISE_PER_M, FloorConfig())
+    floor = find_floor(picture(camera, *ROOM, seed=2), camera, NOISE_PER_M)
     assert isinstance(floor, FloorPlane)
     assert floor.height_m == pytest.approx(height, abs=0.004)
     up_world = camera.T_world_camera[:3, :3] @ floor.up
@@ -63,23 +63,23 @@ def test_the_floor_is_found_at_its_height_and_tilt(height):
 
 def test_a_floor_full_of_people_is_still_the_floor():
     depth = picture(FRONT, *ROOM, *body(0.0, 0.0), *body(0.4, 0.7), *body(-0.5, -0.8), seed=3)
-    floor = find_floor(depth, FRONT, NOISE_PER_M, FloorConfig())
+    floor = find_floor(depth, FRONT, NOISE_PER_M)
     assert isinstance(floor, FloorPlane)
     assert floor.height_m == pytest.approx(1.2, abs=0.005)
 
 
 def test_a_wall_alone_is_no_floor():
-    assert find_floor(picture(FRONT, ROOM[1], seed=4), FRONT, NOISE_PER_M, FloorConfig()) == NoFloor.NO_PLANE
+    assert find_floor(picture(FRONT, ROOM[1], seed=4), FRONT, NOISE_PER_M) == NoFloor.NO_PLANE
 
 
 def test_an_empty_picture_has_no_floor():
-    assert find_floor(np.zeros((212, 256), np.float32), FRONT, 0.001, FloorConfig()) == NoFloor.NO_READINGS
+    assert find_floor(np.zeros((212, 256), np.float32), FRONT, 0.001) == NoFloor.NO_READINGS
 
 
 def test_given_poses_are_kept_and_the_floors_height_is_measured():
     raised = replace(FRONT, T_world_camera=FRONT.T_world_camera.copy())
     raised.T_world_camera[1, 3] += 0.25  # a world whose origin lies 0.25 m below the floor
-    world = find_world(recording(raised), frames(picture(FRONT, *ROOM, seed=5)), FloorConfig())
+    world = find_world(recording(raised), frames(picture(FRONT, *ROOM, seed=5)))
     assert world.cameras == (raised,)
     assert world.floor_height_m == pytest.approx(0.25, abs=0.005)
     assert world.residuals[0].tilt_rad < 0.01
@@ -92,7 +92,7 @@ def test_a_floor_that_contradicts_the_given_pose_is_reported_and_not_used():
         np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
         @ FRONT.T_world_camera[:3, :3]
     )
-    world = find_world(recording(leaning), frames(picture(FRONT, *ROOM, seed=5)), FloorConfig())
+    world = find_world(recording(leaning), frames(picture(FRONT, *ROOM, seed=5)))
     assert world.floor_height_m is None
     assert any("tilted by 12." in note for note in world.notes)
 
@@ -100,18 +100,18 @@ def test_a_floor_that_contradicts_the_given_pose_is_reported_and_not_used():
 def test_a_camera_without_a_pose_gets_the_world_of_floor_and_patient():
     """The true pose is known: the patient stands at the origin and the camera is straight ahead of him."""
     empty, depth = picture(FRONT, *ROOM, seed=6), picture(FRONT, *ROOM, *body(0.0, 0.0), seed=7)
-    world = find_world(recording(unposed(FRONT), backgrounds=(empty,)), frames(depth), FloorConfig())
+    world = find_world(recording(unposed(FRONT), backgrounds=(empty,)), frames(depth))
     found, true = world.cameras[0].T_world_camera, FRONT.T_world_camera
     assert found[:3, :3] == pytest.approx(true[:3, :3], abs=0.02)
     assert found[1, 3] == pytest.approx(true[1, 3], abs=0.005)
     assert found[0, 3] == pytest.approx(true[0, 3] - 0.16, abs=0.05)  # only his front is seen
     assert found[:3, :3] @ found[:3, :3].T == pytest.approx(np.eye(3), abs=1e-9)
     assert world.floor_height_m == 0.0
-    assert any("taken to face the camera" in note for note in world.notes)
+    assert any("assumed to face the camera" in note for note in world.notes)
 
 
 def test_a_person_without_a_room_gets_a_world_without_a_floor():
-    world = find_world(recording(unposed(FRONT)), frames(picture(FRONT, *body(0.0, 0.4), seed=8)), FloorConfig())
+    world = find_world(recording(unposed(FRONT)), frames(picture(FRONT, *body(0.0, 0.4), seed=8)))
     assert world.floor_height_m is None
     assert any("no floor was found" in note for note in world.notes)
     pose = world.cameras[0].T_world_camera
@@ -126,31 +126,26 @@ def test_several_cameras_without_poses_are_refused_with_a_remedy():
     with pytest.raises(
         InputError, match=r"null for front.*nothing ties them to the others' world; give every camera_to_world, or none"
     ):
-        find_world(recording(unposed(FRONT), replace(FRONT, name="left")), [], FloorConfig())
+        find_world(recording(unposed(FRONT), replace(FRONT, name="left")), [])
 
 
 def test_equipment_that_is_not_in_the_picture_is_refused_with_a_remedy():
     blind = recording(unposed(FRONT), equipment=EquipmentModel((KNEE_BAR,)))
     with pytest.raises(InputError, match=r"null for front, and this camera .*; compare equipment\.json"):
-        find_world(blind, frames(picture(FRONT, *ROOM, seed=9)), FloorConfig())
+        find_world(blind, frames(picture(FRONT, *ROOM, seed=9)))
 
 
 def test_cameras_without_poses_that_see_no_floor_are_refused_with_the_reason():
     blind = recording(unposed(FRONT), replace(unposed(FRONT), name="left"))
     with pytest.raises(InputError, match=r"null for front, left.*a camera sees no floor; give every camera_to_world"):
-        find_world(blind, [], FloorConfig())
-
-
-def test_a_config_without_sense_is_refused():
-    with pytest.raises(ValueError, match="least_extent_m"):
-        FloorConfig(least_extent_m=0.0)
+        find_world(blind, [])
 
 
 def test_the_pose_of_the_sample_with_holes_is_found_again():
     opened, sampled = shared("sample_holes/recording")
     true = opened.cameras[0].T_world_camera
     blind = replace(opened, cameras=(unposed(opened.cameras[0]),))
-    found = find_world(blind, sampled, FloorConfig()).cameras[0].T_world_camera
+    found = find_world(blind, sampled).cameras[0].T_world_camera
     assert found[1, 3] == pytest.approx(true[1, 3], abs=0.003)
     tilt = np.arccos(np.clip((found[:3, :3] @ true[:3, :3].T)[1, 1], -1, 1))
     assert np.degrees(tilt) < 0.1
@@ -158,13 +153,13 @@ def test_the_pose_of_the_sample_with_holes_is_found_again():
 
 def test_the_floor_of_the_clinic_sample_is_at_zero():
     opened, sampled = shared("sample_clinic/recording")
-    assert find_world(opened, sampled, FloorConfig()).floor_height_m == pytest.approx(0.0, abs=0.005)
+    assert find_world(opened, sampled).floor_height_m == pytest.approx(0.0, abs=0.005)
 
 
 @pytest.mark.parametrize(("name", "height"), [("iit_rehab_room", 1.23), ("five_people", 1.29)])
 def test_real_floors_are_found_below_the_camera(name, height):
     """Nobody measured these: the heights are what independent runs agree on, plausible for a camera on a stand."""
     opened, sampled = shared(name)
-    world = find_world(opened, sampled, FloorConfig())
+    world = find_world(opened, sampled)
     assert world.floor_height_m == 0.0
     assert world.cameras[0].T_world_camera[1, 3] == pytest.approx(height, abs=0.05)

@@ -9,25 +9,23 @@ import pytest
 from moving_room import FRONT, LEFT, walking
 from room_builder import NOISE_PER_M, ROOM, body, picture
 
-from anchorpose.calibration.floor import FloorConfig, FloorPlane, NoFloor, find_floor
-from anchorpose.calibration.people.camera_to_camera import (
+from anchorpose.calibration.camera_to_camera import (
+    WORST_IMPOSSIBLE,
     CameraToCamera,
-    CameraToCameraConfig,
     NoCameraToCamera,
+    PlacingConfig,
     find_camera_to_camera,
     place_cameras,
 )
-from anchorpose.calibration.people.common_view import level_frame, level_view
-from anchorpose.calibration.people.surface_fit import outside_silhouette
+from anchorpose.calibration.common_view import level_frame, level_view, outside_silhouette
+from anchorpose.calibration.floor import FloorPlane, NoFloor, find_floor
 from anchorpose.camera import invert_rigid
 from anchorpose.recording.recording import FrameSet
 
 CAMERAS = (FRONT, LEFT)
 EMPTY = tuple(picture(camera, *ROOM, seed=900 + k) for k, camera in enumerate(CAMERAS))
-FLOORS = tuple(
-    find_floor(empty, camera, NOISE_PER_M, FloorConfig()) for empty, camera in zip(EMPTY, CAMERAS, strict=True)
-)
-CONFIG = CameraToCameraConfig(step_px=2)  # the pictures of these tests are small
+FLOORS = tuple(find_floor(empty, camera, NOISE_PER_M) for empty, camera in zip(EMPTY, CAMERAS, strict=True))
+CONFIG = PlacingConfig(step_px=2)  # the pictures of these tests are small
 
 
 def frames(scene, count: int = 12) -> list[FrameSet]:
@@ -114,7 +112,7 @@ def test_a_camera_without_a_floor_is_refused_before_anything_is_read():
 
 def test_a_config_without_sense_is_refused():
     with pytest.raises(ValueError, match="moments"):
-        CameraToCameraConfig(moments=0)
+        PlacingConfig(moments=0)
 
 
 def test_people_fall_upon_the_people_another_camera_sees_and_beside_them_where_the_pose_is_wrong():
@@ -124,8 +122,8 @@ def test_people_fall_upon_the_people_another_camera_sees_and_beside_them_where_t
     )
     true = invert_rigid(FRONT.T_world_camera) @ LEFT.T_world_camera
     beside, common = outside_silhouette(first, second, true)
-    assert beside < CONFIG.worst_impossible
+    assert beside < WORST_IMPOSSIBLE
     assert common > 0.8
     wrong = true.copy()
     wrong[0, 3] += 0.4
-    assert outside_silhouette(first, second, wrong)[0] > 2 * CONFIG.worst_impossible
+    assert outside_silhouette(first, second, wrong)[0] > 2 * WORST_IMPOSSIBLE

@@ -10,22 +10,22 @@ from clinic_builder import bare, shoot
 from room_builder import NOISE_PER_M, ROOM, body, camera_at, picture, unposed
 
 from anchorpose.calibration.calibration import PoseSource
-from anchorpose.calibration.equipment.kernels import pixel_of
-from anchorpose.calibration.equipment.pose import (
+from anchorpose.calibration.equipment_agreement import agreement
+from anchorpose.calibration.equipment_model import find_symmetry, prepare_equipment, sample_equipment
+from anchorpose.calibration.equipment_pose import (
     EquipmentPose,
     EquipmentPoseConfig,
     NoEquipmentPose,
     angle_between,
     find_equipment,
-    prepare_equipment,
 )
-from anchorpose.calibration.equipment.render import EquipmentCaster
-from anchorpose.calibration.equipment.samples import find_symmetry, sample_equipment
-from anchorpose.calibration.equipment.search import lens_array
-from anchorpose.calibration.equipment.seen import agreement
-from anchorpose.calibration.equipment.still import see_still, what_stays
-from anchorpose.calibration.equipment.verdict import NoPose
-from anchorpose.calibration.floor import FloorConfig, find_floor
+from anchorpose.calibration.equipment_render import EquipmentCaster
+from anchorpose.calibration.equipment_residuals import see_still
+from anchorpose.calibration.equipment_search import lens_array
+from anchorpose.calibration.equipment_search_kernels import pixel_of
+from anchorpose.calibration.equipment_verdict import NoPose
+from anchorpose.calibration.floor import find_floor
+from anchorpose.calibration.noise import what_stays
 from anchorpose.calibration.world import find_world
 from anchorpose.camera import Intrinsics, invert_rigid, transform_points
 from anchorpose.errors import InputError
@@ -74,7 +74,7 @@ def camera():
 def view_of(*parts, place=None, seed=1):
     place = camera() if place is None else place
     seen = picture(place, *ROOM, *parts, seed=seed)
-    return see_still(unposed(place), [seen], None, NOISE_PER_M, find_floor(seen, place, NOISE_PER_M, FloorConfig()))
+    return see_still(unposed(place), [seen], None, NOISE_PER_M, find_floor(seen, place, NOISE_PER_M))
 
 
 def shifted(model: EquipmentModel, by) -> EquipmentModel:
@@ -208,11 +208,11 @@ def test_cameras_agree_only_in_the_right_pose():
     people = (*ROOM, *body(0.3, 0.2), *body(-0.5, -0.6))
     pictures = [(picture(left, *people, seed=1), picture(right, *people, seed=2))]
     assert (
-        agreement((left, right), pictures, 0.0, (NOISE_PER_M,) * 2).through_share < 0.10
+        agreement((left, right), pictures, 0.0, NOISE_PER_M).through_share < 0.10
     )  # rims, where one looks past a body
     half_turn = np.diag([-1.0, 1.0, -1.0, 1.0]) @ right.T_world_camera
     wrong = replace(right, T_world_camera=half_turn)
-    assert agreement((left, wrong), pictures, 0.0, (NOISE_PER_M,) * 2).through_share > 0.4
+    assert agreement((left, wrong), pictures, 0.0, NOISE_PER_M).through_share > 0.4
 
 
 @pytest.fixture(scope="module")
@@ -223,7 +223,7 @@ def clinic():
 @pytest.mark.parametrize("background", [pytest.param(True, marks=SLOW), False])
 def test_three_cameras_of_a_clinic_are_found(clinic, background):
     true, recording, frames = clinic
-    world = find_world(recording if background else bare(recording), frames, FloorConfig())
+    world = find_world(recording if background else bare(recording), frames)
     for found, camera_true, pose in zip(world.cameras, true.cameras, world.poses, strict=True):
         shift_mm, turn_deg = errors(found.T_world_camera, camera_true.T_world_camera, np.array([0.1, 0.5, 0.0]))
         assert shift_mm < 5.0  # the figure asked for
@@ -238,7 +238,7 @@ def test_three_cameras_of_a_clinic_are_found(clinic, background):
 def test_poses_that_are_given_are_kept_and_the_missing_one_joins_their_world(clinic):
     true, recording, frames = clinic
     mixed = replace(recording, cameras=(true.cameras[0], recording.cameras[1], true.cameras[2]))
-    world = find_world(mixed, frames, FloorConfig())
+    world = find_world(mixed, frames)
     assert world.cameras[0] is true.cameras[0]
     assert [pose.source for pose in world.poses] == [PoseSource.GIVEN, PoseSource.EQUIPMENT, PoseSource.GIVEN]
     found, expected = world.cameras[1].T_world_camera, true.cameras[1].T_world_camera
@@ -248,19 +248,17 @@ def test_poses_that_are_given_are_kept_and_the_missing_one_joins_their_world(cli
 def test_another_clinics_equipment_is_refused_with_a_remedy(clinic):
     _, recording, frames = clinic
     with pytest.raises(InputError, match=r"camera_to_world is null for \w+, and this camera .*; compare equipment"):
-        find_world(replace(recording, equipment=FRAME), frames, FloorConfig())
+        find_world(replace(recording, equipment=FRAME), frames)
 
 
 def test_given_poses_that_contradict_the_equipment_are_reported(clinic):
     true, recording, frames = clinic
     right = replace(recording, cameras=true.cameras)
-    assert not any(
-        "given pose of" in note or "moved" in note for note in find_world(right, frames, FloorConfig()).notes
-    )
+    assert not any("given pose of" in note or "moved" in note for note in find_world(right, frames).notes)
     wrong = true.cameras[1].T_world_camera.copy()
     wrong[0, 3] += 0.04
     off = replace(right, cameras=(true.cameras[0], replace(true.cameras[1], T_world_camera=wrong), true.cameras[2]))
-    notes = [note for note in find_world(off, frames, FloorConfig()).notes if "given pose of camera left" in note]
+    notes = [note for note in find_world(off, frames).notes if "given pose of camera left" in note]
     assert len(notes) == 1
     assert "40 mm" in notes[0] or "39 mm" in notes[0] or "41 mm" in notes[0]
 
@@ -271,7 +269,7 @@ def test_equipment_that_is_pushed_is_noticed_with_when_and_how_far(shift_m, back
         seed=32, seconds=8.0, fps=10.0, cameras=1, therapists=1, equipment_moves_at_s=4.0, equipment_shift_m=shift_m
     )
     true, recording, frames = shoot(config, samples=12)
-    world = find_world(recording if background else bare(recording), frames, FloorConfig())
+    world = find_world(recording if background else bare(recording), frames)
     found, expected = world.cameras[0].T_world_camera, true.cameras[0].T_world_camera
     assert errors(found, expected, np.array([0.1, 0.5, 0.0]))[0] < 5.0  # the world is the one before the push
     (note,) = [note for note in world.notes if "was moved" in note]
@@ -284,15 +282,15 @@ def test_equipment_that_is_pushed_is_noticed_with_when_and_how_far(shift_m, back
 def test_symmetric_bars_need_someone_who_says_which_way_the_patient_faces():
     true, recording, frames = shoot(SimulationConfig(seed=4, seconds=6.0, fps=10.0, parallel_bars=True))
     with pytest.raises(InputError, match=r"looks the same from several sides, and which way the patient faces"):
-        find_world(recording, frames, FloorConfig())
+        find_world(recording, frames)
     asked = []
 
-    def tell_facing(cameras, floor_m, headings):
+    def choose_heading(cameras, floor_m, headings):
         asked.append(headings)
         along = [float(np.dot(cameras[0].T_world_camera[:3, :3].T @ heading, [0, 0, -1])) for heading in headings]
         return int(np.argmax(along))  # this patient faces the first camera
 
-    world = find_world(recording, frames, FloorConfig(), tell_facing=tell_facing)
+    world = find_world(recording, frames, choose_heading=choose_heading)
     assert len(asked) == 1
     for found, camera_true in zip(world.cameras, true.cameras, strict=True):
         shift_mm, turn_deg = errors(found.T_world_camera, camera_true.T_world_camera, np.array([0.0, 0.5, 0.0]))

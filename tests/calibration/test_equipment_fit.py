@@ -11,15 +11,14 @@ import pytest
 from recording_builder import write_recording
 from room_builder import ROOM, camera_at, picture
 
-from anchorpose.calibration.proposal.points import Region, gather_readings
-from anchorpose.calibration.proposal.proposal import (
-    EquipmentFitConfig,
+from anchorpose.calibration.proposal import (
     EquipmentProposal,
     NoEquipment,
-    _hollow_share,
     propose_equipment,
 )
-from anchorpose.calibration.proposal.refine import first_fit
+from anchorpose.calibration.proposal_joining import hollow_share
+from anchorpose.calibration.proposal_readings import Region, gather_readings
+from anchorpose.calibration.proposal_shape import first_fit
 from anchorpose.cli import main
 from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel
 from anchorpose.recording.equipment_file import read_equipment, write_equipment
@@ -32,12 +31,12 @@ FRONT, LEFT, RIGHT = (
     camera_at(place, (0.0, 0.6, 0.0), width=512, height=424)
     for place in ((2.4, 1.3, 0.1), (1.5, 1.4, -2.0), (1.5, 1.4, 2.0))
 )
-CONFIG = EquipmentFitConfig()
+REGION = Region()
 
 
-def proposed(cameras, *parts, config: EquipmentFitConfig = CONFIG) -> EquipmentProposal:
+def proposed(cameras, *parts, region: Region = REGION) -> EquipmentProposal:
     rooms = [picture(camera, *ROOM, *parts, seed=index) for index, camera in enumerate(cameras)]
-    proposal = propose_equipment(cameras, rooms, 0.0, config)
+    proposal = propose_equipment(cameras, rooms, 0.0, region)
     assert isinstance(proposal, EquipmentProposal)
     return proposal
 
@@ -139,8 +138,8 @@ def test_a_strut_keeps_its_slant():
 
 def test_an_empty_room_has_no_equipment_and_neither_has_the_wall_behind():
     rooms = [picture(FRONT, *ROOM, seed=0)]
-    assert propose_equipment((FRONT,), rooms, 0.0, CONFIG) is NoEquipment.NOTHING_STANDS
-    wide = EquipmentFitConfig(region=Region(center_xz_m=(-1.8, 0.0), radius_m=1.0))
+    assert propose_equipment((FRONT,), rooms, 0.0, REGION) is NoEquipment.NOTHING_STANDS
+    wide = Region(center_xz_m=(-1.8, 0.0), radius_m=1.0)
     assert propose_equipment((FRONT,), rooms, 0.0, wide) is NoEquipment.NOTHING_STANDS
 
 
@@ -153,12 +152,12 @@ def test_rays_tell_a_thing_that_is_there_from_one_that_is_not():
         corners = (np.array([[0.275, 0.0, z - 0.025], [0.325, 1.0, z + 0.025]])) @ columns
         return first_fit(columns, corners.min(axis=0), corners.max(axis=0), False, np.ones(3))
 
-    assert _hollow_share(at(-0.4), readings) < 0.05
-    assert _hollow_share(at(-0.3), readings) > 0.5
+    assert hollow_share(at(-0.4), readings) < 0.05
+    assert hollow_share(at(-0.3), readings) > 0.5
 
 
 def test_a_region_without_extent_is_refused():
-    with pytest.raises(ValueError, match="positive"):
+    with pytest.raises(ValueError, match="greater than 0"):
         Region(radius_m=0.0)
 
 

@@ -11,10 +11,10 @@ import pytest
 from room_builder import camera_at
 from scipy.spatial.transform import Rotation
 
+from anchorpose.calibration import marker_corners, marker_pose
 from anchorpose.calibration.calibration import PoseSource
-from anchorpose.calibration.marker.layout import Board, MarkerLayout, Tag, read_marker_layout
-from anchorpose.calibration.marker.places import place_by_markers
-from anchorpose.calibration.marker.pose import MarkerConfig, MarkerPose, NoMarkers, pose_from_markers
+from anchorpose.calibration.marker_layout import Board, MarkerLayout, Tag, read_marker_layout
+from anchorpose.calibration.marker_pose import MarkerPose, NoMarkers, place_by_markers, pose_from_markers
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import Recording
@@ -161,13 +161,14 @@ def test_one_small_flat_tag_is_ambiguous_or_uncertain_and_never_a_wrong_pose():
     assert None not in outcomes
 
 
-def test_depth_tells_the_two_poses_of_a_flat_tag_apart():
+def test_depth_tells_the_two_poses_of_a_flat_tag_apart(monkeypatch):
+    for name, value in (("WORST_SIGMA_M", 0.1), ("WORST_SIGMA_RAD", 0.1), ("CORNER_SIGMA_PX", 0.5)):
+        monkeypatch.setattr(marker_pose, name, value)  # one small tag: only the two poses are at stake here
     near = camera_at((1.8, 0.8, 0.05), (0.0, 0.8, 0.0), width=512, height=424)
     only = tag(0, (0.0, 0.8, 0.0), size_m=0.2, turn=(0, 20, 0))
     grey = photo(near, [only], blur_px=0.8, noise=8.0)
-    loose = MarkerConfig(worst_sigma_m=0.1, worst_sigma_rad=0.1, corner_sigma_px=0.5)
-    assert pose_from_markers(grey, near, layout(only), None, loose) is NoMarkers.AMBIGUOUS
-    with_depth = pose_from_markers(grey, near, layout(only), depth_of(near, [only]), loose)
+    assert pose_from_markers(grey, near, layout(only)) is NoMarkers.AMBIGUOUS
+    with_depth = pose_from_markers(grey, near, layout(only), depth_of(near, [only]))
     assert isinstance(with_depth, MarkerPose)
     assert errors(with_depth, near)[0] < 0.06
 
@@ -195,11 +196,12 @@ def test_of_two_tags_that_disagree_neither_is_believed():
     assert found is NoMarkers.INCONSISTENT
 
 
-def test_tiny_cut_and_missing_tags_are_refused():
+def test_tiny_cut_and_missing_tags_are_refused(monkeypatch):
     far = tag(0, (0.0, 0.8, 0.0), size_m=0.05)
     assert pose_from_markers(photo(CAMERA, [far]), CAMERA, layout(far)) in (NoMarkers.TOO_SMALL, NoMarkers.NONE_SEEN)
-    small = MarkerConfig(least_side_px=60.0)
-    assert pose_from_markers(photo(CAMERA, SPREAD), CAMERA, layout(*SPREAD), None, small) is NoMarkers.TOO_SMALL
+    with monkeypatch.context() as stricter:
+        stricter.setattr(marker_corners, "LEAST_SIDE_PX", 60.0)
+        assert pose_from_markers(photo(CAMERA, SPREAD), CAMERA, layout(*SPREAD)) is NoMarkers.TOO_SMALL
     cut = photo(CAMERA, [tag(0, (0.3, 0.9, 0.0), size_m=0.4)])
     cut[:, 256:] = 120
     assert pose_from_markers(cut, CAMERA, layout(tag(0, (0.3, 0.9, 0.0), size_m=0.4))) is NoMarkers.NONE_SEEN
@@ -216,7 +218,7 @@ def test_a_tag_that_hangs_there_twice_is_not_used():
 
 
 def test_a_picture_of_another_size_is_refused():
-    with pytest.raises(ValueError, match="a picture is"):
+    with pytest.raises(ValueError, match="an image is"):
         pose_from_markers(np.zeros((10, 10), np.uint8), CAMERA, layout(*SPREAD))
 
 
@@ -294,5 +296,5 @@ def test_pictures_that_tell_no_pose_are_refused_by_name(tmp_path):
     with pytest.raises(InputError, match="30 x 40 pixels"):
         place_by_markers(recording, layout)
     path.write_bytes(b"no picture")
-    with pytest.raises(InputError, match="no picture"):
+    with pytest.raises(InputError, match="not a readable image"):
         place_by_markers(recording, layout)

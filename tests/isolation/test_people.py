@@ -9,7 +9,6 @@ import pytest
 from room_builder import FRONT, KNEE_BAR, ROOM, body, built_scene, camera_at, in_front, picture
 from scipy.spatial import cKDTree
 
-from anchorpose.calibration.floor import FloorConfig
 from anchorpose.calibration.world import find_world
 from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.empty_room import learn_background
@@ -110,7 +109,7 @@ def shared_people(name: str, frame: int, with_picture: bool = True):
         next(iter(read_frames(opened, int(k), int(k) + 1)))
         for k in np.unique(np.linspace(0, last, 16 if with_picture else 48).astype(int))
     ]
-    world = find_world(opened, sampled, FloorConfig())
+    world = find_world(opened, sampled)
     scenes = []
     for number, camera in enumerate(world.cameras):
         seen = [depth for frame_set in sampled if (depth := frame_set.depths_m[number]) is not None]

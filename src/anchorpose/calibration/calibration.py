@@ -1,4 +1,4 @@
-"""What calibration hands on: every camera's pose, how it is known and how well."""
+"""The result of calibration: the pose of every camera, where it comes from and how accurate it is."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from anchorpose.camera import Camera
 
 
 class PoseSource(StrEnum):
-    """How a camera's pose is known; people read it in run.json."""
+    """Where a camera's pose comes from; users read it in run.json."""
 
     GIVEN = "given"
     FILE = "given by a calibration file"
@@ -21,7 +21,7 @@ class PoseSource(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class PoseFigure:
-    """One number on how well a pose fits."""
+    """One number that says how well a pose fits."""
 
     what: str
     value: float
@@ -30,7 +30,7 @@ class PoseFigure:
 
 @dataclass(frozen=True, slots=True)
 class PoseRecord:
-    """One camera: sigma_m of the place of the equipment in it and sigma_rad of the direction, None where not known."""
+    """One camera: sigma_m of the position of the equipment in it and sigma_rad of the direction, None where unknown."""
 
     camera: str
     source: PoseSource
@@ -51,8 +51,8 @@ class FloorResidual:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """cameras: all with a pose; floor_height_m: the floor's Y in the world, None where no camera sees it; notes: what
-    was assumed, one sentence each, for the run's report; poses: one record a camera."""
+    """cameras: all with a pose; floor_height_m: Y of the floor in the world, None where no camera sees it; notes: what
+    was assumed, one sentence each, for the run's report; poses: one record per camera."""
 
     cameras: tuple[Camera, ...]
     floor_height_m: float | None

@@ -1,39 +1,29 @@
-"""The floor plane in one camera's picture."""
+"""The floor plane in the depth frames of one camera."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import StrEnum
+from typing import Final
 
 import numpy as np
 
-from anchorpose.calibration.noise import MAD_OF_NORMAL
+from anchorpose.calibration.noise import MAD_OF_NORMAL, noise_per_m
 from anchorpose.camera import Camera
 
-LEAST_READINGS = 1000  # a hundredth of the smallest depth picture
-REFITS = 6  # the gate settles after three or four
-FLATNESS_M = 0.003  # of a hard floor; keeps near pixels from outvoting all others
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FloorConfig:
-    """What passes for a floor."""
-
-    tolerances_m: tuple[float, ...] = (0.02, 0.08)  # floors are flat to 2 cm; cameras that smooth make waves of 8
-    noise_gate: float = 3.0  # sigmas of the sensor's noise
-    worst_tilt_rad: float = 0.87  # 50 degrees between the camera's up and the floor's: cameras look down, hardly roll
-    least_height_m: float = 0.3  # of the camera above its floor; nearer planes are tables
-    most_below: float = 0.1  # points below the floor, as a share of those on it: mirrors and flying pixels
-    least_share: float = 0.02  # of the readings: a smaller patch does not tell its direction
-    least_extent_m: float = 0.5  # in its narrower direction, for the same reason
-    trials: int = 300  # with 10 % of inliers, three good points are drawn once in 1000; planes here hold 20 to 50 %
-    sample: int = 6000  # readings that vote
-
-    def __post_init__(self) -> None:
-        for entry in fields(self):
-            value = getattr(self, entry.name)
-            if not min(value if isinstance(value, tuple) else (value,), default=0) > 0:
-                raise ValueError(f"{entry.name} must be positive, got {value}")
+LEAST_READINGS: Final = 1000  # a hundredth of the smallest depth image
+REFITS: Final = 6  # the gate settles after three or four
+FLATNESS_M: Final = 0.003  # of a hard floor; keeps near pixels from outvoting all others
+TOLERANCES_M: Final = (0.02, 0.08)  # floors are flat to 2 cm; cameras that smooth make waves of 8
+NOISE_GATE: Final = 3.0  # sigmas of the sensor's noise
+WORST_TILT_RAD: Final = 0.87  # 50 degrees between the camera's up and the floor's: cameras look down, hardly roll
+LEAST_HEIGHT_M: Final = 0.3  # of the camera above its floor; nearer planes are tables
+MOST_BELOW: Final = 0.1  # points below the floor, as a share of those on it: mirrors and flying pixels
+LEAST_SHARE: Final = 0.02  # of the readings: the direction of a smaller patch is uncertain
+LEAST_EXTENT_M: Final = 0.5  # in its narrower direction, for the same reason
+TRIALS: Final = 300  # with 10 % of inliers, three good points are drawn once in 1000; planes here hold 20 to 50 %
+SAMPLE: Final = 6000  # readings that vote
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,87 +41,95 @@ class FloorPlane:
 
 
 class NoFloor(StrEnum):
-    """Why no floor was found: a result, people's bodies alone have none."""
+    """Why no floor was found: a result, because a frame of people alone has none."""
 
-    NO_READINGS = "the picture has too few readings"
+    NO_READINGS = "the depth image has too few readings"
     NO_PLANE = "no plane below the camera has enough readings and nothing under it"
-    NARROW = "what may be the floor is too narrow to tell its direction"
+    NARROW = "what may be the floor is too narrow to measure its direction"
 
 
-def find_floor(
-    depth_m: np.ndarray, camera: Camera, noise_per_m: float, config: FloorConfig, seed: int = 0
+def floor_of_room(
+    camera: Camera, background_m: np.ndarray | None, frames_m: Sequence[np.ndarray]
 ) -> FloorPlane | NoFloor:
+    """The floor in the depth image of the empty room or, without one, in the median of the frames."""
+    if background_m is None and not frames_m:
+        return NoFloor.NO_READINGS
+    room = background_m if background_m is not None else np.median(np.stack(frames_m), axis=0).astype(np.float32)
+    try:
+        noise = noise_per_m(frames_m or [room])
+    except ValueError:
+        return NoFloor.NO_READINGS
+    return find_floor(room, camera, noise)
+
+
+def find_floor(depth_m: np.ndarray, camera: Camera, noise_per_m: float, seed: int = 0) -> FloorPlane | NoFloor:
     """The largest plane that faces the camera's up, with next to nothing below it.
 
     depth_m (height, width) float32, best without people; noise_per_m: ``calibration.noise``. RANSAC on a sample,
-    strict first; then weighted least squares on the inliers, whose gate shrinks to three of their own deviations: a
-    wall's foot within the first gate would tilt the plane.
+    first with the strict tolerance; then weighted least squares on the inliers, whose gate shrinks to three of their
+    own deviations: the foot of a wall within the first gate would tilt the plane.
     """
     points = camera.back_project(depth_m).reshape(-1, 3).astype(np.float64)
     points = points[np.isfinite(points[:, 2])]
     if len(points) < LEAST_READINGS:
         return NoFloor.NO_READINGS
     rng = np.random.default_rng(seed)
-    voters = points[rng.choice(len(points), min(config.sample, len(points)), replace=False)]
-    for tolerance in config.tolerances_m:
-        plane = _vote(voters, tolerance, noise_per_m, config, rng)
+    voters = points[rng.choice(len(points), min(SAMPLE, len(points)), replace=False)]
+    for tolerance in TOLERANCES_M:
+        plane = _vote(voters, tolerance, noise_per_m, rng)
         if plane is not None:
-            return _refined(plane, points, tolerance, noise_per_m, config)
+            return _refined(plane, points, tolerance, noise_per_m)
     return NoFloor.NO_PLANE
 
 
-def _refined(
-    plane: np.ndarray, points_m: np.ndarray, tolerance_m: float, noise_per_m: float, config: FloorConfig
-) -> FloorPlane | NoFloor:
+def _vote(points_m: np.ndarray, tolerance_m: float, noise_per_m: float, rng: np.random.Generator) -> np.ndarray | None:
+    """(4,) plane (up, height) with the most votes, less those of points below it; None where none is a floor.
+
+    Depth noise a z^2 along a ray that meets the floor at a grazing angle is a z h across it, h the camera's height.
+    """
+    corners = points_m[rng.integers(0, len(points_m), (TRIALS, 3))]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(normals, axis=1)
+    normals = normals / np.maximum(length, 1e-12)[:, None]
+    normals *= -np.sign(normals[:, 1:2])  # the camera's up is -y
+    heights = -np.einsum("ij,ij->i", normals, corners[:, 0])
+    possible = (-normals[:, 1] > np.cos(WORST_TILT_RAD)) & (heights > LEAST_HEIGHT_M) & (length > 1e-6)
+    best, best_votes = None, LEAST_SHARE * len(points_m)
+    for normal, height in zip(normals[possible], heights[possible], strict=True):
+        distance = points_m @ normal + height
+        limit = tolerance_m + NOISE_GATE * noise_per_m * height * points_m[:, 2]
+        on_it = int(np.count_nonzero(np.abs(distance) < limit))
+        below = int(np.count_nonzero(distance < -limit))
+        if below <= MOST_BELOW * on_it and on_it - below > best_votes:
+            best, best_votes = np.append(normal, height), on_it - below
+    return best
+
+
+def _refined(plane: np.ndarray, points_m: np.ndarray, tolerance_m: float, noise_per_m: float) -> FloorPlane | NoFloor:
     scale = 1.0
     for _ in range(REFITS):
         distance = points_m @ plane[:3] + plane[3]
         sigma = FLATNESS_M + noise_per_m * plane[3] * points_m[:, 2]
-        on_it = np.abs(distance) < scale * (tolerance_m + config.noise_gate * noise_per_m * plane[3] * points_m[:, 2])
-        fitted = _fit(points_m[on_it], sigma[on_it], config.least_extent_m)
+        on_it = np.abs(distance) < scale * (tolerance_m + NOISE_GATE * noise_per_m * plane[3] * points_m[:, 2])
+        fitted = _fit_plane(points_m[on_it], sigma[on_it])
         if fitted is None:
             return NoFloor.NARROW
         spread = np.median(np.abs(distance[on_it]) / sigma[on_it]) / MAD_OF_NORMAL
-        gate = tolerance_m / sigma + config.noise_gate
+        gate = tolerance_m / sigma + NOISE_GATE
         scale = min(1.0, 3.0 * float(spread) / float(np.median(gate[on_it])))
         plane = fitted
     residual = float(np.sqrt(np.mean((points_m[on_it] @ plane[:3] + plane[3]) ** 2)))
     return FloorPlane(plane[:3], float(plane[3]), residual, float(on_it.mean()))
 
 
-def _vote(
-    points_m: np.ndarray, tolerance_m: float, noise_per_m: float, config: FloorConfig, rng: np.random.Generator
-) -> np.ndarray | None:
-    """(4,) plane (up, height) with the most votes, less those of points below it; None where none is a floor.
-
-    Depth noise a z^2 along a ray that meets the floor at a grazing angle is a z h across it, h the camera's height.
-    """
-    corners = points_m[rng.integers(0, len(points_m), (config.trials, 3))]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    length = np.linalg.norm(normals, axis=1)
-    normals = normals / np.maximum(length, 1e-12)[:, None]
-    normals *= -np.sign(normals[:, 1:2])  # the camera's up is -y
-    heights = -np.einsum("ij,ij->i", normals, corners[:, 0])
-    possible = (-normals[:, 1] > np.cos(config.worst_tilt_rad)) & (heights > config.least_height_m) & (length > 1e-6)
-    best, best_votes = None, config.least_share * len(points_m)
-    for normal, height in zip(normals[possible], heights[possible], strict=True):
-        distance = points_m @ normal + height
-        limit = tolerance_m + config.noise_gate * noise_per_m * height * points_m[:, 2]
-        on_it = int(np.count_nonzero(np.abs(distance) < limit))
-        below = int(np.count_nonzero(distance < -limit))
-        if below <= config.most_below * on_it and on_it - below > best_votes:
-            best, best_votes = np.append(normal, height), on_it - below
-    return best
-
-
-def _fit(points_m: np.ndarray, sigma_m: np.ndarray, least_extent_m: float) -> np.ndarray | None:
+def _fit_plane(points_m: np.ndarray, sigma_m: np.ndarray) -> np.ndarray | None:
     """(4,) weighted least squares plane (up, height), centred for conditioning; None where the patch is narrow."""
     if len(points_m) < 3:
         return None
     weight = 1.0 / sigma_m**2
     centre = np.average(points_m, axis=0, weights=weight)
     spread, axes = np.linalg.eigh(((points_m - centre) * weight[:, None]).T @ (points_m - centre) / weight.sum())
-    if np.sqrt(12.0 * spread[1]) < least_extent_m:  # a uniform strip of width w has variance w^2 / 12
+    if np.sqrt(12.0 * spread[1]) < LEAST_EXTENT_M:  # a uniform strip of width w has variance w^2 / 12
         return None
     up = axes[:, 0] * -np.sign(axes[1, 0])
     return np.append(up, -up @ centre)

@@ -1,167 +1,101 @@
-"""The world frame and every camera's pose in it (paper, Section III: tau_0,i; first form).
-
-Given poses against what is seen: equipment that stands elsewhere than they say, or that is moved.
-"""
+"""The world frame and the pose of every camera in it (paper, Section III: tau_0,i)."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
 from anchorpose.calibration.calibration import Calibration, FloorResidual, PoseRecord, PoseSource
-from anchorpose.calibration.equipment.moved import notice_movement
-from anchorpose.calibration.equipment.pose import Equipment, prepare_equipment
-from anchorpose.calibration.equipment.refine import FloorPrior
-from anchorpose.calibration.equipment.seen import EquipmentWorldConfig
-from anchorpose.calibration.equipment.still import StillView, see_still
-from anchorpose.calibration.equipment.turns import TellFacing
-from anchorpose.calibration.equipment.world import moved_note, world_from_equipment
-from anchorpose.calibration.floor import FloorConfig, FloorPlane, NoFloor, find_floor
-from anchorpose.calibration.noise import noise_per_m
-from anchorpose.calibration.people.camera_to_camera import CameraToCameraConfig, NoCameraToCamera, find_camera_to_camera
-from anchorpose.calibration.start import start_of_patient
-from anchorpose.camera import Camera, invert_rigid, transform_points
+from anchorpose.calibration.camera_to_camera import NoCameraToCamera, PlacingConfig, find_camera_to_camera
+from anchorpose.calibration.equipment_agreement import ChooseHeading
+from anchorpose.calibration.equipment_moved import check_given_poses
+from anchorpose.calibration.equipment_pose import EquipmentPoseConfig
+from anchorpose.calibration.equipment_world import world_from_equipment
+from anchorpose.calibration.floor import FloorPlane, NoFloor, floor_of_room
+from anchorpose.calibration.origin import start_of_patient
+from anchorpose.camera import Camera, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import FrameSet, Recording
 
-
-def watch_given_poses(
-    recording: Recording,
-    sample_frames: Sequence[FrameSet],
-    floor_config: FloorConfig,
-    floor_height_m: float | None,
-    config: EquipmentWorldConfig,
-) -> list[str]:
-    """Notes on cameras whose given pose puts the equipment where it is not seen; given poses are used all the same."""
-    if recording.equipment is None or floor_height_m is None:
-        return []
-    equipment = prepare_equipment(recording.equipment)
-    notes = []
-    for index in range(len(recording.cameras)):
-        notes += _watch_one(recording, index, sample_frames, equipment, floor_config, floor_height_m, config)
-    return notes
-
-
-def _watch_one(
-    recording: Recording, index: int, sample_frames: Sequence[FrameSet], equipment: Equipment,
-    floor_config: FloorConfig, floor_height_m: float, config: EquipmentWorldConfig,
-) -> list[str]:  # fmt: skip
-    pairs = [(frame.time_s, depth) for frame in sample_frames if (depth := frame.depths_m[index]) is not None]
-    view = _view(recording, index, [depth for _, depth in pairs], floor_config)
-    if view is None:
-        return []
-    camera = recording.cameras[index]
-    refine = config.pose.refine
-    prior = FloorPrior(np.array([0.0, 1.0, 0.0]), floor_height_m, refine.standing_sigma_m, refine.standing_sigma_rad)
-    moved = notice_movement(
-        view, [depth for _, depth in pairs], invert_rigid(camera.require_pose()), equipment, prior, config.pose,
-        config.moved,
-    )  # fmt: skip
-    if moved is None:
-        return []
-    if moved.first > 0:
-        return [moved_note(camera.name, moved, [time for time, _ in pairs])]
-    if moved.shift_m is None or moved.turn_rad is None:
-        return [f"the given pose of camera {camera.name} puts the equipment where this camera sees through it"]
-    return [
-        f"the given pose of camera {camera.name} puts the equipment {1000 * moved.shift_m:.0f} mm and "
-        f"{np.degrees(moved.turn_rad):.1f} degrees from where this camera sees it; the given pose is used"
-    ]
-
-
-def _view(
-    recording: Recording, index: int, frames_m: Sequence[np.ndarray], floor_config: FloorConfig
-) -> StillView | None:
-    """What this camera sees over time; None where it sees no floor or nothing at all."""
-    if not frames_m:
-        return None
-    try:
-        noise = noise_per_m(frames_m)
-    except ValueError:
-        return None
-    camera = replace(recording.cameras[index], T_world_camera=None)
-    still = recording.backgrounds_m[index]
-    floor = find_floor(
-        still if still is not None else np.median(np.stack(frames_m), axis=0), camera, noise, floor_config
-    )
-    return None if isinstance(floor, NoFloor) else see_still(camera, frames_m, still, noise, floor)
-
-
-WORST_FLOOR_TILT_RAD = 0.09  # five degrees between a measured floor and a given world's: one of them is wrong
+WORST_FLOOR_TILT_RAD: Final = 0.09  # five degrees between a measured floor and a given world's: one of them is wrong
 
 
 def find_world(
     recording: Recording,
     sample_frames: Sequence[FrameSet],
-    config: FloorConfig,
-    equipment_config: EquipmentWorldConfig | None = None,
-    tell_facing: TellFacing | None = None,
-    placing: CameraToCameraConfig | None = None,
+    equipment_config: EquipmentPoseConfig | None = None,
+    placing: PlacingConfig | None = None,
+    choose_heading: ChooseHeading | None = None,
+    rough_clocks: bool = False,
 ) -> Calibration:
     """Poses of all cameras: as given, from the equipment, or from the floor and the people.
 
     sample_frames: spread over the recording, in the order of time. With equipment the world is Gamma_0. Without, found
-    worlds have Y up, the origin on the floor below the patient's start, and X from him towards the camera: he is taken
-    to face it, and a note says so; other cameras are placed against the first by the people they see (``placing``).
+    worlds have Y up, the origin on the floor below the patient's start, and X from the patient towards the camera: the
+    patient is assumed to face it, and a note says so; other cameras are placed against the first by the people they
+    see (``placing``). rough_clocks: the clocks are known to 50 ms only, so these placements may be less accurate.
     Raises InputError where poses are missing and cannot be found.
     """
     missing = [camera.name for camera in recording.cameras if camera.T_world_camera is None]
-    settings = equipment_config or EquipmentWorldConfig()
-    if missing and recording.equipment is not None:
-        found = world_from_equipment(recording, sample_frames, config, settings, tell_facing)
-        floors = _floors(recording, sample_frames, config)
-        checked = _checked(found.cameras, floors, [f"the poses of {', '.join(missing)} were found from the equipment"])
-        return replace(
-            checked, floor_height_m=found.floor_height_m, poses=found.poses, notes=checked.notes + found.notes
-        )
+    equipment_config = equipment_config or EquipmentPoseConfig()
     if not missing:
-        checked = _checked(
-            recording.cameras, _floors(recording, sample_frames, config), ["the cameras' given poses are used"]
-        )
-        if recording.equipment is None:
-            return checked
-        watched = watch_given_poses(recording, sample_frames, config, checked.floor_height_m, settings)
-        return replace(checked, notes=(*checked.notes, *watched))
-    if 0 < len(missing) < len(recording.cameras):
+        return _given_world(recording, sample_frames, equipment_config)
+    if recording.equipment is not None:
+        return _equipment_world(recording, sample_frames, equipment_config, choose_heading)
+    if len(missing) < len(recording.cameras):
         raise InputError(
             recording.folder / "recording.json",
             f"camera_to_world is null for {', '.join(missing)}, and nothing ties them to the others' world",
             "give every camera_to_world, or none",
         )
-    floors = _floors(recording, sample_frames, config)
+    floors = _floors(recording, sample_frames)
     world = _from_one_camera(recording, sample_frames, floors[0])
     if len(recording.cameras) == 1:
         return world
-    return _with_other_cameras(recording, world, floors, placing or CameraToCameraConfig())
+    return _with_other_cameras(recording, world, floors, placing or PlacingConfig(), rough_clocks)
 
 
-def _floors(recording: Recording, sample_frames: Sequence[FrameSet], config: FloorConfig) -> list[FloorPlane | NoFloor]:
-    return [_floor_of(recording, index, sample_frames, config) for index in range(len(recording.cameras))]
+def _given_world(recording: Recording, sample_frames: Sequence[FrameSet], config: EquipmentPoseConfig) -> Calibration:
+    """The given poses, with notes where the floor or the equipment contradicts them."""
+    floors = _floors(recording, sample_frames)
+    world = _checked(recording.cameras, floors, "the cameras' given poses are used")
+    if world.floor_height_m is None:
+        return world
+    contradictions = check_given_poses(recording, sample_frames, world.floor_height_m, config)
+    return replace(world, notes=(*world.notes, *contradictions))
 
 
-def _floor_of(
-    recording: Recording, index: int, sample_frames: Sequence[FrameSet], config: FloorConfig
-) -> FloorPlane | NoFloor:
-    """The floor in the empty room's picture or, without one, in the median of the sampled frames."""
-    pictures = [depth for frame in sample_frames if (depth := frame.depths_m[index]) is not None]
-    background = recording.backgrounds_m[index]
-    if background is None and not pictures:
-        return NoFloor.NO_READINGS
-    room = background if background is not None else np.median(np.stack(pictures), axis=0).astype(np.float32)
-    try:
-        noise = noise_per_m(pictures or [room])
-    except ValueError:
-        return NoFloor.NO_READINGS
-    return find_floor(room, recording.cameras[index], noise, config)
-
-
-def _checked(
-    cameras: tuple[Camera, ...], floors: Sequence[FloorPlane | NoFloor], first_notes: Sequence[str]
+def _equipment_world(
+    recording: Recording,
+    sample_frames: Sequence[FrameSet],
+    config: EquipmentPoseConfig,
+    choose_heading: ChooseHeading | None,
 ) -> Calibration:
-    """Cameras with poses, and what their floors say of these."""
-    residuals, heights, notes = [], [], list(first_notes)
+    missing = [camera.name for camera in recording.cameras if camera.T_world_camera is None]
+    found = world_from_equipment(recording, sample_frames, config, choose_heading)
+    note = f"the poses of {', '.join(missing)} were found from the equipment"
+    checked = _checked(found.cameras, _floors(recording, sample_frames), note)
+    return replace(checked, floor_height_m=found.floor_height_m, poses=found.poses, notes=checked.notes + found.notes)
+
+
+def _floors(recording: Recording, sample_frames: Sequence[FrameSet]) -> list[FloorPlane | NoFloor]:
+    """The floor that each camera sees in its empty room or, without one, in the sampled frames."""
+    return [
+        floor_of_room(
+            camera,
+            recording.backgrounds_m[index],
+            [depth for frame in sample_frames if (depth := frame.depths_m[index]) is not None],
+        )
+        for index, camera in enumerate(recording.cameras)
+    ]
+
+
+def _checked(cameras: tuple[Camera, ...], floors: Sequence[FloorPlane | NoFloor], first_note: str) -> Calibration:
+    """Cameras with poses, and how well the floors they see agree with these poses."""
+    residuals, heights, notes = [], [], [first_note]
     for camera, floor in zip(cameras, floors, strict=True):
         if isinstance(floor, NoFloor):
             notes.append(f"camera {camera.name} sees no floor: {floor.value}")
@@ -185,20 +119,20 @@ def _checked(
 def _from_one_camera(
     recording: Recording, sample_frames: Sequence[FrameSet], floor: FloorPlane | NoFloor
 ) -> Calibration:
+    """The world of the first camera's floor and of the patient's start."""
     camera = recording.cameras[0]
     notes, residuals = [], []
     if isinstance(floor, FloorPlane):
         up, height = floor.up, floor.height_m
         residuals.append(FloorResidual(camera.name, floor.residual_m, floor.inlier_share, 0.0))
-        notes.append(f"the world stands on the floor camera {camera.name} sees, {height:.2f} m below it")
+        notes.append(f"the world stands on the floor that camera {camera.name} sees, {height:.2f} m below it")
     else:
         up, height = np.array([0.0, -1.0, 0.0]), None
         notes.append(f"no floor was found ({floor.value}): Y is the camera's up, and the floor's height is unknown")
     start = start_of_patient(camera, sample_frames, recording.backgrounds_m[0], up, height)
     notes.append(start.reason)
-    notes.append("the patient is taken to face the camera: X points from his start towards it")
-    T_world_camera = _world_at(start.point_camera_m, up)
-    posed = replace(camera, T_world_camera=T_world_camera)
+    notes.append("the patient is assumed to face the camera: X points from the patient's start towards it")
+    posed = replace(camera, T_world_camera=_world_at(start.point_camera_m, up))
     record = PoseRecord(camera.name, PoseSource.FLOOR)
     return Calibration((posed,), None if height is None else 0.0, tuple(residuals), tuple(notes), (record,))
 
@@ -207,10 +141,11 @@ def _with_other_cameras(
     recording: Recording,
     world: Calibration,
     floors: Sequence[FloorPlane | NoFloor],
-    placing: CameraToCameraConfig,
+    placing: PlacingConfig,
+    rough_clocks: bool,
 ) -> Calibration:
-    """The other cameras placed against the first, which has found the world."""
-    found = find_camera_to_camera(recording, floors, placing)
+    """The other cameras placed against the first, whose world is known."""
+    found = find_camera_to_camera(recording, floors, placing, rough_clocks)
     if isinstance(found, NoCameraToCamera):
         remedy = "give every camera_to_world, record people who walk in view of all cameras, or keep one camera"
         names = ", ".join(camera.name for camera in recording.cameras)

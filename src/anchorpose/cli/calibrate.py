@@ -18,24 +18,24 @@ def calibrate(
     markers: Path | None = None,
     config: Path | None = None,
 ) -> None:
-    """Find where every camera stands, from the equipment in its depth pictures and equipment.json alone.
+    """Find where every camera stands, from the equipment in its depth images and equipment.json alone.
 
-    Nothing needs to be clicked or put up. Writes calibration.json, which 'track --calibration' reads, and one picture a
-    camera with the equipment drawn where it was found: look at them. A pose that is not to be trusted is refused.
+    Nothing needs to be clicked or put up. Writes calibration.json, which 'track --calibration' reads, and one picture
+    per camera with the equipment drawn where it was found: look at them. A pose that is uncertain is refused.
 
     Parameters
     ----------
     recording
-        The folder with recording.json and the depth pictures of each camera; nothing is written into it.
+        The folder with recording.json and the depth images of each camera; nothing is written into it.
     output
         The folder to write; by default beside the recording, named like it with '-calibration' at the end.
     overwrite
         Replace an existing calibration folder.
     ignore_given
-        Find also those poses that recording.json gives.
+        Also find the poses that recording.json gives.
     markers
-        A markers.json that says which printed AprilTags or ChArUco board hang where: cameras whose folder holds a
-        picture of them, infrared.png or color.png, are placed by these instead of by depth.
+        A markers.json that states where each printed AprilTag or the ChArUco board is: cameras whose folder holds an
+        image of them, infrared.png or color.png, are placed by these instead of by depth.
     config
         A TOML or JSON file with settings that differ from the defaults, as for track.
     """

@@ -10,7 +10,7 @@ from cyclopts import App, Parameter
 from anchorpose.errors import AnchorposeError, InputError
 
 if TYPE_CHECKING:
-    from anchorpose.calibration.proposal.of_recording import FittedRoom
+    from anchorpose.calibration.proposal import FittedRoom
 
 equipment = App(name="equipment", help="The model of the equipment, equipment.json.")
 
@@ -26,7 +26,7 @@ def fit(
     radius: float = 1.0,
     overwrite: bool = False,
 ) -> None:
-    """Propose equipment.json: the posts, rails and bars in the pictures of the empty room, as boxes and tubes.
+    """Propose equipment.json: the posts, rails and bars in the depth images of the empty room, as boxes and tubes.
 
     Look at the pictures that it writes and correct the file by hand: a side that no camera sees is a guess, and the
     table says which. Then name the file as "equipment" in recording.json.
@@ -42,13 +42,12 @@ def fit(
     around
         Where the equipment stands, as x,z in metres on the floor; the default is the world's origin.
     radius
-        How far around that place it is looked for, in metres.
+        How far around that place to look for it, in metres.
     overwrite
         Replace an existing file.
     """
-    from anchorpose.calibration.proposal.of_recording import fit_equipment
-    from anchorpose.calibration.proposal.points import Region
-    from anchorpose.calibration.proposal.proposal import EquipmentFitConfig
+    from anchorpose.calibration.proposal import fit_equipment
+    from anchorpose.calibration.proposal_readings import Region
     from anchorpose.cli.track import parse_place
     from anchorpose.pages.canvas import as_png
     from anchorpose.pages.stage_drawing import draw_model
@@ -61,7 +60,7 @@ def fit(
         region = Region(center_xz_m=parse_place(around, "--around"), radius_m=radius)
     except ValueError:
         raise AnchorposeError(f"--radius is {radius:g}; give a length in metres, above 0.") from None
-    fitted = fit_equipment(open_recording(recording), camera, EquipmentFitConfig(region=region))
+    fitted = fit_equipment(open_recording(recording), camera, region)
     out.parent.mkdir(parents=True, exist_ok=True)
     write_equipment(out, fitted.proposal.model)
     model = read_equipment(out)
@@ -83,10 +82,9 @@ def _print_parts(fitted: FittedRoom) -> None:
         box = isinstance(part, Box)
         lengths = part.size_m if isinstance(part, Box) else (2.0 * part.radius_m, part.length_m)
         size = " x ".join(f"{1000 * length:.0f}" for length in lengths)
-        table.add_row(
-            part.name, "box" if box else "tube", size if box else f"ø {size}", f"{1000 * proposed.residual_m:.1f}",
-            str(proposed.readings), ", ".join(proposed.guessed),
-        )  # fmt: skip
+        shape, size = ("box", size) if box else ("tube", f"ø {size}")
+        off, guessed = f"{1000 * proposed.residual_m:.1f}", ", ".join(proposed.guessed)
+        table.add_row(part.name, shape, size, off, str(proposed.readings), guessed)
     console = Console()
     console.print(table)
     for note in fitted.notes:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from anchorpose.calibration.noise import MAD_OF_NORMAL, noise_per_m
-from anchorpose.calibration.start import FRAMES_NEEDED, people_only
+from anchorpose.calibration.origin import FRAMES_NEEDED, people_only
 from anchorpose.camera import Camera, transform_points
 from anchorpose.isolation.background import (
     EQUIPMENT_GATE,

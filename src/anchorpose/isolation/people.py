@@ -9,7 +9,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from anchorpose.calibration.start import FRAMES_NEEDED
+from anchorpose.calibration.origin import FRAMES_NEEDED
 from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.scene import Pieces
 from anchorpose.recording.equipment import EquipmentModel

@@ -14,10 +14,9 @@ from anchorpose.body.part_registration import PartRegistrationConfig
 from anchorpose.body.registration import RegistrationConfig
 from anchorpose.body.uncertainty import UncertaintyConfig
 from anchorpose.body.visibility import VisibilityConfig
-from anchorpose.calibration.clock.clocks import ClockConfig
-from anchorpose.calibration.equipment.seen import EquipmentWorldConfig
-from anchorpose.calibration.floor import FloorConfig
-from anchorpose.calibration.people.camera_to_camera import CameraToCameraConfig
+from anchorpose.calibration.camera_to_camera import PlacingConfig
+from anchorpose.calibration.clocks import ClockConfig
+from anchorpose.calibration.equipment_pose import EquipmentPoseConfig
 from anchorpose.geodesics.anchors import AnchorConfig
 from anchorpose.isolation.config import IsolationConfig
 from anchorpose.results.contact_intervals import ContactConfig
@@ -62,9 +61,8 @@ class TrackConfig:
     patient_xz_m: tuple[float, float] | None = None  # where the patient stands at the start, if the user says so
     motions: str | None = None  # file of reference movements; None = those that ship with the package
     clocks: ClockConfig = field(default_factory=ClockConfig)
-    placing: CameraToCameraConfig = field(default_factory=CameraToCameraConfig)
-    floor: FloorConfig = field(default_factory=FloorConfig)
-    equipment_pose: EquipmentWorldConfig = field(default_factory=EquipmentWorldConfig)
+    placing: PlacingConfig = field(default_factory=PlacingConfig)
+    equipment_pose: EquipmentPoseConfig = field(default_factory=EquipmentPoseConfig)
     isolation: IsolationConfig = field(default_factory=IsolationConfig)
     surface: SurfaceConfig = field(default_factory=SurfaceConfig)
     anchors: AnchorConfig = field(default_factory=AnchorConfig)

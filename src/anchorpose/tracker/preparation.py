@@ -14,9 +14,7 @@ import numpy as np
 from anchorpose.body.initial import find_first_pose, shape_of_height
 from anchorpose.body.skin_points import body_points
 from anchorpose.calibration.calibration import Calibration, PoseRecord, PoseSource
-from anchorpose.calibration.clock.clocks import Clocks
-from anchorpose.calibration.clock.settled import settle_clocks
-from anchorpose.calibration.people.camera_to_camera import CameraToCameraConfig
+from anchorpose.calibration.clocks import Clocks, settle_clocks
 from anchorpose.calibration.world import find_world
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
@@ -62,34 +60,32 @@ def settle(recording: Recording, config: TrackConfig) -> Settled:
     """
     unplaced = len(recording.cameras) > 1 and any(camera.T_world_camera is None for camera in recording.cameras)
     by_people = unplaced and recording.equipment is None
-    settled = _settled(
-        recording, recording.cameras, config, config.placing.first_look() if by_people else config.placing
-    )
+    settled = _settled(recording, recording.cameras, config, rough_clocks=by_people)
     if not unplaced:
         return settled
     if by_people:
-        return _settled(recording, settled.calibration.cameras, config, config.placing)
-    timed, clocks = settle_clocks(recording, settled.calibration.cameras, config.floor, config.clocks)
+        return _settled(recording, settled.calibration.cameras, config)
+    timed, clocks = settle_clocks(recording, settled.calibration.cameras, config.clocks)
     chosen, samples = sample_recording(timed, config)
     return Settled(timed, clocks, settled.calibration, tuple(chosen), tuple(samples))
 
 
 def _settled(
-    recording: Recording, cameras: Sequence[Camera], config: TrackConfig, placing: CameraToCameraConfig
+    recording: Recording, cameras: Sequence[Camera], config: TrackConfig, rough_clocks: bool = False
 ) -> Settled:
     """Clocks by what is known of the cameras' poses, then the poses that are not given."""
-    timed, clocks = settle_clocks(recording, cameras, config.floor, config.clocks)
+    timed, clocks = settle_clocks(recording, cameras, config.clocks)
     chosen, samples = sample_recording(timed, config)
-    calibration = calibrate(timed, samples, config, placing)
+    calibration = calibrate(timed, samples, config, rough_clocks)
     return Settled(timed, clocks, calibration, tuple(chosen), tuple(samples))
 
 
 def calibrate(
-    recording: Recording, samples: Sequence[FrameSet], config: TrackConfig, placing: CameraToCameraConfig
+    recording: Recording, samples: Sequence[FrameSet], config: TrackConfig, rough_clocks: bool = False
 ) -> Calibration:
     """The poses of all cameras, given or found; the body model breaks the tie of equipment that is symmetric."""
 
-    def tell_facing(cameras: tuple[Camera, ...], floor_m: float, headings: Sequence[np.ndarray]) -> int | None:
+    def choose_heading(cameras: tuple[Camera, ...], floor_m: float, headings: Sequence[np.ndarray]) -> int | None:
         records = tuple(PoseRecord(camera.name, PoseSource.EQUIPMENT) for camera in cameras)
         posed = replace(recording, cameras=cameras)
         provisional = Calibration(cameras, floor_m, (), (), records)
@@ -97,7 +93,7 @@ def calibrate(
         settled = Settled(posed, timeless, provisional, tuple(range(len(samples))), tuple(samples))
         return heading_of_patient(furnish_room(settled, config, NO_REVIEW), samples, headings, config)
 
-    return find_world(recording, samples, config.floor, config.equipment_pose, tell_facing, placing)
+    return find_world(recording, samples, config.equipment_pose, config.placing, choose_heading, rough_clocks)
 
 
 def sample_recording(recording: Recording, config: TrackConfig) -> tuple[list[int], list[FrameSet]]:

@@ -12,7 +12,7 @@ import numpy as np
 from anchorpose.body.corrected_joints import ToldJoints
 from anchorpose.body.pose import LIMB_OF_JOINTS
 from anchorpose.calibration.calibration import Calibration
-from anchorpose.calibration.clock.clocks import Clocks
+from anchorpose.calibration.clocks import Clocks
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
 from anchorpose.isolation.people import PatientChoice

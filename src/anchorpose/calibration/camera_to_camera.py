@@ -1,0 +1,266 @@
+"""The poses of cameras against each other where only people and the floor are known.
+
+Each camera's floor gives its tilt and height. The turn about the vertical and the shift over the floor come from
+people in common view: first their places over time (``search_ground``), then their surfaces at the same moments
+(``common_view``). Fitting walls and floor as well made it worse on simulated clinics (5 instead of 2 mm): the steady
+error of a time-of-flight camera bends large distant planes, and along a wall a shift changes nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+import cv2
+import numpy as np
+from scipy.fft import irfft2, next_fast_len, rfft2
+
+from anchorpose.calibration.common_view import LevelView, SurfaceFit, fit_people, level_view
+from anchorpose.calibration.floor import FloorPlane, NoFloor
+from anchorpose.camera import Camera, invert_rigid, transform_points
+from anchorpose.recording.pairing import pair_frames
+from anchorpose.recording.reader import read_frames
+from anchorpose.recording.recording import FrameSet, Recording
+from anchorpose.settings import Count, settings
+
+LEAST_MOMENTS: Final = 6
+LEAST_SPAN_S: Final = 8.0  # within less people hardly walk: on four seconds a wrong placement was once accepted
+PLACES: Final = 8  # of the search that are refined; the right one was among the first three
+WORST_IMPOSSIBLE: Final = 0.1  # of people beside those of the other camera: right placements had 0.01 to 0.06
+LEAST_COMMON: Final = 0.3  # below this the cameras look past each other, and nothing can contradict
+WORST_RESIDUAL_M: Final = 0.008  # right placements had 2 or 3 mm; a front laid onto a back 11
+WORST_SIGMA_M: Final = 0.005
+WORST_SIGMA_RAD: Final = 0.0052  # 0.3 degrees
+ROUGH_RESIDUAL, ROUGH_SIGMA = 3.0, 4.0  # times the limits above, while the clocks are only known to 50 ms
+DISTINCT_M: Final = 0.05  # placements that differ by more are two
+
+CELL_M: Final = 0.1
+MAPPED_MOMENTS: Final = 12  # of those in view: more add nothing
+REACH_M: Final = 6.0  # from each camera: beyond it depth cameras see little
+BLUR_M: Final = 0.12  # two cameras see different sides of a body
+TURNS: Final = 120  # 3 degrees: half a body's breadth at 5 m
+BODY_M: Final = 0.1  # from the visible skin to the middle of a trunk
+LOW_M, HIGH_M = 0.2, 2.2  # heights that count: above the floor's noise, below the ceiling
+APART_RAD, APART_M = 0.35, 0.4  # places of the search that are nearer are one
+
+
+@settings
+class PlacingConfig:
+    """How cameras without poses are placed against each other by the people they see."""
+
+    moments: Count = 24  # spread over the recording: people should have walked about between them
+    step_px: Count = 3  # every third pixel of every third row
+
+
+class NoCameraToCamera(StrEnum):
+    """Why cameras could not be placed against each other: a result, because an empty room shows nothing in common."""
+
+    NO_FLOOR = "a camera sees no floor"
+    FEW_MOMENTS = "the cameras have too few depth frames at the same moments"
+    TOO_SHORT = "the recording is too short for people to walk about"
+    NOTHING_COMMON = "too little of the people is seen by two cameras at once"
+    CONTRADICTED = "in every placement people fall beside those another camera sees"
+    AMBIGUOUS = "people stand where several placements are possible"
+    UNSURE = "the surfaces seen by two cameras do not fix the placement accurately enough"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraLink:
+    """How ``second`` was placed against ``first``, both positions in the list of cameras."""
+
+    first: int
+    second: int
+    fit: SurfaceFit
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraToCamera:
+    """T_first_camera: one (4, 4) per camera, the first the identity; links: one for every camera but the first."""
+
+    T_first_camera: tuple[np.ndarray, ...]
+    links: tuple[CameraLink, ...]
+
+
+def find_camera_to_camera(
+    recording: Recording, floors: Sequence[FloorPlane | NoFloor], config: PlacingConfig, rough_clocks: bool = False
+) -> CameraToCamera | NoCameraToCamera:
+    """Every camera's pose against the first camera's, from frames of ``recording``, whose clocks are synchronised.
+
+    floors: one per camera. Cameras that share little with the first are placed through another one. rough_clocks: the
+    clocks are known to 50 ms only; then worse fits are accepted, as poses to compare the clocks by.
+    """
+    planes = [floor for floor in floors if isinstance(floor, FloorPlane)]
+    if len(planes) < len(floors):
+        return NoCameraToCamera.NO_FLOOR
+    frames = _common_frames(recording, config.moments)
+    if len(frames) < LEAST_MOMENTS:
+        return NoCameraToCamera.FEW_MOMENTS
+    return place_cameras(recording.cameras, planes, recording.backgrounds_m, frames, config, rough_clocks)
+
+
+def place_cameras(
+    cameras: Sequence[Camera],
+    floors: Sequence[FloorPlane],
+    backgrounds_m: Sequence[np.ndarray | None],
+    frames: Sequence[FrameSet],
+    config: PlacingConfig,
+    rough_clocks: bool = False,
+) -> CameraToCamera | NoCameraToCamera:
+    """The same from frames in which every camera has a depth frame, in the order of time."""
+    if frames[-1].time_s - frames[0].time_s < LEAST_SPAN_S:
+        return NoCameraToCamera.TOO_SHORT
+    views = [
+        level_view(
+            camera, floor, background, [d for frame in frames if (d := frame.depths_m[k]) is not None], config.step_px
+        )
+        for k, (camera, floor, background) in enumerate(zip(cameras, floors, backgrounds_m, strict=True))
+    ]
+    placed, links, refusal = {0: np.eye(4)}, list[CameraLink](), NoCameraToCamera.NOTHING_COMMON
+    tried = set[tuple[int, int]]()
+    while len(placed) < len(views):
+        pairs = [(a, b) for a in placed for b in range(len(views)) if b not in placed and (a, b) not in tried]
+        if not pairs:
+            return refusal
+        first, second = pairs[0]
+        tried.add((first, second))
+        fit = _place(views[first], views[second], rough_clocks)
+        if isinstance(fit, NoCameraToCamera):
+            refusal = fit
+            continue
+        placed[second] = placed[first] @ fit.T_first_second
+        links.append(CameraLink(first, second, fit))
+    return CameraToCamera(tuple(placed[k] for k in range(len(views))), tuple(links))
+
+
+def _common_frames(recording: Recording, moments: int) -> list[FrameSet]:
+    """Frames spread over the recording in which all cameras have a depth frame, nearest to each other in time."""
+    pairs = pair_frames(recording)
+    whole = np.flatnonzero((pairs >= 0).all(axis=1))
+    if not len(whole):
+        return []
+    times = np.stack([stream.time_s[pairs[whole, k]] for k, stream in enumerate(recording.streams)], axis=1)
+    parts = np.array_split(np.arange(len(whole)), min(moments, len(whole)))
+    chosen = [int(whole[part[int(np.ptp(times[part], axis=1).argmin())]]) for part in parts]
+    found = [next(iter(read_frames(recording, k, k + 1))) for k in chosen]
+    return [frame for frame in found if all(depth is not None for depth in frame.depths_m)]
+
+
+def _place(first: LevelView, second: LevelView, rough_clocks: bool) -> SurfaceFit | NoCameraToCamera:
+    """The second camera against the first, or why not."""
+    to_first = invert_rigid(first.T_level_camera)
+    fits = [
+        fit
+        for T_first_second in search_ground(first, second, PLACES)
+        if (fit := fit_people(first, second, to_first @ T_first_second @ second.T_level_camera)) is not None
+        and fit.common >= LEAST_COMMON
+    ]
+    if not fits:
+        return NoCameraToCamera.NOTHING_COMMON
+    possible = [fit for fit in fits if fit.impossible <= WORST_IMPOSSIBLE]
+    if not possible:
+        return NoCameraToCamera.CONTRADICTED
+    accurate = [fit for fit in possible if _is_accurate(fit, rough_clocks)]
+    if not accurate:
+        return NoCameraToCamera.UNSURE
+    best = min(accurate, key=lambda fit: fit.residual_m)
+    others = [fit for fit in accurate if _distance_m(fit, best) > DISTINCT_M]
+    return NoCameraToCamera.AMBIGUOUS if others else best
+
+
+def _is_accurate(fit: SurfaceFit, rough_clocks: bool) -> bool:
+    residual, sigma = (ROUGH_RESIDUAL, ROUGH_SIGMA) if rough_clocks else (1.0, 1.0)
+    return (
+        fit.residual_m <= residual * WORST_RESIDUAL_M
+        and fit.sigma_m <= sigma * WORST_SIGMA_M
+        and fit.sigma_rad <= sigma * WORST_SIGMA_RAD
+    )
+
+
+def _distance_m(one: SurfaceFit, other: SurfaceFit) -> float:
+    return float(np.linalg.norm(one.T_first_second[:3, 3] - other.T_first_second[:3, 3]))
+
+
+def search_ground(first: LevelView, second: LevelView, places: int) -> list[np.ndarray]:
+    """T_first_second (4, 4) between level frames, the best ``places`` placements, best first, all distinct.
+
+    Two cameras that know the floor differ by a turn about the vertical and a shift over the floor. For every turn, the
+    shift at which people stand in the same places at the same times, and the room's walls and furniture too, is found
+    by correlating maps of the ground over all shifts at once.
+    """
+    maps = _maps(first, 0.0)
+    size = next_fast_len(2 * maps.shape[1])
+    spectra = rfft2(maps, s=(size, size))
+    weight = np.array([1.0 / max(1, len(maps) - 1)] * (len(maps) - 1) + [0.5])  # the room, last, counts half
+    found: list[tuple[float, float, float, float]] = []
+    for turn in np.arange(TURNS) * 2.0 * np.pi / TURNS:
+        other = rfft2(_maps(second, float(turn)), s=(size, size))
+        score = irfft2((spectra * other.conj() * weight[:, None, None]).sum(axis=0), s=(size, size))
+        for _ in range(2):
+            row, column = np.unravel_index(int(score.argmax()), score.shape)
+            shift = [(k if k < size // 2 else k - size) * CELL_M for k in (int(row), int(column))]
+            found.append((float(score[row, column]), float(turn), shift[0], shift[1]))
+            _erase(score, int(row), int(column))
+    return [_placement(*place[1:]) for place in _distinct(found, places)]
+
+
+def _maps(view: LevelView, turn: float) -> np.ndarray:
+    """(moments + 1, cells, cells) float32 of unit norm: where people are at each moment, and at the end the room."""
+    T, every = view.T_level_camera, -(-len(view.seen) // MAPPED_MOMENTS)
+    moments = [_deeper(transform_points(T, seen.points_m[seen.person])) for seen in view.seen[::every]]
+    still = np.concatenate([transform_points(T, seen.points_m[~seen.person]) for seen in view.seen[:1]])
+    return np.stack([_map(points, turn) for points in (*moments, still)])
+
+
+def _deeper(points_level_m: np.ndarray) -> np.ndarray:
+    """Points of people's skin moved away from the camera, to about their axes."""
+    ground = points_level_m * [1.0, 0.0, 1.0]
+    away = ground / np.maximum(np.linalg.norm(ground, axis=1, keepdims=True), 1e-6)
+    return np.asarray(points_level_m + BODY_M * away)
+
+
+def _map(points_level_m: np.ndarray, turn: float) -> np.ndarray:
+    cells = int(2 * REACH_M / CELL_M)
+    points = points_level_m[(points_level_m[:, 1] > LOW_M) & (points_level_m[:, 1] < HIGH_M)]
+    ground = points[:, [0, 2]] @ _turn(turn).T
+    cell = np.floor((ground + REACH_M) / CELL_M).astype(np.int64)
+    cell = cell[((cell >= 0) & (cell < cells)).all(axis=1)]
+    mass = np.bincount(cell[:, 0] * cells + cell[:, 1], minlength=cells * cells).reshape(cells, cells)
+    blurred = cv2.GaussianBlur(np.sqrt(mass.astype(np.float32)), (0, 0), BLUR_M / CELL_M)
+    norm = float(np.linalg.norm(blurred))
+    return blurred / norm if norm > 0 else blurred
+
+
+def _turn(angle: float) -> np.ndarray:
+    """(2, 2) on (x, z) of a right-handed turn about Y."""
+    return np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+
+
+def _placement(turn: float, shift_x_m: float, shift_z_m: float) -> np.ndarray:
+    T_first_second = np.eye(4)
+    T_first_second[np.ix_([0, 2], [0, 2])] = _turn(turn)
+    T_first_second[[0, 2], 3] = shift_x_m, shift_z_m
+    return T_first_second
+
+
+def _erase(score: np.ndarray, row: int, column: int) -> None:
+    """Removes a peak, in place."""
+    reach = int(2 * APART_M / CELL_M)
+    rows, columns = (np.arange(centre - reach, centre + reach + 1) % len(score) for centre in (row, column))
+    score[np.ix_(rows, columns)] = -np.inf
+
+
+def _distinct(found: list[tuple[float, float, float, float]], places: int) -> list[tuple[float, float, float, float]]:
+    kept: list[tuple[float, float, float, float]] = []
+    for place in sorted(found, reverse=True):
+        near = (
+            abs((place[1] - other[1] + np.pi) % (2 * np.pi) - np.pi) < APART_RAD
+            and np.hypot(place[2] - other[2], place[3] - other[3]) < APART_M
+            for other in kept
+        )
+        if not any(near):
+            kept.append(place)
+        if len(kept) == places:
+            break
+    return kept

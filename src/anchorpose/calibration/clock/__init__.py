@@ -1,1 +1,0 @@
-"""The cameras' clocks, told from what moves."""

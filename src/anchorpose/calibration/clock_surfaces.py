@@ -1,0 +1,266 @@
+"""The lag between two posed cameras from the surfaces both see.
+
+A point that camera A saw at time t is looked up in B's frames at t + lag. B's depth at that pixel, interpolated in
+time, and the point's depth there differ by the lag's error times the rate at which the depth changes. Tens of
+thousands of such residuals give the lag by least squares to below a millisecond, and an error of the poses, of the
+sensors or of the clothes does not bias it, because the mean of each patch of the depth image is subtracted first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+
+from anchorpose.calibration.common_view import NORMAL_PX, SurfaceGates, points_with_normals
+from anchorpose.calibration.noise import MAD_OF_NORMAL
+from anchorpose.camera import Camera, invert_rigid, transform_points
+
+UNITS_PER_M: Final = 4000.0  # stacks hold quarters of a millimetre: 16 bits reach 16 m
+SMOOTH_PX: Final = 3  # a limb is ten pixels wide
+OPENED_PX: Final = 5  # single pixels that flicker are not a limb
+NOISE_FRAMES: Final = 16  # second differences for a median accurate to a quarter
+SPREAD_FRAMES: Final = 8  # of a window, in which to look for pixels that change
+
+STEP_PX: Final = 3  # errors of neighbouring pixels are correlated; a body still has 1700 points
+MOVED_M: Final = 0.01  # within a clip; a smaller movement shows no time
+MOVED_GATE: Final = 6.0  # sigmas: twice what noise makes of eight frames
+SAME_SURFACE_M: Final = 0.05  # beyond this it is another surface: a hand in front of a trunk
+ONE_SURFACE_M: Final = 0.15  # within four frames; 1.1 m/s at 30 Hz. More is an edge that passes
+LEAST_FACING: Final = 0.3  # cosine between normal and ray in both cameras: flatter ones lose their place
+PATCH_PX: Final = 24  # of the depth image whose mean error is subtracted: 10 cm at 2 m
+HUBER: Final = 1.5  # robust deviations beyond which a residual counts as much as its root
+CHUNK_S: Final = 0.25  # errors of residuals within such a time are correlated
+RATE_GATE: Final = 3.0  # sigmas of the rate's own noise: still surfaces add no evidence and slow the steps
+LEAST_POINTS: Final = 400  # fewer residuals are one hand
+ROUNDS: Final = 12  # Newton steps; three or four are enough
+SETTLED_S: Final = 2e-5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Clip:
+    """Consecutive depth frames of one posed camera and the moving points in them.
+
+    time_s (n,); stack (n, height * width) uint16 in ``UNITS_PER_M``, smoothed, 0 = no reading; noise_m (height *
+    width,): deviation of the stack's readings over time where nothing moves; points_world_m, normals_world (m, 3)
+    float64; frame (m,): the frame of each point.
+    """
+
+    camera: Camera
+    time_s: np.ndarray
+    stack: np.ndarray
+    noise_m: np.ndarray
+    points_world_m: np.ndarray
+    normals_world: np.ndarray
+    frame: np.ndarray
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceLag:
+    """lag_s: the second clock less the first at one moment; sigma_s: its standard error; points: residuals used;
+    misfit_m: root mean square of all residuals there, none counted above that of another surface."""
+
+    lag_s: float
+    sigma_s: float
+    points: int
+    misfit_m: float
+
+
+def make_clip(camera: Camera, frames: Sequence[tuple[float, np.ndarray]]) -> Clip:
+    """A clip of frames (time, depth (height, width) float32, 0 = no reading); the camera has a pose."""
+    depths = np.stack([_smoothed(depth) for _, depth in frames])
+    noise = _noise_over_time(depths)
+    low, high = _range_over_time(depths)
+    found = [_points(depth, _moving(depth, low, high, noise), camera) for depth in depths]
+    T_world_camera = camera.require_pose()
+    points = transform_points(T_world_camera, np.concatenate([points for points, _ in found]))
+    normals = np.concatenate([normals for _, normals in found]) @ T_world_camera[:3, :3].T
+    stack = np.rint(np.minimum(depths, 16.0) * UNITS_PER_M).astype(np.uint16).reshape(len(depths), -1)
+    frame = np.repeat(np.arange(len(depths)), [len(points) for points, _ in found])
+    return Clip(camera, np.array([time_s for time_s, _ in frames]), stack, noise.ravel(), points, normals, frame)
+
+
+def surface_lag(first: Clip, second: Clip, around_s: float, reach_s: float) -> SurfaceLag | None:
+    """The lag within ``reach_s`` of ``around_s``; None where the cameras share too little that moves.
+
+    The best of evenly spaced lags, then Newton steps on the robust least squares of both directions together. The
+    standard error allows for correlated errors of residuals within ``CHUNK_S``.
+    """
+    there, back = _look_up(first, second), _look_up(second, first)
+    step_s = 0.5 * there.period_s
+    lags = around_s + step_s * np.arange(-int(np.ceil(reach_s / step_s)), int(np.ceil(reach_s / step_s)) + 1)
+    cost = np.array([_truncated_misfit(there, back, lag) for lag in lags])
+    if not np.isfinite(cost).any():
+        return None
+    lag_s = float(lags[np.nanargmin(cost)])
+    for _ in range(ROUNDS):
+        sides = (_normal_equation(there, lag_s), _normal_equation(back, -lag_s))
+        points, weight = sum(side.points for side in sides), sum(side.weight for side in sides)
+        if points < LEAST_POINTS or weight <= 0:
+            return None
+        step = (sides[1].pull.sum() - sides[0].pull.sum()) / weight
+        lag_s += float(np.clip(step, -step_s, step_s))
+        if abs(step) < SETTLED_S:
+            sigma_s = float(np.sqrt(sum((side.pull**2).sum() for side in sides))) / weight
+            misfit_m = float(np.sqrt(_truncated_misfit(there, back, lag_s)))
+            return SurfaceLag(lag_s, sigma_s, points, misfit_m) if abs(lag_s - around_s) <= reach_s + step_s else None
+    return None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _LookUp:
+    """Points of the source clip in the target's frames: (n,) source frame, pixel (flat) and depth_m there; period_s:
+    between two frames of the target."""
+
+    source: Clip
+    target: Clip
+    frame: np.ndarray
+    pixel: np.ndarray
+    depth_m: np.ndarray
+    period_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Residuals:
+    """(k,) each. index: of the point; residual_m: the target's depth less the point's; rate, slope: m/s of the depth,
+    from the outer and from the inner two of four frames, so that their noise is independent."""
+
+    index: np.ndarray
+    residual_m: np.ndarray
+    rate: np.ndarray
+    slope: np.ndarray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Normal:
+    """pull (chunks,): rates times residuals, uncorrelated at the true lag, by chunks of time; weight: how fast their
+    sum changes with the lag; points: residuals."""
+
+    weight: float
+    pull: np.ndarray
+    points: int
+
+
+def _smoothed(depth_m: np.ndarray) -> np.ndarray:
+    """The mean of each pixel's neighbourhood where that is one surface, elsewhere the reading itself."""
+    window = np.ones((SMOOTH_PX, SMOOTH_PX), np.uint8)
+    nearest = cv2.erode(depth_m, window)
+    one = (nearest > 0) & (cv2.dilate(depth_m, window) - nearest < SAME_SURFACE_M)
+    return np.where(one, cv2.blur(depth_m, (SMOOTH_PX, SMOOTH_PX)), depth_m)
+
+
+def _noise_over_time(depths_m: np.ndarray) -> np.ndarray:
+    """(height, width) float32 deviation of each pixel's readings, from second differences over time.
+
+    A floor at a grazing angle and the edges of objects flicker many times more than a wall. Steady movement has no
+    second difference, and the median ignores the rest; where readings are missing the noise is that of the whole image.
+    """
+    chosen = np.unique(np.linspace(1, len(depths_m) - 2, NOISE_FRAMES).astype(int))
+    before, now, after = depths_m[chosen - 1], depths_m[chosen], depths_m[chosen + 1]
+    second = np.where((before > 0) & (now > 0) & (after > 0), np.abs(before - 2.0 * now + after), np.inf)
+    noise = np.median(second, axis=0) / (MAD_OF_NORMAL * np.sqrt(6.0))
+    known = np.isfinite(noise)
+    filled = np.where(known, noise, np.median(noise[known]) if known.any() else np.inf).astype(np.float32)
+    return np.asarray(cv2.blur(filled, (5, 5)))
+
+
+def _range_over_time(depths_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Nearest and farthest smoothed depth of each pixel in the clip, (height, width); 0 where a reading is missing."""
+    chosen = np.unique(np.linspace(0, len(depths_m) - 1, SPREAD_FRAMES).astype(int))
+    seen = cv2.erode((depths_m[chosen] > 0).all(axis=0).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    smooth = np.stack([cv2.blur(depth, (5, 5)) for depth in depths_m[chosen]])
+    return np.where(seen, smooth.min(axis=0), 0.0), np.where(seen, smooth.max(axis=0), 0.0)
+
+
+def _moving(depth_m: np.ndarray, low_m: np.ndarray, high_m: np.ndarray, noise_m: np.ndarray) -> np.ndarray:
+    """(height, width) bool: pixels on something that moves, without the room that it uncovers."""
+    changed = (high_m - low_m > np.maximum(MOVED_M, MOVED_GATE * noise_m)).astype(np.uint8)
+    changed = cv2.morphologyEx(changed, cv2.MORPH_OPEN, np.ones((OPENED_PX, OPENED_PX), np.uint8))
+    ahead = (high_m - low_m < ONE_SURFACE_M) | (depth_m < high_m - ONE_SURFACE_M)
+    moving: np.ndarray = (changed > 0) & ahead & (depth_m > 0)
+    return moving
+
+
+def _points(depth_m: np.ndarray, moving: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Points and unit normals (m, 3) in the camera frame of the moving pixels on a grid that lie on one surface."""
+    inner = (slice(NORMAL_PX, size - NORMAL_PX, STEP_PX) for size in (camera.height, camera.width))
+    rows, columns = (grid.ravel() for grid in np.mgrid[*inner])
+    chosen = moving[rows, columns]
+    gates = SurfaceGates(SAME_SURFACE_M, LEAST_FACING)
+    points, normals, good = points_with_normals(camera, depth_m, rows[chosen], columns[chosen], gates)
+    return points[good], normals[good]
+
+
+def _look_up(source: Clip, target: Clip) -> _LookUp:
+    T_target_world = invert_rigid(target.camera.require_pose())
+    points = transform_points(T_target_world, source.points_world_m)
+    normals = source.normals_world @ T_target_world[:3, :3].T
+    column, row, inside = target.camera.pixel_of(points)
+    towards = -np.einsum("ij,ij->i", normals, points)
+    kept = inside & (towards > LEAST_FACING * np.linalg.norm(points, axis=1))
+    pixel = (row * target.camera.width + column)[kept]
+    period_s = float(np.median(np.diff(target.time_s)))
+    return _LookUp(source, target, source.frame[kept], pixel, points[kept, 2], period_s)
+
+
+def _residuals(look: _LookUp, lag_s: float, every: int = 1) -> _Residuals:
+    """The residuals of the points that both cameras see at this lag.
+
+    The depth comes from the frames just before and after, its rate from the ones around those: noise that enters both
+    would pull the lag towards the middle between two frames.
+    """
+    target_s, pixels = look.target.time_s, look.target.stack
+    wanted_s = look.source.time_s + lag_s
+    before = np.searchsorted(target_s, wanted_s, side="right") - 1
+    within = (before >= 1) & (before < len(target_s) - 2)
+    before = np.clip(before, 1, len(target_s) - 3)
+    around_s = target_s[before + 2] - target_s[before - 1]
+    within &= around_s < 4.5 * look.period_s  # one dropped frame
+    share = (wanted_s - target_s[before]) / (target_s[before + 1] - target_s[before])
+    index = np.flatnonzero(within[look.frame])[::every]
+    frame = look.frame[index]
+    four = np.stack([pixels[before[frame] + k, look.pixel[index]] for k in (-1, 0, 1, 2)]).astype(np.float32)
+    four /= np.float32(UNITS_PER_M)
+    rate = (four[3] - four[0]) / around_s[frame]
+    still = RATE_GATE * np.sqrt(2.0) * look.target.noise_m[look.pixel[index]] / around_s[frame]
+    one = (four.min(axis=0) > 0) & (np.ptp(four, axis=0) < ONE_SURFACE_M) & (np.abs(rate) > still)
+    depth = four[1] + (four[2] - four[1]) * share[frame]
+    slope = (four[2] - four[1]) / (target_s[before + 1] - target_s[before])[frame]
+    return _Residuals(index[one], (depth - look.depth_m[index])[one], rate[one], slope[one])
+
+
+def _truncated_misfit(there: _LookUp, back: _LookUp, lag_s: float) -> float:
+    """Mean squared residual of both directions, none above that of another surface; NaN where there are too few."""
+    both = [_residuals(look, lag, every=4).residual_m for look, lag in ((there, lag_s), (back, -lag_s))]
+    residual = np.concatenate(both)
+    if 4 * len(residual) < LEAST_POINTS:
+        return float("nan")
+    return float(np.minimum(residual**2, SAME_SURFACE_M**2).mean())
+
+
+def _normal_equation(look: _LookUp, lag_s: float) -> _Normal:
+    found = _residuals(look, lag_s)
+    same = np.abs(found.residual_m) < SAME_SURFACE_M
+    index = found.index[same]
+    if not len(index):
+        return _Normal(0.0, np.zeros(1), 0)
+    width = look.target.camera.width
+    patch = look.pixel[index] // width // PATCH_PX * width
+    patch += look.pixel[index] % width // PATCH_PX
+    residual, rate = (_less_patch_mean(values[same], patch) for values in (found.residual_m, found.rate))
+    spread = float(np.median(np.abs(residual))) / MAD_OF_NORMAL + 1e-6
+    weight = 1.0 / np.maximum(1.0, np.abs(residual) / (HUBER * spread))
+    source_s = look.source.time_s
+    chunk = ((source_s[look.frame[index]] - source_s[0]) / CHUNK_S).astype(np.int64)
+    pull = np.bincount(chunk, weight * rate * residual)
+    return _Normal(float((weight * rate * found.slope[same]).sum()), pull, len(index))
+
+
+def _less_patch_mean(values: np.ndarray, patch: np.ndarray) -> np.ndarray:
+    _, number = np.unique(patch, return_inverse=True)
+    mean = np.bincount(number, values) / np.bincount(number)
+    less: np.ndarray = values - mean[number]
+    return less

@@ -1,0 +1,195 @@
+"""The clocks of all cameras, from what moves in front of them.
+
+Two steps. How much moves at each height (``clock_signal``) finds the lag, among several seconds, to about a twentieth
+of a second, with or without poses. Where the poses are known, the surfaces that two cameras share
+(``clock_surfaces``) then give it to a millisecond.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+import numpy as np
+
+from anchorpose.calibration.clock_fit import ClockFit, fit_clocks
+from anchorpose.calibration.clock_lags import (
+    LEAST_FRAMES,
+    LEAST_WINDOWS,
+    WINDOW_S,
+    FrameCache,
+    RoughLag,
+    busiest_times,
+    fine_lags,
+    rough_lags,
+)
+from anchorpose.calibration.clock_signal import Level, pose_level
+from anchorpose.calibration.floor import FloorPlane, find_floor
+from anchorpose.calibration.noise import noise_per_m
+from anchorpose.camera import Camera
+from anchorpose.recording.depth_image import Footage, RecordedFootage
+from anchorpose.recording.recording import Clock, Recording, put_clocks_together
+from anchorpose.settings import settings
+
+WINDOWS: Final = 10  # over the whole recording: a drift shows between its ends, and some windows show little
+PLACES: Final = 4  # sampled in each tenth of the recording, to find where much moves
+SIGNAL_SIGMA_S: Final = 0.03  # of the lags from signals, on simulated clinics
+WORST_SIGMA_S: Final = 0.008  # at either end of the recording: half of the usual time between paired frames
+FLOOR_FRAMES: Final = 9  # of a camera without a background: their median has few people in it
+
+
+@settings
+class ClockConfig:
+    """How the clocks of several cameras are compared."""
+
+    estimate: bool = True  # False: the time stamps are used as they are
+
+
+class ClockSource(StrEnum):
+    """How a camera's clock is known; people read it in the run's notes."""
+
+    REFERENCE = "the reference"
+    SURFACES = "from the surfaces it shares with other cameras"
+    SIGNALS = "from how much moves at each height, to a twentieth of a second"
+    KEPT = "kept as it is"
+
+
+class NoClock(StrEnum):
+    """Why a clock was not corrected: a result, because nothing moves in an empty room."""
+
+    SWITCHED_OFF = "clocks are not to be estimated"
+    FEW_FRAMES = "too few depth frames"
+    NO_MOTION = "nothing that moves shows the lag between the cameras"
+    UNSURE = "the movements show the lag between the cameras too vaguely"
+
+
+@dataclass(frozen=True, slots=True)
+class CameraClock:
+    """clock: as used; sigma_s, drift_sigma: standard errors, None where it was kept; lags: measured with this camera;
+    doubt: why it was kept, None where it was not."""
+
+    camera: str
+    clock: Clock
+    source: ClockSource
+    sigma_s: float | None = None
+    drift_sigma: float | None = None
+    lags: int = 0
+    doubt: NoClock | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Clocks:
+    """One per camera, the reference first; residual_s: root mean square of the lags about the clocks, None without
+    lags; frames_read: what the estimate cost."""
+
+    cameras: tuple[CameraClock, ...]
+    residual_s: float | None
+    frames_read: int
+
+    @property
+    def clocks(self) -> tuple[Clock, ...]:
+        """The clocks to use."""
+        return tuple(camera.clock for camera in self.cameras)
+
+
+def settle_clocks(recording: Recording, cameras: Sequence[Camera], config: ClockConfig) -> tuple[Recording, Clocks]:
+    """``recording``, whose time stamps are untouched so far, with all times on the first camera's clock.
+
+    cameras: as in the recording, with the poses that are known by now: with poses the clocks are more accurate, so
+    where poses are found this is called before and after. A clock that cannot be estimated stays as it is.
+    """
+    frames = RecordedFootage(recording, tuple(cameras))
+    wanted = config.estimate and len(cameras) > 1
+    levels = [_level(frames, index) if wanted else None for index in range(len(cameras))]
+    clocks = estimate_clocks(frames, levels, config)
+    return put_clocks_together(recording, clocks.clocks), clocks
+
+
+def _level(frames: RecordedFootage, index: int) -> Level | None:
+    """Heights by the camera's pose or by the floor it sees; None without either."""
+    camera, recording = frames.cameras[index], frames.recording
+    if camera.T_world_camera is not None:
+        return pose_level(camera)
+    room = recording.backgrounds_m[index]
+    if room is None:
+        positions = np.linspace(0, len(frames.times_s[index]) - 1, FLOOR_FRAMES).astype(int)
+        seen = [depth for k in np.unique(positions) if (depth := frames.read(index, int(k))) is not None]
+        if not seen:
+            return None
+        room = np.median(np.stack(seen), axis=0).astype(np.float32)
+    try:
+        plane = find_floor(room, camera, noise_per_m([room]))
+    except ValueError:  # no three neighbouring pixels have a reading
+        return None
+    return Level(plane.up, plane.height_m) if isinstance(plane, FloorPlane) else None
+
+
+def estimate_clocks(source: Footage, levels: Sequence[Level | None], config: ClockConfig) -> Clocks:
+    """Every camera's clock against the first camera's.
+
+    levels: one per camera, see ``motion_signal``; cameras with a pose may give it by the world's Y, others by the
+    floor. A clock for which the motion is not enough evidence is kept as it is, and its ``doubt`` says why.
+    """
+    count = len(source.cameras)
+    if count == 1 or not config.estimate:
+        return _kept(source.cameras, NoClock.SWITCHED_OFF)
+    if min(len(times_s) for times_s in source.times_s) < LEAST_FRAMES:
+        return _kept(source.cameras, NoClock.FEW_FRAMES)
+    frames = FrameCache(source)
+    span_s = (float(frames.times_s[0][0]), float(frames.times_s[0][-1]))
+    windows = int(np.clip((span_s[1] - span_s[0]) / WINDOW_S, 1, WINDOWS))
+    busy = busiest_times(frames, span_s, windows, PLACES)
+    rough = rough_lags(frames, levels, [at_s for at_s, _ in sorted(busy, key=lambda place: -place[1])])
+    lags = fine_lags(frames, rough, [time_s for time_s, _ in busy])
+    fit = fit_clocks(lags, count) if lags else None
+    others = (_camera_clock(k, source.cameras[k].name, rough[k], fit, span_s) for k in range(1, count))
+    return Clocks((_reference(source.cameras), *others), fit.residual_s if fit is not None else None, frames.read_count)
+
+
+def _kept(cameras: Sequence[Camera], doubt: NoClock) -> Clocks:
+    kept = [CameraClock(camera.name, Clock(), ClockSource.KEPT, doubt=doubt) for camera in cameras[1:]]
+    return Clocks((_reference(cameras), *kept), None, 0)
+
+
+def _reference(cameras: Sequence[Camera]) -> CameraClock:
+    return CameraClock(cameras[0].name, Clock(), ClockSource.REFERENCE, 0.0, 0.0)
+
+
+def _camera_clock(
+    index: int, name: str, rough: RoughLag | None, fit: ClockFit | None, span_s: tuple[float, float]
+) -> CameraClock:
+    """The clock of the fit where it is accurate, else of the signals where they are certain, else as it stands."""
+    lags = sum(index in (lag.first, lag.second) for lag in fit.used) if fit is not None else 0
+    if fit is not None and rough is not None and np.isfinite(fit.ahead_s[index]):
+        sigma_s = max(fit.sigma_s(index, time_s) for time_s in span_s)
+        windows = len({lag.at_s for lag in fit.used if index in (lag.first, lag.second)})
+        if sigma_s <= WORST_SIGMA_S and (rough.certain or windows >= LEAST_WINDOWS):
+            clock = Clock(ahead_s=rough.lag_s + float(fit.ahead_s[index]), drift=float(fit.drift[index]), at_s=fit.at_s)
+            drift_sigma = float(np.sqrt(fit.covariance[index, 1, 1]))
+            return CameraClock(name, clock, ClockSource.SURFACES, fit.sigma_s(index, fit.at_s), drift_sigma, lags)
+    if rough is None or not rough.certain:
+        doubt = NoClock.UNSURE if lags or rough is not None else NoClock.NO_MOTION
+        return CameraClock(name, Clock(), ClockSource.KEPT, lags=lags, doubt=doubt)
+    if abs(rough.lag_s) < 3.0 * SIGNAL_SIGMA_S:  # no evidence against its time stamps
+        return CameraClock(name, Clock(), ClockSource.KEPT, lags=lags, doubt=NoClock.UNSURE)
+    clock = Clock(ahead_s=rough.lag_s, at_s=rough.at_s)
+    return CameraClock(name, clock, ClockSource.SIGNALS, SIGNAL_SIGMA_S, None, lags)
+
+
+def clock_notes(clocks: Clocks) -> tuple[str, ...]:
+    """One sentence per camera but the first; none where the clocks were not to be estimated."""
+    first = clocks.cameras[0].camera
+    return tuple(_sentence(found, first) for found in clocks.cameras[1:] if found.doubt is not NoClock.SWITCHED_OFF)
+
+
+def _sentence(found: CameraClock, first: str) -> str:
+    if found.doubt is not None:
+        return f"the clock of camera {found.camera} was used as it is: {found.doubt.value}"
+    ahead = f"{abs(found.clock.ahead_s):.4f} s {'ahead of' if found.clock.ahead_s > 0 else 'behind'}"
+    sigma = f"± {found.sigma_s:.4f} s"
+    drift = ""
+    if found.drift_sigma is not None and abs(found.clock.drift) > 2.0 * found.drift_sigma:
+        drift = f", drifts by {1e6 * found.clock.drift:.0f} parts in a million"
+    return f"the clock of camera {found.camera} was {ahead} that of {first} ({sigma}{drift}), and was corrected"

@@ -1,0 +1,260 @@
+"""What two cameras see of people at the same moments, and the pose between them at which their surfaces agree.
+
+The pose is refined by point-to-plane least squares with projective association, both ways (Chen and Medioni 1992,
+doi:10.1016/0262-8856(92)90066-C).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import cv2
+import numpy as np
+
+from anchorpose.calibration.floor import FloorPlane
+from anchorpose.calibration.noise import MAD_OF_NORMAL
+from anchorpose.camera import Camera, invert_rigid, transform_points
+
+NEARER_M: Final = 0.12  # people stand off the room by more than this
+SURFACE_STEP_M: Final = 0.07  # neighbours farther apart in depth are not on one surface
+NORMAL_PX: Final = 2  # a normal is computed from neighbours this many pixels away
+RIM_PX: Final = 7  # 2 cm at 2 m to either side: what a limb moves in the 30 ms between two frames
+GATES_M: Final = (0.4, 0.4, 0.4, 0.3, 0.3, 0.3, 0.2, 0.2, 0.2, 0.15, 0.1, 0.06, 0.04, 0.03, 0.03)  # start: within 0.3
+WORST_CONDITION: Final = 1e9  # beyond, the data do not determine a turn or a shift
+SAME_WAY: Final = 0.8  # cosine between the normals of one surface in two cameras
+HUBER: Final = 1.5  # robust deviations beyond which a residual loses weight
+LEAST_PAIRS: Final = 200  # of points: fewer are one hand
+
+
+class SurfaceGates(NamedTuple):
+    """Which pixels give a normal: most step in depth across it, least cosine between normal and ray."""
+
+    step_m: float
+    least_facing: float
+
+
+GATES: Final = SurfaceGates(2.0 * SURFACE_STEP_M, 0.25)  # flatter surfaces are too noisy
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """Surface points of one depth frame: points, normals (n, 3) float64 camera frame; person (n,) bool: not the
+    room's."""
+
+    points_m: np.ndarray
+    normals: np.ndarray
+    person: np.ndarray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LevelView:
+    """What one camera sees, in a frame that stands on the floor.
+
+    T_level_camera (4, 4): Y up, origin on the floor below the camera, X level along its optical axis; room_m: the
+    empty room or what stays; depths_m: its frames (height, width), at the moments that all cameras share; smooth_m:
+    ``smoothed``; people (height, width) bool: where people are, with a rim; seen: one per frame.
+    """
+
+    camera: Camera
+    T_level_camera: np.ndarray
+    room_m: np.ndarray
+    depths_m: tuple[np.ndarray, ...]
+    smooth_m: tuple[np.ndarray, ...]
+    people: tuple[np.ndarray, ...]
+    seen: tuple[Seen, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfaceFit:
+    """T_first_second (4, 4) between camera frames. residual_m: robust deviation of point to plane; pairs: points used;
+    impossible: share of one camera's people that fall beside the people the other sees, the worse of both ways;
+    common: share that falls into its depth image, likewise; sigma_m, sigma_rad: standard errors of the position and
+    the turn, moments assumed independent."""
+
+    T_first_second: np.ndarray
+    residual_m: float
+    pairs: int
+    impossible: float
+    common: float
+    sigma_m: float
+    sigma_rad: float
+
+    @property
+    def sentence(self) -> str:
+        """The residuals for people."""
+        return (
+            f"surfaces agree to {1000.0 * self.residual_m:.1f} mm, {100.0 * self.impossible:.0f} % of the people one "
+            f"sees fall beside those of the other, ± {1000.0 * self.sigma_m:.1f} mm, "
+            f"± {np.degrees(self.sigma_rad):.2f} degrees"
+        )
+
+
+def level_view(
+    camera: Camera, floor: FloorPlane, background_m: np.ndarray | None, depths_m: Sequence[np.ndarray], step_px: int
+) -> LevelView:
+    """The view of one camera; depths_m (height, width) float32, 0 = no reading, at least one."""
+    stack = np.stack(depths_m)
+    room = background_m if background_m is not None else np.quantile(stack, 0.9, axis=0).astype(np.float32)
+    smooth = tuple(smoothed(depth) for depth in depths_m)
+    seen = tuple(_surface_points(camera, depth, room, step_px) for depth in smooth)
+    people = tuple(_people(depth, room) for depth in depths_m)
+    return LevelView(camera, level_frame(floor), room, tuple(depths_m), smooth, people, seen)
+
+
+def level_frame(floor: FloorPlane) -> np.ndarray:
+    """T_level_camera (4, 4): Y along the floor's normal, origin below the camera, X level along the optical axis."""
+    ahead = np.array([0.0, 0.0, 1.0])
+    forward = ahead - (floor.up @ ahead) * floor.up
+    forward /= np.linalg.norm(forward)
+    T_level_camera = np.eye(4)
+    T_level_camera[:3, :3] = np.stack([forward, floor.up, np.cross(forward, floor.up)])
+    T_level_camera[1, 3] = floor.height_m
+    return T_level_camera
+
+
+def smoothed(depth_m: np.ndarray) -> np.ndarray:
+    """(height, width) the mean of each 3x3 neighbourhood where it is one surface, elsewhere 0."""
+    window = np.ones((3, 3), np.uint8)
+    nearest = cv2.erode(depth_m, window)
+    one = (nearest > 0) & (cv2.dilate(depth_m, window) - nearest < SURFACE_STEP_M)
+    return np.where(one, cv2.blur(depth_m, (3, 3)), np.float32(0.0)).astype(np.float32)
+
+
+def _people(depth_m: np.ndarray, room_m: np.ndarray) -> np.ndarray:
+    """(height, width) bool: nearer than the room, and what is next to it."""
+    nearer = (depth_m > 0) & ((room_m <= 0) | (depth_m < room_m - NEARER_M))
+    return np.asarray(cv2.dilate(nearer.astype(np.uint8), np.ones((RIM_PX, RIM_PX), np.uint8)) > 0)
+
+
+def _surface_points(camera: Camera, smooth_m: np.ndarray, room_m: np.ndarray, step_px: int) -> Seen:
+    """Points with normals on a grid of every ``step_px``-th pixel, where the surface is smooth and faces the camera."""
+    height, width = (
+        slice(NORMAL_PX, camera.height - NORMAL_PX, step_px),
+        slice(NORMAL_PX, camera.width - NORMAL_PX, step_px),
+    )
+    rows, columns = (grid.ravel() for grid in np.mgrid[height, width])
+    points, normals, good = points_with_normals(camera, smooth_m, rows, columns, GATES)
+    room = room_m[rows, columns]
+    person = (room <= 0) | (smooth_m[rows, columns] < room - NEARER_M)  # where the room is out of reach, people are not
+    return Seen(points[good], normals[good], person[good])
+
+
+def points_with_normals(
+    camera: Camera, smooth_m: np.ndarray, rows: np.ndarray, columns: np.ndarray, gates: SurfaceGates
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points and unit normals (n, 3) at pixels at least ``NORMAL_PX`` from the border; whether both can be used.
+
+    Usable points lie, with their four neighbours, on one surface that faces the camera.
+    """
+    rays = camera.pixel_rays()
+    aside = ((0, 0), (0, -NORMAL_PX), (0, NORMAL_PX), (-NORMAL_PX, 0), (NORMAL_PX, 0))
+    places = [(rows + r, columns + c) for r, c in aside]
+    point, left, right, above, below = (
+        np.column_stack([rays[at] * smooth_m[at][:, None], smooth_m[at]]).astype(np.float64) for at in places
+    )
+    normal = np.cross(right - left, below - above)
+    length = np.linalg.norm(normal, axis=1)
+    seen = np.logical_and.reduce([smooth_m[at] > 0 for at in places])
+    flat = np.maximum(np.abs(right - left)[:, 2], np.abs(below - above)[:, 2]) < gates.step_m
+    normal /= np.maximum(length, 1e-12)[:, None]
+    towards = -np.einsum("ij,ij->i", normal, point)
+    normal *= np.sign(towards)[:, None]
+    facing = np.abs(towards) > gates.least_facing * np.linalg.norm(point, axis=1)
+    return point, normal, seen & flat & facing & (length > 0)
+
+
+def fit_people(first: LevelView, second: LevelView, T_first_second: np.ndarray) -> SurfaceFit | None:
+    """The turn about the vertical and the shift over the floor, from a first guess that is right in all else.
+
+    Moments are frames at the same position in both views. None where both see too little in common. Walls are left
+    out: along a wall a shift changes nothing, and they would hold the cameras back.
+    """
+    up, ahead, aside = first.T_level_camera[[1, 0, 2], :3]
+    zero = np.zeros(3)
+    freedom = np.stack([np.append(up, zero), np.append(zero, ahead), np.append(zero, aside)], axis=1)
+    T = T_first_second
+    for gate in GATES_M:
+        pairs = _pairs(first, second, T, gate), _pairs(second, first, invert_rigid(T), gate)
+        jacobian, residual, moment = _joined(*pairs, T)
+        jacobian = jacobian @ freedom
+        if len(residual) < LEAST_PAIRS:
+            return None
+        spread = float(np.median(np.abs(residual))) / MAD_OF_NORMAL + 1e-6
+        weight = 1.0 / np.maximum(1.0, np.abs(residual) / (HUBER * spread))
+        information = (jacobian * weight[:, None]).T @ jacobian
+        if np.linalg.cond(information) > WORST_CONDITION:
+            return None
+        covariance = np.linalg.inv(information)
+        T = _moved(T, -freedom @ (covariance @ (jacobian.T @ (weight * residual))))
+    scores = np.zeros((int(moment.max()) + 1, jacobian.shape[1]))
+    np.add.at(scores, moment, jacobian * (weight * residual)[:, None])
+    spread_of_pose = freedom @ covariance @ (scores.T @ scores) @ covariance @ freedom.T
+    there, back = outside_silhouette(first, second, T), outside_silhouette(second, first, invert_rigid(T))
+    sigma_rad, sigma_m = (float(np.sqrt(np.trace(spread_of_pose[k : k + 3, k : k + 3]))) for k in (0, 3))
+    return SurfaceFit(T, spread, len(residual), max(there[0], back[0]), min(there[1], back[1]), sigma_m, sigma_rad)
+
+
+def outside_silhouette(target: LevelView, source: LevelView, T_target_source: np.ndarray) -> tuple[float, float]:
+    """Of the source's people: the share that falls where the target has a reading and sees no people, and the share
+    that falls into the target's depth image at all."""
+    outside = readings = inside = total = 0
+    for depth, people, seen in zip(target.depths_m, target.people, source.seen, strict=True):
+        column, row, within = target.camera.pixel_of(transform_points(T_target_source, seen.points_m[seen.person]))
+        row, column = row[within], column[within]
+        read = depth[row, column] > 0
+        outside += int((read & ~people[row, column]).sum())
+        readings += int(read.sum())
+        inside += len(row)
+        total += len(within)
+    return (outside / readings if readings else 1.0), (inside / total if total else 0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pairs:
+    """The source's points, and the target's points and normals there, (n, 3) in the target's frame; moment (n,)."""
+
+    points: np.ndarray
+    there: np.ndarray
+    normal: np.ndarray
+    moment: np.ndarray
+
+
+def _pairs(target: LevelView, source: LevelView, T_target_source: np.ndarray, gate_m: float) -> _Pairs:
+    found = []
+    for moment, seen in enumerate(source.seen):
+        points = transform_points(T_target_source, seen.points_m[seen.person])
+        normals = seen.normals[seen.person] @ T_target_source[:3, :3].T
+        column, row, inside = target.camera.pixel_of(points)
+        inside &= (column > 2) & (row > 2) & (column < target.camera.width - 3) & (row < target.camera.height - 3)
+        points, normals, row, column = points[inside], normals[inside], row[inside], column[inside]
+        there, plane, good = points_with_normals(target.camera, target.smooth_m[moment], row, column, GATES)
+        good &= np.einsum("ij,ij->i", plane, normals) > SAME_WAY
+        good &= np.abs(np.einsum("ij,ij->i", plane, points - there)) < gate_m
+        good &= np.linalg.norm(points - there, axis=1) < 2.0 * gate_m
+        found.append((points[good], there[good], plane[good], np.full(int(good.sum()), moment)))
+    return _Pairs(*(np.concatenate(part) for part in zip(*found, strict=True)))
+
+
+def _joined(forth: _Pairs, back: _Pairs, T_first_second: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Jacobian (n, 6) for a small turn and shift in the first frame, residual (n,), moment (n,), of both directions.
+
+    Rows from the first camera's points are residuals in the second frame, turned into the first; the motion is that of
+    the second camera's points, so their sign is reversed.
+    """
+    here, seen = transform_points(T_first_second, back.points), transform_points(T_first_second, back.there)
+    turned = back.normal @ T_first_second[:3, :3].T
+    jacobian = [np.hstack([np.cross(forth.points, forth.normal), forth.normal]),
+                -np.hstack([np.cross(seen, turned), turned])]  # fmt: skip
+    residual = [np.einsum("ij,ij->i", forth.normal, forth.points - forth.there),
+                np.einsum("ij,ij->i", turned, here - seen)]  # fmt: skip
+    return np.concatenate(jacobian), np.concatenate(residual), np.concatenate([forth.moment, back.moment])
+
+
+def _moved(T: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """T after the turn step[:3] about the origin and the shift step[3:]."""
+    motion = np.eye(4)
+    motion[:3, :3], _ = cv2.Rodrigues(step[:3])
+    motion[:3, 3] = step[3:]
+    return np.asarray(motion @ T)

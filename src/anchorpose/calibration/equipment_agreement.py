@@ -1,0 +1,210 @@
+"""How the cameras that saw the equipment fit together: one floor, no camera sees through what another sees.
+
+Equipment that looks the same from several sides: which of its turns each camera saw, and which way X points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Final
+
+import numpy as np
+
+from anchorpose.calibration.equipment_model import Equipment
+from anchorpose.calibration.equipment_pose import EquipmentPose, EquipmentPoseConfig
+from anchorpose.calibration.equipment_refine import FloorPrior
+from anchorpose.calibration.equipment_residuals import StillView
+from anchorpose.camera import Camera, invert_rigid, transform_points
+from anchorpose.errors import InputError
+from anchorpose.recording.recording import FrameSet, Recording
+
+APART_M: Final = 0.20  # people move between two cameras' frames, surfaces are rough
+NOISE_GATE: Final = 4.0
+POINTS: Final = 3000  # of each depth frame
+FRAMES: Final = 6  # compared at most
+ABOVE_FLOOR_M: Final = 0.15  # the floor agrees whichever way a camera looks
+FLOOR_SIGMA_M: Final = 0.002  # of the floor all cameras see together
+FLOOR_SIGMA_RAD: Final = 0.0009  # 0.05 degrees
+MOST_DISAGREEMENT: Final = 0.25  # of one camera's points, seen through by another
+LEAST_LEAD: Final = 0.15  # of disagreement, between the best of symmetric choices and the next
+LEAST_COMPARED: Final = 300  # points
+
+REMEDY: Final = (
+    "compare equipment.json with the room, add a background.png of the empty room, or give camera_to_world yourself"
+)
+
+ChooseHeading = Callable[[tuple[Camera, ...], float, Sequence[np.ndarray]], int | None]
+"""Which of several level unit vectors the patient faces, None where unsure; from all cameras with their poses in
+Gamma_0 and the floor's Y. It needs a body model, which calibration does not know, so the caller passes it in."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EquipmentInputs:
+    """Everything the cameras are found from: sample_frames spread over the recording, and its prepared equipment."""
+
+    recording: Recording
+    sample_frames: Sequence[FrameSet]
+    equipment: Equipment
+    config: EquipmentPoseConfig
+
+    def frames_of(self, index: int) -> tuple[tuple[np.ndarray, ...], tuple[float, ...]]:
+        """Depth frames of one camera, and their times."""
+        pairs = [(depth, frame.time_s) for frame in self.sample_frames if (depth := frame.depths_m[index]) is not None]
+        return tuple(depth for depth, _ in pairs), tuple(time for _, time in pairs)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenEquipment:
+    """One camera without a pose: what it saw over time, and the equipment in it."""
+
+    index: int
+    view: StillView
+    frames_m: tuple[np.ndarray, ...]
+    times_s: tuple[float, ...]
+    pose: EquipmentPose
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """tested: points of one camera that are not hidden from the other; through: those that it sees through."""
+
+    tested: int
+    through: int
+
+    @property
+    def through_share(self) -> float:
+        return self.through / max(self.tested, 1)
+
+
+def agreement(
+    cameras: tuple[Camera, Camera],
+    depths_m: Sequence[tuple[np.ndarray, np.ndarray]],
+    floor_height_m: float,
+    noise_per_m: float,
+) -> Agreement:
+    """Both ways, over pairs of depth frames of about the same moment.
+
+    cameras: both with a pose; depths_m: frames (height, width) of the first and the second, 0 = no reading.
+    """
+    tested = through = 0
+    for pair in depths_m:
+        for here, there in ((0, 1), (1, 0)):
+            depth, other = pair[here], cameras[there]
+            step = max(1, int(np.sqrt(depth.size / POINTS)))
+            points = cameras[here].back_project(depth)[::step, ::step].reshape(-1, 3)
+            points = points[np.isfinite(points[:, 2])].astype(np.float64)
+            world = transform_points(cameras[here].require_pose(), points)
+            world = world[world[:, 1] > floor_height_m + ABOVE_FLOOR_M]
+            seen = transform_points(invert_rigid(other.require_pose()), world)
+            column, row, inside = other.pixel_of(seen)
+            reading, z = pair[there][row, column], seen[:, 2]
+            margin = APART_M + NOISE_GATE * noise_per_m * np.square(z)
+            usable = inside & (reading > 0) & (z > 0)
+            tested += int(np.count_nonzero(usable & (reading > z - margin)))
+            through += int(np.count_nonzero(usable & (reading > z + margin)))
+    return Agreement(tested, through)
+
+
+def _disagreement(
+    inputs: EquipmentInputs, cameras: tuple[Camera, Camera], first: int, one: SeenEquipment
+) -> float | None:
+    """Share of points that one of two cameras (``first`` and ``one``) sees and the other sees through; None where too
+    few can be compared."""
+    frames = inputs.sample_frames[:: max(1, len(inputs.sample_frames) // FRAMES)]
+    pairs = [
+        (here, there)
+        for frame in frames
+        if (here := frame.depths_m[first]) is not None and (there := frame.depths_m[one.index]) is not None
+    ]
+    up = cameras[1].require_pose()[:3, :3] @ one.view.floor.up
+    foot = transform_points(cameras[1].require_pose(), -one.view.floor.height_m * one.view.floor.up)
+    floor_m = float(foot @ up / up[1])
+    found = agreement(cameras, pairs, floor_m, one.view.noise_per_m)
+    return found.through_share if found.tested >= LEAST_COMPARED else None
+
+
+def common_floor(seen: Sequence[SeenEquipment], cameras: Sequence[Camera]) -> FloorPrior:
+    """The floor of Gamma_0 that the cameras see, each at the equipment: up and height are their means."""
+    ups, heights = [], []
+    for one in seen:
+        T = cameras[one.index].require_pose()
+        ups.append(T[:3, :3] @ one.view.floor.up)
+        heights.append(T[:3, 3] @ ups[-1] - one.view.floor.height_m)
+    up = np.mean(ups, axis=0)
+    return FloorPrior(up / np.linalg.norm(up), float(np.mean(heights)), FLOOR_SIGMA_M, FLOOR_SIGMA_RAD)
+
+
+def refuse_contradiction(inputs: EquipmentInputs, cameras: Sequence[Camera], seen: Sequence[SeenEquipment]) -> None:
+    """Raises InputError where one of two cameras, at least one newly found, sees through what the other sees."""
+    of_index = {one.index: one for one in seen}
+    for a, b in product(range(len(cameras)), range(len(cameras))):
+        if a == b or b not in of_index or (a in of_index and a > b):
+            continue
+        share = _disagreement(inputs, (cameras[a], cameras[b]), a, of_index[b])
+        if share is not None and share > MOST_DISAGREEMENT:
+            raise InputError(
+                inputs.recording.folder / "recording.json",
+                f"the poses found for {cameras[a].name} and {cameras[b].name} contradict each other: one sees through "
+                f"{100 * share:.0f} % of what the other sees",
+                REMEDY,
+            )
+
+
+def resolve_symmetry(
+    inputs: EquipmentInputs, seen: Sequence[SeenEquipment], choose_heading: ChooseHeading | None
+) -> tuple[list[Camera], list[str]]:
+    """The cameras with poses that belong to one world, X the way the patient faces, and notes on how it was chosen."""
+    given = [camera.T_world_camera is not None for camera in inputs.recording.cameras]
+    cameras = list(inputs.recording.cameras)
+    for one in seen:
+        cameras[one.index] = replace(cameras[one.index], T_world_camera=one.pose.camera_to_world)
+    turns = inputs.equipment.symmetry.same
+    if not turns:
+        return cameras, []
+    choices = [np.eye(4), *(invert_rigid(turn) for turn in turns)]
+    free = seen if any(given) else seen[1:]
+    if free:
+        best = _agreeing_turns(inputs, cameras, free, choices)
+        for one, turn in zip(free, best, strict=True):
+            cameras[one.index] = replace(cameras[one.index], T_world_camera=turn @ one.pose.camera_to_world)
+    if any(given):
+        return cameras, []
+    headings = [turn[:3, :3].T @ [1.0, 0.0, 0.0] for turn in choices]
+    floor_m = common_floor(seen, cameras).height_m
+    facing = None if choose_heading is None else choose_heading(tuple(cameras), floor_m, headings)
+    if facing is None:
+        raise InputError(
+            inputs.recording.folder / "recording.json",
+            "camera_to_world is null, the equipment looks the same from several sides, and which way the patient faces "
+            "is not certain",
+            "add to equipment.json a part that one side has and the other has not, or give camera_to_world",
+        )
+    note = "the equipment looks the same from several sides: a body fitted to the patient decided which way X points"
+    return [replace(camera, T_world_camera=choices[facing] @ camera.require_pose()) for camera in cameras], [note]
+
+
+def _agreeing_turns(
+    inputs: EquipmentInputs, cameras: Sequence[Camera], free: Sequence[SeenEquipment], choices: Sequence[np.ndarray]
+) -> list[np.ndarray]:
+    """For each free camera the turn with which it agrees best with the first camera that is not free."""
+    anchor = next(index for index in range(len(cameras)) if index not in {one.index for one in free})
+    best = []
+    for one in free:
+        shares = []
+        for turn in choices:
+            turned = replace(cameras[one.index], T_world_camera=turn @ one.pose.camera_to_world)
+            shares.append(_disagreement(inputs, (cameras[anchor], turned), anchor, one))
+        known = [1.0 if share is None else share for share in shares]
+        order = np.argsort(known, kind="stable")
+        if known[order[0]] > MOST_DISAGREEMENT or known[order[1]] - known[order[0]] < LEAST_LEAD:
+            raise InputError(
+                inputs.recording.folder / "recording.json",
+                f"camera_to_world is null for {cameras[one.index].name}, the equipment looks the same from several "
+                f"sides, and what cameras {cameras[anchor].name} and {cameras[one.index].name} see does not "
+                "distinguish them",
+                "give camera_to_world",
+            )
+        best.append(choices[int(order[0])])
+    return best

@@ -1,0 +1,178 @@
+"""Equipment that is moved during the session, or that stands elsewhere than the given poses imply."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from anchorpose.calibration.equipment_agreement import EquipmentInputs
+from anchorpose.calibration.equipment_model import Equipment, prepare_equipment
+from anchorpose.calibration.equipment_pose import (
+    EquipmentPose,
+    EquipmentPoseConfig,
+    angle_between,
+    find_equipment,
+    refit,
+)
+from anchorpose.calibration.equipment_refine import FloorPrior, standing_prior
+from anchorpose.calibration.equipment_residuals import NOISE_GATE, StillView, see_still
+from anchorpose.calibration.floor import NoFloor, floor_of_room
+from anchorpose.calibration.noise import noise_per_m, what_stays
+from anchorpose.camera import invert_rigid, transform_points
+from anchorpose.recording.recording import FrameSet, Recording
+
+LATE_SHARE: Final = 0.34  # of the sampled frames, at the end: where the equipment is looked for again
+LEAST_FRAMES: Final = 3
+LEAST_SHIFT_M: Final = 0.008  # twice the accuracy required of a calibration
+LEAST_TURN_RAD: Final = 0.0105  # 0.6 degrees
+DOUBT_SHARE: Final = 0.2  # of what is not hidden, seen through: worth a search of the whole floor
+GONE_SHARE: Final = 0.4  # of what is not hidden, seen through: it is not there
+LEAST_PIXELS: Final = 100  # of a frame that show the equipment or what is behind it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moved:
+    """first: index of the first frame that shows it elsewhere; T_camera_model: where it is then, None where that could
+    not be found; shift_m, turn_rad: by how much, None likewise."""
+
+    first: int
+    T_camera_model: np.ndarray | None = None
+    shift_m: float | None = None
+    turn_rad: float | None = None
+
+
+def check_given_poses(
+    recording: Recording, sample_frames: Sequence[FrameSet], floor_height_m: float, config: EquipmentPoseConfig
+) -> list[str]:
+    """Notes on cameras whose given pose puts the equipment where it is not seen; given poses are used all the same."""
+    if recording.equipment is None:
+        return []
+    inputs = EquipmentInputs(recording, sample_frames, prepare_equipment(recording.equipment), config)
+    prior = standing_prior(floor_height_m)
+    return [note for index in range(len(recording.cameras)) if (note := _check_given_pose(inputs, index, prior))]
+
+
+def _check_given_pose(inputs: EquipmentInputs, index: int, prior: FloorPrior) -> str | None:
+    frames, times = inputs.frames_of(index)
+    if not frames:
+        return None
+    camera, background = inputs.recording.cameras[index], inputs.recording.backgrounds_m[index]
+    floor = floor_of_room(camera, background, frames)
+    if isinstance(floor, NoFloor):
+        return None
+    view = see_still(replace(camera, T_world_camera=None), frames, background, noise_per_m(frames), floor)
+    start = invert_rigid(camera.require_pose())
+    moved = notice_movement(view, frames, start, inputs.equipment, prior, inputs.config)
+    if moved is None:
+        return None
+    if moved.first > 0:
+        return moved_note(camera.name, moved, times)
+    if moved.shift_m is None or moved.turn_rad is None:
+        return f"the given pose of camera {camera.name} puts the equipment where this camera sees through it"
+    return (
+        f"the given pose of camera {camera.name} puts the equipment {1000 * moved.shift_m:.0f} mm and "
+        f"{np.degrees(moved.turn_rad):.1f} degrees from where this camera sees it; the given pose is used"
+    )
+
+
+def moved_note(camera: str, moved: Moved, times_s: Sequence[float]) -> str:
+    """One sentence for people."""
+    since = f"from about {times_s[moved.first]:.1f} s on"
+    if moved.shift_m is None or moved.turn_rad is None:
+        return f"camera {camera} no longer sees the equipment in its place {since}: what it hides there is unknown"
+    return (
+        f"the equipment was moved as camera {camera} sees it: {since} it stands {1000 * moved.shift_m:.0f} mm and "
+        f"{np.degrees(moved.turn_rad):.1f} degrees from where it stood; the world stays where it was"
+    )
+
+
+def notice_movement(
+    view: StillView,
+    frames_m: Sequence[np.ndarray],
+    T_camera_model: np.ndarray,
+    equipment: Equipment,
+    prior: FloorPrior,
+    config: EquipmentPoseConfig,
+) -> Moved | None:
+    """Whether the equipment is elsewhere in the last of ``frames_m``, in the order of time; None where it is not.
+
+    view: the camera's noise and floor. A shift within a bar's width shows when the pose is fitted again; a larger one
+    when the camera sees through the places where the equipment was.
+    """
+    count = round(LATE_SHARE * len(frames_m))
+    if count < LEAST_FRAMES:
+        return None
+    late = np.stack(frames_m[-count:])
+    late_view = replace(view, frames_m=late, still_m=what_stays(late, view.noise_per_m))
+    then = _Placed(view, equipment, T_camera_model, config.tolerance_m)
+    now = refit(late_view, equipment, T_camera_model, prior, config)
+    if not isinstance(now, EquipmentPose):
+        through = _through_share(then, late)
+        if through < DOUBT_SHARE:
+            return None
+        now = find_equipment(late_view, equipment, config)
+        if not isinstance(now, EquipmentPose):
+            return Moved(_first_gone(then, frames_m)) if through >= GONE_SHARE else None
+    centre, T_now = equipment.samples.centre_m, _nearest_symmetric(now.fit.T_camera_model, T_camera_model, equipment)
+    shift = float(np.linalg.norm(transform_points(T_now, centre) - transform_points(T_camera_model, centre)))
+    turn = angle_between(T_now, T_camera_model)
+    far = shift > max(LEAST_SHIFT_M, config.moved_sigmas * now.sigma_m)
+    turned = turn > max(LEAST_TURN_RAD, config.moved_sigmas * now.sigma_rad)
+    if not far and not turned:
+        return None
+    return Moved(_first_elsewhere(then, replace(then, T_camera_model=T_now), frames_m), T_now, shift, turn)
+
+
+def _nearest_symmetric(T_now: np.ndarray, T_before: np.ndarray, equipment: Equipment) -> np.ndarray:
+    """Of the poses that chi_0's symmetry makes the same, the one nearest to the earlier pose."""
+    choices = [T_now, *(T_now @ turn for turn in equipment.symmetry.same)]
+    return min(choices, key=lambda T: angle_between(T, T_before))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Placed:
+    """The equipment at one pose in one camera."""
+
+    view: StillView
+    equipment: Equipment
+    T_camera_model: np.ndarray
+    tolerance_m: float
+
+    def counts(self, frame_m: np.ndarray) -> tuple[int, int]:
+        """Pixels of one frame on the equipment, and those that see through it."""
+        rendering = self.equipment.caster.render(self.view.camera, self.T_camera_model)
+        if rendering is None:
+            return 0, 0
+        expected, seen = rendering.depth_m, frame_m[rendering.window]
+        there = np.isfinite(expected) & (seen > 0)
+        gate = self.tolerance_m + NOISE_GATE * self.view.noise_per_m * np.where(there, expected, 0) ** 2
+        off = np.where(there, seen - np.where(there, expected, 0.0), np.nan)
+        return int(np.count_nonzero(np.abs(off) < gate)), int(np.count_nonzero(off > gate))
+
+
+def _through_share(placed: _Placed, frames_m: np.ndarray) -> float:
+    counts = np.array([placed.counts(frame) for frame in frames_m]).sum(axis=0)
+    return float(counts[1] / counts.sum()) if counts.sum() >= LEAST_PIXELS else 0.0
+
+
+def _first_gone(placed: _Placed, frames_m: Sequence[np.ndarray]) -> int:
+    """The frame after the last one that shows the equipment in its place."""
+    for index in range(len(frames_m) - 1, -1, -1):
+        on, through = placed.counts(frames_m[index])
+        if on + through >= LEAST_PIXELS and through < GONE_SHARE * (on + through):
+            return min(index + 1, len(frames_m) - 1)
+    return 0
+
+
+def _first_elsewhere(before: _Placed, now: _Placed, frames_m: Sequence[np.ndarray]) -> int:
+    """The start of the best split in time: earlier frames fit the earlier pose, later ones the later."""
+    gain = []
+    for frame in frames_m:
+        on_before, through_before = before.counts(frame)
+        on_now, through_now = now.counts(frame)
+        gain.append((on_now - through_now) - (on_before - through_before))
+    later = np.append(np.cumsum(np.array(gain, dtype=np.float64)[::-1])[::-1], 0.0)
+    return int(np.argmax(later))

@@ -1,1 +1,0 @@
-"""Poses by printed markers."""

@@ -1,1 +1,0 @@
-"""Cameras placed against each other by the people they see."""

@@ -1,0 +1,270 @@
+"""A proposal for chi_0: the boxes and tubes that stand near the patient's place in the empty room."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Final
+
+import numpy as np
+
+from anchorpose.calibration.proposal_joining import extended, guessed_lengths, hollow_share, merged, on_its_feet
+from anchorpose.calibration.proposal_parts import Found, find_parts
+from anchorpose.calibration.proposal_readings import Readings, Region, gather_readings
+from anchorpose.calibration.proposal_shape import REACH_M, Fit, first_fit, refine
+from anchorpose.calibration.world import find_world
+from anchorpose.camera import Camera
+from anchorpose.errors import InputError
+from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel
+from anchorpose.recording.reader import read_frames
+from anchorpose.recording.recording import Recording
+
+ROUNDS: Final = 3  # readings are assigned to the nearest part, and the parts are fitted again
+SNAP_RAD: Final = np.radians(10.0)  # the error of a bar's direction where another bar's readings are mixed in
+SNAP_WORSE: Final = 1.15  # a snapped part may explain the readings this much worse than a free one
+EXPLAINED_M: Final = 0.015  # of a part's surface: what the part explains
+WELL_M: Final = 0.006  # spread of the readings of a part that fits well, so that it need not be turned
+WORST_RESIDUAL_M: Final = 0.012  # spread of a part's readings about it; more is neither a bar nor a plate
+MOST_HOLLOW: Final = 0.2  # of the rays through a part's core; more pass through where a wrong part was proposed
+LEAST_READINGS: Final = 40
+END_SHARE: Final = 0.15  # of a bar's length at each end, left out of its cross-section
+RUNNER_M, SEAT_M = 0.15, 0.30  # heights that separate names
+SAMPLES: Final = 8  # frames by which the place of the patient is found where no pose is given
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProposedPart:
+    """A part, how far its readings are off it (robust spread), how many there are, and which lengths are guesses."""
+
+    part: Box | Cylinder
+    residual_m: float
+    readings: int
+    guessed: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EquipmentProposal:
+    """parts, tallest names first; explained_share: of the readings that stand free, those within 15 mm of a part."""
+
+    parts: tuple[ProposedPart, ...]
+    explained_share: float
+
+    @property
+    def model(self) -> EquipmentModel:
+        """The parts as chi_0."""
+        return EquipmentModel(tuple(proposed.part for proposed in self.parts))
+
+
+class NoEquipment(StrEnum):
+    """Why nothing is proposed."""
+
+    NOTHING_STANDS = "nothing stands free on the floor near that place"
+    NO_SHAPE = "what stands there consists of neither bars nor plates"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FittedRoom:
+    """cameras with the poses used; rooms_m: one depth image of the empty room each; the proposal; notes on both."""
+
+    cameras: tuple[Camera, ...]
+    rooms_m: tuple[np.ndarray, ...]
+    proposal: EquipmentProposal
+    notes: tuple[str, ...]
+
+
+def fit_equipment(recording: Recording, camera: str | None, region: Region) -> FittedRoom:
+    """The equipment in the empty rooms of a recording's cameras, or of the named one alone.
+
+    Where the poses are given, parts are in their world; one camera without a pose is placed by the floor and by where
+    the patient stands first. Raises InputError where a depth image of the empty room, the floor or the equipment is
+    missing.
+    """
+    chosen = _with_cameras(recording, camera)
+    rooms = tuple(room for room in chosen.backgrounds_m if room is not None)
+    if len(rooms) < len(chosen.cameras):
+        missing = next(c.name for c, room in zip(chosen.cameras, chosen.backgrounds_m, strict=True) if room is None)
+        path = recording.folder / missing / "background.png"
+        raise InputError(path, "there is no such file", "record the empty room with the equipment, or choose --camera")
+    count = len(chosen.streams[0].files)
+    places = np.unique(np.linspace(0, count - 1, min(SAMPLES, count)).astype(int)).tolist()
+    samples = [next(iter(read_frames(chosen, place, place + 1))) for place in places]
+    world = find_world(chosen, samples)
+    if world.floor_height_m is None:
+        path = recording.folder / chosen.cameras[0].name / "background.png"
+        raise InputError(path, "shows no floor to stand on", "let the camera see some floor, then record it again")
+    proposal = propose_equipment(world.cameras, rooms, world.floor_height_m, region)
+    if isinstance(proposal, NoEquipment):
+        x, z = region.center_xz_m
+        where = f"{region.radius_m:g} m around x {x:g}, z {z:g}"
+        raise InputError(recording.folder, f"{proposal.value} ({where})", "say where it is with --around and --radius")
+    return FittedRoom(world.cameras, rooms, proposal, world.notes)
+
+
+def _with_cameras(recording: Recording, name: str | None) -> Recording:
+    """The recording with one camera only, or with all; without its equipment, which is to be found."""
+    names = [camera.name for camera in recording.cameras]
+    if name is not None and name not in names:
+        raise InputError(recording.folder, f"has no camera '{name}'", f"choose one of {', '.join(names)}")
+    kept = [index for index, other in enumerate(names) if name in (None, other)]
+    unknown = [names[index] for index in kept if recording.cameras[index].T_world_camera is None]
+    if len(kept) > 1 and unknown:
+        problem = f"the pose of {', '.join(unknown)} is unknown, so the cameras' depth images cannot be combined"
+        raise InputError(recording.folder / "recording.json", problem, "choose one with --camera, or calibrate first")
+    return replace(
+        recording,
+        cameras=tuple(recording.cameras[index] for index in kept),
+        streams=tuple(recording.streams[index] for index in kept),
+        backgrounds_m=tuple(recording.backgrounds_m[index] for index in kept),
+        equipment=None,
+    )
+
+
+def propose_equipment(
+    cameras: Sequence[Camera], rooms_m: Sequence[np.ndarray], floor_height_m: float, region: Region
+) -> EquipmentProposal | NoEquipment:
+    """Boxes and tubes that explain the empty room near the patient's place.
+
+    cameras: with poses; rooms_m: one (height, width) float32 depth image of the empty room per camera. Only what is
+    seen is known: a side that no camera sees is placed so that the bar is square, and named in ``guessed``.
+    """
+    readings = gather_readings(cameras, rooms_m, floor_height_m, region)
+    if readings.stands.sum() < LEAST_READINGS:
+        return NoEquipment.NOTHING_STANDS
+    points = readings.points_m[readings.stands]
+    found = find_parts(points)
+    if not found:
+        return NoEquipment.NO_SHAPE
+    yaw = _common_yaw(found)
+    fits = [_begin(part, readings, yaw) for part in found]
+    fits = _fit_together(fits, readings, 1)
+    fits = _fit_together(merged(fits, readings), readings, ROUNDS)
+    fits = [on_its_feet(fit, readings, floor_height_m) for fit in fits if fit.readings >= LEAST_READINGS]
+    fits = [fit for fit in fits if fit.residual_m < WORST_RESIDUAL_M and hollow_share(fit, readings) < MOST_HOLLOW]
+    if not fits:
+        return NoEquipment.NO_SHAPE
+    nearest = np.min([np.abs(fit.distance_m(points)) for fit in fits], axis=0)
+    parts = tuple(
+        ProposedPart(fit.part(name), fit.residual_m, fit.readings, guessed_lengths(fit, floor_height_m))
+        for name, fit in _named(fits, floor_height_m)
+    )
+    return EquipmentProposal(parts, float((nearest < EXPLAINED_M).mean()))
+
+
+def _common_yaw(found: Sequence[Found]) -> float:
+    """Direction of the level bars about the vertical, radians, within 45 degrees of 0; 0 where that fits as well.
+
+    Right angles make it a mean of four times the angle; longer bars count more.
+    """
+    total = 0.0 + 0.0j
+    for part in found:
+        axis = part.rotation[:, 0] if part.plate else part.rotation[:, 2]
+        if abs(axis[1]) < 0.2:
+            total += len(part.members) * np.exp(4j * np.arctan2(-axis[2], axis[0]))
+    yaw = float(np.angle(total)) / 4.0 if abs(total) > 0 else 0.0
+    return 0.0 if abs(yaw) < np.radians(2.0) else yaw
+
+
+def _begin(part: Found, readings: Readings, yaw: float) -> Fit:
+    """The part with its axes along the vertical and the common directions where they nearly are.
+
+    It is fitted from two starts, because readings of other parts among its own may make one of them too large: then a
+    face settles on the wrong side of the readings.
+    """
+    rotation = _snapped(part.rotation, yaw)
+    rows = np.flatnonzero(readings.stands)[part.members]
+    points = readings.points_m[rows]
+    local = points @ rotation
+    seen_from = ((readings.origin_m[rows] - points) @ rotation).mean(axis=0)
+    inner = np.ones(len(local), dtype=bool)
+    if not part.plate:  # at a bar's ends, others start from it
+        ends = np.percentile(local[:, 2], [0, 100]) @ np.array([[1 - END_SHARE, END_SHARE], [END_SHARE, 1 - END_SHARE]])
+        inner = (local[:, 2] >= ends[0]) & (local[:, 2] <= ends[1])
+    across = slice(0, 2) if not part.plate else slice(2, 3)
+    own = np.zeros(len(readings.depth_m), dtype=bool)
+    own[rows] = True
+    fits = []
+    for cut in (5, 25):
+        low, high = np.percentile(local, [1, 99], axis=0)
+        low[across], high[across] = np.percentile(local[inner][:, across], [cut, 100 - cut], axis=0)
+        fits.append(refine(first_fit(rotation, low, high, part.plate, seen_from), readings, own))
+    return min(fits, key=lambda fit: fit.cost)
+
+
+def _snapped(rotation: np.ndarray, yaw: float) -> np.ndarray:
+    """The rotation of the common frame nearest to this one, or as it is where none is within ``SNAP_RAD``."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    common = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+    overlap = np.abs(common.T @ rotation)
+    choice = int(np.argmax(overlap[:, 2]))
+    if overlap[choice, 2] < np.cos(SNAP_RAD):
+        return rotation
+    axes = [common[:, choice - 2], common[:, choice - 1], common[:, choice]]  # cyclic, so right-handed
+    return np.stack(axes, axis=1)
+
+
+def _is_snapped(fit: Fit) -> bool:
+    return bool(np.isin(np.round(np.abs(fit.rotation[1]), 12), (0.0, 1.0)).all())
+
+
+def _fit_together(fits: Sequence[Fit], readings: Readings, rounds: int) -> list[Fit]:
+    """Readings are assigned to the nearest part and every part is fitted to its readings, repeatedly; small leftovers
+    are dropped."""
+    fits = list(fits)
+    stands = np.flatnonzero(readings.stands)
+    points = readings.points_m[stands]
+    for number in range(rounds):
+        distances = np.array([np.abs(fit.distance_m(points)) for fit in fits])
+        fits = [extended(fit, points, _of_no_other(distances, index)) for index, fit in enumerate(fits)]
+        owner = np.where(distances.min(axis=0) < REACH_M, distances.argmin(axis=0), -1)
+        kept = []
+        for index, fit in enumerate(fits):
+            own = np.zeros(len(readings.depth_m), dtype=bool)
+            own[stands[owner == index]] = True
+            if own.sum() >= LEAST_READINGS:
+                kept.append(_settled(fit, readings, own, tubes=number == ROUNDS - 1))
+        fits = kept
+        if not fits:
+            break
+    return fits
+
+
+def _of_no_other(distances: np.ndarray, index: int) -> np.ndarray:
+    """(n,) bool: readings that no other part is near to."""
+    others = np.delete(distances, index, axis=0)
+    return np.asarray(others.min(axis=0, initial=np.inf) > EXPLAINED_M)
+
+
+def _settled(fit: Fit, readings: Readings, own: np.ndarray, tubes: bool) -> Fit:
+    """The part with its axes fixed where the common directions explain it, free to turn otherwise."""
+    straight = refine(fit, readings, own, tubes=tubes)
+    if _is_snapped(fit) and straight.residual_m < WELL_M:
+        return straight
+    turned = refine(straight, readings, own, turn=True, tubes=tubes)
+    return straight if _is_snapped(fit) and straight.cost < SNAP_WORSE * turned.cost else turned
+
+
+def _named(fits: Sequence[Fit], floor_height_m: float) -> list[tuple[str, Fit]]:
+    """post, strut, runner, rail (along X), bar (across), seat, plate; numbered from the patient's left to right."""
+    kinds = [_kind(fit, floor_height_m) for fit in fits]
+    order = sorted(range(len(fits)), key=lambda i: (kinds[i], *np.round(fits[i].center_m[[2, 1, 0]], 2)))
+    counts: dict[str, int] = {}
+    named = []
+    for index in order:
+        counts[kinds[index]] = counts.get(kinds[index], 0) + 1
+        named.append((f"{kinds[index]}-{counts[kinds[index]]}", fits[index]))
+    return named
+
+
+def _kind(fit: Fit, floor_height_m: float) -> str:
+    height = fit.center_m[1] - floor_height_m
+    upright = abs(fit.axis[1])
+    if fit.plate:
+        return "seat" if upright > 0.9 and height > SEAT_M else "plate"
+    if upright > 0.9:
+        return "post"
+    if upright > 0.3:
+        return "strut"
+    if height < RUNNER_M:
+        return "runner"
+    return "rail" if abs(fit.axis[0]) > abs(fit.axis[2]) else "bar"
