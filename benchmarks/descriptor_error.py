@@ -15,8 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from anchorpose.association.hypotheses import GateConfig
-from anchorpose.geodesics.anchors import ANCHOR_NAMES, find_anchors
-from anchorpose.geodesics.descriptor import anchor_descriptor
+from anchorpose.geodesics.anchors import ANCHOR_NAMES, anchor_descriptor, find_anchors
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.research.association_errors import ErrorModel, NoErrorModel, estimate_errors

@@ -21,8 +21,7 @@ from anchorpose.body.body_map import map_body
 from anchorpose.body.kinematics import shape_body
 from anchorpose.body.skin_points import FittedShape, build_body, skin_points
 from anchorpose.camera import Camera, Intrinsics
-from anchorpose.geodesics.anchors import Anchors, find_anchors
-from anchorpose.geodesics.descriptor import anchor_descriptor
+from anchorpose.geodesics.anchors import Anchors, anchor_descriptor, find_anchors
 from anchorpose.geodesics.distance import geodesic_distance
 from anchorpose.geodesics.extrema import geodesic_extrema, surface_center
 from anchorpose.isolation.view import PixelLabel, View

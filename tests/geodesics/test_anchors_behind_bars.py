@@ -11,8 +11,7 @@ from body_builder import FRONT, adult_body, asset, before_wall, photograph, poin
 from anchorpose.body.body_map import map_body
 from anchorpose.body.initial import anchor_points
 from anchorpose.body.skin_points import pose_points
-from anchorpose.geodesics.anchors import ANCHOR_NAMES, find_anchors
-from anchorpose.geodesics.descriptor import anchor_descriptor
+from anchorpose.geodesics.anchors import ANCHOR_NAMES, anchor_descriptor, find_anchors
 from anchorpose.geodesics.distance import geodesic_distance
 from anchorpose.geodesics.extrema import find_caps, geodesic_extrema, surface_center
 from anchorpose.isolation.view import PixelLabel, View
@@ -107,7 +106,7 @@ def test_a_shin_that_ends_at_something_is_no_foot(hide_below_m):
     caps = find_caps(surface, field, geodesic_extrema(surface, field, 0.5), 0.06, cut)
     low = [cap for cap in caps if cap.center_m[1] < hide_below_m + 0.15]
     assert len(low) == 2
-    assert all(cap.goes_on and cap.stump for cap in low)
+    assert all(cap.continues and cap.stump for cap in low)
 
 
 def test_who_is_wholly_hidden_has_no_anchors():

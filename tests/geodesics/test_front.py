@@ -10,8 +10,7 @@ import pytest
 from body_builder import FRONT, adult_body, photograph, skin_in, standing
 from surface_builder import flat_grid, grid_surface, with_links
 
-from anchorpose.geodesics.distance import geodesic_distance
-from anchorpose.geodesics.fast_marching import march, march_from_set
+from anchorpose.geodesics.distance import geodesic_distance, geodesic_distance_to_set
 from anchorpose.surface.links import pieces
 from anchorpose.surface.mesh import build_surface, faces, keep_nodes
 
@@ -129,13 +128,12 @@ def test_nodes_that_coincide_break_nothing():
 
 def test_fields_of_many_sources_are_those_of_each_alone_and_no_source_gives_no_field():
     surface = linked(bumpy(3, keep=0.95), 3)
-    arrays = (surface.points_m, surface.ring, surface.link_start, surface.link_node, surface.link_length_m)
     sources = np.array([0, 100, 300, 100])
-    together = march(*arrays, sources)
+    together = geodesic_distance(surface, sources)
     for k, source in enumerate(sources):
-        np.testing.assert_array_equal(together[k], march(*arrays, [source])[0])
-        np.testing.assert_array_equal(together[k], march_from_set(*arrays, [source, source]))
-    assert march(*arrays, np.empty(0, np.int32)).shape == (0, len(surface))
+        np.testing.assert_array_equal(together[k], geodesic_distance(surface, [source])[0])
+        np.testing.assert_array_equal(together[k], geodesic_distance_to_set(surface, [source, source]))
+    assert geodesic_distance(surface, np.empty(0, np.int32)).shape == (0, len(surface))
 
 
 def test_on_a_body_it_is_within_millimetres_of_the_exact_distance():

@@ -1,11 +1,23 @@
-"""Geodesic distance on a surface by fast marching (paper, gd of Section III): 3 to 9 mm off on average."""
+"""Geodesic distance on a surface by fast marching with unfolding (paper, gd of Section III): 3 to 9 mm off on average.
+
+A front leaves the source and reaches the nodes in the order of distance. A node takes its distance from the triangle of
+two reached neighbours by laying both and their distances flat, which is exact where the surface is flat; across a link
+it takes the link's length. ``front`` and ``fans`` say how.
+"""
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Final
 
-from anchorpose.geodesics.fast_marching import march, march_from_set
-from anchorpose.surface.surface import Surface
+import numpy as np
+from numba import njit
+
+from anchorpose.geodesics.fans import AWAY
+from anchorpose.geodesics.front import Stop, march_on, new_front, start_at
+from anchorpose.surface.surface import MeshArrays, Surface
+
+BAND: Final = 0.7  # of the mean edge: narrower has more rounds, wider more nodes active twice; flat in between
+SAMPLED_EDGES: Final = 128  # for the mean edge, which affects speed only
 
 
 def geodesic_distance(surface: Surface, sources: np.ndarray, max_distance_m: float = np.inf) -> np.ndarray:
@@ -16,40 +28,51 @@ def geodesic_distance(surface: Surface, sources: np.ndarray, max_distance_m: flo
     Raises ValueError on a source that is not a node (a missed anchor's -1, or any node of an empty surface) and on
     nodes that are not finite.
     """
-    nodes, points = check_sources(surface, sources, max_distance_m)
-    return march(points, *_edges(surface), nodes, max_distance_m)
+    nodes = check_sources(surface, sources, max_distance_m)
+    mesh = surface.arrays
+    return _fields(mesh, nodes.reshape(-1, 1), np.float32(max_distance_m), band_of(mesh))
 
 
 def geodesic_distance_to_set(surface: Surface, sources: np.ndarray, max_distance_m: float = np.inf) -> np.ndarray:
     """(n,) float32 distance in metres to the nearest of the sources (s,), inf without any; else as above."""
-    nodes, points = check_sources(surface, sources, max_distance_m)
-    return march_from_set(points, *_edges(surface), nodes, max_distance_m)
+    nodes = check_sources(surface, sources, max_distance_m)
+    mesh = surface.arrays
+    field: np.ndarray = _fields(mesh, nodes.reshape(1, -1), np.float32(max_distance_m), band_of(mesh))[0]
+    return field
 
 
-def check_sources(surface: Surface, sources: np.ndarray, max_distance_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """(s,) int32 sources and (n, 3) float32 positions of the surface; raises ValueError as ``geodesic_distance``."""
-    nodes, points = _require_nodes(surface, sources), _require_finite(surface)
-    if not max_distance_m >= 0:
-        raise ValueError(f"max_distance_m must not be negative, got {max_distance_m}")
-    return nodes, points
-
-
-def _edges(surface: Surface) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    return surface.ring, surface.link_start, surface.link_node, surface.link_length_m
-
-
-def _require_nodes(surface: Surface, sources: np.ndarray) -> np.ndarray:
-    """(s,) int32 sources, or ValueError where one is no node of the surface."""
+def check_sources(surface: Surface, sources: np.ndarray, max_distance_m: float) -> np.ndarray:
+    """(s,) int32 sources; raises ValueError as ``geodesic_distance``."""
     nodes = np.atleast_1d(np.asarray(sources))
     if nodes.ndim != 1 or (nodes.dtype.kind not in "iu" and len(nodes)):
         raise ValueError(f"sources must be a list of node numbers, got {nodes.dtype} of shape {nodes.shape}")
     if len(nodes) and not (nodes.min() >= 0 and nodes.max() < len(surface)):
         raise ValueError(f"sources {nodes.tolist()} are not all nodes of a surface of {len(surface)}")
-    return nodes.astype(np.int32)
-
-
-def _require_finite(surface: Surface) -> np.ndarray:
-    """(n, 3) float32 positions, or ValueError where one is not finite."""
     if not np.isfinite(surface.points_m).all():
         raise ValueError("the surface has nodes whose position is not finite")
-    return np.ascontiguousarray(surface.points_m, dtype=np.float32)
+    if not max_distance_m >= 0:
+        raise ValueError(f"max_distance_m must not be negative, got {max_distance_m}")
+    return np.ascontiguousarray(nodes, dtype=np.int32)
+
+
+def band_of(mesh: MeshArrays) -> float:
+    """Width in metres of the band of nodes that ``march_on`` takes at once."""
+    points, some = mesh.points_m, np.arange(0, len(mesh.points_m), max(1, len(mesh.points_m) // SAMPLED_EDGES))
+    other = mesh.ring[some][:, [0, 2]]
+    length = np.linalg.norm(points[other] - points[some][:, None], axis=2)[other >= 0]
+    return BAND * float(length.mean()) if len(length) > 0 else 1.0
+
+
+@njit(cache=True)
+def _fields(mesh: MeshArrays, sets: np.ndarray, max_distance: np.float32, band: float) -> np.ndarray:
+    """(s, n) float32: one field per row of sets (s, k) int32, its sources. Fans are filled once and serve all."""
+    count = len(mesh.points_m)
+    fields, front = np.empty((len(sets), count), np.float32), new_front(count)
+    everywhere = Stop(np.float64(max_distance), np.empty(0, np.float32), 0.0)
+    for row in range(len(sets)):
+        start_at(front, sets[row])
+        march_on(mesh, front, band, everywhere)
+        for node in range(count):
+            own = front.distance[node]
+            fields[row, node] = own if own < AWAY and own <= max_distance else np.inf
+    return fields

@@ -1,8 +1,7 @@
-"""The centre of the surface and its geodesic extrema (paper, Section IV-B, after Definition 2).
+"""The centre of the surface, its geodesic extrema (paper, Section IV-B, after Definition 2), and their caps.
 
-The extremal cap: what the surface is around a geodesic extremum, and whether the limb really ends there.
-
-The extremum itself is one node, the farthest of many that are almost as far; its cap's centre is steadier.
+The extremum itself is one node, the farthest of many that are almost as far. Its cap, what the surface is around it,
+has a steadier centre, and shows whether the limb really ends there.
 """
 
 from __future__ import annotations
@@ -14,10 +13,17 @@ import numpy as np
 from numba import njit
 
 from anchorpose.errors import DegenerateGeometry
-from anchorpose.geodesics.distance import geodesic_distance
-from anchorpose.geodesics.fast_marching import band_of, fresh_state, start_at
-from anchorpose.geodesics.front import march_on
-from anchorpose.surface.surface import Surface
+from anchorpose.geodesics.distance import band_of, geodesic_distance
+from anchorpose.geodesics.front import Stop, march_on, new_front, start_at
+from anchorpose.surface.surface import MeshArrays, Surface
+
+FARTHEST: Final = 10  # nodes whose mean distance is the end: the single farthest is noise by half a centimetre
+STUMP_SHARE: Final = 0.5  # of a cap's outer half: beside a bar all of it is cut, beside one wrong reading little
+LONGER: Final = 1.5  # cap depths, 9 cm: fingers that the sensor lost are shorter, a hand from the wrist on is not
+LONGER_AT_CUT: Final = 1.0  # where something stands in front of the end: a wrist behind a bar
+HIDDEN_AREA: Final = 3.0  # of a seen node's: skin points are 2.2 cm apart, nodes 1.3 cm
+LEAST_SIGMA_M: Final = 0.003  # a quarter of the nodes' distance: a cap of one node has no radius
+SPREAD: Final = 0.20  # of a cap's radius: by how much its centre moves from frame to frame
 
 
 def surface_center(surface: Surface) -> int:
@@ -27,7 +33,8 @@ def surface_center(surface: Surface) -> int:
     """
     if surface.seen_count == 0:
         raise DegenerateGeometry("a surface without seen nodes has no centre")
-    return int(_nearest(surface.points_m, surface.seen_count, seen_mean(surface)))
+    x, y, z = (surface.points_m[: surface.seen_count] - seen_mean(surface)).T
+    return int(np.argmin(x**2 + y**2 + z**2))
 
 
 def seen_mean(surface: Surface) -> np.ndarray:
@@ -48,13 +55,9 @@ def geodesic_extrema(surface: Surface, field: np.ndarray, radius_m: float) -> np
         raise ValueError(f"radius_m must be positive, got {radius_m}")
     field = field.astype(np.float32)
     field[surface.seen_count :] = -np.inf
-    links = (surface.ring, surface.link_start, surface.link_node)
-    candidates = _one_ring_maxima(field, *links)
-    points = np.ascontiguousarray(surface.points_m, dtype=np.float32)
-    stands = _is_extremum(
-        points, *links, surface.link_length_m, field, candidates, float(radius_m), band_of(points, surface.ring)
-    )
-    extrema = candidates[stands]
+    mesh = surface.arrays
+    candidates = _local_maxima(surface, field)
+    extrema = candidates[_is_extremum(mesh, field, candidates, float(radius_m), band_of(mesh))]
     return extrema[np.argsort(-field[extrema], kind="stable")]
 
 
@@ -68,66 +71,24 @@ def _mean(points: np.ndarray, count: int) -> np.ndarray:
     return total / np.float64(count)
 
 
-@njit(cache=True)
-def _nearest(points: np.ndarray, count: int, place: np.ndarray) -> int:
-    found, least = -1, np.inf
-    for k in range(count):
-        apart2 = 0.0
-        for axis in range(3):
-            apart2 += (points[k, axis] - place[axis]) ** 2
-        if apart2 < least:
-            found, least = k, apart2
-    return found
+def _local_maxima(surface: Surface, field: np.ndarray) -> np.ndarray:
+    """(k,) int32 nodes that exceed all their neighbours on the grid and across links."""
+    ring, highest = surface.ring, np.isfinite(field)
+    highest &= ((ring < 0) | (field[ring] < field[:, None])).all(axis=1)
+    source = np.repeat(np.arange(len(field)), np.diff(surface.link_start))
+    highest[source[~(field[surface.link_node] < field[source])]] = False
+    return np.flatnonzero(highest).astype(np.int32)
 
 
 @njit(cache=True)
-def _one_ring_maxima(field: np.ndarray, ring: np.ndarray, link_start: np.ndarray, link_node: np.ndarray) -> np.ndarray:
-    maxima = np.empty(len(field), np.int32)
-    count = 0
-    for node in range(len(field)):
-        highest = np.isfinite(field[node])
-        for k in range(8):
-            if highest and ring[node, k] >= 0:
-                highest = field[ring[node, k]] < field[node]
-        for k in range(link_start[node], link_start[node + 1]):
-            if highest:
-                highest = field[link_node[k]] < field[node]
-        if highest:
-            maxima[count] = node
-            count += 1
-    return maxima[:count].copy()
-
-
-@njit(cache=True)
-def _is_extremum(
-    points: np.ndarray,
-    ring: np.ndarray,
-    link_start: np.ndarray,
-    link_node: np.ndarray,
-    link_length: np.ndarray,
-    field: np.ndarray,
-    candidates: np.ndarray,
-    radius: float,
-    band: float,
-) -> np.ndarray:
+def _is_extremum(mesh: MeshArrays, field: np.ndarray, candidates: np.ndarray, radius: float, band: float) -> np.ndarray:
     """Fast marching from each candidate that ends at the first node as far from the centre."""
     stands = np.empty(len(candidates), np.bool_)
-    fans, state, work = fresh_state(len(points))
+    front = new_front(len(mesh.points_m))
     for k in range(len(candidates)):
-        start_at(state, candidates[k : k + 1])
-        level = field[candidates[k]]
-        met = march_on(points, ring, link_start, link_node, link_length, fans, state, work, radius, band, field, level)
-        stands[k] = not met
+        start_at(front, candidates[k : k + 1])
+        stands[k] = not march_on(mesh, front, band, Stop(radius, field, np.float64(field[candidates[k]])))
     return stands
-
-
-FARTHEST: Final = 10  # nodes whose mean distance is the end: the single farthest is noise by half a centimetre
-STUMP_SHARE: Final = 0.5  # of a cap's outer half: beside a bar all of it is cut, beside one wrong reading little
-LONGER: Final = 1.5  # cap depths, 9 cm: fingers that the sensor lost are shorter, a hand from the wrist on is not
-LONGER_AT_CUT: Final = 1.0  # where something stands in front of the end: a wrist behind a bar
-HIDDEN_AREA: Final = 3.0  # of a seen node's: skin points are 2.2 cm apart, nodes 1.3 cm
-LEAST_SIGMA_M: Final = 0.003  # a quarter of the nodes' distance: a cap of one node has no radius
-SPREAD: Final = 0.20  # of a cap's radius: by how much its centre moves from frame to frame
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,7 +97,7 @@ class Cap:
 
     nodes (m,) int: seen nodes; center_m (3,): their mean, the outermost counting most. reach_m: how far from the centre
     of the surface the outermost lies. sigma_m: one standard deviation of the centre on an axis. stump: it ends because
-    something else stands in front; goes_on: hidden skin leads much farther.
+    something else is in front; continues: hidden skin leads much farther.
     """
 
     nodes: np.ndarray
@@ -144,7 +105,7 @@ class Cap:
     reach_m: float
     sigma_m: float
     stump: bool
-    goes_on: bool
+    continues: bool
 
 
 def find_caps(
@@ -184,7 +145,7 @@ def _cap(
         reach_m=highest,
         sigma_m=max(LEAST_SIGMA_M, float(np.hypot(SPREAD * radius, unseen * depth_m))),
         stump=stump,
-        goes_on=bool((field[hidden] > highest + longer).any()),
+        continues=bool((field[hidden] > highest + longer).any()),
     )
 
 

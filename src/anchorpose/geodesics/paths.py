@@ -1,30 +1,29 @@
-"""Where each node's shortest path comes from, read off a field of distances.
-
-Compiled pieces for whoever follows paths through a field; distances may come from any solver.
-"""
+"""Where each node's shortest path comes from, read off a field of distances, which may come from any solver."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numba import njit
 
+from anchorpose.surface.surface import MeshArrays
+
 
 @njit(cache=True, error_model="numpy")
-def came_from(
-    points: np.ndarray,
-    ring: np.ndarray,
-    link_start: np.ndarray,
-    link_node: np.ndarray,
-    link_length: np.ndarray,
-    distance: np.ndarray,
-    node: int,
-) -> tuple[int, int, float]:
-    """Where a node's path comes from: the point (1 - share) a + share b on an edge of its ring, or a node, a = b."""
+def came_from(mesh: MeshArrays, distance: np.ndarray, node: int) -> tuple[int, int, float]:
+    """Where a node's path comes from: the point (1 - share) a + share b on an edge of its ring, or a node, a = b.
+
+    distance (n,) float32: the field.
+    """
+    points, ring, link_start, link_node = mesh.points_m, mesh.ring, mesh.link_start, mesh.link_node
+    one: Any
+    other: Any
     best, one, other, share = np.inf, -1, -1, 0.0
     for k in range(8):
-        a, b = ring[node, k], ring[node, (k + 1) % 8]
+        a, b = np.int64(ring[node, k]), np.int64(ring[node, (k + 1) % 8])
         if b < 0 and _across(ring, node, k):
-            b = ring[node, (k + 2) % 8]
+            b = np.int64(ring[node, (k + 2) % 8])
         if a >= 0 and distance[a] < distance[node]:
             reached = distance[a] + apart(points, node, a)
             if reached < best:
@@ -34,16 +33,16 @@ def came_from(
             if reached < best:
                 best, one, other, share = reached, a, b, crossing
     for k in range(link_start[node], link_start[node + 1]):
-        a = link_node[k]
+        a = np.int64(link_node[k])
         if distance[a] < distance[node]:
-            reached = distance[a] + link_length[k]
+            reached = distance[a] + mesh.link_length_m[k]
             if reached < best:
                 best, one, other, share = reached, a, a, 0.0
     return one, other, share
 
 
 @njit(cache=True, error_model="numpy")
-def _unfolded(points: np.ndarray, distance: np.ndarray, node: int, a: int, b: int) -> tuple[float, float]:
+def _unfolded(points: np.ndarray, distance: np.ndarray, node: int, a: Any, b: Any) -> tuple[float, float]:
     """Distance by way of edge a-b laid flat, and the share of the edge where the ray crosses; inf where it misses."""
     c2, p2, dot = 0.0, 0.0, 0.0
     for axis in range(3):
@@ -69,7 +68,8 @@ def _unfolded(points: np.ndarray, distance: np.ndarray, node: int, a: int, b: in
 
 
 @njit(cache=True, error_model="numpy")
-def apart(points: np.ndarray, a: int, b: int) -> float:
+def apart(points: np.ndarray, a: Any, b: Any) -> float:
+    """Straight distance between two nodes."""
     total = 0.0
     for axis in range(3):
         total += (np.float64(points[a, axis]) - points[b, axis]) ** 2
@@ -77,7 +77,8 @@ def apart(points: np.ndarray, a: int, b: int) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def adjoin(ring: np.ndarray, node: int, other: int) -> bool:
+def adjoin(ring: np.ndarray, node: Any, other: int) -> bool:
+    """Whether two nodes are neighbours on the grid."""
     for k in range(8):  # noqa: SIM110
         if ring[node, k] == other:
             return True
@@ -90,7 +91,7 @@ def is_bare(ring: np.ndarray, node: int, other: int) -> bool:
     for k in range(8):
         if ring[node, k] == other:
             for way in (1, 2, 6, 7):  # a neighbour of both, one or two places around the ring
-                third = ring[node, (k + way) % 8]
+                third = np.int64(ring[node, (k + way) % 8])
                 if third >= 0 and adjoin(ring, third, other):
                     return False
             return True

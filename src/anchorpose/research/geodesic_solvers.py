@@ -44,7 +44,7 @@ def solve_distance(
     """
     if solver is Solver.FAST_MARCHING:
         return geodesic_distance(surface, sources, max_distance_m)
-    nodes, _ = check_sources(surface, sources, max_distance_m)
+    nodes = check_sources(surface, sources, max_distance_m)
     return _REFERENCES[solver][0](surface, nodes, max_distance_m)
 
 
@@ -54,7 +54,7 @@ def solve_distance_to_set(
     """As ``geodesic_distance_to_set``, by any solver."""
     if solver is Solver.FAST_MARCHING:
         return geodesic_distance_to_set(surface, sources, max_distance_m)
-    nodes, _ = check_sources(surface, sources, max_distance_m)
+    nodes = check_sources(surface, sources, max_distance_m)
     return _REFERENCES[solver][1](surface, nodes, max_distance_m)
 
 

@@ -9,8 +9,7 @@ import numpy as np
 
 from anchorpose.body.evidence import Evidence, gather_evidence
 from anchorpose.body.skin_points import body_points
-from anchorpose.geodesics.anchors import Anchors, find_anchors
-from anchorpose.geodesics.descriptor import anchor_descriptor
+from anchorpose.geodesics.anchors import Anchors, anchor_descriptor, find_anchors
 from anchorpose.geodesics.trusted_anchors import trusted_anchors
 from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory, update_memory
 from anchorpose.isolation.config import IsolationConfig

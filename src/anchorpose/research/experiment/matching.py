@@ -14,7 +14,7 @@ import numpy as np
 
 from anchorpose.association.matcher import Matcher
 from anchorpose.body.pose import Pose
-from anchorpose.geodesics.descriptor import anchor_descriptor
+from anchorpose.geodesics.anchors import anchor_descriptor
 from anchorpose.geodesics.distance import geodesic_distance
 from anchorpose.geodesics.extrema import geodesic_extrema, surface_center
 from anchorpose.recording.reader import read_frames

@@ -13,8 +13,7 @@ from scipy.spatial import KDTree
 
 from anchorpose.association.hypotheses import GateConfig, anchor_subsets, match_hypotheses
 from anchorpose.association.matcher import HypothesisConfig, Matcher
-from anchorpose.geodesics.anchors import ANCHOR_NAMES
-from anchorpose.geodesics.descriptor import anchor_descriptor
+from anchorpose.geodesics.anchors import ANCHOR_NAMES, anchor_descriptor
 from anchorpose.research.experiment.framework import ANYWHERE_M, PAPER_GATE
 from anchorpose.research.experiment.method import PROPOSED, Family, Method, remembered
 from anchorpose.research.features.nearest import nearest_descriptor

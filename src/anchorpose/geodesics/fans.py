@@ -1,0 +1,206 @@
+"""What a marching front needs to know of a node's ring, and the distances that the node can pass on to it.
+
+Eight edges and sixteen triangles, side by side in the processor's vector registers. Lanes: the ring places E N W S NE
+NW SW SE, the four sides of the grid first, because every triangle through which a node passes on a distance has its
+third corner on such a side: to NE it is the triangle with E or with N, to E the one with N or with S, whose right angle
+is at the node. So each lane has a triangle to its left, counter-clockwise, and one to its right.
+Sources: Kimmel and Sethian 1998 (doi:10.1073/pnas.95.15.8431) with the point source of Novotni and Klein 2002.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from anchorpose.surface.surface import MeshArrays
+
+LANES: Final = 8
+PLACE: Final = np.array([0, 2, 4, 6, 1, 3, 5, 7])  # ring place of each lane
+LEFT: Final = np.array([1, 2, 3, 0, 1, 2, 3, 0])  # lane of the side that the triangle to the left stands on
+RIGHT: Final = np.array([3, 0, 1, 2, 0, 1, 2, 3])
+EDGE2, DOT_LEFT, DOT_RIGHT, FAN = 0, 8, 16, 24  # columns of a fan: squared edges, dot products with the sides; width
+
+# columns of a row of ``Rows``: the fan; the sides' squared edges, distances and bends, those to the right from two
+# before the end of those to the left; the ring's distances; the candidates and their bends; the node's own values
+SIDE2_LEFT, SIDE2_RIGHT, SIDE_LEFT, SIDE_RIGHT, BEND_LEFT, BEND_RIGHT = (np.int64(c) for c in (24, 30, 38, 44, 52, 58))
+BEFORE, CANDIDATE, CANDIDATE_BEND, OWN, OWN_BEND, OWN_RIM, UPDATED, ROW = 66, 74, 82, 90, 91, 92, 93, 96
+WIDE: Final = 4  # columns that are copied as one number
+
+AWAY: Any = np.float32(1e6)  # metres; farther than anything, yet its square is a float32
+SMALLEST: Any = np.float32(1e-12)  # square metres; nodes that coincide count as a micrometre apart: no division by 0
+NOT_FILLED: Any = np.uint8(2)
+
+ZERO: Any
+ONE: Any
+TWO: Any
+ZERO, ONE, TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)  # a literal would make everything float64
+
+FULL_TURN: Any = np.float32(1.0 / (1.0 - np.cos(np.radians(4.0))))
+"""Over how sharp a turn at the surface's rim the front starts again there: one that pixels do not make by chance."""
+
+FUSED: Final = {"contract", "nsz", "arcp"}  # fused and reordered products, but NaN stays NaN
+
+
+class Fans(NamedTuple):
+    """The rings of all n nodes, filled in when a front first reaches them.
+
+    near (n, 8) uint32: the neighbour in each lane, n where there is none; fan (n, 24) float32: the columns above; rim
+    (n,) uint8: 1 where the surface ends, ``NOT_FILLED`` at first; edge (8, 3) float32: scratch; wide (n, 6) complex128:
+    the memory of fan, four columns a number.
+    """
+
+    near: np.ndarray
+    fan: np.ndarray
+    rim: np.ndarray
+    edge: np.ndarray
+    wide: np.ndarray
+
+
+class Rows(NamedTuple):
+    """Workspace of a round, a row per active node: table (n, 96) float32; flat and wide (n, 24) complex128: views."""
+
+    table: np.ndarray
+    flat: np.ndarray
+    wide: np.ndarray
+
+
+@njit(cache=True)
+def empty_fans(count: int) -> Fans:
+    """Fans of a surface of count nodes, none of them filled."""
+    near, fan = np.empty((count, LANES), np.uint32), np.empty((count, FAN), np.float32)
+    return Fans(near, fan, np.full(count, NOT_FILLED), np.empty((LANES, 3), np.float32), fan.view(np.complex128))
+
+
+@njit(cache=True)
+def empty_rows(count: int) -> Rows:
+    """Room for all count nodes, of which a round uses a few rows."""
+    table = np.empty((count, ROW), np.float32)
+    return Rows(table, table.ravel(), table.view(np.complex128))
+
+
+@njit(cache=True)
+def fill_fans(mesh: MeshArrays, active: np.ndarray, fans: Fans) -> None:
+    """Fill those of the active nodes that no earlier round filled, so that a march that stops early costs less."""
+    for k in range(len(active)):
+        node = active[k]
+        if fans.rim[node] == NOT_FILLED:
+            fans.rim[node] = _fill_fan(mesh, node, fans)
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_fan(mesh: MeshArrays, node: int, fans: Fans) -> bool:
+    """Fill in the neighbours and edges of one node; whether the surface ends at it.
+
+    A triangle exists when all its three edges do: the dot product of any other is NaN, which no comparison lets pass.
+    A missing neighbour is ``AWAY``.
+    """
+    points, ring = mesh.points_m, mesh.ring
+    near, fan, edge = fans.near, fans.fan, fans.edge
+    nowhere = len(points)
+    rim = False
+    for lane in range(LANES):
+        other = ring[node, PLACE[lane]]
+        near[node, lane] = nowhere if other < 0 else other
+        rim |= other < 0
+        for axis in range(3):
+            edge[lane, axis] = points[max(other, 0), axis] - points[node, axis]
+        length2 = edge[lane, 0] * edge[lane, 0] + edge[lane, 1] * edge[lane, 1] + edge[lane, 2] * edge[lane, 2]
+        fan[node, EDGE2 + lane] = AWAY * AWAY if other < 0 else max(length2, SMALLEST)
+    for lane in range(LANES):
+        other, place = ring[node, PLACE[lane]], PLACE[lane]
+        left, right = LEFT[lane], RIGHT[lane]
+        dot_left = edge[lane, 0] * edge[left, 0] + edge[lane, 1] * edge[left, 1] + edge[lane, 2] * edge[left, 2]
+        dot_right = edge[lane, 0] * edge[right, 0] + edge[lane, 1] * edge[right, 1] + edge[lane, 2] * edge[right, 2]
+        whole_left = other >= 0 and ring[other, (place + 3) & 7] == ring[node, PLACE[left]]
+        whole_right = other >= 0 and ring[other, (place + 5) & 7] == ring[node, PLACE[right]]
+        fan[node, DOT_LEFT + lane] = dot_left if whole_left else np.nan
+        fan[node, DOT_RIGHT + lane] = dot_right if whole_right else np.nan
+    return rim
+
+
+@njit(cache=True)
+def gather(fans: Fans, distance: np.ndarray, bend: np.ndarray, active: np.ndarray, rows: Rows) -> None:
+    """Copy what the active nodes (k,) uint32 need into the first k rows, before any distance changes.
+
+    distance, bend (n + 1,) float32 of ``front.Front``.
+    """
+    near, fan, table = fans.near, fans.fan, rows.table
+    for k in range(len(active)):
+        node = active[k]
+        for part in range(FAN // WIDE):
+            rows.wide[k, part] = fans.wide[node, part]
+        e, n, w, s = near[node, 0], near[node, 1], near[node, 2], near[node, 3]
+        _to_lanes(table, k, SIDE2_LEFT, fan[node, 0], fan[node, 1], fan[node, 2], fan[node, 3])
+        _to_lanes(table, k, SIDE_LEFT, distance[e], distance[n], distance[w], distance[s])
+        for lane in range(LANES):
+            table[k, BEFORE + lane] = distance[near[node, lane]]
+        _to_lanes(table, k, BEND_LEFT, bend[e], bend[n], bend[w], bend[s])
+        table[k, OWN], table[k, OWN_BEND], table[k, OWN_RIM] = distance[node], bend[node], fans.rim[node]
+
+
+@njit(cache=True)
+def _to_lanes(table: np.ndarray, k: int, at: Any, e: float, n: float, w: float, s: float) -> None:
+    """Copy the values of the four sides to the lanes whose triangles stand on them: ``LEFT``, then ``RIGHT``."""
+    table[k, at], table[k, at + 1], table[k, at + 2], table[k, at + 3] = n, w, s, e
+    table[k, at + 4], table[k, at + 5], table[k, at + 6], table[k, at + 7] = n, w, s, e
+    table[k, at + 8], table[k, at + 9], table[k, at + 10], table[k, at + 11] = n, w, e, n
+    table[k, at + 12], table[k, at + 13] = w, s
+
+
+@njit(cache=True, error_model="numpy", fastmath=FUSED)
+def find_candidates(table: np.ndarray, count: int) -> None:
+    """The candidate distances of the first rows of ``Rows.flat``, and which neighbours may be updated by them.
+
+    The inner loop has no branch and one array, so that it becomes vector instructions.
+    """
+    for k in range(count):
+        row = k * ROW
+        own, own_bend, rim = table[row + OWN], table[row + OWN_BEND], table[row + OWN_RIM]
+        updated = np.int32(0)
+        for lane in range(LANES):
+            at = row + lane
+            arm2 = table[at + EDGE2]
+            arm = np.sqrt(arm2)
+            side, side_bend = table[at + SIDE_LEFT], table[at + BEND_LEFT]
+            side2, dot = table[at + SIDE2_LEFT], table[at + DOT_LEFT]
+            left, left_bend, left_turn = _through(own, own_bend, arm2, arm, side, side_bend, side2, dot)
+            side, side_bend = table[at + SIDE_RIGHT], table[at + BEND_RIGHT]
+            side2, dot = table[at + SIDE2_RIGHT], table[at + DOT_RIGHT]
+            right, right_bend, right_turn = _through(own, own_bend, arm2, arm, side, side_bend, side2, dot)
+            turn = max(min(left_turn, right_turn, ONE), ZERO)
+            candidate, turned = own + arm, own_bend + (own - own_bend) * turn * rim
+            turned = left_bend if left < candidate else turned
+            candidate = min(candidate, left)
+            turned = right_bend if right < candidate else turned
+            candidate = min(candidate, right)
+            table[at + CANDIDATE], table[at + CANDIDATE_BEND] = candidate, turned
+            updated += np.int32(candidate <= table[at + BEFORE]) << np.int32(lane)
+        table[row + UPDATED] = updated
+
+
+@njit(cache=True, error_model="numpy", fastmath=FUSED)
+def _through(
+    own: float, own_bend: float, arm2: float, arm: float, side: float, side_bend: float, side2: float, dot: float
+) -> tuple:
+    """Candidate distance through one triangle; its bend; how much the path turns at the node if it cannot cross.
+
+    The triangle is laid flat, the node at the origin and the side at (c, 0): the point from which the front seems to
+    come is (x, -y), with ``towards`` = 2 c x and ``beside`` = 2 c y; the neighbour's height over the edge times c is
+    ``area``. A front that turned around the rim comes from there, so ``own_bend`` is taken off the distances and put
+    back on. ``AWAY`` where the straight line misses the edge between node and side.
+    """
+    since = min(own_bend, side_bend)
+    radius = own - since
+    area = np.sqrt(max(arm2 * side2 - dot * dot, ZERO))
+    towards = (own - side) * (own + side - TWO * since) + side2
+    beside = np.sqrt(max(TWO * TWO * side2 * radius * radius - towards * towards, ZERO))
+    gain = (area * beside - dot * towards) / side2
+    straight = since + np.sqrt(max(radius * radius + (arm2 + gain), ZERO))
+    crossing, width = towards * area + dot * beside, side2 * (beside + TWO * area)
+    known = (side < AWAY) & (dot == dot)  # NaN: no triangle
+    hits = known & (crossing >= ZERO) & (crossing <= width)
+    turn = (ONE - gain / (TWO * radius * arm + SMALLEST)) * FULL_TURN
+    candidate = straight if hits else AWAY
+    return candidate, own_bend + (side_bend - own_bend) * (crossing / width), turn if known else ONE
