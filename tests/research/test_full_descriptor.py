@@ -11,8 +11,7 @@ from bent_sheets import SPACING, bent, hill, sheet
 from scipy.spatial.transform import Rotation
 
 from anchorpose.errors import DegenerateGeometry
-from anchorpose.geodesics.anchors import Anchors
-from anchorpose.geodesics.descriptor import anchor_descriptor
+from anchorpose.geodesics.anchors import Anchors, anchor_descriptor
 from anchorpose.research.full_descriptor import full_descriptor
 from anchorpose.research.geodesic_solvers import Solver, solve_distance
 from anchorpose.surface.mesh import keep_nodes
