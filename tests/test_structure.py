@@ -29,7 +29,7 @@ BESIDE_THE_FLOW = (
 )  # fmt: skip
 PACKAGE_ITSELF = "anchorpose"  # `from anchorpose import __version__`
 
-HEAVY = {"numpy", "scipy", "numba", "cv2", "pyarrow", "embreex"}
+HEAVY = {"numpy", "scipy", "numba", "cv2", "pyarrow", "embreex", "pydantic", "jinja2"}
 
 # Put together from pieces, so that this file does not hold what it forbids.
 MACHINE_PATH = re.compile(r"(?<![\w.~/])/(?:" + "|".join(("work", "root", "home", "Users", "opt", "tmp/lab")) + r")/")

@@ -9,9 +9,10 @@ from typing import Literal
 
 import pytest
 
-from anchorpose.cli.config_file import load_config
+from anchorpose.cli.config_file import load_config, load_track_config
 from anchorpose.errors import InputError
 from anchorpose.settings import Positive, settings
+from anchorpose.tracker.config import TrackConfig
 
 
 class Mode(Enum):
@@ -100,3 +101,37 @@ def test_a_missing_file_and_an_unknown_kind_are_refused(tmp_path):
     for name in ("none.toml", "none.json", "none.yaml"):
         with pytest.raises(InputError, match=name):
             load_config(tmp_path / name, Outer)
+
+
+def test_former_settings_are_refused_by_name_and_those_that_moved_with_their_new_name(tmp_path):
+    former = {"inner.deep.slack_m", "old", "inner.deep.radius_m", "inner.count", "strict"}
+    for text, sentence in (
+        ("old = 1", "old is no longer a setting since version 0.2.0; remove it from the file"),
+        ("old = 1\n[inner.deep]\nslack_m = 1", "inner.deep.slack_m, old are no longer settings since version 0.2.0"),
+        ("[inner.deep]\nradius_m = 1", "inner.deep.radius_m is called inner.radius_m since version 0.2.0; rename it"),
+        ("[inner.deep]\nslak_m = 1", "unknown key 'inner.deep'"),
+    ):
+        (tmp_path / "c.toml").write_text(text)
+        with pytest.raises(InputError) as refusal:
+            load_config(tmp_path / "c.toml", Outer, former)
+        assert sentence in str(refusal.value)
+    (tmp_path / "c.toml").write_text("strict = true\n[inner]\ncount = 2")
+    assert load_config(tmp_path / "c.toml", Outer, former).inner.count == 2
+
+
+def test_settings_of_track_that_version_0_1_0_had_are_known(tmp_path):
+    (tmp_path / "c.toml").write_text("[surface.sheet.bridge]\nslack_m = 0.1")
+    with pytest.raises(InputError, match=r"sheet\.bridge\.slack_m is no longer a setting since version 0\.2\.0"):
+        load_track_config(tmp_path / "c.toml")
+    (tmp_path / "c.toml").write_text("[surface.sheet.bridge]\nmax_width_m = 0.1")
+    with pytest.raises(InputError, match=r"sheet\.bridge\.max_width_m is called surface\.bridge_max_width_m"):
+        load_track_config(tmp_path / "c.toml")
+    assert load_track_config(None) == TrackConfig()
+
+
+@pytest.mark.parametrize("text", ["a = " + "[" * 5000 + "]" * 5000, "a = " + "9" * 5000, "start = " + "9" * 400])
+def test_a_file_beyond_all_limits_is_one_sentence(tmp_path, text):
+    with pytest.raises(InputError) as refusal:
+        _load(tmp_path, text)
+    assert "\n" not in str(refusal.value)
+    assert len(str(refusal.value)) < 400

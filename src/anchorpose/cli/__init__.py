@@ -32,7 +32,7 @@ app = App(
     name="anchorpose",
     version=__version__,
     help=(
-        "Depth recordings of stand training to 21 joints over time, with what was seen and how sure it is.\n\n"
+        "Depth recordings of stand training to 21 joints over time, each with its state and its uncertainty.\n\n"
         "Start with 'anchorpose demo'. For research use; this is not a medical device."
     ),
     default_parameter=Parameter(negative=()),

@@ -38,7 +38,11 @@ def load_config(path: Path, kind: type[Config], former: Set[str] = frozenset()) 
     name, an unknown name (with the nearest known one), a value of the wrong type, and an impossible value.
     """
     values = read_json(path) if path.suffix == ".json" else _read_toml(path)
-    gone = sorted(former & set(_names_given(values)) - set(_names_of(kind)))
+    known = set(_names_of(kind))
+    gone = sorted(former & set(_names_given(values)) - known)
+    for name in gone:
+        if new := _new_name(name, known):
+            raise InputError(path, f"{name} is called {new} since version 0.2.0", "rename it")
     if gone:
         verb, what = ("is no longer a setting", "it") if len(gone) == 1 else ("are no longer settings", "them")
         raise InputError(path, f"{', '.join(gone)} {verb} since version 0.2.0", f"remove {what} from the file")
@@ -65,3 +69,10 @@ def _names_of(kind: Any, prefix: str = "") -> Iterator[str]:
     hints = get_type_hints(kind)
     for name in (field.name for field in fields(kind)):
         yield from _names_of(hints[name], f"{prefix}{name}.") if is_dataclass(hints[name]) else (prefix + name,)
+
+
+def _new_name(former: str, known: Set[str]) -> str | None:
+    """The setting of the same stage that ends like the former one: a.b_c for a.x.b.c, for instance."""
+    stage, words = former.partition(".")[0], former.replace(".", "_")
+    same_stage = sorted(name for name in known if name.startswith(f"{stage}."))
+    return next((name for name in same_stage if words.endswith(f"_{name.rpartition('.')[2]}")), None)

@@ -1,7 +1,4 @@
-"""How far along, and how much longer.
-
-What a results folder amounts to, in a few lines.
-"""
+"""What verbs print: progress, and a summary of a results folder."""
 
 from __future__ import annotations
 
@@ -12,7 +9,7 @@ from pathlib import Path
 
 @contextmanager
 def progress_bar(description: str) -> Iterator[Callable[[int, int], None]]:
-    """A bar on the error stream; call what it yields with (done, total) as often as you like."""
+    """A bar on the error stream; what it yields is called with (done, total)."""
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -42,7 +39,7 @@ def progress_bar(description: str) -> Iterator[Callable[[int, int], None]]:
 
 @contextmanager
 def counter(what: str) -> Iterator[Callable[[], None]]:
-    """A line on the error stream that counts calls, for work whose end is not known beforehand."""
+    """A line on the error stream that counts calls, for work whose length is unknown."""
     from rich.console import Console
 
     count = 0

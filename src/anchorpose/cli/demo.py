@@ -12,9 +12,9 @@ DEMO_FPS = 15.0  # enough for slow movements, and half the work of 30
 
 
 def demo(out: Path = Path("anchorpose-demo"), /, *, quick: bool = False) -> None:
-    """See it work: a simulated patient in a standing frame is recorded, tracked and compared with the truth.
+    """See it work: a simulated patient in a standing frame is recorded, tracked and compared with the true joints.
 
-    Takes one to two minutes, the first time longest, and needs nothing but this program.
+    Takes one to two minutes, longer the first time, and needs nothing but this program.
 
     Parameters
     ----------
@@ -34,24 +34,18 @@ def demo(out: Path = Path("anchorpose-demo"), /, *, quick: bool = False) -> None
 
     if out.is_symlink() or (out.exists() and (not out.is_dir() or any(out.iterdir()))):
         raise InputError(out, "exists already", "choose another name or remove it first")
-    scene = SimulationConfig(
-        seed=DEMO_SEED,
-        seconds=QUICK_SECONDS if quick else DEMO_SECONDS,
-        fps=DEMO_FPS,
-        cameras=1,
-        therapists=1,
-        speed="slow",
-    )
+    seconds = QUICK_SECONDS if quick else DEMO_SECONDS
+    scene = SimulationConfig(seed=DEMO_SEED, seconds=seconds, fps=DEMO_FPS, cameras=1, therapists=1, speed="slow")
     with whole_or_nothing(out) as folder:
         simulated, results = folder / "simulated", folder / "results"
-        print(f"1. Simulating {scene.frames} pictures of a patient in a standing frame, one camera, one therapist.")
+        print(f"1. Simulating {scene.frames} frames of a patient in a standing frame, one camera, one therapist.")
         with progress_bar("Simulating") as progress:
             simulate_recording(simulated, scene, progress)
-        print("2. Tracking 21 joints; the first run compiles, which takes a while.")
+        print("2. Tracking 21 joints; the first run takes longer, because it compiles.")
         results.mkdir()
         with progress_bar("Tracking") as progress:
             track_recording(simulated / "recording", results, TrackConfig(), progress)
-        print("3. Comparing with the truth, which a real recording does not have.")
+        print("3. Comparing with the true joints, which a real recording does not have.")
         evaluation = evaluate(results, simulated / "truth" / "truth.npz")
         write_evaluation(folder / "evaluation.json", evaluation)
     print_evaluation(evaluation)

@@ -19,7 +19,7 @@ def evaluate(
     json: Path | None = None,
     skip: Annotated[float, Parameter(name="--skip-s")] = 0.0,
 ) -> None:
-    """Compare results with the truth: how far off the joints are, whether the stated uncertainty is honest, and which
+    """Compare results with the true joints: position errors, whether the stated uncertainty is right, and which
     contacts were found.
 
     Parameters

@@ -2,12 +2,49 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
 from anchorpose.errors import AnchorposeError
+
+if TYPE_CHECKING:
+    from anchorpose.exports.product import ExportConfig
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class ExportOptions:
+    """The options of ``anchorpose export`` that only some formats use."""
+
+    subject: str = "01"
+    """Pseudonym of the patient for bids, letters and digits only."""
+
+    session: str | None = None
+    """Label of the session for bids, letters and digits only; left out by default."""
+
+    task: str = "standing"
+    """What the patient did, for bids; letters and digits only."""
+
+    model: Literal["rajagopal", "gait2392"] = "rajagopal"
+    """Whose signs mot and model.osim follow: rajagopal (a bent knee is positive) or gait2392 (negative)."""
+
+    def settings(self) -> ExportConfig:
+        """The settings; raises AnchorposeError for a label that BIDS does not allow."""
+        from anchorpose.exports.product import CoordinateModel, ExportConfig
+        from anchorpose.settings import sentence_of
+
+        try:
+            return ExportConfig(
+                subject=self.subject.removeprefix("sub-"),
+                session=None if self.session is None else self.session.removeprefix("ses-"),
+                task=self.task.removeprefix("task-"),
+                model=CoordinateModel(self.model),
+            )
+        except ValueError as error:
+            raise AnchorposeError(f"--{sentence_of(error)}.") from None
 
 
 def export(
@@ -17,14 +54,11 @@ def export(
     to: str,
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
     overwrite: bool = False,
-    subject: str = "01",
-    session: str | None = None,
-    task: str = "standing",
-    model: Literal["rajagopal", "gait2392"] = "rajagopal",
+    options: ExportOptions | None = None,
 ) -> None:
     """Write results in the formats of other programs: OpenSim, C3D, Excel, R, MATLAB, Blender, BIDS.
 
-    Each format gets a folder of its own with an export.json that says what was done: axes, units, times, and what
+    Each format gets a folder of its own with an export.json that describes the files: axes, units, times, and what
     stands where nothing was measured. Nothing in these files names the patient.
 
     Parameters
@@ -38,28 +72,11 @@ def export(
         The folder to write into; by default 'exports' in the results folder.
     overwrite
         Replace earlier exports of these formats.
-    subject
-        Pseudonym of the patient for bids, letters and digits only.
-    session
-        Label of the session for bids, letters and digits only; left out by default.
-    task
-        What the patient did, for bids; letters and digits only.
-    model
-        Whose signs mot and model.osim follow: rajagopal (a bent knee is positive) or gait2392 (negative).
     """
-    from anchorpose.exports.product import CoordinateModel, ExportConfig
     from anchorpose.exports.run import export_results, parse_formats
 
-    try:
-        config = ExportConfig(
-            subject=subject.removeprefix("sub-"),
-            session=None if session is None else session.removeprefix("ses-"),
-            task=task.removeprefix("task-"),
-            model=CoordinateModel(model),
-        )
-    except ValueError as error:
-        raise AnchorposeError(f"--{error}.") from None
-    for folder, product in export_results(results, parse_formats(to), config, output, overwrite):
+    settings = (options or ExportOptions()).settings()
+    for folder, product in export_results(results, parse_formats(to), settings, output, overwrite):
         print(f"{folder}: {product.units}; time {product.time}.")
         for note in product.notes:
             print(f"- {note}")

@@ -23,7 +23,7 @@ def build(
     """Make a file of reference movements from earlier results and from skeletons of other trackers.
 
     Give it to 'anchorpose track' as --motions. It replaces the movements that come with the program; name it among the
-    sources of the next file to add to it. Movements like those of the patient help most: his own earlier sessions.
+    sources of the next file to add to it. Movements like those of the patient help most: their own earlier sessions.
 
     Parameters
     ----------
@@ -32,18 +32,18 @@ def build(
     sources
         Results folders of 'anchorpose track' (frames with a lost joint are left out), and skeleton files: .npz with
         joints_mm (frames, joints, 3) with Y up, offsets (where each clip begins, and the end), names (of the clips)
-        and joint_names. Joints are taken over by name.
+        and joint_names. Joints are matched by name.
     rate_hz
-        Frames a second of the skeleton files that do not say it themselves (as rate_hz).
+        Frames per second of those skeleton files that do not state it themselves (as rate_hz).
     overwrite
         Replace an existing file.
     """
     from anchorpose.collecting import build_motions
 
     if not sources:
-        raise AnchorposeError("No movements were named; give results folders or skeleton files after the file's name.")
+        raise AnchorposeError("No sources are given; name results folders or skeleton files after the file's name.")
     if rate_hz is not None and not 0 < rate_hz < float("inf"):
-        raise AnchorposeError(f"--rate is {rate_hz:g}; give the frames a second, above 0.")
+        raise AnchorposeError(f"--rate is {rate_hz:g}; give the frames per second, above 0.")
     clips = build_motions(out, sources, rate_hz, overwrite)
     for note in clips.notes:
         print(f"{note}.")

@@ -20,7 +20,7 @@ def report(
     """Make report.html of a results folder again, or compare several sessions of one patient on one page.
 
     One folder: its report.html is made from its tables and pictures. Several folders: one page with their measures side
-    by side, and which changes are more than the errors of measurement.
+    by side, which also shows the changes that are larger than the measurement error.
 
     Parameters
     ----------
@@ -31,16 +31,15 @@ def report(
     out
         The page to write for several sessions, for example comparison.html.
     label
-        What a session is called on that page, for example --label before --label after; once for each session.
+        The name of a session on that page, for example --label before --label after; once for each session.
     """
     from anchorpose.report.comparison import write_comparison
     from anchorpose.report.page import write_report
 
     if others:
         if out is None:
-            raise InputError(
-                results, "is one of several sessions", "say where to write their comparison, with -o FILE.html"
-            )
+            remedy = "give the page to write their comparison to, with -o FILE.html"
+            raise InputError(results, "is one of several sessions", remedy)
         print(f"Open {write_comparison((results, *others), out, label or ())} in a browser.")
     elif out is not None or label:
         raise InputError(

@@ -2,96 +2,103 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
 from anchorpose.errors import AnchorposeError
 
+if TYPE_CHECKING:
+    from anchorpose.simulate.config import SimulationConfig
 
-def simulate(
-    out: Path,
-    /,
-    *,
-    preset: Literal["clinic", "holes", "single"] = "clinic",
-    seed: int = 1,
-    seconds: float = 10.0,
-    fps: float = 15.0,
-    hole_radius: float = 0.12,
-    cameras: int | None = None,
-    sensor: Literal["kinect-v2", "azure-kinect", "realsense"] | None = None,
-    therapists: int | None = None,
-    motions: Annotated[tuple[str, ...] | None, Parameter(consume_multiple=True)] = None,
-    speed: Literal["slow", "normal", "fast", "mixed"] | None = None,
-    height: float | None = None,
-    scene: Literal["enters-late", "leaves", "hidden", "sits"] | None = None,
-    pose_unknown: bool = False,
-    rough_recorder: bool = False,
-) -> None:
-    """Make a recording of a simulated patient, whose true joints are known, to try things out on.
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class SimulateOptions:
+    """The options of ``anchorpose simulate``."""
+
+    preset: Literal["clinic", "holes", "single"] = "clinic"
+    """clinic: three cameras, standing frame, two therapists. holes: one camera, one person, a hole in the depth image
+    in about half of the frames. single: one camera, one person, nothing in the way."""
+
+    seed: int = 1
+    """Another number makes another patient and other movements; the same number makes the same files."""
+
+    seconds: float = 10.0
+    """Length of the recording."""
+
+    fps: float = 15.0
+    """Frames per second."""
+
+    hole_radius: float = 0.12
+    """Radius of the hole of the preset 'holes', in metres."""
+
+    cameras: int | None = None
+    """How many cameras, 1 to 4, instead of the preset's."""
+
+    sensor: Literal["kinect-v2", "azure-kinect", "realsense"] | None = None
+    """Which depth camera is imitated, instead of the preset's."""
+
+    therapists: int | None = None
+    """How many therapists come and go, 0 to 3, instead of the preset's."""
+
+    motions: Annotated[tuple[str, ...] | None, Parameter(consume_multiple=True)] = None
+    """What the patient does, one or more, such as squat or reach; or mixed."""
+
+    speed: Literal["slow", "normal", "fast", "mixed"] | None = None
+    """How fast the patient moves, instead of the preset's."""
+
+    height: float | None = None
+    """The patient's height in metres; drawn at random where not given."""
+
+    scene: Literal["enters-late", "leaves", "hidden", "sits"] | None = None
+    """Something that makes a tracker lose the patient. enters-late: the therapists are there first, the patient walks
+    in later. leaves: the patient walks out and comes back. hidden: a curtain hides the patient from all cameras for two
+    seconds. sits: the patient sits down or stands up. There is no standing frame where the patient walks or sits.
+    Walking takes 12 seconds."""
+
+    pose_unknown: bool = False
+    """Leave the camera poses out of the recording, so that they have to be estimated."""
+
+    rough_recorder: bool = False
+    """Record as imperfectly as real recorders do: the cameras' clocks are up to 2 s apart and drift, time stamps vary
+    by 4 ms, and 3 of 100 depth images are missing or stored twice."""
+
+    def settings(self) -> SimulationConfig:
+        """The preset with the options on top; raises AnchorposeError where they do not fit together."""
+        from anchorpose.settings import sentence_of
+        from anchorpose.simulate import config as presets
+
+        names = ("cameras", "sensor", "therapists", "motions", "speed")
+        given: dict[str, Any] = {name: getattr(self, name) for name in names}
+        given |= {"height_m": self.height, "pose_known": False if self.pose_unknown else None}
+        try:
+            if self.preset == "holes":
+                settings = presets.holes(self.seed, self.hole_radius, self.seconds, self.fps)
+            else:
+                preset = {"clinic": presets.clinic, "single": presets.single}[self.preset]
+                settings = preset(self.seed, self.seconds, self.fps)
+            settings = replace(settings, **{name: value for name, value in given.items() if value is not None})
+            settings = presets.scene(settings, self.scene) if self.scene else settings
+            return presets.rough_recorder(settings) if self.rough_recorder else settings
+        except ValueError as error:
+            raise AnchorposeError(f"{sentence_of(error)}.") from None
+
+
+def simulate(out: Path, /, *, options: SimulateOptions | None = None) -> None:
+    """Make a recording of a simulated patient, whose true joints are known, to try things out.
 
     Parameters
     ----------
     out
         The folder to write: a recording in recording/ and the true joints in truth/truth.npz.
-    preset
-        clinic: three cameras, standing frame, two therapists. holes: one camera, one person, a hole in the picture in
-        about half of the frames. single: one camera, one person, nothing in the way.
-    seed
-        Another number makes another patient and other movements; the same number makes the same files.
-    seconds
-        Length of the recording.
-    fps
-        Pictures a second.
-    hole_radius
-        Size of the hole of the preset 'holes', in metres.
-    cameras
-        How many cameras, 1 to 4, instead of the preset's.
-    sensor
-        Which depth camera is imitated, instead of the preset's.
-    therapists
-        How many therapists come and go, 0 to 3, instead of the preset's.
-    motions
-        What the patient does, one or more, such as squat or reach; or mixed.
-    speed
-        How fast the patient moves, instead of the preset's.
-    height
-        The patient's height in metres; drawn at random where not given.
-    scene
-        Something that makes a tracker lose the patient. enters-late: the therapists are there first, he walks in later.
-        leaves: he walks out and comes back. hidden: a curtain hides him from all cameras for two seconds. sits: he sits
-        down or stands up. Who walks or sits does so without the standing frame. Allow 12 seconds for walking.
-    pose_unknown
-        Leave the poses of the cameras out of the recording, so that they have to be found.
-    rough_recorder
-        Record as untidily as real recorders do: the cameras' clocks are up to 2 s apart and drift, stamps jitter by
-        4 ms, and 3 of 100 pictures are missing or stored twice.
     """
     from anchorpose.cli.console import progress_bar
-    from anchorpose.simulate import config as presets
     from anchorpose.simulate.write import simulate_recording
 
-    given: dict[str, Any] = {
-        "cameras": cameras,
-        "sensor": sensor,
-        "therapists": therapists,
-        "motions": motions,
-        "speed": speed,
-        "height_m": height,
-        "pose_known": False if pose_unknown else None,
-    }
-    try:
-        if preset == "holes":
-            settings = presets.holes(seed, hole_radius, seconds, fps)
-        else:
-            settings = {"clinic": presets.clinic, "single": presets.single}[preset](seed, seconds, fps)
-        settings = replace(settings, **{name: value for name, value in given.items() if value is not None})
-        settings = presets.scene(settings, scene) if scene else settings
-        settings = presets.rough_recorder(settings) if rough_recorder else settings
-    except ValueError as error:
-        raise AnchorposeError(f"{error}.") from None
+    settings = (options or SimulateOptions()).settings()
     with progress_bar("Simulating") as progress:
         simulate_recording(out, settings, progress)
     print(f"The recording is {out / 'recording'}, its true joints are {out / 'truth' / 'truth.npz'}.")

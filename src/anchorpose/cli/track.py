@@ -2,13 +2,78 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
 from anchorpose.errors import AnchorposeError
+
+if TYPE_CHECKING:
+    from anchorpose.pipeline import TrackConfig
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class TrackOptions:
+    """The options of ``anchorpose track``."""
+
+    patient: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None
+    """Where the patient stands at the start, as x,z in metres on the floor (x forward, z to the patient's right);
+    needed only where there are several people and the wrong one is tracked."""
+
+    height: float | None = None
+    """The patient's standing height in metres, for example 1.72; it makes the lengths of the limbs more accurate. With
+    or without shoes does not matter: a centimetre is allowed for. Not needed where recording.json has it."""
+
+    calibration: Path | None = None
+    """A calibration.json (or its folder) made by 'anchorpose calibrate'; its camera poses replace those of the
+    recording. Without it, poses that are null in recording.json are estimated."""
+
+    corrections: Path | None = None
+    """A file of corrections made in 'anchorpose view': frames that were marked as unusable get no joints, and corrected
+    joints are where the reviewer put them."""
+
+    motions: Path | None = None
+    """A file of reference movements made by 'anchorpose motions build', to predict from instead of those that come with
+    the program."""
+
+    config: Path | None = None
+    """A TOML or JSON file with settings that differ from the defaults."""
+
+    smooth: bool = False
+    """Track backward in time as well and combine both passes: a limb that is lost in one direction is often found in
+    the other. Takes about twice as long."""
+
+    overwrite: bool = False
+    """Replace an existing results folder."""
+
+    start: int | None = None
+    """First frame to track, counted from 0; the default is the beginning."""
+
+    stop: int | None = None
+    """Frame to stop before; the default is the end."""
+
+    def settings(self) -> TrackConfig:
+        """The settings of the file with the options on top; raises AnchorposeError where they do not fit."""
+        from anchorpose.cli.config_file import load_track_config
+        from anchorpose.settings import sentence_of
+
+        given: dict[str, Any] = {
+            "start": self.start,
+            "stop": self.stop,
+            "smooth": self.smooth or None,
+            "height_m": self.height,
+            "motions": None if self.motions is None else str(self.motions),
+            "patient_xz_m": None if self.patient is None else parse_place(self.patient),
+        }
+        settings = load_track_config(self.config)
+        try:
+            return replace(settings, **{name: value for name, value in given.items() if value is not None})
+        except ValueError as error:
+            raise AnchorposeError(f"{sentence_of(error)}.") from None
 
 
 def track(
@@ -16,80 +81,31 @@ def track(
     /,
     *,
     results: Annotated[Path, Parameter(name=["--output", "-o"])],
-    patient: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
-    height: float | None = None,
-    calibration: Path | None = None,
-    corrections: Path | None = None,
-    motions: Path | None = None,
-    config: Path | None = None,
-    smooth: bool = False,
-    overwrite: bool = False,
-    start: int | None = None,
-    stop: int | None = None,
+    options: TrackOptions | None = None,
 ) -> None:
-    """Find the patient's 21 joints in every frame of a recording, with what was seen and how sure it is.
+    """Find the patient's 21 joints in every frame of a recording, and state which were seen and how accurate they are.
 
     Parameters
     ----------
     recording
-        The folder with recording.json and the depth pictures of each camera.
+        The folder with recording.json and the depth images of each camera.
     results
-        The folder to write: tables of joints, angles and contacts, run.json, report.html and what the viewer needs. It
-        appears when all is done.
-    patient
-        Where the patient stands at the start, as x,z in metres on the floor (x forward, z to the patient's right);
-        needed only where several people are in the picture and the choice comes out wrong.
-    height
-        The patient's standing height in metres, for example 1.72: his bones are then found more exactly. With or
-        without shoes does not matter, a centimetre is allowed for. Not needed where recording.json has it.
-    calibration
-        A calibration.json (or its folder) made by 'anchorpose calibrate'; its poses replace those of the recording.
-        Without it poses that are null in recording.json are found.
-    corrections
-        A file of corrections made in 'anchorpose view': frames that a reviewer marked as unusable get no joints, and
-        joints that he moved are where he says.
-    motions
-        A file of reference movements made by 'anchorpose motions build', to predict by instead of those that come with
-        the program.
-    config
-        A TOML or JSON file with settings that differ from the defaults.
-    smooth
-        Follow the patient against time as well and put both together: limbs that are lost in one direction are often
-        found in the other. Takes about twice as long, and cannot be done while recording.
-    overwrite
-        Replace an existing results folder.
-    start
-        First frame to track, counted from 0; the default is the beginning.
-    stop
-        Frame to stop before; the default is the end.
+        The folder to write: tables of joints, angles and contacts, run.json, report.html and the data of the viewer. It
+        appears when everything is done.
     """
-    from anchorpose.cli.config_file import load_track_config
     from anchorpose.cli.console import print_outcome, progress_bar
     from anchorpose.pipeline import track_recording
     from anchorpose.results.folder import new_results_folder
 
-    settings = load_track_config(config)
-    given: dict[str, Any] = {
-        "start": start,
-        "stop": stop,
-        "smooth": smooth or None,
-        "height_m": height,
-        "motions": None if motions is None else str(motions),
-        "patient_xz_m": None if patient is None else parse_place(patient),
-    }
-    try:
-        settings = replace(settings, **{name: value for name, value in given.items() if value is not None})
-    except ValueError as error:
-        raise AnchorposeError(f"{error}.") from None
-    with new_results_folder(results, recording, overwrite) as folder, progress_bar("Tracking") as progress:
-        track_recording(recording, folder, settings, progress, calibration, corrections)
+    given = options or TrackOptions()
+    settings = given.settings()
+    with new_results_folder(results, recording, given.overwrite) as folder, progress_bar("Tracking") as progress:
+        track_recording(recording, folder, settings, progress, given.calibration, given.corrections)
     print_outcome(results)
 
 
 def parse_place(text: str, option: str = "--patient") -> tuple[float, float]:
     """``x,z`` as two finite numbers; raises AnchorposeError otherwise."""
-    import math
-
     try:
         x, z = (float(part) for part in text.split(","))
     except ValueError:
