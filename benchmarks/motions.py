@@ -21,11 +21,9 @@ import numpy as np
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.simulate.clinic import draw_clinic
 from anchorpose.simulate.config import MOTIONS, SimulationConfig
-from anchorpose.tracking.joint_motion import joint_database, predict_joints
-from anchorpose.tracking.motion import MotionConfig, MotionRule
+from anchorpose.tracking.motion import MotionConfig, MotionRule, joint_database, predict_joints
 from anchorpose.tracking.motion_database import MotionDatabase
-from anchorpose.tracking.motion_file import SHIPPED, ReferenceClips, read_motions
-from anchorpose.tracking.skeleton_file import DERIVED, read_skeletons
+from anchorpose.tracking.motion_file import DERIVED, SHIPPED, ReferenceClips, read_motions, read_skeletons
 
 RATE_HZ: Final = 30.0
 AHEAD: Final = np.array([1, 3, 10])

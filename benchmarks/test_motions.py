@@ -14,10 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from anchorpose.tracking.joint_motion import joint_database, pose_vectors, predict_joints
-from anchorpose.tracking.motion import MotionConfig
-from anchorpose.tracking.motion_file import SHIPPED, load_motions, write_motions
-from anchorpose.tracking.skeleton_file import read_skeletons
+from anchorpose.tracking.motion import MotionConfig, joint_database, predict_joints
+from anchorpose.tracking.motion_database import pose_vectors
+from anchorpose.tracking.motion_file import SHIPPED, load_motions, read_skeletons, write_motions
 from anchorpose.tracking.sublists import best_sublists
 
 ASKED, FRAMES = 7, 100_000

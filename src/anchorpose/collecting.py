@@ -9,8 +9,15 @@ import numpy as np
 
 from anchorpose.errors import InputError
 from anchorpose.results.reference_clips import clips_of_results
-from anchorpose.tracking.motion_file import FORMAT, ReferenceClips, join_clips, read_arrays, read_motions, write_motions
-from anchorpose.tracking.skeleton_file import read_skeletons
+from anchorpose.tracking.motion_file import (
+    FORMAT,
+    ReferenceClips,
+    join_clips,
+    read_arrays,
+    read_motions,
+    read_skeletons,
+    write_motions,
+)
 
 SUFFIX = ".npz"
 

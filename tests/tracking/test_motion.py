@@ -8,25 +8,21 @@ import numpy as np
 import pytest
 
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.tracking.joint_motion import (
-    COMPARED,
-    heading_rad,
-    joint_database,
-    joints_after,
-    pose_vectors,
-    predict_joints,
-)
 from anchorpose.tracking.motion import (
+    DAMPING,
+    SPANS,
     MotionConfig,
     MotionRule,
     PredictionSource,
+    joint_database,
     predict,
+    predict_joints,
     reference_motions,
     span_shares,
     velocity,
 )
-from anchorpose.tracking.motion_database import poses_at
-from anchorpose.tracking.skeleton_file import read_skeletons
+from anchorpose.tracking.motion_database import COMPARED, heading_rad, joints_after, pose_vectors, poses_at
+from anchorpose.tracking.motion_file import read_skeletons
 from anchorpose.tracking.sublists import best_sublists
 
 UIPRMD = Path(__file__).parents[3] / "shared" / "data" / "uiprmd_kinect" / "skeletons.npz"
@@ -129,7 +125,7 @@ def test_without_a_database_or_with_a_short_history_the_velocity_is_damped_and_t
         ahead = predict_joints(history, 3, database, config)
         assert (ahead.source, ahead.trust) == (PredictionSource.OWN_VELOCITY, 0.0)
         steps = np.diff(ahead.joints_m[:, JOINT_INDEX["HandLeft"], 1], prepend=history[-1, JOINT_INDEX["HandLeft"], 1])
-        assert steps[1:] / steps[:-1] == pytest.approx(config.damping, rel=1e-6)
+        assert steps[1:] / steps[:-1] == pytest.approx(DAMPING, rel=1e-6)
 
 
 def test_one_frame_stands_still_and_says_so():
@@ -170,7 +166,7 @@ def test_a_missing_joint_stays_missing_and_the_others_are_predicted():
 
 
 def test_noise_makes_the_velocity_be_taken_over_more_frames():
-    spans, smooth = MotionConfig().spans, pose_vectors(swing(60, period=25))[20:32, :COMPARED]
+    spans, smooth = SPANS, pose_vectors(swing(60, period=25))[20:32, :COMPARED]
     noisy = smooth + np.random.default_rng(5).normal(0, 0.02, smooth.shape)
     assert span_shares(smooth, spans)[0] > 0.8
     assert span_shares(noisy, spans)[2] > 0.7
@@ -260,8 +256,7 @@ def test_input_that_cannot_be_used_is_refused():
     with pytest.raises(ValueError, match="missing values"):
         reference_motions([np.full((30, 6), np.nan)], [30], 30, 6, MotionConfig())
     for wrong in (
-        {"history": 1}, {"speeds": ()}, {"displacement_weight": -1.0}, {"neighbours": 0}, {"spans": (2, 1)},
-        {"own_velocity": 1.1}, {"damping": -0.1}, {"checked": 0},
+        {"history": 1}, {"speeds": ()}, {"displacement_weight": -1.0}, {"neighbours": 0}, {"checked": 0},
     ):  # fmt: skip
         with pytest.raises(ValueError, match=next(iter(wrong))):
             MotionConfig(**wrong)

@@ -12,10 +12,17 @@ from anchorpose.cli import main
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 from anchorpose.results.reference_clips import clips_of_results
-from anchorpose.tracking.joint_motion import pose_vectors
 from anchorpose.tracking.motion import MotionConfig, MotionRule
-from anchorpose.tracking.motion_file import SHIPPED, ReferenceClips, load_motions, read_motions, write_motions
-from anchorpose.tracking.skeleton_file import DERIVED, read_skeletons
+from anchorpose.tracking.motion_database import pose_vectors
+from anchorpose.tracking.motion_file import (
+    DERIVED,
+    SHIPPED,
+    ReferenceClips,
+    load_motions,
+    read_motions,
+    read_skeletons,
+    write_motions,
+)
 
 UIPRMD = Path(__file__).parents[3] / "shared" / "data" / "uiprmd_kinect" / "skeletons.npz"
 BONES = (
@@ -114,7 +121,7 @@ def test_a_skeleton_file_that_cannot_be_used_is_refused_with_a_remedy(tmp_path, 
 
 
 def test_the_rate_of_a_skeleton_file_must_be_known(tmp_path):
-    with pytest.raises(InputError, match="does not say how many frames a second it has; give --rate"):
+    with pytest.raises(InputError, match="does not state how many frames per second it has; give --rate"):
         read_skeletons(skeletons(tmp_path / "s.npz"), None)
 
 
@@ -143,7 +150,7 @@ def test_the_verb_refuses_in_one_sentence_and_leaves_what_is_there(tmp_path, cap
         (str(tmp_path / "m.json"), str(run)): "does not end in .npz",
         (str(tmp_path / "n.npz"),): "No movements were named",
         (str(tmp_path / "n.npz"), str(tmp_path)): "there is no such file",
-        (str(tmp_path / "n.npz"), str(tmp_path / "text.npz")): "no .npz file that can be read",
+        (str(tmp_path / "n.npz"), str(tmp_path / "text.npz")): "not a readable .npz file",
         (str(tmp_path / "n.npz"), str(run), "--rate", "-1"): "--rate is -1",
     }
     for arguments, sentence in refusals.items():
@@ -156,12 +163,12 @@ def test_the_verb_refuses_in_one_sentence_and_leaves_what_is_there(tmp_path, cap
 
 def test_a_file_that_is_none_is_refused_when_tracking_asks_for_it(tmp_path):
     np.savez(tmp_path / "other.npz", a=1)
-    for name, problem in (("other.npz", "no file of reference movements"), ("none.npz", "no such file")):
+    for name, problem in (("other.npz", "not a file of reference movements"), ("none.npz", "no such file")):
         with pytest.raises(InputError, match=problem):
             load_motions(tmp_path / name, 30.0, MotionConfig())
     assert load_motions(tmp_path / "none.npz", 30.0, MotionConfig(rule=MotionRule.VELOCITY)) is None
     write_motions(tmp_path / "short.npz", ReferenceClips((squats(4),), ("s",), (30.0,)))
-    with pytest.raises(InputError, match=r"cannot be used at 30 pictures a second \(no clip"):
+    with pytest.raises(InputError, match=r"cannot be used at 30 frames per second \(no clip"):
         load_motions(tmp_path / "short.npz", 30.0, MotionConfig())
 
 

@@ -46,7 +46,7 @@ from anchorpose.tracker.observation import (
 from anchorpose.tracker.run import Run
 from anchorpose.tracker.standing_feet import StandingFeet
 from anchorpose.tracker.start import Start
-from anchorpose.tracking.joint_motion import predict_joints
+from anchorpose.tracking.motion import predict_joints
 
 SEE_AGAIN_M: Final = 0.03  # skin expected this far from where it was when the frame came in: half a forearm's width
 SEARCH_PAUSE: Final = 4  # frames between two searches for an arm, each of which costs as much as ten frames

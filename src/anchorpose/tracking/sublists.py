@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-from anchorpose.tracking.motion_database import COLUMNS, MotionDatabase, poses_at
+from anchorpose.tracking.motion_database import COLUMNS, MotionDatabase, SubLists, poses_at
 
-_SEEDS: Final = 16  # segments looked at first, for a cost to beat
+_SEEDS: Final = 16  # segments searched first, for a cost to beat
 _ROUNDED: Final = np.float32(0.9999)  # bounds are kept in single precision, which may round up ...
 _SLACK_M: Final = np.float32(1e-5)  # ... and near nothing by more than a share
 
@@ -19,8 +19,8 @@ _SLACK_M: Final = np.float32(1e-5)  # ... and near nothing by more than a share
 class Matches:
     """The most similar sub-lists, the best first.
 
-    place (m,) row of the database of the newest pose, stride (m,) rows a frame: see ``SubLists``. distance_m (m,): root
-    mean square over the joints, mean over the frames.
+    place (m,) row of the database of the newest pose, stride (m,) rows per frame: see ``SubLists``.
+    distance_m (m,): root mean square over the joints, mean over the frames.
     """
 
     place: np.ndarray
@@ -35,15 +35,14 @@ class Matches:
 def best_sublists(
     history: np.ndarray, database: MotionDatabase, steps: int, count: int, displacement_weight: float
 ) -> Matches | None:
-    """The ``count`` sub-lists of least cost: the sum over v of ed(theta^(t-v), theta_s^(j-v)), as in the paper, plus
-    ``displacement_weight`` k times the distance of the ways moved over the history: a pose is passed in both directions
-    and at every speed, and alone it does not tell them apart.
+    """The ``count`` sub-lists that are most like the last poses; None where no column is known or no clip long enough.
 
+    The cost is the sum over v of ed(theta^(t-v), theta_s^(j-v)), as in the paper, plus ``displacement_weight`` k times
+    the distance of the displacements over the history: a pose alone is passed in both directions and at every speed.
     history (k, d): the newest pose last. Only sub-lists that are followed by ``steps`` more frames count. What a lower
-    bound keeps from being among the best is not looked at, so the answer is exact: k distances sum up to at least k
+    bound keeps from being among the best is skipped, so the result is exact: k distances sum up to at least k
     times that of the means, and columns left out shorten both. Ties go to the earlier sub-list. A column that is
-    missing anywhere in the history is not compared, and then everything is looked at.
-    None where no column is left or no clip is long enough.
+    missing anywhere in the history is not compared, and then every sub-list is tested.
     """
     k, listed = len(history), database.sublists
     known = np.flatnonzero(np.isfinite(history[:, : database.compared]).all(axis=0))
@@ -52,15 +51,12 @@ def best_sublists(
     if len(known) == database.compared:
         recent = history[:, : database.compared] @ database.basis.astype(np.float64)
         leading = recent[:, :COLUMNS]
-        asked = np.stack([leading.mean(axis=0), leading[-1] - leading[0]]).astype(np.float32)
+        query = np.stack([leading.mean(axis=0), leading[-1] - leading[0]]).astype(np.float32)
         columns = database.turned
     else:
-        columns, recent, asked = np.ascontiguousarray(database.theta[:, known]), history[:, known], None
-    chosen, cost = _rank(
-        columns, np.ascontiguousarray(recent, dtype=np.float32), asked,
-        listed.place, listed.stride, listed.followed, listed.told, listed.segment, listed.centre, listed.radius,
-        steps, count, displacement_weight,
-    )  # fmt: skip
+        columns, recent, query = np.ascontiguousarray(database.theta[:, known]), history[:, known], None
+    recent = np.ascontiguousarray(recent, dtype=np.float32)
+    chosen, cost = _rank(columns, recent, query, listed, steps, count, displacement_weight)
     if not len(chosen):
         return None
     return Matches(listed.place[chosen], listed.stride[chosen], cost / k / float(np.sqrt(len(known) / 3.0)))
@@ -70,26 +66,21 @@ def best_sublists(
 def _rank(
     theta: np.ndarray,
     history: np.ndarray,
-    asked: np.ndarray | None,
-    place: np.ndarray,
-    stride: np.ndarray,
-    followed: np.ndarray,
-    told: np.ndarray,
-    segment: np.ndarray,
-    centre: np.ndarray,
-    radius: np.ndarray,
+    query: np.ndarray | None,
+    sublists: SubLists,
     steps: int,
     count: int,
     displacement_weight: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The best sub-lists by rising cost. Without ``asked`` there are no bounds."""
+    """The best sub-lists by rising cost. Without ``query``, which has a summary's shape, there are no bounds."""
     best, cost = np.full(count, -1, dtype=np.int64), np.full(count, np.inf)
+    place, stride, followed, segment = sublists.place, sublists.stride, sublists.followed, sublists.segment
     found = 0
     scale, weight = np.float32(len(history)) * _ROUNDED, np.float32(displacement_weight)
-    bound = np.zeros(len(radius), dtype=np.float32)
+    bound = np.zeros(len(segment) - 1, dtype=np.float32)
     seeds = np.zeros(0, dtype=np.int64)
-    if asked is not None:
-        seeds = _bound_segments(centre, radius, asked, scale, weight, bound)
+    if query is not None:
+        seeds = _bound_segments(sublists.centre, sublists.radius, query, scale, weight, bound)
     for turn in range(len(seeds) + len(bound)):
         s = seeds[turn] if turn < len(seeds) else turn - len(seeds)
         if bound[s] < 0 or bound[s] > cost[-1]:
@@ -98,7 +89,7 @@ def _rank(
         for w in range(segment[s], segment[s + 1]):
             if followed[w] < steps:
                 continue
-            if asked is not None and scale * _apart(told[w], asked, weight) - _SLACK_M > cost[-1]:
+            if query is not None and scale * _apart(sublists.summary[w], query, weight) - _SLACK_M > cost[-1]:
                 continue
             total = _cost(theta, history, place[w], stride[w], displacement_weight, cost[-1])
             found = _insert(best, cost, found, w, total)
@@ -121,17 +112,17 @@ def _insert(best: np.ndarray, cost: np.ndarray, found: int, w: int, total: float
 
 
 @njit(cache=True, fastmath=True)
-def _apart(told: np.ndarray, asked: np.ndarray, weight: np.float32) -> np.float32:
+def _apart(summary: np.ndarray, query: np.ndarray, weight: np.float32) -> np.float32:
     pose, moved = np.float32(0.0), np.float32(0.0)
-    for column in range(told.shape[1]):
-        pose += (told[0, column] - asked[0, column]) ** 2
-        moved += (told[1, column] - asked[1, column]) ** 2
+    for column in range(summary.shape[1]):
+        pose += (summary[0, column] - query[0, column]) ** 2
+        moved += (summary[1, column] - query[1, column]) ** 2
     return np.sqrt(pose) + weight * np.sqrt(moved)
 
 
 @njit(cache=True, fastmath=True)
 def _bound_segments(
-    centre: np.ndarray, radius: np.ndarray, asked: np.ndarray, scale: np.float32, weight: np.float32, bound: np.ndarray
+    centre: np.ndarray, radius: np.ndarray, query: np.ndarray, scale: np.float32, weight: np.float32, bound: np.ndarray
 ) -> np.ndarray:
     """Fill ``bound``: no sub-list of a segment costs less. Returns the segments whose centres are nearest."""
     nearest = np.full(min(_SEEDS, len(centre)), -1, dtype=np.int64)
@@ -139,8 +130,8 @@ def _bound_segments(
     for s in range(len(centre)):
         pose, moved = np.float32(0.0), np.float32(0.0)
         for column in range(centre.shape[2]):
-            pose += (centre[s, 0, column] - asked[0, column]) ** 2
-            moved += (centre[s, 1, column] - asked[1, column]) ** 2
+            pose += (centre[s, 0, column] - query[0, column]) ** 2
+            moved += (centre[s, 1, column] - query[1, column]) ** 2
         pose, moved = np.sqrt(pose), np.sqrt(moved)
         away = pose + weight * moved
         pose, moved = max(np.float32(0.0), pose - radius[s, 0]), max(np.float32(0.0), moved - radius[s, 1])

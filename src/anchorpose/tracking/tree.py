@@ -5,23 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
+from anchorpose.settings import Count, Positive, settings
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+
+@settings
 class TreeConfig:
     """missed_cost_m: what a frame without a match costs; max_branches: the tree size above which it is pruned."""
 
-    missed_cost_m: float = 0.10  # a branch worse than this a frame is no match: the anchor bound (0.05 m), twice
-    max_branches: int = 200  # of 10 + 100 + 1000; on 3650 nodes with ten noisy subsets no exact search visited 50
-
-    def __post_init__(self) -> None:
-        if not self.missed_cost_m > 0:
-            raise ValueError(f"missed_cost_m must be positive, got {self.missed_cost_m}")
-        if self.max_branches < 1:
-            raise ValueError(f"max_branches must be at least 1, got {self.max_branches}")
+    missed_cost_m: Positive = 0.10  # a branch worse than this per frame is no match: twice the anchor bound
+    max_branches: Count = 200  # of 10 + 100 + 1000; on 3650 nodes with ten noisy subsets no exact search visited 50
 
 
 class Support(IntEnum):
@@ -67,15 +64,9 @@ def best_branches(
     _check(matches, positions_m, predicted_m)
     first = np.cumsum([0, *(len(level) for level in matches)]).astype(np.int64)
     first_node = np.cumsum([0, *(len(level) for level in positions_m)]).astype(np.int64)
-    match, score, subset, pruned = _search(
-        _as_wide(matches),
-        first,
-        np.concatenate(positions_m).astype(np.float32, copy=False),
-        first_node,
-        np.ascontiguousarray(predicted_m, dtype=np.float32),
-        np.float32(config.missed_cost_m),
-        config.max_branches,
-    )
+    levels = _Levels(_as_wide(matches), first, np.concatenate(positions_m).astype(np.float32, copy=False), first_node)
+    predicted = np.ascontiguousarray(predicted_m, dtype=np.float32)
+    match, score, subset, pruned = _search(levels, predicted, np.float32(config.missed_cost_m), config.max_branches)
     return TrackResult(match, score, subset, _support(matches[0], match, score), pruned)
 
 
@@ -135,59 +126,89 @@ def _children(
     return count
 
 
+class _Levels(NamedTuple):
+    """All levels end to end: matches (sum of n_l, s) int32, rows of level l from first[l]; positions_m likewise."""
+
+    matches: np.ndarray
+    first: np.ndarray
+    positions_m: np.ndarray
+    first_node: np.ndarray
+
+
+class _Branch(NamedTuple):
+    """The branch under search, by level: children by rising cost, how many, the next, cost so far."""
+
+    node: np.ndarray
+    cost: np.ndarray
+    subset: np.ndarray
+    children: np.ndarray
+    following: np.ndarray
+    so_far: np.ndarray
+
+
 @njit(cache=True)
 def _search(
-    matches: np.ndarray,
-    first: np.ndarray,
-    positions: np.ndarray,
-    first_node: np.ndarray,
-    predicted: np.ndarray,
-    missed_cost: np.float32,
-    max_branches: int,
+    levels: _Levels, predicted: np.ndarray, missed_cost: np.float32, max_branches: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    """match, score and subset of each source node as in ``TrackResult``, and how many trees were pruned."""
     m, depth, _ = predicted.shape
-    width = matches.shape[1]
+    width = levels.matches.shape[1]
     match, subset = np.full(m, -1, dtype=np.int32), np.full(m, -1, dtype=np.int32)
     score = np.full(m, np.nan, dtype=np.float32)
-    node, by = np.empty((depth, width), dtype=np.int32), np.empty((depth, width), dtype=np.int32)
-    cost = np.empty((depth, width), dtype=np.float32)
-    count, turn = np.zeros(depth, dtype=np.int64), np.zeros(depth, dtype=np.int64)
-    so_far = np.zeros(depth + 1, dtype=np.float32)
+    branch = _Branch(
+        np.empty((depth, width), dtype=np.int32),
+        np.empty((depth, width), dtype=np.float32),
+        np.empty((depth, width), dtype=np.int32),
+        np.zeros(depth, dtype=np.int64),
+        np.zeros(depth, dtype=np.int64),
+        np.zeros(depth + 1, dtype=np.float32),
+    )
     pruned = 0
     for i in range(m):
         if not np.isfinite(predicted[i].sum()):
             continue
-        best = np.float32(depth * missed_cost)  # all missed
-        visited = 0
-        level = 0
-        count[0] = _children(matches[i], positions[: first_node[1]], predicted[i, 0], node[0], cost[0], by[0])
-        turn[0] = 0
-        while level >= 0:
-            if turn[level] >= count[level] or so_far[level] + cost[level, turn[level]] >= best:
-                level -= 1  # children come by rising cost: the rest is worse
-                continue
-            child = node[level, turn[level]]
-            total = so_far[level] + cost[level, turn[level]]
-            turn[level] += 1
-            visited += 1
-            ended = total + np.float32(depth - 1 - level) * missed_cost
-            if ended < best:
-                best = ended
-                match[i], subset[i] = node[0, turn[0] - 1], by[0, turn[0] - 1]
-            if visited >= max_branches:
-                pruned += 1
-                break
-            if level + 1 < depth:
-                level += 1
-                so_far[level] = total
-                turn[level] = 0
-                count[level] = _children(
-                    matches[first[level] + child],
-                    positions[first_node[level] : first_node[level + 1]],
-                    predicted[i, level],
-                    node[level],
-                    cost[level],
-                    by[level],
-                )
-        score[i] = best
+        _open_level(levels, branch, 0, i, predicted[i, 0])
+        chosen, score[i], visited = _best_branch(levels, branch, predicted[i], missed_cost, max_branches)
+        if chosen >= 0:
+            match[i], subset[i] = branch.node[0, chosen], branch.subset[0, chosen]
+        pruned += visited >= max_branches
     return match, score, subset, pruned
+
+
+@njit(cache=True)
+def _best_branch(
+    levels: _Levels, branch: _Branch, predicted: np.ndarray, missed_cost: np.float32, max_branches: int
+) -> tuple[int, np.float32, int]:
+    """The first child of the best branch (-1: missed), its score, and how many branches were visited."""
+    depth = len(predicted)
+    best = np.float32(depth * missed_cost)  # all missed
+    chosen, visited, level = -1, 0, 0
+    while level >= 0:
+        k = branch.following[level]
+        if k >= branch.children[level] or branch.so_far[level] + branch.cost[level, k] >= best:
+            level -= 1  # children come by rising cost: the rest is worse
+            continue
+        total = branch.so_far[level] + branch.cost[level, k]
+        branch.following[level] += 1
+        visited += 1
+        ended = total + np.float32(depth - 1 - level) * missed_cost
+        if ended < best:
+            best, chosen = ended, branch.following[0] - 1
+        if visited >= max_branches:
+            break
+        if level + 1 < depth:
+            child = branch.node[level, k]
+            level += 1
+            branch.so_far[level] = total
+            _open_level(levels, branch, level, levels.first[level] + child, predicted[level])
+    return chosen, best, visited
+
+
+@njit(cache=True)
+def _open_level(levels: _Levels, branch: _Branch, level: int, row: int, target: np.ndarray) -> None:
+    """List the children of the node in a row of the matches, nearest to ``target`` first."""
+    nodes = levels.positions_m[levels.first_node[level] : levels.first_node[level + 1]]
+    branch.following[level] = 0
+    branch.children[level] = _children(
+        levels.matches[row], nodes, target, branch.node[level], branch.cost[level], branch.subset[level]
+    )
