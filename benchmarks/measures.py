@@ -15,13 +15,13 @@ from pathlib import Path
 import numpy as np
 
 from anchorpose.recording.pairing import half_period_s, nearest_within
-from anchorpose.results.evaluate import read_truth
 from anchorpose.results.kinematics.joint_angles import joint_angles
 from anchorpose.results.records import CONTACTS_FILE, Measure, read_contacts
 from anchorpose.results.stand_training.assistance import CONTACT_MEASURES
 from anchorpose.results.stand_training.centre_of_mass import centre_of_mass
 from anchorpose.results.stand_training.measure import MeasureConfig, measure_session
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
+from anchorpose.results.truth import read_truth
 from anchorpose.results.uncertainty import NORMAL_95
 
 OF_CONTACTS = {name for name, _ in CONTACT_MEASURES}

@@ -23,7 +23,7 @@ from anchorpose.results.people_labels import PEOPLE_FILE, LabelImage, write_peop
 from anchorpose.results.poses import POSES_FILE, write_poses
 from anchorpose.results.processing.process import ProcessingConfig
 from anchorpose.results.records import CONTACTS_FILE, write_contacts
-from anchorpose.results.run_record import RUN_FILE, Association, DroppedFrame, write_run_record
+from anchorpose.results.run_record import RUN_FILE, DroppedFrame, MatchedShares, write_run_record
 from anchorpose.results.stand_training.measure import MeasureConfig
 from anchorpose.results.tables import ANCHORS_FILE, JOINTS_FILE, read_joints, write_anchors, write_joints
 from anchorpose.run_account import UserInputs, Written, account_of, hash_inputs, outcome_of, read_review, require_about
@@ -140,4 +140,4 @@ def _write_frames(
             shares.append(None if record.matched_share is None else round(record.matched_share, 3))
         for contact in intervals.finish():
             contacts.append(contact)
-    return Written(Association(tuple(shares)), tuple(dropped))
+    return Written(MatchedShares(tuple(shares)), tuple(dropped))

@@ -24,10 +24,10 @@ from anchorpose.results.corrections import (
     reviewed_recording,
 )
 from anchorpose.results.run_record import (
-    Association,
     CameraRecord,
     CorrectionsRecord,
     DroppedFrame,
+    MatchedShares,
     PictureRecord,
     Residual,
     RunRecord,
@@ -46,7 +46,7 @@ from anchorpose.tracker.run import Run
 class Written:
     """What the pass over all frames leaves behind besides the tables."""
 
-    association: Association
+    association: MatchedShares
     dropped: tuple[DroppedFrame, ...]
 
 

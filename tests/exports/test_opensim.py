@@ -26,8 +26,8 @@ from anchorpose.exports.product import CoordinateModel, ExportConfig, Format
 from anchorpose.exports.run import export_results
 from anchorpose.exports.segment_frames import LOWER_SPINE_LEAN_DEG, UPPER_SPINE_LEAN_DEG, bend_deg, joint
 from anchorpose.joints import JOINT_NAMES
-from anchorpose.results.evaluate import read_truth
 from anchorpose.results.poses import POSES_FILE, BodyPose, write_poses
+from anchorpose.results.truth import read_truth
 
 BOTH = (Format.TRC, Format.MOT)
 RAJAGOPAL, GAIT2392 = CoordinateModel

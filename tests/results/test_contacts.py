@@ -24,8 +24,9 @@ from anchorpose.errors import InputError
 from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.results.contact_intervals import ContactConfig, ContactIntervals
-from anchorpose.results.evaluate_tables import TrueTouch, evaluate_contacts, read_true_touch
+from anchorpose.results.evaluate_contacts import evaluate_contacts
 from anchorpose.results.records import Contact, read_contacts, write_contacts
+from anchorpose.results.truth import TrueTouch, read_true_touch
 
 POSE = standing(LeftArm=(-20.0, 0.0, 0.0), RightArm=(20.0, 0.0, 0.0))
 POSED = pose_points(adult_body(), POSE)
@@ -199,11 +200,9 @@ def test_while_the_patient_is_lost_nobody_is_known():
     assert [span(contact) for contact in found] == [("knee_left", "person 1", 0, 3), ("knee_left", "person 2", 5, 8)]
 
 
-@pytest.mark.parametrize(
-    "wrong", [{"keep_m2": 0.0}, {"keep_m2": 0.1}, {"reach_m": 0.0}, {"release_s": -1.0}, {"free_share": 1.5}]
-)
+@pytest.mark.parametrize("wrong", [{"keep_m2": 0.0}, {"keep_m2": 0.1}, {"reach_m": 0.0}, {"release_s": -1.0}])
 def test_settings_that_cannot_work_are_refused(wrong):
-    with pytest.raises(ValueError, match="must"):
+    with pytest.raises(ValueError, match=r"must|should be"):
         ContactConfig(**wrong)
 
 

@@ -28,7 +28,7 @@ from anchorpose.results.corrections import (
     reviewed_recording,
     write_corrections,
 )
-from anchorpose.results.run_record import plain
+from anchorpose.results.run_record import as_json
 
 WHEN = "2026-03-01T09:30:00Z"
 POSE = np.array([[0, 0, -1, 2.5], [0, -1, 0, 1.2], [-1, 0, 0, 0.1], [0, 0, 0, 1.0]])
@@ -149,7 +149,7 @@ def test_a_run_that_tells_of_corrections_which_are_none_is_refused() -> None:
     assert corrections_of_run(Path("run.json"), {**run, "corrections": None}).joints == ()
     told = {"file": "c.json", "sha256": "a", "unusable": [], "joints": [{**asdict(knee()), "joint": "Knee"}]}
     with pytest.raises(InputError, match=r"run.json: corrections.joints\[0\].joint is 'Knee'"):
-        corrections_of_run(Path("run.json"), {**run, "corrections": plain(told)})
+        corrections_of_run(Path("run.json"), {**run, "corrections": as_json(told)})
 
 
 def test_the_time_of_now_is_one_that_the_file_accepts(tmp_path: Path) -> None:

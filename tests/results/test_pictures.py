@@ -15,7 +15,7 @@ from anchorpose.camera import Camera, Intrinsics
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JointState
 from anchorpose.pages.overlay import OverlayScene, draw_frame
-from anchorpose.results.run_record import hash_files, plain
+from anchorpose.results.run_record import as_json, hash_files
 
 FACING = np.array([[0.0, 0, -1, 2.5], [0, -1, 0, 1.0], [-1, 0, 0, 0], [0, 0, 0, 1]])  # looks along -X
 CAMERA = Camera(
@@ -42,8 +42,8 @@ def test_run_json_holds_only_what_json_knows():
 
     settings = Settings(np.float64(0.5), Colour.RED, Path("a/b"), np.array([1.0, np.nan]), frozenset({"b", "a"}))
     expected = {"radius_m": 0.5, "colour": "red", "place": "a/b", "weights": [1.0, None], "names": ["a", "b"]}
-    assert plain(settings) == expected
-    json.dumps(plain(settings), allow_nan=False)
+    assert as_json(settings) == expected
+    json.dumps(as_json(settings), allow_nan=False)
 
 
 def test_hashes_are_those_of_the_bytes(tmp_path):

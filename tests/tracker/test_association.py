@@ -11,7 +11,7 @@ import pytest
 from surface_builder import flat_grid
 
 from anchorpose.association.matcher import Feature, HypothesisConfig
-from anchorpose.results.run_record import Association
+from anchorpose.results.run_record import MatchedShares
 from anchorpose.tracker.association import GlobalHypothesis, link
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracking.tree import TreeConfig, best_branches
@@ -60,8 +60,8 @@ def test_a_hypothesis_that_no_anchor_supports_says_so_and_the_run_counts_it():
     assert shares[1] == 0.0
     nobody = replace(hypothesis, node=where[:0])
     assert nobody.matched_share == 0.0
-    (sentence,) = Association((None, 0.5, 0.0, 1.0)).sentences
+    (sentence,) = MatchedShares((None, 0.5, 0.0, 1.0)).sentences
     assert sentence.startswith("50 % of the followed points were found again")
     assert "in 1 of 3 frames none was" in sentence
-    assert Association((0.5,)).sentences == ["50 % of the followed points were found again in the next frame"]
-    assert Association((None,)).sentences == []
+    assert MatchedShares((0.5,)).sentences == ["50 % of the followed points were found again in the next frame"]
+    assert MatchedShares((None,)).sentences == []

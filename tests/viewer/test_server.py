@@ -24,7 +24,7 @@ from viewer_builder import viewer_of
 
 from anchorpose.cli import main
 from anchorpose.results.corrections import corrections_beside, read_corrections
-from anchorpose.results.run_record import CorrectionsRecord, plain
+from anchorpose.results.run_record import CorrectionsRecord, as_json
 from anchorpose.viewer import correcting
 from anchorpose.viewer.opening import opened_page
 from anchorpose.viewer.payloads import unpack
@@ -275,7 +275,7 @@ def test_a_second_round_of_review_keeps_what_the_first_one_found(tmp_path: Path,
     reviewed = tmp_path / "reviewed"
     shutil.copytree(small[0], reviewed)
     record = CorrectionsRecord(path.name, "a" * 64, said.unusable, said.joints)
-    edit_json(reviewed / "run.json", lambda run: run.update(corrections=plain(record)))
+    edit_json(reviewed / "run.json", lambda run: run.update(corrections=as_json(record)))
     with viewer_of(reviewed) as second:
         shown = json.loads(ask(second, "corrections")[1])
         assert (len(shown["unusable"]), len(shown["joints"])) == (1, 1)

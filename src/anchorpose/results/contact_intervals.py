@@ -1,49 +1,53 @@
-"""From how near others are, frame by frame, to contacts: what begins, what goes on unseen, what has ended."""
+"""From the distance to other people in each frame to contacts: what begins, what continues unseen, what has ended."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from anchorpose.body.contact_regions import REGIONS, Nearness
 from anchorpose.results.records import Contact
+from anchorpose.settings import NotNegative, Positive, settings
 
 CM2_PER_M2, MM_PER_M = 1e4, 1e3
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ContactConfig:
-    """When skin is touched, when that is a contact, and when it has ended."""
+FREE_SHARE: Final = 0.5
+"""Share of the skin last touched that must be seen without anybody on it for the contact to have ended."""
 
-    # A contact is skin within 3 cm of skin. A camera sees the back of the hand that holds: its thickness, 2 cm at the
-    # fingers, comes on top, and half the spacing of the remembered points.
-    reach_m: float = 0.06
-    begin_m2: float = 0.0025  # a few finger tips; less is noise at the border between two people
-    keep_m2: float = 0.0007  # of a contact that has begun: one skin point
-    begin_s: float = 0.1  # so long it must last: a sleeve that brushes past is no contact
-    release_s: float = 0.3  # gaps up to this are bridged: isolation may lose a hand for a few frames
-    free_share: float = 0.5  # of the skin last touched: where so much is seen again and nobody is on it, it was let go
+
+@settings
+class ContactConfig:
+    """What counts as touched skin, when that becomes a contact, and when the contact has ended."""
+
+    # Touching skin is within 3 cm of the other's skin. Cameras see the back of a hand that holds, so its thickness, 2
+    # cm at the fingers, and half the spacing of the points of other people are added.
+    reach_m: Positive = 0.06
+    begin_m2: Positive = 0.0025  # a few finger tips; less is noise at the border between two people
+    keep_m2: Positive = 0.0007  # of a contact that has begun: one skin point
+    begin_s: NotNegative = 0.1  # a shorter touch is a sleeve that brushes past
+    release_s: NotNegative = 0.3  # gaps up to this are bridged: isolation may lose a hand for a few frames
 
     def __post_init__(self) -> None:
-        if not 0 < self.keep_m2 <= self.begin_m2:
-            raise ValueError(f"keep_m2 must be positive and at most begin_m2, got {self.keep_m2} and {self.begin_m2}")
-        if not (self.reach_m > 0 and 0 < self.free_share <= 1):
-            raise ValueError(f"reach_m and free_share must be positive, got {self.reach_m} and {self.free_share}")
-        if not (self.begin_s >= 0 and self.release_s >= 0):
-            raise ValueError(f"begin_s and release_s must not be negative, got {self.begin_s} and {self.release_s}")
+        if self.keep_m2 > self.begin_m2:
+            raise ValueError(f"keep_m2 must not exceed begin_m2, got {self.keep_m2} and {self.begin_m2}")
 
 
 @dataclass(slots=True, eq=False)
 class _Open:
-    """A contact that has not ended. skin: points last touched; area, seen and frames: sums over frames with skin in
-    reach; hidden: frames in which it went on unseen, up to ``last``."""
+    """A contact that has not ended, or a touch too small to be one yet (not ``begun``).
 
-    first: tuple[int, float]  # frame and time
+    first, last: frame and time. skin: points last touched. frames, area_m2, seen_frames: sums over frames with skin in
+    reach. hidden: frames in which it continued unseen, up to ``last``.
+    """
+
+    first: tuple[int, float]
     last: tuple[int, float]
     skin: np.ndarray
-    sure: bool = False
+    begun: bool = False
     frames: int = 0
     hidden: int = 0
     area_m2: float = 0.0
@@ -52,9 +56,9 @@ class _Open:
 
 
 class ContactIntervals:
-    """Takes frames in the order of time; memory holds only the contacts that have not ended.
+    """Takes frames in the order of time and holds only the contacts that have not ended.
 
-    region (p,): index into ``REGIONS`` of each skin point; area_m2: the skin that a point stands for.
+    region (p,): index into ``REGIONS`` of each skin point; area_m2: the skin that one point represents.
     """
 
     def __init__(self, region: np.ndarray, area_m2: float, config: ContactConfig) -> None:
@@ -64,9 +68,9 @@ class ContactIntervals:
         self._named = 0
 
     def push(self, frame: int, time_s: float, near: Nearness | None) -> Iterator[Contact]:
-        """One more frame; yields what has ended before it. near: None where the patient is lost.
+        """One more frame; yields the contacts that ended before it. near: None where the patient is lost.
 
-        Whoever is met after the patient was lost has a new name: nobody was followed in between.
+        After the patient was lost everybody has a new name: nobody was followed in between.
         """
         if near is None:
             yield from self.finish()
@@ -74,11 +78,11 @@ class ContactIntervals:
             return
         now = (frame, time_s)
         self._extend(now, near)
-        over = [key for key, kept in self._open.items() if not self._goes_on(now, near, key[0], kept)]
-        yield from self._close(over)
+        ended = [key for key, kept in self._open.items() if not self._continues(now, near, key[0], kept)]
+        yield from self._close(ended)
 
     def finish(self) -> Iterator[Contact]:
-        """What was still going on at the end."""
+        """Ends every contact that is still open."""
         yield from self._close(list(self._open))
 
     def _extend(self, now: tuple[int, float], near: Nearness) -> None:
@@ -91,19 +95,19 @@ class ContactIntervals:
             if area_m2 < config.keep_m2:
                 continue
             kept = self._open.setdefault(divmod(key, len(REGIONS)), _Open(now, now, near.point[pairs]))
-            kept.sure |= area_m2 >= config.begin_m2
+            kept.begun |= area_m2 >= config.begin_m2
             kept.last, kept.skin = now, near.point[pairs]
             kept.frames += 1
             kept.area_m2 += area_m2
             kept.seen_frames += float(np.mean(~near.remembered[pairs]))
             kept.gap_m = min(kept.gap_m, float(near.distance_m[pairs].min()))
 
-    def _goes_on(self, now: tuple[int, float], near: Nearness, label: int, kept: _Open) -> bool:
-        """Whether a contact has not ended: touched just now, or hidden and its owner within a hand's length."""
+    def _continues(self, now: tuple[int, float], near: Nearness, label: int, kept: _Open) -> bool:
+        """Whether a contact continues: touched in this frame, hidden with the person in reach, or just paused."""
         if kept.last == now:
             return True
         reached = np.isin(near.point[near.person == label], kept.skin).any()
-        if kept.sure and reached and np.mean(near.shown[kept.skin]) < self._config.free_share:
+        if kept.begun and reached and np.mean(near.shown[kept.skin]) < FREE_SHARE:
             kept.last = now
             kept.hidden += 1
             return True
@@ -112,7 +116,7 @@ class ContactIntervals:
     def _close(self, keys: list[tuple[int, int]]) -> Iterator[Contact]:
         ended = [(key, self._open.pop(key)) for key in keys]
         for (label, region), kept in sorted(ended, key=lambda item: (item[1].first[0], item[0])):
-            if kept.sure and kept.last[1] - kept.first[1] >= self._config.begin_s:
+            if kept.begun and kept.last[1] - kept.first[1] >= self._config.begin_s:
                 yield Contact(
                     part=REGIONS[region],
                     person=self._name(label),

@@ -1,124 +1,99 @@
-"""How far a result is from the truth, and whether its uncertainties are true to their word.
-
-The truth of a simulated recording, as ``evaluate`` compares results with it.
-
-How long a joint was somewhere else: on another limb, on another person, or nowhere near.
-"""
+"""Errors of a result against the truth, and whether its uncertainties are calibrated."""
 
 from __future__ import annotations
 
-import zipfile
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, STATE_CODE, JointState
+from anchorpose.joints import JOINT_COUNT, JOINT_NAMES, STATE_CODE, JointState
 from anchorpose.recording.pairing import half_period_s, nearest_within
-from anchorpose.results.evaluate_tables import (
-    AngleError,
-    ContactEvaluation,
-    TrueTouch,
-    angle_errors,
-    evaluate_contacts,
-    read_true_touch,
-)
+from anchorpose.results.evaluate_contacts import ContactEvaluation, evaluate_contacts
+from anchorpose.results.kinematics.joint_angles import joint_angles
 from anchorpose.results.records import CONTACTS_FILE, read_contacts
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
+from anchorpose.results.truth import TrueTouch, Truth, read_true_touch, read_truth
 from anchorpose.results.uncertainty import NORMAL_95
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Truth:
-    """True joints: time_s (t,), position_m (t, 21, 3) world, NaN where not known; occluded (t,) bool."""
-
-    time_s: np.ndarray
-    position_m: np.ndarray
-    occluded: np.ndarray
-
-
-def read_truth(path: Path) -> Truth:
-    """A truth.npz with ``joints`` (t, n, 3), ``names`` (n), ``time`` (t) and perhaps ``occluded`` (t).
-
-    Joints may come in any order and some may be missing (NaN). Raises InputError where that is not what it holds.
-    """
-    remedy = "give a truth.npz with joints (t, 21, 3), names (21) and time (t)"
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in ("joints", "names", "time", "occluded") if name in file.files}
-    except FileNotFoundError:
-        raise InputError(path, "there is no such file", "check the path of the truth") from None
-    except (OSError, ValueError, zipfile.BadZipFile, EOFError, AttributeError) as error:
-        raise InputError(path, f"cannot be read ({str(error).splitlines()[0][:80]})", remedy) from None
-    missing = [name for name in ("joints", "names", "time") if name not in arrays]
-    if missing:
-        raise InputError(path, f"has no array '{missing[0]}'", remedy)
-    joints, names, time_s = arrays["joints"], [str(name) for name in arrays["names"].ravel()], arrays["time"]
-    occluded = arrays.get("occluded", np.zeros(len(time_s), dtype=bool))
-    if joints.shape != (len(time_s), len(names), 3) or occluded.shape != time_s.shape or time_s.ndim != 1:
-        raise InputError(path, f"its arrays do not fit together (joints {joints.shape}, time {time_s.shape})", remedy)
-    if joints.dtype.kind not in "fiu" or time_s.dtype.kind not in "fiu":
-        raise InputError(path, "its joints or times are not numbers", remedy)
-    if len(time_s) == 0 or not (np.diff(time_s) > 0).all():
-        raise InputError(path, "its times are none or do not increase", remedy)
-    return Truth(time_s.astype(np.float64), _in_order(path, joints, names), occluded.astype(bool))
-
-
-def _in_order(path: Path, joints: np.ndarray, names: list[str]) -> np.ndarray:
-    position_m = np.full((len(joints), JOINT_COUNT, 3), np.nan)
-    for column, name in enumerate(names):
-        if name not in JOINT_INDEX or names.count(name) > 1:
-            raise InputError(path, f"its joint '{name}' is unknown or given twice", f"use {', '.join(JOINT_NAMES)}")
-        position_m[:, JOINT_INDEX[name]] = joints[:, column]
-    return position_m
-
-
 OFF_M: Final = 0.15
-"""A joint so far from where it is says nothing about the patient any more."""
+"""Farther off than this, a joint says nothing about the patient."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class OffTrack:
-    """The longest time without a break in which a joint was more than ``OFF_M`` off; no joint where none ever was."""
+class LongestError:
+    """The longest time without a break in which a joint was over ``OFF_M`` off; joint is None if there is none."""
 
     joint: str | None
     start_s: float | None
     seconds: float
 
 
-def longest_off(joints: JointTable, truth_m: np.ndarray) -> OffTrack:
-    """Over all joints; truth_m (n, 21, 3) metres, NaN where unknown. A frame in which the joint is lost ends the time.
+def longest_off(joints: JointTable, truth_m: np.ndarray) -> LongestError:
+    """The longest of all joints; truth_m (n, 21, 3) metres, NaN where unknown.
 
-    A frame stands for one period of the recording.
+    A frame in which the joint is lost ends it. A frame counts for one period of the recording.
     """
     off = np.linalg.norm(joints.position_m - truth_m, axis=2) > OFF_M  # False where either is NaN
     period_s = 2.0 * half_period_s(joints.time_s)
-    longest = OffTrack(joint=None, start_s=None, seconds=0.0)
+    longest = LongestError(joint=None, start_s=None, seconds=0.0)
     for column, name in enumerate(JOINT_NAMES):
         edges = np.flatnonzero(np.diff(np.concatenate([[False], off[:, column], [False]])))
         for first, end in zip(edges[::2], edges[1::2], strict=True):
             seconds = float(joints.time_s[end - 1] - joints.time_s[first] + period_s)
             if seconds > longest.seconds:
-                longest = OffTrack(joint=name, start_s=float(joints.time_s[first]), seconds=seconds)
+                longest = LongestError(joint=name, start_s=float(joints.time_s[first]), seconds=seconds)
     return longest
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AngleError:
+    """Error of one angle; None where no frame has both the angle and its truth."""
+
+    frames: int
+    mean_abs_deg: float | None
+    p95_deg: float | None
+    coverage_95: float | None  # share of frames in which the truth lies within 1.96 sigma; calibrated is 0.95
+
+
+def angle_errors(joints: JointTable, truth_m: np.ndarray) -> tuple[tuple[str, AngleError], ...]:
+    """Each angle's error; truth_m (n, 21, 3) true joints, metres, of the frames of ``joints``, NaN where unknown."""
+    found = joint_angles(joints)
+    exact = np.zeros_like(joints.sigma_m)
+    true = joint_angles(JointTable(joints.frame, joints.time_s, truth_m, joints.state_code, exact))
+    away = np.radians(found.degrees - true.degrees)
+    error = np.degrees(np.abs(np.arctan2(np.sin(away), np.cos(away))))
+    within = error <= NORMAL_95 * found.sigma_deg
+    return tuple((name, _angle_summary(error[:, column], within[:, column])) for column, name in enumerate(found.names))
+
+
+def _angle_summary(error_deg: np.ndarray, within: np.ndarray) -> AngleError:
+    known, covered = error_deg[np.isfinite(error_deg)], within[np.isfinite(error_deg)]
+    some = len(known) > 0
+    return AngleError(
+        frames=len(known),
+        mean_abs_deg=float(known.mean()) if some else None,
+        p95_deg=float(np.percentile(known, 95)) if some else None,
+        coverage_95=float(covered.mean()) if some else None,
+    )
+
+
 HIDDEN: Final = tuple(state for state in JointState if state not in (JointState.OBSERVED, JointState.LOST))
-"""The states of a joint that is inferred."""
+"""The states of an inferred joint."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorSummary:
-    """Errors of some joints in some frames; None where there is nothing to take the mean of."""
+    """Errors of some joints in some frames; None where there are none."""
 
-    joint_frames: int  # joints times frames that the truth knows
+    joint_frames: int  # joints times frames with a known truth
     lost_share: float | None  # of joint_frames
     mean_mm: float | None  # the errors leave lost joints out
     median_mm: float | None
     p95_mm: float | None
-    coverage_95: float | None  # share of axes on which the truth lies within 1.96 sigma; honest is 0.95
+    coverage_95: float | None  # share of axes on which the truth lies within 1.96 sigma; calibrated is 0.95
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,13 +106,13 @@ class Evaluation:
     overall: ErrorSummary
     per_joint: tuple[tuple[str, ErrorSummary], ...]
     per_state: tuple[tuple[str, ErrorSummary], ...]
-    hidden: ErrorSummary  # joints that the result calls hidden, by whatever
+    hidden: ErrorSummary  # joints that the result calls hidden, for any reason
     angles: tuple[tuple[str, AngleError], ...]
-    longest_off: OffTrack  # how long a joint was another limb's, somebody else's or nowhere
+    longest_off: LongestError  # a joint on another limb, on another person, or nowhere near
     occluded_frames: ErrorSummary  # frames that the truth calls occluded
     clear_frames: ErrorSummary
     drift_ratio: float | None  # mean error of the second half of the frames over that of the first
-    contacts: ContactEvaluation | None = None  # None where the truth or the result tells no contacts
+    contacts: ContactEvaluation | None = None  # None where the truth or the result has none
 
 
 def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
@@ -218,13 +193,7 @@ def _rows(chosen: np.ndarray, start: int, stop: int | None = None) -> np.ndarray
 
 
 def _frames(joints: JointTable, index: np.ndarray) -> JointTable:
-    return JointTable(
-        joints.frame[index],
-        joints.time_s[index],
-        joints.position_m[index],
-        joints.state_code[index],
-        joints.sigma_m[index],
-    )
+    return JointTable(*(getattr(joints, field.name)[index] for field in fields(joints)))
 
 
 def _truth_frames(truth: Truth, matched: np.ndarray) -> Truth:

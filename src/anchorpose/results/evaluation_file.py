@@ -7,26 +7,26 @@ from pathlib import Path
 from typing import Any
 
 from anchorpose.results.evaluate import OFF_M, ErrorSummary, Evaluation
-from anchorpose.results.evaluate_tables import ContactEvaluation
+from anchorpose.results.evaluate_contacts import ContactEvaluation
 from anchorpose.results.folder import write_text_whole
-from anchorpose.results.run_record import plain
+from anchorpose.results.run_record import as_json
 
 
 def write_evaluation(path: Path, evaluation: Evaluation) -> None:
     """Writes the evaluation: the overall figures at the top, then per joint, per state and the rest."""
     document = {
-        **plain(evaluation.overall),
+        **as_json(evaluation.overall),
         "matched_frames": evaluation.matched_frames,
         "truth_frames": evaluation.truth_frames,
         "missing_frames": evaluation.missing_frames,
         "drift_ratio": evaluation.drift_ratio,
-        "per_joint": {name: plain(summary) for name, summary in evaluation.per_joint},
-        "per_state": {name: plain(summary) for name, summary in evaluation.per_state},
-        "hidden": plain(evaluation.hidden),
-        "angles": {name: plain(error) for name, error in evaluation.angles},
-        "longest_off": plain(evaluation.longest_off),
-        "occluded_frames": plain(evaluation.occluded_frames),
-        "clear_frames": plain(evaluation.clear_frames),
+        "per_joint": {name: as_json(summary) for name, summary in evaluation.per_joint},
+        "per_state": {name: as_json(summary) for name, summary in evaluation.per_state},
+        "hidden": as_json(evaluation.hidden),
+        "angles": {name: as_json(error) for name, error in evaluation.angles},
+        "longest_off": as_json(evaluation.longest_off),
+        "occluded_frames": as_json(evaluation.occluded_frames),
+        "clear_frames": as_json(evaluation.clear_frames),
         "contacts": _contacts(evaluation),
     }
     write_text_whole(path, json.dumps(document, indent=1, allow_nan=False) + "\n")
@@ -35,8 +35,8 @@ def write_evaluation(path: Path, evaluation: Evaluation) -> None:
 def _contacts(evaluation: Evaluation) -> dict[str, Any] | None:
     if evaluation.contacts is None:
         return None
-    per_part = {name: plain(score) for name, score in evaluation.contacts.per_part}
-    return {**plain(evaluation.contacts.overall), "per_part": per_part}
+    per_part = {name: as_json(score) for name, score in evaluation.contacts.per_part}
+    return {**as_json(evaluation.contacts.overall), "per_part": per_part}
 
 
 def contact_rows(contacts: ContactEvaluation) -> list[tuple[str, ...]]:
@@ -70,8 +70,8 @@ def angle_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
     ]
 
 
-def off_track_sentence(evaluation: Evaluation) -> str:
-    """Whether a joint was ever far away, and for how long."""
+def longest_error_sentence(evaluation: Evaluation) -> str:
+    """For how long a joint was far off, and which, if any."""
     off = evaluation.longest_off
     if off.joint is None:
         return f"No joint was ever more than {1000 * OFF_M:.0f} mm off."

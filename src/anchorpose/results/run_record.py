@@ -1,7 +1,4 @@
-"""run.json: what a result was made from, with what, how long it took and what was left out.
-
-The patient's body for run.json: lengths, how sure they are, and how much more frames changed them.
-"""
+"""run.json: what a result was made from and with, how long it took, what was left out, and the body that was learnt."""
 
 from __future__ import annotations
 
@@ -26,10 +23,12 @@ from anchorpose.recording.recording import Clock
 from anchorpose.results.corrections import JointCorrection, UnusableInterval
 from anchorpose.versions import code_digest, versions
 
+RUN_FILE: Final = "run.json"
+
 
 @dataclass(frozen=True, slots=True)
 class BoneRecord:
-    """A bone from joint to joint, the same in every frame; refined_m: by how much later windows changed it."""
+    """A bone from joint to joint, the same in every frame; refined_m: change of its length by later frames."""
 
     bone: str
     length_m: float
@@ -39,9 +38,10 @@ class BoneRecord:
 
 @dataclass(frozen=True, slots=True)
 class BodyRecord:
-    """The body that was tracked with, and how long it was learnt from. Each sigma is that of the fit's own equations.
+    """The body that was tracked, and how many seconds it was learnt from.
 
-    They know of noise, of poses and of what was hidden, but not of clothes and bodies unlike those of the shape space.
+    Each sigma follows from the fit's equations: it covers noise, poses and what was hidden, but neither clothes nor
+    bodies unlike those of the shape space.
     """
 
     learnt_from_s: float
@@ -53,7 +53,7 @@ class BodyRecord:
 
 
 def record_body(asset: BodyAsset, belief: ShapeBelief, first: ShapeBelief, seconds: float) -> BodyRecord:
-    """belief: what is known of the shape in the end; first: after the first window."""
+    """belief: the shape at the end of learning; first: after the first window."""
     height_m, row = standing_height(asset, belief.shape)
     return BodyRecord(
         learnt_from_s=seconds,
@@ -68,15 +68,12 @@ def record_body(asset: BodyAsset, belief: ShapeBelief, first: ShapeBelief, secon
     )
 
 
-RUN_FILE: Final = "run.json"
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraRecord:
-    """The pose that was used for a camera, whether the recording gave it or it was found, and its clock as used."""
+    """The pose that was used for a camera, whether it was given or found, and its clock as used."""
 
     name: str
-    camera_to_world: np.ndarray | None  # (4, 4); None where the camera was not used for want of a pose
+    camera_to_world: np.ndarray | None  # (4, 4); None where the camera has no pose and was not used
     source: str  # for example "given", "equipment", "floor"
     clock: Clock = field(default_factory=Clock)
 
@@ -100,33 +97,33 @@ class StageTiming:
 
 
 @dataclass(frozen=True, slots=True)
-class Association:
-    """How far each frame's pose rests on matches: matched_share, frame by frame, of the nodes that were asked.
+class MatchedShares:
+    """The share of the followed points that association found again, frame by frame.
 
-    The place of the others is their prediction. None where nothing was asked: the frame that a track begins with, and
-    frames that show nothing of the patient.
+    The others stay at their prediction. None where there was nothing to match: in the frame that a track begins with,
+    and in frames that do not show the patient.
     """
 
     matched_share: tuple[float | None, ...] = ()
 
     @property
     def sentences(self) -> list[str]:
-        """For people: how much was matched on average, and in how many frames nothing was."""
+        """For people: the mean share, and in how many frames nothing was matched."""
         known = [share for share in self.matched_share if share is not None]
         if not known:
             return []
         without = sum(share == 0 for share in known)
-        told = f"{100 * sum(known) / len(known):.0f} % of the followed points were found again in the next frame"
+        sentence = f"{100 * sum(known) / len(known):.0f} % of the followed points were found again in the next frame"
         if without:
-            told += (
+            sentence += (
                 f"; in {without} of {len(known)} frames none was, and only the prediction and the surface count there"
             )
-        return [told]
+        return [sentence]
 
 
 @dataclass(frozen=True, slots=True)
 class DroppedFrame:
-    """A frame, or one camera's picture of it, that was not used, and why."""
+    """A frame, or one camera's depth image of it, that was not used, and why."""
 
     frame: int
     time_s: float
@@ -135,7 +132,7 @@ class DroppedFrame:
 
 @dataclass(frozen=True, slots=True)
 class CorrectionsRecord:
-    """The reviewer's file: its name and hash, what it says, and a sentence for each joint that is not where he says."""
+    """The corrections file: name, hash and entries, and a sentence for each correction that could not be followed."""
 
     file: str
     sha256: str
@@ -153,12 +150,12 @@ class PictureRecord:
     time_s: float
     camera: str
     caption: str
-    why: str = ""  # the frame was chosen
+    why: str = ""  # why the frame was chosen
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunRecord:
-    """Everything about a run that its tables do not say."""
+    """Everything about a run that its tables do not contain."""
 
     recording: str  # name of the recording folder, not its path: results travel
     config: Any  # the resolved configuration, a dataclass of stage configurations
@@ -167,12 +164,12 @@ class RunRecord:
     residuals: tuple[Residual, ...] = ()
     timings: tuple[StageTiming, ...] = ()
     frame_count: int = 0
-    association: Association = Association()
+    association: MatchedShares = MatchedShares()
     dropped: tuple[DroppedFrame, ...] = ()
     body: BodyRecord | None = None  # None where the patient was never found
     corrections: CorrectionsRecord | None = None
     pictures: tuple[PictureRecord, ...] = ()
-    notes: tuple[str, ...] = ()  # sentences for people: what was assumed, what to beware of
+    notes: tuple[str, ...] = ()  # sentences for people: what was assumed, what needs care
 
 
 def hash_files(files: Iterable[Path], folder: Path) -> tuple[tuple[str, str], ...]:
@@ -194,45 +191,45 @@ def write_run_record(path: Path, record: RunRecord) -> None:
         "code": code_digest(),
         "recording": record.recording,
         "frame_count": record.frame_count,
-        "cameras": plain(record.cameras),
-        "residuals": plain(record.residuals),
-        "timings": plain(record.timings),
-        "association": plain(record.association),
-        "dropped": plain(record.dropped),
-        "body": plain(record.body),
-        "corrections": plain(record.corrections),
-        "pictures": plain(record.pictures),
-        "notes": plain(record.notes),
-        "config": plain(record.config),
+        "cameras": as_json(record.cameras),
+        "residuals": as_json(record.residuals),
+        "timings": as_json(record.timings),
+        "association": as_json(record.association),
+        "dropped": as_json(record.dropped),
+        "body": as_json(record.body),
+        "corrections": as_json(record.corrections),
+        "pictures": as_json(record.pictures),
+        "notes": as_json(record.notes),
+        "config": as_json(record.config),
         "inputs_sha256": dict(record.inputs_sha256),
     }
     path.write_text(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def read_run_document(path: Path) -> dict[str, Any]:
-    """A run.json as it stands in the file; raises InputError unless it is one."""
+    """The content of a run.json; raises InputError for another file."""
     run = read_json(path)
     if run.get("format") != "anchorpose-run":
         raise InputError(path, "is not a run.json of anchorpose", "give a results folder made by 'anchorpose track'")
     return run
 
 
-def plain(value: Any) -> Any:
-    """Dataclasses, arrays, enums and paths as what JSON knows; a number that is not finite becomes null."""
+def as_json(value: Any) -> Any:
+    """Dataclasses, arrays, enums and paths as JSON values; a number that is not finite becomes null."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        return {field.name: as_json(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, dict):
-        return {str(key): plain(item) for key, item in value.items()}
+        return {str(key): as_json(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        return [as_json(item) for item in value]
     if isinstance(value, set | frozenset):
-        return sorted(plain(item) for item in value)
+        return sorted(as_json(item) for item in value)
     if isinstance(value, np.ndarray):
-        return plain(value.tolist())
+        return as_json(value.tolist())
     if isinstance(value, np.generic):
-        return plain(value.item())
+        return as_json(value.item())
     if isinstance(value, float) and not math.isfinite(value):
         return None
     if isinstance(value, Enum):
-        return plain(value.value)
+        return as_json(value.value)
     return str(value) if isinstance(value, Path) else value

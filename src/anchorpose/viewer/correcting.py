@@ -23,7 +23,7 @@ from anchorpose.results.corrections import (
     require_recording,
     write_corrections,
 )
-from anchorpose.results.run_record import plain
+from anchorpose.results.run_record import as_json
 from anchorpose.results.tables import JointTable
 
 if sys.platform == "win32":
@@ -129,4 +129,4 @@ class Correcting:
 
 def shown(corrections: Corrections) -> dict[str, Any]:
     """What holds, as the page reads it."""
-    return {"unusable": plain(corrections.unusable), "joints": plain(corrections.joints)}
+    return {"unusable": as_json(corrections.unusable), "joints": as_json(corrections.joints)}

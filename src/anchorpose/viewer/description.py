@@ -13,7 +13,7 @@ import numpy as np
 
 from anchorpose.geodesics.anchors import ANCHOR_NAMES
 from anchorpose.joints import JOINT_NAMES, LIMBS, JointState
-from anchorpose.results.run_record import plain
+from anchorpose.results.run_record import as_json
 from anchorpose.results.tables import JointTable
 from anchorpose.viewer.depth_frames import Footage
 from anchorpose.viewer.review import Review
@@ -103,8 +103,8 @@ def describe(review: Review) -> dict[str, Any]:
         "states": [str(state) for state in JointState],
         "anchors": list(ANCHOR_NAMES),
         "angles": list(review.angles.names),
-        "contacts": [{**plain(contact), "state": contact.state} for contact in review.contacts],
-        "worst": plain(worst_frames(review.joints, review.matched_share, review.run.get("dropped", []))),
+        "contacts": [{**as_json(contact), "state": contact.state} for contact in review.contacts],
+        "worst": as_json(worst_frames(review.joints, review.matched_share, review.run.get("dropped", []))),
         "dropped": review.run.get("dropped", []),
         "notes": review.run.get("notes", []),
         "has": {

@@ -17,7 +17,7 @@ from anchorpose.body.asset import BodyAsset, load_body_asset
 from anchorpose.body.kinematics import shape_body
 from anchorpose.body.pose import MOVING_BONES
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.results.run_record import plain
+from anchorpose.results.run_record import as_json
 from anchorpose.viewer.correcting import Correcting, shown
 from anchorpose.viewer.depth_frames import Footage
 from anchorpose.viewer.description import describe
@@ -107,7 +107,7 @@ class Desk:
             "points": self._points,
             "surface": self._surface,
             "corrections": lambda query: _json(shown(self.correcting.current())),
-            "hypotheses": lambda query: _json(plain(self.worker.standing)),
+            "hypotheses": lambda query: _json(as_json(self.worker.standing)),
             "hypotheses/found": lambda query: self._hypotheses(),
         }
         self._told: dict[str, Callable[[dict[str, Any]], Answer]] = {
@@ -151,11 +151,11 @@ class Desk:
         place = self.review.joints.position_m[position, JOINT_INDEX["SpineBase"]]
         xz_m = (float(place[0]), float(place[2])) if np.isfinite(place).all() else None
         self.worker.start(position, footage.recording, int(footage.frame[position]), xz_m)
-        return _json(plain(self.worker.standing))
+        return _json(as_json(self.worker.standing))
 
     def _cancel(self) -> Answer:
         self.worker.cancel()
-        return _json(plain(self.worker.standing))
+        return _json(as_json(self.worker.standing))
 
     def _hypotheses(self) -> Answer:
         if not self.worker.data:

@@ -1,0 +1,62 @@
+"""How well contacts were found, frame by frame and part by part."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from anchorpose.body.contact_regions import REGION_BONES, REGIONS
+from anchorpose.results.records import Contact
+from anchorpose.results.truth import TrueTouch
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContactScore:
+    """How well contacts were found; None where there is nothing to take the share of.
+
+    precision: of the reported parts times frames, the share in which a bone of that part is touched. recall: of the
+    touched parts times frames, the share in which the part, or one that shares a bone with it, is reported: the truth
+    names bones, so that a knee held from both sides is a touched thigh and a touched shank.
+    """
+
+    reported: int  # parts times frames
+    touched: int
+    precision: float | None
+    recall: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContactEvaluation:
+    """All parts together, and each part that was touched or reported."""
+
+    overall: ContactScore
+    per_part: tuple[tuple[str, ContactScore], ...]
+
+
+def evaluate_contacts(contacts: Sequence[Contact], frame: np.ndarray, truth: TrueTouch) -> ContactEvaluation:
+    """The contacts of a result; frame (t,): number of the result's frame at each frame of the truth."""
+    holds = np.array([[name in bones for name in truth.names] for bones in REGION_BONES.values()])  # (regions, bones)
+    own = np.array([not name.startswith("knee") for name in REGIONS])  # parts that the truth's bones distinguish
+    touched = (truth.bones[:, None, :] & holds).any(axis=2)
+    reported = np.zeros_like(touched)
+    for contact in contacts:
+        reported[(frame >= contact.first_frame) & (frame <= contact.last_frame), REGIONS.index(contact.part)] = True
+    akin = (holds[:, None, :] & holds).any(axis=2)
+    found = (reported[:, None, :] & akin).any(axis=2)
+    due = touched & own
+    scores = [(name, _score(reported[:, k], touched[:, k], due[:, k], found[:, k])) for k, name in enumerate(REGIONS)]
+    return ContactEvaluation(
+        overall=_score(reported, touched, due, found),
+        per_part=tuple((name, score) for name, score in scores if score.reported or score.touched),
+    )
+
+
+def _score(reported: np.ndarray, touched: np.ndarray, due: np.ndarray, found: np.ndarray) -> ContactScore:
+    return ContactScore(
+        reported=int(reported.sum()),
+        touched=int(due.sum()),
+        precision=float((reported & touched).sum() / reported.sum()) if reported.any() else None,
+        recall=float((due & found).sum() / due.sum()) if due.any() else None,
+    )
