@@ -19,9 +19,9 @@ def on_arc(values: list[float]) -> list[float]:
     return [v - 360.0 for v in arc] if statistics.median(arc) > 180.0 else arc
 
 
-def taken_again(folder: Path, source: Element, taking: str) -> float:
+def taken_again(folder: Path, source: Element, aggregation: str) -> float:
     """The number computed from the table by what the page says of it, in plain Python."""
-    column, how, among = json.loads(source.attributes["data-takings"])[taking]
+    column, how, among = json.loads(source.attributes["data-takings"])[aggregation]
     where = json.loads(source.attributes["data-where"])
     rows = [
         row

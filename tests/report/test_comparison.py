@@ -16,8 +16,7 @@ from table_reader import taken_again
 from anchorpose.cli import main
 from anchorpose.errors import InputError
 from anchorpose.report.comparable import grows_with_time
-from anchorpose.report.comparison import write_comparison
-from anchorpose.report.comparison_tables import change_between
+from anchorpose.report.comparison import change_between, write_comparison
 from anchorpose.results.measuring import write_measured
 from anchorpose.results.processing.process import ProcessingConfig
 from anchorpose.results.records import Measure, write_measures

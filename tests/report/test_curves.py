@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from anchorpose.report.axis import Axis, envelope, make_axis, make_bins, round_step, worst
 from anchorpose.report.curves import band_path, line_paths, step_path
-from anchorpose.report.words import decimals_for, number, on_shortest_arc, split_side
+from anchorpose.report.ledger import on_shortest_arc
+from anchorpose.report.words import decimals_for, number, split_side
 
 WHOLE = Axis(0.0, 1.0, ())
 

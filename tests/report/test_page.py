@@ -23,7 +23,7 @@ from anchorpose.joints import JOINT_NAMES, JointState
 from anchorpose.pages.frame_pictures import FramePicture, save_pictures
 from anchorpose.report.axis import MOST_BINS, make_bins
 from anchorpose.report.curves import step_path
-from anchorpose.report.ledger import Ledger, Rows, Taking
+from anchorpose.report.ledger import Aggregation, Ledger, Rows
 from anchorpose.report.measure_section import GROUPS, grouped_measures, words_of
 from anchorpose.report.page import write_report
 from anchorpose.results.measuring import write_measured
@@ -267,7 +267,7 @@ def test_the_summary_has_the_share_upright_of_the_measures_and_says_for_how_long
 def test_a_share_is_of_the_rows_that_hold_a_value(tmp_path):
     frames = squats(30)[:12] + lost_throughout(30)[12:]  # of the first twelve the last five are upright
     ledger = Ledger(write_session(tmp_path / "r", frames))
-    upright = Taking(column="upright", how="share", among=("true",))
+    upright = Aggregation(column="upright", how="share", among=("true",))
     assert ledger.take(Rows("posture.parquet"), upright) == pytest.approx(5 / 12)
     nobody = Ledger(write_session(tmp_path / "s", lost_throughout(9)))
     assert nobody.take(Rows("posture.parquet"), upright) is None

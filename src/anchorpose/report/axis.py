@@ -1,9 +1,8 @@
-"""The range of a vertical axis, and the round numbers written beside it.
+"""The two axes of a chart: round numbers beside it, and frames in groups along it.
 
-A long recording drawn on a narrow page: frames in groups, each group by its lowest and highest value.
-
-Every k-th frame would lose what lasts one frame: a jerk, a gap, the worst moment. The lowest and the highest of each
-group are what a line through all frames would cover, so peaks stay where they are and as high as they are.
+A long recording on a narrow page is drawn in groups of frames, each by its lowest and highest value. Every k-th frame
+would lose what lasts one frame: a jerk, a gap, the worst moment. The lowest and highest of each group are what a line
+through all frames would cover, so peaks keep their place and height.
 """
 
 from __future__ import annotations
@@ -17,8 +16,8 @@ import numpy as np
 
 from anchorpose.report.words import number
 
-UNITS = 1000
-"""Pictures are drawn on a square of so many units and stretched to their place: whole numbers keep the page small."""
+UNITS: Final = 1000
+"""Rows are drawn on a square of this many units and stretched to their place: whole numbers keep the page small."""
 
 Spans = Sequence[tuple[np.ndarray, np.ndarray]]
 
@@ -44,9 +43,9 @@ class Axis:
 
 
 def make_axis(values: Spans, bands: Spans, least_span: float, most_ticks: int = 5) -> Axis:
-    """Holds all values, and of the bands so much as does not make the values less than a half of the height.
+    """Holds all values, and as much of the bands as leaves the values at least half of the height.
 
-    values, bands: (lowest, highest) pairs of arrays, NaN where not known. least_span: noise is not blown up beyond it.
+    values, bands: (lowest, highest) pairs of arrays, NaN where not known. least_span: so that noise is not magnified.
     """
     low, high = _extremes(values)
     if low is None or high is None:
@@ -63,7 +62,7 @@ def make_axis(values: Spans, bands: Spans, least_span: float, most_ticks: int = 
 
 
 def round_step(least: float) -> float:
-    """The smallest of 1, 2, 5, 10, ... (and of their tenths, hundredths) that is no less."""
+    """The smallest of 1, 2, 5, 10, ... (and of their tenths, hundredths) that is at least ``least``."""
     power = 10.0 ** math.floor(math.log10(least))
     return next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= least * (1 - 1e-9))
 
@@ -79,14 +78,14 @@ MOST_BINS: Final = 600
 """Groups at most: about one and a half pixels each on a page, a third of a millimetre on paper."""
 
 PAUSE: Final = 3.0
-"""So many usual distances between frames without a frame are a pause, across which no line is drawn."""
+"""A gap of more than this many usual intervals between frames is a pause, across which no line is drawn."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bins:
     """Groups of neighbouring frames. start (b,) first row of each group; time_s (n,), frame (n,) of all frames.
 
-    after_pause (b,) bool: no line leads from the group before to this one. clock: the name of the session, where a page
+    after_pause (b,) bool: no line connects this group with the one before. clock: the name of the session, where a page
     shows several.
     """
 
@@ -136,7 +135,7 @@ class Envelope:
 
 
 def make_bins(frame: np.ndarray, time_s: np.ndarray, clock: str = "", most: int = MOST_BINS) -> Bins:
-    """Groups of equally many frames, each of its own where there are no more than ``most``."""
+    """At most ``most`` groups of equally many frames; one frame each where that suffices."""
     count = min(len(frame), most)
     start = np.arange(count) * len(frame) // count
     step = np.diff(time_s)

@@ -1,10 +1,8 @@
-"""Which sessions may stand side by side, and what a reader must know where they were not recorded or computed alike.
-
-Which measures grow with the time that they are taken over, and whether two sessions give them the same time.
+"""Which sessions may be compared, and what a reader must know where they were not recorded or computed alike.
 
 Time upright, how often the patient stood up, the longest bout and the sway's path all grow when more was recorded, or
-when more of what was recorded is known. Between sessions of different lengths such a change is not the patient's, so
-it is shown and not tested. Shares, means, speeds and percentiles do not grow.
+when more of the recording is known. Between sessions of different lengths such a change says nothing about the
+patient, so it is shown and not tested. Shares, means, speeds and percentiles do not grow.
 """
 
 from __future__ import annotations
@@ -20,17 +18,17 @@ from anchorpose.results.records import MEASURES_FILE, Measure
 from anchorpose.results.tables import JOINTS_FILE
 
 ALIKE: Final = 0.05
-"""Share of the longer one by which two spans of time may differ. Changes of a twentieth are rarely above the errors."""
+"""Share of the longer span by which two may differ. Changes of a twentieth are rarely above the errors."""
 
 _SWAY: Final = ("sway_path", "sway_path_noise")
 
 _AVERAGED: Final = ("hands_on_at_once_mean",)  # the only count that is a mean
 
-_EXTREMES: Final = ("_shortest", "_longest", "_most")  # of more of them there is a more extreme one
+_EXTREMES: Final = ("_shortest", "_longest", "_most")  # the more there are, the more extreme one of them is
 
 
 class Span(NamedTuple):
-    """A time that measures are taken over: what of it there is, in words, and its seconds, None where not known."""
+    """A time that measures are taken over: its name in words, and its seconds, None where not known."""
 
     words: str
     seconds: float | None
@@ -44,9 +42,9 @@ def grows_with_time(measure: Measure) -> bool:
 
 
 def unlike_time(measure: Measure, first: Sequence[Measure], later: Sequence[Measure]) -> str | None:
-    """Why a change of this measure between two sessions says nothing of the patient; None where it may.
+    """Why a change of this measure between two sessions says nothing about the patient; None where it may.
 
-    first, later: all measures of the two sessions. Where it is not known how long a session was, nothing is claimed.
+    first, later: all measures of the two sessions. A session of unknown length is not tested.
     """
     if not grows_with_time(measure):
         return None
@@ -55,7 +53,7 @@ def unlike_time(measure: Measure, first: Sequence[Measure], later: Sequence[Meas
 
 
 def span_sentences(first: Sequence[Measure], later: Sequence[Measure]) -> list[str]:
-    """What a reader must know of the times of two sessions, one sentence for each that differs."""
+    """One sentence for each time that differs between two sessions."""
     return [
         f"{old.words}: {number(new.seconds, 1)} instead of {number(old.seconds, 1)} s, so that times, counts, extremes "
         "and paths taken over it are not tested"
@@ -88,14 +86,14 @@ def _differ(old_s: float, new_s: float) -> bool:
     return abs(new_s - old_s) > ALIKE * max(old_s, new_s)
 
 
-MOST_NAMES = 8  # of settings that differ; more are counted
+MOST_NAMES: Final = 8  # of settings that differ; more are counted
 
 
 def require_comparable(sessions: Sequence[Session]) -> None:
-    """Raises InputError where two are of one recording, or their measures are not defined alike."""
+    """Raises InputError where two are of the same recording, or their measures are defined differently."""
     first = sessions[0]
     for later in sessions[1:]:
-        what = _defined_otherwise(first, later)
+        what = _other_definition(first, later)
         if what is not None:
             problem = f"cannot be compared with that of {first.folder} ({what})"
             remedy = "run 'anchorpose measure' on all of these folders with this version of the program"
@@ -107,20 +105,24 @@ def differences(sessions: Sequence[Session], labels: Sequence[str]) -> list[str]
     """Sentences on versions, settings, cameras, rates, lengths and bodies that differ from the first session's."""
     first, notes = sessions[0], []
     for later, label in zip(sessions[1:], labels[1:], strict=True):
-        told = [
-            *_versions(first.run, later.run), *_settings(first.run, later.run), *_cameras(first.run, later.run),
-            *_rates(first, later), *span_sentences(first.measures, later.measures), *_bodies(first.run, later.run),
-        ]  # fmt: skip
-        notes += [f"{label} against {labels[0]}: {sentence}{_stop(sentence)}" for sentence in told]
+        sentences = [
+            *_versions(first.run, later.run),
+            *_settings(first.run, later.run),
+            *_cameras(first.run, later.run),
+            *_rates(first, later),
+            *span_sentences(first.measures, later.measures),
+            *_bodies(first.run, later.run),
+        ]
+        notes += [f"{label} against {labels[0]}: {sentence}{_full_stop(sentence)}" for sentence in sentences]
     return notes
 
 
-def _stop(sentence: str) -> str:
+def _full_stop(sentence: str) -> str:
     return "" if sentence.endswith("?") else "."
 
 
-def _defined_otherwise(first: Session, later: Session) -> str | None:
-    """In which way the measures of two sessions are not the same ones; None where they are."""
+def _other_definition(first: Session, later: Session) -> str | None:
+    """How the definitions of two sessions' measures differ; None where they are the same."""
     old, new = first.definition, later.definition
     if old is None or new is None:
         return "one of them does not say how it was computed"

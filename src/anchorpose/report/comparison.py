@@ -1,28 +1,48 @@
-"""comparison.html: several sessions of one patient side by side, and which changes are more than the errors."""
+"""comparison.html: several sessions of one patient side by side, and which changes are more than the errors.
+
+A change is more than the errors where |b - a| > 1.96 sqrt(sigma_a^2 + sigma_b^2): the smallest change that errors of
+measurement alone, normal and independent between the sessions, would exceed only 5 times in 100 (the smallest
+detectable change; Weir 2005, doi:10.1519/15184.1). It does not cover how a patient differs from day to day, so that a
+larger change may still not be a change in the patient.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Final, NamedTuple
 
 from markupsafe import Markup
 
 from anchorpose.errors import InputError
-from anchorpose.report.comparable import differences, require_comparable
-from anchorpose.report.comparison_tables import angle_table, change_table
-from anchorpose.report.page import page_parts
+from anchorpose.report.comparable import differences, require_comparable, unlike_time
+from anchorpose.report.ledger import Aggregation, Form, Rows
+from anchorpose.report.measure_section import (
+    grouped_measures,
+    inferred_share,
+    rows_of,
+    title_of,
+    value_and_error,
+    value_form,
+    words_of,
+)
+from anchorpose.report.motion_section import RANGE
 from anchorpose.report.session import Session, read_session
 from anchorpose.report.summary import summary
 from anchorpose.report.timeline import short_timeline
-from anchorpose.report.words import escape
+from anchorpose.report.words import COVERAGE, INFERRED_STATES, named_part
 from anchorpose.results.folder import write_text_whole
+from anchorpose.results.records import Measure
+from anchorpose.results.tables import ANGLES_FILE
 from anchorpose.results.web_page import render_page
 
 
 def write_comparison(folders: Sequence[Path], page: Path, labels: Sequence[str] = ()) -> Path:
-    """Writes one page on two or more results folders, in the order given; the first is what others are compared with.
+    """Writes one page on two or more results folders, in the order given; the others are compared with the first.
 
-    labels: one a session; by default the name of its recording, or of its folder where two recordings share a name.
+    labels: one per session; by default the name of its recording, or of its folder where two recordings share a name.
     Raises InputError where a folder is unusable or they cannot be compared; nothing is written then.
     """
     if len(folders) < 2:
@@ -39,32 +59,141 @@ def _labels(sessions: Sequence[Session], labels: Sequence[str]) -> list[str]:
         raise InputError(sessions[0].folder, problem, "give --label once for each session, in the same order")
     if labels:
         return list(labels)
-    names = [session.recording for session in sessions]
+    recordings = [session.recording for session in sessions]
     folders = [session.folder.resolve().name for session in sessions]
-    return next((told for told in (names, folders) if len(set(told)) == len(told)), [str(s.folder) for s in sessions])
+    paths = [str(session.folder) for session in sessions]
+    return next((names for names in (recordings, folders) if len(set(names)) == len(names)), paths)
 
 
 def _page(sessions: Sequence[Session], labels: Sequence[str]) -> str:
-    notes = differences(sessions, labels)
-    parts = {
-        "sessions": "".join(_session(session, label) for session, label in zip(sessions, labels, strict=True)),
-        "differences": "".join(f"<li>{escape(note)}</li>" for note in notes)
-        or "<li>The sessions were tracked by the same version with the same settings and cameras.</li>",
-        "changes": change_table(sessions, labels),
-        "angles": angle_table(sessions, labels),
-        "first": escape(labels[0]),
+    named = list(zip(sessions, labels, strict=True))
+    parts = {  # in this order the sources are numbered
+        "sessions": [(label, summary(session), short_timeline(session, label)) for session, label in named],
+        "changes": change_groups(sessions),
+        "angles": angle_rows(sessions),
     }
-    parts["sources"] = "".join(_sources(session, label) for session, label in zip(sessions, labels, strict=True))
-    values = {name: Markup(html) for name, html in (parts | page_parts()).items()}
-    return render_page("anchorpose.report", "comparison.html", title="Comparison of sessions", **values)
-
-
-def _session(session: Session, label: str) -> str:
-    return (
-        f"<section><h3>{escape(label)}</h3><div class='summary'>{summary(session)}</div>"
-        f"{short_timeline(session, label)}</section>"
+    return render_page(
+        "anchorpose.report",
+        "templates/comparison.html",
+        title="Comparison of sessions",
+        labels=labels,
+        change_titles=["measure", *labels, *(f"change to {label}" for label in labels[1:])],
+        angle_titles=["angle", *labels],
+        differences=differences(sessions, labels),
+        sources=[(label, session.ledger.name, session.ledger.sources()) for session, label in named],
+        **parts,
     )
 
 
-def _sources(session: Session, label: str) -> str:
-    return f"<h3>Sources of {escape(label)}</h3>{session.ledger.sources()}"
+@dataclass(frozen=True, slots=True)
+class Change:
+    """difference: later minus first; detectable: the least that exceeds the errors, None where no error is stated."""
+
+    difference: float
+    detectable: float | None
+
+    @property
+    def exceeds(self) -> bool | None:
+        """Whether it is more than the errors; None where no error is stated."""
+        return None if self.detectable is None else abs(self.difference) > self.detectable
+
+
+def change_between(first: Measure, later: Measure) -> Change | None:
+    """None where one of them has no value. Raises ValueError for different measures or units."""
+    if (first.measure, first.side, first.part, first.unit) != (later.measure, later.side, later.part, later.unit):
+        raise ValueError(f"{first} and {later} are not the same measure")
+    if first.value is None or later.value is None:
+        return None
+    difference = later.value - first.value
+    if not first.sigma or not later.sigma:  # without an error nothing follows, and an error of 0 was not measured
+        return Change(difference, None)
+    return Change(difference, COVERAGE * math.hypot(first.sigma, later.sigma))
+
+
+Key = tuple[str, str | None, str | None]
+
+VERDICTS: Final = {
+    True: ("more than the errors", "exceeds"),
+    False: ("within the errors", "within"),
+    None: ("no error is stated", "untested"),
+}
+
+
+class ChangeGroup(NamedTuple):
+    """Measures that stand together; rows: (title, meaning, a cell per session and per change since the first)."""
+
+    heading: str
+    rows: list[tuple[str, str, list[Markup]]]
+
+
+def change_groups(sessions: Sequence[Session]) -> list[ChangeGroup]:
+    """The measures of all sessions side by side.
+
+    Measures of one person are left out: people have no names that persist from session to session.
+    """
+    found = [{(m.measure, m.side, m.part): m for m in session.measures if m.person is None} for session in sessions]
+    groups = grouped_measures(list({key: m for each in found for key, m in each.items()}.values()))
+    return [
+        ChangeGroup(heading, [_change_row(sessions, found, measure) for measure in members])
+        for heading, members in groups.items()
+    ]
+
+
+def _change_row(
+    sessions: Sequence[Session], found: Sequence[dict[Key, Measure]], like: Measure
+) -> tuple[str, str, list[Markup]]:
+    measures = [each.get((like.measure, like.side, like.part)) for each in found]
+    values = [_value(session, measure) for session, measure in zip(sessions, measures, strict=True)]
+    changes = [
+        _change(measures[0], measure, unlike_time(like, sessions[0].measures, later.measures))
+        for later, measure in zip(sessions[1:], measures[1:], strict=True)
+    ]
+    return title_of(like), words_of(like.measure).meaning, [*values, *changes]
+
+
+def _value(session: Session, measure: Measure | None) -> Markup:
+    if measure is None:
+        return UNKNOWN.format("did not occur")
+    ledger, source = session.ledger, session.ledger.link
+    if measure.value is None:
+        return Markup('<i class="why">no value: {}</i> {}').format(measure.why, source(rows_of(measure)))
+    inferred = inferred_share(ledger, measure, " % inferred")
+    return Markup("{} {}<br>{}").format(value_and_error(ledger, measure), source(rows_of(measure)), inferred)
+
+
+def _change(first: Measure | None, later: Measure | None, unlike: str | None) -> Markup:
+    """unlike: why the change is shown but not tested; None where it is tested."""
+    change = None if first is None or later is None else change_between(first, later)
+    if change is None or later is None:
+        return UNKNOWN.format("not comparable")
+    if unlike is not None:
+        change = Change(change.difference, None)
+    words, kind = VERDICTS[change.exceeds]
+    needed = "" if change.detectable is None else f" (± {value_form(later).write(change.detectable)})"
+    cell = Markup('<span class="change {}"><b>{}</b><br>{}{}</span>')
+    return cell.format(kind, _signed(change, later), unlike or words, needed)
+
+
+UNKNOWN: Final = Markup('<span class="unknown">{}</span>')
+
+
+def _signed(change: Change, measure: Measure) -> str:
+    sign = "+" if change.difference > 0 else ""
+    arrow = {1.0: "▲ ", -1.0: "▼ "}.get(math.copysign(1.0, change.difference), "") if change.exceeds else ""
+    return f"{arrow}{sign}{value_form(measure).write(change.difference)}"
+
+
+def angle_rows(sessions: Sequence[Session]) -> list[tuple[str, list[Markup]]]:
+    """(name, a cell per session): the range of each angle that all sessions have, and how much of it is inferred."""
+    names = [name for name in sessions[0].angles.names if all(name in session.angles.names for session in sessions)]
+    return [(named_part(name), [_range(session, name) for session in sessions]) for name in names]
+
+
+def _range(session: Session, name: str) -> Markup:
+    ledger, rows, degree = session.ledger, Rows(ANGLES_FILE, (("angle", name),)), Form(after="°")
+    if ledger.take(rows, Aggregation(column="degrees", how="median")) is None:
+        return Markup("{} {}").format(UNKNOWN.format("not known in any frame"), ledger.link(rows))
+    low, middle, high = (ledger.figure(rows, Aggregation(column="degrees", how=how), degree) for how in RANGE)
+    share = Form(times=100.0, after=" % inferred", share=True)
+    inferred = ledger.figure(rows, Aggregation(column="state", how="share", among=INFERRED_STATES), share)
+    return Markup("{} to {}, median {} {}<br>{}").format(low, high, middle, ledger.link(rows), inferred)

@@ -1,31 +1,129 @@
-"""Curves of a quantity over time, left and right in one picture, with what each is worth.
+"""Curves of a quantity over time, left and right in one picture, as SVG paths in whole units.
 
 A thick line was seen and a thin one inferred; left is unbroken and right is dashed, and both are named at their ends;
 the band holds the truth 95 times in 100. Where a group of frames is drawn as one, the line runs in the middle of its
-lowest and highest value, and a darker band reaches from the one to the other. Below stand, for each curve, columns of
-half the height where it was inferred and of all of it where it is lost. Colour repeats what these say, so that nothing
+lowest and highest value, and a darker band reaches from one to the other. The rows below have, for each curve, columns
+of half the height where it was inferred and of full height where it is lost. Colour only repeats this, so that nothing
 is lost without it.
-
-Curves, bands and areas as SVG paths in whole units, from left to right and from the top down.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from anchorpose.joints import LOST, JointState
 from anchorpose.report.axis import UNITS, Axis, Bins, Envelope, envelope, make_axis, worst
-from anchorpose.report.chart import Column, Reading, Row, cells
-from anchorpose.report.words import COVERAGE, STATE_WORDS, escape
+from anchorpose.report.chart import Column, Mark, Reading, Row, cells
+from anchorpose.report.words import COVERAGE, STATE_WORDS
+
+LETTER_PX: Final = 13  # the height of a curve's initial
+
+_STATES: Final = tuple(STATE_WORDS[state] for state in JointState)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Curve:
+    """One quantity. value, sigma (n,) float64, NaN where lost; state_code (n,). side: left, right or empty.
+
+    key: the beginning of its columns' names in the CSV.
+    """
+
+    key: str
+    side: str
+    value: np.ndarray
+    sigma: np.ndarray
+    state_code: np.ndarray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Quantity:
+    """What the curves of one picture have in common: name, unit in text and in column names, decimals, least span."""
+
+    label: str
+    unit: str
+    unit_name: str
+    decimals: int
+    least_span: float
+
+
+def curve_row(curves: Sequence[Curve], quantity: Quantity, bins: Bins, height: int) -> Row:
+    """The picture of the curves over one pair of axes."""
+    lines = [envelope(curve.value, bins) for curve in curves]
+    bands = [_band(curve, bins) for curve in curves]
+    axis = make_axis([(e.low, e.high) for e in lines], bands, quantity.least_span)
+    drawn = zip(curves, lines, bands, strict=True)
+    shapes = [shape for curve, line, band in drawn for shape in _shapes(curve, line, band, bins, axis)]
+    ends = () if len(curves) < 2 else _ends([curve.side for curve in curves], lines, axis, height)
+    return Row(label=quantity.label, height=height, shapes=tuple(shapes), axis=axis, marks=ends, kind="curves")
+
+
+def state_rows(curves: Sequence[Curve], bins: Bins) -> list[Row]:
+    """One low row per curve: where it was inferred or lost; none where all was seen throughout."""
+    rows = []
+    for curve in curves:
+        state = worst(curve.state_code, bins)
+        if (state > 0).any():
+            inferred = np.where((state > 0) & (state != LOST), 0.5, 0.0)
+            lost = np.where(state == LOST, 1.0, 0.0)
+            shapes = (("inferred", step_path(inferred, bins)), ("lost", step_path(lost, bins)))
+            label = f"{curve.side or 'not'}{' not' if curve.side else ''} seen"
+            rows.append(Row(label=label, height=12, shapes=shapes, kind="state"))
+    return rows
+
+
+def readings(curve: Curve, quantity: Quantity, bins: Bins, label: str, with_state: bool = True) -> Reading:
+    """What the slider reads of a curve; one state serves several curves of a joint."""
+    line, name = envelope(curve.value, bins), f"{curve.key}_{{}}_{quantity.unit_name}"
+    sigma = np.fmax.reduceat(curve.sigma, bins.start)
+    states = [_STATES[code] for code in worst(curve.state_code, bins)]
+    return Reading(
+        label=label,
+        unit=quantity.unit,
+        low=Column(name.format("lowest"), cells(line.low, quantity.decimals)),
+        high=Column(name.format("highest"), cells(line.high, quantity.decimals)),
+        sigma=Column(name.format("sigma"), cells(sigma, quantity.decimals + 1)) if with_state else None,
+        state=Column(f"{curve.key}_state", [state.replace(",", ";") for state in states]) if with_state else None,
+    )
+
+
+def _band(curve: Curve, bins: Bins) -> tuple[np.ndarray, np.ndarray]:
+    reach = COVERAGE * curve.sigma
+    return envelope(curve.value - reach, bins).low, envelope(curve.value + reach, bins).high
+
+
+def _shapes(
+    curve: Curve, line: Envelope, band: tuple[np.ndarray, np.ndarray], bins: Bins, axis: Axis
+) -> list[tuple[str, str]]:
+    """Band, spread of the groups and line, the lower first."""
+    middle = (line.low + line.high) / 2.0
+    seen, inferred = line_paths(Envelope(middle, middle, line.rising), worst(curve.state_code, bins) == 0, bins, axis)
+    side = curve.side or "both"
+    spread = [(f"spread {side}", band_path(line.low, line.high, bins, axis))] if bins.thinned else []
+    lines = [(f"line {side} thin", inferred), (f"line {side} thick", seen)]
+    return [(f"band {side}", band_path(*band, bins, axis)), *spread, *lines]
+
+
+def _ends(sides: Sequence[str], lines: Sequence[Envelope], axis: Axis, height: int) -> tuple[Mark, ...]:
+    """The initials of the curves beside their last value, pushed apart where they would meet."""
+    known = [(side, line.high[np.isfinite(line.high)]) for side, line in zip(sides, lines, strict=True)]
+    places = sorted((float(axis.down(values[-1:])[0]) / UNITS, side) for side, values in known if len(values))
+    if len(places) == 2 and places[1][0] - places[0][0] < LETTER_PX / height:
+        middle, half = (places[0][0] + places[1][0]) / 2.0, LETTER_PX / height / 2.0
+        places = [(middle - half, places[0][1]), (middle + half, places[1][1])]
+    return tuple(
+        Mark(text=side[:1].upper(), kind=f"end {side}", style=f"top:{100 * place:.1f}%") for place, side in places
+    )
+
 
 Points = list[tuple[int, int]]
 
 
 def line_paths(curve: Envelope, seen: np.ndarray, bins: Bins, axis: Axis) -> tuple[str, str]:
-    """The stretches whose groups are ``seen`` (b,) throughout, and the others; nothing is drawn across a gap."""
+    """SVG paths: where both ends of a link are ``seen`` (b,), and the others; nothing is drawn across a gap."""
     across, first, second = _corners(curve, bins, axis)
     paths: dict[bool, list[str]] = {True: [], False: []}
     for start, stop in _runs(np.isfinite(curve.low), bins.after_pause):
@@ -38,7 +136,7 @@ def line_paths(curve: Envelope, seen: np.ndarray, bins: Bins, axis: Axis) -> tup
 
 
 def band_path(low: np.ndarray, high: np.ndarray, bins: Bins, axis: Axis) -> str:
-    """A filled outline between two curves (b,), one for each stretch without a gap."""
+    """A filled outline between two curves (b,), one for each run without a gap."""
     across = np.round(UNITS * bins.place).astype(int).tolist()
     finite = np.isfinite(low) & np.isfinite(high)
     top, bottom = (_whole(axis.down(np.where(finite, edge, axis.low))) for edge in (high, low))
@@ -85,7 +183,7 @@ def _whole(values: np.ndarray) -> list[int]:
 
 
 def _runs(known: np.ndarray, after_pause: np.ndarray) -> Iterator[tuple[int, int]]:
-    """(start, stop) of each stretch of known groups without a pause."""
+    """(start, stop) of each run of known groups without a pause."""
     start = None
     for k, (here, paused) in enumerate(zip(known.tolist(), after_pause.tolist(), strict=True)):
         if start is not None and (paused or not here):
@@ -111,109 +209,10 @@ def _same_kind(seen: np.ndarray, start: int, stop: int) -> Iterator[tuple[int, i
 
 
 def _trace(points: Points) -> str:
-    """Relative steps: shorter than places. A point alone is a step of no length, which round caps show as a dot."""
+    """Relative steps, which are shorter than places. A lone point is a step of no length: a dot."""
     x, y = points[0]
     steps = [f"M{x} {y}l"]
     for next_x, next_y in points[1:] or points:
         steps.append(f"{next_x - x} {next_y - y}")
         x, y = next_x, next_y
     return steps[0] + " ".join(steps[1:])
-
-
-LETTER_PX = 13  # the height of a curve's name
-
-_STATES = tuple(STATE_WORDS[state] for state in JointState)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Curve:
-    """One quantity. value, sigma (n,) float64, NaN where lost; state_code (n,). side: left, right or empty.
-
-    key: the beginning of its columns' names in the CSV.
-    """
-
-    key: str
-    side: str
-    value: np.ndarray
-    sigma: np.ndarray
-    state_code: np.ndarray
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Quantity:
-    """What the curves of one picture have in common: name, unit in text and in column names, decimals, least height."""
-
-    label: str
-    unit: str
-    unit_name: str
-    decimals: int
-    least_span: float
-
-
-def curve_rows(curves: Sequence[Curve], quantity: Quantity, bins: Bins, height: int) -> list[Row]:
-    """The picture of the curves in one system of axes."""
-    lines = [envelope(curve.value, bins) for curve in curves]
-    bands = [_band(curve, bins) for curve in curves]
-    axis = make_axis([(e.low, e.high) for e in lines], bands, quantity.least_span)
-    drawn = zip(curves, lines, bands, strict=True)
-    shapes = "".join(_shapes(curve, line, band, bins, axis) for curve, line, band in drawn)
-    ends = "" if len(curves) < 2 else _ends([curve.side for curve in curves], lines, axis, height)
-    return [Row(label=escape(quantity.label), height=height, shapes=shapes, axis=axis, marks=ends, kind="curves")]
-
-
-def state_rows(curves: Sequence[Curve], bins: Bins) -> list[Row]:
-    """One low row a curve: where it was inferred or lost; none where all was seen throughout."""
-    rows = []
-    for curve in curves:
-        state = worst(curve.state_code, bins)
-        if (state > 0).any():
-            level = np.where(state == LOST, 1.0, np.where(state > 0, 0.5, 0.0))
-            lost, inferred = step_path(np.where(level == 1.0, 1.0, 0.0), bins), step_path(level * (level < 1), bins)
-            shapes = f"<path class='inferred' d='{inferred}'/><path class='lost' d='{lost}'/>"
-            label = f"{curve.side or 'not'}{' not' if curve.side else ''} seen"
-            rows.append(Row(label=label, height=12, shapes=shapes, kind="state"))
-    return rows
-
-
-def readings(curve: Curve, quantity: Quantity, bins: Bins, label: str, with_state: bool = True) -> Reading:
-    """What the slider says of a curve; one state does for several curves of a joint."""
-    line, name = envelope(curve.value, bins), f"{curve.key}_{{}}_{quantity.unit_name}"
-    sigma = np.fmax.reduceat(curve.sigma, bins.start)
-    states = [_STATES[code] for code in worst(curve.state_code, bins)]
-    return Reading(
-        label=label,
-        unit=quantity.unit,
-        low=Column(name.format("lowest"), cells(line.low, quantity.decimals)),
-        high=Column(name.format("highest"), cells(line.high, quantity.decimals)),
-        sigma=Column(name.format("sigma"), cells(sigma, quantity.decimals + 1)) if with_state else None,
-        state=Column(f"{curve.key}_state", [state.replace(",", ";") for state in states]) if with_state else None,
-    )
-
-
-def _band(curve: Curve, bins: Bins) -> tuple[np.ndarray, np.ndarray]:
-    reach = COVERAGE * curve.sigma
-    return envelope(curve.value - reach, bins).low, envelope(curve.value + reach, bins).high
-
-
-def _shapes(curve: Curve, line: Envelope, band: tuple[np.ndarray, np.ndarray], bins: Bins, axis: Axis) -> str:
-    middle = (line.low + line.high) / 2.0
-    seen, inferred = line_paths(Envelope(middle, middle, line.rising), worst(curve.state_code, bins) == 0, bins, axis)
-    side = curve.side or "both"
-    spread = f"<path class='spread {side}' d='{band_path(line.low, line.high, bins, axis)}'/>" if bins.thinned else ""
-    return (
-        f"<path class='band {side}' d='{band_path(*band, bins, axis)}'/>{spread}"
-        f"<path class='line {side} thin' d='{inferred}'/><path class='line {side} thick' d='{seen}'/>"
-    )
-
-
-def _ends(sides: Sequence[str], lines: Sequence[Envelope], axis: Axis, height: int) -> str:
-    """The names of the curves beside their last value, pushed apart where they would meet."""
-    known = [(side, line.high[np.isfinite(line.high)]) for side, line in zip(sides, lines, strict=True)]
-    places = sorted((float(axis.down(values[-1:])[0]) / UNITS, side) for side, values in known if len(values))
-    if len(places) == 2 and places[1][0] - places[0][0] < LETTER_PX / height:
-        middle, half = (places[0][0] + places[1][0]) / 2.0, LETTER_PX / height / 2.0
-        places = [(middle - half, places[0][1]), (middle + half, places[1][1])]
-    return "".join(
-        f"<span class='end {side}' style='top:{100 * place:.1f}%' aria-hidden='true'>{side[:1].upper()}</span>"
-        for place, side in places
-    )

@@ -1,7 +1,7 @@
-"""Where each number of a page comes from: it is computed from named rows of a table, and the page says which.
+"""Where each number of a page comes from: it is computed from named rows of a table, and the page names them.
 
-A number enters a page through ``Ledger.figure`` only. Its element names the rows (``data-rows``, a number of the list
-at the end of the page), the column and what was done with it, so that a reader, or a test, can do it again.
+A number enters a page through ``Ledger.figure`` only. Its element names the rows (``data-rows``, an id in the list at
+the end of the page), the column and the operation, so that a reader, or a test, can repeat it.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
+from markupsafe import Markup
 
-from anchorpose.report.words import MISSING, escape, number, on_shortest_arc, table
+from anchorpose.report.words import MISSING, number
 
 ON_ARC: Final = " on the arc"
 """Of angles in degrees, which may pass from 180 to -180: see ``on_shortest_arc``."""
@@ -36,10 +37,7 @@ HOW_WORDS: Final = {
     "share": "of these rows with a known {column}, the share with {column} {among}",
     "frames": "of the frames, the share in which not all of these rows have {column} {among}",
 }
-"""What can be done with the rows; the words are those of the list of sources. What is not known is never a no."""
-
-
-_TITLES: Final = ("number", "rows", "taken from them")
+"""The operations on rows, in the words of the list of sources. An unknown value never counts as a no."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,8 +55,8 @@ class Rows:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Taking:
-    """What is done with a column of the rows; among: the values that ``share`` and ``frames`` ask for."""
+class Aggregation:
+    """An operation on a column of the rows; among: the values that ``share`` and ``frames`` count."""
 
     column: str
     how: str = "value"
@@ -74,7 +72,7 @@ class Taking:
 class Form:
     """How a number is written: times a factor, with so many decimals, and words before and after it.
 
-    share: of a whole, so that little is not written as nothing, nor nearly all as all.
+    share: of a whole; a small share is not written as 0, nor a large one as all.
     """
 
     decimals: int = 0
@@ -91,6 +89,19 @@ class Form:
         return f"{self.before}{text}{self.after}"
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Source:
+    """An entry of the list of sources; where, aggregations: JSON for programs; uses: the same for people."""
+
+    anchor: str
+    number: str
+    file: str
+    rows: str
+    where: str
+    aggregations: str
+    uses: str
+
+
 class Ledger:
     """The tables of a results folder, the numbers taken from them and the list of their sources.
 
@@ -100,64 +111,71 @@ class Ledger:
     def __init__(self, folder: Path, name: str = "") -> None:
         self._folder, self._name = folder, name
         self._tables: dict[Rows, pa.Table] = {}
-        self._uses: dict[Rows, list[Taking]] = {}
+        self._uses: dict[Rows, list[Aggregation]] = {}
 
     @property
     def name(self) -> str:
         """Of the session."""
         return self._name
 
-    def take(self, rows: Rows, taking: Taking) -> float | None:
+    def take(self, rows: Rows, aggregation: Aggregation) -> float | None:
         """The number; None where the rows hold no value."""
-        if taking.how == "frames":
-            return _frames_beyond(self._table(rows), taking)
-        column = self._table(rows)[taking.column]
-        if taking.how == "count":
+        if aggregation.how == "frames":
+            return _frames_beyond(self._table(rows), aggregation)
+        column = self._table(rows)[aggregation.column]
+        if aggregation.how == "count":
             return float(len(column))
         known = column.drop_null()
-        if taking.how == "share":
-            return _count_among(known, taking.among) / len(known) if len(known) else None
-        if taking.how == "value" and len(column) != 1:
+        if aggregation.how == "share":
+            return _count_among(known, aggregation.among) / len(known) if len(known) else None
+        if aggregation.how == "value" and len(column) != 1:
             raise ValueError(f"{len(column)} rows are no single value: {rows.sentence}")
-        return _reduced(known, taking.how) if len(known) else None
+        return _reduced(known, aggregation.how) if len(known) else None
 
-    def figure(self, rows: Rows, taking: Taking, form: Form) -> str:
-        """The number as HTML, with where it comes from."""
-        value = self.take(rows, taking)
-        self._note(rows, taking)
-        source = f"data-rows='{self.anchor(rows)}' data-take='{escape(taking.sentence)}'"
-        title = f"title='{escape(f'{rows.sentence}: {taking.sentence}')}'"
+    def figure(self, rows: Rows, aggregation: Aggregation, form: Form) -> Markup:
+        """The number as an HTML element that names its source."""
+        value = self.take(rows, aggregation)
+        self._note(rows, aggregation)
+        title = f"{rows.sentence}: {aggregation.sentence}"
+        source = Markup('data-rows="{}" data-take="{}" title="{}"').format(
+            self.anchor(rows), aggregation.sentence, title
+        )
         if value is None:
-            return f"<span class='unknown' {source} {title}>{MISSING}</span>"
-        machine = f"value='{value!r}' data-times='{form.times!r}'"
-        return f"<data {machine} {source} {title}>{escape(form.write(value))}</data>"
+            return Markup('<span class="unknown" {}>{}</span>').format(source, MISSING)
+        element = Markup('<data value="{!r}" data-times="{!r}" {}>{}</data>')
+        return element.format(value, form.times, source, form.write(value))
 
-    def link(self, rows: Rows) -> str:
-        """A small number that leads to the list of sources, and tells them when pointed at or reached by Tab."""
+    def link(self, rows: Rows) -> Markup:
+        """A small number that leads to the list of sources, and names the rows when pointed at or focused."""
         self._note(rows, None)
-        anchor, text = self.anchor(rows), escape(f"Source: {rows.sentence}")
-        return f"<a class='source' href='#{anchor}' title='{text}' aria-label='{text}'>{anchor.rsplit('-', 1)[1]}</a>"
+        anchor, text = self.anchor(rows), f"Source: {rows.sentence}"
+        element = Markup('<a class="source" href="#{0}" title="{1}" aria-label="{1}">{2}</a>')
+        return element.format(anchor, text, anchor.rsplit("-", 1)[1])
 
     def anchor(self, rows: Rows) -> str:
         """The id of these rows in the list of sources."""
         position = list(self._uses).index(rows) + 1 if rows in self._uses else len(self._uses) + 1
         return f"{self._name or 'source'}-{position}"
 
-    def sources(self) -> str:
-        """The list of all rows that numbers were taken from, as HTML."""
-        body = "".join(
-            f"<tr id='{self.anchor(rows)}' data-file='{escape(rows.file)}' "
-            f"data-where='{escape(json.dumps(dict(rows.where)))}' data-takings='{escape(_machine(uses))}'>"
-            f"<th scope='row'>{self.anchor(rows).rsplit('-', 1)[1]}</th><td>{escape(rows.sentence)}</td>"
-            f"<td>{escape('; '.join(dict.fromkeys(map(_in_short, uses))))}</td></tr>"
+    def sources(self) -> list[Source]:
+        """All rows that numbers were taken from so far."""
+        return [
+            Source(
+                anchor=self.anchor(rows),
+                number=self.anchor(rows).rsplit("-", 1)[1],
+                file=rows.file,
+                rows=rows.sentence,
+                where=json.dumps(dict(rows.where)),
+                aggregations=json.dumps({use.sentence: [use.column, use.how, list(use.among)] for use in uses}),
+                uses="; ".join(dict.fromkeys(map(_in_short, uses))),
+            )
             for rows, uses in self._uses.items()
-        )
-        return table(f"Sources {self._name}".strip(), _TITLES, f"<tbody>{body}</tbody>", "facts")
+        ]
 
-    def _note(self, rows: Rows, taking: Taking | None) -> None:
+    def _note(self, rows: Rows, aggregation: Aggregation | None) -> None:
         uses = self._uses.setdefault(rows, [])
-        if taking is not None and taking not in uses:
-            uses.append(taking)
+        if aggregation is not None and aggregation not in uses:
+            uses.append(aggregation)
 
     def _table(self, rows: Rows) -> pa.Table:
         if rows not in self._tables:
@@ -173,9 +191,9 @@ def _count_among(known: pa.ChunkedArray, among: tuple[str, ...]) -> int:
     return int(pc.sum(pc.is_in(known.cast(pa.string()), pa.array(among))).as_py() or 0)
 
 
-def _frames_beyond(table: pa.Table, taking: Taking) -> float | None:
+def _frames_beyond(table: pa.Table, aggregation: Aggregation) -> float | None:
     """Share of the frames that have a row with another value."""
-    others = table.filter(pc.invert(pc.is_in(table[taking.column], pa.array(taking.among))))
+    others = table.filter(pc.invert(pc.is_in(table[aggregation.column], pa.array(aggregation.among))))
     frames, beyond = (pc.count_distinct(each["frame"]).as_py() for each in (table, others))
     return beyond / frames if frames else None
 
@@ -192,9 +210,26 @@ def _reduced(known: pa.ChunkedArray, how: str) -> float:
     return float(reduce[how](values))
 
 
-def _in_short(taking: Taking) -> str:
-    return f"shares of these rows by {taking.column}" if taking.how == "share" else taking.sentence
+def _in_short(aggregation: Aggregation) -> str:
+    return f"shares of these rows by {aggregation.column}" if aggregation.how == "share" else aggregation.sentence
 
 
-def _machine(uses: list[Taking]) -> str:
-    return json.dumps({use.sentence: [use.column, use.how, list(use.among)] for use in uses})
+TURN_DEG: Final = 360.0
+
+
+def on_shortest_arc(degrees: np.ndarray) -> np.ndarray:
+    """degrees (n,) from -180 to 180, NaN where not known: the same angles on the shortest arc that holds all of them.
+
+    A patient who faces against X has a pelvis at 179 in one frame and at -179 in the next: two degrees apart, not 358.
+    Some values move by a whole turn, such that the median is from -180 to 180. Angles within half a turn stay as they
+    are.
+    """
+    known = np.sort(degrees[np.isfinite(degrees)])
+    if len(known) < 2:
+        return degrees
+    gaps = np.diff(known)
+    widest = int(np.argmax(gaps))
+    if gaps[widest] <= TURN_DEG - (known[-1] - known[0]):
+        return degrees
+    moved = np.where(degrees <= known[widest], degrees + TURN_DEG, degrees)
+    return moved - TURN_DEG if np.nanmedian(moved) > TURN_DEG / 2 else moved

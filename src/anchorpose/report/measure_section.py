@@ -1,18 +1,19 @@
-"""The measures of stand training as tables: value, how sure, how much of it inferred, or why there is none.
+"""The measures of stand training as tables: value, uncertainty, how much of it is inferred, or why there is none.
 
-Which measures stand together, what each is called and means, and how its unit is written.
-
-The meanings are short forms of those in docs/measures.md, which has the thresholds and the sources.
+The words of each measure are short forms of docs/measures.md, which has the thresholds and the sources.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from anchorpose.report.ledger import Form, Ledger, Rows, Taking
+from markupsafe import Markup
+
+from anchorpose.report.ledger import Aggregation, Form, Ledger, Rows
 from anchorpose.report.session import Session
-from anchorpose.report.words import COVERAGE, decimals_for, escape, heading_row, named_part, spaced, table
+from anchorpose.report.words import COVERAGE, decimals_for, named_part, spaced
 from anchorpose.results.records import MEASURES_FILE, Measure
 
 
@@ -119,7 +120,7 @@ _UNITS: Final = {
 
 
 def grouped_measures(measures: Sequence[Measure]) -> dict[str, list[Measure]]:
-    """Heading to its measures, both in the order in which people read them; groups without any are left out."""
+    """Heading to its measures, both in reading order; empty groups are left out."""
     groups: dict[str, list[Measure]] = {heading: [] for heading in (*GROUPS, OTHERS)}
     order = {name: position for position, name in enumerate(_WORDS)}
     for measure in sorted(measures, key=lambda m: (m.part is not None, order.get(m.measure, len(order)))):
@@ -129,7 +130,7 @@ def grouped_measures(measures: Sequence[Measure]) -> dict[str, list[Measure]]:
 
 
 def words_of(name: str) -> Words:
-    """Of a measure that this page does not know: its own name, and where to look."""
+    """What people call a measure; one that this version does not know keeps its own name."""
     return _WORDS.get(name, Words(spaced(name), "See docs/measures.md."))
 
 
@@ -138,25 +139,46 @@ def unit_of(unit: str) -> tuple[float, str]:
     return _UNITS.get(unit, (1.0, f" {unit}"))
 
 
-_TITLES = ("measure", "value, or left", "right", "inferred", "frames", "source")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeasureRow:
+    """The left and the right of a measure, or all measures without a value for one and the same reason.
 
-Entry = list[Measure]
-"""What stands in one row: the left and the right of a measure, or those without a value for one and the same reason."""
+    why: there is no value, empty where there is one; values: one, or left and right.
+    """
+
+    title: str
+    sources: Sequence[Markup]
+    why: str = ""
+    meaning: str = ""
+    values: Sequence[Markup] = ()
+    inferred: str = ""
+    frames: str = ""
 
 
-def measure_section(session: Session) -> str:
-    """HTML: the measures of the session and of parts of the body, those of single persons folded; what they mean."""
-    if not session.measures:
-        return "<p>measures.parquet holds no measures.</p>"
-    ledger = session.ledger
-    main = [measure for measure in session.measures if not _is_detail(measure)]
+class MeasureGroup(NamedTuple):
+    """Measures that stand together."""
+
+    heading: str
+    rows: list[MeasureRow]
+
+
+class MeasureSection(NamedTuple):
+    """whole: measures of the session and of parts of the body; detail: of single persons; words: what they mean."""
+
+    whole: list[MeasureGroup]
+    detail: list[MeasureGroup]
+    words: list[Words]
+
+
+def measure_section(session: Session) -> MeasureSection:
+    """All measures of a session."""
+    whole = [measure for measure in session.measures if not _is_detail(measure)]
     detail = [measure for measure in session.measures if _is_detail(measure)]
-    whole, title = (
-        _table(ledger, "Measures of the training", main),
-        "Help in detail: contacts by part, and each person's",
+    return MeasureSection(
+        whole=_groups(session.ledger, whole),
+        detail=_groups(session.ledger, detail),
+        words=[words_of(name) for name in dict.fromkeys(measure.measure for measure in session.measures)],
     )
-    folded = f"<details><summary>{escape(title)}</summary>{_table(ledger, title, detail)}</details>" if detail else ""
-    return whole + folded + _meanings(session.measures)
 
 
 def _is_detail(measure: Measure) -> bool:
@@ -170,7 +192,7 @@ def rows_of(measure: Measure) -> Rows:
 
 
 def title_of(measure: Measure) -> str:
-    """In words: which measure, of which side and part, by whom."""
+    """Which measure, of which side and part, by whom."""
     words = [words_of(measure.measure).title]
     words += [named_part(measure.part)] if measure.part else [measure.side] if measure.side else []
     words += [f"by {measure.person}"] if measure.person else []
@@ -186,17 +208,14 @@ def value_form(measure: Measure) -> Form:
     return Form(decimals=0 if whole else decimals_for(reach, value), times=times, after=after)
 
 
-def _table(ledger: Ledger, title: str, measures: Sequence[Measure]) -> str:
+def _groups(ledger: Ledger, measures: Sequence[Measure]) -> list[MeasureGroup]:
     groups = grouped_measures(measures).items()
-    bodies = [
-        heading_row(heading, len(_TITLES)) + "".join(_row(ledger, entry) for entry in _entries(members))
-        for heading, members in groups
-    ]
-    return table(title, _TITLES, "".join(f"<tbody>{body}</tbody>" for body in bodies), "measures")
+    return [MeasureGroup(heading, [_row(ledger, entry) for entry in _entries(members)]) for heading, members in groups]
 
 
-def _entries(measures: Sequence[Measure]) -> list[Entry]:
-    entries: list[Entry] = []
+def _entries(measures: Sequence[Measure]) -> list[list[Measure]]:
+    """The measures of each row, see ``MeasureRow``."""
+    entries: list[list[Measure]] = []
     for measure in measures:
         last = entries[-1][-1] if entries else None
         if last is not None and (_other_side(last, measure) or (measure.why is not None and measure.why == last.why)):
@@ -211,41 +230,35 @@ def _other_side(left: Measure, right: Measure) -> bool:
     return alike and (left.side, right.side) == ("left", "right") and left.value is not None is not right.value
 
 
-def _row(ledger: Ledger, entry: Entry) -> str:
-    sources = "".join(ledger.link(rows_of(measure)) for measure in entry)
-    first = entry[0]
+def _row(ledger: Ledger, entry: Sequence[Measure]) -> MeasureRow:
+    sources, first = [ledger.link(rows_of(measure)) for measure in entry], entry[0]
     if first.value is None:
         titles = "; ".join(dict.fromkeys(title_of(measure) for measure in entry))
-        why = f"<td colspan='3' class='why'>no value: {escape(first.why)}</td>"
-        return f"<tr><th scope='row'>{escape(titles)}</th>{why}<td></td><td>{sources}</td></tr>"
-    title = title_of(first) if len(entry) == 1 else words_of(first.measure).title
-    frames = [ledger.figure(rows_of(measure), Taking(column="frames"), Form()) for measure in entry]
-    values = [value_and_error(ledger, measure) for measure in entry]
-    inferred = " / ".join(filter(None, (_inferred(ledger, measure) for measure in entry)))
-    cells = {"left" if len(values) == 2 else "value": values[0], "right": "".join(values[1:]), "inferred": inferred,
-             "frames": " / ".join(dict.fromkeys(frames)), "source": sources}  # fmt: skip
-    name = f"<th scope='row' title='{escape(words_of(first.measure).meaning)}'>{escape(title)}</th>"
-    return f"<tr>{name}{''.join(f'<td data-label={label!r}>{cell}</td>' for label, cell in cells.items())}</tr>"
+        return MeasureRow(title=titles, sources=sources, why=str(first.why))
+    frames = [ledger.figure(rows_of(measure), Aggregation(column="frames"), Form()) for measure in entry]
+    return MeasureRow(
+        title=title_of(first) if len(entry) == 1 else words_of(first.measure).title,
+        sources=sources,
+        meaning=words_of(first.measure).meaning,
+        values=[value_and_error(ledger, measure) for measure in entry],
+        inferred=Markup(" / ").join(filter(None, (inferred_share(ledger, measure) for measure in entry))),
+        frames=Markup(" / ").join(dict.fromkeys(frames)),
+    )
 
 
-def value_and_error(ledger: Ledger, measure: Measure) -> str:
-    """HTML: a measure that has a value, and 1.96 times its sigma; a sigma of 0 is left out: nothing is that sure."""
+def value_and_error(ledger: Ledger, measure: Measure) -> Markup:
+    """A measure that has a value, and 1.96 times its sigma; a sigma of 0 is left out: nothing is that certain."""
     rows, form = rows_of(measure), value_form(measure)
-    value = ledger.figure(rows, Taking(column="value"), form)
+    value = ledger.figure(rows, Aggregation(column="value"), form)
     if not measure.sigma:
         return value
     reach = Form(decimals=form.decimals, times=form.times * COVERAGE, before="± ", after=form.after)
-    return f"{value} {ledger.figure(rows, Taking(column='sigma'), reach)}"
+    return Markup("{} {}").format(value, ledger.figure(rows, Aggregation(column="sigma"), reach))
 
 
-def _inferred(ledger: Ledger, measure: Measure) -> str:
-    share = Form(times=100.0, after=" %", share=True)
-    known = measure.inferred_share is not None
-    return ledger.figure(rows_of(measure), Taking(column="inferred_share"), share) if known else ""
-
-
-def _meanings(measures: Sequence[Measure]) -> str:
-    words = [words_of(name) for name in dict.fromkeys(measure.measure for measure in measures)]
-    items = "".join(f"<dt>{escape(title)}</dt><dd>{escape(meaning)}</dd>" for title, meaning in words)
-    where = "<p class='hint'>With thresholds and sources: docs/measures.md.</p>"
-    return f"<details><summary>What the measures mean</summary>{where}<dl>{items}</dl></details>"
+def inferred_share(ledger: Ledger, measure: Measure, after: str = " %") -> Markup:
+    """How much of a measure is inferred; empty where that is not known."""
+    if measure.inferred_share is None:
+        return Markup()
+    share = Form(times=100.0, after=after, share=True)
+    return ledger.figure(rows_of(measure), Aggregation(column="inferred_share"), share)

@@ -1,4 +1,4 @@
-"""One results folder as the report reads it: every table of it, or one sentence on what is missing."""
+"""One results folder as the report reads it: all its tables, or one sentence on what is missing."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ MEASURED: Final = (ANGLES_FILE, POSTURE_FILE, EPISODES_FILE, MEASURES_FILE)
 class Session:
     """The tables of one recording. bins: how its frames are grouped in every chart of its page.
 
-    posture_seen (n,) bool: whether all joints that posture is told by were seen, of which posture.parquet's state, that
-    of the centre of mass too, says nothing. definition: by what the measures were computed, None where their file does
-    not say. contacts: None where the folder has no table of them, so that touch is not known.
+    posture_seen (n,) bool: whether all joints that determine posture were seen; the state in posture.parquet is that of
+    the centre of mass. definition: how the measures were computed, None where their file does not say. contacts: None
+    where the folder has no table of them, so that touch is not known.
     """
 
     folder: Path
@@ -84,9 +84,8 @@ def read_session(folder: Path, name: str = "") -> Session:
     angles, posture = read_angles(folder / ANGLES_FILE), read_posture(folder / POSTURE_FILE)
     for file, frame in ((ANGLES_FILE, angles.frame), (POSTURE_FILE, posture.frame)):
         if not np.array_equal(frame, joints.frame):
-            raise InputError(
-                folder / file, "has other frames than joints.parquet", f"run 'anchorpose measure {folder}'"
-            )
+            problem, remedy = "has other frames than joints.parquet", f"run 'anchorpose measure {folder}'"
+            raise InputError(folder / file, problem, remedy)
     return Session(
         folder=folder,
         run=run,

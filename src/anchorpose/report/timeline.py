@@ -1,15 +1,14 @@
-"""The session at one glance: posture, contacts, what could be seen and how sure the joints are, over one time axis."""
+"""The session at a glance: posture, contacts, what could be seen and how certain the joints are, over one time axis."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
 from anchorpose.joints import JOINT_COUNT, STATE_CODE, JointState
 from anchorpose.report.axis import Axis, Bins, envelope
-from anchorpose.report.chart import Chart, Column, Reading, Row, cells, chart_html
+from anchorpose.report.chart import Chart, Column, Reading, Row, cells, heading
 from anchorpose.report.curves import band_path, line_paths
 from anchorpose.report.ledger import Rows
 from anchorpose.report.session import Session
@@ -21,50 +20,47 @@ from anchorpose.results.tables import JOINTS_FILE, POSTURE_FILE
 PERCENT: Final = Axis(0.0, 100.0, (0.0, 100.0))
 
 
-def timeline(session: Session) -> str:
-    """HTML: the chart, with a heading above each kind of rows."""
-    bins = session.bins
+def timeline(session: Session) -> Chart:
+    """The whole chart, with a heading above each kind of rows."""
     shares = [(state, _share(session, state)) for state in JointState]
     shares = [(state, share) for state, share in shares if state is JointState.OBSERVED or share.max() > 0]
-    rows = [
-        *posture_rows(session),
-        *touch_rows(session),
-        *_headed("Joints", [_share_row(STATE_WORDS[state], share, bins, str(state)) for state, share in shares]),
-        *_confidence_rows(session),
-        *kept_rows(session),
-    ]
-    spoken = [
-        *posture_readings(session),
-        touch_reading(session),
-        *(_share_reading(STATE_WORDS[s], f"joints_{s}", share, bins) for s, share in shares),
-        *_confidence_readings(session),
-    ]
-    files = (*_told_by(session), JOINTS_FILE)
-    chart = Chart(
+    return Chart(
         identity="timeline",
-        title="Timeline of the session: posture, contacts, what was seen of the joints, and how sure they are",
-        caption="<b>The session over time</b>",
-        rows=rows,
-        readings=spoken,
-        source="".join(session.ledger.link(Rows(file)) for file in files),
+        title="Timeline of the session: posture, contacts, what was seen of the joints, and their uncertainty",
+        caption="The session over time",
+        rows=[
+            *posture_rows(session),
+            *touch_rows(session),
+            heading("Joints"),
+            *(_share_row(STATE_WORDS[state], share, session.bins, str(state)) for state, share in shares),
+            *_confidence_rows(session),
+            *kept_rows(session),
+        ],
+        readings=[
+            *posture_readings(session),
+            touch_reading(session),
+            *(_share_reading(STATE_WORDS[state], f"joints_{state}", share, session.bins) for state, share in shares),
+            *_confidence_readings(session),
+        ],
+        sources=[session.ledger.link(Rows(file)) for file in (*_event_files(session), JOINTS_FILE)],
+        bins=session.bins,
     )
-    return chart_html(chart, bins)
 
 
-def short_timeline(session: Session, label: str) -> str:
-    """HTML: posture and contacts only, to stand beside those of other sessions."""
-    chart = Chart(
+def short_timeline(session: Session, label: str) -> Chart:
+    """Posture and contacts only, to stand beside those of other sessions."""
+    return Chart(
         identity=f"timeline-{session.ledger.name}",
         title=f"Posture and contacts of {label}",
-        caption="<b>Posture and contacts</b>",
+        caption="Posture and contacts",
         rows=[*posture_rows(session), *touch_rows(session)],
         readings=[*posture_readings(session), touch_reading(session)],
-        source="".join(session.ledger.link(Rows(file)) for file in _told_by(session)),
+        sources=[session.ledger.link(Rows(file)) for file in _event_files(session)],
+        bins=session.bins,
     )
-    return chart_html(chart, session.bins)
 
 
-def _told_by(session: Session) -> tuple[str, ...]:
+def _event_files(session: Session) -> tuple[str, ...]:
     """The tables that posture and contacts come from, of those that there are."""
     return (POSTURE_FILE, EPISODES_FILE, *(() if session.contacts is None else (CONTACTS_FILE,)))
 
@@ -79,7 +75,7 @@ def joint_confidence_mm(session: Session) -> tuple[np.ndarray, np.ndarray]:
 
 
 def matched_percent(session: Session) -> np.ndarray | None:
-    """(n,) of run.json's ``association.matched_share``, NaN where nothing was asked; None where run.json has none."""
+    """(n,) of run.json's ``association.matched_share``, NaN where no point was followed, or None."""
     shares = session.run.get("association", {}).get("matched_share", [])
     if len(shares) != len(session.joints.frame):
         return None
@@ -90,15 +86,11 @@ def _share(session: Session, state: JointState) -> np.ndarray:
     return 100.0 * (session.joints.state_code == STATE_CODE[state]).sum(axis=1) / JOINT_COUNT
 
 
-def _headed(heading: str, rows: Sequence[Row]) -> list[Row]:
-    return [Row(label=heading, height=0, shapes="", kind="heading"), *rows]
-
-
 def _share_row(label: str, percent: np.ndarray, bins: Bins, name: str) -> Row:
     """Dark up to the lowest share of each group of frames, lighter up to the highest."""
     shape, ground = envelope(percent, bins), np.zeros(bins.count)
     high, low = (band_path(ground, edge, bins, PERCENT) for edge in (shape.high, shape.low))
-    shapes = f"<path class='area {name} light' d='{high}'/><path class='area {name}' d='{low}'/>"
+    shapes = ((f"area {name} light", high), (f"area {name}", low))
     return Row(label=f"{label}, %", height=30, shapes=shapes, axis=PERCENT, kind="share")
 
 
@@ -109,7 +101,7 @@ def _confidence_rows(session: Session) -> list[Row]:
     matched = matched_percent(session)
     if matched is not None and np.isfinite(matched).any():
         rows.append(_share_row("points found again", matched, session.bins, "matched"))
-    return _headed("Confidence", rows)
+    return [heading("Confidence"), *rows]
 
 
 def _line_row(label: str, value: np.ndarray, bins: Bins) -> Row:
@@ -117,7 +109,7 @@ def _line_row(label: str, value: np.ndarray, bins: Bins) -> Row:
     top = max(1.0, float(np.ceil(top)))
     axis = Axis(0.0, top, (0.0, top))
     line, _ = line_paths(envelope(value, bins), np.ones(bins.count, dtype=bool), bins, axis)
-    return Row(label=label, height=34, shapes=f"<path class='line both thick' d='{line}'/>", axis=axis, kind="curves")
+    return Row(label=label, height=34, shapes=(("line both thick", line),), axis=axis, kind="curves")
 
 
 def _share_reading(label: str, key: str, percent: np.ndarray, bins: Bins) -> Reading:

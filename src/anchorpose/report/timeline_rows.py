@@ -1,11 +1,7 @@
-"""Upright or not, and the transitions between sitting and standing, as rows of the timeline.
+"""Rows of the timeline for what happened: posture and transitions, contacts, frames left out and pictures kept.
 
-What was left out of a session and what was kept of it, as rows of its timeline.
-
-Who touches which part when, as rows of the timeline.
-
-A contact fills its row in light from its beginning to its end, and in dark up to the share of the touching skin that
-was seen. That share is one number for the whole contact: at which of its moments it was seen is not in the tables.
+A contact is light from its beginning to its end, and dark up to the share of the touching skin that was seen. That
+share is one number for the whole contact: the tables do not say which of its moments were seen.
 """
 
 from __future__ import annotations
@@ -18,29 +14,29 @@ import numpy as np
 from anchorpose.body.contact_regions import REGIONS
 from anchorpose.joints import JointState
 from anchorpose.report.axis import Bins
-from anchorpose.report.chart import Column, Reading, Row
+from anchorpose.report.chart import Column, Mark, Reading, Row, heading
 from anchorpose.report.curves import step_path
 from anchorpose.report.ledger import Form
 from anchorpose.report.session import Session
-from anchorpose.report.words import STATE_WORDS, escape, named_part
+from anchorpose.report.words import STATE_WORDS, named_part
 from anchorpose.results.frame_table import UNKNOWN
 from anchorpose.results.records import SIT_TO_STAND, STAND_TO_SIT, Contact, Episode
 from anchorpose.results.tables import NOT_UPRIGHT, UPRIGHT
 
 
 def kept_rows(session: Session) -> list[Row]:
-    """Frames with problems, frames that a reviewer took out, and the pictures, each a link to its place on the page."""
+    """Frames with problems, frames marked unusable by a reviewer, and the pictures, each a link to its section."""
     bad = np.isin(session.joints.frame, [drop["frame"] for drop in session.run.get("dropped", [])])
     rows = [
         *_marked(session, "frames with problems", bad),
         *_marked(session, "marked unusable by a reviewer", unusable_frames(session)),
         *_pictures(session),
     ]
-    return [Row(label="Kept and left out", height=0, shapes="", kind="heading"), *rows] if rows else []
+    return [heading("Kept and left out"), *rows] if rows else []
 
 
 def unusable_frames(session: Session) -> np.ndarray:
-    """(n,) bool: the frames that a reviewer has taken out."""
+    """(n,) bool: the frames that a reviewer marked as unusable."""
     entries = (session.run.get("corrections") or {}).get("unusable", [])
     frame, marked = session.joints.frame, np.zeros(len(session.joints.frame), dtype=bool)
     for entry in entries:
@@ -49,13 +45,11 @@ def unusable_frames(session: Session) -> np.ndarray:
 
 
 def _marked(session: Session, label: str, frames: np.ndarray) -> list[Row]:
-    """One row with a column wherever one of the ``frames`` (n,) bool lies; none without any."""
+    """One row with a column wherever one of the ``frames`` (n,) bool lies; no row where there are none."""
     if not frames.any():
         return []
     level = np.maximum.reduceat(frames.astype(float), session.bins.start)
-    return [
-        Row(label=label, height=12, shapes=f"<path class='lost' d='{step_path(level, session.bins)}'/>", kind="state")
-    ]
+    return [Row(label=label, height=12, shapes=(("lost", step_path(level, session.bins)),), kind="state")]
 
 
 def _pictures(session: Session) -> list[Row]:
@@ -63,46 +57,50 @@ def _pictures(session: Session) -> list[Row]:
     times = dict.fromkeys((picture["frame"], picture["time_s"]) for picture in kept)
     if not times:
         return []
-    marks = "".join(
-        f"<a class='kept' style='left:{100 * session.bins.place_of(np.array([time_s]))[0]:.2f}%' "
-        f"href='#frame-{frame}' aria-label='pictures of frame {frame}'>{number}</a>"
-        for number, (frame, time_s) in enumerate(times, 1)
+    places = session.bins.place_of(np.array([time_s for _, time_s in times])).tolist()
+    marks = tuple(
+        Mark(
+            text=str(number),
+            kind="kept",
+            style=f"left:{100 * place:.2f}%",
+            title=f"pictures of frame {frame}",
+            link=f"#frame-{frame}",
+        )
+        for number, ((frame, _), place) in enumerate(zip(times, places, strict=True), 1)
     )
-    return [Row(label="pictures", height=26, shapes="", marks=marks, kind="marks")]
+    return [Row(label="pictures", height=26, marks=marks, kind="marks")]
 
 
-TRANSITIONS = {SIT_TO_STAND: ("▲", "stands up"), STAND_TO_SIT: ("▼", "sits down")}
+TRANSITIONS: Final = {SIT_TO_STAND: ("▲", "stands up"), STAND_TO_SIT: ("▼", "sits down")}
 
-POSTURE_WORDS = {UPRIGHT: "upright", NOT_UPRIGHT: "not upright", UNKNOWN: "cannot be told"}
+POSTURE_WORDS: Final = {UPRIGHT: "upright", NOT_UPRIGHT: "not upright", UNKNOWN: "cannot be told"}
 
 
 def posture_rows(session: Session) -> list[Row]:
-    """A high column is upright, none is not upright, half a column cannot be told; a light one is inferred.
+    """A full column is upright, none is not upright, half a column cannot be told; a light one is inferred.
 
-    Of a group of frames the worst is drawn: dark only where all its upright frames were seen.
+    The worst of a group of frames is drawn: dark only where all its upright frames were seen.
     """
     bins, upright = session.bins, session.posture.upright
     unknown, standing, inferred = (
         np.maximum.reduceat(some.astype(float), bins.start)
         for some in (upright == UNKNOWN, upright == UPRIGHT, (upright == UPRIGHT) & ~session.posture_seen)
     )
-    shapes = f"<path class='lost' d='{step_path(0.5 * unknown, bins)}'/>"
-    shapes += f"<path class='posture light' d='{step_path(standing * inferred, bins)}'/>"
-    shapes += f"<path class='posture' d='{step_path(standing * (1 - inferred), bins)}'/>"
+    shapes = (
+        ("lost", step_path(0.5 * unknown, bins)),
+        ("posture light", step_path(standing * inferred, bins)),
+        ("posture", step_path(standing * (1 - inferred), bins)),
+    )
     label = "upright" + (" (half a column: cannot be told)" if unknown.any() else "")
-    rows = [
-        Row(label="Posture", height=0, shapes="", kind="heading"),
-        Row(label=label, height=18, shapes=shapes, kind="state"),
-    ]
-    moves = [episode for episode in session.episodes if episode.kind in TRANSITIONS]
-    if moves:
-        marks = "".join(_mark(session, episode) for episode in moves)
-        rows.append(Row(label="▲ stands up, ▼ sits down", height=22, shapes="", marks=marks, kind="marks"))
+    rows = [heading("Posture"), Row(label=label, height=18, shapes=shapes, kind="state")]
+    marks = tuple(_transition_mark(bins, episode) for episode in session.episodes if episode.kind in TRANSITIONS)
+    if marks:
+        rows.append(Row(label="▲ stands up, ▼ sits down", height=22, marks=marks, kind="marks"))
     return rows
 
 
 def posture_readings(session: Session) -> list[Reading]:
-    """Of each group of frames every posture that it holds, and what begins or goes on in it."""
+    """For each group of frames: every posture in it, and the transitions under way."""
     bins = session.bins
     words = [
         POSTURE_WORDS[code] + ("" if seen or code == UNKNOWN else " (inferred)")
@@ -122,14 +120,14 @@ def posture_readings(session: Session) -> list[Reading]:
     return [Reading(label="", text=Column("posture", postures)), Reading(label="", text=Column("transition", moves))]
 
 
-def _mark(session: Session, episode: Episode) -> str:
-    begin, end = session.bins.place_of(np.array([episode.start_s, episode.end_s])).tolist()
+def _transition_mark(bins: Bins, episode: Episode) -> Mark:
+    begin, end = bins.place_of(np.array([episode.start_s, episode.end_s])).tolist()
     sign, words = TRANSITIONS[episode.kind]
-    kind = "" if episode.state is JointState.OBSERVED else " unsure"
-    title = f"{words}, {episode.start_s:.1f} to {episode.end_s:.1f} s, {STATE_WORDS[episode.state]}"
-    return (
-        f"<span class='move{kind}' style='left:{100 * begin:.2f}%;width:{100 * (end - begin):.2f}%' title='{title}'>"
-        f"{sign}</span>"
+    return Mark(
+        text=sign,
+        kind="move" if episode.state is JointState.OBSERVED else "move unsure",
+        style=f"left:{100 * begin:.2f}%;width:{100 * (end - begin):.2f}%",
+        title=f"{words}, {episode.start_s:.1f} to {episode.end_s:.1f} s, {STATE_WORDS[episode.state]}",
     )
 
 
@@ -137,41 +135,37 @@ SEEN_SHARE: Final = Form(times=100.0, after=" % seen", share=True)
 
 
 def touch_rows(session: Session) -> list[Row]:
-    """One row a part and person, from head to foot."""
-    rows = [Row(label="Touched by", height=0, shapes="", kind="heading")]
+    """One row per part and person, from head to foot."""
+    rows = [heading("Touched by")]
     if session.contacts is None:
-        return [*rows, Row(label="not known: no contacts.parquet", height=14, shapes="", kind="state")]
+        return [*rows, Row(label="not known: no contacts.parquet", height=14, kind="state")]
     touched = sorted({(REGIONS.index(c.part), c.person) for c in session.contacts}, key=_natural)
     rows += _lost_row(session)
     if not touched:
-        return [*rows, Row(label="nobody, as far as was seen", height=14, shapes="", kind="state")]
+        return [*rows, Row(label="nobody, as far as was seen", height=14, kind="state")]
     for part, person in touched:
-        mine = [c for c in session.contacts if c.part == REGIONS[part] and c.person == person]
-        held, seen = _held_and_seen(mine, session.bins)
-        shapes = (
-            f"<path class='touch light' d='{step_path(held, session.bins)}'/>"
-            f"<path class='touch' d='{step_path(seen, session.bins)}'/>"
-        )
-        label = f"{escape(named_part(REGIONS[part]))}: {escape(person)}"
-        rows.append(Row(label=label, height=15, shapes=shapes, kind="state"))
+        contacts = [c for c in session.contacts if c.part == REGIONS[part] and c.person == person]
+        held, seen = _held_and_seen(contacts, session.bins)
+        shapes = (("touch light", step_path(held, session.bins)), ("touch", step_path(seen, session.bins)))
+        rows.append(Row(label=f"{named_part(REGIONS[part])}: {person}", height=15, shapes=shapes, kind="state"))
     return rows
 
 
 def touch_reading(session: Session) -> Reading:
-    """Of each group of frames every part that is touched in it, by whom, and how much of that contact was seen."""
+    """For each group of frames: every part that is touched in it, by whom, and how much of that contact was seen."""
     first, last = session.bins.frame[session.bins.start], session.bins.frame[session.bins.last]
     texts: list[list[str]] = [["not known: patient lost"] if lost else [] for lost in _lost(session)]
     for contact in sorted(session.contacts or (), key=lambda c: (REGIONS.index(c.part), c.person, c.start_s)):
-        told = f"{named_part(contact.part)} by {contact.person} ({SEEN_SHARE.write(contact.seen_share)})"
+        text = f"{named_part(contact.part)} by {contact.person} ({SEEN_SHARE.write(contact.seen_share)})"
         for k in np.flatnonzero((contact.first_frame <= last) & (contact.last_frame >= first)):
-            texts[k].append(told.replace(",", " "))
+            texts[k].append(text.replace(",", " "))
     return Reading(label="touched", text=Column("touched", ["; ".join(dict.fromkeys(text)) for text in texts]))
 
 
 def _lost_row(session: Session) -> list[Row]:
-    """Where nobody can be told to touch the patient, since he was not found; none of a patient found throughout."""
+    """Where touch is unknown because the patient was not found; none for a patient found throughout."""
     lost = _lost(session)
-    shapes = f"<path class='lost' d='{step_path(0.5 * lost, session.bins)}'/>"
+    shapes = (("lost", step_path(0.5 * lost, session.bins)),)
     return [Row(label="not known: patient lost", height=15, shapes=shapes, kind="state")] if lost.any() else []
 
 

@@ -1,0 +1,171 @@
+"""Joint angles and paths of joints: tables of ranges and states, and a chart of each, left and right together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from markupsafe import Markup
+
+from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, JointState
+from anchorpose.report.chart import Chart
+from anchorpose.report.curves import Curve, Quantity, curve_row, readings, state_rows
+from anchorpose.report.ledger import ON_ARC, Aggregation, Form, Rows, on_shortest_arc
+from anchorpose.report.session import Session
+from anchorpose.report.words import COVERAGE, INFERRED_STATES, named_part, spaced, split_side
+from anchorpose.results.tables import ANGLES_FILE, JOINTS_FILE
+
+GROUPS: Final = {
+    "Knees": ("knee",),
+    "Hips": ("hip",),
+    "Ankles": ("ankle", "foot"),
+    "Pelvis and trunk": ("pelvis", "trunk", "spine", "thorax"),
+    "Arms": ("shoulder", "elbow", "wrist", "forearm"),
+    "Head and neck": ("neck", "head"),
+}
+"""Headings, and with which words the names of their angles begin; others come last."""
+
+OTHERS: Final = "Other angles"
+
+DEGREES: Final = Quantity(label="degrees", unit="°", unit_name="deg", decimals=1, least_span=10.0)
+
+RANGE: Final = tuple(how + ON_ARC for how in ("lowest", "median", "highest"))
+"""The operations on an angle's column: none of them sees the jump of the numbers from 180 to -180."""
+
+ANGLE_HEIGHT_PX: Final = 150
+PATH_HEIGHT_PX: Final = 96
+
+AXES: Final = {"x": "forward (X), m", "y": "up (Y), m", "z": "to the right (Z), m"}
+
+
+class AngleGroup(NamedTuple):
+    """The angles of a part of the body; rows: (name, cells) of its table; charts: a sentence where there is none."""
+
+    heading: str
+    rows: list[tuple[str, list[Markup]]]
+    charts: list[Chart | str]
+
+
+def angle_section(session: Session) -> list[AngleGroup]:
+    """For each part of the body, in the order from the ground up, a table of ranges and the charts."""
+    groups = []
+    for heading, bases in grouped_angles(session.angles.names).items():
+        charts = [_angle_chart(session, base, names) for base, names in bases.items()]
+        names = [name for sides in bases.values() for name in sides]
+        groups.append(AngleGroup(heading, [(named_part(name), _range(session, name)) for name in names], charts))
+    return groups
+
+
+def grouped_angles(names: tuple[str, ...]) -> dict[str, dict[str, list[str]]]:
+    """Heading to angle without its side to the angles of both sides, left first."""
+    groups: dict[str, dict[str, list[str]]] = {heading: {} for heading in (*GROUPS, OTHERS)}
+    for name in sorted(names, key=lambda name: (names.index(name), split_side(name)[1] or "")):
+        base, _ = split_side(name)
+        heading = next((title for title, words in GROUPS.items() if base.startswith(words)), OTHERS)
+        groups[heading].setdefault(base, []).append(name)
+    return {heading: bases for heading, bases in groups.items() if bases}
+
+
+def _angle_chart(session: Session, base: str, names: list[str]) -> Chart | str:
+    curves = [_angle_curve(session, name) for name in names]
+    if not any(np.isfinite(curve.value).any() for curve in curves):
+        return f"{spaced(base).capitalize()}: no value in any frame."
+    labels = [split_side(name)[1] or spaced(base) for name in names]
+    return Chart(
+        identity=f"angle-{base}",
+        title=f"{spaced(base)}, degrees over time",
+        caption=spaced(base).capitalize(),
+        rows=[curve_row(curves, DEGREES, session.bins, ANGLE_HEIGHT_PX), *state_rows(curves, session.bins)],
+        readings=[readings(curve, DEGREES, session.bins, label) for curve, label in zip(curves, labels, strict=True)],
+        sources=[session.ledger.link(_angle_rows(name)) for name in names],
+        bins=session.bins,
+    )
+
+
+def _angle_curve(session: Session, name: str) -> Curve:
+    column, angles = session.angles.names.index(name), session.angles
+    return Curve(
+        key=name,
+        side=split_side(name)[1] or "",
+        value=on_shortest_arc(angles.degrees[:, column]),
+        sigma=angles.sigma_deg[:, column],
+        state_code=angles.state_code[:, column],
+    )
+
+
+def _angle_rows(name: str) -> Rows:
+    return Rows(ANGLES_FILE, (("angle", name),))
+
+
+def _range(session: Session, name: str) -> list[Markup]:
+    ledger, rows = session.ledger, _angle_rows(name)
+    percent = Form(times=100.0, after=" %", share=True)
+    reach = Form(decimals=1, times=COVERAGE, before="± ", after="°")
+    return [
+        *(ledger.figure(rows, Aggregation(column="degrees", how=how), Form(after="°")) for how in RANGE),
+        ledger.figure(rows, Aggregation(column="sigma_deg", how="median"), reach),
+        ledger.figure(rows, Aggregation(column="state", how="share", among=INFERRED_STATES), percent),
+        ledger.figure(rows, Aggregation(column="state", how="share", among=("lost",)), percent),
+        ledger.link(rows),
+    ]
+
+
+def state_table(session: Session) -> list[tuple[str, list[Markup]]]:
+    """(name, cells) of each joint: per cent of its frames in each state, its typical uncertainty and the source."""
+    return [(named_part(name), _joint_cells(session, name)) for name in JOINT_NAMES]
+
+
+def _joint_cells(session: Session, name: str) -> list[Markup]:
+    ledger, rows, percent = session.ledger, _joint_rows(name), Form(times=100.0, share=True)
+    shares = [
+        ledger.figure(rows, Aggregation(column="state", how="share", among=(str(state),)), percent)
+        for state in JointState
+    ]
+    typical = ledger.figure(rows, Aggregation(column="sigma_m", how="median"), Form(times=1000.0 * COVERAGE))
+    return [*shares, typical, ledger.link(rows)]
+
+
+def _joint_rows(name: str) -> Rows:
+    return Rows(JOINTS_FILE, (("joint", name),))
+
+
+def joint_charts(session: Session) -> list[Chart | str]:
+    """The path of each joint or pair of joints (forward, up, to the right); a sentence where both are lost."""
+    pairs: dict[str, list[str]] = {}
+    for name in JOINT_NAMES:
+        pairs.setdefault(split_side(name)[0], []).append(name)
+    return [_path_chart(session, base, names) for base, names in pairs.items()]
+
+
+def _path_chart(session: Session, base: str, names: Sequence[str]) -> Chart | str:
+    if session.joints.lost[:, [JOINT_INDEX[name] for name in names]].all():
+        return f"{spaced(base).capitalize()}: lost in all frames."
+    rows, read = [], []
+    for axis, label in AXES.items():
+        quantity = Quantity(label=label, unit="m", unit_name="m", decimals=3, least_span=0.05)
+        curves = [_path_curve(session, name, axis) for name in names]
+        rows.append(curve_row(curves, quantity, session.bins, PATH_HEIGHT_PX))
+        for curve in curves:
+            text = f"{curve.side} {axis.upper()}".strip()
+            read.append(readings(curve, quantity, session.bins, text, with_state=axis == "z"))
+    return Chart(
+        identity=f"joint-{base}",
+        title=f"{spaced(base)}, path over time in metres",
+        caption=spaced(base).capitalize(),
+        rows=rows + state_rows([_path_curve(session, name, "x") for name in names], session.bins),
+        readings=read,
+        sources=[session.ledger.link(_joint_rows(name)) for name in names],
+        bins=session.bins,
+    )
+
+
+def _path_curve(session: Session, name: str, axis: str) -> Curve:
+    column = JOINT_INDEX[name]
+    return Curve(
+        key=f"{name}_{axis}",
+        side=split_side(name)[1] or "",
+        value=session.joints.position_m[:, column, "xyz".index(axis)],
+        sigma=session.joints.sigma_m[:, column],
+        state_code=session.joints.state_code[:, column],
+    )

@@ -1,0 +1,148 @@
+"""How a report was made: frames left out and why, corrections, and tables of versions, calibration and inputs."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple
+
+from anchorpose.report.session import Session
+from anchorpose.report.words import counted, named_part, spaced
+from anchorpose.results.run_record import RUN_FILE
+
+MOST_LINES: Final = 60
+"""More are counted and left to run.json: a page full of them is of no use to a reader."""
+
+
+def problems(session: Session) -> list[str]:
+    """A sentence on each run of frames with the same problem."""
+    sentences = [_stretch(drops) for drops in _stretches(session.run.get("dropped", []))]
+    more = len(sentences) - MOST_LINES
+    if more > 0:
+        last = f"and {counted(more, 'more stretch', 'more stretches')}: see {RUN_FILE}"
+        return [*sentences[:MOST_LINES], last]
+    return sentences
+
+
+def _stretches(dropped: Sequence[dict[str, Any]]) -> list[list[dict[str, Any]]]:
+    """Neighbouring frames with the same reason, apart from the number of the frame in a file's name."""
+    stretches: list[list[dict[str, Any]]] = []
+    for drop in sorted(dropped, key=lambda drop: (_reason(drop), drop["frame"])):
+        last = stretches[-1][-1] if stretches else None
+        if last is not None and _reason(last) == _reason(drop) and drop["frame"] - last["frame"] <= 1:
+            stretches[-1].append(drop)
+        else:
+            stretches.append([drop])
+    return sorted(stretches, key=lambda drops: drops[0]["frame"])
+
+
+def _reason(drop: dict[str, Any]) -> str:
+    return str(drop["why"]).replace(f"{drop['frame']:06d}", "…")
+
+
+def _stretch(drops: Sequence[dict[str, Any]]) -> str:
+    first, last = drops[0], drops[-1]
+    if len(drops) == 1:
+        return f"Frame {first['frame']} ({first['time_s']:.2f} s): {first['why']}"
+    seconds = f"{first['time_s']:.2f} to {last['time_s']:.2f} s"
+    return f"Frames {first['frame']} to {last['frame']} ({seconds}): {_reason(first)}"
+
+
+def corrections(session: Session) -> list[str]:
+    """Each entry of the reviewer's file that tracking used, signed; see ``CorrectionsRecord``."""
+    record = session.run.get("corrections")
+    if record is None:
+        return []
+    unusable = [
+        f"Unusable: frames {entry['first_frame']} to {entry['last_frame']} "
+        f"({entry['start_s']:.2f} to {entry['end_s']:.2f} s): {_signed(entry)}"
+        for entry in record["unusable"]
+    ]
+    joints = [
+        f"Placed by hand: {named_part(entry['joint'])} in frame {entry['frame']} ({entry['time_s']:.2f} s): "
+        f"{_signed(entry)}"
+        for entry in record["joints"]
+    ]
+    return [*unusable, *joints, f"These are from {record['file']}, SHA-256 {record['sha256']}."]
+
+
+def _signed(entry: dict[str, Any]) -> str:
+    return f"{entry['reason']} ({entry['who']}, {entry['when']})"
+
+
+class Facts(NamedTuple):
+    """A folded table: rows of (name, cells); none where run.json has no entry."""
+
+    title: str
+    head: Sequence[str]
+    rows: Sequence[tuple[str, Sequence[str]]]
+
+
+def provenance(session: Session) -> list[Facts]:
+    """Versions, cameras, residuals, the body, times and the hashes of all inputs."""
+    run = session.run
+    measured = session.definition.anchorpose if session.definition else "measures.parquet does not say"
+    versions = [*run.get("versions", {}).items(), ("the measures: anchorpose", measured)]
+    residuals = [
+        (r["camera"], (r["what"], f"{r['value']:.4g} {r['unit']}".replace(" 1", ""))) for r in run.get("residuals", [])
+    ]
+    return [
+        Facts("Versions", ("program", "version"), [(program, (version,)) for program, version in versions]),
+        Facts(
+            "Cameras",
+            ("camera", "pose from", "stands at x, y, z in metres"),
+            [(camera["name"], (camera["source"], _position(camera))) for camera in run.get("cameras", [])],
+        ),
+        Facts("What calibration left unexplained", ("camera", "what", "value"), residuals),
+        Facts("The patient's body as learnt", ("what", "value"), _body(run.get("body"))),
+        Facts(
+            "Time spent",
+            ("stage", "seconds"),
+            [(timing["stage"], (f"{timing['seconds']:.1f}",)) for timing in run.get("timings", [])],
+        ),
+        Facts("Input files", ("file", "SHA-256"), _inputs(run.get("inputs_sha256", {}))),
+    ]
+
+
+def settings(session: Session) -> str:
+    """The settings of the run as JSON."""
+    return json.dumps(session.run.get("config"), indent=1, ensure_ascii=False)
+
+
+def _inputs(hashes: dict[str, str]) -> list[tuple[str, Sequence[str]]]:
+    """Every file but the numbered pictures; those of a camera are covered by one hash of all their hashes."""
+    pictures: dict[str, list[str]] = {}
+    named: list[tuple[str, Sequence[str]]] = []
+    for file, digest in sorted(hashes.items()):
+        folder, _, name = file.rpartition("/")
+        if name.split(".")[0].isdigit():
+            pictures.setdefault(folder, []).append(digest)
+        else:
+            named.append((file, (digest,)))
+    return named + [
+        (
+            f"{folder}: {counted(len(digests), 'picture')}, the hash of their hashes in run.json, in order of names",
+            (hashlib.sha256("\n".join(digests).encode("ascii")).hexdigest(),),
+        )
+        for folder, digests in pictures.items()
+    ]
+
+
+def _position(camera: dict[str, Any]) -> str:
+    pose = camera.get("camera_to_world")
+    return "not used" if pose is None else ", ".join(f"{row[3]:.2f}" for row in pose[:3])
+
+
+def _body(body: dict[str, Any] | None) -> list[tuple[str, Sequence[str]]]:
+    if body is None:
+        return [("no body was learnt", ("",))]
+    height = f"{body['height_m']:.3f} ± {body['height_sigma_m']:.3f} m (one sigma)"
+    return [
+        ("height without shoes", (height,)),
+        ("thickness of clothes", (f"{1000 * body['clothing_m']:.0f} mm",)),
+        *(
+            (spaced(bone["bone"]), (f"{1000 * bone['length_m']:.0f} ± {1000 * bone['sigma_m']:.0f} mm (one sigma)",))
+            for bone in body["bones"]
+        ),
+    ]
