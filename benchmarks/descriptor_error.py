@@ -18,7 +18,7 @@ from anchorpose.association.hypotheses import GateConfig
 from anchorpose.geodesics.anchors import ANCHOR_NAMES, anchor_descriptor, find_anchors
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.research.association_errors import ErrorModel, NoErrorModel, estimate_errors
+from anchorpose.research.descriptor_errors import ErrorModel, NoErrorModel, estimate_errors
 from anchorpose.simulate.clinic import draw_clinic
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.render import EQUIPMENT, NOTHING, PATIENT, Figure, Picture, draw_figures

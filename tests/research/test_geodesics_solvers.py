@@ -17,8 +17,7 @@ from anchorpose.errors import MissingPackage
 from anchorpose.geodesics.distance import geodesic_distance_to_set
 from anchorpose.geodesics.extrema import surface_center
 from anchorpose.recording.reader import open_recording
-from anchorpose.research.geodesic_solvers import Solver, solve_distance, solve_distance_to_set
-from anchorpose.research.triangulation import triangle_mesh
+from anchorpose.research.geodesic_solvers import Solver, solve_distance, triangle_mesh
 from anchorpose.surface.mesh import build_surface, faces, keep_nodes
 from anchorpose.surface.surface import Surface, SurfaceConfig
 
@@ -166,23 +165,11 @@ def test_on_real_depth_fast_marching_agrees_with_the_exact_distance(sequence, fr
 
 
 @pytest.mark.parametrize("solver", list(Solver))
-def test_the_distance_to_a_set_is_that_to_its_nearest_member(solver):
-    surface = flat_grid(30, 30, SPACING)
-    sources = np.array([0, 400, 899])
-    nearest = solve_distance(surface, sources, solver=solver).min(axis=0)
-    to_set = solve_distance_to_set(surface, sources, solver=solver)
-    slack = {Solver.FAST_MARCHING: 0.003, Solver.HEAT: 0.025}.get(solver, 1e-6)  # where fronts meet
-    assert np.abs(to_set - nearest).max() < slack
-
-
-@pytest.mark.parametrize("solver", list(Solver))
-def test_beyond_the_wanted_distance_nothing_is_said(solver):
+def test_distances_beyond_the_limit_are_infinite(solver):
     surface = cylinder()[0]
     whole, near = (solve_distance(surface, [50, 300], limit, solver=solver) for limit in (np.inf, 0.1))
     np.testing.assert_array_equal(np.isfinite(near), whole <= np.float32(0.1))
     np.testing.assert_allclose(near[np.isfinite(near)], whole[np.isfinite(near)], atol=1e-6)
-    to_set = solve_distance_to_set(surface, [50, 300], 0.1, solver=solver)
-    assert to_set[np.isfinite(to_set)].max() <= 0.1 < solve_distance_to_set(surface, [50, 300], solver=solver).max()
 
 
 @pytest.mark.parametrize("solver", list(Solver))
@@ -192,9 +179,6 @@ def test_another_piece_of_surface_is_infinitely_far(solver):
     surface = flat_grid(20, 30, SPACING, present)
     beyond = surface.pixel[:, 1] > 14
     np.testing.assert_array_equal(np.isinf(solve_distance(surface, [0], solver=solver)[0]), beyond)
-    both = solve_distance_to_set(surface, [0, len(surface) - 1], solver=solver)
-    assert np.isfinite(both).all()
-    assert both.max() < 0.45
 
 
 @pytest.mark.parametrize("solver", list(Solver))
@@ -225,27 +209,25 @@ def test_what_is_no_source_or_no_surface_is_refused(solver):
     points = surface.points_m.copy()
     points[7] = np.nan
     nothing = keep_nodes(surface, np.zeros(len(surface), bool))
-    for solve in (solve_distance, solve_distance_to_set):
-        with pytest.raises(ValueError, match="finite"):
-            solve(replace(surface, points_m=points), [0], solver=solver)
-        for source in (-1, len(surface)):
-            with pytest.raises(ValueError, match="nodes of a surface"):
-                solve(surface, [source], solver=solver)
-        with pytest.raises(ValueError, match="nodes of a surface of 0"):
-            solve(nothing, [0], solver=solver)
-        for sources in ([0.5], np.zeros(len(surface), bool), [[0, 1]]):
-            with pytest.raises(ValueError, match="node numbers"):
-                solve(surface, sources, solver=solver)
-        for limit in (-0.1, np.nan):
-            with pytest.raises(ValueError, match="max_distance_m"):
-                solve(surface, [0], limit, solver=solver)
+    with pytest.raises(ValueError, match="finite"):
+        solve_distance(replace(surface, points_m=points), [0], solver=solver)
+    for source in (-1, len(surface)):
+        with pytest.raises(ValueError, match="nodes of a surface"):
+            solve_distance(surface, [source], solver=solver)
+    with pytest.raises(ValueError, match="nodes of a surface of 0"):
+        solve_distance(nothing, [0], solver=solver)
+    for sources in ([0.5], np.zeros(len(surface), bool), [[0, 1]]):
+        with pytest.raises(ValueError, match="node numbers"):
+            solve_distance(surface, sources, solver=solver)
+    for limit in (-0.1, np.nan):
+        with pytest.raises(ValueError, match="max_distance_m"):
+            solve_distance(surface, [0], limit, solver=solver)
 
 
 @pytest.mark.parametrize("solver", list(Solver))
-def test_without_sources_there_is_no_field_and_everything_is_infinitely_far(solver):
+def test_without_sources_there_is_no_field(solver):
     surface = flat_grid(4, 4, SPACING)
     assert solve_distance(surface, [], solver=solver).shape == (0, 16)
-    assert np.isinf(solve_distance_to_set(surface, [], solver=solver)).all()
 
 
 @pytest.mark.parametrize("solver", [Solver.HEAT, Solver.EXACT])
@@ -273,7 +255,7 @@ def test_a_single_common_corner_is_no_passage_between_triangles(solver):
     ends[(first & ~last)[:, None] & np.append(other, False)[surface.ring]] = -1  # no edge beside the corner
     ends[other[:, None] & np.append(first & ~last, False)[surface.ring]] = -1
     surface = replace(surface, ring=ends)
-    field, both = (solve_distance_to_set(surface, nodes, solver=solver) for nodes in ([0], [15]))
+    field, both = solve_distance(surface, [0, 15], solver=solver)
     np.testing.assert_array_equal(np.isnan(field), other)
     assert surface.pixel[15].tolist() == [3, 3]
     assert np.isfinite(both).all()  # from the corner itself both sheets are reached

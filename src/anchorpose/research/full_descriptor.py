@@ -1,27 +1,26 @@
-"""The full unoccluded descriptor f^U (paper, Definition 1): every node's distance to every node. A reference."""
+"""The full unoccluded descriptor f^U (paper, Definition 1): the distances between all nodes. A reference."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from anchorpose.errors import DegenerateGeometry
-from anchorpose.research.geodesic_solvers import Solver, solve_distance
-from anchorpose.research.triangulation import triangle_mesh
+from anchorpose.research.geodesic_solvers import Solver, solve_distance, triangle_mesh
 from anchorpose.surface.surface import Surface
 
 
 def full_descriptor(surface: Surface, solver: Solver = Solver.EXACT) -> np.ndarray:
     """(n, n) float32 metres: row v is f^U(v), its entries in the order of the surface's nodes.
 
-    That order is the mesh's own: rows of two meshes compare only through a map between their nodes
-    (``gmds.descriptor_cost``). One solve a node: for meshes of some hundred.
+    That order is the mesh's own: rows of two meshes can be compared only through a map between their nodes (see
+    ``features.gmds``). One solve per node: for meshes of a few hundred.
     Raises DegenerateGeometry unless the triangles make one simply connected surface, as the definition asks: a hole is
-    an occlusion, and distances around it are not those of the whole skin.
+    an occlusion, and distances around it differ from those on the whole skin.
     """
     mesh = triangle_mesh(surface)
     parts = mesh.patch.max(initial=-1) + 1
     if parts != 1 or len(np.unique(mesh.node)) < len(surface):
-        raise DegenerateGeometry(f"the surface is no single sheet of triangles ({parts} pieces)")
+        raise DegenerateGeometry(f"the surface is not a single sheet of triangles ({parts} pieces)")
     holes = count_holes(mesh.faces, len(mesh.node))
     if holes:
         raise DegenerateGeometry(f"the surface is not simply connected: {holes} holes")
@@ -29,6 +28,6 @@ def full_descriptor(surface: Surface, solver: Solver = Solver.EXACT) -> np.ndarr
 
 
 def count_holes(faces: np.ndarray, vertices: int) -> int:
-    """Independent loops of a connected sheet that no part of it fills: 1 - (V - E + F), Euler's characteristic."""
+    """Number of holes of a connected sheet: 1 - (V - E + F), by Euler's characteristic."""
     sides = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     return 1 - (vertices - len(np.unique(sides, axis=0)) + len(faces))

@@ -2,31 +2,34 @@
 
 | solver | what it is | early stop | links and edges without triangles |
 |---|---|---|---|
-| ``FAST_MARCHING`` | what tracking uses: off by 3 mm from the centre, 9 mm from a tip | while solving | are paths |
-| ``DIJKSTRA`` | along edges, as the paper does: 5 to 14 % too long | while solving | are paths |
-| ``HEAT`` | from the gradient of diffused heat | cut afterwards | are no paths |
-| ``EXACT`` | exact on the triangles: the reference | cut afterwards | are no paths |
+| ``FAST_MARCHING`` | used by tracking: error 3 mm from the centre, 9 mm from a tip | while solving | are paths |
+| ``DIJKSTRA`` | along edges, as in the paper: 5 to 14 % too long | while solving | are paths |
+| ``HEAT`` | from the gradient of diffused heat | cut afterwards | are not paths |
+| ``EXACT`` | exact on the triangles: the reference | cut afterwards | are not paths |
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from enum import StrEnum
+from typing import Final
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import dijkstra
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import connected_components, dijkstra
 
 from anchorpose.errors import MissingPackage
-from anchorpose.geodesics.distance import check_sources, geodesic_distance, geodesic_distance_to_set
-from anchorpose.research.triangulation import field_on_triangles, fields_on_triangles
-from anchorpose.surface.links import links, straight_m
-from anchorpose.surface.mesh import grid_edges
+from anchorpose.geodesics.distance import check_sources, geodesic_distance
+from anchorpose.surface.links import links, pieces, straight_m
+from anchorpose.surface.mesh import faces, grid_edges
 from anchorpose.surface.surface import Surface
+
+LONGEST_M: Final = 1e6  # solvers give huge numbers for what they did not reach
 
 
 class Solver(StrEnum):
-    """Who computes the distance."""
+    """The solver that computes the distance."""
 
     FAST_MARCHING = "fast-marching"
     DIJKSTRA = "dijkstra"
@@ -37,25 +40,18 @@ class Solver(StrEnum):
 def solve_distance(
     surface: Surface, sources: np.ndarray, max_distance_m: float = np.inf, solver: Solver = Solver.EXACT
 ) -> np.ndarray:
-    """As ``geodesic_distance``, by any solver; HEAT and EXACT know triangles only.
+    """(s, n) float32 metres from each source, as ``geodesic_distance``, by any solver.
 
-    Those two give NaN at nodes that are joined by other edges only, and raise ValueError where the surface has links
-    or a source has no triangle; MissingPackage where their package is not installed.
+    HEAT and EXACT know triangles only: they give NaN at nodes that are connected by other edges only, and raise
+    ValueError where the surface has links or a source has no triangle; MissingPackage where their package is not
+    installed.
     """
     if solver is Solver.FAST_MARCHING:
         return geodesic_distance(surface, sources, max_distance_m)
     nodes = check_sources(surface, sources, max_distance_m)
-    return _REFERENCES[solver][0](surface, nodes, max_distance_m)
-
-
-def solve_distance_to_set(
-    surface: Surface, sources: np.ndarray, max_distance_m: float = np.inf, solver: Solver = Solver.EXACT
-) -> np.ndarray:
-    """As ``geodesic_distance_to_set``, by any solver."""
-    if solver is Solver.FAST_MARCHING:
-        return geodesic_distance_to_set(surface, sources, max_distance_m)
-    nodes = check_sources(surface, sources, max_distance_m)
-    return _REFERENCES[solver][1](surface, nodes, max_distance_m)
+    if solver is Solver.DIJKSTRA:
+        return edge_distance(surface, nodes, max_distance_m)
+    return _distance_on_triangles(surface, nodes, max_distance_m, _exact if solver is Solver.EXACT else _heat)
 
 
 def edge_graph(surface: Surface) -> csr_array:
@@ -77,28 +73,15 @@ def edge_distance(surface: Surface, nodes: np.ndarray, max_distance_m: float = n
     return dijkstra(edge_graph(surface), directed=False, indices=nodes, limit=max_distance_m).astype(np.float32)
 
 
-def edge_distance_to_set(surface: Surface, nodes: np.ndarray, max_distance_m: float = np.inf) -> np.ndarray:
-    """(n,) float32: shortest path along edges to the nearest of the nodes."""
-    if len(nodes) == 0:
-        return np.full(len(surface), np.inf, np.float32)
-    graph = edge_graph(surface)
-    return dijkstra(graph, directed=False, indices=nodes, limit=max_distance_m, min_only=True).astype(np.float32)
+Prepared = Callable[[np.ndarray], np.ndarray]
+"""From some vertices of a patch to the distance (k,) of all its vertices to the nearest of them."""
+
+Solve = Callable[[np.ndarray, np.ndarray], Prepared]
+"""Prepares one patch, vertices (k, 3) and faces, for many solutions."""
 
 
-def exact_distance(surface: Surface, nodes: np.ndarray, max_distance_m: float = np.inf) -> np.ndarray:
-    """(s, n) float32, one field a source; cut at ``max_distance_m`` afterwards.
-
-    Source: Mitchell, Mount and Papadimitriou 1987 (doi:10.1137/0216045) by pygeodesic.
-    """
-    return fields_on_triangles(surface, nodes, max_distance_m, _windows)
-
-
-def exact_distance_to_set(surface: Surface, nodes: np.ndarray, max_distance_m: float = np.inf) -> np.ndarray:
-    """(n,) float32: exact distance to the nearest of the nodes."""
-    return field_on_triangles(surface, nodes, max_distance_m, _windows)
-
-
-def _windows(vertices_m: np.ndarray, faces: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+def _exact(vertices_m: np.ndarray, faces: np.ndarray) -> Prepared:
+    """Source: Mitchell, Mount and Papadimitriou 1987 (doi:10.1137/0216045) by pygeodesic."""
     try:
         from pygeodesic.geodesic import PyGeodesicAlgorithmExact
     except ImportError as error:
@@ -112,21 +95,11 @@ def _windows(vertices_m: np.ndarray, faces: np.ndarray) -> Callable[[np.ndarray]
     return distance
 
 
-def heat_distance(surface: Surface, nodes: np.ndarray, max_distance_m: float = np.inf) -> np.ndarray:
-    """(s, n) float32, one field a source; factored once a patch, cut at ``max_distance_m`` afterwards.
+def _heat(vertices_m: np.ndarray, faces: np.ndarray) -> Prepared:
+    """Heat method: on a body within 1 cm on average; heat decays over thousands of edges, so not for whole rooms.
 
-    Source: Crane, Weischedel and Wardetzky 2013 (doi:10.1145/2516971.2516977) by potpourri3d, on its robust
-    Laplacian. On a body within 1 cm on average; heat dies out over thousands of edges, so this is not for whole rooms.
+    Source: Crane, Weischedel and Wardetzky 2013 (doi:10.1145/2516971.2516977) by potpourri3d, on its robust Laplacian.
     """
-    return fields_on_triangles(surface, nodes, max_distance_m, _factor)
-
-
-def heat_distance_to_set(surface: Surface, nodes: np.ndarray, max_distance_m: float = np.inf) -> np.ndarray:
-    """(n,) float32: heat from all the nodes at once."""
-    return field_on_triangles(surface, nodes, max_distance_m, _factor)
-
-
-def _factor(vertices_m: np.ndarray, faces: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
     try:
         from potpourri3d import MeshHeatMethodDistanceSolver
     except ImportError as error:
@@ -139,9 +112,74 @@ def _factor(vertices_m: np.ndarray, faces: np.ndarray) -> Callable[[np.ndarray],
     return distance
 
 
-_REFERENCES = {
-    Solver.DIJKSTRA: (edge_distance, edge_distance_to_set),
-    Solver.HEAT: (heat_distance, heat_distance_to_set),
-    Solver.EXACT: (exact_distance, exact_distance_to_set),
-}
-"""Each solver beside fast marching: one field per source, and one field for the nearest of all."""
+@dataclass(frozen=True, slots=True, eq=False)
+class TriangleMesh:
+    """The surface as triangles alone, connected where they share a side.
+
+    vertices_m (v, 3) float64; faces (f, 3) int32 of vertices; node (v,) int32: the surface's node of each vertex; patch
+    (v,) int32: the connected patch of each vertex. A node whose triangles share only that corner is several vertices,
+    as solvers of manifold meshes need it.
+    """
+
+    vertices_m: np.ndarray
+    faces: np.ndarray
+    node: np.ndarray
+    patch: np.ndarray
+
+
+def triangle_mesh(surface: Surface) -> TriangleMesh:
+    """The triangles of ``surface.mesh.faces``, separated where they meet in a single corner."""
+    triangle = faces(surface).astype(np.int64)
+    corner = np.arange(triangle.size).reshape(triangle.shape)
+    sides = np.stack([triangle, np.roll(triangle, -1, axis=1)], axis=2).reshape(-1, 2)
+    ends = np.stack([corner, np.roll(corner, -1, axis=1)], axis=2).reshape(-1, 2)
+    turned = sides[:, 0] > sides[:, 1]
+    sides[turned], ends[turned] = sides[turned, ::-1], ends[turned, ::-1]
+    order = np.lexsort(sides.T)
+    same = np.flatnonzero((sides[order[1:]] == sides[order[:-1]]).all(axis=1))
+    one, other = ends[order[same]].ravel(), ends[order[same + 1]].ravel()
+    vertex = _components(triangle.size, one, other)
+    node = np.zeros(vertex.max(initial=-1) + 1, np.int32)
+    node[vertex] = triangle.ravel()
+    shared = vertex.reshape(triangle.shape)
+    patch = _components(len(node), shared[:, [0, 1]].ravel(), shared[:, [1, 2]].ravel())
+    return TriangleMesh(surface.points_m[node].astype(np.float64), shared.astype(np.int32), node, patch)
+
+
+def _components(count: int, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """(count,) int32: the connected component of each, under the pairs."""
+    graph = coo_array((np.ones(len(one), np.int8), (one, other)), shape=(count, count))
+    return connected_components(graph, directed=False)[1].astype(np.int32)
+
+
+def _distance_on_triangles(surface: Surface, nodes: np.ndarray, max_distance_m: float, solve: Solve) -> np.ndarray:
+    """(s, n) float32, one field per source; a patch is prepared once for all of them."""
+    if len(surface.link_node):
+        raise ValueError(
+            "a surface with links between cameras or across gaps is more than its triangles;"
+            " take fast marching or Dijkstra, or a surface of one camera without bridges"
+        )
+    mesh = triangle_mesh(surface)
+    bare = nodes[~np.isin(nodes, mesh.node) & (surface.ring[nodes] >= 0).any(axis=1)]
+    if len(bare):
+        raise ValueError(f"nodes {bare.tolist()} belong to no triangle; take fast marching or Dijkstra")
+    prepared: dict[int, Prepared] = {}
+    fields = np.reshape([_field(surface, mesh, node, solve, prepared) for node in nodes], (len(nodes), len(surface)))
+    with np.errstate(invalid="ignore"):
+        return np.where(fields > max_distance_m, np.inf, fields).astype(np.float32)
+
+
+def _field(surface: Surface, mesh: TriangleMesh, node: int, solve: Solve, prepared: dict[int, Prepared]) -> np.ndarray:
+    """(n,) float64; NaN on the node's piece of surface where no triangle leads, inf beyond it."""
+    field = np.full(len(surface), np.inf)
+    field[node] = 0.0
+    sources = np.flatnonzero(mesh.node == node)
+    for part in np.unique(mesh.patch[sources]):
+        vertex = np.flatnonzero(mesh.patch == part)
+        if part not in prepared:
+            own = mesh.faces[mesh.patch[mesh.faces[:, 0]] == part]
+            prepared[part] = solve(mesh.vertices_m[vertex], np.searchsorted(vertex, own).astype(np.int32))
+        distance = prepared[part](np.searchsorted(vertex, sources[mesh.patch[sources] == part]))
+        np.minimum.at(field, mesh.node[vertex], np.where(distance < LONGEST_M, distance, np.inf))
+    piece = pieces(surface)
+    return np.where(np.isinf(field) & (piece == piece[node]), np.nan, field)

@@ -1,14 +1,15 @@
-"""What an occlusion does to geodesic distance: bright and shadow regions (paper, Definitions 4 and 5).
+"""The effect of an occlusion on geodesic distance: bright and shadow regions (paper, Definitions 4 and 5).
 
-The occlusion O is a set of nodes taken out of the whole surface; what is left is the seen surface. From one node the
-distance to another is distorted where the way over the seen surface is longer than over the whole one. Which of the
-paper's two propositions hold, and where not, is in docs/occlusion.md.
+The occlusion O is a set of nodes removed from the whole surface; the rest is the seen surface. The distance between two
+nodes is distorted where it is longer on the seen surface than on the whole one. docs/occlusion.md states which of the
+paper's two propositions hold, and where they do not.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -16,10 +17,10 @@ from anchorpose.research.geodesic_solvers import Solver, solve_distance
 from anchorpose.surface.mesh import edges, faces, keep_nodes
 from anchorpose.surface.surface import Surface
 
-TOLERANCE_M = 1e-4
-"""What counts as undistorted with the exact solver: rounding, and cells at the rim that are cut the other way. A
-generous tolerance lights what lies around the corner: a way that bends by 0.1 rad 0.1 m before its end is 0.5 mm more.
-With fast marching take 4 mm, its own error between two meshes."""
+TOLERANCE_M: Final = 1e-4
+"""What counts as undistorted with the exact solver: rounding, and cells at the rim that are cut along the other
+diagonal. A larger tolerance would call bright what lies around a corner: a path that bends by 0.1 rad 0.1 m before its
+end is 0.5 mm longer. With fast marching take 4 mm, its own error between two meshes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,10 +36,10 @@ class Region:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Occlusion:
-    """A surface with and without the nodes that something hides.
+    """A surface with and without its hidden nodes.
 
-    whole: the surface as if nothing stood in front; hidden (n,) bool; seen: what is left of it, and node (m,) int32:
-    the whole surface's number of each seen node. All numbers outside this class are the whole surface's. boundary: the
+    whole: the surface without an occlusion; hidden (n,) bool; seen: the rest of it, and node (m,) int32: the whole
+    surface's number of each seen node. Node numbers outside this class are those of the whole surface. boundary: the
     seen nodes and edges where the surface ends because of the occlusion, not where the whole one ends.
     """
 
@@ -53,10 +54,10 @@ class Occlusion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Light:
-    """The occlusion as one node sees it.
+    """The effect of the occlusion on distances from one node.
 
-    distortion_m (n,) float32: by how much the way to each node is longer than over the whole surface; inf where the
-    occlusion cuts it off, NaN at hidden nodes and where the whole surface does not lead either.
+    distortion_m (n,) float32: by how much the distance to each node is longer than on the whole surface; inf where the
+    occlusion disconnects it, NaN at hidden nodes and where the whole surface is not connected either.
     """
 
     occlusion: Occlusion
@@ -64,14 +65,14 @@ class Light:
 
     @property
     def bright(self) -> Region:
-        """The bright region (Definition 4): the occlusion's boundary as far as distances to it are undistorted."""
+        """The bright region (Definition 4): the part of the occlusion's boundary with undistorted distances."""
         lit = np.zeros(len(self.distortion_m), bool)
         lit[self.occlusion.boundary.nodes] = True
         return _within(lit & (self.distortion_m <= self.occlusion.tolerance_m), self.occlusion.boundary.edges)
 
     @property
     def shadow(self) -> Region:
-        """Shadow nodes and edges (Definition 5): everything seen to which the distance is distorted."""
+        """Shadow nodes and edges (Definition 5): all that is seen at a distorted distance."""
         return _within(self._dark, self.occlusion.node[edges(self.occlusion.seen)])
 
     @property
@@ -89,9 +90,9 @@ class Light:
 def occlude(
     whole: Surface, hidden: np.ndarray, solver: Solver = Solver.EXACT, tolerance_m: float = TOLERANCE_M
 ) -> Occlusion:
-    """Take the hidden nodes (n,) bool out of a surface.
+    """Remove the hidden nodes (n,) bool from a surface.
 
-    Raises ValueError where hidden does not fit, or hides nothing or everything.
+    Raises ValueError where hidden does not fit, or hides no or all nodes.
     """
     if hidden.shape != (len(whole),) or hidden.dtype != bool:
         raise ValueError(f"hidden must be ({len(whole)},) bool, got {hidden.shape} {hidden.dtype}")
@@ -105,14 +106,14 @@ def occlude(
 
 
 def light_from(occlusion: Occlusion, node: int) -> Light:
-    """What the occlusion does to distances from one seen node; ValueError from a hidden one."""
+    """The effect of the occlusion on distances from one seen node; ValueError for a hidden one."""
     if not 0 <= node < len(occlusion.whole) or occlusion.hidden[node]:
         raise ValueError(f"node {node} is not on the seen surface")
     place = int(np.searchsorted(occlusion.node, node))
     free = solve_distance(occlusion.whole, np.array([node]), solver=occlusion.solver)[0]
     bound = np.full(len(free), np.nan, np.float32)
     bound[occlusion.node] = solve_distance(occlusion.seen, np.array([place]), solver=occlusion.solver)[0]
-    bound[np.isnan(bound) & ~occlusion.hidden] = np.inf  # only bare edges lead there once the triangles are gone
+    bound[np.isnan(bound) & ~occlusion.hidden] = np.inf  # connected only by edges without triangles
     with np.errstate(invalid="ignore"):
         return Light(occlusion, np.where(np.isfinite(free), bound - free, np.nan).astype(np.float32))
 
@@ -120,8 +121,8 @@ def light_from(occlusion: Occlusion, node: int) -> Light:
 def border_is_covered(lights: Sequence[Light]) -> bool:
     """Whether the union of the bright regions covers the occlusion's boundary, every edge of it (Proposition 2).
 
-    Then every seen node has an undistorted distance to at least one of the nodes that the lights stand for, where
-    Proposition 1 holds (docs/occlusion.md); if not, nodes just outside a dark edge have none.
+    If so, every seen node has an undistorted distance to at least one of the lights' nodes, where Proposition 1 holds
+    (docs/occlusion.md); otherwise, nodes just outside a dark edge have none.
     """
     if not lights:
         return False
@@ -130,14 +131,14 @@ def border_is_covered(lights: Sequence[Light]) -> bool:
 
 
 def _boundary(whole: Surface, seen: Surface, node: np.ndarray) -> Region:
-    """Ends of the seen triangles that are no ends of the whole surface's."""
-    ends, count = _ends(node[faces(seen)]), len(whole)
+    """Outline of the seen triangles, without the outline of the whole surface."""
+    ends, count = _outline(node[faces(seen)]), len(whole)
     key = ends.astype(np.int64) @ [count, 1]
-    new = ends[~np.isin(key, _ends(faces(whole)).astype(np.int64) @ [count, 1])]
+    new = ends[~np.isin(key, _outline(faces(whole)).astype(np.int64) @ [count, 1])]
     return Region(np.unique(new).astype(np.int32), new.astype(np.int32))
 
 
-def _ends(triangles: np.ndarray) -> np.ndarray:
+def _outline(triangles: np.ndarray) -> np.ndarray:
     """(e, 2) sides that belong to one triangle only."""
     sides = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     unique, count = np.unique(sides, axis=0, return_counts=True)
