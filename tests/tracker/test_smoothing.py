@@ -12,7 +12,7 @@ from anchorpose.body.fit import FitConfig
 from anchorpose.body.pose import Pose
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, LIMBS, JointState
 from anchorpose.tracker.config import FollowConfig
-from anchorpose.tracker.smoothing import Passed, smooth, smooth_in_time
+from anchorpose.tracker.smoothing import PassResult, smooth, smooth_in_time
 
 BODY, LOST_SIGMA_M = adult_body(), FollowConfig().lost_sigma_m
 FRAMES, FPS = 16, 15.0
@@ -21,29 +21,29 @@ ARM = [JOINT_INDEX[name] for name in ("ElbowLeft", "WristLeft", "HandLeft")]
 OBSERVED, HIDDEN, LOST = JointState.OBSERVED, JointState.HIDDEN_BY_PERSON, JointState.LOST
 
 
-def course_of_pass(swing: float = 20.0, sigma_m: float = 0.01) -> list[Passed]:
+def course_of_pass(swing: float = 20.0, sigma_m: float = 0.01) -> list[PassResult]:
     """An arm that is raised at an even speed, all of it seen."""
     return [answer(standing(LeftArm=(-swing - 2.0 * k, 0.0, 0.0)), sigma_m) for k in range(FRAMES)]
 
 
-def answer(pose: Pose, sigma_m: float = 0.01, states: dict[int, JointState] | None = None) -> Passed:
+def answer(pose: Pose, sigma_m: float = 0.01, states: dict[int, JointState] | None = None) -> PassResult:
     joints = BODY.joints(pose)
     state = [(states or {}).get(joint, OBSERVED) for joint in range(JOINT_COUNT)]
     sigma = np.where([one is LOST for one in state], np.nan, sigma_m)
-    return Passed(pose, joints, sigma, tuple(state))
+    return PassResult(pose, joints, sigma, tuple(state))
 
 
-def nobody() -> Passed:
+def nobody() -> PassResult:
     gone = np.full((JOINT_COUNT, 3), np.nan)
-    return Passed(None, gone, gone[:, 0], (LOST,) * JOINT_COUNT)
+    return PassResult(None, gone, gone[:, 0], (LOST,) * JOINT_COUNT)
 
 
-def smoothed(there: list[Passed], back: list[Passed], held: np.ndarray | None = None) -> list[Passed]:
+def smoothed(there: list[PassResult], back: list[PassResult], held: np.ndarray | None = None) -> list[PassResult]:
     held = np.zeros((len(there), 21), bool) if held is None else held
     return smooth(BODY, TIME_S, there, back, held, LOST_SIGMA_M, FitConfig())
 
 
-def off_m(found: list[Passed], truth: list[Passed]) -> np.ndarray:
+def off_m(found: list[PassResult], truth: list[PassResult]) -> np.ndarray:
     return np.array([np.linalg.norm(a.joints_m - b.joints_m, axis=1) for a, b in zip(found, truth, strict=True)])
 
 
@@ -81,7 +81,7 @@ def test_two_equal_passes_are_one():
     np.testing.assert_allclose([one.sigma_m for one in found], 0.01)
 
 
-def wrong_arm(frames: range, state: JointState) -> list[Passed]:
+def wrong_arm(frames: range, state: JointState) -> list[PassResult]:
     """A pass in which the left arm is left behind, hanging, for some frames."""
     states = dict.fromkeys(ARM, state)
     return [

@@ -29,7 +29,7 @@ class GlobalHypothesis:
     """The best branch's pairs: node (m,) of frame t, part (m,) bone, point (m,) skin point, and where it goes.
 
     matched_m (m, 3) node of t + 1, NaN where missed; predicted_m (m, depth, 3) what the motion dynamics expected, which
-    stands in for it there: ``tree.support`` says where, and why.
+    is used there instead: ``tree.support`` states where, and why.
     """
 
     node: np.ndarray
@@ -46,7 +46,7 @@ class GlobalHypothesis:
 
 
 Associate = Callable[[Observation, Observation, TrackConfig], Matcher]
-"""Who says which nodes of a frame and the next are the same place of the skin; ``link`` unless told otherwise."""
+"""Decides which nodes of a frame and the next are the same place of the skin; by default ``link``."""
 
 
 def link(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
@@ -68,9 +68,13 @@ def link(now: Observation, following: Observation, config: TrackConfig) -> Match
 
 
 def global_hypothesis(
-    body: Body, pose: Pose, predicted: Sequence[Pose], window: Sequence[Observation],
-    links: Sequence[Matcher], config: TrackConfig,
-) -> GlobalHypothesis:  # fmt: skip
+    body: Body,
+    pose: Pose,
+    predicted: Sequence[Pose],
+    window: Sequence[Observation],
+    links: Sequence[Matcher],
+    config: TrackConfig,
+) -> GlobalHypothesis:
     """Build, score and search the tree from the first frame of the window over the others.
 
     predicted: one pose for each frame after the first. A node moves with the part that it lies on.
@@ -115,9 +119,12 @@ def part_motion(T_world_rest_now: np.ndarray, T_world_rest_next: np.ndarray) -> 
 
 
 def held_by(
-    points: SkinPoints, now: PosedPoints, hypothesis: GlobalHypothesis, window: Sequence[Observation],
+    points: SkinPoints,
+    now: PosedPoints,
+    hypothesis: GlobalHypothesis,
+    window: Sequence[Observation],
     T_next_now: np.ndarray,
-) -> Constraints:  # fmt: skip
+) -> Constraints:
     """Rows for the registration: the tree's pairs, carried from node to the skin point beside it, and the anchors."""
     found = np.isfinite(hypothesis.matched_m).all(axis=1)
     point, part = hypothesis.point[found], hypothesis.part[found]
@@ -128,13 +135,16 @@ def held_by(
 
 
 def parts_by_icp(
-    now: PosedPoints, hypothesis: GlobalHypothesis, window: Sequence[Observation], T_predicted: np.ndarray,
+    now: PosedPoints,
+    hypothesis: GlobalHypothesis,
+    window: Sequence[Observation],
+    T_predicted: np.ndarray,
     config: TrackConfig,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """(b, 4, 4) T_next_now of every part by the paper's ICP; parts without evidence keep their prediction.
 
-    A skin point goes where the node beside it is matched, less what the two lie apart along the skin: off the skin no
-    node lies, so a body that has strayed from the surface is brought back.
+    A skin point moves to the match of the node beside it, less their distance along the skin; the distance off the
+    skin is not kept, so a body that has drifted from the surface is brought back.
     """
     point, part = hypothesis.point, hypothesis.part
     skin, normals = now.points_m[point], now.normals[point]

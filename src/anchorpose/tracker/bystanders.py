@@ -1,9 +1,7 @@
-"""Everybody but the patient, each followed with a rough body of his own, so that predicted skins compete for a pixel.
+"""Everybody but the patient, each followed with a rough body, so that predicted skins compete for a pixel.
 
 Remembered skin alone cannot tell a therapist's forearm from the patient's that it passes or holds, and what was once
 mistaken claims itself again; a body can, for an arm hangs on one of them only (Section III, transient occlusion).
-
-Nodes without edges: what somebody's skin looks like where no geodesic is asked for.
 """
 
 from __future__ import annotations
@@ -63,7 +61,7 @@ ROUGHLY = RegistrationConfig(
     constraints=ConstraintConfig(node_count=700),
     fit=FitConfig(turn_rate_sigma=40.0 * DEGREE, root_rate_sigma_m=0.3, rows_per_observation=2.0),
 )
-"""A third of the patient's nodes and steps, and the pace of somebody who walks."""
+"""A third of the patient's nodes and steps, and the pace of a person who walks."""
 
 
 COARSE: Final = SurfaceConfig(step=4)  # a rough body needs no finer nodes
@@ -78,7 +76,7 @@ FIRST_PAUSE, LONGEST_PAUSE = 15, 240  # frames between searches for a body that 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bystander:
-    """Somebody with a body: his label, shape and pose; change (POSE_SIZE,) of the pose in the last ``elapsed_s``."""
+    """A person with a body: label, shape and pose; change (POSE_SIZE,) of the pose in the last ``elapsed_s``."""
 
     label: int
     body: Body
@@ -89,7 +87,7 @@ class Bystander:
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """Somebody for whom no body was found: frames to wait, and how many after the next failure."""
+    """A person for whom no body was found: frames to wait, and how many after the next failure."""
 
     label: int
     wait: int
@@ -105,7 +103,7 @@ class Bystanders:
 
 
 def bystander_likelihood(bystanders: Bystanders, points: SkinPoints, elapsed_s: float) -> OwnershipLikelihood:
-    """What their bodies claim ``elapsed_s`` after the frame they were fitted to; 0: in that frame itself."""
+    """Likely places of their skin ``elapsed_s`` after the frame they were fitted to; 0: in that frame itself."""
     spread = SKIN_SIGMA_M + GROWTH_M_S * abs(elapsed_s)
     found = []
     for one in bystanders.followed:
@@ -118,9 +116,9 @@ def bystander_likelihood(bystanders: Bystanders, points: SkinPoints, elapsed_s: 
 def follow_bystanders(
     before: Bystanders, views: Sequence[View | None], cameras: Sequence[Camera], points: SkinPoints, elapsed_s: float
 ) -> Bystanders:
-    """Everybody's body in the next frame, from the pixels that are labelled his.
+    """Everybody's body in the next frame, from the pixels with each person's label.
 
-    A body that no longer accounts for what is seen of him is given up, and searched for anew.
+    A body that no longer accounts for what is seen of the person is dropped, and searched for again.
     """
     known = {one.label: one for one in before.followed}
     searched = {search.label: search for search in before.searched}
@@ -155,7 +153,7 @@ def _note_labels(labels: np.ndarray, there: np.ndarray) -> None:
 
 
 def _evidence(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> Evidence:
-    """His nodes; his outline is left out, since half of it is where something hides him."""
+    """The nodes of one person; the outline is left out, since half of it is where something hides the person."""
     masks = [None if view is None else view.labels == label for view in views]
     depths = [None if view is None else view.depth_m for view in views]
     surface = unconnected_surface(depths, masks, cameras)
@@ -184,5 +182,5 @@ def _find(label: int, evidence: Evidence, points: SkinPoints) -> Bystander | Non
 
 
 def _ahead(one: Bystander, points: SkinPoints, elapsed_s: float) -> Pose:
-    """His pose some time after the frame he was fitted in: he goes on as he moved, a little slower."""
+    """The pose some time after the frame of the last fit: the movement goes on, a little slower."""
     return one.belief.pose.moved(DAMPING * elapsed_s / one.elapsed_s * one.change, points.moving)

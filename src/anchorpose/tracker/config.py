@@ -26,7 +26,7 @@ from anchorpose.tracking.motion import MotionConfig
 from anchorpose.tracking.motion_file import SHIPPED
 from anchorpose.tracking.tree import TreeConfig
 
-HEIGHTS_M: Final = (1.2, 2.2)  # of adults: beyond, the shape space knows nobody, and the unit was mistaken
+HEIGHTS_M: Final = (1.2, 2.2)  # of adults: beyond these the shape model does not reach, and the unit is probably wrong
 
 
 class Method(StrEnum):
@@ -58,7 +58,7 @@ class TrackConfig:
     stop: int | None = None  # frame to stop before; None = the end
     smooth: bool = False  # track against time as well and put both together: not for live use, and twice the work
     height_m: float | None = None  # the patient's standing height; None = that of recording.json, or unknown
-    patient_xz_m: tuple[float, float] | None = None  # where the patient stands at the start, if the user says so
+    patient_xz_m: tuple[float, float] | None = None  # where the patient stands at the start, if the user gives it
     motions: str | None = None  # file of reference movements; None = those that ship with the package
     clocks: ClockConfig = field(default_factory=ClockConfig)
     placing: PlacingConfig = field(default_factory=PlacingConfig)

@@ -21,8 +21,8 @@ from anchorpose.tracker.observation import Observation
 class Estimate:
     """One frame's answer: joints_m (21, 3) and sigma_m (21,), NaN where lost; states; the pose, None where lost.
 
-    observation and shape are None where nobody was looked for or found. matched_share: share of the nodes with a match
-    in this frame, None where nothing was matched (the first frame, nothing seen).
+    observation and shape are None where nobody was searched for or found. matched_share: share of the nodes with a
+    match in this frame, None where nothing was matched (the first frame, nothing seen).
     """
 
     frame_set: FrameSet
@@ -51,15 +51,19 @@ def nobody_found(frame_set: FrameSet, observation: Observation | None = None) ->
 
 
 def estimate_of(
-    body: Body, registration: Registration, observation: Observation,
-    matched_share: float | None, config: TrackConfig, told: ToldJoints | None = None,
-) -> Estimate:  # fmt: skip
-    """Joints by the rule J, their states from the pictures, their sigma from the posterior.
+    body: Body,
+    registration: Registration,
+    observation: Observation,
+    matched_share: float | None,
+    config: TrackConfig,
+    corrected: ToldJoints | None = None,
+) -> Estimate:
+    """Joints by the rule J, their states from the depth images, their sigma from the posterior.
 
-    told: joints whose place a reviewer gave: where the pictures contradict him they are hidden, not lost, and they are
-    no surer than they are near that place.
+    corrected: joints whose place a reviewer gave. Where the images contradict it they are hidden, not lost, and their
+    sigma is at least their distance from that place.
     """
-    placed = () if told is None else told.joint.tolist()
+    placed = () if corrected is None else corrected.joint.tolist()
     belief = registration.belief
     posed = pose_points(body, belief.pose)
     joints = body.mesh.joints(posed.transforms)
@@ -71,9 +75,9 @@ def estimate_of(
         JointState.HIDDEN if joint in placed and state is JointState.LOST else state
         for joint, state in enumerate(found)
     )
-    if told is not None:
-        away_m = np.linalg.norm(joints[told.joint] - told.position_m, axis=1)
-        sigma[told.joint] = np.maximum(sigma[told.joint], away_m / np.sqrt(3.0))
+    if corrected is not None:
+        away_m = np.linalg.norm(joints[corrected.joint] - corrected.position_m, axis=1)
+        sigma[corrected.joint] = np.maximum(sigma[corrected.joint], away_m / np.sqrt(3.0))
     lost = (sigma > config.follow.lost_sigma_m) | np.array([state is JointState.LOST for state in states])
     return Estimate(
         observation.frame_set,

@@ -21,9 +21,9 @@ from anchorpose.tracker.run import Run
 from anchorpose.tracker.start import NoStart, Start, find_start
 
 FIRST_PAUSE, LONGEST_PAUSE = 5, 15  # frames between searches that fail, doubled each time: one costs thirty frames
-NEAR_M = 0.5  # from where he was seen last: he stood there, and what is left of him to see is off his axis
+NEAR_M = 0.5  # from where the patient was last seen: what remains visible is off the body's axis
 WALK_M_S = 1.5  # as fast as people walk
-BYSTANDER = 0.5  # of what is seen of somebody: so much belongs to one who was there beside the patient
+BYSTANDER = 0.5  # share of a person's visible pixels that belong to a known bystander
 
 
 def follow_patient(
@@ -87,9 +87,10 @@ def follow_openly(
 
 
 class Search:
-    """Everybody else is followed on while the patient is lost, so that nobody of them is taken for him.
+    """Bystanders are still followed while the patient is lost, so that none of them is taken for the patient.
 
-    now: the last frame looked at; last_found: the last in which he was seen; place_m (3,): where he should be now.
+    now: the last frame looked at; last_found: the last in which the patient was seen; place_m (3,): where the patient
+    should be now.
     """
 
     def __init__(self, now: Observation, last_found: Observation, place_m: np.ndarray) -> None:
@@ -98,7 +99,7 @@ class Search:
         self._newcomer = last_found.memory.next_label  # labels from this on are of people who came since
 
     def look(self, frame_set: FrameSet, run: Run) -> PatientChoice | None:
-        """Who may be the patient in this frame, None where nobody may; frames come in their order, none is left out."""
+        """Who may be the patient in this frame, None where nobody may be; frames come in order, without gaps."""
         pieces, config = find_all_pieces(frame_set.depths_m, run.room.scenes), run.config
         elapsed_s = frame_set.time_s - self._time_s
         views = separate(pieces, self._memory, None, elapsed_s, config.isolation)
@@ -110,7 +111,9 @@ class Search:
         if not axes:
             return None
         nearest = min(axes, key=lambda axis: float(np.linalg.norm(axis - self._place_xz_m)))
-        return PatientChoice(nearest, "nearest to where he was lost of those who were not beside him", sure=False)
+        return PatientChoice(
+            nearest, "is nearest to where the patient was lost, of those who were not there before", sure=False
+        )
 
     def _may_be_patient(
         self,
@@ -120,7 +123,7 @@ class Search:
         reach_m: float,
         config: TrackConfig,
     ) -> bool:
-        """Whether somebody is near enough to have come from there, and is nobody who was followed all the while."""
+        """Whether a person is near enough to have come from there and is not a bystander who was followed meanwhile."""
         if np.linalg.norm(person.ground_xz_m - self._place_xz_m) > reach_m:
             return False
         labels = _labels_about(person.ground_xz_m, pieces, views, config)

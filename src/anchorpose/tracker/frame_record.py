@@ -19,7 +19,7 @@ from anchorpose.rotations import quaternions
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.run import Run
-from anchorpose.tracker.smoothing import Passed
+from anchorpose.tracker.smoothing import PassResult
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +55,7 @@ def record_of(estimate: Estimate, body: Body | None, run: Run) -> FrameRecord:
     return record if why is None else _without_patient(record, why)
 
 
-def smoothed_record(record: FrameRecord, answer: Passed, body: Body) -> FrameRecord:
+def smoothed_record(record: FrameRecord, answer: PassResult, body: Body) -> FrameRecord:
     """The record with what a forward and a backward pass found together."""
     lost = np.array([state is JointState.LOST for state in answer.states])
     position = np.where(lost[:, None], np.nan, answer.joints_m)
@@ -134,7 +134,7 @@ def anchor_frame(estimate: Estimate) -> AnchorFrame:
 
 
 def label_pictures(frame_set: FrameSet, observation: Observation | None) -> tuple[LabelImage, ...]:
-    """Whose each pixel is, of the cameras that have a picture of the frame."""
+    """The person label of each pixel, of the cameras that have a depth image of the frame."""
     if observation is None:
         return ()
     evidence = observation.evidence

@@ -1,7 +1,7 @@
 """Where tracking begins: the sampled frames that show the patient, and the first of them that a body explains.
 
-A therapist who holds the patient may be taken for a part of the patient; fitting a body tells which frame shows the
-patient alone.
+A therapist who holds the patient may be mistaken for a part of the patient; fitting a body shows in which frame the
+patient is alone.
 """
 
 from __future__ import annotations

@@ -27,10 +27,8 @@ from anchorpose.tracker.run import Run
 from anchorpose.tracker.start import ORDINARY_HEIGHT_M
 from anchorpose.tracking.motion_file import load_motions
 
-WORTH_THE_WAIT = (
-    60  # frames that are followed from the recording's opening: half a minute; beyond, one nearby is chosen
-)
-NEARBY, NEARBY_SAMPLES = 45, 10  # frames before the one looked at, and how many of them are looked at for an opening
+MOST_FOLLOWED = 60  # frames, half a minute of work, from the recording's initial frame; farther away one nearby is used
+NEARBY, NEARBY_SAMPLES = 45, 10  # frames before the inspected one, and how many of them are tried as initial frame
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,9 +44,9 @@ class Next:
 class Inspection:
     """What every stage made of one frame.
 
-    observation: up to geodesics, None where nobody could be looked for. estimate: None where the patient was not found.
-    next: None where the recording ends or he is not found. height_m: what the anchors' lengths go by. account: what was
-    done and why something is missing, one sentence each.
+    observation: up to geodesics, None where nobody could be searched for. estimate: None where the patient was not
+    found. next: None where the recording ends or the patient is not found. height_m: what anchor distances are scaled
+    by. account: what was done and why something is missing, one sentence each.
     """
 
     room: Room
@@ -62,7 +60,7 @@ class Inspection:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InspectedCamera:
-    """One camera's share of an inspection: its number, and its picture of the frame (height, width) metres."""
+    """One camera's share of an inspection: its number, and its depth image (height, width) in metres."""
 
     inspection: Inspection
     number: int
@@ -95,7 +93,7 @@ def position_of(recording: Recording, frame: int) -> int:
     found = np.flatnonzero(numbers == frame)
     if not len(found):
         problem = f"has no frame {frame} (its frames are {numbers[0]} to {numbers[-1]})"
-        raise InputError(recording.folder, problem, "choose one of these; the number is that of the picture's file")
+        raise InputError(recording.folder, problem, "choose one of these; the number is that of the depth image's file")
     return int(found[0])
 
 
@@ -104,10 +102,10 @@ def inspect_frame(
 ) -> Inspection:
     """Everything that the stages make of the frame with this number.
 
-    as_tracked: learn the body and follow the patient from the opening frame, as ``track`` does: the same joints to the
-    last digit, after as long a time. Otherwise he is followed from an opening nearby with the first guess of a body.
-    config.patient_xz_m: where he stands; with as_tracked at the start, otherwise here. tick is called for every frame
-    that is read. Raises InputError where there is no such frame.
+    as_tracked: learn the body and follow the patient from the initial frame, as ``track`` does: the same joints to the
+    last digit, after as long a time. Otherwise tracking starts nearby with a first guess of the body.
+    config.patient_xz_m: where the patient stands; with as_tracked at the start, otherwise here. tick is called for
+    every frame that is read. Raises InputError where there is no such frame.
     """
     position, room = position_of(recording, frame), prepare_room(recording, config)
     run = Run(room, config, load_motions(config.motion_file, recording.rate_hz, config.motion))
@@ -143,46 +141,46 @@ def _as_tracked(route: Route, position: int, run: Run) -> tuple[_Reached | None,
 
 
 def _from_nearby(route: Route, position: int, run: Run) -> tuple[_Reached | None, tuple[str, ...]]:
-    """As ``track`` does it, but from an opening near the frame and with a first guess of the body."""
-    for opening in _openings_nearby(route, position, run.room, run.config):
-        reached = _follow(route, opening, position, None, run)
+    """As ``track`` does it, but from an initial frame nearby and with a first guess of the body."""
+    for initial in _initial_frames_nearby(route, position, run.room, run.config):
+        reached = _follow(route, initial, position, None, run)
         if reached is not None:
             return reached, (
                 "The body here is a first guess from the height; track learns it over four seconds "
                 "(--as-tracked does the same, and takes as long).",
-                f"The patient was looked for in frame {_number(run.room, opening.frame)} and followed from there.",
+                f"The patient was looked for in frame {_number(run.room, initial.frame)} and followed from there.",
             )
     return None, (
         "No body explains what is seen where the patient should be, so there are no joints in this frame.",
-        "If track finds him in other frames, --as-tracked follows him from there; "
-        "if the wrong person is blue, --patient x,z says where he stands.",
+        "If track finds the patient in other frames, --as-tracked follows the patient from there; "
+        "if the wrong person is blue, give the patient's place with --patient x,z.",
     )
 
 
-def _openings_nearby(route: Route, position: int, room: Room, config: TrackConfig) -> list[InitialFrame]:
-    """Where to begin: the recording's own opening if it is near, else the best of the frames before; then the frame."""
+def _initial_frames_nearby(route: Route, position: int, room: Room, config: TrackConfig) -> list[InitialFrame]:
+    """Where to begin: the recording's initial frame if near, else the best of the frames before; then the frame."""
     here = _choose(route, [position], room, config)
     if config.patient_xz_m is not None or room.initial_frame is None:
         return here
     distance = position - room.initial_frame.frame
-    if abs(distance) <= WORTH_THE_WAIT:
+    if abs(distance) <= MOST_FOLLOWED:
         return [room.initial_frame, *here]
     before = np.linspace(position - np.sign(distance) * NEARBY, position, NEARBY_SAMPLES).astype(int)
     return [*_choose(route, before.tolist(), room, config), *here]
 
 
 def _choose(route: Route, positions: Sequence[int], room: Room, config: TrackConfig) -> list[InitialFrame]:
-    """The opening among some frames as ``track`` chooses it, or none; one camera's view of nobody is no opening."""
+    """The initial frame among some frames, chosen as ``track`` does; empty where nobody is seen."""
     sightings = [sight_people(frame_set, room.scenes, config) for frame_set in route.frames(positions)]
     return list(rank_initial_frames(positions, sightings, room.calibration, room.recording, config)[:1])
 
 
-def _follow(route: Route, opening: InitialFrame, position: int, shape: FittedShape | None, run: Run) -> _Reached | None:
-    """The patient in the frame at ``position``, followed from an opening; None where he is not found there."""
-    frames = route.frames(_course(opening.frame, position, route, run))
-    for estimate, tracker in follow_openly(run, frames, opening.choice, shape):
+def _follow(route: Route, initial: InitialFrame, position: int, shape: FittedShape | None, run: Run) -> _Reached | None:
+    """The patient in the frame at ``position``, followed from an initial frame; None where not found there."""
+    frames = route.frames(_course(initial.frame, position, route, run))
+    for estimate, tracker in follow_openly(run, frames, initial.choice, shape):
         if tracker is None and shape is None:
-            return None  # without a known body the search goes on for long: another opening is tried
+            return None  # without a known body the search takes long: another initial frame is tried
         if estimate.frame_set.frame == _number(run.room, position):
             if tracker is None or estimate.belief is None:
                 return None

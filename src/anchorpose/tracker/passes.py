@@ -18,7 +18,7 @@ from anchorpose.tracker.frame_record import FrameRecord, label_pictures, record_
 from anchorpose.tracker.learning import LearntPatient, learn_patient
 from anchorpose.tracker.room import Room, held_joints
 from anchorpose.tracker.run import Run
-from anchorpose.tracker.smoothing import Passed, passed, smooth
+from anchorpose.tracker.smoothing import PassResult, pass_result, smooth
 from anchorpose.tracker.start import Start, turn_round
 
 
@@ -59,7 +59,7 @@ def track_on(
 ) -> Iterator[FrameRecord]:
     """A record of every frame in the order of time.
 
-    keep_labels: gets the person label of each pixel as soon as it is known, those before the initial frame first.
+    keep_labels: receives the person label of each pixel as soon as it is known, those before the initial frame first.
     """
     kept = set[tuple[int, str]]()
 
@@ -95,7 +95,7 @@ class _Passes:
 
         Until the two have met, joints, pose and contacts of every frame are kept, some kilobytes each.
         """
-        there, records, last = list[Passed](), list[FrameRecord](), None
+        there, records, last = list[PassResult](), list[FrameRecord](), None
         for estimate in self._follow(positions):
             there.append(self._passed(body, estimate))
             records.append(self._record(estimate))
@@ -118,8 +118,8 @@ class _Passes:
     def _follow(self, positions: Sequence[int], begin: Start | None = None) -> Iterator[Estimate]:
         return follow_patient(self.run, self.route.frames(positions), self.shape, begin)
 
-    def _passed(self, body: Body, estimate: Estimate) -> Passed:
-        return passed(body, estimate, self.run.room.review.why_unusable(estimate.frame_set.frame) is None)
+    def _passed(self, body: Body, estimate: Estimate) -> PassResult:
+        return pass_result(body, estimate, self.run.room.review.why_unusable(estimate.frame_set.frame) is None)
 
     def _record(self, estimate: Estimate) -> FrameRecord:
         for labels in label_pictures(estimate.frame_set, estimate.observation):

@@ -167,10 +167,10 @@ class PatientTracker:
         return self.ahead[:steps]
 
     def _look_ahead(self) -> list[Pose]:
-        """Predicted poses of the window's later frames; the next one is looked at again where that may change it.
+        """Predicted poses of the window's later frames; the next frame is observed again where that may change it.
 
         Its pose is now predicted from the frame before. Where the patient is expected at another place than when the
-        frame came in, he is told apart from others anew, and his surface is made anew.
+        frame came in, the people are separated again, and the patient's surface is built again.
         """
         poses = self.predict(len(self.window) - 1)
         expected, before = self.expect(poses[0]), self.window[1].expected
@@ -215,18 +215,18 @@ class PatientTracker:
         return following
 
     def _corrected(self, belief: PoseBelief, seen: Observation) -> PoseBelief:
-        """The belief by what a reviewer said of this frame's joints, if he did.
+        """The belief with a reviewer's corrections of this frame's joints, if there are any.
 
-        Where he contradicts it, what was seen was taken for the wrong limb: then it says less than he, and the limbs'
-        movement so far was somebody else's. A place that the body cannot reach is not believed.
+        Where they contradict it, the evidence was attributed to the wrong limb: the corrections then count for more,
+        and the movement so far is forgotten. A place that the body cannot reach is not believed.
         """
-        told, fit = self._corrections(seen), self.config.registration.fit
-        if told is None:
+        given, fit = self._corrections(seen), self.config.registration.fit
+        if given is None:
             return belief
-        wrong = contradicted(self.body, belief, told)
-        open_minded = doubted(belief, told, self.config.registration.restart_doubt_s, fit) if wrong else belief
-        corrected = with_told(self.body, open_minded, told, fit, self.config.uncertainty.inflation)
-        if contradicted(self.body, corrected, told):
+        wrong = contradicted(self.body, belief, given)
+        open_minded = doubted(belief, given, self.config.registration.restart_doubt_s, fit) if wrong else belief
+        corrected = with_told(self.body, open_minded, given, fit, self.config.uncertainty.inflation)
+        if contradicted(self.body, corrected, given):
             return belief
         if wrong:
             self.history.clear()

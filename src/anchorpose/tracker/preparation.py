@@ -1,6 +1,6 @@
 """Clocks, calibration and room, from frames spread over the recording.
 
-Where the equipment looks the same from two sides, a body fitted facing each way tells which way the patient faces.
+Where the equipment looks the same from two sides, a body is fitted facing each way to find which way the patient faces.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ LEAST_RATIO: Final = 1.2  # of the next best heading's cost to the best one's: 1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Settled:
-    """A recording on one clock and in one world, with the frames (positions ``chosen``) that told them."""
+    """A recording on one clock and in one world, with the frames (positions ``chosen``) that they were found from."""
 
     recording: Recording
     clocks: Clocks
@@ -144,10 +144,10 @@ def _background(settled: Settled, number: int) -> BackgroundModel:
 def heading_of_patient(
     room: Room, samples: Sequence[FrameSet], headings: Sequence[np.ndarray], config: TrackConfig
 ) -> int | None:
-    """Index of the level unit vector (3,) that he faces; None unless every frame looked at says the same, clearly.
+    """Index of the level unit vector (3,) that the patient faces; None unless all frames clearly agree.
 
-    room: with an opening that indexes ``samples``. Several frames, for in a single one somebody else may be taken for
-    a part of him.
+    room: with an initial frame that indexes ``samples``. Several frames, because in a single one another person may be
+    taken for a part of the patient.
     """
     if room.initial_frame is None:
         return None
@@ -165,7 +165,7 @@ def heading_of_patient(
 def _costs(
     room: Room, samples: Sequence[FrameSet], look: int, headings: Sequence[np.ndarray], config: TrackConfig
 ) -> list[float] | None:
-    """Cost of the best body facing each way in one frame; None where too little of him is seen."""
+    """Cost of the best body facing each way in one frame; None where too little of the patient is seen."""
     sightings = [sight_people(samples[look], room.scenes, config)]
     sightings += [sight_people(frame, room.scenes, config) for frame in (samples[0], samples[-1])]
     place = look_at(room.cameras[0])

@@ -65,7 +65,7 @@ class Room:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Review:
-    """joints: by frame number. unusable: first and last frame, both included, and the sentence that says why."""
+    """joints: by frame number. unusable: first and last frame, both included, and the sentence with the reason."""
 
     joints: dict[int, ToldJoints] = field(default_factory=dict)
     unusable: tuple[tuple[int, int, str], ...] = ()

@@ -1,11 +1,8 @@
-"""Both directions in time together: what was followed there and back again, limb by limb.
+"""The forward and the backward pass combined, limb by limb, then smoothed over time.
 
-A limb that is lost behind somebody going one way is often held on to going the other way. Where the two passes agree
-they are averaged; where they do not, the limb is taken from the pass that sees more of it where it is said to be. Then
-all joints are smoothed over time.
-
-Joints smoothed over time, with what came before and what came after (Rauch, Tung and Striebel 1965,
-doi:10.2514/3.3166).
+A limb that is lost behind a person in one direction is often kept in the other. Where the two passes agree they are
+averaged; where they do not, the limb is taken from the pass that sees more of it at its place. Joints are then smoothed
+by a Kalman smoother (Rauch, Tung and Striebel 1965, doi:10.2514/3.3166).
 """
 
 from __future__ import annotations
@@ -33,9 +30,7 @@ SWITCH_COST_PER_M: Final = 10.0  # a jump of 0.2 m has to save one lost joint
 ACCELERATION: Final = 2.0  # m/s per square root of a second: 1 m/s in the quarter of a second that a reach starts in
 
 
-def smooth_in_time(
-    time_s: np.ndarray, joints_m: np.ndarray, sigma_m: np.ndarray, acceleration: float
-) -> np.ndarray:  # fmt: skip
+def smooth_in_time(time_s: np.ndarray, joints_m: np.ndarray, sigma_m: np.ndarray, acceleration: float) -> np.ndarray:
     """The most likely course (t, j, 3) of joints seen at joints_m (t, j, 3), (t, j) sigma_m off, whose velocity is a
     random walk: it changes by ``acceleration`` times the square root of the time, m/s.
 
@@ -85,7 +80,7 @@ def _random_walk(step_s: float) -> np.ndarray:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Passed:
+class PassResult:
     """What one pass, or both together, answer for a frame, without what it was seen by: a kilobyte.
 
     pose: None where the patient is lost; joints_m (21, 3) by that pose, also of lost joints; sigma_m (21,), NaN where
@@ -98,19 +93,24 @@ class Passed:
     states: tuple[JointState, ...]
 
 
-def passed(body: Body, estimate: Estimate, usable: bool) -> Passed:
+def pass_result(body: Body, estimate: Estimate, usable: bool) -> PassResult:
     """What is kept of an estimate until the other pass has come to the same frame; nothing of one of no use."""
     if estimate.belief is None or not usable:
         blank = np.full((JOINT_COUNT, 3), np.nan)
-        return Passed(None, blank, blank[:, 0].copy(), (JointState.LOST,) * JOINT_COUNT)
+        return PassResult(None, blank, blank[:, 0].copy(), (JointState.LOST,) * JOINT_COUNT)
     pose = estimate.belief.pose
-    return Passed(pose, body.joints(pose), estimate.sigma_m, estimate.states)
+    return PassResult(pose, body.joints(pose), estimate.sigma_m, estimate.states)
 
 
 def smooth(
-    body: Body, time_s: np.ndarray, there: Sequence[Passed], back: Sequence[Passed],
-    held: np.ndarray, lost_sigma_m: float, fit: FitConfig,
-) -> list[Passed]:  # fmt: skip
+    body: Body,
+    time_s: np.ndarray,
+    there: Sequence[PassResult],
+    back: Sequence[PassResult],
+    held: np.ndarray,
+    lost_sigma_m: float,
+    fit: FitConfig,
+) -> list[PassResult]:
     """The frames (t,) of two passes, both in the order of the first, as one.
 
     held (t, 21) bool: joints whose place a reviewer gave, and their limbs: they stay, and move no other frame.
@@ -129,7 +129,7 @@ def smooth(
 
 
 def _smoothed_stretches(
-    time_s: np.ndarray, frames: Sequence[Passed], held: np.ndarray, lost_sigma_m: float
+    time_s: np.ndarray, frames: Sequence[PassResult], held: np.ndarray, lost_sigma_m: float
 ) -> np.ndarray:
     """(t, 21, 3) joints, NaN where the patient is lost."""
     before = np.array([frame.joints_m for frame in frames])
@@ -143,7 +143,7 @@ def _smoothed_stretches(
     return np.where(held[..., None], before, joints)
 
 
-def _weights_of_back(there: Sequence[Passed], back: Sequence[Passed], lost_sigma_m: float) -> np.ndarray:
+def _weights_of_back(there: Sequence[PassResult], back: Sequence[PassResult], lost_sigma_m: float) -> np.ndarray:
     """(t, PARTS) share of the second pass in trunk and limbs: by information where the two agree, else 0 or 1."""
     apart_m = np.linalg.norm([f.joints_m - s.joints_m for f, s in zip(there, back, strict=True)], axis=2)
     apart_m = np.nan_to_num(apart_m).reshape(-1, JOINT_COUNT)
@@ -169,7 +169,7 @@ def _joint_costs(states: Sequence[JointState]) -> list[float]:
     return [known.get(state, HIDDEN_COST) for state in states]
 
 
-def _known_sigma(frame: Passed, lost_sigma_m: float) -> np.ndarray:
+def _known_sigma(frame: PassResult, lost_sigma_m: float) -> np.ndarray:
     return np.where(np.isnan(frame.sigma_m), lost_sigma_m, frame.sigma_m)
 
 
@@ -192,19 +192,19 @@ def _course(cost: np.ndarray, distance_m: np.ndarray) -> np.ndarray:
     return course
 
 
-def _mixed(there: Passed, back: Passed, weight: np.ndarray) -> Passed:
+def _mixed(there: PassResult, back: PassResult, weight: np.ndarray) -> PassResult:
     """Joints, sigma and states of both; weight (21,): share of the second pass. The pose is the first pass'."""
     if there.pose is None or back.pose is None:
         return there if back.pose is None else back
     states = tuple(b if w > 0.5 else a for a, b, w in zip(there.states, back.states, weight, strict=True))
     lost = np.array([state is JointState.LOST for state in states])
     joints = there.joints_m + weight[:, None] * (back.joints_m - there.joints_m)
-    return Passed(there.pose, joints, np.where(lost, np.nan, _mixed_sigma(there, back, weight)), states)
+    return PassResult(there.pose, joints, np.where(lost, np.nan, _mixed_sigma(there, back, weight)), states)
 
 
-def _mixed_sigma(there: Passed, back: Passed, weight: np.ndarray) -> np.ndarray:
-    """(21,) of the mixture of both answers. The two saw the same pictures: agreeing makes them no surer, disagreeing
-    less sure."""
+def _mixed_sigma(there: PassResult, back: PassResult, weight: np.ndarray) -> np.ndarray:
+    """(21,) of the mixture of both answers. Both saw the same images: agreement does not reduce sigma, disagreement
+    increases it."""
     a = np.where(np.isnan(there.sigma_m), back.sigma_m, there.sigma_m)
     b = np.where(np.isnan(back.sigma_m), there.sigma_m, back.sigma_m)
     apart2 = ((there.joints_m - back.joints_m) ** 2).sum(axis=1) / 3.0

@@ -1,7 +1,7 @@
 """A foot that was seen standing stays where it stands while nobody sees it.
 
-A leg that a therapist hides is known from the hip alone, and what the cameras look past pushes it to and fro. Patients
-in stand training stand: the foot's place on the floor is the best that is known of the leg.
+A leg that a therapist hides is constrained by the hip alone, and rows from the outline push it to and fro. Patients in
+stand training stand: the foot's place on the floor is the best evidence of the leg.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class StandingFeet:
                 self._stand.pop(side, None)
 
     def forget(self, joints: Sequence[int]) -> None:
-        """Of whose feet somebody says where they are (indices of joints), where they stood counts no more."""
+        """Forget where the feet stood whose joints (indices) a reviewer corrected."""
         for side in SIDES:
             if {JOINT_INDEX[f"Ankle{side}"], JOINT_INDEX[f"Foot{side}"]} & set(joints):
                 self._stand.pop(side, None)

@@ -1,4 +1,4 @@
-"""The beginning of a track: the first frame in which the patient is found, with the body that explains him."""
+"""The beginning of a track: the first frame in which the patient is found, with the body that explains what is seen."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from anchorpose.tracker.run import Run
 
 LEAST_EXPLAINED = 0.55  # share of the surface that a first pose must account for
 ADULT_HEIGHTS_M = (1.45, 2.0)
-CUT_OFF = 1.08  # feet at the picture's edge or lost on the floor take a twelfth of the height
-SEATED_BELOW_M = 1.35  # who is seen no taller sits, or is half hidden: then the extent says nothing of the height
+CUT_OFF = 1.08  # feet cut off by the image border or lost on the floor are a twelfth of the height
+SEATED_BELOW_M = 1.35  # a person seen no taller sits or is half hidden: then the extent says nothing about the height
 ORDINARY_HEIGHT_M = 1.70  # of an adult whose height is not given
 ORDINARY_HEIGHTS_M = (1.60, 1.75)
 
@@ -83,7 +83,7 @@ def turn_round(estimate: Estimate, config: TrackConfig) -> Start | None:
 
 
 def known_shape(recording: Recording, config: TrackConfig) -> ShapeBelief:
-    """What is known of the patient's shape before he is seen: he is an adult, perhaps of a measured height."""
+    """What is known of the patient's shape beforehand: an adult, perhaps of a measured height."""
     return config.learning.prior.belief(body_points().asset, recording.subject_height_m)
 
 
