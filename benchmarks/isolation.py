@@ -26,7 +26,7 @@ from anchorpose.isolation.scene import find_all_pieces
 from anchorpose.isolation.separation import separate, separate_initial
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.pipeline import TrackConfig
-from anchorpose.recording.reader import open_recording, read_frames
+from anchorpose.recording.reader import open_recording, read_frame, read_frames
 from anchorpose.recording.recording import Recording
 from anchorpose.simulate import config as presets
 from anchorpose.simulate.clinic import draw_clinic
@@ -102,7 +102,7 @@ def untracked_views(
     for positions in (range(first, -1, -1), range(first, count)):
         memory, before_s = empty_memory(), None
         for position in positions:
-            frame = next(iter(read_frames(recording, position, position + 1)))
+            frame = read_frame(recording, position)
             pieces = find_all_pieces(frame.depths_m, room.scenes)
             elapsed_s = 0.0 if before_s is None else abs(frame.time_s - before_s)
             if before_s is None:

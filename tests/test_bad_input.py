@@ -169,7 +169,7 @@ CASES = {
     "an empty recording": (
         lambda folder: [path.unlink() for path in (folder / "front" / "depth").iterdir()],
         "front/depth",
-        "holds no pictures",
+        "holds no depth images",
     ),
     "a missing picture": (_remove("front/depth/000002.png"), "front/depth/000002.png", "no such file"),
     "a picture without a time": (_timestamps("frame,time_s\n0,0\n1,0.1\n2,0.2\n"), "timestamps.csv", "000003.png"),

@@ -1,4 +1,4 @@
-"""A depth camera: intrinsics, pose, and the way between pixels and metres."""
+"""A depth camera: intrinsics, pose, and the conversion between pixels and metres."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Camera:
     name: str
     width: int
     height: int
-    depth_scale: float  # metres a grey value
+    depth_scale: float  # metres per grey value
     intrinsics: Intrinsics
     T_world_camera: np.ndarray | None = field(default=None)  # (4, 4); None where the pose is unknown
 
@@ -41,7 +41,7 @@ class Camera:
         return self.require_pose()[:3, 3]
 
     def require_pose(self) -> np.ndarray:
-        """T_world_camera, or ValueError: no stage may invent a pose."""
+        """T_world_camera; raises ValueError where it is unknown: no stage may invent a pose."""
         if self.T_world_camera is None:
             raise ValueError(f"the pose of camera {self.name} is unknown")
         return self.T_world_camera
@@ -51,7 +51,7 @@ class Camera:
         return _pixel_rays(self.intrinsics, self.width, self.height)
 
     def back_project(self, depth_m: np.ndarray) -> np.ndarray:
-        """Depth picture (height, width) in metres to (height, width, 3) float32 camera points; NaN where depth is 0."""
+        """Depth image (height, width) in metres to (height, width, 3) float32 camera points; NaN where depth is 0."""
         depth = np.where(depth_m > 0, depth_m, np.nan).astype(np.float32)
         return np.concatenate([self.pixel_rays() * depth[..., None], depth[..., None]], axis=-1)
 
@@ -70,7 +70,7 @@ class Camera:
         return pixels
 
     def pixel_of(self, points_camera_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Column, row (n,) int64 of the pixel each point falls on, and whether it does; 0, 0 where it does not."""
+        """Column and row (n,) int64 of the pixel each point falls on, and whether it falls on one; 0, 0 where not."""
         place = self.project(points_camera_m)
         place = np.where(np.isfinite(place), np.clip(place, -1e6, 1e6), -1.0)
         column, row = np.rint(place).astype(np.int64).T

@@ -1,4 +1,4 @@
-"""What can go wrong, as one sentence with a remedy each."""
+"""The errors that users meet, each one sentence with a remedy."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 class AnchorposeError(Exception):
-    """An error that the person at the keyboard can mend; the command line prints it and exits with 2."""
+    """An error that the user can correct; the command line prints it and exits with 2."""
 
 
 class InputError(AnchorposeError):
@@ -26,4 +26,4 @@ class MissingPackage(AnchorposeError):
 
 
 class DegenerateGeometry(AnchorposeError):
-    """Points that do not determine what was asked of them (too few, collinear, flat)."""
+    """Points that do not determine the result (too few, collinear, flat)."""

@@ -29,11 +29,11 @@ LIMBS: Final = tuple(
         ("KneeRight", "AnkleRight"), ("AnkleRight", "FootRight"),
     )
 )  # fmt: skip
-"""Pairs of joint indices that a picture connects by a line."""
+"""Pairs of joint indices that a drawing connects by a line."""
 
 
 class JointState(StrEnum):
-    """What is known of a joint in a frame (the values of the results tables)."""
+    """How a joint was determined in a frame (the values of the results tables)."""
 
     OBSERVED = "observed"
     HIDDEN_BY_SELF = "hidden_by_self"

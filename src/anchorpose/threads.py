@@ -1,4 +1,4 @@
-"""One thread for everything: what adds up sums in a fixed order gives the same bytes on every machine."""
+"""One thread for everything: sums added in a fixed order give the same bytes on every machine."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Linear algebra and pictures on one thread; OpenCV's threads wait for each other longer than they work."""
+    """Linear algebra and OpenCV on one thread; OpenCV's threads wait for each other longer than they work."""
     import cv2
 
     before = cv2.getNumThreads()

@@ -15,7 +15,7 @@ from anchorpose.calibration.world import find_world
 from anchorpose.camera import transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.equipment import EquipmentModel
-from anchorpose.recording.reader import open_recording, read_frames
+from anchorpose.recording.reader import open_recording, read_frame
 from anchorpose.recording.recording import FrameSet, Recording
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
@@ -38,7 +38,7 @@ def shared(name: str) -> tuple[Recording, list[FrameSet]]:
     opened = open_recording(DATA / name)
     last = len(opened.streams[0].files) - 1
     sampled = np.unique(np.linspace(0, last, 12).astype(int))
-    return opened, [next(iter(read_frames(opened, k, k + 1))) for k in sampled]
+    return opened, [read_frame(opened, k) for k in sampled]
 
 
 def test_the_noise_of_a_built_room_is_measured_within_a_fifth():

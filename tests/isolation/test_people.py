@@ -17,7 +17,7 @@ from anchorpose.isolation.scene import find_pieces, set_scene
 from anchorpose.isolation.separation import separate_initial
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.recording.equipment import Box, EquipmentModel
-from anchorpose.recording.reader import open_recording, read_frames
+from anchorpose.recording.reader import open_recording, read_frame
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 CONFIG = IsolationConfig()
@@ -106,8 +106,7 @@ def shared_people(name: str, frame: int, with_picture: bool = True):
     opened = open_recording(DATA / name)
     last = len(opened.streams[0].files) - 1
     sampled = [
-        next(iter(read_frames(opened, int(k), int(k) + 1)))
-        for k in np.unique(np.linspace(0, last, 16 if with_picture else 48).astype(int))
+        read_frame(opened, int(k)) for k in np.unique(np.linspace(0, last, 16 if with_picture else 48).astype(int))
     ]
     world = find_world(opened, sampled)
     scenes = []
@@ -116,7 +115,7 @@ def shared_people(name: str, frame: int, with_picture: bool = True):
         background = opened.backgrounds_m[number] if with_picture else None
         room = learn_background(background, seen, camera, world.floor_height_m, opened.equipment)
         scenes.append(set_scene(camera, room, opened.equipment))
-    depths = next(iter(read_frames(opened, frame, frame + 1))).depths_m
+    depths = read_frame(opened, frame).depths_m
     pieces = [None if d is None else find_pieces(d, s) for d, s in zip(depths, scenes, strict=True)]
     return opened, pieces, find_people(pieces, CONFIG)
 

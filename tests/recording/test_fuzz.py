@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from recording_builder import HEIGHT, WIDTH, depth_grey, write_recording
 
 from anchorpose.errors import InputError
-from anchorpose.recording.depth_image import read_depth_picture
+from anchorpose.recording.depth_image import read_depth_image
 from anchorpose.recording.reader import open_recording
 
 anything = st.recursive(
@@ -91,7 +91,7 @@ def test_a_damaged_picture_is_never_taken_for_another(folder, data):
     cut = data.draw(st.integers(0, len(sound)))
     try:
         path.write_bytes(bytes(damaged[:cut]))
-        picture = read_depth_picture(path, recording.cameras[0])
+        picture = read_depth_image(path, recording.cameras[0])
     finally:
         path.write_bytes(sound)
     if picture.depth_m is None:

@@ -13,7 +13,7 @@ from recording_builder import write_recording, write_timestamps
 from anchorpose.errors import InputError
 from anchorpose.recording.pairing import find_gaps, nearest_within, pair_frames
 from anchorpose.recording.reader import open_recording, read_frames
-from anchorpose.recording.recording import Clock, put_clocks_together
+from anchorpose.recording.recording import Clock, align_clocks
 
 times = st.lists(st.integers(0, 400), min_size=1, max_size=30, unique=True).map(lambda t: np.sort(t) / 100.0)
 
@@ -49,19 +49,11 @@ def test_a_slower_camera_is_missing_between_its_pictures_and_never_stale(tmp_pat
     assert all(frame.problems == () for frame in sets)
 
 
-def test_clock_offsets_are_added_to_the_cameras_clock(tmp_path):
+def test_cameras_are_paired_on_the_reference_clock(tmp_path):
     folder = write_recording(tmp_path / "r", frames=3, cameras=("front", "left"))
     write_timestamps(folder / "left", [(0, 100.0), (1, 100.1), (2, 100.2)])
-    recording = open_recording(folder)
-    np.testing.assert_array_equal(pair_frames(recording, clock_offset_s=(0.0, -100.0))[:, 1], [0, 1, 2])
-
-
-def test_another_reference_camera_gives_its_own_clock(tmp_path):
-    folder = write_recording(tmp_path / "r", frames=3, cameras=("front", "left"))
-    write_timestamps(folder / "left", [(0, 0.11), (1, 0.21), (2, 0.31)])
-    first = next(iter(read_frames(open_recording(folder), reference=1)))
-    assert first.time_s == pytest.approx(0.11)
-    assert first.depths_m[0][5, 5] == pytest.approx(2.001)
+    recording = align_clocks(open_recording(folder), (Clock(), Clock(ahead_s=100.0)))
+    np.testing.assert_array_equal(pair_frames(recording)[:, 1], [0, 1, 2])
 
 
 def test_cameras_that_never_meet_are_refused_by_name(tmp_path):
@@ -81,7 +73,7 @@ def test_single_pictures_pair_when_a_usual_camera_would_have_taken_them_together
 def test_when_each_picture_was_taken_is_said_on_the_reference_clock(tmp_path):
     folder = write_recording(tmp_path / "r", frames=3, cameras=("front", "left"))
     write_timestamps(folder / "left", [(0, 100.01), (1, 100.11), (2, 100.31)])
-    recording = put_clocks_together(open_recording(folder), (Clock(), Clock(ahead_s=100.0)))
+    recording = align_clocks(open_recording(folder), (Clock(), Clock(ahead_s=100.0)))
     sets = list(read_frames(recording))
     assert sets[0].taken_s == pytest.approx((0.0, 0.01))
     assert sets[1].taken_s == pytest.approx((0.1, 0.11))
@@ -95,15 +87,15 @@ def test_a_doubled_picture_is_nobodys_pair(tmp_path):
     recording = open_recording(folder)
     np.testing.assert_array_equal(pair_frames(recording), [[0, 0], [1, 1], [2, -1], [-1, 3]])
     front, left = find_gaps(recording)
-    assert (front.doubled, left.doubled, left.pictures) == (1, 1, 3)
-    assert left.sentence == "camera left: 1 hold the picture before once more and were left out"
+    assert (front.duplicates, left.duplicates, left.usable) == (1, 1, 3)
+    assert left.sentence == "camera left: 1 equal the depth image before and were left out"
 
 
 def test_pictures_without_noise_are_not_called_doubled(tmp_path):
     folder = write_recording(tmp_path / "r", frames=4)
     for frame in range(1, 4):
         shutil.copyfile(folder / "front/depth/000000.png", folder / f"front/depth/{frame:06d}.png")
-    assert not open_recording(folder).streams[0].doubled.any()
+    assert not open_recording(folder).streams[0].duplicate.any()
 
 
 def test_a_stamp_given_twice_leaves_its_picture_out(tmp_path):
@@ -134,4 +126,4 @@ def test_late_starts_early_ends_pauses_and_drops_are_said_once(tmp_path):
     assert left.dropped == 2
     assert left.pauses == (pytest.approx((2.7, 4.1)),)
     assert left.paired_share == pytest.approx(len(kept) / 60)
-    assert "starts 1.5 s late; it ends 1.4 s early; it has no pictures from 2.7 to 4.1 s" in left.sentence
+    assert "starts 1.5 s late; it ends 1.4 s early; it has no depth images from 2.7 to 4.1 s" in left.sentence

@@ -99,7 +99,7 @@ def _flip_a_byte(path: Path) -> None:
 DAMAGE = {
     "truncated": _truncate,
     "checksum is wrong": _flip_a_byte,
-    "no PNG": lambda path: path.write_bytes(b"JFIF" * 30),
+    "not a PNG": lambda path: path.write_bytes(b"JFIF" * 30),
     "not 16-bit grey": lambda path: write_picture(path, np.zeros((HEIGHT, WIDTH), np.uint8)),
     "colour type 2": lambda path: write_picture(path, np.zeros((HEIGHT, WIDTH, 3), np.uint16)),
     "32 x 25": lambda path: write_picture(path, np.ones((HEIGHT + 1, WIDTH), np.uint16)),

@@ -113,10 +113,10 @@ def test_a_rough_recorder_writes_what_its_truth_says(tmp_path):
     assert list(front.frame) == list(range(20))
     assert list(left.frame) == list(range(4, 15))
     assert np.flatnonzero(np.isfinite(taken_s[1])).tolist() == list(left.frame)
-    assert 0 < left.doubled.sum() < 8
-    assert (left.doubled == doubled[1, left.frame]).all()
-    assert (front.doubled == doubled[0]).all()
-    sound = ~left.doubled
+    assert 0 < left.duplicate.sum() < 8
+    assert (left.duplicate == doubled[1, left.frame]).all()
+    assert (front.duplicate == doubled[0]).all()
+    sound = ~left.duplicate
     late = taken_s[1, left.frame] - (left.time_s - 1.7e9)
     assert late[sound] == pytest.approx(0.3, abs=0.009)
     assert (late[~sound] < 0.25).all()

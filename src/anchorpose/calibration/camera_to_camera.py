@@ -21,7 +21,7 @@ from anchorpose.calibration.common_view import LevelView, SurfaceFit, fit_people
 from anchorpose.calibration.floor import FloorPlane, NoFloor
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.recording.pairing import pair_frames
-from anchorpose.recording.reader import read_frames
+from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.settings import Count, settings
 
@@ -143,7 +143,7 @@ def _common_frames(recording: Recording, moments: int) -> list[FrameSet]:
     times = np.stack([stream.time_s[pairs[whole, k]] for k, stream in enumerate(recording.streams)], axis=1)
     parts = np.array_split(np.arange(len(whole)), min(moments, len(whole)))
     chosen = [int(whole[part[int(np.ptp(times[part], axis=1).argmin())]]) for part in parts]
-    found = [next(iter(read_frames(recording, k, k + 1))) for k in chosen]
+    found = [read_frame(recording, k) for k in chosen]
     return [frame for frame in found if all(depth is not None for depth in frame.depths_m)]
 
 

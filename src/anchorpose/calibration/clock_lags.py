@@ -18,7 +18,7 @@ from anchorpose.calibration.clock_signal import Level, MotionSignal, SignalLag, 
 from anchorpose.calibration.clock_surfaces import Clip, make_clip, surface_lag
 from anchorpose.calibration.noise import noise_per_m
 from anchorpose.camera import Camera
-from anchorpose.recording.depth_image import Footage
+from anchorpose.recording.depth_image import DepthFrames
 
 FRAMES_KEPT: Final = 300  # 260 MB of a Kinect v2's
 MOST_AHEAD_S: Final = 5.0  # how far clocks of one epoch may be apart
@@ -40,7 +40,7 @@ LEAST_CHANGE_M, MOST_CHANGE_M = 0.02, 0.15  # noise; and another surface that ap
 class FrameCache:
     """Depth frames on demand; counts what is read and keeps the latest: windows of a short recording overlap."""
 
-    source: Footage
+    source: DepthFrames
     read_count: int = 0
     kept: dict[tuple[int, int], np.ndarray | None] = field(default_factory=dict)
 

@@ -29,8 +29,8 @@ from anchorpose.calibration.clock_signal import Level, pose_level
 from anchorpose.calibration.floor import FloorPlane, find_floor
 from anchorpose.calibration.noise import noise_per_m
 from anchorpose.camera import Camera
-from anchorpose.recording.depth_image import Footage, RecordedFootage
-from anchorpose.recording.recording import Clock, Recording, put_clocks_together
+from anchorpose.recording.depth_image import DepthFrames, RecordedFrames
+from anchorpose.recording.recording import Clock, Recording, align_clocks
 from anchorpose.settings import settings
 
 WINDOWS: Final = 10  # over the whole recording: a drift shows between its ends, and some windows show little
@@ -100,14 +100,14 @@ def settle_clocks(recording: Recording, cameras: Sequence[Camera], config: Clock
     cameras: as in the recording, with the poses that are known by now: with poses the clocks are more accurate, so
     where poses are found this is called before and after. A clock that cannot be estimated stays as it is.
     """
-    frames = RecordedFootage(recording, tuple(cameras))
+    frames = RecordedFrames(recording, tuple(cameras))
     wanted = config.estimate and len(cameras) > 1
     levels = [_level(frames, index) if wanted else None for index in range(len(cameras))]
     clocks = estimate_clocks(frames, levels, config)
-    return put_clocks_together(recording, clocks.clocks), clocks
+    return align_clocks(recording, clocks.clocks), clocks
 
 
-def _level(frames: RecordedFootage, index: int) -> Level | None:
+def _level(frames: RecordedFrames, index: int) -> Level | None:
     """Heights by the camera's pose or by the floor it sees; None without either."""
     camera, recording = frames.cameras[index], frames.recording
     if camera.T_world_camera is not None:
@@ -126,7 +126,7 @@ def _level(frames: RecordedFootage, index: int) -> Level | None:
     return Level(plane.up, plane.height_m) if isinstance(plane, FloorPlane) else None
 
 
-def estimate_clocks(source: Footage, levels: Sequence[Level | None], config: ClockConfig) -> Clocks:
+def estimate_clocks(source: DepthFrames, levels: Sequence[Level | None], config: ClockConfig) -> Clocks:
     """Every camera's clock against the first camera's.
 
     levels: one per camera, see ``motion_signal``; cameras with a pose may give it by the world's Y, others by the

@@ -17,7 +17,7 @@ from anchorpose.calibration.world import find_world
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
 from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel
-from anchorpose.recording.reader import read_frames
+from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import Recording
 
 ROUNDS: Final = 3  # readings are assigned to the nearest part, and the parts are fitted again
@@ -88,7 +88,7 @@ def fit_equipment(recording: Recording, camera: str | None, region: Region) -> F
         raise InputError(path, "there is no such file", "record the empty room with the equipment, or choose --camera")
     count = len(chosen.streams[0].files)
     places = np.unique(np.linspace(0, count - 1, min(SAMPLES, count)).astype(int)).tolist()
-    samples = [next(iter(read_frames(chosen, place, place + 1))) for place in places]
+    samples = [read_frame(chosen, place) for place in places]
     world = find_world(chosen, samples)
     if world.floor_height_m is None:
         path = recording.folder / chosen.cameras[0].name / "background.png"

@@ -18,7 +18,7 @@ from anchorpose.geodesics.anchors import ANCHOR_NAMES
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import LOST, JointState
 from anchorpose.pages.overlay import OverlayScene, draw_frame
-from anchorpose.recording.reader import read_frames
+from anchorpose.recording.reader import read_frame
 from anchorpose.results.people_labels import PEOPLE_FILE, decode_labels, frames_of_people, read_people
 from anchorpose.results.poses import POSES_FILE, PoseTable, pose_of, read_poses
 from anchorpose.results.records import EPISODES_FILE, SIT_TO_STAND, STAND_TO_SIT, Episode, read_episodes
@@ -118,7 +118,7 @@ def draw_chosen(results: Path, room: Room, shape: FittedShape | None, sheet: Sur
     for frame in chosen:
         number = int(joints.frame[frame.row])
         position = int(np.flatnonzero(room.recording.streams[0].frame == number)[0])
-        frame_set = next(iter(read_frames(room.recording, position, position + 1)))
+        frame_set = read_frame(room.recording, position)
         caption = _caption(joints, anchors, frame.row)
         for camera, depth_m in zip(room.cameras, frame_set.depths_m, strict=True):
             labels = people.get((number, camera.name))

@@ -1,1 +1,1 @@
-"""Reading a recording folder: checked, paired by time, one frame set at a time."""
+"""Reading a recording folder: checked, cameras paired by time, one frame set at a time."""

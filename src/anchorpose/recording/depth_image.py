@@ -1,6 +1,6 @@
-"""One depth picture: a 16-bit grey PNG, checked to its last byte before it is believed.
+"""Depth images: 16-bit grey PNG files, checked to their last byte before they are used.
 
-Pictures of several cameras on demand, each camera on its own clock: what is looked at before frames are paired.
+``DepthFrames`` gives those of several cameras one by one, each camera on its own clock, before frames are paired.
 """
 
 from __future__ import annotations
@@ -22,43 +22,43 @@ _GREY: Final = 0  # PNG's colour type
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DepthPicture:
-    """A depth picture, or what is wrong with it."""
+class DepthImage:
+    """A depth image, or what is wrong with it."""
 
     depth_m: np.ndarray | None  # (height, width) float32 metres, 0 = no reading; None where it cannot be used
     problem: str  # empty where it can be used
 
 
-def read_depth_picture(path: Path, camera: Camera) -> DepthPicture:
-    """Decodes a picture in metres; a damaged one is a result with its ``problem``, not an error."""
+def read_depth_image(path: Path, camera: Camera) -> DepthImage:
+    """The depth image of a file in metres; a damaged one is a result with its ``problem``, not an error."""
     import cv2
 
     try:
         data = path.read_bytes()
     except OSError as error:
-        return DepthPicture(None, f"cannot be read ({error.strerror})")
-    problem = header_problem(data[:_HEADER_BYTES], camera) or _chunk_problem(data)
+        return DepthImage(None, f"cannot be read ({error.strerror})")
+    problem = _header_problem(data[:_HEADER_BYTES], camera) or _chunk_problem(data)
     if problem:
-        return DepthPicture(None, problem)
+        return DepthImage(None, problem)
     grey = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if grey is None or grey.dtype != np.uint16 or grey.shape != (camera.height, camera.width):
-        return DepthPicture(None, "is damaged inside")
-    return DepthPicture(grey.astype(np.float32) * np.float32(camera.depth_scale), "")
+        return DepthImage(None, "is damaged inside")
+    return DepthImage(grey.astype(np.float32) * np.float32(camera.depth_scale), "")
 
 
 def read_header_problem(path: Path, camera: Camera) -> str:
-    """What the first bytes of a picture say against it, without decoding it; empty where nothing."""
+    """What is wrong with the first bytes of a depth image, which is not decoded; empty where nothing is."""
     try:
         with path.open("rb") as file:
-            return header_problem(file.read(_HEADER_BYTES), camera)
+            return _header_problem(file.read(_HEADER_BYTES), camera)
     except OSError as error:
         return f"cannot be read ({error.strerror})"
 
 
-def header_problem(head: bytes, camera: Camera) -> str:
-    """What is wrong with the first 33 bytes of a picture; empty where they fit the camera."""
+def _header_problem(head: bytes, camera: Camera) -> str:
+    """What is wrong with the first 33 bytes; empty where they fit the camera."""
     if len(head) < _HEADER_BYTES or not head.startswith(_SIGNATURE) or head[12:16] != b"IHDR":
-        return "is no PNG picture"
+        return "is not a PNG file"
     width, height, bits, colour = struct.unpack(">IIBB", head[16:26])
     if (bits, colour) != (16, _GREY):
         return f"is not 16-bit grey ({bits} bits, colour type {colour})"
@@ -68,7 +68,7 @@ def header_problem(head: bytes, camera: Camera) -> str:
 
 
 def _chunk_problem(data: bytes) -> str:
-    """Walks the chunks to the end: decoders may answer a truncated file with a picture that is half zeros."""
+    """What is wrong with any chunk up to the end: decoders may return half an image for a truncated file."""
     place = len(_SIGNATURE)
     while place + 12 <= len(data):
         (length,) = struct.unpack_from(">I", data, place)
@@ -83,8 +83,8 @@ def _chunk_problem(data: bytes) -> str:
     return "is truncated"
 
 
-class Footage(Protocol):
-    """Anything that gives the pictures of several cameras one by one."""
+class DepthFrames(Protocol):
+    """Anything that gives the depth images of several cameras one by one."""
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
@@ -92,27 +92,27 @@ class Footage(Protocol):
 
     @property
     def times_s(self) -> tuple[np.ndarray, ...]:
-        """One a camera: (n,) float64, strictly increasing, its own clock."""
+        """One per camera: (n,) float64, strictly increasing, its own clock."""
 
     def read(self, camera: int, position: int) -> np.ndarray | None:
-        """(height, width) float32 metres, 0 = no reading; None where the picture cannot be used."""
+        """(height, width) float32 metres, 0 = no reading; None where the depth image cannot be used."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RecordedFootage:
-    """The pictures of a recording folder; a doubled picture shows another moment than its time says and is None."""
+class RecordedFrames:
+    """The depth images of a recording folder; a duplicate shows another moment than its time states and is None."""
 
     recording: Recording
     cameras: tuple[Camera, ...]  # with the poses to use, which the recording may not have
 
     @property
     def times_s(self) -> tuple[np.ndarray, ...]:
-        """One a camera: (n,) float64, its own clock."""
+        """One per camera: (n,) float64, its own clock."""
         return tuple(stream.time_s for stream in self.recording.streams)
 
     def read(self, camera: int, position: int) -> np.ndarray | None:
-        """(height, width) float32 metres, 0 = no reading; None where the picture cannot be used."""
+        """(height, width) float32 metres, 0 = no reading; None where the depth image cannot be used."""
         stream = self.recording.streams[camera]
-        if stream.doubled is not None and stream.doubled[position]:
+        if stream.duplicate is not None and stream.duplicate[position]:
             return None
-        return read_depth_picture(stream.files[position], self.recording.cameras[camera]).depth_m
+        return read_depth_image(stream.files[position], self.recording.cameras[camera]).depth_m

@@ -1,7 +1,4 @@
-"""The model chi_0 of the equipment (paper, Section III): boxes, cylinders and meshes in its own frame Gamma_0.
-
-Exact distance from points to a triangle mesh.
-"""
+"""The model chi_0 of the equipment (paper, Section III): boxes, cylinders and meshes in its own frame Gamma_0."""
 
 from __future__ import annotations
 
@@ -11,61 +8,8 @@ from typing import Final
 import numba
 import numpy as np
 
-
-def mesh_distance_m(points_m: np.ndarray, vertices_m: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(n,) float64 distance of each point (n, 3) to the nearest triangle; never negative: a mesh need not be closed.
-
-    vertices_m (v, 3), faces (f, 3) indices. NaN where a point is NaN.
-    Source: closest point on a triangle, Ericson, Real-Time Collision Detection (2005), Section 5.1.5. A sphere around
-    each triangle skips those that cannot be nearest.
-    """
-    corners = np.ascontiguousarray(vertices_m[faces], dtype=np.float64)
-    centres = corners.mean(axis=1)
-    radii = np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1)
-    points = np.ascontiguousarray(points_m, dtype=np.float64)
-    return _nearest(points, corners, centres, radii)
-
-
-@numba.njit(cache=True)
-def _nearest(points: np.ndarray, corners: np.ndarray, centres: np.ndarray, radii: np.ndarray) -> np.ndarray:
-    distances = np.empty(len(points))
-    for i in range(len(points)):
-        best = np.inf
-        for f in range(len(corners)):
-            if np.sqrt(np.sum((points[i] - centres[f]) ** 2)) - radii[f] < best:
-                best = min(best, _to_triangle(points[i], corners[f, 0], corners[f, 1], corners[f, 2]))
-        distances[i] = best if np.isfinite(points[i].sum()) else np.nan
-    return distances
-
-
-@numba.njit(cache=True)
-def _to_triangle(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
-    ab, ac, ap, bp, cp = b - a, c - a, p - a, p - b, p - c
-    d1, d2 = np.sum(ab * ap), np.sum(ac * ap)
-    d3, d4 = np.sum(ab * bp), np.sum(ac * bp)
-    d5, d6 = np.sum(ab * cp), np.sum(ac * cp)
-    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
-    if d1 <= 0 and d2 <= 0:
-        v, w = 0.0, 0.0  # corner a
-    elif d3 >= 0 and d4 <= d3:
-        v, w = 1.0, 0.0  # corner b
-    elif d6 >= 0 and d5 <= d6:
-        v, w = 0.0, 1.0  # corner c
-    elif vc <= 0 and d1 >= 0 and d3 <= 0:
-        v, w = d1 / (d1 - d3), 0.0  # edge ab
-    elif vb <= 0 and d2 >= 0 and d6 <= 0:
-        v, w = 0.0, d2 / (d2 - d6)  # edge ac
-    elif va <= 0 and d4 - d3 >= 0 and d5 - d6 >= 0:
-        w = (d4 - d3) / ((d4 - d3) + (d5 - d6))  # edge bc
-        v = 1.0 - w
-    else:
-        total = va + vb + vc
-        v, w = vb / total, vc / total
-    return np.sqrt(np.sum((ap - v * ab - w * ac) ** 2))
-
-
 CYLINDER_SIDES: Final = 32
-"""Sides of a cylinder's triangles: within half a per cent of its radius, far below what a depth camera resolves."""
+"""Of the prism that a cylinder is drawn as: within half a per cent of its radius, less than a depth camera resolves."""
 
 _BOX_CORNERS: Final = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 _BOX_FACES: Final = np.array(
@@ -142,8 +86,6 @@ class Mesh:
 
     def distance_m(self, points_m: np.ndarray) -> np.ndarray:
         """(n,) distance to the nearest triangle, exact; never negative."""
-        from anchorpose.recording.equipment import mesh_distance_m
-
         return mesh_distance_m(points_m, self.vertices_m, self.faces)
 
 
@@ -173,3 +115,55 @@ class EquipmentModel:
         """
         points = np.asarray(points_m, dtype=np.float64)
         return np.min([part.distance_m(points) for part in self.parts], axis=0)
+
+
+def mesh_distance_m(points_m: np.ndarray, vertices_m: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(n,) float64 distance of each point (n, 3) to the nearest triangle; never negative: a mesh need not be closed.
+
+    vertices_m (v, 3), faces (f, 3) indices. NaN where a point is NaN.
+    Source: closest point on a triangle, Ericson, Real-Time Collision Detection (2005), Section 5.1.5. A sphere around
+    each triangle skips those that cannot be nearest.
+    """
+    corners = np.ascontiguousarray(vertices_m[faces], dtype=np.float64)
+    centres = corners.mean(axis=1)
+    radii = np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1)
+    points = np.ascontiguousarray(points_m, dtype=np.float64)
+    return _nearest(points, corners, centres, radii)
+
+
+@numba.njit(cache=True)
+def _nearest(points: np.ndarray, corners: np.ndarray, centres: np.ndarray, radii: np.ndarray) -> np.ndarray:
+    distances = np.empty(len(points))
+    for i in range(len(points)):
+        best = np.inf
+        for f in range(len(corners)):
+            if np.sqrt(np.sum((points[i] - centres[f]) ** 2)) - radii[f] < best:
+                best = min(best, _to_triangle(points[i], corners[f, 0], corners[f, 1], corners[f, 2]))
+        distances[i] = best if np.isfinite(points[i].sum()) else np.nan
+    return distances
+
+
+@numba.njit(cache=True)
+def _to_triangle(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
+    ab, ac, ap, bp, cp = b - a, c - a, p - a, p - b, p - c
+    d1, d2 = np.sum(ab * ap), np.sum(ac * ap)
+    d3, d4 = np.sum(ab * bp), np.sum(ac * bp)
+    d5, d6 = np.sum(ab * cp), np.sum(ac * cp)
+    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
+    if d1 <= 0 and d2 <= 0:
+        v, w = 0.0, 0.0  # corner a
+    elif d3 >= 0 and d4 <= d3:
+        v, w = 1.0, 0.0  # corner b
+    elif d6 >= 0 and d5 <= d6:
+        v, w = 0.0, 1.0  # corner c
+    elif vc <= 0 and d1 >= 0 and d3 <= 0:
+        v, w = d1 / (d1 - d3), 0.0  # edge ab
+    elif vb <= 0 and d2 >= 0 and d6 <= 0:
+        v, w = 0.0, d2 / (d2 - d6)  # edge ac
+    elif va <= 0 and d4 - d3 >= 0 and d5 - d6 >= 0:
+        w = (d4 - d3) / ((d4 - d3) + (d5 - d6))  # edge bc
+        v = 1.0 - w
+    else:
+        total = va + vb + vc
+        v, w = vb / total, vc / total
+    return np.sqrt(np.sum((ap - v * ab - w * ac) ** 2))

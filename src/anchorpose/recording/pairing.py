@@ -1,6 +1,6 @@
-"""Pairing the pictures of several cameras by time (real cameras are not synchronised, and frames drop).
+"""Pairing the depth images of several cameras by time (real cameras are not synchronised, and frames drop).
 
-What is missing of each camera, in one sentence a camera instead of one a frame.
+``find_gaps`` sums up what each camera lacks, in one sentence per camera.
 """
 
 from __future__ import annotations
@@ -14,43 +14,30 @@ import numpy as np
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import Recording
 
-LONE_PICTURE_PERIOD_S: Final = 1.0 / 30.0
-"""The usual period of a depth camera: the only clue where the reference camera has a single picture."""
+USUAL_PERIOD_S: Final = 1.0 / 30.0
+"""Of a depth camera: used where the first camera has a single frame."""
 
 
-@lru_cache(maxsize=8)  # frames are read one by one, and every one asks
-def pair_frames(
-    recording: Recording, reference: int = 0, clock_offset_s: tuple[float, ...] | None = None
-) -> np.ndarray:
-    """(n, cameras) int64: for each picture of the reference camera, the index of each camera's picture; -1 = none.
+@lru_cache(maxsize=8)  # frames are read one by one, and each needs it
+def pair_frames(recording: Recording) -> np.ndarray:
+    """(n, cameras) int64, read only: for each frame of the first camera, the index of each camera's frame; -1 = none.
 
-    A pair is the nearest in time of each other, within half a period of the reference camera, so no picture is used
-    twice. A doubled picture shows another moment than its time says and is nobody's pair; in the reference camera it
-    leaves a frame without that camera's picture. ``clock_offset_s``, one a camera, is added to that camera's clock to
-    give the reference clock; None when the clocks agree. The answer is read only.
-    Raises InputError where a camera never meets the reference camera.
+    A pair is the nearest in time of each other, within half a period of the first camera, so no depth image is used
+    twice. A duplicate shows another moment than its time states and is never paired; in the first camera it leaves a
+    frame without that camera's depth image. Raises InputError where a camera never overlaps with the first one.
     """
-    offsets = clock_offset_s if clock_offset_s is not None else (0.0,) * len(recording.cameras)
-    if len(offsets) != len(recording.cameras):
-        raise ValueError(f"{len(offsets)} clock offsets given for {len(recording.cameras)} cameras")
-    times = [stream.time_s + offset for stream, offset in zip(recording.streams, offsets, strict=True)]
-    within_s = half_period_s(times[reference])
+    reference, time_s = recording.streams[0], recording.streams[0].time_s
+    within_s = half_period_s(time_s)
     pairs = np.stack(
-        [
-            _pair_camera(times[reference], other, stream.doubled, within_s)
-            for other, stream in zip(times, recording.streams, strict=True)
-        ],
-        axis=1,
+        [_pair_camera(time_s, stream.time_s, stream.duplicate, within_s) for stream in recording.streams], axis=1
     )
-    doubled = recording.streams[reference].doubled
-    if doubled is not None:
-        pairs[doubled, reference] = -1
-    for index, camera in enumerate(recording.cameras):
-        if (pairs[:, index] < 0).all():
-            name = recording.cameras[reference].name
-            spans = f"{_span(times[index])}, {_span(times[reference])}"
-            problem = f"camera {camera.name} never overlaps in time with camera {name} ({spans})"
-            remedy = "check that both belong to one recording and put their clocks together"
+    if reference.duplicate is not None:
+        pairs[reference.duplicate, 0] = -1
+    for camera, stream, pair in zip(recording.cameras, recording.streams, pairs.T, strict=True):
+        if (pair < 0).all():
+            spans = f"{_span(stream.time_s)}, {_span(time_s)}"
+            problem = f"camera {camera.name} never overlaps in time with camera {recording.cameras[0].name} ({spans})"
+            remedy = "check that both belong to one recording and correct their time stamps"
             timestamps = recording.folder / camera.name / "timestamps.csv"
             path = timestamps if timestamps.exists() else recording.folder / "recording.json"
             raise InputError(path, problem, remedy)
@@ -59,16 +46,16 @@ def pair_frames(
 
 
 def _pair_camera(
-    reference_s: np.ndarray, other_s: np.ndarray, doubled: np.ndarray | None, within_s: float
+    reference_s: np.ndarray, other_s: np.ndarray, duplicate: np.ndarray | None, within_s: float
 ) -> np.ndarray:
-    usable = np.flatnonzero(~doubled) if doubled is not None else np.arange(len(other_s))
+    usable = np.flatnonzero(~duplicate) if duplicate is not None else np.arange(len(other_s))
     match = nearest_within(reference_s, other_s[usable], within_s)
     return np.where(match >= 0, usable[match], -1)
 
 
 def half_period_s(time_s: np.ndarray) -> float:
-    """Half of the median time between pictures (n,); that of a usual depth camera where there is only one."""
-    return float(np.median(np.diff(time_s)) if len(time_s) > 1 else LONE_PICTURE_PERIOD_S) / 2.0
+    """Half of the median time between frames (n,); that of a usual depth camera where there is only one."""
+    return float(np.median(np.diff(time_s)) if len(time_s) > 1 else USUAL_PERIOD_S) / 2.0
 
 
 def nearest_within(time_s: np.ndarray, other_s: np.ndarray, within_s: float) -> np.ndarray:
@@ -93,23 +80,23 @@ def _span(time_s: np.ndarray) -> str:
 
 
 PAUSE_S: Final = 1.0
-"""A longer stretch without pictures is told apart from dropped ones."""
+"""A longer stretch without depth images is a pause, not dropped frames."""
 
 
 @dataclass(frozen=True, slots=True)
 class CameraGaps:
     """What one camera's stream lacks, on the reference clock.
 
-    pictures: usable files; dropped: missing between its first and last, by its own usual period, pauses left out;
-    doubled, repeated: left out because the picture or the time is that of the file before; late_s, early_s: how much
-    later it starts and earlier it ends than the first camera (0 where it does not); pauses: (from, to) without
-    pictures; paired_share: of the first camera's frames that have a picture of this one.
+    usable: depth images; dropped: missing between its first and last, by its own usual period, without pauses;
+    duplicates, repeated: left out because the image or the time is that of the file before; late_s, early_s: how much
+    later it starts and earlier it ends than the first camera (0 where it does not); pauses: (from, to) without depth
+    images; paired_share: of the first camera's frames that have a depth image of this one.
     """
 
     camera: str
-    pictures: int
+    usable: int
     dropped: int
-    doubled: int
+    duplicates: int
     repeated: int
     late_s: float
     early_s: float
@@ -121,21 +108,21 @@ class CameraGaps:
         """What people should know; empty where nothing is missing."""
         parts = []
         if self.dropped:
-            parts.append(f"{self.dropped} of {self.pictures + self.dropped} pictures are missing")
-        if self.doubled:
-            parts.append(f"{self.doubled} hold the picture before once more and were left out")
+            parts.append(f"{self.dropped} of {self.usable + self.dropped} depth images are missing")
+        if self.duplicates:
+            parts.append(f"{self.duplicates} equal the depth image before and were left out")
         if self.repeated:
             parts.append(f"{self.repeated} have the time of the one before and were left out")
         if self.late_s:
             parts.append(f"it starts {self.late_s:.1f} s late")
         if self.early_s:
             parts.append(f"it ends {self.early_s:.1f} s early")
-        parts += [f"it has no pictures from {begin_s:.1f} to {end_s:.1f} s" for begin_s, end_s in self.pauses]
+        parts += [f"it has no depth images from {begin_s:.1f} to {end_s:.1f} s" for begin_s, end_s in self.pauses]
         return f"camera {self.camera}: {'; '.join(parts)}" if parts else ""
 
 
 def find_gaps(recording: Recording) -> tuple[CameraGaps, ...]:
-    """One a camera; the times of ``recording`` are on the reference clock (``recording.clock``)."""
+    """One per camera; the times of ``recording`` are on the reference clock (see ``align_clocks``)."""
     pairs, reference_s = pair_frames(recording), recording.streams[0].time_s
     return tuple(_of_camera(recording, index, pairs[:, index], reference_s) for index in range(len(recording.cameras)))
 
@@ -147,13 +134,13 @@ def _of_camera(recording: Recording, index: int, pair: np.ndarray, reference_s: 
     period_s = float(np.median(steps)) if len(steps) else 0.0
     paused = steps > max(PAUSE_S, 3.0 * period_s)
     missing = np.rint(steps / period_s) - 1.0 if len(steps) else np.zeros(0)
-    doubled = 0 if stream.doubled is None else int(stream.doubled.sum())
+    duplicates = 0 if stream.duplicate is None else int(stream.duplicate.sum())
     late_s, early_s = float(time_s[0] - reference_s[0]), float(reference_s[-1] - time_s[-1])
     return CameraGaps(
         camera=recording.cameras[index].name,
-        pictures=len(time_s) - doubled,
+        usable=len(time_s) - duplicates,
         dropped=int(np.maximum(missing, 0.0)[~paused].sum()),
-        doubled=doubled,
+        duplicates=duplicates,
         repeated=stream.repeated,
         late_s=late_s if late_s > PAUSE_S else 0.0,
         early_s=early_s if early_s > PAUSE_S else 0.0,

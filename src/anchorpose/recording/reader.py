@@ -1,7 +1,4 @@
-"""Opening a recording folder and streaming its frames, one decoded set at a time.
-
-Which files a recording consists of, so that a result can name what it was made from.
-"""
+"""Opening a recording folder, streaming its frames one decoded set at a time, and listing the files it consists of."""
 
 from __future__ import annotations
 
@@ -13,21 +10,21 @@ import numpy as np
 
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
-from anchorpose.recording.depth_image import read_depth_picture, read_header_problem
+from anchorpose.recording.depth_image import read_depth_image, read_header_problem
 from anchorpose.recording.document import read_document
 from anchorpose.recording.equipment_file import equipment_files, read_equipment
 from anchorpose.recording.pairing import pair_frames
 from anchorpose.recording.recording import DepthStream, FrameSet, Recording
 from anchorpose.recording.recording_file import RecordingDocument
-from anchorpose.recording.timestamps import find_doubled, read_timestamps, times_from_rate
+from anchorpose.recording.timestamps import find_duplicates, read_timestamps, times_from_rate
 
 
 def open_recording(folder: Path) -> Recording:
-    """A checked recording: everything but the inside of the pictures, of which one a camera is decoded.
+    """A checked recording; of the depth images, one usable one per camera is decoded.
 
-    Times come from timestamps.csv, and only where that is absent from ``fps`` and the numbers of the pictures.
-    Raises InputError naming the file and the remedy. A picture that is damaged while others of its camera are sound is
-    no error here: ``read_frames`` reports it.
+    Times come from timestamps.csv; where that is absent, from ``fps`` and the numbers of the depth images.
+    Raises InputError naming the file and the remedy. A damaged depth image among usable ones of the same camera is not
+    an error here: ``read_frames`` reports it.
     """
     if not folder.exists():
         raise InputError(folder, "there is no such folder", "check the path of the recording")
@@ -40,7 +37,7 @@ def open_recording(folder: Path) -> Recording:
     cameras = tuple(entry.camera() for entry in document.cameras)
     streams = tuple(_open_stream(folder / entry.name, entry.fps or document.fps) for entry in document.cameras)
     for camera, stream in zip(cameras, streams, strict=True):
-        _check_pictures(camera, stream)
+        _require_usable(camera, stream)
     return Recording(
         folder=folder,
         cameras=cameras,
@@ -51,27 +48,25 @@ def open_recording(folder: Path) -> Recording:
     )
 
 
-def read_frames(
-    recording: Recording,
-    start: int = 0,
-    stop: int | None = None,
-    reference: int = 0,
-    clock_offset_s: tuple[float, ...] | None = None,
-) -> Iterator[FrameSet]:
-    """The frame sets ``start`` to ``stop`` (positions in the reference camera's stream), decoded one at a time.
+def read_frames(recording: Recording, start: int = 0, stop: int | None = None) -> Iterator[FrameSet]:
+    """The frame sets ``start`` to ``stop`` (positions in the first camera's stream), decoded one at a time.
 
-    ``clock_offset_s`` as in ``pair_frames``. Raises InputError at once where the cameras never overlap in time or the
-    range is empty; a damaged picture is None with a sentence in the set's ``problems``.
+    Raises InputError at once where the cameras never overlap in time or the range is empty; a damaged depth image is
+    None with a sentence in the set's ``problems``.
     """
-    positions = frame_range(recording, start, stop, reference)
-    pairs = pair_frames(recording, reference, clock_offset_s)
-    offsets_s = clock_offset_s if clock_offset_s is not None else (0.0,) * len(recording.cameras)
-    return (_read_set(recording, reference, pairs[position], position, offsets_s) for position in positions)
+    positions = frame_range(recording, start, stop)
+    pairs = pair_frames(recording)
+    return (_read_set(recording, pairs[position], position) for position in positions)
 
 
-def frame_range(recording: Recording, start: int = 0, stop: int | None = None, reference: int = 0) -> range:
-    """The positions ``start`` to ``stop`` of the reference camera; raises InputError where there are none."""
-    count = len(recording.streams[reference].files)
+def read_frame(recording: Recording, position: int) -> FrameSet:
+    """The frame set at one position in the first camera's stream; raises InputError as ``read_frames``."""
+    return next(read_frames(recording, position, position + 1))
+
+
+def frame_range(recording: Recording, start: int = 0, stop: int | None = None) -> range:
+    """The positions ``start`` to ``stop`` of the first camera; raises InputError where there are none."""
+    count = len(recording.streams[0].files)
     stop = count if stop is None else min(stop, count)
     if not 0 <= start < stop:
         problem = f"has no frames {start} to {stop} (it has {count})"
@@ -79,21 +74,19 @@ def frame_range(recording: Recording, start: int = 0, stop: int | None = None, r
     return range(start, stop)
 
 
-def _read_set(
-    recording: Recording, reference: int, pair: np.ndarray, position: int, offsets_s: tuple[float, ...]
-) -> FrameSet:
+def _read_set(recording: Recording, pair: np.ndarray, position: int) -> FrameSet:
     depths, taken, problems = list[np.ndarray | None](), list[float | None](), list[str]()
-    for camera, stream, index, offset_s in zip(recording.cameras, recording.streams, pair, offsets_s, strict=True):
+    for camera, stream, index in zip(recording.cameras, recording.streams, pair, strict=True):
         if index < 0:
             depths.append(None)
             taken.append(None)
             continue
-        picture = read_depth_picture(stream.files[index], camera)
-        depths.append(picture.depth_m)
-        taken.append(None if picture.depth_m is None else float(stream.time_s[index]) + offset_s)
-        if picture.problem:
-            problems.append(f"{stream.files[index].relative_to(recording.folder).as_posix()} {picture.problem}")
-    clock = recording.streams[reference]
+        image = read_depth_image(stream.files[index], camera)
+        depths.append(image.depth_m)
+        taken.append(None if image.depth_m is None else float(stream.time_s[index]))
+        if image.problem:
+            problems.append(f"{stream.files[index].relative_to(recording.folder).as_posix()} {image.problem}")
+    clock = recording.streams[0]
     return FrameSet(
         frame=int(clock.frame[position]),
         time_s=float(clock.time_s[position]),
@@ -118,25 +111,24 @@ def _open_stream(folder: Path, fps: float | None) -> DepthStream:
     else:
         raise InputError(path, "there is no such file", 'add it, or write the camera\'s "fps" into recording.json')
     kept = tuple(files[number] for number in numbers.tolist())
-    return DepthStream(files=kept, time_s=time_s, frame=numbers, doubled=find_doubled(kept), repeated=repeated)
+    return DepthStream(files=kept, time_s=time_s, frame=numbers, duplicate=find_duplicates(kept), repeated=repeated)
 
 
 def _number_files(folder: Path) -> dict[int, Path]:
     if not folder.is_dir():
-        raise InputError(folder, "there is no such folder", "put the camera's depth pictures there")
+        raise InputError(folder, "there is no such folder", "put the camera's depth images there")
     files: dict[int, Path] = {}
     for file in sorted(folder.glob("*.png")):
         if file.name.startswith("."):  # left behind by a file browser
             continue
         if not re.fullmatch(r"[0-9]{1,9}", file.stem):
-            raise InputError(
-                file, "is not named by its frame number", "name the pictures 000000.png, 000001.png and so on"
-            )
+            remedy = "name the depth images 000000.png, 000001.png and so on"
+            raise InputError(file, "is not named by its frame number", remedy)
         if int(file.stem) in files:
             raise InputError(file, f"has the same number as {files[int(file.stem)].name}", "remove one of the two")
         files[int(file.stem)] = file
     if not files:
-        raise InputError(folder, "holds no pictures", "put the camera's depth pictures 000000.png and so on there")
+        raise InputError(folder, "holds no depth images", "put the camera's depth images 000000.png and so on there")
     return files
 
 
@@ -144,23 +136,21 @@ def _check_same_frames(folder: Path, path: Path, files: dict[int, Path], times: 
     for frame in times:
         if frame not in files:
             missing = folder / "depth" / f"{frame:06d}.png"
-            raise InputError(missing, "there is no such file", f"add the picture or remove its row from {path.name}")
+            raise InputError(missing, "there is no such file", f"add it or remove its row from {path.name}")
     for frame, file in files.items():
         if frame not in times:
-            raise InputError(path, f"has no row for {file.name}", f"add the row {frame},<time> or remove the picture")
+            raise InputError(path, f"has no row for {file.name}", f"add the row {frame},<time> or remove the image")
 
 
-def _check_pictures(camera: Camera, stream: DepthStream) -> None:
-    """Decodes pictures until one is sound: where none is, the camera, not a picture, is wrong."""
+def _require_usable(camera: Camera, stream: DepthStream) -> None:
+    """Raises InputError where no depth image can be used: then the camera is wrong, not a single image."""
     first_problem = ""
     for file in stream.files:
-        problem = read_header_problem(file, camera) or read_depth_picture(file, camera).problem
+        problem = read_header_problem(file, camera) or read_depth_image(file, camera).problem
         if not problem:
             return
         first_problem = first_problem or problem
-    remedy = (
-        "no picture of this camera can be used: record or export them again as 16-bit grey PNG of the camera's size"
-    )
+    remedy = "no depth image of this camera can be used: export them again as 16-bit grey PNG of the camera's size"
     raise InputError(stream.files[0], first_problem, remedy)
 
 
@@ -168,14 +158,14 @@ def _read_background(folder: Path, camera: Camera) -> np.ndarray | None:
     path = folder / camera.name / "background.png"
     if not path.exists():
         return None
-    picture = read_depth_picture(path, camera)
-    if picture.depth_m is None:
-        raise InputError(path, picture.problem, "record the empty room again, or remove the file to do without it")
-    return picture.depth_m
+    image = read_depth_image(path, camera)
+    if image.depth_m is None:
+        raise InputError(path, image.problem, "record the empty room again, or remove the file to do without it")
+    return image.depth_m
 
 
 def input_files(recording: Recording) -> tuple[Path, ...]:
-    """Every file that was read for ``recording``, pictures included, in a fixed order."""
+    """Every file that was read for ``recording``, depth images included, in a fixed order."""
     document = recording.folder / "recording.json"
     files = [document]
     equipment = read_document(document, RecordingDocument).equipment

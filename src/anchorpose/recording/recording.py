@@ -1,7 +1,4 @@
-"""What a recording folder holds, once read and checked.
-
-The clock of a camera against the reference clock, and a recording with its clocks put together.
-"""
+"""The content of a recording folder, once read and checked, and the clocks of its cameras."""
 
 from __future__ import annotations
 
@@ -17,65 +14,63 @@ from anchorpose.recording.equipment import EquipmentModel
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthStream:
-    """The depth pictures of one camera, in the order of time."""
+    """The depth images of one camera, in the order of time."""
 
     files: tuple[Path, ...]
-    time_s: np.ndarray  # (n,) float64, strictly increasing; the camera's own clock, or the reference once put together
+    time_s: np.ndarray  # (n,) float64, strictly increasing; the camera's own clock, or the reference once aligned
     frame: np.ndarray  # (n,) int64, the number in the file's name
-    doubled: np.ndarray | None = None  # (n,) bool, the picture before once more; None where that was not looked at
+    duplicate: np.ndarray | None = None  # (n,) bool, equal to the image before; None where this was not checked
     repeated: int = 0  # files left out because their time is that of the file before
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Recording:
-    """A checked recording folder; pictures are read on demand, one frame at a time."""
+    """A checked recording folder; depth images are read on demand, one frame at a time."""
 
     folder: Path
     cameras: tuple[Camera, ...]
-    streams: tuple[DepthStream, ...]  # one a camera
-    backgrounds_m: tuple[np.ndarray | None, ...]  # one a camera: (height, width) float32, 0 = no reading
+    streams: tuple[DepthStream, ...]  # one per camera
+    backgrounds_m: tuple[np.ndarray | None, ...]  # one per camera: (height, width) float32, 0 = no reading
     equipment: EquipmentModel | None
     subject_height_m: float | None
 
     @property
     def rate_hz(self) -> float:
-        """Frames a second of the reference camera; dropped frames do not count, and of one frame it is the usual 30."""
+        """Frames per second of the reference camera, without dropped frames; 30, the usual rate, for a single frame."""
         time_s = self.streams[0].time_s
         return 1.0 / float(np.median(np.diff(time_s))) if len(time_s) > 1 else 30.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrameSet:
-    """The pictures of all cameras at one time of the reference clock (the first camera's)."""
+    """The depth images of all cameras at one time of the reference clock (the first camera's)."""
 
     frame: int
     time_s: float
-    depths_m: tuple[np.ndarray | None, ...]  # one a camera: (height, width) float32, 0 = no reading; None = no picture
-    taken_s: tuple[
-        float | None, ...
-    ] = ()  # one a camera: when its picture was taken, reference clock; None = no picture
-    problems: tuple[str, ...] = ()  # one sentence for each picture that should be there and cannot be used
+    depths_m: tuple[np.ndarray | None, ...]  # one per camera: (height, width) float32, 0 = no reading; None = none
+    taken_s: tuple[float | None, ...] = ()  # one per camera: when its depth image was taken, reference clock
+    problems: tuple[str, ...] = ()  # one sentence for each depth image that exists and cannot be used
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Clock:
-    """What a camera's clock says: at the reference time t it shows t + ahead_s + drift (t - at_s)."""
+    """A camera's clock: at the reference time t it shows t + ahead_s + drift (t - at_s)."""
 
     ahead_s: float = 0.0
-    drift: float = 0.0  # seconds a second
+    drift: float = 0.0  # seconds per second
     at_s: float = 0.0  # the reference time at which ahead_s holds
 
     def reference_s(self, own_s: np.ndarray) -> np.ndarray:
-        """The reference times of what this clock showed, (n,) float64."""
+        """The reference times at which this clock showed ``own_s``, (n,) float64."""
         return np.asarray(self.at_s + (own_s - self.at_s - self.ahead_s) / (1.0 + self.drift))
 
     def own_s(self, reference_s: float) -> float:
-        """What this clock shows at a reference time."""
+        """The time that this clock shows at a reference time."""
         return reference_s + self.ahead_s + self.drift * (reference_s - self.at_s)
 
 
-def put_clocks_together(recording: Recording, clocks: Sequence[Clock]) -> Recording:
-    """``recording`` with the times of every camera on the reference clock; one clock a camera."""
+def align_clocks(recording: Recording, clocks: Sequence[Clock]) -> Recording:
+    """``recording`` with the times of every camera on the reference clock; one clock per camera."""
     streams = tuple(
         replace(stream, time_s=clock.reference_s(stream.time_s))
         for stream, clock in zip(recording.streams, clocks, strict=True)

@@ -1,6 +1,6 @@
-"""When each picture was taken: timestamps.csv, or a frame rate where the recorder kept no times.
+"""When each depth image was taken: timestamps.csv, or a frame rate where the recorder kept no times.
 
-Pictures that a recorder wrote twice under two times: the second shows an earlier moment than its time says.
+Some recorders write an image twice under two times: the second copy shows an earlier moment than its time states.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from anchorpose.errors import InputError
 from anchorpose.recording.document import read_text
 
 MOST_REPEATED: Final = 0.1
-"""Of the times of a camera: where more are those of the picture before, its clock ticks too slowly."""
+"""Share of the times of a camera that may equal the one before; with more, its clock is too coarse."""
 
 
 def read_timestamps(path: Path) -> dict[int, float]:
     """Frame number to time in seconds, in the order of the file.
 
-    Recorders stamp a picture with the time of the one before now and then; such a time is kept as it is, for the caller
-    to leave its picture out. Raises InputError where frames do not increase, where time goes back, and where so many
-    times repeat that the clock is too coarse to tell pictures apart.
+    Recorders sometimes stamp a frame with the time of the one before; such a time is kept, and the caller leaves its
+    depth image out. Raises InputError where frame numbers do not increase, where time goes back, and where so many
+    times repeat that the clock is too coarse.
     """
     times: dict[int, float] = {}
     last_frame, last_time = -1, -math.inf
@@ -43,15 +43,15 @@ def read_timestamps(path: Path) -> dict[int, float]:
         times[frame] = time_s
         last_frame, last_time = frame, time_s
     if not times:
-        raise InputError(path, "lists no frame", "add one row a picture or remove the recording")
+        raise InputError(path, "lists no frame", "add one row per depth image or remove the recording")
     if len(repeated) > MOST_REPEATED * len(times):
-        remedy = "write times with more decimals, or remove the pictures that were stored twice"
+        remedy = "write times with more decimals, or remove the depth images that were stored twice"
         raise InputError(path, f"{repeated[0]}, and so for {len(repeated)} of {len(times)} frames", remedy)
     return times
 
 
 def times_from_rate(frames: np.ndarray, fps: float) -> np.ndarray:
-    """(n,) float64 seconds of frames (n,) numbered at a steady rate; a number left out is a frame dropped."""
+    """(n,) float64 seconds of frames (n,) numbered at a steady rate; a missing number is a dropped frame."""
     return frames / fps
 
 
@@ -75,21 +75,21 @@ def _parse_row(path: Path, line: int, cells: list[str]) -> tuple[int, float]:
     raise InputError(path, problem, "write for example 12,0.400")
 
 
-MOST_DOUBLED: Final = 0.5
-"""Where more of the pictures are like the one before, the pictures have no noise and sameness says nothing."""
+MOST_DUPLICATES: Final = 0.5
+"""Share of images that may equal the one before; with more, the images have no noise and equality means nothing."""
 
 
-def find_doubled(files: Sequence[Path]) -> np.ndarray:
-    """(n,) bool: which files hold, byte for byte, what the file before holds.
+def find_duplicates(files: Sequence[Path]) -> np.ndarray:
+    """(n,) bool: which files are equal, byte for byte, to the file before.
 
-    A depth sensor's noise makes two pictures of the same thing differ, so equal files are one picture. Files of other
-    sizes are not opened. All False where most files are alike: such pictures were made without noise.
+    The noise of a depth sensor makes two images of the same scene differ, so equal files are one image. Files of
+    different sizes are not opened. All False where most files are equal: such images have no noise.
     """
     sizes = [_size(file) for file in files]
-    doubled = np.zeros(len(files), dtype=bool)
+    duplicate = np.zeros(len(files), dtype=bool)
     for k in range(1, len(files)):
-        doubled[k] = sizes[k] == sizes[k - 1] and sizes[k] > 0 and _same(files[k - 1], files[k])
-    return doubled if doubled.sum() <= MOST_DOUBLED * len(files) else np.zeros(len(files), dtype=bool)
+        duplicate[k] = sizes[k] == sizes[k - 1] and sizes[k] > 0 and _same(files[k - 1], files[k])
+    return duplicate if duplicate.sum() <= MOST_DUPLICATES * len(files) else np.zeros(len(files), dtype=bool)
 
 
 def _size(file: Path) -> int:
@@ -103,4 +103,4 @@ def _same(one: Path, other: Path) -> bool:
     try:
         return one.read_bytes() == other.read_bytes()
     except OSError:
-        return False  # what cannot be read is reported when its turn comes
+        return False  # reported when the file is read

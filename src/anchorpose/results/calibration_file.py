@@ -41,7 +41,7 @@ def write_calibration(folder: Path, recording: str, calibration: Calibration) ->
 
 
 def calibration_rows(calibration: Calibration) -> list[tuple[str, ...]]:
-    """One row of texts a camera: name, method, sigma in mm, sigma in degrees, rms of surface (mm) and outline (px)."""
+    """One row of texts per camera: name, method, sigma in mm and degrees, rms of surface (mm) and outline (px)."""
     rows: list[tuple[str, ...]] = []
     for pose in calibration.poses:
         figures: dict[str, Any] = {figure.unit: figure.value for figure in reversed(pose.figures)}

@@ -15,7 +15,7 @@ import numpy as np
 from anchorpose.calibration.calibration import Calibration
 from anchorpose.camera import Camera
 from anchorpose.isolation.people import PatientChoice, People, choose_patient
-from anchorpose.recording.reader import read_frames
+from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import Recording
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.room import InitialFrame, Room
@@ -99,7 +99,7 @@ def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:
         return room
 
     def explained(candidate: InitialFrame) -> float:
-        frame_set = next(iter(read_frames(room.recording, candidate.frame, candidate.frame + 1)))
+        frame_set = read_frame(room.recording, candidate.frame)
         start = find_start(frame_set, Run(room, config), candidate.choice, None)
         return 0.0 if isinstance(start, NoStart) else start.explained
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body
-from anchorpose.recording.reader import read_frames
+from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.results.people_labels import LabelImage
 from anchorpose.tracker.config import TrackConfig
@@ -34,7 +34,7 @@ class Route:
     def frames(self, positions: Sequence[int]) -> Iterator[FrameSet]:
         """The frames, decoded one at a time."""
         for position in positions:
-            yield next(iter(read_frames(self.recording, position, position + 1)))
+            yield read_frame(self.recording, position)
             self.tick()
 
 

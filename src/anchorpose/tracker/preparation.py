@@ -23,7 +23,7 @@ from anchorpose.isolation.background import BackgroundModel
 from anchorpose.isolation.empty_room import learn_background
 from anchorpose.isolation.people import People, choose_patient, find_people
 from anchorpose.isolation.scene import Scene, find_all_pieces, set_scene
-from anchorpose.recording.reader import read_frames
+from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.initial_frame import look_at, rank_initial_frames, with_best_initial_frame
@@ -101,7 +101,7 @@ def sample_recording(recording: Recording, config: TrackConfig) -> tuple[list[in
     first, count = config.start, len(recording.streams[0].time_s[config.start : config.stop])
     wanted = config.follow.samples * (1 if all(room is not None for room in recording.backgrounds_m) else BLIND_SAMPLES)
     chosen = np.unique(np.linspace(first, first + count - 1, min(wanted, count)).astype(int)).tolist()
-    return chosen, [next(iter(read_frames(recording, k, k + 1))) for k in chosen]
+    return chosen, [read_frame(recording, k) for k in chosen]
 
 
 def furnish_room(settled: Settled, config: TrackConfig, review: Review) -> Room:

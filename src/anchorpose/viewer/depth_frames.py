@@ -16,10 +16,10 @@ import numpy as np
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel
-from anchorpose.recording.depth_image import read_depth_picture
+from anchorpose.recording.depth_image import read_depth_image
 from anchorpose.recording.pairing import pair_frames
 from anchorpose.recording.reader import open_recording
-from anchorpose.recording.recording import Clock, Recording, put_clocks_together
+from anchorpose.recording.recording import Clock, Recording, align_clocks
 from anchorpose.results.people_labels import PEOPLE_FILE, ROOM, StoredPeople, decode_labels
 from anchorpose.results.run_record import RUN_FILE, hash_files
 from anchorpose.surface.mesh import build_surface, faces
@@ -131,7 +131,7 @@ class Footage:
         index = self.pairs[position, camera]
         if index < 0:
             return None, "there is no picture of this time"
-        picture = read_depth_picture(self.recording.streams[camera].files[index], self.cameras[camera])
+        picture = read_depth_image(self.recording.streams[camera].files[index], self.cameras[camera])
         return picture.depth_m, f"the picture {picture.problem}" if picture.problem else ""
 
     def labels(self, position: int, camera: int) -> np.ndarray | None:
@@ -157,7 +157,7 @@ def open_footage(folder: Path, results: Path, run: dict[str, Any], frame: np.nda
         for camera in recording.cameras
     )
     clocks = clocks_of_run(results / RUN_FILE, run, tuple(camera.name for camera in cameras))
-    recording = put_clocks_together(replace(recording, cameras=cameras), clocks)
+    recording = align_clocks(replace(recording, cameras=cameras), clocks)
     rows = {int(number): row for row, number in enumerate(recording.streams[0].frame)}
     missing = [int(number) for number in frame if int(number) not in rows]
     if missing:

@@ -13,7 +13,7 @@ import pytest
 from anchorpose.association.matcher import Matcher
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.recording.reader import read_frames
+from anchorpose.recording.reader import read_frame
 from anchorpose.research.experiment.answers import Brief, Kind, Plan, experiment_code, read
 from anchorpose.research.experiment.clips import Clip, draw_hole_frames, plan_clips
 from anchorpose.research.experiment.config import ExperimentConfig, Scene, quick
@@ -147,9 +147,7 @@ def test_holes_take_what_is_near_the_bodys_centre_and_nothing_else(subject: Subj
     with pierced(subject, 0.15) as (holed, cut):
         np.testing.assert_array_equal(cut, subject.in_hole)
         for frame in range(len(subject.in_hole)):
-            before, after = (
-                next(iter(read_frames(r, frame, frame + 1))).depths_m[0] for r in (subject.recording, holed)
-            )
+            before, after = (read_frame(r, frame).depths_m[0] for r in (subject.recording, holed))
             assert before is not None
             assert after is not None
             changed = before != after
@@ -172,9 +170,7 @@ def test_a_small_hole_is_cut_too_though_the_middle_of_the_seen_body_lies_inside_
     with pierced(subject, radius_m) as (holed, cut):
         np.testing.assert_array_equal(cut, subject.in_hole)
         for frame in np.flatnonzero(cut):
-            before, after = (
-                next(iter(read_frames(r, frame, frame + 1))).depths_m[0] for r in (subject.recording, holed)
-            )
+            before, after = (read_frame(r, frame).depths_m[0] for r in (subject.recording, holed))
             assert before is not None
             assert after is not None
             assert (before != after).sum() > least

@@ -15,7 +15,7 @@ import numpy as np
 
 from anchorpose.camera import Camera, transform_points
 from anchorpose.errors import InputError
-from anchorpose.recording.depth_image import read_depth_picture
+from anchorpose.recording.depth_image import read_depth_image
 from anchorpose.recording.recording import Recording
 from anchorpose.research.experiment.config import ExperimentConfig, Scene
 from anchorpose.simulate import config as presets
@@ -122,7 +122,7 @@ def within_hole(file: Path, camera: Camera, centre_m: np.ndarray, radius_m: floa
 
     None where there is no such reading within reach of a body.
     """
-    depth = read_depth_picture(file, camera).depth_m
+    depth = read_depth_image(file, camera).depth_m
     if depth is None or np.isnan(centre_m).any():
         return None
     points = transform_points(camera.require_pose(), camera.back_project(depth))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from anchorpose.recording.reader import read_frames
+from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import Recording
 from anchorpose.research.experiment.correspondence import Skin, TruePlaces
 from anchorpose.research.experiment.framework import paper_config
@@ -64,7 +64,7 @@ def take_moment(stage: Stage, skin: Skin, frame: int, name: str, title: str) -> 
 
 def taken_pixels(whole: Recording, pierced: Recording, frame: int) -> np.ndarray:
     """(height, width) bool: what the first camera's picture lost to the hole."""
-    pictures = [next(iter(read_frames(recording, frame, frame + 1))).depths_m[0] for recording in (whole, pierced)]
+    pictures = [read_frame(recording, frame).depths_m[0] for recording in (whole, pierced)]
     if pictures[0] is None or pictures[1] is None:
         raise ValueError(f"the first camera has no picture of frame {frame}")
     taken: np.ndarray = (pictures[0] > 0) & (pictures[1] == 0)
