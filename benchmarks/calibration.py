@@ -1,7 +1,7 @@
 """How far off the cameras' poses are that are found from the equipment: python benchmarks/calibration.py --clinics 10.
 
 Each seed is another clinic of three cameras, a frame (in every fifth clinic parallel bars), a patient and two
-therapists; the sensor changes from seed to seed. Each is calibrated with the picture of the empty room, without it
+therapists; the sensor changes from seed to seed. Each is calibrated with the depth image of the empty room, without it
 (people always in view), and with the equipment.json of another clinic, which must be refused. A pose is wrong if it is
 off by more than ``WRONG_M`` at the equipment or ``WRONG_RAD``.
 """
@@ -35,7 +35,7 @@ from anchorpose.tracker.preparation import calibrate as find_poses
 SAMPLES: Final = 16  # frames, as in tracking
 WRONG_M, WRONG_RAD = 0.02, np.radians(1.0)
 WAYS: Final = {
-    "background": "with the picture of the empty room",
+    "background": "with the depth image of the empty room",
     "people": "without it: people always in view",
     "wrong": "with another clinic's equipment.json",
 }
@@ -127,7 +127,7 @@ def _errors(found: Camera, true: Camera, equipment: EquipmentModel | None) -> tu
 
 
 def table(outcomes: Sequence[Outcome]) -> str:
-    """The outcomes as Markdown, one row a way."""
+    """The outcomes as Markdown, one row per way."""
     lines = [
         "| calibrated | clinics | mm at the equipment | degrees | mm at the camera | refused | wrong accepted | s |",
         "|---|--:|--:|--:|--:|--:|--:|--:|",

@@ -1,8 +1,8 @@
 """How well cameras without poses and without equipment are placed: python benchmarks/camera_to_camera.py --seeds 6.
 
-One minute of a simulated clinic, three cameras, of which nothing is given but pictures; each seed is another patient,
-other therapists, other places of the cameras. Only the moments that are looked at are rendered. ``--clock-error`` sets
-the other cameras' clocks wrong by so much, as the first look at the clocks may do.
+One minute of a simulated clinic, three cameras, of which only depth frames are given; each seed is another patient,
+other therapists, other places of the cameras. Only the moments that are used are rendered. ``--clock-error`` sets
+the other cameras' clocks wrong by so much, as the first estimate of the clocks may be.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """How well the cameras' clocks are found: python benchmarks/clocks.py --seeds 4.
 
 Ten minutes of a simulated clinic, three cameras, whose clocks are off by up to 2 s and drift by up to 100 parts in a
-million. Only the pictures that the estimate asks for are rendered. Errors are those of the times that pictures get on
+million. Only the frames that the estimate reads are rendered. Errors are those of the times that frames get on
 the first camera's clock: in the middle of the recording (offset) and between its two ends (drift over ten minutes).
 """
 
@@ -33,7 +33,7 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Blind:
-    """Footage without poses."""
+    """Depth frames without poses."""
 
     clinic: LazyClinic
 
@@ -73,7 +73,7 @@ def score(footage: LazyClinic, clocks: Clocks) -> list[Outcome]:
     return outcomes
 
 
-def row(title: str, outcomes: Sequence[Outcome], seconds: Sequence[float], pictures: Sequence[int]) -> str:
+def row(title: str, outcomes: Sequence[Outcome], seconds: Sequence[float], frames: Sequence[int]) -> str:
     """One line of the table."""
     offset, drift = (np.abs([getattr(o, name) for o in outcomes if o.corrected]) for name in ("offset_ms", "drift_ms"))
     within = np.mean([abs(o.offset_ms) < 1.96 * o.sigma_ms for o in outcomes if o.corrected])
@@ -81,7 +81,7 @@ def row(title: str, outcomes: Sequence[Outcome], seconds: Sequence[float], pictu
     return (
         f"| {title} | {len(outcomes)} | {np.median(offset):.1f} ({offset.max():.1f}) | "
         f"{np.median(drift):.1f} ({drift.max():.1f}) | {100 * within:.0f} | {kept} | "
-        f"{np.mean(pictures):.0f} | {np.mean(seconds):.0f} |"
+        f"{np.mean(frames):.0f} | {np.mean(seconds):.0f} |"
     )
 
 
@@ -93,9 +93,7 @@ def main() -> None:
     parser.add_argument("--rates", type=float, nargs="+", default=[30.0, 15.0])
     parser.add_argument("--jitter", type=float, default=0.0, help="standard deviation of the stamps in seconds")
     chosen = parser.parse_args()
-    print(
-        "| clocks | cameras | offset error ms | drift error ms | in 95 % band | kept | pictures read | s |", flush=True
-    )
+    print("| clocks | cameras | offset error ms | drift error ms | in 95 % band | kept | frames read | s |", flush=True)
     print("|---|--:|--:|--:|--:|--:|--:|--:|", flush=True)
     for fps in chosen.rates:
         known, blind = ([], [], []), ([], [], [])

@@ -1,7 +1,7 @@
 """How good the proposed equipment is on simulated clinics: python benchmarks/equipment_fit.py --seeds 6.
 
-Each seed is another standing frame and other camera places. The proposal is made from the empty rooms' pictures and
-compared with the frame that was simulated, in every camera's picture: which share of the frame's pixels lies within
+Each seed is another standing frame and other camera places. The proposal is made from the empty rooms' depth images and
+compared with the frame that was simulated, in every camera's image: which share of the frame's pixels lies within
 15 mm of the proposal, which share of the proposal's pixels is farther than that from the frame, and how far centres
 and sizes of the parts are off.
 """

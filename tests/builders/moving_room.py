@@ -1,4 +1,4 @@
-"""Footage of a built room in which people of cylinders move, by cameras whose clocks disagree; pictures on demand."""
+"""A built room in which people of cylinders move, seen by cameras whose clocks disagree; depth frames on demand."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def standing(time_s: float) -> tuple:
 
 @dataclass(slots=True, eq=False)
 class MovingRoom:
-    """One clock a camera; every camera takes a picture each 1 / fps seconds of its own clock from ``starts_s`` on."""
+    """One clock per camera; every camera takes a depth frame each 1 / fps seconds of its own clock."""
 
     cameras: tuple[Camera, ...]
     clocks: tuple[Clock, ...]

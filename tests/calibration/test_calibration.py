@@ -1,4 +1,4 @@
-"""Noise, floor and world: known answers in built rooms, honest refusals, and the shared recordings."""
+"""Noise, floor and world: known answers in built rooms, refusals, and the shared recordings."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def test_a_floor_full_of_people_is_still_the_floor():
     assert floor.height_m == pytest.approx(1.2, abs=0.005)
 
 
-def test_a_wall_alone_is_no_floor():
+def test_a_wall_alone_is_not_a_floor():
     assert find_floor(picture(FRONT, ROOM[1], seed=4), FRONT, NOISE_PER_M) == NoFloor.NO_PLANE
 
 
@@ -98,13 +98,13 @@ def test_a_floor_that_contradicts_the_given_pose_is_reported_and_not_used():
 
 
 def test_a_camera_without_a_pose_gets_the_world_of_floor_and_patient():
-    """The true pose is known: the patient stands at the origin and the camera is straight ahead of him."""
+    """The true pose is known: the patient stands at the origin and the camera is straight ahead."""
     empty, depth = picture(FRONT, *ROOM, seed=6), picture(FRONT, *ROOM, *body(0.0, 0.0), seed=7)
     world = find_world(recording(unposed(FRONT), backgrounds=(empty,)), frames(depth))
     found, true = world.cameras[0].T_world_camera, FRONT.T_world_camera
     assert found[:3, :3] == pytest.approx(true[:3, :3], abs=0.02)
     assert found[1, 3] == pytest.approx(true[1, 3], abs=0.005)
-    assert found[0, 3] == pytest.approx(true[0, 3] - 0.16, abs=0.05)  # only his front is seen
+    assert found[0, 3] == pytest.approx(true[0, 3] - 0.16, abs=0.05)  # only the front is seen
     assert found[:3, :3] @ found[:3, :3].T == pytest.approx(np.eye(3), abs=1e-9)
     assert world.floor_height_m == 0.0
     assert any("assumed to face the camera" in note for note in world.notes)

@@ -1,4 +1,4 @@
-"""Camera to camera: known answers in a room where people of cylinders walk, and refusals where that tells nothing."""
+"""Camera to camera: known answers in a room where people of cylinders walk, and refusals where that is no evidence."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from anchorpose.calibration.clock_surfaces import make_clip, surface_lag
 from anchorpose.calibration.clocks import ClockConfig, ClockSource, NoClock, clock_notes, estimate_clocks
 from anchorpose.recording.recording import Clock
 
-AHEAD_S = 0.613  # neither a whole number of pictures nor half of one
+AHEAD_S = 0.613  # neither a whole number of frames nor half of one
 LEVELS = (pose_level(FRONT), pose_level(LEFT))
 
 
@@ -36,7 +36,7 @@ def test_a_clock_and_its_inverse_are_one():
     assert clock.own_s(600.0) - 600.0 == pytest.approx(-1.2 + 300 * 8e-5)
 
 
-def test_shared_surfaces_tell_the_lag_to_three_milliseconds(room):
+def test_shared_surfaces_give_the_lag_to_three_milliseconds(room):
     found = surface_lag(clip(room, 0), clip(room, 1), AHEAD_S + 0.05, 0.12)
     assert found is not None
     assert found.lag_s == pytest.approx(AHEAD_S, abs=0.003)
@@ -58,7 +58,7 @@ def test_a_wrong_pose_of_centimetres_does_not_bias_the_lag(room):
     assert found.lag_s == pytest.approx(AHEAD_S, abs=0.008)
 
 
-def test_signals_tell_the_lag_without_any_pose(room):
+def test_signals_give_the_lag_without_any_pose(room):
     signals = [
         motion_signal(
             [(t, room.read(k, n)) for n, t in enumerate(room.times_s[k])],
@@ -108,7 +108,7 @@ def test_where_nobody_moves_no_clock_is_touched():
     assert "used as it is" in clock_notes(clocks)[0]
 
 
-def test_a_few_pictures_tell_no_time_and_nothing_is_read():
+def test_with_a_few_frames_no_clock_is_estimated_and_nothing_is_read():
     short = MovingRoom((FRONT, LEFT), (Clock(), Clock()), seconds=0.3)
     assert estimate_clocks(short, LEVELS, ClockConfig()).cameras[1].doubt is NoClock.FEW_FRAMES
     assert short.reads == 0
@@ -137,7 +137,7 @@ def test_offsets_and_drifts_of_all_cameras_come_back_from_their_lags():
     assert fit.drift == pytest.approx(drift, abs=1e-6)
 
 
-def test_the_stated_error_of_the_fit_is_honest():
+def test_the_stated_error_of_the_fit_is_calibrated():
     ahead_s, drift = np.array([0.0, 1.3, -0.4]), np.array([0.0, 9e-5, -4e-5])
     off = []
     for seed in range(40):

@@ -61,7 +61,7 @@ def test_three_cameras_give_every_part_to_millimetres(three):
     assert all(part.residual_m < 0.006 for part in three.parts)  # the sensor's own noise is 7 mm at 2.4 m
 
 
-def test_a_tube_is_told_from_a_square_bar(three):
+def test_a_tube_is_distinguished_from_a_square_bar(three):
     rail = near(three, RAIL).part
     assert isinstance(rail, Cylinder)
     assert rail.radius_m == pytest.approx(0.02, abs=0.004)
@@ -90,7 +90,7 @@ def test_the_written_file_is_read_back_as_the_same_model(three, tmp_path):
     assert [part.name for part in again.parts] == [part.name for part in three.model.parts]
 
 
-def test_from_one_side_the_thickness_is_a_guess_and_said_to_be_one():
+def test_from_one_side_the_thickness_is_a_guess_and_marked_as_one():
     proposal = proposed((FRONT,), POST)
     (post,) = proposal.parts
     assert set(post.guessed) & {"breadth", "thickness"}
@@ -143,7 +143,7 @@ def test_an_empty_room_has_no_equipment_and_neither_has_the_wall_behind():
     assert propose_equipment((FRONT,), rooms, 0.0, wide) is NoEquipment.NOTHING_STANDS
 
 
-def test_rays_tell_a_thing_that_is_there_from_one_that_is_not():
+def test_rays_distinguish_a_real_part_from_one_that_is_not_there():
     readings = gather_readings((FRONT,), [picture(FRONT, *ROOM, POST, seed=0)], 0.0, Region())
     columns = np.array([[0, 0, 1.0], [0, 1, 0], [-1, 0, 0]]).T[:, [0, 2, 1]]
     columns = columns * np.sign(np.linalg.det(columns))

@@ -161,7 +161,7 @@ def test_one_small_flat_tag_is_ambiguous_or_uncertain_and_never_a_wrong_pose():
     assert None not in outcomes
 
 
-def test_depth_tells_the_two_poses_of_a_flat_tag_apart(monkeypatch):
+def test_depth_decides_between_the_two_poses_of_a_flat_tag(monkeypatch):
     for name, value in (("WORST_SIGMA_M", 0.1), ("WORST_SIGMA_RAD", 0.1), ("CORNER_SIGMA_PX", 0.5)):
         monkeypatch.setattr(marker_pose, name, value)  # one small tag: only the two poses are at stake here
     near = camera_at((1.8, 0.8, 0.05), (0.0, 0.8, 0.0), width=512, height=424)
@@ -173,7 +173,7 @@ def test_depth_tells_the_two_poses_of_a_flat_tag_apart(monkeypatch):
     assert errors(with_depth, near)[0] < 0.06
 
 
-def test_depth_makes_the_pose_surer():
+def test_depth_makes_the_pose_more_accurate():
     plain = pose_from_markers(photo(CAMERA, SPREAD), CAMERA, layout(*SPREAD))
     deep = pose_from_markers(photo(CAMERA, SPREAD), CAMERA, layout(*SPREAD), depth_of(CAMERA, SPREAD))
     assert isinstance(plain, MarkerPose)
@@ -210,7 +210,7 @@ def test_tiny_cut_and_missing_tags_are_refused(monkeypatch):
     assert pose_from_markers(other, CAMERA, layout(*SPREAD)) is NoMarkers.NONE_SEEN
 
 
-def test_a_tag_that_hangs_there_twice_is_not_used():
+def test_a_tag_that_is_seen_twice_is_not_used():
     copy = tag(0, (0.2, 0.75, 0.0))
     found = pose_from_markers(photo(CAMERA, (*SPREAD, copy)), CAMERA, layout(*SPREAD))
     assert isinstance(found, MarkerPose)
@@ -283,7 +283,7 @@ def test_a_camera_with_a_picture_of_the_markers_is_placed_and_the_others_keep_wh
     assert 0 < records[CAMERA.name].sigma_m < 0.02
 
 
-def test_pictures_that_tell_no_pose_are_refused_by_name(tmp_path):
+def test_images_that_give_no_pose_are_refused_by_name(tmp_path):
     recording = recording_with(tmp_path, CAMERA)
     layout = MarkerLayout(DICTIONARY, SPREAD, None)
     with pytest.raises(InputError, match=r"infrared\.png or color\.png"):

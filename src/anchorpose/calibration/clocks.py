@@ -26,8 +26,7 @@ from anchorpose.calibration.clock_lags import (
     rough_lags,
 )
 from anchorpose.calibration.clock_signal import Level, pose_level
-from anchorpose.calibration.floor import FloorPlane, find_floor
-from anchorpose.calibration.noise import noise_per_m
+from anchorpose.calibration.floor import FloorPlane, floor_of_room
 from anchorpose.camera import Camera
 from anchorpose.recording.depth_image import DepthFrames, RecordedFrames
 from anchorpose.recording.recording import Clock, Recording, align_clocks
@@ -119,10 +118,7 @@ def _level(frames: RecordedFrames, index: int) -> Level | None:
         if not seen:
             return None
         room = np.median(np.stack(seen), axis=0).astype(np.float32)
-    try:
-        plane = find_floor(room, camera, noise_per_m([room]))
-    except ValueError:  # no three neighbouring pixels have a reading
-        return None
+    plane = floor_of_room(camera, room, ())
     return Level(plane.up, plane.height_m) if isinstance(plane, FloorPlane) else None
 
 

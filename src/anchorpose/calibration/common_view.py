@@ -52,14 +52,13 @@ class Seen:
 class LevelView:
     """What one camera sees, in a frame that stands on the floor.
 
-    T_level_camera (4, 4): Y up, origin on the floor below the camera, X level along its optical axis; room_m: the
-    empty room or what stays; depths_m: its frames (height, width), at the moments that all cameras share; smooth_m:
-    ``smoothed``; people (height, width) bool: where people are, with a rim; seen: one per frame.
+    T_level_camera (4, 4): Y up, origin on the floor below the camera, X level along its optical axis; depths_m: its
+    frames (height, width), at the moments that all cameras share; smooth_m: ``_smoothed``; people (height, width)
+    bool: where people are, with a rim; seen: one per frame.
     """
 
     camera: Camera
     T_level_camera: np.ndarray
-    room_m: np.ndarray
     depths_m: tuple[np.ndarray, ...]
     smooth_m: tuple[np.ndarray, ...]
     people: tuple[np.ndarray, ...]
@@ -68,14 +67,13 @@ class LevelView:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceFit:
-    """T_first_second (4, 4) between camera frames. residual_m: robust deviation of point to plane; pairs: points used;
+    """T_first_second (4, 4) between camera frames. residual_m: robust deviation of point to plane;
     impossible: share of one camera's people that fall beside the people the other sees, the worse of both ways;
     common: share that falls into its depth image, likewise; sigma_m, sigma_rad: standard errors of the position and
     the turn, moments assumed independent."""
 
     T_first_second: np.ndarray
     residual_m: float
-    pairs: int
     impossible: float
     common: float
     sigma_m: float
@@ -97,10 +95,10 @@ def level_view(
     """The view of one camera; depths_m (height, width) float32, 0 = no reading, at least one."""
     stack = np.stack(depths_m)
     room = background_m if background_m is not None else np.quantile(stack, 0.9, axis=0).astype(np.float32)
-    smooth = tuple(smoothed(depth) for depth in depths_m)
+    smooth = tuple(_smoothed(depth) for depth in depths_m)
     seen = tuple(_surface_points(camera, depth, room, step_px) for depth in smooth)
     people = tuple(_people(depth, room) for depth in depths_m)
-    return LevelView(camera, level_frame(floor), room, tuple(depths_m), smooth, people, seen)
+    return LevelView(camera, level_frame(floor), tuple(depths_m), smooth, people, seen)
 
 
 def level_frame(floor: FloorPlane) -> np.ndarray:
@@ -114,7 +112,7 @@ def level_frame(floor: FloorPlane) -> np.ndarray:
     return T_level_camera
 
 
-def smoothed(depth_m: np.ndarray) -> np.ndarray:
+def _smoothed(depth_m: np.ndarray) -> np.ndarray:
     """(height, width) the mean of each 3x3 neighbourhood where it is one surface, elsewhere 0."""
     window = np.ones((3, 3), np.uint8)
     nearest = cv2.erode(depth_m, window)
@@ -193,7 +191,7 @@ def fit_people(first: LevelView, second: LevelView, T_first_second: np.ndarray) 
     spread_of_pose = freedom @ covariance @ (scores.T @ scores) @ covariance @ freedom.T
     there, back = outside_silhouette(first, second, T), outside_silhouette(second, first, invert_rigid(T))
     sigma_rad, sigma_m = (float(np.sqrt(np.trace(spread_of_pose[k : k + 3, k : k + 3]))) for k in (0, 3))
-    return SurfaceFit(T, spread, len(residual), max(there[0], back[0]), min(there[1], back[1]), sigma_m, sigma_rad)
+    return SurfaceFit(T, spread, max(there[0], back[0]), min(there[1], back[1]), sigma_m, sigma_rad)
 
 
 def outside_silhouette(target: LevelView, source: LevelView, T_target_source: np.ndarray) -> tuple[float, float]:
@@ -245,11 +243,13 @@ def _joined(forth: _Pairs, back: _Pairs, T_first_second: np.ndarray) -> tuple[np
     """
     here, seen = transform_points(T_first_second, back.points), transform_points(T_first_second, back.there)
     turned = back.normal @ T_first_second[:3, :3].T
-    jacobian = [np.hstack([np.cross(forth.points, forth.normal), forth.normal]),
-                -np.hstack([np.cross(seen, turned), turned])]  # fmt: skip
-    residual = [np.einsum("ij,ij->i", forth.normal, forth.points - forth.there),
-                np.einsum("ij,ij->i", turned, here - seen)]  # fmt: skip
-    return np.concatenate(jacobian), np.concatenate(residual), np.concatenate([forth.moment, back.moment])
+    rows_forth = np.hstack([np.cross(forth.points, forth.normal), forth.normal])
+    rows_back = -np.hstack([np.cross(seen, turned), turned])
+    residual_forth = np.einsum("ij,ij->i", forth.normal, forth.points - forth.there)
+    residual_back = np.einsum("ij,ij->i", turned, here - seen)
+    pairs = (rows_forth, rows_back), (residual_forth, residual_back), (forth.moment, back.moment)
+    jacobian, residual, moment = (np.concatenate(pair) for pair in pairs)
+    return jacobian, residual, moment
 
 
 def _moved(T: np.ndarray, step: np.ndarray) -> np.ndarray:

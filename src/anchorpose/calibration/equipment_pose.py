@@ -108,8 +108,7 @@ def _fits(view: StillView, equipment: Equipment, floor_m: float, config: Equipme
         poses = (_refined(view, equipment, start, prior, config) for start in starts)
         return [pose for pose in poses if pose is not None]
 
-    found = search_floor(view, equipment.samples, floor_m)
-    fits = refined([candidate.T_camera_model for candidate in found[:TRIED]])
+    fits = refined(search_floor(view, equipment.samples, floor_m)[:TRIED])
     if not fits:
         return []
     best = max(fits, key=lambda pose: pose.evidence.score_m2).fit.T_camera_model

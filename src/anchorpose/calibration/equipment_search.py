@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -36,17 +35,9 @@ BROAD_M: Final = 0.10  # a surface that continues flat this far to all four side
 BROAD_WEIGHT: Final = 0.25  # a bar may lie anywhere in it, so it is weaker evidence than what ends where a bar ends
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Candidate:
-    """A place the equipment may stand at: T_camera_model (4, 4) and how well it fits, 1 = every point that faces the
-    camera lies on what is seen."""
-
-    T_camera_model: np.ndarray
-    score: float
-
-
-def search_floor(view: StillView, samples: EquipmentSamples, lowest_m: float) -> tuple[Candidate, ...]:
-    """Distinct candidates, best first, with the height ``lowest_m`` of Gamma_0 on the floor and Y upright.
+def search_floor(view: StillView, samples: EquipmentSamples, lowest_m: float) -> list[np.ndarray]:
+    """T_camera_model (4, 4) of distinct places, best first, with the height ``lowest_m`` of Gamma_0 on the floor and Y
+    upright.
 
     First a map of the space above the floor, filled, free or unknown, and for each of 72 directions the sum over the
     equipment's points at every cell; then the best places are improved on the depth image itself.
@@ -54,7 +45,7 @@ def search_floor(view: StillView, samples: EquipmentSamples, lowest_m: float) ->
     image = _search_image(view)
     starts = _coarse(image, view.camera, samples, lowest_m)
     if not len(starts):
-        return ()
+        return []
     starts[:, 2] += samples.centre_m[1]  # the height of the centre above the floor
     surface, outside = samples.surface_m - samples.centre_m, samples.outside_m - samples.centre_m
     for tolerance in TOLERANCES_M:
@@ -63,11 +54,8 @@ def search_floor(view: StillView, samples: EquipmentSamples, lowest_m: float) ->
         points = SearchPoints(surface[thin], samples.normal[thin], samples.two_sided[thin], outside[thin])
         scores = climb(starts, image, points, Scoring(tolerance, NOISE_GATE, THROUGH_WEIGHT))
         keep = _distinct(starts, scores, KEPT if last else STARTS // 4)
-        starts, scores = starts[keep], scores[keep]
-    return tuple(
-        Candidate(_placed(image.T_camera_ground, place, samples.centre_m), float(score))
-        for place, score in zip(starts, scores, strict=True)
-    )
+        starts = starts[keep]
+    return [_placed(image.T_camera_ground, place, samples.centre_m) for place in starts]
 
 
 def _search_image(view: StillView) -> SearchImage:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    from anchorpose.calibration.calibration import Calibration
 
 
 def calibrate(
@@ -39,12 +42,9 @@ def calibrate(
     config
         A TOML or JSON file with settings that differ from the defaults, as for track.
     """
-    from rich.console import Console
-    from rich.table import Table
-
     from anchorpose.calibrating import calibrate_recording
     from anchorpose.cli.config_file import load_track_config
-    from anchorpose.results.calibration_file import CALIBRATION_MARKS, calibration_rows
+    from anchorpose.results.calibration_file import CALIBRATION_MARKS
     from anchorpose.results.folder import new_results_folder
 
     settings = load_track_config(config)
@@ -52,10 +52,19 @@ def calibrate(
     target = output if output is not None else source.with_name(f"{source.name}-calibration")
     with new_results_folder(target, recording, overwrite, CALIBRATION_MARKS) as folder:
         found = calibrate_recording(recording, folder, settings, ignore_given, markers)
+    _print_poses(found)
+    print(f"The calibration is in {target}; look at its pictures before you use it.")
+
+
+def _print_poses(found: Calibration) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from anchorpose.results.calibration_file import calibration_rows
+
     table = Table("camera", "pose", "± mm", "± degrees", "surface rms mm", "outline rms px")
     for row in calibration_rows(found):
         table.add_row(*row)
     Console().print(table)
     for note in found.notes:
         print(f"- {note}")
-    print(f"The calibration is in {target}; look at its pictures before you use it.")

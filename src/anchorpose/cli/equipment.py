@@ -11,6 +11,7 @@ from anchorpose.errors import AnchorposeError, InputError
 
 if TYPE_CHECKING:
     from anchorpose.calibration.proposal import FittedRoom
+    from anchorpose.calibration.proposal_readings import Region
 
 equipment = App(name="equipment", help="The model of the equipment, equipment.json.")
 
@@ -47,8 +48,6 @@ def fit(
         Replace an existing file.
     """
     from anchorpose.calibration.proposal import fit_equipment
-    from anchorpose.calibration.proposal_readings import Region
-    from anchorpose.cli.track import parse_place
     from anchorpose.pages.canvas import as_png
     from anchorpose.pages.stage_drawing import draw_model
     from anchorpose.recording.equipment_file import read_equipment, write_equipment
@@ -56,11 +55,7 @@ def fit(
 
     if out.exists() and not overwrite:
         raise InputError(out, "exists already", "choose another name, or give --overwrite to replace it")
-    try:
-        region = Region(center_xz_m=parse_place(around, "--around"), radius_m=radius)
-    except ValueError:
-        raise AnchorposeError(f"--radius is {radius:g}; give a length in metres, above 0.") from None
-    fitted = fit_equipment(open_recording(recording), camera, region)
+    fitted = fit_equipment(open_recording(recording), camera, _region(around, radius))
     out.parent.mkdir(parents=True, exist_ok=True)
     write_equipment(out, fitted.proposal.model)
     model = read_equipment(out)
@@ -68,6 +63,16 @@ def fit(
         out.with_name(f"{out.stem}_{view.name}.png").write_bytes(as_png(draw_model(view, room, model)))
     _print_parts(fitted)
     print(f"{out} is a proposal: compare it with {out.stem}_<camera>.png beside it before you use it.")
+
+
+def _region(around: str, radius: float) -> Region:
+    from anchorpose.calibration.proposal_readings import Region
+    from anchorpose.cli.track import parse_place
+
+    try:
+        return Region(center_xz_m=parse_place(around, "--around"), radius_m=radius)
+    except ValueError:
+        raise AnchorposeError(f"--radius is {radius:g}; give a length in metres, above 0.") from None
 
 
 def _print_parts(fitted: FittedRoom) -> None:
