@@ -10,7 +10,7 @@ import numpy as np
 
 from anchorpose.body.corrected_joints import CONTRADICTED
 from anchorpose.body.skin_points import body_points
-from anchorpose.calibration.calibration import PoseSource
+from anchorpose.calibration.calibration import Calibration, PoseSource
 from anchorpose.calibration.clocks import Clocks, clock_notes
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.pairing import CameraGaps, find_gaps
@@ -124,30 +124,14 @@ def account_of(
     corrections: CorrectionsRecord | None,
 ) -> RunRecord:
     """The record of a run that has been through all frames."""
-    room, config = run.room, run.config
-    calibration, gaps = room.calibration, find_gaps(room.recording)
-    source = None if user.calibration is None else PoseSource.FILE
+    room, config, gaps = run.room, run.config, find_gaps(run.room.recording)
     return RunRecord(
         recording=room.recording.folder.resolve().name,
         config=config if config.motions is None else replace(config, motions=Path(config.motions).name),
         inputs_sha256=inputs_sha256,
         corrections=corrections,
-        cameras=tuple(
-            CameraRecord(camera.name, camera.T_world_camera, (source or pose.source).value, clock.clock)
-            for camera, pose, clock in zip(room.cameras, calibration.poses, room.clocks.cameras, strict=True)
-        ),
-        residuals=(
-            *(
-                Residual(floor.camera, "floor, rms distance to the plane", floor.residual_m, "m")
-                for floor in calibration.residuals
-            ),
-            *(
-                Residual(pose.camera, figure.what, figure.value, figure.unit)
-                for pose in calibration.poses
-                for figure in pose.figures
-            ),
-            *_clock_residuals(room.clocks, gaps),
-        ),
+        cameras=_cameras(room, user),
+        residuals=(*_pose_residuals(room.calibration), *_clock_residuals(room.clocks, gaps)),
         timings=tuple(StageTiming(stage, seconds) for stage, seconds in run.stopwatch.seconds.items()),
         frame_count=len(written.association.matched_share),
         association=written.association,
@@ -155,7 +139,7 @@ def account_of(
         body=None if learnt is None else record_body(body_points().asset, learnt.belief, learnt.first, learnt.seconds),
         pictures=pictures,
         notes=(
-            *calibration.notes,
+            *room.calibration.notes,
             *clock_notes(room.clocks),
             *(camera.sentence for camera in gaps if camera.sentence),
             *_notes(room, learnt),
@@ -163,6 +147,27 @@ def account_of(
             *(() if corrections is None else corrections.not_honoured),
         ),
     )
+
+
+def _cameras(room: Room, user: UserInputs) -> tuple[CameraRecord, ...]:
+    """The poses and clocks that were used, and where each pose came from."""
+    source = None if user.calibration is None else PoseSource.FILE
+    return tuple(
+        CameraRecord(camera.name, camera.T_world_camera, (source or pose.source).value, clock.clock)
+        for camera, pose, clock in zip(room.cameras, room.calibration.poses, room.clocks.cameras, strict=True)
+    )
+
+
+def _pose_residuals(calibration: Calibration) -> list[Residual]:
+    floors = [
+        Residual(floor.camera, "floor, rms distance to the plane", floor.residual_m, "m")
+        for floor in calibration.residuals
+    ]
+    return floors + [
+        Residual(pose.camera, figure.what, figure.value, figure.unit)
+        for pose in calibration.poses
+        for figure in pose.figures
+    ]
 
 
 def _clock_residuals(clocks: Clocks, gaps: Sequence[CameraGaps]) -> list[Residual]:

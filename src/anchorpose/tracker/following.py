@@ -55,16 +55,11 @@ def follow_openly(
     wait, pause = 0, FIRST_PAUSE
     for frame_set in frames:
         if tracker is not None:
-            estimate = tracker.step(frame_set)
-            if estimate is not None:
+            if (estimate := tracker.step(frame_set)) is not None:
                 yield estimate, tracker
             if tracker.unseen_s > run.config.follow.lost_after_s:
-                search, known = (
-                    Search(tracker.window[-1], tracker.last_found, tracker.belief.pose.root_m),
-                    tracker.shape,
-                )
                 yield from ((nobody_found(seen.frame_set, seen), None) for seen in list(tracker.window)[1:])
-                tracker = None
+                search, known, tracker = Search.after(tracker), tracker.shape, None
             continue
         wait -= 1
         if search is not None:
@@ -97,6 +92,11 @@ class Search:
         self._memory, self._time_s = now.memory.without_patient, now.frame_set.time_s
         self._place_xz_m, self._lost_s = place_m[[0, 2]], last_found.frame_set.time_s
         self._newcomer = last_found.memory.next_label  # labels from this on are of people who came since
+
+    @classmethod
+    def after(cls, tracker: PatientTracker) -> Search:
+        """The search that begins where a tracker lost the patient."""
+        return cls(tracker.window[-1], tracker.last_found, tracker.belief.pose.root_m)
 
     def look(self, frame_set: FrameSet, run: Run) -> PatientChoice | None:
         """Who may be the patient in this frame, None where nobody may be; frames come in order, without gaps."""
