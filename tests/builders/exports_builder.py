@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow.parquet as pq
 from results_builder import make_frame, write_results
 
-from anchorpose.exports.source import Samples
+from anchorpose.exports.formats import Samples
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JointState
 from anchorpose.simulate.clinic import draw_clinic
 from anchorpose.simulate.config import single

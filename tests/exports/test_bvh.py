@@ -15,9 +15,9 @@ from anchorpose.body.kinematics import shape_body
 from anchorpose.body.pose import MOVING_BONES, Pose, moving_bones
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.exports.bvh_skeleton import skeleton_of_joints
-from anchorpose.exports.product import ExportConfig, Format
+from anchorpose.exports.formats import ExportConfig, Format
+from anchorpose.exports.opensim_coordinates import joint
 from anchorpose.exports.run import export_results
-from anchorpose.exports.segment_frames import joint
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 from anchorpose.results.poses import POSES_FILE, BodyPose, write_poses
 from anchorpose.rotations import rotation_matrices

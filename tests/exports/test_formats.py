@@ -17,9 +17,8 @@ from exports_builder import angle_names, angle_of, column, times, true_joints, w
 
 from anchorpose.errors import InputError, MissingPackage
 from anchorpose.exports import c3d
-from anchorpose.exports.product import ExportConfig, Format
+from anchorpose.exports.formats import STATES, ExportConfig, Format
 from anchorpose.exports.run import export_results
-from anchorpose.exports.source import STATES
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.results.records import CONTACTS_FILE, Contact, write_contacts
 from anchorpose.results.tables import read_joints

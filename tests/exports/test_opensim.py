@@ -19,12 +19,17 @@ from anchorpose.body.kinematics import shape_body
 from anchorpose.body.pose import hinge_axes, moving_bones
 from anchorpose.cli import main
 from anchorpose.errors import AnchorposeError
-from anchorpose.exports.opensim_coordinates import opensim_coordinates
+from anchorpose.exports.formats import CoordinateModel, ExportConfig, Format
+from anchorpose.exports.opensim_coordinates import (
+    LOWER_SPINE_LEAN_DEG,
+    UPPER_SPINE_LEAN_DEG,
+    bend_deg,
+    joint,
+    opensim_coordinates,
+)
 from anchorpose.exports.osim_model import model_xml
 from anchorpose.exports.osim_segments import measure_body
-from anchorpose.exports.product import CoordinateModel, ExportConfig, Format
 from anchorpose.exports.run import export_results
-from anchorpose.exports.segment_frames import LOWER_SPINE_LEAN_DEG, UPPER_SPINE_LEAN_DEG, bend_deg, joint
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.results.poses import POSES_FILE, BodyPose, write_poses
 from anchorpose.results.truth import read_truth

@@ -32,10 +32,10 @@ def test_frames_that_were_dropped_come_back_empty_and_the_others_stay(dropped):
     regular = regular_samples(samples)
     if regular.rate_hz == 15.0:  # else every second frame or more was dropped, and that is the rate
         assert regular.base is TimeBase.GAPS_FILLED_UP
-        assert np.array_equal(np.flatnonzero(regular.between.recorded), kept)
+        assert np.array_equal(np.flatnonzero(regular.interpolation.recorded), kept)
         assert np.array_equal(regular.samples.time_s[kept], samples.time_s)
         assert np.array_equal(regular.samples.position_m[kept], samples.position_m)
-    empty = ~regular.between.bridged  # with every second frame dropped, the rest may have to be resampled
+    empty = ~regular.interpolation.bridged  # with every second frame dropped, the rest may have to be resampled
     assert np.isnan(regular.samples.position_m[empty]).all()
     assert (regular.samples.joint_state_code[empty] == 6).all()
     assert np.allclose(np.diff(regular.samples.time_s), 1.0 / regular.rate_hz, atol=2e-6)

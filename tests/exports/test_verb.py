@@ -13,7 +13,7 @@ from exports_builder import times, true_joints, write_true_results
 from anchorpose import __version__
 from anchorpose.cli import main
 from anchorpose.exports import run
-from anchorpose.exports.product import ExportConfig, Format
+from anchorpose.exports.formats import ExportConfig, Format
 
 
 @pytest.fixture
@@ -74,7 +74,7 @@ def test_a_folder_of_somebody_elses_is_never_touched(results, tmp_path, capsys):
     (tmp_path / "mine" / "trc").mkdir(parents=True)
     (tmp_path / "mine" / "trc" / "thesis.txt").write_text("years of work")
     assert main(["export", str(results), "--to", "trc", "-o", str(tmp_path / "mine"), "--overwrite"]) == 2
-    assert "is no export" in capsys.readouterr().err
+    assert "is not an export" in capsys.readouterr().err
     assert [path.name for path in (tmp_path / "mine" / "trc").iterdir()] == ["thesis.txt"]
 
 

@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from anchorpose.errors import AnchorposeError
 
 if TYPE_CHECKING:
-    from anchorpose.exports.product import ExportConfig
+    from anchorpose.exports.formats import ExportConfig
 
 
 @Parameter(name="*")
@@ -33,7 +33,7 @@ class ExportOptions:
 
     def settings(self) -> ExportConfig:
         """The settings; raises AnchorposeError for a label that BIDS does not allow."""
-        from anchorpose.exports.product import CoordinateModel, ExportConfig
+        from anchorpose.exports.formats import CoordinateModel, ExportConfig
         from anchorpose.settings import sentence_of
 
         try:

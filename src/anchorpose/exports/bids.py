@@ -1,8 +1,6 @@
 """BIDS-Motion (Jeung et al. 2024, doi:10.1038/s41597-024-03559-8): a dataset of one subject with one recording.
 
-The channels of a BIDS motion recording: what each column of motion.tsv is.
-
-Contacts and episodes as BIDS events: what happened when, beside the motion.
+Each column of motion.tsv is a channel; contacts and episodes are BIDS events beside the motion.
 """
 
 from __future__ import annotations
@@ -15,9 +13,8 @@ from typing import Any, Final
 import numpy as np
 
 from anchorpose import __version__
-from anchorpose.exports.product import ExportConfig, Product, rounded_text, rows_text
+from anchorpose.exports.formats import STATES, ExportConfig, Product, Samples, Source, rounded_text, rows_text
 from anchorpose.exports.regular_time import nominal_rate_hz, without_gaps
-from anchorpose.exports.source import STATES, Samples, Source
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.results.records import CONTACTS_FILE, EPISODES_FILE, read_contacts, read_episodes
 
@@ -49,7 +46,7 @@ class Channel:
 
 
 def channels_of(samples: Samples) -> list[Channel]:
-    """Latency, then joints, angles, and how sure and how known each is."""
+    """Latency, then joints, angles, and the sigma and state code of each."""
     latency = Channel(
         "latency", "n/a", "LATENCY", "n/a", "s", "time since the first frame", samples.time_s - samples.time_s[0], 6
     )
@@ -93,7 +90,7 @@ EVENT_COLUMNS: Final = ("onset", "duration", "trial_type", "part", "person", "st
 
 
 def events_of(folder: Path, start_s: float, missing: str) -> list[tuple[str, ...]]:
-    """Rows in order of onset, seconds since ``start_s``; none where the results have neither table."""
+    """Rows in order of onset, in seconds since ``start_s``; none where the results have neither table."""
     found: list[tuple[float, float, str, str, str, str]] = []
     if (folder / CONTACTS_FILE).exists():
         found += [
@@ -112,7 +109,7 @@ def events_of(folder: Path, start_s: float, missing: str) -> list[tuple[str, ...
 
 
 def events_sidecar() -> dict[str, Any]:
-    """What the columns mean that BIDS does not define."""
+    """The meaning of the columns that BIDS does not define."""
     return {
         "trial_type": {
             "Levels": {
@@ -175,7 +172,7 @@ def write_bids(folder: Path, source: Source, config: ExportConfig) -> Product:
 
 
 def _events(stem: Path, source: Source) -> None:
-    """Nothing where nothing happened: BIDS has no events file without events."""
+    """Writes no file where there are no events, as BIDS requires."""
     events = events_of(source.folder, float(source.samples.time_s[0]), MISSING)
     if events:
         stem.with_suffix(".tsv").write_text(rows_text([EVENT_COLUMNS, *events], "\t"), encoding="utf-8", newline="\n")

@@ -1,4 +1,4 @@
-"""BVH: the skeleton as a hierarchy of turning bones, for Blender and other programs that animate."""
+"""BVH: the skeleton as a hierarchy of rotating bones, for Blender and other animation programs."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ import numpy as np
 
 from anchorpose.errors import AnchorposeError
 from anchorpose.exports.bvh_skeleton import Node, skeleton_of_joints, skeleton_of_poses
-from anchorpose.exports.product import ExportConfig, Product, rounded_text, rows_text
+from anchorpose.exports.formats import ExportConfig, Product, Source, rounded_text, rows_text
+from anchorpose.exports.opensim_coordinates import joint, rotations_deg
 from anchorpose.exports.regular_time import RegularSamples, regular_samples, stretch_name, stretches_of
-from anchorpose.exports.segment_frames import joint, turns_deg
-from anchorpose.exports.source import Source
 from anchorpose.results.poses import POSES_FILE
 
 STEM: Final = "motion"
@@ -60,7 +59,7 @@ def write_bvh(folder: Path, source: Source, config: ExportConfig) -> Product:
 
 
 def bvh_text(nodes: list[Node], kept: list[int], root_m: np.ndarray, rows: slice, rate_hz: float) -> str:
-    """The file's text; kept: places of the nodes to write, the root first; root_m (r, 3) of the ``rows``."""
+    """The file's text; kept: indices of the nodes to write, the root first; root_m (r, 3) of the ``rows``."""
     order, lines = _hierarchy(nodes, kept)
     columns = [root_m * CM_PER_M]
     for place in order:
@@ -68,7 +67,7 @@ def bvh_text(nodes: list[Node], kept: list[int], root_m: np.ndarray, rows: slice
         axes = node.axes[rows]
         if node.parent >= 0:
             axes = np.einsum("nji,njk->nik", nodes[node.parent].axes[rows], axes)
-        columns.append(np.unwrap(np.stack(turns_deg(axes), axis=1), period=360.0, axis=0))
+        columns.append(np.unwrap(np.stack(rotations_deg(axes), axis=1), period=360.0, axis=0))
     values = np.concatenate(columns, axis=1)
     head = ["HIERARCHY", *lines, "MOTION", f"Frames: {len(values)}", f"Frame Time: {1.0 / rate_hz:.9f}"]
     body = ([rounded_text(value, DIGITS, "") for value in row] for row in values.tolist())
@@ -79,11 +78,11 @@ def _skeleton(source: Source, regular: RegularSamples, from_poses: bool) -> tupl
     position_m = regular.samples.position_m
     if not from_poses:
         return skeleton_of_joints(position_m), joint(position_m, "SpineBase")
-    return skeleton_of_poses(source.folder / POSES_FILE, source.samples, source.frame, regular.between)
+    return skeleton_of_poses(source.folder / POSES_FILE, source.samples, source.frame, regular.interpolation)
 
 
 def _hierarchy(nodes: list[Node], kept: list[int]) -> tuple[list[int], list[str]]:
-    """Places in the order of the file, parents before children, and the lines that say so."""
+    """Indices of the nodes in the order of the file, parents before children, and the lines of the hierarchy."""
     order, lines = list[int](), list[str]()
 
     def visit(place: int, depth: int) -> None:

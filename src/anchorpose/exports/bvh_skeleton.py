@@ -1,7 +1,4 @@
-"""The hierarchy of a BVH and the turns of its nodes, from joint centres alone.
-
-The hierarchy of a BVH from poses.parquet: the bones of the learnt body with their own turns, long axes too.
-"""
+"""The hierarchy of a BVH and the rotations of its nodes: from poses.parquet, or from joint centres alone."""
 
 from __future__ import annotations
 
@@ -16,9 +13,9 @@ from anchorpose.body.asset import load_body_asset
 from anchorpose.body.kinematics import shape_body
 from anchorpose.body.pose import MOVING_BONES
 from anchorpose.errors import InputError
-from anchorpose.exports.regular_time import Between
-from anchorpose.exports.segment_frames import joint, pelvis_axes, torso_axes
-from anchorpose.exports.source import Samples
+from anchorpose.exports.formats import Samples
+from anchorpose.exports.opensim_coordinates import joint, pelvis_axes, torso_axes
+from anchorpose.exports.regular_time import Interpolation
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.results.poses import read_poses
 from anchorpose.rotations import unit
@@ -51,11 +48,11 @@ _TREE: Final = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Node:
-    """A node of the hierarchy over all frames; NaN where it cannot be told.
+    """A node of the hierarchy over all frames; NaN where it is unknown.
 
-    parent: its place in the list of nodes, -1 for the root. offset_m (3,) from the parent's node in the parent's axes;
-    end_m (3,): what the node points to, in its own axes. axes (n, 3, 3): its turn in the world; the rest pose, arms and
-    legs as in the body asset, is the identity.
+    parent: its index in the list of nodes, -1 for the root. offset_m (3,) from the parent's node in the parent's axes;
+    end_m (3,): what the node points to, in its own axes. axes (n, 3, 3): its rotation in the world; the identity is the
+    rest pose of the body asset.
     """
 
     name: str
@@ -66,8 +63,11 @@ class Node:
 
 
 def skeleton_of_joints(position_m: np.ndarray) -> list[Node]:
-    """Nodes from joint centres (n, 21, 3): a bone turns on its parent by the shortest way, so no turn about its own
-    long axis is made up; pelvis and chest are turned by hips and shoulders. Offsets have median bone lengths."""
+    """Nodes from joint centres (n, 21, 3). Offsets have median bone lengths.
+
+    A bone rotates on its parent by the shortest way, so no rotation about its long axis is invented; hips and shoulders
+    rotate pelvis and chest.
+    """
     rest = shape_body(load_body_asset(), np.zeros(0)).rest_joints()[None]
     nodes, index = list[Node](), dict[str, int]()
     nodes.append(Node(ROOT, -1, np.zeros(3), np.zeros(3), pelvis_axes(position_m)))
@@ -93,7 +93,7 @@ def _length(position_m: np.ndarray, start: str, end: str) -> float:
 
 
 def _swing(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """(n, 3, 3) the shortest turn that takes unit vectors ``start`` to ``end``; NaN where there is none."""
+    """(n, 3, 3) the shortest rotation of unit vectors ``start`` to ``end``; NaN where there is none."""
     cross = np.cross(start, end)
     angle = np.arctan2(np.linalg.norm(cross, axis=1), np.sum(start * end, axis=1))
     axis = np.where((angle == 0.0)[:, None], 0.0, unit(cross))
@@ -103,25 +103,25 @@ def _swing(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     return turn
 
 
-# What the last bones of each limb point to; these are joints of ours.
+# The joints that the last bones of the limbs point to.
 _ENDS: Final = {
     "Head": "Head", "LeftHand": "HandLeft", "RightHand": "HandRight", "LeftFoot": "FootLeft", "RightFoot": "FootRight",
 }  # fmt: skip
 
 
 def skeleton_of_poses(
-    path: Path, recorded: Samples, frame: np.ndarray, between: Between
+    path: Path, recorded: Samples, frame: np.ndarray, interpolation: Interpolation
 ) -> tuple[list[Node], np.ndarray]:
-    """Nodes named like the body's bones, those of a BVH in the CMU collection, and the root's path (g, 3), metres.
+    """Nodes named as the body's bones, which are those of the CMU collection, and the root's path (g, 3), metres.
 
-    Offsets come from recorded frames; where the grid lies between these, a turn is the normalised mean of its
+    Offsets come from recorded frames; where the grid lies between these, a rotation is the normalised mean of its
     neighbours. Raises InputError where poses.parquet has other frames than the joints, ``frame`` (n,).
     """
     poses = read_poses(path)
     if not np.array_equal(poses.frame, frame):
         raise InputError(path, "has other frames than joints.parquet", "track the recording again")
     head_m, quaternion = poses.head_m.astype(np.float64), poses.quaternion.astype(np.float64)
-    then, now = _matrices(quaternion), _matrices(_mixed(quaternion, between))
+    then, now = _matrices(quaternion), _matrices(_mixed(quaternion, interpolation))
     nodes = list[Node]()
     for row, name in enumerate(MOVING_BONES):
         parent, end = _parent(name), np.zeros(3)
@@ -129,11 +129,11 @@ def skeleton_of_poses(
         if name in _ENDS:
             end = _middle(then[:, row], joint(recorded.position_m, _ENDS[name]) - head_m[:, row])
         nodes.append(Node(name, parent, offset, end, now[:, row]))
-    return nodes, between.values(head_m[:, 0])
+    return nodes, interpolation.values(head_m[:, 0])
 
 
 def _parent(name: str) -> int:
-    """Place in ``MOVING_BONES`` of the next moving bone above; -1 for the root."""
+    """Index in ``MOVING_BONES`` of the next moving bone above; -1 for the root."""
     asset = load_body_asset()
     above = int(asset.bone_parents[asset.bone(name)])
     while above >= 0 and asset.bone_names[above] not in MOVING_BONES:
@@ -141,15 +141,15 @@ def _parent(name: str) -> int:
     return -1 if above < 0 else MOVING_BONES.index(asset.bone_names[above])
 
 
-def _mixed(quaternion: np.ndarray, between: Between) -> np.ndarray:
+def _mixed(quaternion: np.ndarray, interpolation: Interpolation) -> np.ndarray:
     """(g, bones, 4) of quaternions (n, bones, 4); NaN where lost or in a gap."""
-    left, right = quaternion[between.before], quaternion[between.before + 1]
+    left, right = quaternion[interpolation.before], quaternion[interpolation.before + 1]
     same_side = np.where(np.sum(left * right, axis=-1, keepdims=True) < 0, -1.0, 1.0)
-    share = between.share[:, None, None]
+    share = interpolation.share[:, None, None]
     mixed = np.where(
         share == 0.0, left, np.where(share == 1.0, right, (1.0 - share) * left + share * same_side * right)
     )
-    return unit(np.where(between.bridged[:, None, None], mixed, np.nan))
+    return unit(np.where(interpolation.bridged[:, None, None], mixed, np.nan))
 
 
 def _matrices(quaternion: np.ndarray) -> np.ndarray:

@@ -10,9 +10,8 @@ from typing import Any, Final
 import numpy as np
 
 from anchorpose.errors import MissingPackage
-from anchorpose.exports.product import ExportConfig, Product
+from anchorpose.exports.formats import STATES, ExportConfig, Product, Source
 from anchorpose.exports.regular_time import RegularSamples, regular_samples, stretch_name
-from anchorpose.exports.source import STATES, Source
 from anchorpose.joints import JOINT_NAMES
 
 STEM: Final = "joints"
@@ -48,7 +47,7 @@ def write_c3d(folder: Path, source: Source, config: ExportConfig) -> Product:
             ("files", len(starts)),
             ("frames", len(regular.samples.time_s)),
             ("rate_hz", regular.rate_hz),
-            ("recorded_frames", int(regular.between.recorded.sum())),
+            ("recorded_frames", int(regular.interpolation.recorded.sum())),
             ("missing_points", int(np.isnan(regular.samples.position_m[..., 0]).sum())),
         ),
         notes=(

@@ -1,7 +1,4 @@
-"""CSV: every table of the results as it is, one wide table a kind, and a file that says what each column means.
-
-What the columns of the tables mean, for data_dictionary.csv.
-"""
+"""CSV: every table of the results as it is, wide tables of joints and angles, and a dictionary of all columns."""
 
 from __future__ import annotations
 
@@ -15,8 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from anchorpose.errors import InputError
-from anchorpose.exports.product import ExportConfig, Product, number_text
-from anchorpose.exports.source import STATES, Source
+from anchorpose.exports.formats import STATES, ExportConfig, Product, Source, number_text
 from anchorpose.joints import JOINT_NAMES
 
 _STATE_MEANING: Final = f"how it is known: {', '.join(STATES)}; or, of intervals, seen or inferred"
@@ -76,13 +72,13 @@ MISSING: Final = "empty cell"
 
 
 def describe_column(name: str, kind: str) -> tuple[str, str, str, str, str]:
-    """Name, type, unit, meaning and what missing looks like; a column that is not known has no meaning written."""
+    """Name, type, unit, meaning and the sign for missing; an unknown column has no unit and no meaning."""
     unit, meaning = _MEANING.get(name, ("", ""))
     return name, kind, unit, meaning, MISSING
 
 
 def describe_wide_column(name: str) -> tuple[str, str, str, str, str]:
-    """The same of a column of a wide table, which has its joint or angle in front."""
+    """The same for a column of a wide table, whose name begins with the joint or angle."""
     for ending, column in _WIDE:
         if name.endswith(ending):
             unit, meaning = _MEANING[column]
@@ -103,12 +99,12 @@ Column = tuple[str, np.ndarray | Sequence[str]]
 
 
 def write_csv(folder: Path, source: Source, config: ExportConfig) -> Product:
-    """A CSV for each table without pictures, joints_wide.csv, angles_wide.csv and data_dictionary.csv."""
+    """A CSV for each table without images, joints_wide.csv, angles_wide.csv and data_dictionary.csv."""
     dictionary, notes, rows = list[tuple[str, ...]](), list[str](), 0
     for path in sorted(source.folder.glob("*.parquet")):
         kinds = _readable(path, pq.read_schema).types
         if any(pa.types.is_binary(kind) or pa.types.is_large_binary(kind) for kind in kinds):
-            continue  # pictures: whose each pixel is, for the viewer; more of them than the memory may hold
+            continue  # images of person labels for the viewer; there may be more than fit in memory
         table = _readable(path, pq.read_table)
         name = f"{path.stem}.csv"
         rows += len(table)
@@ -140,13 +136,13 @@ def _product(frames: int, rows: int, notes: list[str]) -> Product:
 
 
 def _metadata(name: str, schema: pa.Schema) -> list[str]:
-    """What the table says of itself, such as how it was smoothed: a CSV has no place for that."""
-    told = {key.decode(): value.decode(errors="replace") for key, value in (schema.metadata or {}).items()}
-    return [f"{name}, {key}: {value}" for key, value in told.items() if key != "pandas"]
+    """The metadata of the table, such as how it was smoothed, for which a CSV has no place."""
+    texts = {key.decode(): value.decode(errors="replace") for key, value in (schema.metadata or {}).items()}
+    return [f"{name}, {key}: {value}" for key, value in texts.items() if key != "pandas"]
 
 
 def _readable(path: Path, read: Callable[[Path], Any]) -> Any:
-    """What ``read`` makes of a table; raises InputError where it cannot."""
+    """The result of ``read`` for a table; raises InputError where it cannot be read."""
     try:
         return read(path)
     except (pa.ArrowException, OSError):

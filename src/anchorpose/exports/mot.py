@@ -1,4 +1,4 @@
-"""MOT: coordinates of OpenSim's models over time, in files without a gap."""
+"""MOT: coordinates of OpenSim's models over time, in files without gaps."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import AnchorposeError
+from anchorpose.exports.formats import ExportConfig, Product, Source, rounded_text, rows_text
 from anchorpose.exports.opensim_coordinates import SHIFTS, Coordinates, opensim_coordinates, read_hinge_axes
-from anchorpose.exports.product import ExportConfig, Product, rounded_text, rows_text
 from anchorpose.exports.regular_time import near_in_time, stretch_name, stretches_of
-from anchorpose.exports.source import Source
 from anchorpose.results.poses import POSES_FILE
 
 STEM: Final = "motion"
@@ -31,7 +30,7 @@ def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
     )
     for number, (first, last) in enumerate(stretches.runs):
         name = stretch_name(STEM, ".mot", number, len(stretches.runs))
-        values = _without_leaps(kept.names, kept.values[first:last])
+        values = _unwrapped(kept.names, kept.values[first:last])
         text = mot_text(Path(name).stem, source.samples.time_s[first:last], kept.names, values)
         (folder / name).write_text(text, encoding="utf-8", newline="\n")
     frames = sum(last - first for first, last in stretches.runs)
@@ -52,9 +51,11 @@ def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
     )
 
 
-def _without_leaps(names: tuple[str, ...], values: np.ndarray) -> np.ndarray:
-    """Values (n, c) in which no turn leaps by 360 degrees, as it would where a patient turns past -X: what is between
-    two rows, and a filter, would go the long way round. Shifts stay as they are."""
+def _unwrapped(names: tuple[str, ...], values: np.ndarray) -> np.ndarray:
+    """Values (n, c) in which no angle jumps by 360 degrees, as it would where a patient turns past -X.
+
+    Interpolation and filters would go the long way round. Lengths stay as they are.
+    """
     return np.where(np.isin(names, SHIFTS), values, np.unwrap(values, period=360.0, axis=0))
 
 

@@ -1,6 +1,7 @@
 """Joint coordinates as OpenSim's models of the whole body name, sign and zero them, from joint centres.
 
-Knee and elbow axes of the learnt body: they carry the turns about thigh and upper arm that joint centres do not.
+Axes are X forward, Y up, Z right, as OpenSim's bodies have them. Joint centres do not determine the rotation of thigh,
+upper arm and forearm about their long axes; the knee and elbow axes of the learnt body do.
 """
 
 from __future__ import annotations
@@ -15,27 +16,87 @@ from scipy.spatial.transform import Rotation
 from anchorpose.body.asset import load_body_asset
 from anchorpose.body.pose import MOVING_BONES, hinge_axes
 from anchorpose.errors import InputError
-from anchorpose.exports.osim_segments import SIDES
-from anchorpose.exports.product import CoordinateModel
-from anchorpose.exports.segment_frames import (
-    FOOT_SLOPE_DEG,
-    bend_deg,
-    in_axes,
-    joint,
-    limb_turns_deg,
-    pelvis_axes,
-    torso_axes,
-    turns_deg,
-)
-from anchorpose.results.kinematics.limbs import knee_bend
+from anchorpose.exports.formats import CoordinateModel
+from anchorpose.joints import JOINT_INDEX
+from anchorpose.results.kinematics.limbs import SOLE_SLOPE_DEG, knee_bend
 from anchorpose.results.poses import PoseTable, read_poses
 from anchorpose.rotations import unit
+
+SIDES: Final = (("Right", "r", 1), ("Left", "l", -1))
+"""Our name of a side, OpenSim's, and its sign on Z."""
+
+LOWER_SPINE_LEAN_DEG: Final = 4.4
+UPPER_SPINE_LEAN_DEG: Final = 5.2
+"""In the mean body that stands upright, the line from the hips to SpineMid leans back by the first, and the line from
+SpineMid to SpineShoulder forward by the second. They set the zeros of pelvis and lumbar coordinates, as
+``SOLE_SLOPE_DEG`` sets that of the ankle; a test compares them with the body asset."""
+
+
+def joint(position_m: np.ndarray, name: str) -> np.ndarray:
+    """(n, 3) positions of one joint."""
+    return position_m[:, JOINT_INDEX[name]]
+
+
+def pelvis_axes(position_m: np.ndarray) -> np.ndarray:
+    """(n, 3, 3) columns X, Y, Z in the world; Z along the hips, Y towards SpineMid; NaN where a joint is missing."""
+    right = joint(position_m, "HipRight") - joint(position_m, "HipLeft")
+    middle = 0.5 * (joint(position_m, "HipRight") + joint(position_m, "HipLeft"))
+    up = joint(position_m, "SpineMid") - middle
+    z = unit(right)
+    x = unit(np.cross(up, z))
+    return _about_z(np.stack([x, np.cross(z, x), z], axis=-1), -LOWER_SPINE_LEAN_DEG)
+
+
+def torso_axes(position_m: np.ndarray) -> np.ndarray:
+    """(n, 3, 3) columns X, Y, Z in the world; Y by the upper spine, rotated about it by the shoulders."""
+    right = joint(position_m, "ShoulderRight") - joint(position_m, "ShoulderLeft")
+    y = unit(joint(position_m, "SpineShoulder") - joint(position_m, "SpineMid"))
+    x = unit(np.cross(y, right))
+    return _about_z(np.stack([x, y, np.cross(x, y)], axis=-1), UPPER_SPINE_LEAN_DEG)
+
+
+def in_axes(axes: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """(n, 3) world vectors in the axes (n, 3, 3)."""
+    return np.einsum("nji,nj->ni", axes, vector)
+
+
+def rotations_deg(axes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """OpenSim's three rotations of a pelvis or trunk: ``axes = Rz(first) Rx(second) Ry(third)``, each (n,) degrees."""
+    second = np.arcsin(np.clip(axes[:, 2, 1], -1.0, 1.0))
+    first = np.arctan2(-axes[:, 0, 1], axes[:, 1, 1])
+    third = np.arctan2(-axes[:, 2, 0], axes[:, 2, 2])
+    return np.degrees(first), np.degrees(second), np.degrees(third)
+
+
+def limb_angles_deg(direction: np.ndarray, side: int) -> tuple[np.ndarray, np.ndarray]:
+    """Flexion and adduction (n,) of a limb that hangs along -Y at zero; direction (n, 3) in the axes above it.
+
+    side: 1 right, -1 left; adduction is towards the middle on both.
+    """
+    along = unit(direction)
+    flexion = np.arctan2(along[:, 0], -along[:, 1])
+    return np.degrees(flexion), np.degrees(np.arcsin(np.clip(-side * along[:, 2], -1.0, 1.0)))
+
+
+def bend_deg(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """(n,) angle between two vectors, exact for small ones too; NaN where one is missing or has no length."""
+    along = np.sum(unit(first) * unit(second), axis=-1)
+    return np.degrees(np.arctan2(np.linalg.norm(np.cross(unit(first), unit(second)), axis=-1), along))
+
+
+def _about_z(axes: np.ndarray, degrees: float) -> np.ndarray:
+    """The axes rotated about their own Z."""
+    cosine, sine = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return axes @ np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HingeAxes:
-    """knee, elbow (n, 2, 3): unit axes in the world, right then left, each pointing to the right where the limb hangs
-    down; NaN where the patient is lost."""
+    """Knee and elbow axes of the learnt body, which carry the rotation about thigh and upper arm.
+
+    knee, elbow (n, 2, 3): unit axes in the world, right then left, pointing to the right where the limb hangs down; NaN
+    where the patient is lost.
+    """
 
     knee: np.ndarray
     elbow: np.ndarray
@@ -67,21 +128,21 @@ def _axis(poses: PoseTable, upper: str, lower: str) -> np.ndarray:
 
 
 SHIFTS: Final = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
-"""The coordinates that are no turns."""
+"""The coordinates that are lengths, not angles."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coordinates:
-    """values (n, c): degrees for turns and metres for ``SHIFTS``; NaN where a joint is missing."""
+    """values (n, c): degrees for rotations and metres for ``SHIFTS``; NaN where a joint is missing."""
 
     names: tuple[str, ...]
     values: np.ndarray
 
 
 def opensim_coordinates(position_m: np.ndarray, model: CoordinateModel, hinges: HingeAxes | None = None) -> Coordinates:
-    """Coordinates of the joints (n, 21, 3), world, metres; what joint centres do not carry is left out.
+    """Coordinates of the joints (n, 21, 3), world, metres; what joint centres do not determine is left out.
 
-    hinges: the knee and elbow axes of the learnt body; with them hip_rotation and arm_rot are there too.
+    hinges: the knee and elbow axes of the learnt body; with them hip_rotation and arm_rot are included.
     The model that ``osim_model`` writes has the same axes and zeros: played on it, these put its markers where the
     joints are. Names, axes and signs: Rajagopal et al. 2016 (doi:10.1109/TBME.2016.2586891), Delp et al. 1990
     (doi:10.1109/10.102791) for gait2392, in which a bent knee is negative.
@@ -93,13 +154,13 @@ def opensim_coordinates(position_m: np.ndarray, model: CoordinateModel, hinges: 
         if hinges is not None:
             thigh = joint(position_m, f"Knee{side}") - joint(position_m, f"Hip{side}")
             upper_arm = joint(position_m, f"Elbow{side}") - joint(position_m, f"Shoulder{side}")
-            named[f"hip_rotation_{end}"] = _turn_about_itself(pelvis, thigh, hinges.knee[:, index], sign)
-            named[f"arm_rot_{end}"] = _turn_about_itself(torso, upper_arm, hinges.elbow[:, index], sign)
+            named[f"hip_rotation_{end}"] = _axial_rotation_deg(pelvis, thigh, hinges.knee[:, index], sign)
+            named[f"arm_rot_{end}"] = _axial_rotation_deg(torso, upper_arm, hinges.elbow[:, index], sign)
     return Coordinates(tuple(named), np.stack(list(named.values()), axis=1))
 
 
 def _root(position_m: np.ndarray, pelvis: np.ndarray) -> dict[str, np.ndarray]:
-    tilt, obliquity, rotation = turns_deg(pelvis)
+    tilt, obliquity, rotation = rotations_deg(pelvis)
     place = joint(position_m, "SpineBase")
     return {
         "pelvis_tilt": tilt,
@@ -110,7 +171,7 @@ def _root(position_m: np.ndarray, pelvis: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _back(pelvis: np.ndarray, torso: np.ndarray) -> dict[str, np.ndarray]:
-    extension, bending, rotation = turns_deg(np.einsum("nji,njk->nik", pelvis, torso))
+    extension, bending, rotation = rotations_deg(np.einsum("nji,njk->nik", pelvis, torso))
     return {"lumbar_extension": extension, "lumbar_bending": bending, "lumbar_rotation": rotation}
 
 
@@ -118,13 +179,13 @@ def _leg(
     position_m: np.ndarray, pelvis: np.ndarray, side: str, end: str, sign: int, model: CoordinateModel
 ) -> dict[str, np.ndarray]:
     hip, knee, ankle, foot = (joint(position_m, f"{name}{side}") for name in ("Hip", "Knee", "Ankle", "Foot"))
-    flexion, adduction = limb_turns_deg(in_axes(pelvis, knee - hip), sign)
+    flexion, adduction = limb_angles_deg(in_axes(pelvis, knee - hip), sign)
     bent = 1.0 if model is CoordinateModel.RAJAGOPAL else -1.0
     return {
         f"hip_flexion_{end}": flexion,
         f"hip_adduction_{end}": adduction,
         f"knee_angle_{end}": bent * _knee_deg(position_m, side),
-        f"ankle_angle_{end}": 90.0 + FOOT_SLOPE_DEG - bend_deg(knee - ankle, foot - ankle),
+        f"ankle_angle_{end}": 90.0 + SOLE_SLOPE_DEG - bend_deg(knee - ankle, foot - ankle),
     }
 
 
@@ -137,7 +198,7 @@ def _knee_deg(position_m: np.ndarray, side: str) -> np.ndarray:
 
 def _arm(position_m: np.ndarray, torso: np.ndarray, side: str, end: str, sign: int) -> dict[str, np.ndarray]:
     shoulder, elbow, wrist = (joint(position_m, f"{name}{side}") for name in ("Shoulder", "Elbow", "Wrist"))
-    flexion, adduction = limb_turns_deg(in_axes(torso, elbow - shoulder), sign)
+    flexion, adduction = limb_angles_deg(in_axes(torso, elbow - shoulder), sign)
     return {
         f"arm_flex_{end}": flexion,
         f"arm_add_{end}": adduction,
@@ -145,9 +206,9 @@ def _arm(position_m: np.ndarray, torso: np.ndarray, side: str, end: str, sign: i
     }
 
 
-def _turn_about_itself(above: np.ndarray, along: np.ndarray, hinge: np.ndarray, side: int) -> np.ndarray:
+def _axial_rotation_deg(above: np.ndarray, along: np.ndarray, hinge: np.ndarray, side: int) -> np.ndarray:
     """(n,) degrees inwards of a limb about its long axis, from the axis of the hinge at its end."""
     y = -unit(along)
     x = unit(np.cross(y, hinge))
     limb = np.stack([x, y, np.cross(x, y)], axis=-1)
-    return side * turns_deg(np.einsum("nji,njk->nik", above, limb))[2]
+    return side * rotations_deg(np.einsum("nji,njk->nik", above, limb))[2]

@@ -1,7 +1,4 @@
-"""What stands beside a TRC: the model of the patient, and set-up files of OpenSim's tools for what can be solved.
-
-Set-up files of OpenSim's Scale and Inverse Kinematics tools for an exported TRC.
-"""
+"""The files beside a TRC: the model of the patient, and set-ups of OpenSim's Scale and Inverse Kinematics tools."""
 
 from __future__ import annotations
 
@@ -12,23 +9,22 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from anchorpose.exports.formats import CoordinateModel, Samples
 from anchorpose.exports.osim_model import OSIM_VERSION, as_text, model_xml
 from anchorpose.exports.osim_segments import measure_body
-from anchorpose.exports.product import CoordinateModel
 from anchorpose.exports.regular_time import runs_where, stretch_name, stretches_of
-from anchorpose.exports.source import Samples
 from anchorpose.joints import JOINT_NAMES
 
 SCALED_MODEL: Final = "scaled.osim"
 
-# How far a marker pulls. The model's chest carries no shoulder girdle and its forearm no wrist, so these say less.
-_LESS: Final = {"Shoulder": 0.3, "Hand": 0.1, "Foot": 0.5, "Head": 0.5}
+# Weight of a marker, 1 for the others. The model has neither shoulder girdle nor wrist, so these are less reliable.
+_MARKER_WEIGHT: Final = {"Shoulder": 0.3, "Hand": 0.1, "Foot": 0.5, "Head": 0.5}
 
-# What markers leave open (a turn of a straight limb about itself) stays near zero; too weak to shift what they tell.
-_LOOSE: Final = ("hip_rotation", "arm_rot")
-_LOOSE_WEIGHT: Final = 1e-4
+# The rotation of a straight limb about its long axis, which markers do not determine, stays near zero.
+_FREE: Final = ("hip_rotation", "arm_rot")
+_FREE_WEIGHT: Final = 1e-4  # too weak to shift what markers determine
 
-# Name: markers whose distance is measured, bodies that it scales, and along which of their axes.
+# Name: the two markers whose distance is measured, the bodies that it scales, and along which of their axes.
 _MEASUREMENTS: Final = {
     "pelvis_width": (("HipLeft", "HipRight"), ("pelvis",), "Z"),
     "lower_spine": (("SpineBase", "SpineMid"), ("pelvis",), "X Y"),
@@ -48,9 +44,9 @@ _MEASUREMENTS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class IkSetup:
-    """Inverse kinematics of a stretch: its files, the markers that pull, and from when to when, seconds.
+    """Inverse kinematics of a stretch: its files, the markers that are used, and the first and last time in seconds.
 
-    result: the motion, written beside the set-up file; how far markers are off is in name_ik_marker_errors.sto.
+    result: the motion, written beside the set-up file; OpenSim writes marker errors to name_ik_marker_errors.sto.
     """
 
     name: str
@@ -82,11 +78,11 @@ def ik_setup_xml(setup: IkSetup) -> str:
     for name in setup.markers:
         limb = name.removesuffix("Left").removesuffix("Right")
         task = ElementTree.SubElement(objects, "IKMarkerTask", name=name)
-        _texts(task, apply="true", weight=f"{_LESS.get(limb, 1.0):g}")
-    for name in _LOOSE:
+        _texts(task, apply="true", weight=f"{_MARKER_WEIGHT.get(limb, 1.0):g}")
+    for name in _FREE:
         for end in "rl":
             task = ElementTree.SubElement(objects, "IKCoordinateTask", name=f"{name}_{end}")
-            _texts(task, apply="true", weight=f"{_LOOSE_WEIGHT:g}", value_type="default_value")
+            _texts(task, apply="true", weight=f"{_FREE_WEIGHT:g}", value_type="default_value")
     return as_text(document)
 
 
@@ -139,16 +135,16 @@ def _texts(parent: ElementTree.Element, **texts: str) -> None:
 
 MODEL_FILE, SCALE_FILE = "model.osim", "scale_setup.xml"
 
-# OpenSim's inverse kinematics stops for good at a frame with fewer than three markers, and repeats a coordinate's last
-# value where its markers are missing. So it is given only frames in which all of trunk and legs is there; an arm or the
-# head that is lost for a while does not part a recording.
+# OpenSim's inverse kinematics stops at a frame with fewer than three markers, and repeats a coordinate's last value
+# where its markers are missing. So it gets only frames in which all of trunk and legs is known; an arm or the head that
+# is lost for a while does not split a recording.
 _MAY_BE_MISSING: Final = ("Head", "Shoulder", "Elbow", "Wrist", "Hand")
 
 
 def write_osim_files(folder: Path, trc: str, samples: Samples, model: CoordinateModel) -> tuple[str, ...]:
-    """Writes model.osim, ik_setup.xml and scale_setup.xml as far as the joints allow; returns what people must know.
+    """Writes model.osim, ik_setup.xml and scale_setup.xml as far as the joints allow; returns notes for people.
 
-    Where trunk or legs are missing for a while there are several: ik_setup_001.xml and so on.
+    Where trunk or legs are missing for a while there are several set-ups: ik_setup_001.xml and so on.
     """
     body = measure_body(samples.position_m)
     if body is None:
@@ -197,7 +193,7 @@ def _write_ik(folder: Path, trc: str, time_s: np.ndarray, known: np.ndarray) -> 
 
 
 def _write_scale(folder: Path, trc: str, time_s: np.ndarray, known: np.ndarray) -> list[str]:
-    """A second in which all markers are there: OpenSim skips a measurement, with a warning only, where one is not."""
+    """Uses a second in which all markers are known: where one is not, OpenSim skips its measurements with a warning."""
     runs = runs_where(np.asarray(known.all(axis=1)))
     if not runs:
         return [f"No {SCALE_FILE}: all joints are nowhere known together for two frames."]

@@ -1,4 +1,4 @@
-"""model.osim: the patient's skeleton for OpenSim 4, written as XML so that no OpenSim is needed to export it."""
+"""model.osim: the patient's skeleton for OpenSim 4, written as XML so that exporting it does not need OpenSim."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from xml.etree import ElementTree
 import numpy as np
 
 from anchorpose import __version__
-from anchorpose.exports.osim_segments import MASS_SHARE, MeasuredBody, OsimCoordinate, Segment, segments
-from anchorpose.exports.product import CoordinateModel
+from anchorpose.exports.formats import CoordinateModel
+from anchorpose.exports.osim_segments import MASS_SHARE, MeasuredBody, OsimBody, OsimCoordinate, segments
 
 OSIM_VERSION: Final = "40000"  # of the file format; every OpenSim 4 reads it
 NOMINAL_MASS_KG: Final = 75.0
-"""Nobody has weighed the patient: an adult, so that the model can be loaded; kinematics do not use it."""
+"""An adult's: the patient's is unknown, OpenSim needs one to load the model, and kinematics do not use it."""
 
 ROD_RADIUS_M: Final = 0.012
 _AXES: Final = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -42,7 +42,7 @@ def as_text(document: ElementTree.Element) -> str:
     return f'<?xml version="1.0" encoding="UTF-8" ?>\n{ElementTree.tostring(document, encoding="unicode")}\n'
 
 
-def _body(part: Segment) -> ElementTree.Element:
+def _body(part: OsimBody) -> ElementTree.Element:
     mass = MASS_SHARE[part.kind] * NOMINAL_MASS_KG
     ends = np.array(part.rods)
     length = float(np.linalg.norm(ends[0, 1] - ends[0, 0]))
@@ -59,7 +59,7 @@ def _body(part: Segment) -> ElementTree.Element:
 
 
 def _rod(name: str, start: np.ndarray, end: np.ndarray) -> ElementTree.Element:
-    """A cylinder from point to point: OpenSim's stands along Y."""
+    """A cylinder from point to point; OpenSim's cylinder is along Y."""
     along = end - start
     length = float(np.linalg.norm(along))
     frame = ElementTree.Element("PhysicalOffsetFrame", name=name)
@@ -69,14 +69,14 @@ def _rod(name: str, start: np.ndarray, end: np.ndarray) -> ElementTree.Element:
     _add(cylinder, "half_height", _numbers([length / 2.0]))
     _add(frame, "socket_parent", "..")
     _add(frame, "translation", _numbers((start + end) / 2.0))
-    # body-fixed X then Z (OpenSim's X-Y-Z with no turn about Y) that take Y along the rod
+    # body-fixed X then Z (OpenSim's X-Y-Z without a rotation about Y) that bring Y along the rod
     along = along / length if length else np.array(_AXES[1])
     about_z = np.arcsin(np.clip(-along[0], -1.0, 1.0))
     _add(frame, "orientation", _numbers([np.arctan2(along[2], along[1]), 0.0, about_z]))
     return frame
 
 
-def _joint(part: Segment) -> ElementTree.Element:
+def _joint(part: OsimBody) -> ElementTree.Element:
     joint = ElementTree.Element("CustomJoint", name=part.joint)
     _add(joint, "socket_parent_frame", f"{part.joint}_in_parent")
     _add(joint, "socket_child_frame", f"{part.joint}_in_child")
@@ -105,7 +105,7 @@ def _coordinate(coordinate: OsimCoordinate) -> ElementTree.Element:
 
 
 def _transform(coordinates: tuple[OsimCoordinate, ...]) -> ElementTree.Element:
-    """Six axes: three turns, then three shifts; those without a coordinate are constant."""
+    """Six axes: three rotations, then three translations; those without a coordinate are constant."""
     transform = ElementTree.Element("SpatialTransform")
     for kind, moves in (("rotation", False), ("translation", True)):
         used = [coordinate for coordinate in coordinates if coordinate.moves is moves]
@@ -122,7 +122,7 @@ def _transform(coordinates: tuple[OsimCoordinate, ...]) -> ElementTree.Element:
     return transform
 
 
-def _marker(part: Segment, name: str, place_m: np.ndarray) -> ElementTree.Element:
+def _marker(part: OsimBody, name: str, place_m: np.ndarray) -> ElementTree.Element:
     marker = ElementTree.Element("Marker", name=name)
     _add(marker, "socket_parent_frame", f"/bodyset/{part.name}")
     _add(marker, "location", _numbers(place_m))

@@ -1,7 +1,4 @@
-"""The bodies, joints and markers of the OpenSim model that goes with an export.
-
-The patient's skeleton as OpenSim needs it: joint places in their segments, measured over all frames.
-"""
+"""The patient's skeleton as OpenSim needs it: bodies, joints and markers, measured over all frames."""
 
 from __future__ import annotations
 
@@ -10,11 +7,9 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.exports.product import CoordinateModel
-from anchorpose.exports.segment_frames import FOOT_SLOPE_DEG, in_axes, joint, pelvis_axes, torso_axes
-
-SIDES: Final = (("Right", "r", 1), ("Left", "l", -1))
-"""Our name of a side, OpenSim's, and its sign on Z."""
+from anchorpose.exports.formats import CoordinateModel
+from anchorpose.exports.opensim_coordinates import SIDES, in_axes, joint, pelvis_axes, torso_axes
+from anchorpose.results.kinematics.limbs import SOLE_SLOPE_DEG
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +42,7 @@ class MeasuredBody:
 
 
 def measure_body(position_m: np.ndarray) -> MeasuredBody | None:
-    """Medians over the frames (n, 21, 3); None where two ends of a bone were never there together."""
+    """Medians over the frames (n, 21, 3); None where the two ends of a bone are never known together."""
     pelvis, torso = pelvis_axes(position_m), torso_axes(position_m)
 
     def middle(axes: np.ndarray, start: str, end: str) -> np.ndarray:
@@ -97,13 +92,13 @@ MASS_SHARE: Final = {
 }  # fmt: skip
 
 ROUND: Final = 4.0 * np.pi
-"""The pelvis may turn so far either way: a patient who faces -X, or turns round, must not meet a limit at 180 degrees,
-where OpenSim's inverse kinematics would stop."""
+"""Range of the pelvis either way: a patient who faces -X, or turns round, must not reach a limit at 180 degrees, where
+OpenSim's inverse kinematics would stop."""
 
 
 @dataclass(frozen=True, slots=True)
 class OsimCoordinate:
-    """A coordinate of a joint: its axis in the parent, what it is at first and, in radians or metres, its range."""
+    """A coordinate of a joint: its axis in the parent, its default value and, in radians or metres, its range."""
 
     name: str
     axis: Axis
@@ -113,8 +108,8 @@ class OsimCoordinate:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Segment:
-    """A body, the joint that it hangs on its parent by, and the markers on it, each (3,) metres in the body."""
+class OsimBody:
+    """A body, the joint that connects it to its parent, and the markers on it, each (3,) metres in the body."""
 
     name: str
     kind: str  # key of MASS_SHARE
@@ -126,7 +121,7 @@ class Segment:
     rods: tuple[tuple[np.ndarray, np.ndarray], ...]  # drawn as cylinders from end to end
 
 
-def segments(body: MeasuredBody, model: CoordinateModel) -> tuple[Segment, ...]:
+def segments(body: MeasuredBody, model: CoordinateModel) -> tuple[OsimBody, ...]:
     """All bodies, parents first. Coordinates have the names and signs of ``model``."""
     sided = [
         segment
@@ -139,7 +134,7 @@ def segments(body: MeasuredBody, model: CoordinateModel) -> tuple[Segment, ...]:
     return (_pelvis(body), *_trunk(body), *sided)
 
 
-def _pelvis(body: MeasuredBody) -> Segment:
+def _pelvis(body: MeasuredBody) -> OsimBody:
     zero = np.zeros(3)
     turns = tuple(
         OsimCoordinate(f"pelvis_{name}", axis, (-ROUND, ROUND))
@@ -150,14 +145,14 @@ def _pelvis(body: MeasuredBody) -> Segment:
         for name, axis in (("x", X), ("y", Y), ("z", Z))
     )
     hips = tuple((f"Hip{side}", body.hips[index]) for index, (side, _, _) in enumerate(SIDES))
-    return Segment(
+    return OsimBody(
         "pelvis", "pelvis", "/ground", "ground_pelvis", zero, turns + moves,
         (("SpineBase", zero), ("SpineMid", body.spine_mid), *hips),
         ((zero, body.spine_mid), (body.hips[0], body.hips[1])),
     )  # fmt: skip
 
 
-def _trunk(body: MeasuredBody) -> tuple[Segment, Segment]:
+def _trunk(body: MeasuredBody) -> tuple[OsimBody, OsimBody]:
     zero, quarter = np.zeros(3), np.pi / 2
     back = tuple(
         OsimCoordinate(f"lumbar_{name}", axis, (-quarter, quarter))
@@ -167,13 +162,13 @@ def _trunk(body: MeasuredBody) -> tuple[Segment, Segment]:
         OsimCoordinate("neck_extension", Z, (-quarter, quarter)),
         OsimCoordinate("neck_bending", X, (-quarter, quarter)),
     )
-    # the shoulder girdle moves on the chest, which this model has no joint for: shoulders are markers of the arms
-    torso = Segment(
+    # the shoulder girdle moves on the chest, for which this model has no joint: shoulders are markers of the arms
+    torso = OsimBody(
         "torso", "torso", "/bodyset/pelvis", "back", body.spine_mid, back,
         (("SpineShoulder", body.spine_shoulder), ("Neck", body.neck)),
         ((zero, body.spine_shoulder), (body.spine_shoulder, body.neck), (body.shoulders[0], body.shoulders[1])),
     )  # fmt: skip
-    head = Segment(
+    head = OsimBody(
         "head", "head", "/bodyset/torso", "neck", body.neck, neck, (("Head", body.head),), ((zero, body.head),)
     )
     return torso, head
@@ -181,26 +176,26 @@ def _trunk(body: MeasuredBody) -> tuple[Segment, Segment]:
 
 def _leg(
     limb: Limb, hip: np.ndarray, side: str, end: str, sign: int, model: CoordinateModel
-) -> tuple[Segment, Segment, Segment]:
+) -> tuple[OsimBody, OsimBody, OsimBody]:
     knee_axis = (0.0, 0.0, -1.0) if model is CoordinateModel.RAJAGOPAL else Z
     bent, straight = np.radians(150.0), np.radians(10.0)
     knee_range = (-straight, bent) if model is CoordinateModel.RAJAGOPAL else (-bent, straight)
     knee, ankle = _down(limb.thigh), _down(limb.shank)
-    slope = np.radians(FOOT_SLOPE_DEG)
+    slope = np.radians(SOLE_SLOPE_DEG)
     toe = limb.foot * np.array([np.cos(slope), -np.sin(slope), 0.0])
     zero = np.zeros(3)
     return (
-        Segment(
+        OsimBody(
             f"femur_{end}", "femur", "/bodyset/pelvis", f"hip_{end}", hip,
             _ball(("hip_flexion", "hip_adduction", "hip_rotation"), end, sign, (-40.0, 140.0, 60.0, 60.0)),
             (), ((zero, knee),),
         ),
-        Segment(
+        OsimBody(
             f"tibia_{end}", "tibia", f"/bodyset/femur_{end}", f"walker_knee_{end}", knee,
             (OsimCoordinate(f"knee_angle_{end}", knee_axis, knee_range),),
             ((f"Knee{side}", zero),), ((zero, ankle),),
         ),
-        Segment(
+        OsimBody(
             f"calcn_{end}", "calcn", f"/bodyset/tibia_{end}", f"ankle_{end}", ankle,
             (OsimCoordinate(f"ankle_angle_{end}", Z, (-np.pi / 3, np.pi / 3)),),
             ((f"Ankle{side}", zero), (f"Foot{side}", toe)), ((zero, toe),),
@@ -208,16 +203,16 @@ def _leg(
     )  # fmt: skip
 
 
-def _arm(limb: Limb, shoulder: np.ndarray, side: str, end: str, sign: int) -> tuple[Segment, Segment]:
+def _arm(limb: Limb, shoulder: np.ndarray, side: str, end: str, sign: int) -> tuple[OsimBody, OsimBody]:
     zero, elbow, wrist = np.zeros(3), _down(limb.upper_arm), _down(limb.forearm)
     hand = _down(limb.forearm + limb.hand)
     return (
-        Segment(
+        OsimBody(
             f"humerus_{end}", "humerus", "/bodyset/torso", f"acromial_{end}", shoulder,
             _ball(("arm_flex", "arm_add", "arm_rot"), end, sign, (-90.0, 180.0, 180.0, 120.0)),
             ((f"Shoulder{side}", zero),), ((zero, elbow),),
         ),
-        Segment(
+        OsimBody(
             f"ulna_{end}", "ulna", f"/bodyset/humerus_{end}", f"elbow_{end}", elbow,
             (OsimCoordinate(f"elbow_flex_{end}", Z, (0.0, np.radians(160.0))),),
             ((f"Elbow{side}", zero), (f"Wrist{side}", wrist), (f"Hand{side}", hand)), ((zero, hand),),

@@ -1,6 +1,6 @@
-"""A fixed rate for formats without time stamps: measured samples stay as they are wherever their times allow it.
+"""A fixed frame rate for formats without time stamps, and stretches without a gap for formats without missing values.
 
-Stretches without a gap, for formats that cannot say that something is missing.
+Measured samples stay as they are wherever their times allow it.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import AnchorposeError
-from anchorpose.exports.source import Samples
+from anchorpose.exports.formats import Samples
 from anchorpose.joints import LOST
 
 NEAR_SHARE: Final = 0.01
-"""Of the time between frames: a sample so near to its place on the grid is taken as being there. At 30 frames a second
-that is 0.3 ms, in which a hand at 3 m/s moves by 1 mm."""
+"""Share of the time between frames: a sample so near to its place on the grid is used there as it is. At 30 frames per
+second that is 0.3 ms, in which a hand at 3 m/s moves by 1 mm."""
 
 BRIDGE_FRAMES: Final = 1.5
-"""Neighbours further apart than so many frames have a gap between them, and nothing is put into a gap."""
+"""Neighbours further apart than so many frames have a gap between them, and gaps stay empty."""
 
 MOST_ROWS: Final = 20
 """More grid frames than so many times the recorded ones mean that recording paused."""
@@ -35,11 +35,11 @@ class TimeBase(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Between:
-    """Which recorded samples a grid time stands between.
+class Interpolation:
+    """The recorded samples on both sides of each grid time.
 
     before (g,): index of the sample before each grid time; share (g,): of the way to the next one, 0 or 1 where a
-    sample is taken as it is; bridged (g,) bool: False in a gap.
+    sample is used as it is; bridged (g,) bool: False in a gap.
     """
 
     before: np.ndarray
@@ -48,11 +48,11 @@ class Between:
 
     @property
     def recorded(self) -> np.ndarray:
-        """(g,) bool: the grid frame is a recorded sample, untouched."""
+        """(g,) bool: the grid frame is a recorded sample, unchanged."""
         return self.bridged & ((self.share == 0.0) | (self.share == 1.0))
 
     def values(self, values: np.ndarray, turn: float = np.inf) -> np.ndarray:
-        """(g, ...) linear, NaN in a gap and where an end that counts is NaN.
+        """(g, ...) linear, NaN in a gap and where a sample that has a weight is NaN.
 
         turn: a full turn, where values are angles: these go the short way round.
         """
@@ -64,7 +64,7 @@ class Between:
         mixed = np.where(share == 0.0, left, np.where(share == 1.0, right, left + share * change))
         return np.where(self.bridged[fit], mixed, np.nan)
 
-    def worse(self, state_code: np.ndarray) -> np.ndarray:
+    def worse_state(self, state_code: np.ndarray) -> np.ndarray:
         """(g, ...) the worse state of the two ends; lost in a gap."""
         share, left, right = self.share[:, None], state_code[self.before], state_code[self.before + 1]
         worst = np.where(share == 0.0, left, np.where(share == 1.0, right, np.maximum(left, right)))
@@ -73,12 +73,12 @@ class Between:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RegularSamples:
-    """Samples at ``rate_hz``; between: how they came from the recorded ones, for what else is on the same clock."""
+    """Samples at ``rate_hz``; interpolation: how to bring other values of the same clock to the same times."""
 
     samples: Samples
     rate_hz: float
     base: TimeBase
-    between: Between
+    interpolation: Interpolation
 
 
 def regular_samples(samples: Samples) -> RegularSamples:
@@ -86,7 +86,7 @@ def regular_samples(samples: Samples) -> RegularSamples:
 
     Times that lie on a grid stay bit for bit, and grid frames that were not recorded are added without values.
     Otherwise all is resampled: linear between the two neighbours where they are near in time and both have the value;
-    the state is the worse of the two, sigma is interpolated as if their errors were the same, which promises nothing.
+    the state is the worse of the two, and sigma is interpolated too, as if their errors were the same.
     Raises AnchorposeError where there is one frame only, or where recording paused for long.
     """
     time_s = samples.time_s
@@ -94,11 +94,11 @@ def regular_samples(samples: Samples) -> RegularSamples:
     if slot[-1] + 1 > MOST_ROWS * len(time_s):
         raise AnchorposeError("The recording pauses for most of its time; track its parts, or export with --to csv.")
     if not on_grid:
-        grid_s, between = _resampling(time_s, rate_hz)
-        return RegularSamples(_at(samples, grid_s, between), rate_hz, TimeBase.RESAMPLED, between)
-    grid_s, between = _placing(time_s, rate_hz, slot)
-    base = TimeBase.AS_RECORDED if between.recorded.all() else TimeBase.GAPS_FILLED_UP
-    return RegularSamples(_at(samples, grid_s, between), rate_hz, base, between)
+        grid_s, interpolation = _resampling(time_s, rate_hz)
+        return RegularSamples(_at(samples, grid_s, interpolation), rate_hz, TimeBase.RESAMPLED, interpolation)
+    grid_s, interpolation = _placing(time_s, rate_hz, slot)
+    base = TimeBase.AS_RECORDED if interpolation.recorded.all() else TimeBase.GAPS_FILLED_UP
+    return RegularSamples(_at(samples, grid_s, interpolation), rate_hz, base, interpolation)
 
 
 def nominal_rate_hz(time_s: np.ndarray) -> float:
@@ -118,12 +118,12 @@ def without_gaps(time_s: np.ndarray) -> bool:
 
 
 def _grid(time_s: np.ndarray) -> tuple[float, np.ndarray, bool]:
-    """The roundest rate that fits, the grid's frame of each sample, and whether all samples lie on that grid."""
+    """The roundest rate that fits, each sample's index on its grid, and whether all samples lie on that grid."""
     if len(time_s) < 2:
         raise AnchorposeError("One frame has no frame rate; export it with --to csv.")
     steps_s = np.diff(time_s)
     step_s = float(np.median(steps_s))
-    for _ in range(3):  # a median is a little off; counting frame by frame does not add that up
+    for _ in range(3):  # the median is inexact; counting frame by frame keeps its error from adding up
         slot = np.concatenate([[0], np.cumsum(np.rint(steps_s / step_s).astype(np.int64))])
         step_s = float((time_s[-1] - time_s[0]) / max(slot[-1], 1))
     for rate_hz in (*(round(1.0 / step_s, digits) for digits in (0, 1, 2, 3, 6)), 1.0 / step_s):
@@ -138,12 +138,12 @@ def _lies_on_grid(time_s: np.ndarray, rate_hz: float, slot: np.ndarray) -> bool:
 
 
 def _round_rate(rate_hz: float) -> float:
-    """Cameras run at round rates: within a hundredth of one, that is the rate."""
+    """Cameras run at round rates: within a hundredth of one, it is that rate."""
     whole = round(rate_hz)
     return float(whole) if whole and abs(rate_hz - whole) <= NEAR_SHARE * rate_hz else round(rate_hz, 3)
 
 
-def _placing(time_s: np.ndarray, rate_hz: float, slot: np.ndarray) -> tuple[np.ndarray, Between]:
+def _placing(time_s: np.ndarray, rate_hz: float, slot: np.ndarray) -> tuple[np.ndarray, Interpolation]:
     """Each sample at its own place; the places between are empty."""
     count = int(slot[-1]) + 1
     grid_s = time_s[0] + np.arange(count) / rate_hz
@@ -154,10 +154,10 @@ def _placing(time_s: np.ndarray, rate_hz: float, slot: np.ndarray) -> tuple[np.n
     before[slot] = np.minimum(np.arange(len(slot)), len(slot) - 2)
     share = np.zeros(count)
     share[slot[-1]] = 1.0
-    return grid_s, Between(before, share, recorded)
+    return grid_s, Interpolation(before, share, recorded)
 
 
-def _resampling(time_s: np.ndarray, rate_hz: float) -> tuple[np.ndarray, Between]:
+def _resampling(time_s: np.ndarray, rate_hz: float) -> tuple[np.ndarray, Interpolation]:
     """Grid times from the first sample to the last, and where each falls."""
     count = int(np.floor((time_s[-1] - time_s[0]) * rate_hz + NEAR_SHARE)) + 1
     grid_s = time_s[0] + np.arange(count) / rate_hz
@@ -166,24 +166,24 @@ def _resampling(time_s: np.ndarray, rate_hz: float) -> tuple[np.ndarray, Between
     share, near = (grid_s - time_s[before]) / apart_s, NEAR_SHARE / rate_hz / apart_s
     share = np.where(share <= near, 0.0, np.where(share >= 1.0 - near, 1.0, share))
     bridged = (apart_s <= BRIDGE_FRAMES / rate_hz) | (share == 0.0) | (share == 1.0)
-    return grid_s, Between(before, share, bridged)
+    return grid_s, Interpolation(before, share, bridged)
 
 
-def _at(samples: Samples, grid_s: np.ndarray, between: Between) -> Samples:
+def _at(samples: Samples, grid_s: np.ndarray, interpolation: Interpolation) -> Samples:
     return replace(
         samples,
         time_s=grid_s,
-        position_m=between.values(samples.position_m),
-        joint_sigma_m=between.values(samples.joint_sigma_m),
-        joint_state_code=between.worse(samples.joint_state_code),
-        degrees=between.values(samples.degrees, turn=360.0),
-        sigma_deg=between.values(samples.sigma_deg),
-        angle_state_code=between.worse(samples.angle_state_code),
+        position_m=interpolation.values(samples.position_m),
+        joint_sigma_m=interpolation.values(samples.joint_sigma_m),
+        joint_state_code=interpolation.worse_state(samples.joint_state_code),
+        degrees=interpolation.values(samples.degrees, turn=360.0),
+        sigma_deg=interpolation.values(samples.sigma_deg),
+        angle_state_code=interpolation.worse_state(samples.angle_state_code),
     )
 
 
 KEPT_SHARE: Final = 0.5
-"""A column that is known in less than this share of the frames would cost the others more frames than it is worth."""
+"""Columns known in a smaller share of the frames are left out: they would cost the others too many frames."""
 
 LEAST_FRAMES: Final = 2
 """One frame is no motion."""
@@ -191,22 +191,23 @@ LEAST_FRAMES: Final = 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stretches:
-    """kept (c,) bool: columns that are written; runs: first and one past the last frame of each stretch in which all of
-    these are known."""
+    """kept (c,) bool: columns to write; runs: first and one past the last frame of each stretch with all of them."""
 
     kept: np.ndarray
     runs: tuple[tuple[int, int], ...]
 
 
 def stretches_of(known: np.ndarray, joined: np.ndarray | None = None) -> Stretches:
-    """known (n, c) bool: what is there in each frame; joined as in ``runs_where``. No run where no column is known in
-    half of the frames."""
+    """known (n, c) bool: columns with a value in each frame; joined as in ``runs_where``.
+
+    No run where no column is known in half of the frames.
+    """
     kept = known.mean(axis=0) >= KEPT_SHARE
     return Stretches(kept, runs_where(np.asarray(known[:, kept].all(axis=1)), joined) if kept.any() else ())
 
 
 def runs_where(whole: np.ndarray, joined: np.ndarray | None = None) -> tuple[tuple[int, int], ...]:
-    """First and one past the last of the frames that stand together in ``whole`` (n,) bool, two at least.
+    """First and one past the last frame of each run of two or more in ``whole`` (n,) bool.
 
     joined (n - 1,) bool: whether a frame and the next one are neighbours in time; None where all are.
     """

@@ -15,9 +15,8 @@ from anchorpose.exports.bids import write_bids
 from anchorpose.exports.bvh import write_bvh
 from anchorpose.exports.c3d import write_c3d
 from anchorpose.exports.csv_tables import write_csv
+from anchorpose.exports.formats import ExportConfig, Format, Product, Source, read_source
 from anchorpose.exports.mot import write_mot
-from anchorpose.exports.product import ExportConfig, Format, Product
-from anchorpose.exports.source import Source, read_source
 from anchorpose.exports.trc import write_trc
 from anchorpose.results.folder import whole_or_nothing
 
@@ -37,7 +36,7 @@ _WRITERS: Final[dict[Format, Callable[[Path, Source, ExportConfig], Product]]] =
 def export_results(
     results: Path, formats: Sequence[Format], config: ExportConfig, out: Path | None = None, overwrite: bool = False
 ) -> tuple[tuple[Path, Product], ...]:
-    """Writes ``out``/trc, ``out``/csv and so on, each with its export.json; returns each folder with what is in it.
+    """Writes ``out``/trc, ``out``/csv and so on, each with its export.json; returns each folder with its product.
 
     out: by default the folder ``exports`` in the results. Folders of earlier exports are replaced with ``overwrite``
     only; other folders and files are never touched. Raises InputError or MissingPackage, and then nothing was written.
@@ -57,11 +56,13 @@ def export_results(
 
 
 def parse_formats(text: str) -> tuple[Format, ...]:
-    """``trc,csv`` as formats, each once; raises AnchorposeError for a name that is none."""
+    """``trc,csv`` as formats, each once; raises AnchorposeError for an unknown name."""
     names = [name.strip().lower() for name in text.split(",")]
     for name in names:
         if name not in tuple(Format):
-            raise AnchorposeError(f"--to '{name}' is no format; choose from {', '.join(Format)}, with commas between.")
+            raise AnchorposeError(
+                f"--to '{name}' is not a format; choose from {', '.join(Format)}, with commas between."
+            )
     return tuple(dict.fromkeys(Format(name) for name in names))
 
 
@@ -73,7 +74,9 @@ def _check_place(folder: Path, results: Path, overwrite: bool) -> None:
     if not folder.exists() or not any(folder.iterdir()):
         return
     if not (folder / RECORD_FILE).is_file():
-        raise InputError(folder, "exists and is no export", "choose another folder with -o; nothing in it was touched")
+        raise InputError(
+            folder, "exists and is not an export", "choose another folder with -o; nothing in it was touched"
+        )
     if not overwrite:
         raise InputError(folder, "exists already", "choose another folder with -o, or give --overwrite to replace it")
 

@@ -1,4 +1,4 @@
-"""TRC: marker paths as OpenSim reads them, one marker a joint, with a model and set-up files to start from."""
+"""TRC: marker paths as OpenSim reads them, one marker per joint, with a model and set-up files to start from."""
 
 from __future__ import annotations
 
@@ -7,23 +7,22 @@ from typing import Final
 
 import numpy as np
 
+from anchorpose.exports.formats import ExportConfig, Product, Source, number_text, rounded_text, rows_text
 from anchorpose.exports.osim_folder import write_osim_files
-from anchorpose.exports.product import ExportConfig, Product, number_text, rounded_text, rows_text
 from anchorpose.exports.regular_time import RegularSamples, regular_samples
-from anchorpose.exports.source import Source
 from anchorpose.joints import JOINT_NAMES
 
 TRC_FILE: Final = "joints.trc"
 
 MISSING: Final = "NaN"
-"""What OpenSim writes and reads itself. An empty cell at the end of a line is refused by its reader of tables, and
-zeros are taken for a marker at the origin."""
+"""As OpenSim writes it. Its reader refuses an empty cell at the end of a line, and takes zeros for a marker at the
+origin."""
 
 MICROMETRES: Final = 6  # digits after the point, in metres
 
 
 def write_trc(folder: Path, source: Source, config: ExportConfig) -> Product:
-    """joints.trc, and beside it what OpenSim needs to work on it."""
+    """joints.trc, and beside it the files with which OpenSim works on it."""
     regular = regular_samples(source.samples)
     (folder / TRC_FILE).write_text(trc_text(regular), encoding="utf-8", newline="\n")
     notes = write_osim_files(folder, TRC_FILE, regular.samples, config.model)
@@ -35,7 +34,7 @@ def write_trc(folder: Path, source: Source, config: ExportConfig) -> Product:
         counts=(
             ("frames", len(regular.samples.time_s)),
             ("rate_hz", regular.rate_hz),
-            ("recorded_frames", int(regular.between.recorded.sum())),
+            ("recorded_frames", int(regular.interpolation.recorded.sum())),
             ("missing_markers", int(np.isnan(regular.samples.position_m[..., 0]).sum())),
         ),
         notes=notes,
@@ -43,7 +42,7 @@ def write_trc(folder: Path, source: Source, config: ExportConfig) -> Product:
 
 
 def trc_text(regular: RegularSamples) -> str:
-    """The file's text; one line a frame, and times as they were recorded where they are regular."""
+    """The file's text; one line per frame, times as recorded where they are regular."""
     samples, count = regular.samples, len(regular.samples.time_s)
     rate = number_text(regular.rate_hz, "")
     markers = range(1, len(JOINT_NAMES) + 1)

@@ -28,7 +28,7 @@ from anchorpose.results.kinematics.definition import (
     unit,
 )
 
-SOLE_SLOPE_RAD: Final = np.radians(19.3)
+SOLE_SLOPE_DEG: Final = 19.3
 """How far the line from ankle to toe base falls towards the toes when the sole is level: mean of the body asset's
 shapes; from person to person it differs by 1.6 degrees (one standard deviation), which sigma does not hold."""
 
@@ -91,7 +91,7 @@ def knee_bend(points: Points, side: str) -> tuple[Reading, ...]:
 def ankle_bend(points: Points, side: str) -> tuple[Reading, ...]:
     """Foot against shank: 0 = the sole of a mean foot square to the shank, positive = toes up (dorsiflexion)."""
     knee, ankle, foot = (points[f"{name}{side}"] for name in ("Knee", "Ankle", "Foot"))
-    return ((0.5 * np.pi + SOLE_SLOPE_RAD - between(knee - ankle, foot - ankle), 1.0),)
+    return ((0.5 * np.pi + np.radians(SOLE_SLOPE_DEG) - between(knee - ankle, foot - ankle), 1.0),)
 
 
 def _swing(up: np.ndarray, right: np.ndarray, thigh: np.ndarray) -> Reading:

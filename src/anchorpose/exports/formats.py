@@ -1,25 +1,62 @@
-"""What an export is made from: the tables of a results folder, read once and checked."""
+"""What the writer of a format is given (a results folder and what the user chooses), and what it returns."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.joints import JOINT_COUNT, LOST, JointState
+from anchorpose.joints import LOST, JointState
 from anchorpose.results.run_record import hash_files
 from anchorpose.results.tables import ANGLES_FILE, JOINTS_FILE, JointTable, read_angles, read_joints
 
 STATES: Final = tuple(str(state) for state in JointState)
-"""In the order of the codes 0 (observed) to 6 (lost) that formats without texts write."""
+"""In the order of the state codes 0 (observed) to 6 (lost) that formats without texts write."""
+
+
+class Format(StrEnum):
+    """The formats of ``anchorpose export``, by the names of ``--to``."""
+
+    TRC = "trc"
+    MOT = "mot"
+    C3D = "c3d"
+    CSV = "csv"
+    BVH = "bvh"
+    BIDS = "bids"
+
+
+class CoordinateModel(StrEnum):
+    """The OpenSim models whose coordinates a MOT can follow; they differ in the sign of the knee."""
+
+    RAJAGOPAL = "rajagopal"
+    GAIT2392 = "gait2392"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExportConfig:
+    """What the user chooses. subject, session, task: labels of BIDS, letters and digits only; a session is optional."""
+
+    subject: str = "01"
+    session: str | None = None
+    task: str = "standing"
+    model: CoordinateModel = CoordinateModel.RAJAGOPAL
+
+    def __post_init__(self) -> None:
+        for name in ("subject", "session", "task"):
+            label = getattr(self, name)
+            if label is not None and not (label.isascii() and label.isalnum()):
+                raise ValueError(f"{name} is '{label}', and BIDS allows letters and digits only")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
-    """The same things measured in every frame: joints and angles on one clock.
+    """Joints and angles of every frame.
 
     time_s (n,) float64, increasing; position_m (n, 21, 3) world, NaN where missing; joint_sigma_m (n, 21);
     joint_state_code (n, 21) int8, index into ``STATES``; degrees, sigma_deg, angle_state_code (n, a), of ``angles``.
@@ -51,7 +88,7 @@ class Source:
 
 
 def read_source(folder: Path) -> Source:
-    """Joints and, where they are there, angles; raises InputError where it is no result or its times go back."""
+    """Joints, and angles where there are any; raises InputError for no results folder and for times that go back."""
     if not folder.is_dir():
         raise InputError(folder, "there is no such folder", "give a results folder made by 'anchorpose track'")
     joints = read_joints(folder / JOINTS_FILE)
@@ -73,7 +110,7 @@ def _angles(path: Path, joints: JointTable) -> tuple[tuple[str, ...], np.ndarray
     row = np.searchsorted(joints.frame, angles.frame)
     if not np.array_equal(joints.frame[np.minimum(row, len(joints.frame) - 1)], angles.frame):
         raise InputError(
-            path, f"holds frames that {JOINTS_FILE} has not", "run 'anchorpose measure' on its folder again"
+            path, f"has frames that are not in {JOINTS_FILE}", "run 'anchorpose measure' on its folder again"
         )
     shape = (len(joints.frame), len(angles.names))
     degrees, sigma_deg, state_code = np.full(shape, np.nan), np.full(shape, np.nan), np.full(shape, LOST, np.int8)
@@ -81,6 +118,38 @@ def _angles(path: Path, joints: JointTable) -> tuple[tuple[str, ...], np.ndarray
     return angles.names, degrees, sigma_deg, state_code
 
 
-def missing_share(samples: Samples) -> float:
-    """Share of joints times frames without a position."""
-    return float(np.isnan(samples.position_m[..., 0]).sum() / (len(samples.time_s) * JOINT_COUNT))
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Product:
+    """What a format's writer reports, for export.json: axes and units in words.
+
+    time: what was done to the times; missing: what stands for a missing value; counts: figures to check, such as the
+    frames written; notes: what else people must know.
+    """
+
+    axes: str
+    units: str
+    time: str
+    missing: str
+    counts: tuple[tuple[str, float], ...] = ()
+    notes: tuple[str, ...] = ()
+    tools: tuple[str, ...] = ()  # packages beside our own that wrote the files
+
+
+def number_text(value: float, missing: str) -> str:
+    """The shortest decimal that reads back as the same double; ``missing`` for NaN."""
+    if math.isnan(value):
+        return missing
+    return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(float(value))
+
+
+def rounded_text(value: float, digits: int, missing: str) -> str:
+    """With so many digits after the point, without needless zeros; ``missing`` for NaN."""
+    if math.isnan(value):
+        return missing
+    text = f"{value:.{digits}f}".rstrip("0").rstrip(".")
+    return "0" if text == "-0" else text
+
+
+def rows_text(rows: Iterable[Iterable[str]], separator: str) -> str:
+    """Lines of cells, each ended by a line feed."""
+    return "".join(separator.join(row) + "\n" for row in rows)
