@@ -166,7 +166,7 @@ def test_a_results_folder_of_track_is_no_inspection(tmp_path):
     for name in ("run.json", "joints.parquet"):
         (tmp_path / "r" / name).write_text("x")
     with (
-        pytest.raises(Exception, match="is no results folder"),
+        pytest.raises(Exception, match="is not a results folder"),
         new_results_folder(tmp_path / "r", tmp_path / "x", True, (FACTS_FILE,)),
     ):
         pass

@@ -72,7 +72,7 @@ def test_a_folder_that_is_no_result_is_never_touched(tmp_path, recording):
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "chapter.txt").write_text("years of work")
     with (
-        pytest.raises(InputError, match="no results folder"),
+        pytest.raises(InputError, match="not a results folder"),
         new_results_folder(tmp_path / "thesis", recording, overwrite=True),
     ):
         pass

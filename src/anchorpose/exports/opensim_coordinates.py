@@ -18,7 +18,7 @@ from anchorpose.body.pose import MOVING_BONES, hinge_axes
 from anchorpose.errors import InputError
 from anchorpose.exports.formats import CoordinateModel
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.results.kinematics.limbs import SOLE_SLOPE_DEG, knee_bend
+from anchorpose.results.kinematics.limbs import SOLE_SLOPE_DEG, knee_flexion
 from anchorpose.results.poses import PoseTable, read_poses
 from anchorpose.rotations import unit
 
@@ -192,7 +192,7 @@ def _leg(
 def _knee_deg(position_m: np.ndarray, side: str) -> np.ndarray:
     """(n,) as in angles.parquet, signed where the knee is nearly straight: a model can bend it backwards too."""
     names = (f"Hip{side}", f"Knee{side}", f"Ankle{side}", "HipLeft", "HipRight")
-    ((radians, lever),) = knee_bend({name: joint(position_m, name).T for name in names}, side)
+    ((radians, lever),) = knee_flexion({name: joint(position_m, name).T for name in names}, side)
     return np.where(np.greater(lever, 0.0), np.degrees(radians), np.nan)
 
 

@@ -1,4 +1,4 @@
-"""Folders and files appear whole or not at all."""
+"""Folders and files that are written completely or not at all."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Final
 from anchorpose.errors import InputError
 
 RESULTS_MARKS: Final = ("run.json", "joints.parquet")
-"""The files by which a folder is known to be a result of ours, so that it may be replaced."""
+"""The files by which a results folder of this program is recognised, so that it may be replaced."""
 
 
 @contextmanager
@@ -75,7 +75,7 @@ def check_results_path(path: Path, recording: Path, overwrite: bool, marks: tupl
     if not path.exists() or not any(path.iterdir()):
         return
     if not all((path / mark).is_file() for mark in marks):
-        raise InputError(path, "exists and is no results folder", "choose another name; nothing in it was touched")
+        raise InputError(path, "exists and is not a results folder", "choose another name; nothing in it was touched")
     if not overwrite:
         raise InputError(path, "exists already", "choose another name, or give --overwrite to replace it")
 

@@ -1,4 +1,4 @@
-"""How long each frame stands for, and where frames are missing."""
+"""The time that each frame represents, and where frames are missing."""
 
 from __future__ import annotations
 
@@ -7,37 +7,37 @@ from typing import Final
 import numpy as np
 
 LONGEST_STEP: Final = 1.5
-"""Times the usual step between frames. A longer one is not even: at least one frame is missing."""
+"""In usual steps between frames. In a longer step at least one frame is missing."""
 
 LONGEST_GAP_S: Final = 0.5
-"""A patient neither sits down nor stands up within this time, so what was before and after a shorter gap went on in it.
-What happened in a longer one is not known."""
+"""A patient neither sits down nor stands up within this time, so a posture before and after a shorter gap continued in
+it. What happened in a longer gap is unknown."""
 
 
 def usual_step_s(time_s: np.ndarray) -> float:
-    """The median step between frames; NaN of fewer than two."""
+    """The median step between frames; NaN for fewer than two."""
     return float(np.median(np.diff(time_s))) if len(time_s) > 1 else float("nan")
 
 
 def longest_even_step_s(time_s: np.ndarray) -> float:
-    """Longer steps miss a frame, which matters to filters; NaN of fewer than two frames."""
+    """In a longer step a frame is missing, which matters to filters; NaN for fewer than two frames."""
     return LONGEST_STEP * usual_step_s(time_s)
 
 
 def longest_known_gap_s(time_s: np.ndarray) -> float:
-    """What happened in a longer step is not known; slow cameras may take ``LONGEST_STEP`` of their own steps."""
+    """What happened in a longer step is unknown; slow cameras may take ``LONGEST_STEP`` of their own steps."""
     return max(LONGEST_GAP_S, longest_even_step_s(time_s))
 
 
 def recorded_seconds(time_s: np.ndarray) -> float:
-    """From the first frame to the last, which lasts a usual step; 0 of a single frame, which has no duration."""
+    """From the first frame to the last, which lasts a usual step; 0 for a single frame, which has no duration."""
     return float(time_s[-1] - time_s[0]) + usual_step_s(time_s) if len(time_s) > 1 else 0.0
 
 
 def frame_seconds(time_s: np.ndarray) -> np.ndarray:
     """(n,) seconds: half the way to both neighbours, half a usual step at either end and at a gap of unknown time.
 
-    All zeros of a single frame, which has no duration. The sum is that of ``recorded_seconds`` less the unknown time.
+    All zeros for a single frame, which has no duration. The sum is that of ``recorded_seconds`` less the unknown time.
     """
     if len(time_s) < 2:
         return np.zeros(len(time_s))
@@ -47,10 +47,10 @@ def frame_seconds(time_s: np.ndarray) -> np.ndarray:
 
 
 def runs_of_known(chosen: np.ndarray, known: np.ndarray, time_s: np.ndarray) -> list[slice]:
-    """As ``unbroken_runs``, of the frames that are ``known`` (n,) bool: unknown ones are as good as dropped.
+    """``unbroken_runs`` of the frames that are ``known`` (n,) bool; unknown ones count as dropped.
 
-    So a joint that is lost for a moment ends nothing. The stretches may hold unknown frames, but neither begin nor end
-    with one.
+    So a joint that is lost for a moment ends no run. A run may contain unknown frames, but neither begins nor ends with
+    one.
     """
     rows = np.flatnonzero(known)
     runs = unbroken_runs(chosen[rows], time_s[rows], longest_known_gap_s(time_s))
@@ -58,9 +58,9 @@ def runs_of_known(chosen: np.ndarray, known: np.ndarray, time_s: np.ndarray) -> 
 
 
 def unbroken_runs(chosen: np.ndarray, time_s: np.ndarray, longest_step_s: float | None = None) -> list[slice]:
-    """Stretches of frames that are all ``chosen`` (n,) bool, ended also by a step longer than longest_step_s.
+    """Runs of frames that are all ``chosen`` (n,) bool; a step longer than longest_step_s ends them, too.
 
-    longest_step_s: ``longest_known_gap_s`` where None, so that a dropped frame ends nothing.
+    longest_step_s: ``longest_known_gap_s`` where None, so that a dropped frame does not end a run.
     """
     if not len(chosen):
         return []

@@ -1,7 +1,4 @@
-"""From the joints of a results folder to its angles, posture, episodes and measures.
-
-Measures in words: what a therapist reads on the screen.
-"""
+"""From the joints of a results folder to its angles, posture, episodes and measures, and the measures in words."""
 
 from __future__ import annotations
 
@@ -41,18 +38,18 @@ from anchorpose.results.uncertainty import NORMAL_95
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Measured:
-    """All measures; processed: the smoothed or filled angles, None where nothing of that was asked for."""
+class MeasureResult:
+    """All measures; processed: the smoothed or filled angles, None without processing."""
 
     measures: tuple[Measure, ...]
     processed: ProcessedAngles | None
 
 
-def write_measured(results: Path, processing: ProcessingConfig, config: MeasureConfig) -> Measured:
-    """Writes angles, posture, episodes and measures of a results folder, and the processed angles where asked for.
+def write_measured(results: Path, processing: ProcessingConfig, config: MeasureConfig) -> MeasureResult:
+    """Writes angles, posture, episodes and measures of a results folder, and the processed angles if any.
 
     Angles and measures always come from the joints as tracked: ``processing`` makes angles_processed.parquet and
-    nothing else, and that file goes away where no processing is asked for. All files are written before the first is
+    nothing else, and without processing that file is removed. All files are written before the first is
     replaced.
     Raises InputError where joints or contacts cannot be used, AnchorposeError where the filter does not fit.
     """
@@ -75,7 +72,7 @@ def write_measured(results: Path, processing: ProcessingConfig, config: MeasureC
             (results / PROCESSED_FILE).unlink(missing_ok=True)
     finally:
         shutil.rmtree(work, ignore_errors=True)
-    return Measured(tuple(measures), processed)
+    return MeasureResult(tuple(measures), processed)
 
 
 _SHOWN: Final = {
@@ -110,7 +107,7 @@ _UNIT: Final = {"1": "%", "deg": "°", "count": "", "cm2": "cm²"}
 
 
 def measure_rows(measures: Sequence[Measure]) -> list[tuple[str, str, str, str]]:
-    """What, value with its 95 % range, share that was inferred, and why there is no value; one row a measure."""
+    """What, value with its 95 % range, share that was inferred, and why there is no value; one row per measure."""
     rows, lower_bounds = [], _lower_bounds(measures)
     for name, words in _SHOWN.items():
         for row in measures:
@@ -123,13 +120,13 @@ def measure_rows(measures: Sequence[Measure]) -> list[tuple[str, str, str, str]]
 
 def processing_sentence(policy: str) -> str:
     """How many joint positions were smoothed, filled and left alone; policy: of ``ProcessedAngles``."""
-    told = json.loads(policy)
-    counts = [f"{told[f'joint_frames_{name}']} {name}" for name in (*PROCESSING, "lost")]
+    counted = json.loads(policy)
+    counts = [f"{counted[f'joint_frames_{name}']} {name}" for name in (*PROCESSING, "lost")]
     return f"Of the joint positions of all frames, {', '.join(counts)}."
 
 
 def _lower_bounds(measures: Sequence[Measure]) -> set[str]:
-    """The measures of which there may have been more while nobody could tell."""
+    """The measures whose true value may be larger, since part of the recording is unknown."""
     seconds = {row.measure: row.value for row in measures if row.value is not None and row.unit == "s"}
     found: set[str] = set()
     if seconds.get("unknown_time", 0.0) > SHORT_S:
@@ -149,7 +146,7 @@ def _label(words: str, row: Measure) -> str:
 
 def _value(row: Measure) -> str:
     if row.value is None:
-        return "cannot be told"
+        return "unknown"
     factor = 100.0 if row.unit == "1" else 1.0
     unit = _UNIT.get(row.unit, row.unit)
     digits = 0 if row.unit == "count" and float(row.value).is_integer() else 1

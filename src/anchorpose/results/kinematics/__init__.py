@@ -1,1 +1,1 @@
-"""Joint angles: what each is (a module a region of the body), how far off it may be, and all of them of a table."""
+"""Joint angles: their definitions, one module per region of the body, and their uncertainty."""

@@ -1,8 +1,7 @@
-"""What an angle is: its names, the joints that it is read from, and the formula.
+"""What an angle is: its names, the joints that it is computed from, the formula, and the axes of the body's segments.
 
-Vectors whose components stand first, (3, ...): numpy then works on whole rows of frames, several times as fast.
-
-Axes of the body's segments from joint centres: x forward, y up, z to the patient's right (ISB).
+Vectors have their components first, (3, ...): numpy then works on whole rows of frames, several times as fast. Axes are
+x forward, y up, z to the patient's right (ISB).
 
 Sources: Wu et al. 2002 (doi:10.1016/S0021-9290(01)00222-6) for pelvis and spine, Wu et al. 2005
 (doi:10.1016/j.jbiomech.2004.05.042) for thorax and arm. Their bony landmarks are not seen by depth; docs/angles.md says
@@ -42,7 +41,7 @@ def unit(vector: np.ndarray) -> np.ndarray:
 
 
 def square_to(vector: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """(3, ...) unit vector: what of ``vector`` is at right angles to the unit vector ``axis``."""
+    """(3, ...) unit vector along the part of ``vector`` that is perpendicular to the unit vector ``axis``."""
     return unit(vector - dot(vector, axis) * axis)
 
 
@@ -53,32 +52,32 @@ def between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def arcsin(sine: np.ndarray) -> np.ndarray:
-    """(...) of numbers that rounding may have put beyond one."""
+    """(...) of numbers that rounding may have moved beyond one."""
     angle: np.ndarray = np.arcsin(np.clip(sine, -1.0, 1.0))
     return angle
 
 
 LEAST_LEVER: Final = 0.2588
-"""Sine of 15 degrees. An angle about an axis is read from a vector's part across that axis. Where that part is shorter
-than this share of the vector, the axes of the angle nearly fall together (gimbal lock), an error of a joint shows four
-times enlarged and more, and no value is given."""
+"""Sine of 15 degrees. An angle about an axis follows from a vector's part across that axis. Where that part is shorter
+than this share of the vector, the axes of the angle nearly coincide (gimbal lock), a joint's error is enlarged four
+times and more, and no value is given."""
 
 PLANE_UNKNOWN_RAD: Final = np.radians(15.0)
 PLANE_KNOWN_RAD: Final = np.radians(30.0)
-"""How far a limb is bent when its plane is still, and no longer, mostly that of noise and of bowed limbs."""
+"""A limb's plane of bending is mostly noise and bowed limbs below the first bend, and reliable above the second."""
 
 Points = Mapping[str, np.ndarray]
 """Joint centres by name, (3, n) each, metres, world."""
 
 Reading = tuple[np.ndarray, "np.ndarray | float"]
-"""An angle (n,) in radians, and the lever (n,) that it is read from: 1 at best; not told below ``LEAST_LEVER``."""
+"""An angle (n,) in radians, and its lever (n,): 1 at best; no value is given below ``LEAST_LEVER``."""
 
 
 @dataclass(frozen=True, slots=True)
 class AngleGroup:
     """Angles that one formula gives from the same joints, in the order of ``names``.
 
-    own_sigma: (n,) radians, one standard deviation of what the formula itself may be off, were the joints exact.
+    own_sigma: (n,) radians, one standard deviation of the formula's own error, with exact joints.
     """
 
     names: tuple[str, ...]
@@ -88,10 +87,10 @@ class AngleGroup:
 
 
 def hinge_sigma(points: Points, limb: tuple[str, str, str], aside_rad: float) -> np.ndarray:
-    """(n,) radians: how far the plane of a bent limb may be turned against that of its hinge.
+    """(n,) radians: standard deviation of the angle between the plane of a bent limb and that of its hinge.
 
-    limb: the joints at its root, hinge and end. aside_rad: by how much limbs differ in how far they are bowed to a
-    side; the less the limb is bent, the more of its plane that makes.
+    limb: the joints at its root, hinge and end. aside_rad: standard deviation of how far limbs are bowed to a side; the
+    less the limb is bent, the more that rotates its plane.
     """
     root, hinge, end = (points[name] for name in limb)
     bent = np.sin(between(hinge - root, end - hinge))
@@ -108,7 +107,7 @@ class Axes(NamedTuple):
 
 
 def pelvis_axes(points: Points) -> Axes:
-    """z along the hip joints, y towards SpineMid as far as that is square to z."""
+    """z along the hip joints, y towards SpineMid as far as it is perpendicular to z."""
     across = points["HipRight"] - points["HipLeft"]
     middle = 0.5 * (points["HipRight"] + points["HipLeft"])
     z = unit(across)
@@ -117,12 +116,12 @@ def pelvis_axes(points: Points) -> Axes:
 
 
 def thorax_axes(points: Points) -> Axes:
-    """y from SpineMid to SpineShoulder, z along the shoulders as far as that is square to y."""
+    """y from SpineMid to SpineShoulder, z along the shoulders as far as it is perpendicular to y."""
     return _upright_axes(points["SpineShoulder"] - points["SpineMid"], points)
 
 
 def trunk_axes(points: Points) -> Axes:
-    """y from SpineBase to SpineShoulder: the whole trunk; z along the shoulders as far as that is square to y."""
+    """y from SpineBase to SpineShoulder: the whole trunk; z along the shoulders as far as it is perpendicular to y."""
     return _upright_axes(points["SpineShoulder"] - points["SpineBase"], points)
 
 

@@ -1,7 +1,4 @@
-"""All angles of all frames, with the state and the uncertainty that they inherit from their joints.
-
-How far off an angle may be, from how far off its joints may be.
-"""
+"""All angles of all frames, with the state and the uncertainty that follow from their joints."""
 
 from __future__ import annotations
 
@@ -21,13 +18,13 @@ def angles_with_sigma(group: AngleGroup, position_m: np.ndarray, sigma_m: np.nda
 
     position_m (21, 3, n), sigma_m (21, n): errors are taken as independent between joints and axes. Each coordinate is
     moved by its own sigma, both ways, instead of using a derivative: at a straight knee the derivative of the angle is
-    not defined and would promise certainty. What the formula itself may be off is added as squares.
+    not defined and would give no error at all. The formula's own error is added as squares.
     """
     points = {name: position_m[JOINT_INDEX[name]] for name in group.joints}
     readings = group.formula(points)
     angle = np.stack([value for value, _ in readings])
-    told = np.stack([np.broadcast_to(lever, angle[0].shape) for _, lever in readings]) >= LEAST_LEVER
-    angle = np.where(told, angle, np.nan)
+    determined = np.stack([np.broadcast_to(lever, angle[0].shape) for _, lever in readings]) >= LEAST_LEVER
+    angle = np.where(determined, angle, np.nan)
     variance = np.zeros_like(angle)
     for name in group.joints:
         for axis in range(3):
@@ -42,7 +39,7 @@ def angles_with_sigma(group: AngleGroup, position_m: np.ndarray, sigma_m: np.nda
 
 
 def _shorter_way(angle: np.ndarray) -> np.ndarray:
-    """The same turn between minus pi and pi."""
+    """The same angle between minus pi and pi."""
     turn: np.ndarray = angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi))
     return turn
 
@@ -50,7 +47,7 @@ def _shorter_way(angle: np.ndarray) -> np.ndarray:
 ANGLE_GROUPS: Final = (*PELVIS, *TRUNK, *NECK, *LEGS, *ARMS)
 
 ANGLE_NAMES: Final = tuple(name for group in ANGLE_GROUPS for name in group.names)
-"""The angles that joint centres carry, in the order of the table."""
+"""The angles that joint centres determine, in the order of the table."""
 
 
 def joint_angles(joints: JointTable) -> AngleTable:

@@ -1,7 +1,4 @@
-"""Hip, knee and ankle of one side.
-
-Shoulder and elbow of one side.
-"""
+"""Angles of legs and arms: hip, knee, ankle, shoulder and elbow."""
 
 from __future__ import annotations
 
@@ -30,11 +27,11 @@ from anchorpose.results.kinematics.definition import (
 
 SOLE_SLOPE_DEG: Final = 19.3
 """How far the line from ankle to toe base falls towards the toes when the sole is level: mean of the body asset's
-shapes; from person to person it differs by 1.6 degrees (one standard deviation), which sigma does not hold."""
+shapes; its standard deviation from person to person, 1.6 degrees, is not included in sigma."""
 
 
 VARUS_VALGUS_RAD: Final = np.radians(3.0)
-"""One standard deviation of how far knees are bowed in or out; taken, not measured here."""
+"""One standard deviation of how far knees are bowed in or out; assumed, not measured here."""
 
 
 def hip_to_trunk(points: Points, side: str) -> tuple[Reading, ...]:
@@ -51,12 +48,12 @@ def hip_to_pelvis(points: Points, side: str) -> tuple[Reading, ...]:
     return _swing(pelvis.y, pelvis.z, thigh), (inwards * arcsin(dot(thigh, pelvis.z)), 1.0)
 
 
-def hip_turn(points: Points, side: str) -> tuple[Reading, ...]:
-    """How the thigh is turned about its own axis, by the plane in which the leg is bent: 0 = the shank points straight
-    back from the knee, square to the hip joints; positive = turned inwards, the foot to the outside.
+def hip_rotation(points: Points, side: str) -> tuple[Reading, ...]:
+    """Rotation of the thigh about its long axis, by the plane in which the leg is bent: 0 = the shank points straight
+    back from the knee, perpendicular to the hip joints; positive = inwards, the foot to the outside.
 
     The last of ISB's Cardan angles z, x, y, the plane's normal being the thigh's z. A leg that is bent by less than
-    ``PLANE_KNOWN_RAD`` has no such plane, and one that is bent backwards shows it the wrong way round: not told.
+    ``PLANE_KNOWN_RAD`` has no such plane, and one that is bent backwards has it reversed: no value.
     """
     hip, knee, ankle = (points[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle"))
     across, y = unit(points["HipRight"] - points["HipLeft"]), unit(hip - knee)
@@ -64,18 +61,18 @@ def hip_turn(points: Points, side: str) -> tuple[Reading, ...]:
     bent, z = length(normal), unit(-normal)
     aside, along = dot(across, cross(y, z)), dot(across, z)
     inwards = -1.0 if side == "Left" else 1.0
-    hinged = (bent >= np.sin(PLANE_KNOWN_RAD)) & (along > 0)  # against the hips it is no hinge that bends
+    hinged = (bent >= np.sin(PLANE_KNOWN_RAD)) & (along > 0)  # bent the other way it is not the hinge that bends
     return ((inwards * np.arctan2(-aside, along), np.where(hinged, bent * np.hypot(aside, along), 0.0)),)
 
 
-def knee_bend(points: Points, side: str) -> tuple[Reading, ...]:
+def knee_flexion(points: Points, side: str) -> tuple[Reading, ...]:
     """How far the leg is bent at the knee: 0 = straight, negative = bent backwards (hyperextended).
 
-    A nearly straight leg shows no plane of bending but that of its noise and of bow legs, so only what turns about the
-    line of the hips counts; with either sign, so that noise about a straight knee has the mean zero. A leg that is
-    clearly bent is bent in the plane of its hinge, and the whole angle between thigh and shank counts. Between
-    ``PLANE_UNKNOWN_RAD`` and ``PLANE_KNOWN_RAD`` the one passes into the other. No knee bends backwards further than
-    that, so beyond it the angle is positive, and does not need the line of the hips.
+    The plane of bending of a nearly straight leg is that of noise and of bow legs, so only the rotation about the line
+    of the hips counts, with either sign, so that noise about a straight knee has the mean zero. A clearly bent leg is
+    bent in the plane of its hinge, and the whole angle between thigh and shank counts. Between ``PLANE_UNKNOWN_RAD``
+    and ``PLANE_KNOWN_RAD`` one passes into the other. No knee bends backwards further than that, so beyond it the angle
+    is positive and does not need the line of the hips.
     """
     hip, knee, ankle = (points[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle"))
     thigh, shank = unit(knee - hip), unit(ankle - knee)
@@ -88,8 +85,8 @@ def knee_bend(points: Points, side: str) -> tuple[Reading, ...]:
     return ((np.where(clear == 1.0, bend, signed), np.where(clear == 1.0, 1.0, length(cross(across, thigh)))),)
 
 
-def ankle_bend(points: Points, side: str) -> tuple[Reading, ...]:
-    """Foot against shank: 0 = the sole of a mean foot square to the shank, positive = toes up (dorsiflexion)."""
+def ankle_dorsiflexion(points: Points, side: str) -> tuple[Reading, ...]:
+    """Foot against shank: 0 = the sole of a mean foot perpendicular to the shank, positive = toes up (dorsiflexion)."""
     knee, ankle, foot = (points[f"{name}{side}"] for name in ("Knee", "Ankle", "Foot"))
     return ((0.5 * np.pi + np.radians(SOLE_SLOPE_DEG) - between(knee - ankle, foot - ankle), 1.0),)
 
@@ -114,11 +111,11 @@ def _leg(side: str) -> tuple[AngleGroup, ...]:
         AngleGroup(
             (f"hip_rotation_{end}",),
             (*hips, knee, ankle),
-            partial(hip_turn, side=side),
+            partial(hip_rotation, side=side),
             partial(hinge_sigma, limb=(f"Hip{side}", knee, ankle), aside_rad=VARUS_VALGUS_RAD),
         ),
-        AngleGroup((f"knee_flexion_{end}",), (*hips, knee, ankle), partial(knee_bend, side=side)),
-        AngleGroup((f"ankle_dorsiflexion_{end}",), (knee, ankle, foot), partial(ankle_bend, side=side)),
+        AngleGroup((f"knee_flexion_{end}",), (*hips, knee, ankle), partial(knee_flexion, side=side)),
+        AngleGroup((f"ankle_dorsiflexion_{end}",), (knee, ankle, foot), partial(ankle_dorsiflexion, side=side)),
     )
 
 
@@ -126,7 +123,7 @@ LEGS: Final = (*_leg("Left"), *_leg("Right"))
 
 
 CARRYING_RAD: Final = np.radians(5.0)
-"""One standard deviation of the elbow's carrying angle; taken, not measured here."""
+"""One standard deviation of the elbow's carrying angle; assumed, not measured here."""
 
 
 def shoulder_elevation(points: Points, side: str) -> tuple[Reading, ...]:
@@ -143,12 +140,12 @@ def shoulder_plane(points: Points, side: str) -> tuple[Reading, ...]:
     return ((np.arctan2(ahead, aside), np.hypot(ahead, aside)),)
 
 
-def shoulder_turn(points: Points, side: str) -> tuple[Reading, ...]:
-    """How the upper arm is turned about its own axis, by the plane in which the arm is bent: 0 = the forearm of the
-    hanging arm points forward; positive = turned inwards, the hand towards the other side.
+def shoulder_rotation(points: Points, side: str) -> tuple[Reading, ...]:
+    """Rotation of the upper arm about its long axis, by the plane in which the arm is bent: 0 = the forearm of the
+    hanging arm points forward; positive = inwards, the hand towards the other side.
 
-    What is left of the arm's turn against the trunk after the shortest swing from hanging. ISB's third angle is not
-    determined for an arm that hangs, which is where patients hold theirs. An arm that is bent by less than
+    It is the arm's rotation relative to the trunk without the shortest swing from hanging. ISB's third angle is
+    undetermined for a hanging arm, which is where patients hold theirs. An arm that is bent by less than
     ``PLANE_KNOWN_RAD`` has no such plane.
     """
     shoulder, elbow, wrist = (points[f"{name}{side}"] for name in ("Shoulder", "Elbow", "Wrist"))
@@ -163,7 +160,7 @@ def shoulder_turn(points: Points, side: str) -> tuple[Reading, ...]:
     return ((inwards * turn, np.where(hinged, bent * not_overhead, 0.0)),)
 
 
-def elbow_bend(points: Points, side: str) -> tuple[Reading, ...]:
+def elbow_flexion(points: Points, side: str) -> tuple[Reading, ...]:
     """How far the arm is bent at the elbow: 0 = straight, pi = folded."""
     shoulder, elbow, wrist = (points[f"{name}{side}"] for name in ("Shoulder", "Elbow", "Wrist"))
     return ((between(elbow - shoulder, wrist - elbow), 1.0),)
@@ -182,10 +179,10 @@ def _arm(side: str) -> tuple[AngleGroup, ...]:
         AngleGroup(
             (f"shoulder_rotation_{end}",),
             (*trunk, "ShoulderLeft", "ShoulderRight", elbow, wrist),
-            partial(shoulder_turn, side=side),
+            partial(shoulder_rotation, side=side),
             partial(hinge_sigma, limb=(shoulder, elbow, wrist), aside_rad=CARRYING_RAD),
         ),
-        AngleGroup((f"elbow_flexion_{end}",), (shoulder, elbow, wrist), partial(elbow_bend, side=side)),
+        AngleGroup((f"elbow_flexion_{end}",), (shoulder, elbow, wrist), partial(elbow_flexion, side=side)),
     )
 
 

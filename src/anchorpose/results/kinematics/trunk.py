@@ -1,9 +1,8 @@
-"""Trunk in the world and against the pelvis, and the line of the head against the thorax.
+"""Pelvis and trunk in the world, trunk relative to the pelvis, and the line of the head relative to the thorax.
 
-Pelvis in the world: turned, then raised on one side, then tilted (Baker 2001, doi:10.1016/S0966-6362(00)00083-7).
-
-In this order, the other way round than for joints, each of the three means what clinicians call by its name, also for
-a patient who has turned.
+The pelvis is rotated, then raised on one side, then tilted (Baker 2001, doi:10.1016/S0966-6362(00)00083-7). In this
+order, the reverse of that for joints, each of the three is what clinicians call by its name, also for a patient who has
+turned.
 """
 
 from __future__ import annotations
@@ -29,8 +28,8 @@ from anchorpose.results.kinematics.definition import (
 def trunk_lean(points: Points) -> tuple[Reading, ...]:
     """The line from SpineBase to SpineShoulder against the world's vertical: forwards, then to the patient's right.
 
-    Forwards is square to the hip joints, on the level; where their line is nearly upright (lying on a side), neither
-    direction is told.
+    Forwards is horizontal and perpendicular to the hip joints; where their line is nearly vertical (lying on a side),
+    both angles are undetermined.
     """
     across, up = points["HipRight"] - points["HipLeft"], unit(points["SpineShoulder"] - points["SpineBase"])
     nothing = np.zeros_like(across[0])
