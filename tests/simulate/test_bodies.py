@@ -10,7 +10,6 @@ from anchorpose.body.kinematics import shape_body
 from anchorpose.joints import JOINT_INDEX, LIMBS
 from anchorpose.rotations import turns
 from anchorpose.simulate import config as presets
-from anchorpose.simulate.channels import HandGoals, posture_from
 from anchorpose.simulate.clinic import draw_clinic
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.patient import resting_channels
@@ -19,10 +18,12 @@ from anchorpose.simulate.posture import SIDES, palm_normal, pose_bones
 from anchorpose.simulate.timeline import (
     CHANNEL_INDEX,
     Footwork,
+    HandGoals,
     Movement,
     channel_values,
     ease,
     foot_track,
+    posture_from,
     stance_places,
     walk,
 )

@@ -174,7 +174,7 @@ def test_progress_counts_to_the_end(tmp_path):
     ],
 )
 def test_what_cannot_be_simulated_is_refused(wrong):
-    with pytest.raises(ValueError, match=r"must|needs|fit"):
+    with pytest.raises(ValueError, match=r"must|needs|fit|should"):
         SimulationConfig(**{"seed": 1, **wrong})
 
 

@@ -2,38 +2,43 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Final, Literal, get_args
+from dataclasses import replace
+from typing import Annotated, Final, Literal
 
 import numpy as np
+from pydantic import Field
+
+from anchorpose.settings import NotNegative, Positive, Share, settings
 
 Sensor = Literal["kinect-v2", "azure-kinect", "realsense"]
 Speed = Literal["slow", "normal", "fast", "mixed"]
 Scene = Literal["enters-late", "leaves", "hidden", "sits"]
 
 MOTIONS: Final = (
-    "standing", "squat", "weight-shift", "trunk", "steps", "sit-to-stand",
-    "reach", "arm-raise", "head", "rails",
-)  # fmt: skip
+    *("standing", "squat", "weight-shift", "trunk", "steps", "sit-to-stand"),
+    *("reach", "arm-raise", "head", "rails"),
+)
 """What a patient can be asked to do; ``mixed`` draws from all of them, legs and arms at once."""
 
 FRAMELESS_MOTIONS: Final = frozenset({"sit-to-stand"})
 """Motions that a standing frame with a knee bar does not leave room for."""
 
 SMALLEST_HOLE_M, LARGEST_HOLE_M = 0.03, 0.15  # the paper's five sizes, Section V
-ROUGH_KEY: Final = 1000  # a stream of its own beside those of ``clinic``
+ROUGH_KEY: Final = 1000  # a random stream of its own, beside those of ``clinic``
 HIDDEN_S: Final = 2.0  # behind a curtain
-THICKEST_CLOTHING_M = 0.015  # beyond this the skin says little about the body
+THICKEST_CLOTHING_M: Final = 0.015  # beyond this the skin says little about the body
+
+ProperShare = Annotated[float, Field(ge=0, lt=1)]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class SimulationConfig:
     """One simulated recording. The same values give the same bytes."""
 
-    seed: int
-    seconds: float = 10.0
-    fps: float = 30.0  # every sensor simulated here runs at 30 Hz
-    cameras: int = 3  # front, left, right, then behind
+    seed: Annotated[int, Field(ge=0)]
+    seconds: Positive = 10.0
+    fps: Positive = 30.0  # every sensor simulated here runs at 30 Hz
+    cameras: Annotated[int, Field(ge=1, le=4)] = 3  # front, left, right, then behind
     sensor: Sensor = "kinect-v2"  # the paper's
     standing_frame: bool = True
     parallel_bars: bool = False  # instead of the standing frame: two rails that look the same from both ends
@@ -41,82 +46,65 @@ class SimulationConfig:
     equipment_shift_m: tuple[float, float] = (0.0, 0.0)  # along X and Z
     equipment_turn_rad: float = 0.0  # about the vertical
     stool: bool = True  # something solid under a patient who sits
-    therapists: int = 2
-    motions: tuple[str, ...] = ("mixed",)
+    therapists: Annotated[int, Field(ge=0, le=3)] = 2
+    motions: Annotated[tuple[str, ...], Field(min_length=1)] = ("mixed",)
     speed: Speed = "mixed"
-    clothing_m: float = 0.009  # how far loose clothes stand off the skin where they stand off most
-    away_s: tuple[
-        tuple[float, float], ...
-    ] = ()  # from when to when the patient is out of the room; he walks out and in
-    curtain_s: tuple[float, float] | None = (
-        None  # from when to when a curtain hangs between the patient and all cameras
-    )
+    clothing_m: Annotated[float, Field(ge=0, le=THICKEST_CLOTHING_M)] = 0.009  # how far folds stand off the skin
+    away_s: tuple[tuple[float, float], ...] = ()  # from when to when the patient is out of the room; walks out and in
+    curtain_s: tuple[float, float] | None = None  # from when to when a curtain hides the patient from all cameras
     hole_radius_m: float = 0.0  # 0: no holes
-    hole_share: float = 0.5  # of the frames
-    height_m: float | None = None  # None: drawn between 1.5 and 1.9
-    room: bool = True
+    hole_share: Share = 0.5  # of the frames
+    height_m: Annotated[float, Field(ge=1.45, le=2.0)] | None = None  # within the shape space; None: 1.5 to 1.9, drawn
     pose_known: bool = True  # False: camera_to_world is null
-    clock_late_s: tuple[float, ...] = ()  # one a camera: how much later than its stamps say it looked
-    clock_drift: tuple[float, ...] = ()  # one a camera: seconds of further lateness a second
-    clock_epoch_s: tuple[float, ...] = ()  # one a camera: what its stamps say at the start
-    stamp_jitter_s: float = 0.0  # standard deviation of every stamp
-    dropped_share: float = 0.0  # of the pictures of every camera but the first, lost on the way to the disk
-    doubled_share: float = 0.0  # of the files of every camera that hold the picture before once more
-    starts_late_s: tuple[float, ...] = ()  # one a camera, the first 0: seconds without pictures at the start
-    ends_early_s: tuple[float, ...] = ()  # one a camera, the first 0: seconds without pictures at the end
+    clock_late_s: tuple[float, ...] = ()  # one per camera: how much later than its stamps say it looked
+    clock_drift: tuple[float, ...] = ()  # one per camera: seconds of further lateness per second
+    clock_epoch_s: tuple[float, ...] = ()  # one per camera: what its stamps say at the start
+    stamp_jitter_s: NotNegative = 0.0  # standard deviation of every stamp
+    dropped_share: ProperShare = 0.0  # of the depth images of every camera but the first, lost on the way to the disk
+    doubled_share: ProperShare = 0.0  # of the files of every camera that hold the previous depth image once more
+    starts_late_s: tuple[NotNegative, ...] = ()  # one per camera, the first 0: seconds without images at the start
+    ends_early_s: tuple[NotNegative, ...] = ()  # one per camera, the first 0: seconds without images at the end
 
     def __post_init__(self) -> None:
-        _require(self.seconds > 0 and self.fps > 0, f"seconds and fps must be positive: {self.seconds}, {self.fps}")
-        _require(1 <= self.cameras <= 4, f"cameras must be 1 to 4, got {self.cameras}")
-        _require(0 <= self.therapists <= 3, f"therapists must be 0 to 3, got {self.therapists}")
-        _require(self.sensor in get_args(Sensor), f"sensor must be one of {get_args(Sensor)}, got {self.sensor}")
-        _require(self.speed in get_args(Speed), f"speed must be one of {get_args(Speed)}, got {self.speed}")
-        _require(len(self.motions) > 0, "motions must name at least one motion")
-        for motion in self.motions:
-            _require(motion in ("mixed", *MOTIONS), f"motion must be mixed or one of {MOTIONS}, got {motion}")
-        clash = FRAMELESS_MOTIONS.intersection(self.motions) if self.standing_frame else frozenset()
-        _require(not clash, f"{', '.join(sorted(clash))} does not fit into a standing frame; set standing_frame=False")
-        _require(
-            0 <= self.clothing_m <= THICKEST_CLOTHING_M,
-            f"clothing_m must be 0 to {THICKEST_CLOTHING_M}, got {self.clothing_m}",
-        )
-        _require(
-            self.hole_radius_m == 0 or SMALLEST_HOLE_M <= self.hole_radius_m <= LARGEST_HOLE_M,
-            f"hole_radius_m must be 0 or {SMALLEST_HOLE_M} to {LARGEST_HOLE_M}, got {self.hole_radius_m}",
-        )
-        _require(
-            self.standing_frame or not self.parallel_bars, "parallel bars stand in for the standing frame: ask for it"
-        )
-        _require(self.seed >= 0, f"seed must not be negative, got {self.seed}")
-        _require(0 <= self.dropped_share < 1, f"dropped_share must be 0 to below 1, got {self.dropped_share}")
-        _require(0 <= self.doubled_share < 1, f"doubled_share must be 0 to below 1, got {self.doubled_share}")
-        _require(self.stamp_jitter_s >= 0, f"stamp_jitter_s must not be negative, got {self.stamp_jitter_s}")
-        _require(0 <= self.hole_share <= 1, f"hole_share must be 0 to 1, got {self.hole_share}")
-        _require(
-            self.height_m is None or 1.45 <= self.height_m <= 2.0,
-            f"height_m must be 1.45 to 2.0 (the bodies the shape space knows), got {self.height_m}",
-        )
-        for name in ("clock_late_s", "clock_drift", "clock_epoch_s", "starts_late_s", "ends_early_s"):
-            values = getattr(self, name)
-            _require(len(values) in (0, self.cameras), f"{name} needs one value a camera, got {len(values)}")
-        for name in ("starts_late_s", "ends_early_s"):
-            values = getattr(self, name)
-            _require(
-                not values or values[0] == 0, f"{name} must be 0 for the first camera: its frames number the truth"
-            )
-            _require(all(value >= 0 for value in values), f"{name} must not be negative, got {values}")
+        _check_equipment(self)
+        _check_cameras(self)
         _check_scene(self)
-        missing_s = np.add(self.starts_late_s or [0.0], self.ends_early_s or [0.0])
-        _require(bool((missing_s < self.seconds).all()), "a camera must run for some time of the recording")
 
     @property
     def frames(self) -> int:
-        """Pictures of each camera."""
+        """Depth images of each camera."""
         return max(1, round(self.seconds * self.fps))
 
 
+def _check_equipment(config: SimulationConfig) -> None:
+    """Raises ValueError where motions, holes and equipment do not fit together."""
+    for motion in config.motions:
+        _require(motion in ("mixed", *MOTIONS), f"motion must be mixed or one of {MOTIONS}, got {motion}")
+    clash = FRAMELESS_MOTIONS.intersection(config.motions) if config.standing_frame else frozenset()
+    _require(not clash, f"{', '.join(sorted(clash))} does not fit into a standing frame; set standing_frame=False")
+    _require(
+        config.standing_frame or not config.parallel_bars, "parallel bars stand in for the standing frame: ask for it"
+    )
+    _require(
+        config.hole_radius_m == 0 or SMALLEST_HOLE_M <= config.hole_radius_m <= LARGEST_HOLE_M,
+        f"hole_radius_m must be 0 or {SMALLEST_HOLE_M} to {LARGEST_HOLE_M}, got {config.hole_radius_m}",
+    )
+
+
+def _check_cameras(config: SimulationConfig) -> None:
+    """Raises ValueError where what is given per camera does not fit the cameras."""
+    for name in ("clock_late_s", "clock_drift", "clock_epoch_s", "starts_late_s", "ends_early_s"):
+        values = getattr(config, name)
+        _require(len(values) in (0, config.cameras), f"{name} needs one value per camera, got {len(values)}")
+    for name in ("starts_late_s", "ends_early_s"):
+        values = getattr(config, name)
+        _require(not values or values[0] == 0, f"{name} must be 0 for the first camera: its frames number the truth")
+    missing_s = np.add(config.starts_late_s or [0.0], config.ends_early_s or [0.0])
+    _require(bool((missing_s < config.seconds).all()), "a camera must run for some time of the recording")
+
+
 def _check_scene(config: SimulationConfig) -> None:
-    """Raises ValueError where the patient cannot be away or hidden as asked."""
+    """Raises ValueError where the patient cannot be away or hidden as set."""
     times = [time_s for span in config.away_s for time_s in span]
     _require(times == sorted(times), f"away_s must be spans in the order of time, got {config.away_s}")
     _require(not (times and config.standing_frame), "a patient in a standing frame cannot walk out; set it to False")
@@ -135,7 +123,7 @@ def clinic(seed: int, seconds: float = 10.0, fps: float = 15.0) -> SimulationCon
 
 
 def scene(config: SimulationConfig, name: Scene) -> SimulationConfig:
-    """``config`` with what makes a tracker lose the patient: he is away at first or in the middle, hidden, or sits."""
+    """``config`` with a patient who is easily lost: away at first or later, hidden behind a curtain, or seated."""
     seconds = config.seconds
     free = replace(config, standing_frame=False, stool=False, motions=("squat", "reach"))
     match name:
@@ -150,7 +138,7 @@ def scene(config: SimulationConfig, name: Scene) -> SimulationConfig:
 
 
 def rough_recorder(config: SimulationConfig) -> SimulationConfig:
-    """``config`` recorded by devices that were not made to work together; how, is drawn from its seed."""
+    """``config`` recorded by devices that were not made to work together; how far apart is drawn from its seed."""
     rng = np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(ROUGH_KEY,)))
     others = config.cameras - 1
     return replace(

@@ -7,21 +7,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from anchorpose.rotations import FORWARD, UP, orthonormal_frame
-from anchorpose.simulate.channels import HandGoals, ball_ahead_m, posture_from, standing_pelvis_m
 from anchorpose.simulate.config import SimulationConfig
-from anchorpose.simulate.frame import StandingFrame
 from anchorpose.simulate.movements import ARM_MOTIONS, LEG_MOTIONS, REST_ELBOW, Situation, draw_pace, timed
 from anchorpose.simulate.person import Person
 from anchorpose.simulate.posture import OUTWARD, finger_direction, palm_normal, pose_bones
+from anchorpose.simulate.scenery import StandingFrame
 from anchorpose.simulate.timeline import (
     CHANNEL_INDEX,
     CHANNELS,
     Footwork,
+    HandGoals,
     Movement,
     Step,
+    ball_ahead_m,
     channel_values,
     final_stance,
+    posture_from,
     stance_places,
+    standing_pelvis_m,
     walk,
 )
 

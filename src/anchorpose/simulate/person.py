@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numba as nb
 import numpy as np
 
 from anchorpose.body.asset import BodyAsset, load_body_asset
 from anchorpose.body.kinematics import ShapedBody, shape_body
+from anchorpose.rotations import unit
 
 SHORTEST_M, TALLEST_M = 1.5, 1.9
 COEFFICIENT_SPREAD = 0.8  # of the shape space's standard deviations; below 1, for all sixteen vary at once
@@ -46,21 +48,22 @@ class Person:
     def skin(self, transforms: np.ndarray, time_s: float) -> np.ndarray:
         """(v, 3) float32 dressed skin in the world for bone motions (b, 4, 4)."""
         asset, clothes = self.body.asset, self.clothes
-        skin = np.empty((len(self.normals), 3), dtype=np.float32)
-        _dress_and_skin(
+        rest = _RestSkin(
             self.body.vertices.astype(np.float32),
             self.normals.astype(np.float32),
             asset.skin_bones.astype(np.int32),
             asset.skin_weights.astype(np.float32),
-            transforms[:, :3, :].astype(np.float32),
-            bends(asset, transforms).astype(np.float32),
+        )
+        folds = _Folds(
             clothes.cover.astype(np.float32),
             clothes.waves.astype(np.float32),
             (clothes.phase + clothes.drift * time_s).astype(np.float32),
             clothes.bend_gain.astype(np.float32),
             clothes.amplitude_m,
-            skin,
         )
+        skin = np.empty((len(self.normals), 3), dtype=np.float32)
+        motions, bend = transforms[:, :3, :].astype(np.float32), bends(asset, transforms).astype(np.float32)
+        _dress_and_skin(rest, folds, motions, bend, skin)
         return skin
 
 
@@ -77,6 +80,18 @@ def draw_person(rng: np.random.Generator, clothing_m: float, height_m: float | N
     drop = np.array([0.0, bumpy[:, 1].min(), 0.0])
     body = ShapedBody(asset, bumpy - drop, plain.bone_heads - drop, plain.bone_tails - drop)
     return Person(body, coefficients, height_m, _draw_clothes(rng, asset, clothing_m), normals)
+
+
+def skin_points(person: Person, bones: np.ndarray, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Some dressed skin points and their normals over time, (t, n, 3) each; folds at their mean height."""
+    asset, clothes = person.body.asset, person.clothes
+    normals = person.normals[vertices]
+    rest = person.body.vertices[vertices] + 0.75 * clothes.amplitude_m * clothes.cover[vertices, None] * normals
+    moved = bones[:, asset.skin_bones[vertices]]
+    weights = asset.skin_weights[vertices]
+    place = np.einsum("nw,tnwij,nj->tni", weights, moved[..., :3, :3], rest)
+    place += np.einsum("nw,tnwi->tni", weights, moved[..., :3, 3])
+    return place, unit(np.einsum("nw,tnwij,nj->tni", weights, moved[..., :3, :3], normals))
 
 
 def bends(asset: BodyAsset, transforms: np.ndarray) -> np.ndarray:
@@ -139,45 +154,58 @@ def _draw_clothes(rng: np.random.Generator, asset: BodyAsset, amplitude_m: float
     )
 
 
+class _RestSkin(NamedTuple):
+    """vertices, normals (v, 3) float32; the bones that move each vertex (v, w) int32, and their weights float32."""
+
+    vertices: np.ndarray
+    normals: np.ndarray
+    bones: np.ndarray
+    weights: np.ndarray
+
+
+class _Folds(NamedTuple):
+    """``Clothes`` at one moment, float32."""
+
+    cover: np.ndarray
+    waves: np.ndarray
+    phase: np.ndarray
+    bend_gain: np.ndarray
+    amplitude_m: float
+
+
 @nb.njit(cache=True)
-def _dress_and_skin(
-    vertices: np.ndarray,
-    normals: np.ndarray,
-    bones: np.ndarray,
-    weights: np.ndarray,
-    transforms: np.ndarray,
-    bend: np.ndarray,
-    cover: np.ndarray,
-    waves: np.ndarray,
-    phase: np.ndarray,
-    bend_gain: np.ndarray,
-    amplitude_m: float,
-    skin: np.ndarray,
-) -> None:
-    folds = len(phase)
-    scale = np.float32(np.sqrt(2.0 / folds))
+def _dress_and_skin(rest: _RestSkin, folds: _Folds, transforms: np.ndarray, bend: np.ndarray, skin: np.ndarray) -> None:
+    """Fill ``skin`` (v, 3) with the dressed skin moved by transforms (b, 3, 4); bend (b,) radians of each bone."""
     blend = np.empty((3, 4), dtype=np.float32)
-    for v in range(len(vertices)):
+    for v in range(len(rest.vertices)):
         blend[:] = 0.0
         bent = np.float32(0.0)
-        for k in range(bones.shape[1]):
-            weight = weights[v, k]
+        for k in range(rest.bones.shape[1]):
+            weight = rest.weights[v, k]
             if weight == 0.0:
                 continue
-            bone = bones[v, k]
+            bone = rest.bones[v, k]
             bent += weight * bend[bone]
             for i in range(3):
                 for j in range(4):
                     blend[i, j] += weight * transforms[bone, i, j]
-        x, y, z = vertices[v]
-        off = np.float32(0.0)
-        if cover[v] > 0.0 and amplitude_m > 0.0:
-            wave = np.float32(0.0)
-            for k in range(folds):
-                argument = waves[k, 0] * x + waves[k, 1] * y + waves[k, 2] * z + phase[k] + bend_gain[k] * bent
-                wave += np.sin(argument)
-            # mean 0.75 and two standard deviations of the folds within (0.1, 1.4) of the amplitude: outward
-            off = amplitude_m * cover[v] * (np.float32(0.75) + np.float32(0.32) * scale * wave)
-        x, y, z = x + off * normals[v, 0], y + off * normals[v, 1], z + off * normals[v, 2]
+        off = _fold_m(folds, rest.vertices[v], folds.cover[v], bent)
+        x = rest.vertices[v, 0] + off * rest.normals[v, 0]
+        y = rest.vertices[v, 1] + off * rest.normals[v, 1]
+        z = rest.vertices[v, 2] + off * rest.normals[v, 2]
         for i in range(3):
             skin[v, i] = blend[i, 0] * x + blend[i, 1] * y + blend[i, 2] * z + blend[i, 3]
+
+
+@nb.njit(cache=True)
+def _fold_m(folds: _Folds, place: np.ndarray, cover: np.float32, bent: np.float32) -> float:
+    """How far the clothes stand off the skin at one place of the rest skin, metres."""
+    if not (cover > 0.0 and folds.amplitude_m > 0.0):
+        return 0.0
+    wave = np.float32(0.0)
+    for k in range(len(folds.phase)):
+        argument = folds.waves[k, 0] * place[0] + folds.waves[k, 1] * place[1] + folds.waves[k, 2] * place[2]
+        wave += np.sin(argument + folds.phase[k] + folds.bend_gain[k] * bent)
+    scale = np.float32(np.sqrt(2.0 / len(folds.phase)))
+    # mean 0.75 and two standard deviations of the folds within (0.1, 1.4) of the amplitude: outward
+    return float(folds.amplitude_m * cover * (np.float32(0.75) + np.float32(0.32) * scale * wave))

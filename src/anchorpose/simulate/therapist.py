@@ -8,12 +8,20 @@ import numpy as np
 
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.rotations import FORWARD, UP, orthonormal_frame, rotate, unit
-from anchorpose.simulate.channels import HandGoals, posture_from
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.patient import LONG_AGO_S, PALM_ABOVE_BONE_M, Actor, draw_waves, resting_channels
-from anchorpose.simulate.person import Person, draw_person
+from anchorpose.simulate.person import Person, draw_person, skin_points
 from anchorpose.simulate.posture import OUTWARD, SIDES, finger_direction, palm_normal, pose_bones
-from anchorpose.simulate.timeline import CHANNEL_INDEX, Footwork, Movement, channel_values, stance_places, walk
+from anchorpose.simulate.timeline import (
+    CHANNEL_INDEX,
+    Footwork,
+    HandGoals,
+    Movement,
+    channel_values,
+    posture_from,
+    stance_places,
+    walk,
+)
 
 STANCE_M = 0.28
 WALK_STEP_S = 0.5
@@ -113,18 +121,6 @@ def draw_therapists(rng: np.random.Generator, config: SimulationConfig, patient:
         _draw_passer(rng, config, draw_person(rng, config.clothing_m)) for _ in range(config.therapists - holding)
     ]
     return tuple(found)
-
-
-def skin_points(person: Person, bones: np.ndarray, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Some dressed skin points and their normals over time, (t, n, 3) each; folds at their mean height."""
-    asset, clothes = person.body.asset, person.clothes
-    normals = person.normals[vertices]
-    rest = person.body.vertices[vertices] + 0.75 * clothes.amplitude_m * clothes.cover[vertices, None] * normals
-    moved = bones[:, asset.skin_bones[vertices]]
-    weights = asset.skin_weights[vertices]
-    place = np.einsum("nw,tnwij,nj->tni", weights, moved[..., :3, :3], rest)
-    place += np.einsum("nw,tnwi->tni", weights, moved[..., :3, 3])
-    return place, unit(np.einsum("nw,tnwij,nj->tni", weights, moved[..., :3, :3], normals))
 
 
 def _apart(task: Task, other: Task) -> bool:

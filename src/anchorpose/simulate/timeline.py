@@ -1,10 +1,14 @@
-"""Smooth movements laid out in time, and feet that step."""
+"""Smooth movements and steps laid out in time, and the posture that patients and therapists take by them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+
+from anchorpose.body.kinematics import ShapedBody
+from anchorpose.rotations import UP, turns, turns_about
+from anchorpose.simulate.posture import OUTWARD, Posture
 
 TRUNK_CHANNELS = (
     "pelvis_forward", "pelvis_up", "pelvis_right", "pelvis_flex", "pelvis_side", "pelvis_turn",
@@ -18,6 +22,12 @@ CHANNEL_INDEX = {name: index for index, name in enumerate(CHANNELS)}
 STEP_HEIGHT_M = 0.07
 TOE_OFF_RAD = 0.5  # heel rise as a foot leaves the floor
 BODY_LAG_S = 0.3  # the trunk travels more evenly than the feet
+
+ELBOW_LIMITS = (0.12, 2.5)  # radians: nearly straight to hand at the shoulder
+SHOULDER_LIMITS = (-0.9, 3.0)
+TRUNK_LIMITS = (-0.6, 1.3)
+HEAD_LIMITS = (-1.2, 1.2)
+ARM_SWING = 1.1  # radians per metre that the opposite foot is ahead
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,3 +164,84 @@ def stance_places(middle_m: np.ndarray, yaw: float, stance_m: float) -> np.ndarr
 
 def _wrap(angle: float) -> float:
     return float((angle + np.pi) % (2.0 * np.pi) - np.pi)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HandGoals:
+    """Where each hand goes while it is pulled: wrist (t, 2, 3) metres and turn of the hand from rest (t, 2, 3, 3)."""
+
+    wrist_m: np.ndarray
+    turn: np.ndarray
+
+    @staticmethod
+    def none(times: int) -> HandGoals:
+        """For people who hold nothing."""
+        return HandGoals(np.zeros((times, 2, 3)), np.tile(np.eye(3), (times, 2, 1, 1)))
+
+
+def standing_pelvis_m(body: ShapedBody) -> float:
+    """Height of the pelvis's centre above the floor in the rest pose."""
+    return float(body.bone_heads[body.asset.bone("Hips"), 1])
+
+
+def ball_ahead_m(body: ShapedBody) -> float:
+    """How far the balls of the feet are ahead of the pelvis in upright standing."""
+    return float(body.bone_heads[body.asset.bone("LeftToeBase"), 0] - body.bone_heads[body.asset.bone("Hips"), 0])
+
+
+def posture_from(
+    body: ShapedBody, channels: np.ndarray, footwork: Footwork, times_s: np.ndarray, goals: HandGoals
+) -> Posture:
+    """The posture at ``times_s`` (t,) for channels (c, t)."""
+    feet = foot_track(footwork, times_s)
+    place, yaw = body_course(footwork, times_s)
+    pelvis_m, pelvis_turn = _pelvis(body, channels, place, yaw)
+    balls_m = body.bone_heads[[body.asset.bone("LeftToeBase"), body.asset.bone("RightToeBase")]]
+    stride_m = np.einsum(
+        "tsi,ti->ts", feet.ball_m[:, ::-1, [0, 2]] - place[:, None], np.stack([np.cos(yaw), -np.sin(yaw)], axis=1)
+    )
+    flexion = _both(channels, "shoulder_flex") + ARM_SWING * stride_m
+    shoulder = np.stack([flexion, _both(channels, "shoulder_abduct"), _both(channels, "shoulder_inward")], axis=2)
+    return Posture(
+        pelvis_m=pelvis_m,
+        pelvis_turn=pelvis_turn,
+        trunk=_three(channels, "trunk").clip(*TRUNK_LIMITS),
+        head=_three(channels, "head").clip(*HEAD_LIMITS),
+        ball_m=feet.ball_m + UP * balls_m[:, 1:2],
+        foot_yaw=feet.yaw - OUTWARD * 0.05,
+        heel_lift=feet.heel + _both(channels, "heel").clip(0.0, 1.0),
+        knee_out=_both(channels, "knee_out"),
+        shoulder=shoulder.clip(*SHOULDER_LIMITS),
+        elbow=_both(channels, "elbow").clip(*ELBOW_LIMITS),
+        pronation=_both(channels, "pronate"),
+        wrist=_both(channels, "wrist"),
+        fingers=_both(channels, "fingers"),
+        hand_m=goals.wrist_m,
+        hand_turn=goals.turn,
+        pull=_both(channels, "pull").clip(0.0, 1.0),
+    )
+
+
+def _pelvis(
+    body: ShapedBody, channels: np.ndarray, place: np.ndarray, yaw: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pelvis (t, 3) and its turn from rest (t, 3, 3) of a body at places (t, 2) that faces yaw (t,)."""
+
+    def channel(name: str) -> np.ndarray:
+        return np.asarray(channels[CHANNEL_INDEX[f"pelvis_{name}"]])
+
+    heading = turns_about(UP, yaw)
+    offset = np.stack([channel("forward") - ball_ahead_m(body), channel("up"), channel("right")], axis=1)
+    floor = np.stack([place[:, 0], np.full(len(yaw), standing_pelvis_m(body)), place[:, 1]], axis=1)
+    lean = np.stack([channel("side"), channel("turn"), -channel("flex")], axis=1)
+    return floor + np.einsum("tij,tj->ti", heading, offset), heading @ turns(lean)
+
+
+def _both(channels: np.ndarray, name: str) -> np.ndarray:
+    """(t, 2) a channel of the left and the right side."""
+    return np.stack([channels[CHANNEL_INDEX[f"{name}_left"]], channels[CHANNEL_INDEX[f"{name}_right"]]], axis=1)
+
+
+def _three(channels: np.ndarray, name: str) -> np.ndarray:
+    """(t, 3) bend forward, bend to the right, turn to the left."""
+    return np.stack([channels[CHANNEL_INDEX[f"{name}_{way}"]] for way in ("flex", "side", "turn")], axis=1)
