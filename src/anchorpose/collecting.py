@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.results.reference_clips import clips_of_results
+from anchorpose.results.tables import JOINTS_FILE, read_joints
 from anchorpose.tracking.motion_file import (
     FORMAT,
     ReferenceClips,
@@ -20,6 +21,8 @@ from anchorpose.tracking.motion_file import (
 )
 
 SUFFIX = ".npz"
+SHORTEST_S: Final = 0.5  # the motion history, the frames that check it and one predicted step, at 30 Hz
+_GAP: Final = 1.5  # periods between two frames; in a longer gap a frame is missing
 
 
 def build_motions(out: Path, sources: Sequence[Path], rate_hz: float | None, overwrite: bool) -> ReferenceClips:
@@ -46,3 +49,32 @@ def _read(source: Path, rate_hz: float | None) -> ReferenceClips:
     remedy = "give results folders, skeleton files or files made by 'anchorpose motions build'"
     stored = read_arrays(source, ("format",), remedy).get("format", np.array(""))
     return read_motions(source) if str(stored) == FORMAT else read_skeletons(source, rate_hz)
+
+
+def clips_of_results(folder: Path) -> ReferenceClips:
+    """The stretches of a results folder, at least half a second long, in which no joint is lost.
+
+    Frames with a lost joint and gaps in time end them. Raises InputError where the table cannot be used or no stretch
+    is left.
+    """
+    table = read_joints(folder / JOINTS_FILE)
+    remedy = "give a result in which the patient was followed"
+    if len(table.frame) < 2 or not (np.diff(table.time_s) > 0).all():
+        raise InputError(folder, "has fewer than two frames, or times that do not increase", remedy)
+    period_s = float(np.median(np.diff(table.time_s)))
+    whole = np.isfinite(table.position_m).all(axis=(1, 2))
+    broken = ~whole[1:] | ~whole[:-1] | (np.diff(table.time_s) > _GAP * period_s)
+    pieces = np.split(np.arange(len(whole)), np.flatnonzero(broken) + 1)
+    kept = [piece for piece in pieces if whole[piece].all() and len(piece) * period_s >= SHORTEST_S]
+    if not kept:
+        raise InputError(folder, f"has no {SHORTEST_S:g} s without a lost joint or a gap", remedy)
+    name, used = folder.resolve().name, sum(len(piece) for piece in kept)
+    note = f"{name}: {len(kept)} clips, {used} frames at {1.0 / period_s:.3g} Hz"
+    if used < len(whole):
+        note += f"; {len(whole) - used} frames with lost joints or beside gaps left out"
+    return ReferenceClips(
+        tuple(table.position_m[piece] for piece in kept),
+        tuple(f"{name} from frame {table.frame[piece[0]]}" for piece in kept),
+        (1.0 / period_s,) * len(kept),
+        (note,),
+    )

@@ -156,7 +156,7 @@ def test_pictures_are_not_even_read_for_csv(results, tmp_path, monkeypatch):
     assert "people.parquet" not in read  # an hour of three cameras is more than a gigabyte
     assert not (folder / "people.csv").exists()
     (other / "people.parquet").write_bytes(b"no table")
-    with pytest.raises(InputError, match=r"people\.parquet: is no parquet table"):
+    with pytest.raises(InputError, match=r"people\.parquet: is not a parquet table"):
         export(other, tmp_path / "again", Format.CSV)
 
 

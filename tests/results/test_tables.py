@@ -131,7 +131,7 @@ def test_a_table_that_is_not_ours_is_refused(tmp_path, spoil, problem):
 def test_a_truncated_or_missing_table_is_refused(tmp_path):
     path = _write(tmp_path / "joints.parquet", [make_frame(0, 0.0, standing_joints())])
     path.write_bytes(path.read_bytes()[:-30])
-    for bad, problem in ((path, "no parquet table"), (tmp_path / "none.parquet", "no such file")):
+    for bad, problem in ((path, "not a parquet table"), (tmp_path / "none.parquet", "no such file")):
         with pytest.raises(InputError, match=problem):
             read_joints(bad)
 

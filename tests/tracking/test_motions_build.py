@@ -9,9 +9,9 @@ import pytest
 from results_builder import make_frame, standing_joints, write_results
 
 from anchorpose.cli import main
+from anchorpose.collecting import clips_of_results
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
-from anchorpose.results.reference_clips import clips_of_results
 from anchorpose.tracking.motion import MotionConfig, MotionRule
 from anchorpose.tracking.motion_database import pose_vectors
 from anchorpose.tracking.motion_file import (

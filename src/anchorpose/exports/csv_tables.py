@@ -146,7 +146,7 @@ def _readable(path: Path, read: Callable[[Path], Any]) -> Any:
     try:
         return read(path)
     except (pa.ArrowException, OSError):
-        raise InputError(path, "is no parquet table", "track the recording again") from None
+        raise InputError(path, "is not a parquet table", "track the recording again") from None
 
 
 def _kind(kind: pa.DataType) -> str:

@@ -56,13 +56,13 @@ def read_parquet(path: Path, schema: pa.Schema, rows: Any = None) -> pa.Table:
 
 @contextmanager
 def refuse_unreadable(path: Path) -> Iterator[None]:
-    """Raises InputError where the file at ``path`` turns out in the block to be missing or no parquet table."""
+    """Raises InputError where the file at ``path`` proves in the block to be missing or unreadable."""
     try:
         yield
     except FileNotFoundError:
         raise InputError(path, "there is no such file", "give a results folder made by 'anchorpose track'") from None
     except (pa.ArrowException, OSError) as error:
-        raise InputError(path, f"is no parquet table ({str(error).splitlines()[0][:80]})", TRACK_AGAIN) from None
+        raise InputError(path, f"is not a parquet table ({str(error).splitlines()[0][:80]})", TRACK_AGAIN) from None
 
 
 def require_columns(path: Path, found: pa.Schema, schema: pa.Schema) -> None:
