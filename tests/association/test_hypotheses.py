@@ -11,8 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from surface_builder import flat_grid
 
-from anchorpose.association.hypotheses import GateConfig, anchor_subsets, error_bound, match_hypotheses
-from anchorpose.association.matcher import HypothesisConfig, nearest_hypotheses
+from anchorpose.association.hypotheses import (
+    GateConfig,
+    HypothesisConfig,
+    anchor_subsets,
+    error_bound,
+    match_hypotheses,
+    nearest_hypotheses,
+)
 from anchorpose.association.voxels import sort_into_voxels
 from anchorpose.surface.mesh import keep_nodes
 

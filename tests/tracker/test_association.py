@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from surface_builder import flat_grid
 
-from anchorpose.association.matcher import Feature, HypothesisConfig
+from anchorpose.association.hypotheses import Feature, HypothesisConfig
 from anchorpose.results.run_record import MatchedShares
 from anchorpose.tracker.association import GlobalHypothesis, link
 from anchorpose.tracker.config import TrackConfig

@@ -2,44 +2,88 @@
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 from numba import njit
+
+from anchorpose.association.voxels import Voxels
+
+
+class Target(NamedTuple):
+    """Nodes that may be matched, voxel after voxel: points_m (n, 3), distances to the anchors (n, 5), float32."""
+
+    points_m: np.ndarray
+    distances: np.ndarray
+
+
+class Balls(NamedTuple):
+    """Where matches are searched, one ball per source node.
+
+    centres (m, 3) float32; radius; low, high (m, 3) int64: the first and last voxels that each ball touches, high[0] -1
+    where it misses all of them or has no centre; order (m,) int64: the nodes, those of the same voxels together.
+    """
+
+    centres: np.ndarray
+    radius: float
+    low: np.ndarray
+    high: np.ndarray
+    order: np.ndarray
+
+
+def sort_balls(centres: np.ndarray, radius: float, voxels: Voxels) -> Balls:
+    """Balls of one radius, inf for everywhere, around centres (m, 3) float32, NaN for nowhere."""
+    last_voxel = voxels.shape - 1
+    low, high = np.zeros((len(centres), 3), np.int64), np.tile(last_voxel, (len(centres), 1))
+    if radius < np.inf:
+        places = centres.astype(np.float64)
+        first = np.floor((places - radius - voxels.origin_m) / voxels.side_m)
+        last = np.floor((places + radius - voxels.origin_m) / voxels.side_m)
+        touching = ((last >= 0) & (first <= last_voxel)).all(axis=1)  # never where the centre is NaN
+        low[touching] = np.maximum(first[touching], 0)
+        high[touching] = np.minimum(last[touching], last_voxel)
+        high[~touching, 0] = -1
+    order = np.lexsort(np.concatenate([low, high], axis=1).T)
+    return Balls(np.ascontiguousarray(centres), float(radius), low, high, order)
+
+
+def hold_subset(subsets: np.ndarray, anchors: int) -> np.ndarray:
+    """(2**anchors,) bool: whether a set of anchors, a bit each, holds one of the subsets (s, n_s)."""
+    needed, held = (1 << subsets).sum(axis=1), np.arange(1 << anchors)
+    enough: np.ndarray = ((held[:, None] & needed) == needed).any(axis=1)
+    return enough
 
 
 @njit(cache=True)
 def match_all(
     source: np.ndarray,
     limit2: np.ndarray,
-    centres: np.ndarray,
-    points: np.ndarray,
-    target: np.ndarray,
-    order: np.ndarray,
-    start: np.ndarray,
-    origin: np.ndarray,
-    side: float,
-    shape: np.ndarray,
-    radius: float,
+    balls: Balls,
+    target: Target,
+    voxels: Voxels,
     subsets: np.ndarray,
+    enough: np.ndarray,
 ) -> np.ndarray:
-    """Nodes whose balls touch the same voxels go one after another, so that these are laid out once for all of them."""
+    """(m, s) int32: the match of each source node under each subset, -1 = none.
+
+    source (m, 5) float32 distances to the anchors; limit2 (m, s) float32: the squared gate; subsets (s, n_s) int64;
+    enough of ``hold_subset``. Nodes whose balls touch the same voxels come one after another, so that these are laid out
+    once for all.
+    """
     match = np.full((len(source), len(subsets)), -1, np.int32)
-    enough = _holding(subsets, source.shape[1])
-    low, high = _voxel_ranges(centres, radius, origin, side, shape)
+    low, high, points = balls.low, balls.high, target.points_m
     spots, distances = np.empty(len(points), np.int32), np.empty((source.shape[1], len(points)), np.float32)
     near, psi = np.empty(len(points) + 1, np.int32), np.empty(len(points) + 1, np.int32)
     close, distance2 = np.empty(len(points), np.int32), np.empty(len(points))
     offset2 = np.empty((source.shape[1], len(points) + 1), np.float32)
     laid_out, key = 0, -1
-    for node in _by_voxels(low, high, shape):
+    for node in balls.order:
         if high[node, 0] < 0:
             continue
-        if _key(low[node], high[node], shape) != key:
-            key = _key(low[node], high[node], shape)
-            laid_out = _lay_out(low[node], high[node], start, shape, target, spots, distances)
-        largest = np.float32(0.0)
-        for s in range(len(subsets)):
-            if np.isfinite(limit2[node, s]):
-                largest = max(largest, limit2[node, s])
+        if _key(low[node], high[node], voxels.shape) != key:
+            key = _key(low[node], high[node], voxels.shape)
+            laid_out = _lay_out(low[node], high[node], voxels, target.distances, spots, distances)
+        largest = _largest(limit2[node])
         close[:laid_out] = 0
         for k in range(source.shape[1]):
             _compare(distances[k], source[node, k], largest, np.int32(1 << k), close, laid_out)
@@ -47,39 +91,35 @@ def match_all(
         for c in range(laid_out):
             psi[picked] = c
             picked += enough[close[c]]
-        count = 0
+        count: Any = np.int64(0)
         for c in psi[:picked]:
             near[count] = spots[c]
             for k in range(source.shape[1]):
                 offset = distances[k, c] - source[node, k]
                 offset2[k, count] = offset * offset
-            count += not _beyond(points, spots[c], centres, node, radius)
+            count += not _beyond(points, spots[c], balls, node)
         for s in range(len(subsets)):
             size = _within(offset2, subsets[s], limit2[node, s], count, distance2, psi)
-            match[node, s] = _middle(points, near, psi, size, order)
+            match[node, s] = _middle(points, near, psi, size, voxels.order)
     return match
 
 
 @njit(cache=True)
-def _holding(subsets: np.ndarray, anchors: int) -> np.ndarray:
-    """Of each set of anchors, a bit each, whether it holds one of the subsets."""
-    enough = np.zeros(1 << anchors, np.bool_)
-    for s in range(len(subsets)):
-        needed = 0
-        for k in subsets[s]:
-            needed |= 1 << k
-        for held in range(len(enough)):
-            enough[held] |= held & needed == needed
-    return enough
+def _largest(limits2: np.ndarray) -> np.float32:
+    """The largest finite gate, 0 without any."""
+    largest = np.float32(0.0)
+    for limit2 in limits2:
+        if np.isfinite(limit2):
+            largest = max(largest, limit2)
+    return largest
 
 
 @njit(cache=True)
 def _lay_out(
-    low: np.ndarray, high: np.ndarray, start: np.ndarray, shape: np.ndarray, target: np.ndarray, spots: np.ndarray,
-    distances: np.ndarray,
-) -> int:  # fmt: skip
+    low: np.ndarray, high: np.ndarray, voxels: Voxels, target: np.ndarray, spots: np.ndarray, distances: np.ndarray
+) -> int:
     """Fills spots with the target nodes of some voxels, and distances with theirs, anchor by anchor; how many."""
-    count = 0
+    start, shape, count = voxels.start, voxels.shape, 0
     for i in range(low[0], high[0] + 1):
         for j in range(low[1], high[1] + 1):
             row = (i * shape[1] + j) * shape[2]
@@ -134,45 +174,17 @@ def _middle(points: np.ndarray, near: np.ndarray, psi: np.ndarray, size: int, or
 
 
 @njit(cache=True)
-def _beyond(points: np.ndarray, spot: int, centres: np.ndarray, node: int, radius: float) -> bool:
+def _beyond(points: np.ndarray, spot: int, balls: Balls, node: int) -> bool:
+    """Whether a target node lies outside the ball of a source node."""
     distance2 = 0.0
     for axis in range(3):
-        distance2 += (np.float64(points[spot, axis]) - np.float64(centres[node, axis])) ** 2
-    return distance2 > radius * radius
-
-
-@njit(cache=True)
-def _voxel_ranges(
-    centres: np.ndarray, radius: float, origin: np.ndarray, side: float, shape: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """The first and last voxels (m, 3) that each ball touches; last -1 where it misses all of them or has no centre."""
-    low, high = np.zeros((len(centres), 3), np.int64), np.full((len(centres), 3), -1, np.int64)
-    for node in range(len(centres)):
-        for axis in range(3):
-            last_voxel = shape[axis] - 1
-            if radius < np.inf:
-                first = np.floor((centres[node, axis] - radius - origin[axis]) / side)
-                last = np.floor((centres[node, axis] + radius - origin[axis]) / side)
-                if not (last >= 0 and first <= last_voxel):  # also where the centre is NaN
-                    high[node, 0] = -1
-                    break
-                low[node, axis], high[node, axis] = max(0, int(first)), min(last_voxel, int(last))
-            else:
-                high[node, axis] = last_voxel
-    return low, high
+        distance2 += (np.float64(points[spot, axis]) - np.float64(balls.centres[node, axis])) ** 2
+    return distance2 > balls.radius * balls.radius
 
 
 @njit(cache=True)
 def _key(low: np.ndarray, high: np.ndarray, shape: np.ndarray) -> int:
+    """A number for the box of voxels from low to high (3,)."""
     first = (low[0] * shape[1] + low[1]) * shape[2] + low[2]
     last = (high[0] * shape[1] + high[1]) * shape[2] + high[2]
     return first * shape[0] * shape[1] * shape[2] + last
-
-
-@njit(cache=True)
-def _by_voxels(low: np.ndarray, high: np.ndarray, shape: np.ndarray) -> np.ndarray:
-    """(m,) the nodes, those of the same voxels together."""
-    keys = np.empty(len(low), np.int64)
-    for node in range(len(low)):
-        keys[node] = _key(low[node], high[node], shape)
-    return np.argsort(keys)

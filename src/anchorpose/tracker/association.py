@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from anchorpose.association.hypotheses import anchor_subsets, match_hypotheses
-from anchorpose.association.matcher import Feature, Matcher, nearest_hypotheses
+from anchorpose.association.hypotheses import Feature, Matcher, anchor_subsets, match_hypotheses, nearest_hypotheses
 from anchorpose.body.constraints import Constraints, join, place_constraints
 from anchorpose.body.initial import anchor_constraints
 from anchorpose.body.part_registration import register_parts

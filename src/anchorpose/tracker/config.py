@@ -7,8 +7,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Final
 
-from anchorpose.association.hypotheses import GateConfig
-from anchorpose.association.matcher import HypothesisConfig
+from anchorpose.association.hypotheses import GateConfig, HypothesisConfig
 from anchorpose.body.learning import LearningConfig
 from anchorpose.body.part_registration import PartRegistrationConfig
 from anchorpose.body.registration import RegistrationConfig

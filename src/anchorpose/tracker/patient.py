@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.association.matcher import Matcher
+from anchorpose.association.hypotheses import Matcher
 from anchorpose.body.body_map import map_body
 from anchorpose.body.constraints import place_constraints
 from anchorpose.body.corrected_joints import ToldJoints, contradicted, doubted, with_told

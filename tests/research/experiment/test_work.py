@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from anchorpose.association.matcher import Matcher
+from anchorpose.association.hypotheses import Matcher
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.reader import read_frame

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from anchorpose.association.hypotheses import GateConfig
-from anchorpose.association.matcher import HypothesisConfig
+from anchorpose.association.hypotheses import GateConfig, HypothesisConfig
 from anchorpose.body.part_registration import PartRegistrationConfig
 from anchorpose.body.registration import PoseBelief, vague_belief
 from anchorpose.isolation.people import PatientChoice

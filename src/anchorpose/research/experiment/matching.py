@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from anchorpose.association.matcher import Matcher
+from anchorpose.association.hypotheses import Matcher
 from anchorpose.body.pose import Pose
 from anchorpose.geodesics.anchors import anchor_descriptor
 from anchorpose.geodesics.distance import geodesic_distance

@@ -15,7 +15,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from anchorpose.association.matcher import Matcher
+from anchorpose.association.hypotheses import Matcher
 from anchorpose.errors import InputError
 from anchorpose.research.features.nearest import Metric, nearest_descriptor
 from anchorpose.tracker.association import Associate

@@ -11,8 +11,7 @@ from typing import Final
 import numpy as np
 from scipy.spatial import KDTree
 
-from anchorpose.association.hypotheses import GateConfig, anchor_subsets, match_hypotheses
-from anchorpose.association.matcher import HypothesisConfig, Matcher
+from anchorpose.association.hypotheses import GateConfig, HypothesisConfig, Matcher, anchor_subsets, match_hypotheses
 from anchorpose.geodesics.anchors import ANCHOR_NAMES, anchor_descriptor
 from anchorpose.research.experiment.framework import ANYWHERE_M, PAPER_GATE
 from anchorpose.research.experiment.method import PROPOSED, Family, Method, remembered

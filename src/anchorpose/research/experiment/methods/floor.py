@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import KDTree
 
-from anchorpose.association.matcher import Matcher
+from anchorpose.association.hypotheses import Matcher
 from anchorpose.research.experiment.method import NO_SUBSET, Family, Method
 from anchorpose.tracker.association import Associate
 from anchorpose.tracker.config import TrackConfig

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from anchorpose.association.matcher import Matcher
+from anchorpose.association.hypotheses import Matcher
 from anchorpose.research.experiment.method import NO_SUBSET, Family, Method
 from anchorpose.research.features.gmds import GmdsConfig, match_by_gmds
 from anchorpose.tracker.association import Associate

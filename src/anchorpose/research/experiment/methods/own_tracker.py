@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-from anchorpose.association.matcher import Feature, HypothesisConfig
+from anchorpose.association.hypotheses import Feature, HypothesisConfig
 from anchorpose.body.learning import LearningConfig
 from anchorpose.research.experiment.method import OWN, Family, Method
 from anchorpose.surface.surface import SurfaceConfig
