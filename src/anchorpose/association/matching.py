@@ -67,8 +67,8 @@ def match_all(
     """(m, s) int32: the match of each source node under each subset, -1 = none.
 
     source (m, 5) float32 distances to the anchors; limit2 (m, s) float32: the squared gate; subsets (s, n_s) int64;
-    enough of ``hold_subset``. Nodes whose balls touch the same voxels come one after another, so that these are laid out
-    once for all.
+    enough of ``hold_subset``. Nodes whose balls touch the same voxels come one after another, laid out
+    once for all of them.
     """
     match = np.full((len(source), len(subsets)), -1, np.int32)
     low, high, points = balls.low, balls.high, target.points_m
