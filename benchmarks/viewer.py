@@ -49,11 +49,11 @@ RUNS = (
 
 def server_ms(results: Path, recording: Path) -> tuple[float, float]:
     """Time of one core a frame: points, surface."""
-    footage = open_review(results, recording).footage
-    assert footage is not None
-    surface_payload(footage, 0, 1)  # compiles
+    depth_frames = open_review(results, recording).depth_frames
+    assert depth_frames is not None
+    surface_payload(depth_frames, 0, 1)  # compiles
     costs = []
-    for make in (lambda k: points_payload(footage, k, 8, False), lambda k: surface_payload(footage, k, 8)):
+    for make in (lambda k: points_payload(depth_frames, k, 8, False), lambda k: surface_payload(depth_frames, k, 8)):
         began = time.process_time()
         for first in (0, 8, 16):
             make(first)

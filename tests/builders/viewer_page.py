@@ -55,7 +55,7 @@ def bluish(picture: np.ndarray) -> int:
 
 
 def file_of(server: ViewerServer) -> Corrections:
-    return read_corrections(server.desk.correcting.path)
+    return read_corrections(server.api.corrections.path)
 
 
 def sign(page: Any, reason: str, who: str | None = "AB") -> None:

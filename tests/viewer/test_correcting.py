@@ -147,4 +147,4 @@ def test_when_the_program_is_stopped_the_page_says_so(page: Any, small: tuple[Pa
         page.fill("#sign-reason", "x")
         page.fill("#sign-who", "AB")
         page.press("#sign-reason", "Enter")
-        until(page, lambda: "was it stopped?" in page.locator("#status").inner_text())
+        until(page, lambda: "Was it stopped?" in page.locator("#status").inner_text())

@@ -31,11 +31,10 @@ from anchorpose.recording.recording import Clock
 from anchorpose.results.kinematics.joint_angles import joint_angles
 from anchorpose.results.tables import JointTable
 from anchorpose.surface.mesh import build_surface
-from anchorpose.viewer import desk
-from anchorpose.viewer.depth_frames import Footage, clocks_of_run, shade
-from anchorpose.viewer.description import APART_S, worst_frames
+from anchorpose.viewer import payloads
+from anchorpose.viewer.depth_frames import DepthFrames, clocks_of_run, shade
 from anchorpose.viewer.payloads import motion_payload, pack, points_payload, rays_payload, surface_payload, unpack
-from anchorpose.viewer.review import Review, open_review
+from anchorpose.viewer.review import APART_S, Review, open_review, worst_frames
 
 
 @pytest.fixture(scope="module")
@@ -46,17 +45,17 @@ def review(tmp_path_factory: pytest.TempPathFactory) -> Review:
 
 
 @pytest.fixture(scope="module")
-def footage(review: Review) -> Footage:
-    assert review.footage is not None
-    return review.footage
+def depth_frames(review: Review) -> DepthFrames:
+    assert review.depth_frames is not None
+    return review.depth_frames
 
 
-def placed(footage: Footage, points: np.ndarray, rays: np.ndarray, camera: int) -> np.ndarray:
+def placed(depth_frames: DepthFrames, points: np.ndarray, rays: np.ndarray, camera: int) -> np.ndarray:
     """What the page's shader does: pixel, ray and grey value to the world."""
     column, row, grey = points[:, 0].astype(int), points[:, 1].astype(int), points[:, 2]
-    z = grey * footage.cameras[camera].depth_scale
+    z = grey * depth_frames.cameras[camera].depth_scale
     seen = np.column_stack([rays[row, column] * z[:, None], z])
-    return transform_points(footage.cameras[camera].require_pose(), seen)
+    return transform_points(depth_frames.cameras[camera].require_pose(), seen)
 
 
 def test_arrays_come_back_as_they_were_each_at_a_place_a_browser_can_read() -> None:
@@ -75,24 +74,24 @@ def test_arrays_come_back_as_they_were_each_at_a_place_a_browser_can_read() -> N
         assert all(array.ctypes.data % array.itemsize == 0 for array in found.values() if array.size)
     with pytest.raises(ValueError, match="int64"):
         pack({}, {"d": np.arange(3)})
-    with pytest.raises(ValueError, match="not packed here"):
+    with pytest.raises(ValueError, match="not made by pack"):
         unpack(b"PNG.....")
 
 
-def test_points_lie_where_the_camera_says_by_an_independent_way(footage: Footage) -> None:
-    meta, arrays = unpack(points_payload(footage, 7, 2, room=False))
-    _, rays = unpack(rays_payload(footage))
+def test_points_lie_where_the_camera_says_by_an_independent_way(depth_frames: DepthFrames) -> None:
+    meta, arrays = unpack(points_payload(depth_frames, 7, 2, room=False))
+    _, rays = unpack(rays_payload(depth_frames))
     start = 0
     for row, frame in enumerate((7, 8)):
         labels, depth_m = labels_of(frame), depth_mm(frame).astype(np.float32) * np.float32(0.001)
-        for number, camera in enumerate(footage.cameras):
+        for number, camera in enumerate(depth_frames.cameras):
             count = meta["counts"][row][number]
             points = arrays["points"][start : start + count]
             start += count
             finer = np.gcd(np.gcd(points[:, 0], points[:, 1]), 8)  # 8: on every eighth row and column
             assert (np.diff(finer.astype(int)) <= 0).all()  # a part of the points is a coarser picture
             points = points[np.lexsort((points[:, 0], points[:, 1]))]
-            found = placed(footage, points, rays[f"rays{number}"], number)
+            found = placed(depth_frames, points, rays[f"rays{number}"], number)
             shown = (labels > 0) & (depth_m > 0)
             expected = transform_points(camera.require_pose(), camera.back_project(depth_m)[shown])
             assert np.abs(found - expected).max() < 2e-6
@@ -100,8 +99,8 @@ def test_points_lie_where_the_camera_says_by_an_independent_way(footage: Footage
     assert start == len(arrays["points"]) > 1000
 
 
-def test_the_room_is_shown_when_asked_for_and_thinned_out(footage: Footage) -> None:
-    counts = [unpack(points_payload(footage, 0, 1, room))[0]["counts"][0][0] for room in (False, True)]
+def test_the_room_is_shown_when_asked_for_and_thinned_out(depth_frames: DepthFrames) -> None:
+    counts = [unpack(points_payload(depth_frames, 0, 1, room))[0]["counts"][0][0] for room in (False, True)]
     room = ((labels_of(0) == 0) & (depth_mm(0) > 0)).sum()
     assert 0.08 * room < counts[1] - counts[0] < 0.15 * room
 
@@ -127,7 +126,7 @@ def test_skin_is_lightest_where_it_faces_the_light_and_half_as_light_across_it()
 
 def test_without_labels_all_points_have_the_one_that_says_so(tmp_path: Path) -> None:
     recording = write_small_recording(tmp_path / "recording")
-    opened = open_review(write_small_results(tmp_path / "results", recording, people=False), recording).footage
+    opened = open_review(write_small_results(tmp_path / "results", recording, people=False), recording).depth_frames
     assert opened is not None
     assert set(opened.points(0, room=False)[0][0][:, 3] % 256) == {255}
     vertices, triangles = opened.surface(0)
@@ -139,19 +138,19 @@ def test_a_picture_that_cannot_be_read_is_told_and_has_no_points(tmp_path: Path)
     results = write_small_results(tmp_path / "results", recording)
     picture = recording / "right" / "depth" / "000002.png"
     picture.write_bytes(picture.read_bytes()[:80])
-    opened = open_review(results, recording).footage
+    opened = open_review(results, recording).depth_frames
     assert opened is not None
     points, problems = opened.points(2, room=False)
     assert [len(camera) > 0 for camera in points] == [True, False]
     assert problems == ["Camera right: the picture is truncated."]
 
 
-def test_the_surface_is_that_of_the_stage_of_this_name(footage: Footage) -> None:
-    meta, arrays = unpack(surface_payload(footage, 4, 2))
+def test_the_surface_is_that_of_the_stage_of_this_name(depth_frames: DepthFrames) -> None:
+    meta, arrays = unpack(surface_payload(depth_frames, 4, 2))
     assert meta["counts"][0][0] > 200
     first = meta["counts"][0]
     depth_m = depth_mm(4).astype(np.float32) * np.float32(0.001)
-    sheets = [build_surface(depth_m, labels_of(4) == PixelLabel.PATIENT, camera) for camera in footage.cameras]
+    sheets = [build_surface(depth_m, labels_of(4) == PixelLabel.PATIENT, camera) for camera in depth_frames.cameras]
     nodes = np.concatenate([sheet.points_m for sheet in sheets])
     assert first[0] == len(nodes)
     assert np.abs(arrays["vertices"][: first[0]] / 1000.0 - nodes).max() <= 0.00051
@@ -161,11 +160,11 @@ def test_the_surface_is_that_of_the_stage_of_this_name(footage: Footage) -> None
     assert sides.max() < 0.15
 
 
-def test_frames_that_there_are_not_are_refused(footage: Footage) -> None:
+def test_frames_that_there_are_not_are_refused(depth_frames: DepthFrames) -> None:
     for first, count in ((-1, 2), (FRAMES, 1), (0, 0), (0, 1000)):
         with pytest.raises(ValueError, match="there are no frames"):
-            points_payload(footage, first, count, room=False)
-    assert len(unpack(points_payload(footage, FRAMES - 1, 8, room=False))[0]["counts"]) == 1
+            points_payload(depth_frames, first, count, room=False)
+    assert len(unpack(points_payload(depth_frames, FRAMES - 1, 8, room=False))[0]["counts"]) == 1
 
 
 def test_the_tables_arrive_whole_with_gaps_as_gaps(review: Review) -> None:
@@ -184,15 +183,15 @@ def test_the_tables_arrive_whole_with_gaps_as_gaps(review: Review) -> None:
     assert np.isnan(arrays["anchors"][0, 1:]).all()
 
 
-@pytest.mark.parametrize(("influences", "off_m"), [(7, 1e-5), (desk.INFLUENCES, 0.005)])
+@pytest.mark.parametrize(("influences", "off_m"), [(7, 1e-5), (payloads.INFLUENCES, 0.005)])
 def test_the_page_skins_the_body_as_the_body_skins_itself(
     monkeypatch: pytest.MonkeyPatch, influences: int, off_m: float
 ) -> None:
     """With all influences exactly; with the four that it is sent within 5 mm, in a pose of 20 degrees a bone."""
-    monkeypatch.setattr(desk, "INFLUENCES", influences)
+    monkeypatch.setattr(payloads, "INFLUENCES", influences)
     rng = np.random.default_rng(11)
     asset, coefficients = load_body_asset(), rng.normal(size=16)
-    arrays = desk.body_skin({"body": {"coefficients": coefficients.tolist()}})
+    arrays = payloads.body_skin({"body": {"coefficients": coefficients.tolist()}})
     assert arrays is not None
     body, rows = shape_body(asset, coefficients), [asset.bone(name) for name in MOVING_BONES]
     relative = np.tile(np.eye(3), (len(asset.bone_names), 1, 1))
@@ -209,7 +208,7 @@ def test_the_page_skins_the_body_as_the_body_skins_itself(
 
 
 def test_results_without_a_body_have_no_skin() -> None:
-    assert desk.body_skin({"body": None}) is None
+    assert payloads.body_skin({"body": None}) is None
 
 
 def test_frames_to_check_name_what_is_wrong_and_lie_apart(review: Review) -> None:

@@ -44,19 +44,19 @@ def server(tracked: tuple[Path, Path]) -> Iterator[ViewerServer]:
 
 def finished(worker: HypothesisWorker) -> Progress:
     end = time.monotonic() + PATIENCE_S
-    while worker.standing.progress is Progress.WORKING:
+    while worker.status.progress is Progress.WORKING:
         assert time.monotonic() < end
         time.sleep(0.05)
-    return worker.standing.progress
+    return worker.status.progress
 
 
 @pytest.mark.slow
 def test_what_is_drawn_is_what_inspection_finds(server: ViewerServer, tracked: tuple[Path, Path]) -> None:
     position = 6
-    server.desk.tell("hypotheses/start", {"position": position})
-    assert finished(server.desk.worker) is Progress.DONE
-    meta, arrays = unpack(server.desk.ask("hypotheses/found", {}).content)
-    place = server.desk.review.joints.position_m[position, 0]
+    server.api.post("hypotheses/start", {"position": position})
+    assert finished(server.api.worker) is Progress.DONE
+    meta, arrays = unpack(server.api.get("hypotheses/found", {}).content)
+    place = server.api.review.joints.position_m[position, 0]
     config = replace(TrackConfig(), patient_xz_m=(float(place[0]), float(place[2])))
     found = inspect_frame(open_recording(tracked[1]), 6, config, False, lambda: None)
     assert found.next is not None
@@ -93,21 +93,21 @@ def test_the_page_asks_waits_and_draws_them(page: Any, server: ViewerServer) -> 
 def test_the_work_can_be_given_up_and_begun_again(tmp_path: Path) -> None:
     recording = write_small_recording(tmp_path / "recording")
     with viewer_of(write_small_results(tmp_path / "results", recording), recording) as server:
-        worker = server.desk.worker
+        worker = server.api.worker
         for position in (3, 9):  # the second ends the first
-            server.desk.tell("hypotheses/start", {"position": position})
-            assert worker.standing.progress is Progress.WORKING
-            assert worker.standing.position == position
-        server.desk.tell("hypotheses/cancel", {})
-        assert worker.standing.progress is Progress.CANCELLED
+            server.api.post("hypotheses/start", {"position": position})
+            assert worker.status.progress is Progress.WORKING
+            assert worker.status.position == position
+        server.api.post("hypotheses/cancel", {})
+        assert worker.status.progress is Progress.CANCELLED
         with pytest.raises(ValueError, match="no hypotheses yet"):
-            server.desk.ask("hypotheses/found", {})
+            server.api.get("hypotheses/found", {})
 
 
 def test_a_frame_without_the_patient_says_why_there_are_none(tmp_path: Path) -> None:
     """The small recording's paper figure is nobody whom a body fits."""
     recording = write_small_recording(tmp_path / "recording")
     with viewer_of(write_small_results(tmp_path / "results", recording), recording) as server:
-        server.desk.tell("hypotheses/start", {"position": 4})
-        assert finished(server.desk.worker) is Progress.FAILED
-        assert server.desk.worker.standing.said
+        server.api.post("hypotheses/start", {"position": 4})
+        assert finished(server.api.worker) is Progress.FAILED
+        assert server.api.worker.status.messages

@@ -43,11 +43,11 @@ def test_the_body_the_surface_and_the_room_can_be_shown(viewer: Any) -> None:
 
 def patients_skin(server: ViewerServer) -> np.ndarray:
     """(n, 3) the patient's pixels of the first frame in the world, by ``Camera.back_project``."""
-    footage = server.desk.review.footage
-    assert footage is not None
+    depth_frames = server.api.review.depth_frames
+    assert depth_frames is not None
     found = []
-    for number, camera in enumerate(footage.cameras):
-        depth_m, labels = footage.depth(0, number)[0], footage.labels(0, number)
+    for number, camera in enumerate(depth_frames.cameras):
+        depth_m, labels = depth_frames.depth(0, number)[0], depth_frames.labels(0, number)
         assert depth_m is not None
         assert labels is not None
         found.append(
@@ -109,7 +109,7 @@ def test_points_that_nobody_told_apart_are_shown_in_one_colour_and_said_so(page:
     recording = write_small_recording(tmp_path / "recording")
     with viewer_of(write_small_results(tmp_path / "results", recording, people=False), recording) as server:
         opened(page, server)
-        assert "do not say whose" in page.locator("#notice").inner_text()
+        assert "have no person labels" in page.locator("#notice").inner_text()
         assert bluish(scene_picture(page)) < 100
         assert page.evaluate("anchorpose.frames.points.cameras[0].count") > 1000
 

@@ -25,10 +25,10 @@ from viewer_builder import viewer_of
 from anchorpose.cli import main
 from anchorpose.results.corrections import corrections_beside, read_corrections
 from anchorpose.results.run_record import CorrectionsRecord, as_json
-from anchorpose.viewer import correcting
-from anchorpose.viewer.opening import opened_page
+from anchorpose.viewer import correction_file
 from anchorpose.viewer.payloads import unpack
 from anchorpose.viewer.server import Guard, ViewerServer, is_loopback
+from anchorpose.viewing import opened_page
 
 INTERVAL = {"first_frame": 2, "last_frame": 8, "reason": "a curtain", "who": "AB"}
 KNEE = {"frame": 4, "joint": "KneeLeft", "position_m": [0.1, 0.5, -0.1], "sigma_m": 0.02, "reason": "x", "who": "AB"}
@@ -120,7 +120,7 @@ def test_only_the_page_itself_can_change_something(server: ViewerServer) -> None
         {"Content_Type": "text/plain", "Origin": own},
     ):
         assert ask(server, "corrections/add", "POST", INTERVAL, **headers)[0] == 403
-    assert not server.desk.correcting.path.exists()
+    assert not server.api.corrections.path.exists()
     assert tell(server, "corrections/add", INTERVAL)[0] == 200
 
 
@@ -162,7 +162,7 @@ def test_a_correction_is_in_the_file_with_its_time_and_who_and_when(server: View
     assert tell(server, "corrections/add", INTERVAL)[0] == 200
     status, held = tell(server, "corrections/add", KNEE)
     assert status == 200
-    found = read_corrections(server.desk.correcting.path)
+    found = read_corrections(server.api.corrections.path)
     assert (found.unusable[0].start_s, found.unusable[0].end_s) == pytest.approx((2 / 15, 8 / 15), abs=1e-6)
     assert found.joints[0].position_m == (0.1, 0.5, -0.1)
     assert found.joints[0].time_s == pytest.approx(4 / 15, abs=1e-6)
@@ -171,7 +171,7 @@ def test_a_correction_is_in_the_file_with_its_time_and_who_and_when(server: View
     taken = {"entry": held["unusable"][0], "who": "CD"}
     status, held = tell(server, "corrections/take-back", taken)
     assert (status, held["unusable"]) == (200, [])
-    assert read_corrections(server.desk.correcting.path).withdrawn[0][1].who == "CD"
+    assert read_corrections(server.api.corrections.path).withdrawn[0][1].who == "CD"
     assert tell(server, "corrections/take-back", taken)[0] == 400
 
 
@@ -189,11 +189,11 @@ def test_a_correction_is_in_the_file_with_its_time_and_who_and_when(server: View
 )
 def test_a_correction_that_is_wrong_changes_nothing(server: ViewerServer, wrong: dict[str, Any]) -> None:
     tell(server, "corrections/add", INTERVAL)
-    before = server.desk.correcting.path.read_bytes()
+    before = server.api.corrections.path.read_bytes()
     status, answer = tell(server, "corrections/add", {**KNEE, **wrong})
     assert status == 400
     assert answer["error"]
-    assert server.desk.correcting.path.read_bytes() == before
+    assert server.api.corrections.path.read_bytes() == before
 
 
 @pytest.mark.parametrize(
@@ -201,11 +201,11 @@ def test_a_correction_that_is_wrong_changes_nothing(server: ViewerServer, wrong:
 )
 def test_taking_back_wrongly_changes_nothing(server: ViewerServer, wrong: dict[str, Any]) -> None:
     _, held = tell(server, "corrections/add", INTERVAL)
-    before = server.desk.correcting.path.read_bytes()
+    before = server.api.corrections.path.read_bytes()
     status, answer = tell(server, "corrections/take-back", {"entry": held["unusable"][0], "who": "CD", **wrong})
     assert status == 400
     assert answer["error"]
-    assert server.desk.correcting.path.read_bytes() == before
+    assert server.api.corrections.path.read_bytes() == before
     assert tell(server, "corrections/take-back", {})[0] == 400
 
 
@@ -213,7 +213,7 @@ def test_two_who_correct_at_once_lose_nothing(server: ViewerServer) -> None:
     with ThreadPoolExecutor(8) as pool:
         answers = list(pool.map(lambda frame: tell(server, "corrections/add", {**KNEE, "frame": frame}), range(24)))
     assert {status for status, _ in answers} == {200}
-    assert sorted(entry.frame for entry in read_corrections(server.desk.correcting.path).joints) == list(range(24))
+    assert sorted(entry.frame for entry in read_corrections(server.api.corrections.path).joints) == list(range(24))
 
 
 SECOND_VIEWER = """
@@ -224,7 +224,7 @@ with open_viewer(Path(sys.argv[1]), None, None, "", "127.0.0.1", 0) as server:
     print("ready", flush=True)
     sys.stdin.readline()
     for frame in range(1, 40, 2):
-        server.desk.correcting.add({"frame": frame, "joint": "KneeLeft", "position_m": [0.1, 0.5, 0.0],
+        server.api.corrections.add({"frame": frame, "joint": "KneeLeft", "position_m": [0.1, 0.5, 0.0],
                                     "sigma_m": 0.02, "reason": "x", "who": "CD"})
 """
 
@@ -238,14 +238,14 @@ def test_two_viewers_of_the_same_results_lose_nothing(server: ViewerServer, smal
         other.stdin.write("go\n")
         other.stdin.flush()
         for frame in range(0, 40, 2):
-            server.desk.correcting.add({**KNEE, "frame": frame})
+            server.api.corrections.add({**KNEE, "frame": frame})
         assert other.wait(30) == 0
-    assert sorted(entry.frame for entry in read_corrections(server.desk.correcting.path).joints) == list(range(40))
+    assert sorted(entry.frame for entry in read_corrections(server.api.corrections.path).joints) == list(range(40))
 
 
 def test_a_lock_that_is_never_given_up_is_told(server: ViewerServer, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(correcting, "PATIENCE_S", 0.05)
-    with correcting.locked(server.desk.correcting.path):
+    monkeypatch.setattr(correction_file, "PATIENCE_S", 0.05)
+    with correction_file.locked(server.api.corrections.path):
         status, answer = tell(server, "corrections/add", INTERVAL)
     assert status == 400
     assert "another program" in answer["error"]
@@ -292,7 +292,7 @@ def test_a_second_round_of_review_keeps_what_the_first_one_found(tmp_path: Path,
 
 
 def test_the_page_is_told_the_names_of_files_and_not_where_they_lie(server: ViewerServer) -> None:
-    path = server.desk.correcting.path
+    path = server.api.corrections.path
     path.write_text("{")
     answers = [ask(server, "corrections")[1].decode(), tell(server, "corrections/add", INTERVAL)[1]["error"]]
     path.unlink()
@@ -300,7 +300,7 @@ def test_the_page_is_told_the_names_of_files_and_not_where_they_lie(server: View
     answers += [ask(server, "corrections")[1].decode(), tell(server, "corrections/add", INTERVAL)[1]["error"]]
     path.rmdir()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(server.desk, "ask", lambda name, query: path.with_name("no such file").read_bytes())
+        patch.setattr(server.api, "get", lambda name, query: path.with_name("no such file").read_bytes())
         answers.append(ask(server, "corrections")[1].decode())
     assert [answer for answer in answers if str(path.parent) in answer] == []
     assert all(path.name in answer for answer in answers[:4])

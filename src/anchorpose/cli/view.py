@@ -48,9 +48,8 @@ def view(results: Path, recording: Path | None = None, /, *, options: ViewOption
     """
     from contextlib import nullcontext
 
-    from anchorpose.viewer.opening import opened_page
     from anchorpose.viewer.server import is_loopback
-    from anchorpose.viewing import open_viewer
+    from anchorpose.viewing import open_viewer, opened_page
 
     given = options or ViewOptions()
     with open_viewer(results, recording, given.corrections, given.who, given.host, given.port) as server:
@@ -58,7 +57,7 @@ def view(results: Path, recording: Path | None = None, /, *, options: ViewOption
             print(f"The viewer is at {server.address}", flush=True)
             if not is_loopback(given.host):
                 print("Anyone with this address can see the patient and change the corrections; it is not encrypted.")
-            print(f"Corrections go to {server.desk.correcting.path}. Stop with Ctrl+C.", flush=True)
+            print(f"Corrections go to {server.api.corrections.path}. Stop with Ctrl+C.", flush=True)
             with nullcontext() if given.no_browser else opened_page(server.address):
                 server.serve_forever()
         except KeyboardInterrupt:

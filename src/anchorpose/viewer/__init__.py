@@ -1,1 +1,1 @@
-"""``anchorpose view``: a page in the browser, served from this machine, to look at results and correct them."""
+"""``anchorpose view``: a page in the browser, served from this machine, to review results and correct them."""

@@ -1,8 +1,6 @@
-"""The pictures behind the results, frame by frame: points of all cameras told apart, and the patient's surface.
+"""The depth images behind the results, frame by frame: labelled points of all cameras, and the patient's surface.
 
-The cameras' clocks as a run used them, so that the viewer shows the pictures that were tracked together.
-
-How light a pixel is drawn, by the slope of the skin there: points without any shading look like paper cut-outs.
+The cameras' clocks are those of the run, so that the images shown together are those that were tracked together.
 """
 
 from __future__ import annotations
@@ -26,15 +24,15 @@ from anchorpose.surface.mesh import build_surface, faces
 
 
 def clocks_of_run(path: Path, run: dict[str, Any], cameras: tuple[str, ...]) -> tuple[Clock, ...]:
-    """One a camera, in the order of the names, from the run.json at ``path``; raises InputError where it tells none."""
-    told = {camera["name"]: camera.get("clock") for camera in run["cameras"]}
-    if not all(told.get(camera) for camera in cameras):
-        raise InputError(path, "does not tell the cameras' clocks", "track the recording again with this version")
-    return tuple(Clock(**told[camera]) for camera in cameras)
+    """One per camera, in the order of the names, from the run.json at ``path``; raises InputError where it has none."""
+    clocks = {camera["name"]: camera.get("clock") for camera in run["cameras"]}
+    if not all(clocks.get(camera) for camera in cameras):
+        raise InputError(path, "does not state the cameras' clocks", "track the recording again with this version")
+    return tuple(Clock(**clocks[camera]) for camera in cameras)
 
 
-REACH_PX: Final = 4  # slopes over nine pixels, 5 cm at 2 m: over fewer, the sensor's noise is what would be seen
-JUMP_M: Final = 0.15  # more than that between them is another surface, and no slope
+REACH_PX: Final = 4  # slopes over nine pixels, 5 cm at 2 m: over fewer, the sensor's noise would show
+JUMP_M: Final = 0.15  # a larger step is the edge of another surface
 
 _LIGHT: Final = np.array(
     [0.35, -0.5, -0.79]
@@ -42,7 +40,7 @@ _LIGHT: Final = np.array(
 
 
 def shade(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
-    """(height, width) uint8, 255 = facing the light; for the eye only, nothing is measured with it.
+    """(height, width) uint8, 255 = facing the light; only for display, so that points do not look flat.
 
     depth_m (height, width) metres, 0 = no reading. The slope is 0 where a neighbour is missing or on another surface.
     """
@@ -54,7 +52,7 @@ def shade(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def _slope(depth_m: np.ndarray, axis: int) -> np.ndarray:
-    """The change of depth over ``2 * REACH_PX`` pixels along an axis; 0 where it cannot be told."""
+    """The change of depth over ``2 * REACH_PX`` pixels along an axis; 0 where it is unknown."""
     before, after = np.roll(depth_m, REACH_PX, axis), np.roll(depth_m, -REACH_PX, axis)
     change = after - before
     known = (before > 0) & (after > 0) & (np.abs(change) < JUMP_M)
@@ -64,22 +62,22 @@ def _slope(depth_m: np.ndarray, axis: int) -> np.ndarray:
     return np.where(known, change, np.float32(0.0))
 
 
-UNTOLD: Final = 255
-"""The label of all pixels where no people.parquet says whose they are."""
+UNLABELLED: Final = 255
+"""The label of all pixels where there is no people.parquet."""
 
 ROOM_STEP: Final = 3
-"""Of the room every third row and column: it is there to find one's bearings."""
+"""Every third row and column of the room is shown, for orientation."""
 
-UNTOLD_STEP: Final = 2
-"""Of pictures in which nobody is told apart every second row and column: the room is most of them."""
+UNLABELLED_STEP: Final = 2
+"""Every second row and column of images without person labels is shown: most of their pixels are room."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Footage:
+class DepthFrames:
     """A recording on the clocks and in the world of a run.
 
-    pairs (n, cameras): for each frame of the results, each camera's picture, -1 = none. people: None where the results
-    do not tell whose the pixels are.
+    pairs (n, cameras): for each frame of the results, each camera's depth image, -1 = none. people: None where the
+    results have no person labels.
     """
 
     recording: Recording
@@ -89,14 +87,14 @@ class Footage:
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
-        """In the order of ``points``' counts."""
+        """In the order of the lists of ``points``."""
         return self.recording.cameras
 
     def points(self, position: int, room: bool) -> tuple[list[np.ndarray], list[str]]:
-        """One a camera, (m, 4) uint16: column, row, grey value and look of each pixel with a reading; and problems.
+        """For each camera (m, 4) uint16: column, row, grey value and look of each pixel with a reading; and problems.
 
-        Coarse grids come first (every eighth row and column, then every fourth, every second, the rest), so that a page
-        that is too slow may draw a part. The look is 256 times ``shade`` plus the label. position: row of the results'
+        Coarse grids come first (every eighth row and column, then every fourth, every second, the rest), so that a
+        slow page may draw a part. The look is 256 times ``shade`` plus the label. position: row of the results'
         frames. Pixels of the room only with ``room``, thinned out.
         """
         found, problems = list[np.ndarray](), list[str]()
@@ -112,7 +110,7 @@ class Footage:
     def surface(self, position: int) -> tuple[np.ndarray, np.ndarray]:
         """The patient's seen skin, all cameras: vertices (v, 3) world metres, faces (f, 3) int32; empty without labels.
 
-        Each camera's own mesh as ``surface.mesh`` makes it, not cut at contacts and not sewn together.
+        Each camera's own mesh as ``surface.mesh`` makes it, not cut at contacts and not joined.
         """
         vertices, triangles, count = [np.empty((0, 3), np.float32)], [np.empty((0, 3), np.int32)], 0
         for number, camera in enumerate(self.cameras):
@@ -127,7 +125,7 @@ class Footage:
         return np.concatenate(vertices), np.concatenate(triangles)
 
     def depth(self, position: int, camera: int) -> tuple[np.ndarray | None, str]:
-        """The picture in metres, or None and why."""
+        """The depth image in metres, or None and the reason."""
         index = self.pairs[position, camera]
         if index < 0:
             return None, "there is no picture of this time"
@@ -135,7 +133,7 @@ class Footage:
         return picture.depth_m, f"the picture {picture.problem}" if picture.problem else ""
 
     def labels(self, position: int, camera: int) -> np.ndarray | None:
-        """(height, width) uint8; all ``ROOM`` where nobody was told apart, None where nothing tells."""
+        """(height, width) uint8; all ``ROOM`` in a frame without people, None where the results have no labels."""
         if self.people is None:
             return None
         packed = self.people.get(int(self.frame[position]), self.cameras[camera].name)
@@ -144,7 +142,7 @@ class Footage:
         return decode_labels(packed)
 
 
-def open_footage(folder: Path, results: Path, run: dict[str, Any], frame: np.ndarray) -> Footage:
+def open_depth_frames(folder: Path, results: Path, run: dict[str, Any], frame: np.ndarray) -> DepthFrames:
     """The recording behind the results; raises InputError where it is another one.
 
     frame (n,): the numbers of the results' frames.
@@ -164,31 +162,31 @@ def open_footage(folder: Path, results: Path, run: dict[str, Any], frame: np.nda
         raise InputError(folder, f"has no frame {missing[0]}, but the results do", _REMEDY)
     pairs = pair_frames(recording)[[rows[int(number)] for number in frame]]
     people = StoredPeople(results / PEOPLE_FILE) if (results / PEOPLE_FILE).exists() else None
-    return Footage(recording, frame, pairs, people)
+    return DepthFrames(recording, frame, pairs, people)
 
 
 _REMEDY: Final = "give the recording that these results were made of"
 
 
 def _refuse_another(recording: Recording, run: dict[str, Any], poses: dict[str, Any]) -> None:
-    """By the names of its cameras, their times and their first and last pictures: all pictures would take minutes."""
+    """Compares cameras, timestamps, and the first and last images: hashing all images would take minutes."""
     names = [camera.name for camera in recording.cameras]
     if set(names) != set(poses):
         raise InputError(recording.folder, f"has the cameras {', '.join(names)}, not {', '.join(poses)}", _REMEDY)
     for name, stream in zip(names, recording.streams, strict=True):
         times = recording.folder / name / "timestamps.csv"
-        asked = [stream.files[0], stream.files[-1], *([times] if times.exists() else [])]
-        for file, digest in hash_files(asked, recording.folder):
+        checked = [stream.files[0], stream.files[-1], *([times] if times.exists() else [])]
+        for file, digest in hash_files(checked, recording.folder):
             if run["inputs_sha256"].get(file) != digest:
                 raise InputError(recording.folder / file, "is not what the results were made of", _REMEDY)
 
 
 def _pixels(depth_m: np.ndarray, labels: np.ndarray | None, camera: Camera, room: bool) -> np.ndarray:
     thin = np.zeros(depth_m.shape, bool)
-    step = UNTOLD_STEP if labels is None else ROOM_STEP
+    step = UNLABELLED_STEP if labels is None else ROOM_STEP
     thin[::step, ::step] = True
     if labels is None:
-        labels = np.full(depth_m.shape, UNTOLD, np.uint8)
+        labels = np.full(depth_m.shape, UNLABELLED, np.uint8)
         shown = thin
     else:
         shown = (labels != ROOM) | (thin & room)

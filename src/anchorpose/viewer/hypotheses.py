@@ -1,4 +1,4 @@
-"""The hypotheses of one frame, on demand: some seconds to a minute of work, in a process of its own."""
+"""The hypotheses of one frame, on demand: some seconds to a minute of work, in a separate process."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from anchorpose.recording.recording import Recording
 from anchorpose.threads import one_thread
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.inspection import inspect_frame
-from anchorpose.viewer.payloads import pack, told
+from anchorpose.viewer.payloads import describe_error, pack
 
 FIRST_GUESS = (
-    "With a first guess of the body, from this frame on; 'anchorpose inspect --as-tracked' repeats track itself."
+    "With a first estimate of the body, from this frame on; 'anchorpose inspect --as-tracked' repeats the tracking."
 )
 
 
 class Progress(StrEnum):
-    """Where the work stands."""
+    """How far the work is."""
 
     IDLE = "idle"
     WORKING = "working"
@@ -36,45 +36,45 @@ class Progress(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
-    """For the page: which row of the results is worked on, how many frames were read, what is to be said."""
+class WorkStatus:
+    """For the page: the row of the results that is worked on, how many frames were read, and messages."""
 
     progress: Progress
     position: int | None = None
     frames_read: int = 0
-    said: tuple[str, ...] = ()
+    messages: tuple[str, ...] = ()
 
 
 class HypothesisWorker:
-    """One frame at a time; asking for another ends what is under way."""
+    """Works on one frame at a time; starting another cancels the one under way."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._process: BaseProcess | None = None
-        self._standing, self._data = Standing(Progress.IDLE), b""
+        self._status, self._data = WorkStatus(Progress.IDLE), b""
 
     @property
-    def standing(self) -> Standing:
+    def status(self) -> WorkStatus:
         """As of now."""
         with self._lock:
-            return self._standing
+            return self._status
 
     @property
     def data(self) -> bytes:
-        """What ``hypotheses_of`` found, packed; empty unless the work is done."""
+        """The result of ``hypotheses_of``, packed; empty unless the work is done."""
         with self._lock:
             return self._data
 
     def start(self, position: int, recording: Recording, frame: int, patient_xz_m: tuple[float, float] | None) -> None:
-        """Begins with the frame of this number; patient_xz_m: where the results have him in it, None where lost."""
+        """Starts on the frame of this number; patient_xz_m: the patient's place in the results, None where lost."""
         self.cancel()
-        context = multiprocessing.get_context("spawn")  # the server has threads: their locks must not be copied
+        context = multiprocessing.get_context("spawn")  # the server has threads, whose locks must not be copied
         ours, theirs = context.Pipe(duplex=False)
         process = context.Process(target=_work, args=(theirs, recording, frame, patient_xz_m), daemon=True)
-        with self._lock:  # who cancels finds it started, or not at all
+        with self._lock:  # cancel finds the process started, or none
             process.start()
             self._process, self._data = process, b""
-            self._standing = Standing(Progress.WORKING, position)
+            self._status = WorkStatus(Progress.WORKING, position)
         theirs.close()
         threading.Thread(target=self._listen, args=(process, ours), daemon=True).start()
 
@@ -84,7 +84,7 @@ class HypothesisWorker:
             process, self._process = self._process, None
             if process is None:
                 return
-            self._standing = replace(self._standing, progress=Progress.CANCELLED)
+            self._status = replace(self._status, progress=Progress.CANCELLED)
         process.terminate()
         process.join()
 
@@ -93,7 +93,7 @@ class HypothesisWorker:
             try:
                 kind, what = ours.recv()
             except EOFError:
-                self._take(process, "failed", ("The work ended without an answer.",))
+                self._take(process, "failed", ("The work ended without a result.",))
                 return
             self._take(process, kind, what)
             if kind != "frames":
@@ -101,26 +101,26 @@ class HypothesisWorker:
 
     def _take(self, process: BaseProcess, kind: str, what: Any) -> None:
         with self._lock:
-            if process is not self._process:  # cancelled, or another frame was asked for
+            if process is not self._process:  # cancelled, or another frame was started
                 return
             if kind == "frames":
-                self._standing = replace(self._standing, frames_read=what)
+                self._status = replace(self._status, frames_read=what)
                 return
             self._process = None
             if kind == "done":
-                self._data, said = what
-                self._standing = replace(self._standing, progress=Progress.DONE, said=said)
+                self._data, messages = what
+                self._status = replace(self._status, progress=Progress.DONE, messages=messages)
             else:
-                self._standing = replace(self._standing, progress=Progress.FAILED, said=what)
+                self._status = replace(self._status, progress=Progress.FAILED, messages=what)
 
 
 def hypotheses_of(
     recording: Recording, frame: int, patient_xz_m: tuple[float, float] | None, tick: Any
 ) -> tuple[bytes, tuple[str, ...]]:
-    """The nodes of a frame and where each subset of anchors finds them in the next, packed; and what is to be said.
+    """The nodes of a frame and where each subset of anchors finds them in the next, packed; and messages.
 
     Arrays: nodes (m, 3) and reached (m, s, 3) float32 world metres, NaN where a subset finds no match; best (m,) int32:
-    the subset on the best branch, -1 where none; asked (m,) uint8: whether the track tree asked for the node.
+    the subset on the best branch, -1 where none; asked (m,) uint8: whether the track tree follows the node.
     meta: subsets [[anchor names]]; frames [this, next].
     """
     found = inspect_frame(recording, frame, replace(TrackConfig(), patient_xz_m=patient_xz_m), False, tick)
@@ -150,8 +150,8 @@ def _work(pipe: Connection, recording: Recording, frame: int, patient_xz_m: tupl
 
     try:
         with one_thread():
-            data, said = hypotheses_of(recording, frame, patient_xz_m, tick)
+            data, messages = hypotheses_of(recording, frame, patient_xz_m, tick)
     except AnchorposeError as error:
-        pipe.send(("failed", (told(error),)))
+        pipe.send(("failed", (describe_error(error),)))
         return
-    pipe.send(("done", (data, said)) if data else ("failed", said))
+    pipe.send(("done", (data, messages)) if data else ("failed", messages))

@@ -1,8 +1,6 @@
-"""What the page asks for, as bytes: the tables at once, pictures and surfaces some frames at a time.
+"""What the page fetches, as bytes: the tables at once, points and surfaces some frames at a time, the learnt body.
 
-Arrays in one piece of bytes, for the page: a short JSON head that says where each array lies, then the arrays.
-
-What the page is told of an error.
+Arrays travel in one piece: a short JSON head that says where each array lies, then the arrays.
 """
 
 from __future__ import annotations
@@ -15,8 +13,11 @@ from typing import Any, Final
 
 import numpy as np
 
+from anchorpose.body.asset import BodyAsset, load_body_asset
+from anchorpose.body.kinematics import shape_body
+from anchorpose.body.pose import MOVING_BONES
 from anchorpose.errors import InputError
-from anchorpose.viewer.depth_frames import Footage
+from anchorpose.viewer.depth_frames import DepthFrames
 from anchorpose.viewer.review import Review
 
 MAGIC: Final = b"APV1"
@@ -29,11 +30,11 @@ def pack(meta: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes:
     """MAGIC, length of the head (uint32), head, arrays; little-endian, each array at a multiple of ``ALIGNED``.
 
     The head is {"meta": meta, "arrays": [{"name", "type", "shape", "start"}]}; start is counted from the first multiple
-    of ``ALIGNED`` after the head. Raises ValueError for types that a browser has no array of.
+    of ``ALIGNED`` after the head. Raises ValueError for types that browsers have no array for.
     """
-    plain = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
+    contiguous = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
     entries, start = [], 0
-    for name, array in plain.items():
+    for name, array in contiguous.items():
         if array.dtype.name not in TYPES:
             raise ValueError(f"{name} is {array.dtype.name}, not one of {', '.join(TYPES)}")
         entries.append({"name": name, "type": array.dtype.name, "shape": list(array.shape), "start": start})
@@ -41,15 +42,15 @@ def pack(meta: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes:
     head = json.dumps({"meta": meta, "arrays": entries}, allow_nan=False).encode()
     before = len(MAGIC) + 4 + len(head)
     parts = [MAGIC, struct.pack("<I", len(head)), head, bytes(_up(before) - before)]
-    for array in plain.values():
+    for array in contiguous.values():
         parts += [array.astype(array.dtype.newbyteorder("<"), copy=False).tobytes(), bytes(-array.nbytes % ALIGNED)]
     return b"".join(parts)
 
 
 def unpack(data: bytes) -> tuple[Any, dict[str, np.ndarray]]:
-    """The meta and the arrays of ``pack``; what the page does in JavaScript, here for tests and programs."""
+    """The meta and the arrays of ``pack``: the counterpart in Python of what the page does in JavaScript."""
     if data[:4] != MAGIC:
-        raise ValueError("these bytes were not packed here")
+        raise ValueError("these bytes were not made by pack")
     (length,) = struct.unpack_from("<I", data, 4)
     head, first = json.loads(data[8 : 8 + length]), _up(8 + length)
     arrays = {}
@@ -69,9 +70,9 @@ MOST_FRAMES: Final = 32  # in one answer
 
 
 def motion_payload(review: Review) -> bytes:
-    """All tables: one row a frame of the results, NaN where unknown, metres, world frame.
+    """All tables: one row per frame of the results, NaN where unknown, metres, world frame.
 
-    joints (n, 21, 3), sigma (n, 21), severity (n, 21) uint8 of ``JointState``, angles, angle_sigma, angle_severity
+    joints (n, 21, 3), sigma (n, 21), state (n, 21) uint8 of ``JointState``, angles, angle_sigma, angle_state
     (n, a), matched (n,), and where the results have them poses (n, 21, 7: head, quaternion w x y z) and anchors
     (n, 5, 4: place, sigma).
     """
@@ -81,10 +82,10 @@ def motion_payload(review: Review) -> bytes:
         "frame": joints.frame.astype(np.int32),
         "joints": joints.position_m.astype(np.float32),
         "sigma": joints.sigma_m.astype(np.float32),
-        "severity": joints.state_code.astype(np.uint8),
+        "state": joints.state_code.astype(np.uint8),
         "angles": angles.degrees.astype(np.float32),
         "angle_sigma": angles.sigma_deg.astype(np.float32),
-        "angle_severity": angles.state_code.astype(np.uint8),
+        "angle_state": angles.state_code.astype(np.uint8),
         "matched": review.matched_share.astype(np.float32),
     }
     if review.poses is not None:
@@ -95,18 +96,18 @@ def motion_payload(review: Review) -> bytes:
     return pack({}, arrays)
 
 
-def rays_payload(footage: Footage) -> bytes:
+def rays_payload(depth_frames: DepthFrames) -> bytes:
     """Where each pixel of each camera looks: ``rays<i>`` (height, width, 2) float32, x/z and y/z, camera frame."""
-    return pack({}, {f"rays{number}": camera.pixel_rays() for number, camera in enumerate(footage.cameras)})
+    return pack({}, {f"rays{number}": camera.pixel_rays() for number, camera in enumerate(depth_frames.cameras)})
 
 
-def points_payload(footage: Footage, first: int, count: int, room: bool) -> bytes:
-    """Pixels of the frames (rows of the results) ``first`` on: points (m, 4) uint16 as ``Footage.points``.
+def points_payload(depth_frames: DepthFrames, first: int, count: int, room: bool) -> bytes:
+    """Pixels of the frames (rows of the results) ``first`` on: points (m, 4) uint16 as ``DepthFrames.points``.
 
-    They stand frame by frame, camera by camera; meta counts [[one a camera] a frame] tells them apart. A point in the
+    Frame by frame, camera by camera; meta counts has one list per frame with one count per camera. A point in the
     world is ``T_world_camera @ (ray x, ray y, 1) * grey * depth_scale``.
     """
-    frames = [footage.points(position, room) for position in _range(footage, first, count)]
+    frames = [depth_frames.points(position, room) for position in _range(depth_frames, first, count)]
     meta: dict[str, Any] = {
         "first": first,
         "counts": [[len(camera) for camera in cameras] for cameras, _ in frames],
@@ -116,12 +117,12 @@ def points_payload(footage: Footage, first: int, count: int, room: bool) -> byte
     return pack(meta, {"points": np.concatenate([np.empty((0, 4), np.uint16), *parts])})
 
 
-def surface_payload(footage: Footage, first: int, count: int) -> bytes:
+def surface_payload(depth_frames: DepthFrames, first: int, count: int) -> bytes:
     """The patient's surface of some frames: vertices (v, 3) int16 millimetres, world; faces (f, 3) uint32.
 
-    meta counts [[vertices, faces] a frame]; a frame's faces count from its own first vertex.
+    meta counts has [vertices, faces] of each frame; a frame's faces count from its own first vertex.
     """
-    frames = [footage.surface(position) for position in _range(footage, first, count)]
+    frames = [depth_frames.surface(position) for position in _range(depth_frames, first, count)]
     meta = {"first": first, "counts": [[len(vertices), len(faces)] for vertices, faces in frames]}
     limits = np.iinfo(np.int16)
     vertices_mm = np.rint(MILLIMETRES * np.concatenate([vertices for vertices, _ in frames]))
@@ -134,15 +135,69 @@ def surface_payload(footage: Footage, first: int, count: int) -> bytes:
     )
 
 
-def _range(footage: Footage, first: int, count: int) -> range:
-    """Raises ValueError for frames that there are not."""
-    if not (0 <= first < len(footage.frame) and 1 <= count <= MOST_FRAMES):
+def _range(depth_frames: DepthFrames, first: int, count: int) -> range:
+    """Raises ValueError for frames that do not exist."""
+    if not (0 <= first < len(depth_frames.frame) and 1 <= count <= MOST_FRAMES):
         raise ValueError(f"there are no frames {first} to {first + count - 1}")
-    return range(first, min(first + count, len(footage.frame)))
+    return range(first, min(first + count, len(depth_frames.frame)))
 
 
-def told(error: Exception) -> str:
-    """What the page may know of an error: a file by its name, not where it lies, which often says whose it is."""
+INFLUENCES: Final = 4  # bones per point on the graphics card; the others move no point by more than 5 mm
+
+
+def moving_ancestor(asset: BodyAsset) -> np.ndarray:
+    """(b,) the row of ``MOVING_BONES`` that moves each bone: itself, or the nearest ancestor."""
+    row_of = {asset.bone(name): row for row, name in enumerate(MOVING_BONES)}
+    carried = np.zeros(len(asset.bone_names), np.int64)
+    for bone, parent in enumerate(asset.bone_parents.tolist()):
+        carried[bone] = row_of[bone] if bone in row_of else carried[parent]
+    return carried
+
+
+def body_skin(run: dict[str, Any]) -> dict[str, np.ndarray] | None:
+    """The arrays of the page's body; None where no body was learnt.
+
+    vertices (v, 3) and normals (v, 3) float32 at rest, faces (f, 3) uint32, bones (v, 4) uint8 rows of
+    ``MOVING_BONES``, weights (v, 4) float32, heads (21, 3) float32: the centres of rotation at rest. Posed:
+    ``sum of weight * (turn (vertex - head) + head in the world)``, linear blend skinning as in ``ShapedBody.skin``.
+    """
+    learnt = run.get("body")
+    if learnt is None:
+        return None
+    asset = load_body_asset()
+    body = shape_body(asset, np.array(learnt["coefficients"]))
+    bones, weights = _heaviest(moving_ancestor(asset)[asset.skin_bones], asset.skin_weights)
+    return {
+        "vertices": body.vertices.astype(np.float32),
+        "normals": _normals(body.vertices, asset.faces).astype(np.float32),
+        "faces": asset.faces.astype(np.uint32),
+        "bones": bones,
+        "weights": weights,
+        "heads": body.bone_heads[[asset.bone(name) for name in MOVING_BONES]].astype(np.float32),
+    }
+
+
+def _heaviest(bones: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The ``INFLUENCES`` heaviest bones of each point, bones that move together counted as one; weights sum to 1."""
+    total = np.zeros((len(bones), len(MOVING_BONES)))
+    np.add.at(total, (np.arange(len(bones))[:, None], bones), weights)
+    chosen = np.argsort(-total, axis=1, kind="stable")[:, :INFLUENCES]
+    kept = np.take_along_axis(total, chosen, axis=1)
+    return chosen.astype(np.uint8), (kept / kept.sum(axis=1, keepdims=True)).astype(np.float32)
+
+
+def _normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    a, b, c = vertices[faces[:, 0]], vertices[faces[:, 1]], vertices[faces[:, 2]]
+    across = np.cross(b - a, c - a)
+    summed = np.zeros_like(vertices)
+    for corner in range(3):
+        np.add.at(summed, faces[:, corner], across)
+    length = np.linalg.norm(summed, axis=1, keepdims=True)
+    return summed / np.where(length > 0, length, 1.0)
+
+
+def describe_error(error: Exception) -> str:
+    """What the page may know of an error: the name of a file without its folder, which may name the patient."""
     if isinstance(error, InputError):
         return str(InputError(error.path.name, error.problem, error.remedy))
     if isinstance(error, OSError):

@@ -1,17 +1,20 @@
-"""Everything that is looked at in one sitting: the tables, the recording behind them, the corrections so far."""
+"""What the viewer shows: the tables, the recording behind them, and which frames to check first."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from anchorpose.errors import InputError
+from anchorpose.geodesics.anchors import ANCHOR_NAMES
+from anchorpose.joints import JOINT_NAMES, LIMBS, JointState
 from anchorpose.results.poses import POSES_FILE, PoseTable, read_poses
 from anchorpose.results.records import CONTACTS_FILE, Contact, read_contacts
-from anchorpose.results.run_record import RUN_FILE, read_run_document
+from anchorpose.results.run_record import RUN_FILE, as_json, read_run_document
 from anchorpose.results.tables import (
     ANCHORS_FILE,
     ANGLES_FILE,
@@ -23,12 +26,12 @@ from anchorpose.results.tables import (
     read_angles,
     read_joints,
 )
-from anchorpose.viewer.depth_frames import Footage, open_footage
+from anchorpose.viewer.depth_frames import DepthFrames, open_depth_frames
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Review:
-    """poses, anchors: None in results of a release that did not keep them. footage: None without a recording."""
+    """poses, anchors: None in results of a release that did not keep them. depth_frames: None without a recording."""
 
     name: str
     run: dict[str, Any]
@@ -37,16 +40,16 @@ class Review:
     contacts: tuple[Contact, ...]
     poses: PoseTable | None
     anchors: AnchorTable | None
-    footage: Footage | None
+    depth_frames: DepthFrames | None
 
     @property
     def matched_share(self) -> np.ndarray:
-        """(n,) share of the followed points found again in the next frame, NaN where nothing was asked."""
-        told = (self.run.get("association") or {}).get("matched_share", [])
+        """(n,) share of the followed points found again in the next frame, NaN where none was followed."""
+        shares = (self.run.get("association") or {}).get("matched_share", [])
         count = len(self.joints.frame)
-        if len(told) != count:
+        if len(shares) != count:
             return np.full(count, np.nan)
-        return np.array([np.nan if share is None else share for share in told], dtype=np.float64)
+        return np.array([np.nan if share is None else share for share in shares], dtype=np.float64)
 
 
 def open_review(results: Path, recording: Path | None) -> Review:
@@ -71,5 +74,131 @@ def open_review(results: Path, recording: Path | None) -> Review:
         contacts=contacts,
         poses=poses,
         anchors=anchors,
-        footage=None if recording is None else open_footage(recording, results, run, joints.frame),
+        depth_frames=None if recording is None else open_depth_frames(recording, results, run, joints.frame),
     )
+
+
+def describe(review: Review) -> dict[str, Any]:
+    """What the page must know before it shows a frame, as values for JSON; positions are rows of the results."""
+    depth_frames = review.depth_frames
+    return {
+        "name": review.name,
+        "recording": review.run["recording"],
+        "frames": len(review.joints.frame),
+        "joints": list(JOINT_NAMES),
+        "limbs": [list(limb) for limb in LIMBS],
+        "states": [str(state) for state in JointState],
+        "anchors": list(ANCHOR_NAMES),
+        "angles": list(review.angles.names),
+        "contacts": [{**as_json(contact), "state": contact.state} for contact in review.contacts],
+        "worst": as_json(worst_frames(review.joints, review.matched_share, review.run.get("dropped", []))),
+        "dropped": review.run.get("dropped", []),
+        "notes": review.run.get("notes", []),
+        "has": {
+            "body": review.poses is not None and review.run.get("body") is not None,
+            "anchors": review.anchors is not None,
+            "recording": depth_frames is not None,
+            "people": depth_frames is not None and depth_frames.people is not None,
+        },
+        "cameras": [] if depth_frames is None else _cameras(depth_frames),
+        "equipment": None if depth_frames is None else _equipment(depth_frames),
+    }
+
+
+def _cameras(depth_frames: DepthFrames) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": camera.name,
+            "width": camera.width,
+            "height": camera.height,
+            "depth_scale": camera.depth_scale,
+            "fx": camera.intrinsics.fx,
+            "fy": camera.intrinsics.fy,
+            "cx": camera.intrinsics.cx,
+            "cy": camera.intrinsics.cy,
+            "camera_to_world": None if camera.T_world_camera is None else camera.T_world_camera.tolist(),
+        }
+        for camera in depth_frames.cameras
+    ]
+
+
+def _equipment(depth_frames: DepthFrames) -> dict[str, Any] | None:
+    model = depth_frames.recording.equipment
+    if model is None:
+        return None
+    vertices, faces = model.triangles()
+    return {"vertices": vertices.round(4).ravel().tolist(), "faces": faces.ravel().tolist()}
+
+
+APART_S: Final = 1.0  # two frames closer than this show the same thing
+MOST_OF_A_KIND: Final = 12  # frames with the same kind of reason
+FEW_MATCHED: Final = 0.9  # the usual share in good recordings is 0.95 to 1
+
+
+@dataclass(frozen=True, slots=True)
+class WorstFrame:
+    """A row of the results to check, the reason in words, and the joint concerned, if it is one."""
+
+    position: int
+    reason: str
+    joint: int | None
+
+
+def worst_frames(
+    joints: JointTable, matched_share: np.ndarray, dropped: Sequence[dict[str, Any]]
+) -> tuple[WorstFrame, ...]:
+    """Frames to check: lost joints first, then unusable depth images, few matches, and the largest sigma.
+
+    matched_share (n,): NaN where no point was followed. Of each kind the worst frame, then the worst at least a second
+    away, and so on.
+    """
+    return (
+        *_lost(joints),
+        *_dropped(joints, dropped),
+        *_unmatched(joints, matched_share),
+        *_uncertain(joints),
+    )
+
+
+def _lost(joints: JointTable) -> list[WorstFrame]:
+    count = joints.lost.sum(axis=1)
+    found = []
+    for position in _apart(np.where(count > 0, count.astype(float), np.nan), joints.time_s):
+        names = [JOINT_NAMES[joint] for joint in np.flatnonzero(joints.lost[position])]
+        reason = "all joints lost" if len(names) == len(JOINT_NAMES) else f"lost: {', '.join(names)}"
+        found.append(WorstFrame(position, reason, None))
+    return found
+
+
+def _dropped(joints: JointTable, dropped: Sequence[dict[str, Any]]) -> list[WorstFrame]:
+    rows = {int(number): row for row, number in enumerate(joints.frame)}
+    known = [drop for drop in dropped if drop["frame"] in rows]
+    return [WorstFrame(rows[drop["frame"]], drop["why"], None) for drop in known[:MOST_OF_A_KIND]]
+
+
+def _unmatched(joints: JointTable, share: np.ndarray) -> list[WorstFrame]:
+    few = np.where(share < FEW_MATCHED, 1.0 - share, np.nan)
+    return [
+        WorstFrame(row, f"{100 * share[row]:.0f} % of the points found again in the next frame", None)
+        for row in _apart(few, joints.time_s)
+    ]
+
+
+def _uncertain(joints: JointTable) -> list[WorstFrame]:
+    worst = np.where(np.isnan(joints.sigma_m), -np.inf, joints.sigma_m).max(axis=1)
+    found = []
+    for row in _apart(np.where(np.isfinite(worst), worst, np.nan), joints.time_s):
+        joint = int(np.nanargmax(joints.sigma_m[row]))
+        found.append(WorstFrame(row, f"{JOINT_NAMES[joint]}: sigma {1000 * joints.sigma_m[row, joint]:.0f} mm", joint))
+    return found
+
+
+def _apart(badness: np.ndarray, time_s: np.ndarray) -> list[int]:
+    """Rows by falling badness, none within ``APART_S`` of a worse one; NaN is not a candidate."""
+    chosen: list[int] = []
+    for row in np.argsort(-badness, kind="stable"):
+        if np.isnan(badness[row]) or len(chosen) == MOST_OF_A_KIND:
+            break
+        if all(abs(time_s[row] - time_s[other]) >= APART_S for other in chosen):
+            chosen.append(int(row))
+    return chosen

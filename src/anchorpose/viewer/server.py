@@ -1,8 +1,7 @@
-"""The small web server of the viewer: HTTP only, what is asked is answered by the ``Desk``.
+"""The small web server of the viewer: HTTP, access and the files of the page; ``ViewerApi`` answers the requests.
 
-The files of the page, read once: no part of an address ever becomes a path on the disk.
-
-Who may ask: the page that this program opened, and nobody else.
+The files are read once: no part of an address ever becomes a path on the disk. Only the page that this program opened
+may send requests.
 """
 
 from __future__ import annotations
@@ -28,8 +27,8 @@ from typing import Any, Final
 from urllib.parse import parse_qsl, urlsplit
 
 from anchorpose.errors import AnchorposeError
-from anchorpose.viewer.desk import JSON, Answer, Desk
-from anchorpose.viewer.payloads import told
+from anchorpose.viewer.api import JSON, Response, ViewerApi
+from anchorpose.viewer.payloads import describe_error
 
 KINDS: Final = {
     "html": "text/html; charset=utf-8",
@@ -50,13 +49,13 @@ class Asset:
 
 @cache
 def load_assets() -> dict[str, Asset]:
-    """By the name in the address."""
+    """By their names in the address."""
     return dict(_walk(resources.files("anchorpose.viewer").joinpath("static"), ""))
 
 
 @cache
 def content_policy() -> str:
-    """What the page may load: its own files, and the one script in it (the import map), known by its hash."""
+    """What the page may load: its own files, and the one inline script (the import map), allowed by its hash."""
     page = load_assets()[PAGE].content
     scripts = re.findall(rb"<script type=\"importmap\">(.*?)</script>", page, re.DOTALL)
     hashes = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(text).digest()).decode()}'" for text in scripts)
@@ -74,42 +73,45 @@ def _walk(folder: Traversable, prefix: str) -> Iterator[tuple[str, Asset]]:
             yield f"{prefix}{item.name}", Asset(item.read_bytes(), KINDS[item.name.rpartition(".")[2]])
 
 
-TOKEN_BYTES = 24
+TOKEN_BYTES: Final = 24
 
 
 @dataclass(frozen=True, slots=True)
 class Guard:
-    """The token is the first part of every path. On loopback the Host must be a loopback name as well: another site
-    that points its name here (DNS rebinding) says its own. What changes something must come from the page."""
+    """Which requests are served: the token must be the first part of every path.
+
+    On loopback the Host must be a loopback name as well: another site that points its name here (DNS rebinding) sends
+    its own. A request that changes something must come from the page.
+    """
 
     token: str
     port: int
     loopback: bool
 
     def path_within(self, path: str) -> str | None:
-        """What stands behind the token in a request's path, without the query; None where the token is not there."""
+        """The rest of a request's path after the token, without the query; None where the token is missing."""
         first, _, rest = path.partition("?")[0].removeprefix("/").partition("/")
         return rest if hmac.compare_digest(first.encode(), self.token.encode()) else None
 
     def host_is_ours(self, headers: Mapping[str, str]) -> bool:
-        """Whether the request was made to a name that stands for this machine; whichever port, since that of a tunnel's
-        other end is another."""
+        """Whether the request was made to a name of this machine; on any port, since the other end of a tunnel has
+        another one."""
         return not self.loopback or is_loopback(_name_in(headers.get("Host", "")))
 
     def comes_from_the_page(self, headers: Mapping[str, str]) -> bool:
-        """Whether a request that changes something was made by our page: browsers name the origin, and JSON cannot be
-        sent from elsewhere without asking first."""
+        """Whether a request that changes something was made by our page: browsers name the origin, and pages from
+        elsewhere cannot send JSON without a preflight request."""
         origin, host = headers.get("Origin"), headers.get("Host", "")
         return headers.get("Content-Type", "") == "application/json" and origin == f"http://{host}"
 
 
 def new_token() -> str:
-    """A token that cannot be guessed, of letters that may stand in an address."""
+    """A token that cannot be guessed, of characters that are valid in an address."""
     return secrets.token_urlsafe(TOKEN_BYTES)
 
 
 def _name_in(host: str) -> str:
-    """What a Host header says without its port; empty where it makes no sense."""
+    """The name in a Host header without its port; empty where it is malformed."""
     try:
         return urlsplit(f"//{host}").hostname or ""
     except ValueError:
@@ -117,7 +119,7 @@ def _name_in(host: str) -> str:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether nobody but this machine can reach the address."""
+    """Whether only this machine can reach the address."""
     if host == "localhost":
         return True
     try:
@@ -126,17 +128,17 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-MOST_BYTES: Final = 64 * 1024  # of a request's body: a correction is some hundred
-PATIENCE_S: Final = 120.0  # a browser that says nothing for so long is gone
+MOST_BYTES: Final = 64 * 1024  # of a request's body: a correction has some hundred
+PATIENCE_S: Final = 120.0  # a browser that sends nothing for this long is gone
 
 
 class ViewerServer(ThreadingHTTPServer):
-    """Listens from the beginning; ``serve_forever`` answers. ``address`` is what to open."""
+    """Listens once it is made; ``serve_forever`` answers. ``address`` is what to open."""
 
     daemon_threads = True
 
-    def __init__(self, desk: Desk, host: str, port: int) -> None:
-        self.desk, self.host = desk, host  # before the rest: a place that cannot be had closes the server at once
+    def __init__(self, api: ViewerApi, host: str, port: int) -> None:
+        self.api, self.host = api, host  # first: where nothing can listen, the server is closed at once
         self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
         super().__init__((host, port), _Handler)
         self.guard = Guard(new_token(), self.server_address[1], is_loopback(host))
@@ -144,18 +146,18 @@ class ViewerServer(ThreadingHTTPServer):
     @property
     def address(self) -> str:
         """With the token, which every request must carry."""
-        everywhere = self.host in ("", "0.0.0.0", "::")  # which is no address that can be opened
+        everywhere = self.host in ("", "0.0.0.0", "::")  # none of which can be opened
         name = socket.gethostname() if everywhere else self.host
         return f"http://{f'[{name}]' if ':' in name else name}:{self.guard.port}/{self.guard.token}/"
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A browser that hangs up in the middle (a tab was closed) is no error of ours."""
+        """Silent about a browser that disconnects (a tab was closed)."""
         if not isinstance(sys.exception(), ConnectionError | TimeoutError):
             super().handle_error(request, client_address)
 
     def server_close(self) -> None:
-        """Ends the work that is under way as well."""
-        self.desk.worker.cancel()
+        """Cancels the work under way as well."""
+        self.api.worker.cancel()
         super().server_close()
 
 
@@ -171,10 +173,10 @@ class _Handler(BaseHTTPRequestHandler):
         assets = load_assets()
         if (name or PAGE) in assets:
             asset = assets[name or PAGE]
-            self._send(HTTPStatus.OK, Answer(asset.content, asset.kind))
+            self._send(HTTPStatus.OK, Response(asset.content, asset.kind))
             return
         query = dict(parse_qsl(urlsplit(self.path).query))
-        self._answer(lambda: self.server.desk.ask(name, query))
+        self._answer(lambda: self.server.api.get(name, query))
 
     def do_POST(self) -> None:
         name = self._admitted()
@@ -185,13 +187,13 @@ class _Handler(BaseHTTPRequestHandler):
             return
         length = self.headers.get("Content-Length", "")
         if not length.isdecimal() or int(length) > MOST_BYTES:
-            self._refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "This is no correction.")
+            self._refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "This is not a correction.")
             return
         text = self.rfile.read(int(length))
-        self._answer(lambda: self.server.desk.tell(name, _object(text)))
+        self._answer(lambda: self.server.api.post(name, _object(text)))
 
     def _admitted(self) -> str | None:
-        """What is asked for, once token and host are right; otherwise None, and the refusal has been sent."""
+        """The requested name where token and host are right; otherwise None, and a refusal has been sent."""
         name = self.server.guard.path_within(self.path)
         if name is None or not self.server.guard.host_is_ours(self._plain_headers()):
             self._refuse(HTTPStatus.FORBIDDEN, "Open the address that 'anchorpose view' printed.")
@@ -200,24 +202,24 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _answer(self, make: Any) -> None:
         try:
-            answer = make()
+            response = make()
         except KeyError:
-            self._refuse(HTTPStatus.NOT_FOUND, "There is no such thing here.")
+            self._refuse(HTTPStatus.NOT_FOUND, "There is nothing of this name here.")
         except (AnchorposeError, ValueError, TypeError, OSError) as error:
-            self._refuse(HTTPStatus.BAD_REQUEST, told(error))
+            self._refuse(HTTPStatus.BAD_REQUEST, describe_error(error))
         else:
-            self._send(HTTPStatus.OK, answer)
+            self._send(HTTPStatus.OK, response)
 
     def _refuse(self, status: HTTPStatus, sentence: str) -> None:
         self.close_connection = True  # a body may not have been read
-        self._send(status, Answer(json.dumps({"error": sentence}).encode(), JSON))
+        self._send(status, Response(json.dumps({"error": sentence}).encode(), JSON))
 
-    def _send(self, status: HTTPStatus, answer: Answer) -> None:
+    def _send(self, status: HTTPStatus, response: Response) -> None:
         with suppress(ConnectionError):
             self.send_response(status)
-            self.send_header("Content-Type", answer.kind)
-            self.send_header("Content-Length", str(len(answer.content)))
-            self.send_header("Cache-Control", "no-store")  # nothing of a patient stays in the browser
+            self.send_header("Content-Type", response.kind)
+            self.send_header("Content-Length", str(len(response.content)))
+            self.send_header("Cache-Control", "no-store")  # no data of a patient stays in the browser
             self.send_header("Content-Security-Policy", content_policy())
             self.send_header("Referrer-Policy", "no-referrer")
             self.send_header("X-Content-Type-Options", "nosniff")
@@ -225,17 +227,17 @@ class _Handler(BaseHTTPRequestHandler):
             if self.close_connection:
                 self.send_header("Connection", "close")
             self.end_headers()
-            self.wfile.write(answer.content)
+            self.wfile.write(response.content)
 
     def _plain_headers(self) -> dict[str, str]:
         return {key: self.headers.get(key, "") for key in ("Host", "Origin", "Content-Type")}
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Silent: the address, with its token, belongs into no log."""
+        """Silent: the address, with its token, must not be logged."""
 
 
 def _object(text: bytes) -> dict[str, Any]:
     value = json.loads(text)
     if not isinstance(value, dict):
-        raise ValueError("this is no object")
+        raise ValueError("this is not a JSON object")
     return value

@@ -1,4 +1,4 @@
-// What the server is asked. All addresses are relative: the token stands in the page's own.
+// Requests to the server. All addresses are relative: the token is part of the page's own.
 
 const ARRAYS = {
   uint8: Uint8Array, uint16: Uint16Array, int16: Int16Array, int32: Int32Array, uint32: Uint32Array,
@@ -6,7 +6,7 @@ const ARRAYS = {
 };
 const up = (place) => place + ((8 - (place % 8)) % 8);
 
-/** Arrays as views into the buffer, by name, and the meta; the counterpart of container.pack. */
+/** Arrays as views into the buffer, by name, and the meta; the counterpart of pack in payloads.py. */
 export function unpack(buffer) {
   const length = new DataView(buffer).getUint32(4, true);
   const head = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 8, length)));
@@ -19,27 +19,27 @@ export function unpack(buffer) {
   return { meta: head.meta, arrays, bytes: buffer.byteLength };
 }
 
-async function checked(answer) {
-  if (answer.ok) return answer;
-  const told = await answer.json().catch(() => ({ error: `the viewer answered ${answer.status}` }));
-  throw new Error(told.error);
+async function checked(response) {
+  if (response.ok) return response;
+  const refusal = await response.json().catch(() => ({ error: `the viewer answered ${response.status}` }));
+  throw new Error(refusal.error);
 }
 
-async function ask(address, options) {
-  let answer;
+async function request(address, options) {
+  let response;
   try {
-    answer = await fetch(address, options);
+    response = await fetch(address, options);
   } catch (error) {
     if (error.name === "AbortError") throw error;
-    throw new Error("The viewer's program does not answer: was it stopped?");
+    throw new Error("The viewer program does not answer. Was it stopped?");
   }
-  return checked(answer);
+  return checked(response);
 }
 
-export const getJson = async (name) => (await ask(name)).json();
+export const getJson = async (name) => (await request(name)).json();
 
 export const getArrays = async (name, query = {}, signal = undefined) =>
-  unpack(await (await ask(`${name}?${new URLSearchParams(query)}`, { signal })).arrayBuffer());
+  unpack(await (await request(`${name}?${new URLSearchParams(query)}`, { signal })).arrayBuffer());
 
 export const postJson = async (name, body) =>
-  (await ask(name, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) })).json();
+  (await request(name, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) })).json();

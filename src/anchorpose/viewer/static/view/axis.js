@@ -17,7 +17,7 @@ export class Axis extends EventTarget {
     this.follow();
   }
 
-  /** Turns the page when the play head leaves it. */
+  /** Moves the window on when the play head leaves it. */
   follow() {
     const first = this.times[0], last = Math.max(this.times[this.times.length - 1], first + 0.001);
     const now = this.times[this.playback.position];
@@ -42,7 +42,7 @@ export class Axis extends EventTarget {
   }
 }
 
-/** A canvas in the page's pixels, sharp on every screen. */
+/** The context of a canvas, in CSS pixels, sharp on every screen. */
 export function prepared(canvas, height) {
   const ratio = Math.min(devicePixelRatio, 2), width = canvas.clientWidth;
   canvas.width = Math.round(width * ratio);

@@ -1,13 +1,13 @@
-// Frames in chunks: fetched ahead of the play head, the least recently used forgotten first.
+// Frames in chunks: fetched ahead of the play head, the least recently used dropped first.
 
 const MOST_AT_ONCE = 2, REST_MS = 2000; // after a failure
 
 export class Chunks {
-  /** load(first, count, signal): a promise of {meta, arrays, bytes}; arrived(): called when one is there. */
+  /** load(first, count, signal): a promise of {meta, arrays, bytes}; arrived(): called when a chunk is there. */
   constructor({ load, frames, size, mostBytes, arrived, failed }) {
     Object.assign(this, { load, frames, size, mostBytes, arrived, failed });
     this.held = new Map(); // in the order of use
-    this.under_way = new Map();
+    this.underWay = new Map();
     this.bytes = 0;
     this.epoch = 0;
     this.restsUntil = 0;
@@ -23,7 +23,7 @@ export class Chunks {
     return { chunk, row: position - chunk.meta.first };
   }
 
-  /** Fetches what is at the play head, then what comes next in the direction of play, and lets go of the rest. */
+  /** Fetches what is at the play head, then what comes next in the direction of play, and aborts the rest. */
   want(position, direction, ahead) {
     if (performance.now() < this.restsUntil) return;
     const now = Math.floor(position / this.size), last = Math.floor((this.frames - 1) / this.size);
@@ -31,28 +31,28 @@ export class Chunks {
     for (let step = 0; step <= ahead; step++) wanted.push(now + direction * step);
     wanted.push(now - direction);
     const useful = wanted.filter((number) => number >= 0 && number <= last);
-    for (const [number, control] of this.under_way) if (!useful.includes(number)) control.abort();
+    for (const [number, control] of this.underWay) if (!useful.includes(number)) control.abort();
     for (const number of useful) {
-      if (this.under_way.size >= MOST_AT_ONCE) return;
-      if (!this.held.has(number) && !this.under_way.has(number)) this.fetch(number);
+      if (this.underWay.size >= MOST_AT_ONCE) return;
+      if (!this.held.has(number) && !this.underWay.has(number)) this.fetch(number);
     }
   }
 
   async fetch(number) {
     const control = new AbortController(), epoch = this.epoch;
-    this.under_way.set(number, control);
+    this.underWay.set(number, control);
     try {
       const chunk = await this.load(number * this.size, this.size, control.signal);
       if (epoch === this.epoch) this.keep(number, chunk);
     } catch (error) {
       if (error.name !== "AbortError") this.failedOnce(error);
     } finally {
-      if (this.under_way.get(number) === control) this.under_way.delete(number);
+      if (this.underWay.get(number) === control) this.underWay.delete(number);
     }
     if (epoch === this.epoch) this.arrived();
   }
 
-  /** Says so, and tries again in a while. */
+  /** Reports the error, and tries again after a while. */
   failedOnce(error) {
     this.restsUntil = performance.now() + REST_MS;
     setTimeout(() => this.arrived(), REST_MS + 50);
@@ -69,11 +69,11 @@ export class Chunks {
     }
   }
 
-  /** Forgets everything: what is asked for has changed. */
+  /** Drops everything: the request has changed. */
   clear() {
     this.epoch += 1;
-    for (const control of this.under_way.values()) control.abort();
-    this.under_way.clear();
+    for (const control of this.underWay.values()) control.abort();
+    this.underWay.clear();
     this.held.clear();
     this.bytes = 0;
   }

@@ -1,4 +1,4 @@
-// What was marked and corrected: sent at once, kept in step with the file, listed, taken back.
+// Intervals marked and joints corrected: sent at once, kept in step with the file, listed, withdrawn.
 
 import { getJson, postJson } from "./api.js";
 
@@ -8,7 +8,7 @@ export class Corrections extends EventTarget {
     Object.assign(this, { description, motion, playback, signing, elements, say });
     this.held = { unusable: [], joints: [] };
     this.open = { first: null, last: null };
-    this.done = []; // of this sitting, for undo
+    this.done = []; // in this session, for undo
     elements.markIn.addEventListener("click", () => this.mark("first"));
     elements.markOut.addEventListener("click", () => this.mark("last"));
     elements.markSave.addEventListener("click", () => this.saveInterval());
@@ -30,9 +30,9 @@ export class Corrections extends EventTarget {
   }
 
   openInWords() {
-    const told = (row) => row === null ? "…" : `frame ${this.motion.frame[row]}`;
+    const named = (row) => row === null ? "…" : `frame ${this.motion.frame[row]}`;
     const { first, last } = this.open;
-    return first === null && last === null ? "Set both ends, then mark." : `From ${told(first)} to ${told(last)}.`;
+    return first === null && last === null ? "Set both ends, then mark the interval." : `From ${named(first)} to ${named(last)}.`;
   }
 
   mark(end) {
@@ -68,14 +68,14 @@ export class Corrections extends EventTarget {
   }
 
   async takeBack(entry) {
-    const signed = await this.signing.ask("Take back", false);
+    const signed = await this.signing.ask("Withdraw this correction", false);
     if (!signed) return;
     try {
       this.take(await postJson("corrections/take-back", { entry, who: signed.who }));
       this.done = this.done.filter((other) => JSON.stringify(other) !== JSON.stringify(entry));
       this.changed();
       const earlier = "joint" in entry && this.held.joints.some((old) => old.frame === entry.frame && old.joint === entry.joint);
-      this.say(earlier ? "Taken back; the earlier correction holds again." : "Taken back; the file keeps a note of it.");
+      this.say(earlier ? "Withdrawn; the earlier correction holds again." : "Withdrawn; the file keeps a note of it.");
     } catch (error) {
       this.say(error.message);
     }
@@ -110,7 +110,7 @@ export class Corrections extends EventTarget {
     go.addEventListener("click", () => { this.playback.pause(); this.playback.seek(this.motion.frame.indexOf(frame)); });
     go.addEventListener("keydown", (event) => { if (event.key === "Delete") this.takeBack(entry); });
     away.textContent = "✕";
-    away.setAttribute("aria-label", `Take back: ${text}`);
+    away.setAttribute("aria-label", `Withdraw: ${text}`);
     away.addEventListener("click", () => this.takeBack(entry));
     item.append(go, away);
     return item;

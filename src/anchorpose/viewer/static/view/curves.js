@@ -45,7 +45,7 @@ export class Curves {
   value(name, row, column) { return this.motion[name][row * this.count + column]; }
 
   draw() {
-    if (!this.box.clientWidth) return; // its panel is not shown
+    if (!this.box.clientWidth) return; // the panel is hidden
     for (const chart of this.charts) this.drawChart(chart);
     this.move();
   }
@@ -71,7 +71,7 @@ export class Curves {
     context.restore();
   }
 
-  /** Of all frames that are shown, with their bands, cut at what one wild frame would do to the scale. */
+  /** The range of all frames shown, with their bands; a wide band is cut so that one frame does not set the scale. */
   limits(lines, first, last) {
     let low = Infinity, high = -Infinity;
     for (const { column } of lines) {
@@ -130,10 +130,10 @@ export class Curves {
     context.globalAlpha = seen ? 1 : 0.4;
     context.lineWidth = seen ? 2 : 1.5;
     const known = (row) => !Number.isNaN(this.value("angles", row, column));
-    const wanted = (row) => known(row) && (this.value("angle_severity", row, column) === 0) === seen;
+    const wanted = (row) => known(row) && (this.value("angle_state", row, column) === 0) === seen;
     for (const [from, to] of this.runs(first, last, wanted)) {
       context.beginPath();
-      const begin = !seen && from > first && known(from - 1) ? from - 1 : from; // pale parts join what they lie between
+      const begin = !seen && from > first && known(from - 1) ? from - 1 : from; // pale parts connect to their neighbours
       const end = !seen && to < last && known(to + 1) ? to + 1 : to;
       for (let row = begin; row <= end; row++) context.lineTo(x(row), y(this.value("angles", row, column)));
       if (begin === end) context.lineTo(x(begin) + 1.5, y(this.value("angles", begin, column)));
@@ -142,10 +142,10 @@ export class Curves {
     context.globalAlpha = 1;
   }
 
-  /** A strip below the curve, for whoever cannot tell pale from full: where this angle is inferred. */
+  /** A strip below the curve where this angle is inferred, for those who cannot distinguish pale from full. */
   inferredStrip(context, column, first, last, x, top) {
     context.globalAlpha = 0.75;
-    for (const [from, to] of this.runs(first, last, (row) => this.value("angle_severity", row, column) > 0)) {
+    for (const [from, to] of this.runs(first, last, (row) => this.value("angle_state", row, column) > 0)) {
       context.fillRect(x(from), top, Math.max(1.5, x(Math.min(to + 1, last)) - x(from)), 2.5);
     }
     context.globalAlpha = 1;
@@ -155,14 +155,14 @@ export class Curves {
     const row = this.playback.position, share = this.axis.share(this.motion.time_s[row]);
     this.cursor.hidden = share < 0 || share > 1;
     this.cursor.style.transform = `translateX(${LEFT + share * (this.box.clientWidth - LEFT) - 1}px)`;
-    for (const { lines, values } of this.charts) lines.forEach((line, i) => { values[i].textContent = this.told(line, row); });
+    for (const { lines, values } of this.charts) lines.forEach((line, i) => { values[i].textContent = this.inWords(line, row); });
   }
 
-  told({ side, column }, row) {
+  inWords({ side, column }, row) {
     const degrees = this.value("angles", row, column), sigma = this.value("angle_sigma", row, column);
     const name = { l: "left ", r: "right ", "": "" }[side];
     if (Number.isNaN(degrees)) return `${name}lost`;
     const band = Number.isNaN(sigma) ? "" : ` ± ${(1.96 * sigma).toFixed(0)}`;
-    return `${name}${degrees.toFixed(0)}°${band}${this.value("angle_severity", row, column) > 0 ? " inferred" : ""}`;
+    return `${name}${degrees.toFixed(0)}°${band}${this.value("angle_state", row, column) > 0 ? " inferred" : ""}`;
   }
 }

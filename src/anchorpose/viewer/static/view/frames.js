@@ -1,4 +1,4 @@
-// What is on the screen for a frame: every layer set to it, points and surface as soon as they are there.
+// What the screen shows of a frame: all layers; points and surface as soon as they have arrived.
 
 import { getArrays } from "./api.js";
 import { Chunks } from "./chunks.js";
@@ -31,8 +31,8 @@ export class Frames {
     if (description.equipment) view.scene.add(this.equipment = equipmentLayer(description.equipment, view));
   }
 
-  /** What is fetched once and is not needed for the first picture. */
-  async furnish() {
+  /** Fetches what is needed once, but not for the first picture. */
+  async loadOnce() {
     if (this.description.has.recording) {
       this.points = new PointLayer(this.description, await getArrays("rays"), this.view);
       this.view.scene.add(this.points.group);
@@ -78,7 +78,7 @@ export class Frames {
     return !wanted || held !== null;
   }
 
-  /** What is wrong with the pictures of the frame shown, one sentence each. */
+  /** The problems of the depth images of the frame shown, one sentence each. */
   problems() {
     const held = this.pictures?.get(this.playback.position);
     return held ? held.chunk.meta.problems[held.row] : [];

@@ -18,35 +18,35 @@ export function keyTable({ playback, layers, layerKeys, presets, view, worst, co
       key(["Space", "K"], "play, pause", () => playback.toggle()),
       key(["L"], "play; again: faster", forward),
       key(["J"], "play backwards", () => playback.play(-1)),
-      key(["←", "→"], "a frame back, on", arrows, ["ArrowLeft", "ArrowRight"]),
-      key(["Shift", "←", "→"], "ten frames", arrows, ["Shift+ArrowLeft", "Shift+ArrowRight"]),
+      key(["←", "→"], "one frame back, forward", arrows, ["ArrowLeft", "ArrowRight"]),
+      key(["Shift", "←", "→"], "ten frames back, forward", arrows, ["Shift+ArrowLeft", "Shift+ArrowRight"]),
       key(["Home", "End"], "first, last frame", ({ key: name }) => playback.seek(name === "Home" ? 0 : playback.last)),
       key(["W"], "next frame to check", () => { showTab("tab-check"); worst.next(1); }),
-      key(["Shift", "W"], "the one before", () => { showTab("tab-check"); worst.next(-1); }, ["Shift+W"]),
+      key(["Shift", "W"], "previous frame to check", () => { showTab("tab-check"); worst.next(-1); }, ["Shift+W"]),
     ] },
     { title: "View", keys: [
       key([`1 … ${presets.length}`], "front, side, back, top, depth cameras", ({ key: name }) => presets[Number(name) - 1].run(), presets.map((preset) => preset.key)),
-      key(["Alt", "arrows"], "turn", ({ key: name }) => {
+      key(["Alt", "arrows"], "turn the view", ({ key: name }) => {
         const by = { ArrowLeft: [-6, 0], ArrowRight: [6, 0], ArrowUp: [0, 6], ArrowDown: [0, -6] }[name];
         view.turn(...by);
       }, ["Alt+ArrowLeft", "Alt+ArrowRight", "Alt+ArrowUp", "Alt+ArrowDown"]),
-      key(["+", "−"], "nearer, away", ({ key: name }) => view.turn(0, 0, name === "-" ? 1.1 : 1 / 1.1), ["+", "-", "="]),
+      key(["+", "−"], "closer, farther", ({ key: name }) => view.turn(0, 0, name === "-" ? 1.1 : 1 / 1.1), ["+", "-", "="]),
       ...layerKeys.map(({ name, label, key: letter }) => key([letter], label, () => layers.toggle(name))),
     ] },
     { title: "Check and correct", keys: [
       key(["H"], "hypotheses of this frame", () => { showTab("tab-check"); hypotheses.start(); }),
       key(["I", "O"], "unusable: from here, to here", ({ key: name }) => { showTab("tab-correct"); corrections.mark(name.toUpperCase() === "I" ? "first" : "last"); }),
-      key(["M"], "mark it", () => corrections.saveInterval()),
-      key(["[", "]"], "choose the joint before, after", ({ key: name }) => mover.next(name === "]" ? 1 : -1)),
-      key(["E"], "move the chosen joint", () => { showTab("tab-correct"); mover.begin(); }),
-      key(["arrows"], "while moving: by 5 mm as you look at it", arrows, ["ArrowUp", "ArrowDown", "PageUp", "PageDown"], moving),
+      key(["M"], "mark the interval", () => corrections.saveInterval()),
+      key(["[", "]"], "select the previous, next joint", ({ key: name }) => mover.next(name === "]" ? 1 : -1)),
+      key(["E"], "move the selected joint", () => { showTab("tab-correct"); mover.begin(); }),
+      key(["arrows"], "while moving: by 5 mm as seen on the screen", arrows, ["ArrowUp", "ArrowDown", "PageUp", "PageDown"], moving),
       key(["Shift", "arrows"], "while moving: by 1 mm", arrows, ["Shift+ArrowUp", "Shift+ArrowDown", "Shift+PageUp", "Shift+PageDown"], moving),
-      key(["S"], "while moving: put it on a point you click", () => mover.snap(!mover.snapping), ["S"], moving),
+      key(["S"], "while moving: put it on a point that you click", () => mover.snap(!mover.snapping), ["S"], moving),
       key(["Enter"], "save the joint", () => mover.save(), ["Enter"], moving),
-      key(["Esc"], "leave it where it was", () => mover.end(), ["Escape"], moving),
+      key(["Esc"], "cancel moving", () => mover.end(), ["Escape"], moving),
       key(["Ctrl", "Z"], "undo the last correction", () => corrections.undo(), ["Ctrl+Z"]),
-      key(["Del"], "on a correction in the list: take it back", () => {}, ["Delete"], () => false),
-      key(["?"], "this list", help),
+      key(["Del"], "on a correction in the list: withdraw it", () => {}, ["Delete"], () => false),
+      key(["?"], "this list of keys", help),
     ] },
   ];
 }

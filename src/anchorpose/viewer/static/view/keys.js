@@ -1,6 +1,6 @@
-// All keys in one table: what they do is what the help shows.
+// All keys in one table, which the help shows.
 
-/** groups: [{title, keys: [{press: ["Space", "K"], shown, does, run}]}]; press names as pressed() makes them. */
+/** groups: [{title, keys: [{press: ["Space", "K"], shown, does, run}]}]; press: names as made by pressed(). */
 export function listen(groups, blocked) {
   const known = new Map(groups.flatMap(({ keys }) => keys.flatMap((key) => key.press.map((name) => [name, key]))));
   addEventListener("keydown", (event) => {
@@ -24,10 +24,10 @@ export function pressed(event) {
 
 const OWN = { BUTTON: ["Space", "Enter"], SUMMARY: ["Space", "Enter"] };
 
-/** Whether the thing that has the focus needs the key for itself. */
+/** Whether the focused element needs the key itself. */
 function typing({ target }, name) {
   if (target.tagName === "INPUT" && target.type === "checkbox") return name === "Space";
-  if (target.tagName === "INPUT" && target.type === "range") return false; // a frame is a frame, whichever has the focus
+  if (target.tagName === "INPUT" && target.type === "range") return false; // keys step through frames, whatever has the focus
   if (target.tagName === "INPUT") return true;
   if (target.tagName === "SELECT") return /^(Arrow|Home|End|Page|Space|Enter|.$)/.test(name);
   if (target.getAttribute("role") === "tab") return ["ArrowLeft", "ArrowRight", "Space", "Enter"].includes(name);

@@ -17,7 +17,7 @@ import { Hypotheses } from "./spots.js";
 import { Timeline } from "./timeline.js";
 
 const element = (id) => document.getElementById(id);
-const LOADING = "Loading … (the very first surface takes some seconds more)";
+const LOADING = "Loading … (the very first surface takes a few seconds more)";
 
 const say = (sentence) => { element("status").textContent = sentence; };
 
@@ -47,7 +47,7 @@ async function start() {
   };
   const layers = layerList(element("layer-list"), layersOf(description), () => frames.show(layers.state));
   frames.show(layers.state);
-  await frames.furnish();
+  await frames.loadOnce();
   mover = new JointMover({
     view, playback, skeleton: frames.skeleton, points: frames.points, corrections, signing, description, motion, say, redraw,
     elements: Object.fromEntries(["select", "edit", "snap", "moving", "moved", "sigma", "save", "cancel"].map((name) => [name, element(`joint-${name}`)])),
@@ -74,7 +74,7 @@ async function start() {
   await corrections.load();
   window.anchorpose = { playback, view, frames, mover, corrections, hypotheses, motion, description };
   const pace = new Pace(playback, (share) => { if (frames.points) { frames.points.detail = share; frames.set(); } });
-  let waiting = null; // since when something that should be on the screen is not there yet
+  let waiting = null; // since when something that belongs on the screen has been missing
   const draw = (now) => {
     playback.tick(now);
     pace.tick(now);
@@ -89,7 +89,7 @@ async function start() {
   document.documentElement.dataset.ready = "yes";
 }
 
-/** Where the patient is most of the time, and how high the floor is below him. */
+/** The patient's median position, and the height of the floor below it. */
 function middleOf({ joints }) {
   const median = (axis) => {
     const found = [];
@@ -102,17 +102,17 @@ function middleOf({ joints }) {
 }
 
 function layersOf({ has, equipment }) {
-  const told = has.people;
+  const labelled = has.people;
   return [
     { name: "skeleton", label: "skeleton", key: "X", tint: "joint", on: true },
     { name: "body", label: "learnt body", key: "B", tint: "body", on: !has.recording, there: has.body },
     { name: "anchors", label: "anchors", key: "A", tint: "anchor", on: true, there: has.anchors },
-    { name: "patient", label: "patient's points", key: "P", tint: "patient", on: true, there: told },
-    { name: "room", label: "points", key: "R", tint: "room", on: true, there: has.recording && !told },
-    { name: "others", label: "other people", key: "T", tint: "other", on: true, there: told },
-    { name: "surface", label: "patient's surface", key: "F", tint: "patient", on: false, there: told },
-    { name: "equipment", label: equipment ? "equipment" : "equipment's points", key: "Q", tint: "equipment", on: true, there: told || equipment },
-    { name: "room", label: "room", key: "R", tint: "room", on: false, there: told },
+    { name: "patient", label: "patient's points", key: "P", tint: "patient", on: true, there: labelled },
+    { name: "room", label: "points", key: "R", tint: "room", on: true, there: has.recording && !labelled },
+    { name: "others", label: "other people", key: "T", tint: "other", on: true, there: labelled },
+    { name: "surface", label: "patient's surface", key: "F", tint: "patient", on: false, there: labelled },
+    { name: "equipment", label: equipment ? "equipment" : "equipment's points", key: "Q", tint: "equipment", on: true, there: labelled || equipment },
+    { name: "room", label: "room", key: "R", tint: "room", on: false, there: labelled },
   ].filter(({ there }) => there ?? true);
 }
 
@@ -147,7 +147,7 @@ function transport({ playback, axis, worst, motion }) {
   show();
 }
 
-/** A click that did not turn the view chooses the joint under it, or puts the moved one on the surface. */
+/** A click that did not turn the view selects the joint under it, or puts the joint being moved on the surface. */
 function canvasClicks(view, frames, mover) {
   let down = null;
   view.canvas.addEventListener("pointerdown", (event) => { down = [event.offsetX, event.offsetY]; });
@@ -170,11 +170,11 @@ function nearestJoint(view, skeleton, position, x, y) {
 }
 
 function notices({ has }) {
-  const told = !has.recording
+  const notice = !has.recording
     ? "No recording was given: skeleton, body and curves only. Start the viewer with the recording to see the points."
-    : !has.people ? "These results do not say whose each point is, so all points have one colour. Track the recording again to tell people apart." : "";
-  element("notice").textContent = told;
-  element("notice").hidden = !told;
+    : !has.people ? "These results have no person labels, so all points have one colour. Track the recording again to separate the people." : "";
+  element("notice").textContent = notice;
+  element("notice").hidden = !notice;
 }
 
 function help() { element("help").showModal(); }

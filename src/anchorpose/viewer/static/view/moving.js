@@ -1,4 +1,4 @@
-// Putting a joint where it is: by the arrows of a gizmo, by keys, or onto a point of the surface.
+// Moving a joint to its place: by the arrows of a gizmo, by keys, or onto a point of the surface.
 
 import { Object3D, Vector3 } from "three";
 import { TransformControls } from "../three/TransformControls.js";
@@ -45,7 +45,7 @@ export class JointMover {
     this.choose(((this.joint ?? (count > 0 ? -1 : 0)) + count + all) % all);
   }
 
-  /** Where the joint is now: corrected, found, or, where it is lost, between those it hangs on. */
+  /** Where the joint is now: corrected or tracked; null where it is lost. */
   now() {
     const corrected = this.corrections.jointsAt(this.playback.position).find(({ joint }) => joint === this.description.joints[this.joint]);
     if (corrected) return corrected.position_m;
@@ -66,7 +66,7 @@ export class JointMover {
     this.elements.moving.hidden = false;
     this.view.canvas.focus({ preventScroll: true });
     this.changed();
-    if (!start) this.say("This joint is lost here: it starts in the middle of the view.");
+    if (!start) this.say("This joint is lost in this frame: it starts in the middle of the view.");
   }
 
   changed() {
@@ -76,7 +76,7 @@ export class JointMover {
     this.redraw();
   }
 
-  /** What is not saved yet, as corrections are drawn; null where nothing is being moved. */
+  /** The joint being moved, in the form of a correction; null where none is. */
   get draft() {
     return this.active ? { position_m: this.place.position.toArray(), sigma_m: Number(this.elements.sigma.value) } : null;
   }
@@ -96,10 +96,10 @@ export class JointMover {
     if (this.snapping) this.say("Click a point of the patient's surface.");
   }
 
-  /** A click on the canvas while snapping; with the keyboard the middle of the view is not offered: nudge instead. */
+  /** A click on the canvas while snapping; by keyboard a joint is nudged instead. */
   clicked(x, y) {
     const found = this.points?.pick(x, y);
-    if (!found) return this.say("There is no point of the patient's surface.");
+    if (!found) return this.say("There is no point of the patient's surface here.");
     this.place.position.set(...found);
     this.snap(false);
     return this.changed();
@@ -116,13 +116,13 @@ export class JointMover {
     if (await this.corrections.add(entry)) this.end();
   }
 
-  end(told) {
+  end(message) {
     this.snap(false);
     this.active = this.gizmo.enabled = this.helper.visible = false;
     this.gizmo.detach();
     this.elements.moving.hidden = true;
     this.elements.snap.disabled = true;
-    if (told) this.say(told);
+    if (message) this.say(message);
     this.redraw();
   }
 }

@@ -1,4 +1,4 @@
-// The tabs at the side, the list of frames to check, what is shown, where it is seen from.
+// The tabs at the side, the list of frames to check, the list of layers, the view buttons, the card of a joint.
 
 export function tabs(bar, shown) {
   const all = [...bar.querySelectorAll("[role=tab]")];
@@ -89,10 +89,10 @@ export class JointCard {
     const joint = this.skeleton.chosen;
     this.card.hidden = joint === null;
     if (joint === null) return;
-    const { joints, sigma, severity } = this.skeleton.at(this.playback.position);
+    const { joints, sigma, states } = this.skeleton.at(this.playback.position);
     const place = Array.from(joints.subarray(3 * joint, 3 * joint + 3), (value) => value.toFixed(3)).join(", ");
     const lost = Number.isNaN(joints[3 * joint]);
-    const rows = [["joint", this.description.joints[joint]], ["state", this.description.states[severity[joint]].replaceAll("_", " ")]];
+    const rows = [["joint", this.description.joints[joint]], ["state", this.description.states[states[joint]].replaceAll("_", " ")]];
     if (!lost) rows.push(["x, y, z in m", place], ["sigma", `${(1000 * sigma[joint]).toFixed(0)} mm`]);
     if (corrected) rows.push(["corrected", corrected.who]);
     this.card.replaceChildren(...rows.flatMap(([name, value]) => [

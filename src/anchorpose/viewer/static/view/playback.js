@@ -1,4 +1,4 @@
-// Time: plays at recorded speed by the stamps of the recording; what cannot be shown in time is left out.
+// Time: plays at recorded speed by the timestamps of the recording; frames that cannot be shown in time are skipped.
 
 export class Playback extends EventTarget {
   constructor(times) {

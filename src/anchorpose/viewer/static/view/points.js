@@ -6,7 +6,7 @@ import {
 } from "three";
 import { colour, colours, themed } from "./theme.js";
 
-export const EQUIPMENT = 2, PATIENT = 4, PERSON = 5, UNTOLD = 255;
+export const EQUIPMENT = 2, PATIENT = 4, PERSON = 5, UNLABELLED = 255;
 
 const VERTEX = `
 attribute vec4 pixel; // column, row, grey value, 256 x shade + label
@@ -94,7 +94,7 @@ export class PointLayer {
     this.each((uniforms) => { uniforms.focal.value = this.view.focal; });
   }
 
-  /** Only the share that is drawn goes to the graphics card. */
+  /** Only the share that is drawn is sent to the graphics card. */
   fill(camera, all) {
     const count = Math.ceil((all.length / 4) * this.share), pixels = all.subarray(0, 4 * count);
     if (count > camera.capacity) {
@@ -115,13 +115,13 @@ export class PointLayer {
     camera.count = count;
   }
 
-  /** Which share of the points the next frame draws, coarse grids first; larger ones then. */
+  /** The share of the points that the next frame draws, coarse grids first; fewer points are drawn larger. */
   set detail(share) {
     this.share = share;
     this.each((uniforms) => { uniforms.coarse.value = 1 / Math.sqrt(share); });
   }
 
-  /** The world point under a place on the canvas that is nearest to the eye, or null; the patient's before others'. */
+  /** The world point under a place on the canvas that is nearest to the eye, or null; only of the patient, or unlabelled. */
   pick(x, y, reach = 7) {
     let best = null, nearest = Infinity;
     for (const camera of this.cameras) {
@@ -129,7 +129,7 @@ export class PointLayer {
       const pixels = camera.points.geometry.getAttribute("pixel").array;
       for (let i = 0; i < camera.count; i++) {
         const label = pixels[4 * i + 3] & 255;
-        if (label !== PATIENT && label !== UNTOLD) continue;
+        if (label !== PATIENT && label !== UNLABELLED) continue;
         const place = this.place(camera, pixels, i), seen = this.view.project(place);
         if (!seen || Math.hypot(seen[0] - x, seen[1] - y) > reach || seen[2] >= nearest) continue;
         nearest = seen[2];

@@ -7,7 +7,7 @@ import { css, themed } from "./theme.js";
 const FIELD_DEG = 40;
 const AWAY = { front: [1, 0.12, 0], side: [0, 0.12, 1], back: [-1, 0.12, 0], top: [0, 1, 0.001] };
 
-/** Whether this computer draws without a graphics card: then smooth edges would cost half of the frames. */
+/** Whether this computer draws without a graphics card: then smooth edges would halve the frame rate. */
 function withoutCard() {
   const context = document.createElement("canvas").getContext("webgl2");
   const about = context?.getExtension("WEBGL_debug_renderer_info");
@@ -42,7 +42,7 @@ export class View {
     this.look("front");
   }
 
-  /** Pixels a metre at a metre's distance. */
+  /** Pixels per metre at one metre's distance. */
   get focal() { return this.renderer.getDrawingBufferSize(new Vector2()).y / 2 / Math.tan((this.camera.fov * Math.PI) / 360); }
 
   invalidate() { this.stale = true; }
@@ -66,7 +66,7 @@ export class View {
     this.invalidate();
   }
 
-  /** From where a depth camera stood, with its opening; its small roll is left out so that up stays up. */
+  /** From the place of a depth camera, with its field of view; its roll is left out so that up stays up. */
   lookFrom(camera) {
     const pose = camera.camera_to_world;
     const eye = new Vector3(pose[0][3], pose[1][3], pose[2][3]);

@@ -1,4 +1,4 @@
-// Asks for the reason where there is one to give, and once in a sitting for who it is.
+// Asks for the reason where one is needed, and once per session for the reviewer's initials.
 
 export class Signing {
   constructor(dialog, who) {
@@ -14,7 +14,7 @@ export class Signing {
 
   get who() { return this.name.value.trim(); }
 
-  /** {reason, who}, or null where the person leaves it. */
+  /** {reason, who}, or null where the dialog is cancelled. */
   ask(title, reasonNeeded = true) {
     if (!reasonNeeded && this.who) return Promise.resolve({ reason: "", who: this.who });
     this.dialog.querySelector("#sign-title").textContent = title;

@@ -80,7 +80,7 @@ export class DotLayer {
     });
   }
 
-  /** dots: one a point, {place, shape, radius, halo, chosen} or null. */
+  /** dots: one per point, {place, shape, radius, halo, chosen} or null. */
   set(dots) {
     dots.forEach((dot, i) => {
       this.place.array.set(dot ? dot.place : [0, 0, 0], 3 * i);
@@ -93,7 +93,7 @@ export class DotLayer {
   }
 }
 
-const NOWHERE = [0, 0, 0]; // a limb from here to here has no area and is not drawn
+const NOWHERE = [0, 0, 0]; // a limb of no length is not drawn
 
 class LimbLayer {
   constructor(limbs, view) {
@@ -108,7 +108,7 @@ class LimbLayer {
       index.push(4 * i, 4 * i + 1, 4 * i + 2, 4 * i + 1, 4 * i + 3, 4 * i + 2);
     });
     const geometry = new BufferGeometry();
-    geometry.setAttribute("position", this.from); // three wants one of this name
+    geometry.setAttribute("position", this.from); // three.js requires this name
     geometry.setAttribute("from", this.from);
     geometry.setAttribute("to", this.to);
     geometry.setAttribute("corner", this.corner);
@@ -122,14 +122,14 @@ class LimbLayer {
     themed(() => { this.uniforms.tint.value = colour("joint"); view.invalidate(); });
   }
 
-  set(joints, severity) {
+  set(joints, states) {
     this.limbs.forEach(([a, b], i) => {
-      const sure = severity[a] === 0 && severity[b] === 0 ? 1 : 0;
+      const seen = states[a] === 0 && states[b] === 0 ? 1 : 0;
       const known = !Number.isNaN(joints[3 * a]) && !Number.isNaN(joints[3 * b]);
       for (let k = 0; k < 4; k++) {
         this.from.array.set(known ? joints.subarray(3 * a, 3 * a + 3) : NOWHERE, 3 * (4 * i + k));
         this.to.array.set(known ? joints.subarray(3 * b, 3 * b + 3) : NOWHERE, 3 * (4 * i + k));
-        this.corner.array[3 * (4 * i + k) + 2] = sure;
+        this.corner.array[3 * (4 * i + k) + 2] = seen;
       }
     });
     this.from.needsUpdate = this.to.needsUpdate = this.corner.needsUpdate = true;
@@ -155,14 +155,14 @@ export class SkeletonLayer {
     return {
       joints: this.motion.joints.subarray(3 * start, 3 * (start + this.count)),
       sigma: this.motion.sigma.subarray(start, start + this.count),
-      severity: this.motion.severity.subarray(start, start + this.count),
+      states: this.motion.state.subarray(start, start + this.count),
     };
   }
 
   set(position) {
-    const { joints, sigma, severity } = this.at(position);
-    this.limbs.set(joints, severity);
-    this.dots.set(Array.from(severity, (state, i) => state === this.lost ? null : {
+    const { joints, sigma, states } = this.at(position);
+    this.limbs.set(joints, states);
+    this.dots.set(Array.from(states, (state, i) => state === this.lost ? null : {
       place: joints.subarray(3 * i, 3 * i + 3), shape: state === 0 ? 0 : 1, radius: 5.5, halo: 1.96 * sigma[i], chosen: i === this.chosen,
     }));
   }

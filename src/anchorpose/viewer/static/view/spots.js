@@ -1,4 +1,4 @@
-// The hypotheses of one frame: asked for, waited for, drawn as lines from each node to where a subset finds it.
+// The hypotheses of one frame: requested, awaited, drawn as lines from each node to where a subset finds it.
 
 import { BufferAttribute, BufferGeometry, Color, Group, LineBasicMaterial, LineSegments, Points, PointsMaterial } from "three";
 import { getArrays, getJson, postJson } from "./api.js";
@@ -33,26 +33,26 @@ export class Hypotheses {
   }
 
   async cancel() {
-    this.showStanding(await postJson("hypotheses/cancel", {}));
+    this.showStatus(await postJson("hypotheses/cancel", {}));
   }
 
   async wait() {
-    const standing = await getJson("hypotheses").catch((error) => ({ progress: "failed", said: [error.message] }));
-    this.showStanding(standing);
-    if (standing.progress === "working") setTimeout(() => this.wait(), ASK_EVERY_MS);
-    if (standing.progress === "done") this.take(standing, await getArrays("hypotheses/found"));
+    const status = await getJson("hypotheses").catch((error) => ({ progress: "failed", messages: [error.message] }));
+    this.showStatus(status);
+    if (status.progress === "working") setTimeout(() => this.wait(), ASK_EVERY_MS);
+    if (status.progress === "done") this.take(status, await getArrays("hypotheses/found"));
   }
 
-  showStanding({ progress, frames_read: read, said }) {
-    const told = { working: `Working: ${read} frames read so far.`, cancelled: "Cancelled.", idle: "" };
-    this.elements.state.textContent = told[progress] ?? said.join(" ");
+  showStatus({ progress, frames_read: read, messages }) {
+    const sentences = { working: `Working: ${read} frames read so far.`, cancelled: "Cancelled.", idle: "" };
+    this.elements.state.textContent = sentences[progress] ?? messages.join(" ");
     this.elements.cancel.hidden = progress !== "working";
     this.elements.start.disabled = progress === "working";
   }
 
-  take(standing, { meta, arrays }) {
+  take(status, { meta, arrays }) {
     this.clear();
-    this.position = standing.position;
+    this.position = status.position;
     this.found = { meta, arrays };
     const { nodes, best, reached, asked } = arrays, subsets = meta.subsets.length;
     const place = [], tint = [], missed = new Color(css("ink")).toArray();
@@ -104,7 +104,7 @@ export class Hypotheses {
     }));
   }
 
-  /** They belong to one frame: on others they are not shown. */
+  /** Hypotheses belong to one frame and are hidden in others. */
   moved() {
     this.group.visible = this.position === this.playback.position;
     this.view.invalidate();

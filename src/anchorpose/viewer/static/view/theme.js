@@ -8,14 +8,14 @@ export const css = (name) => read(name);
 export const colour = (name) => linear(read(name));
 export const colours = (name) => read(name).split(",").map((text) => linear(text.trim()));
 
-// the shaders of ours write what is on the screen, without a conversion
+// our shaders write screen colours without a conversion
 function linear(text) {
   const found = new Color();
   found.setStyle(text, "");
   return found;
 }
 
-/** Calls back at once and whenever the person changes between light and dark. */
+/** Calls back at once and on each change between light and dark. */
 export function themed(callback) {
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", callback);
   callback();

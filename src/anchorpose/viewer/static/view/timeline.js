@@ -1,4 +1,4 @@
-// The recording at a glance: how the joints are known, who touches what, what was marked and corrected.
+// The recording at a glance: the states of the joints, contacts, what was marked and corrected.
 
 import { prepared, seekable } from "./axis.js";
 import { css, themed } from "./theme.js";
@@ -66,11 +66,11 @@ export class Timeline {
     }
   }
 
-  /** A column of pixels each: what share of the joints is observed (from below), inferred, lost. */
+  /** A column per frame: the shares of the joints that are observed (from below), inferred, lost. */
   states(context) {
     const [first, last] = this.axis.range(), inner = ROW - 3;
     for (let row = first; row <= last; row++) {
-      const states = this.motion.severity.subarray(row * this.joints, (row + 1) * this.joints);
+      const states = this.motion.state.subarray(row * this.joints, (row + 1) * this.joints);
       const lost = states.filter((state) => state === this.lost).length / this.joints;
       const seen = states.filter((state) => state === 0).length / this.joints;
       const x = this.x(this.motion.time_s[row]), next = this.motion.time_s[Math.min(row + 1, this.motion.time_s.length - 1)];
@@ -125,7 +125,7 @@ export class Timeline {
   }
 
   inWords() {
-    const all = this.motion.severity, share = (test) => ((100 * all.filter(test).length) / all.length).toFixed(0);
+    const all = this.motion.state, share = (test) => ((100 * all.filter(test).length) / all.length).toFixed(0);
     return `Over time: ${share((state) => state === 0)} % of the joints observed, ${share((state) => state === this.lost)} % lost; `
       + `${this.description.contacts.length} contacts${this.touches.length ? `: ${this.touches.join(", ")}` : ""}`;
   }

@@ -1,0 +1,110 @@
+"""What the server does with each request, independent of HTTP: a table of all requests."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from anchorpose.joints import JOINT_INDEX
+from anchorpose.results.run_record import as_json
+from anchorpose.viewer.correction_file import CorrectionFile, valid_corrections
+from anchorpose.viewer.depth_frames import DepthFrames
+from anchorpose.viewer.hypotheses import HypothesisWorker
+from anchorpose.viewer.payloads import body_skin, motion_payload, pack, points_payload, rays_payload, surface_payload
+from anchorpose.viewer.review import Review, describe
+
+BYTES: Final = "application/octet-stream"
+JSON: Final = "application/json"
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """What is sent back: bytes and their media type."""
+
+    content: bytes
+    kind: str
+
+
+class ViewerApi:
+    """Answers requests about one review.
+
+    Raises KeyError for an unknown request, ValueError or AnchorposeError for a wrong one.
+    """
+
+    def __init__(self, review: Review, corrections: CorrectionFile, who: str) -> None:
+        self.review, self.corrections, self.who = review, corrections, who
+        self.worker = HypothesisWorker()
+        self._compiling = threading.Lock()
+        self._get: dict[str, Callable[[Mapping[str, str]], Response]] = {
+            "description": lambda query: _json(
+                {**describe(self.review), "who": self.who, "corrections_file": self.corrections.path.name}
+            ),
+            "motion": lambda query: Response(motion_payload(self.review), BYTES),
+            "rays": lambda query: Response(rays_payload(self._depth_frames()), BYTES),
+            "body": lambda query: self._body(),
+            "points": self._points,
+            "surface": self._surface,
+            "corrections": lambda query: _json(valid_corrections(self.corrections.current())),
+            "hypotheses": lambda query: _json(as_json(self.worker.status)),
+            "hypotheses/found": lambda query: self._hypotheses(),
+        }
+        self._post: dict[str, Callable[[dict[str, Any]], Response]] = {
+            "corrections/add": lambda body: _json(valid_corrections(self.corrections.add(body))),
+            "corrections/take-back": lambda body: _json(valid_corrections(self.corrections.take_back(body))),
+            "hypotheses/start": self._start,
+            "hypotheses/cancel": lambda body: self._cancel(),
+        }
+
+    def get(self, name: str, query: Mapping[str, str]) -> Response:
+        """Answers a request that changes nothing."""
+        return self._get[name](query)
+
+    def post(self, name: str, body: dict[str, Any]) -> Response:
+        """Answers a request that changes something; body: its JSON object."""
+        return self._post[name](body)
+
+    def _depth_frames(self) -> DepthFrames:
+        if self.review.depth_frames is None:
+            raise ValueError("there is no recording; start the viewer with it")
+        return self.review.depth_frames
+
+    def _points(self, query: Mapping[str, str]) -> Response:
+        first, count = int(query["first"]), int(query["count"])
+        return Response(points_payload(self._depth_frames(), first, count, query.get("room") == "1"), BYTES)
+
+    def _surface(self, query: Mapping[str, str]) -> Response:
+        with self._compiling:  # the first call compiles; two at once would compile twice
+            return Response(surface_payload(self._depth_frames(), int(query["first"]), int(query["count"])), BYTES)
+
+    def _body(self) -> Response:
+        arrays = body_skin(self.review.run)
+        if arrays is None:
+            raise ValueError("no body was learnt in this run")
+        return Response(pack({}, arrays), BYTES)
+
+    def _start(self, body: dict[str, Any]) -> Response:
+        position, frames = int(body["position"]), self._depth_frames()
+        if not 0 <= position < len(frames.frame):
+            raise ValueError(f"there is no frame {position}")
+        place = self.review.joints.position_m[position, JOINT_INDEX["SpineBase"]]
+        xz_m = (float(place[0]), float(place[2])) if np.isfinite(place).all() else None
+        self.worker.start(position, frames.recording, int(frames.frame[position]), xz_m)
+        return _json(as_json(self.worker.status))
+
+    def _cancel(self) -> Response:
+        self.worker.cancel()
+        return _json(as_json(self.worker.status))
+
+    def _hypotheses(self) -> Response:
+        if not self.worker.data:
+            raise ValueError("there are no hypotheses yet")
+        return Response(self.worker.data, BYTES)
+
+
+def _json(value: Any) -> Response:
+    return Response(json.dumps(value, allow_nan=False).encode(), JSON)
