@@ -2,7 +2,7 @@
 
 The recordings of accuracy.py, each tracked with the defaults, with one ingredient switched off at a time, and the
 paper's own way (every part by itself, from frame to frame). What is switched off, and how, is said in
-``anchorpose.research.experiment.methods.own_tracker``; ``anchorpose experiment`` tells the same of its scenes.
+``anchorpose.research.experiment.methods.references``; ``anchorpose experiment`` tells the same of its scenes.
 
 With --method parts every variant registers part by part, as the paper does, and matches count for more than where, by
 default, the whole learnt body finds its own way on the surface and matches only begin it.
@@ -23,7 +23,7 @@ from typing import Final
 
 from accuracy import DEFAULT_SCENES, SCENES, track_simulated
 
-from anchorpose.research.experiment.methods.own_tracker import ABLATION
+from anchorpose.research.experiment.methods.references import ABLATION
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker.config import Method, TrackConfig
 from anchorpose.tracking.motion import MotionConfig, MotionRule

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import anchorpose
-from anchorpose.research.experiment.answers import PRESENTING
+from anchorpose.research.experiment.plan import PRESENTING
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "src" / "anchorpose"

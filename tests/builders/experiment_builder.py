@@ -11,7 +11,7 @@ from anchorpose.joints import JOINT_COUNT, JOINT_NAMES
 from anchorpose.research.experiment.config import ExperimentConfig, Scene
 from anchorpose.research.experiment.correspondence import REGIONS
 from anchorpose.research.experiment.method import Family, Method
-from anchorpose.research.experiment.outcome import Matched, Outcome, PaperTimes, Tracked, Tried
+from anchorpose.research.experiment.results import ExperimentResults, Matched, PaperTimes, Tracked, TriedSetting
 
 
 def method(key: str, title: str, family: Family, sampled: bool = True) -> Method:
@@ -74,11 +74,11 @@ def matches_as_the_paper_says(key: str, region: str) -> tuple[float, float]:
     return (60.0 if region == "head" else 240.0), (0.4 if region in ("hand", "foot") else 0.1)
 
 
-def make_outcome(
+def make_results(
     tracking: TrackingMean = as_the_paper_says, matching: Matches = matches_as_the_paper_says, recordings: int = 6,
     methods: Sequence[Method] = METHODS, holes_m: Sequence[float] = (0.0, 0.03, 0.15), seed: int = 3,
     scenes: Mapping[Scene, Sequence[Method]] | None = None, spread: float = 0.1,
-) -> Outcome:  # fmt: skip
+) -> ExperimentResults:  # fmt: skip
     """An outcome of the paper's scene, and of others with their methods; slow methods have the sampled segment only."""
     rng = np.random.default_rng(seed)
     wanted = {Scene.PAPER: tuple(methods), **(scenes or {})}
@@ -97,9 +97,9 @@ def make_outcome(
         if one.family is not Family.TRACKER and one.key != "none"
     ]
     everyone = tuple(dict.fromkeys((*methods, *(one for ran in wanted.values() for one in ran))))
-    tried = tuple((one.key, (Tried("radius 0.1", 123.4, True), Tried("radius 0.2", 150.0, False)))
+    tried = tuple((one.key, (TriedSetting("radius 0.1", 123.4, True), TriedSetting("radius 0.2", 150.0, False)))
                   for one in methods if one.family is Family.LOCAL)  # fmt: skip
-    return Outcome(
+    return ExperimentResults(
         config=replace(ExperimentConfig(), recordings=recordings, holes_m=tuple(holes_m), resamples=300,
                        scenes=tuple(wanted), seconds=3.0, scene_seconds=3.0),
         methods=everyone, tried=tried, tracked=tuple(tracked), matched=tuple(matched),

@@ -8,12 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from experiment_builder import METHODS, as_the_paper_says, make_outcome, matches_as_the_paper_says
+from experiment_builder import METHODS, as_the_paper_says, make_results, matches_as_the_paper_says
 
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.research.experiment.method import Family
-from anchorpose.research.experiment.outcome import Outcome, PaperTimes
-from anchorpose.research.experiment.page.claims import claims_json, judge_claims
+from anchorpose.research.experiment.page.page import judge_claims
 from anchorpose.research.experiment.page.tables import Estimate
 from anchorpose.research.experiment.page.tracking_claims import below_zero
 from anchorpose.research.experiment.page.verdict import (
@@ -23,30 +22,32 @@ from anchorpose.research.experiment.page.verdict import (
     at_least,
     at_most,
     between,
+    claims_json,
     judge,
     measured,
 )
+from anchorpose.research.experiment.results import ExperimentResults, PaperTimes
 
 FAMILY = {one.key: one.family for one in METHODS}
 YES, NO, OPEN = Answer.YES, Answer.NO, Answer.OPEN
 
 
-def claim(outcome: Outcome, key: str) -> Claim:
-    return next(one for one in judge_claims(outcome) if one.key == key)
+def claim(results: ExperimentResults, key: str) -> Claim:
+    return next(one for one in judge_claims(results) if one.key == key)
 
 
-def tracking_but(change: Callable[[str, float, bool], float | np.ndarray | None]) -> Outcome:
+def tracking_but(change: Callable[[str, float, bool], float | np.ndarray | None]) -> ExperimentResults:
     """As the paper says, but where ``change`` gives another mean."""
 
     def mean(key: str, hole_m: float, occluded: bool) -> float | np.ndarray:
         changed = change(key, hole_m, occluded)
         return as_the_paper_says(key, hole_m, occluded) if changed is None else changed
 
-    return make_outcome(tracking=mean)
+    return make_results(tracking=mean)
 
 
-def matching_but(change: Callable[[str, str], tuple[float, float] | None]) -> Outcome:
-    return make_outcome(matching=lambda key, region: change(key, region) or matches_as_the_paper_says(key, region))
+def matching_but(change: Callable[[str, str], tuple[float, float] | None]) -> ExperimentResults:
+    return make_results(matching=lambda key, region: change(key, region) or matches_as_the_paper_says(key, region))
 
 
 @pytest.mark.parametrize(
@@ -89,20 +90,20 @@ def test_less_is_less_only_where_the_whole_interval_is() -> None:
 
 
 def test_everything_holds_where_the_data_are_as_the_paper_says() -> None:
-    claims = judge_claims(make_outcome())
+    claims = judge_claims(make_results())
     assert {one.key: one.verdict for one in claims if one.verdict is not Verdict.HOLDS} == {}
     assert len({one.key for one in claims}) == len(claims) == 17
     assert all(one.checks and one.rule and one.place for one in claims)
 
 
 def test_nothing_can_be_told_from_one_recording_but_the_time() -> None:
-    verdicts = {one.key: one.verdict for one in judge_claims(make_outcome(recordings=1))}
+    verdicts = {one.key: one.verdict for one in judge_claims(make_results(recordings=1))}
     assert verdicts.pop("times") is Verdict.HOLDS
     assert set(verdicts.values()) == {Verdict.UNKNOWN}
 
 
 def test_nothing_can_be_told_from_nothing() -> None:
-    empty = replace(make_outcome(recordings=1), tracked=(), matched=(), times=None)
+    empty = replace(make_results(recordings=1), tracked=(), matched=(), times=None)
     assert {one.verdict for one in judge_claims(empty)} == {Verdict.UNKNOWN}
 
 
@@ -154,40 +155,40 @@ def test_a_claim_about_matches_does_not_hold_where_the_data_say_otherwise(key: s
 
 
 def test_the_proposed_method_is_constant_in_part_where_frames_without_a_hole_hide_what_one_costs() -> None:
-    outcome = tracking_but(lambda key, hole, hidden: 58.0 if key == "anchors" and hidden else None)
-    found = claim(outcome, "proposed-constant")
+    results = tracking_but(lambda key, hole, hidden: 58.0 if key == "anchors" and hidden else None)
+    found = claim(results, "proposed-constant")
     assert [check.answer for check in found.checks] == [YES, NO]
     assert found.verdict is Verdict.IN_PART
 
 
 def test_the_proposed_method_is_not_constant_where_both_ratios_are_too_large() -> None:
-    outcome = tracking_but(lambda key, hole, hidden: 90.0 if key == "anchors" and hidden else None)
-    assert claim(outcome, "proposed-constant").verdict is Verdict.NOT
+    results = tracking_but(lambda key, hole, hidden: 90.0 if key == "anchors" and hidden else None)
+    assert claim(results, "proposed-constant").verdict is Verdict.NOT
 
 
 def test_better_than_some_is_better_in_part() -> None:
-    outcome = tracking_but(lambda key, hole, hidden: 20.0 if key in ("fpfh", "shot") else None)
-    found = claim(outcome, "proposed-below-local")
+    results = tracking_but(lambda key, hole, hidden: 20.0 if key in ("fpfh", "shot") else None)
+    found = claim(results, "proposed-below-local")
     assert found.verdict is Verdict.IN_PART
     assert {check.what.split(",")[0] for check in found.checks if check.answer is NO} == {"less FPFH", "less SHOT"}
 
 
 def test_methods_that_err_alike_are_not_told_apart() -> None:
-    outcome = tracking_but(lambda key, hole, hidden: 50.0 if of_family(Family.SPECTRAL, key) else None)
-    answers = [check.answer for check in claim(outcome, "proposed-below-spectral").checks]
+    results = tracking_but(lambda key, hole, hidden: 50.0 if of_family(Family.SPECTRAL, key) else None)
+    answers = [check.answer for check in claim(results, "proposed-below-spectral").checks]
     assert answers.count(OPEN) > len(answers) / 2
 
 
 def test_comparisons_use_the_frames_of_the_sample() -> None:
     """The proposed method is bad only where the others did not run."""
-    outcome = make_outcome()
+    results = make_results()
     spoilt = [
         replace(run, error_mm=np.where((run.frame > 9)[:, None], 500.0, run.error_mm))
         if run.method == "anchors"
         else run
-        for run in outcome.tracked
+        for run in results.tracked
     ]
-    changed = replace(outcome, tracked=tuple(spoilt))
+    changed = replace(results, tracked=tuple(spoilt))
     assert claim(changed, "proposed-below-local").verdict is Verdict.HOLDS
     assert claim(changed, "proposed-adequate").verdict is Verdict.NOT
 
@@ -203,11 +204,11 @@ def test_comparisons_use_the_frames_of_the_sample() -> None:
     ],
 )
 def test_times_are_held_to_the_papers_on_a_mesh_as_large(times: PaperTimes | None, verdict: Verdict) -> None:
-    assert claim(replace(make_outcome(recordings=1), times=times), "times").verdict is verdict
+    assert claim(replace(make_results(recordings=1), times=times), "times").verdict is verdict
 
 
 def test_claims_as_a_file_have_every_comparison_and_null_for_what_is_not_known() -> None:
-    claims = judge_claims(make_outcome(recordings=1))
+    claims = judge_claims(make_results(recordings=1))
     entries = json.loads(claims_json(claims))
     assert [entry["key"] for entry in entries] == [one.key for one in claims]
     first = entries[0]["checks"][0]

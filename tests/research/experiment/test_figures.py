@@ -7,7 +7,7 @@ import sys
 import xml.etree.ElementTree as ElementTree
 
 import pytest
-from experiment_builder import ABLATED, METHODS, make_outcome
+from experiment_builder import ABLATED, METHODS, make_results
 
 from anchorpose.errors import MissingPackage
 from anchorpose.research.experiment.config import Scene
@@ -23,13 +23,13 @@ PNG_HEAD = b"\x89PNG\r\n\x1a\n"
 
 @pytest.fixture(scope="module")
 def tables() -> list[Table]:
-    outcome = make_outcome(
+    results = make_results(
         recordings=2,
         scenes=dict.fromkeys(
             (Scene.MATCHES, Scene.LOOSE, Scene.REAL, Scene.CLINIC), (METHODS[0], METHODS[-1], *ABLATED)
         ),
     )
-    return [*tracking_tables(outcome), *matching_tables(outcome), *time_tables(outcome)]
+    return [*tracking_tables(results), *matching_tables(results), *time_tables(results)]
 
 
 def test_all_figures_are_drawn_from_a_whole_outcome(tables: list[Table]) -> None:
@@ -59,8 +59,8 @@ def test_a_readers_own_settings_change_nothing(tables: list[Table]) -> None:
 
 
 def test_one_method_and_one_size_of_hole_are_enough(recwarn: pytest.WarningsRecorder) -> None:
-    outcome = make_outcome(recordings=1, methods=METHODS[:1], holes_m=(0.0,))
-    tables = [*tracking_tables(outcome), *matching_tables(outcome), *time_tables(outcome)]
+    results = make_results(recordings=1, methods=METHODS[:1], holes_m=(0.0,))
+    tables = [*tracking_tables(results), *matching_tables(results), *time_tables(results)]
     assert "result1" in [picture.key for picture in draw_all(tables)]
     assert [str(warning.message) for warning in recwarn] == []
 

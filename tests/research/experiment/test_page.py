@@ -9,18 +9,17 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
-from experiment_builder import ABLATED, METHODS, make_outcome, method
+from experiment_builder import ABLATED, METHODS, make_results, method
 
 from anchorpose.errors import InputError, MissingPackage
 from anchorpose.research.experiment.config import Scene
 from anchorpose.research.experiment.method import Family
-from anchorpose.research.experiment.outcome import Outcome, Tried
 from anchorpose.research.experiment.page import page as publish
-from anchorpose.research.experiment.page.claims import judge_claims
-from anchorpose.research.experiment.page.page import write_outcome
+from anchorpose.research.experiment.page.page import judge_claims, write_results
 from anchorpose.research.experiment.page.page_parts import read_pictures
 from anchorpose.research.experiment.page.page_text import run_html
 from anchorpose.research.experiment.page.selection import left_out
+from anchorpose.research.experiment.results import ExperimentResults, TriedSetting
 
 EVIL = "<script>alert('&')</script>"
 PNG = b"\x89PNG\r\n\x1a\nnot much of a picture"
@@ -61,15 +60,15 @@ class Elements(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def outcome() -> Outcome:
-    made = make_outcome(recordings=2, scenes={Scene.CLINIC: (METHODS[0], METHODS[-1], *ABLATED)})
+def results() -> ExperimentResults:
+    made = make_results(recordings=2, scenes={Scene.CLINIC: (METHODS[0], METHODS[-1], *ABLATED)})
     evil = method("evil", EVIL, Family.LOCAL)
-    settings = (*made.tried, ("evil", (Tried(EVIL, 1.0, True),)))
+    settings = (*made.tried, ("evil", (TriedSetting(EVIL, 1.0, True),)))
     return replace(made, methods=(*made.methods, evil), tried=settings, failed=(f"paper-7: {EVIL}",))
 
 
 @pytest.fixture(scope="module")
-def folder(outcome: Outcome, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(results: ExperimentResults, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out: Path = tmp_path_factory.mktemp("experiment")
     (out / "pictures").mkdir()
     (out / "pictures" / "fpfh.png").write_bytes(PNG)
@@ -82,7 +81,7 @@ def folder(outcome: Outcome, tmp_path_factory: pytest.TempPathFactory) -> Path:
     (out / "pictures" / "pictures.json").write_text(json.dumps(captions))
     (out / "cache").mkdir()
     (out / "cache" / "kept").write_text("as it was")
-    write_outcome(outcome, out)
+    write_results(results, out)
     return out
 
 
@@ -114,8 +113,8 @@ def test_nothing_from_outside_is_taken_for_html(page: str) -> None:
     assert page.count("&lt;script&gt;") >= 4  # the method, its setting, the failed recording, the caption
 
 
-def test_the_page_says_each_claim_and_its_verdict_first(page: str, outcome: Outcome) -> None:
-    positions = [page.index(f"id='claim-{claim.key}'") for claim in judge_claims(outcome)]
+def test_the_page_says_each_claim_and_its_verdict_first(page: str, results: ExperimentResults) -> None:
+    positions = [page.index(f"id='claim-{claim.key}'") for claim in judge_claims(results)]
     assert positions == sorted(positions)
     assert positions[-1] < page.index('id="run"')
     assert len(positions) == 17
@@ -129,18 +128,20 @@ def test_figures_tables_pictures_and_limits_are_in_the_page(page: str) -> None:
         assert text in page, text
 
 
-def test_the_config_on_the_page_is_what_the_command_reads(page: str, outcome: Outcome, tmp_path: Path) -> None:
+def test_the_config_on_the_page_is_what_the_command_reads(
+    page: str, results: ExperimentResults, tmp_path: Path
+) -> None:
     import html
 
     from anchorpose.cli.config_file import load_config
 
     text = html.unescape(re.findall(r"<pre>(.*?)</pre>", page, re.DOTALL)[1])
     (tmp_path / "experiment.toml").write_text(text)
-    assert load_config(tmp_path / "experiment.toml", type(outcome.config)) == outcome.config
+    assert load_config(tmp_path / "experiment.toml", type(results.config)) == results.config
 
 
 def test_segments_that_no_method_could_start_in_are_counted() -> None:
-    whole = make_outcome(recordings=2)
+    whole = make_results(recordings=2)
     lost = tuple(
         replace(run, frame=run.frame[9:], occluded=run.occluded[9:], error_mm=run.error_mm[9:])
         if run.recording == "paper-501" else run
@@ -152,34 +153,34 @@ def test_segments_that_no_method_could_start_in_are_counted() -> None:
     assert "were left out" not in run_html(whole)
 
 
-def test_real_recordings_of_one_person_are_said_to_narrow_the_intervals(outcome: Outcome) -> None:
-    assert "too narrow" in run_html(replace(outcome, real=Path("msr")))
-    assert "too narrow" not in run_html(outcome)
+def test_real_recordings_of_one_person_are_said_to_narrow_the_intervals(results: ExperimentResults) -> None:
+    assert "too narrow" in run_html(replace(results, real=Path("msr")))
+    assert "too narrow" not in run_html(results)
 
 
-def test_all_files_are_there_and_others_stay(folder: Path, outcome: Outcome) -> None:
+def test_all_files_are_there_and_others_stay(folder: Path, results: ExperimentResults) -> None:
     assert {path.name for path in folder.iterdir()} == {
         "cache", "pictures", "tables", "figures", "claims.json", "index.html",
     }  # fmt: skip
     assert (folder / "cache" / "kept").read_text() == "as it was"
     assert len(list((folder / "figures").glob("*.svg"))) == len(list((folder / "figures").glob("*.png"))) == 10
     assert (folder / "tables" / "settings.csv").is_file()
-    assert len(json.loads((folder / "claims.json").read_text())) == len(judge_claims(outcome))
+    assert len(json.loads((folder / "claims.json").read_text())) == len(judge_claims(results))
 
 
-def test_the_same_outcome_gives_the_same_bytes(folder: Path, outcome: Outcome) -> None:
+def test_the_same_outcome_gives_the_same_bytes(folder: Path, results: ExperimentResults) -> None:
     def contents() -> dict[Path, bytes]:
         return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
     before = contents()
     (folder / "tables" / "stale.csv").write_text("of an earlier run")
-    write_outcome(outcome, folder)
+    write_results(results, folder)
     assert contents() == before
 
 
 def test_an_empty_outcome_is_a_page_that_says_so(tmp_path: Path) -> None:
-    empty = replace(make_outcome(recordings=1), tracked=(), matched=(), times=None, tried=())
-    write_outcome(empty, tmp_path)
+    empty = replace(make_results(recordings=1), tracked=(), matched=(), times=None, tried=())
+    write_results(empty, tmp_path)
     text = (tmp_path / "index.html").read_text(encoding="utf-8")
     Elements(text)
     assert "17 cannot be told" in text
@@ -210,5 +211,5 @@ def test_without_matplotlib_nothing_is_written(monkeypatch: pytest.MonkeyPatch, 
 
     monkeypatch.setattr(publish, "draw_all", missing)
     with pytest.raises(MissingPackage):
-        write_outcome(make_outcome(recordings=1, methods=METHODS[:1]), tmp_path)
+        write_results(make_results(recordings=1, methods=METHODS[:1]), tmp_path)
     assert list(tmp_path.iterdir()) == []

@@ -31,7 +31,7 @@ BLUE, VERMILLION = (0, 114, 178), (213, 94, 0)
 
 def moment_of(place_m: np.ndarray | None = None, seen: np.ndarray | None = None) -> SimpleNamespace:
     """Two frames of a body that stands still, unless it is said where its nodes are in the second."""
-    place = BODY.rest_m.astype(np.float64) if place_m is None else place_m
+    place = BODY.points_m.astype(np.float64) if place_m is None else place_m
     truth = TruePlaces(np.arange(COUNT), place, np.ones(COUNT, bool) if seen is None else seen)
     return SimpleNamespace(name="whole", title="Nothing hidden", truth=truth, surfaces=(BODY, BODY), window=None)
 
@@ -48,7 +48,7 @@ def said(match: np.ndarray, subset: np.ndarray, subsets: np.ndarray, node: np.nd
 def pairs_from(monkeypatch: pytest.MonkeyPatch, direct: np.ndarray, moment: SimpleNamespace, **method) -> matches.Pairs:
     answer = said(direct, np.zeros(COUNT, np.int32), np.empty((1, 0), np.int64))
     answer.direct = direct
-    monkeypatch.setattr(matches, "ask", lambda *_: answer)
+    monkeypatch.setattr(matches, "match_window", lambda *_: answer)
     given = {
         "key": "m",
         "title": "A method",
@@ -106,7 +106,7 @@ def test_one_per_cent_of_the_known_nodes_is_drawn_and_always_the_same() -> None:
 
 
 def test_a_pair_is_right_within_five_centimetres_of_the_true_place(monkeypatch: pytest.MonkeyPatch) -> None:
-    place = BODY.rest_m.astype(np.float64)
+    place = BODY.points_m.astype(np.float64)
     place[:100, 1] += 0.049
     place[100:200, 1] += 0.051
     place[200] = np.nan
@@ -123,13 +123,13 @@ def test_a_pair_is_right_within_five_centimetres_of_the_true_place(monkeypatch: 
 
 def test_shares_are_of_the_nodes_whose_true_place_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     seen = np.arange(COUNT) < 400
-    place = BODY.rest_m.astype(np.float64)
+    place = BODY.points_m.astype(np.float64)
     place[:100] += 1.0
     direct = np.where(np.arange(COUNT) < 150, np.arange(COUNT), -1)
     moment = moment_of(place, seen)
     pairs = pairs_from(monkeypatch, direct, moment)
-    assert matches.told(pairs, moment) == "12 % right, 25 % wrong, 62 % no pair"
-    assert matches.told(pairs, moment_of(place, ~np.isfinite(place[:, 0]))) == "no node's truth is known"
+    assert matches.describe_pairs(pairs, moment) == "12 % right, 25 % wrong, 62 % no pair"
+    assert matches.describe_pairs(pairs, moment_of(place, ~np.isfinite(place[:, 0]))) == "no node's truth is known"
 
 
 @pytest.mark.parametrize(
@@ -156,10 +156,10 @@ def test_lines_are_blue_and_solid_where_right_vermilion_and_dashed_where_wrong(m
     assert len(bad.get_segments()) == len(wrong)
     right = np.setdiff1d(node, np.concatenate([wrong, none]))
     shift_m = canvas.apart_m(VIEW, BODY, BODY)
-    ends = np.stack([VIEW.flat_m(BODY.rest_m[right]), VIEW.flat_m(BODY.rest_m[direct[right]], shift_m)], axis=1)
+    ends = np.stack([VIEW.flat_m(BODY.points_m[right]), VIEW.flat_m(BODY.points_m[direct[right]], shift_m)], axis=1)
     np.testing.assert_allclose(good.get_segments(), ends, atol=1e-6)
     ring = axes.lines[-1]
-    np.testing.assert_allclose(np.transpose(ring.get_data()), VIEW.flat_m(BODY.rest_m[none]), atol=1e-6)
+    np.testing.assert_allclose(np.transpose(ring.get_data()), VIEW.flat_m(BODY.points_m[none]), atol=1e-6)
 
 
 def test_the_tree_chooses_among_several_hypotheses_and_one_is_taken_as_it_is() -> None:
@@ -178,7 +178,7 @@ def test_a_method_without_pairs_is_drawn_unless_it_means_to_have_none(monkeypatc
     nothing = np.full(COUNT, -1)
     assert pairs_from(monkeypatch, nothing, moment_of(), associate=None) is None
     assert pairs_from(monkeypatch, nothing, moment_of(), family=Family.NONE) is None
-    assert matches.told(pairs_from(monkeypatch, nothing, moment_of()), moment_of()).endswith("100 % no pair")
+    assert matches.describe_pairs(pairs_from(monkeypatch, nothing, moment_of()), moment_of()).endswith("100 % no pair")
 
 
 def test_the_sheet_has_the_papers_order_and_then_the_others() -> None:
@@ -206,7 +206,7 @@ def test_nodes_have_the_colour_of_their_subset_on_both_sides() -> None:
     ]  # fmt: skip
     shift_m = canvas.apart_m(VIEW, BODY, BODY)
     for number, line in enumerate(drawn):
-        nodes = BODY.rest_m[subset == number]
+        nodes = BODY.points_m[subset == number]
         places = np.concatenate([VIEW.flat_m(nodes), VIEW.flat_m(nodes, shift_m)])
         np.testing.assert_allclose(np.transpose(line.get_data()), places, atol=1e-6)
         assert line.get_color() == hypotheses.COLOURS[number]
@@ -231,12 +231,12 @@ def test_every_possible_match_of_a_few_nodes_is_drawn_and_the_chosen_one_thick()
 # regions
 
 
-def holed(hidden: np.ndarray, surface) -> regions.Holed:
+def holed(hidden: np.ndarray, surface) -> regions.HoledFrame:
     taken = np.zeros((60, 60), bool)
     row, column = surface.pixel[hidden].T
     taken[row, column] = True
     anchors = SimpleNamespace(node=np.array([0, 30, -1, len(surface) - 1, len(surface) // 2]))
-    return regions.Holed("Frame 3", surface, anchors, taken, surface.points_m[len(surface) // 2])
+    return regions.HoledFrame("Frame 3", surface, anchors, taken, surface.points_m[len(surface) // 2])
 
 
 def test_the_hole_hides_the_nodes_whose_pixels_it_took_and_no_other_cameras() -> None:
@@ -284,7 +284,7 @@ def test_a_sheet_cut_in_two_is_told_to_be_cut_off() -> None:
     sheet = flat_grid(20, 12, 0.02)
     hidden = sheet.pixel[:, 0] == 10
     light = regions.lights_of(holed(hidden, sheet), hidden)["Head"]
-    assert regions.told(light, 0.15) == "15 cm: 0 % longer, 47 % cut off"
+    assert regions.describe_distortion(light, 0.15) == "15 cm: 0 % longer, 47 % cut off"
 
 
 def test_the_pictures_of_the_regions_say_whether_the_border_is_covered() -> None:
@@ -322,7 +322,7 @@ def test_joints_have_a_colour_and_a_marker_each_and_the_error_is_the_mean() -> N
 
 
 def draw_once() -> bytes:
-    with canvas.own_style():
+    with canvas.default_style():
         pairs = matches.Pairs("m", "A method", np.arange(COUNT), np.zeros(COUNT))
         return canvas.as_png(matches.match_pictures(VIEW, moment_of(), [pairs])[0].figure)
 
@@ -346,7 +346,7 @@ def test_drawing_leaves_no_window_behind() -> None:
 
 def test_without_matplotlib_the_remedy_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(MissingPackage, match=r"pip install 'anchorpose\[experiments\]'"), canvas.own_style():
+    with pytest.raises(MissingPackage, match=r"pip install 'anchorpose\[experiments\]'"), canvas.default_style():
         pass
 
 
@@ -390,8 +390,8 @@ def test_the_whole_album_of_a_simulated_recording(tmp_path: Path) -> None:
     from anchorpose.recording.reader import open_recording
     from anchorpose.research.experiment.clips import cut_holes
     from anchorpose.research.experiment.correspondence import Skin
+    from anchorpose.research.experiment.framework import make_reference
     from anchorpose.research.experiment.method import load_methods
-    from anchorpose.research.experiment.reference import make_reference
     from anchorpose.simulate import config as presets
     from anchorpose.simulate.write import simulate_recording
     from anchorpose.tracker.config import TrackConfig
@@ -403,14 +403,15 @@ def test_the_whole_album_of_a_simulated_recording(tmp_path: Path) -> None:
     reference = make_reference(recording, TrackConfig())
     frame = int(np.flatnonzero(reference.found[:-4])[-1]) + 1
     chosen = np.arange(20) >= frame
-    cut_holes(recording, tmp_path / "pierced", reference.centre_m, chosen, 0.09)
-    pierced, methods = open_recording(tmp_path / "pierced"), load_methods(("fpfh", "anchors", "none"))
+    cut_holes(recording, tmp_path / "holed", reference.centre_m, chosen, 0.09)
+    holed, methods = open_recording(tmp_path / "holed"), load_methods(("fpfh", "anchors", "none"))
     settings = {method.key: method.settings[0] for method in methods}
-    skin = Skin(simulation)
+    prepared = SimpleNamespace(recording=recording, reference=reference, skin=Skin(simulation))
+    plan = SimpleNamespace(methods=methods, settings=settings, movements=SHIPPED)
     written = []
     for out in (tmp_path / "one", tmp_path / "other"):
         out.mkdir()
-        album.write_pictures(out, recording, pierced, reference, skin, frame, methods, settings, SHIPPED)
+        album.write_pictures(out, prepared, holed, frame, plan)
         written.append({path.name: path.read_bytes() for path in out.iterdir()})
     assert written[0] == written[1]
     contents = json.loads(written[0].pop("pictures.json"))
@@ -420,4 +421,4 @@ def test_the_whole_album_of_a_simulated_recording(tmp_path: Path) -> None:
     assert {"matches-whole.png", "matches-hole.png", "matches-hole-fpfh.png", "tracked.png"} <= set(written[0])
     assert "matches-whole-none.png" not in written[0]
     with pytest.raises(ValueError, match="frame before"):
-        album.write_pictures(tmp_path, recording, pierced, reference, skin, 0, methods, settings, SHIPPED)
+        album.write_pictures(tmp_path, prepared, holed, 0, plan)

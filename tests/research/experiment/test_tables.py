@@ -8,17 +8,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from experiment_builder import ABLATED, METHODS, make_outcome, method
+from experiment_builder import ABLATED, METHODS, make_results, method
 
 from anchorpose.joints import JOINT_COUNT
 from anchorpose.research.experiment.config import ExperimentConfig, Scene
 from anchorpose.research.experiment.method import Family
-from anchorpose.research.experiment.outcome import Outcome, Tracked
 from anchorpose.research.experiment.page.matching_tables import matching_tables, time_tables
 from anchorpose.research.experiment.page.page_text import settings_csv
 from anchorpose.research.experiment.page.selection import Matching, Tracking
-from anchorpose.research.experiment.page.tables import Column, Estimate, Row, Table, Unit, csv_text, told
+from anchorpose.research.experiment.page.tables import Column, Estimate, Row, Table, Unit, csv_text, format_estimate
 from anchorpose.research.experiment.page.tracking_tables import tracking_tables
+from anchorpose.research.experiment.results import ExperimentResults, Tracked
 
 FAST = method("anchors", "fast", Family.PROPOSED, sampled=False)
 SLOW = method("fpfh", "slow", Family.LOCAL)
@@ -34,23 +34,23 @@ def tracked(
     return Tracked(scene, recording, hole_m, key, np.arange(first, first + len(error)), hidden, joints, 1.0)
 
 
-def outcome_of(*runs: Tracked, methods=(FAST, SLOW)) -> Outcome:
+def results_of(*runs: Tracked, methods=(FAST, SLOW)) -> ExperimentResults:
     config = ExperimentConfig(resamples=100)
-    return Outcome(config, methods, (), tuple(runs), (), None, (), None)
+    return ExperimentResults(config, methods, (), tuple(runs), (), None, (), None)
 
 
-def table(outcome: Outcome, key: str) -> Table:
-    found = [*tracking_tables(outcome), *matching_tables(outcome), *time_tables(outcome)]
+def table(results: ExperimentResults, key: str) -> Table:
+    found = [*tracking_tables(results), *matching_tables(results), *time_tables(results)]
     return next(one for one in found if one.key == key)
 
 
 def test_methods_are_compared_in_the_frames_that_all_of_them_ran_on() -> None:
     easy, hard = np.full(3, 10.0), np.full(6, 100.0)
-    outcome = outcome_of(
+    results = results_of(
         tracked("anchors", np.concatenate([easy, hard])), tracked("fpfh", np.full(3, 20.0)),
         tracked("anchors", hard, "paper-2"),
     )  # fmt: skip
-    same, everything = table(outcome, "result1_same_frames"), table(outcome, "result1_all_frames")
+    same, everything = table(results, "result1_same_frames"), table(results, "result1_all_frames")
     assert same.value("anchors", "0").mean == 10.0
     assert same.value("fpfh", "0").mean == 20.0
     assert "3 frames" in same.note
@@ -59,24 +59,24 @@ def test_methods_are_compared_in_the_frames_that_all_of_them_ran_on() -> None:
 
 
 def test_the_same_frames_are_told_by_size_of_hole_too() -> None:
-    outcome = outcome_of(
+    results = results_of(
         tracked("anchors", np.array([1.0, 2.0])), tracked("fpfh", np.array([5.0, 5.0])),
         tracked("anchors", np.array([3.0, 9.0]), hole_m=0.15), tracked("fpfh", np.array([5.0]), hole_m=0.15, first=2),
     )  # fmt: skip
-    same = table(outcome, "result1_same_frames")
+    same = table(results, "result1_same_frames")
     assert same.value("anchors", "0").mean == 1.5
     assert same.value("anchors", "0.15").mean == 9.0
 
 
 def test_a_method_that_tracked_nothing_takes_no_frames_from_the_others() -> None:
-    outcome = outcome_of(tracked("anchors", np.array([7.0])), methods=(FAST, SLOW))
-    assert table(outcome, "result1_same_frames").value("anchors", "0").mean == 7.0
+    results = results_of(tracked("anchors", np.array([7.0])), methods=(FAST, SLOW))
+    assert table(results, "result1_same_frames").value("anchors", "0").mean == 7.0
 
 
 def test_a_method_without_a_single_frame_takes_none_from_the_others_either() -> None:
-    outcome = outcome_of(tracked("anchors", np.array([7.0])), tracked("fpfh", np.empty(0)))
-    assert table(outcome, "result1_same_frames").value("anchors", "0").mean == 7.0
-    assert table(outcome, "times").value("anchors", "track").mean == 1.0
+    results = results_of(tracked("anchors", np.array([7.0])), tracked("fpfh", np.empty(0)))
+    assert table(results, "result1_same_frames").value("anchors", "0").mean == 7.0
+    assert table(results, "times").value("anchors", "track").mean == 1.0
 
 
 def test_the_deviation_is_over_frames_of_the_frames_mean() -> None:
@@ -84,15 +84,15 @@ def test_the_deviation_is_over_frames_of_the_frames_mean() -> None:
     run = tracked("anchors", error)
     run.error_mm[:, 0] += 5.0  # joints that differ from each other within a frame count for nothing
     run.error_mm[:, 1] -= 5.0
-    outcome = outcome_of(run)
-    assert table(outcome, "sd1_all_frames").value("anchors", "0").mean == pytest.approx(error.std())
+    results = results_of(run)
+    assert table(results, "sd1_all_frames").value("anchors", "0").mean == pytest.approx(error.std())
 
 
 def test_per_joint_all_sizes_count_alike() -> None:
     first, second = tracked("anchors", np.array([10.0, 20.0])), tracked("anchors", np.array([60.0, 70.0]), hole_m=0.15)
     first.error_mm[:, 4] = [1.0, np.nan]
-    outcome = outcome_of(first, second)
-    means, deviations = table(outcome, "result2_all_frames"), table(outcome, "sd2_all_frames")
+    results = results_of(first, second)
+    means, deviations = table(results, "result2_all_frames"), table(results, "sd2_all_frames")
     assert means.value("anchors", "Neck").mean == 40.0
     assert means.value("anchors", "Head").mean == pytest.approx(np.mean([1.0, 60.0, 70.0]))
     assert deviations.value("anchors", "Neck").mean == pytest.approx(np.std([10, 20, 60, 70]))
@@ -101,91 +101,91 @@ def test_per_joint_all_sizes_count_alike() -> None:
 def test_what_a_hole_costs_is_told_in_the_same_frames() -> None:
     hidden = np.array([True, False, True])
     without, with_hole = np.array([10.0, 100.0, 30.0]), np.array([20.0, 100.0, 60.0])
-    outcome = outcome_of(
+    results = results_of(
         tracked("anchors", np.append(without, 999.0)), tracked("anchors", with_hole, hole_m=0.15, occluded=hidden)
     )
-    assert table(outcome, "ratio_all_frames").value("anchors", "0.15").mean == pytest.approx(180 / 140)
-    assert table(outcome, "ratio_occluded_all_frames").value("anchors", "0.15").mean == pytest.approx(2.0)
-    assert table(outcome, "result1_occluded_all_frames").value("anchors", "0.15").mean == 40.0
+    assert table(results, "ratio_all_frames").value("anchors", "0.15").mean == pytest.approx(180 / 140)
+    assert table(results, "ratio_occluded_all_frames").value("anchors", "0.15").mean == pytest.approx(2.0)
+    assert table(results, "result1_occluded_all_frames").value("anchors", "0.15").mean == 40.0
 
 
 def test_joints_without_an_error_are_counted_and_not_taken_for_zero() -> None:
     run = tracked("anchors", np.array([10.0, 10.0]))
     run.error_mm[0, :] = np.nan
-    outcome = outcome_of(run)
-    assert table(outcome, "known_all_frames").value("anchors", "0").mean == 0.5
-    assert table(outcome, "result1_all_frames").value("anchors", "0").mean == 10.0
-    assert table(outcome, "sd1_all_frames").value("anchors", "0").mean == 0.0
+    results = results_of(run)
+    assert table(results, "known_all_frames").value("anchors", "0").mean == 0.5
+    assert table(results, "result1_all_frames").value("anchors", "0").mean == 10.0
+    assert table(results, "sd1_all_frames").value("anchors", "0").mean == 0.0
 
 
 def test_frames_may_come_in_any_order_but_not_twice() -> None:
     run = tracked("anchors", np.array([1.0, 2.0, 3.0]))
     turned = replace(run, frame=run.frame[::-1], error_mm=run.error_mm[::-1], occluded=run.occluded[::-1])
-    kept = Tracking(outcome_of(turned)).runs(Scene.PAPER, "anchors", 0.0)["paper-1"]
+    kept = Tracking(results_of(turned)).runs(Scene.PAPER, "anchors", 0.0)["paper-1"]
     assert kept.error_mm[:, 0].tolist() == [1.0, 2.0, 3.0]
     with pytest.raises(ValueError, match="twice"):
-        Tracking(outcome_of(replace(run, frame=np.array([1, 1, 2]))))
+        Tracking(results_of(replace(run, frame=np.array([1, 1, 2]))))
 
 
 def test_the_ablation_has_all_forms_of_the_own_tracker_and_the_comparisons_have_one() -> None:
-    outcome = make_outcome(scenes={Scene.CLINIC: (METHODS[0], METHODS[-1], *ABLATED)}, recordings=2)
-    assert [one.key for one in table(outcome, "ablation").methods] == ["own", *(one.key for one in ABLATED)]
-    scenes = table(outcome, "scenes_same_frames")
+    results = make_results(scenes={Scene.CLINIC: (METHODS[0], METHODS[-1], *ABLATED)}, recordings=2)
+    assert [one.key for one in table(results, "ablation").methods] == ["own", *(one.key for one in ABLATED)]
+    scenes = table(results, "scenes_same_frames")
     assert not {one.key for one in scenes.methods} & {one.key for one in ABLATED}
     assert np.isfinite(scenes.value("own", "clinic 0").mean)
     assert np.isnan(scenes.value("fpfh", "clinic 0").mean)
 
 
 def test_real_recordings_are_told_by_size_of_hole_too() -> None:
-    outcome = outcome_of(
+    results = results_of(
         tracked("anchors", np.array([4.0]), scene=Scene.REAL),
         tracked("anchors", np.array([6.0]), hole_m=0.15, scene=Scene.REAL),
     )
-    by_size = table(outcome, "real_by_size_same_frames")
+    by_size = table(results, "real_by_size_same_frames")
     assert [by_size.value("anchors", key).mean for key in ("0", "0.15")] == [4.0, 6.0]
-    assert "result1_same_frames" not in [one.key for one in tracking_tables(outcome)]
+    assert "result1_same_frames" not in [one.key for one in tracking_tables(results)]
 
 
 def test_matches_are_told_overall_by_region_and_as_a_curve() -> None:
-    outcome = make_outcome(recordings=3)
-    matched = [one for one in outcome.matched if one.method == "fpfh"]
+    results = make_results(recordings=3)
+    matched = [one for one in results.matched if one.method == "fpfh"]
     together = np.concatenate([one.direct_mm for one in matched])
-    overall = table(outcome, "matching")
+    overall = table(results, "matching")
     assert overall.value("fpfh", "direct mean").mean == pytest.approx(np.nanmean(together))
     assert overall.value("fpfh", "direct median").mean == pytest.approx(np.nanmedian(together))
     assert overall.value("fpfh", "direct matched").mean == pytest.approx(np.isfinite(together).mean())
     mirrored = np.concatenate([one.mirrored for one in matched])[np.isfinite(together)]
     assert overall.value("fpfh", "mirrored").mean == pytest.approx(mirrored.mean())
     head = np.concatenate([one.direct_mm[one.region == 0] for one in matched])
-    assert table(outcome, "matching_by_region").value("fpfh", "head").mean == pytest.approx(np.nanmedian(head))
+    assert table(results, "matching_by_region").value("fpfh", "head").mean == pytest.approx(np.nanmedian(head))
     skin = np.concatenate([one.direct_skin_mm for one in matched])
-    assert table(outcome, "princeton_mm").value("fpfh", "300").mean == pytest.approx((skin <= 300).mean())
+    assert table(results, "princeton_mm").value("fpfh", "300").mean == pytest.approx((skin <= 300).mean())
     share = skin / (1000 * 1.7)
-    assert table(outcome, "princeton_height").value("fpfh", "0.17").mean == pytest.approx((share <= 0.17).mean())
+    assert table(results, "princeton_height").value("fpfh", "0.17").mean == pytest.approx((share <= 0.17).mean())
 
 
 def test_a_method_without_direct_matches_answers_with_the_tree() -> None:
-    outcome = make_outcome(recordings=2)
-    by_tree = np.concatenate([one.tree_mm[one.region == 1] for one in outcome.matched if one.method == "anchors"])
-    assert np.isnan(table(outcome, "matching").value("anchors", "direct mean").mean)
-    assert table(outcome, "matching_by_region").value("anchors", "trunk").mean == pytest.approx(np.nanmedian(by_tree))
-    assert table(outcome, "princeton_mm").value("anchors", "500").mean > 0.9
+    results = make_results(recordings=2)
+    by_tree = np.concatenate([one.tree_mm[one.region == 1] for one in results.matched if one.method == "anchors"])
+    assert np.isnan(table(results, "matching").value("anchors", "direct mean").mean)
+    assert table(results, "matching_by_region").value("anchors", "trunk").mean == pytest.approx(np.nanmedian(by_tree))
+    assert table(results, "princeton_mm").value("anchors", "500").mean > 0.9
 
 
 def test_matches_are_compared_in_the_windows_that_all_methods_were_asked_in() -> None:
-    outcome = make_outcome(recordings=2)
-    fewer = [one for one in outcome.matched if not (one.method == "gmds" and one.recording == "paper-500")]
-    assert {window[0] for window in Matching(replace(outcome, matched=tuple(fewer))).windows} == {"paper-501"}
+    results = make_results(recordings=2)
+    fewer = [one for one in results.matched if not (one.method == "gmds" and one.recording == "paper-500")]
+    assert {window[0] for window in Matching(replace(results, matched=tuple(fewer))).windows} == {"paper-501"}
 
 
 def test_times_are_per_frame_and_per_pair() -> None:
-    times = table(make_outcome(recordings=2), "times")
+    times = table(make_results(recordings=2), "times")
     assert times.value("rops", "describe").mean == pytest.approx(0.32)
     assert times.value("own", "track").mean == pytest.approx(0.1)
 
 
-def test_an_outcome_of_nothing_has_no_tables() -> None:
-    nothing = outcome_of()
+def test_an_results_of_nothing_has_no_tables() -> None:
+    nothing = results_of()
     assert [*tracking_tables(nothing), *matching_tables(nothing), *time_tables(nothing)] == []
 
 
@@ -201,7 +201,7 @@ def test_a_file_has_a_line_for_each_figure_and_nothing_for_what_is_not_known() -
 
 
 def test_settings_are_a_file_too() -> None:
-    lines = list(csv.DictReader(io.StringIO(settings_csv(make_outcome(recordings=1)))))
+    lines = list(csv.DictReader(io.StringIO(settings_csv(make_results(recordings=1)))))
     assert lines[0] == {"method": "fpfh", "setting": "radius 0.1", "score_mm": "123.4", "chosen": "yes"}
 
 
@@ -215,4 +215,4 @@ def test_settings_are_a_file_too() -> None:
     ],
 )
 def test_figures_are_told_with_their_interval(value: Estimate, unit: Unit, text: str) -> None:
-    assert told(value, unit) == text
+    assert format_estimate(value, unit) == text

@@ -14,30 +14,29 @@ from anchorpose.association.hypotheses import Matcher
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.reader import read_frame
-from anchorpose.research.experiment.answers import Brief, Kind, Plan, experiment_code, read
 from anchorpose.research.experiment.clips import Clip, draw_hole_frames, plan_clips
 from anchorpose.research.experiment.config import ExperimentConfig, Scene, quick
 from anchorpose.research.experiment.correspondence import REGIONS, Skin
-from anchorpose.research.experiment.framework import paper_config
+from anchorpose.research.experiment.framework import paper_run
 from anchorpose.research.experiment.matching import Window, draw_some, score, take_window, truth_of
 from anchorpose.research.experiment.method import NO_SUBSET, Family, Method, load_methods
+from anchorpose.research.experiment.plan import Kind, Plan, PlanSpec, experiment_code, read
+from anchorpose.research.experiment.results import MISSED_MM, capped_mean_mm, choose
 from anchorpose.research.experiment.run import training_clips, write_movements
-from anchorpose.research.experiment.tuning import MISSED_MM, choose, worth_mm
 from anchorpose.research.experiment.work import (
-    Subject,
-    pierced,
+    PreparedClip,
+    prepare_clip,
     reference_joints,
     segment_starts,
-    subject_of,
     track_segments,
     window_frames,
+    with_holes,
     work_on,
 )
 from anchorpose.tracker.association import Associate
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Observation
-from anchorpose.tracker.preparation import prepare_room
-from anchorpose.tracking.motion_file import load_motions, read_motions
+from anchorpose.tracking.motion_file import read_motions
 
 CONFIG = replace(quick(), seconds=1.2, segment_frames=5, methods=("nearest", "none"), windows=1)
 
@@ -47,7 +46,7 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
     folder = tmp_path_factory.mktemp("experiment")
     movements = folder / "movements.npz"
     write_movements(movements, training_clips(CONFIG), CONFIG.training_samples)
-    return Brief(
+    return PlanSpec(
         config=CONFIG,
         wanted=CONFIG.methods,
         chosen=(),
@@ -59,29 +58,27 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
 
 
 @pytest.fixture(scope="module")
-def subject(plan: Plan) -> Iterator[Subject]:
-    with subject_of(plan_clips(CONFIG, None)[0], plan) as made:
+def prepared(plan: Plan) -> Iterator[PreparedClip]:
+    with prepare_clip(plan_clips(CONFIG, None)[0], plan) as made:
         yield made
 
 
 @pytest.fixture(scope="module")
-def window(plan: Plan, subject: Subject) -> Window:
-    config = paper_config(plan.movements)
-    motions = load_motions(config.motion_file, subject.recording.rate_hz, config.motion)
-    found = take_window(3, prepare_room(subject.recording, config), subject.reference, motions, config)
+def window(plan: Plan, prepared: PreparedClip) -> Window:
+    found = take_window(3, prepared.reference, paper_run(prepared.recording, plan.movements))
     assert found is not None
     return found
 
 
-def knowing(subject: Subject, frame: int) -> Method:
+def knowing(prepared: PreparedClip, frame: int) -> Method:
     """A method that is told the truth: it bounds what any can reach, and shows that the measure knows right."""
 
     def associate(setting: object) -> Associate:
         def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
-            assert subject.skin is not None
+            assert prepared.skin is not None
             step = int(now.frame_set.frame) - frame
             before, after = (s.surface.points_m.astype(float) for s in (now, following))
-            places = subject.skin.follow(before, frame + step, frame + step + 1, after).place_m
+            places = prepared.skin.follow(before, frame + step, frame + step + 1, after).place_m
             apart = np.linalg.norm(np.nan_to_num(places, nan=1e3)[:, None] - after[None], axis=2)
             return Matcher(apart.argmin(axis=1).astype(np.int32)[:, None].__getitem__, len(before), NO_SUBSET)
 
@@ -102,36 +99,36 @@ def guessing() -> Method:
 
 
 def test_who_knows_the_truth_is_a_nodes_spacing_off_and_who_guesses_decimetres(
-    subject: Subject, window: Window
+    prepared: PreparedClip, window: Window
 ) -> None:
-    assert subject.skin is not None
-    truth = truth_of(window, subject.skin)
-    known, guessed = (score(method, None, window, truth) for method in (knowing(subject, 3), guessing()))
+    assert prepared.skin is not None
+    truth = truth_of(window, prepared.skin)
+    known, guessed = (score(method, None, window, truth) for method in (knowing(prepared, 3), guessing()))
     assert np.nanmedian(known.direct_mm) < 12.0
     assert np.nanmean(known.tree_mm) < 15.0
     assert not known.mirrored.any()
     assert np.nanmean(guessed.direct_mm) > 200.0
     assert 0.005 < guessed.mirrored.mean() < 0.1  # by chance, of like size: one in forty
-    assert worth_mm([known.tree_mm]) < 20.0 < 60.0 < worth_mm([guessed.tree_mm])
+    assert capped_mean_mm([known.tree_mm]) < 20.0 < 60.0 < capped_mean_mm([guessed.tree_mm])
 
 
-def test_along_the_skin_is_never_shorter_than_straight(subject: Subject, window: Window) -> None:
-    assert subject.skin is not None
-    errors = score(guessing(), None, window, truth_of(window, subject.skin))
+def test_along_the_skin_is_never_shorter_than_straight(prepared: PreparedClip, window: Window) -> None:
+    assert prepared.skin is not None
+    errors = score(guessing(), None, window, truth_of(window, prepared.skin))
     assert (errors.direct_skin_mm >= errors.direct_mm - 1e-3).all()
     assert np.nanmean(errors.direct_skin_mm) > 1.2 * np.nanmean(errors.direct_mm)
 
 
-def test_a_frame_is_its_own_true_correspondence(subject: Subject, window: Window) -> None:
+def test_a_frame_is_its_own_true_correspondence(prepared: PreparedClip, window: Window) -> None:
     nodes = window.observations[0].surface.points_m.astype(float)
-    assert subject.skin is not None
-    places = subject.skin.follow(nodes, 3, 3, nodes)
+    assert prepared.skin is not None
+    places = prepared.skin.follow(nodes, 3, 3, nodes)
     np.testing.assert_allclose(places.place_m[places.seen], nodes[places.seen], atol=1e-9)
     assert places.seen.mean() > 0.97
 
 
-def test_distances_along_the_skin_go_round_the_body(subject: Subject) -> None:
-    skin = subject.skin
+def test_distances_along_the_skin_go_round_the_body(prepared: PreparedClip) -> None:
+    skin = prepared.skin
     assert isinstance(skin, Skin)
     head, left, right = (
         int(np.flatnonzero((skin.region == list(REGIONS).index(name)) & (skin.side == side))[0])
@@ -143,20 +140,20 @@ def test_distances_along_the_skin_go_round_the_body(subject: Subject) -> None:
     assert 0.7 < far[2] < 1.4
 
 
-def test_holes_take_what_is_near_the_bodys_centre_and_nothing_else(subject: Subject) -> None:
-    with pierced(subject, 0.15) as (holed, cut):
-        np.testing.assert_array_equal(cut, subject.in_hole)
-        for frame in range(len(subject.in_hole)):
-            before, after = (read_frame(r, frame).depths_m[0] for r in (subject.recording, holed))
+def test_holes_take_what_is_near_the_bodys_centre_and_nothing_else(prepared: PreparedClip) -> None:
+    with with_holes(prepared, 0.15) as (holed, cut):
+        np.testing.assert_array_equal(cut, prepared.in_hole)
+        for frame in range(len(prepared.in_hole)):
+            before, after = (read_frame(r, frame).depths_m[0] for r in (prepared.recording, holed))
             assert before is not None
             assert after is not None
             changed = before != after
-            assert changed.any() == subject.in_hole[frame]
+            assert changed.any() == prepared.in_hole[frame]
             if changed.any():
                 assert (after[changed] == 0).all()
-                camera = subject.recording.cameras[0]
+                camera = prepared.recording.cameras[0]
                 points = camera.back_project(before) @ camera.require_pose()[:3, :3].T + camera.require_pose()[:3, 3]
-                away = np.linalg.norm(points - subject.reference.centre_m[frame], axis=2)
+                away = np.linalg.norm(points - prepared.reference.centre_m[frame], axis=2)
                 middle = points.reshape(-1, 3)[np.argmin(np.where(before > 0, away, np.inf))]
                 away = np.linalg.norm(points - middle, axis=2)
                 assert away[changed].max() < 0.15
@@ -165,20 +162,20 @@ def test_holes_take_what_is_near_the_bodys_centre_and_nothing_else(subject: Subj
 
 @pytest.mark.parametrize(("radius_m", "least"), [(0.03, 30), (0.06, 150)])
 def test_a_small_hole_is_cut_too_though_the_middle_of_the_seen_body_lies_inside_it(
-    subject: Subject, radius_m: float, least: int
+    prepared: PreparedClip, radius_m: float, least: int
 ) -> None:
-    with pierced(subject, radius_m) as (holed, cut):
-        np.testing.assert_array_equal(cut, subject.in_hole)
+    with with_holes(prepared, radius_m) as (holed, cut):
+        np.testing.assert_array_equal(cut, prepared.in_hole)
         for frame in np.flatnonzero(cut):
-            before, after = (read_frame(r, frame).depths_m[0] for r in (subject.recording, holed))
+            before, after = (read_frame(r, frame).depths_m[0] for r in (prepared.recording, holed))
             assert before is not None
             assert after is not None
             assert (before != after).sum() > least
 
 
-def test_a_recording_without_holes_is_not_copied(subject: Subject) -> None:
-    with pierced(subject, 0.0) as (same, cut):
-        assert same is subject.recording
+def test_a_recording_without_holes_is_not_copied(prepared: PreparedClip) -> None:
+    with with_holes(prepared, 0.0) as (same, cut):
+        assert same is prepared.recording
         assert not cut.any()
 
 
@@ -190,10 +187,10 @@ def test_hole_frames_are_drawn_once_and_never_where_tracking_starts() -> None:
     assert (chosen != draw_hole_frames(1000, 0.5, 4, range(0, 1000, 10))).any()
 
 
-def test_windows_touch_a_hole_and_are_the_same_each_time(subject: Subject, plan: Plan) -> None:
-    frames = window_frames(subject, plan)
-    assert frames == window_frames(subject, plan)
-    assert all(subject.in_hole[frame] or subject.in_hole[frame + 1] for frame in frames)
+def test_windows_touch_a_hole_and_are_the_same_each_time(prepared: PreparedClip, plan: Plan) -> None:
+    frames = window_frames(prepared, plan)
+    assert frames == window_frames(prepared, plan)
+    assert all(prepared.in_hole[frame] or prepared.in_hole[frame + 1] for frame in frames)
 
 
 def test_a_segment_starts_where_the_pose_is_known_and_is_whole() -> None:
@@ -202,41 +199,41 @@ def test_a_segment_starts_where_the_pose_is_known_and_is_whole() -> None:
     assert segment_starts(23, 5, found) == [0, 10, 15]
 
 
-def test_tracking_begins_at_the_given_pose_and_leaves_its_frame_out(subject: Subject, plan: Plan) -> None:
-    config = paper_config(plan.movements)
-    room = prepare_room(subject.recording, config)
-    motions = load_motions(config.motion_file, subject.recording.rate_hz, config.motion)
+def test_tracking_begins_at_the_given_pose_and_leaves_its_frame_out(prepared: PreparedClip, plan: Plan) -> None:
+    run = paper_run(prepared.recording, plan.movements)
     nearest = next(method for method in plan.methods if method.key == "nearest")
-    track = track_segments(nearest, None, room, subject.reference, motions, config, subject.starts, 5)
-    again = track_segments(nearest, None, room, subject.reference, motions, config, subject.starts, 5)
+    track = track_segments(nearest, None, prepared.reference, run, prepared.starts, 5)
+    again = track_segments(nearest, None, prepared.reference, run, prepared.starts, 5)
     np.testing.assert_array_equal(track.joints_m, again.joints_m)
     assert track.frame.tolist() == [1, 2, 3, 4, 6, 7, 8, 9]
-    error = np.linalg.norm(track.joints_m - subject.truth_m[track.frame], axis=2)
+    error = np.linalg.norm(track.joints_m - prepared.truth_m[track.frame], axis=2)
     assert 0.0 < error.mean() < 0.04
 
 
-def test_every_answer_is_kept_and_asked_once(plan: Plan, subject: Subject, monkeypatch: pytest.MonkeyPatch) -> None:
-    clip = subject.clip
+def test_every_answer_is_kept_and_asked_once(
+    plan: Plan, prepared: PreparedClip, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clip = prepared.clip
     work_on(clip, plan)
-    answers = list(plan.answers(clip))
-    assert {(a.kind, a.hole_m, a.method.key) for a in answers} == {
+    tasks = list(plan.tasks(clip))
+    assert {(a.kind, a.hole_m, a.method.key) for a in tasks} == {
         (kind, hole, key) for kind in Kind for hole in (0.0, 0.15) for key in ("nearest", "none")
     }
-    assert all(answer.there for answer in answers)
-    for answer in answers:
-        arrays = read(answer.path)
-        if answer.kind is Kind.TRACKED:
+    assert all(task.done for task in tasks)
+    for task in tasks:
+        arrays = read(task.path)
+        if task.kind is Kind.TRACKED:
             assert arrays["error_mm"].shape == (4, 21)  # one segment of the sample
-            assert arrays["occluded"].any() == (answer.hole_m > 0)
+            assert arrays["occluded"].any() == (task.hole_m > 0)
     monkeypatch.setattr(
         "anchorpose.research.experiment.work.simulate_recording", None
-    )  # not called: nothing is left to ask
+    )  # not called: nothing is left to match_window
     work_on(clip, plan)
 
 
-def test_another_question_has_another_answer(plan: Plan, subject: Subject) -> None:
+def test_another_question_has_another_answer(plan: Plan, prepared: PreparedClip) -> None:
     other = replace(plan, config=replace(plan.config, hole_share=0.4))
-    ours, theirs = ({a.path for a in p.answers(subject.clip)} for p in (plan, other))
+    ours, theirs = ({a.path for a in p.tasks(prepared.clip)} for p in (plan, other))
     assert not ours & theirs
 
 
@@ -245,11 +242,11 @@ def test_a_sampled_method_is_asked_anew_where_the_sample_changes_also_with_match
     anchors = load_methods(("anchors",))
     ones, others = (
         {
-            answer.path
+            task.path
             for clip in plan_clips(config, None)
-            for answer in replace(
+            for task in replace(
                 plan, config=replace(config, sampled_segments=n), methods=anchors, settings={"anchors": None}
-            ).answers(clip)
+            ).tasks(clip)
         }
         for n in (1, 3)
     )
@@ -258,10 +255,10 @@ def test_a_sampled_method_is_asked_anew_where_the_sample_changes_also_with_match
 
 
 def test_a_plan_made_by_another_program_is_refused(plan: Plan) -> None:
-    brief = Brief(config=CONFIG, wanted=(), chosen=(), movements=plan.movements, movements_digest="m",
+    spec = PlanSpec(config=CONFIG, wanted=(), chosen=(), movements=plan.movements, movements_digest="m",
                   cache=plan.store.folder, code="another")  # fmt: skip
     with pytest.raises(AnchorposeError, match="was changed while it ran"):
-        brief.plan()
+        spec.plan()
 
 
 def test_slow_methods_run_on_the_sample_only(plan: Plan) -> None:
@@ -269,10 +266,10 @@ def test_slow_methods_run_on_the_sample_only(plan: Plan) -> None:
     config = ExperimentConfig(recordings=4, sampled_recordings=1)
     whole = replace(plan, config=config, methods=methods, settings={m.key: m.settings[0] for m in methods})
     first, *others = [clip for clip in plan_clips(config, None) if clip.scene is Scene.PAPER]
-    assert {a.method.key for a in whole.answers(first)} >= {"anchors", "fpfh", "own"}
+    assert {a.method.key for a in whole.tasks(first)} >= {"anchors", "fpfh", "own"}
     for clip in others:
-        assert {a.method.key for a in whole.answers(clip)} == {"anchors", "own"}
-        assert {a.kind for a in whole.answers(clip)} == {Kind.TRACKED}
+        assert {a.method.key for a in whole.tasks(clip)} == {"anchors", "own"}
+        assert {a.kind for a in whole.tasks(clip)} == {Kind.TRACKED}
 
 
 def test_training_samples_are_all_kinds_of_movement_and_as_many_as_asked(tmp_path: Path) -> None:
@@ -293,8 +290,8 @@ def test_settings_are_chosen_by_their_worth() -> None:
     assert [t.chosen for t in choose(("a", "b"), (np.nan, 4.0))] == [False, True]
     assert [t.chosen for t in choose((None,), (np.nan,))] == [True]
     missed = np.array([np.nan, 10.0, 500.0])
-    assert worth_mm([missed]) == pytest.approx((MISSED_MM + 10.0 + MISSED_MM) / 3)
-    assert np.isnan(worth_mm([]))
+    assert capped_mean_mm([missed]) == pytest.approx((MISSED_MM + 10.0 + MISSED_MM) / 3)
+    assert np.isnan(capped_mean_mm([]))
 
 
 def test_draws_are_without_repetition_and_in_order() -> None:
@@ -364,10 +361,10 @@ def test_an_experiment_that_cannot_be_made_is_refused(wrong: dict[str, object]) 
         ExperimentConfig(**wrong)  # type: ignore[arg-type]
 
 
-def test_pictures_that_lose_nothing_stay_the_users_own_files(subject: Subject) -> None:
-    with pierced(subject, 0.03) as (holed, _):
+def test_pictures_that_lose_nothing_stay_the_users_own_files(prepared: PreparedClip) -> None:
+    with with_holes(prepared, 0.03) as (holed, _):
         for frame, file in enumerate(holed.streams[0].files):
-            assert file.is_symlink() != bool(subject.in_hole[frame])
+            assert file.is_symlink() != bool(prepared.in_hole[frame])
             assert cv2.imread(str(file), cv2.IMREAD_UNCHANGED).dtype == np.uint16
 
 

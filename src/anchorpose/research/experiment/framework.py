@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from anchorpose.association.hypotheses import GateConfig, HypothesisConfig
 from anchorpose.body.part_registration import PartRegistrationConfig
+from anchorpose.body.pose import Pose
 from anchorpose.body.registration import PoseBelief, vague_belief
+from anchorpose.body.skin_points import FittedShape, body_points, build_body
+from anchorpose.errors import AnchorposeError
 from anchorpose.isolation.people import PatientChoice
-from anchorpose.recording.recording import FrameSet
-from anchorpose.research.experiment.reference import Reference
+from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.tracker.config import FollowConfig, Method, TrackConfig
+from anchorpose.tracker.following import follow_patient
 from anchorpose.tracker.observation import isolate_again, observe, observe_first
+from anchorpose.tracker.passes import learn_on, plan_route
 from anchorpose.tracker.patient import PatientTracker
+from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.run import Run
 from anchorpose.tracker.start import Start
 from anchorpose.tracking.motion import MotionConfig, MotionRule
+from anchorpose.tracking.motion_file import load_motions
 
 ANYWHERE_M = 10.0  # every node may be matched with every other, as in the paper
 ALL_NODES = 100_000  # the tree starts from every node: a random method needs them all to be told from a good one
@@ -46,15 +52,22 @@ def paper_config(motions: Path, refined: bool = True) -> TrackConfig:
     )
 
 
-def start_at(frame: int, frame_set: FrameSet, reference: Reference, run: Run) -> PatientTracker:
-    """A tracker of the patient from a frame (position in the recording) on, in which his pose is given.
+def paper_run(recording: Recording, movements: Path, refined: bool = True) -> Run:
+    """All that is known before the first frame is tracked, with the configuration of ``paper_config``."""
+    config = paper_config(movements, refined)
+    motions = load_motions(config.motion_file, recording.rate_hz, config.motion)
+    return Run(prepare_room(recording, config), config, motions)
 
-    So are his joints in the frames before, as far back as he was followed without a gap: the dynamics need a past.
+
+def start_at(frame: int, frame_set: FrameSet, reference: Reference, run: Run) -> PatientTracker:
+    """A tracker of the patient from a frame (position in the recording) on, in which the pose is given.
+
+    The joints in the frames before are given too, as far back as there is no gap: the motion dynamics need a past.
     """
     pose = reference.pose(frame)
     choice = PatientChoice(pose.root_m[[0, 2]], "was followed before anything was removed", True)
     first = observe_first(frame_set, choice, 1.7, run)
-    belief = _sure(vague_belief(pose))
+    belief = _confident(vague_belief(pose))
     start = Start(first, reference.shape, belief, 1.0)
     unnamed = PatientTracker(run, start)
     expected = unnamed.expect(pose)
@@ -68,7 +81,7 @@ def start_at(frame: int, frame_set: FrameSet, reference: Reference, run: Run) ->
 
 
 def follow_segment(tracker: PatientTracker, later: Sequence[FrameSet]) -> np.ndarray:
-    """(n, 21, 3) metres, world: the joints in each of the later frames, lost or not: what a method says, counts."""
+    """(n, 21, 3) metres, world: the joints in each of the later frames, also where the tracker calls them lost."""
     joints = []
     for frame_set in later:
         if tracker.step(frame_set) is not None:
@@ -77,6 +90,88 @@ def follow_segment(tracker: PatientTracker, later: Sequence[FrameSet]) -> np.nda
     return np.array(joints).reshape(-1, 21, 3)
 
 
-def _sure(belief: PoseBelief) -> PoseBelief:
+def _confident(belief: PoseBelief) -> PoseBelief:
     """A tenth of the spread: the pose was tracked."""
     return PoseBelief(belief.pose, belief.covariance / 100.0, belief.information * 100.0)
+
+
+class NoReference(AnchorposeError):
+    """The patient was not found in the recording as it is, so that no method can start."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reference:
+    """T_world_camera (k, 4, 4): of the cameras, given or found, so that all methods share one world.
+
+    Over t frames: rotations (t, b, 3, 3) and root_m (t, 3) of the pose, joints_m (t, 21, 3) and centre_m (t, 3), the
+    mean of what is seen of the body, world; NaN where he was lost. shape: the learnt body.
+    """
+
+    T_world_camera: np.ndarray
+    shape: FittedShape
+    rotations: np.ndarray
+    root_m: np.ndarray
+    joints_m: np.ndarray
+    centre_m: np.ndarray
+
+    @property
+    def found(self) -> np.ndarray:
+        """(t,) bool."""
+        return np.isfinite(self.root_m).all(axis=1)
+
+    def pose(self, frame: int) -> Pose:
+        """Of a frame in which he was found."""
+        return Pose(self.rotations[frame], self.root_m[frame])
+
+
+def make_reference(recording: Recording, config: TrackConfig) -> Reference:
+    """Track the recording as it is. Raises NoReference where nobody is found, InputError where no world is."""
+    room = prepare_room(recording, config)
+    run = Run(room, config, load_motions(config.motion_file, recording.rate_hz, config.motion))
+    route = plan_route(room, config, lambda: None)
+    learnt = learn_on(route, run)
+    if learnt is None:
+        raise NoReference(f"{recording.folder.name}: nobody was found in it, so that no method can start.")
+    body = build_body(body_points(), learnt.shape)
+    frames, bones = len(recording.streams[0].files), len(body.points.asset.bone_names)
+    rotations, root = np.full((frames, bones, 3, 3), np.nan), np.full((frames, 3), np.nan)
+    joints, centre = np.full((frames, 21, 3), np.nan), np.full((frames, 3), np.nan)
+    for side in (route.backward, route.forward):
+        estimates = follow_patient(run, route.frames(side), learnt.shape)
+        for position, estimate in zip(side, estimates, strict=True):
+            if estimate.belief is None or estimate.observation is None or len(estimate.observation.surface) == 0:
+                continue
+            pose = estimate.belief.pose
+            rotations[position], root[position] = pose.rotations, pose.root_m
+            joints[position] = body.joints(pose)
+            centre[position] = estimate.observation.surface.points_m.mean(axis=0, dtype=np.float64)
+    poses = np.array([camera.require_pose() for camera in room.cameras])
+    return Reference(poses, learnt.shape, rotations, root, joints, centre)
+
+
+def in_its_world(recording: Recording, reference: Reference) -> Recording:
+    """The recording, or a copy of it with holes, with the reference's camera poses as if they had been given."""
+    cameras = tuple(
+        replace(camera, T_world_camera=T) for camera, T in zip(recording.cameras, reference.T_world_camera, strict=True)
+    )
+    return replace(recording, cameras=cameras)
+
+
+def to_arrays(reference: Reference) -> dict[str, np.ndarray]:
+    """The reference as arrays, for a file."""
+    return {
+        "T_world_camera": reference.T_world_camera,
+        "coefficients": reference.shape.coefficients,
+        "clothing_m": np.array(reference.shape.clothing_m),
+        "rotations": reference.rotations,
+        "root_m": reference.root_m,
+        "joints_m": reference.joints_m,
+        "centre_m": reference.centre_m,
+    }
+
+
+def from_arrays(arrays: Mapping[str, np.ndarray]) -> Reference:
+    """The reference that ``to_arrays`` took apart."""
+    shape = FittedShape(arrays["coefficients"], float(arrays["clothing_m"]))
+    names = ("rotations", "root_m", "joints_m", "centre_m")
+    return Reference(arrays["T_world_camera"], shape, *(arrays[name] for name in names))

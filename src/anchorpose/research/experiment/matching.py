@@ -19,16 +19,13 @@ from anchorpose.geodesics.distance import geodesic_distance
 from anchorpose.geodesics.extrema import geodesic_extrema, surface_center
 from anchorpose.recording.reader import read_frames
 from anchorpose.research.experiment.correspondence import Skin, TruePlaces
-from anchorpose.research.experiment.framework import start_at
+from anchorpose.research.experiment.framework import Reference, start_at
 from anchorpose.research.experiment.method import Family, Method
-from anchorpose.research.experiment.reference import Reference
 from anchorpose.tracker.association import GlobalHypothesis, global_hypothesis
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.patient import PatientTracker
-from anchorpose.tracker.room import Room
 from anchorpose.tracker.run import Run
-from anchorpose.tracking.motion_database import MotionDatabase
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,24 +52,23 @@ class Matches:
     tree: GlobalHypothesis
 
 
-def take_window(
-    frame: int, room: Room, reference: Reference, motions: MotionDatabase | None, config: TrackConfig
-) -> Window | None:
-    """The window from a frame on; None where the patient is not known in it or not seen in the next."""
-    count = len(room.recording.streams[0].files)
+def take_window(frame: int, reference: Reference, run: Run) -> Window | None:
+    """The window from a frame on; None where the patient was not found in it or is not seen in the next."""
+    recording = run.room.recording
+    count = len(recording.streams[0].files)
     if not reference.found[frame] or frame + 1 >= count:
         return None
-    frames = list(read_frames(room.recording, frame, min(frame + 1 + config.follow.look_ahead, count)))
-    tracker = start_at(frame, frames[0], reference, Run(room, config, motions))
+    frames = list(read_frames(recording, frame, min(frame + 1 + run.config.follow.look_ahead, count)))
+    tracker = start_at(frame, frames[0], reference, run)
     for frame_set in frames[1:]:
         tracker.step(frame_set, only_look=True)
     if tracker.next_hypothesis() is None:
         return None
     poses = tracker.predict(len(tracker.window) - 1)
-    return Window(frame, tracker, tuple(tracker.window), tuple(poses), config)
+    return Window(frame, tracker, tuple(tracker.window), tuple(poses), run.config)
 
 
-def ask(method: Method, setting: object, window: Window) -> Matches:
+def match_window(method: Method, setting: object, window: Window) -> Matches:
     """The method's matches in a window, with and without the tree."""
     if method.associate is None:
         raise ValueError(f"{method.key} makes no pairs that could be asked for")
@@ -100,7 +96,7 @@ COMPARED = 400  # nodes of a window, drawn at random: enough for its mean, and k
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MatchErrors:
-    """As ``outcome.Matched`` has them, over m compared nodes."""
+    """As ``results.Matched`` has them, over m compared nodes."""
 
     region: np.ndarray
     direct_mm: np.ndarray
@@ -133,7 +129,7 @@ def truth_of(window: Window, skin: Skin) -> Truth:
 
 def score(method: Method, setting: object, window: Window, truth: Truth) -> MatchErrors:
     """The method's matches of a window against the truth."""
-    matches = ask(method, setting, window)
+    matches = match_window(method, setting, window)
     direct, tree = (_matched(matches, window, truth, by_tree) for by_tree in (False, True))
     skin, frame = truth.skin, window.frame + 1
     said = np.where(np.isfinite(direct).all(axis=1, keepdims=True), direct, tree)

@@ -28,7 +28,7 @@ PROPOSED: Final = "anchors"
 OWN: Final = "own"
 """Key of this project's tracker; what is of its family beside it is its ablation."""
 
-REMEMBERED: Final = 8  # frames whose descriptors are kept: two look-aheads
+CACHED_FRAMES: Final = 8  # frames whose descriptors are kept: two look-aheads
 
 
 class Family(StrEnum):
@@ -82,7 +82,7 @@ def by_descriptor(describe: Callable[[Observation, Any], np.ndarray]) -> Callabl
     """
 
     def associate(setting: DescriptorSetting) -> Associate:
-        @remembered
+        @cached_per_frame
         def described(seen: Observation) -> np.ndarray:
             return describe(seen, setting.config)
 
@@ -97,9 +97,9 @@ def by_descriptor(describe: Callable[[Observation, Any], np.ndarray]) -> Callabl
     return associate
 
 
-def remembered(describe: Callable[[Observation], np.ndarray]) -> Callable[[Observation], np.ndarray]:
+def cached_per_frame(describe: Callable[[Observation], np.ndarray]) -> Callable[[Observation], np.ndarray]:
     """The same answers for the frames of the look-ahead, each worked out once."""
-    recent: deque[tuple[Observation, np.ndarray]] = deque(maxlen=REMEMBERED)
+    recent: deque[tuple[Observation, np.ndarray]] = deque(maxlen=CACHED_FRAMES)
 
     def described(seen: Observation) -> np.ndarray:
         for known, descriptor in recent:

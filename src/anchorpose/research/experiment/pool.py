@@ -13,8 +13,8 @@ from types import FrameType
 from typing import Final, NoReturn, TypeVar
 
 from anchorpose.errors import AnchorposeError
-from anchorpose.research.experiment.answers import Answer, Brief
 from anchorpose.research.experiment.clips import Clip
+from anchorpose.research.experiment.plan import PlanSpec, Task
 from anchorpose.research.experiment.work import work_on
 
 MAKING_S: Final = 0.35  # of one core for a frame of one camera: simulated, and tracked for the reference
@@ -31,17 +31,17 @@ Progress = Callable[[float, float], None]
 class Job:
     """Clips and what is asked about them."""
 
-    brief: Brief
+    spec: PlanSpec
     clips: tuple[Clip, ...]
 
-    def answers(self) -> list[Answer]:
+    def tasks(self) -> list[Task]:
         """Of all clips."""
-        plan = self.brief.plan()
-        return [answer for clip in self.clips for answer in plan.answers(clip)]
+        plan = self.spec.plan()
+        return [task for clip in self.clips for task in plan.tasks(clip)]
 
     def left_s(self) -> float:
         """Of one core: what is asked and not answered, and the recordings that this takes."""
-        return _left_s(self.answers())
+        return _left_s(self.tasks())
 
 
 def do(
@@ -50,11 +50,11 @@ def do(
     """Answers everything, clips side by side; a sentence for each clip of which something could not be answered.
 
     after_s: what is to be done after this job, for the time left. beside: something else that takes its time, done in
-    one of the processes; what it returns is the second answer.
+    one of the processes; what it returns is the second task.
     """
-    answers = job.answers()
-    left_s = _left_s(answers)
-    open_clips = {answer.clip.name for answer in answers if not answer.there}
+    tasks = job.tasks()
+    left_s = _left_s(tasks)
+    open_clips = {task.clip.name for task in tasks if not task.done}
     clips = sorted((c for c in job.clips if c.name in open_clips), key=_making_s, reverse=True)
     if not clips and beside is None:
         return [], None
@@ -62,11 +62,11 @@ def do(
     executor = ProcessPoolExecutor(processes, mp_context=get_context("spawn"), initializer=_be_a_worker)
     try:
         shown = None if beside is None else executor.submit(_unless_stopped, beside)
-        pending = {executor.submit(_work, clip, job.brief) for clip in clips}
+        pending = {executor.submit(_work, clip, job.spec) for clip in clips}
         while pending:
             done, pending = wait(pending, timeout=POLL_S, return_when=FIRST_COMPLETED)
             failed += [sentence for future in done if (sentence := future.result())]
-            progress(left_s - _left_s(answers), left_s + after_s)
+            progress(left_s - _left_s(tasks), left_s + after_s)
         result = None if shown is None else shown.result()
     except BaseException:
         for child in active_children():
@@ -79,11 +79,11 @@ def do(
     return failed, result
 
 
-def _left_s(answers: list[Answer]) -> float:
+def _left_s(tasks: list[Task]) -> float:
     by_clip: dict[str, float] = {}
-    for answer in answers:
-        if not answer.there:
-            by_clip[answer.clip.name] = by_clip.get(answer.clip.name, _making_s(answer.clip)) + answer.cost_s
+    for task in tasks:
+        if not task.done:
+            by_clip[task.clip.name] = by_clip.get(task.clip.name, _making_s(task.clip)) + task.cost_s
     return sum(by_clip.values())
 
 
@@ -101,10 +101,10 @@ def _end(number: int, frame: FrameType | None) -> NoReturn:
     raise SystemExit(TERMINATED)
 
 
-def _work(clip: Clip, brief: Brief) -> str | None:
+def _work(clip: Clip, spec: PlanSpec) -> str | None:
     """One clip; the other recordings are still worth comparing on, so what was wrong with it is told, not raised."""
     try:
-        _unless_stopped(partial(work_on, clip, brief.plan()))
+        _unless_stopped(partial(work_on, clip, spec.plan()))
     except AnchorposeError as error:
         return f"{clip.name}: {error}"
     return None

@@ -18,17 +18,23 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.research.experiment.answers import Answer, Brief, Kind, experiment_code, read
 from anchorpose.research.experiment.clips import Clip, plan_clips, simulation_of
 from anchorpose.research.experiment.config import ExperimentConfig, Scene
 from anchorpose.research.experiment.method import Method, load_methods
-from anchorpose.research.experiment.methods.own_tracker import ABLATED
-from anchorpose.research.experiment.outcome import Matched, Outcome, Tracked, Tried
-from anchorpose.research.experiment.page.page import write_outcome
-from anchorpose.research.experiment.pictures.canvas import own_style
+from anchorpose.research.experiment.methods.references import ABLATED
+from anchorpose.research.experiment.page.page import write_results
+from anchorpose.research.experiment.pictures.album import show
+from anchorpose.research.experiment.pictures.canvas import default_style
+from anchorpose.research.experiment.plan import Kind, PlanSpec, Task, experiment_code, read
 from anchorpose.research.experiment.pool import Job, Progress, do
-from anchorpose.research.experiment.show import show
-from anchorpose.research.experiment.tuning import choose, worth_mm
+from anchorpose.research.experiment.results import (
+    ExperimentResults,
+    Matched,
+    Tracked,
+    TriedSetting,
+    capped_mean_mm,
+    choose,
+)
 from anchorpose.simulate.clinic import draw_clinic
 from anchorpose.simulate.config import Speed
 from anchorpose.tracking.motion_file import ReferenceClips, write_motions
@@ -77,14 +83,14 @@ def write_movements(path: Path, clips: list[Clip], samples: int) -> None:
 
 
 CACHE: Final = "cache"
-AllTried = tuple[tuple[str, tuple[Tried, ...]], ...]
+AllTried = tuple[tuple[str, tuple[TriedSetting, ...]], ...]
 """By the key of each method that has several settings."""
 
 
 def run_experiment(
     out: Path, config: ExperimentConfig, real: Path | None, processes: int, progress: Progress,
     tell: Callable[[str], None],
-) -> Outcome:  # fmt: skip
+) -> ExperimentResults:  # fmt: skip
     """The whole experiment into a folder, which may hold an earlier run: what it answered is not asked again.
 
     real: a folder of recordings with reference skeletons, or None. tell: is given sentences on where the work stands.
@@ -97,37 +103,37 @@ def run_experiment(
     _require_matplotlib()
     trainers = tuple(training_clips(config))
     movements, digest = _movements(out / CACHE, trainers, config)
-    brief = Brief(config=config, wanted=config.methods, chosen=(), movements=movements, movements_digest=digest,
+    spec = PlanSpec(config=config, wanted=config.methods, chosen=(), movements=movements, movements_digest=digest,
                   cache=out / CACHE, code=experiment_code())  # fmt: skip
-    training = Job(replace(brief, training=True), trainers if config.tuned else ())
-    testing = Job(replace(brief, chosen=_chosen(_tried(training, methods))), tuple(clips))
+    training = Job(replace(spec, training=True), trainers if config.tuned else ())
+    testing = Job(replace(spec, chosen=_chosen(_tried(training, methods))), tuple(clips))
     left_s = training.left_s() + testing.left_s()
     tell(f"About {_spoken(left_s / processes)} on {processes} cores.")
     failed, _ = do(training, processes, progress, testing.left_s())
     tried = _tried(training, methods)
-    testing = Job(replace(brief, chosen=_chosen(tried)), tuple(clips))
-    more, shown = do(testing, processes, progress, 0.0, partial(show, out, testing.brief, trainers))
+    testing = Job(replace(spec, chosen=_chosen(tried)), tuple(clips))
+    more, shown = do(testing, processes, progress, 0.0, partial(show, out, testing.spec, trainers))
     tell("Putting tables, figures and the page together.")
-    tracked, matched = _collect(testing.answers())
+    tracked, matched = _collect(testing.tasks())
     times, not_shown = shown or (None, ())
     ablated = ABLATED if any(run.method == ABLATED[0].key for run in tracked) else ()
-    outcome = Outcome(
+    results = ExperimentResults(
         config,
         (*methods, *ablated),
         tried,
         tracked,
         matched,
         times,
-        (*failed, *more, *_unanswered(testing), *not_shown),
+        (*failed, *more, *_undone(testing), *not_shown),
         real,
     )
-    write_outcome(outcome, out)
-    return outcome
+    write_results(results, out)
+    return results
 
 
 def _require_matplotlib() -> None:
     """Hours before it is needed. Raises MissingPackage."""
-    with own_style():
+    with default_style():
         pass
 
 
@@ -135,9 +141,9 @@ def _chosen(tried: AllTried) -> tuple[tuple[str, int], ...]:
     return tuple((key, next(n for n, one in enumerate(rows) if one.chosen)) for key, rows in tried)
 
 
-def _unanswered(job: Job) -> list[str]:
+def _undone(job: Job) -> list[str]:
     """A sentence for each clip of which some answer is missing, whatever the reason."""
-    missing = Counter(answer.clip.name for answer in job.answers() if not answer.there)
+    missing = Counter(task.clip.name for task in job.tasks() if not task.done)
     return [f"{name}: {count} answers are missing." for name, count in missing.items()]
 
 
@@ -164,41 +170,41 @@ def _movements(cache: Path, trainers: Sequence[Clip], config: ExperimentConfig) 
 def _tried(training: Job, methods: Sequence[Method]) -> AllTried:
     """The settings of every method that has several, with their scores on the training recordings."""
     windows: dict[tuple[str, object], list[np.ndarray]] = {}
-    for answer in training.answers():
-        if answer.there:
-            windows.setdefault((answer.method.key, repr(answer.setting)), []).append(read(answer.path)["tree_mm"])
+    for task in training.tasks():
+        if task.done:
+            windows.setdefault((task.method.key, repr(task.setting)), []).append(read(task.path)["tree_mm"])
     return tuple(
-        (m.key, choose(m.settings, [worth_mm(windows.get((m.key, repr(setting)), [])) for setting in m.settings]))
+        (m.key, choose(m.settings, [capped_mean_mm(windows.get((m.key, repr(setting)), [])) for setting in m.settings]))
         for m in methods
         if training.clips and len(m.settings) > 1
     )
 
 
-def _collect(answers: Sequence[Answer]) -> tuple[tuple[Tracked, ...], tuple[Matched, ...]]:
+def _collect(tasks: Sequence[Task]) -> tuple[tuple[Tracked, ...], tuple[Matched, ...]]:
     tracked, matched = list[Tracked](), list[Matched]()
-    for answer in answers:
-        if not answer.there:
+    for task in tasks:
+        if not task.done:
             continue
-        arrays, who = read(answer.path), (answer.clip.scene, answer.clip.name, answer.hole_m, answer.method.key)
-        if answer.kind is Kind.TRACKED:
+        arrays, who = read(task.path), (task.clip.scene, task.clip.name, task.hole_m, task.method.key)
+        if task.kind is Kind.TRACKED:
             seconds = float(arrays["seconds"])
             tracked.append(Tracked(*who, arrays["frame"], arrays["occluded"], arrays["error_mm"], seconds))
             continue
-        matched += _windows_of(answer, arrays)
+        matched += _windows_of(task, arrays)
     return tuple(tracked), tuple(matched)
 
 
-def _windows_of(answer: Answer, arrays: dict[str, np.ndarray]) -> Iterator[Matched]:
+def _windows_of(task: Task, arrays: dict[str, np.ndarray]) -> Iterator[Matched]:
     """A method's matches, window by window."""
     for number, frame in enumerate(arrays["frame"].tolist()):
         own = arrays["window"] == number
         yield Matched(
-            answer.clip.scene,
-            answer.clip.name,
-            answer.hole_m,
-            answer.method.key,
+            task.clip.scene,
+            task.clip.name,
+            task.hole_m,
+            task.method.key,
             frame,
-            bool(arrays["occluded"][number]) and answer.hole_m > 0,
+            bool(arrays["occluded"][number]) and task.hole_m > 0,
             region=arrays["region"][own],
             direct_mm=arrays["direct_mm"][own],
             tree_mm=arrays["tree_mm"][own],

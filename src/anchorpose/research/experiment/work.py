@@ -22,34 +22,32 @@ from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
 from anchorpose.recording.reader import open_recording, read_frames
 from anchorpose.recording.recording import Recording
-from anchorpose.research.experiment.answers import Answer, Kind, Plan, is_sampled, read, sampled_segments
 from anchorpose.research.experiment.clips import Clip, cut_holes, draw_hole_frames
 from anchorpose.research.experiment.config import Scene
 from anchorpose.research.experiment.correspondence import Skin
-from anchorpose.research.experiment.framework import follow_segment, paper_config, start_at
-from anchorpose.research.experiment.matching import MatchErrors, Truth, Window, draw_some, score, take_window, truth_of
-from anchorpose.research.experiment.method import Family, Method
-from anchorpose.research.experiment.reference import (
+from anchorpose.research.experiment.framework import (
     NoReference,
     Reference,
+    follow_segment,
     from_arrays,
     in_its_world,
     make_reference,
+    paper_run,
+    start_at,
     to_arrays,
 )
+from anchorpose.research.experiment.matching import MatchErrors, Truth, Window, draw_some, score, take_window, truth_of
+from anchorpose.research.experiment.method import Family, Method
+from anchorpose.research.experiment.plan import Kind, Plan, Task, is_sampled, read, sampled_segments
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.threads import one_thread
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.preparation import prepare_room
-from anchorpose.tracker.room import Room
 from anchorpose.tracker.run import Run
-from anchorpose.tracking.motion_database import MotionDatabase
-from anchorpose.tracking.motion_file import load_motions
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Track:
+class TrackedJoints:
     """frame (f,) positions in the recording; joints_m (f, 21, 3) world, NaN where lost; seconds of one core."""
 
     frame: np.ndarray
@@ -63,25 +61,24 @@ def segment_starts(frames: int, length: int, found: np.ndarray) -> list[int]:
 
 
 def track_segments(
-    method: Method, setting: object, room: Room, reference: Reference, motions: MotionDatabase | None,
-    config: TrackConfig, starts: Sequence[int], length: int,
-) -> Track:  # fmt: skip
-    """The method in the framework, anew from each start; the frames that are started in are left out."""
+    method: Method, setting: object, reference: Reference, run: Run, starts: Sequence[int], length: int
+) -> TrackedJoints:
+    """The method in the framework, started again at each start; the first frames themselves are left out."""
     if method.associate is None:
         raise ValueError(f"{method.key} makes no pairs that the framework could use")
     began, frames, joints = time.process_time(), list[np.ndarray](), list[np.ndarray]()
-    own = method.configure(config, setting)
     for start in starts:
-        sets = list(read_frames(room.recording, start, start + length))
-        tracker = start_at(start, sets[0], reference, Run(room, own, motions, associate=method.associate(setting)))
+        own = replace(run, config=method.configure(run.config, setting), associate=method.associate(setting))
+        sets = list(read_frames(run.room.recording, start, start + length))
+        tracker = start_at(start, sets[0], reference, own)
         joints.append(follow_segment(tracker, sets[1:]))
         frames.append(np.arange(start + 1, start + len(sets)))
     if not frames:
-        return Track(np.zeros(0, np.int64), np.zeros((0, 21, 3)), 0.0)
-    return Track(np.concatenate(frames), np.concatenate(joints), time.process_time() - began)
+        return TrackedJoints(np.zeros(0, np.int64), np.zeros((0, 21, 3)), 0.0)
+    return TrackedJoints(np.concatenate(frames), np.concatenate(joints), time.process_time() - began)
 
 
-def track_whole(method: Method, setting: object, recording: Recording) -> Track:
+def track_whole(method: Method, setting: object, recording: Recording) -> TrackedJoints:
     """A tracker of its own: it finds the patient, learns his body and follows him without being told anything.
 
     Its joints are those of the pose that it holds, also where it would call them lost: what a method says, counts.
@@ -91,7 +88,7 @@ def track_whole(method: Method, setting: object, recording: Recording) -> Track:
         joints = make_reference(recording, method.configure(TrackConfig(), setting)).joints_m
     except NoReference:
         joints = np.full((len(frames), 21, 3), np.nan)
-    return Track(frames, joints, time.process_time() - began)
+    return TrackedJoints(frames, joints, time.process_time() - began)
 
 
 SURE = 1.0  # confidence of a reference joint that counts
@@ -125,7 +122,7 @@ def reference_joints(skeleton: Path, T_world_camera: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Subject:
+class PreparedClip:
     """A recording that is there: truth_m (t, 21, 3) world, NaN where unknown; in_hole (t,) bool: frames that lose data;
     starts: the frames whose pose is given; skin: the true surface, None of a real recording."""
 
@@ -144,32 +141,34 @@ class Subject:
 
 
 def work_on(clip: Clip, plan: Plan) -> None:
-    """Answer everything about a clip that is not answered yet, one answer a file. Raises AnchorposeError where the
-    patient or a world is not found in it."""
-    open_answers = [answer for answer in plan.answers(clip) if not answer.there]
-    if not open_answers:
+    """Do all open tasks of a clip, one result file per task.
+
+    Raises AnchorposeError where the patient or a world is not found in it.
+    """
+    open_tasks = [task for task in plan.tasks(clip) if not task.done]
+    if not open_tasks:
         return
-    with one_thread(), subject_of(clip, plan) as subject:
+    with one_thread(), prepare_clip(clip, plan) as prepared:
         for hole_m in plan.holes(clip):
-            asked = [answer for answer in open_answers if answer.hole_m == hole_m]
-            if asked:
-                with pierced(subject, hole_m) as (recording, cut):
-                    _answer_all(asked, subject, recording, cut, plan)
+            tasks = [task for task in open_tasks if task.hole_m == hole_m]
+            if tasks:
+                with with_holes(prepared, hole_m) as (recording, cut):
+                    _run_tasks(tasks, prepared, recording, cut, plan)
 
 
 @contextmanager
-def subject_of(clip: Clip, plan: Plan) -> Iterator[Subject]:
+def prepare_clip(clip: Clip, plan: Plan) -> Iterator[PreparedClip]:
     """The clip with its reference; a simulated one is gone afterwards: it can be made again."""
     with TemporaryDirectory(prefix="anchorpose-") as folder:
         if clip.simulation is not None:
             made = Path(folder) / "simulated"
             simulate_recording(made, clip.simulation)
-            yield _subject(clip, made / "recording", made / "truth" / "truth.npz", plan)
+            yield _prepare(clip, made / "recording", made / "truth" / "truth.npz", plan)
         elif clip.folder is not None:
-            yield _subject(clip, clip.folder, clip.folder / "skeleton.npz", plan)
+            yield _prepare(clip, clip.folder, clip.folder / "skeleton.npz", plan)
 
 
-def _subject(clip: Clip, folder: Path, truth: Path, plan: Plan) -> Subject:
+def _prepare(clip: Clip, folder: Path, truth: Path, plan: Plan) -> PreparedClip:
     recording, kept = open_recording(folder), plan.reference(clip)
     if kept.is_file():
         reference = from_arrays(read(kept))
@@ -185,86 +184,82 @@ def _subject(clip: Clip, folder: Path, truth: Path, plan: Plan) -> Subject:
     else:
         joints, skin = simulated_joints(truth), Skin(clip.simulation)
     in_hole = draw_hole_frames(frames, config.hole_share, crc32(clip.drawn_by.encode()), starts)
-    return Subject(clip, recording, reference, joints, in_hole, tuple(starts), skin)
+    return PreparedClip(clip, recording, reference, joints, in_hole, tuple(starts), skin)
 
 
 @contextmanager
-def pierced(subject: Subject, hole_m: float) -> Iterator[tuple[Recording, np.ndarray]]:
+def with_holes(prepared: PreparedClip, hole_m: float) -> Iterator[tuple[Recording, np.ndarray]]:
     """The recording with holes of a radius, itself with none; and (t,) bool: the frames that lost readings."""
     if hole_m == 0:
-        yield subject.recording, np.zeros(len(subject.in_hole), bool)
+        yield prepared.recording, np.zeros(len(prepared.in_hole), bool)
         return
     with TemporaryDirectory(prefix="anchorpose-") as folder:
-        out = Path(folder) / subject.recording.folder.name
-        reference = subject.reference
-        cut = cut_holes(subject.recording, out, reference.centre_m, subject.in_hole, hole_m)
+        out = Path(folder) / prepared.recording.folder.name
+        reference = prepared.reference
+        cut = cut_holes(prepared.recording, out, reference.centre_m, prepared.in_hole, hole_m)
         yield in_its_world(open_recording(out), reference), cut
 
 
-def _answer_all(asked: Sequence[Answer], subject: Subject, recording: Recording, cut: np.ndarray, plan: Plan) -> None:
-    config = paper_config(plan.movements, refined=subject.clip.scene is not Scene.MATCHES)
-    room = prepare_room(recording, config)
-    motions = load_motions(config.motion_file, recording.rate_hz, config.motion)
-    album = _Album(subject, plan, room, motions, config)
-    for answer in asked:
-        if answer.kind is Kind.MATCHED:
-            known = album.windows(answer.method.configure(config, answer.setting))
-            scores = [score(answer.method, answer.setting, window, truth) for window, truth in known]
-            plan.store.write(answer.path, _matched_arrays([window.frame for window, _ in known], scores, subject, cut))
+def _run_tasks(
+    tasks: Sequence[Task], prepared: PreparedClip, recording: Recording, cut: np.ndarray, plan: Plan
+) -> None:
+    run = paper_run(recording, plan.movements, refined=prepared.clip.scene is not Scene.MATCHES)
+    cache = _WindowCache(prepared, plan, run)
+    for task in tasks:
+        if task.kind is Kind.MATCHED:
+            known = cache.windows(task.method.configure(run.config, task.setting))
+            scores = [score(task.method, task.setting, window, truth) for window, truth in known]
+            plan.store.write(task.path, _matched_arrays([window.frame for window, _ in known], scores, prepared, cut))
     length = plan.config.segment_frames
-    for answer in asked:
-        if answer.kind is not Kind.TRACKED:
+    for task in tasks:
+        if task.kind is not Kind.TRACKED:
             continue
-        if answer.method.family is Family.TRACKER:
-            track = _evaluated(track_whole(answer.method, answer.setting, recording), subject, length)
+        if task.method.family is Family.TRACKER:
+            track = _evaluated(track_whole(task.method, task.setting, recording), prepared, length)
         else:
-            chosen = subject.starts
-            if is_sampled(answer.method, subject.clip):
-                chosen = tuple(draw_some(chosen, sampled_segments(subject.clip, plan.config), subject.seed))
-            track = track_segments(
-                answer.method, answer.setting, room, subject.reference, motions, config, chosen, length
-            )
-        plan.store.write(answer.path, _tracked_arrays(track, subject, cut))
+            chosen = prepared.starts
+            if is_sampled(task.method, prepared.clip):
+                chosen = tuple(draw_some(chosen, sampled_segments(prepared.clip, plan.config), prepared.seed))
+            track = track_segments(task.method, task.setting, prepared.reference, run, chosen, length)
+        plan.store.write(task.path, _tracked_arrays(track, prepared, cut))
 
 
-class _Album:
-    """The windows of a recording: the same for all methods that make meshes alike."""
+class _WindowCache:
+    """The windows of a recording, shared by all methods with the same kind of mesh."""
 
-    def __init__(
-        self, subject: Subject, plan: Plan, room: Room, motions: MotionDatabase | None, config: TrackConfig
-    ) -> None:
-        self.subject, self.room, self.motions, self.config = subject, room, motions, config
-        self.frames = window_frames(subject, plan)
+    def __init__(self, prepared: PreparedClip, plan: Plan, run: Run) -> None:
+        self.prepared, self.run = prepared, run
+        self.frames = window_frames(prepared, plan)
         self.taken: dict[SurfaceConfig, list[tuple[Window, Truth]]] = {}
 
     def windows(self, config: TrackConfig) -> list[tuple[Window, Truth]]:
-        """The windows on meshes as this configuration has them, with what is true of them."""
-        skin, how = self.subject.skin, replace(self.config, surface=config.surface)
+        """The windows on meshes of this configuration, with the true correspondence."""
+        skin, run = self.prepared.skin, replace(self.run, config=replace(self.run.config, surface=config.surface))
         if skin is not None and config.surface not in self.taken:
-            found = [take_window(f, self.room, self.subject.reference, self.motions, how) for f in self.frames]
+            found = [take_window(frame, self.prepared.reference, run) for frame in self.frames]
             self.taken[config.surface] = [(window, truth_of(window, skin)) for window in found if window is not None]
         return self.taken.get(config.surface, [])
 
 
-def window_frames(subject: Subject, plan: Plan) -> list[int]:
+def window_frames(prepared: PreparedClip, plan: Plan) -> list[int]:
     """The first frames of the windows, the same for every size of hole: where one is cut, it touches the pair."""
-    found, hole = subject.reference.found, subject.in_hole
+    found, hole = prepared.reference.found, prepared.in_hole
     here = np.arange(len(found) - 1)
-    touched = hole[:-1] | hole[1:] if subject.clip.holes_are_cut else np.ones(len(here), bool)
-    return draw_some(here[touched & found[:-1]].tolist(), plan.windows, subject.seed)
+    touched = hole[:-1] | hole[1:] if prepared.clip.holes_are_cut else np.ones(len(here), bool)
+    return draw_some(here[touched & found[:-1]].tolist(), plan.windows, prepared.seed)
 
 
-def _evaluated(track: Track, subject: Subject, length: int) -> Track:
+def _evaluated(track: TrackedJoints, prepared: PreparedClip, length: int) -> TrackedJoints:
     """Without the frames whose pose the other methods are given, and those after the last segment."""
-    kept = np.zeros(len(subject.truth_m), bool)
-    for start in subject.starts:
+    kept = np.zeros(len(prepared.truth_m), bool)
+    for start in prepared.starts:
         kept[start + 1 : start + length] = True
     chosen = kept[track.frame]
-    return Track(track.frame[chosen], track.joints_m[chosen], track.seconds)
+    return TrackedJoints(track.frame[chosen], track.joints_m[chosen], track.seconds)
 
 
-def _tracked_arrays(track: Track, subject: Subject, cut: np.ndarray) -> dict[str, object]:
-    error_mm = 1000.0 * np.linalg.norm(track.joints_m - subject.truth_m[track.frame], axis=2)
+def _tracked_arrays(track: TrackedJoints, prepared: PreparedClip, cut: np.ndarray) -> dict[str, object]:
+    error_mm = 1000.0 * np.linalg.norm(track.joints_m - prepared.truth_m[track.frame], axis=2)
     return {
         "frame": track.frame,
         "occluded": cut[track.frame],
@@ -274,10 +269,10 @@ def _tracked_arrays(track: Track, subject: Subject, cut: np.ndarray) -> dict[str
 
 
 def _matched_arrays(
-    frames: Sequence[int], scores: Sequence[MatchErrors], subject: Subject, cut: np.ndarray
+    frames: Sequence[int], scores: Sequence[MatchErrors], prepared: PreparedClip, cut: np.ndarray
 ) -> dict[str, object]:
     """Node by node of all windows; window (m,) says which."""
-    height_m = np.nan if subject.skin is None else subject.skin.clinic.patient.person.height_m
+    height_m = np.nan if prepared.skin is None else prepared.skin.clinic.patient.person.height_m
     each = ("region", "direct_mm", "tree_mm", "direct_skin_mm", "tree_skin_mm", "mirrored")
     return {
         **{name: np.concatenate([getattr(one, name) for one in scores]) for name in each if scores},

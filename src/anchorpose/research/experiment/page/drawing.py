@@ -46,7 +46,7 @@ FAMILY_NAMES: Final = {
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class DrawnFigure:
     """One figure. key: name of its files; caption: of the page, with the paper's name for the figure."""
 
     key: str
@@ -56,7 +56,7 @@ class Picture:
 
 
 @dataclass(frozen=True, slots=True)
-class Figure:
+class FigureSpec:
     """What a module of this package offers: which tables it needs, and how they are drawn.
 
     draw: raises nothing for tables that lack methods or columns.
@@ -74,14 +74,14 @@ def new_figure(width: float, height: float, **grid: Any) -> tuple[Any, Any]:
     return canvas, canvas.subplots(**grid)
 
 
-def as_picture(figure: Figure, tables: Sequence[Table]) -> Picture:
+def as_picture(figure: FigureSpec, tables: Sequence[Table]) -> DrawnFigure:
     """The figure as SVG and PNG; the same tables give the same bytes."""
     with _settings(figure.key):
         canvas = figure.draw(tables)
         svg, png = io.StringIO(), io.BytesIO()
         canvas.savefig(svg, format="svg", metadata={"Date": None, "Creator": None})
         canvas.savefig(png, format="png", dpi=DPI, metadata={"Software": None})
-    return Picture(figure.key, figure.caption, svg.getvalue(), png.getvalue())
+    return DrawnFigure(figure.key, figure.caption, svg.getvalue(), png.getvalue())
 
 
 def _matplotlib(module: str) -> Any:

@@ -11,8 +11,8 @@ from anchorpose.research.experiment.method import PROPOSED, Family
 from anchorpose.research.experiment.page.drawing import (
     FAINT,
     FAMILY_NAMES,
-    Figure,
-    Picture,
+    DrawnFigure,
+    FigureSpec,
     as_picture,
     draw_dots,
     draw_heat,
@@ -57,13 +57,13 @@ def _draw_by_joint(tables: Sequence[Table], what: str) -> Any:
 
 NOTE = "All sizes of hole together, every method on the same frames. The proposed method is drawn in every panel."
 
-RESULT2 = Figure(
+RESULT2 = FigureSpec(
     "result2",
     f"The paper’s “result2”: mean error of each joint (r_i). {NOTE}",
     ("result2_same_frames",),
     lambda tables: _draw_by_joint(tables, "mean error (mm)"),
 )
-SD2 = Figure(
+SD2 = FigureSpec(
     "sd2",
     f"The paper’s “sd2”: standard deviation of each joint’s error. {NOTE}",
     ("sd2_same_frames",),
@@ -87,20 +87,20 @@ def _draw_by_size(tables: Sequence[Table], what: str) -> Any:
     return canvas
 
 
-RESULT1 = Figure(
+RESULT1 = FigureSpec(
     "result1",
     f"The paper’s “result1”: mean error of all joints (r_or) by size of hole. {SAME}",
     ("result1_same_frames",),
     lambda tables: _draw_by_size(tables, "mean joint error (mm)"),
 )
-SD1 = Figure(
+SD1 = FigureSpec(
     "sd1",
     f"The paper’s “sd1”: standard deviation over frames of a frame’s mean error, by size of hole. {SAME}",
     ("sd1_same_frames",),
     lambda tables: _draw_by_size(tables, "standard deviation (mm)"),
 )
 OTHERS = tuple(
-    Figure(
+    FigureSpec(
         f"{scene}_by_size",
         f"Beyond the paper: mean error of all joints by size of hole in the scene “{scene}”. {SAME}",
         (f"{scene}_by_size_same_frames",),
@@ -125,7 +125,7 @@ def _draw_princeton(tables: Sequence[Table]) -> Any:
 
 
 PRINCETON_FIGURES = (
-    Figure(
+    FigureSpec(
         "princeton",
         "Share of all nodes whose match lies within a distance of its true place, measured along the skin "
         "(Kim et al. 2011, doi:10.1145/2010324.1964974). A node without a match lies within none. Direct matches; "
@@ -150,7 +150,7 @@ def _draw_ratio(tables: Sequence[Table]) -> Any:
 
 
 RATIO_FIGURES = (
-    Figure(
+    FigureSpec(
         "ratio",
         f"Mean joint error with the largest hole over that without, in the same frames. Dashed: {CONSTANT}, to which "
         "the claims hold “almost constant”.",
@@ -171,7 +171,7 @@ def _draw_regions(tables: Sequence[Table]) -> Any:
 
 
 REGIONS_FIGURES = (
-    Figure(
+    FigureSpec(
         "matching",
         "What the paper’s “appearance” and “mesh” show in pictures, in numbers: median error of the matches, and the "
         "share that lies on the other side’s limb, by region of the body. Lighter is worse.",
@@ -202,14 +202,14 @@ def _draw_scenes(tables: Sequence[Table]) -> Any:
 
 
 SCENES_FIGURES = (
-    Figure(
+    FigureSpec(
         "scenes",
         "Beyond the paper: mean joint error by scene; with the largest hole where holes are cut. Within a panel, every "
         "method on the same frames.",
         ("scenes_same_frames",),
         _draw_scenes,
     ),
-    Figure(
+    FigureSpec(
         "ablation",
         "Beyond the paper: each ingredient of the own tracker switched off by itself. Within a panel, the same frames.",
         ("ablation",),
@@ -248,7 +248,7 @@ def _limits(table: Table, column: str) -> tuple[float, float]:
 
 
 TIMES_FIGURES = (
-    Figure(
+    FigureSpec(
         "times",
         "Seconds on one core. Dashed: the paper’s 0.23 s for its feature, on a larger mesh and without matching.",
         ("times",),
@@ -257,13 +257,13 @@ TIMES_FIGURES = (
 )
 
 
-FIGURES: tuple[Figure, ...] = (
+FIGURES: tuple[FigureSpec, ...] = (
     *BY_SIZE_FIGURES, *RATIO_FIGURES, *BY_JOINT_FIGURES, *REGIONS_FIGURES, *PRINCETON_FIGURES, *TIMES_FIGURES,
     *SCENES_FIGURES, *OTHERS,
 )  # fmt: skip
 
 
-def draw_all(tables: Sequence[Table]) -> list[Picture]:
+def draw_all(tables: Sequence[Table]) -> list[DrawnFigure]:
     """Every figure whose tables there are. Raises MissingPackage without matplotlib."""
     by_key = {table.key: table for table in tables if table.rows}
     return [

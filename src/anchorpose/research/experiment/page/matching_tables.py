@@ -13,13 +13,12 @@ import numpy as np
 
 from anchorpose.research.experiment.config import Scene
 from anchorpose.research.experiment.correspondence import REGIONS
-from anchorpose.research.experiment.outcome import Matched, Outcome, PaperTimes
 from anchorpose.research.experiment.page.selection import (
     Matching,
     Tracking,
-    answer_of,
     compared,
     direct_mm,
+    error_of,
     in_regions,
     mirrored_of,
     tree_mm,
@@ -35,6 +34,7 @@ from anchorpose.research.experiment.page.tables import (
     ratio_of,
 )
 from anchorpose.research.experiment.page.tracking_tables import hole_column
+from anchorpose.research.experiment.results import ExperimentResults, Matched, PaperTimes
 
 CURVE_MM = tuple(range(0, 501, 20))
 CURVE_SHARES = tuple(share / 200 for share in range(0, 61, 2))  # of the body's height: 0 to 0.3
@@ -49,9 +49,9 @@ ANSWER_NOTE = "Direct matches; those after the tree where a method has no direct
 Take = Callable[[Matched], np.ndarray]
 
 
-def matching_tables(outcome: Outcome) -> list[Table]:
+def matching_tables(results: ExperimentResults) -> list[Table]:
     """All tables of matches; none without any."""
-    matching, resamples = Matching(outcome), outcome.config.resamples
+    matching, resamples = Matching(results), results.config.resamples
     if not matching.windows:
         return []
     return [
@@ -98,7 +98,7 @@ def _by_region(
     """take: None for the answer of each method."""
     rows = []
     for method in matching.methods:
-        of_method = take or answer_of(matching, method.key)
+        of_method = take or error_of(matching, method.key)
         for index, region in enumerate(REGIONS):
             values = matching.values(method.key, in_regions(of_method, [index]))
             rows.append(Row(method, Column(region, region, unit), summarise(list(values.values()), resamples)))
@@ -108,7 +108,7 @@ def _by_region(
 def _by_size(matching: Matching, resamples: int, key: str, title: str, take: Take | None) -> Table:
     rows = []
     for method in matching.methods:
-        of_method = take or answer_of(matching, method.key)
+        of_method = take or error_of(matching, method.key)
         for hole in matching.holes():
             values = matching.values(method.key, of_method, hole)
             rows.append(Row(method, hole_column(hole), median_over(list(values.values()), resamples)))
@@ -143,9 +143,9 @@ PAPER_EDGES: Final = 36185
 """Section V-B, one core of an Intel i7-6700."""
 
 
-def time_tables(outcome: Outcome) -> list[Table]:
+def time_tables(results: ExperimentResults) -> list[Table]:
     """Seconds per method."""
-    rows = [*_matching_rows(outcome), *_tracking_rows(outcome)]
+    rows = [*_matching_rows(results), *_tracking_rows(results)]
     note = (
         "Of one core. Descriptors and matches: for one pair of frames, with the nodes of that mesh. Tracking: all "
         "that a frame needs. The paper’s feature took 0.23 s on a mesh of 15,549 nodes."
@@ -164,21 +164,21 @@ def paper_time_lines(times: PaperTimes) -> list[tuple[str, str, str]]:
     ]
 
 
-def _matching_rows(outcome: Outcome) -> list[Row]:
-    matching, column = Matching(outcome), Column("describe", "descriptors and matches", Unit.SECONDS)
+def _matching_rows(results: ExperimentResults) -> list[Row]:
+    matching, column = Matching(results), Column("describe", "descriptors and matches", Unit.SECONDS)
     return [
         Row(method, column, mean_over(
             list(matching.values(method.key, lambda match: np.array([match.describe_s])).values()),
-            outcome.config.resamples))
+            results.config.resamples))
         for method in matching.methods
     ]  # fmt: skip
 
 
-def _tracking_rows(outcome: Outcome) -> list[Row]:
-    tracking, column = Tracking(outcome), Column("track", "tracking, per frame", Unit.SECONDS)
+def _tracking_rows(results: ExperimentResults) -> list[Row]:
+    tracking, column = Tracking(results), Column("track", "tracking, per frame", Unit.SECONDS)
     rows = []
-    resamples = outcome.config.resamples
-    for method in tracking.ran(Scene.PAPER, compared(outcome.methods)):
+    resamples = results.config.resamples
+    for method in tracking.ran(Scene.PAPER, compared(results.methods)):
         seconds: dict[str, list[float]] = {}
         frames: dict[str, list[float]] = {}
         for hole in tracking.holes(Scene.PAPER):

@@ -11,13 +11,12 @@ from typing import Final
 
 from markupsafe import Markup
 
-from anchorpose.research.experiment.outcome import Outcome
-from anchorpose.research.experiment.page.claims import claims_json, judge_claims
-from anchorpose.research.experiment.page.drawing import Picture
+from anchorpose.research.experiment.page.drawing import DrawnFigure
 from anchorpose.research.experiment.page.figures import draw_all
+from anchorpose.research.experiment.page.matching_claims import MatchingClaims, paper_times
 from anchorpose.research.experiment.page.matching_tables import matching_tables, paper_time_lines, time_tables
 from anchorpose.research.experiment.page.page_parts import (
-    ShownPicture,
+    PagePicture,
     claims_html,
     drawing_html,
     pictures_html,
@@ -34,8 +33,10 @@ from anchorpose.research.experiment.page.page_text import (
     summary_html,
 )
 from anchorpose.research.experiment.page.tables import Table, csv_text
+from anchorpose.research.experiment.page.tracking_claims import TrackingClaims
 from anchorpose.research.experiment.page.tracking_tables import OTHER_HOLES, tracking_tables
-from anchorpose.research.experiment.page.verdict import Claim
+from anchorpose.research.experiment.page.verdict import Claim, claims_json
+from anchorpose.research.experiment.results import ExperimentResults
 from anchorpose.results.folder import whole_or_nothing, write_text_whole
 from anchorpose.results.web_page import render_page
 
@@ -47,12 +48,17 @@ UNFOLDED = ("result1_same_frames", "matching", "times", "scenes_same_frames", "a
 MORE = tuple(f"{scene}_by_size" for scene in OTHER_HOLES)
 
 
+def judge_claims(results: ExperimentResults) -> list[Claim]:
+    """All claims, those of the figures first."""
+    return [*TrackingClaims(results).all(), *MatchingClaims(results).all(), paper_times(results)]
+
+
 def compose_page(
-    outcome: Outcome,
+    results: ExperimentResults,
     tables: Sequence[Table],
     claims: Sequence[Claim],
-    figures: Sequence[Picture],
-    shown: Sequence[ShownPicture],
+    figures: Sequence[DrawnFigure],
+    shown: Sequence[PagePicture],
 ) -> str:
     """The whole page, which needs nothing beside it; the same input gives the same text."""
 
@@ -62,9 +68,9 @@ def compose_page(
         return "".join([*images, pictures_html(shown, pictures), *rows]) or NO_DATA
 
     parts = {
-        "summary": summary_html(outcome, claims, tables),
+        "summary": summary_html(results, claims, tables),
         "claims": claims_html(claims),
-        "run": run_html(outcome),
+        "run": run_html(results),
         "tracking": part(
             ("result1", "sd1", "ratio", "result2", "sd2"),
             ("result1", "sd1", "result1_occluded", "known", "ratio", "ratio_occluded", "result2", "sd2"),
@@ -76,10 +82,10 @@ def compose_page(
              "princeton_mm", "princeton_height"),
             ("matches",),
         ),
-        "times": _paper_times(outcome) + part(("times",), ("times",)),
+        "times": _paper_times(results) + part(("times",), ("times",)),
         "more": part(("scenes", *MORE, "ablation"), ("scenes", *MORE, "ablation"), ("other",)),
-        "limits": limits_html(outcome),
-        "again": again_html(outcome),
+        "limits": limits_html(results),
+        "again": again_html(results),
     }  # fmt: skip
     title = "The paper’s experiment, repeated"
     package = "anchorpose.research.experiment.page"
@@ -90,11 +96,11 @@ def _root(table: Table) -> str:
     return table.key.removesuffix("_all_frames").removesuffix("_same_frames")
 
 
-def _paper_times(outcome: Outcome) -> str:
-    if outcome.times is None:
+def _paper_times(results: ExperimentResults) -> str:
+    if results.times is None:
         return ""
     caption = "A mesh at every pixel and its five distance fields, on one core"
-    return text_table(caption, ("what", "here", "paper (i7-6700)"), paper_time_lines(outcome.times))
+    return text_table(caption, ("what", "here", "paper (i7-6700)"), paper_time_lines(results.times))
 
 
 TABLES_FOLDER: Final = "tables"
@@ -103,30 +109,30 @@ CLAIMS_FILE: Final = "claims.json"
 PAGE_FILE: Final = "index.html"
 
 
-def write_outcome(outcome: Outcome, out: Path) -> None:
-    """tables/*.csv, figures/*.svg and *.png, claims.json and index.html in ``out``; the same outcome, the same bytes.
+def write_results(results: ExperimentResults, out: Path) -> None:
+    """tables/*.csv, figures/*.svg and *.png, claims.json and index.html in ``out``; the same results, the same bytes.
 
     What is there of these is replaced, each folder and file as a whole and the page last; nothing else is touched.
     The page shows the pictures of ``out / pictures``. Raises MissingPackage without matplotlib and InputError for
     captions that cannot be used, both before anything is written.
     """
-    tables = [*tracking_tables(outcome), *matching_tables(outcome), *time_tables(outcome)]
-    claims, figures, shown = judge_claims(outcome), draw_all(tables), read_pictures(out)
-    page = compose_page(outcome, tables, claims, figures, shown)
-    _write_tables(tables, outcome, out / TABLES_FOLDER)
+    tables = [*tracking_tables(results), *matching_tables(results), *time_tables(results)]
+    claims, figures, shown = judge_claims(results), draw_all(tables), read_pictures(out)
+    page = compose_page(results, tables, claims, figures, shown)
+    _write_tables(tables, results, out / TABLES_FOLDER)
     _write_figures(figures, out / FIGURES_FOLDER)
     write_text_whole(out / CLAIMS_FILE, claims_json(claims))
     write_text_whole(out / PAGE_FILE, page)
 
 
-def _write_tables(tables: Sequence[Table], outcome: Outcome, folder: Path) -> None:
+def _write_tables(tables: Sequence[Table], results: ExperimentResults, folder: Path) -> None:
     with whole_or_nothing(folder) as partial:
         for table in tables:
             (partial / f"{table.key}.csv").write_text(csv_text(table), encoding="utf-8")
-        (partial / f"{SETTINGS_KEY}.csv").write_text(settings_csv(outcome), encoding="utf-8")
+        (partial / f"{SETTINGS_KEY}.csv").write_text(settings_csv(results), encoding="utf-8")
 
 
-def _write_figures(figures: Sequence[Picture], folder: Path) -> None:
+def _write_figures(figures: Sequence[DrawnFigure], folder: Path) -> None:
     with whole_or_nothing(folder) as partial:
         for figure in figures:
             (partial / f"{figure.key}.svg").write_text(figure.svg, encoding="utf-8")

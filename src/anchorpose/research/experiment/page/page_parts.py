@@ -17,8 +17,8 @@ from typing import Any, Final
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.research.experiment.page.drawing import GROUND, INK, LINE, Picture
-from anchorpose.research.experiment.page.tables import Table, Unit, one_told, told
+from anchorpose.research.experiment.page.drawing import GROUND, INK, LINE, DrawnFigure
+from anchorpose.research.experiment.page.tables import Table, Unit, format_estimate, format_number
 from anchorpose.research.experiment.page.verdict import Answer, Claim, Verdict
 
 PICTURES_FOLDER: Final = "pictures"
@@ -39,7 +39,7 @@ REMEDY: Final = "write a list of objects with file, caption and section, or take
 
 
 @dataclass(frozen=True, slots=True)
-class ShownPicture:
+class PagePicture:
     """A PNG of the folder."""
 
     section: str
@@ -47,7 +47,7 @@ class ShownPicture:
     png_bytes: bytes
 
 
-def read_pictures(folder: Path) -> list[ShownPicture]:
+def read_pictures(folder: Path) -> list[PagePicture]:
     """The PNG files of ``folder / pictures`` in the order of their captions, then those without by name.
 
     Raises InputError where the captions cannot be read or name what is not there.
@@ -63,7 +63,7 @@ def read_pictures(folder: Path) -> list[ShownPicture]:
     named = {name for name, _, _ in captions}
     rest = [(name, Path(name).stem.replace("_", " "), "other") for name in found if name not in named]
     return [
-        ShownPicture(section, caption, found[name].read_bytes())
+        PagePicture(section, caption, found[name].read_bytes())
         for name, caption, section in [*captions, *rest]
         if section != FILES_ONLY
     ]
@@ -99,8 +99,11 @@ def table_html(table: Table, unfolded: bool = False) -> str:
     rows = []
     for method in table.methods:
         found = [values.get((method.key, column)) for column in table.columns]
-        said = ["" if one is None else told(one, column.unit) for one, column in zip(found, table.columns, strict=True)]
-        cells = "".join(f"<td>{escape(text)}</td>" for text in said)
+        texts = [
+            "" if one is None else format_estimate(one, column.unit)
+            for one, column in zip(found, table.columns, strict=True)
+        ]
+        cells = "".join(f"<td>{escape(text)}</td>" for text in texts)
         rows.append(f"<tr><th scope='row'>{escape(method.title)}</th>{cells}</tr>")
     title = escape(table.title)
     note = f"{escape(table.note)} In brackets: 95 % intervals. File: tables/{escape(table.key)}.csv"
@@ -137,7 +140,7 @@ def claims_html(claims: Sequence[Claim]) -> str:
 
 def _claim_row(claim: Claim) -> str:
     kind, sign = SIGNS[claim.verdict]
-    checks = "".join(f"<li class='{check.answer}'>{escape(check.told())}</li>" for check in claim.checks)
+    checks = "".join(f"<li class='{check.answer}'>{escape(check.text())}</li>" for check in claim.checks)
     context = "".join(f"<li>{escape(line)}</li>" for line in claim.context)
     more = f"<p class='hint'>For comparison:</p><ul>{context}</ul>" if context else ""
     return (
@@ -152,7 +155,7 @@ def _figures(claim: Claim) -> str:
     """What the comparisons say and between which figures they lie; those that say no, where they are few."""
     checks = claim.checks
     if len(checks) < 2:
-        return checks[0].told() if checks else "no data"
+        return checks[0].text() if checks else "no data"
     answers = [check.answer for check in checks]
     count = ", ".join(f"{answers.count(answer)} {answer}" for answer in Answer if answer in answers)
     said = f"{len(checks)} comparisons: {count}."
@@ -160,12 +163,12 @@ def _figures(claim: Claim) -> str:
     if known and len({check.unit for check in checks}) == 1:
         unit = checks[0].unit
         after = {Unit.MM: " mm", Unit.SECONDS: " s"}.get(unit, "")
-        said += f" Between {one_told(known[0], unit)} and {one_told(known[-1], unit)}{after}."
-    against = [check.told() for check in checks if check.answer is Answer.NO]
+        said += f" Between {format_number(known[0], unit)} and {format_number(known[-1], unit)}{after}."
+    against = [check.text() for check in checks if check.answer is Answer.NO]
     return f"{said} No: {'; '.join(against)}." if 0 < len(against) <= MOST_NAMED else said
 
 
-def drawing_html(picture: Picture) -> str:
+def drawing_html(picture: DrawnFigure) -> str:
     """A figure as part of the page: its ink and ground are the page's, light or dark."""
     caption = escape(picture.caption)
     return (
@@ -174,7 +177,7 @@ def drawing_html(picture: Picture) -> str:
     )
 
 
-def inline_svg(picture: Picture) -> str:
+def inline_svg(picture: DrawnFigure) -> str:
     """The drawing without what only a file needs; names are made its own, since all figures share the page."""
     svg = picture.svg[picture.svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
@@ -188,7 +191,7 @@ def inline_svg(picture: Picture) -> str:
     return svg.replace("<svg", '<svg role="img" aria-hidden="true"', 1)
 
 
-def pictures_html(pictures: Sequence[ShownPicture], sections: Sequence[str]) -> str:
+def pictures_html(pictures: Sequence[PagePicture], sections: Sequence[str]) -> str:
     """The pictures of some sections, each section with its title; nothing without any."""
     parts = []
     for section in sections:
@@ -198,7 +201,7 @@ def pictures_html(pictures: Sequence[ShownPicture], sections: Sequence[str]) -> 
     return "".join(parts)
 
 
-def _picture(picture: ShownPicture) -> str:
+def _picture(picture: PagePicture) -> str:
     encoded, caption = base64.b64encode(picture.png_bytes).decode("ascii"), escape(picture.caption)
     return (
         f"<figure><img alt='{caption}' loading='lazy' src='data:image/png;base64,{encoded}'>"

@@ -15,31 +15,31 @@ from typing import Any, Final
 
 from anchorpose.research.experiment.config import ExperimentConfig, Scene
 from anchorpose.research.experiment.method import PROPOSED, Family
-from anchorpose.research.experiment.outcome import Outcome, Tried
 from anchorpose.research.experiment.page.page_parts import best_of, text_table
 from anchorpose.research.experiment.page.selection import left_out
-from anchorpose.research.experiment.page.tables import Table, told
+from anchorpose.research.experiment.page.tables import Table, format_estimate
 from anchorpose.research.experiment.page.verdict import Claim, Verdict
+from anchorpose.research.experiment.results import ExperimentResults, TriedSetting
 
 SETTINGS_KEY = "settings"
 
 
-def tried_settings(outcome: Outcome) -> list[tuple[str, Tried]]:
+def tried_settings(results: ExperimentResults) -> list[tuple[str, TriedSetting]]:
     """(title of the method, setting), method by method, the best first."""
-    titles = {method.key: method.title for method in outcome.methods}
+    titles = {method.key: method.title for method in results.methods}
     return [
         (titles.get(key, key), one)
-        for key, tried in outcome.tried
+        for key, tried in results.tried
         for one in sorted(tried, key=lambda one: (not one.chosen, one.score_mm))
     ]
 
 
-def settings_csv(outcome: Outcome) -> str:
+def settings_csv(results: ExperimentResults) -> str:
     """One line a setting."""
     out = io.StringIO()
     lines = csv.writer(out, lineterminator="\n")
     lines.writerow(["method", "setting", "score_mm", "chosen"])
-    for key, tried in outcome.tried:
+    for key, tried in results.tried:
         for one in tried:
             score = "" if one.score_mm != one.score_mm else f"{one.score_mm:.6g}"
             lines.writerow([key, one.setting, score, "yes" if one.chosen else "no"])
@@ -68,11 +68,11 @@ LIMITS: Final = (
 )
 
 
-def summary_html(outcome: Outcome, claims: Sequence[Claim], tables: Sequence[Table]) -> str:
+def summary_html(results: ExperimentResults, claims: Sequence[Claim], tables: Sequence[Table]) -> str:
     """One sentence on the claims and one on the errors."""
     counts = Counter(claim.verdict for claim in claims)
     said = ", ".join(f"{counts[verdict]} {_plural(verdict, counts[verdict])}" for verdict in Verdict if counts[verdict])
-    return f"<p>{escape(f'Of {len(claims)} claims, {said}.')}</p>{_errors(outcome, tables)}"
+    return f"<p>{escape(f'Of {len(claims)} claims, {said}.')}</p>{_errors(results, tables)}"
 
 
 def _plural(verdict: Verdict, count: int) -> str:
@@ -80,7 +80,7 @@ def _plural(verdict: Verdict, count: int) -> str:
     return str(verdict) if count == 1 else words.get(verdict, str(verdict))
 
 
-def _errors(outcome: Outcome, tables: Sequence[Table]) -> str:
+def _errors(results: ExperimentResults, tables: Sequence[Table]) -> str:
     """The proposed method and the best of each other kind with the largest hole."""
     errors = next((table for table in tables if table.key == "result1_same_frames"), None)
     if errors is None:
@@ -88,8 +88,8 @@ def _errors(outcome: Outcome, tables: Sequence[Table]) -> str:
     first, last = errors.columns[0], errors.columns[-1]
     chosen = [PROPOSED, *(_best(errors, last.key, family) for family in Family if family is not Family.PROPOSED)]
     lines = [
-        f"{method.title}: {told(errors.value(method.key, first.key), first.unit)} and "
-        f"{told(errors.value(method.key, last.key), last.unit)}"
+        f"{method.title}: {format_estimate(errors.value(method.key, first.key), first.unit)} and "
+        f"{format_estimate(errors.value(method.key, last.key), last.unit)}"
         for key in chosen
         for method in errors.methods
         if method.key == key
@@ -104,9 +104,9 @@ def _best(errors: Table, column: str, family: Family) -> str | None:
     return best_of(errors, column, [method.key for method in errors.methods if method.family is family])
 
 
-def run_html(outcome: Outcome) -> str:
+def run_html(results: ExperimentResults) -> str:
     """Recordings, holes, methods with their sources, and how settings were chosen."""
-    config = outcome.config
+    config = results.config
     others = ", ".join(scene for scene in config.scenes if scene is not Scene.PAPER)
     holes = ", ".join(f"{hole:g} m" for hole in config.holes_m if hole)
     facts = [
@@ -120,44 +120,44 @@ def run_html(outcome: Outcome) -> str:
         f"Other scenes: {others or 'none'}; {config.scene_recordings} recordings of {config.scene_seconds:g} s each.",
         f"Reference movements: {config.training_samples} frames of other recordings.",
     ]
-    lost, segments = left_out(outcome)
+    lost, segments = left_out(results)
     if lost:
         facts.append(
             f"{lost} of the {segments} segments of the simulated recordings were left out, for all methods: the "
             "tracker that they start from had lost the patient there."
         )
-    if outcome.real is not None:
+    if results.real is not None:
         facts.append(
-            f"Real recordings: the folder {outcome.real.name}. Intervals take each recording for another person’s; "
+            f"Real recordings: the folder {results.real.name}. Intervals take each recording for another person’s; "
             "where several are of one, they are too narrow."
         )
     listed = "".join(f"<li>{escape(fact)}</li>" for fact in facts)
-    failed = "".join(f"<li>{escape(sentence)}</li>" for sentence in outcome.failed)
+    failed = "".join(f"<li>{escape(sentence)}</li>" for sentence in results.failed)
     unused = f"<p class='missing'>Not used:</p><ul>{failed}</ul>" if failed else ""
-    return f"<ul>{listed}</ul>{unused}{_methods(outcome)}{_settings(outcome)}"
+    return f"<ul>{listed}</ul>{unused}{_methods(results)}{_settings(results)}"
 
 
 def _sample_frames(config: ExperimentConfig) -> int:
     return (config.segment_frames - 1) * config.sampled_segments * min(config.sampled_recordings, config.recordings)
 
 
-def _methods(outcome: Outcome) -> str:
+def _methods(results: ExperimentResults) -> str:
     rows = [
         (method.title, method.family, "sampled" if method.sampled else "all", method.source or "this project")
-        for method in outcome.methods
+        for method in results.methods
     ]
     return text_table("Methods", ("method", "kind", "frames", "source"), rows)
 
 
-def _settings(outcome: Outcome) -> str:
-    if not outcome.tried:
+def _settings(results: ExperimentResults) -> str:
+    if not results.tried:
         return "<p>No settings were tried: every method ran with its first.</p>"
     rows = [
         (title, one.setting, f"{one.score_mm:.1f}", "chosen" if one.chosen else "")
-        for title, one in tried_settings(outcome)
+        for title, one in tried_settings(results)
     ]
     what = (
-        f"Settings were chosen on {outcome.config.training_recordings} training recordings, which nothing is tested on:"
+        f"Settings were chosen on {results.config.training_recordings} training recordings, which nothing is tested on:"
         " for each method the setting of its grid with the smallest mean distance of matches from the truth, a node "
         "without a match counting as a bad one."
     )
@@ -165,19 +165,19 @@ def _settings(outcome: Outcome) -> str:
     return f"<p>{escape(what)}</p><details><summary>Settings tried</summary>{table}</details>"
 
 
-def limits_html(outcome: Outcome) -> str:
+def limits_html(results: ExperimentResults) -> str:
     """What these figures cannot say."""
-    config = outcome.config
+    config = results.config
     seconds = (config.segment_frames - 1) / config.fps
     own = f"A segment is followed for {seconds:.2g} s: what drifts slower than that is not seen."
     return f"<ul>{''.join(f'<li>{escape(line)}</li>' for line in (*LIMITS[:3], own, *LIMITS[3:]))}</ul>"
 
 
-def again_html(outcome: Outcome) -> str:
+def again_html(results: ExperimentResults) -> str:
     """The command, and the configuration as the file that it reads."""
-    real = " --real FOLDER" if outcome.real is not None else ""
+    real = " --real FOLDER" if results.real is not None else ""
     lines = [
-        f"{field.name} = {_toml(getattr(outcome.config, field.name))}" for field in dataclasses.fields(outcome.config)
+        f"{field.name} = {_toml(getattr(results.config, field.name))}" for field in dataclasses.fields(results.config)
     ]
     return (
         f"<pre>anchorpose experiment OUT --config experiment.toml{real}</pre><p>with experiment.toml:</p>"

@@ -10,8 +10,7 @@ import numpy as np
 
 from anchorpose.research.experiment.config import Scene
 from anchorpose.research.experiment.method import OWN, Family, Method
-from anchorpose.research.experiment.outcome import Matched, Outcome, Tracked
-from anchorpose.research.experiment.tuning import MISSED_MM
+from anchorpose.research.experiment.results import MISSED_MM, ExperimentResults, Matched, Tracked
 
 Kept = Mapping[tuple[str, float], np.ndarray]
 """Frames, in order, of each recording and size of hole."""
@@ -39,9 +38,9 @@ def frame_means(error_mm: np.ndarray) -> np.ndarray:
 class Tracking:
     """All tracked frames, to be asked for by scene, method and size of hole; recordings in the order of their names."""
 
-    def __init__(self, outcome: Outcome) -> None:
+    def __init__(self, results: ExperimentResults) -> None:
         self._runs: dict[tuple[Scene, str, float], dict[str, Tracked]] = defaultdict(dict)
-        for run in sorted(outcome.tracked, key=lambda run: run.recording):
+        for run in sorted(results.tracked, key=lambda run: run.recording):
             self._runs[run.scene, run.method, run.hole_m][run.recording] = _in_order(run)
 
     def holes(self, scene: Scene) -> list[float]:
@@ -120,10 +119,10 @@ class Tracking:
         return list(self.named_pairs(scene, one, other, occluded, kept).values())
 
 
-def left_out(outcome: Outcome) -> tuple[int, int]:
+def left_out(results: ExperimentResults) -> tuple[int, int]:
     """How many segments of the simulated recordings nobody ran on, no pose being known to start from; and of all."""
-    config, ran = outcome.config, dict[tuple[Scene, str], int]()
-    for run in outcome.tracked:
+    config, ran = results.config, dict[tuple[Scene, str], int]()
+    for run in results.tracked:
         if run.scene not in (Scene.REAL, Scene.MATCHES):
             segments = len(run.frame) // (config.segment_frames - 1)
             ran[run.scene, run.recording] = max(segments, ran.get((run.scene, run.recording), 0))
@@ -138,22 +137,22 @@ def _in_order(run: Tracked) -> Tracked:
     return replace(run, frame=run.frame[order], occluded=run.occluded[order], error_mm=run.error_mm[order])
 
 
-Window = tuple[str, float, int]
+WindowKey = tuple[str, float, int]
 """Recording, size of hole and frame."""
 
 
 class Matching:
     """All matches of the paper's scene, in the windows that all methods with matches were asked in."""
 
-    def __init__(self, outcome: Outcome) -> None:
-        self._asked: dict[str, dict[Window, Matched]] = defaultdict(dict)
-        for match in outcome.matched:
+    def __init__(self, results: ExperimentResults) -> None:
+        self._asked: dict[str, dict[WindowKey, Matched]] = defaultdict(dict)
+        for match in results.matched:
             if match.scene is Scene.PAPER:
                 self._asked[match.method][match.recording, match.hole_m, match.frame] = match
-        self.methods = [method for method in outcome.methods if method.key in self._asked]
+        self.methods = [method for method in results.methods if method.key in self._asked]
         self._direct = {method.key for method in self.methods if not method.several}
         windows = [set(asked) for asked in self._asked.values()]
-        self.windows: list[Window] = sorted(set.intersection(*windows)) if windows else []
+        self.windows: list[WindowKey] = sorted(set.intersection(*windows)) if windows else []
 
     def holes(self) -> list[float]:
         """Sizes of hole in metres; 0 is none."""
@@ -184,12 +183,12 @@ def tree_mm(match: Matched) -> np.ndarray:
     return match.tree_mm
 
 
-def charged_mm(match: Matched) -> np.ndarray:
+def penalised_mm(match: Matched) -> np.ndarray:
     """After the tree, a node without a match as far off as one that the tree gives up: answering less is not better."""
     return np.where(np.isfinite(match.tree_mm), match.tree_mm, MISSED_MM)
 
 
-def answer_of(matching: Matching, method: str) -> Callable[[Matched], np.ndarray]:
+def error_of(matching: Matching, method: str) -> Callable[[Matched], np.ndarray]:
     """What to take as a method's error: the direct match's, as the paper shows it, or the tree's without such."""
     return direct_mm if matching.has_direct(method) else tree_mm
 

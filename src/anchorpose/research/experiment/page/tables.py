@@ -215,17 +215,17 @@ def csv_text(table: Table) -> str:
     return out.getvalue()
 
 
-def told(value: Estimate, unit: Unit) -> str:
+def format_estimate(value: Estimate, unit: Unit) -> str:
     """For readers: the mean and the interval, such as "48.2 (45.0 to 51.3)"; a dash where nothing is known."""
     if np.isnan(value.mean):
         return "–"
     if np.isnan(value.low):
-        return one_told(value.mean, unit)
-    low = one_told(value.low, unit).removesuffix(" %")
-    return f"{one_told(value.mean, unit)} ({low} to {one_told(value.high, unit).removesuffix(' %')})"
+        return format_number(value.mean, unit)
+    low = format_number(value.low, unit).removesuffix(" %")
+    return f"{format_number(value.mean, unit)} ({low} to {format_number(value.high, unit).removesuffix(' %')})"
 
 
-def one_told(number: float, unit: Unit) -> str:
+def format_number(number: float, unit: Unit) -> str:
     """A number as precisely as anybody needs it; the unit is said elsewhere, but per cent."""
     match unit:
         case Unit.MM:

@@ -10,11 +10,11 @@ import numpy as np
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 from anchorpose.research.experiment.config import Scene
 from anchorpose.research.experiment.method import OWN, PROPOSED, Family, Method
-from anchorpose.research.experiment.outcome import Outcome
 from anchorpose.research.experiment.page.selection import Tracking, compared, frame_means
 from anchorpose.research.experiment.page.tables import Estimate, Unit, mean_over, ratio_of
 from anchorpose.research.experiment.page.tracking_tables import errors_of_all_sizes, ratio_to_none
 from anchorpose.research.experiment.page.verdict import Answer, Check, Claim, at_most, between
+from anchorpose.research.experiment.results import ExperimentResults
 
 CONSTANT: Final = 1.1  # a tenth: what "almost constant" is taken to mean
 DISTINCTIVE: Final = ("Head", "Neck")  # the paper's examples
@@ -24,11 +24,11 @@ ADEQUATE_MM: Final = 100.0  # about the width of a forearm: nearer than that a j
 
 
 class TrackingClaims:
-    """Makes each claim from an outcome."""
+    """Makes each claim from an results."""
 
-    def __init__(self, outcome: Outcome) -> None:
-        self._tracking, self._resamples = Tracking(outcome), outcome.config.resamples
-        self._methods = self._tracking.ran(Scene.PAPER, compared(outcome.methods))
+    def __init__(self, results: ExperimentResults) -> None:
+        self._tracking, self._resamples = Tracking(results), results.config.resamples
+        self._methods = self._tracking.ran(Scene.PAPER, compared(results.methods))
         self._holes = self._tracking.holes(Scene.PAPER)
 
     def all(self) -> list[Claim]:
@@ -129,7 +129,7 @@ class TrackingClaims:
             "local-distinctive", "Fig. “result2” and its caption",
             "Local features are good only at distinctive places, such as head and neck.",
             f"Error at head and neck at most {CLEARLY_LESS} times that at the other joints, over all sizes.",
-            tuple(checks), self._spread_told(self._of(Family.PROPOSED)),
+            tuple(checks), self._spread_lines(self._of(Family.PROPOSED)),
         )  # fmt: skip
 
     def proposed_similar(self) -> Claim:
@@ -144,7 +144,7 @@ class TrackingClaims:
             "proposed-similar", "Fig. “result2” and its caption",
             "The proposed feature has similar errors at all joints.",
             f"The worst joint’s error at most {SIMILAR:g} times the best one’s, over all sizes.",
-            tuple(checks), self._spread_told(self._of(Family.LOCAL, Family.SPECTRAL)),
+            tuple(checks), self._spread_lines(self._of(Family.LOCAL, Family.SPECTRAL)),
         )  # fmt: skip
 
     def _spread(self, method: Method) -> tuple[str, Estimate]:
@@ -156,15 +156,15 @@ class TrackingClaims:
         value = ratio_of([e[:, [worst]] for e in errors], [e[:, [best]] for e in errors], self._resamples)
         return f"{method.title}, {JOINT_NAMES[worst]} over {JOINT_NAMES[best]}", value
 
-    def _spread_told(self, methods: Sequence[Method]) -> tuple[str, ...]:
-        return tuple(Check(*self._spread(method), Unit.RATIO, Answer.OPEN).told() for method in methods)
+    def _spread_lines(self, methods: Sequence[Method]) -> tuple[str, ...]:
+        return tuple(Check(*self._spread(method), Unit.RATIO, Answer.OPEN).text() for method in methods)
 
     def proposed_adequate(self) -> Claim:
         """Fig. mhtjoints."""
         checks = []
         for hole in self._holes:
             value = mean_over(list(self._tracking.errors(Scene.PAPER, PROPOSED, hole).values()), self._resamples)
-            what = f"mean joint error, {_told_hole(hole)}"
+            what = f"mean joint error, {_hole_text(hole)}"
             checks.append(Check(what, value, Unit.MM, at_most(value, ADEQUATE_MM)))
         return Claim(
             "proposed-adequate", "Fig. “mhtjoints”, Section V-A",
@@ -182,7 +182,7 @@ class TrackingClaims:
                 if occluded and hole == 0:
                     continue
                 value = difference(self._tracking, key, method.key, hole, self._resamples, occluded)
-                what = f"less {method.title}, {_told_hole(hole)}"
+                what = f"less {method.title}, {_hole_text(hole)}"
                 checks.append(Check(what, value, Unit.MM, below_zero(value)))
         return checks
 
@@ -207,5 +207,5 @@ def below_zero(value: Estimate) -> Answer:
     return Answer.NO if value.low >= 0 else Answer.OPEN
 
 
-def _told_hole(hole_m: float) -> str:
+def _hole_text(hole_m: float) -> str:
     return f"hole of {hole_m:.2f} m" if hole_m else "no hole"

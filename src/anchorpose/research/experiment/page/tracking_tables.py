@@ -10,7 +10,6 @@ import numpy as np
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.research.experiment.config import Scene
 from anchorpose.research.experiment.method import Method
-from anchorpose.research.experiment.outcome import Outcome
 from anchorpose.research.experiment.page.selection import Kept, Tracking, ablated, compared, frame_means
 from anchorpose.research.experiment.page.tables import (
     Column,
@@ -23,6 +22,7 @@ from anchorpose.research.experiment.page.tables import (
     mean_over,
     ratio_of,
 )
+from anchorpose.research.experiment.results import ExperimentResults
 
 Groups = list[np.ndarray]
 
@@ -36,20 +36,20 @@ OTHER_HOLES = (Scene.MATCHES, Scene.LOOSE, Scene.REAL)
 """Scenes beyond the paper's in which holes are cut too."""
 
 
-def tracking_tables(outcome: Outcome) -> list[Table]:
+def tracking_tables(results: ExperimentResults) -> list[Table]:
     """Of the paper's scene, of all scenes, and of the ablation, in both forms where some methods ran on a sample."""
-    tracking = Tracking(outcome)
+    tracking = Tracking(results)
     tables = []
     for frames in (Frames.SAME, Frames.ALL):  # comparisons first
-        tables += [*_paper_tables(outcome, tracking, frames), _scene_table(outcome, tracking, frames)]
-        tables += [_other_holes(outcome, tracking, frames, scene) for scene in OTHER_HOLES]
-    tables.append(_ablation_table(outcome, tracking))
+        tables += [*_paper_tables(results, tracking, frames), _scene_table(results, tracking, frames)]
+        tables += [_other_holes(results, tracking, frames, scene) for scene in OTHER_HOLES]
+    tables.append(_ablation_table(results, tracking))
     return [table for table in tables if table.rows]
 
 
-def _paper_tables(outcome: Outcome, tracking: Tracking, frames: Frames) -> list[Table]:
-    scene, resamples = Scene.PAPER, outcome.config.resamples
-    methods = _methods(outcome, tracking, scene, frames)
+def _paper_tables(results: ExperimentResults, tracking: Tracking, frames: Frames) -> list[Table]:
+    scene, resamples = Scene.PAPER, results.config.resamples
+    methods = _methods(results, tracking, scene, frames)
     kept = tracking.shared(scene, methods) if frames is Frames.SAME else None
     mean = partial(mean_over, resamples=resamples)
     deviation = partial(deviation_over, resamples=resamples)
@@ -76,17 +76,17 @@ def _paper_tables(outcome: Outcome, tracking: Tracking, frames: Frames) -> list[
     ]  # fmt: skip
 
 
-def _other_holes(outcome: Outcome, tracking: Tracking, frames: Frames, scene: Scene) -> Table:
+def _other_holes(results: ExperimentResults, tracking: Tracking, frames: Frames, scene: Scene) -> Table:
     """What the paper's "result1" would be in another scene."""
-    methods = _methods(outcome, tracking, scene, frames)
+    methods = _methods(results, tracking, scene, frames)
     kept = tracking.shared(scene, methods) if frames is Frames.SAME else None
-    rows = _by_size(tracking, methods, kept, partial(mean_over, resamples=outcome.config.resamples), scene=scene)
+    rows = _by_size(tracking, methods, kept, partial(mean_over, resamples=results.config.resamples), scene=scene)
     title = f"Mean joint error by size of hole, mm, scene “{scene}”"
     return _table(f"{scene}_by_size", title, "hole_m", frames, _note(frames, methods, kept), rows)
 
 
-def _methods(outcome: Outcome, tracking: Tracking, scene: Scene, frames: Frames) -> list[Method]:
-    ran = tracking.ran(scene, compared(outcome.methods))
+def _methods(results: ExperimentResults, tracking: Tracking, scene: Scene, frames: Frames) -> list[Method]:
+    ran = tracking.ran(scene, compared(results.methods))
     return ran if frames is Frames.SAME else [method for method in ran if not method.sampled]
 
 
@@ -161,15 +161,15 @@ def ratio_to_none(
     return ratio_of([with_hole for with_hole, _ in pairs], [without for _, without in pairs], resamples)
 
 
-def _scene_table(outcome: Outcome, tracking: Tracking, frames: Frames) -> Table:
-    rows, all_methods = [], compared(outcome.methods)
+def _scene_table(results: ExperimentResults, tracking: Tracking, frames: Frames) -> Table:
+    rows, all_methods = [], compared(results.methods)
     for method in all_methods:
         for scene in Scene:
-            methods = _methods(outcome, tracking, scene, frames)
+            methods = _methods(results, tracking, scene, frames)
             if method not in methods:
                 continue
             kept = tracking.shared(scene, methods) if frames is Frames.SAME else None
-            rows += _in_scene(tracking, scene, method, kept, outcome.config.resamples)
+            rows += _in_scene(tracking, scene, method, kept, results.config.resamples)
     note = ALL_NOTE if frames is Frames.ALL else f"{SAME_NOTE} Scene by scene."
     return _table("scenes", "Mean joint error by scene, mm", "scene", frames, note, rows)
 
@@ -184,8 +184,8 @@ def _in_scene(tracking: Tracking, scene: Scene, method: Method, kept: Kept | Non
     ]  # fmt: skip
 
 
-def _ablation_table(outcome: Outcome, tracking: Tracking) -> Table:
-    methods = ablated(outcome.methods)
+def _ablation_table(results: ExperimentResults, tracking: Tracking) -> Table:
+    methods = ablated(results.methods)
     rows = []
     if any(len(tracking.ran(scene, methods)) > 1 for scene in Scene):
         for method in methods:
@@ -193,7 +193,7 @@ def _ablation_table(outcome: Outcome, tracking: Tracking) -> Table:
                 together = tracking.ran(scene, methods)
                 if len(together) > 1 and method in together:
                     kept = tracking.shared(scene, together)
-                    rows += _in_scene(tracking, scene, method, kept, outcome.config.resamples)
+                    rows += _in_scene(tracking, scene, method, kept, results.config.resamples)
     note = "Each ingredient of the tracker switched off by itself; the same frames for all of its forms."
     return Table("ablation", "What each ingredient of the own tracker brings: mean joint error, mm", "scene", note,
                  tuple(rows))  # fmt: skip

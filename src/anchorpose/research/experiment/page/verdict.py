@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 
-from anchorpose.research.experiment.page.tables import Estimate, Unit, told
+from anchorpose.research.experiment.page.tables import Estimate, Unit, format_estimate
 
 
 class Answer(StrEnum):
@@ -37,10 +40,10 @@ class Check:
     unit: Unit
     answer: Answer
 
-    def told(self) -> str:
+    def text(self) -> str:
         """For readers."""
         unit = {Unit.MM: " mm", Unit.SECONDS: " s"}.get(self.unit, "")
-        return f"{self.what}: {told(self.value, self.unit)}{unit if np.isfinite(self.value.mean) else ''}"
+        return f"{self.what}: {format_estimate(self.value, self.unit)}{unit if np.isfinite(self.value.mean) else ''}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,3 +109,32 @@ def measured(value: float, bound: float) -> Answer:
     if np.isnan(value):
         return Answer.OPEN
     return Answer.YES if value <= bound else Answer.NO
+
+
+def claims_json(claims: Sequence[Claim]) -> str:
+    """With every comparison; null where a number is not known."""
+    return json.dumps([_claim(claim) for claim in claims], indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _claim(claim: Claim) -> dict[str, Any]:
+    return {
+        "key": claim.key,
+        "place": claim.place,
+        "claim": claim.text,
+        "rule": claim.rule,
+        "verdict": str(claim.verdict),
+        "checks": [_check(check) for check in claim.checks],
+        "context": list(claim.context),
+    }
+
+
+def _check(check: Check) -> dict[str, Any]:
+    value = check.value
+    numbers = {"mean": value.mean, "low": value.low, "high": value.high}
+    return {
+        "what": check.what,
+        "answer": str(check.answer),
+        "unit": str(check.unit),
+        **{name: None if math.isnan(number) else round(number, 6) for name, number in numbers.items()},
+        "recordings": value.count,
+    }

@@ -3,53 +3,78 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
+from typing import Final
 
+import numpy as np
+
+from anchorpose.errors import AnchorposeError
+from anchorpose.geodesics.distance import geodesic_distance, geodesic_distance_to_set
+from anchorpose.geodesics.extrema import surface_center
 from anchorpose.recording.recording import Recording
+from anchorpose.research.experiment.clips import Clip
 from anchorpose.research.experiment.correspondence import Skin
+from anchorpose.research.experiment.framework import Reference, paper_run
+from anchorpose.research.experiment.matching import take_window
 from anchorpose.research.experiment.method import PROPOSED, Method
-from anchorpose.research.experiment.pictures.canvas import Picture, View, as_png, own_style, upright_view
+from anchorpose.research.experiment.pictures.canvas import (
+    Moment,
+    Picture,
+    View,
+    as_png,
+    default_style,
+    take_moment,
+    taken_pixels,
+    upright_view,
+)
 from anchorpose.research.experiment.pictures.hypotheses import hypothesis_pictures
 from anchorpose.research.experiment.pictures.matches import match_pictures, pairs_of
-from anchorpose.research.experiment.pictures.moments import Moment, Stage, set_stage, take_moment, taken_pixels
-from anchorpose.research.experiment.pictures.regions import Holed, region_pictures
+from anchorpose.research.experiment.pictures.regions import HoledFrame, region_pictures
 from anchorpose.research.experiment.pictures.tracked import follow, tracked_picture
-from anchorpose.research.experiment.reference import Reference
+from anchorpose.research.experiment.plan import Plan, PlanSpec
+from anchorpose.research.experiment.results import PaperTimes
+from anchorpose.research.experiment.work import PreparedClip, prepare_clip, with_holes
+from anchorpose.research.geodesic_solvers import Solver, solve_distance
+from anchorpose.results.folder import whole_or_nothing
+from anchorpose.surface.mesh import edges
+from anchorpose.surface.patient_surface import patient_surface
+from anchorpose.surface.surface import Surface
+from anchorpose.threads import one_thread
+from anchorpose.tracker.run import Run
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Sitting:
-    """What is drawn from: the recording as it is and pierced, and the frames before and with the hole in both."""
+class _Sources:
+    """What the pictures show: the frame before the hole and the next one, without and with the hole; run: with it."""
 
     view: View
     skin: Skin
+    reference: Reference
     whole: Moment
     hole: Moment
-    pierced: Stage
+    run: Run
 
 
-def write_pictures(
-    folder: Path, recording: Recording, pierced: Recording, reference: Reference, skin: Skin, hole_frame: int,
-    methods: Sequence[Method], settings: Mapping[str, object], motions: Path,
-) -> None:  # fmt: skip
-    """Write *.png and pictures.json into a folder, a list of {"file", "caption", "section"} in the order to be shown.
+def write_pictures(folder: Path, prepared: PreparedClip, holed: Recording, hole_frame: int, plan: Plan) -> None:
+    """Write *.png and pictures.json into a folder, a list of {"file", "caption", "section"} in the order of the page.
 
-    recording: simulated, ``skin`` is its truth; pierced: a copy with holes, one of them in ``hole_frame``, a position,
-    and none in the frame before. settings: the chosen one of each method by its key. motions: the reference movements.
-    Raises ValueError where the patient is not known in the frame before the hole; MissingPackage without matplotlib.
+    prepared: of a simulated recording; holed: its copy with holes, one of them in ``hole_frame``, a position, and none
+    in the frame before. Raises ValueError where the patient was not found in the frame before the hole; MissingPackage
+    without matplotlib.
     """
-    with own_style():
-        sitting = _sit(recording, pierced, reference, skin, hole_frame, motions)
-        seen = sitting.whole.window.observations[1]
-        taken = taken_pixels(recording, pierced, hole_frame)
-        holed = Holed(f"Frame {hole_frame}", seen.whole, seen.anchors, taken, reference.centre_m[hole_frame])
+    with default_style():
+        sources, centre_m = _prepare_sources(prepared, holed, hole_frame, plan.movements), prepared.reference.centre_m
+        seen = sources.whole.window.observations[1]
+        taken = taken_pixels(prepared.recording, holed, hole_frame)
+        frame = HoledFrame(f"Frame {hole_frame}", seen.whole, seen.anchors, taken, centre_m[hole_frame])
         pictures = chain(
-            _matches(sitting, methods, settings),
-            _proposed(sitting, methods, settings, hole_frame - 1),
-            region_pictures(sitting.view, holed),
+            _matches(sources, plan.methods, plan.settings),
+            _proposed(sources, plan.methods, plan.settings, hole_frame - 1),
+            region_pictures(sources.view, frame),
         )
         contents = [write_picture(folder, picture) for picture in pictures]
     (folder / "pictures.json").write_text(json.dumps(contents, indent=1) + "\n", encoding="utf-8")
@@ -61,23 +86,24 @@ def write_picture(folder: Path, picture: Picture) -> dict[str, str]:
     return {"file": picture.file, "caption": picture.caption, "section": picture.section}
 
 
-def _sit(
-    recording: Recording, pierced: Recording, reference: Reference, skin: Skin, hole_frame: int, motions: Path
-) -> _Sitting:
-    if hole_frame < 1:
+def _prepare_sources(prepared: PreparedClip, holed: Recording, hole_frame: int, movements: Path) -> _Sources:
+    reference, skin, frame = prepared.reference, prepared.skin, hole_frame - 1
+    if frame < 0:
         raise ValueError(f"hole_frame must have a frame before it, got {hole_frame}")
-    stages = [set_stage(each, reference, motions) for each in (recording, pierced)]
-    whole = take_moment(stages[0], skin, hole_frame - 1, "whole", "Nothing hidden")
-    hole = take_moment(stages[1], skin, hole_frame - 1, "hole", "With a hole in the second frame")
-    return _Sitting(upright_view(stages[0].room.cameras[0]), skin, whole, hole, stages[1])
+    if skin is None:
+        raise ValueError("only a simulated recording has a true correspondence to draw")
+    without, with_hole = (paper_run(each, movements) for each in (prepared.recording, holed))
+    whole = take_moment(frame, reference, without, skin, "whole", "Nothing hidden")
+    hole = take_moment(frame, reference, with_hole, skin, "hole", "With a hole in the second frame")
+    return _Sources(upright_view(without.room.cameras[0]), skin, reference, whole, hole, with_hole)
 
 
-def _matches(sitting: _Sitting, methods: Sequence[Method], settings: Mapping[str, object]) -> Iterator[Picture]:
-    for moment in (sitting.whole, sitting.hole):
+def _matches(sources: _Sources, methods: Sequence[Method], settings: Mapping[str, object]) -> Iterator[Picture]:
+    for moment in (sources.whole, sources.hole):
         asked = [
             pairs_of(each, settings[each.key], moment) for each in methods if _on_these_meshes(each, moment, settings)
         ]
-        yield from match_pictures(sitting.view, moment, [pairs for pairs in asked if pairs is not None])
+        yield from match_pictures(sources.view, moment, [pairs for pairs in asked if pairs is not None])
 
 
 def _on_these_meshes(method: Method, moment: Moment, settings: Mapping[str, object]) -> bool:
@@ -89,13 +115,95 @@ def _on_these_meshes(method: Method, moment: Moment, settings: Mapping[str, obje
 
 
 def _proposed(
-    sitting: _Sitting, methods: Sequence[Method], settings: Mapping[str, object], start: int
+    sources: _Sources, methods: Sequence[Method], settings: Mapping[str, object], start: int
 ) -> Iterator[Picture]:
     """Tracked joints and hypotheses of the proposed method, where it is among the methods."""
     for method in methods:
         if method.key == PROPOSED:
-            setting, stage = settings[method.key], sitting.pierced
-            frames = follow(stage, method, setting, start, sitting.skin.performance.joints_m())
-            yield tracked_picture(sitting.view, method, frames, stage.room.recording.rate_hz, start)
-            for moment in (sitting.whole, sitting.hole):
-                yield from hypothesis_pictures(sitting.view, moment, method, setting)
+            setting, run, truth_m = settings[method.key], sources.run, sources.skin.performance.joints_m()
+            frames = follow(start, sources.reference, run, method, setting, truth_m)
+            yield tracked_picture(sources.view, method, frames, run.room.recording.rate_hz, start)
+            for moment in (sources.whole, sources.hole):
+                yield from hypothesis_pictures(sources.view, moment, method, setting)
+
+
+ROUNDS: Final = 5  # of which the median counts
+
+
+def measure_times(frame: int, reference: Reference, run: Run) -> PaperTimes | None:
+    """Times of the paper's own steps on one frame, after everything was compiled; None where nobody was found in it."""
+    fine = replace(run.config.surface, step=1)
+    window = take_window(frame, reference, run)
+    if window is None:
+        return None
+    views = [view for view in window.observations[0].evidence.views if view is not None]
+
+    def mesh() -> Surface:
+        return patient_surface(views, run.room.cameras, None, fine)
+
+    surface = mesh()
+    sources = _five(surface)
+    return PaperTimes(
+        nodes=len(surface),
+        edges=len(edges(surface)),
+        mesh_s=_median_s(mesh),
+        feature_s=_median_s(lambda: geodesic_distance(surface, sources)),
+        dijkstra_s=_median_s(lambda: solve_distance(surface, sources, solver=Solver.DIJKSTRA)),
+    )
+
+
+def _five(surface: Surface) -> np.ndarray:
+    """Five nodes far from the centre and from each other, as anchors are."""
+    chosen = [surface_center(surface)]
+    for _ in range(5):
+        field = geodesic_distance_to_set(surface, np.array(chosen))
+        chosen.append(int(np.argmax(np.where(np.isfinite(field), field, -1.0))))
+    return np.array(chosen[1:])
+
+
+def _median_s(work: Callable[[], object]) -> float:
+    took = []
+    for _ in range(ROUNDS):
+        start = time.process_time()
+        work()
+        took.append(time.process_time() - start)
+    return float(np.median(took))
+
+
+def show(out: Path, spec: PlanSpec, trainers: Sequence[Clip]) -> tuple[PaperTimes | None, tuple[str, ...]]:
+    """Writes ``out / pictures``, empty where nothing can be shown; the times, and a sentence for each failed recording.
+
+    Of the training recordings the last on which it can be done: its movements are the fastest.
+    """
+    plan, times, failed = spec.plan(), None, list[str]()
+    with whole_or_nothing(out / "pictures") as folder, one_thread():
+        for clip in reversed(trainers):
+            try:
+                times = _show_one(folder.parent / folder.name, plan, clip)
+            except AnchorposeError as error:
+                failed.append(f"{clip.name} is not shown: {error}")
+                continue
+            break
+    return times, tuple(failed)
+
+
+def _show_one(folder: Path, plan: Plan, clip: Clip) -> PaperTimes | None:
+    middle = sorted(plan.config.holes_m)[len(plan.config.holes_m) // 2]
+    with prepare_clip(clip, plan) as prepared, with_holes(prepared, middle) as (holed, cut):
+        if not prepared.starts:
+            return None
+        times = measure_times(prepared.starts[0], prepared.reference, paper_run(prepared.recording, plan.movements))
+        frame = _moving_frame(prepared, cut)
+        if prepared.skin is not None and frame is not None:
+            write_pictures(folder, prepared, holed, frame, plan)
+    return times
+
+
+def _moving_frame(prepared: PreparedClip, cut: np.ndarray) -> int | None:
+    """Of the frames with a hole whose frame before has none, the one that the body has moved most to."""
+    found = prepared.reference.found
+    fits = np.flatnonzero(cut[1:-3] & ~cut[:-4] & found[1:-3] & found[:-4]) + 1
+    if len(fits) == 0:
+        return None
+    moved = np.linalg.norm(np.diff(prepared.reference.joints_m, axis=0), axis=2).mean(axis=1)
+    return int(fits[np.argmax(moved[fits - 1])])

@@ -14,8 +14,14 @@ from anchorpose.camera import Camera
 from anchorpose.errors import MissingPackage
 from anchorpose.pages import canvas as colours
 from anchorpose.pages.canvas import as_hex
+from anchorpose.recording.reader import read_frame
+from anchorpose.recording.recording import Recording
+from anchorpose.research.experiment.correspondence import Skin, TruePlaces
+from anchorpose.research.experiment.framework import Reference
+from anchorpose.research.experiment.matching import Window, take_window
 from anchorpose.surface.mesh import faces
 from anchorpose.surface.surface import Surface
+from anchorpose.tracker.run import Run
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -69,7 +75,7 @@ def upright_view(camera: Camera) -> View:
 
 
 @contextmanager
-def own_style() -> Iterator[None]:
+def default_style() -> Iterator[None]:
     """Within it no file of the user's decides what a figure looks like. Raises MissingPackage without matplotlib."""
     try:
         import matplotlib
@@ -140,3 +146,36 @@ def apart_m(view: View, one: Surface, other: Surface) -> float:
     if len(one) == 0 or len(other) == 0:
         return 1.0
     return float(view.flat_m(one.points_m)[:, 0].max() - view.flat_m(other.points_m)[:, 0].min()) + 0.15
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moment:
+    """Two frames. name: in files; title: in captions; truth: where the first frame's nodes are in the second."""
+
+    name: str
+    title: str
+    window: Window
+    truth: TruePlaces
+
+    @property
+    def surfaces(self) -> tuple[Surface, Surface]:
+        """What is seen of the patient in either frame."""
+        return self.window.observations[0].surface, self.window.observations[1].surface
+
+
+def take_moment(frame: int, reference: Reference, run: Run, skin: Skin, name: str, title: str) -> Moment:
+    """The frame and the next one; ValueError where the patient is not known there."""
+    window = take_window(frame, reference, run)
+    if window is None:
+        raise ValueError(f"the patient is not known in frame {frame}, or not seen in the next: choose another one")
+    before, after = (seen.surface.points_m.astype(np.float64) for seen in window.observations[:2])
+    return Moment(name, title, window, skin.follow(before, frame, frame + 1, after))
+
+
+def taken_pixels(whole: Recording, pierced: Recording, frame: int) -> np.ndarray:
+    """(height, width) bool: what the first camera's picture lost to the hole."""
+    pictures = [read_frame(recording, frame).depths_m[0] for recording in (whole, pierced)]
+    if pictures[0] is None or pictures[1] is None:
+        raise ValueError(f"the first camera has no picture of frame {frame}")
+    taken: np.ndarray = (pictures[0] > 0) & (pictures[1] == 0)
+    return taken

@@ -9,10 +9,9 @@ import numpy as np
 from anchorpose.geodesics.anchors import ANCHOR_NAMES
 from anchorpose.pages import canvas as colours
 from anchorpose.pages.canvas import as_hex
-from anchorpose.research.experiment.matching import Matches, ask
+from anchorpose.research.experiment.matching import Matches, match_window
 from anchorpose.research.experiment.method import Method
-from anchorpose.research.experiment.pictures.canvas import Picture, View, apart_m, blank_figure, frame_axes
-from anchorpose.research.experiment.pictures.moments import Moment
+from anchorpose.research.experiment.pictures.canvas import Moment, Picture, View, apart_m, blank_figure, frame_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,7 +38,7 @@ def name_subset(subset: np.ndarray) -> str:
 
 def hypothesis_pictures(view: View, moment: Moment, method: Method, setting: object) -> list[Picture]:
     """Every node by the subset that the track tree chose, and all hypotheses of a few nodes."""
-    said = ask(method, setting, moment.window)
+    said = match_window(method, setting, moment.window)
     figure = blank_figure(8.4, 4.4)
     draw_chosen(figure.add_subplot(), view, moment, said)
     figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside right center", markerscale=2.5)

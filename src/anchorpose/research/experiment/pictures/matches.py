@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from anchorpose.research.experiment.matching import Matches, ask
+from anchorpose.research.experiment.matching import Matches, match_window
 from anchorpose.research.experiment.method import Family, Method
 from anchorpose.research.experiment.pictures.canvas import (
     BLUE,
     VERMILLION,
+    Moment,
     Picture,
     View,
     apart_m,
@@ -21,7 +22,6 @@ from anchorpose.research.experiment.pictures.canvas import (
     draw_mesh,
     frame_axes,
 )
-from anchorpose.research.experiment.pictures.moments import Moment
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -63,7 +63,7 @@ def pairs_of(method: Method, setting: object, moment: Moment) -> Pairs | None:
     """What a method pairs; None for one that makes no pairs by intention."""
     if method.associate is None:
         return None
-    said = ask(method, setting, moment.window)
+    said = match_window(method, setting, moment.window)
     match, by_tree = chosen_match(said)
     if method.family is Family.NONE and not (match >= 0).any():
         return None
@@ -120,7 +120,9 @@ def match_pictures(view: View, moment: Moment, pairs: Sequence[Pairs]) -> list[P
     for number, each in enumerate(in_paper_order(pairs)):
         axes = sheet.add_subplot(rows, COLUMNS, number + 1)
         draw_pairs(axes, view, moment, each)
-        axes.set_title(f"{textwrap.shorten(each.title, TITLE_LETTERS, placeholder=' ...')}\n{told(each, moment)}")
+        axes.set_title(
+            f"{textwrap.shorten(each.title, TITLE_LETTERS, placeholder=' ...')}\n{describe_pairs(each, moment)}"
+        )
     pictures.append(
         Picture(
             f"matches-{moment.name}.png",
@@ -151,10 +153,10 @@ def draw_pairs(axes: Axes, view: View, moment: Moment, pairs: Pairs) -> None:
     bare = node[pairs.match[node] < 0]
     axes.plot(*start[bare].T, "o", markerfacecolor="none", markeredgecolor="black", markersize=4)
     frame_axes(axes, view, [(before, 0.0), (after, shift_m)])
-    axes.set_title(f"{pairs.title}\n{told(pairs, moment)}")
+    axes.set_title(f"{pairs.title}\n{describe_pairs(pairs, moment)}")
 
 
-def told(pairs: Pairs, moment: Moment) -> str:
+def describe_pairs(pairs: Pairs, moment: Moment) -> str:
     """How many of the nodes whose true place is seen are paired right, wrong and not at all."""
     seen = moment.truth.seen
     if not seen.any():

@@ -116,7 +116,7 @@ COLOURS: Final = (
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Holed:
+class HoledFrame:
     """A frame that shows the patient whole, and what the hole takes of it. taken (height, width) bool: pixels of the
     first camera; centre_m (3,): of the hole, world."""
 
@@ -144,7 +144,7 @@ class Holed:
         return int(self.anchors.node[ANCHOR_NAMES.index(anchor)])
 
 
-def lights_of(holed: Holed, hidden: np.ndarray) -> dict[str, Light]:
+def lights_of(holed: HoledFrame, hidden: np.ndarray) -> dict[str, Light]:
     """What hiding nodes (n,) bool does to distances from each anchor that was found and is seen; none if it hides no
     node or all of them."""
     if not hidden.any() or hidden.all():
@@ -154,7 +154,7 @@ def lights_of(holed: Holed, hidden: np.ndarray) -> dict[str, Light]:
     return {name: light_from(occlusion, node) for name, node in nodes.items() if node >= 0 and not hidden[node]}
 
 
-def region_pictures(view: View, holed: Holed) -> list[Picture]:
+def region_pictures(view: View, holed: HoledFrame) -> list[Picture]:
     """The anchor whose distances the hole distorts most, all anchors, and the paper's sizes of hole."""
     lights = lights_of(holed, holed.hidden)
     if not lights:
@@ -163,7 +163,7 @@ def region_pictures(view: View, holed: Holed) -> list[Picture]:
     return [_one(view, holed, name, lights[name]), _all(view, holed, lights), _sizes(view, holed, name)]
 
 
-def _one(view: View, holed: Holed, name: str, light: Light) -> Picture:
+def _one(view: View, holed: HoledFrame, name: str, light: Light) -> Picture:
     figure = blank_figure(4.6, 5.0)
     draw_light(figure.add_subplot(), view, light, holed.node(name), TITLES[name])
     explain(figure, *figure.axes)
@@ -171,7 +171,7 @@ def _one(view: View, holed: Holed, name: str, light: Light) -> Picture:
     return Picture("regions-anchor.png", caption, SECTION, figure)
 
 
-def _all(view: View, holed: Holed, lights: dict[str, Light]) -> Picture:
+def _all(view: View, holed: HoledFrame, lights: dict[str, Light]) -> Picture:
     figure = blank_figure(9.6, 8.6)
     for number, name in enumerate(ANCHOR_NAMES):
         axes = figure.add_subplot(2, COLUMNS, number + 1)
@@ -192,7 +192,7 @@ def _all(view: View, holed: Holed, lights: dict[str, Light]) -> Picture:
     return Picture("regions.png", caption, SECTION, figure)
 
 
-def _sizes(view: View, holed: Holed, name: str) -> Picture:
+def _sizes(view: View, holed: HoledFrame, name: str) -> Picture:
     figure = blank_figure(9.6, 8.6)
     sizes = [radius_m for radius_m in PAPER_HOLES_M if radius_m > 0]
     for number, radius_m in enumerate(sizes):
@@ -202,7 +202,7 @@ def _sizes(view: View, holed: Holed, name: str) -> Picture:
             axes.set_axis_off()
             axes.set_title(f"{100 * radius_m:.0f} cm: hides no node, or the anchor")
             continue
-        draw_light(axes, view, light, holed.node(name), told(light, radius_m))
+        draw_light(axes, view, light, holed.node(name), describe_distortion(light, radius_m))
     explain(figure, *figure.axes)
     caption = (
         f"{holed.title}: what holes of the paper's sizes at the body's centre do to geodesic distances from the"
@@ -212,7 +212,7 @@ def _sizes(view: View, holed: Holed, name: str) -> Picture:
     return Picture("regions-sizes.png", caption, SECTION, figure)
 
 
-def told(light: Light, radius_m: float) -> str:
+def describe_distortion(light: Light, radius_m: float) -> str:
     """How much of what is seen the hole distorts, and how much it cuts off."""
     seen = light.distortion_m[~light.occlusion.hidden]
     cut = np.isposinf(seen).mean()

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from anchorpose.joints import LIMBS
 from anchorpose.recording.reader import read_frames
-from anchorpose.research.experiment.framework import start_at
+from anchorpose.research.experiment.framework import Reference, start_at
 from anchorpose.research.experiment.method import Method
 from anchorpose.research.experiment.pictures.canvas import (
     BLUE,
@@ -21,7 +21,6 @@ from anchorpose.research.experiment.pictures.canvas import (
     draw_mesh,
     frame_axes,
 )
-from anchorpose.research.experiment.pictures.moments import Stage
 from anchorpose.surface.surface import Surface
 from anchorpose.tracker.patient import PatientTracker
 from anchorpose.tracker.run import Run
@@ -51,19 +50,18 @@ class TrackedFrame:
 
 
 def follow(
-    stage: Stage, method: Method, setting: object, start: int, truth_m: np.ndarray, moments: int = MOMENTS
+    start: int, reference: Reference, run: Run, method: Method, setting: object, truth_m: np.ndarray
 ) -> list[TrackedFrame]:
     """A method's joints in the frame after the start and in every ``APART``-th from there. truth_m (t, 21, 3)."""
     if method.associate is None:
         raise ValueError(f"{method.key} does not run in the framework")
-    config = method.configure(stage.config, setting)
-    wanted = range(start + 1, min(start + 2 + (moments - 1) * APART, len(truth_m)), APART)
+    config = method.configure(run.config, setting)
+    wanted = range(start + 1, min(start + 2 + (MOMENTS - 1) * APART, len(truth_m)), APART)
     if not wanted:
         raise ValueError(f"no frame comes after frame {start}")
     stop = min(wanted[-1] + config.follow.look_ahead, len(truth_m))
-    frames = list(read_frames(stage.room.recording, start, stop))
-    run = Run(stage.room, config, stage.motions, associate=method.associate(setting))
-    tracker = start_at(start, frames[0], stage.reference, run)
+    frames = list(read_frames(run.room.recording, start, stop))
+    tracker = start_at(start, frames[0], reference, replace(run, config=config, associate=method.associate(setting)))
     found: list[TrackedFrame] = []
     frame = start
     for frame_set in [*frames[1:], None]:

@@ -20,7 +20,7 @@ from anchorpose.errors import AnchorposeError
 from anchorpose.research.experiment.clips import Clip
 from anchorpose.research.experiment.config import ExperimentConfig, Scene
 from anchorpose.research.experiment.method import Family, Method, load_methods
-from anchorpose.research.experiment.methods.own_tracker import ABLATED
+from anchorpose.research.experiment.methods.references import ABLATED
 from anchorpose.versions import code_digest, versions
 
 PRESENTING: Final = (
@@ -28,19 +28,18 @@ PRESENTING: Final = (
     "exports/",
     "pages/",
     "report/",
-    "research/experiment/outcome.py",
+    "research/experiment/results.py",
     "research/experiment/page/",
     "research/experiment/pictures/",
     "research/experiment/pool.py",
     "research/experiment/run.py",
-    "research/experiment/show.py",
     "viewer/",
     "viewing.py",
 )
 """Code that changes no result."""
 
 
-class Store:
+class ResultStore:
     """A folder of results, each a whole .npz file or not there."""
 
     def __init__(self, folder: Path) -> None:
@@ -65,7 +64,7 @@ class Store:
 
 
 def read(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of an answer."""
+    """The arrays of an task."""
     with np.load(path, allow_pickle=False) as file:
         return {name: file[name] for name in file.files}
 
@@ -77,7 +76,7 @@ def experiment_code() -> str:
 
 FRAMEWORK_MS = 90.0  # of one frame in the framework, whatever the method: isolation to registration
 OWN_MS = 150.0  # of one frame of the own tracker, learning included
-CROWD = {Scene.CLINIC_FRONT: 1.5, Scene.CLINIC: 3.0}  # times as much: therapists, and three cameras
+COST_FACTOR = {Scene.CLINIC_FRONT: 1.5, Scene.CLINIC: 3.0}  # times as much: therapists, and three cameras
 ABLATION_SCENES = (Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)  # holes alone are too easy to tell ingredients apart
 
 
@@ -92,7 +91,7 @@ class Kind(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Answer:
+class Task:
     """One question: a method on a clip with a size of hole; cost_s: about what it takes, of one core."""
 
     kind: Kind
@@ -104,8 +103,8 @@ class Answer:
     cost_s: float
 
     @property
-    def there(self) -> bool:
-        """Whether it is answered already."""
+    def done(self) -> bool:
+        """Whether its result is stored already."""
         return self.path.is_file()
 
 
@@ -119,10 +118,10 @@ class Plan:
     settings: Mapping[str, object]
     movements: Path
     movements_digest: str
-    store: Store
+    store: ResultStore
     training: bool = False
 
-    def answers(self, clip: Clip) -> Iterator[Answer]:
+    def tasks(self, clip: Clip) -> Iterator[Task]:
         """Everything that is asked about a clip."""
         if self.training:
             yield from self._tried(clip)
@@ -131,14 +130,14 @@ class Plan:
             for method in self.methods_on(clip):
                 setting = self.settings.get(method.key)
                 if method.associate is not None and self.has_windows(clip):
-                    yield self._answer(Kind.MATCHED, clip, hole_m, method, setting)
-                yield self._answer(Kind.TRACKED, clip, hole_m, method, setting)
+                    yield self._task(Kind.MATCHED, clip, hole_m, method, setting)
+                yield self._task(Kind.TRACKED, clip, hole_m, method, setting)
 
-    def _tried(self, clip: Clip) -> Iterator[Answer]:
+    def _tried(self, clip: Clip) -> Iterator[Task]:
         for hole_m in self.holes(clip):
             for method in self.methods:
                 for setting in method.settings if len(method.settings) > 1 else ():
-                    yield self._answer(Kind.MATCHED, clip, hole_m, method, setting)
+                    yield self._task(Kind.MATCHED, clip, hole_m, method, setting)
 
     @property
     def windows(self) -> int:
@@ -176,17 +175,17 @@ class Plan:
         """Where the reference of a clip is kept."""
         return self.store.path("reference", identity(clip))
 
-    def _answer(self, kind: Kind, clip: Clip, hole_m: float, method: Method, setting: object) -> Answer:
+    def _task(self, kind: Kind, clip: Clip, hole_m: float, method: Method, setting: object) -> Task:
         config = self.config
         how = (config.hole_share, config.segment_frames, self.windows, self.movements_digest)
         drawn = (config.sampled_segments, config.scene_segments) if is_sampled(method, clip) else ()
         alone = (Scene.MATCHES,) if clip.scene is Scene.MATCHES else ()
         what = (identity(clip), clip.drawn_by, hole_m, method.key, method.content, setting)
         path = self.store.path(kind, *what, *how, *drawn, *alone)
-        return Answer(kind, clip, hole_m, method, setting, path, self._cost_s(kind, clip, method))
+        return Task(kind, clip, hole_m, method, setting, path, self._cost_s(kind, clip, method))
 
     def _cost_s(self, kind: Kind, clip: Clip, method: Method) -> float:
-        config, crowd = self.config, CROWD.get(clip.scene, 1.0)
+        config, crowd = self.config, COST_FACTOR.get(clip.scene, 1.0)
         frames = 40 if clip.simulation is None else clip.simulation.frames  # of a real recording, before it is opened
         if kind is Kind.MATCHED:
             return crowd * self.windows * 3 * method.frame_ms / 1000.0
@@ -197,7 +196,7 @@ class Plan:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Brief:
+class PlanSpec:
     """A plan that can be sent to another process: methods by key or file, settings by number; code: its digest."""
 
     config: ExperimentConfig
@@ -217,7 +216,13 @@ class Brief:
         numbers = dict(self.chosen)
         settings = {method.key: method.settings[numbers.get(method.key, 0)] for method in methods}
         return Plan(
-            self.config, methods, settings, self.movements, self.movements_digest, Store(self.cache), self.training
+            self.config,
+            methods,
+            settings,
+            self.movements,
+            self.movements_digest,
+            ResultStore(self.cache),
+            self.training,
         )
 
 

@@ -14,7 +14,7 @@ from scipy.spatial import KDTree
 from anchorpose.association.hypotheses import GateConfig, HypothesisConfig, Matcher, anchor_subsets, match_hypotheses
 from anchorpose.geodesics.anchors import ANCHOR_NAMES, anchor_descriptor
 from anchorpose.research.experiment.framework import ANYWHERE_M, PAPER_GATE
-from anchorpose.research.experiment.method import PROPOSED, Family, Method, remembered
+from anchorpose.research.experiment.method import PROPOSED, Family, Method, cached_per_frame
 from anchorpose.research.features.nearest import nearest_descriptor
 from anchorpose.research.geodesic_solvers import Solver, solve_distance
 from anchorpose.surface.surface import SurfaceConfig
@@ -62,7 +62,7 @@ def _by_edges(setting: AnchorSetting) -> Associate:
 
     along_edges = partial(solve_distance, solver=Solver.DIJKSTRA)
 
-    @remembered
+    @cached_per_frame
     def distances(seen: Observation) -> np.ndarray:
         return anchor_descriptor(seen.whole, seen.anchors, along_edges)[: len(seen.surface)]
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -67,10 +69,10 @@ class Matched:
 
 
 @dataclass(frozen=True, slots=True)
-class Tried:
+class TriedSetting:
     """One setting of a method on the training recordings: mean distance of its matches from the truth, millimetres.
 
-    A node without a match counts as ``tuning.MISSED_MM``.
+    A node without a match counts as ``MISSED_MM``.
     """
 
     setting: str
@@ -90,7 +92,7 @@ class PaperTimes:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Outcome:
+class ExperimentResults:
     """methods: in the order of the tables; tried: the settings of each method; times: None where none were measured.
 
     failed: a sentence for each recording that could not be used, and why.
@@ -98,9 +100,38 @@ class Outcome:
 
     config: ExperimentConfig
     methods: tuple[Method, ...]
-    tried: tuple[tuple[str, tuple[Tried, ...]], ...]
+    tried: tuple[tuple[str, tuple[TriedSetting, ...]], ...]
     tracked: tuple[Tracked, ...]
     matched: tuple[Matched, ...]
     times: PaperTimes | None
     failed: tuple[str, ...]
     real: Path | None
+
+
+MISSED_MM: Final = 100.0
+"""What a node without a match counts: as much as the track tree's ``missed_cost_m``."""
+
+
+def capped_mean_mm(tree_mm: Sequence[np.ndarray]) -> float:
+    """Mean distance from the truth after the track tree, over all nodes of all windows; matches farther off than a
+    missed one count as missed: the framework registers what the tree leaves, and doubts outliers.
+
+    tree_mm: of each window (m,), NaN without a match. NaN where there are none.
+    """
+    every = np.concatenate([np.zeros(0), *(np.where(np.isfinite(e), e, MISSED_MM) for e in tree_mm)])
+    return float(np.minimum(every, MISSED_MM).mean()) if len(every) else np.nan
+
+
+def choose(settings: Sequence[object], scores_mm: Sequence[float]) -> tuple[TriedSetting, ...]:
+    """The settings with their scores; the best is chosen, of equals the first, and the first where none has a score."""
+    known = np.where(np.isfinite(scores_mm), scores_mm, np.inf)
+    best = int(np.argmin(known))
+    return tuple(
+        TriedSetting(setting_text(setting), float(value), number == best)
+        for number, (setting, value) in enumerate(zip(settings, scores_mm, strict=True))
+    )
+
+
+def setting_text(setting: object) -> str:
+    """A setting as text: what differs is in its values."""
+    return "no settings" if setting is None else repr(setting)

@@ -1,0 +1,108 @@
+"""What the descriptors are measured against: no feature at all, GMDS, and this project's own tracker."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from anchorpose.association.hypotheses import Feature, HypothesisConfig, Matcher
+from anchorpose.body.learning import LearningConfig
+from anchorpose.research.experiment.method import NO_SUBSET, OWN, Family, Method
+from anchorpose.research.features.gmds import GmdsConfig, match_by_gmds
+from anchorpose.surface.surface import SurfaceConfig
+from anchorpose.tracker.association import Associate
+from anchorpose.tracker.config import FollowConfig, TrackConfig
+from anchorpose.tracker.config import Method as Registration
+from anchorpose.tracker.observation import Observation
+from anchorpose.tracking.motion import MotionConfig, MotionRule
+
+
+def _nobody(setting: Any) -> Associate:
+    def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
+        def find(nodes: np.ndarray) -> np.ndarray:
+            return np.full((len(nodes), 1), -1, np.int32)
+
+        return Matcher(find, len(now.surface), NO_SUBSET)
+
+    return pair
+
+
+def _nearest(setting: Any) -> Associate:
+    def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
+        def find(nodes: np.ndarray) -> np.ndarray:
+            if len(following.surface) == 0:
+                return np.full((len(nodes), 1), -1, np.int32)
+            nearest = KDTree(following.surface.points_m).query(now.surface.points_m[nodes])[1]
+            return nearest.astype(np.int32)[:, None]
+
+        return Matcher(find, len(now.surface), NO_SUBSET)
+
+    return pair
+
+
+BASELINES = (
+    Method(key="none", title="no association: prediction and ICP", family=Family.NONE, source="",
+           associate=_nobody, frame_ms=1.0),
+    Method(key="nearest", title="the node nearest to where the node was", family=Family.NONE, source="",
+           associate=_nearest, frame_ms=5.0),
+)  # fmt: skip
+
+
+def _gmds(setting: Any) -> Associate:
+    def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
+        def find(nodes: np.ndarray) -> np.ndarray:
+            return match_by_gmds(now.surface, following.surface, setting)[nodes][:, None]
+
+        return Matcher(find, len(now.surface), NO_SUBSET)
+
+    return pair
+
+
+GLOBAL = (
+    Method(
+        key="gmds",
+        title="GMDS",
+        family=Family.GLOBAL,
+        source="Bronstein et al. 2006, doi:10.1073/pnas.0508601103",
+        settings=(GmdsConfig(), GmdsConfig(samples=60), GmdsConfig(cap_m=0.3)),
+        associate=_gmds,
+        frame_ms=500.0,
+    ),
+)
+
+
+ABLATION: Final[Mapping[str, tuple[str, TrackConfig]]] = {
+    "own-no-descriptor": (
+        "without the descriptor", TrackConfig(hypotheses=HypothesisConfig(feature=Feature.POSITION)),
+    ),
+    "own-no-subsets": ("without subsets of anchors", TrackConfig(hypotheses=HypothesisConfig(subset_size=5))),
+    "own-no-tree": ("without the tree", TrackConfig(follow=FollowConfig(look_ahead=1))),
+    "own-no-movements": (
+        "without reference movements", TrackConfig(motion=MotionConfig(rule=MotionRule.VELOCITY)),
+    ),
+    "own-best-movement": (
+        "with the one best movement, as in the paper", TrackConfig(motion=MotionConfig(rule=MotionRule.BEST_SUBLIST)),
+    ),
+    "own-standstill": ("without any prediction", TrackConfig(motion=MotionConfig(rule=MotionRule.STANDSTILL))),
+    "own-raw-mesh": ("without closing and cutting the mesh", TrackConfig(surface=SurfaceConfig(by_body=False))),
+    "own-mean-body": ("without the learnt body", TrackConfig(learning=LearningConfig(own_shape=False))),
+    "own-parts": ("every part by itself", TrackConfig(method=Registration.PARTS)),
+}  # fmt: skip
+"""Each ingredient of the tracker switched off, one at a time: title and configuration."""
+
+
+def _own(key: str, title: str, config: TrackConfig) -> Method:
+    def configure(_framework: TrackConfig, _setting: Any) -> TrackConfig:
+        return config
+
+    return Method(key=key, title=title, family=Family.TRACKER, source="", configure=configure, sampled=False)
+
+
+OWN_TRACKER = (_own(OWN, "anchorpose", TrackConfig()),)
+ABLATED = tuple(_own(key, f"anchorpose {title}", config) for key, (title, config) in ABLATION.items())
+
+
+METHODS = (*BASELINES, *GLOBAL, *OWN_TRACKER)
