@@ -14,7 +14,7 @@ class InputError(AnchorposeError):
 
     def __init__(self, path: Path | str, problem: str, remedy: str) -> None:
         self.path, self.problem, self.remedy = Path(path), problem, remedy
-        super().__init__(f"{path}: {problem}; {remedy}.")
+        super().__init__(f"{path}: {' '.join(problem.split())}; {remedy}.")  # a name may hold a line break
 
 
 class MissingPackage(AnchorposeError):

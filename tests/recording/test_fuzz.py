@@ -12,15 +12,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from recording_builder import HEIGHT, WIDTH, depth_grey, write_recording
 
+from anchorpose.calibration.marker_layout import read_marker_layout
+from anchorpose.cli.config_file import load_config
 from anchorpose.errors import InputError
 from anchorpose.recording.depth_image import read_depth_image
 from anchorpose.recording.reader import open_recording
+from anchorpose.recording.recording_file import read_calibration
+from anchorpose.results.corrections import read_corrections
+from anchorpose.results.run_record import as_json
+from anchorpose.tracker.config import TrackConfig
 
 anything = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
     max_leaves=5,
 )
+
+
+BEYOND_ALL_LIMITS = (10**400, -(10**4000), 1e308, float("nan"), float("inf"), "x" * 5000, "a\nb", [[[[[[[[[[1]]]]]]]]]])
 
 
 def _places(value: Any, place: tuple = ()) -> list[tuple]:
@@ -64,6 +73,56 @@ def test_any_value_in_any_place_is_read_or_refused_with_the_files_name(folder, n
         (folder / name).write_text(text)
     assert refusal == "" or refusal.startswith(str(folder))
     assert "\n" not in refusal
+
+
+def _marker_layout(pose: list[list[float]]) -> dict[str, Any]:
+    tag = {"id": 4, "size_m": 0.16, "pose": pose}
+    return {"format": "marker-layout", "version": 1, "dictionary": "DICT_APRILTAG_36h11", "tags": [tag]}
+
+
+def _corrections(pose: list[list[float]]) -> dict[str, Any]:
+    by = {"reason": "a curtain", "who": "AB", "when": "2026-03-01T09:30:00Z"}
+    interval = {"first_frame": 3, "last_frame": 9, "start_s": 0.3, "end_s": 0.9, **by}
+    joint = {"frame": 4, "time_s": 0.4, "joint": "KneeLeft", "position_m": [0, 0, 0], "sigma_m": 0.1, **by}
+    recording = {"name": "ward", "sha256": "a", "cameras": [{"name": "front", "camera_to_world": pose}]}
+    taken = {"entry": interval, "who": "AB", "when": by["when"]}
+    head = {"format": "anchorpose-corrections", "version": 1, "recording": recording}
+    return {**head, "unusable": [interval], "joints": [joint], "withdrawn": [taken]}
+
+
+def _calibration(pose: list[list[float]]) -> dict[str, Any]:
+    return {"format": "camera-calibration", "version": 1, "cameras": [{"name": "front", "camera_to_world": pose}]}
+
+
+DOCUMENTS = {
+    "markers": (_marker_layout, read_marker_layout),
+    "corrections": (_corrections, read_corrections),
+    "calibration": (_calibration, read_calibration),
+    "settings": (
+        lambda pose: as_json(TrackConfig()),
+        lambda path: load_config(path, TrackConfig),
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", DOCUMENTS)
+@settings(max_examples=100, deadline=None)
+@given(data=st.data())
+def test_any_value_in_any_place_of_any_document_is_read_or_refused_in_one_sentence(tmp_path_factory, kind, data):
+    make, read = DOCUMENTS[kind]
+    document, path = make(np.eye(4).tolist()), tmp_path_factory.getbasetemp() / f"{kind}.json"
+    path.write_text(json.dumps(document))
+    read(path)
+    place = data.draw(st.sampled_from(_places(document)))
+    path.write_text(json.dumps(_put(document, place, data.draw(anything | st.sampled_from(BEYOND_ALL_LIMITS)))))
+    try:
+        read(path)
+        refusal = str(path)
+    except InputError as error:
+        refusal = str(error)
+    assert refusal.startswith(str(path))
+    assert "\n" not in refusal
+    assert len(refusal) < len(str(path)) + 800
 
 
 @settings(max_examples=80, deadline=None)

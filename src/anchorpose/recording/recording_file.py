@@ -45,7 +45,7 @@ def _require_in_room(pose: np.ndarray) -> np.ndarray:
 
 def _require_folder_name(name: str) -> str:
     if not re.fullmatch(r"[\w][\w .+-]*", name) or name.endswith((".", " ")):
-        raise Unfit(f"is '{name}'", "it names a folder: use letters, digits, - and _")
+        raise Unfit(f"is {name!r}", "it names a folder: use letters, digits, - and _")
     return name
 
 

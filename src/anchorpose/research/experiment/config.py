@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import StrEnum
-from typing import Final
+from typing import Annotated, Final
 
+from pydantic import Field
+
+from anchorpose.settings import Count, Positive, settings
 from anchorpose.simulate.config import LARGEST_HOLE_M, SMALLEST_HOLE_M
 
 PAPER_HOLES_M: Final = (0.0, 0.03, 0.06, 0.09, 0.12, 0.15)
@@ -24,7 +26,7 @@ class Scene(StrEnum):
     REAL = "real"  # recordings that the user gives, with reference skeletons
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class ExperimentConfig:
     """The paper's experiment by default: 3,000 test frames, six sizes of hole, all methods.
 
@@ -33,50 +35,29 @@ class ExperimentConfig:
     """
 
     first_seed: int = 501  # of the test recordings; each seed is another body, other clothes and other movements
-    recordings: int = 20  # of 150 frames each: 3,000
-    seconds: float = 15.0
-    fps: float = 10.0
+    recordings: Count = 20  # of 150 frames each: 3,000
+    seconds: Positive = 15.0
+    fps: Annotated[Positive, Field(le=30)] = 10.0
     holes_m: tuple[float, ...] = PAPER_HOLES_M
-    hole_share: float = 0.5  # of the frames, drawn at random
-    segment_frames: int = 10  # tracked from one given pose: each method starts anew every second
-    sampled_recordings: int = 10  # of the recordings: those that slow methods run on, and that matches are compared on
-    sampled_segments: int = 1  # of each of these, drawn at random: what slow methods run on
-    windows: int = 2  # moments of each recording and size of hole at which matches are compared with the truth
+    hole_share: Annotated[Positive, Field(le=1)] = 0.5  # of the frames, drawn at random
+    segment_frames: Annotated[Count, Field(ge=2)] = 10  # from one given pose: methods start again each second
+    sampled_recordings: Count = 10  # those that slow methods run on, and that matches are compared on
+    sampled_segments: Count = 1  # of each of these, drawn at random, for slow methods
+    windows: Count = 2  # moments of each recording and size of hole at which matches are compared with the truth
     scenes: tuple[Scene, ...] = (Scene.PAPER, Scene.MATCHES, Scene.LOOSE, Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)
-    scene_recordings: int = 3  # of each scene beyond the paper's
-    scene_seconds: float = 6.0
-    scene_segments: int = 2  # as sampled_segments, in these
+    scene_recordings: Count = 3  # of each scene beyond the paper's
+    scene_seconds: Positive = 6.0
+    scene_segments: Count = 2  # as sampled_segments, in these
     methods: tuple[str, ...] = ()  # keys, or paths of Python files with a METHOD; none: all
     ablation: bool = True  # of the own tracker, in the scenes beyond the paper's
     training_seed: int = 401  # of the recordings that settings are chosen and movements are taken from
-    training_recordings: int = 4
-    training_samples: int = 200  # frames of reference movements, and of the training recordings together
-    training_windows: int = 2  # moments of each, with and without a hole, on which settings are tried
+    training_recordings: Count = 4
+    training_samples: Annotated[Count, Field(ge=40)] = 200  # frames of reference movements
+    training_windows: Count = 2  # moments of each, with and without a hole, on which settings are tried
     tuned: bool = True  # False: every method with its first setting
-    resamples: int = 2000  # of the bootstrap over recordings
+    resamples: Annotated[Count, Field(ge=100)] = 2000  # of the bootstrap over recordings
 
     def __post_init__(self) -> None:
-        for name in (
-            "recordings",
-            "sampled_segments",
-            "windows",
-            "scene_recordings",
-            "training_recordings",
-            "training_windows",
-            "scene_segments",
-            "sampled_recordings",
-        ):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
-        for name, least in (("resamples", 100), ("training_samples", 40)):
-            if getattr(self, name) < least:
-                raise ValueError(f"{name} must be at least {least}, got {getattr(self, name)}")
-        if not (0 < self.fps <= 30 and self.seconds > 0 and self.scene_seconds > 0):
-            raise ValueError(
-                f"fps must be above 0 and at most 30, and recordings last, got {self.fps} and {self.seconds}"
-            )
-        if self.segment_frames < 2:
-            raise ValueError(f"segment_frames must be at least 2, got {self.segment_frames}")
         if not (
             self.seconds * self.fps >= self.segment_frames and self.scene_seconds * self.fps >= self.segment_frames
         ):
@@ -85,9 +66,7 @@ class ExperimentConfig:
             if radius_m != 0 and not SMALLEST_HOLE_M <= radius_m <= LARGEST_HOLE_M:
                 raise ValueError(f"holes_m are 0 or {SMALLEST_HOLE_M} to {LARGEST_HOLE_M}, got {radius_m}")
         if 0.0 not in self.holes_m:
-            raise ValueError("holes_m must contain 0: what holes cost is told against none")
-        if not 0 < self.hole_share <= 1:
-            raise ValueError(f"hole_share must be above 0 and at most 1, got {self.hole_share}")
+            raise ValueError("holes_m must contain 0, for comparison")
         seeds = range(
             self.first_seed, self.first_seed + max(self.recordings, self.sampled_recordings, self.scene_recordings)
         )
