@@ -19,7 +19,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
 
-from anchorpose.body.learning import LearningConfig
+from anchorpose.body.config import LearningConfig
 from anchorpose.recording.reader import open_recording
 from anchorpose.simulate import config as presets
 from anchorpose.simulate.write import simulate_recording

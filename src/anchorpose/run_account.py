@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from anchorpose.body.corrected_joints import CONTRADICTED
+from anchorpose.body.inverse_kinematics import CONTRADICTED
 from anchorpose.body.skin_points import body_points
 from anchorpose.calibration.calibration import Calibration, PoseSource
 from anchorpose.calibration.clocks import Clocks, clock_notes

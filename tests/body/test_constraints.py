@@ -21,22 +21,24 @@ from body_builder import (
 from scipy.spatial import cKDTree
 from surface_builder import no_links
 
+from anchorpose.body import constraints
+from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import (
-    ConstraintConfig,
+    NORMAL_WEIGHT_M,
+    UNCOVERED_M,
     Constraints,
     join,
     place_constraints,
     surface_constraints,
 )
 from anchorpose.body.evidence import evidence_cost, evidence_rows, find_outline, nearest_possible, outline_constraints
-from anchorpose.body.fit import FitConfig
 from anchorpose.body.nearest_skin import nearest_point
 from anchorpose.body.skin_points import PosedPoints, pose_points
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface.surface import Surface
 
-CONFIG = ConstraintConfig()
+CONFIG = RegistrationConfig()
 BODY = adult_body()
 POSE = random_pose(1, 0.3)
 POSED = pose_points(BODY, POSE)
@@ -109,8 +111,8 @@ def test_every_node_pulls_the_nearest_skin_in_place_and_normal_of_all_skin_that_
     place, wanted = 0, evidence.surface
     for node in range(len(wanted)):
         mine = facing(posed, 0.0, evidence.cameras[wanted.camera[node]])
-        six = np.hstack([posed.points_m[mine], config.normal_weight_m * posed.normals[mine]])
-        own = np.hstack([wanted.points_m[node], config.normal_weight_m * wanted.normals[node]]).astype(np.float64)
+        six = np.hstack([posed.points_m[mine], NORMAL_WEIGHT_M * posed.normals[mine]])
+        own = np.hstack([wanted.points_m[node], NORMAL_WEIGHT_M * wanted.normals[node]]).astype(np.float64)
         away = np.linalg.norm(six - own, axis=1)
         if away.min() < reach_m:
             assert rows.point[place] == mine[away.argmin()]
@@ -133,18 +135,18 @@ def test_the_plane_of_a_row_is_the_mean_of_both_normals():
     rows = surface_constraints(POSED, nodes(POSED.points_m[mine], turned), (FRONT,), 0.1, CONFIG)
     mean = turned + POSED.normals[rows.point]
     mean /= np.linalg.norm(mean, axis=1, keepdims=True)
-    near = np.linalg.norm(POSED.points_m[rows.point] - POSED.points_m[mine], axis=1) < CONFIG.uncovered_m
+    near = np.linalg.norm(POSED.points_m[rows.point] - POSED.points_m[mine], axis=1) < UNCOVERED_M
     np.testing.assert_allclose(rows.direction[near], mean[near], atol=1e-6)
 
 
-def test_symmetric_planes_cancel_the_curvature_of_a_sphere():
+def test_symmetric_planes_cancel_the_curvature_of_a_sphere(monkeypatch: pytest.MonkeyPatch):
     """Two places on one sphere are joined by no residual at all, however far apart (Rusinkiewicz 2019)."""
     rng = np.random.default_rng(2)
     normal = rng.normal(size=(40, 3)) * 0.2 + [1.0, 0.0, 0.0]
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     posed = PosedPoints(0.1 * normal[:1] + [0.0, 1.0, 0.0], normal[:1], np.eye(4)[None])
-    config = replace(CONFIG, uncovered_m=1.0)
-    rows = surface_constraints(posed, nodes(0.1 * normal[1:] + [0.0, 1.0, 0.0], normal[1:]), (FRONT,), 0.3, config)
+    monkeypatch.setattr(constraints, "UNCOVERED_M", 1.0)
+    rows = surface_constraints(posed, nodes(0.1 * normal[1:] + [0.0, 1.0, 0.0], normal[1:]), (FRONT,), 0.3, CONFIG)
     assert len(rows) > 30
     np.testing.assert_allclose(rows.residuals(posed), 0.0, atol=1e-7)
 
@@ -155,7 +157,7 @@ def test_nodes_that_no_skin_covers_pull_straight():
     off += 0.05 * np.cross(POSED.normals[mine], [0.0, 1.0, 0.0])
     rows = surface_constraints(POSED, nodes(off, POSED.normals[mine]), (FRONT,), 0.15, CONFIG)
     gap = POSED.points_m[rows.point] - rows.target_m
-    uncovered = np.linalg.norm(gap, axis=1) > CONFIG.uncovered_m
+    uncovered = np.linalg.norm(gap, axis=1) > UNCOVERED_M
     assert uncovered.sum() >= 3
     distance = np.linalg.norm(gap[uncovered], axis=1)
     np.testing.assert_allclose(rows.residuals(POSED)[uncovered], distance, rtol=1e-6)
@@ -202,7 +204,7 @@ def test_the_outline_is_the_nearest_pixel_of_the_patient():
     rng = np.random.default_rng(3)
     labels = np.where(rng.random((40, 50)) < 0.01, PixelLabel.PATIENT, PixelLabel.BACKGROUND).astype(np.uint8)
     labels[20:24, 10:30] = PixelLabel.PATIENT
-    possible = find_outline(View(np.ones(labels.shape, np.float32), labels)).possible
+    possible = find_outline(View(np.ones(labels.shape, np.float32), labels))
     goals = np.argwhere(labels == PixelLabel.PATIENT)
     np.testing.assert_array_equal(np.argwhere(possible), goals)
     for row, column in np.ndindex(labels.shape):
@@ -225,7 +227,7 @@ def stray_rows(
     view = view_of_body()
     depth = np.where(view.patient, np.float32(0.2), view.depth_m) if depth_m is None else depth_m
     shown = View(depth, view.labels if labels is None else labels)
-    return outline_constraints(moved((0.0, 0.0, shift_m)), shown, find_outline(view), FRONT, 0.1, CONFIG)
+    return outline_constraints(moved((0.0, 0.0, shift_m)), shown, find_outline(view), FRONT, 0.1)
 
 
 def test_skin_beside_the_outline_is_pulled_back_to_it():
@@ -277,7 +279,7 @@ def test_skin_too_far_from_the_outline_is_not_pulled():
 def test_skin_outside_the_picture_is_not_pulled():
     view = view_of_body()
     posed = moved((0.0, -3.0, 0.0))
-    assert len(outline_constraints(posed, view, find_outline(view), FRONT, 0.1, CONFIG)) == 0
+    assert len(outline_constraints(posed, view, find_outline(view), FRONT, 0.1)) == 0
 
 
 def test_a_limb_may_be_hidden_in_a_wide_hole_and_not_in_the_rim_of_lost_readings():
@@ -289,16 +291,13 @@ def test_a_limb_may_be_hidden_in_a_wide_hole_and_not_in_the_rim_of_lost_readings
     thin = find_outline(View(view.depth_m, labels))
     labels[row - 40 : row + 40, left - 50 : left - 30] = PixelLabel.NO_READING
     wide = find_outline(View(view.depth_m, labels))
-    assert nearest_possible(thin.possible, row, left - 60, 99)[1] >= left
-    assert nearest_possible(wide.possible, row, left - 60, 99)[1] == left - 50
+    assert nearest_possible(thin, row, left - 60, 99)[1] >= left
+    assert nearest_possible(wide, row, left - 60, 99)[1] == left - 50
 
 
 def test_following_the_rows_brings_a_strayed_body_back():
     evidence = seen_body(POSE, BODY)
-    costs = [
-        evidence_cost(BODY, stepped(POSE, 0.0, 0.0, z), evidence, 0.1, CONFIG, FitConfig())
-        for z in (0.0, 0.02, 0.05, 0.10)
-    ]
+    costs = [evidence_cost(BODY, stepped(POSE, 0.0, 0.0, z), evidence, 0.1, CONFIG) for z in (0.0, 0.02, 0.05, 0.10)]
     assert (np.diff(costs) > 0).all(), costs
 
 
@@ -338,8 +337,8 @@ def test_the_robust_kernel_halves_the_slope_weight_twice_at_its_scale():
     assert weight == pytest.approx([1 / 0.02**2, 1 / (4 * 0.02**2), 0.0], abs=1e-3)
 
 
-@pytest.mark.parametrize("name", ["surface_sigma_m", "outline_sigma_m", "node_count", "normal_weight_m", "uncovered_m"])
-@pytest.mark.parametrize("value", [0, -1, float("nan")])
+@pytest.mark.parametrize("name", ["surface_sigma_m", "node_count", "rows_per_observation", "held_steps"])
+@pytest.mark.parametrize("value", [-1, float("nan")])
 def test_a_configuration_that_cannot_work_is_refused(name, value):
     with pytest.raises(ValueError, match=name):
-        ConstraintConfig(**{name: value})
+        RegistrationConfig(**{name: value})

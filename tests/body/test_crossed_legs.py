@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 from body_builder import adult_body, standing
 
-from anchorpose.body.fit import FitConfig
-from anchorpose.body.inverse_kinematics import uncrossed
+from anchorpose.body.inverse_kinematics import exchange_crossed_legs
 from anchorpose.body.pose import Pose
 from anchorpose.joints import JOINT_INDEX
 
-BODY, FIT = adult_body(), FitConfig()
+BODY = adult_body()
 ANKLES = [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]
 
 
@@ -20,16 +19,16 @@ def joints(pose: Pose) -> np.ndarray:
 
 def test_legs_that_stand_or_step_are_left_alone():
     for pose in (standing(), standing(LeftUpLeg=(0.0, 0.0, 40.0), LeftLeg=(0.0, 0.0, -50.0))):
-        assert uncrossed(BODY, pose, FIT) is None
+        assert exchange_crossed_legs(BODY, pose) is None
 
 
 def test_crossed_legs_change_places():
     crossed = standing(LeftUpLeg=(30.0, 0.0, 0.0), RightUpLeg=(-30.0, 0.0, 0.0))
     if joints(crossed)[JOINT_INDEX["KneeLeft"], 2] < joints(crossed)[JOINT_INDEX["KneeRight"], 2]:
         crossed = standing(LeftUpLeg=(-30.0, 0.0, 0.0), RightUpLeg=(30.0, 0.0, 0.0))
-    found = uncrossed(BODY, crossed, FIT)
+    found = exchange_crossed_legs(BODY, crossed)
     assert found is not None
-    assert uncrossed(BODY, found, FIT) is None
+    assert exchange_crossed_legs(BODY, found) is None
     before, after = joints(crossed), joints(found)
     assert np.linalg.norm(after[ANKLES] - before[ANKLES[::-1]], axis=1).max() < 0.08  # hips are not in the same place
     np.testing.assert_allclose(after[: JOINT_INDEX["HipLeft"]], before[: JOINT_INDEX["HipLeft"]], atol=0.02)

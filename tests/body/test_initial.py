@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from body_builder import adult, adult_body, asset, joint_errors_m, joints_of, points, seen_body, standing
 
-from anchorpose.body.constraints import ConstraintConfig
-from anchorpose.body.fit import FitConfig
-from anchorpose.body.initial import FirstPose, anchor_constraints, anchor_points, find_first_pose
+from anchorpose.body.config import RegistrationConfig
+from anchorpose.body.initial import FirstPose, FirstShape, anchor_constraints, anchor_points, find_first_pose
 from anchorpose.body.pose import Pose
-from anchorpose.body.shape_belief import ShapePrior
+from anchorpose.body.shape_belief import adult_belief
 from anchorpose.body.skin_points import build_body, pose_points
 from anchorpose.geodesics.anchors import ANCHOR_NAMES, Anchors, no_anchors
 from anchorpose.joints import JOINT_INDEX
@@ -27,16 +26,14 @@ REACHING = standing(LeftArm=(80.0, 0.0, 0.0), RightArm=(20.0, 0.0, 0.0))
 
 def tips_of(pose: Pose) -> Anchors:
     posed = pose_points(BODY, pose)
-    return Anchors(np.arange(5, dtype=np.int32), posed.points_m[anchor_points(asset(), points())], np.full(5, 0.005))
+    return Anchors(np.arange(5, dtype=np.int32), posed.points_m[anchor_points(points())], np.full(5, 0.005))
 
 
 def first_pose(truth: Pose, anchors: Anchors, height_m: float | None = None) -> FirstPose:
     shape = adult() if height_m is None else adult(height_m)
     evidence = seen_body(truth, BODY)
-    known = ShapePrior().belief(asset())
-    return find_first_pose(
-        points(), evidence, anchors, [shape], known, height_m is None, ConstraintConfig(), FitConfig()
-    )
+    guess = FirstShape([shape], adult_belief(asset()), may_change=height_m is not None)
+    return find_first_pose(evidence, anchors, guess, RegistrationConfig())
 
 
 @pytest.mark.parametrize("truth", [STANDING, SITTING, REACHING], ids=["standing", "sitting", "reaching up"])
@@ -78,7 +75,7 @@ def test_the_same_evidence_gives_the_same_bits():
 
 
 def test_anchor_points_are_the_tips_of_the_body():
-    tips = BODY.rest_m[anchor_points(asset(), points())]
+    tips = BODY.rest_m[anchor_points(points())]
     joints = BODY.mesh.rest_joints()
     for name, tip in zip(ANCHOR_NAMES, tips, strict=True):
         side = next((side for side in ("Left", "Right") if side.lower() in name.lower()), "")
@@ -94,5 +91,5 @@ def test_anchors_that_were_missed_hold_nothing():
     rows = anchor_constraints(points(), some)
     assert len(rows) == 9
     assert np.isfinite(rows.target_m).all()
-    assert set(rows.point) == set(anchor_points(asset(), points())[[0, 2, 4]])
+    assert set(rows.point) == set(anchor_points(points())[[0, 2, 4]])
     assert len(anchor_constraints(points(), UNSEEN)) == 0

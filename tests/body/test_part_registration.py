@@ -8,9 +8,10 @@ from body_builder import adult_body, asset, random_pose
 from scipy.spatial.transform import Rotation
 from surface_builder import no_links
 
+from anchorpose.body.nearest_skin import Oriented
 from anchorpose.body.part_registration import (
+    ITERATIONS,
     PartRegistration,
-    PartRegistrationConfig,
     fit_rigid_transform,
     joints_of_parts,
     register_parts,
@@ -118,10 +119,15 @@ def moved(T: np.ndarray, points_m: np.ndarray, normals: np.ndarray) -> tuple[np.
 
 
 def register(
-    points_m: np.ndarray, normals: np.ndarray, part: np.ndarray, matched_m: np.ndarray, surface: Surface,
-    predicted: np.ndarray = IDENTITY, **config: float,
-) -> PartRegistration:  # fmt: skip
-    return register_parts(points_m, normals, part, matched_m, surface, predicted, PartRegistrationConfig(**config))
+    points_m: np.ndarray,
+    normals: np.ndarray,
+    part: np.ndarray,
+    matched_m: np.ndarray,
+    surface: Surface,
+    predicted: np.ndarray = IDENTITY,
+    iterations: int = ITERATIONS,
+) -> PartRegistration:
+    return register_parts(Oriented(points_m, normals), part, matched_m, surface, predicted, iterations)
 
 
 def test_pairs_that_are_a_few_centimetres_off_are_refined_on_the_surface():
@@ -230,13 +236,3 @@ def test_parts_that_stay_joined_have_the_joints_of_the_body():
     joints = body.mesh.joints(transforms)
     found = joints_of_parts(asset(), body.mesh, transforms)
     np.testing.assert_allclose(found, joints, atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [{"least_pairs": 2}, {"iterations": -1}, {"reach_m": 0.0}, {"reach_m": float("nan")}, {"pair_rounds": 0},
-     {"turn_sigma": -1.0}],
-)  # fmt: skip
-def test_a_configuration_that_cannot_work_is_refused(wrong):
-    with pytest.raises(ValueError, match="must be"):
-        PartRegistrationConfig(**wrong)

@@ -27,20 +27,21 @@ from body_builder import (
     turned_about_y,
 )
 
+from anchorpose.body.config import RegistrationConfig, UncertaintyConfig
 from anchorpose.body.evidence import Evidence
-from anchorpose.body.fit import FitConfig
 from anchorpose.body.pose import DEGREE, POSE_SIZE, Pose
 from anchorpose.body.registration import (
+    LEAST_EXPLAINED,
+    PATIENT_PACE,
     PoseBelief,
     Registration,
-    RegistrationConfig,
     node_parts,
     posterior,
     register,
     vague_belief,
 )
 from anchorpose.body.skin_points import pose_points
-from anchorpose.body.uncertainty import UncertaintyConfig, joint_sigma
+from anchorpose.body.uncertainty import joint_sigma
 from anchorpose.camera import transform_points
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_INDEX
@@ -143,7 +144,7 @@ def a_curtain() -> View:
 def test_a_surface_that_is_not_this_body_is_not_found():
     found = registered(predicted(standing(), 3.0, 0.02), evidence_of((a_curtain(),), (FRONT,)))
     assert not found.found
-    assert 0.0 < found.explained < CONFIG.least_explained
+    assert 0.0 < found.explained < LEAST_EXPLAINED
 
 
 def test_a_surface_that_is_not_this_body_leaves_the_prediction():
@@ -207,7 +208,7 @@ def test_a_limb_out_of_sight_grows_less_sure_from_frame_to_frame_and_sure_again_
     belief = registered(vague_belief(truth), open_view).belief
     course = [sigmas(belief)[ARM_RIGHT].max()]
     for evidence in (*[hidden] * 5, open_view):
-        belief = registered(belief.later(belief.pose, 1.0 / 15.0, CONFIG.fit), evidence).belief
+        belief = registered(belief.later(belief.pose, 1.0 / 15.0), evidence).belief
         course.append(sigmas(belief)[ARM_RIGHT].max())
     assert (np.diff(course[:-1]) > 0.0).all(), course
     assert course[-1] < 0.7 * course[-2]
@@ -218,7 +219,7 @@ def test_without_evidence_a_belief_only_grows_less_sure():
     belief = registered(vague_belief(random_pose(15)), seen_body(random_pose(15), BODY)).belief
     course = [sigmas(belief)]
     for _ in range(10):
-        belief = belief.later(belief.pose, 0.1, FitConfig())
+        belief = belief.later(belief.pose, 0.1)
         course.append(sigmas(belief))
         assert np.linalg.eigvalsh(belief.information).min() > 0.0
     assert (np.diff(course, axis=0) > 0.0).all()
@@ -226,7 +227,7 @@ def test_without_evidence_a_belief_only_grows_less_sure():
 
 def test_time_that_does_not_pass_changes_no_belief():
     belief = registered(vague_belief(random_pose(16)), seen_body(random_pose(16), BODY)).belief
-    later = belief.later(belief.pose, 0.0, FitConfig())
+    later = belief.later(belief.pose, 0.0)
     np.testing.assert_allclose(later.covariance, belief.covariance, rtol=1e-9)
     np.testing.assert_allclose(later.information, belief.information, rtol=1e-6, atol=1e-6 * belief.information.max())
 
@@ -239,7 +240,7 @@ def test_an_arm_that_is_not_where_it_was_expected_is_looked_for_elsewhere():
     assert joint_errors_m(BODY, start, truth)[JOINT_INDEX["WristLeft"]] > 0.5
     found = registered(belief, evidence)
     assert joint_errors_m(BODY, found.belief.pose, truth).max() < 0.05
-    never = registered(belief, evidence, replace(CONFIG, most_uncovered=1.0))
+    never = register(BODY, belief, evidence, NOTHING, CONFIG, may_search=False)
     assert joint_errors_m(BODY, never.belief.pose, truth).max() > 0.2
 
 
@@ -260,6 +261,13 @@ def test_nodes_on_the_skin_belong_to_the_bone_that_moves_it():
     np.testing.assert_array_equal(point[:-1], np.arange(len(posed.points_m)))
     np.testing.assert_array_equal(part[:-1], points().part)
     assert point[-1] == part[-1] == -1
+
+
+def test_what_is_not_seen_becomes_more_uncertain_with_the_square_root_of_time():
+    one, four = PATIENT_PACE.variance(1.0), PATIENT_PACE.variance(4.0)
+    np.testing.assert_allclose(np.sqrt(four), 2.0 * np.sqrt(one))
+    np.testing.assert_allclose(one[:-3], PATIENT_PACE.turn_sigma**2)
+    np.testing.assert_allclose(one[-3:], PATIENT_PACE.root_sigma_m**2)
 
 
 @pytest.mark.parametrize("reaches", [(), (0.1, 0.0), (0.1, -0.2)])

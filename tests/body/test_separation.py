@@ -7,12 +7,13 @@ import pytest
 from body_builder import adult_body, asset, points, standing, turned_about_y
 from scipy.spatial import cKDTree
 
+from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.evidence import separation_rows, trunk_and_arms
-from anchorpose.body.fit import FitConfig, limited, pose_equations, solve_damped
+from anchorpose.body.fit import limited, pose_equations, solve_damped
 from anchorpose.body.pose import POSE_SIZE, Pose
 from anchorpose.body.skin_points import pose_points
 
-BODY = adult_body()
+BODY, ROWS = adult_body(), RegistrationConfig().rows_per_observation
 ASIDE = standing(LeftArm=(-20.0, 0.0, 0.0), RightArm=(20.0, 0.0, 0.0))
 INSIDE = standing(RightArm=(55.0, 0.0, 0.0), RightForeArm=(30.0, 0.0, 0.0))  # the right forearm swung through the hip
 
@@ -46,12 +47,12 @@ def test_a_forearm_inside_the_trunk_is_pushed_out_of_it():
 
 
 def test_following_the_rows_takes_the_forearm_out():
-    pose, config, near = INSIDE, FitConfig(), np.eye(POSE_SIZE)
+    pose, near = INSIDE, np.eye(POSE_SIZE)
     depth = [-rows_of(pose).residuals(pose_points(BODY, pose)).sum()]
     for _ in range(6):
         posed = pose_points(BODY, pose)
-        equations = pose_equations(BODY, pose, posed, rows_of(pose), (INSIDE, near), config)
-        pose = pose.moved(limited(solve_damped(equations), config), points().moving)
+        equations = pose_equations(BODY, pose, posed, rows_of(pose), (INSIDE, near), ROWS)
+        pose = pose.moved(limited(solve_damped(equations)), points().moving)
         depth.append(-rows_of(pose).residuals(pose_points(BODY, pose)).sum())
     assert depth[-1] < 0.3 * depth[0], depth
 

@@ -7,11 +7,11 @@ import pytest
 from body_builder import asset
 
 from anchorpose.body.learning import BONES, bone_lengths
-from anchorpose.body.shape_belief import ShapeBelief, ShapePrior, standing_height
+from anchorpose.body.shape_belief import MOST_DEVIATIONS, ShapeBelief, adult_belief, standing_height
 from anchorpose.body.skin_points import FittedShape
 from anchorpose.joints import JOINT_INDEX
 
-ADULT = ShapePrior().belief(asset())
+ADULT = adult_belief(asset())
 
 
 def spread_m(belief: ShapeBelief) -> float:
@@ -27,14 +27,14 @@ def lengths_m(shape: FittedShape) -> np.ndarray:
 
 @pytest.mark.parametrize("height_m", [1.5, 1.72, 1.9])
 def test_an_adult_of_a_measured_height_has_it_to_a_centimetre(height_m):
-    known = ShapePrior().belief(asset(), height_m)
+    known = adult_belief(asset()).standing(asset(), height_m, 0.01)
     assert standing_height(asset(), known.shape)[0] == pytest.approx(height_m, abs=0.002)
     assert spread_m(known) == pytest.approx(0.01, rel=0.02)
     assert spread_m(ADULT) > 0.05
 
 
 def test_a_height_says_nothing_of_clothes_and_little_of_what_leaves_it_alone():
-    known = ShapePrior().belief(asset(), 1.9)
+    known = adult_belief(asset()).standing(asset(), 1.9, 0.01)
     assert known.shape.clothing_m == pytest.approx(ADULT.shape.clothing_m)
     gained = np.linalg.eigvalsh(known.information - ADULT.information)
     np.testing.assert_allclose(gained[:-1], 0.0, atol=1e-6 * gained[-1])  # one number says one thing
@@ -42,13 +42,13 @@ def test_a_height_says_nothing_of_clothes_and_little_of_what_leaves_it_alone():
 
 def test_a_height_that_is_met_moves_nothing():
     own_m = standing_height(asset(), ADULT.shape)[0]
-    np.testing.assert_allclose(ShapePrior().belief(asset(), own_m).shape.coefficients, 0.0, atol=1e-9)
+    np.testing.assert_allclose(adult_belief(asset()).standing(asset(), own_m, 0.01).shape.coefficients, 0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("height_m", [1.2, 2.2])
 def test_no_height_makes_a_body_that_no_adult_has(height_m):
-    coefficients = ShapePrior().belief(asset(), height_m).shape.coefficients
-    assert np.abs(coefficients).max() <= ShapePrior().most_deviations
+    coefficients = adult_belief(asset()).standing(asset(), height_m, 0.01).shape.coefficients
+    assert np.abs(coefficients).max() <= MOST_DEVIATIONS
 
 
 def test_the_heights_derivative_is_its_slope():
@@ -63,7 +63,7 @@ def test_bone_lengths_and_their_sigma_are_those_of_many_drawn_bodies():
     rng, count = np.random.default_rng(5), asset().shape_count
     square = rng.normal(size=(count + 1, count + 1))
     information = square @ square.T + 200.0 * np.eye(count + 1)
-    belief = ShapeBelief(FittedShape(rng.normal(0.0, 0.5, count), 0.005), information, ShapePrior())
+    belief = ShapeBelief(FittedShape(rng.normal(0.0, 0.5, count), 0.005), information)
     found = bone_lengths(asset(), belief)
     np.testing.assert_allclose([bone.length_m for bone in found], lengths_m(belief.shape), atol=1e-12)
     drawn = rng.multivariate_normal(

@@ -36,7 +36,7 @@ def body_map():
 def expected_in(pose):
     posed = pose_points(adult_body(), pose)
     skin = ExpectedSkin(posed.points_m.astype(np.float32), posed.normals.astype(np.float32), body_map())
-    return skin, posed.points_m[anchor_points(asset(), points())]
+    return skin, posed.points_m[anchor_points(points())]
 
 
 def seen_behind(pose, bars_m, noise_m=0.003):

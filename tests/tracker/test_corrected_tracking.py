@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from anchorpose.body.corrected_joints import ToldJoints, contradicted, with_told
-from anchorpose.body.fit import FitConfig
+from anchorpose.body.inverse_kinematics import CorrectedJoints, apply_corrections, contradicted
 from anchorpose.body.pose import POSE_SIZE, Pose
 from anchorpose.body.registration import PoseBelief
 from anchorpose.body.skin_points import FittedShape, body_points, build_body
@@ -205,11 +204,11 @@ def belief(sigma: float) -> PoseBelief:
 
 @pytest.mark.parametrize("sigma_m", [0.002, 0.02])
 def test_the_surer_the_reviewer_the_nearer_the_joint(sigma_m):
-    points, fit = body_points(), FitConfig()
+    points = body_points()
     body = build_body(points, FittedShape(np.zeros(5), 0.01))
     at = body.joints(belief(0.1).pose)[WRIST]
-    told = ToldJoints(np.array([WRIST]), at[None] + [0.0, 0.1, 0.05], np.array([sigma_m]))
-    found = with_told(body, belief(0.1), told, fit)
+    told = CorrectedJoints(np.array([WRIST]), at[None] + [0.0, 0.1, 0.05], np.array([sigma_m]))
+    found = apply_corrections(body, belief(0.1), told)
     now = body.joints(found.pose)[WRIST]
     away_m = np.linalg.norm(now - told.position_m[0])
     assert away_m < 0.005 if sigma_m < 0.01 else 0.0005 < away_m < 0.05

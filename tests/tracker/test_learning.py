@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from body_builder import asset
 
-from anchorpose.body.learning import LearnedBody, LearningConfig
-from anchorpose.body.shape_belief import ShapeBelief, ShapePrior
+from anchorpose.body.config import LearningConfig
+from anchorpose.body.learning import LearnedBody
+from anchorpose.body.shape_belief import ShapeBelief, adult_belief
 from anchorpose.body.skin_points import FittedShape
 from anchorpose.tracker import learning
 from anchorpose.tracker.config import TrackConfig
@@ -53,7 +54,7 @@ class Pass:
         self.windows.append(evidence)
         gain = self.gains[min(len(self.windows), len(self.gains)) - 1]
         coefficients = known.shape.coefficients + 0.01
-        return LearnedBody(ShapeBelief(FittedShape(coefficients, 0.006), gain * known.information, known.prior), ())
+        return LearnedBody(ShapeBelief(FittedShape(coefficients, 0.006), gain * known.information), ())
 
     def run(
         self, monkeypatch: pytest.MonkeyPatch, config: LearningConfig | None = None, room: SimpleNamespace = ROOM
@@ -93,8 +94,8 @@ def test_he_is_followed_on_with_what_is_known_until_every_bone_is(monkeypatch):
     assert not {*tried.windows[0]} & {*tried.windows[1]}  # no frame says its own twice
     assert [shape.coefficients[0] for shape in tried.worn] == pytest.approx([0.01, 0.02])
     assert learnt.shape.coefficients[0] == pytest.approx(0.03)
-    np.testing.assert_allclose(learnt.belief.information, 1e8 * ShapePrior().belief(asset()).information)
-    np.testing.assert_allclose(learnt.first.information, 10.0 * ShapePrior().belief(asset()).information)
+    np.testing.assert_allclose(learnt.belief.information, 1e8 * adult_belief(asset()).information)
+    np.testing.assert_allclose(learnt.first.information, 10.0 * adult_belief(asset()).information)
 
 
 def test_learning_ends_where_a_bone_stays_hidden(monkeypatch):

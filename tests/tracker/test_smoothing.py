@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from body_builder import adult_body, standing
 
-from anchorpose.body.fit import FitConfig
 from anchorpose.body.pose import Pose
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, LIMBS, JointState
 from anchorpose.tracker.config import FollowConfig
@@ -40,7 +39,7 @@ def nobody() -> PassResult:
 
 def smoothed(there: list[PassResult], back: list[PassResult], held: np.ndarray | None = None) -> list[PassResult]:
     held = np.zeros((len(there), 21), bool) if held is None else held
-    return smooth(BODY, TIME_S, there, back, held, LOST_SIGMA_M, FitConfig())
+    return smooth(BODY, TIME_S, there, back, held, LOST_SIGMA_M)
 
 
 def off_m(found: list[PassResult], truth: list[PassResult]) -> np.ndarray:

@@ -19,9 +19,10 @@ from body_builder import (
     shaken,
 )
 
+from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import Constraints
 from anchorpose.body.pose import DEGREE, POSE_SIZE, Pose
-from anchorpose.body.registration import PoseBelief, RegistrationConfig, register
+from anchorpose.body.registration import PoseBelief, register
 from anchorpose.body.skin_points import pose_points
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JointState
 from anchorpose.tracker.standing_feet import DRIFT_M_S, PLACES, SIGMA_M, STILL_M, StandingFeet
@@ -108,14 +109,14 @@ def test_a_hidden_leg_stays_on_its_foot_and_is_no_surer_for_it() -> None:
     watched.see(9)
     held = watched.see(2, JointState.HIDDEN_BY_PERSON)
     alone, standing = (
-        register(BODY, belief, evidence, NOTHING, RegistrationConfig(), lasting=rows).belief for rows in (None, held)
+        register(BODY, belief, evidence, NOTHING, RegistrationConfig(), fixed=rows).belief for rows in (None, held)
     )
     errors = [joint_errors_m(BODY, found.pose, POSE)[RIGHT].max() for found in (alone, standing)]
     assert errors[0] > 0.06
     assert errors[1] < 0.04
     settled = replace(belief, pose=standing.pose)
     again = [
-        register(BODY, settled, evidence, NOTHING, RegistrationConfig(), lasting=rows).belief.covariance
+        register(BODY, settled, evidence, NOTHING, RegistrationConfig(), fixed=rows).belief.covariance
         for rows in (None, held)
     ]
     assert np.trace(again[1]) > 0.9 * np.trace(again[0])

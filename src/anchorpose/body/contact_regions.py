@@ -13,8 +13,9 @@ from typing import Final
 import numpy as np
 from scipy.spatial import cKDTree
 
+from anchorpose.body.config import VisibilityConfig
 from anchorpose.body.skin_points import PosedPoints, SkinPoints
-from anchorpose.body.visibility import VisibilityConfig, seen_skin
+from anchorpose.body.visibility import seen_skin
 from anchorpose.camera import Camera
 from anchorpose.isolation.bystander_memory import BystanderMemory
 from anchorpose.isolation.view import View

@@ -1,44 +1,91 @@
-"""What one frame offers to the registration of the body.
-
-Skin that should be seen but is not is pulled to the patient's outline: model to data.
-
-Limbs do not enter the trunk: rows that push a forearm or a hand out of it.
-"""
+"""What constrains a pose in one frame: the surface, the outlines, and that limbs stay out of the trunk."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import Final
 
 import numpy as np
 from numba import njit
 
-from anchorpose.body.constraints import ConstraintConfig, Constraints, join, surface_constraints
-from anchorpose.body.fit import FitConfig, pose_equations
+from anchorpose.body.config import RegistrationConfig
+from anchorpose.body.constraints import Constraints, join, surface_constraints
+from anchorpose.body.fit import pose_equations
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, pose_points
-from anchorpose.body.visibility import lens_of, pixels_of
-from anchorpose.camera import Camera, invert_rigid
+from anchorpose.body.visibility import Projection, pixels_of, projection_of
+from anchorpose.camera import Camera
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface.surface import Surface
 
-THICK_PX = 5  # what hides a limb is wider; a silhouette's rim of lost readings is thinner
+OUTLINE_SIGMA_M: Final = 0.020  # one to two pixels at 2.5 m, edges flicker
+THICK_PX: Final = 5  # what hides a limb is wider; a silhouette's rim of lost readings is thinner
+
+_TRUNK: Final = ("Hips", "LowerBack", "Spine", "Spine1", "LHipJoint", "RHipJoint")
+_LIMBS: Final = ("ForeArm", "Hand", "FingerBase", "HandFinger1", "Thumb")
+_DEEPEST_M: Final = 0.15  # half a trunk: farther in, the nearest skin is no longer the way out
+_ALLOWED_M: Final = 0.01  # soft tissue gives
+_SIGMA_M: Final = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Outline:
-    """possible (height, width) bool: pixels where the patient is seen or may be unseen, at least one of them."""
+class Evidence:
+    """The patient's surface, and every camera's labelled depth frame with the patient's outline in it.
 
-    possible: np.ndarray
+    views and outlines: None for a camera without a frame; outlines also where the patient is not in the image.
+    """
+
+    surface: Surface
+    views: tuple[View | None, ...]
+    outlines: tuple[np.ndarray | None, ...]
+    cameras: tuple[Camera, ...]
 
 
-def find_outline(view: View) -> Outline | None:
-    """Where the patient is in a view, or may be unseen; None where he is not in the picture.
+def gather_evidence(surface: Surface, views: Sequence[View | None], cameras: Sequence[Camera]) -> Evidence:
+    """Evidence of one frame; outlines are found once."""
+    outlines = tuple(None if view is None else find_outline(view) for view in views)
+    return Evidence(surface, tuple(views), outlines, tuple(cameras))
 
-    He may be where he is seen, behind equipment, where nothing was read, and behind another person before him. Only
-    background, and another person behind him, say that he is not there; and the thin rim of lost and flying readings
-    along every silhouette says nothing else than the background beside it.
+
+def evidence_rows(
+    body: Body, pose: Pose, evidence: Evidence, reach_m: float, config: RegistrationConfig
+) -> Constraints:
+    """Every node to the skin, skin that should be seen to the outline, and limbs out of the trunk."""
+    posed = pose_points(body, pose)
+    rows = [surface_constraints(posed, evidence.surface, evidence.cameras, reach_m, config)]
+    rows.append(separation_rows(body.points, posed))
+    for view, outline, camera in zip(evidence.views, evidence.outlines, evidence.cameras, strict=True):
+        if view is not None and outline is not None:
+            rows.append(outline_constraints(posed, view, outline, camera, reach_m))
+    return join(rows)
+
+
+def evidence_cost(body: Body, pose: Pose, evidence: Evidence, reach_m: float, config: RegistrationConfig) -> float:
+    """How badly a pose explains a frame, comparable between poses: rows, joint range, and nodes that nothing explains.
+
+    A node beyond the reach of all skin costs as much as a row to which the robust kernel gives no weight.
+    """
+    rows = evidence_rows(body, pose, evidence, reach_m, config)
+    posed = pose_points(body, pose)
+    cost = pose_equations(body, pose, posed, rows, None, config.rows_per_observation).cost
+    explained = len(surface_constraints(posed, evidence.surface, evidence.cameras, reach_m, config))
+    missing = min(len(evidence.surface), config.node_count) - explained
+    return cost + missing * unexplained_node_cost(reach_m, config)
+
+
+def unexplained_node_cost(reach_m: float, config: RegistrationConfig) -> float:
+    """What a node costs that nothing explains: a row at the plateau of the robust kernel."""
+    return (reach_m / 3.0 / config.surface_sigma_m) ** 2 / config.rows_per_observation
+
+
+def find_outline(view: View) -> np.ndarray | None:
+    """(height, width) bool: where the patient is in a view, or may be unseen; None where the patient is not in it.
+
+    The patient may be where they are seen, behind equipment, where nothing was read, and behind another person in front
+    of them. Only background, and another person behind them, show that they are not there; and the thin rim of lost and
+    flying readings along every silhouette shows no more than the background beside it.
     """
     import cv2
 
@@ -49,50 +96,43 @@ def find_outline(view: View) -> Outline | None:
     behind = other & (view.depth_m > np.median(view.depth_m[patient]))
     unseen = (view.labels != PixelLabel.BACKGROUND) & ~behind & ~patient
     thick = cv2.morphologyEx(unseen.astype(np.uint8), cv2.MORPH_OPEN, np.ones((THICK_PX, THICK_PX), np.uint8))
-    return Outline(patient | (thick > 0))
+    return np.asarray(patient | (thick > 0))
 
 
 def outline_constraints(
-    posed: PosedPoints, view: View, outline: Outline, camera: Camera, reach_m: float, config: ConstraintConfig
+    posed: PosedPoints, view: View, outline: np.ndarray, camera: Camera, reach_m: float
 ) -> Constraints:
     """Skin that should be seen but is not is pulled to the patient's outline: model to data.
 
-    A skin point before background (without a reading where the room was removed) or before another person cannot be
-    there; it is moved across the ray to the nearest pixel where the patient is or may be. Pixels without reading, and
-    what equipment hides, say nothing.
+    A skin point in front of background (without a reading where the room was removed) or in front of another person
+    cannot be there; it is moved across the ray to the nearest pixel where the patient is or may be. Pixels without
+    reading, and what equipment hides, give no row.
     """
-    T_world_camera = camera.require_pose()
-    lens, distortion = lens_of(camera)
     point, target, direction = _stray_rows(
-        posed.points_m,
-        T_world_camera,
-        invert_rigid(T_world_camera),
-        lens,
-        distortion,
-        view.labels,
-        view.depth_m,
-        outline.possible,
-        camera.pixel_rays(),
-        reach_m,
+        posed.points_m, projection_of(camera), view.labels, view.depth_m, outline, camera.pixel_rays(), reach_m
     )
-    count = len(point)
-    return Constraints(point, target, direction, np.full(count, config.outline_sigma_m), np.full(count, reach_m))
+    return Constraints.alike(point, target, direction, OUTLINE_SIGMA_M, reach_m)
 
 
 @njit(cache=True)
 def _stray_rows(
-    points: np.ndarray, T_world_camera: np.ndarray, T_camera_world: np.ndarray, lens: np.ndarray,
-    distortion: np.ndarray, labels: np.ndarray, depth: np.ndarray, possible: np.ndarray, rays: np.ndarray,
+    points: np.ndarray,
+    projection: Projection,
+    labels: np.ndarray,
+    depth: np.ndarray,
+    possible: np.ndarray,
+    rays: np.ndarray,
     reach: float,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Point, target and unit direction of the row of each stray point within three reaches of where it may be."""
-    column, row, distance = pixels_of(points, T_camera_world, lens, distortion, labels.shape[0], labels.shape[1])
+    column, row, distance = pixels_of(points, projection, labels.shape[0], labels.shape[1])
+    T_world_camera, focal_px = projection.T_world_camera, max(projection.lens[0], projection.lens[1])
     kept, count = np.empty(len(points), np.int64), 0
     target, direction = np.empty((len(points), 3)), np.empty((len(points), 3))
     for p in range(len(points)):
         if column[p] < 0 or not _stray(labels[row[p], column[p]], depth[row[p], column[p]], distance[p] + reach):
             continue
-        reach_px = 3.0 * reach / distance[p] * max(lens[0], lens[1])
+        reach_px = 3.0 * reach / distance[p] * focal_px
         goal_row, goal_column = nearest_possible(possible, row[p], column[p], int(reach_px) + 2)
         if goal_row < 0:
             continue
@@ -130,7 +170,7 @@ def nearest_possible(possible: np.ndarray, row: int, column: int, reach_px: int)
         if ring * ring >= best:
             break
         for r in range(max(0, row - ring), min(height - 1, row + ring) + 1):
-            step = 1 if abs(r - row) == ring else max(1, 2 * ring)  # the ring's sides have two pixels a row
+            step = 1 if abs(r - row) == ring else max(1, 2 * ring)  # the ring's sides have two pixels per row
             for c in range(column - ring, column + ring + 1, step):
                 if c < 0 or c >= width or not possible[r, c]:
                     continue
@@ -138,13 +178,6 @@ def nearest_possible(possible: np.ndarray, row: int, column: int, reach_px: int)
                 if away < best:
                     best, best_row, best_column = away, r, c
     return best_row, best_column
-
-
-_TRUNK = ("Hips", "LowerBack", "Spine", "Spine1", "LHipJoint", "RHipJoint")
-_LIMBS = ("ForeArm", "Hand", "FingerBase", "HandFinger1", "Thumb")
-_DEEPEST_M = 0.15  # half a trunk: farther in, the nearest skin is no longer the way out
-_ALLOWED_M = 0.01  # soft tissue gives
-_SIGMA_M = 0.01
 
 
 @cache
@@ -164,18 +197,12 @@ def separation_rows(points: SkinPoints, posed: PosedPoints) -> Constraints:
     depth = ((posed.points_m[skin] - posed.points_m[limb]) * posed.normals[skin]).sum(axis=1)
     inside = depth > _ALLOWED_M
     limb, skin = limb[inside], skin[inside]
-    return Constraints(
-        limb,
-        posed.points_m[skin],
-        posed.normals[skin],
-        np.full(len(limb), _SIGMA_M),
-        np.full(len(limb), 2.0 * _DEEPEST_M),
-    )
+    return Constraints.alike(limb, posed.points_m[skin], posed.normals[skin], _SIGMA_M, 2.0 * _DEEPEST_M)
 
 
 @njit(cache=True)
 def _nearest(points: np.ndarray, arms: np.ndarray, trunk: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which arm points have trunk skin nearer than the deepest a limb may be, and the nearest of it; places in both."""
+    """Which arm points have trunk skin nearer than the deepest a limb may be, and the nearest of it; rows of both."""
     near, nearest, count = np.empty(len(arms), np.int64), np.empty(len(arms), np.int64), 0
     for a in range(len(arms)):
         x, y, z = points[arms[a], 0], points[arms[a], 1], points[arms[a], 2]
@@ -191,51 +218,3 @@ def _nearest(points: np.ndarray, arms: np.ndarray, trunk: np.ndarray) -> tuple[n
             near[count], nearest[count] = a, found
             count += 1
     return near[:count], nearest[:count]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Evidence:
-    """The patient's surface, and every camera's labelled picture with his outline in it (None: no picture)."""
-
-    surface: Surface
-    views: tuple[View | None, ...]
-    outlines: tuple[Outline | None, ...]
-    cameras: tuple[Camera, ...]
-
-
-def gather_evidence(surface: Surface, views: Sequence[View | None], cameras: Sequence[Camera]) -> Evidence:
-    """Evidence of one frame; outlines are found once."""
-    outlines = tuple(None if view is None else find_outline(view) for view in views)
-    return Evidence(surface, tuple(views), outlines, tuple(cameras))
-
-
-def evidence_rows(body: Body, pose: Pose, evidence: Evidence, reach_m: float, config: ConstraintConfig) -> Constraints:
-    """Every node to the skin, skin that should be seen to the outline, and limbs out of the trunk."""
-    posed = pose_points(body, pose)
-    rows = [surface_constraints(posed, evidence.surface, evidence.cameras, reach_m, config)]
-    rows.append(separation_rows(body.points, posed))
-    for view, outline, camera in zip(evidence.views, evidence.outlines, evidence.cameras, strict=True):
-        if view is not None and outline is not None:
-            rows.append(outline_constraints(posed, view, outline, camera, reach_m, config))
-    return join(rows)
-
-
-def evidence_cost(
-    body: Body, pose: Pose, evidence: Evidence, reach_m: float, config: ConstraintConfig,
-    fit: FitConfig,
-) -> float:  # fmt: skip
-    """How badly a pose explains a frame, comparable between poses: rows, joint range, and nodes that nothing explains.
-
-    A node beyond the reach of all skin costs as much as a row that the robust kernel fully doubts.
-    """
-    rows = evidence_rows(body, pose, evidence, reach_m, config)
-    cost = pose_equations(body, pose, pose_points(body, pose), rows, None, fit).cost
-    posed = pose_points(body, pose)
-    explained = len(surface_constraints(posed, evidence.surface, evidence.cameras, reach_m, config))
-    missing = min(len(evidence.surface), config.node_count) - explained
-    return cost + missing * doubted_node_cost(reach_m, config, fit)
-
-
-def doubted_node_cost(reach_m: float, config: ConstraintConfig, fit: FitConfig) -> float:
-    """What a node costs that nothing explains: a row at the plateau of the robust kernel."""
-    return (reach_m / 3.0 / config.surface_sigma_m) ** 2 / fit.rows_per_observation

@@ -1,12 +1,10 @@
-"""Articulated registration: Gauss-Newton on pose (and shape) against the constraints, with joint ranges as priors.
-
-What the joints' range and the hinges' limits say of a pose, compiled.
-"""
+"""Articulated registration: Gauss-Newton on pose (and shape) against the constraints, with joint ranges as priors."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numba import njit
@@ -14,9 +12,9 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.linalg.lapack import dposv
 
 from anchorpose.body.constraints import Constraints
-from anchorpose.body.pose import DEGREE, POSE_SIZE, Pose, joint_range
+from anchorpose.body.pose import DEGREE, POSE_SIZE, JointRange, Pose, joint_range
 from anchorpose.body.pose_accumulation import accumulate_pose
-from anchorpose.body.shape_belief import ShapeBelief
+from anchorpose.body.shape_belief import ShapeBelief, possible_shape
 from anchorpose.body.skin_points import (
     Body,
     FittedShape,
@@ -29,68 +27,8 @@ from anchorpose.body.skin_points import (
 )
 from anchorpose.rotations import inverse_left_jacobian
 
-
-@njit(cache=True)
-def range_equations(
-    vectors: np.ndarray, mean: np.ndarray, whiten: np.ndarray, hinge: np.ndarray, hinge_limit: np.ndarray,
-    hinge_limit_sigma: float,
-) -> tuple[np.ndarray, np.ndarray, float]:  # fmt: skip
-    """Hessian, gradient and cost: ``|whiten (vector - mean)|^2`` of each moving bone, and the square past its limit.
-
-    vectors (m, 3): the bones' rotation vectors; the rest as in ``JointRange``, radians.
-    """
-    size = 3 * len(vectors) + 3
-    hessian, gradient, cost = np.zeros((size, size)), np.zeros(size), 0.0
-    change, slope, bend = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
-    for m in range(len(vectors)):
-        inverse_left_jacobian(vectors[m], change)
-        past = hinge_limit[m]
-        for j in range(3):
-            past -= vectors[m, j] * hinge[m, j]
-        past = max(past, 0.0) / hinge_limit_sigma
-        cost += past * past
-        for i in range(3):
-            deviation, bend[i] = 0.0, 0.0
-            for j in range(3):
-                deviation += whiten[m, i, j] * (vectors[m, j] - mean[m, j])
-                bend[i] -= hinge[m, j] * change[j, i] / hinge_limit_sigma
-                slope[i, j] = 0.0
-                for k in range(3):
-                    slope[i, j] += whiten[m, i, k] * change[k, j]
-            cost += deviation * deviation
-            for j in range(3):
-                gradient[3 * m + j] += slope[i, j] * deviation
-        for i in range(3):
-            for j in range(3):
-                for k in range(3):
-                    hessian[3 * m + i, 3 * m + j] += slope[k, i] * slope[k, j]
-                if past > 0.0:
-                    hessian[3 * m + i, 3 * m + j] += bend[i] * bend[j]
-            gradient[3 * m + i] += bend[i] * past
-    return hessian, gradient, cost
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FitConfig:
-    """Strength of what is known before the depth is looked at."""
-
-    hinge_limit_sigma: float = 3.0 * DEGREE  # how far past straight a knee or elbow may be read
-    turn_rate_sigma: float = 15.0 * DEGREE  # a second's root: a predicted limb strays by 4 degrees in 1/15 s
-    root_rate_sigma_m: float = 0.08  # a second's root: a predicted trunk strays by 2 cm in 1/15 s
-    rows_per_observation: float = 8.0  # neighbouring nodes share their error: so many count as one
-    max_turn: float = 30.0 * DEGREE  # one step of the solver
-
-    def __post_init__(self) -> None:
-        for name in self.__slots__:
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
-
-    def process_variance(self, elapsed_s: float) -> np.ndarray:
-        """(POSE_SIZE,) variance that a prediction gains over a time: a random walk about the predicted motion."""
-        variance = np.full(POSE_SIZE, self.turn_rate_sigma**2 * elapsed_s)
-        variance[-3:] = self.root_rate_sigma_m**2 * elapsed_s
-        return variance
-
+HINGE_LIMIT_SIGMA: Final = 3.0 * DEGREE  # how far past straight a knee or elbow may be estimated
+MAX_TURN: Final = 30.0 * DEGREE  # of a bone in one step of the solver
 
 Predicted = tuple[Pose, np.ndarray]
 """A predicted pose and the information (POSE_SIZE, POSE_SIZE) it carries."""
@@ -106,17 +44,21 @@ class NormalEquations:
 
 
 def pose_equations(
-    body: Body, pose: Pose, posed: PosedPoints, constraints: Constraints,
-    predicted: Predicted | None, config: FitConfig, shape_count: int = 0,
-) -> NormalEquations:  # fmt: skip
+    body: Body,
+    pose: Pose,
+    posed: PosedPoints,
+    constraints: Constraints,
+    predicted: Predicted | None,
+    rows_per_observation: float,
+    shape_count: int = 0,
+) -> NormalEquations:
     """Normal equations of one frame: data, joint range, hinge limits, prediction; shape columns where asked for."""
     size = POSE_SIZE + (shape_count + 1 if shape_count else 0)
     hessian, gradient = np.zeros((size, size)), np.zeros(size)
-    hessian[:POSE_SIZE, :POSE_SIZE], gradient[:POSE_SIZE], prior_cost = prior_equations(
-        body.points, pose, predicted, config
-    )
+    prior = prior_equations(body.points, pose, predicted)
+    hessian[:POSE_SIZE, :POSE_SIZE], gradient[:POSE_SIZE] = prior.hessian, prior.gradient
     residual = constraints.residuals(posed)
-    weight = constraints.weights(residual) / config.rows_per_observation
+    weight = constraints.weights(residual) / rows_per_observation
     if shape_count:
         jacobian = _full_jacobian(body, posed, constraints, shape_count)
         weighted = jacobian * weight[:, None]
@@ -128,28 +70,22 @@ def pose_equations(
         gradient += of_rows[1]
     scaled = (residual / constraints.scale_m) ** 2
     robust = (constraints.scale_m / constraints.sigma_m) ** 2 * scaled / (1.0 + scaled)
-    cost = float(robust.sum()) / config.rows_per_observation
-    return NormalEquations(hessian, gradient, cost + prior_cost)
+    cost = float(robust.sum()) / rows_per_observation
+    return NormalEquations(hessian, gradient, cost + prior.cost)
 
 
 def _full_jacobian(body: Body, posed: PosedPoints, constraints: Constraints, shape_count: int) -> np.ndarray:
     """(n, POSE_SIZE + shape_count + 1): rows by pose and shape."""
     index, direction = constraints.point, constraints.direction
-    return np.hstack([
-        pose_jacobian(body, posed, index, direction),
-        shape_jacobian(body, posed, index, direction, shape_count),
-    ])  # fmt: skip
+    by_pose = pose_jacobian(body, posed, index, direction)
+    return np.hstack([by_pose, shape_jacobian(body, posed, index, direction, shape_count)])
 
 
-def prior_equations(
-    points: SkinPoints, pose: Pose, predicted: Predicted | None, config: FitConfig
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Hessian, gradient and cost of the joint range, the hinge limits and, where there is one, the prediction."""
-    ranges = joint_range(points.asset)
-    hessian, gradient, cost = range_equations(
-        pose.rotation_vectors(points.moving), ranges.mean, ranges.whiten, ranges.hinge, ranges.hinge_limit,
-        config.hinge_limit_sigma,
-    )  # fmt: skip
+def prior_equations(points: SkinPoints, pose: Pose, predicted: Predicted | None) -> NormalEquations:
+    """The joint range, the hinge limits and, where there is one, the prediction."""
+    hessian, gradient, cost = _range_equations(
+        pose.rotation_vectors(points.moving), joint_range(points.asset), HINGE_LIMIT_SIGMA
+    )
     if predicted is not None:
         expected, information = predicted
         away = expected.change_to(pose, points.moving)
@@ -157,12 +93,51 @@ def prior_equations(
         pull = information @ away
         gradient += pull
         cost += float(away @ pull)
+    return NormalEquations(hessian, gradient, cost)
+
+
+def range_information(points: SkinPoints, pose: Pose) -> np.ndarray:
+    """(POSE_SIZE, POSE_SIZE) information of joint range and hinge limits alone at a pose."""
+    return prior_equations(points, pose, None).hessian
+
+
+@njit(cache=True)
+def _range_equations(
+    vectors: np.ndarray, ranges: JointRange, hinge_limit_sigma: float
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Hessian, gradient and cost: ``|whiten (vector - mean)|^2`` of each moving bone, and the square past its limit.
+
+    vectors (m, 3): the bones' rotation vectors, radians.
+    """
+    size = 3 * len(vectors) + 3
+    hessian, gradient, cost = np.zeros((size, size)), np.zeros(size), 0.0
+    change, slope, bend = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    for m in range(len(vectors)):
+        inverse_left_jacobian(vectors[m], change)
+        past = ranges.hinge_limit[m]
+        for j in range(3):
+            past -= vectors[m, j] * ranges.hinge[m, j]
+        past = max(past, 0.0) / hinge_limit_sigma
+        cost += past * past
+        for i in range(3):
+            deviation, bend[i] = 0.0, 0.0
+            for j in range(3):
+                deviation += ranges.whiten[m, i, j] * (vectors[m, j] - ranges.mean[m, j])
+                bend[i] -= ranges.hinge[m, j] * change[j, i] / hinge_limit_sigma
+                slope[i, j] = 0.0
+                for k in range(3):
+                    slope[i, j] += ranges.whiten[m, i, k] * change[k, j]
+            cost += deviation * deviation
+            for j in range(3):
+                gradient[3 * m + j] += slope[i, j] * deviation
+        for i in range(3):
+            for j in range(3):
+                for k in range(3):
+                    hessian[3 * m + i, 3 * m + j] += slope[k, i] * slope[k, j]
+                if past > 0.0:
+                    hessian[3 * m + i, 3 * m + j] += bend[i] * bend[j]
+            gradient[3 * m + i] += bend[i] * past
     return hessian, gradient, cost
-
-
-def range_information(points: SkinPoints, pose: Pose, config: FitConfig) -> np.ndarray:
-    """(POSE_SIZE, POSE_SIZE) what joint range and hinge limits alone say at a pose."""
-    return prior_equations(points, pose, None, config)[0]
 
 
 def solve_damped(equations: NormalEquations) -> np.ndarray:
@@ -170,14 +145,22 @@ def solve_damped(equations: NormalEquations) -> np.ndarray:
     hessian = equations.hessian + 1e-3 * np.diag(np.diag(equations.hessian))
     _, change, failed = dposv(hessian, -equations.gradient)
     if failed:
-        raise np.linalg.LinAlgError(f"the normal equations are not positive definite, LAPACK says {failed}")
+        raise np.linalg.LinAlgError(f"the normal equations are not positive definite, LAPACK reports {failed}")
     return np.asarray(change)
 
 
-def limited(change: np.ndarray, config: FitConfig) -> np.ndarray:
+def limited(change: np.ndarray) -> np.ndarray:
     """The change, shortened so that no bone turns farther than one step may."""
     largest = np.abs(change[: POSE_SIZE - 3]).max()
-    return change * min(1.0, config.max_turn / largest) if largest > 0 else change
+    return change * min(1.0, MAX_TURN / largest) if largest > 0 else change
+
+
+def damped_step(
+    body: Body, pose: Pose, rows: Constraints, predicted: Predicted | None, rows_per_observation: float
+) -> Pose:
+    """The pose after one Gauss-Newton step."""
+    equations = pose_equations(body, pose, pose_points(body, pose), rows, predicted, rows_per_observation)
+    return pose.moved(limited(solve_damped(equations)), body.points.moving)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -189,7 +172,11 @@ class ShapeFrame:
 
 
 def learn_shape_step(
-    points: SkinPoints, shape: FittedShape, frames: Sequence[ShapeFrame], known: ShapeBelief, config: FitConfig
+    points: SkinPoints,
+    shape: FittedShape,
+    frames: Sequence[ShapeFrame],
+    known: ShapeBelief,
+    rows_per_observation: float,
 ) -> tuple[ShapeBelief, list[Pose]]:
     """One Gauss-Newton step on the shape that all frames share and on every frame's pose (Schur complement).
 
@@ -202,16 +189,18 @@ def learn_shape_step(
     eliminated = []
     for frame in frames:
         posed = pose_points(body, frame.pose)
-        equations = pose_equations(body, frame.pose, posed, frame.constraints, None, config, count)
+        equations = pose_equations(body, frame.pose, posed, frame.constraints, None, rows_per_observation, count)
         h, g = equations.hessian, equations.gradient
         factor = cho_factor(h[:POSE_SIZE, :POSE_SIZE] + 1e-3 * np.diag(np.diag(h)[:POSE_SIZE]))
         cross = cho_solve(factor, h[:POSE_SIZE, POSE_SIZE:])
-        own = cho_solve(factor, g[:POSE_SIZE])
+        alone = cho_solve(factor, g[:POSE_SIZE])
         schur += h[POSE_SIZE:, POSE_SIZE:] - h[POSE_SIZE:, :POSE_SIZE] @ cross
-        right += g[POSE_SIZE:] - h[POSE_SIZE:, :POSE_SIZE] @ own
-        eliminated.append((cross, own))
+        right += g[POSE_SIZE:] - h[POSE_SIZE:, :POSE_SIZE] @ alone
+        eliminated.append((cross, alone))
     change = -np.linalg.solve(schur, right)
-    poses = [frame.pose.moved(limited(-own - cross @ change, config), points.moving)
-             for frame, (cross, own) in zip(frames, eliminated, strict=True)]  # fmt: skip
+    poses = [
+        frame.pose.moved(limited(-alone - cross @ change), points.moving)
+        for frame, (cross, alone) in zip(frames, eliminated, strict=True)
+    ]
     learned = FittedShape(shape.coefficients + change[:count], shape.clothing_m + change[size - 1])
-    return ShapeBelief(known.prior.possible(learned), schur, known.prior), poses
+    return ShapeBelief(possible_shape(learned), schur), poses

@@ -1,51 +1,55 @@
-"""From joint positions back to a pose: how predicted joints become part transforms (paper, Section IV).
-
-Legs that were taken for each other: the skin fits as well, hips and knees do not.
-"""
+"""From joint positions to poses: predicted joints (paper, Section IV), legs taken for each other, corrected joints."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from anchorpose.body.asset import joint_bones
-from anchorpose.body.fit import FitConfig, limited, prior_equations
-from anchorpose.body.pose import POSE_SIZE, Pose
+from anchorpose.body.fit import limited, prior_equations
+from anchorpose.body.pose import LIMB_OF_BONES, LIMB_OF_JOINTS, POSE_SIZE, TRUNK, Pose
+from anchorpose.body.registration import PATIENT_PACE, PoseBelief
 from anchorpose.body.skin_points import Body, joint_jacobian, pose_points
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 
-_JOINT_SIGMA_M = 0.01  # predicted joints are means of whole parts: closer than that they need not be met
-_STEPS = 3
+JOINT_SIGMA_M: Final = 0.01  # predicted joints are means of whole parts: closer than that they need not be met
+CROSSED_M: Final = 0.05  # of the knees, seen from the pelvis: who stands or steps keeps them apart
+CONTRADICTED: Final = 3.8  # sigmas of both together: two in a thousand are farther off; then a wrong limb was seen
+_STEPS: Final = 3
+_CORRECTION_STEPS: Final = 8  # a limb that was on the wrong side of the body has some way to go
+_LEGS: Final = tuple(
+    [JOINT_INDEX[f"{joint}{side}"] for joint in ("Knee", "Ankle", "Foot")] for side in ("Left", "Right")
+)
 
 
-def pose_from_joints(body: Body, start: Pose, joints_m: np.ndarray, config: FitConfig) -> Pose:
-    """The pose near ``start`` whose joints come closest to joints_m (21, 3); rows of NaN say nothing."""
+def pose_from_joints(body: Body, start: Pose, joints_m: np.ndarray) -> Pose:
+    """The pose near ``start`` whose joints come closest to joints_m (21, 3); rows of NaN are left out."""
     bones = joint_bones(body.points.asset)
     known = np.isfinite(joints_m).all(axis=1)
-    nearby = np.diag(1.0 / config.process_variance(1.0))  # what the joints leave open stays as it was
+    nearby = np.diag(1.0 / PATIENT_PACE.variance(1.0))  # what the joints leave open stays as it was
     pose = start
     for _ in range(_STEPS):
         transforms = body.transforms(pose)
         at = body.mesh.joints(transforms)
         jacobian = joint_jacobian(body, transforms, bones[known], at[known]).reshape(-1, POSE_SIZE)
         error = (at[known] - joints_m[known]).ravel()
-        hessian, gradient, _ = prior_equations(body.points, pose, (start, nearby), config)
-        hessian += jacobian.T @ jacobian / _JOINT_SIGMA_M**2
-        gradient += jacobian.T @ error / _JOINT_SIGMA_M**2
-        pose = pose.moved(limited(-np.linalg.solve(hessian, gradient), config), body.points.moving)
+        prior = prior_equations(body.points, pose, (start, nearby))
+        hessian = prior.hessian + jacobian.T @ jacobian / JOINT_SIGMA_M**2
+        gradient = prior.gradient + jacobian.T @ error / JOINT_SIGMA_M**2
+        pose = pose.moved(limited(-np.linalg.solve(hessian, gradient)), body.points.moving)
     return pose
 
 
-CROSSED_M = 0.05  # of the knees, seen from the pelvis: who stands or steps keeps them apart
-_LEGS = tuple(
-    [JOINT_INDEX[f"{joint}{side}"] for joint in ("Knee", "Ankle", "Foot")] for side in ("Left", "Right")
-)  # fmt: skip
+def exchange_crossed_legs(body: Body, pose: Pose) -> Pose | None:
+    """The pose with each leg where the other one is; None where the knees are not crossed.
 
-
-def uncrossed(body: Body, pose: Pose, config: FitConfig) -> Pose | None:
-    """The pose with each leg where the other one is; None where the knees are not crossed."""
-    posed = pose_points(body, pose)
+    Legs that were taken for each other: the skin fits as well, hips and knees do not.
+    """
+    asset, posed = body.points.asset, pose_points(body, pose)
     joints = body.mesh.joints(posed.transforms)
-    right = posed.transforms[body.points.asset.bone("Hips"), :3, 2]
+    right = posed.transforms[asset.bone("Hips"), :3, 2]
     left_leg, right_leg = _LEGS
     if (joints[right_leg[0]] - joints[left_leg[0]]) @ right > -CROSSED_M:
         return None
@@ -55,8 +59,63 @@ def uncrossed(body: Body, pose: Pose, config: FitConfig) -> Pose | None:
     wanted[left_leg], wanted[right_leg] = joints[right_leg], joints[left_leg]
     start = pose.rotations.copy()
     for limb in ("UpLeg", "Leg", "Foot"):
-        start[[body.points.asset.bone(f"{side}{limb}") for side in ("Left", "Right")]] = np.eye(3)
+        start[[asset.bone(f"{side}{limb}") for side in ("Left", "Right")]] = np.eye(3)
     found = Pose(start, pose.root_m)
     for _ in range(3):
-        found = pose_from_joints(body, found, wanted, config)
+        found = pose_from_joints(body, found, wanted)
     return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CorrectedJoints:
+    """Joints of one frame that a reviewer placed.
+
+    joint (k,): index into ``JOINT_NAMES``; position_m (k, 3): world; sigma_m (k,): standard deviation per axis.
+    """
+
+    joint: np.ndarray
+    position_m: np.ndarray
+    sigma_m: np.ndarray
+
+
+def contradicted(body: Body, belief: PoseBelief, corrected: CorrectedJoints) -> bool:
+    """Whether a joint is farther from its corrected place than the uncertainties of both allow."""
+    at, jacobian = _joints(body, belief.pose, corrected)
+    variance = ((jacobian @ belief.covariance) * jacobian).sum(axis=(1, 2)) / 3.0 + corrected.sigma_m**2
+    away_m = np.linalg.norm(at - corrected.position_m, axis=1)
+    return bool((away_m > CONTRADICTED * np.sqrt(variance)).any())
+
+
+def relax_limbs(belief: PoseBelief, corrected: CorrectedJoints, unseen_s: float) -> PoseBelief:
+    """The belief as if the limbs of the corrected joints had not been seen for a time; the others stay certain."""
+    growth = PATIENT_PACE.variance(unseen_s)
+    limbs = np.unique(LIMB_OF_JOINTS[corrected.joint])
+    growth[:-3] *= np.repeat(np.isin(LIMB_OF_BONES, limbs), 3)
+    growth[-3:] *= TRUNK in limbs
+    return belief.grown(belief.pose, growth)
+
+
+def apply_corrections(body: Body, belief: PoseBelief, corrected: CorrectedJoints, inflation: float = 1.0) -> PoseBelief:
+    """The belief together with the corrected joints: the most probable pose by both, bones of the same length.
+
+    inflation: by which sigma is computed from the posterior (``UncertaintyConfig``), so that the reported sigma of a
+    corrected joint is the given one.
+    """
+    worth = np.repeat((corrected.sigma_m / inflation) ** -2, 3)
+    expected, pose = (belief.pose, belief.information), belief.pose
+    for _ in range(_CORRECTION_STEPS):
+        at, jacobian = _joints(body, pose, corrected)
+        rows = jacobian.reshape(-1, POSE_SIZE)
+        prior = prior_equations(body.points, pose, expected)
+        hessian = prior.hessian + rows.T @ (worth[:, None] * rows)
+        gradient = prior.gradient + rows.T @ (worth * (at - corrected.position_m).ravel())
+        pose = pose.moved(limited(-np.linalg.solve(hessian, gradient)), body.points.moving)
+    gained = rows.T @ (worth[:, None] * rows)
+    return PoseBelief(pose, np.linalg.inv(hessian), belief.information + gained)
+
+
+def _joints(body: Body, pose: Pose, corrected: CorrectedJoints) -> tuple[np.ndarray, np.ndarray]:
+    """(k, 3) where the corrected joints are in a pose, and (k, 3, POSE_SIZE) how the pose moves them."""
+    transforms = body.transforms(pose)
+    at = body.mesh.joints(transforms)[corrected.joint]
+    return at, joint_jacobian(body, transforms, joint_bones(body.points.asset)[corrected.joint], at)

@@ -1,43 +1,24 @@
-"""The patient's own body: shape, bone lengths and clothing learnt from several frames at once.
-
-The patient's bone lengths, and how sure each is.
-"""
+"""The patient's body: shape and clothing learnt from several frames at once, and the bone lengths that follow."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from typing import Final
 
 import numpy as np
 
 from anchorpose.body.asset import BodyAsset, joint_bones
+from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.evidence import Evidence, evidence_rows
 from anchorpose.body.fit import ShapeFrame, learn_shape_step
 from anchorpose.body.pose import Pose
-from anchorpose.body.registration import RegistrationConfig
-from anchorpose.body.shape_belief import ShapeBelief, ShapePrior
+from anchorpose.body.shape_belief import ShapeBelief
 from anchorpose.body.skin_points import FittedShape, SkinPoints, build_body
 from anchorpose.joints import JOINT_INDEX
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LearningConfig:
-    """How much of the recording the shape is learnt from, and how."""
-
-    window_s: float = 4.0  # a patient moves enough in it to show where the limbs turn
-    sure_m: float = 0.004  # of each bone's length: one camera and nothing in the way leave 3.4 mm after a window
-    longest_s: float = 30.0  # of learning: a leg that was hidden so long will be, and every second is tracked twice
-    own_shape: bool = True  # False: nothing is learnt, everybody is the mean adult of the given or seen height
-    frame_count: int = 12  # spread over the window; more frames say the same again
-    reaches_m: tuple[float, ...] = (0.12, 0.10, 0.10, 0.08, 0.08, 0.06, 0.06, 0.06)
-    prior: ShapePrior = field(default_factory=ShapePrior)
-
-    def __post_init__(self) -> None:
-        sizes = (self.window_s, self.frame_count, self.sure_m, self.longest_s, *self.reaches_m)
-        if not self.reaches_m or not min(sizes) > 0:
-            raise ValueError("window_s, frame_count, sure_m, longest_s and reaches_m must be positive")
+REACHES_M: Final = (0.12, 0.10, 0.10, 0.08, 0.08, 0.06, 0.06, 0.06)  # of each step
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,25 +30,29 @@ class LearnedBody:
 
 
 def learn_body(
-    points: SkinPoints, shape: FittedShape, poses: Sequence[Pose], evidence: Sequence[Evidence],
-    known: ShapeBelief, config: LearningConfig, registration: RegistrationConfig,
-) -> LearnedBody:  # fmt: skip
+    points: SkinPoints,
+    shape: FittedShape,
+    poses: Sequence[Pose],
+    evidence: Sequence[Evidence],
+    known: ShapeBelief,
+    config: RegistrationConfig,
+) -> LearnedBody:
     """One shape for all frames, each frame's own pose: alternate correspondences and a joint Gauss-Newton step.
 
     shape: to start from. known: what is known of it without these frames, from a prior or from earlier frames: where
-    that is sure, these frames hardly change it, and what those have not shown settles.
+    that is certain, these frames hardly change it; where it is not, they decide.
     Raises ValueError when no frame is given.
     """
     if not poses:
         raise ValueError("a body needs at least one frame to be learnt from")
-    current, learned = list(poses), ShapeBelief(shape, known.information, known.prior)
-    for reach_m in config.reaches_m:
+    current, learned = list(poses), ShapeBelief(shape, known.information)
+    for reach_m in REACHES_M:
         body = build_body(points, learned.shape)
         frames = [
-            ShapeFrame(pose, evidence_rows(body, pose, seen, reach_m, registration.constraints))
+            ShapeFrame(pose, evidence_rows(body, pose, seen, reach_m, config))
             for pose, seen in zip(current, evidence, strict=True)
         ]
-        learned, current = learn_shape_step(points, learned.shape, frames, known, registration.fit)
+        learned, current = learn_shape_step(points, learned.shape, frames, known, config.rows_per_observation)
     return LearnedBody(learned, tuple(current))
 
 
@@ -107,7 +92,7 @@ def bone_lengths(asset: BodyAsset, belief: ShapeBelief) -> tuple[BoneLength, ...
 
 
 def _spans(asset: BodyAsset, shape: FittedShape) -> np.ndarray:
-    """(n, 3) from the first to the second joint of each bone at body."""
+    """(n, 3) from the first to the second joint of each bone at rest."""
     start, end = _ends(asset)
     heads = shape.body(asset).bone_heads
     return np.asarray(heads[end] - heads[start])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -10,32 +11,20 @@ from scipy.spatial.transform import Rotation
 
 from anchorpose.body.asset import BodyAsset, joint_bones
 from anchorpose.body.kinematics import ShapedBody
+from anchorpose.body.nearest_skin import Oriented
 from anchorpose.camera import transform_points
 from anchorpose.errors import DegenerateGeometry
 from anchorpose.surface.surface import Surface
 
-COLLINEAR_RATIO = 1e-3
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PartRegistrationConfig:
-    """When a part is believed to have been seen, and how ICP runs."""
-
-    least_pairs: int = 6  # below that a rigid motion follows the noise of single nodes
-    pair_rounds: int = 8  # of reweighting the pairs; their fit settles in five
-    least_scale_m: float = 0.01  # pairs within a node's spacing of their fit are as good as each other
-    iterations: int = 5  # of ICP after the pairs
-    reach_m: float = 0.06  # a limb's radius: farther nodes belong to the next limb
-    surface_sigma_m: float = 0.02  # of a node off the skin of its part: clothes, sensor, and neighbours that share both
-    turn_sigma: float = 0.15  # radians, and
-    shift_sigma_m: float = 0.02  # metres, that a step may leave the pairs: what planes do not hold must not slide
-
-    def __post_init__(self) -> None:
-        if self.least_pairs < 3 or self.iterations < 0 or self.pair_rounds < 1:
-            raise ValueError("least_pairs must be at least 3, pair_rounds at least 1, iterations not negative")
-        for name in ("least_scale_m", "reach_m", "surface_sigma_m", "turn_sigma", "shift_sigma_m"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+COLLINEAR_RATIO: Final = 1e-3
+LEAST_PAIRS: Final = 6  # below that a rigid motion follows the noise of single nodes
+PAIR_ROUNDS: Final = 8  # of reweighting the pairs; their fit settles in five
+LEAST_SCALE_M: Final = 0.01  # pairs within a node's spacing of their fit are as good as each other
+ITERATIONS: Final = 5  # of ICP after the pairs
+REACH_M: Final = 0.06  # a limb's radius: farther nodes belong to the next limb
+SURFACE_SIGMA_M: Final = 0.02  # of a node off the skin of its part: clothes, sensor, and neighbours that share both
+TURN_SIGMA: Final = 0.15  # radians, and
+SHIFT_SIGMA_M: Final = 0.02  # metres, that a step may leave the pairs: what planes do not constrain must not slide
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +39,7 @@ def fit_rigid_transform(source_m: np.ndarray, target_m: np.ndarray, weight: np.n
     """Rigid motion that best maps source_m onto target_m, least squares.
 
     source_m, target_m : (n, 3) float64, metres. Row i of one matches row i of the other. weight (n,) not negative, of
-    each row; None = all alike.
+    each row; None = all equal.
     Returns T_target_source : (4, 4). Raises DegenerateGeometry when the points are collinear or fewer than three.
     Source: Arun et al. 1987 (doi:10.1109/TPAMI.1987.4767965), reflections excluded.
     """
@@ -69,75 +58,74 @@ def fit_rigid_transform(source_m: np.ndarray, target_m: np.ndarray, weight: np.n
 
 
 def register_parts(
-    skin_m: np.ndarray, normals: np.ndarray, part: np.ndarray, matched_m: np.ndarray, surface: Surface,
-    T_predicted: np.ndarray, config: PartRegistrationConfig,
-) -> PartRegistration:  # fmt: skip
+    skin: Oriented,
+    part: np.ndarray,
+    matched_m: np.ndarray,
+    surface: Surface,
+    T_predicted: np.ndarray,
+    iterations: int = ITERATIONS,
+) -> PartRegistration:
     """tau-hat = ICP(tau, phi): pairs of the global hypothesis start each part, the nearest nodes end it.
 
-    skin_m, normals (n, 3): points of the body's skin in frame t, and their part (n,) bone index; matched_m (n, 3) where
-    the tree puts them in t+1, NaN where it found nothing; surface: that of t+1; T_predicted (b, 4, 4) predicted motion
-    of each part. The body's own skin is registered, not the last frame's nodes, whose error would add up.
-    A part of which too little is seen keeps its prediction and says so.
+    skin: points of the body's skin in frame t; part (n,): their bone index; matched_m (n, 3): where the tree puts them
+    in t+1, NaN where it found nothing; surface: that of t+1; T_predicted (b, 4, 4): predicted motion of each part;
+    iterations: of ICP after the pairs. The skin is registered, not the last frame's nodes, whose error would add up.
+    A part of which too little is seen keeps its prediction and reports it.
     """
     tree = cKDTree(surface.points_m)
     transforms, registered = T_predicted.copy(), np.zeros(len(T_predicted), dtype=bool)
     for bone in np.unique(part):
         own = part == bone
         paired = own & np.isfinite(matched_m).all(axis=1)
-        T = _fit_pairs(skin_m[paired], matched_m[paired], T_predicted[bone], config)
+        T = _fit_pairs(skin.places_m[paired], matched_m[paired], T_predicted[bone])
         registered[bone] = T is not None
         transforms[bone] = T_predicted[bone] if T is None else T
-        for _ in range(config.iterations):
-            step = _icp_step(skin_m[own], normals[own], surface, tree, transforms[bone], config)
+        for _ in range(iterations):
+            step = _icp_step(Oriented(skin.places_m[own], skin.normals[own]), surface, tree, transforms[bone])
             if step is None:
                 break
             transforms[bone], registered[bone] = step @ transforms[bone], True
     return PartRegistration(transforms, registered)
 
 
-def _fit_pairs(
-    skin_m: np.ndarray, matched_m: np.ndarray, T_predicted: np.ndarray, config: PartRegistrationConfig
-) -> np.ndarray | None:
-    """The motion that the pairs agree on, starting from the prediction; None where they do not tell one.
+def _fit_pairs(skin_m: np.ndarray, matched_m: np.ndarray, T_predicted: np.ndarray) -> np.ndarray | None:
+    """The motion that the pairs agree on, starting from the prediction; None where they do not determine one.
 
-    Reweighted by Cauchy's function of the residual over its median: mismatches have no say.
+    Reweighted by Cauchy's function of the residual over its median: mismatches have no influence.
     """
-    if len(skin_m) < config.least_pairs:
+    if len(skin_m) < LEAST_PAIRS:
         return None
     T = T_predicted
     try:
-        for _ in range(config.pair_rounds):
+        for _ in range(PAIR_ROUNDS):
             residual = np.linalg.norm(transform_points(T, skin_m) - matched_m, axis=1)
-            scale = max(float(np.median(residual)), config.least_scale_m)
+            scale = max(float(np.median(residual)), LEAST_SCALE_M)
             T = fit_rigid_transform(skin_m, matched_m, 1.0 / (1.0 + (residual / scale) ** 2))
     except DegenerateGeometry:
         return None
     return T
 
 
-def _icp_step(
-    skin_m: np.ndarray, normals: np.ndarray, surface: Surface, tree: cKDTree, T: np.ndarray,
-    config: PartRegistrationConfig,
-) -> np.ndarray | None:  # fmt: skip
+def _icp_step(skin: Oriented, surface: Surface, tree: cKDTree, T: np.ndarray) -> np.ndarray | None:
     """One step of point-to-plane ICP of a part at T, (4, 4) after it; None where too few nodes are near.
 
-    The plane's normal is the mean of both, as in ``surface_constraints``; what the planes leave open stays put.
+    The plane's normal is the mean of both, as in ``surface_constraints``; what the planes leave open does not move.
     """
-    moved, facing = transform_points(T, skin_m), normals @ T[:3, :3].T
-    distance, nearest = tree.query(moved, distance_upper_bound=config.reach_m)
+    moved, facing = transform_points(T, skin.places_m), skin.normals @ T[:3, :3].T
+    distance, nearest = tree.query(moved, distance_upper_bound=REACH_M)
     near = np.flatnonzero(np.isfinite(distance))
     node_normals = surface.normals[nearest[near]].astype(np.float64)
-    alike = (node_normals * facing[near]).sum(axis=1) > 0.5  # 60 degrees: the other side of a limb is not this one
+    alike = (node_normals * facing[near]).sum(axis=1) > 0.5  # 60 degrees: not the other side of a limb
     near, node_normals = near[alike], node_normals[alike]
-    if len(near) < config.least_pairs:
+    if len(near) < LEAST_PAIRS:
         return None
     direction = node_normals + facing[near]
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     residual = ((moved[near] - surface.points_m[nearest[near]]) * direction).sum(axis=1)
     centre = moved[near].mean(axis=0)
     rows = np.hstack([np.cross(moved[near] - centre, direction), direction])
-    weight = 1.0 / (config.surface_sigma_m * (1.0 + (residual / config.surface_sigma_m) ** 2)) ** 2
-    keep = np.repeat([1.0 / config.turn_sigma**2, 1.0 / config.shift_sigma_m**2], 3)
+    weight = 1.0 / (SURFACE_SIGMA_M * (1.0 + (residual / SURFACE_SIGMA_M) ** 2)) ** 2
+    keep = np.repeat([1.0 / TURN_SIGMA**2, 1.0 / SHIFT_SIGMA_M**2], 3)
     change = -np.linalg.solve((rows * weight[:, None]).T @ rows + np.diag(keep), rows.T @ (weight * residual))
     step = np.eye(4)
     step[:3, :3] = Rotation.from_rotvec(change[:3]).as_matrix()

@@ -1,13 +1,10 @@
-"""The pose of the articulated body: which bones turn, how far they usually turn, and how a pose is changed.
-
-Arms and legs: which bones and joints belong to each, and what is left to the trunk.
-"""
+"""The pose of the articulated body: which bones turn, how far they usually turn, how a pose is changed, the limbs."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -24,7 +21,7 @@ MOVING_BONES: Final = (
 """The bones whose rotation is estimated; fingers, toes and the pelvis' two stubs keep the rest pose."""
 
 POSE_SIZE: Final = 3 * len(MOVING_BONES) + 3
-"""Parameters of a pose change: a rotation vector a moving bone, then the translation of the root."""
+"""Parameters of a pose change: one rotation vector per moving bone, then the translation of the root."""
 
 DEGREE: Final = np.pi / 180.0
 
@@ -52,8 +49,7 @@ class Pose:
         return rotation_vectors(self.rotations[moving])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class JointRange:
+class JointRange(NamedTuple):
     """How bones turn in people: a Gaussian on the rotation vector of each moving bone, and hinge limits.
 
     mean (m, 3) radians; whiten (m, 3, 3): rotation vector deviations to standard deviations. hinge (m, 3): unit axis of
@@ -72,7 +68,7 @@ def moving_bones(asset: BodyAsset) -> np.ndarray:
 
 
 def descendants(asset: BodyAsset) -> np.ndarray:
-    """(m, b) float64: 1 where the bone is the moving bone or hangs on it."""
+    """(m, b) float64: 1 where the bone is the moving bone or one of its descendants."""
     below = np.zeros((len(MOVING_BONES), len(asset.bone_names)))
     for row, bone in enumerate(moving_bones(asset)):
         for other in range(len(asset.bone_names)):
@@ -84,7 +80,7 @@ def descendants(asset: BodyAsset) -> np.ndarray:
 
 
 # Standard deviations in degrees about X (abduction), Y (twist) and Z (flexion) of the rest pose, and the mean flexion.
-# Broad by intent: they only decide what the depth does not; about half of the passive ranges in the textbooks.
+# Broad on purpose: they only decide what the depth does not; about half of the passive ranges in the textbooks.
 _SPREAD_DEG: Final = {
     "LowerBack": (8, 8, 14, 0), "Spine": (8, 8, 10, 0), "Spine1": (7, 8, 8, 0),
     "Neck": (8, 12, 10, 0), "Neck1": (8, 14, 10, 0), "Head": (8, 14, 10, 0),

@@ -1,9 +1,9 @@
-"""Hessian and gradient of many rows with respect to the pose, without ever writing down their Jacobian.
+"""Hessian and gradient of many rows with respect to the pose, without ever storing their Jacobian.
 
 A row of a point x on a rigid bone moves with the bone's turn by ``(x - pivot) x direction``, which is linear in the six
-numbers ``(x x direction, direction)``. So rows are first summed up by skin point (3 x 3), then by pairs of bones that
-move a point together (6 x 6), then down the skeleton, and only then turned into parameters.
-``skin_points.pose_jacobian`` is the plain form.
+numbers ``(x x direction, direction)``. So rows are first summed by skin point (3 x 3), then by pairs of bones that move
+a point together (6 x 6), then down the skeleton, and only then turned into parameters.
+``skin_points.pose_jacobian`` is the reference implementation.
 """
 
 from __future__ import annotations
@@ -16,9 +16,13 @@ from anchorpose.body.skin_points import Body, PosedPoints
 
 
 def accumulate_pose(
-    body: Body, posed: PosedPoints, index: np.ndarray, direction: np.ndarray,
-    residual_m: np.ndarray, weight: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    body: Body,
+    posed: PosedPoints,
+    index: np.ndarray,
+    direction: np.ndarray,
+    residual_m: np.ndarray,
+    weight: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
     """``J^T W J`` (POSE_SIZE, POSE_SIZE) and ``J^T W r`` (POSE_SIZE,); arguments as in ``pose_jacobian``."""
     parents = body.points.asset.bone_parents
     pivot, frame = turning(posed.transforms, body.mesh.bone_heads, parents, body.points.moving)
@@ -46,9 +50,13 @@ def _by_point(
 
 @njit(cache=True)
 def _by_bones(
-    bones: np.ndarray, influence: np.ndarray, transforms: np.ndarray, rest_m: np.ndarray, spread: np.ndarray,
+    bones: np.ndarray,
+    influence: np.ndarray,
+    transforms: np.ndarray,
+    rest_m: np.ndarray,
+    spread: np.ndarray,
     pull: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+) -> tuple[np.ndarray, np.ndarray]:
     """Moments (b, b, 6, 6) of each pair of bones, and forces (b, 6) on each: torque about the origin, then force.
 
     Of two bones the heavier comes first, so that the other half of the moments is what ``_mirror`` adds.
@@ -56,22 +64,13 @@ def _by_bones(
     count = len(transforms)
     pairs, forces = np.zeros((count, count, 6, 6)), np.zeros((count, 6))
     arms, half = np.zeros((bones.shape[1], 6, 3)), np.empty((6, 3))
-    place = np.empty(3)
     for p in range(len(rest_m)):
         if spread[p, 0, 0] + spread[p, 1, 1] + spread[p, 2, 2] == 0.0:
             continue
         used = 0
         while used < bones.shape[1] and influence[p, used] > 0.0:
-            bone, share = bones[p, used], influence[p, used]
-            for i in range(3):
-                place[i] = transforms[bone, i, 3]
-                for j in range(3):
-                    place[i] += transforms[bone, i, j] * rest_m[p, j]
-                place[i] *= share
-            arm = arms[used]
-            arm[0, 1], arm[0, 2], arm[1, 0] = -place[2], place[1], place[2]
-            arm[1, 2], arm[2, 0], arm[2, 1] = -place[0], -place[1], place[0]
-            arm[3, 0], arm[4, 1], arm[5, 2] = share, share, share
+            bone, arm = bones[p, used], arms[used]
+            _lever(transforms[bone], rest_m[p], influence[p, used], arm)
             for i in range(6):
                 for j in range(3):
                     forces[bone, i] += arm[i, j] * pull[p, j]
@@ -92,8 +91,20 @@ def _by_bones(
 
 
 @njit(cache=True)
+def _lever(T_world_rest: np.ndarray, rest_m: np.ndarray, share: float, arm: np.ndarray) -> None:
+    """Fills arm (6, 3): torque about the origin and force of a force on the point, as far as it is the bone's."""
+    T, r = T_world_rest, rest_m
+    x = share * (T[0, 3] + T[0, 0] * r[0] + T[0, 1] * r[1] + T[0, 2] * r[2])
+    y = share * (T[1, 3] + T[1, 0] * r[0] + T[1, 1] * r[1] + T[1, 2] * r[2])
+    z = share * (T[2, 3] + T[2, 0] * r[0] + T[2, 1] * r[1] + T[2, 2] * r[2])
+    arm[0, 1], arm[0, 2], arm[1, 0] = -z, y, z
+    arm[1, 2], arm[2, 0], arm[2, 1] = -x, -y, x
+    arm[3, 0], arm[4, 1], arm[5, 2] = share, share, share
+
+
+@njit(cache=True)
 def _mirror(pairs: np.ndarray) -> None:
-    """In place: adds the transpose, but to a bone's moments with itself, which are whole."""
+    """In place: adds the transpose, except to a bone's moments with itself, which are complete."""
     for one in range(len(pairs)):
         for other in range(one):
             for i in range(6):
@@ -104,7 +115,7 @@ def _mirror(pairs: np.ndarray) -> None:
 
 @njit(cache=True)
 def _down_the_skeleton(parents: np.ndarray, pairs: np.ndarray, forces: np.ndarray) -> None:
-    """In place: what moves a bone moves with everything it hangs on. Parents stand before children."""
+    """In place: adds to each bone what moves its descendants. Parents come before children."""
     for bone in range(len(parents) - 1, 0, -1):
         forces[parents[bone]] += forces[bone]
         pairs[parents[bone]] += pairs[bone]
@@ -119,18 +130,9 @@ def _by_parameter(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Moments about the origin to turns about the pivots in the parents' axes; the last three are the root's shift."""
     count = len(moving)
-    turns = np.zeros((count + 1, 3, 6))
+    screws = _screws(pivot, frame)
     bone = np.zeros(count + 1, np.int64)  # the root carries everything
-    for m in range(count):
-        bone[m] = moving[m]
-        for k in range(3):
-            x, y, z = frame[m, 0, k], frame[m, 1, k], frame[m, 2, k]
-            turns[m, k, 0], turns[m, k, 1], turns[m, k, 2] = x, y, z
-            turns[m, k, 3] = z * pivot[m, 1] - y * pivot[m, 2]
-            turns[m, k, 4] = x * pivot[m, 2] - z * pivot[m, 0]
-            turns[m, k, 5] = y * pivot[m, 0] - x * pivot[m, 1]
-    for k in range(3):
-        turns[count, k, 3 + k] = 1.0
+    bone[:count] = moving
     size = 3 * count + 3
     hessian, gradient = np.zeros((size, size)), np.zeros(size)
     half = np.empty(6)
@@ -138,17 +140,34 @@ def _by_parameter(
         for k in range(3):
             row = 3 * m + k
             for i in range(6):
-                gradient[row] += turns[m, k, i] * forces[bone[m], i]
+                gradient[row] += screws[m, k, i] * forces[bone[m], i]
             for n in range(m, count + 1):
                 moment = pairs[bone[m], bone[n]]
                 for j in range(6):
                     half[j] = 0.0
                     for i in range(6):
-                        half[j] += turns[m, k, i] * moment[i, j]
+                        half[j] += screws[m, k, i] * moment[i, j]
                 for c in range(3):
                     total = 0.0
                     for j in range(6):
-                        total += half[j] * turns[n, c, j]
+                        total += half[j] * screws[n, c, j]
                     hessian[row, 3 * n + c] = total
                     hessian[3 * n + c, row] = total
     return hessian, gradient
+
+
+@njit(cache=True)
+def _screws(pivot: np.ndarray, frame: np.ndarray) -> np.ndarray:
+    """(m + 1, 3, 6) each parameter as turn and shift about the origin."""
+    count = len(pivot)
+    screws = np.zeros((count + 1, 3, 6))
+    for m in range(count):
+        for k in range(3):
+            x, y, z = frame[m, 0, k], frame[m, 1, k], frame[m, 2, k]
+            screws[m, k, 0], screws[m, k, 1], screws[m, k, 2] = x, y, z
+            screws[m, k, 3] = z * pivot[m, 1] - y * pivot[m, 2]
+            screws[m, k, 4] = x * pivot[m, 2] - z * pivot[m, 0]
+            screws[m, k, 5] = y * pivot[m, 0] - x * pivot[m, 1]
+    for k in range(3):
+        screws[count, k, 3 + k] = 1.0
+    return screws

@@ -1,26 +1,36 @@
 """One frame's pose: articulated registration from the predicted pose and the tree's pairs (paper, Section IV).
 
-Other poses worth trying when a limb is not where it was expected: arms as they are held, legs that stand or sit.
+Where seen skin is not covered by the body, other poses of arms and legs are tried.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from anchorpose.body.asset import BodyAsset
-from anchorpose.body.constraints import ConstraintConfig, Constraints, join, no_constraints, surface_constraints
-from anchorpose.body.evidence import Evidence, doubted_node_cost, evidence_cost, evidence_rows
-from anchorpose.body.fit import FitConfig, NormalEquations, limited, pose_equations, range_information, solve_damped
+from anchorpose.body.config import RegistrationConfig
+from anchorpose.body.constraints import Constraints, join, no_constraints, surface_constraints
+from anchorpose.body.evidence import Evidence, evidence_cost, evidence_rows, unexplained_node_cost
+from anchorpose.body.fit import damped_step, pose_equations, range_information
 from anchorpose.body.nearest_skin import nearest_point
 from anchorpose.body.pose import DEGREE, POSE_SIZE, Pose, hinge_axes
 from anchorpose.body.skin_points import Body, pose_points
 
-_DIRECTIONS = (
+SEARCH_REACHES_M: Final = (0.25, 0.20, 0.15)  # from one direction of an arm to the next
+SEARCH_GAIN: Final = 0.008  # share of the nodes that a new arm must explain besides; else it stays as predicted
+UNSEEN_S: Final = 4.0  # a limb that was not where it was expected is as uncertain as one unseen for so long
+OFF_BODY_M: Final = 0.08  # farther from all skin points than that, a node is on a limb the body does not cover
+MOST_OFF_BODY: Final = 0.012  # share of the nodes: half a forearm that one of three cameras sees
+OFF_BODY_STRIDE: Final = 3  # a third of the nodes are enough to estimate a share
+LEAST_EXPLAINED: Final = 0.3  # share of nodes near the body below which it is not this body that is seen
+
+_DIRECTIONS: Final = (
     (0.2, -1.0, 0.3),
     (1.0, -0.3, 0.2),
     (0.2, -0.2, 1.0),
@@ -30,17 +40,184 @@ _DIRECTIONS = (
 )
 """Of the right upper arm in the trunk's axes, X forward, Y up, Z to the right: down, forward, sideways, up, across."""
 
-_ELBOW_TURNS = tuple(turn * DEGREE for turn in (-90.0, -45.0, 0.0, 45.0, 90.0, 180.0))
+_ELBOW_TURNS: Final = tuple(turn * DEGREE for turn in (-90.0, -45.0, 0.0, 45.0, 90.0, 180.0))
 """Of a bent forearm about the upper arm, from where it is."""
 
-_ELBOWS = (15.0 * DEGREE, 90.0 * DEGREE)
-_SEATED = 85.0 * DEGREE  # of hip and knee alike: the shank hangs down
+_ELBOWS: Final = (15.0 * DEGREE, 90.0 * DEGREE)
+_SEATED: Final = 85.0 * DEGREE  # of hip and knee alike: the shank hangs down
 
 
-def arm_restarts(asset: BodyAsset, pose: Pose, side: str) -> Iterator[Pose]:
-    """The pose with one arm, ``Left`` or ``Right``, laid elsewhere: the forearm alone, then the whole arm.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pace:
+    """How fast a prediction becomes uncertain: a random walk about the predicted motion.
 
-    The elbow is nearly straight or bent; a bent forearm is turned about the upper arm, the whole arm is laid in each of
+    turn_sigma, radians, and root_sigma_m: standard deviations after one second of each bone's turn and of the root.
+    """
+
+    turn_sigma: float
+    root_sigma_m: float
+
+    def variance(self, elapsed_s: float) -> np.ndarray:
+        """(POSE_SIZE,) that a prediction gains over a time."""
+        variance = np.full(POSE_SIZE, self.turn_sigma**2 * elapsed_s)
+        variance[-3:] = self.root_sigma_m**2 * elapsed_s
+        return variance
+
+
+PATIENT_PACE: Final = Pace(turn_sigma=15.0 * DEGREE, root_sigma_m=0.08)
+"""In 1/15 s a predicted limb strays by 4 degrees and a predicted trunk by 2 cm."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseBelief:
+    """A pose and its uncertainty, in the parameters of ``Pose.moved``.
+
+    covariance (POSE_SIZE, POSE_SIZE): of the pose, all knowledge together. information (POSE_SIZE, POSE_SIZE): of what
+    was seen so far, without the joint range, which every frame adds again and which must not count twice.
+    """
+
+    pose: Pose
+    covariance: np.ndarray
+    information: np.ndarray
+
+    def later(self, pose: Pose, elapsed_s: float, pace: Pace = PATIENT_PACE) -> PoseBelief:
+        """The belief in a predicted pose: what is not seen becomes more uncertain with time."""
+        return self.grown(pose, pace.variance(elapsed_s))
+
+    def grown(self, pose: Pose, variance: np.ndarray) -> PoseBelief:
+        """The belief in another pose, with an additional variance (POSE_SIZE,) of each parameter."""
+        growth = np.diag(variance)
+        return PoseBelief(pose, self.covariance + growth, np.linalg.inv(np.linalg.inv(self.information) + growth))
+
+
+def vague_belief(pose: Pose) -> PoseBelief:
+    """A pose of which nothing was seen yet: half a radian and a quarter of a metre."""
+    variance = np.full(POSE_SIZE, 0.5**2)
+    variance[-3:] = 0.25**2
+    return PoseBelief(pose, np.diag(variance), np.diag(1.0 / variance))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Registration:
+    """belief in the pose; explained: share of the surface's nodes that the body accounts for, 0 where nothing was seen.
+
+    found is False where too little was seen or it is not this body: the belief is then the prediction, unchanged.
+    searched: whether other poses of the limbs were tried.
+    """
+
+    belief: PoseBelief
+    explained: float
+    found: bool
+    searched: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Frame:
+    """What one registration is given; held: rows of the first steps; fixed: rows of all steps."""
+
+    body: Body
+    evidence: Evidence
+    held: Constraints
+    fixed: Constraints
+    config: RegistrationConfig
+
+
+def register(
+    body: Body,
+    predicted: PoseBelief,
+    evidence: Evidence,
+    held: Constraints,
+    config: RegistrationConfig,
+    may_search: bool = True,
+    fixed: Constraints | None = None,
+) -> Registration:
+    """tau-hat = ICP(tau, phi), for all parts at once: they stay joined, and bones keep their length.
+
+    held: rows of the tree and the anchors; they start the registration, the surface itself ends it. may_search: whether
+    other poses of the limbs may be tried where seen skin is not covered. fixed: rows of every step, which make no pose
+    more certain: they were not seen.
+    """
+    if len(evidence.surface) < config.least_nodes:
+        return Registration(predicted, 0.0, False)
+    frame = _Frame(body, evidence, held, no_constraints() if fixed is None else fixed, config)
+    pose, judged_by = _descend(frame, predicted.pose, predicted, config.reaches_m), predicted
+    search = may_search and _share_off_body(body, pose, evidence) > MOST_OFF_BODY
+    if search:
+        pose, judged_by = _search_limbs(frame, pose, predicted)
+    found = posterior(body, pose, judged_by, evidence, config)
+    return replace(found if found.found else replace(found, belief=predicted), searched=search)
+
+
+def posterior(
+    body: Body, pose: Pose, predicted: PoseBelief, evidence: Evidence, config: RegistrationConfig
+) -> Registration:
+    """The belief in a pose that was found, given the evidence, and whether it is this body that is seen.
+
+    Only skin that is seen makes a pose more certain. That a limb is not where the room is seen is one-sided, so it is
+    left out of the covariance.
+    """
+    posed = pose_points(body, pose)
+    rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], config)
+    share = len(rows) / max(1, min(len(evidence.surface), config.node_count))
+    if share < LEAST_EXPLAINED:
+        return Registration(predicted, share, False)
+    expected = (predicted.pose, predicted.information)
+    hessian = pose_equations(body, pose, posed, rows, expected, config.rows_per_observation).hessian
+    seen = hessian - range_information(body.points, pose)
+    return Registration(PoseBelief(pose, np.linalg.inv(hessian), seen), share, True)
+
+
+def node_parts(body: Body, pose: Pose, nodes_m: np.ndarray, reach_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Nearest skin point of each node (n,), -1 beyond reach, and the bone (n,) that moves it, -1 likewise."""
+    point = nearest_point(pose_points(body, pose).points_m, nodes_m, reach_m)
+    return point, np.where(point >= 0, body.points.part[point], -1)
+
+
+def _descend(frame: _Frame, pose: Pose, predicted: PoseBelief, reaches_m: Sequence[float]) -> Pose:
+    """Gauss-Newton from one pose, with less and less reach."""
+    body, config, expected = frame.body, frame.config, (predicted.pose, predicted.information)
+    for number, reach_m in enumerate(reaches_m):
+        rows = [evidence_rows(body, pose, frame.evidence, reach_m, config), frame.fixed]
+        if number < config.held_steps:
+            rows.append(frame.held)
+        pose = damped_step(body, pose, join(rows), expected, config.rows_per_observation)
+    return pose
+
+
+def _search_limbs(frame: _Frame, pose: Pose, predicted: PoseBelief) -> tuple[Pose, PoseBelief]:
+    """Other poses of arms and legs, of which the one is kept that explains the frame best.
+
+    Returns the pose and the belief it is to be judged by: where a limb was found elsewhere, the prediction was wrong.
+    """
+    body, evidence, config = frame.body, frame.evidence, frame.config
+    uncertain = predicted.later(predicted.pose, UNSEEN_S)
+    reach_m = SEARCH_REACHES_M[-1]
+    nodes = min(len(evidence.surface), config.node_count)
+    worth = SEARCH_GAIN * nodes * unexplained_node_cost(reach_m, config)
+    best = evidence_cost(body, pose, evidence, reach_m, config) - worth
+    found = pose
+    for candidates in (partial(arm_candidates, side="Left"), partial(arm_candidates, side="Right"), leg_candidates):
+        for start in candidates(body.points.asset, found):
+            tried = _descend(frame, start, replace(uncertain, pose=start), SEARCH_REACHES_M)
+            cost = evidence_cost(body, tried, evidence, reach_m, config)
+            if cost < best:
+                found, best = tried, cost
+    if found is pose:
+        return pose, predicted
+    settled = replace(uncertain, pose=found)
+    return _descend(frame, found, settled, config.reaches_m[2:]), settled
+
+
+def _share_off_body(body: Body, pose: Pose, evidence: Evidence) -> float:
+    """Share of the nodes that lie off the body by more than a limb's thickness."""
+    nodes = evidence.surface.points_m[::OFF_BODY_STRIDE].astype(np.float64)
+    return float(np.mean(nearest_point(pose_points(body, pose).points_m, nodes, OFF_BODY_M) < 0))
+
+
+def arm_candidates(asset: BodyAsset, pose: Pose, side: str) -> Iterator[Pose]:
+    """The pose with one arm, ``Left`` or ``Right``, elsewhere: the forearm alone, then the whole arm.
+
+    The elbow is nearly straight or bent; a bent forearm is turned about the upper arm, the whole arm points in each of
     some directions.
     """
     arm, forearm, hand = (asset.bone(f"{side}{bone}") for bone in ("Arm", "ForeArm", "Hand"))
@@ -63,7 +240,7 @@ def arm_restarts(asset: BodyAsset, pose: Pose, side: str) -> Iterator[Pose]:
             yield Pose(rotations, pose.root_m)
 
 
-def leg_restarts(asset: BodyAsset, pose: Pose) -> Iterator[Pose]:
+def leg_candidates(asset: BodyAsset, pose: Pose) -> Iterator[Pose]:
     """The pose with both legs, or one, standing straight or sitting."""
     for sides in (("Left", "Right"), ("Left",), ("Right",)):
         for flexed in (0.0, _SEATED):
@@ -84,167 +261,3 @@ def _shortest_turn(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     sine, cosine = np.linalg.norm(axis), start @ end
     turn = axis / max(float(sine), 1e-9) * np.arctan2(sine, cosine)
     return np.asarray(Rotation.from_rotvec(turn).as_matrix())
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RegistrationConfig:
-    """How one frame is registered."""
-
-    reaches_m: tuple[float, ...] = (0.12, 0.10, 0.07, 0.06)  # from a fast arm's surprise to clothes
-    held_steps: int = 2  # pairs and anchors are centimetres off: they start the registration and do not end it
-    restart_reaches_m: tuple[float, ...] = (0.25, 0.20, 0.15)  # from one direction of an arm to the next
-    restart_gain: float = 0.008  # of the nodes that a new arm must explain besides; else it stays as predicted
-    restart_doubt_s: float = 4.0  # a limb that was not where it was expected may be anywhere
-    uncovered_m: float = 0.08  # farther from all skin points than that, a node is on a limb the body does not cover
-    most_uncovered: float = 0.012  # of the nodes: half a forearm that one of three cameras sees
-    uncovered_stride: int = 3  # a third of the nodes tell a share
-    least_explained: float = 0.3  # share of nodes near the body below which it is not this body that is seen
-    least_nodes: int = 150  # of about 3,500: less is a hand in the picture, not a patient
-    constraints: ConstraintConfig = field(default_factory=ConstraintConfig)
-    fit: FitConfig = field(default_factory=FitConfig)
-
-    def __post_init__(self) -> None:
-        if not self.reaches_m or min(self.reaches_m) <= 0:
-            raise ValueError("reaches_m needs at least one positive distance")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PoseBelief:
-    """A pose and how sure it is, in the parameters of ``Pose.moved``.
-
-    covariance (POSE_SIZE, POSE_SIZE): of the pose, all knowledge together. information (POSE_SIZE, POSE_SIZE): of what
-    was seen so far, without the joint range, which every frame adds anew and which must not count twice.
-    """
-
-    pose: Pose
-    covariance: np.ndarray
-    information: np.ndarray
-
-    def later(self, pose: Pose, elapsed_s: float, config: FitConfig) -> PoseBelief:
-        """The belief in a predicted pose: what is not seen grows less sure with time."""
-        growth = np.diag(config.process_variance(elapsed_s))
-        return PoseBelief(pose, self.covariance + growth, np.linalg.inv(np.linalg.inv(self.information) + growth))
-
-
-def vague_belief(pose: Pose) -> PoseBelief:
-    """A pose of which nothing was seen yet: half a radian and a quarter of a metre."""
-    variance = np.full(POSE_SIZE, 0.5**2)
-    variance[-3:] = 0.25**2
-    return PoseBelief(pose, np.diag(variance), np.diag(1.0 / variance))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Registration:
-    """belief in the pose; explained: share of the surface's nodes that the body accounts for, 0 where nothing was seen.
-
-    found is False where too little was seen or it is not this body: the belief is then the prediction, unchanged.
-    searched: whether the arms were looked for anew.
-    """
-
-    belief: PoseBelief
-    explained: float
-    found: bool
-    searched: bool = False
-
-
-def register(
-    body: Body, predicted: PoseBelief, evidence: Evidence, held: Constraints,
-    config: RegistrationConfig, may_search: bool = True, lasting: Constraints | None = None,
-) -> Registration:  # fmt: skip
-    """tau-hat = ICP(tau, phi), for all parts at once: they stay joined, and bones keep their length.
-
-    held: what the tree and the anchors say; it starts the registration, the surface itself ends it. may_search: whether
-    the arms may be looked for anew where seen skin is not covered. lasting: what holds from beginning to end, but makes
-    no pose surer: it is not seen.
-    """
-    if len(evidence.surface) < config.least_nodes:
-        return Registration(predicted, 0.0, False)
-    lasting = no_constraints() if lasting is None else lasting
-    pose = _descend(body, predicted.pose, predicted, evidence, held, config.reaches_m, config, lasting)
-    expected = predicted
-    search = may_search and _uncovered(body, pose, evidence, config) > config.most_uncovered
-    if search:
-        pose, predicted = _restart(body, pose, predicted, evidence, held, config, lasting)
-    found = posterior(body, pose, predicted, evidence, config)
-    return replace(found if found.found else replace(found, belief=expected), searched=search)
-
-
-def _descend(
-    body: Body, pose: Pose, predicted: PoseBelief, evidence: Evidence, held: Constraints,
-    reaches_m: Sequence[float], config: RegistrationConfig, lasting: Constraints,
-) -> Pose:  # fmt: skip
-    """Gauss-Newton from one pose, with less and less reach."""
-    for number, reach_m in enumerate(reaches_m):
-        rows = [evidence_rows(body, pose, evidence, reach_m, config.constraints), lasting]
-        if number < config.held_steps:
-            rows.append(held)
-        equations = _equations(body, pose, predicted, join(rows), config)
-        pose = pose.moved(limited(solve_damped(equations), config.fit), body.points.moving)
-    return pose
-
-
-def _restart(
-    body: Body, pose: Pose, predicted: PoseBelief, evidence: Evidence, held: Constraints,
-    config: RegistrationConfig, lasting: Constraints,
-) -> tuple[Pose, PoseBelief]:  # fmt: skip
-    """Seen skin that the body does not cover: look for arms and legs elsewhere, keep what explains the frame best.
-
-    Returns the pose and the belief it is to be judged by: where a limb was found anew, the prediction was wrong.
-    """
-    doubted = predicted.later(predicted.pose, config.restart_doubt_s, config.fit)
-    reach_m, constraints = config.restart_reaches_m[-1], config.constraints
-    nodes = min(len(evidence.surface), constraints.node_count)
-    worth = config.restart_gain * nodes * doubted_node_cost(reach_m, constraints, config.fit)
-    best = evidence_cost(body, pose, evidence, reach_m, constraints, config.fit) - worth
-    found = pose
-    for starts in (partial(arm_restarts, side="Left"), partial(arm_restarts, side="Right"), leg_restarts):
-        for start in starts(body.points.asset, found):
-            belief = PoseBelief(start, doubted.covariance, doubted.information)
-            tried = _descend(body, start, belief, evidence, held, config.restart_reaches_m, config, lasting)
-            cost = evidence_cost(body, tried, evidence, reach_m, constraints, config.fit)
-            if cost < best:
-                found, best = tried, cost
-    if found is pose:
-        return pose, predicted
-    settled = PoseBelief(found, doubted.covariance, doubted.information)
-    return _descend(body, found, settled, evidence, held, config.reaches_m[2:], config, lasting), settled
-
-
-def _uncovered(body: Body, pose: Pose, evidence: Evidence, config: RegistrationConfig) -> float:
-    """Share of the nodes that lie off the body by more than a limb's thickness."""
-    posed = pose_points(body, pose)
-    nodes = evidence.surface.points_m[:: config.uncovered_stride].astype(np.float64)
-    return float(np.mean(nearest_point(posed.points_m, nodes, config.uncovered_m) < 0))
-
-
-def posterior(
-    body: Body, pose: Pose, predicted: PoseBelief, evidence: Evidence,
-    config: RegistrationConfig,
-) -> Registration:  # fmt: skip
-    """What the evidence says of a pose that was found: how sure it is, and whether it is this body that is seen.
-
-    Only skin that is seen makes a pose surer. That a limb is not where the room is seen tells a side, not a place.
-    """
-    posed = pose_points(body, pose)
-    rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], config.constraints)
-    share = len(rows) / max(1, min(len(evidence.surface), config.constraints.node_count))
-    if share < config.least_explained:
-        return Registration(predicted, share, False)
-    hessian = _equations(body, pose, predicted, rows, config).hessian
-    seen = hessian - range_information(body.points, pose, config.fit)
-    return Registration(PoseBelief(pose, np.linalg.inv(hessian), seen), share, True)
-
-
-def _equations(
-    body: Body, pose: Pose, predicted: PoseBelief, rows: Constraints,
-    config: RegistrationConfig,
-) -> NormalEquations:  # fmt: skip
-    posed = pose_points(body, pose)
-    return pose_equations(body, pose, posed, rows, (predicted.pose, predicted.information), config.fit)
-
-
-def node_parts(body: Body, pose: Pose, nodes_m: np.ndarray, reach_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Nearest skin point of each node (n,), -1 beyond reach, and the bone (n,) that moves it, -1 likewise."""
-    posed = pose_points(body, pose)
-    point = nearest_point(posed.points_m, nodes_m, reach_m)
-    return point, np.where(point >= 0, body.points.part[point], -1)

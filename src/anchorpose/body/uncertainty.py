@@ -1,25 +1,12 @@
-"""How far off each joint may be: the posterior of the registration, carried to the joints and calibrated."""
+"""Standard deviation of each joint: the posterior of the registration, propagated to the joints and calibrated."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 
 from anchorpose.body.asset import joint_bones
+from anchorpose.body.config import UncertaintyConfig
 from anchorpose.body.skin_points import Body, PosedPoints, joint_jacobian
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class UncertaintyConfig:
-    """What the linear posterior does not know, set on simulated people alone and in clinics (see docs/tracking.md)."""
-
-    floor_m: float = 0.0035  # joints lie inside the body; the learnt shape places them no better than this
-    inflation: float = 0.65  # of the posterior: rows_per_observation is cautious, neighbours err less alike than that
-
-    def __post_init__(self) -> None:
-        if not (self.floor_m > 0 and self.inflation > 0):
-            raise ValueError("floor_m and inflation must be positive")
 
 
 def joint_sigma(body: Body, posed: PosedPoints, covariance: np.ndarray, config: UncertaintyConfig) -> np.ndarray:
@@ -43,9 +30,8 @@ def skin_sigma(body: Body, posed: PosedPoints, covariance: np.ndarray, config: U
 
 
 def _variance(
-    body: Body, posed: PosedPoints, covariance: np.ndarray, bones: np.ndarray,
-    places_m: np.ndarray,
-) -> np.ndarray:  # fmt: skip
+    body: Body, posed: PosedPoints, covariance: np.ndarray, bones: np.ndarray, places_m: np.ndarray
+) -> np.ndarray:
     """(n,) mean variance of the three axes, square metres, of places_m (n, 3) that are fixed to bones (n,)."""
     jacobian = joint_jacobian(body, posed.transforms, bones, places_m)
     return np.asarray(((jacobian @ covariance) * jacobian).sum(axis=(1, 2)) / 3.0)

@@ -1,74 +1,26 @@
-"""Was a joint seen, and if not, what hid it: asked of the skin around the joint, pixel by pixel.
-
-Which pixel of a camera each skin point falls on, compiled: ``Camera.pixel_of`` is the plain form.
-"""
+"""Was a joint seen, and if not, what hid it: decided by the skin around the joint, pixel by pixel."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
 
 from anchorpose.body.asset import BodyAsset, joint_bones
+from anchorpose.body.config import VisibilityConfig
 from anchorpose.body.kinematics import shape_body
 from anchorpose.body.skin_points import PosedPoints, SkinPoints
 from anchorpose.camera import Camera, invert_rigid
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_COUNT, JointState
 
-
-def lens_of(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """fx, fy, cx, cy (4,) and OpenCV's k1, k2, p1, p2, k3 (5,)."""
-    lens = camera.intrinsics
-    return np.array([lens.fx, lens.fy, lens.cx, lens.cy]), np.array(lens.distortion, dtype=np.float64)
-
-
-@njit(cache=True)
-def pixels_of(
-    points: np.ndarray, T_camera_world: np.ndarray, lens: np.ndarray, distortion: np.ndarray, height: int, width: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Column and row (n,), -1 where a point falls outside the picture, and its depth z (n,) metres."""
-    column, row = np.full(len(points), -1, np.int64), np.full(len(points), -1, np.int64)
-    depth = np.empty(len(points))
-    k1, k2, p1, p2, k3 = distortion
-    for p in range(len(points)):
-        place = T_camera_world[:3, 3].copy()
-        for i in range(3):
-            for j in range(3):
-                place[i] += T_camera_world[i, j] * points[p, j]
-        depth[p] = place[2]
-        if place[2] <= 1e-6:
-            continue
-        x, y = place[0] / place[2], place[1] / place[2]
-        squared = x * x + y * y
-        radial = 1.0 + squared * (k1 + squared * (k2 + squared * k3))
-        u = lens[0] * (x * radial + 2.0 * p1 * x * y + p2 * (squared + 2.0 * x * x)) + lens[2]
-        v = lens[1] * (y * radial + p1 * (squared + 2.0 * y * y) + 2.0 * p2 * x * y) + lens[3]
-        if -0.5 <= u <= width - 0.5 and -0.5 <= v <= height - 0.5:
-            c, r = int(np.rint(u)), int(np.rint(v))
-            if 0 <= c < width and 0 <= r < height:
-                column[p], row[p] = c, r
-    return column, row, depth
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class VisibilityConfig:
-    """When skin counts as seen."""
-
-    reach_m: float = 0.04  # clothes, sensor and pose error together
-    joint_radius_m: float = 0.13  # skin that moves with the joint: half a shank
-    trunk_radius_m: float = 0.22  # the spine lies at the back: so far to the skin of the belly
-    least_seen: float = 0.25  # share of the skin around a joint, facing one camera, that must be seen there
-    grazing: float = 0.25  # cosine below which skin is edge-on and returns no depth to speak of
-
-    def __post_init__(self) -> None:
-        for name in self.__slots__:
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
-
+JOINT_RADIUS_M: Final = 0.13  # skin that moves with the joint: half a shank
+TRUNK_RADIUS_M: Final = 0.22  # the spine lies at the back: so far to the skin of the belly
+LEAST_SEEN: Final = 0.25  # share of the skin around a joint, facing one camera, that must be seen there
+GRAZING: Final = 0.25  # cosine below which skin is edge-on and hardly returns depth
 
 _TRUNK = ("Hips", "Spine")
 _REASONS = (
@@ -82,16 +34,36 @@ _REASONS = (
 _SEEN, _SELF, _EQUIPMENT, _PERSON, _HOLE, _OUTSIDE, _MISFIT = range(7)
 
 
+class Projection(NamedTuple):
+    """A camera for kernels: both poses (4, 4), fx, fy, cx, cy (4,) and OpenCV's k1, k2, p1, p2, k3 (5,)."""
+
+    T_world_camera: np.ndarray
+    T_camera_world: np.ndarray
+    lens: np.ndarray
+    distortion: np.ndarray
+
+
+def projection_of(camera: Camera) -> Projection:
+    """Raises as ``Camera.require_pose``."""
+    lens, T_world_camera = camera.intrinsics, np.array(camera.require_pose(), np.float64, order="C")
+    return Projection(
+        T_world_camera,
+        np.array(invert_rigid(T_world_camera), order="C"),
+        np.array([lens.fx, lens.fy, lens.cx, lens.cy]),
+        np.array(lens.distortion, dtype=np.float64),
+    )
+
+
 @cache
-def skin_around_joints(points: SkinPoints, radius_m: float, trunk_radius_m: float) -> tuple[np.ndarray, ...]:
-    """For each joint the skin points of its own and the adjacent part that lie within its radius at body."""
+def skin_around_joints(points: SkinPoints) -> tuple[np.ndarray, ...]:
+    """For each joint the skin points of its own and the adjacent part that lie within its radius at rest."""
     asset: BodyAsset = points.asset
     body = shape_body(asset, np.zeros(1))
     place = body.vertices[points.vertex]
     around = []
     for joint, bone in zip(body.rest_joints(), joint_bones(asset), strict=True):
         distance = np.linalg.norm(place - joint, axis=1)
-        radius = trunk_radius_m if asset.bone_names[bone] in _TRUNK else radius_m
+        radius = TRUNK_RADIUS_M if asset.bone_names[bone] in _TRUNK else JOINT_RADIUS_M
         near = distance < max(radius, np.partition(distance, 24)[24])
         related = np.isin(points.part, [bone, asset.bone_parents[bone], *np.flatnonzero(asset.bone_parents == bone)])
         around.append(np.flatnonzero(near & related))
@@ -99,30 +71,33 @@ def skin_around_joints(points: SkinPoints, radius_m: float, trunk_radius_m: floa
 
 
 def joint_states(
-    points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera],
+    points: SkinPoints,
+    posed: PosedPoints,
+    views: Sequence[View | None],
+    cameras: Sequence[Camera],
     config: VisibilityConfig,
-) -> tuple[JointState, ...]:  # fmt: skip
-    """The state of each of the 21 joints: the best any camera offers, else what hides most of it.
+) -> tuple[JointState, ...]:
+    """The state of each of the 21 joints: the best that any camera offers, else what hides most of it.
 
-    Lost where the cameras look past most of the skin around it: then the joint is not where the body was laid.
+    Lost where the cameras look past most of the skin around it: then the joint is not where the pose puts it.
     """
     votes = np.zeros((JOINT_COUNT, _MISFIT + 1))
     observed = np.zeros(JOINT_COUNT, dtype=bool)
-    around = skin_around_joints(points, config.joint_radius_m, config.trunk_radius_m)
+    around = skin_around_joints(points)
     for view, camera in zip(views, cameras, strict=True):
         if view is None:
             continue
         reason, facing = _reasons(posed, view, camera, config)
         for joint, skin in enumerate(around):
-            mine = skin[facing[skin]]
-            if not len(mine):
+            towards = skin[facing[skin]]
+            if not len(towards):
                 votes[joint, _SELF] += 1.0
                 continue
-            counts = np.bincount(reason[mine], minlength=_MISFIT + 1)
-            observed[joint] |= counts[_SEEN] >= config.least_seen * len(mine)
-            votes[joint] += counts / len(mine)
+            counts = np.bincount(reason[towards], minlength=_MISFIT + 1)
+            observed[joint] |= counts[_SEEN] >= LEAST_SEEN * len(towards)
+            votes[joint] += counts / len(towards)
     votes[:, _SEEN] = 0.0
-    votes[:, _HOLE] += (votes.sum(axis=1) == 0.0) & ~observed  # no camera has a picture
+    votes[:, _HOLE] += (votes.sum(axis=1) == 0.0) & ~observed  # no camera has a frame
     misfit = ~observed & (votes[:, _MISFIT] > votes[:, :_MISFIT].sum(axis=1))
     states = [
         _REASONS[0] if seen else _REASONS[vote[:_MISFIT].argmax()] for seen, vote in zip(observed, votes, strict=True)
@@ -142,14 +117,43 @@ def seen_skin(
     return seen
 
 
-def _reasons(
-    posed: PosedPoints, view: View, camera: Camera, config: VisibilityConfig
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """What the pixel of each skin point says of it (p,), and which points face the camera (p,) bool."""
-    T_camera_world, (lens, distortion) = invert_rigid(camera.require_pose()), lens_of(camera)
-    column, row, far = pixels_of(posed.points_m, T_camera_world, lens, distortion, *view.labels.shape)
+def _reasons(posed: PosedPoints, view: View, camera: Camera, config: VisibilityConfig) -> tuple[np.ndarray, np.ndarray]:
+    """Why each skin point is seen or not by its pixel (p,), and which points face the camera (p,) bool."""
+    column, row, far = pixels_of(posed.points_m, projection_of(camera), *view.labels.shape)
     reason = _read(column, row, far, view.labels, view.depth_m, config.reach_m)
-    return reason, _turned_to(posed.points_m, posed.normals, camera.position_m, config.grazing)
+    return reason, _turned_to(posed.points_m, posed.normals, camera.position_m, GRAZING)
+
+
+@njit(cache=True)
+def pixels_of(
+    points: np.ndarray, projection: Projection, height: int, width: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Column and row (n,), -1 where a point falls outside the image, and its depth z (n,) metres.
+
+    ``Camera.pixel_of`` is the reference.
+    """
+    T_camera_world, lens = projection.T_camera_world, projection.lens
+    column, row = np.full(len(points), -1, np.int64), np.full(len(points), -1, np.int64)
+    depth = np.empty(len(points))
+    k1, k2, p1, p2, k3 = projection.distortion
+    for p in range(len(points)):
+        place = T_camera_world[:3, 3].copy()
+        for i in range(3):
+            for j in range(3):
+                place[i] += T_camera_world[i, j] * points[p, j]
+        depth[p] = place[2]
+        if place[2] <= 1e-6:
+            continue
+        x, y = place[0] / place[2], place[1] / place[2]
+        squared = x * x + y * y
+        radial = 1.0 + squared * (k1 + squared * (k2 + squared * k3))
+        u = lens[0] * (x * radial + 2.0 * p1 * x * y + p2 * (squared + 2.0 * x * x)) + lens[2]
+        v = lens[1] * (y * radial + p1 * (squared + 2.0 * y * y) + 2.0 * p2 * x * y) + lens[3]
+        if -0.5 <= u <= width - 0.5 and -0.5 <= v <= height - 0.5:
+            c, r = int(np.rint(u)), int(np.rint(v))
+            if 0 <= c < width and 0 <= r < height:
+                column[p], row[p] = c, r
+    return column, row, depth
 
 
 @njit(cache=True)
@@ -177,7 +181,7 @@ def _read(
 
 @njit(cache=True)
 def _turned_to(points: np.ndarray, normals: np.ndarray, eye: np.ndarray, grazing: float) -> np.ndarray:
-    """(p,) bool: skin that the eye sees less slantwise than ``grazing``, the cosine."""
+    """(p,) bool: skin that the eye sees at a cosine above ``grazing``."""
     facing = np.empty(len(points), np.bool_)
     for p in range(len(points)):
         towards, squared = 0.0, 0.0

@@ -10,6 +10,7 @@ import numpy as np
 from anchorpose.association.hypotheses import Feature, Matcher, anchor_subsets, match_hypotheses, nearest_hypotheses
 from anchorpose.body.constraints import Constraints, join, place_constraints
 from anchorpose.body.initial import anchor_constraints
+from anchorpose.body.nearest_skin import Oriented
 from anchorpose.body.part_registration import register_parts
 from anchorpose.body.pose import Pose
 from anchorpose.body.registration import node_parts
@@ -138,7 +139,7 @@ def parts_by_icp(
     hypothesis: GlobalHypothesis,
     window: Sequence[Observation],
     T_predicted: np.ndarray,
-    config: TrackConfig,
+    iterations: int,
 ) -> np.ndarray:
     """(b, 4, 4) T_next_now of every part by the paper's ICP; parts without evidence keep their prediction.
 
@@ -150,4 +151,4 @@ def parts_by_icp(
     beside = skin - window[0].surface.points_m[hypothesis.node]
     along = beside - (beside * normals).sum(axis=1, keepdims=True) * normals
     matched = hypothesis.matched_m + np.einsum("mij,mj->mi", T_predicted[part, :3, :3], along)
-    return register_parts(skin, normals, part, matched, window[1].surface, T_predicted, config.parts).T_next_now
+    return register_parts(Oriented(skin, normals), part, matched, window[1].surface, T_predicted, iterations).T_next_now

@@ -13,12 +13,12 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-from anchorpose.body.constraints import ConstraintConfig, no_constraints
+from anchorpose.body.config import RegistrationConfig
+from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence
-from anchorpose.body.fit import FitConfig
 from anchorpose.body.initial import find_rough_pose, shape_of_height
 from anchorpose.body.pose import DEGREE, POSE_SIZE, Pose
-from anchorpose.body.registration import PoseBelief, RegistrationConfig, posterior, register, vague_belief
+from anchorpose.body.registration import Pace, PoseBelief, posterior, register, vague_belief
 from anchorpose.body.skin_points import Body, SkinPoints, build_body, pose_points
 from anchorpose.camera import Camera
 from anchorpose.isolation.ownership import OwnershipLikelihood, join_likelihoods
@@ -54,15 +54,12 @@ def unconnected_surface(
     )
 
 
-ROUGHLY = RegistrationConfig(
-    reaches_m=(0.20, 0.12, 0.08),
-    held_steps=0,
-    least_nodes=60,
-    constraints=ConstraintConfig(node_count=700),
-    fit=FitConfig(turn_rate_sigma=40.0 * DEGREE, root_rate_sigma_m=0.3, rows_per_observation=2.0),
+ROUGHLY: Final = RegistrationConfig(
+    reaches_m=(0.20, 0.12, 0.08), held_steps=0, least_nodes=60, node_count=700, rows_per_observation=2.0
 )
-"""A third of the patient's nodes and steps, and the pace of a person who walks."""
+"""A third of the patient's nodes and steps."""
 
+WALKING: Final = Pace(turn_sigma=40.0 * DEGREE, root_sigma_m=0.3)  # a person who walks
 
 COARSE: Final = SurfaceConfig(step=4)  # a rough body needs no finer nodes
 HEIGHT_M: Final = 1.72  # of an adult of whom nothing else is known
@@ -161,9 +158,8 @@ def _evidence(views: Sequence[View | None], cameras: Sequence[Camera], label: in
 
 
 def _follow(one: Bystander, evidence: Evidence, points: SkinPoints, elapsed_s: float) -> Bystander | None:
-    pose, settings = _ahead(one, points, elapsed_s), ROUGHLY
-    predicted = one.belief.later(pose, abs(elapsed_s), settings.fit)
-    found = register(one.body, predicted, evidence, no_constraints(), settings, may_search=False)
+    predicted = one.belief.later(_ahead(one, points, elapsed_s), abs(elapsed_s), WALKING)
+    found = register(one.body, predicted, evidence, no_constraints(), ROUGHLY, may_search=False)
     if not found.found or found.explained < LEAST_EXPLAINED:
         return None
     change = one.belief.pose.change_to(found.belief.pose, points.moving)

@@ -7,12 +7,18 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Final
 
+<<<<<<< HEAD
 from anchorpose.association.hypotheses import GateConfig, HypothesisConfig
 from anchorpose.body.learning import LearningConfig
 from anchorpose.body.part_registration import PartRegistrationConfig
 from anchorpose.body.registration import RegistrationConfig
 from anchorpose.body.uncertainty import UncertaintyConfig
 from anchorpose.body.visibility import VisibilityConfig
+=======
+from anchorpose.association.hypotheses import GateConfig
+from anchorpose.association.matcher import HypothesisConfig
+from anchorpose.body.config import LearningConfig, RegistrationConfig, UncertaintyConfig, VisibilityConfig
+>>>>>>> becbddb (Thirteen settings of the body instead of fifty; kernels take named bundles, joints placed by a reviewer are corrected joints)
 from anchorpose.calibration.camera_to_camera import PlacingConfig
 from anchorpose.calibration.clocks import ClockConfig
 from anchorpose.calibration.equipment_pose import EquipmentPoseConfig
@@ -33,6 +39,7 @@ class Method(StrEnum):
 
     ARTICULATED = "articulated"  # all parts at once, joined, on the learnt body
     PARTS = "parts"  # the paper's own: every part by itself, from frame to frame
+    PAIRS = "pairs"  # the same by the pairs alone, without registering parts to the surface
 
 
 @settings
@@ -70,7 +77,6 @@ class TrackConfig:
     tree: TreeConfig = field(default_factory=TreeConfig)
     motion: MotionConfig = field(default_factory=MotionConfig)
     registration: RegistrationConfig = field(default_factory=RegistrationConfig)
-    parts: PartRegistrationConfig = field(default_factory=PartRegistrationConfig)
     learning: LearningConfig = field(default_factory=LearningConfig)
     visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
     uncertainty: UncertaintyConfig = field(default_factory=UncertaintyConfig)

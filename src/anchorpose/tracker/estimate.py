@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from anchorpose.body.corrected_joints import ToldJoints
+from anchorpose.body.inverse_kinematics import CorrectedJoints
 from anchorpose.body.registration import PoseBelief, Registration
 from anchorpose.body.skin_points import Body, FittedShape, pose_points
 from anchorpose.body.uncertainty import joint_sigma
@@ -56,7 +56,7 @@ def estimate_of(
     observation: Observation,
     matched_share: float | None,
     config: TrackConfig,
-    corrected: ToldJoints | None = None,
+    corrected: CorrectedJoints | None = None,
 ) -> Estimate:
     """Joints by the rule J, their states from the depth images, their sigma from the posterior.
 

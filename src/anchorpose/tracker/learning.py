@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from anchorpose.body.learning import bone_lengths, learn_body
 from anchorpose.body.shape_belief import ShapeBelief
 from anchorpose.body.skin_points import FittedShape, body_points
 from anchorpose.recording.recording import FrameSet
-from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import follow_openly
 from anchorpose.tracker.run import Run
 from anchorpose.tracker.start import LEAST_EXPLAINED, known_shape
+
+SURE_M: Final = 0.004  # of each bone's length: one camera and nothing in the way leave 3.4 mm after a window
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,8 +39,7 @@ def learn_patient(run: Run, frames: Iterable[FrameSet]) -> LearntPatient | None:
     end of a window, because they were hidden or nothing moved, tracking goes on with what was learnt so far, and the
     next window's frames add what they show. Only frames that take part in learning are kept, and those of one window.
     """
-    room, config = run.room, run.config
-    learning, known = config.learning, known_shape(room.recording, config)
+    room, learning, known = run.room, run.config.learning, known_shape(run.room.recording, run.config)
     learnt: LearntPatient | None = None
     kept, began_s = list[Estimate](), None
     choice = room.initial_frame.choice if room.initial_frame else None
@@ -51,12 +52,12 @@ def learn_patient(run: Run, frames: Iterable[FrameSet]) -> LearntPatient | None:
         if room.review.why_unusable(estimate.frame_set.frame) is not None:
             continue
         if not learning.own_shape:
-            fixed = ShapeBelief(estimate.shape, known.information, known.prior)
+            fixed = ShapeBelief(estimate.shape, known.information)
             return LearntPatient(fixed, fixed, 0.0)
         began_s = time_s if began_s is None else began_s
         if kept and _apart_s(kept[0], estimate) > learning.window_s:
             learnt, kept = _learn_more(learnt, known, began_s, kept, run), []
-            if _is_sure(learnt.belief, config):
+            if _is_sure(learnt.belief):
                 return learnt
             if tracker is not None:
                 tracker.use_shape(learnt.shape)
@@ -74,7 +75,6 @@ def _learn_more(
     learnt: LearntPatient | None, known: ShapeBelief, began_s: float, kept: Sequence[Estimate], run: Run
 ) -> LearntPatient:
     """What is known after one more window."""
-    config = run.config
     with run.stage("body shape"):
         belief = learn_body(
             body_points(),
@@ -82,13 +82,12 @@ def _learn_more(
             [estimate.belief.pose for estimate in kept if estimate.belief],
             [estimate.observation.evidence for estimate in kept if estimate.observation],
             known if learnt is None else learnt.belief,
-            config.learning,
-            config.registration,
+            run.config.registration,
         ).belief
     first = belief if learnt is None else learnt.first
     return LearntPatient(belief, first, abs(kept[-1].frame_set.time_s - began_s))
 
 
-def _is_sure(belief: ShapeBelief, config: TrackConfig) -> bool:
+def _is_sure(belief: ShapeBelief) -> bool:
     """Whether the length of every bone is known well enough."""
-    return all(bone.sigma_m <= config.learning.sure_m for bone in bone_lengths(body_points().asset, belief))
+    return all(bone.sigma_m <= SURE_M for bone in bone_lengths(body_points().asset, belief))

@@ -110,7 +110,6 @@ class _Passes:
                 back,
                 held_joints(self.run.room.review, [record.joints.frame for record in records]),
                 self.run.config.follow.lost_sigma_m,
-                self.run.config.registration.fit,
             )
         for record, answer in zip(records, smoothed, strict=True):
             yield smoothed_record(record, answer, body)

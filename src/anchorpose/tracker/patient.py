@@ -12,13 +12,19 @@ import numpy as np
 from anchorpose.association.hypotheses import Matcher
 from anchorpose.body.body_map import map_body
 from anchorpose.body.constraints import place_constraints
-from anchorpose.body.corrected_joints import ToldJoints, contradicted, doubted, with_told
 from anchorpose.body.evidence import Evidence, evidence_cost
 from anchorpose.body.initial import anchor_points
-from anchorpose.body.inverse_kinematics import pose_from_joints, uncrossed
-from anchorpose.body.part_registration import joints_of_parts
+from anchorpose.body.inverse_kinematics import (
+    CorrectedJoints,
+    apply_corrections,
+    contradicted,
+    exchange_crossed_legs,
+    pose_from_joints,
+    relax_limbs,
+)
+from anchorpose.body.part_registration import ITERATIONS, joints_of_parts
 from anchorpose.body.pose import Pose
-from anchorpose.body.registration import PoseBelief, Registration, posterior, register
+from anchorpose.body.registration import UNSEEN_S, PoseBelief, Registration, posterior, register
 from anchorpose.body.skin_points import FittedShape, body_points, build_body, pose_points
 from anchorpose.body.uncertainty import skin_sigma
 from anchorpose.recording.recording import FrameSet
@@ -148,7 +154,7 @@ class PatientTracker:
                 self.feet.forget(corrected.joint.tolist())
         return estimate
 
-    def _corrections(self, seen: Observation) -> ToldJoints | None:
+    def _corrections(self, seen: Observation) -> CorrectedJoints | None:
         """Joints of this frame that a reviewer corrected."""
         return self.run.room.review.joints.get(seen.frame_set.frame)
 
@@ -162,7 +168,7 @@ class PatientTracker:
                 ).joints_m
                 pose = self.belief.pose
                 for joints_m in joints:
-                    pose = pose_from_joints(self.body, pose, joints_m, config.registration.fit)
+                    pose = pose_from_joints(self.body, pose, joints_m)
                     self.ahead.append(pose)
         return self.ahead[:steps]
 
@@ -197,7 +203,7 @@ class PatientTracker:
         return Expectation(
             skin,
             self.skin_sigma_m,
-            posed.points_m[anchor_points(self.points.asset, self.points)],
+            posed.points_m[anchor_points(self.points)],
             level / max(float(np.linalg.norm(level)), 1e-9),
             self.unseen_frames,
         )
@@ -220,12 +226,12 @@ class PatientTracker:
         Where they contradict it, the evidence was attributed to the wrong limb: the corrections then count for more,
         and the movement so far is forgotten. A place that the body cannot reach is not believed.
         """
-        given, fit = self._corrections(seen), self.config.registration.fit
+        given = self._corrections(seen)
         if given is None:
             return belief
         wrong = contradicted(self.body, belief, given)
-        open_minded = doubted(belief, given, self.config.registration.restart_doubt_s, fit) if wrong else belief
-        corrected = with_told(self.body, open_minded, given, fit, self.config.uncertainty.inflation)
+        relaxed = relax_limbs(belief, given, UNSEEN_S) if wrong else belief
+        corrected = apply_corrections(self.body, relaxed, given, self.config.uncertainty.inflation)
         if contradicted(self.body, corrected, given):
             return belief
         if wrong:
@@ -243,11 +249,11 @@ class PatientTracker:
 
     def _register(self, hypothesis: GlobalHypothesis | None, poses: list[Pose], elapsed_s: float) -> Registration:
         """The pose of the second frame of the window; the predicted one where nothing is seen."""
-        predicted = self.belief.later(poses[0], elapsed_s, self.config.registration.fit)
+        predicted = self.belief.later(poses[0], elapsed_s)
         if hypothesis is None:
             return Registration(predicted, 0.0, False)
         with self.run.stage("registration"):
-            if self.config.method is Method.PARTS:
+            if self.config.method is not Method.ARTICULATED:
                 return self._register_parts(hypothesis, poses[0], predicted)
             return self._register_body(hypothesis, poses[0], predicted)
 
@@ -274,28 +280,22 @@ class PatientTracker:
         config = self.config.registration
         now = pose_points(self.body, self.belief.pose)
         T_predicted = part_motion(now.transforms, pose_points(self.body, pose).transforms)
-        T_next_now = parts_by_icp(now, hypothesis, list(self.window), T_predicted, self.config)
+        iterations = 0 if self.config.method is Method.PAIRS else ITERATIONS
+        T_next_now = parts_by_icp(now, hypothesis, list(self.window), T_predicted, iterations)
         joints = joints_of_parts(self.points.asset, self.body.mesh, T_next_now @ now.transforms)
-        pose = pose_from_joints(self.body, pose, joints, config.fit)
+        pose = pose_from_joints(self.body, pose, joints)
         return posterior(self.body, pose, predicted, self.window[1].evidence, config)
 
     def _uncross(self, found: Registration, predicted: PoseBelief, evidence: Evidence) -> Registration:
         """The registration with the legs exchanged where they are crossed and the frame is explained better so."""
         config = self.config.registration
-        pose = uncrossed(self.body, found.belief.pose, config.fit)
+        pose = exchange_crossed_legs(self.body, found.belief.pose)
         if pose is None:
             return found
-        doubted = predicted.later(pose, config.restart_doubt_s, config.fit)
-        other = register(self.body, doubted, evidence, NOTHING_HELD, config, may_search=False)
+        uncertain = predicted.later(pose, UNSEEN_S)
+        other = register(self.body, uncertain, evidence, NOTHING_HELD, config, may_search=False)
         costs = [
-            evidence_cost(
-                self.body,
-                tried.belief.pose,
-                evidence,
-                config.reaches_m[-1],
-                config.constraints,
-                config.fit,
-            )
+            evidence_cost(self.body, tried.belief.pose, evidence, config.reaches_m[-1], config)
             for tried in (found, other)
         ]
         if not other.found or costs[1] >= costs[0]:

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.body.initial import find_first_pose, shape_of_height
+from anchorpose.body.initial import FirstShape, find_first_pose, shape_of_height
 from anchorpose.body.skin_points import body_points
 from anchorpose.calibration.calibration import Calibration, PoseRecord, PoseSource
 from anchorpose.calibration.clocks import Clocks, settle_clocks
@@ -176,12 +176,8 @@ def _costs(
     seen = observe_first(samples[look], choice, height_m, Run(room, config))
     if len(seen.surface) < config.registration.least_nodes:
         return None
-    points = body_points()
-    shapes = [shape_of_height(points.asset, height) for height in first_heights(seen.surface, room)]
-    return [  # their anchors are named by a heading, so they are left out
-        find_first_pose(
-            points, seen.evidence, no_anchors(), shapes, known_shape(room.recording, config), False,
-            config.registration.constraints, config.registration.fit, (float(np.arctan2(-heading[2], heading[0])),),
-        ).cost
-        for heading in headings
-    ]  # fmt: skip
+    shapes = [shape_of_height(body_points().asset, height) for height in first_heights(seen.surface, room)]
+    shape = FirstShape(shapes, known_shape(room.recording, config), may_change=True)
+    angles = [(float(np.arctan2(-heading[2], heading[0])),) for heading in headings]
+    # anchors are named by a heading, so they are left out
+    return [find_first_pose(seen.evidence, no_anchors(), shape, config.registration, angle).cost for angle in angles]

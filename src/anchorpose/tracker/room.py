@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.body.corrected_joints import ToldJoints
+from anchorpose.body.inverse_kinematics import CorrectedJoints
 from anchorpose.body.pose import LIMB_OF_JOINTS
 from anchorpose.calibration.calibration import Calibration
 from anchorpose.calibration.clocks import Clocks
@@ -67,7 +67,7 @@ class Room:
 class Review:
     """joints: by frame number. unusable: first and last frame, both included, and the sentence with the reason."""
 
-    joints: dict[int, ToldJoints] = field(default_factory=dict)
+    joints: dict[int, CorrectedJoints] = field(default_factory=dict)
     unusable: tuple[tuple[int, int, str], ...] = ()
 
     def why_unusable(self, frame: int) -> str | None:
@@ -82,9 +82,9 @@ def held_joints(review: Review, frames: Sequence[int]) -> np.ndarray:
     """(t, 21) bool: the corrected joints of the frames with these numbers, and all joints of their limbs."""
     held = np.zeros((len(frames), JOINT_COUNT), bool)
     for row, frame in enumerate(frames):
-        told = review.joints.get(frame)
-        if told is not None:
-            held[row] = np.isin(LIMB_OF_JOINTS, LIMB_OF_JOINTS[told.joint])
+        corrected = review.joints.get(frame)
+        if corrected is not None:
+            held[row] = np.isin(LIMB_OF_JOINTS, LIMB_OF_JOINTS[corrected.joint])
     return held
 
 
@@ -108,8 +108,8 @@ def require_frames(path: Path, review: Review, recording: Recording) -> None:
         raise InputError(path, problem, "take that correction out")
 
 
-def _corrected_joints(entries: list[JointCorrection]) -> ToldJoints:
-    return ToldJoints(
+def _corrected_joints(entries: list[JointCorrection]) -> CorrectedJoints:
+    return CorrectedJoints(
         joint=np.array([JOINT_INDEX[entry.joint] for entry in entries]),
         position_m=np.array([entry.position_m for entry in entries]),
         sigma_m=np.array([entry.sigma_m for entry in entries]),

@@ -13,7 +13,6 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.body.fit import FitConfig
 from anchorpose.body.inverse_kinematics import pose_from_joints
 from anchorpose.body.pose import LIMB_OF_BONES, LIMB_OF_JOINTS, PARTS, Pose
 from anchorpose.body.skin_points import Body, SkinPoints
@@ -109,7 +108,6 @@ def smooth(
     back: Sequence[PassResult],
     held: np.ndarray,
     lost_sigma_m: float,
-    fit: FitConfig,
 ) -> list[PassResult]:
     """The frames (t,) of two passes, both in the order of the first, as one.
 
@@ -123,7 +121,7 @@ def smooth(
     answers = []
     for one, other, answer, wanted, share in zip(there, back, mixed, joints, weight, strict=True):
         start = _nearer_pose(one.pose, other.pose, body.points, share)
-        pose = None if start is None else pose_from_joints(body, start, wanted, fit)
+        pose = None if start is None else pose_from_joints(body, start, wanted)
         answers.append(replace(answer, pose=pose, joints_m=wanted if pose is None else body.joints(pose)))
     return answers
 

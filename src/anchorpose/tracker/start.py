@@ -8,9 +8,9 @@ from enum import StrEnum
 
 import numpy as np
 
-from anchorpose.body.initial import find_first_pose, shape_of_height
+from anchorpose.body.initial import FirstShape, find_first_pose, shape_of_height
 from anchorpose.body.registration import PoseBelief, posterior, vague_belief
-from anchorpose.body.shape_belief import ShapeBelief
+from anchorpose.body.shape_belief import ShapeBelief, adult_belief
 from anchorpose.body.skin_points import FittedShape, body_points, build_body
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.recording.recording import FrameSet, Recording
@@ -54,13 +54,9 @@ def find_start(frame_set: FrameSet, run: Run, choice: PatientChoice, known: Fitt
     if len(observation.surface) < config.registration.least_nodes:
         return NoStart.TOO_LITTLE_SEEN
     shapes = [known] if known else [shape_of_height(points.asset, h) for h in first_heights(observation.surface, room)]
+    shape = FirstShape(shapes, known_shape(room.recording, config), known is None and config.learning.own_shape)
     with run.stage("first pose"):
-        first = find_first_pose(
-            points, observation.evidence, observation.anchors, shapes,
-            known_shape(room.recording, config),
-            known is not None or not config.learning.own_shape,
-            config.registration.constraints, config.registration.fit,
-        )  # fmt: skip
+        first = find_first_pose(observation.evidence, observation.anchors, shape, config.registration)
     body = build_body(points, first.shape)
     found = posterior(body, first.pose, vague_belief(first.pose), observation.evidence, config.registration)
     if not found.found or found.explained < LEAST_EXPLAINED:
@@ -84,7 +80,9 @@ def turn_round(estimate: Estimate, config: TrackConfig) -> Start | None:
 
 def known_shape(recording: Recording, config: TrackConfig) -> ShapeBelief:
     """What is known of the patient's shape beforehand: an adult, perhaps of a measured height."""
-    return config.learning.prior.belief(body_points().asset, recording.subject_height_m)
+    asset, height_m = body_points().asset, recording.subject_height_m
+    adult = adult_belief(asset)
+    return adult if height_m is None else adult.standing(asset, height_m, config.learning.height_sigma_m)
 
 
 def first_heights(surface: Surface, room: Room) -> Sequence[float]:

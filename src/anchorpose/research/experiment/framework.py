@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from anchorpose.association.hypotheses import GateConfig, HypothesisConfig
-from anchorpose.body.part_registration import PartRegistrationConfig
 from anchorpose.body.pose import Pose
 from anchorpose.body.registration import PoseBelief, vague_belief
 from anchorpose.body.skin_points import FittedShape, body_points, build_body
@@ -41,13 +40,12 @@ def paper_config(motions: Path, refined: bool = True) -> TrackConfig:
     registered to the surface; without, the matches have to say it all.
     """
     return TrackConfig(
-        method=Method.PARTS,
+        method=Method.PARTS if refined else Method.PAIRS,
         surface=SurfaceConfig(by_body=False),
         hypotheses=HypothesisConfig(trusted_only=False),
         gate=PAPER_GATE,
         motion=MotionConfig(rule=MotionRule.BEST_SUBLIST, displacement_weight=0.0),
         motions=str(motions),
-        parts=PartRegistrationConfig() if refined else PartRegistrationConfig(iterations=0),
         follow=FollowConfig(tree_nodes=ALL_NODES),
     )
 
