@@ -31,6 +31,20 @@ class Balls(NamedTuple):
     order: np.ndarray
 
 
+class Scratch(NamedTuple):
+    """Memory for the search of one node: spots (n,), distances (5, n): the target nodes of its voxels; close (n,): the
+    anchors, a bit each, that each of them is as far from; near (n + 1,), offset2 (5, n + 1): those of its ball; psi
+    (n + 1,), distance2 (n,): those within the gate of a subset."""
+
+    spots: np.ndarray
+    distances: np.ndarray
+    close: np.ndarray
+    near: np.ndarray
+    offset2: np.ndarray
+    psi: np.ndarray
+    distance2: np.ndarray
+
+
 def sort_balls(centres: np.ndarray, radius: float, voxels: Voxels) -> Balls:
     """Balls of one radius, inf for everywhere, around centres (m, 3) float32, NaN for nowhere."""
     last_voxel = voxels.shape - 1
@@ -72,36 +86,51 @@ def match_all(
     """
     match = np.full((len(source), len(subsets)), -1, np.int32)
     low, high, points = balls.low, balls.high, target.points_m
-    spots, distances = np.empty(len(points), np.int32), np.empty((source.shape[1], len(points)), np.float32)
-    near, psi = np.empty(len(points) + 1, np.int32), np.empty(len(points) + 1, np.int32)
-    close, distance2 = np.empty(len(points), np.int32), np.empty(len(points))
-    offset2 = np.empty((source.shape[1], len(points) + 1), np.float32)
-    laid_out, key = 0, -1
+    scratch = _scratch(len(points), source.shape[1])
+    psi, laid_out, key = scratch.psi, 0, -1
     for node in balls.order:
         if high[node, 0] < 0:
             continue
         if _key(low[node], high[node], voxels.shape) != key:
             key = _key(low[node], high[node], voxels.shape)
-            laid_out = _lay_out(low[node], high[node], voxels, target.distances, spots, distances)
-        largest = _largest(limit2[node])
-        close[:laid_out] = 0
-        for k in range(source.shape[1]):
-            _compare(distances[k], source[node, k], largest, np.int32(1 << k), close, laid_out)
-        picked = 0
-        for c in range(laid_out):
-            psi[picked] = c
-            picked += enough[close[c]]
+            laid_out = _lay_out(low[node], high[node], voxels, target.distances, scratch)
+        picked = _pick(source[node], _largest(limit2[node]), enough, laid_out, scratch)
         count: Any = np.int64(0)
         for c in psi[:picked]:
-            near[count] = spots[c]
+            scratch.near[count] = scratch.spots[c]
             for k in range(source.shape[1]):
-                offset = distances[k, c] - source[node, k]
-                offset2[k, count] = offset * offset
-            count += not _beyond(points, spots[c], balls, node)
+                offset = scratch.distances[k, c] - source[node, k]
+                scratch.offset2[k, count] = offset * offset
+            count += not _beyond(points, scratch.spots[c], balls, node)
         for s in range(len(subsets)):
-            size = _within(offset2, subsets[s], limit2[node, s], count, distance2, psi)
-            match[node, s] = _middle(points, near, psi, size, voxels.order)
+            size = _within(scratch.offset2, subsets[s], limit2[node, s], count, scratch.distance2, psi)
+            match[node, s] = _middle(points, scratch.near, psi, size, voxels.order)
     return match
+
+
+@njit(cache=True)
+def _pick(source: np.ndarray, largest: np.float32, enough: np.ndarray, laid_out: int, scratch: Scratch) -> int:
+    """Fills psi with the laid out nodes that may be within the gate of some subset; returns how many.
+
+    source (5,) float32: the distances of the source node; largest: its largest squared gate.
+    """
+    close, psi = scratch.close, scratch.psi
+    close[:laid_out] = 0
+    for k in range(len(source)):
+        _compare(scratch.distances[k], source[k], largest, np.int32(1 << k), close, laid_out)
+    picked = 0
+    for c in range(laid_out):
+        psi[picked] = c
+        picked += enough[close[c]]
+    return picked
+
+
+@njit(cache=True)
+def _scratch(count: int, anchors: int) -> Scratch:
+    spots, close = np.empty(count, np.int32), np.empty(count, np.int32)
+    near, psi = np.empty(count + 1, np.int32), np.empty(count + 1, np.int32)
+    distances, offset2 = np.empty((anchors, count), np.float32), np.empty((anchors, count + 1), np.float32)
+    return Scratch(spots, distances, close, near, offset2, psi, np.empty(count))
 
 
 @njit(cache=True)
@@ -115,11 +144,10 @@ def _largest(limits2: np.ndarray) -> np.float32:
 
 
 @njit(cache=True)
-def _lay_out(
-    low: np.ndarray, high: np.ndarray, voxels: Voxels, target: np.ndarray, spots: np.ndarray, distances: np.ndarray
-) -> int:
+def _lay_out(low: np.ndarray, high: np.ndarray, voxels: Voxels, target: np.ndarray, scratch: Scratch) -> int:
     """Fills spots with the target nodes of some voxels, and distances with theirs, anchor by anchor; how many."""
     start, shape, count = voxels.start, voxels.shape, 0
+    spots, distances = scratch.spots, scratch.distances
     for i in range(low[0], high[0] + 1):
         for j in range(low[1], high[1] + 1):
             row = (i * shape[1] + j) * shape[2]

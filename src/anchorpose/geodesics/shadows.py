@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from anchorpose.geodesics.paths import apart
-from anchorpose.surface.surface import MeshArrays
+from anchorpose.surface.surface import MeshArrays, Surface
 
 
 class Rim(NamedTuple):
@@ -39,17 +39,16 @@ class Bends(NamedTuple):
     side: np.ndarray
 
 
-@njit(cache=True, error_model="numpy")
-def hole_directions(mesh: MeshArrays, rim: np.ndarray) -> np.ndarray:
-    """(n, 3): at a rim node, away from the neighbours it has."""
-    points, ring = mesh.points_m, mesh.ring
-    hole = np.zeros((len(points), 3))
-    for node in range(len(points)):
-        for k in range(8):
-            if rim[node] and ring[node, k] >= 0:
-                length = apart(points, np.int64(ring[node, k]), node)
-                for axis in range(3):
-                    hole[node, axis] -= (points[ring[node, k], axis] - points[node, axis]) / max(length, 1e-9)
+def hole_directions(surface: Surface, is_open: np.ndarray) -> np.ndarray:
+    """(n, 3) float64: at an open node, away from the neighbours it has."""
+    points, hole = surface.points_m, np.zeros((len(surface), 3))
+    nodes = np.flatnonzero(is_open)
+    for k in range(8):
+        other = surface.ring[nodes, k]
+        at, other = nodes[other >= 0], other[other >= 0]
+        x, y, z = (points[other].astype(np.float64) - points[at]).T
+        length = np.maximum(np.sqrt(x**2 + y**2 + z**2), 1e-9)
+        hole[at] -= (points[other] - points[at]) / length[:, None]
     return hole
 
 
@@ -98,6 +97,16 @@ def cast_shadow(
         from_a, from_b = apart(points, a, node), apart(points, b, node)
         away = np.sign((b_x - at_x) * (at_y - place[last, 1]) - (b_y - at_y) * (at_x - place[last, 0]))
         at_x, at_y = _third_corner(at_x, at_y, b_x, b_y, from_a, from_b, away)
+    _behind(distance, bends, node, last, root[a], at_x, at_y)
+
+
+@njit(cache=True, error_model="numpy")
+def _behind(distance: np.ndarray, bends: Bends, node: int, last: Any, first: int, at_x: float, at_y: float) -> None:
+    """The path comes from behind the last corner, or behind the one before it that it still bends around.
+
+    at_x, at_y: where the path leads through, seen from the corners; first: the corner around which it bends first.
+    """
+    place, corner, root, side = bends.place, bends.corner, bends.root, bends.side
     while last >= 0:
         x, y = at_x - place[last, 0], at_y - place[last, 1]
         in_x, in_y = _arrival(last, place, corner)
@@ -106,7 +115,7 @@ def cast_shadow(
             reach = distance[node] - distance[last]
             place[node, 0] = place[last, 0] + reach * x / length
             place[node, 1] = place[last, 1] + reach * y / length
-            corner[node], root[node] = last, root[a]
+            corner[node], root[node] = last, first
             return
         last = np.int64(corner[last])
 

@@ -54,16 +54,16 @@ def detour(surface: Surface, descriptor: np.ndarray, rim: np.ndarray, enough_m: 
     if not np.isfinite(surface.points_m).all() or not np.isfinite(surface.normals).all():
         raise ValueError("the surface has nodes whose position or normal is not finite")
     fields = np.ascontiguousarray(descriptor.T, dtype=np.float32)
-    return _detours(surface.arrays, fields, open_nodes(surface.ring, rim), float(enough_m))
+    is_open = open_nodes(surface.ring, rim)
+    return _detours(surface.arrays, Rim(is_open, hole_directions(surface, is_open)), fields, float(enough_m))
 
 
 @njit(cache=True, error_model="numpy")
-def _detours(mesh: MeshArrays, fields: np.ndarray, is_open: np.ndarray, enough: float) -> np.ndarray:
+def _detours(mesh: MeshArrays, rim: Rim, fields: np.ndarray, enough: float) -> np.ndarray:
     """(n, k) float32 for fields (k, n). Node by node in the order of distance; only rim nodes and what lies behind them
     need more than a glance."""
-    count = len(mesh.points_m)
+    count, is_open = len(mesh.points_m), rim.open
     every = np.full((len(fields), count), np.nan, np.float32)
-    rim = Rim(is_open, hole_directions(mesh, is_open))
     corner, root = np.full(count, -1, np.int32), np.full(count, -1, np.int32)
     bends = Bends(np.zeros((count, 2)), corner, root, np.zeros((count, 3)), np.zeros(count))
     for row in range(len(fields)):

@@ -13,7 +13,7 @@ from numba import njit
 from scipy.spatial import KDTree
 
 from anchorpose.surface.links import add_links, pieces, straight_m
-from anchorpose.surface.surface import Surface
+from anchorpose.surface.surface import Surface, SurfaceConfig
 
 MAX_DEPARTURE: Final = 0.35  # from either tangent plane, over the width: a shin bends less, two legs far more
 SLACK_M: Final = 0.015  # soft tissue and noise beside a narrow bar
@@ -30,17 +30,17 @@ def bridge_pairs(
     hidden: np.ndarray,
     points_m: np.ndarray,
     normals: np.ndarray,
-    step: int,
-    spacing_m: float,
-    max_width_m: float,
+    focal_px: float,
+    config: SurfaceConfig,
 ) -> np.ndarray:
     """Pairs of nodes that face each other across hidden pixels, along rows, columns and diagonals.
 
     index (rows, cols) int32: node on the grid of every ``step``-th pixel, -1 = none; hidden (height, width) bool:
-    pixels where equipment stands before whatever is behind; points_m, normals (n, 3) float32, one frame.
-    spacing_m: the smallest distance of two grid neighbours, which bounds the length of the walk;
-    max_width_m: of the hidden strip. Returns (m, 2) int32.
+    pixels where equipment stands in front of whatever is behind; points_m (n, 3), n > 0, and normals float32, camera
+    frame; focal_px: the longer focal length. Returns (m, 2) int32.
     """
+    step, max_width_m = config.step, config.bridge_max_width_m
+    spacing_m = step * float(points_m[:, 2].min()) / focal_px  # the smallest distance of two neighbours on the grid
     longest = int(np.ceil(max_width_m / max(spacing_m, 1e-4))) + 1
     return _facing_pairs(index, hidden, points_m, normals, step, longest, -(-MARGIN_PX // step), float(max_width_m))
 

@@ -50,21 +50,12 @@ def build_surface(
     ring = _link_ring(clean, index, pixel, RING, step, slope, spread)
     pairs = np.empty((0, 2), np.int32)
     if bridge is not None and bridge.any() and len(points) > 0:
-        spacing_m = step * float(depth.min()) / max(lens.fx, lens.fy)
-        pairs = bridge_pairs(index, bridge, points, normals, step, spacing_m, config.bridge_max_width_m)
+        pairs = bridge_pairs(index, bridge, points, normals, max(lens.fx, lens.fy), config)
     points = _moved(T_world_camera, points, 1.0)
     start, node, length = compress_links(pairs, straight_m(points, pairs), len(points))
-    surface = Surface(
-        points_m=points,
-        normals=_moved(T_world_camera, normals, 0.0),
-        ring=ring,
-        link_start=start,
-        link_node=node,
-        link_length_m=length,
-        camera=np.zeros(len(points), np.uint8),
-        pixel=pixel,
-        skin=np.full(len(points), -1, np.int32),
-    )
+    first, unknown = np.zeros(len(points), np.uint8), np.full(len(points), -1, np.int32)
+    oriented = _moved(T_world_camera, normals, 0.0)
+    surface = Surface(points, oriented, ring, start, node, length, camera=first, pixel=pixel, skin=unknown)
     patch_m2 = (step * depth) ** 2 / (lens.fx * lens.fy)
     return keep_nodes(surface, _large_pieces(surface, patch_m2, config.min_piece_m2) & np.isfinite(normals[:, 0]))
 
