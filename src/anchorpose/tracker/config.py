@@ -7,18 +7,8 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Final
 
-<<<<<<< HEAD
 from anchorpose.association.hypotheses import GateConfig, HypothesisConfig
-from anchorpose.body.learning import LearningConfig
-from anchorpose.body.part_registration import PartRegistrationConfig
-from anchorpose.body.registration import RegistrationConfig
-from anchorpose.body.uncertainty import UncertaintyConfig
-from anchorpose.body.visibility import VisibilityConfig
-=======
-from anchorpose.association.hypotheses import GateConfig
-from anchorpose.association.matcher import HypothesisConfig
 from anchorpose.body.config import LearningConfig, RegistrationConfig, UncertaintyConfig, VisibilityConfig
->>>>>>> becbddb (Thirteen settings of the body instead of fifty; kernels take named bundles, joints placed by a reviewer are corrected joints)
 from anchorpose.calibration.camera_to_camera import PlacingConfig
 from anchorpose.calibration.clocks import ClockConfig
 from anchorpose.calibration.equipment_pose import EquipmentPoseConfig

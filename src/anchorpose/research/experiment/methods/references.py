@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from anchorpose.association.hypotheses import Feature, HypothesisConfig, Matcher
-from anchorpose.body.learning import LearningConfig
+from anchorpose.body.config import LearningConfig
 from anchorpose.research.experiment.method import NO_SUBSET, OWN, Family, Method
 from anchorpose.research.features.gmds import GmdsConfig, match_by_gmds
 from anchorpose.surface.surface import SurfaceConfig
