@@ -19,10 +19,10 @@ from anchorpose.results.corrections import (
     Corrections,
     JointCorrection,
     poses_of,
-    read_corrections,
     require_recording,
     reviewed_recording,
 )
+from anchorpose.results.corrections_file import read_corrections
 from anchorpose.results.run_record import (
     CameraRecord,
     CorrectionsRecord,

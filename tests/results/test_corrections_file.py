@@ -19,13 +19,15 @@ from anchorpose.results.corrections import (
     ReviewedRecording,
     Signature,
     UnusableInterval,
-    corrections_beside,
-    corrections_of_run,
     now_utc,
-    read_corrections,
     recording_of_run,
     require_recording,
     reviewed_recording,
+)
+from anchorpose.results.corrections_file import (
+    corrections_beside,
+    corrections_of_run,
+    read_corrections,
     write_corrections,
 )
 from anchorpose.results.run_record import as_json

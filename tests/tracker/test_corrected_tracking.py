@@ -16,14 +16,8 @@ from anchorpose.body.skin_points import FittedShape, body_points, build_body
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.pipeline import TrackConfig, track_recording
-from anchorpose.results.corrections import (
-    Corrections,
-    JointCorrection,
-    UnusableInterval,
-    read_corrections,
-    recording_of_run,
-    write_corrections,
-)
+from anchorpose.results.corrections import Corrections, JointCorrection, UnusableInterval, recording_of_run
+from anchorpose.results.corrections_file import read_corrections, write_corrections
 from anchorpose.results.people_labels import read_people
 from anchorpose.results.poses import read_poses
 from anchorpose.results.records import read_contacts

@@ -23,7 +23,7 @@ from recording_builder import edit_json
 from viewer_builder import viewer_of
 
 from anchorpose.cli import main
-from anchorpose.results.corrections import corrections_beside, read_corrections
+from anchorpose.results.corrections_file import corrections_beside, read_corrections
 from anchorpose.results.run_record import CorrectionsRecord, as_json
 from anchorpose.viewer import correction_file
 from anchorpose.viewer.payloads import unpack

@@ -13,13 +13,11 @@ from typing import Any, Final
 from filelock import FileLock, Timeout
 
 from anchorpose.errors import InputError
-from anchorpose.results.corrections import (
-    Corrections,
-    now_utc,
+from anchorpose.results.corrections import Corrections, now_utc, require_recording
+from anchorpose.results.corrections_file import (
     parse_correction,
     parse_withdrawal,
     read_corrections,
-    require_recording,
     write_corrections,
 )
 from anchorpose.results.run_record import as_json

@@ -1,0 +1,158 @@
+"""corrections.json, the format ``anchorpose-corrections``; read by ``track --corrections``, written by the viewer."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal, cast
+
+import numpy as np
+from pydantic import Discriminator, Tag, model_validator
+
+from anchorpose.recording.document import Entry, Text, Version, numbers, read_document, validate
+from anchorpose.results.corrections import (
+    Correction,
+    Corrections,
+    JointCorrection,
+    ReviewedRecording,
+    Signature,
+    UnusableInterval,
+    Utc,
+    recording_of_run,
+)
+from anchorpose.results.folder import write_text_whole
+from anchorpose.settings import Unfit
+
+CORRECTIONS_FORMAT: Final = "anchorpose-corrections"
+
+
+def _kind_of(value: Any) -> str:
+    """A correction is of a joint where it has the key ``joint``, else of an interval."""
+    return "JointCorrection" if isinstance(value, dict) and "joint" in value else "UnusableInterval"
+
+
+AnyCorrection = Annotated[
+    Annotated[UnusableInterval, Tag("UnusableInterval")] | Annotated[JointCorrection, Tag("JointCorrection")],
+    Discriminator(_kind_of),
+]
+
+
+class WithdrawalEntry(Entry):
+    """One correction that was taken back, who did so and when."""
+
+    entry: AnyCorrection
+    who: Text
+    when: Utc
+
+
+class CameraEntry(Entry):
+    """A camera and its pose, if it was used."""
+
+    name: Text
+    camera_to_world: Annotated[np.ndarray, numbers(4, 4, meaning="the pose as a 4 x 4 matrix")] | None = None
+
+
+class RecordingEntry(Entry):
+    """See ``ReviewedRecording``."""
+
+    name: Text
+    sha256: Text
+    cameras: tuple[CameraEntry, ...]
+
+
+class HeldEntry(Entry):
+    """The corrections that hold, as in run.json and corrections.json."""
+
+    unusable: tuple[UnusableInterval, ...]
+    joints: tuple[JointCorrection, ...]
+
+    @model_validator(mode="after")
+    def _require_each_joint_once(self) -> HeldEntry:
+        seen = set[tuple[int, str]]()
+        for index, joint in enumerate(self.joints):
+            if (joint.frame, joint.joint) in seen:
+                problem = f"corrects {joint.joint} of frame {joint.frame} a second time"
+                raise Unfit(problem, "keep one of the two", f"joints[{index}]")
+            seen.add((joint.frame, joint.joint))
+        return self
+
+
+class HeldByRun(HeldEntry, extra="ignore"):
+    """The same beside the other keys that run.json has there."""
+
+
+class RunEntry(Entry):
+    """The part of run.json that is about corrections."""
+
+    corrections: HeldByRun | None = None
+
+
+class CorrectionsDocument(HeldEntry):
+    """corrections.json."""
+
+    format: Literal["anchorpose-corrections"]
+    version: Version
+    recording: RecordingEntry
+    withdrawn: tuple[WithdrawalEntry, ...] | None = None
+
+
+def corrections_beside(results: Path) -> Path:
+    """``RESULTS.corrections.json``: next to the folder, not in it, so that tracking again does not replace it."""
+    folder = results.resolve()
+    return folder.with_name(f"{folder.name}.corrections.json")
+
+
+def read_corrections(path: Path) -> Corrections:
+    """A corrections.json; raises InputError naming the file, the place in it and the remedy."""
+    document = read_document(path, CorrectionsDocument)
+    about = document.recording
+    poses = {camera.name: camera.camera_to_world for camera in about.cameras}
+    return Corrections(
+        ReviewedRecording(about.name, about.sha256, poses),
+        document.unusable,
+        document.joints,
+        tuple((taken.entry, Signature(taken.who, taken.when)) for taken in document.withdrawn or ()),
+    )
+
+
+def corrections_of_run(path: Path, run: dict[str, Any]) -> Corrections:
+    """What the results of the run.json at ``path`` were tracked with, none where there was nothing: a review of them
+    goes on from there. Raises InputError where its corrections cannot be used."""
+    held = validate(path, RunEntry, {"corrections": run.get("corrections")}).corrections
+    recording = recording_of_run(run)
+    return Corrections(recording) if held is None else Corrections(recording, held.unusable, held.joints)
+
+
+def write_corrections(path: Path, corrections: Corrections) -> None:
+    """Writes the file so that it holds all of it, or what it held before; raises InputError for what could not be
+    read back."""
+    recording = corrections.recording
+    poses = recording.T_world_camera.items()
+    document = {
+        "format": CORRECTIONS_FORMAT,
+        "version": 1,
+        "recording": {
+            "name": recording.name,
+            "sha256": recording.sha256,
+            "cameras": [{"name": n, "camera_to_world": None if T is None else T.tolist()} for n, T in poses],
+        },
+        "unusable": [asdict(entry) for entry in corrections.unusable],
+        "joints": [asdict(entry) for entry in corrections.joints],
+        "withdrawn": [{"entry": asdict(entry), "who": by.who, "when": by.when} for entry, by in corrections.withdrawn],
+    }
+    text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
+    validate(path, CorrectionsDocument, document)
+    write_text_whole(path, text + "\n")
+
+
+def parse_correction(path: Path, values: dict[str, Any]) -> Correction:
+    """One correction as in the file; raises InputError with the name ``path``."""
+    found: Correction = validate(path, cast(Any, AnyCorrection), values)
+    return found
+
+
+def parse_withdrawal(path: Path, values: dict[str, Any]) -> tuple[Correction, Signature]:
+    """One correction that was taken back, with who did so, as in the file; raises InputError."""
+    taken = validate(path, WithdrawalEntry, values)
+    return taken.entry, Signature(taken.who, taken.when)
