@@ -89,9 +89,10 @@ def facing_rows(
             direction[count, i] = nodes.normals[node, i] + skin.normals[p, i]
             away += offset[i] ** 2
             squared += direction[count, i] ** 2
-        if away > uncovered * uncovered:
-            direction[count], squared = offset, away
-        direction[count] /= max(np.sqrt(squared), 1e-9)
+        straight = away > uncovered * uncovered
+        length = max(np.sqrt(away if straight else squared), 1e-9)
+        for i in range(3):  # no slices, which take seconds to compile
+            direction[count, i] = (offset[i] if straight else direction[count, i]) / length
         point[count] = p
         count += 1
     return point[:count].copy(), target[:count].copy(), direction[:count].copy()

@@ -116,12 +116,18 @@ def _mirror(pairs: np.ndarray) -> None:
 @njit(cache=True)
 def _down_the_skeleton(parents: np.ndarray, pairs: np.ndarray, forces: np.ndarray) -> None:
     """In place: adds to each bone what moves its descendants. Parents come before children."""
-    for bone in range(len(parents) - 1, 0, -1):
-        forces[parents[bone]] += forces[bone]
-        pairs[parents[bone]] += pairs[bone]
+    for bone in range(len(parents) - 1, 0, -1):  # no slices, which take seconds to compile
+        for i in range(6):
+            forces[parents[bone], i] += forces[bone, i]
+        for other in range(len(parents)):
+            for i in range(6):
+                for j in range(6):
+                    pairs[parents[bone], other, i, j] += pairs[bone, other, i, j]
     for bone in range(len(parents) - 1, 0, -1):
         for other in range(len(parents)):
-            pairs[other, parents[bone]] += pairs[other, bone]
+            for i in range(6):
+                for j in range(6):
+                    pairs[other, parents[bone], i, j] += pairs[other, bone, i, j]
 
 
 @njit(cache=True)
