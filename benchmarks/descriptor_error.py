@@ -21,7 +21,7 @@ from anchorpose.joints import JOINT_INDEX
 from anchorpose.research.descriptor_errors import ErrorModel, NoErrorModel, estimate_errors
 from anchorpose.simulate.clinic import draw_clinic
 from anchorpose.simulate.config import SimulationConfig
-from anchorpose.simulate.render import EQUIPMENT, NOTHING, PATIENT, Figure, Picture, draw_figures
+from anchorpose.simulate.render import EQUIPMENT, NOTHING, PATIENT, Figure, TrueImage, draw_figures
 from anchorpose.simulate.sensor import SENSORS, sense
 from anchorpose.simulate.shoot import Studio, set_up
 from anchorpose.surface.border import Border, border
@@ -65,7 +65,7 @@ def observe(studio: Studio, frame: int, reading: int) -> Moment:
     return Moment(surface, anchor_descriptor(surface, anchors), patient_of(figures).skin_m)
 
 
-def labelled(depth_m: np.ndarray, picture: Picture) -> View:
+def labelled(depth_m: np.ndarray, picture: TrueImage) -> View:
     """The reading with the labels that perfect isolation would give."""
     names = {NOTHING: PixelLabel.BACKGROUND, EQUIPMENT: PixelLabel.EQUIPMENT, PATIENT: PixelLabel.PATIENT}
     labels = np.full(depth_m.shape, PixelLabel.OTHER_PERSON, np.uint8)

@@ -1,10 +1,10 @@
-"""Who is told from whom, pixel by pixel, on simulated clinics: python benchmarks/isolation.py --seeds 4 --seconds 6.
+"""How many person labels are right, on simulated clinics: python benchmarks/isolation.py --seeds 4 --seconds 6.
 
-Readings are counted that lie on what they are said to show: within 3 cm of the true surface at their own pixel, so that
-flying pixels and pixels that look one aside are nobody's; and, but for --with-outline, not on the outermost pixels of
-anything, which the sensor mixes with what is beside them. --no-background takes the pictures of the empty room away,
---no-tracker tells people apart without the predicted patient. Time is processor time of isolation alone, all
-cameras together, without the prediction.
+Only readings that lie on a surface are counted: within 3 cm of the true depth at their pixel, which leaves out flying
+pixels and pixels that look one aside; and, except with --with-outline, not on the outermost pixels of anything, which
+the sensor mixes with what is beside them. --no-background removes the frames of the empty room, --no-tracker separates
+people without the predicted patient. Time is processor time of isolation alone, all cameras together, without the
+prediction.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from anchorpose.tracking.motion_file import load_motions
 
 ON_IT_M: Final = 0.03
 COLUMNS: Final = ("equipment removed %", "patient lost to it %", "kept %", "others taken %", "kept, held %",
-                  "others taken, held %", "swapped", "ms a frame")  # fmt: skip
+                  "others taken, held %", "swapped", "ms per frame")  # fmt: skip
 
 
 @dataclass(slots=True)
@@ -62,14 +62,14 @@ class Count:
 def count(views: Sequence[View | None], shot: Shot, outline: bool) -> Count:
     """Labels against the truth, all cameras together; outline: also the outermost pixels."""
     total = Count()
-    for view, picture in zip(views, shot.pictures, strict=True):
+    for view, image in zip(views, shot.images, strict=True):
         if view is None:
             continue
-        on_it = (view.depth_m > 0) & (np.abs(view.depth_m - picture.depth_m) < ON_IT_M)
+        on_it = (view.depth_m > 0) & (np.abs(view.depth_m - image.depth_m) < ON_IT_M)
         if not outline:
-            on_it &= cv2.dilate(picture.label, np.ones((3, 3))) == cv2.erode(picture.label, np.ones((3, 3)))
-        equipment, patient = (on_it & (picture.label == label) for label in (EQUIPMENT, PATIENT))
-        others = on_it & (picture.label > PATIENT)
+            on_it &= cv2.dilate(image.label, np.ones((3, 3))) == cv2.erode(image.label, np.ones((3, 3)))
+        equipment, patient = (on_it & (image.label == label) for label in (EQUIPMENT, PATIENT))
+        others = on_it & (image.label > PATIENT)
         total.equipment += int(equipment.sum())
         total.equipment_left += int((equipment & (view.labels >= PixelLabel.PATIENT)).sum())
         total.patient += int(patient.sum())

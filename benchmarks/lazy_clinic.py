@@ -9,7 +9,7 @@ import numpy as np
 from anchorpose.camera import Camera
 from anchorpose.simulate.clinic import Clinic, draw_clinic, random_stream
 from anchorpose.simulate.config import SimulationConfig
-from anchorpose.simulate.render import Figure, Picture, draw_figures, render_still
+from anchorpose.simulate.render import Figure, TrueImage, draw_figures, render_still
 from anchorpose.simulate.sensor import SENSORS, draw_wiggle, sense
 from anchorpose.simulate.shoot import Record, draw_record, set_up
 
@@ -21,7 +21,7 @@ class LazyClinic:
     """The pictures of a clinic by camera and number, made when asked for and kept."""
 
     clinic: Clinic
-    stills: tuple[Picture, ...]
+    stills: tuple[TrueImage, ...]
     wiggles_m: tuple[np.ndarray, ...]
     records: tuple[Record, ...]
     backgrounds_m: tuple[np.ndarray, ...]

@@ -24,7 +24,7 @@ from anchorpose.pipeline import TrackConfig
 from anchorpose.recording.reader import open_recording
 from anchorpose.simulate.clinic import draw_clinic, random_stream
 from anchorpose.simulate.config import SimulationConfig
-from anchorpose.simulate.render import PATIENT, Picture, draw_figures
+from anchorpose.simulate.render import PATIENT, TrueImage, draw_figures
 from anchorpose.simulate.sensor import SENSORS, sense
 from anchorpose.simulate.shoot import Shot, Studio, set_up
 from anchorpose.simulate.write import simulate_recording
@@ -115,13 +115,13 @@ def visible_limbs(shot: Shot, studio: Studio) -> np.ndarray:
     limb = np.append(-1, limb_of_bones(asset))  # part 0 is nobody
     patient = shot.figures[0]
     seen = np.zeros(len(ANCHOR_NAMES), bool)
-    for camera, picture in zip(studio.clinic.cameras, shot.pictures, strict=True):
+    for camera, picture in zip(studio.clinic.cameras, shot.images, strict=True):
         own = limb[picture.part][picture.label == PATIENT]
         for number in range(len(ANCHOR_NAMES)):
             faces = limb[patient.face_part] == number
             only = replace(patient, faces=patient.faces[faces], face_part=patient.face_part[faces])
             shape = picture.depth_m.shape
-            nothing = Picture(np.zeros(shape, np.float32), np.ones(shape, np.float32), np.zeros(shape, np.uint8),
+            nothing = TrueImage(np.zeros(shape, np.float32), np.ones(shape, np.float32), np.zeros(shape, np.uint8),
                               np.zeros(shape, np.uint8))  # fmt: skip
             alone = int((draw_figures(camera, nothing, (only,)).label == PATIENT).sum())
             seen[number] |= alone > 0 and (own == number).sum() >= VISIBLE * alone
@@ -162,7 +162,7 @@ def add_jitter(score: Score, moment: Moment, shot: Shot, studio: Studio, config:
     found = []
     for again in (1, 2):
         depths = []
-        for index, (picture, camera) in enumerate(zip(shot.pictures, clinic.cameras, strict=True)):
+        for index, (picture, camera) in enumerate(zip(shot.images, clinic.cameras, strict=True)):
             rng = random_stream(clinic.config, "sensor", index, shot_number(moment, again))
             spec, wiggle = SENSORS[clinic.config.sensor], studio.wiggles_m[index]
             reading = sense(rng, spec, picture.depth_m, picture.cosine, wiggle)

@@ -30,12 +30,12 @@ from anchorpose.body.visibility import joint_states, pixels_of, projection_of, s
 from anchorpose.camera import Camera, Intrinsics, invert_rigid, transform_points
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_NAMES, JointState
-from anchorpose.simulate.render import Picture
+from anchorpose.simulate.render import TrueImage
 
 BODY = adult_body()
 POSE = standing(LeftArm=(-20.0, 0.0, 0.0), RightArm=(20.0, 0.0, 0.0))
 CONFIG = VisibilityConfig()
-Change = Callable[[View, Picture], View]
+Change = Callable[[View, TrueImage], View]
 LEG = ("KneeLeft", "AnkleLeft", "FootLeft")
 
 
@@ -56,7 +56,7 @@ def left_leg_is(label: int, nearer_m: float | None) -> Change:
     """The left leg's pixels show something nearer by so much, or (None) nothing."""
     bones = [asset().bone(name) + 1 for name in ("LeftUpLeg", "LeftLeg", "LeftFoot", "LeftToeBase")]
 
-    def change(view: View, picture: Picture) -> View:
+    def change(view: View, picture: TrueImage) -> View:
         leg = np.isin(picture.part, bones)
         depth = np.zeros_like(view.depth_m) if nearer_m is None else view.depth_m - np.float32(nearer_m)
         return View(np.where(leg, depth, view.depth_m), np.where(leg, label, view.labels).astype(np.uint8))

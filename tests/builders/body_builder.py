@@ -18,7 +18,7 @@ from anchorpose.body.skin_points import Body, FittedShape, SkinPoints, build_bod
 from anchorpose.camera import Camera, Intrinsics, transform_points
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.simulate.person import vertex_normals
-from anchorpose.simulate.render import Figure, Picture, draw_figures
+from anchorpose.simulate.render import Figure, TrueImage, draw_figures
 from anchorpose.surface.fusion import fuse
 from anchorpose.surface.mesh import build_surface
 
@@ -108,20 +108,20 @@ FRONT = camera_at((2.4, 1.1, 0.0), (0.0, 0.9, 0.0))
 LEFT = camera_at((0.9, 1.2, -2.2), (0.0, 0.9, 0.0), "left")
 
 
-def blank(camera: Camera) -> Picture:
+def blank(camera: Camera) -> TrueImage:
     shape = (camera.height, camera.width)
-    return Picture(np.zeros(shape, np.float32), np.ones(shape, np.float32), np.zeros(shape, np.uint8),
+    return TrueImage(np.zeros(shape, np.float32), np.ones(shape, np.float32), np.zeros(shape, np.uint8),
                    np.zeros(shape, np.uint8))  # fmt: skip
 
 
-def photograph(skin_m: np.ndarray, camera: Camera) -> Picture:
+def photograph(skin_m: np.ndarray, camera: Camera) -> TrueImage:
     """Depth and parts (1 + bone) of the asset's skin (v, 3) in the world, free of noise, with nothing behind it."""
     part = (asset().main_bone()[asset().faces[:, 0]] + 1).astype(np.uint8)
     figure = Figure(skin_m.astype(np.float32), asset().faces, part, int(PixelLabel.PATIENT))
     return draw_figures(camera, blank(camera), (figure,))
 
 
-def before_wall(picture: Picture, camera: Camera, distance_m: float = 4.0) -> View:
+def before_wall(picture: TrueImage, camera: Camera, distance_m: float = 4.0) -> View:
     """The picture as isolation would label it, a wall behind the body."""
     body = picture.depth_m > 0
     labels = np.where(body, PixelLabel.PATIENT, PixelLabel.BACKGROUND).astype(np.uint8)
@@ -153,7 +153,7 @@ def seen_body(
     pose: Pose,
     body: Body,
     cameras: Sequence[Camera] = (FRONT,),
-    change: Callable[[View, Picture], View] | None = None,
+    change: Callable[[View, TrueImage], View] | None = None,
 ) -> Evidence:
     """The evidence that cameras gather of a naked body in a pose; ``change`` may hide some of it."""
     views = []
@@ -164,11 +164,11 @@ def seen_body(
     return evidence_of(views, cameras)
 
 
-def hide_bones(*names: str) -> Callable[[View, Picture], View]:
+def hide_bones(*names: str) -> Callable[[View, TrueImage], View]:
     """A change for ``seen_body``: the pixels of these bones return no reading."""
     numbers = [asset().bone(name) + 1 for name in names]
 
-    def change(view: View, picture: Picture) -> View:
+    def change(view: View, picture: TrueImage) -> View:
         gone = np.isin(picture.part, numbers)
         return View(np.where(gone, np.float32(0.0), view.depth_m),
                     np.where(gone, PixelLabel.NO_READING, view.labels).astype(np.uint8))  # fmt: skip

@@ -135,7 +135,7 @@ def test_the_clinics_patient_is_found_among_three_people(with_picture):
         assert np.mean(distance > 0.35) < 0.03  # nobody else's limbs
 
 
-def test_five_people_in_a_corridor_are_told_apart():
+def test_five_people_in_a_corridor_are_separated():
     """The two in the middle stand 0.4 m apart, shoulder behind shoulder."""
     _, _, people = shared_people("five_people", 0)
     assert len(people.people) == 5
@@ -158,7 +158,7 @@ def test_the_visitors_pixels_are_the_same_without_a_picture_of_the_empty_room():
 
 
 def test_the_board_is_apart_from_the_man_who_holds_it():
-    """It hides his trunk; his legs below it and his head above it are one person, the board is nobody."""
+    """It hides the trunk; the legs below it and the head above it are one person, the board is not one."""
     _, (pieces,), people = shared_people("realsense_board", 1)
     owner = np.full(pieces.depth_m.shape, -1)
     owner[pieces.row, pieces.column] = people.of[0]

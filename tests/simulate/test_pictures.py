@@ -79,7 +79,7 @@ def test_joints_project_onto_the_patient_and_lie_under_the_skin():
     camera, joints = studio.clinic.cameras[0], studio.performances[0].joints_m()
     hits = []
     for frame in range(config.frames):
-        picture = studio.shoot(frame).pictures[0]
+        picture = studio.shoot(frame).images[0]
         inside = transform_points(invert_rigid(camera.require_pose()), joints[frame])
         columns, rows = np.rint(camera.project(inside)).astype(int).T
         on_patient = picture.label[rows, columns] == PATIENT
@@ -108,7 +108,7 @@ def test_a_hole_removes_exactly_the_ball_around_the_middle_of_what_is_seen():
         )
     )
     before, after = whole.shoot(1), holed.shoot(1)
-    centre = body_centre_m(whole.clinic.cameras, list(before.pictures))
+    centre = body_centre_m(whole.clinic.cameras, list(before.images))
     removed = 0
     for camera, full, pierced in zip(whole.clinic.cameras, before.depths_mm, after.depths_mm, strict=True):
         points = transform_points(camera.require_pose(), camera.back_project(full * 0.001))
@@ -126,8 +126,8 @@ def test_holes_are_in_about_the_asked_share_of_frames():
 def test_a_late_camera_sees_the_future_of_its_stamps():
     timely = draw_clinic(SimulationConfig(seed=9, seconds=1, fps=4, cameras=2, therapists=1))
     late = draw_clinic(SimulationConfig(seed=9, seconds=1, fps=4, cameras=2, therapists=1, clock_late_s=(0.0, 0.25)))
-    expected = set_up(timely).shoot(2).pictures[1]
-    assert np.array_equal(set_up(late).shoot(1).pictures[1].depth_m, expected.depth_m)
+    expected = set_up(timely).shoot(2).images[1]
+    assert np.array_equal(set_up(late).shoot(1).images[1].depth_m, expected.depth_m)
 
 
 @pytest.mark.parametrize(("sensor", "near_mm", "far_mm"), [("kinect-v2", 4.0, 10.0), ("azure-kinect", 2.5, 5.0)])

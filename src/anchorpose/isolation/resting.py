@@ -1,4 +1,4 @@
-"""People who never leave their place, distinguished from the room by floor, size, movement and what is connected."""
+"""People who never leave their place, distinguished from the room by floor, size, movement and connected parts."""
 
 from __future__ import annotations
 

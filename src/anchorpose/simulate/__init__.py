@@ -1,1 +1,1 @@
-"""Simulated clinics: bodies that move, therapists who hold them, a standing frame, and a depth sensor that errs."""
+"""Simulated clinics: moving bodies, therapists who hold them, equipment, and depth sensors with their errors."""

@@ -28,7 +28,7 @@ STREAMS = ("patient", "programme", "therapists", "room", "cameras", "holes", "se
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clinic:
-    """The cast and the scenery of one recording."""
+    """The people, the room and the cameras of one recording."""
 
     config: SimulationConfig
     cameras: tuple[Camera, ...]
@@ -74,7 +74,7 @@ class Performance:
         )
 
     def joints_m(self) -> np.ndarray:
-        """(t, 21, 3) the patient's joints, NaN while he is away."""
+        """(t, 21, 3) the patient's joints, NaN while they are away."""
         body = self.clinic.patient.person.body
         joints = np.array([body.joints(bones) for bones in self.bones[0]])
         joints[self.away] = np.nan
@@ -96,12 +96,12 @@ class Performance:
 
 
 def random_stream(config: SimulationConfig, name: str, *keys: int) -> np.random.Generator:
-    """A generator of its own for each purpose, so that changing one thing leaves the others as they were."""
+    """A generator for each purpose, so that changing one thing leaves the others as they were."""
     return np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(STREAMS.index(name), *keys)))
 
 
 def draw_clinic(config: SimulationConfig) -> Clinic:
-    """Cast and scenery from ``config.seed``."""
+    """People, room and cameras from ``config.seed``."""
     person = draw_person(random_stream(config, "patient"), config.clothing_m, config.height_m)
     scenery = random_stream(config, "room")
     frame = _fitted_frame(scenery, person, config.parallel_bars) if config.standing_frame else None

@@ -39,7 +39,7 @@ LONG_AGO_S = -100.0
 OUTSIDE_M = 2.4  # beside the place to train: out of the front camera's view
 STANCE_M = 0.26
 WALK_STEP_S = 0.5
-WALK_S = 3.0  # from outside to his place
+WALK_S = 3.0  # from outside to the place of training
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,7 +137,7 @@ def draw_patient(
     mixed = "mixed" in config.motions
     legs = [m for m in (*LEG_MOTIONS, "steps") if mixed or m in config.motions]
     if config.away_s:
-        legs = [m for m in legs if m != "steps"]  # who walks in and out steps enough
+        legs = [m for m in legs if m != "steps"]  # walking in and out is enough
     arms = [m for m in ARM_MOTIONS if mixed or m in config.motions]
     movements = [*sitting]
     now = begin_s
@@ -195,7 +195,7 @@ def _first_stance(rng: np.random.Generator, person: Person) -> Footwork:
 def _draw_sitting(
     rng: np.random.Generator, config: SimulationConfig, person: Person
 ) -> tuple[float, float, list[Movement]]:
-    """When the patient is on his feet, and the movements that bring him up or down."""
+    """When the patient is standing (start, end), and the movements of standing up or sitting down."""
     named = "sit-to-stand" in config.motions
     possible = named or ("mixed" in config.motions and config.stool and not config.standing_frame)
     if not possible or (not named and rng.random() > SIT_CHANCE):
@@ -234,7 +234,7 @@ def _draw_steps(
     places, yaws = final_stance(footwork)
     stride_m = 0.0 if here.in_frame or rng.random() < 0.4 else rng.uniform(0.12, 0.28)
     if float(np.mean(np.asarray(places)[:, 0])) > FARTHEST_FORWARD_M:
-        stride_m = -stride_m  # two steps leave him where they led: in ten minutes he would walk into the camera
+        stride_m = -stride_m  # the first two steps are not taken back: in ten minutes they would lead into the camera
     duration_s = 0.7 * pace + 0.15
     first, steps, shifts = int(rng.integers(2)), [], []
     now = start_s + 0.35 * pace

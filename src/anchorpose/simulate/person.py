@@ -1,4 +1,4 @@
-"""One simulated person: a body that no shape basis quite contains, dressed in clothes that fold."""
+"""One simulated person: a body outside of every shape space, dressed in clothes that fold."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ BARE = ("Head", "Neck1", "Hand", "Thumb", "Finger", "Foot", "Toe")  # parts of t
 class Clothes:
     """Folds that stand off the skin: a sum of waves over the rest skin, whose phases run with time and with the pose.
 
-    cover (v,) 0 bare to 1 dressed; waves (k, 3) radians a metre; phase, drift (k,) radians and radians a second;
-    bend_gain (k,) radians of phase a radian of joint bend; amplitude_m the height of a fold.
+    cover (v,) 0 bare to 1 dressed; waves (k, 3) radians per metre; phase, drift (k,) radians, radians per second;
+    bend_gain (k,) radians of phase per radian of joint bend; amplitude_m the height of a fold.
     """
 
     cover: np.ndarray

@@ -38,7 +38,7 @@ ELBOW_BEHIND_M = 0.3  # an upper arm: hands on rails beside the hips have their 
 class Posture:
     """All arrays start with time (t); the second axis of limbs is the side."""
 
-    pelvis_m: np.ndarray  # (t, 3) where the pelvis would like its centre; straight legs may hold it lower
+    pelvis_m: np.ndarray  # (t, 3) where the pelvis should be; straight legs may hold it lower
     pelvis_turn: np.ndarray  # (t, 3, 3)
     trunk: np.ndarray  # (t, 3) bend forward, bend to the right, turn to the left
     head: np.ndarray  # (t, 3) the same

@@ -1,23 +1,23 @@
-"""Noise-free depth pictures: the room by rays, once; the people by a depth buffer, every frame.
+"""Noise-free depth images: the room by rays, once; the people by a depth buffer, every frame.
 
-A depth buffer over 27,000 triangles a body costs a few milliseconds; building a ray tree for as many costs tens.
+A depth buffer over the 27,000 triangles of a body costs a few milliseconds; building a ray tree for as many costs tens.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numba as nb
 import numpy as np
 
 from anchorpose.camera import Camera, invert_rigid, transform_points
 
-NOTHING, EQUIPMENT, PATIENT = 0, 1, 2  # labels of a truth picture; therapists follow
+NOTHING, EQUIPMENT, PATIENT = 0, 1, 2  # labels of a true image; therapists follow
 NEAREST_M = 0.15  # triangles nearer to the camera are not drawn
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Picture:
+class TrueImage(NamedTuple):
     """What one camera would see without error, each (height, width).
 
     depth_m float32 along the optical axis, 0 = nothing; cosine float32 of the incidence angle; label uint8; part uint8:
@@ -40,10 +40,10 @@ class Figure:
     label: int
 
 
-def render_still(camera: Camera, room: np.ndarray, equipment: np.ndarray) -> Picture:
+def render_still(camera: Camera, room: np.ndarray, equipment: np.ndarray) -> TrueImage:
     """The room and the equipment, (n, 3, 3) triangles each; pinhole rays through pixel centres."""
     shape = (camera.height, camera.width)
-    empty = Picture(
+    empty = TrueImage(
         np.zeros(shape, np.float32), np.ones(shape, np.float32), np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
     )
     triangles = np.concatenate([room, equipment]).astype(np.float32)
@@ -55,7 +55,7 @@ def render_still(camera: Camera, room: np.ndarray, equipment: np.ndarray) -> Pic
     found = hit >= 0
     length = np.linalg.norm(normal, axis=1) * np.linalg.norm(directions, axis=1)
     cosine = np.abs((normal * directions).sum(axis=1)) / np.where(found, length, 1.0)
-    return Picture(
+    return TrueImage(
         depth_m=np.where(found, distance, 0.0).astype(np.float32).reshape(shape),
         cosine=np.where(found, cosine, 1.0).astype(np.float32).reshape(shape),
         label=np.where(hit >= len(room), EQUIPMENT, NOTHING).astype(np.uint8).reshape(shape),
@@ -63,25 +63,16 @@ def render_still(camera: Camera, room: np.ndarray, equipment: np.ndarray) -> Pic
     )
 
 
-def draw_figures(camera: Camera, still: Picture, figures: tuple[Figure, ...]) -> Picture:
+def draw_figures(camera: Camera, still: TrueImage, figures: tuple[Figure, ...]) -> TrueImage:
     """``still`` with people in front of it; lens distortion is not drawn."""
-    picture = Picture(still.depth_m.copy(), still.cosine.copy(), still.label.copy(), still.part.copy())
+    image = TrueImage(*(layer.copy() for layer in still))
     T_camera_world = invert_rigid(camera.require_pose())
     lens = camera.intrinsics
+    focal = np.array([lens.fx, lens.fy, lens.cx, lens.cy], dtype=np.float32)
     for figure in figures:
         points = transform_points(T_camera_world, figure.skin_m).astype(np.float32)
-        _draw(
-            points,
-            figure.faces,
-            figure.face_part,
-            figure.label,
-            np.array([lens.fx, lens.fy, lens.cx, lens.cy], dtype=np.float32),
-            picture.depth_m,
-            picture.cosine,
-            picture.label,
-            picture.part,
-        )
-    return picture
+        _draw(points, figure.faces, figure.face_part, figure.label, focal, image)
+    return image
 
 
 def _cast(
@@ -103,51 +94,52 @@ def _cast(
 
 @nb.njit(cache=True)
 def _draw(
-    points: np.ndarray,
-    faces: np.ndarray,
-    face_part: np.ndarray,
-    label: int,
-    lens: np.ndarray,
-    depth_m: np.ndarray,
-    cosine: np.ndarray,
-    labels: np.ndarray,
-    parts: np.ndarray,
+    points: np.ndarray, faces: np.ndarray, face_part: np.ndarray, label: int, lens: np.ndarray, image: TrueImage
 ) -> None:
-    """Depth buffer with 1/z linear in the picture; a pixel belongs to a triangle if its centre does."""
-    height, width = depth_m.shape
-    fx, fy, cx, cy = lens
+    """Depth buffer with 1/z linear in the image; points (v, 3) in the camera; lens (4,) fx, fy, cx, cy."""
     for f in range(len(faces)):
-        i, j, k = faces[f]
-        z0, z1, z2 = points[i, 2], points[j, 2], points[k, 2]
-        if min(z0, z1, z2) < NEAREST_M:
-            continue
-        x0, y0 = points[i, 0] / z0 * fx + cx, points[i, 1] / z0 * fy + cy
-        x1, y1 = points[j, 0] / z1 * fx + cx, points[j, 1] / z1 * fy + cy
-        x2, y2 = points[k, 0] / z2 * fx + cx, points[k, 1] / z2 * fy + cy
-        left, right = int(np.ceil(min(x0, x1, x2))), int(np.floor(max(x0, x1, x2)))
-        top, bottom = int(np.ceil(min(y0, y1, y2))), int(np.floor(max(y0, y1, y2)))
-        left, right, top, bottom = max(left, 0), min(right, width - 1), max(top, 0), min(bottom, height - 1)
-        if left > right or top > bottom:
-            continue
-        area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
-        if abs(area) < 1e-9:
-            continue
-        ax, ay, az = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], z1 - z0
-        bx, by, bz = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1], z2 - z0
-        nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-        length = np.sqrt(nx * nx + ny * ny + nz * nz)
-        for row in range(top, bottom + 1):
-            for column in range(left, right + 1):
-                w1 = ((column - x0) * (y2 - y0) - (x2 - x0) * (row - y0)) / area
-                w2 = ((x1 - x0) * (row - y0) - (column - x0) * (y1 - y0)) / area
-                w0 = 1.0 - w1 - w2
-                if w0 < 0.0 or w1 < 0.0 or w2 < 0.0:
-                    continue
-                z = 1.0 / (w0 / z0 + w1 / z1 + w2 / z2)
-                if depth_m[row, column] > 0.0 and z >= depth_m[row, column]:
-                    continue
-                u, v = (column - cx) / fx, (row - cy) / fy
-                depth_m[row, column] = z
-                cosine[row, column] = abs(nx * u + ny * v + nz) / (length * np.sqrt(u * u + v * v + 1.0))
-                labels[row, column] = label
-                parts[row, column] = face_part[f]
+        _draw_face(points, faces[f], face_part[f], label, lens, image)
+
+
+@nb.njit(cache=True)
+def _draw_face(points: np.ndarray, face: np.ndarray, part: int, label: int, lens: np.ndarray, image: TrueImage) -> None:
+    """One triangle; a pixel belongs to it if its centre does."""
+    height, width = image.depth_m.shape
+    fx, fy, cx, cy = lens
+    i, j, k = face
+    z0, z1, z2 = points[i, 2], points[j, 2], points[k, 2]
+    if min(z0, z1, z2) < NEAREST_M:
+        return
+    x0, y0 = points[i, 0] / z0 * fx + cx, points[i, 1] / z0 * fy + cy
+    x1, y1 = points[j, 0] / z1 * fx + cx, points[j, 1] / z1 * fy + cy
+    x2, y2 = points[k, 0] / z2 * fx + cx, points[k, 1] / z2 * fy + cy
+    left, right = max(int(np.ceil(min(x0, x1, x2))), 0), min(int(np.floor(max(x0, x1, x2))), width - 1)
+    top, bottom = max(int(np.ceil(min(y0, y1, y2))), 0), min(int(np.floor(max(y0, y1, y2))), height - 1)
+    area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
+    if left > right or top > bottom or abs(area) < 1e-9:
+        return
+    nx, ny, nz = _normal(points, i, j, k)
+    length = np.sqrt(nx * nx + ny * ny + nz * nz)
+    for row in range(top, bottom + 1):
+        for column in range(left, right + 1):
+            w1 = ((column - x0) * (y2 - y0) - (x2 - x0) * (row - y0)) / area
+            w2 = ((x1 - x0) * (row - y0) - (column - x0) * (y1 - y0)) / area
+            w0 = 1.0 - w1 - w2
+            if w0 < 0.0 or w1 < 0.0 or w2 < 0.0:
+                continue
+            z = 1.0 / (w0 / z0 + w1 / z1 + w2 / z2)
+            if image.depth_m[row, column] > 0.0 and z >= image.depth_m[row, column]:
+                continue
+            u, v = (column - cx) / fx, (row - cy) / fy
+            image.depth_m[row, column] = z
+            image.cosine[row, column] = abs(nx * u + ny * v + nz) / (length * np.sqrt(u * u + v * v + 1.0))
+            image.label[row, column] = label
+            image.part[row, column] = part
+
+
+@nb.njit(cache=True)
+def _normal(points: np.ndarray, i: int, j: int, k: int) -> tuple[float, float, float]:
+    """Normal of a triangle, as long as twice its area."""
+    ax, ay, az = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], points[j, 2] - points[i, 2]
+    bx, by, bz = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1], points[k, 2] - points[i, 2]
+    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx

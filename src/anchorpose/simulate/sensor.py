@@ -1,4 +1,4 @@
-"""What a depth sensor makes of what is there: noise, edges, flying pixels, holes, millimetres."""
+"""What a depth sensor reads: noise, edges, flying pixels, lost readings, whole millimetres."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorSpec:
-    """A sensor's picture and its limits."""
+    """A sensor's image and its limits."""
 
     kind: Literal["time-of-flight", "stereo"]
     width: int
@@ -54,7 +54,7 @@ SPECKLE_DEVIATIONS = 2.7  # matching fails where its noise field is beyond this
 
 
 def draw_wiggle(rng: np.random.Generator, spec: SensorSpec) -> np.ndarray:
-    """(height, width) float32 metres: the smooth error of one device, the same in all its pictures."""
+    """(height, width) float32 metres: the smooth error of one device, the same in all its images."""
     import cv2
 
     coarse = rng.normal(0.0, WIGGLE_M, (6, 7)).astype(np.float32)
@@ -64,7 +64,7 @@ def draw_wiggle(rng: np.random.Generator, spec: SensorSpec) -> np.ndarray:
 def sense(
     rng: np.random.Generator, spec: SensorSpec, depth_m: np.ndarray, cosine: np.ndarray, wiggle_m: np.ndarray
 ) -> np.ndarray:
-    """A noisy depth picture in whole millimetres, (height, width) uint16, 0 = no reading.
+    """A noisy depth image in whole millimetres, (height, width) uint16, 0 = no reading.
 
     depth_m (height, width) float32 true depth along the optical axis, 0 = nothing there; cosine likewise, of the angle
     between ray and surface normal.

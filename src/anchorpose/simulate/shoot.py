@@ -1,7 +1,4 @@
-"""Taking the pictures: each camera's view of a moment, without error and as the sensor reads it.
-
-What the recorder keeps of a camera's pictures: which reach the disk, under which stamp, and which twice.
-"""
+"""Each camera's depth images, without error and as the sensor reads them, and which of them the recorder keeps."""
 
 from __future__ import annotations
 
@@ -11,72 +8,21 @@ import numpy as np
 
 from anchorpose.camera import Camera, transform_points
 from anchorpose.simulate.clinic import Clinic, Performance, random_stream
-from anchorpose.simulate.render import PATIENT, Figure, Picture, draw_figures, render_still
+from anchorpose.simulate.render import PATIENT, Figure, TrueImage, draw_figures, render_still
 from anchorpose.simulate.sensor import SENSORS, draw_wiggle, sense
 
 JITTER_LIMIT = 0.4  # of a period: beyond half of one, stamps could change places
 JITTER_SPREADS = 2.0  # where the normal distribution of the jitter is cut
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Record:
-    """One camera's files, by frame number of the programme; each (t,).
-
-    kept: bool, the picture is on the disk; shown: int64, whose picture the file holds (its own number or, doubled, an
-    earlier one); stamp_s: float64, what timestamps.csv says; taken_s: float64, when the picture it holds was taken.
-    """
-
-    kept: np.ndarray
-    shown: np.ndarray
-    stamp_s: np.ndarray
-    taken_s: np.ndarray
-
-
-def draw_record(clinic: Clinic, index: int) -> Record:
-    """What camera ``index`` writes. The first camera keeps all its pictures: its frames number the truth."""
-    config = clinic.config
-    nominal_s, taken_s = np.arange(config.frames) / config.fps, clinic.true_times_s(index)
-    kept = _kept(clinic, index, nominal_s)
-    shown = np.arange(config.frames)
-    doubled = (random_stream(config, "doubles", index).random(config.frames) < config.doubled_share) & kept
-    before = np.maximum.accumulate(np.where(kept, shown, -1))  # the last picture on the disk, this one included
-    for frame in np.flatnonzero(doubled):
-        if frame > 0 and before[frame - 1] >= 0:
-            shown[frame] = shown[before[frame - 1]]
-    epoch_s = config.clock_epoch_s[index] if config.clock_epoch_s else 0.0
-    stamp_s = nominal_s + epoch_s + _jitter_s(clinic, index)
-    return Record(kept, shown, stamp_s, taken_s[shown])
-
-
-def _kept(clinic: Clinic, index: int, nominal_s: np.ndarray) -> np.ndarray:
-    config = clinic.config
-    kept = random_stream(config, "drops", index).random(config.frames) >= config.dropped_share
-    starts = config.starts_late_s[index] if config.starts_late_s else 0.0
-    ends = config.ends_early_s[index] if config.ends_early_s else 0.0
-    running = (nominal_s >= starts) & (nominal_s <= nominal_s[-1] - ends)
-    kept[int(np.flatnonzero(running)[0])] = True
-    return (kept | (index == 0)) & running
-
-
-def _jitter_s(clinic: Clinic, index: int) -> np.ndarray:
-    config = clinic.config
-    if config.stamp_jitter_s == 0:
-        return np.zeros(config.frames)
-    limit_s = min(JITTER_SPREADS * config.stamp_jitter_s, JITTER_LIMIT / config.fps)
-    late_s = random_stream(config, "stamps", index).normal(0.0, config.stamp_jitter_s, config.frames)
-    return late_s.clip(-limit_s, limit_s)
-
-
-CURTAIN_M, CURTAIN_HALF_WIDTH_M, CURTAIN_HEIGHT_M = 1.0, 1.3, 2.2  # before the patient: an arm's length and some
-BACKGROUND_FRAMES = 9  # the empty room is the median of so many pictures
+CURTAIN_M, CURTAIN_HALF_WIDTH_M, CURTAIN_HEIGHT_M = 1.0, 1.3, 2.2  # before the patient: more than an arm's length
+BACKGROUND_FRAMES = 9  # the empty room is the median of so many images
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shot:
-    """One moment: the error-free picture and the reading (height, width) uint16 millimetres of each camera."""
+    """One moment: the error-free image and the reading (height, width) uint16 millimetres of each camera."""
 
     figures: tuple[Figure, ...]  # as the first camera saw them
-    pictures: tuple[Picture, ...]
+    images: tuple[TrueImage, ...]
     depths_mm: tuple[np.ndarray, ...]
 
 
@@ -85,32 +31,32 @@ class Studio:
     """A clinic with its cameras set up: the empty room and the steady error of each."""
 
     clinic: Clinic
-    stills: tuple[Picture, ...]
+    stills: tuple[TrueImage, ...]
     wiggles_m: tuple[np.ndarray, ...]
-    performances: tuple[Performance, ...]  # one a camera; the same object where clocks agree
+    performances: tuple[Performance, ...]  # one per camera; the same object where clocks agree
     in_hole: np.ndarray  # (t,) bool
-    records: tuple[Record, ...]  # one a camera: what is written of its pictures
-    stills_after: tuple[Picture, ...]  # one a camera: the empty room once the equipment has been moved
-    stills_curtained: tuple[Picture, ...]  # one a camera: the empty room behind a curtain
+    records: tuple[Record, ...]  # one per camera: what is written of its images
+    stills_after: tuple[TrueImage, ...]  # one per camera: the empty room once the equipment has been moved
+    stills_curtained: tuple[TrueImage, ...]  # one per camera: the empty room behind a curtain
 
     def shoot(self, frame: int) -> Shot:
-        """All cameras' pictures with one number."""
+        """All cameras' images with one number."""
         clinic, spec = self.clinic, SENSORS[self.clinic.config.sensor]
         figures = {id(p): p.figures(frame) for p in self.performances}
-        pictures, depths = [], []
+        images, depths = [], []
         for index, camera in enumerate(clinic.cameras):
             performance = self.performances[index]
             moves_at_s = clinic.config.equipment_moves_at_s
             moved = moves_at_s is not None and performance.times_s[frame] >= moves_at_s
             stills = self.stills_after if moved else self.stills
             stills = self.stills_curtained if _curtain_hangs(clinic, float(performance.times_s[frame])) else stills
-            picture = draw_figures(camera, stills[index], figures[id(performance)])
+            image = draw_figures(camera, stills[index], figures[id(performance)])
             rng = random_stream(clinic.config, "sensor", index, frame)
-            pictures.append(picture)
-            depths.append(sense(rng, spec, picture.depth_m, picture.cosine, self.wiggles_m[index]))
+            images.append(image)
+            depths.append(sense(rng, spec, image.depth_m, image.cosine, self.wiggles_m[index]))
         if self.in_hole[frame]:
-            depths = _pierce(clinic, pictures, depths)
-        return Shot(figures[id(self.performances[0])], tuple(pictures), tuple(depths))
+            depths = _with_hole(clinic, images, depths)
+        return Shot(figures[id(self.performances[0])], tuple(images), tuple(depths))
 
     def background_mm(self, index: int) -> np.ndarray:
         """(height, width) uint16: the empty room with its equipment, as a recorder would average it."""
@@ -129,7 +75,7 @@ class Studio:
 
 
 def set_up(clinic: Clinic) -> Studio:
-    """Render the empty room and let everybody act."""
+    """Render the empty room and compute everybody's movements."""
     config = clinic.config
     equipment = equipment_triangles(clinic, moved=False)
     performances: list[Performance] = []
@@ -190,27 +136,27 @@ def curtain_triangles(camera: Camera) -> np.ndarray:
     return np.array([[corners[0], corners[1], corners[2]], [corners[0], corners[2], corners[3]]])
 
 
-def body_centre_m(cameras: tuple[Camera, ...], pictures: list[Picture]) -> np.ndarray | None:
-    """(3,) mean of the patient's visible points of all cameras, world frame; None where he is not seen."""
+def body_centre_m(cameras: tuple[Camera, ...], images: list[TrueImage]) -> np.ndarray | None:
+    """(3,) mean of the patient's visible points of all cameras, world frame; None where there are none."""
     seen = [
-        transform_points(camera.require_pose(), camera.back_project(picture.depth_m)[picture.label == PATIENT])
-        for camera, picture in zip(cameras, pictures, strict=True)
+        transform_points(camera.require_pose(), camera.back_project(image.depth_m)[image.label == PATIENT])
+        for camera, image in zip(cameras, images, strict=True)
     ]
     points_world = np.concatenate(seen)
     return points_world.mean(axis=0) if len(points_world) else None
 
 
-def _pierce(clinic: Clinic, pictures: list[Picture], depths_mm: list[np.ndarray]) -> list[np.ndarray]:
+def _with_hole(clinic: Clinic, images: list[TrueImage], depths_mm: list[np.ndarray]) -> list[np.ndarray]:
     """The paper's hole (Section V): every reading within a radius of the body's centre is gone."""
-    centre_m = body_centre_m(clinic.cameras, pictures)
+    centre_m = body_centre_m(clinic.cameras, images)
     if centre_m is None:
         return depths_mm
-    pierced = []
+    holed = []
     for camera, depth in zip(clinic.cameras, depths_mm, strict=True):
         points = camera.back_project(depth * camera.depth_scale)
         distance_m = np.linalg.norm(transform_points(camera.require_pose(), points) - centre_m, axis=2)
-        pierced.append(np.where(distance_m < clinic.config.hole_radius_m, 0, depth).astype(np.uint16))
-    return pierced
+        holed.append(np.where(distance_m < clinic.config.hole_radius_m, 0, depth).astype(np.uint16))
+    return holed
 
 
 def _draw_hole_frames(clinic: Clinic) -> np.ndarray:
@@ -218,3 +164,52 @@ def _draw_hole_frames(clinic: Clinic) -> np.ndarray:
     if config.hole_radius_m == 0:
         return np.zeros(config.frames, dtype=bool)
     return random_stream(config, "holes").random(config.frames) < config.hole_share
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Record:
+    """One camera's files by frame number; each (t,).
+
+    kept: bool, the image is on the disk; shown: int64, the number of the image that the file holds (its own or, where
+    doubled, an earlier one); stamp_s: float64, what timestamps.csv says; taken_s: float64, when that image was taken.
+    """
+
+    kept: np.ndarray
+    shown: np.ndarray
+    stamp_s: np.ndarray
+    taken_s: np.ndarray
+
+
+def draw_record(clinic: Clinic, index: int) -> Record:
+    """What camera ``index`` writes. The first camera keeps all its images: its frames number the truth."""
+    config = clinic.config
+    nominal_s, taken_s = np.arange(config.frames) / config.fps, clinic.true_times_s(index)
+    kept = _kept(clinic, index, nominal_s)
+    shown = np.arange(config.frames)
+    doubled = (random_stream(config, "doubles", index).random(config.frames) < config.doubled_share) & kept
+    before = np.maximum.accumulate(np.where(kept, shown, -1))  # the last image on the disk, this one included
+    for frame in np.flatnonzero(doubled):
+        if frame > 0 and before[frame - 1] >= 0:
+            shown[frame] = shown[before[frame - 1]]
+    epoch_s = config.clock_epoch_s[index] if config.clock_epoch_s else 0.0
+    stamp_s = nominal_s + epoch_s + _jitter_s(clinic, index)
+    return Record(kept, shown, stamp_s, taken_s[shown])
+
+
+def _kept(clinic: Clinic, index: int, nominal_s: np.ndarray) -> np.ndarray:
+    config = clinic.config
+    kept = random_stream(config, "drops", index).random(config.frames) >= config.dropped_share
+    starts = config.starts_late_s[index] if config.starts_late_s else 0.0
+    ends = config.ends_early_s[index] if config.ends_early_s else 0.0
+    running = (nominal_s >= starts) & (nominal_s <= nominal_s[-1] - ends)
+    kept[int(np.flatnonzero(running)[0])] = True
+    return (kept | (index == 0)) & running
+
+
+def _jitter_s(clinic: Clinic, index: int) -> np.ndarray:
+    config = clinic.config
+    if config.stamp_jitter_s == 0:
+        return np.zeros(config.frames)
+    limit_s = min(JITTER_SPREADS * config.stamp_jitter_s, JITTER_LIMIT / config.fps)
+    late_s = random_stream(config, "stamps", index).normal(0.0, config.stamp_jitter_s, config.frames)
+    return late_s.clip(-limit_s, limit_s)

@@ -1,4 +1,4 @@
-"""Therapists: they walk in, crouch or stand by the patient, hold him, follow him, let go and leave."""
+"""Therapists: they walk in, crouch or stand by the patient, hold and follow the patient, let go and leave."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ CROUCHES = np.linspace(0.0, 1.0, 21)
 SHOULDERS_ABOVE_HOLD_M = 0.22
 COMFORTABLE_REACH = 0.85  # of the arm's length, from shoulder to hold
 DISTANCES_M = np.linspace(0.3, 1.1, 33)  # from the balls of the feet to the holds
-FOLLOW = 0.85  # of the patient's motion that the therapist's body follows; the arms do the rest
+FOLLOW = 0.85  # share of the patient's motion that the therapist's body follows; the arms do the rest
 FARTHEST_FOLLOW_M = 0.25
 FLATTENING = -0.45  # radians that the fingers, curled at rest, straighten at each joint to lie on the skin
 HELD_M = 0.005  # a wrist so near to where it wants to be holds
@@ -78,13 +78,13 @@ class Hold:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Therapist:
-    """Somebody else in the room."""
+    """A person in the room who is not the patient."""
 
     actor: Actor
     hold: Hold | None
 
     def bones(self, times_s: np.ndarray, patient: Actor, patient_bones: np.ndarray) -> np.ndarray:
-        """(t, b, 4, 4) T_world_rest, hands on the patient as his bones (t, b, 4, 4) move."""
+        """(t, b, 4, 4) T_world_rest, hands on the patient, whose bones (t, b, 4, 4) move."""
         if self.hold is None:
             return self.actor.bones(times_s)
         person = self.actor.person
@@ -124,7 +124,7 @@ def draw_therapists(rng: np.random.Generator, config: SimulationConfig, patient:
 
 
 def _apart(task: Task, other: Task) -> bool:
-    """Whether two therapists have room, each for himself."""
+    """Whether two therapists have room beside each other."""
     gap = np.mean(task.azimuth) - np.mean(other.azimuth)
     return bool(abs((gap + np.pi) % (2.0 * np.pi) - np.pi) > 1.5)
 
@@ -270,7 +270,7 @@ def _skin_towards(person: Person, skin_m: np.ndarray, joint_m: np.ndarray, name:
 
 
 def _follow(channels: np.ndarray, hold: Hold, place_m: np.ndarray) -> None:
-    """Shift the therapist's pelvis with the patient while he holds him."""
+    """Shift the therapist's pelvis with the patient who is being held."""
     pull = channels[CHANNEL_INDEX["pull_left"]]
     moved = (FOLLOW * (place_m.mean(axis=1) - hold.reference_m)).clip(-FARTHEST_FOLLOW_M, FARTHEST_FOLLOW_M)
     channels[CHANNEL_INDEX["pelvis_up"]] += pull * moved[:, 1]

@@ -1,9 +1,4 @@
-"""Writing a simulated recording and, beside it, its truth.
-
-recording.json and equipment.json of a simulated clinic.
-
-Where a therapist's skin is on the patient's.
-"""
+"""Writing a simulated recording and, beside it, its truth."""
 
 from __future__ import annotations
 
@@ -13,7 +8,7 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -26,11 +21,63 @@ from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.render import PATIENT, Figure
 from anchorpose.simulate.shoot import Record, Studio, set_up
 
-EQUIPMENT_FILE = "equipment.json"
+EQUIPMENT_FILE: Final = "equipment.json"
+PNG_COMPRESSION: Final = 2  # noise does not compress; more effort triples the time for 3 % of the size
+TOUCH_M: Final = 0.03
+JOINT_REGION_M: Final = 0.12  # a joint is touched where skin this near to it is touched
 
 
-def write_documents(recording: Path, clinic: Clinic) -> None:
-    """Both files, the second only where there is equipment."""
+def simulate_recording(out: Path, config: SimulationConfig, progress: Callable[[int, int], None] | None = None) -> None:
+    """Write ``out/recording/`` and ``out/truth/``; all of it or nothing.
+
+    ``progress(done, total)`` is called after every frame. Raises InputError where ``out`` is there and not empty.
+    """
+    out = Path(out)
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise InputError(out, "is there already and not empty", "choose another folder or remove it first")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    work = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
+    try:
+        _write_all(work, draw_clinic(config), progress)
+        work.chmod(0o755)
+        if out.exists():
+            out.rmdir()
+        work.rename(out)
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+
+
+def _write_all(work: Path, clinic: Clinic, progress: Callable[[int, int], None] | None) -> None:
+    recording, truth, config = work / "recording", work / "truth", clinic.config
+    for camera in clinic.cameras:
+        for folder in (
+            recording / camera.name / "depth",
+            truth / "labels" / camera.name,
+            truth / "parts" / camera.name,
+        ):
+            folder.mkdir(parents=True)
+    _write_documents(recording, clinic)
+    studio = set_up(clinic)
+    for index, camera in enumerate(clinic.cameras):
+        _write_png(recording / camera.name / "background.png", studio.background_mm(index))
+        _write_stamps(recording / camera.name / "timestamps.csv", studio.records[index])
+    patient_pixels, contacts = [], []
+    for frame in range(config.frames):
+        shot = studio.shoot(frame)
+        for index, camera in enumerate(clinic.cameras):
+            name, image = f"{frame:06d}.png", shot.images[index]
+            _write_reading(recording / camera.name / "depth", studio.records[index], frame, shot.depths_mm[index])
+            _write_png(truth / "labels" / camera.name / name, image.label)
+            _write_png(truth / "parts" / camera.name / name, image.part)
+        patient_pixels.append(sum(int((image.label == PATIENT).sum()) for image in shot.images))
+        contacts.append(touches(clinic, studio.performances[0], shot.figures, frame))
+        if progress is not None:
+            progress(frame + 1, config.frames)
+    _write_truth(truth / "truth.npz", studio, np.array(patient_pixels), contacts)
+
+
+def _write_documents(recording: Path, clinic: Clinic) -> None:
+    """recording.json and, where there is equipment, equipment.json."""
     equipment = clinic.equipment
     document = {
         "format": "rgbd-recording",
@@ -38,7 +85,8 @@ def write_documents(recording: Path, clinic: Clinic) -> None:
         "cameras": [_camera_entry(camera, clinic.config.pose_known) for camera in clinic.cameras],
         "equipment": None if equipment is None else EQUIPMENT_FILE,
     }
-    _write_json(recording / "recording.json", document)
+    text = json.dumps(document, indent=1) + "\n"
+    (recording / "recording.json").write_text(text, encoding="utf-8")
     if equipment is not None:
         write_equipment(recording / EQUIPMENT_FILE, equipment)
 
@@ -59,14 +107,6 @@ def _camera_entry(camera: Camera, pose_known: bool) -> dict[str, Any]:
         },
         "camera_to_world": camera.require_pose().tolist() if pose_known else None,
     }
-
-
-def _write_json(path: Path, document: dict[str, Any]) -> None:
-    path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-
-
-TOUCH_M = 0.03
-JOINT_REGION_M = 0.12  # a joint is touched where skin so near to it is
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,66 +140,14 @@ def touches(clinic: Clinic, performance: Performance, figures: tuple[Figure, ...
     return Touch(bones, joints)
 
 
-PNG_COMPRESSION = 2  # noise does not compress; more effort triples the time for 3 % of the size
-
-
-def simulate_recording(out: Path, config: SimulationConfig, progress: Callable[[int, int], None] | None = None) -> None:
-    """Write ``out/recording/`` and ``out/truth/``; all of it or nothing.
-
-    ``progress(done, total)`` is called after every frame. Raises InputError where ``out`` is there and not empty.
-    """
-    out = Path(out)
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise InputError(out, "is there already and not empty", "choose another folder or remove it first")
-    out.parent.mkdir(parents=True, exist_ok=True)
-    work = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
-    try:
-        _write_all(work, draw_clinic(config), progress)
-        work.chmod(0o755)
-        if out.exists():
-            out.rmdir()
-        work.rename(out)
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
-
-
-def _write_all(work: Path, clinic: Clinic, progress: Callable[[int, int], None] | None) -> None:
-    recording, truth, config = work / "recording", work / "truth", clinic.config
-    for camera in clinic.cameras:
-        for folder in (
-            recording / camera.name / "depth",
-            truth / "labels" / camera.name,
-            truth / "parts" / camera.name,
-        ):
-            folder.mkdir(parents=True)
-    write_documents(recording, clinic)
-    studio = set_up(clinic)
-    for index, camera in enumerate(clinic.cameras):
-        _write_png(recording / camera.name / "background.png", studio.background_mm(index))
-        _write_stamps(recording / camera.name / "timestamps.csv", studio.records[index])
-    patient_pixels, contacts = [], []
-    for frame in range(config.frames):
-        shot = studio.shoot(frame)
-        for index, camera in enumerate(clinic.cameras):
-            name, picture = f"{frame:06d}.png", shot.pictures[index]
-            _write_reading(recording / camera.name / "depth", studio.records[index], frame, shot.depths_mm[index])
-            _write_png(truth / "labels" / camera.name / name, picture.label)
-            _write_png(truth / "parts" / camera.name / name, picture.part)
-        patient_pixels.append(sum(int((picture.label == PATIENT).sum()) for picture in shot.pictures))
-        contacts.append(touches(clinic, studio.performances[0], shot.figures, frame))
-        if progress is not None:
-            progress(frame + 1, config.frames)
-    _write_truth(truth / "truth.npz", studio, np.array(patient_pixels), contacts)
-
-
 def _write_truth(path: Path, studio: Studio, patient_pixels: np.ndarray, contacts: list[Touch]) -> None:
-    """Everything that a tracker should find out, by frame of the first camera, world frame, metres.
+    """The truth that tracking is measured against, by frame of the first camera, world frame, metres.
 
-    Beyond the format's own keys: patient_pixels (t,) of all cameras together; touched (t, 31) bones whose skin a
-    therapist's is within 3 cm of, named by part_names; touched_joints (t, n, 21) the same by therapist and joint;
+    Beyond the format's own keys: patient_pixels (t,) of all cameras together; touched (t, 31) bones with a therapist's
+    skin within 3 cm of theirs, named by part_names; touched_joints (t, n, 21) the same by therapist and joint;
     held_joints (t, n, 2) the joint in each hand of each therapist, -1 none; clock_late, clock_drift, clock_epoch by
-    camera: stamp s was taken at (s - epoch) + late + drift (s - epoch), and taken_s (cameras, t), when the picture of
-    that number on the disk was taken, NaN where there is none; doubled (cameras, t), it is an earlier one once more.
+    camera: stamp s was taken at (s - epoch) + late + drift (s - epoch); taken_s (cameras, t), when the image of that
+    number on the disk was taken, NaN where there is none; doubled (cameras, t), it is an earlier one repeated.
     """
     clinic, config, performance = studio.clinic, studio.clinic.config, studio.performances[0]
     person = clinic.patient.person
@@ -198,7 +186,7 @@ def _write_stamps(path: Path, record: Record) -> None:
     path.write_text("\n".join(["frame,time_s", *rows]) + "\n", encoding="utf-8")
 
 
-def _write_png(path: Path, picture: np.ndarray) -> None:
+def _write_png(path: Path, image: np.ndarray) -> None:
     import cv2
 
-    path.write_bytes(cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, PNG_COMPRESSION])[1].tobytes())
+    path.write_bytes(cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, PNG_COMPRESSION])[1].tobytes())
