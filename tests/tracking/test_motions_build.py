@@ -148,7 +148,7 @@ def test_the_verb_refuses_in_one_sentence_and_leaves_what_is_there(tmp_path, cap
         (str(out), str(run)): "--overwrite",
         (str(out), str(out), "--overwrite"): "is one of the sources",
         (str(tmp_path / "m.json"), str(run)): "does not end in .npz",
-        (str(tmp_path / "n.npz"),): "No movements were named",
+        (str(tmp_path / "n.npz"),): "No sources are given",
         (str(tmp_path / "n.npz"), str(tmp_path)): "there is no such file",
         (str(tmp_path / "n.npz"), str(tmp_path / "text.npz")): "not a readable .npz file",
         (str(tmp_path / "n.npz"), str(run), "--rate", "-1"): "--rate is -1",
