@@ -231,7 +231,7 @@ def test_labels_are_given_or_the_recordings_names_or_the_folders(tmp_path):
 def test_measures_of_another_version_are_refused_with_the_remedy(tmp_path):
     one = session(tmp_path, 1)
     for number, measures, what in (
-        (2, MEASURES[1:], "recorded_time is in one of them only"),
+        (2, MEASURES[1:], "recorded_time is in only one of them"),
         (3, (replace(MEASURES[0], unit="min"), *MEASURES[1:]), "recorded_time has another unit"),
     ):
         with pytest.raises(InputError, match=rf"r{number}.measures.parquet: .*{what}.*anchorpose measure"):
@@ -253,7 +253,7 @@ def test_measures_by_other_definitions_are_refused_though_their_names_are_the_sa
         pq.write_table(
             pq.read_table(folder / "measures.parquet").replace_schema_metadata(), folder / "measures.parquet"
         )
-    with pytest.raises(InputError, match="does not say how it was computed"):
+    with pytest.raises(InputError, match="does not state how it was computed"):
         write_comparison([one, other], tmp_path / "c.html")
     assert not (tmp_path / "c.html").exists()
 

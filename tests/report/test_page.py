@@ -21,11 +21,11 @@ from table_reader import taken_again
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES, JointState
 from anchorpose.pages.frame_pictures import FramePicture, save_pictures
-from anchorpose.report.axis import MOST_BINS, make_bins
 from anchorpose.report.curves import step_path
 from anchorpose.report.ledger import Aggregation, Ledger, Rows
 from anchorpose.report.measure_section import GROUPS, grouped_measures, words_of
 from anchorpose.report.page import write_report
+from anchorpose.report.session import MOST_BINS, make_bins
 from anchorpose.results.measuring import write_measured
 from anchorpose.results.processing.process import ProcessingConfig
 from anchorpose.results.stand_training.measure import MeasureConfig
@@ -256,9 +256,7 @@ def test_the_summary_has_the_share_upright_of_the_measures_and_says_for_how_long
     found = {m.measure: m for m in write_measured(folder, ProcessingConfig(), MeasureConfig()).measures}
     assert found["upright_share"].value == 1.0
     page = PageReader(write_report(folder))
-    assert "upright in 100 % of the time in which posture is known (for 0.600 s it could not be told" in (
-        text_of(page, "section")
-    )
+    assert "upright in 100 % of the time in which posture is known (unknown for 0.600 s" in (text_of(page, "section"))
     known = replace(MEASURES[2], value=None, sigma=None, why="no <frame> tells")
     told = summary_of(tmp_path / "s", squats(30), measures=(known,))
     assert "For how long the patient was upright is not known: no <frame> tells." in told

@@ -125,7 +125,7 @@ def _other_definition(first: Session, later: Session) -> str | None:
     """How the definitions of two sessions' measures differ; None where they are the same."""
     old, new = first.definition, later.definition
     if old is None or new is None:
-        return "one of them does not say how it was computed"
+        return "one of them does not state how it was computed"
     if old.anchorpose != new.anchorpose:
         return f"measured by anchorpose {new.anchorpose} instead of {old.anchorpose}"
     others = _changed(old.config, new.config)
@@ -134,7 +134,7 @@ def _other_definition(first: Session, later: Session) -> str | None:
     units, own = _units(first), _units(later)
     missing = sorted(set(units) ^ set(own))
     if missing:
-        return f"{missing[0]} is in one of them only"
+        return f"{missing[0]} is in only one of them"
     return next((f"{name} has another unit" for name in units if units[name] != own[name]), None)
 
 

@@ -16,8 +16,8 @@ from typing import Final
 import numpy as np
 
 from anchorpose.joints import LOST, JointState
-from anchorpose.report.axis import UNITS, Axis, Bins, Envelope, envelope, make_axis, worst
-from anchorpose.report.chart import Column, Mark, Reading, Row, cells
+from anchorpose.report.chart import UNITS, Axis, Column, Mark, Reading, Row, cells, make_axis
+from anchorpose.report.session import Bins, Envelope, envelope, worst
 from anchorpose.report.words import COVERAGE, STATE_WORDS
 
 LETTER_PX: Final = 13  # the height of a curve's initial

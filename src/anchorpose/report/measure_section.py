@@ -29,9 +29,11 @@ _STANDING: Final = {
     "found_time": Words("time in which the patient was found", "The patient was found, or at least one joint."),
     "unknown_time": Words(
         "time in which posture is not known",
-        "It could not be told whether the patient was upright, or frames are missing.",
+        "It is not known whether the patient was upright, or frames are missing.",
     ),
-    "upright_time": Words("time upright", "By thighs, hips and trunk; also in a frame or hoist: not who carries."),
+    "upright_time": Words(
+        "time upright", "By thighs, hips and trunk; also in a frame or hoist, whoever carries the weight."
+    ),
     "upright_share": Words("share of known time upright", "Time upright, of the time in which posture is known."),
     "upright_bouts": Words("bouts of being upright", "How often the patient was upright without a break."),
     "longest_upright_bout": Words("longest time upright without a break", "The longest bout of being upright."),
@@ -48,7 +50,7 @@ _TRANSITIONS: Final = {
         ),
         **{
             f"duration_{which}": Words(
-                f"{verb}: {title}", "From the pelvis leaving one height to its reaching the other."
+                f"{verb}: {title}", "From the pelvis leaving one height until it reaches the other."
             )
             for which, title in _LENGTHS.items()
         },
@@ -57,7 +59,7 @@ _TRANSITIONS: Final = {
 
 _EXTENSION: Final = {
     f"{joint}_flexion_upright_{which}": Words(f"{joint} flexion while upright, {title}", meaning + beyond)
-    for joint, beyond in (("knee", " Below it: bent backwards."), ("hip", " Below it: thigh behind the trunk."))
+    for joint, beyond in (("knee", " Negative: bent backwards."), ("hip", " Negative: thigh behind the trunk."))
     for which, title, meaning in (
         ("mean", "mean", "Mean angle in the frames in which the patient was upright; 0° is straight."),
         ("least", "least", "The angle that 5 of 100 upright frames stay below; 0° is straight."),
@@ -67,16 +69,14 @@ _EXTENSION: Final = {
 
 _BALANCE: Final = {
     "sway_time": Words("time that sway is taken from", "The upright bouts that are long enough and lose no joint."),
-    "sway_path": Words("sway, path", "Way of the body's estimated centre of mass over the floor, low-passed."),
+    "sway_path": Words("sway, path", "Path of the body's estimated centre of mass over the floor, low-pass filtered."),
     "sway_velocity": Words("sway, mean speed", "The path divided by its time."),
     "sway_rms_ap": Words("sway forwards and backwards", "Root mean square distance from the bout's mean, that way."),
     "sway_rms_ml": Words("sway sideways", "Root mean square distance from the bout's mean, that way."),
     "sway_ellipse_area": Words(
         "sway, area of the 95 % ellipse", "The ellipse on the floor that holds the centre of mass 95 of 100 times."
     ),
-    "sway_path_noise": Words(
-        "of the path, what noise alone would draw", "The path that errors of measurement alone would make."
-    ),
+    "sway_path_noise": Words("sway, path from noise alone", "The path that errors of measurement alone would make."),
 }
 
 _SYMMETRY: Final = {

@@ -91,10 +91,10 @@ def provenance(session: Session) -> list[Facts]:
         Facts("Versions", ("program", "version"), [(program, (version,)) for program, version in versions]),
         Facts(
             "Cameras",
-            ("camera", "pose from", "stands at x, y, z in metres"),
+            ("camera", "pose from", "position x, y, z in metres"),
             [(camera["name"], (camera["source"], _position(camera))) for camera in run.get("cameras", [])],
         ),
-        Facts("What calibration left unexplained", ("camera", "what", "value"), residuals),
+        Facts("Calibration residuals", ("camera", "what", "value"), residuals),
         Facts("The patient's body as learnt", ("what", "value"), _body(run.get("body"))),
         Facts(
             "Time spent",

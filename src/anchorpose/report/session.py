@@ -1,4 +1,9 @@
-"""One results folder as the report reads it: all its tables, or one sentence on what is missing."""
+"""One results folder as the report reads it: all its tables, or one sentence on what is missing; its frames in groups.
+
+A long recording on a narrow page is drawn in groups of frames, each by its lowest and highest value. Every k-th frame
+would lose what lasts one frame: a jerk, a gap, the worst moment. The lowest and highest of each group are what a line
+through all frames would cover, so peaks keep their place and height.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +15,6 @@ import numpy as np
 
 from anchorpose.errors import InputError
 from anchorpose.joints import STATE_CODE, JointState
-from anchorpose.report.axis import Bins, make_bins
 from anchorpose.report.ledger import Ledger
 from anchorpose.results.records import (
     CONTACTS_FILE,
@@ -38,6 +42,90 @@ from anchorpose.results.tables import (
     read_joints,
     read_posture,
 )
+
+MOST_BINS: Final = 600
+"""Groups at most: about one and a half pixels each on a page, a third of a millimetre on paper."""
+
+PAUSE: Final = 3.0
+"""A gap of more than this many usual intervals between frames is a pause, across which no line is drawn."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bins:
+    """Groups of neighbouring frames. start (b,) first row of each group; time_s (n,), frame (n,) of all frames.
+
+    after_pause (b,) bool: no line connects this group with the one before. clock: the name of the session, where a page
+    shows several.
+    """
+
+    frame: np.ndarray
+    time_s: np.ndarray
+    start: np.ndarray
+    after_pause: np.ndarray
+    clock: str = ""
+
+    @property
+    def count(self) -> int:
+        """Number of groups."""
+        return len(self.start)
+
+    @property
+    def last(self) -> np.ndarray:
+        """(b,) last row of each group."""
+        return np.append(self.start[1:], len(self.frame)) - 1
+
+    @property
+    def thinned(self) -> bool:
+        """Whether any group holds more than one frame."""
+        return self.count < len(self.frame)
+
+    @property
+    def place(self) -> np.ndarray:
+        """(b,) where the middle of each group lies between the first frame (0) and the last (1)."""
+        middle = (self.time_s[self.start] + self.time_s[self.last]) / 2.0
+        return self.place_of(middle)
+
+    def place_of(self, time_s: np.ndarray) -> np.ndarray:
+        """Where a time lies between the first frame (0) and the last (1); one frame alone lies in the middle."""
+        span = self.time_s[-1] - self.time_s[0]
+        return (time_s - self.time_s[0]) / span if span > 0 else np.full(np.shape(time_s), 0.5)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Envelope:
+    """The lowest and highest known value of each group, (b,) each, NaN where no frame of it has one.
+
+    rising (b,) bool: the lowest comes first.
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    rising: np.ndarray
+
+
+def make_bins(frame: np.ndarray, time_s: np.ndarray, clock: str = "", most: int = MOST_BINS) -> Bins:
+    """At most ``most`` groups of equally many frames; one frame each where that suffices."""
+    count = min(len(frame), most)
+    start = np.arange(count) * len(frame) // count
+    step = np.diff(time_s)
+    pauses = np.append(False, step > PAUSE * np.median(step)) if len(step) else np.zeros(1, dtype=bool)
+    return Bins(frame, time_s, start, np.logical_or.reduceat(pauses, start), clock)
+
+
+def envelope(values: np.ndarray, bins: Bins) -> Envelope:
+    """values (n,), NaN where not known."""
+    low, high = np.fmin.reduceat(values, bins.start), np.fmax.reduceat(values, bins.start)
+    group = np.repeat(np.arange(bins.count), np.diff(np.append(bins.start, len(values))))
+    rows = np.arange(len(values))
+    at_low = np.minimum.reduceat(np.where(values == low[group], rows, len(values)), bins.start)
+    at_high = np.minimum.reduceat(np.where(values == high[group], rows, len(values)), bins.start)
+    return Envelope(low, high, at_low <= at_high)
+
+
+def worst(state_code: np.ndarray, bins: Bins) -> np.ndarray:
+    """(b,) the worst state of each group."""
+    return np.maximum.reduceat(state_code, bins.start)
+
 
 MEASURED: Final = (ANGLES_FILE, POSTURE_FILE, EPISODES_FILE, MEASURES_FILE)
 """What 'anchorpose measure' writes, from the joints."""

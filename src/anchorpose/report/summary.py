@@ -78,7 +78,7 @@ def _posture(session: Session) -> Markup:
     gap = Markup()
     if unknown is not None and unknown.value:
         seconds = ledger.figure(rows_of(unknown), Aggregation(column="value"), value_form(unknown))
-        gap = Markup(" (for {} it could not be told {})").format(seconds, ledger.link(rows_of(unknown)))
+        gap = Markup(" (unknown for {} {})").format(seconds, ledger.link(rows_of(unknown)))
     source = ledger.link(rows_of(share))
     sentence = Markup("The patient was upright in {} {}{} {}.{}")
     return sentence.format(upright, of_what, gap, source, _transitions(session))
@@ -121,7 +121,7 @@ def _touched_by(session: Session, everywhere: bool) -> Markup:
     parts = ledger.figure(CONTACTS, Aggregation(column="part", how="distinct"), part)
     again = "" if everywhere else ", and so is everybody after the patient was lost"
     return Markup(
-        "{} touched the patient, {} of the body in all {}. Who leaves and comes back is counted again{}."
+        "{} touched the patient, {} of the body in all {}. A person who leaves and comes back is counted again{}."
     ).format(people, parts, ledger.link(CONTACTS), again)
 
 
@@ -140,8 +140,8 @@ def _quality(session: Session) -> Markup:
     typical = ledger.figure(JOINTS, Aggregation(column="sigma_m", how="median"), reach)
     return Markup(
         "{} Of all joint positions {} were seen, {} were inferred from the rest of the body and from movement, and {} "
-        "are lost {}. A typical position is good to {} along each axis, 95 times in 100, as far as the program can "
-        "tell itself.{}{}"
+        "are lost {}. A typical position is accurate to {} along each axis, 95 times in 100, by the program's own "
+        "estimate.{}{}"
     ).format(_verdict(session), seen, inferred, lost, ledger.link(JOINTS), typical, _weak(session), _problems(session))
 
 
@@ -155,7 +155,7 @@ def _verdict(session: Session) -> Markup:
 
 def _lost_verdict(lost: float) -> str:
     if lost > MOSTLY_LOST:
-        return "Most joint positions are lost: what follows tells of the rest of the session only."
+        return "Most joint positions are lost: what follows describes the rest of the session only."
     return "Part of the joint positions is lost and stays a gap." if lost > MUCH_LOST else ""
 
 

@@ -7,11 +7,10 @@ from typing import Final
 import numpy as np
 
 from anchorpose.joints import JOINT_COUNT, STATE_CODE, JointState
-from anchorpose.report.axis import Axis, Bins, envelope
-from anchorpose.report.chart import Chart, Column, Reading, Row, cells, heading
+from anchorpose.report.chart import Axis, Chart, Column, Reading, Row, cells, heading
 from anchorpose.report.curves import band_path, line_paths
 from anchorpose.report.ledger import Rows
-from anchorpose.report.session import Session
+from anchorpose.report.session import Bins, Session, envelope
 from anchorpose.report.timeline_rows import kept_rows, posture_readings, posture_rows, touch_reading, touch_rows
 from anchorpose.report.words import COVERAGE, STATE_WORDS
 from anchorpose.results.records import CONTACTS_FILE, EPISODES_FILE

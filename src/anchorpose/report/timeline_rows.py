@@ -13,11 +13,10 @@ import numpy as np
 
 from anchorpose.body.contact_regions import REGIONS
 from anchorpose.joints import JointState
-from anchorpose.report.axis import Bins
 from anchorpose.report.chart import Column, Mark, Reading, Row, heading
 from anchorpose.report.curves import step_path
 from anchorpose.report.ledger import Form
-from anchorpose.report.session import Session
+from anchorpose.report.session import Bins, Session
 from anchorpose.report.words import STATE_WORDS, named_part
 from anchorpose.results.frame_table import UNKNOWN
 from anchorpose.results.records import SIT_TO_STAND, STAND_TO_SIT, Contact, Episode
@@ -73,11 +72,11 @@ def _pictures(session: Session) -> list[Row]:
 
 TRANSITIONS: Final = {SIT_TO_STAND: ("▲", "stands up"), STAND_TO_SIT: ("▼", "sits down")}
 
-POSTURE_WORDS: Final = {UPRIGHT: "upright", NOT_UPRIGHT: "not upright", UNKNOWN: "cannot be told"}
+POSTURE_WORDS: Final = {UPRIGHT: "upright", NOT_UPRIGHT: "not upright", UNKNOWN: "posture unknown"}
 
 
 def posture_rows(session: Session) -> list[Row]:
-    """A full column is upright, none is not upright, half a column cannot be told; a light one is inferred.
+    """A full column is upright, none is not upright, half a column is unknown; a light one is inferred.
 
     The worst of a group of frames is drawn: dark only where all its upright frames were seen.
     """
@@ -91,7 +90,7 @@ def posture_rows(session: Session) -> list[Row]:
         ("posture light", step_path(standing * inferred, bins)),
         ("posture", step_path(standing * (1 - inferred), bins)),
     )
-    label = "upright" + (" (half a column: cannot be told)" if unknown.any() else "")
+    label = "upright" + (" (half a column: unknown)" if unknown.any() else "")
     rows = [heading("Posture"), Row(label=label, height=18, shapes=shapes, kind="state")]
     marks = tuple(_transition_mark(bins, episode) for episode in session.episodes if episode.kind in TRANSITIONS)
     if marks:

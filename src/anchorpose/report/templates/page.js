@@ -9,9 +9,9 @@
     plots: figure.querySelector(".pictures-in-time"),
     readings: JSON.parse(figure.dataset.readings),
   }));
-  const places = new Map();  // of each session: where its groups of frames lie along the time axis
+  const places = new Map();  // by session: the places of its groups of frames on the time axis
 
-  // The numbers are those of the CSV link: what is read here is what can be taken away.
+  // The values are read from the CSV link, so that page and file agree.
   function cellsOf(chart) {
     if (!chart.cells) {
       const text = decodeURIComponent(chart.figure.querySelector(".csv").href.split(",").slice(1).join(","));
@@ -32,7 +32,7 @@
     return `${minus(low)}${low === high ? "" : ` to ${minus(high)}`}${spread}${reading.unit}${state}`;
   }
 
-  function told(row, reading) {
+  function inWords(row, reading) {
     const content = reading.text === undefined ? numbers(row, reading) : row[reading.text];
     return content === "" ? "" : reading.label === "" ? content : `${reading.label} ${content}`;
   }
@@ -40,10 +40,10 @@
   function sentence(chart, index) {
     const row = cellsOf(chart)[index], [first, last, from, to] = row;
     const when = first === last ? `${from} s (frame ${first})` : `${from} to ${to} s (frames ${first} to ${last})`;
-    return `${when}: ${chart.readings.map(reading => told(row, reading)).filter(Boolean).join("; ")}`;
+    return `${when}: ${chart.readings.map(reading => inWords(row, reading)).filter(Boolean).join("; ")}`;
   }
 
-  // Kept by an observer: to ask each chart where it is, after writing to the one before, would lay the page out each time.
+  // By an observer: asking each chart for its place after writing to another would lay out the page each time.
   const visible = new Set();
   const watcher = new IntersectionObserver(entries => {
     for (const entry of entries) visible[entry.isIntersecting ? "add" : "delete"](entry.target);
@@ -91,7 +91,7 @@
     chart.slider.addEventListener("focus", () => move(Number(chart.slider.value), chart));
   }
 
-  // A link into a folded part opens it.
+  // A link into a folded part unfolds it.
   function unfold() {
     const target = location.hash && document.getElementById(decodeURIComponent(location.hash.slice(1)));
     for (let part = target; part; part = part.parentElement) if (part.tagName === "DETAILS") part.open = true;
