@@ -275,7 +275,7 @@ def test_the_verb_makes_either_page_and_refuses_half_a_request(tmp_path, capsys)
     assert "change to after" in page.read_text(encoding="utf-8")
     capsys.readouterr()
     for wrong, sentence in (
-        ([str(one), str(two)], "say where to write their comparison"),
+        ([str(one), str(two)], "give the page to write their comparison to"),
         ([str(one), "-o", str(page)], "is the only session"),
         ([str(one), str(two), "-o", str(page), "--label", "before"], "1 labels are given for 2 sessions"),
     ):
