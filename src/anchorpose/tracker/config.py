@@ -52,7 +52,7 @@ class TrackConfig:
     method: Method = Method.ARTICULATED
     start: int = 0  # first frame to track
     stop: int | None = None  # frame to stop before; None = the end
-    smooth: bool = False  # track against time as well and put both together: not for live use, and twice the work
+    smooth: bool = False  # also track backward in time and combine both passes: not for live use, twice the work
     height_m: float | None = None  # the patient's standing height; None = that of recording.json, or unknown
     patient_xz_m: tuple[float, float] | None = None  # where the patient stands at the start, if the user gives it
     motions: str | None = None  # file of reference movements; None = those that ship with the package
