@@ -101,7 +101,7 @@ class SubjectEntry(Entry):
 
 
 class RecordingDocument(Entry):
-    """What recording.json says, before any other file of the folder is read.
+    """The content of recording.json, before any other file of the folder is read.
 
     ``fps`` stands in a camera, or at the top for all cameras without their own.
     """

@@ -25,12 +25,12 @@ from anchorpose.settings import STRICT, Unfit, nearest_key
 
 SAME_WORLD_M: Final = 0.001
 """Camera poses closer than this, in every number of the matrix, are of the same world: a metre away from the camera
-a joint then moves by a millimetre or two, less than any hand places it to."""
+a joint then moves by a millimetre or two, less than anybody can place it by hand."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReviewedRecording:
-    """What corrections are about: a name for people, a hash of pictures and times, and the world by its cameras.
+    """What corrections are about: a name for people, a hash of depth images and times, and the world by its cameras.
 
     T_world_camera: (4, 4) by name; None for a camera that was not used for want of a pose.
     """
@@ -45,7 +45,7 @@ def reviewed_recording(
 ) -> ReviewedRecording:
     """inputs_sha256: (path in the recording folder, hash) as in run.json.
 
-    The hash is that of pictures and times only: a height added to recording.json makes no other recording of it.
+    The hash covers depth images and times only: a height added to recording.json does not make it another recording.
     """
     lines = sorted(
         f"{path} {digest}\n"
@@ -56,7 +56,7 @@ def reviewed_recording(
 
 
 def recording_of_run(run: dict[str, Any]) -> ReviewedRecording:
-    """The recording and the world that a run.json tells of (``read_run_document``)."""
+    """The recording and the world of a run.json (``read_run_document``)."""
     poses = {
         camera["name"]: None if camera["camera_to_world"] is None else np.array(camera["camera_to_world"])
         for camera in run["cameras"]
@@ -131,7 +131,7 @@ class Signature:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnusableInterval:
-    """Frames first_frame to last_frame, both included, that no measure may rest on."""
+    """Frames first_frame to last_frame, both included, that no measure may use."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     first_frame: Frame
@@ -169,7 +169,7 @@ Correction = UnusableInterval | JointCorrection
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Corrections:
-    """What holds, and what was taken back (by whom, when)."""
+    """The corrections that hold, and those that were taken back (by whom, when)."""
 
     recording: ReviewedRecording
     unusable: tuple[UnusableInterval, ...] = ()
@@ -177,7 +177,7 @@ class Corrections:
     withdrawn: tuple[tuple[Correction, Signature], ...] = ()
 
     def added(self, entry: Correction) -> Corrections:
-        """With one more entry; what held before of the same joint in the same frame counts as withdrawn by it."""
+        """With one more entry; an earlier correction of the same joint in the same frame is withdrawn by it."""
         if isinstance(entry, UnusableInterval):
             return replace(self, unusable=(*self.unusable, entry))
         same = [old for old in self.joints if (old.frame, old.joint) == (entry.frame, entry.joint)]
@@ -223,8 +223,8 @@ def require_recording(path: Path, corrections: Corrections, recording: ReviewedR
     """Raises InputError where the corrections read from ``path`` are about another recording or another world."""
     theirs = corrections.recording
     if theirs.sha256 != recording.sha256:
-        problem = f"is about another recording ('{theirs.name}', other pictures or times)"
+        problem = f"is about another recording ('{theirs.name}', other depth images or times)"
         raise InputError(path, problem, "give the corrections that were made of this recording's results")
     if not same_world(theirs.T_world_camera, recording.T_world_camera):
         remedy = "use the calibration that the corrected results were made with, or correct the new results"
-        raise InputError(path, "its positions are in another world: the cameras' poses were others", remedy)
+        raise InputError(path, "its positions are in another world: the camera poses were different", remedy)

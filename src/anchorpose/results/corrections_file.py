@@ -117,16 +117,17 @@ def read_corrections(path: Path) -> Corrections:
 
 
 def corrections_of_run(path: Path, run: dict[str, Any]) -> Corrections:
-    """What the results of the run.json at ``path`` were tracked with, none where there was nothing: a review of them
-    goes on from there. Raises InputError where its corrections cannot be used."""
+    """The corrections that the results of the run.json at ``path`` were tracked with: the next review begins with them.
+
+    None of them where it was tracked without. Raises InputError where they cannot be used.
+    """
     held = validate(path, RunEntry, {"corrections": run.get("corrections")}).corrections
     recording = recording_of_run(run)
     return Corrections(recording) if held is None else Corrections(recording, held.unusable, held.joints)
 
 
 def write_corrections(path: Path, corrections: Corrections) -> None:
-    """Writes the file so that it holds all of it, or what it held before; raises InputError for what could not be
-    read back."""
+    """Write the whole file or leave it as it was; raises InputError for corrections that could not be read back."""
     recording = corrections.recording
     poses = recording.T_world_camera.items()
     document = {
