@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
-from dataclasses import field
+from dataclasses import field, is_dataclass
 from enum import Enum
-from typing import Literal
+from importlib.resources import files
+from typing import Literal, get_type_hints
 
 import pytest
 
 from anchorpose.cli.config_file import load_config, load_track_config
 from anchorpose.errors import InputError
+from anchorpose.research.experiment.config import ExperimentConfig
 from anchorpose.settings import Positive, settings
 from anchorpose.tracker.config import TrackConfig
 
@@ -135,3 +137,27 @@ def test_a_file_beyond_all_limits_is_one_sentence(tmp_path, text):
         _load(tmp_path, text)
     assert "\n" not in str(refusal.value)
     assert len(str(refusal.value)) < 400
+
+
+def test_each_setting_of_0_1_0_is_read_or_refused_by_its_name(tmp_path):
+    names = files("anchorpose.cli").joinpath("settings_of_0_1.txt").read_text().split()
+    assert len(names) == 323
+    today = set(_leaves(TrackConfig))
+    for name in names:
+        stage, _, last = name.rpartition(".")
+        (tmp_path / "c.toml").write_text(f"[{stage}]\n{last} = 'x'" if stage else f"{last} = []")
+        with pytest.raises(InputError) as refusal:
+            load_track_config(tmp_path / "c.toml")
+        assert name in str(refusal.value)
+        assert ("since version 0.2.0" in str(refusal.value)) == (name not in today), name
+
+
+@pytest.mark.parametrize("kind", [TrackConfig, ExperimentConfig])
+def test_every_class_of_settings_refuses_unknown_names(kind):
+    for one in (kind, *(hint for hint in get_type_hints(kind).values() if is_dataclass(hint))):
+        assert one.__pydantic_config__["extra"] == "forbid", one
+
+
+def _leaves(kind, prefix=""):
+    for name, hint in get_type_hints(kind).items():
+        yield from _leaves(hint, f"{prefix}{name}.") if is_dataclass(hint) else [prefix + name]

@@ -72,7 +72,7 @@ def _names_of(kind: Any, prefix: str = "") -> Iterator[str]:
 
 
 def _new_name(former: str, known: Set[str]) -> str | None:
-    """The setting of the same stage that ends like the former one: a.b_c for a.x.b.c, for instance."""
-    stage, words = former.partition(".")[0], former.replace(".", "_")
-    same_stage = sorted(name for name in known if name.startswith(f"{stage}."))
-    return next((name for name in same_stage if words.endswith(f"_{name.rpartition('.')[2]}")), None)
+    """The setting of the same stage in which the former place went into the name: a.b_c for a.x.b.c, for instance."""
+    stage, *rest = former.split(".")
+    ends = (f"{stage}.{'_'.join(rest[first:])}" for first in range(len(rest)))
+    return next((name for name in ends if name in known), None)
