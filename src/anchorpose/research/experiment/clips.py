@@ -1,6 +1,6 @@
-"""The recordings that an experiment is made on: simulated ones, or the user's own with reference skeletons.
+"""The recordings of an experiment: simulated ones, or the user's own with reference skeletons; and their holes.
 
-The paper's transient occlusions: data removed about the body's centre in randomly selected frames (Section V).
+Holes are the paper's transient occlusions: data removed around the body's centre in random frames (Section V).
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from anchorpose.research.experiment.config import ExperimentConfig, Scene
 from anchorpose.simulate import config as presets
 from anchorpose.simulate.config import SimulationConfig
 
-LOOSE_M = 0.014  # close to what the simulator refuses; ordinary clothes stand off by up to 0.009
+LOOSE_M = 0.014  # close to what the simulator refuses; ordinary clothes are up to 0.009 away from the skin
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clip:
-    """One recording. simulation: how it is made, or None where ``folder`` is the user's."""
+    """One recording. simulation: its settings, or None where ``folder`` is the user's."""
 
     name: str
     scene: Scene
@@ -35,17 +35,17 @@ class Clip:
 
     @property
     def drawn_by(self) -> str:
-        """What its holes, segments and windows are drawn by: those of the paper's scene serve twice."""
+        """The name that seeds its holes, segments and windows; the paper's scene and ``MATCHES`` share them."""
         return self.name.replace(Scene.MATCHES, Scene.PAPER)
 
     @property
     def holes_are_cut(self) -> bool:
-        """Whether the sizes of hole apply; other scenes bring their own occluders."""
+        """Whether holes are cut; other scenes have their own occluders."""
         return self.scene in (Scene.PAPER, Scene.MATCHES, Scene.LOOSE, Scene.REAL)
 
 
 def plan_clips(config: ExperimentConfig, real: Path | None) -> list[Clip]:
-    """All test recordings, scene by scene."""
+    """All test recordings, by scene."""
     clips = [
         Clip(f"{scene}-{seed}", scene, simulation_of(scene, seed, config))
         for scene in config.scenes
@@ -62,7 +62,7 @@ def real_clips(folder: Path) -> list[Clip]:
 
 
 def simulation_of(scene: Scene, seed: int, config: ExperimentConfig) -> SimulationConfig:
-    """How a recording is simulated."""
+    """The settings of a simulated recording."""
     if scene in (Scene.PAPER, Scene.MATCHES):
         return presets.single(seed, config.seconds, config.fps)
     alone = presets.single(seed, config.scene_seconds, config.fps)
@@ -79,12 +79,12 @@ def simulation_of(scene: Scene, seed: int, config: ExperimentConfig) -> Simulati
     raise ValueError(f"{scene} is not simulated")
 
 
-ON_BODY_M = 0.3  # from the middle of a body to its skin; farther off there is no body
-HOLES_KEY = 7  # a stream of its own beside those that recordings are drawn from
+ON_BODY_M = 0.3  # from the middle of a body to its skin; a point farther away is not on it
+HOLES_KEY = 7  # a random stream of its own beside those of the recordings
 
 
 def draw_hole_frames(frames: int, share: float, seed: int, starts: Sequence[int]) -> np.ndarray:
-    """(frames,) bool: which frames lose data. Never those that tracking starts in, whose pose is given."""
+    """(frames,) bool: the frames that lose data; never those at which tracking starts, whose pose is given."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(HOLES_KEY,)))
     chosen: np.ndarray = rng.random(frames) < share
     chosen[list(starts)] = False
@@ -94,10 +94,9 @@ def draw_hole_frames(frames: int, share: float, seed: int, starts: Sequence[int]
 def cut_holes(recording: Recording, out: Path, centre_m: np.ndarray, chosen: np.ndarray, radius_m: float) -> np.ndarray:
     """A copy of the recording folder at ``out`` without the readings nearer than ``radius_m`` to the body's centre.
 
-    centre_m (t, 3): the mean of what is seen of the body, in the world that the recording's camera has a pose in, NaN
-    where it was not seen: such a frame stays as it is. That mean lies inside the body; the hole is about the reading
-    nearest to it, so that its radius is what is cut from the skin. chosen (t,) bool. Pictures that lose nothing are
-    linked, not copied. Returns (t,) bool: the frames that lost readings.
+    centre_m (t, 3): the mean of the visible body, world, NaN where it was not seen: such a frame stays as it is. That
+    mean lies inside the body; the hole is centred on the reading nearest to it, so that the radius holds on the skin.
+    chosen (t,) bool. Images that lose nothing are linked, not copied. Returns (t,) bool: the frames that lost readings.
     Raises InputError for a recording of several cameras: their frames would have to be paired first.
     """
     if len(recording.cameras) != 1:
@@ -118,7 +117,7 @@ def cut_holes(recording: Recording, out: Path, centre_m: np.ndarray, chosen: np.
 
 
 def within_hole(file: Path, camera: Camera, centre_m: np.ndarray, radius_m: float) -> np.ndarray | None:
-    """(height, width) bool: pixels of a depth picture within the radius of the reading nearest to a world point.
+    """(height, width) bool: pixels of a depth image within the radius of the reading nearest to a world point.
 
     None where there is no such reading within reach of a body.
     """

@@ -1,4 +1,4 @@
-"""What an experiment runs on."""
+"""The settings of an experiment: recordings, holes, scenes and methods."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ PAPER_HOLES_M: Final = (0.0, 0.03, 0.06, 0.09, 0.12, 0.15)
 
 
 class Scene(StrEnum):
-    """What is recorded, or what else is done with it; all but the first are beyond the paper."""
+    """A kind of recording, or of tracking it; all but the first are beyond the paper."""
 
-    PAPER = "paper"  # one person, one front camera, nothing in the way but the holes
-    MATCHES = "matches-alone"  # the same recordings; parts follow their matches and are not refined on the surface
+    PAPER = "paper"  # one person, one front camera, no occluder but the holes
+    MATCHES = "matches-alone"  # the same recordings; parts follow their matches without being refined on the surface
     LOOSE = "loose"  # the same in clothes twice as loose
     FRAME = "frame"  # one front camera, a standing frame's bars before the patient
     CLINIC_FRONT = "clinic-front"  # the frame, and two therapists who hold and move, one front camera
@@ -30,8 +30,8 @@ class Scene(StrEnum):
 class ExperimentConfig:
     """The paper's experiment by default: 3,000 test frames, six sizes of hole, all methods.
 
-    The paper's samples are no video: 200 of them hold slow and fast movements of all limbs, so they are some tenth of
-    a second apart. Ten a second are taken here.
+    The paper's samples are not a video: 200 of them contain slow and fast movements of all limbs, so they are about a
+    tenth of a second apart. Here the frame rate is ten per second.
     """
 
     first_seed: int = 501  # of the test recordings; each seed is another body, other clothes and other movements
@@ -48,8 +48,8 @@ class ExperimentConfig:
     scene_recordings: Count = 3  # of each scene beyond the paper's
     scene_seconds: Positive = 6.0
     scene_segments: Count = 2  # as sampled_segments, in these
-    methods: tuple[str, ...] = ()  # keys, or paths of Python files with a METHOD; none: all
-    ablation: bool = True  # of the own tracker, in the scenes beyond the paper's
+    methods: tuple[str, ...] = ()  # keys, or paths of Python files with METHODS; none: all
+    ablation: bool = True  # of anchorpose's own tracker, in the scenes beyond the paper's
     training_seed: int = 401  # of the recordings that settings are chosen and movements are taken from
     training_recordings: Count = 4
     training_samples: Annotated[Count, Field(ge=40)] = 200  # frames of reference movements
@@ -61,7 +61,7 @@ class ExperimentConfig:
         if not (
             self.seconds * self.fps >= self.segment_frames and self.scene_seconds * self.fps >= self.segment_frames
         ):
-            raise ValueError(f"a recording must hold a segment of {self.segment_frames} frames; make it longer")
+            raise ValueError(f"a recording must contain a segment of {self.segment_frames} frames; make it longer")
         for radius_m in self.holes_m:
             if radius_m != 0 and not SMALLEST_HOLE_M <= radius_m <= LARGEST_HOLE_M:
                 raise ValueError(f"holes_m are 0 or {SMALLEST_HOLE_M} to {LARGEST_HOLE_M}, got {radius_m}")
@@ -74,18 +74,18 @@ class ExperimentConfig:
             raise ValueError("the recordings to test and to train on have seeds in common; move first_seed")
 
     def segments(self, scene: Scene) -> int:
-        """Of each simulated recording of a scene."""
+        """Number of segments of each simulated recording of a scene."""
         seconds = self.seconds if scene in (Scene.PAPER, Scene.MATCHES) else self.scene_seconds
         return round(seconds * self.fps) // self.segment_frames
 
     def seeds(self, scene: Scene) -> range:
-        """Of the test recordings of a scene."""
+        """Seeds of the test recordings of a scene."""
         count = {Scene.PAPER: self.recordings, Scene.MATCHES: self.sampled_recordings}.get(scene, self.scene_recordings)
         return range(self.first_seed, self.first_seed + count)
 
 
 def quick() -> ExperimentConfig:
-    """Everything once, on so little that it takes two minutes: it shows that the machinery runs, and no more."""
+    """Everything once on very little data, in two minutes: it shows only that everything runs."""
     return ExperimentConfig(
         recordings=1,
         seconds=1.5,

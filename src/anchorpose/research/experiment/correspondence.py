@@ -1,4 +1,4 @@
-"""The true correspondence of simulated surfaces: where each node's place on the skin is in another frame."""
+"""The true correspondence of simulated surfaces: the position of each node's point on the skin in another frame."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from scipy.spatial import cKDTree
 from anchorpose.simulate.clinic import Clinic, Performance, draw_clinic
 from anchorpose.simulate.config import SimulationConfig
 
-SEEN_M = 0.025  # two nodes' spacing: a place with no node so near is not seen
-ON_SKIN_M = 0.05  # a node farther off all skin is not the patient's
-SPACING_M = 0.04  # of the places between which distances along the skin are known
+SEEN_M = 0.025  # two node spacings: a point without a node this near is not seen
+ON_SKIN_M = 0.05  # a node farther from the skin is not the patient's
+SPACING_M = 0.04  # of the points between which distances along the skin are computed
 
 REGIONS = {
     "head": ("Head", "Neck"),
@@ -27,15 +27,18 @@ REGIONS = {
     "shank": ("Leg",),
     "foot": ("Foot", "Toe"),
 }
-"""What bones' names begin with, after the side: the longest that fits."""
+"""First letters of the bones' names, after the side; the longest match counts."""
 
 LAST_WITHOUT_SIDE = 1  # head and trunk have no left and right
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TruePlaces:
-    """Of some nodes: vertex (m,) of the skin beside each; place_m (m, 3) where that place is in the other frame, world;
-    NaN where the node is not on the patient. seen (m,) bool: the other frame has a node there."""
+    """True correspondence of m nodes.
+
+    vertex (m,): nearest vertex of the skin; place_m (m, 3): position in the other frame, world, NaN where the node is
+    not on the patient; seen (m,) bool: the other frame has a node there.
+    """
 
     vertex: np.ndarray
     place_m: np.ndarray
@@ -54,7 +57,7 @@ class Skin:
         return np.asarray(self.performance.figures(frame)[0].skin_m, dtype=np.float64)
 
     def follow(self, nodes_m: np.ndarray, frame: int, other: int, other_nodes_m: np.ndarray) -> TruePlaces:
-        """Where the nodes (m, 3) of a frame are in another one, whose surface has nodes (n, 3)."""
+        """The true places of a frame's nodes (m, 3) in another frame, whose surface has nodes (n, 3)."""
         here, there = self.at(frame), self.at(other)
         distance, vertex = cKDTree(here).query(nodes_m)
         place = there[vertex] + (nodes_m - here[vertex])
@@ -65,12 +68,12 @@ class Skin:
         return TruePlaces(vertex, place, seen)
 
     def vertex_at(self, places_m: np.ndarray, frame: int) -> np.ndarray:
-        """(m,) the vertex of the skin nearest to each place."""
+        """(m,) vertex of the skin nearest to each place."""
         vertex: np.ndarray = cKDTree(self.at(frame)).query(places_m)[1]
         return vertex
 
     def along_skin_m(self, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        """(m,) distance along the skin between vertices, from below by up to the sample's spacing, far apart."""
+        """(m,) distance along the skin between vertices; far apart, too short by up to the sample's spacing."""
         rest, sample, between = self._sampled
         straight = np.linalg.norm(rest[one] - rest[other], axis=1)
         near_one, near_other = self._nearest[one], self._nearest[other]
@@ -81,7 +84,7 @@ class Skin:
 
     @cached_property
     def _sampled(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The skin at rest (v, 3), vertices (s,) spread over it, and the distances (s, s) along the mesh of these."""
+        """The skin at rest (v, 3), a sample of its vertices (s,), and their distances (s, s) along the mesh."""
         body = self.clinic.patient.person.body
         rest, faces = body.vertices, body.asset.faces
         cell = np.unique(np.floor(rest / SPACING_M).astype(np.int64), axis=0, return_index=True)[1]
@@ -98,7 +101,7 @@ class Skin:
 
     @cached_property
     def region(self) -> np.ndarray:
-        """(v,) index into ``REGIONS`` of the part that each vertex moves with."""
+        """(v,) index into ``REGIONS`` of the body part that each vertex moves with."""
         return np.array([region_of(name) for name in self._bone_names])[self._main_bone]
 
     @cached_property
@@ -121,9 +124,9 @@ class Skin:
 
 
 def region_of(bone: str) -> int:
-    """Index into ``REGIONS`` of a bone's part. Raises ValueError for a bone of no part."""
+    """Index into ``REGIONS`` of a bone's region. Raises ValueError for a bone without one."""
     name = bone.removeprefix("Left").removeprefix("Right")
-    names = {name, bone, name[1:]}  # LHipJoint and LThumb have their side in one letter
+    names = {name, bone, name[1:]}  # LHipJoint and LThumb name their side by one letter
     fits = [
         (len(start), index)
         for index, starts in enumerate(REGIONS.values())
@@ -131,5 +134,5 @@ def region_of(bone: str) -> int:
         if any(known.startswith(start) for known in names)
     ]
     if not fits:
-        raise ValueError(f"no region has the bone {bone}")
+        raise ValueError(f"bone {bone} belongs to no region")
     return max(fits)[1]

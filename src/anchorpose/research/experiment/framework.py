@@ -1,4 +1,9 @@
-"""The tracking framework of the paper, in which each method replaces the association, all else equal (Section V)."""
+"""The tracking framework of the paper, in which each method replaces the association (Section V), and its start.
+
+Every method gets the patient's body and the pose in the frames that tracking starts in. The paper takes both from the
+sensor's own tracker on unoccluded data; here they come from this project's tracker, on the recording before anything is
+removed from it. No method sees the truth.
+"""
 
 from __future__ import annotations
 
@@ -28,16 +33,18 @@ from anchorpose.tracking.motion import MotionConfig, MotionRule
 from anchorpose.tracking.motion_file import load_motions
 
 ANYWHERE_M = 10.0  # every node may be matched with every other, as in the paper
-ALL_NODES = 100_000  # the tree starts from every node: a random method needs them all to be told from a good one
+ALL_NODES = (
+    100_000  # the tree starts from every node: it takes all of them to distinguish a random method from a good one
+)
 PAPER_GATE = GateConfig(anchor_bound_m=0.05, surface_bound_per_m=0.01, search_radius_m=ANYWHERE_M)
-"""The paper's bound on the anchors; its "linear function increasing with distance" is not given."""
+"""The paper's bound on the anchors; the paper does not give its "linear function increasing with distance"."""
 
 
 def paper_config(motions: Path, refined: bool = True) -> TrackConfig:
-    """Meshes as the pictures show them, holes and all; the best sub-list predicts; every part by itself.
+    """Meshes of the depth images with their holes; prediction by the best sub-list; each part registered by itself.
 
     motions: the file of the training samples' movements. refined: whether parts that follow their matches are then
-    registered to the surface; without, the matches have to say it all.
+    registered to the surface; otherwise the pose rests on the matches alone.
     """
     return TrackConfig(
         method=Method.PARTS if refined else Method.PAIRS,
@@ -63,7 +70,7 @@ def start_at(frame: int, frame_set: FrameSet, reference: Reference, run: Run) ->
     The joints in the frames before are given too, as far back as there is no gap: the motion dynamics need a past.
     """
     pose = reference.pose(frame)
-    choice = PatientChoice(pose.root_m[[0, 2]], "was followed before anything was removed", True)
+    choice = PatientChoice(pose.root_m[[0, 2]], "was tracked before anything was removed", True)
     first = observe_first(frame_set, choice, 1.7, run)
     belief = _confident(vague_belief(pose))
     start = Start(first, reference.shape, belief, 1.0)
@@ -89,20 +96,21 @@ def follow_segment(tracker: PatientTracker, later: Sequence[FrameSet]) -> np.nda
 
 
 def _confident(belief: PoseBelief) -> PoseBelief:
-    """A tenth of the spread: the pose was tracked."""
+    """A tenth of the standard deviation: the pose was tracked."""
     return PoseBelief(belief.pose, belief.covariance / 100.0, belief.information * 100.0)
 
 
 class NoReference(AnchorposeError):
-    """The patient was not found in the recording as it is, so that no method can start."""
+    """The patient was not found in the original recording, so no method can start."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """T_world_camera (k, 4, 4): of the cameras, given or found, so that all methods share one world.
+    """What all methods start from.
 
-    Over t frames: rotations (t, b, 3, 3) and root_m (t, 3) of the pose, joints_m (t, 21, 3) and centre_m (t, 3), the
-    mean of what is seen of the body, world; NaN where he was lost. shape: the learnt body.
+    T_world_camera (k, 4, 4): poses of the cameras, given or found, so that all methods share one world. Over t frames:
+    rotations (t, b, 3, 3) and root_m (t, 3) of the pose, joints_m (t, 21, 3) and centre_m (t, 3), the mean of the
+    visible body, world; NaN where the patient was lost. shape: the learnt body.
     """
 
     T_world_camera: np.ndarray
@@ -114,22 +122,22 @@ class Reference:
 
     @property
     def found(self) -> np.ndarray:
-        """(t,) bool."""
+        """(t,) bool: the patient was found."""
         return np.isfinite(self.root_m).all(axis=1)
 
     def pose(self, frame: int) -> Pose:
-        """Of a frame in which he was found."""
+        """The pose in a frame in which the patient was found."""
         return Pose(self.rotations[frame], self.root_m[frame])
 
 
 def make_reference(recording: Recording, config: TrackConfig) -> Reference:
-    """Track the recording as it is. Raises NoReference where nobody is found, InputError where no world is."""
+    """Track the original recording. Raises NoReference where nobody is found, InputError without a world frame."""
     room = prepare_room(recording, config)
     run = Run(room, config, load_motions(config.motion_file, recording.rate_hz, config.motion))
     route = plan_route(room, config, lambda: None)
     learnt = learn_on(route, run)
     if learnt is None:
-        raise NoReference(f"{recording.folder.name}: nobody was found in it, so that no method can start.")
+        raise NoReference(f"{recording.folder.name}: nobody was found in it, so no method can start.")
     body = build_body(body_points(), learnt.shape)
     frames, bones = len(recording.streams[0].files), len(body.points.asset.bone_names)
     rotations, root = np.full((frames, bones, 3, 3), np.nan), np.full((frames, 3), np.nan)
@@ -148,7 +156,7 @@ def make_reference(recording: Recording, config: TrackConfig) -> Reference:
 
 
 def in_its_world(recording: Recording, reference: Reference) -> Recording:
-    """The recording, or a copy of it with holes, with the reference's camera poses as if they had been given."""
+    """The recording, or its copy with holes, with the reference's camera poses as given poses."""
     cameras = tuple(
         replace(camera, T_world_camera=T) for camera, T in zip(recording.cameras, reference.T_world_camera, strict=True)
     )

@@ -1,6 +1,6 @@
-"""How far matches lie from the true correspondence.
+"""The distance of matches from the true correspondence, on windows: moments of a recording with their look-ahead.
 
-Moments of a recording, look-ahead and all, in which every method is asked for its matches on the same meshes.
+In a window every method matches the same meshes.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from anchorpose.tracker.run import Run
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Window:
-    """frame: position of the first of the observations; poses: predicted, of those after the first."""
+    """frame: position of the first observation; poses: the predicted poses of those after the first."""
 
     frame: int
     tracker: PatientTracker
@@ -41,10 +41,10 @@ class Window:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matches:
-    """What a method says of the m nodes of a window's first frame: node of the second, -1 = no match.
+    """A method's matches of the m nodes of a window's first frame: nodes of the second, -1 = no match.
 
-    direct (m,) its hypothesis where it has but one, which nothing has to choose, -1 where it has several; links: the
-    hypotheses level by level; tree: after the track tree, its ``node`` may be fewer: those on the body.
+    direct (m,): its only hypothesis, -1 where it has several; links: the hypotheses of each pair of frames; tree: the
+    choice of the track tree, for its ``node`` only: those on the body.
     """
 
     direct: np.ndarray
@@ -71,7 +71,7 @@ def take_window(frame: int, reference: Reference, run: Run) -> Window | None:
 def match_window(method: Method, setting: object, window: Window) -> Matches:
     """The method's matches in a window, with and without the tree."""
     if method.associate is None:
-        raise ValueError(f"{method.key} makes no pairs that could be asked for")
+        raise ValueError(f"{method.key} has no association")
     config, associate = method.configure(window.config, setting), method.associate(setting)
     seen = window.observations[: config.follow.look_ahead + 1]
     links = tuple(associate(now, after, config) for now, after in pairwise(seen))
@@ -85,13 +85,13 @@ def match_window(method: Method, setting: object, window: Window) -> Matches:
 
 
 def draw_some(frames: Sequence[int], wanted: int, seed: int) -> list[int]:
-    """So many of the frames, drawn at random, in order; each method and size of hole is given the same."""
+    """``wanted`` of the frames, drawn at random, in order; the same for each method and size of hole."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(11,)))
     count = min(wanted, len(frames))
     return sorted(int(frame) for frame in rng.choice(np.asarray(frames), size=count, replace=False))
 
 
-COMPARED = 400  # nodes of a window, drawn at random: enough for its mean, and kept with every result
+COMPARED = 400  # nodes of a window, drawn at random: enough for its mean; stored with every result
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,7 +110,7 @@ class MatchErrors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """The compared nodes of a window: node (m,) of the first frame, and where each is in the second."""
+    """The compared nodes of a window: node (m,) of the first frame, and the true place of each in the second."""
 
     skin: Skin
     node: np.ndarray
@@ -118,7 +118,7 @@ class Truth:
 
 
 def truth_of(window: Window, skin: Skin) -> Truth:
-    """The nodes whose place is seen in the next frame too, or some hundred of them, the same for every method."""
+    """The nodes whose place is seen in the next frame too, at most ``COMPARED``; the same for every method."""
     now, after = (seen.surface.points_m.astype(np.float64) for seen in window.observations[:2])
     places = skin.follow(now, window.frame, window.frame + 1, after)
     seen = np.flatnonzero(places.seen)
@@ -128,31 +128,31 @@ def truth_of(window: Window, skin: Skin) -> Truth:
 
 
 def score(method: Method, setting: object, window: Window, truth: Truth) -> MatchErrors:
-    """The method's matches of a window against the truth."""
+    """The errors of the method's matches in a window."""
     matches = match_window(method, setting, window)
     direct, tree = (_matched(matches, window, truth, by_tree) for by_tree in (False, True))
     skin, frame = truth.skin, window.frame + 1
-    said = np.where(np.isfinite(direct).all(axis=1, keepdims=True), direct, tree)
+    chosen = np.where(np.isfinite(direct).all(axis=1, keepdims=True), direct, tree)
     return MatchErrors(
         region=skin.region[truth.places.vertex].astype(np.int8),
         direct_mm=_straight_mm(direct, truth),
         tree_mm=_straight_mm(tree, truth),
         direct_skin_mm=_skin_mm(direct, truth, frame),
         tree_skin_mm=_skin_mm(tree, truth, frame),
-        mirrored=_mirrored(said, truth, frame),
+        mirrored=_mirrored(chosen, truth, frame),
         nodes=len(window.observations[0].surface),
         describe_s=_seconds(method, setting, window),
     )
 
 
 def _seconds(method: Method, setting: object, window: Window) -> float:
-    """Of one core: what two frames' descriptors and the matches between them take, anchors and distances included."""
+    """Seconds on one core for two frames' descriptors and the matches between them, anchors and distances included."""
     if method.associate is None:
         return np.nan
     now, after = window.observations[:2]
     config, start = method.configure(window.config, setting), time.process_time()
     method.associate(setting)(now, after, config).all()
-    if method.family is Family.PROPOSED:  # these are made with the observation
+    if method.family is Family.PROPOSED:  # its descriptors are made with the observation
         for seen in (now, after):
             field = geodesic_distance(seen.whole, np.array([surface_center(seen.whole)]))[0]
             geodesic_extrema(seen.whole, field, config.anchors.radius * window.tracker.height_m)
@@ -161,7 +161,7 @@ def _seconds(method: Method, setting: object, window: Window) -> float:
 
 
 def _matched(matches: Matches, window: Window, truth: Truth, by_tree: bool) -> np.ndarray:
-    """(m, 3) where the compared nodes are said to be, NaN without a match."""
+    """(m, 3) matched positions of the compared nodes, NaN without a match."""
     if by_tree:
         place = np.full((len(window.observations[0].surface), 3), np.nan)
         place[matches.tree.node] = matches.tree.matched_m
@@ -172,25 +172,25 @@ def _matched(matches: Matches, window: Window, truth: Truth, by_tree: bool) -> n
     return found
 
 
-def _straight_mm(said_m: np.ndarray, truth: Truth) -> np.ndarray:
-    distance: np.ndarray = 1000.0 * np.linalg.norm(said_m - truth.places.place_m, axis=1)
+def _straight_mm(matched_m: np.ndarray, truth: Truth) -> np.ndarray:
+    distance: np.ndarray = 1000.0 * np.linalg.norm(matched_m - truth.places.place_m, axis=1)
     return distance.astype(np.float32)
 
 
-def _skin_mm(said_m: np.ndarray, truth: Truth, frame: int) -> np.ndarray:
-    """(m,) along the skin, never less than straight: both ends are told to a vertex only."""
-    known = np.isfinite(said_m).all(axis=1)
-    distance = np.full(len(said_m), np.nan, np.float32)
-    vertex = truth.skin.vertex_at(said_m[known], frame)
+def _skin_mm(matched_m: np.ndarray, truth: Truth, frame: int) -> np.ndarray:
+    """(m,) along the skin, at least the straight distance: both ends are known only to the nearest vertex."""
+    known = np.isfinite(matched_m).all(axis=1)
+    distance = np.full(len(matched_m), np.nan, np.float32)
+    vertex = truth.skin.vertex_at(matched_m[known], frame)
     along = 1000.0 * truth.skin.along_skin_m(vertex, truth.places.vertex[known])
-    distance[known] = np.maximum(along, _straight_mm(said_m, truth)[known])
+    distance[known] = np.maximum(along, _straight_mm(matched_m, truth)[known])
     return distance
 
 
-def _mirrored(said_m: np.ndarray, truth: Truth, frame: int) -> np.ndarray:
-    known = np.isfinite(said_m).all(axis=1)
-    mirrored = np.zeros(len(said_m), bool)
-    vertex = truth.skin.vertex_at(said_m[known], frame)
+def _mirrored(matched_m: np.ndarray, truth: Truth, frame: int) -> np.ndarray:
+    known = np.isfinite(matched_m).all(axis=1)
+    mirrored = np.zeros(len(matched_m), bool)
+    vertex = truth.skin.vertex_at(matched_m[known], frame)
     true_vertex, skin = truth.places.vertex[known], truth.skin
     other_side = skin.side[vertex] * skin.side[true_vertex] == -1
     mirrored[known] = other_side & (skin.region[vertex] == skin.region[true_vertex])

@@ -1,4 +1,4 @@
-"""One small interface for everything that is compared: who says which nodes of two frames are the same place."""
+"""The interface of all methods that are compared: each matches the nodes of two frames."""
 
 from __future__ import annotations
 
@@ -26,32 +26,32 @@ PROPOSED: Final = "anchors"
 """Key of the paper's method as a whole."""
 
 OWN: Final = "own"
-"""Key of this project's tracker; what is of its family beside it is its ablation."""
+"""Key of this project's tracker; the other methods of its family are its ablation."""
 
-CACHED_FRAMES: Final = 8  # frames whose descriptors are kept: two look-aheads
+CACHED_FRAMES: Final = 8  # frames whose descriptors are kept: twice the look-ahead
 
 
 class Family(StrEnum):
-    """What kind of method it is, by the paper's related work."""
+    """The kind of a method, by the paper's related work."""
 
     PROPOSED = "proposed"  # distances to anchors
     LOCAL = "local"  # local appearance
     SPECTRAL = "spectral"  # local, from the surface's spectrum
     MESH = "mesh"  # local, on the mesh
     GLOBAL = "global"  # all distances
-    NONE = "none"  # no association: what the framework does by itself
-    TRACKER = "tracker"  # not in the framework: this project's own tracker, as it comes
+    NONE = "none"  # no association: the framework by itself
+    TRACKER = "tracker"  # not in the framework: this project's own tracker
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Method:
     """A method and its settings, of which the training recordings choose one.
 
-    associate: makes, from a setting, what pairs two frames; None for a tracker of its own. configure: what else it
-    changes of the framework's configuration (a tracker: of the defaults). sampled: it is so slow, or so little asked
-    for, that it runs on a random sample of the segments. frame_ms: about what a frame of 2,000 nodes costs on one core,
-    to tell how long an experiment will take. several: it makes several hypotheses of a node, among which only the tree
-    can choose. content: digest of the file that it comes from; of those that ship with the package, none.
+    associate: makes the association of two frames from a setting; None for a complete tracker. configure: other changes
+    to the framework's configuration (for a tracker: to the defaults). sampled: slow or less important, so it runs on a
+    random sample of the segments. frame_ms: approximate time of a frame of 2,000 nodes on one core, to estimate the
+    duration of an experiment. several: it makes several hypotheses per node, among which only the tree can choose.
+    content: digest of the file that it comes from; empty for those of the package.
     """
 
     key: str
@@ -69,7 +69,7 @@ class Method:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DescriptorSetting:
-    """A descriptor's own configuration, and by which metric its nearest neighbour is looked for."""
+    """A descriptor's own configuration, and the metric of its nearest neighbour."""
 
     config: Any
     metric: Metric = Metric.EUCLIDEAN
@@ -78,7 +78,7 @@ class DescriptorSetting:
 def by_descriptor(describe: Callable[[Observation, Any], np.ndarray]) -> Callable[[Any], Associate]:
     """Each node is matched with the node of the next frame whose descriptor is nearest (paper, Section V-A).
 
-    describe: (n, d) descriptors of a frame's seen nodes under a configuration, NaN rows where there is none.
+    describe: (n, d) descriptors of a frame's seen nodes under a configuration, NaN rows where undefined.
     """
 
     def associate(setting: DescriptorSetting) -> Associate:
@@ -98,7 +98,7 @@ def by_descriptor(describe: Callable[[Observation, Any], np.ndarray]) -> Callabl
 
 
 def cached_per_frame(describe: Callable[[Observation], np.ndarray]) -> Callable[[Observation], np.ndarray]:
-    """The same answers for the frames of the look-ahead, each worked out once."""
+    """The same function, computed once for each frame of the look-ahead."""
     recent: deque[tuple[Observation, np.ndarray]] = deque(maxlen=CACHED_FRAMES)
 
     def described(seen: Observation) -> np.ndarray:
@@ -112,14 +112,14 @@ def cached_per_frame(describe: Callable[[Observation], np.ndarray]) -> Callable[
 
 
 NO_SUBSET: Final = np.empty((1, 0), np.int64)
-"""The one hypothesis of a method that knows no anchors."""
+"""The subsets of a method without anchors: one, empty."""
 
 
 def load_methods(wanted: Sequence[str]) -> tuple[Method, ...]:
-    """The methods of these keys or files, in this order; all that come with the package where none is named.
+    """The methods of these keys or files, in this order; all of the package where none is named.
 
-    A file is a Python module with ``METHODS``, a tuple of one. Raises InputError for a key that nobody has and a file
-    that is no method.
+    A file is a Python module with ``METHODS``, a tuple of one. Raises InputError for an unknown key and a file without
+    a method.
     """
     shipped = shipped_methods()
     if not wanted:
@@ -133,7 +133,7 @@ def load_methods(wanted: Sequence[str]) -> tuple[Method, ...]:
 
 
 def shipped_methods() -> tuple[Method, ...]:
-    """Every METHOD of the modules in ``methods``, by family, then by title."""
+    """All METHODS of the modules in ``methods``, by family."""
     from anchorpose.research.experiment import methods
 
     modules = [importlib.import_module(f"{methods.__name__}.{m.name}") for m in pkgutil.iter_modules(methods.__path__)]
@@ -144,7 +144,7 @@ def shipped_methods() -> tuple[Method, ...]:
 def _from_file(name: str, keys: Sequence[str]) -> Method:
     path = Path(name)
     if path.suffix != ".py" or not path.is_file():
-        raise InputError(path, "is no method", f"choose among {', '.join(keys)}, or name a Python file with METHODS")
+        raise InputError(path, "is not a method", f"choose among {', '.join(keys)}, or name a Python file with METHODS")
     spec = importlib.util.spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None:
         raise InputError(path, "cannot be imported", "check the file")

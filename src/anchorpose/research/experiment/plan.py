@@ -1,6 +1,6 @@
-"""Which questions an experiment asks, and where the answers are kept: the list of the work, without doing any of it.
+"""The tasks of an experiment, and the store of their results.
 
-Results cached by content: what was asked, of which code and libraries, names the file; nothing stale is read.
+The name of a stored file is a hash of the task, the code and the libraries, so that no outdated result is read.
 """
 
 from __future__ import annotations
@@ -36,22 +36,22 @@ PRESENTING: Final = (
     "viewer/",
     "viewing.py",
 )
-"""Code that changes no result."""
+"""Code that no stored result depends on."""
 
 
 class ResultStore:
-    """A folder of results, each a whole .npz file or not there."""
+    """A folder of results, each a complete .npz file or absent."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
     def path(self, kind: str, *asked: object) -> Path:
-        """Where the answer to a question is kept; asked: values whose ``repr`` says all that the answer depends on."""
+        """The file of a result; asked: values whose ``repr`` contains everything that the result depends on."""
         text = "\n".join([experiment_code(), repr(versions()), kind, *map(repr, asked)])
         return self.folder / kind / f"{hashlib.sha256(text.encode()).hexdigest()[:24]}.npz"
 
     def write(self, path: Path, arrays: Mapping[str, object]) -> None:
-        """The answer, all of it at once: a kill leaves nothing half-written."""
+        """Write a result at once: an interruption leaves no partial file."""
         path.parent.mkdir(parents=True, exist_ok=True)
         partial = path.with_name(f".{path.stem}.partial-{os.getpid()}")
         try:
@@ -64,7 +64,7 @@ class ResultStore:
 
 
 def read(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of an task."""
+    """The arrays of a stored result."""
     with np.load(path, allow_pickle=False) as file:
         return {name: file[name] for name in file.files}
 
@@ -74,25 +74,23 @@ def experiment_code() -> str:
     return code_digest(PRESENTING)
 
 
-FRAMEWORK_MS = 90.0  # of one frame in the framework, whatever the method: isolation to registration
-OWN_MS = 150.0  # of one frame of the own tracker, learning included
-COST_FACTOR = {Scene.CLINIC_FRONT: 1.5, Scene.CLINIC: 3.0}  # times as much: therapists, and three cameras
-ABLATION_SCENES = (Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)  # holes alone are too easy to tell ingredients apart
-
-
-TUNING_HOLE_M = 0.12  # half of the training windows have it: a setting must do with and without
+FRAMEWORK_MS: Final = 90.0  # per frame in the framework without the method: isolation to registration
+OWN_MS: Final = 150.0  # per frame of this project's tracker, learning included
+COST_FACTOR = {Scene.CLINIC_FRONT: 1.5, Scene.CLINIC: 3.0}  # therapists; three cameras
+ABLATION_SCENES: Final = (Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)  # holes alone are too easy for an ablation
+TUNING_HOLE_M: Final = 0.12  # in half of the training windows: a setting must work with and without a hole
 
 
 class Kind(StrEnum):
-    """What is asked."""
+    """What a task measures."""
 
-    MATCHED = "matched"  # how far are its matches from the truth?
-    TRACKED = "tracked"  # how far are the joints?
+    MATCHED = "matched"  # the distance of matches from the truth
+    TRACKED = "tracked"  # the distance of joints from the truth
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Task:
-    """One question: a method on a clip with a size of hole; cost_s: about what it takes, of one core."""
+    """A method on a clip with a size of hole; path: of its result; cost_s: approximate time on one core."""
 
     kind: Kind
     clip: Clip
@@ -110,8 +108,11 @@ class Task:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """settings: of each method, by key. movements: the file, and its content's digest. training: the clips are those
-    that settings are chosen on, and every setting of every method is asked for its matches."""
+    """What is run on each clip.
+
+    settings: of each method, by key; movements: the file, and the digest of its content; training: the clips are those
+    on which settings are chosen, and every setting of every method is tried.
+    """
 
     config: ExperimentConfig
     methods: tuple[Method, ...]
@@ -122,7 +123,7 @@ class Plan:
     training: bool = False
 
     def tasks(self, clip: Clip) -> Iterator[Task]:
-        """Everything that is asked about a clip."""
+        """All tasks of a clip."""
         if self.training:
             yield from self._tried(clip)
             return
@@ -141,11 +142,11 @@ class Plan:
 
     @property
     def windows(self) -> int:
-        """Moments of each recording and size of hole at which matches are compared."""
+        """Number of moments of each recording and size of hole at which matches are compared."""
         return self.config.training_windows if self.training else self.config.windows
 
     def holes(self, clip: Clip) -> tuple[float, ...]:
-        """Sizes of hole that are cut into the clip; matches alone and loose clothes are compared at both ends only."""
+        """Sizes of hole of the clip; for matches alone and loose clothes only the smallest and the largest."""
         if self.training:
             return (0.0, TUNING_HOLE_M)
         if clip.scene in (Scene.MATCHES, Scene.LOOSE):
@@ -153,7 +154,7 @@ class Plan:
         return self.config.holes_m if clip.holes_are_cut else (0.0,)
 
     def methods_on(self, clip: Clip) -> tuple[Method, ...]:
-        """All methods, the slow ones within the sample; in some scenes the own tracker without each ingredient too."""
+        """All methods, slow ones only within the sample; in some scenes also the ablation of this project's tracker."""
         own = any(method.family is Family.TRACKER for method in self.methods)
         ablated = own and self.config.ablation and clip.scene in ABLATION_SCENES
         methods = tuple(method for method in self.methods if self.in_sample(clip) or not method.sampled)
@@ -162,17 +163,17 @@ class Plan:
         return (*methods, *(ABLATED if ablated else ()))
 
     def has_windows(self, clip: Clip) -> bool:
-        """Whether matches are compared with the truth on it: in the paper's scene, as the paper shows them."""
+        """Whether matches are compared with the truth: in the paper's scene, as in the paper."""
         return clip.scene is Scene.PAPER and self.in_sample(clip)
 
     def in_sample(self, clip: Clip) -> bool:
-        """Whether slow methods run on it: seeds are drawn, so the first are as good as any."""
+        """Whether slow methods run on it: those with the first seeds."""
         if clip.scene is not Scene.PAPER or clip.simulation is None:
             return True
         return clip.simulation.seed < self.config.first_seed + self.config.sampled_recordings
 
     def reference(self, clip: Clip) -> Path:
-        """Where the reference of a clip is kept."""
+        """The file of a clip's reference."""
         return self.store.path("reference", identity(clip))
 
     def _task(self, kind: Kind, clip: Clip, hole_m: float, method: Method, setting: object) -> Task:
@@ -186,7 +187,7 @@ class Plan:
 
     def _cost_s(self, kind: Kind, clip: Clip, method: Method) -> float:
         config, crowd = self.config, COST_FACTOR.get(clip.scene, 1.0)
-        frames = 40 if clip.simulation is None else clip.simulation.frames  # of a real recording, before it is opened
+        frames = 40 if clip.simulation is None else clip.simulation.frames  # a real recording is not open yet
         if kind is Kind.MATCHED:
             return crowd * self.windows * 3 * method.frame_ms / 1000.0
         if method.family is Family.TRACKER:
@@ -197,7 +198,7 @@ class Plan:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanSpec:
-    """A plan that can be sent to another process: methods by key or file, settings by number; code: its digest."""
+    """A plan to be sent to another process: methods by key or file, settings by number; code: its digest."""
 
     config: ExperimentConfig
     wanted: tuple[str, ...]
@@ -237,7 +238,7 @@ def sampled_segments(clip: Clip, config: ExperimentConfig) -> int:
 
 
 def identity(clip: Clip) -> str:
-    """What a clip's content hangs on: how it is simulated, or its files."""
+    """What a clip's content depends on: its simulation, or its files."""
     if clip.simulation is not None or clip.folder is None:
         return repr(clip.simulation)
     return _content(clip.folder)

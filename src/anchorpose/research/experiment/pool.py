@@ -1,4 +1,4 @@
-"""Recordings side by side, a process each, with progress; what was done stays when it is stopped."""
+"""Recordings in parallel, one process each, with progress; finished results stay when it is stopped."""
 
 from __future__ import annotations
 
@@ -17,40 +17,40 @@ from anchorpose.research.experiment.clips import Clip
 from anchorpose.research.experiment.plan import PlanSpec, Task
 from anchorpose.research.experiment.work import work_on
 
-MAKING_S: Final = 0.35  # of one core for a frame of one camera: simulated, and tracked for the reference
+MAKING_S: Final = 0.35  # on one core per frame and camera: to simulate it and to track the reference
 POLL_S: Final = 0.5
 TERMINATED: Final = 143
-STOP_S: Final = 5.0  # that a worker has to take its temporary files away
+STOP_S: Final = 5.0  # for a worker to remove its temporary files
 
 Shown = TypeVar("Shown")
 Progress = Callable[[float, float], None]
-"""Called with seconds of one core done, and to do in all, about."""
+"""Called with the approximate seconds on one core, done and in total."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Job:
-    """Clips and what is asked about them."""
+    """Clips, and the plan of their tasks."""
 
     spec: PlanSpec
     clips: tuple[Clip, ...]
 
     def tasks(self) -> list[Task]:
-        """Of all clips."""
+        """The tasks of all clips."""
         plan = self.spec.plan()
         return [task for clip in self.clips for task in plan.tasks(clip)]
 
     def left_s(self) -> float:
-        """Of one core: what is asked and not answered, and the recordings that this takes."""
+        """Seconds on one core for the open tasks and the recordings that they need."""
         return _left_s(self.tasks())
 
 
 def do(
     job: Job, processes: int, progress: Progress, after_s: float, beside: Callable[[], Shown] | None = None
 ) -> tuple[list[str], Shown | None]:
-    """Answers everything, clips side by side; a sentence for each clip of which something could not be answered.
+    """Do all tasks, clips in parallel; returns a sentence for each clip with a task that could not be done.
 
-    after_s: what is to be done after this job, for the time left. beside: something else that takes its time, done in
-    one of the processes; what it returns is the second task.
+    after_s: seconds of work after this job, for the time left. beside: other work that runs in one of the processes;
+    its return value is the second result.
     """
     tasks = job.tasks()
     left_s = _left_s(tasks)
@@ -92,7 +92,7 @@ def _making_s(clip: Clip) -> float:
 
 
 def _be_a_worker() -> None:
-    """Ctrl-C is for the parent, which then asks to end in a way that takes temporary files away."""
+    """Ctrl-C goes to the parent, which then terminates the workers so that they remove their temporary files."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _end)
 
@@ -102,7 +102,7 @@ def _end(number: int, frame: FrameType | None) -> NoReturn:
 
 
 def _work(clip: Clip, spec: PlanSpec) -> str | None:
-    """One clip; the other recordings are still worth comparing on, so what was wrong with it is told, not raised."""
+    """Work on one clip; an error is returned, not raised, because the other recordings can still be compared."""
     try:
         _unless_stopped(partial(work_on, clip, spec.plan()))
     except AnchorposeError as error:
@@ -111,8 +111,8 @@ def _work(clip: Clip, spec: PlanSpec) -> str | None:
 
 
 def _unless_stopped(work: Callable[[], Shown]) -> Shown:
-    """What the work returns. Stopped, the process ends: the pool would take that for an answer and go on."""
+    """The work's return value. When stopped, the process ends: the pool would take SystemExit for a result."""
     try:
         return work()
-    except SystemExit as end:  # by now temporary files are away
+    except SystemExit as end:  # temporary files are removed by now
         os._exit(int(end.code or 0))

@@ -1,4 +1,7 @@
-"""What an experiment has found, before anything is averaged: tables, figures and the page are made from this alone."""
+"""The results of an experiment before averaging: tables, figures and the page are made from these alone.
+
+And the choice of each method's setting on the training recordings, by the same measure for all.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,7 @@ class Tracked:
 
     frame (f,) int64: positions in the recording, without the frames whose pose was given. occluded (f,) bool: the frame
     has a hole. error_mm (f, 21): distance from the truth, or from the reference skeleton of a real recording; NaN where
-    that has no joint, or the method none. seconds: of one core, for all of it.
+    either has no joint. seconds: on one core, in total.
     """
 
     scene: Scene
@@ -41,14 +44,13 @@ class Tracked:
 class Matched:
     """One method's matches between one frame and the next of a simulated recording.
 
-    Over m nodes of the first frame whose place is seen in the next: region (m,) int8 index into ``REGIONS``;
-    direct_mm, tree_mm (m,): how far from that place the match lies, straight, without and with the track tree, NaN
-    without a match (all of direct_mm where a method has several hypotheses and nothing to choose by);
-    direct_skin_mm, tree_skin_mm: the same along the skin; mirrored (m,) bool: the direct match, or where there is
-    none the tree's, lies on the same part of the other side: a hand's on the other hand.
-    occluded: either frame has a hole. nodes: of the first frame. describe_s: of one core, for two frames' descriptors,
-    anchors included, and the matches between them. body_m: standing height, so that lengths along the skin can be told
-    in shares of it.
+    Over m nodes of the first frame whose place is seen in the next: region (m,) int8 index into ``REGIONS``; direct_mm,
+    tree_mm (m,): straight distance of the match from that place, without and with the track tree, NaN without a match
+    (all of direct_mm where a method has several hypotheses); direct_skin_mm, tree_skin_mm: the same along the skin;
+    mirrored (m,) bool: the direct match, or without one the tree's, lies on the same part of the other side, such as
+    the other hand. occluded: either frame has a hole. nodes: of the first frame. describe_s: seconds on one core for
+    two frames' descriptors, anchors included, and the matches between them. body_m: standing height, to express
+    distances along the skin relative to it.
     """
 
     scene: Scene
@@ -82,7 +84,7 @@ class TriedSetting:
 
 @dataclass(frozen=True, slots=True)
 class PaperTimes:
-    """Seconds on one core for a mesh at every pixel and for its five geodesic fields, as the paper counts them."""
+    """Seconds on one core for a mesh at every pixel and for its five geodesic fields, as measured in the paper."""
 
     nodes: int
     edges: int
@@ -93,9 +95,10 @@ class PaperTimes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExperimentResults:
-    """methods: in the order of the tables; tried: the settings of each method; times: None where none were measured.
+    """All results of an experiment.
 
-    failed: a sentence for each recording that could not be used, and why.
+    methods: in the order of the tables; tried: the settings of each method; times: None where none were measured;
+    failed: a sentence for each recording that could not be used; real: the folder of real recordings.
     """
 
     config: ExperimentConfig
@@ -109,21 +112,21 @@ class ExperimentResults:
 
 
 MISSED_MM: Final = 100.0
-"""What a node without a match counts: as much as the track tree's ``missed_cost_m``."""
+"""The error of a node without a match: the track tree's ``missed_cost_m``."""
 
 
 def capped_mean_mm(tree_mm: Sequence[np.ndarray]) -> float:
-    """Mean distance from the truth after the track tree, over all nodes of all windows; matches farther off than a
-    missed one count as missed: the framework registers what the tree leaves, and doubts outliers.
+    """Mean distance from the truth after the track tree, over all nodes of all windows, each at most ``MISSED_MM``.
 
-    tree_mm: of each window (m,), NaN without a match. NaN where there are none.
+    The cap is there because the framework's registration is robust to outliers. tree_mm: of each window (m,), NaN
+    without a match. NaN without nodes.
     """
     every = np.concatenate([np.zeros(0), *(np.where(np.isfinite(e), e, MISSED_MM) for e in tree_mm)])
     return float(np.minimum(every, MISSED_MM).mean()) if len(every) else np.nan
 
 
 def choose(settings: Sequence[object], scores_mm: Sequence[float]) -> tuple[TriedSetting, ...]:
-    """The settings with their scores; the best is chosen, of equals the first, and the first where none has a score."""
+    """The settings with their scores; the first of the best is chosen, and the first of all where none has a score."""
     known = np.where(np.isfinite(scores_mm), scores_mm, np.inf)
     best = int(np.argmin(known))
     return tuple(
@@ -133,5 +136,5 @@ def choose(settings: Sequence[object], scores_mm: Sequence[float]) -> tuple[Trie
 
 
 def setting_text(setting: object) -> str:
-    """A setting as text: what differs is in its values."""
+    """A setting as text."""
     return "no settings" if setting is None else repr(setting)

@@ -1,8 +1,6 @@
-"""The order of an experiment: movements, settings, every recording, then what readers see.
+"""The order of an experiment: movements, settings, every recording, then tables, figures and the page.
 
-plan -> movements -> tuning -> clips in parallel (``work``) -> outcome -> publish
-
-What methods learn from: movements for the dynamics, and recordings on which settings are chosen. Never tested on.
+Movements for the motion dynamics and settings come from training recordings, which nothing is tested on.
 """
 
 from __future__ import annotations
@@ -49,7 +47,7 @@ KINDS: Final[tuple[tuple[str, tuple[str, ...], Speed], ...]] = (
 
 
 def training_clips(config: ExperimentConfig) -> list[Clip]:
-    """The recordings, each of one kind and another body; together as long as the samples that are asked for."""
+    """The training recordings, each of one kind and another body; together ``training_samples`` frames or more."""
     seconds = max(config.training_samples / config.training_recordings, config.segment_frames + 1) / config.fps
     clips = []
     for number in range(config.training_recordings):
@@ -64,9 +62,9 @@ def training_clips(config: ExperimentConfig) -> list[Clip]:
 
 
 def write_movements(path: Path, clips: list[Clip], samples: int) -> None:
-    """The joints of the training recordings as reference movements, so many frames in all.
+    """Write the joints of the training recordings as reference movements, ``samples`` frames in total.
 
-    The paper takes them from the sensor's skeleton on unoccluded data; here they are the simulator's own.
+    The paper takes them from the sensor's skeleton on unoccluded data; here they are the simulator's.
     """
     joints, names, rates, left = list[np.ndarray](), list[str](), list[float](), samples
     for clip in clips:
@@ -84,55 +82,50 @@ def write_movements(path: Path, clips: list[Clip], samples: int) -> None:
 
 CACHE: Final = "cache"
 AllTried = tuple[tuple[str, tuple[TriedSetting, ...]], ...]
-"""By the key of each method that has several settings."""
+"""By the key of each method with several settings."""
 
 
 def run_experiment(
-    out: Path, config: ExperimentConfig, real: Path | None, processes: int, progress: Progress,
-    tell: Callable[[str], None],
-) -> ExperimentResults:  # fmt: skip
-    """The whole experiment into a folder, which may hold an earlier run: what it answered is not asked again.
+    out: Path,
+    config: ExperimentConfig,
+    real: Path | None,
+    processes: int,
+    progress: Progress,
+    report: Callable[[str], None],
+) -> ExperimentResults:
+    """Run the whole experiment into a folder; stored results of an earlier run there are used again.
 
-    real: a folder of recordings with reference skeletons, or None. tell: is given sentences on where the work stands.
-    Raises InputError where the folder is somebody else's, a method is unknown or ``real`` holds no recording.
+    real: a folder of recordings with reference skeletons, or None. report: called with the state of the work. Raises
+    InputError where the folder is not an experiment's, a method is unknown or ``real`` contains no recording, and
+    MissingPackage without matplotlib.
     """
-    _claim(out)
+    _require_matplotlib()
+    _require_own_folder(out)
     methods, clips = load_methods(config.methods), plan_clips(config, real)
     if real is not None and not any(clip.folder for clip in clips):
-        raise InputError(real, "holds no recording with a skeleton.npz beside its recording.json", "check the folder")
-    _require_matplotlib()
+        raise InputError(real, "contains no recording folder with a skeleton.npz", "check the folder")
     trainers = tuple(training_clips(config))
-    movements, digest = _movements(out / CACHE, trainers, config)
-    spec = PlanSpec(config=config, wanted=config.methods, chosen=(), movements=movements, movements_digest=digest,
-                  cache=out / CACHE, code=experiment_code())  # fmt: skip
+    spec = _untuned_plan(out / CACHE, trainers, config)
     training = Job(replace(spec, training=True), trainers if config.tuned else ())
     testing = Job(replace(spec, chosen=_chosen(_tried(training, methods))), tuple(clips))
     left_s = training.left_s() + testing.left_s()
-    tell(f"About {_spoken(left_s / processes)} on {processes} cores.")
+    report(f"About {_duration(left_s / processes)} on {processes} cores.")
     failed, _ = do(training, processes, progress, testing.left_s())
     tried = _tried(training, methods)
     testing = Job(replace(spec, chosen=_chosen(tried)), tuple(clips))
     more, shown = do(testing, processes, progress, 0.0, partial(show, out, testing.spec, trainers))
-    tell("Putting tables, figures and the page together.")
+    report("Writing tables, figures and the page.")
     tracked, matched = _collect(testing.tasks())
     times, not_shown = shown or (None, ())
     ablated = ABLATED if any(run.method == ABLATED[0].key for run in tracked) else ()
-    results = ExperimentResults(
-        config,
-        (*methods, *ablated),
-        tried,
-        tracked,
-        matched,
-        times,
-        (*failed, *more, *_undone(testing), *not_shown),
-        real,
-    )
+    sentences = (*failed, *more, *_undone(testing), *not_shown)
+    results = ExperimentResults(config, (*methods, *ablated), tried, tracked, matched, times, sentences, real)
     write_results(results, out)
     return results
 
 
 def _require_matplotlib() -> None:
-    """Hours before it is needed. Raises MissingPackage."""
+    """Check for it now, not after hours of work. Raises MissingPackage."""
     with default_style():
         pass
 
@@ -142,33 +135,42 @@ def _chosen(tried: AllTried) -> tuple[tuple[str, int], ...]:
 
 
 def _undone(job: Job) -> list[str]:
-    """A sentence for each clip of which some answer is missing, whatever the reason."""
+    """A sentence for each clip with missing results, whatever the reason."""
     missing = Counter(task.clip.name for task in job.tasks() if not task.done)
-    return [f"{name}: {count} answers are missing." for name, count in missing.items()]
+    return [f"{name}: {count} results are missing." for name, count in missing.items()]
 
 
-def _claim(out: Path) -> None:
-    """The folder is new, empty, or one of ours."""
+def _require_own_folder(out: Path) -> None:
+    """Raises InputError unless the folder is new, empty or an experiment's."""
     if out.exists() and (not out.is_dir() or (any(out.iterdir()) and not (out / CACHE).is_dir())):
-        raise InputError(out, "exists and is no experiment", "choose another folder; nothing in it was touched")
+        raise InputError(out, "exists and is not an experiment", "choose another folder; nothing in it was changed")
     try:
         (out / CACHE).mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(out, f"cannot be made ({error.strerror})", "choose a place that you may write to") from None
+        raise InputError(out, f"cannot be made ({error.strerror})", "choose a place where you may write") from None
 
 
-def _movements(cache: Path, trainers: Sequence[Clip], config: ExperimentConfig) -> tuple[Path, str]:
+def _untuned_plan(cache: Path, trainers: Sequence[Clip], config: ExperimentConfig) -> PlanSpec:
+    """The plan with the first setting of each method; writes the reference movements."""
     path = cache / "movements.npz"
     partial = path.with_suffix(".partial.npz")
     write_movements(partial, list(trainers), config.training_samples)
     partial.replace(path)
     with np.load(path) as file:
         digest = hashlib.sha256(b"".join(file[name].tobytes() for name in sorted(file.files))).hexdigest()
-    return path, digest
+    return PlanSpec(
+        config=config,
+        wanted=config.methods,
+        chosen=(),
+        movements=path,
+        movements_digest=digest,
+        cache=cache,
+        code=experiment_code(),
+    )
 
 
 def _tried(training: Job, methods: Sequence[Method]) -> AllTried:
-    """The settings of every method that has several, with their scores on the training recordings."""
+    """The settings of every method with several, and their scores on the training recordings."""
     windows: dict[tuple[str, object], list[np.ndarray]] = {}
     for task in training.tasks():
         if task.done:
@@ -217,6 +219,6 @@ def _windows_of(task: Task, arrays: dict[str, np.ndarray]) -> Iterator[Matched]:
         )
 
 
-def _spoken(seconds: float) -> str:
+def _duration(seconds: float) -> str:
     minutes = max(1, round(seconds / 60))
     return f"{minutes} minutes" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"

@@ -1,8 +1,6 @@
-"""The work on one recording: simulate it, find its reference, cut its holes, and ask every method what is not known.
+"""The work on one recording: simulate it, find its reference, cut its holes, and run every open task.
 
-One method on one recording: every segment in the paper's framework, or a tracker of its own from end to end.
-
-Where the joints of a recording really are, or where its reference skeleton puts them.
+A method runs on segments in the paper's framework; this project's tracker runs on the whole recording.
 """
 
 from __future__ import annotations
@@ -48,7 +46,7 @@ from anchorpose.tracker.run import Run
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackedJoints:
-    """frame (f,) positions in the recording; joints_m (f, 21, 3) world, NaN where lost; seconds of one core."""
+    """frame (f,) positions in the recording; joints_m (f, 21, 3) world, NaN where lost; seconds on one core."""
 
     frame: np.ndarray
     joints_m: np.ndarray
@@ -65,7 +63,7 @@ def track_segments(
 ) -> TrackedJoints:
     """The method in the framework, started again at each start; the first frames themselves are left out."""
     if method.associate is None:
-        raise ValueError(f"{method.key} makes no pairs that the framework could use")
+        raise ValueError(f"{method.key} has no association that the framework could use")
     began, frames, joints = time.process_time(), list[np.ndarray](), list[np.ndarray]()
     for start in starts:
         own = replace(run, config=method.configure(run.config, setting), associate=method.associate(setting))
@@ -79,9 +77,9 @@ def track_segments(
 
 
 def track_whole(method: Method, setting: object, recording: Recording) -> TrackedJoints:
-    """A tracker of its own: it finds the patient, learns his body and follows him without being told anything.
+    """This project's tracker on the whole recording: it finds the patient and learns the body itself.
 
-    Its joints are those of the pose that it holds, also where it would call them lost: what a method says, counts.
+    The joints are those of its pose, also where it calls them lost.
     """
     began, frames = time.process_time(), np.arange(len(recording.streams[0].files))
     try:
@@ -102,18 +100,20 @@ def simulated_joints(truth: Path) -> np.ndarray:
 
 
 def reference_joints(skeleton: Path, T_world_camera: np.ndarray) -> np.ndarray:
-    """(t, 21, 3) metres, world, of a skeleton.npz (``names`` of our joints, ``xyz`` (t, m, 4)); NaN where unsure.
+    """(t, 21, 3) metres, world, of a skeleton.npz (``names`` of our joints, ``xyz`` (t, m, 4)); NaN where uncertain.
 
-    ``xyz``: camera x right, y up, z away, metres, and confidence; a joint at the origin is none.
-    Raises InputError where the file is no such skeleton.
+    ``xyz``: camera x right, y up, z away, metres, and confidence; a joint at the origin is missing.
+    Raises InputError where the file is not such a skeleton.
     """
     try:
         with np.load(skeleton, allow_pickle=False) as file:
             names, stored = [str(name) for name in file["names"]], np.asarray(file["xyz"], dtype=np.float64)
     except (OSError, ValueError, KeyError) as error:
-        raise InputError(skeleton, f"is no reference skeleton ({error})", "give names and xyz (t, joints, 4)") from None
+        raise InputError(
+            skeleton, f"is not a reference skeleton ({error})", "give names and xyz (t, joints, 4)"
+        ) from None
     if stored.ndim != 3 or stored.shape[1:] != (len(names), 4) or not set(names) <= set(JOINT_INDEX):
-        raise InputError(skeleton, "its names and xyz do not fit our joints", "give names and xyz (t, joints, 4)")
+        raise InputError(skeleton, "its names and xyz do not fit the 21 joints", "give names and xyz (t, joints, 4)")
     unknown = (stored[..., :3] == 0.0).all(axis=-1) | (stored[..., 3] < SURE)
     camera_m = np.where(unknown[..., None], np.nan, stored[..., :3] * [1.0, -1.0, 1.0])
     joints = np.full((len(stored), JOINT_COUNT, 3), np.nan)
@@ -123,8 +123,11 @@ def reference_joints(skeleton: Path, T_world_camera: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreparedClip:
-    """A recording that is there: truth_m (t, 21, 3) world, NaN where unknown; in_hole (t,) bool: frames that lose data;
-    starts: the frames whose pose is given; skin: the true surface, None of a real recording."""
+    """An opened recording with its reference.
+
+    truth_m (t, 21, 3) world, NaN where unknown; in_hole (t,) bool: frames that lose data; starts: the frames whose pose
+    is given; skin: the true surface, None for a real recording.
+    """
 
     clip: Clip
     recording: Recording
@@ -136,7 +139,7 @@ class PreparedClip:
 
     @property
     def seed(self) -> int:
-        """What is drawn for this recording is drawn by its name."""
+        """The seed of all random draws for this recording, from its name."""
         return crc32(self.clip.drawn_by.encode())
 
 
@@ -158,7 +161,7 @@ def work_on(clip: Clip, plan: Plan) -> None:
 
 @contextmanager
 def prepare_clip(clip: Clip, plan: Plan) -> Iterator[PreparedClip]:
-    """The clip with its reference; a simulated one is gone afterwards: it can be made again."""
+    """The clip with its reference; a simulated recording is deleted afterwards, since it can be made again."""
     with TemporaryDirectory(prefix="anchorpose-") as folder:
         if clip.simulation is not None:
             made = Path(folder) / "simulated"
@@ -189,7 +192,7 @@ def _prepare(clip: Clip, folder: Path, truth: Path, plan: Plan) -> PreparedClip:
 
 @contextmanager
 def with_holes(prepared: PreparedClip, hole_m: float) -> Iterator[tuple[Recording, np.ndarray]]:
-    """The recording with holes of a radius, itself with none; and (t,) bool: the frames that lost readings."""
+    """The recording with holes of a radius (0: itself), and (t,) bool: the frames that lost readings."""
     if hole_m == 0:
         yield prepared.recording, np.zeros(len(prepared.in_hole), bool)
         return
@@ -242,7 +245,7 @@ class _WindowCache:
 
 
 def window_frames(prepared: PreparedClip, plan: Plan) -> list[int]:
-    """The first frames of the windows, the same for every size of hole: where one is cut, it touches the pair."""
+    """The first frames of the windows, the same for every size of hole; a hole, if cut, is in one of the two frames."""
     found, hole = prepared.reference.found, prepared.in_hole
     here = np.arange(len(found) - 1)
     touched = hole[:-1] | hole[1:] if prepared.clip.holes_are_cut else np.ones(len(here), bool)
@@ -250,7 +253,7 @@ def window_frames(prepared: PreparedClip, plan: Plan) -> list[int]:
 
 
 def _evaluated(track: TrackedJoints, prepared: PreparedClip, length: int) -> TrackedJoints:
-    """Without the frames whose pose the other methods are given, and those after the last segment."""
+    """Only the frames that the other methods track: not their given frames, nor those after the last segment."""
     kept = np.zeros(len(prepared.truth_m), bool)
     for start in prepared.starts:
         kept[start + 1 : start + length] = True
@@ -271,7 +274,7 @@ def _tracked_arrays(track: TrackedJoints, prepared: PreparedClip, cut: np.ndarra
 def _matched_arrays(
     frames: Sequence[int], scores: Sequence[MatchErrors], prepared: PreparedClip, cut: np.ndarray
 ) -> dict[str, object]:
-    """Node by node of all windows; window (m,) says which."""
+    """The nodes of all windows one after another; window (m,): the window of each."""
     height_m = np.nan if prepared.skin is None else prepared.skin.clinic.patient.person.height_m
     each = ("region", "direct_mm", "tree_mm", "direct_skin_mm", "tree_skin_mm", "mirrored")
     return {

@@ -1,4 +1,4 @@
-"""The paper's proposed feature, geodesic distances to the anchors (Definition 3): as it is proposed, and variants."""
+"""The paper's proposed feature, geodesic distances to the anchors (Definition 3), and variants of it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SOURCE: Final = "Li and Burdick, Definition 3 and Section IV"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AnchorSetting:
-    """What the paper chose by hand: the gate; and how many anchors a hypothesis rests on."""
+    """The gate, which the paper chose by hand, and the number of anchors of a hypothesis."""
 
     gate: GateConfig = PAPER_GATE
     subset_size: int = 3
@@ -49,7 +49,7 @@ def _next_frame_only(config: TrackConfig, setting: AnchorSetting) -> TrackConfig
 
 
 def _closed(config: TrackConfig, setting: AnchorSetting) -> TrackConfig:
-    """Holes in the mesh are closed by the body that is expected there, as this project's tracker does."""
+    """Holes in the mesh are closed with the expected body, as in this project's tracker."""
     return replace(_hypotheses(config, setting), surface=SurfaceConfig())
 
 
@@ -58,8 +58,7 @@ def _as_tracked(setting: AnchorSetting) -> Associate:
 
 
 def _by_edges(setting: AnchorSetting) -> Associate:
-    """As ``link``, but distances are Dijkstra's shortest paths along edges, as the paper computes them."""
-
+    """As ``link``, with distances by Dijkstra's shortest paths along edges, as in the paper."""
     along_edges = partial(solve_distance, solver=Solver.DIJKSTRA)
 
     @cached_per_frame
@@ -80,11 +79,10 @@ def _by_edges(setting: AnchorSetting) -> Associate:
 
 
 def _refined(setting: AnchorSetting) -> Associate:
-    """Beyond the paper, on a mesh without holes: e_1 is measured and taken away, and the most similar node is the
-    match, not the one in the middle of psi.
+    """Beyond the paper, on a mesh without holes: e_1 is estimated and subtracted, and the most similar node matches.
 
-    What the anchors' jitter adds is the same for all nodes (the paper's e_1). Most nodes of a body are nearly still
-    from one frame to the next, so it is the median difference from the node nearest in place.
+    The paper's match is the node in the middle of psi. The anchors' jitter adds the same to all nodes (the paper's
+    e_1). Most nodes of a body hardly move between two frames, so it is the median difference from the nearest node.
     """
 
     def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
@@ -101,7 +99,7 @@ def _refined(setting: AnchorSetting) -> Associate:
 
 
 def _jitter(now: Observation, following: Observation) -> np.ndarray:
-    """(5,) metres: by how much each anchor's distances differ; 0 for one that no node knows in both frames."""
+    """(5,) metres: median change of the distances to each anchor; 0 for one not reached in both frames."""
     if len(now.surface) == 0 or len(following.surface) == 0:
         return np.zeros(len(ANCHOR_NAMES))
     nearest = KDTree(following.surface.points_m).query(now.surface.points_m)[1]
@@ -112,35 +110,32 @@ def _jitter(now: Observation, following: Observation) -> np.ndarray:
 
 
 def _method(
-    key: str, title: str, subset_sizes: tuple[int, ...], configure: Callable[[TrackConfig, AnchorSetting], TrackConfig],
-    associate: Callable[[AnchorSetting], Associate], gates: tuple[GateConfig, ...] = GATES, sampled: bool = True,
-) -> Method:  # fmt: skip
+    key: str,
+    title: str,
+    subset_sizes: tuple[int, ...],
+    configure: Callable[[TrackConfig, AnchorSetting], TrackConfig],
+    associate: Callable[[AnchorSetting], Associate],
+) -> Method:
     return Method(
         key=key,
         title=title,
         family=Family.PROPOSED,
         source=SOURCE,
-        settings=tuple(AnchorSetting(gate=gate, subset_size=size) for size in subset_sizes for gate in gates),
+        settings=tuple(AnchorSetting(gate=gate, subset_size=size) for size in subset_sizes for gate in GATES),
         associate=associate,
         configure=configure,
-        sampled=sampled,
         several=subset_sizes != (len(ANCHOR_NAMES),),
         frame_ms=25.0,
     )
 
 
+_REFINED = _method("anchors-refined", "anchor geodesics as refined here", (3, 2), _closed, _refined)
+
 METHODS = (
-    _method(PROPOSED, "anchor geodesics with the tree", (3, 2, 4), _hypotheses, _as_tracked, sampled=False),
+    replace(_method(PROPOSED, "anchor geodesics with the tree", (3, 2, 4), _hypotheses, _as_tracked), sampled=False),
     _method("anchors-dijkstra", "anchor geodesics by Dijkstra", (3, 2), _hypotheses, _by_edges),
     _method(
         "anchors-no-tree", "anchor geodesics without the tree", (len(ANCHOR_NAMES),), _next_frame_only, _as_tracked
     ),
-    _method(
-        "anchors-refined",
-        "anchor geodesics as refined here",
-        (3, 2),
-        _closed,
-        _refined,
-        GATES[:1],
-    ),
+    replace(_REFINED, settings=tuple(setting for setting in _REFINED.settings if setting.gate == GATES[0])),
 )

@@ -42,7 +42,7 @@ def _shot(seen: Observation, config: ShotConfig) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContextSetting:
-    """unit_length: contexts are compared by their shape alone, not by how much surface there is around the node."""
+    """unit_length: contexts are compared by their shape alone, not by the amount of surface around the node."""
 
     config: ShapeContextConfig
     unit_length: bool
@@ -61,22 +61,26 @@ def _rops(seen: Observation, config: RopsConfig) -> np.ndarray:
     return rops(seen.surface.points_m, faces(seen.surface), config)
 
 
-CUSTOMARY_M = 0.05
-"""The radius that these descriptors are usually given for objects on a table, and people with them."""
+USUAL_RADIUS_M = 0.05
+"""The usual radius of these descriptors for objects on a table, also used for people."""
 
 
 def _both(
-    key: str, title: str, source: str, describe: Callable[[Observation, Any], np.ndarray],
-    setting: Callable[[float, int], DescriptorSetting], frame_ms: float,
-) -> tuple[Method, Method]:  # fmt: skip
-    """The descriptor with the best of all settings, and with the customary radius: what the tuning is worth."""
+    key: str,
+    title: str,
+    source: str,
+    describe: Callable[[Observation, Any], np.ndarray],
+    setting: Callable[[float, int], DescriptorSetting],
+    frame_ms: float,
+) -> tuple[Method, Method]:
+    """The descriptor with the best of all settings, and with the usual radius, to show the effect of tuning."""
     chosen = tuple(setting(radius, variant) for radius in RADII_M for variant in (0, 1))
     associate = by_descriptor(describe)
     return (
         Method(key=key, title=title, family=Family.LOCAL, source=source, settings=chosen, associate=associate,
                frame_ms=frame_ms),
         Method(key=f"{key}-5cm", title=f"{title}, 5 cm", family=Family.LOCAL, source=source,
-               settings=(setting(CUSTOMARY_M, 0),), associate=associate, frame_ms=frame_ms / 4.0),
+               settings=(setting(USUAL_RADIUS_M, 0),), associate=associate, frame_ms=frame_ms / 4.0),
     )  # fmt: skip
 
 
@@ -150,10 +154,10 @@ MESH = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpectralConfig:
-    """A signature's own configuration and the spectrum that it is made from; logarithm: compared by order of size."""
+    """A signature's configuration and the size of its spectrum; logarithm: its logarithm is compared."""
 
     signature: Any
-    pairs: int = 100  # more do not match better, and cost more
+    pairs: int = 100  # more cost more and do not match better
     logarithm: bool = False
 
 

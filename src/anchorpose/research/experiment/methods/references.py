@@ -20,7 +20,7 @@ from anchorpose.tracker.observation import Observation
 from anchorpose.tracking.motion import MotionConfig, MotionRule
 
 
-def _nobody(setting: Any) -> Associate:
+def _none(setting: Any) -> Associate:
     def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
         def find(nodes: np.ndarray) -> np.ndarray:
             return np.full((len(nodes), 1), -1, np.int32)
@@ -45,7 +45,7 @@ def _nearest(setting: Any) -> Associate:
 
 BASELINES = (
     Method(key="none", title="no association: prediction and ICP", family=Family.NONE, source="",
-           associate=_nobody, frame_ms=1.0),
+           associate=_none, frame_ms=1.0),
     Method(key="nearest", title="the node nearest to where the node was", family=Family.NONE, source="",
            associate=_nearest, frame_ms=5.0),
 )  # fmt: skip
@@ -91,7 +91,7 @@ ABLATION: Final[Mapping[str, tuple[str, TrackConfig]]] = {
     "own-mean-body": ("without the learnt body", TrackConfig(learning=LearningConfig(own_shape=False))),
     "own-parts": ("every part by itself", TrackConfig(method=Registration.PARTS)),
 }  # fmt: skip
-"""Each ingredient of the tracker switched off, one at a time: title and configuration."""
+"""The tracker without one of its components at a time: title and configuration."""
 
 
 def _own(key: str, title: str, config: TrackConfig) -> Method:

@@ -1,4 +1,7 @@
-"""What all figures share: colours, lines and marks that tell methods apart without colour; and the same bytes."""
+"""Shared parts of all figures: colours, and lines and marks that distinguish methods without colour.
+
+The same tables give the same bytes.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,7 @@ INK: Final = "#15191d"
 FAINT: Final = "#8a9299"
 LINE: Final = "#d5dbe0"
 GROUND: Final = "#ffffff"
-ON_DARK: Final = "#fefefe"  # not the ground: a page in dark colours changes that
+ON_DARK: Final = "#fefefe"  # differs from GROUND, which a page in dark colours replaces
 
 LOOK: Final = {
     Family.PROPOSED: (as_hex(colours.VERMILLION), "solid"),
@@ -34,20 +37,20 @@ LOOK: Final = {
 }
 """Colour (Okabe and Ito's) and line of each kind of method."""
 
-PALE: Final = 0.35  # of the intervals: those of twenty methods hide the means else
+PALE: Final = 0.35  # of the intervals: otherwise those of twenty methods would hide the means
 
 MARKS: Final = "osD^vP*X"
-"""Of the methods of one kind, in their order."""
+"""For the methods of one kind, in their order."""
 
 FAMILY_NAMES: Final = {
     Family.PROPOSED: "anchor geodesics", Family.LOCAL: "local", Family.SPECTRAL: "spectral", Family.MESH: "on the mesh",
-    Family.GLOBAL: "global", Family.NONE: "no feature", Family.TRACKER: "own tracker",
+    Family.GLOBAL: "global", Family.NONE: "no feature", Family.TRACKER: "anchorpose",
 }  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
 class DrawnFigure:
-    """One figure. key: name of its files; caption: of the page, with the paper's name for the figure."""
+    """One drawn figure. key: name of its files; caption: with the paper's name for the figure."""
 
     key: str
     caption: str
@@ -57,10 +60,7 @@ class DrawnFigure:
 
 @dataclass(frozen=True, slots=True)
 class FigureSpec:
-    """What a module of this package offers: which tables it needs, and how they are drawn.
-
-    draw: raises nothing for tables that lack methods or columns.
-    """
+    """A figure to be drawn. tables: keys of those it needs; draw: works also where methods or columns are missing."""
 
     key: str
     caption: str
@@ -69,7 +69,7 @@ class FigureSpec:
 
 
 def new_figure(width: float, height: float, **grid: Any) -> tuple[Any, Any]:
-    """A figure of inches and its axes, without any state that another figure could see. Raises MissingPackage."""
+    """A figure (inches) and its axes, without global state. Raises MissingPackage."""
     canvas = _matplotlib("matplotlib.figure").Figure(figsize=(width, height), layout="constrained")
     return canvas, canvas.subplots(**grid)
 
@@ -94,7 +94,7 @@ def _matplotlib(module: str) -> Any:
 def _settings(salt: str) -> Any:
     mpl = _matplotlib("matplotlib")
     plain: dict[str, Any] = dict(mpl.rcParamsDefault)
-    plain.pop("backend", None)  # which is nobody's business here: no window is opened
+    plain.pop("backend", None)  # not needed: no window is opened
     plain.pop("backend_fallback", None)
     plain |= {
         "svg.hashsalt": f"anchorpose {salt}", "svg.fonttype": "none", "font.size": 9.0, "axes.spines.top": False,
@@ -107,7 +107,7 @@ def _settings(salt: str) -> Any:
 
 
 def look_of(method: Method, methods: Sequence[Method]) -> dict[str, Any]:
-    """Colour and line of its kind, a mark of its own; the proposed method and the own tracker stand out."""
+    """Colour and line of the method's kind, and its own mark; the proposed method and anchorpose stand out."""
     colour, line = LOOK[method.family]
     alike = [one.key for one in methods if one.family is method.family]
     strong = method.key == PROPOSED or method.family is Family.TRACKER
@@ -119,7 +119,7 @@ def look_of(method: Method, methods: Sequence[Method]) -> dict[str, Any]:
 
 
 def bounds_of(values: Sequence[Estimate]) -> np.ndarray:
-    """(2, n) from the mean down and up, as error bars want it; 0 where there is no interval."""
+    """(2, n) distances from the mean down and up, for error bars; 0 without an interval."""
     below = [value.mean - value.low for value in values]
     above = [value.high - value.mean for value in values]
     return np.maximum(np.nan_to_num(np.array([below, above])), 0.0)
@@ -132,7 +132,7 @@ def place_legend(canvas: Any, axes: Any) -> None:
 
 
 def draw_lines(axes: Any, table: Table, places: Sequence[float], bars: bool = True) -> None:
-    """A line a method over the columns of a table, each at its place, with intervals."""
+    """One line per method over the columns of a table, with intervals; places: x of each column."""
     for number, method in enumerate(table.methods):
         values = [table.value(method.key, column.key) for column in table.columns]
         look = look_of(method, table.methods)
@@ -150,7 +150,7 @@ def draw_lines(axes: Any, table: Table, places: Sequence[float], bars: bool = Tr
 
 
 def draw_dots(axes: Any, table: Table, column: str, methods: Sequence[Method], **change: Any) -> None:
-    """A dot a method, from top to bottom, with its interval."""
+    """One dot per method, from top to bottom, with its interval."""
     for row, method in enumerate(methods):
         value = table.value(method.key, column)
         if np.isnan(value.mean):
@@ -167,7 +167,7 @@ def name_rows(axes: Any, methods: Sequence[Method]) -> None:
 
 
 def draw_heat(axes: Any, table: Table, most: float, text: Callable[[float], str]) -> Any:
-    """A cell for each method and column, its number written into it."""
+    """A cell for each method and column, with its number."""
     columns, methods = table.columns, table.methods
     values = np.array([[table.value(m.key, c.key).mean for c in columns] for m in methods])
     image = axes.imshow(np.ma.masked_invalid(values), cmap="cividis", vmin=0, vmax=most, aspect="auto")
@@ -177,12 +177,12 @@ def draw_heat(axes: Any, table: Table, most: float, text: Callable[[float], str]
     for row, column in np.ndindex(*values.shape):
         value = values[row, column]
         ink = ON_DARK if value < most / 2 else "black"
-        said = "–" if np.isnan(value) else text(float(value))
-        axes.text(column, row, said, ha="center", va="center", fontsize=7.5, color=INK if np.isnan(value) else ink)
+        label = "–" if np.isnan(value) else text(float(value))
+        axes.text(column, row, label, ha="center", va="center", fontsize=7.5, color=INK if np.isnan(value) else ink)
     return image
 
 
 def most_of(table: Table) -> float:
-    """The largest mean of a table; 1 without any."""
+    """The largest mean of a table; 1 without one."""
     means = [row.value.mean for row in table.rows if np.isfinite(row.value.mean)]
     return max(means, default=1.0) or 1.0

@@ -35,7 +35,7 @@ PANELS = (
 
 
 def _draw_by_joint(tables: Sequence[Table], what: str) -> Any:
-    """A panel for each kind of method; the proposed one comes again in every panel, to compare with."""
+    """A panel for each kind of method; the proposed method is drawn in every panel, for comparison."""
     table = tables[0]
     present = {method.family for method in table.methods}
     panels = [panel for panel in PANELS if present & set(panel)]
@@ -72,7 +72,7 @@ SD2 = FigureSpec(
 BY_JOINT_FIGURES = (RESULT2, SD2)
 
 
-SAME = "Every method on the same frames; bars hold the mean 95 times in 100."
+SAME = "Every method on the same frames; bars: 95 % confidence intervals."
 
 
 def _draw_by_size(tables: Sequence[Table], what: str) -> Any:
@@ -128,8 +128,8 @@ PRINCETON_FIGURES = (
     FigureSpec(
         "princeton",
         "Share of all nodes whose match lies within a distance of its true place, measured along the skin "
-        "(Kim et al. 2011, doi:10.1145/2010324.1964974). A node without a match lies within none. Direct matches; "
-        "those after the tree for methods that have no direct ones.",
+        "(Kim et al. 2011, doi:10.1145/2010324.1964974). A node without a match is within none. Direct matches; "
+        "matches after the tree for methods without direct ones.",
         ("princeton_mm", "princeton_height"),
         _draw_princeton,
     ),
@@ -152,8 +152,8 @@ def _draw_ratio(tables: Sequence[Table]) -> Any:
 RATIO_FIGURES = (
     FigureSpec(
         "ratio",
-        f"Mean joint error with the largest hole over that without, in the same frames. Dashed: {CONSTANT}, to which "
-        "the claims hold “almost constant”.",
+        f"Mean joint error with the largest hole over that without, in the same frames. Dashed: {CONSTANT}, the limit "
+        "for “almost constant” in the claims.",
         ("ratio_same_frames", "ratio_occluded_same_frames"),
         _draw_ratio,
     ),
@@ -173,8 +173,8 @@ def _draw_regions(tables: Sequence[Table]) -> Any:
 REGIONS_FIGURES = (
     FigureSpec(
         "matching",
-        "What the paper’s “appearance” and “mesh” show in pictures, in numbers: median error of the matches, and the "
-        "share that lies on the other side’s limb, by region of the body. Lighter is worse.",
+        "The paper’s “appearance” and “mesh” in numbers: median error of the matches, and the share on the limb of the "
+        "other side, by region of the body. Lighter is worse.",
         ("matching_by_region", "mirrored_by_region"),
         _draw_regions,
     ),
@@ -211,7 +211,7 @@ SCENES_FIGURES = (
     ),
     FigureSpec(
         "ablation",
-        "Beyond the paper: each ingredient of the own tracker switched off by itself. Within a panel, the same frames.",
+        "Beyond the paper: anchorpose’s tracker without one component at a time. Within a panel, the same frames.",
         ("ablation",),
         _draw_scenes,
     ),
@@ -242,7 +242,7 @@ def _draw_times(tables: Sequence[Table]) -> Any:
 
 
 def _limits(table: Table, column: str) -> tuple[float, float]:
-    """Half of the shortest time to twice the longest: also where all are the same."""
+    """From half of the shortest time to twice the longest."""
     means = [row.value.mean for row in table.rows if row.column.key == column and row.value.mean > 0]
     return (min(means) / 2, max(means) * 2) if means else (0.01, 1.0)
 
@@ -264,7 +264,7 @@ FIGURES: tuple[FigureSpec, ...] = (
 
 
 def draw_all(tables: Sequence[Table]) -> list[DrawnFigure]:
-    """Every figure whose tables there are. Raises MissingPackage without matplotlib."""
+    """Every figure whose tables exist. Raises MissingPackage without matplotlib."""
     by_key = {table.key: table for table in tables if table.rows}
     return [
         as_picture(figure, [by_key[key] for key in figure.tables])

@@ -26,7 +26,7 @@ from anchorpose.research.experiment.page.verdict import Answer, Check, Claim, at
 from anchorpose.research.experiment.results import MISSED_MM, ExperimentResults
 
 COMPARABLE: Final = 0.8  # of the paper's nodes: a smaller mesh proves nothing about time
-OFTEN: Final = 0.1  # of the matches of hands and feet: one in ten is on the other; by chance it would be one in forty
+OFTEN: Final = 0.1  # of the matches of hands and feet are on the other one; by chance it would be one in forty
 INACCURATE_MM: Final = 100.0  # twice the paper's bound on an anchor's error
 SYMMETRIC: Final = ("hand", "foot")
 NAMES: Final = tuple(REGIONS)
@@ -42,7 +42,7 @@ class MatchingClaims:
         self._methods = {method.key: method for method in self._matching.methods}
 
     def all(self) -> list[Claim]:
-        """In the order of the page."""
+        """All claims about matches, in the order of the page."""
         return [self.best_in_head(), self.swapped(), self.inaccurate_elsewhere(), self.spectral_inaccurate(),
                 self.like_gmds(), self.dijkstra_suffices()]  # fmt: skip
 
@@ -56,7 +56,7 @@ class MatchingClaims:
                                 at_most(value, 1.0)))  # fmt: skip
         return Claim(
             "best-in-head", "Section V-A, Figs. “appearance” and “mesh”",
-            "Features of shape match best in the head, whose curvature is stable.",
+            "Shape features match best at the head, whose curvature is stable.",
             "The mean error in the head over that in the next best region is at most 1.", tuple(checks),
         )  # fmt: skip
 
@@ -79,7 +79,7 @@ class MatchingClaims:
                 checks.append(Check(what, value, Unit.SHARE, at_least(value, OFTEN)))
         return Claim(
             "swapped", "Section V-A",
-            "Hands and feet are distinctive too, but left and right are often taken for each other.",
+            "Hands and feet are distinctive too, but left and right are often confused.",
             f"At least {100 * OFTEN:.0f} % of their matches are on the other hand or foot.", tuple(checks),
         )  # fmt: skip
 
@@ -88,7 +88,7 @@ class MatchingClaims:
         elsewhere = [index for index, name in enumerate(NAMES) if name not in ("head", *SYMMETRIC)]
         return Claim(
             "inaccurate-elsewhere", "Section V-A",
-            "On the rest of the body these features give inaccurate matches: it deforms, and curves alike.",
+            "On the rest of the body these features are inaccurate: it deforms, and its curvature is similar.",
             f"Median error outside head, hands and feet at least {INACCURATE_MM:.0f} mm.",
             tuple(self._inaccuracy(self._of(*RIVALS), elsewhere)),
         )  # fmt: skip
@@ -116,7 +116,7 @@ class MatchingClaims:
         """Section III-A."""
         return Claim(
             "like-gmds", "Section III-A",
-            "Distances to a few anchors stand in for all distances: the feature approximates GMDS.",
+            "Distances to a few anchors can replace all distances: the feature approximates GMDS.",
             f"Mean error of the matches, and of the joints, at most {CONSTANT} times GMDS’s.",
             tuple(self._against(PROPOSED, "gmds", "anchor geodesics over GMDS")),
             self._matched_shares([PROPOSED, "gmds"]),
@@ -126,8 +126,8 @@ class MatchingClaims:
         """Section V."""
         return Claim(
             "dijkstra-suffices", "Section III and V",
-            "Shortest paths along the mesh’s edges (Dijkstra) are good enough for the feature.",
-            f"Mean error of the matches, and of the joints, at most {CONSTANT} times that by fast marching (exacter).",
+            "Shortest paths along the mesh’s edges (Dijkstra) are accurate enough for the feature.",
+            f"Mean error of the matches, and of the joints, at most {CONSTANT} times that by fast marching.",
             tuple(self._against("anchors-dijkstra", PROPOSED, "Dijkstra over fast marching")),
             self._matched_shares(["anchors-dijkstra", PROPOSED]),
         )  # fmt: skip
@@ -152,17 +152,17 @@ class MatchingClaims:
         return checks
 
     def _matched_shares(self, keys: Sequence[str]) -> tuple[str, ...]:
-        """A method that answers only where it is sure has smaller errors."""
-        told = []
+        """Shares of nodes matched: a method that matches only where it is confident has smaller errors."""
+        lines = []
         for key in keys:
             if key in self._methods:
                 matched = self._matching.values(key, lambda match: np.isfinite(tree_mm(match)).astype(float))
                 value = mean_over(list(matched.values()), self._resamples)
-                told.append(Check(f"{self._methods[key].title}, nodes matched", value, Unit.SHARE, Answer.OPEN).text())
-        return tuple(told)
+                lines.append(Check(f"{self._methods[key].title}, nodes matched", value, Unit.SHARE, Answer.OPEN).text())
+        return tuple(lines)
 
     def _joint_ratio(self, one: str, other: str) -> Estimate:
-        """Over all sizes, recording by recording."""
+        """Ratio of the joint errors over all sizes of hole."""
         above: dict[str, list[np.ndarray]] = {}
         below: dict[str, list[np.ndarray]] = {}
         for hole in self._tracking.holes(Scene.PAPER):
@@ -186,7 +186,7 @@ def _ratio_check(what: str, value: Estimate) -> Check:
 
 
 def paper_times(results: ExperimentResults) -> Claim:
-    """Section V-B."""
+    """The paper's times (Section V-B)."""
     checks, times = [], results.times
     if times is not None:
         enough = times.nodes >= COMPARABLE * PAPER_NODES
@@ -200,7 +200,7 @@ def paper_times(results: ExperimentResults) -> Claim:
             checks.append(Check(f"{what}, {times.nodes} nodes (paper: {bound} s)", value, Unit.SECONDS, answer))
     return Claim(
         "times", "Section V-B",
-        "One core makes a mesh of 15,549 nodes in 0.72 s, and the feature of five anchors in 0.23 s.",
+        "One core builds a mesh of 15,549 nodes in 0.72 s, and the feature of five anchors in 0.23 s.",
         f"No longer than the paper’s, on a mesh of at least {COMPARABLE:g} times as many nodes; another processor.",
         tuple(checks),
     )  # fmt: skip

@@ -1,7 +1,4 @@
-"""Errors of the matches against the true correspondence: overall, by region, by size of hole, as a curve.
-
-What it costs: seconds on one core, beside the paper's.
-"""
+"""Tables of the matches: errors overall, by region, by size of hole and as a curve; and times beside the paper's."""
 
 from __future__ import annotations
 
@@ -41,10 +38,10 @@ CURVE_SHARES = tuple(share / 200 for share in range(0, 61, 2))  # of the body's 
 
 NOTE = (
     "The same nodes for every method, of the paper’s scene. “Direct” is the nearest descriptor; a method with several "
-    "hypotheses has nothing to choose by without the tree. A node without a match has no error: see the share matched. "
-    "The anchors as refined here have a mesh without holes, and so other nodes."
+    "hypotheses cannot choose one without the tree. A node without a match has no error: see the share matched. "
+    "The anchors as refined here use a mesh without holes, so their nodes differ."
 )
-ANSWER_NOTE = "Direct matches; those after the tree where a method has no direct ones."
+ERROR_NOTE = "Direct matches; matches after the tree for methods without direct ones."
 
 Take = Callable[[Matched], np.ndarray]
 
@@ -92,17 +89,22 @@ def _overall(matching: Matching, resamples: int) -> Table:
 
 
 def _by_region(
-    matching: Matching, resamples: int, key: str, title: str, summarise: Callable[..., Estimate], unit: Unit,
+    matching: Matching,
+    resamples: int,
+    key: str,
+    title: str,
+    summarise: Callable[..., Estimate],
+    unit: Unit,
     take: Take | None,
-) -> Table:  # fmt: skip
-    """take: None for the answer of each method."""
+) -> Table:
+    """take: None for the error of each method's matches."""
     rows = []
     for method in matching.methods:
         of_method = take or error_of(matching, method.key)
         for index, region in enumerate(REGIONS):
             values = matching.values(method.key, in_regions(of_method, [index]))
             rows.append(Row(method, Column(region, region, unit), summarise(list(values.values()), resamples)))
-    return Table(key, title, "region", f"{NOTE} {ANSWER_NOTE}", tuple(rows))
+    return Table(key, title, "region", f"{NOTE} {ERROR_NOTE}", tuple(rows))
 
 
 def _by_size(matching: Matching, resamples: int, key: str, title: str, take: Take | None) -> Table:
@@ -112,24 +114,24 @@ def _by_size(matching: Matching, resamples: int, key: str, title: str, take: Tak
         for hole in matching.holes():
             values = matching.values(method.key, of_method, hole)
             rows.append(Row(method, hole_column(hole), median_over(list(values.values()), resamples)))
-    return Table(key, title, "hole_m", NOTE if take else f"{NOTE} {ANSWER_NOTE}", tuple(rows))
+    return Table(key, title, "hole_m", NOTE if take else f"{NOTE} {ERROR_NOTE}", tuple(rows))
 
 
 def _curve(matching: Matching, resamples: int, key: str, title: str, places: Sequence[float], by_height: bool) -> Table:
-    """A node without a match lies within no distance."""
+    """The share of all nodes matched within each distance; a node without a match is within none."""
     rows = []
     for method in matching.methods:
         within = list(matching.values(method.key, partial(_counts, matching, np.array(places), by_height)).values())
-        asked = list(matching.values(method.key, lambda match: np.array([len(match.region)])).values())
+        nodes = list(matching.values(method.key, lambda match: np.array([len(match.region)])).values())
         for number, x in enumerate(places):
-            share = ratio_of([counts[:, number] for counts in within], asked, resamples)
+            share = ratio_of([counts[:, number] for counts in within], nodes, resamples)
             rows.append(Row(method, Column(f"{x:g}", f"{x:g}", Unit.SHARE), share))
-    note = f"{ANSWER_NOTE} Of all nodes that were asked: one without a match lies within no distance."
+    note = f"{ERROR_NOTE} Shares of all nodes: a node without a match is within no distance."
     return Table(key, title, "within", note, tuple(rows))
 
 
 def _counts(matching: Matching, places: np.ndarray, by_height: bool, match: Matched) -> np.ndarray:
-    """(1, places) how many nodes of a window are matched within each distance along the skin."""
+    """(1, places) number of nodes of a window matched within each distance along the skin."""
     distance = match.direct_skin_mm if matching.has_direct(match.method) else match.tree_skin_mm
     known = np.sort(distance[np.isfinite(distance)])
     reach = places * 1000 * match.body_m if by_height else places
@@ -147,14 +149,14 @@ def time_tables(results: ExperimentResults) -> list[Table]:
     """Seconds per method."""
     rows = [*_matching_rows(results), *_tracking_rows(results)]
     note = (
-        "Of one core. Descriptors and matches: for one pair of frames, with the nodes of that mesh. Tracking: all "
-        "that a frame needs. The paper’s feature took 0.23 s on a mesh of 15,549 nodes."
+        "On one core. Descriptors and matches: for one pair of frames, with the nodes of that mesh. Tracking: time per "
+        "frame. The paper’s feature took 0.23 s on a mesh of 15,549 nodes."
     )
     return [Table("times", "Time, s", "what", note, tuple(rows))] if rows else []
 
 
 def paper_time_lines(times: PaperTimes) -> list[tuple[str, str, str]]:
-    """What was timed, here, in the paper."""
+    """Rows of the table of times: the step, the time here, the time in the paper."""
     return [
         ("nodes of the mesh", f"{times.nodes}", f"{PAPER_NODES}"),
         ("edges of the mesh", f"{times.edges}", f"{PAPER_EDGES}"),

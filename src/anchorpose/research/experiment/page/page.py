@@ -1,7 +1,4 @@
-"""index.html: one page that says what was run, what became of each claim, and shows every figure and table.
-
-Everything that a reader sees of an experiment, written from its outcome alone.
-"""
+"""The presentation of an experiment, from its results alone: tables, figures, and index.html with all of them."""
 
 from __future__ import annotations
 
@@ -40,7 +37,7 @@ from anchorpose.research.experiment.results import ExperimentResults
 from anchorpose.results.folder import whole_or_nothing, write_text_whole
 from anchorpose.results.web_page import render_page
 
-NO_DATA = "<p class='hint'>Nothing was run that this could be told from.</p>"
+NO_DATA = "<p class='hint'>No data: nothing of this was run.</p>"
 
 UNFOLDED = ("result1_same_frames", "matching", "times", "scenes_same_frames", "ablation")
 """Tables that are open from the start."""
@@ -49,7 +46,7 @@ MORE = tuple(f"{scene}_by_size" for scene in OTHER_HOLES)
 
 
 def judge_claims(results: ExperimentResults) -> list[Claim]:
-    """All claims, those of the figures first."""
+    """All claims, those of the paper's figures first."""
     return [*TrackingClaims(results).all(), *MatchingClaims(results).all(), paper_times(results)]
 
 
@@ -60,7 +57,7 @@ def compose_page(
     figures: Sequence[DrawnFigure],
     shown: Sequence[PagePicture],
 ) -> str:
-    """The whole page, which needs nothing beside it; the same input gives the same text."""
+    """The whole page, self-contained; the same input gives the same text."""
 
     def part(drawn: Sequence[str], listed: Sequence[str], pictures: Sequence[str] = ()) -> str:
         images = [drawing_html(figure) for key in drawn for figure in figures if figure.key == key]
@@ -112,9 +109,9 @@ PAGE_FILE: Final = "index.html"
 def write_results(results: ExperimentResults, out: Path) -> None:
     """tables/*.csv, figures/*.svg and *.png, claims.json and index.html in ``out``; the same results, the same bytes.
 
-    What is there of these is replaced, each folder and file as a whole and the page last; nothing else is touched.
-    The page shows the pictures of ``out / pictures``. Raises MissingPackage without matplotlib and InputError for
-    captions that cannot be used, both before anything is written.
+    Existing ones are replaced, each folder and file as a whole and the page last; nothing else is changed. The page
+    shows the pictures of ``out / pictures``. Raises MissingPackage without matplotlib and InputError for unusable
+    captions, both before anything is written.
     """
     tables = [*tracking_tables(results), *matching_tables(results), *time_tables(results)]
     claims, figures, shown = judge_claims(results), draw_all(tables), read_pictures(out)

@@ -1,6 +1,6 @@
-"""Pieces of the page as HTML: tables, claims, drawings. Everything that comes from outside is escaped here.
+"""Parts of the page as HTML: tables, claims, figures, and the PNG pictures of a folder with their captions.
 
-The pictures that stand beside the figures: PNG files of a folder, with captions.
+All text from outside is escaped here.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ SECTIONS: Final = {
     "regions": "Bright and shadow regions",
     "other": "More pictures",
 }
-"""Titles, in the order of the page; "other" is what no caption names."""
+"""Titles, in the order of the page; "other": pictures without a caption."""
 
 FILES_ONLY: Final = "match"
-"""The section of pictures that stay files: one of each method would make the page three times as large."""
+"""The section of pictures that are not on the page: one per method would triple its size."""
 
-REMEDY: Final = "write a list of objects with file, caption and section, or take the file away"
+REMEDY: Final = "write a list of objects with file, caption and section, or remove the file"
 
 
 @dataclass(frozen=True, slots=True)
 class PagePicture:
-    """A PNG of the folder."""
+    """A PNG picture on the page."""
 
     section: str
     caption: str
@@ -48,9 +48,9 @@ class PagePicture:
 
 
 def read_pictures(folder: Path) -> list[PagePicture]:
-    """The PNG files of ``folder / pictures`` in the order of their captions, then those without by name.
+    """The PNG files of ``folder / pictures`` in the order of their captions, then those without one by name.
 
-    Raises InputError where the captions cannot be read or name what is not there.
+    Raises InputError where the captions cannot be read or name a missing file or section.
     """
     place = folder / PICTURES_FOLDER
     captions = _captions(place / CAPTIONS_FILE)
@@ -58,7 +58,7 @@ def read_pictures(folder: Path) -> list[PagePicture]:
     for name, _, section in captions:
         if name not in found or section not in (*SECTIONS, FILES_ONLY):
             raise InputError(
-                place / CAPTIONS_FILE, f"names '{name}' of section '{section}', which is not there", REMEDY
+                place / CAPTIONS_FILE, f"names '{name}' of section '{section}', which does not exist", REMEDY
             )
     named = {name for name, _, _ in captions}
     rest = [(name, Path(name).stem.replace("_", " "), "other") for name in found if name not in named]
@@ -76,7 +76,7 @@ def _captions(path: Path) -> list[tuple[str, str, str]]:
         entries: Any = json.loads(path.read_text(encoding="utf-8"))
         return [(str(entry["file"]), str(entry["caption"]), str(entry["section"])) for entry in entries]
     except (ValueError, KeyError, TypeError) as error:
-        raise InputError(path, f"holds no captions ({type(error).__name__})", REMEDY) from None
+        raise InputError(path, f"contains no captions ({type(error).__name__})", REMEDY) from None
 
 
 SIGNS: Final = {
@@ -85,11 +85,11 @@ SIGNS: Final = {
     Verdict.NOT: ("not", "✗"),
     Verdict.UNKNOWN: ("unknown", "?"),
 }
-"""Class and sign: the colour says nothing that the sign and the words do not."""
+"""CSS class and sign: the colour alone carries no information."""
 
 
 MOST_NAMED: Final = 3
-"""Comparisons that are written out in the table of claims itself."""
+"""Number of failed comparisons that are listed in the table of claims itself."""
 
 
 def table_html(table: Table, unfolded: bool = False) -> str:
@@ -116,7 +116,7 @@ def table_html(table: Table, unfolded: bool = False) -> str:
 
 
 def text_table(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Cells of words; the first of each row is its name."""
+    """A table of text; the first cell of each row is its name."""
     top = "".join(f"<th scope='col'>{escape(name)}</th>" for name in head)
     body = "".join(
         f"<tr><th scope='row'>{escape(row[0])}</th>{''.join(f'<td>{escape(cell)}</td>' for cell in row[1:])}</tr>"
@@ -129,7 +129,7 @@ def text_table(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]])
 
 
 def claims_html(claims: Sequence[Claim]) -> str:
-    """The table that the page begins with: verdict, claim, how it was judged and every comparison."""
+    """The first table of the page: verdict, claim, how it was judged and every comparison."""
     rows = "".join(_claim_row(claim) for claim in claims)
     return (
         "<div class='scroll' tabindex='0' role='region' aria-label='Claims'><table class='text claims'><thead><tr>"
@@ -152,24 +152,24 @@ def _claim_row(claim: Claim) -> str:
 
 
 def _figures(claim: Claim) -> str:
-    """What the comparisons say and between which figures they lie; those that say no, where they are few."""
+    """The answers of the comparisons, their range, and those that answer no if there are few."""
     checks = claim.checks
     if len(checks) < 2:
         return checks[0].text() if checks else "no data"
     answers = [check.answer for check in checks]
     count = ", ".join(f"{answers.count(answer)} {answer}" for answer in Answer if answer in answers)
-    said = f"{len(checks)} comparisons: {count}."
+    summary = f"{len(checks)} comparisons: {count}."
     known = sorted(check.value.mean for check in checks if np.isfinite(check.value.mean))
     if known and len({check.unit for check in checks}) == 1:
         unit = checks[0].unit
         after = {Unit.MM: " mm", Unit.SECONDS: " s"}.get(unit, "")
-        said += f" Between {format_number(known[0], unit)} and {format_number(known[-1], unit)}{after}."
+        summary += f" Between {format_number(known[0], unit)} and {format_number(known[-1], unit)}{after}."
     against = [check.text() for check in checks if check.answer is Answer.NO]
-    return f"{said} No: {'; '.join(against)}." if 0 < len(against) <= MOST_NAMED else said
+    return f"{summary} No: {'; '.join(against)}." if 0 < len(against) <= MOST_NAMED else summary
 
 
 def drawing_html(picture: DrawnFigure) -> str:
-    """A figure as part of the page: its ink and ground are the page's, light or dark."""
+    """A figure as part of the page, in the page's colours, light or dark."""
     caption = escape(picture.caption)
     return (
         f"<figure class='drawing'><div class='scroll' tabindex='0' role='region' aria-label='{caption}'>"
@@ -178,11 +178,11 @@ def drawing_html(picture: DrawnFigure) -> str:
 
 
 def inline_svg(picture: DrawnFigure) -> str:
-    """The drawing without what only a file needs; names are made its own, since all figures share the page."""
+    """The drawing without parts that only a file needs, with unique ids, since all figures share the page."""
     svg = picture.svg[picture.svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
-    svg = re.sub(r" font-family: [^;\"]*;", "", svg)  # the page's, a tenth of the drawing's length
-    svg = re.sub(r"(\.\d\d)\d+", r"\1", svg)  # of a point: nobody sees less
+    svg = re.sub(r" font-family: [^;\"]*;", "", svg)  # the page has its own; a tenth of the length
+    svg = re.sub(r"(\.\d\d)\d+", r"\1", svg)  # hundredths of a point are not visible
     svg = re.sub(r'\bid="', f'id="{picture.key}-', svg)
     svg = re.sub(r"url\(#", f"url(#{picture.key}-", svg)
     svg = re.sub(r'href="#', f'href="#{picture.key}-', svg)
@@ -192,7 +192,7 @@ def inline_svg(picture: DrawnFigure) -> str:
 
 
 def pictures_html(pictures: Sequence[PagePicture], sections: Sequence[str]) -> str:
-    """The pictures of some sections, each section with its title; nothing without any."""
+    """The pictures of some sections, each section with its title; empty without pictures."""
     parts = []
     for section in sections:
         shown = "".join(_picture(picture) for picture in pictures if picture.section == section)
@@ -210,7 +210,7 @@ def _picture(picture: PagePicture) -> str:
 
 
 def best_of(table: Table, column: str, keys: Sequence[str]) -> str | None:
-    """The key of the method with the smallest mean in a column; None where none has one."""
+    """The key of the method with the smallest mean in a column; None without any."""
     means = {key: table.value(key, column).mean for key in keys}
     known = {key: mean for key, mean in means.items() if np.isfinite(mean)}
     return min(known, key=lambda key: known[key]) if known else None

@@ -1,7 +1,4 @@
-"""What the page says in words: the summary, what was run, the limits, how to run it again.
-
-The settings that were tried on the training recordings, and which were chosen.
-"""
+"""The text of the page: summary, what was run, settings tried, limits, and how to run it again."""
 
 from __future__ import annotations
 
@@ -25,7 +22,7 @@ SETTINGS_KEY = "settings"
 
 
 def tried_settings(results: ExperimentResults) -> list[tuple[str, TriedSetting]]:
-    """(title of the method, setting), method by method, the best first."""
+    """(title of the method, setting), by method, the best first."""
     titles = {method.key: method.title for method in results.methods}
     return [
         (titles.get(key, key), one)
@@ -35,7 +32,7 @@ def tried_settings(results: ExperimentResults) -> list[tuple[str, TriedSetting]]
 
 
 def settings_csv(results: ExperimentResults) -> str:
-    """One line a setting."""
+    """One line per setting."""
     out = io.StringIO()
     lines = csv.writer(out, lineterminator="\n")
     lines.writerow(["method", "setting", "score_mm", "chosen"])
@@ -47,32 +44,33 @@ def settings_csv(results: ExperimentResults) -> str:
 
 
 LIMITS: Final = (
-    "The recordings are simulated, but for the scene “real”: bodies, clothes, movements and a Kinect v2’s noise and "
-    "edges come from this project’s simulator, whose body asset the trackers also fit. Real people and sensors differ.",
+    "The recordings are simulated, except in the scene “real”: bodies, clothes, movements and a Kinect v2’s noise and "
+    "edges come from this project’s simulator, whose body model the trackers also fit. Real people and sensors differ.",
     "The truth of simulated recordings is exact. That of real ones is the skeleton of another tracker, with its own "
     "errors.",
-    "Each method starts from a pose that this project’s tracker found on the recording before holes were cut, and with "
-    "the body that it learnt there, as the paper takes them from the sensor’s own tracker. No method finds a first "
-    "pose by itself, but the own tracker.",
+    "Each method starts with the pose and the body that this project’s tracker found on the recording without holes; "
+    "the paper takes them from the sensor’s own tracker. Only anchorpose’s tracker finds its first pose itself.",
     "Matches are compared in a few pairs of neighbouring frames of each recording, over nodes whose place is seen in "
     "both.",
-    "Intervals come from drawing recordings again, widened as Student’s distribution asks for few of them. They hold "
-    "for recordings like these.",
-    "Reference movements are the simulator’s own joints, where the paper has those of the sensor’s skeleton.",
-    "Methods are tuned by their matches after the track tree, which the framework uses; matches are then also shown as "
-    "the paper shows them, without the tree.",
-    "Many comparisons are made, and no interval is widened for that: of a hundred without a difference some five look "
-    "as if they had one.",
-    "The own tracker looks at frames before and after and is not made for the paper’s framework: its figures say how "
-    "far one can come, not which feature is best.",
+    "Intervals are by a bootstrap over recordings, widened by Student’s distribution for their small number. They are "
+    "valid for recordings like these.",
+    "Reference movements are the simulator’s joints; the paper’s are those of the sensor’s skeleton.",
+    "Methods are tuned by their matches after the track tree, which the framework uses; matches are also shown without "
+    "the tree, as in the paper.",
+    "Intervals are not corrected for the number of comparisons: of a hundred without a true difference, about five "
+    "seem to show one.",
+    "anchorpose’s tracker uses earlier and later frames and is not part of the paper’s framework: its values show what "
+    "is possible, not which feature is best.",
 )
 
 
 def summary_html(results: ExperimentResults, claims: Sequence[Claim], tables: Sequence[Table]) -> str:
     """One sentence on the claims and one on the errors."""
     counts = Counter(claim.verdict for claim in claims)
-    said = ", ".join(f"{counts[verdict]} {_plural(verdict, counts[verdict])}" for verdict in Verdict if counts[verdict])
-    return f"<p>{escape(f'Of {len(claims)} claims, {said}.')}</p>{_errors(results, tables)}"
+    verdicts = ", ".join(
+        f"{counts[verdict]} {_plural(verdict, counts[verdict])}" for verdict in Verdict if counts[verdict]
+    )
+    return f"<p>{escape(f'Of {len(claims)} claims, {verdicts}.')}</p>{_errors(results, tables)}"
 
 
 def _plural(verdict: Verdict, count: int) -> str:
@@ -96,7 +94,7 @@ def _errors(results: ExperimentResults, tables: Sequence[Table]) -> str:
     ]
     listed = "".join(f"<li>{escape(line)}</li>" for line in lines)
     where = f"without a hole and with one of {last.label}" if first != last else "without a hole"
-    what = f"Mean joint errors in mm, {where}, all on the same frames; the proposed feature, and the best of each kind:"
+    what = f"Mean joint errors in mm, {where}, same frames, of the proposed feature and the best of each kind:"
     return f"<p>{escape(what)}</p><ul>{listed}</ul>"
 
 
@@ -111,11 +109,11 @@ def run_html(results: ExperimentResults) -> str:
     holes = ", ".join(f"{hole:g} m" for hole in config.holes_m if hole)
     facts = [
         f"{config.recordings} simulated recordings of {config.seconds:g} s at {config.fps:g} frames per second, each "
-        "of another body in other clothes and movements, one front camera. Holes about the body’s centre of radius "
+        "of another body with other clothes and movements, one front camera. Holes around the body’s centre of radius "
         f"{holes or 'none'}, in {100 * config.hole_share:.0f} % of the frames, drawn at random.",
-        f"Tracking starts anew every {config.segment_frames} frames. Methods that are marked as sampled ran on "
+        f"Tracking restarts every {config.segment_frames} frames. Methods marked as sampled ran on "
         f"{config.sampled_segments} of these segments of each of {min(config.sampled_recordings, config.recordings)} "
-        "recordings, drawn at random; comparisons use the frames that all of the compared methods ran on: "
+        "recordings, drawn at random; comparisons use the frames that all compared methods ran on: "
         f"{_sample_frames(config)} for each size of hole.",
         f"Other scenes: {others or 'none'}; {config.scene_recordings} recordings of {config.scene_seconds:g} s each.",
         f"Reference movements: {config.training_samples} frames of other recordings.",
@@ -123,13 +121,13 @@ def run_html(results: ExperimentResults) -> str:
     lost, segments = left_out(results)
     if lost:
         facts.append(
-            f"{lost} of the {segments} segments of the simulated recordings were left out, for all methods: the "
-            "tracker that they start from had lost the patient there."
+            f"{lost} of the {segments} segments of the simulated recordings were left out for all methods: the "
+            "tracker that gives the initial pose had lost the patient there."
         )
     if results.real is not None:
         facts.append(
-            f"Real recordings: the folder {results.real.name}. Intervals take each recording for another person’s; "
-            "where several are of one, they are too narrow."
+            f"Real recordings: the folder {results.real.name}. Intervals assume that each recording is of "
+            "another person; where several are of one, they are too narrow."
         )
     listed = "".join(f"<li>{escape(fact)}</li>" for fact in facts)
     failed = "".join(f"<li>{escape(sentence)}</li>" for sentence in results.failed)
@@ -151,25 +149,25 @@ def _methods(results: ExperimentResults) -> str:
 
 def _settings(results: ExperimentResults) -> str:
     if not results.tried:
-        return "<p>No settings were tried: every method ran with its first.</p>"
+        return "<p>No settings were tried: every method ran with its first setting.</p>"
     rows = [
         (title, one.setting, f"{one.score_mm:.1f}", "chosen" if one.chosen else "")
         for title, one in tried_settings(results)
     ]
     what = (
-        f"Settings were chosen on {results.config.training_recordings} training recordings, which nothing is tested on:"
-        " for each method the setting of its grid with the smallest mean distance of matches from the truth, a node "
-        "without a match counting as a bad one."
+        f"Settings were chosen on {results.config.training_recordings} training recordings that are not used for "
+        "testing: for each method the setting with the smallest mean distance of matches from the truth, where a node "
+        "without a match counts as a bad match."
     )
     table = text_table("Settings tried, the chosen first", ("method", "setting", "mean distance (mm)", ""), rows)
     return f"<p>{escape(what)}</p><details><summary>Settings tried</summary>{table}</details>"
 
 
 def limits_html(results: ExperimentResults) -> str:
-    """What these figures cannot say."""
+    """The limits of these results."""
     config = results.config
     seconds = (config.segment_frames - 1) / config.fps
-    own = f"A segment is followed for {seconds:.2g} s: what drifts slower than that is not seen."
+    own = f"A segment lasts {seconds:.2g} s: slower drift is not visible."
     return f"<ul>{''.join(f'<li>{escape(line)}</li>' for line in (*LIMITS[:3], own, *LIMITS[3:]))}</ul>"
 
 

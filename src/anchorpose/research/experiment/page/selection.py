@@ -1,4 +1,4 @@
-"""Which of an outcome's frames and matches are put together, so that what is compared was asked the same."""
+"""Selection of the frames and matches of an experiment, so that methods are compared on the same ones."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ Kept = Mapping[tuple[str, float], np.ndarray]
 
 
 def compared(methods: Iterable[Method]) -> list[Method]:
-    """All but the ablated forms of the own tracker."""
+    """All methods except the ablated variants of anchorpose's tracker."""
     return [method for method in methods if method.family is not Family.TRACKER or method.key == OWN]
 
 
 def ablated(methods: Iterable[Method]) -> list[Method]:
-    """The own tracker, and each form of it that lacks something."""
+    """anchorpose's tracker and its ablated variants."""
     return [method for method in methods if method.family is Family.TRACKER]
 
 
@@ -36,7 +36,7 @@ def frame_means(error_mm: np.ndarray) -> np.ndarray:
 
 
 class Tracking:
-    """All tracked frames, to be asked for by scene, method and size of hole; recordings in the order of their names."""
+    """All tracked frames by scene, method and size of hole; recordings in the order of their names."""
 
     def __init__(self, results: ExperimentResults) -> None:
         self._runs: dict[tuple[Scene, str, float], dict[str, Tracked]] = defaultdict(dict)
@@ -48,7 +48,7 @@ class Tracking:
         return sorted({hole for of, _, hole in self._runs if of is scene})
 
     def ran(self, scene: Scene, methods: Iterable[Method]) -> list[Method]:
-        """Those of the methods that tracked anything there."""
+        """Those of the methods that tracked a frame in the scene."""
         keys = {
             key
             for (of, key, _), runs in self._runs.items()
@@ -61,7 +61,7 @@ class Tracking:
         return self._runs.get((scene, method, hole_m), {})
 
     def shared(self, scene: Scene, methods: Iterable[Method]) -> Kept:
-        """The frames that all of the methods ran on; a method that tracked nothing in the scene takes no part."""
+        """The frames that all of the methods ran on, apart from methods that tracked nothing in the scene."""
         keys = [method.key for method in self.ran(scene, methods)]
         kept: dict[tuple[str, float], np.ndarray] = {}
         for hole in self.holes(scene):
@@ -115,12 +115,12 @@ class Tracking:
         occluded: bool = False,
         kept: Kept | None = None,
     ) -> list[tuple[np.ndarray, np.ndarray]]:
-        """The same, one after another."""
+        """The same as a list."""
         return list(self.named_pairs(scene, one, other, occluded, kept).values())
 
 
 def left_out(results: ExperimentResults) -> tuple[int, int]:
-    """How many segments of the simulated recordings nobody ran on, no pose being known to start from; and of all."""
+    """Number of segments of the simulated recordings without a known pose to start from, and of all segments."""
     config, ran = results.config, dict[tuple[Scene, str], int]()
     for run in results.tracked:
         if run.scene not in (Scene.REAL, Scene.MATCHES):
@@ -142,16 +142,16 @@ WindowKey = tuple[str, float, int]
 
 
 class Matching:
-    """All matches of the paper's scene, in the windows that all methods with matches were asked in."""
+    """All matches of the paper's scene, in the windows that all methods have."""
 
     def __init__(self, results: ExperimentResults) -> None:
-        self._asked: dict[str, dict[WindowKey, Matched]] = defaultdict(dict)
+        self._matched: dict[str, dict[WindowKey, Matched]] = defaultdict(dict)
         for match in results.matched:
             if match.scene is Scene.PAPER:
-                self._asked[match.method][match.recording, match.hole_m, match.frame] = match
-        self.methods = [method for method in results.methods if method.key in self._asked]
+                self._matched[match.method][match.recording, match.hole_m, match.frame] = match
+        self.methods = [method for method in results.methods if method.key in self._matched]
         self._direct = {method.key for method in self.methods if not method.several}
-        windows = [set(asked) for asked in self._asked.values()]
+        windows = [set(matched) for matched in self._matched.values()]
         self.windows: list[WindowKey] = sorted(set.intersection(*windows)) if windows else []
 
     def holes(self) -> list[float]:
@@ -159,17 +159,17 @@ class Matching:
         return sorted({hole for _, hole, _ in self.windows})
 
     def has_direct(self, method: str) -> bool:
-        """Whether the method says anything without the tree: one with several hypotheses has nothing to choose by."""
+        """Whether the method has a match without the tree; one with several hypotheses cannot choose."""
         return method in self._direct
 
     def values(
         self, method: str, take: Callable[[Matched], np.ndarray], hole_m: float | None = None
     ) -> dict[str, np.ndarray]:
-        """By recording, what ``take`` makes of each window, end to end; hole_m: only windows of this size."""
+        """By recording, the values of ``take`` for all windows, concatenated; hole_m: only windows of this size."""
         parts: dict[str, list[np.ndarray]] = defaultdict(list)
         for window in self.windows:
             if hole_m in (None, window[1]):
-                parts[window[0]].append(np.atleast_1d(take(self._asked[method][window])))
+                parts[window[0]].append(np.atleast_1d(take(self._matched[method][window])))
         return {recording: np.concatenate(arrays) for recording, arrays in parts.items()}
 
 
@@ -184,12 +184,12 @@ def tree_mm(match: Matched) -> np.ndarray:
 
 
 def penalised_mm(match: Matched) -> np.ndarray:
-    """After the tree, a node without a match as far off as one that the tree gives up: answering less is not better."""
+    """After the tree, where a node without a match counts ``MISSED_MM``, so that fewer matches are not better."""
     return np.where(np.isfinite(match.tree_mm), match.tree_mm, MISSED_MM)
 
 
 def error_of(matching: Matching, method: str) -> Callable[[Matched], np.ndarray]:
-    """What to take as a method's error: the direct match's, as the paper shows it, or the tree's without such."""
+    """The error of a method's matches: direct as in the paper, or after the tree for methods without direct ones."""
     return direct_mm if matching.has_direct(method) else tree_mm
 
 
@@ -200,5 +200,5 @@ def mirrored_of(match: Matched) -> np.ndarray:
 
 
 def in_regions(take: Callable[[Matched], np.ndarray], regions: Sequence[int]) -> Callable[[Matched], np.ndarray]:
-    """The same of the nodes in some regions of the body only."""
+    """The same for the nodes in some regions of the body only."""
     return lambda match: take(match)[np.isin(match.region, regions)]

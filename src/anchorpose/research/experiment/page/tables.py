@@ -1,6 +1,6 @@
-"""What is found as rows: a method, a column, a mean with its interval; as CSV files and, pivoted, on the page.
+"""Tables: rows of a method, a column and a mean with its interval; as CSV files and, pivoted, on the page.
 
-Means over recordings, with confidence intervals by the bootstrap: recordings are drawn, not frames.
+Confidence intervals are by the bootstrap over recordings, not frames.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from anchorpose.research.experiment.method import Method
 
 NORMAL_TAIL = 1.959964
 BOOTSTRAP_KEY = 13
-MEDIAN_STEPS = 1024  # ranks between which the bounds of a median's interval fall: a tenth of a per cent
+MEDIAN_STEPS = 1024  # resolution of a median's interval, in ranks: a tenth of a per cent
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A mean and the interval that holds it 95 times in 100; NaN where there is nothing to take the mean of.
+    """A mean and its 95 % confidence interval; NaN without values.
 
-    count: of recordings; with fewer than two the interval is NaN.
+    count: number of recordings; with fewer than two the interval is NaN.
     """
 
     mean: float
@@ -35,8 +35,10 @@ class Estimate:
 
 
 def mean_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
-    """The mean of all values of all groups, a group being a recording: its frames resemble each other (Efron 1979,
-    doi:10.1214/aos/1176344552). NaN values are left out."""
+    """The mean of all values of all groups, one per recording, whose frames are correlated; NaN values are left out.
+
+    Source: Efron 1979 (doi:10.1214/aos/1176344552).
+    """
     sums, counts = _sums(groups)
     if counts.sum() == 0:
         return Estimate(np.nan, np.nan, np.nan, 0)
@@ -83,7 +85,7 @@ def deviation_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
 
 
 def median_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
-    """The median of all values, likewise. The value is exact, its interval to one of ``MEDIAN_STEPS`` ranks."""
+    """The median of all values, likewise. The value is exact, its interval is rounded to ``MEDIAN_STEPS`` ranks."""
     finite = [np.asarray(group, dtype=np.float64).ravel() for group in groups]
     finite = [kept for group in finite if len(kept := group[np.isfinite(group)])]
     if not finite:
@@ -101,11 +103,11 @@ def median_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
 
 
 def _with_interval(value: float, drawn: np.ndarray, count: int) -> Estimate:
-    """The percentiles, as far from the value as few recordings ask for.
+    """The percentiles, widened for a small number of recordings.
 
-    The bootstrap of n values spreads by sqrt((n - 1) / n) too little, and takes the normal distribution's tails for
-    Student's (Hesterberg 2015, doi:10.1080/00031305.2015.1089789): of four recordings 95 % would be 82 %. Where nothing
-    drawn is zero or less, distances are those of logarithms: errors and ratios have no interval below zero.
+    The bootstrap of n values is too narrow by sqrt((n - 1) / n), and has the tails of the normal instead of Student's
+    distribution (Hesterberg 2015, doi:10.1080/00031305.2015.1089789): for four recordings 95 % would be 82 %. Where all
+    draws are positive, the widening is by logarithms: intervals of errors and ratios do not reach below zero.
     """
     low, high = (float(bound) for bound in np.quantile(drawn, [0.025, 0.975]))
     wider = float(np.sqrt(count / (count - 1)) * student.ppf(0.975, count - 1) / NORMAL_TAIL)
@@ -135,7 +137,7 @@ def _draws(count: int, resamples: int) -> np.ndarray:
 
 
 class Unit(StrEnum):
-    """What a column is told in."""
+    """The unit of a column."""
 
     MM = "mm"
     SHARE = "share"  # 0 to 1 in files, per cent for readers
@@ -144,10 +146,10 @@ class Unit(StrEnum):
 
 
 class Frames(StrEnum):
-    """Which frames a table rests on."""
+    """The frames of a table."""
 
-    ALL = "all frames"  # of the methods that ran on all of them
-    SAME = "same frames"  # only those that all methods ran on: what methods may be compared by
+    ALL = "all frames"  # for the methods that ran on all of them
+    SAME = "same frames"  # only those that all methods ran on: for comparing methods
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,9 +172,9 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """key: name of the file; across: what the columns are; note: what a reader must know, in sentences.
+    """key: name of the file; across: name of the columns' quantity; note: sentences that a reader must know.
 
-    rows: method by method, each with its columns in the same order; a method may lack some.
+    rows: by method, with its columns in the same order; a method may lack some.
     """
 
     key: str
@@ -193,7 +195,7 @@ class Table:
         return list(by_key.values())
 
     def value(self, method: str, column: str) -> Estimate:
-        """Of a method's and a column's keys; NaN where the table has none."""
+        """The value by the keys of method and column; NaN where the table has none."""
         for row in self.rows:
             if row.method.key == method and row.column.key == column:
                 return row.value
@@ -201,7 +203,7 @@ class Table:
 
 
 def csv_text(table: Table) -> str:
-    """One line a figure; empty where a number is not known."""
+    """One line per value; empty where a number is unknown."""
     out = io.StringIO()
     lines = csv.writer(out, lineterminator="\n")
     lines.writerow(["method", "title", "family", table.across, "unit", "mean", "low", "high", "recordings"])
@@ -216,7 +218,7 @@ def csv_text(table: Table) -> str:
 
 
 def format_estimate(value: Estimate, unit: Unit) -> str:
-    """For readers: the mean and the interval, such as "48.2 (45.0 to 51.3)"; a dash where nothing is known."""
+    """For readers: the mean and the interval, such as "48.2 (45.0 to 51.3)"; a dash for NaN."""
     if np.isnan(value.mean):
         return "–"
     if np.isnan(value.low):
@@ -226,7 +228,7 @@ def format_estimate(value: Estimate, unit: Unit) -> str:
 
 
 def format_number(number: float, unit: Unit) -> str:
-    """A number as precisely as anybody needs it; the unit is said elsewhere, but per cent."""
+    """A number with its useful digits; without the unit, except per cent."""
     match unit:
         case Unit.MM:
             return f"{number:.1f}".replace("-", "−")

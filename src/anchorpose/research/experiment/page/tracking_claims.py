@@ -16,11 +16,11 @@ from anchorpose.research.experiment.page.tracking_tables import errors_of_all_si
 from anchorpose.research.experiment.page.verdict import Answer, Check, Claim, at_most, between
 from anchorpose.research.experiment.results import ExperimentResults
 
-CONSTANT: Final = 1.1  # a tenth: what "almost constant" is taken to mean
+CONSTANT: Final = 1.1  # "almost constant" is taken to mean within a tenth
 DISTINCTIVE: Final = ("Head", "Neck")  # the paper's examples
 CLEARLY_LESS: Final = 0.8  # of the error elsewhere: a fifth less
 SIMILAR: Final = 2.0  # the worst joint against the best
-ADEQUATE_MM: Final = 100.0  # about the width of a forearm: nearer than that a joint is on the right limb
+ADEQUATE_MM: Final = 100.0  # about the width of a forearm: a joint within it is on the right limb
 
 
 class TrackingClaims:
@@ -32,7 +32,7 @@ class TrackingClaims:
         self._holes = self._tracking.holes(Scene.PAPER)
 
     def all(self) -> list[Claim]:
-        """In the order of the page."""
+        """All claims about joints, in the order of the page."""
         return [
             self.proposed_constant(),
             self.proposed_below("local", (Family.LOCAL,)),
@@ -59,7 +59,7 @@ class TrackingClaims:
         """Fig. result1."""
         return Claim(
             "local-constant", "Fig. “result1” and its caption",
-            "Local features do not mind occlusions: their errors are almost the same at every size.",
+            "Local features are insensitive to occlusions: their errors are almost the same at every size.",
             f"Error at the largest hole within {CONSTANT} times that without, either way, in the same frames.",
             tuple(self._constancy(self._of(Family.LOCAL), lambda value, top: between(value, 1 / top, top))),
         )  # fmt: skip
@@ -81,7 +81,7 @@ class TrackingClaims:
         return Claim(
             f"proposed-below-{name}", "Fig. “result1”, Section V-B",
             f"At every size of hole the proposed feature with the tree is more accurate than every {name} feature.",
-            "The proposed method’s error less the other’s, in the same frames, is below 0.",
+            "The proposed method’s error minus the other’s, in the same frames, is below 0.",
             tuple(self._below(PROPOSED, others)),
         )  # fmt: skip
 
@@ -89,8 +89,8 @@ class TrackingClaims:
         """What the framework does without any feature."""
         return Claim(
             "helps-at-all", "this project’s own question",
-            "The proposed feature tracks better than the framework does without any feature.",
-            "The proposed method’s error less the other’s, in the same frames, is below 0.",
+            "The proposed feature tracks better than the framework without any feature.",
+            "The proposed method’s error minus the other’s, in the same frames, is below 0.",
             tuple(self._below(PROPOSED, self._of(Family.NONE))),
         )  # fmt: skip
 
@@ -100,7 +100,7 @@ class TrackingClaims:
         return Claim(
             "own-below-all", "this project’s own",
             "anchorpose’s tracker is more accurate than every method in the paper’s framework, at every size of hole.",
-            "Its error less the other’s, in the same frames, is below 0.",
+            "Its error minus the other’s, in the same frames, is below 0.",
             tuple(self._below(OWN, others)),
         )  # fmt: skip
 
@@ -127,7 +127,7 @@ class TrackingClaims:
                                 at_most(value, CLEARLY_LESS)))  # fmt: skip
         return Claim(
             "local-distinctive", "Fig. “result2” and its caption",
-            "Local features are good only at distinctive places, such as head and neck.",
+            "Local features are accurate only at distinctive places, such as head and neck.",
             f"Error at head and neck at most {CLEARLY_LESS} times that at the other joints, over all sizes.",
             tuple(checks), self._spread_lines(self._of(Family.PROPOSED)),
         )  # fmt: skip
@@ -169,7 +169,7 @@ class TrackingClaims:
         return Claim(
             "proposed-adequate", "Fig. “mhtjoints”, Section V-A",
             "Some matches are wrong under occlusion, yet the joints are found well enough.",
-            f"Mean joint error at most {ADEQUATE_MM:.0f} mm: the paper names no bound, this is a forearm’s width.",
+            f"Mean joint error at most {ADEQUATE_MM:.0f} mm, a forearm’s width; the paper gives no bound.",
             tuple(checks),
         )  # fmt: skip
 
@@ -182,7 +182,7 @@ class TrackingClaims:
                 if occluded and hole == 0:
                     continue
                 value = difference(self._tracking, key, method.key, hole, self._resamples, occluded)
-                what = f"less {method.title}, {_hole_text(hole)}"
+                what = f"minus {method.title}, {_hole_text(hole)}"
                 checks.append(Check(what, value, Unit.MM, below_zero(value)))
         return checks
 
@@ -193,7 +193,7 @@ class TrackingClaims:
 def difference(
     tracking: Tracking, one: str, other: str, hole_m: float, resamples: int, occluded: bool = False
 ) -> Estimate:
-    """Mean joint error of one method less another's, millimetres, over the joints that both have in the same frames."""
+    """Mean joint error of one method minus another's, mm, over the joints that both have in the same frames."""
     pairs = tracking.pairs(Scene.PAPER, (one, hole_m), (other, hole_m), occluded)
     return mean_over([frame_means(first - second) for first, second in pairs], resamples)
 

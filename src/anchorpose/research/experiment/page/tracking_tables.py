@@ -1,4 +1,4 @@
-"""Errors of the joints: per size of hole, per joint, per scene, and what holes cost."""
+"""Tables of the joints' errors: by size of hole, by joint, by scene, and relative to no hole."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ from anchorpose.research.experiment.results import ExperimentResults
 Groups = list[np.ndarray]
 
 ALL_NOTE = (
-    "All frames; only of the methods that ran on all of them. Not to be compared with methods of the sample: they saw "
-    "other frames."
+    "All frames, for the methods that ran on all of them. Not comparable with sampled methods, which ran on other "
+    "frames."
 )
-SAME_NOTE = "The same frames for every method: those that all of the methods below ran on."
+SAME_NOTE = "The same frames for every method: those that all methods below ran on."
 
 OTHER_HOLES = (Scene.MATCHES, Scene.LOOSE, Scene.REAL)
 """Scenes beyond the paper's in which holes are cut too."""
 
 
 def tracking_tables(results: ExperimentResults) -> list[Table]:
-    """Of the paper's scene, of all scenes, and of the ablation, in both forms where some methods ran on a sample."""
+    """Tables of the paper's scene, of all scenes and of the ablation, on the same frames and on all frames."""
     tracking = Tracking(results)
     tables = []
     for frames in (Frames.SAME, Frames.ALL):  # comparisons first
@@ -62,8 +62,8 @@ def _paper_tables(results: ExperimentResults, tracking: Tracking, frames: Frames
                by_size(lambda groups: deviation([frame_means(group) for group in groups]))),
         _table("result1_occluded", "Mean joint error by size of hole, mm, only frames with a hole", "hole_m", frames,
                note, by_size(mean, occluded=True)),
-        _table("known", "Joints that have an error at all", "hole_m", frames,
-               f"{note} Joints that a method gives no place, or that the reference lacks, count in no mean.",
+        _table("known", "Share of joints with an error", "hole_m", frames,
+               f"{note} Joints that a method or the reference lacks do not count in any mean.",
                by_size(lambda groups: mean([np.isfinite(group).astype(float) for group in groups]), unit=Unit.SHARE)),
         _table("ratio", "Mean error with a hole over that without, in the same frames", "hole_m", frames, note,
                _ratios(tracking, methods, kept, resamples, False)),
@@ -77,7 +77,7 @@ def _paper_tables(results: ExperimentResults, tracking: Tracking, frames: Frames
 
 
 def _other_holes(results: ExperimentResults, tracking: Tracking, frames: Frames, scene: Scene) -> Table:
-    """What the paper's "result1" would be in another scene."""
+    """The paper's "result1" in another scene."""
     methods = _methods(results, tracking, scene, frames)
     kept = tracking.shared(scene, methods) if frames is Frames.SAME else None
     rows = _by_size(tracking, methods, kept, partial(mean_over, resamples=results.config.resamples), scene=scene)
@@ -105,14 +105,19 @@ def _note(frames: Frames, methods: Sequence[Method], kept: Kept | None) -> str:
 
 
 def hole_column(hole_m: float, unit: Unit = Unit.MM) -> Column:
-    """A size of hole."""
+    """The column of a size of hole."""
     return Column(f"{hole_m:g}", f"{hole_m:.2f} m" if hole_m else "none", unit)
 
 
 def _by_size(
-    tracking: Tracking, methods: Sequence[Method], kept: Kept | None, summarise: Callable[[Groups], Estimate],
-    occluded: bool = False, unit: Unit = Unit.MM, scene: Scene = Scene.PAPER,
-) -> list[Row]:  # fmt: skip
+    tracking: Tracking,
+    methods: Sequence[Method],
+    kept: Kept | None,
+    summarise: Callable[[Groups], Estimate],
+    occluded: bool = False,
+    unit: Unit = Unit.MM,
+    scene: Scene = Scene.PAPER,
+) -> list[Row]:
     return [
         Row(method, hole_column(hole, unit),
             summarise(list(tracking.errors(scene, method.key, hole, kept, occluded).values())))
@@ -134,7 +139,7 @@ def _by_joint(
 
 
 def errors_of_all_sizes(tracking: Tracking, method: str, kept: Kept | None = None) -> dict[str, np.ndarray]:
-    """(f, 21) millimetres by recording of the paper's scene: every size has as many frames, so none weighs more."""
+    """(f, 21) millimetres by recording of the paper's scene: every size has the same number of frames."""
     parts: dict[str, list[np.ndarray]] = {}
     for hole in tracking.holes(Scene.PAPER):
         for recording, errors in tracking.errors(Scene.PAPER, method, hole, kept).items():
@@ -194,6 +199,6 @@ def _ablation_table(results: ExperimentResults, tracking: Tracking) -> Table:
                 if len(together) > 1 and method in together:
                     kept = tracking.shared(scene, together)
                     rows += _in_scene(tracking, scene, method, kept, results.config.resamples)
-    note = "Each ingredient of the tracker switched off by itself; the same frames for all of its forms."
-    return Table("ablation", "What each ingredient of the own tracker brings: mean joint error, mm", "scene", note,
+    note = "The tracker without one component at a time; the same frames for all variants."
+    return Table("ablation", "Ablation of anchorpose’s tracker: mean joint error, mm", "scene", note,
                  tuple(rows))  # fmt: skip

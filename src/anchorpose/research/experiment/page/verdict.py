@@ -1,4 +1,4 @@
-"""How a claim is judged: comparisons that say yes, no or nothing, and what follows from all of them."""
+"""Judging a claim: comparisons that answer yes, no or nothing, and the verdict that follows from them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from anchorpose.research.experiment.page.tables import Estimate, Unit, format_es
 
 
 class Answer(StrEnum):
-    """What one comparison says: open where the interval holds the threshold, or where there is no interval."""
+    """The answer of one comparison: open where the interval contains the threshold, or without an interval."""
 
     YES = "yes"
     NO = "no"
@@ -23,17 +23,17 @@ class Answer(StrEnum):
 
 
 class Verdict(StrEnum):
-    """What all comparisons of a claim say together."""
+    """The verdict on a claim from all its comparisons."""
 
     HOLDS = "holds"
     IN_PART = "holds in part"
     NOT = "does not hold"
-    UNKNOWN = "cannot be told"
+    UNKNOWN = "undecided"
 
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One comparison: what is compared, the figure, its unit, and what it says of the claim."""
+    """One comparison: what is compared, the value, its unit, and the answer for the claim."""
 
     what: str
     value: Estimate
@@ -48,9 +48,10 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """key: in claims.json; place: in the paper, or that it is this project's own; text: in our words.
+    """A claim and its comparisons.
 
-    rule: when a check says yes; checks: every comparison; context: figures that bear on it, without an answer.
+    key: in claims.json; place: in the paper, or that it is this project's own; text: in our words; rule: when a check
+    answers yes; checks: every comparison; context: related values without an answer.
     """
 
     key: str
@@ -67,10 +68,10 @@ class Claim:
 
 
 def judge(answers: Sequence[Answer]) -> Verdict:
-    """A claim is about all of its comparisons: it holds if all say yes.
+    """A claim holds if all comparisons answer yes.
 
-    It holds in part if at least half say yes, or if some say yes, some no, and more yes than no. Otherwise it does not
-    hold if any says no, and cannot be told if none does.
+    It holds in part if at least half answer yes, or if some answer no but more yes. Otherwise it does not hold if any
+    answers no, and is undecided if none does.
     """
     yes, no = answers.count(Answer.YES), answers.count(Answer.NO)
     if not yes + no:
@@ -105,14 +106,14 @@ def between(value: Estimate, low: float, high: float) -> Answer:
 
 
 def measured(value: float, bound: float) -> Answer:
-    """Of one measurement without an interval, such as a time."""
+    """For one measurement without an interval, such as a time."""
     if np.isnan(value):
         return Answer.OPEN
     return Answer.YES if value <= bound else Answer.NO
 
 
 def claims_json(claims: Sequence[Claim]) -> str:
-    """With every comparison; null where a number is not known."""
+    """All claims with every comparison; null for unknown numbers."""
     return json.dumps([_claim(claim) for claim in claims], indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 

@@ -1,4 +1,4 @@
-"""All pictures of one recording: what is drawn, in which order, and where it is written."""
+"""The pictures of one training recording, and how long the paper's own steps take on it."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def write_pictures(folder: Path, prepared: PreparedClip, holed: Recording, hole_
 
 
 def write_picture(folder: Path, picture: Picture) -> dict[str, str]:
-    """Write the PNG; returns its entry in the list."""
+    """Write the PNG; returns its entry in pictures.json."""
     (folder / picture.file).write_bytes(as_png(picture.figure))
     return {"file": picture.file, "caption": picture.caption, "section": picture.section}
 
@@ -107,7 +107,7 @@ def _matches(sources: _Sources, methods: Sequence[Method], settings: Mapping[str
 
 
 def _on_these_meshes(method: Method, moment: Moment, settings: Mapping[str, object]) -> bool:
-    """Whether the method pairs nodes, and of the meshes that are drawn: one that closes holes has others."""
+    """Whether the method matches nodes of the meshes that are drawn; one that closes holes has others."""
     if method.associate is None:
         return False
     config = moment.window.config
@@ -153,7 +153,7 @@ def measure_times(frame: int, reference: Reference, run: Run) -> PaperTimes | No
 
 
 def _five(surface: Surface) -> np.ndarray:
-    """Five nodes far from the centre and from each other, as anchors are."""
+    """Five nodes far from the centre and from each other, like anchors."""
     chosen = [surface_center(surface)]
     for _ in range(5):
         field = geodesic_distance_to_set(surface, np.array(chosen))
@@ -171,9 +171,9 @@ def _median_s(work: Callable[[], object]) -> float:
 
 
 def show(out: Path, spec: PlanSpec, trainers: Sequence[Clip]) -> tuple[PaperTimes | None, tuple[str, ...]]:
-    """Writes ``out / pictures``, empty where nothing can be shown; the times, and a sentence for each failed recording.
+    """Write ``out / pictures``, empty where nothing can be shown; returns times, and a sentence per failed recording.
 
-    Of the training recordings the last on which it can be done: its movements are the fastest.
+    The last training recording is taken, whose movements are the fastest; if that fails, the one before.
     """
     plan, times, failed = spec.plan(), None, list[str]()
     with whole_or_nothing(out / "pictures") as folder, one_thread():
@@ -200,7 +200,7 @@ def _show_one(folder: Path, plan: Plan, clip: Clip) -> PaperTimes | None:
 
 
 def _moving_frame(prepared: PreparedClip, cut: np.ndarray) -> int | None:
-    """Of the frames with a hole whose frame before has none, the one that the body has moved most to."""
+    """The frame with the fastest motion among those with a hole whose frame before has none; None without one."""
     found = prepared.reference.found
     fits = np.flatnonzero(cut[1:-3] & ~cut[:-4] & found[1:-3] & found[:-4]) + 1
     if len(fits) == 0:

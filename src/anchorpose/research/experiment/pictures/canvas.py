@@ -1,4 +1,4 @@
-"""What all pictures share: figures whose bytes depend on nothing but their content, the upright view, shaded meshes."""
+"""Shared parts of all pictures: two frames and their truth, reproducible figures, the upright view, shaded meshes."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ DOTS_PER_INCH: Final = 110
 COLOURS: Final = 256  # what a PNG with a palette can hold
 BLUE, VERMILLION, GREEN = as_hex(colours.BLUE), as_hex(colours.VERMILLION), as_hex(colours.GREEN)
 BARE: Final = np.array([0.86, 0.86, 0.86])
-"""The colour of a mesh of which nothing but its shape is told."""
+"""The colour of a mesh that shows only its shape."""
 
 LAMP: Final = np.array([-0.35, 0.45, 0.82])  # to the right, up, towards the viewer: from the viewer's left shoulder
 AMBIENT: Final = 0.35
@@ -40,7 +40,7 @@ AMBIENT: Final = 0.35
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Picture:
-    """One file of the album. section: which kind of picture it is."""
+    """One picture with its file name and caption. section: its section on the page."""
 
     file: str
     caption: str
@@ -50,7 +50,7 @@ class Picture:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """From the camera's side, level, parallel rays: axes (3, 3) of the world, to the right, up, and to the viewer."""
+    """A level view from the camera's side with parallel rays: axes (3, 3), world, to the right, up, to the viewer."""
 
     axes: np.ndarray
 
@@ -64,19 +64,19 @@ class View:
 
 
 def upright_view(camera: Camera) -> View:
-    """The camera's view turned level, up being the world's Y, however the camera was mounted."""
+    """The camera's view turned level with the world's Y upwards, however the camera is mounted."""
     T_world_camera, up = camera.require_pose(), np.array([0.0, 1.0, 0.0])
     towards = -T_world_camera[:3, 2] * [1.0, 0.0, 1.0]
     length = float(np.linalg.norm(towards))
     if length < 1e-6:
-        raise ValueError(f"camera {camera.name} looks straight down: it has no side of the patient to show upright")
+        raise ValueError(f"camera {camera.name} looks straight down: it has no level view")
     towards = towards / length
     return View(np.stack([np.cross(up, towards), up, towards]))
 
 
 @contextmanager
 def default_style() -> Iterator[None]:
-    """Within it no file of the user's decides what a figure looks like. Raises MissingPackage without matplotlib."""
+    """Within it, figures do not depend on the user's matplotlib settings. Raises MissingPackage without matplotlib."""
     try:
         import matplotlib
     except ImportError as error:
@@ -87,12 +87,12 @@ def default_style() -> Iterator[None]:
 
 
 def _defaults(matplotlib: Any) -> Any:
-    """All that matplotlib comes with, but for the backend, which nothing here uses."""
+    """matplotlib's own defaults, except for the backend, which is not used here."""
     return {key: value for key, value in matplotlib.rcParamsDefault.items() if "backend" not in key}
 
 
 def blank_figure(width_in: float, height_in: float) -> Figure:
-    """A figure of no window."""
+    """A figure without a window."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width_in, height_in), dpi=DOTS_PER_INCH, layout="constrained")
@@ -109,14 +109,14 @@ def as_png(figure: Figure) -> bytes:
     canvas, buffer = FigureCanvasAgg(figure), io.BytesIO()
     canvas.draw()
     drawn = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
-    # the palette that keeps small marks' colours, which a mean over boxes of colours does not
+    # this method keeps the colours of small marks
     palette = drawn.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, kmeans=3, dither=Image.Dither.NONE)
     palette.save(buffer, "PNG", optimize=True)
     return buffer.getvalue()
 
 
 def draw_mesh(axes: Axes, view: View, surface: Surface, colour: np.ndarray = BARE, shift_m: float = 0.0) -> None:
-    """The shaded mesh, moved to the right by ``shift_m``. colour: (3,) of all nodes, or (n, 3), 0 to 1."""
+    """Draw the shaded mesh, moved to the right by ``shift_m``. colour: (3,) of all nodes, or (n, 3), 0 to 1."""
     from matplotlib.collections import PolyCollection
 
     triangles = faces(surface)
@@ -130,7 +130,7 @@ def draw_mesh(axes: Axes, view: View, surface: Surface, colour: np.ndarray = BAR
 
 
 def frame_axes(axes: Axes, view: View, surfaces: list[tuple[Surface, float]]) -> None:
-    """Equal scales, room for all of the surfaces where they are shifted to, nothing around them."""
+    """Equal scales, limits that contain all the shifted surfaces, no frame."""
     places = [view.flat_m(surface.points_m, shift_m) for surface, shift_m in surfaces if len(surface)]
     if places:
         together = np.concatenate(places)
@@ -142,7 +142,7 @@ def frame_axes(axes: Axes, view: View, surfaces: list[tuple[Surface, float]]) ->
 
 
 def apart_m(view: View, one: Surface, other: Surface) -> float:
-    """How far to the right the other surface goes to stand clear of the first."""
+    """The shift to the right that puts the other surface beside the first."""
     if len(one) == 0 or len(other) == 0:
         return 1.0
     return float(view.flat_m(one.points_m)[:, 0].max() - view.flat_m(other.points_m)[:, 0].min()) + 0.15
@@ -150,7 +150,7 @@ def apart_m(view: View, one: Surface, other: Surface) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moment:
-    """Two frames. name: in files; title: in captions; truth: where the first frame's nodes are in the second."""
+    """Two frames. name: in file names; title: in captions; truth: the first frame's nodes in the second."""
 
     name: str
     title: str
@@ -159,22 +159,22 @@ class Moment:
 
     @property
     def surfaces(self) -> tuple[Surface, Surface]:
-        """What is seen of the patient in either frame."""
+        """The seen surface of the patient in both frames."""
         return self.window.observations[0].surface, self.window.observations[1].surface
 
 
 def take_moment(frame: int, reference: Reference, run: Run, skin: Skin, name: str, title: str) -> Moment:
-    """The frame and the next one; ValueError where the patient is not known there."""
+    """The frame and the next one; ValueError where the patient was not found in it."""
     window = take_window(frame, reference, run)
     if window is None:
-        raise ValueError(f"the patient is not known in frame {frame}, or not seen in the next: choose another one")
+        raise ValueError(f"the patient was not found in frame {frame} or is not seen in the next: choose another one")
     before, after = (seen.surface.points_m.astype(np.float64) for seen in window.observations[:2])
     return Moment(name, title, window, skin.follow(before, frame, frame + 1, after))
 
 
-def taken_pixels(whole: Recording, pierced: Recording, frame: int) -> np.ndarray:
-    """(height, width) bool: what the first camera's picture lost to the hole."""
-    pictures = [read_frame(recording, frame).depths_m[0] for recording in (whole, pierced)]
+def taken_pixels(whole: Recording, holed: Recording, frame: int) -> np.ndarray:
+    """(height, width) bool: pixels of the first camera's depth image that the hole removed."""
+    pictures = [read_frame(recording, frame).depths_m[0] for recording in (whole, holed)]
     if pictures[0] is None or pictures[1] is None:
         raise ValueError(f"the first camera has no picture of frame {frame}")
     taken: np.ndarray = (pictures[0] > 0) & (pictures[1] == 0)

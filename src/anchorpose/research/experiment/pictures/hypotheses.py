@@ -1,4 +1,4 @@
-"""The paper's figure "hypothesis": by which subset of the anchors each node found its match."""
+"""The paper's figure "hypothesis": the subset of anchors by which each node found its match."""
 
 from __future__ import annotations
 
@@ -32,31 +32,31 @@ SHORT: Final = dict(zip(ANCHOR_NAMES, ("head", "left hand", "right hand", "left 
 
 
 def name_subset(subset: np.ndarray) -> str:
-    """Which anchors a subset (n_s,) has."""
+    """The anchors of a subset (n_s,), in words."""
     return ", ".join(SHORT[ANCHOR_NAMES[anchor]] for anchor in subset)
 
 
 def hypothesis_pictures(view: View, moment: Moment, method: Method, setting: object) -> list[Picture]:
     """Every node by the subset that the track tree chose, and all hypotheses of a few nodes."""
-    said = match_window(method, setting, moment.window)
+    found = match_window(method, setting, moment.window)
     figure = blank_figure(8.4, 4.4)
-    draw_chosen(figure.add_subplot(), view, moment, said)
+    draw_chosen(figure.add_subplot(), view, moment, found)
     figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside right center", markerscale=2.5)
     chosen = Picture(
         f"hypotheses-{moment.name}.png",
         f"{moment.title}: each node of the frame (left) in the colour of the subset of anchors whose match the track"
         " tree chose for it, and the match (right) in the same. Shares are of the nodes on the body; where several"
-        " subsets lead to the same match the first of the legend is given. Grey: no subset's match is near enough to"
-        " where the dynamics expect the node, or none is within the gate; on the right, nodes that are nobody's match.",
+        " subsets lead to the same match, the first of the legend is shown. Grey: no subset's match is near enough to"
+        " the node's predicted position, or none is within the gate; on the right, nodes that are not a match.",
         SECTION,
         figure,
     )
     figure = blank_figure(8.4, 4.4)
-    draw_possible(figure.add_subplot(), view, moment, said)
+    draw_possible(figure.add_subplot(), view, moment, found)
     figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside right center")
     possible = Picture(
         f"hypotheses-{moment.name}-possible.png",
-        f"{moment.title}: every possible match of {NODES} nodes drawn at random, a line for each subset of anchors, the"
+        f"{moment.title}: every possible match of {NODES} nodes drawn at random, one line per subset of anchors, the"
         " tree's choice thick, and the true place as a cross.",
         SECTION,
         figure,
@@ -64,19 +64,19 @@ def hypothesis_pictures(view: View, moment: Moment, method: Method, setting: obj
     return [chosen, possible]
 
 
-def draw_chosen(axes: Axes, view: View, moment: Moment, said: Matches) -> None:
-    """The two clouds, coloured by the chosen subset."""
+def draw_chosen(axes: Axes, view: View, moment: Moment, found: Matches) -> None:
+    """The nodes of both frames in the colour of the chosen subset."""
     before, after = moment.surfaces
     shift_m = apart_m(view, before, after)
     start, end = view.flat_m(before.points_m), view.flat_m(after.points_m, shift_m)
-    tree, node = said.tree.tree, said.tree.node
+    tree, node = found.tree.tree, found.tree.node
     matched = tree.match[tree.match >= 0]
     unused = np.setdiff1d(np.arange(len(after)), matched)
     missed = node[tree.match < 0]
     grey = np.concatenate([start[missed], end[unused]])
     share = len(missed) / max(len(node), 1)
     axes.plot(*grey.T, ".", color=MISSED, markersize=2, label=f"no match ({100 * share:.0f} %)")
-    for number, subset in enumerate(said.links[0].subsets):
+    for number, subset in enumerate(found.links[0].subsets):
         by = tree.subset == number
         places = np.concatenate([start[node[by]], end[tree.match[by]]])
         label = f"{name_subset(subset)} ({100 * by.sum() / max(len(node), 1):.0f} %)"
@@ -85,33 +85,33 @@ def draw_chosen(axes: Axes, view: View, moment: Moment, said: Matches) -> None:
     frame_axes(axes, view, [(before, 0.0), (after, shift_m)])
 
 
-def draw_possible(axes: Axes, view: View, moment: Moment, said: Matches) -> None:
+def draw_possible(axes: Axes, view: View, moment: Moment, found: Matches) -> None:
     """Lines from a few nodes to all of their possible matches."""
     before, after = moment.surfaces
     shift_m = apart_m(view, before, after)
     start, end = view.flat_m(before.points_m), view.flat_m(after.points_m, shift_m)
     axes.plot(*np.concatenate([start, end]).T, ".", color=MISSED, markersize=1.5)
-    rows = draw_rows(said, moment.truth.seen)
-    for number, subset in enumerate(said.links[0].subsets):
+    rows = draw_rows(found, moment.truth.seen)
+    for number, subset in enumerate(found.links[0].subsets):
         look: dict[str, Any] = {"marker": MARKERS[number % len(MARKERS)], "markersize": 4}
         look["color"] = COLOURS[number % len(COLOURS)]
         axes.plot([], [], "-", **look, label=name_subset(subset))
         for row in rows:
-            node = said.tree.node[row]
-            match = said.links[0].match[node, number]
+            node = found.tree.node[row]
+            match = found.links[0].match[node, number]
             if match >= 0:
-                width, above = (3.2, 2) if said.tree.tree.subset[row] == number else (1.0, 3)
+                width, above = (3.2, 2) if found.tree.tree.subset[row] == number else (1.0, 3)
                 ends = np.stack([start[node], end[match]])
                 axes.plot(*ends.T, "-", **look, linewidth=width, zorder=above, markevery=[1])
-    node = said.tree.node[rows]
+    node = found.tree.node[rows]
     true = view.flat_m(moment.truth.place_m[node], shift_m)
     axes.plot(*true.T, "x", color="black", markersize=8, markeredgewidth=1.6, label="true place", zorder=5)
     frame_axes(axes, view, [(before, 0.0), (after, shift_m)])
 
 
-def draw_rows(said: Matches, seen: np.ndarray) -> np.ndarray:
+def draw_rows(found: Matches, seen: np.ndarray) -> np.ndarray:
     """(k,) rows of the tree's nodes, drawn at random among those that have a hypothesis and a known true place."""
-    node = said.tree.node
-    usable = np.flatnonzero((said.links[0].match[node] >= 0).any(axis=1) & seen[node])
+    node = found.tree.node
+    usable = np.flatnonzero((found.links[0].match[node] >= 0).any(axis=1) & seen[node])
     rng = np.random.default_rng(DRAW_SEED)
     return np.sort(rng.choice(usable, size=min(NODES, len(usable)), replace=False))

@@ -1,4 +1,4 @@
-"""The paper's figures "appearance" and "mesh": one per cent of each method's pairs, right ones and wrong ones."""
+"""The paper's figures "appearance" and "mesh": one per cent of each method's matches, right and wrong."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 SECTION: Final = "matches"
-ALONE = "match"  # a method by itself: for whoever looks into the folder; the page shows the sheets
+ALONE = "match"  # one method per picture: files only; the page shows the sheets
 DRAWN_SHARE: Final = 0.01  # as the paper draws them: more lines hide each other
 RIGHT_M: Final = 0.05  # the paper's bound on the error of an anchor
 DRAW_SEED: Final = 17
@@ -36,16 +36,18 @@ PAPER_ORDER: Final = ("fpfh", "rops", "shot", "shape-context", "hks", "si-hks", 
 COLUMNS: Final = 4
 TITLE_LETTERS: Final = 36  # of the sheet
 BY_TREE: Final = (
-    " A method with several hypotheses a node is shown with the one that its track tree chooses, which knows the"
+    " A method with several hypotheses per node is shown with the one that its track tree chooses, which uses the"
     " predicted movement; all others with the nearest descriptor."
 )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pairs:
-    """A method's pairs between two surfaces: match (n,) node of the second, -1 = none; error_m (n,) from where the node
-    truly is, shown there or not, NaN where there is no pair or the truth is not known. by_tree: chosen by the track
-    tree, of several hypotheses."""
+    """A method's matches between two surfaces.
+
+    match (n,): node of the second, -1 = none; error_m (n,): distance from the node's true place, whether seen or not,
+    NaN without a match or truth; by_tree: chosen by the track tree from several hypotheses.
+    """
 
     key: str
     title: str
@@ -55,16 +57,16 @@ class Pairs:
 
     @property
     def right(self) -> np.ndarray:
-        """(n,) bool: paired, and with the right place."""
+        """(n,) bool: matched with the right place."""
         return self.error_m < RIGHT_M
 
 
 def pairs_of(method: Method, setting: object, moment: Moment) -> Pairs | None:
-    """What a method pairs; None for one that makes no pairs by intention."""
+    """A method's matches; None for one that intentionally has none."""
     if method.associate is None:
         return None
-    said = match_window(method, setting, moment.window)
-    match, by_tree = chosen_match(said)
+    found = match_window(method, setting, moment.window)
+    match, by_tree = chosen_match(found)
     if method.family is Family.NONE and not (match >= 0).any():
         return None
     error = np.full(len(match), np.nan)
@@ -74,12 +76,12 @@ def pairs_of(method: Method, setting: object, moment: Moment) -> Pairs | None:
     return Pairs(method.key, method.title, match, error, by_tree)
 
 
-def chosen_match(said: Matches) -> tuple[np.ndarray, bool]:
-    """(n,) a method's one pair a node: its nearest descriptor; of several hypotheses the one that the tree chooses."""
-    if len(said.links[0].subsets) <= 1:
-        return said.direct, False
-    match = np.full(len(said.direct), -1, np.int32)
-    match[said.tree.node] = said.tree.tree.match
+def chosen_match(found: Matches) -> tuple[np.ndarray, bool]:
+    """(n,) one match per node, and whether the tree chose it from several hypotheses."""
+    if len(found.links[0].subsets) <= 1:
+        return found.direct, False
+    match = np.full(len(found.direct), -1, np.int32)
+    match[found.tree.node] = found.tree.tree.match
     return match, True
 
 
@@ -96,18 +98,18 @@ def draw_nodes(known: np.ndarray) -> np.ndarray:
 
 
 def in_paper_order(pairs: Sequence[Pairs]) -> list[Pairs]:
-    """As the paper's two figures have them, then all others as they come."""
+    """In the order of the paper's two figures, then all others."""
     rank = {key: number for number, key in enumerate(PAPER_ORDER)}
     return sorted(pairs, key=lambda each: rank.get(each.key, len(rank)))
 
 
 def match_pictures(view: View, moment: Moment, pairs: Sequence[Pairs]) -> list[Picture]:
-    """A picture a method, and the sheet of all of them."""
+    """One picture per method, and a sheet of all of them."""
     about = (
         f"{moment.title}: the frame on the left, the next one on the right. Lines lead from one per cent of the frame's"
-        " nodes, drawn at random, the same for all methods, to their pairs: blue and solid within"
-        f" {100 * RIGHT_M:.0f} cm of the true place, vermilion and dashed farther off; a ring is a node that got no"
-        " pair. The shares are of all nodes whose true place the next frame shows."
+        " nodes, drawn at random, the same for all methods, to their matches: blue and solid within"
+        f" {100 * RIGHT_M:.0f} cm of the true place, vermilion and dashed farther off; a ring is a node without"
+        " a match. The shares are of all nodes whose true place the next frame shows."
     )
     pictures = []
     for each in pairs:
@@ -157,17 +159,17 @@ def draw_pairs(axes: Axes, view: View, moment: Moment, pairs: Pairs) -> None:
 
 
 def describe_pairs(pairs: Pairs, moment: Moment) -> str:
-    """How many of the nodes whose true place is seen are paired right, wrong and not at all."""
+    """Shares of the nodes whose true place is seen with a right, a wrong and no match."""
     seen = moment.truth.seen
     if not seen.any():
-        return "no node's truth is known"
+        return "no true place is known"
     right, none = pairs.right[seen].mean(), (pairs.match[seen] < 0).mean()
     wrong = ((pairs.match[seen] >= 0) & ~pairs.right[seen]).mean()
-    return f"{percent(right)} right, {percent(wrong)} wrong, {percent(none)} no pair"
+    return f"{percent(right)} right, {percent(wrong)} wrong, {percent(none)} no match"
 
 
 def percent(share: float) -> str:
-    """Whole per cent; none and all only where it is exactly so: one wrong line among right ones must not be denied."""
+    """Whole per cent; 0 and 100 only where exact, so that a single wrong line among right ones is not hidden."""
     if 0.0 < share < 0.01:
         return "< 1 %"
     if 0.99 < share < 1.0:

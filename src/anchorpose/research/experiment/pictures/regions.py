@@ -1,6 +1,6 @@
-"""Bright and shadow regions of the hole (paper, Definitions 4 and 5) on the mesh of a real frame.
+"""Bright and shadow regions of the hole (paper, Definitions 4 and 5) on the mesh of a frame.
 
-One anchor's light on the mesh: distortion of distance as colour, bright and shadowed border as lines.
+Distortion of distances from an anchor is shown as colour, the bright and shadowed border as lines.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from anchorpose.surface.surface import Surface
 SHOWN_M: Final = 0.10  # distortion at which the colour scale ends
 ANCHOR: Final = VERMILLION  # red in the paper
 BRIGHT, SHADOWED, NEITHER = "#f0e442", "#000000", "#8c8c8c"  # yellow and black in the paper
-LEAST_BLUE: Final = 0.25  # where the scale begins: what is distorted at all stands out from the bare mesh
+LEAST_BLUE: Final = 0.25  # where the scale begins: any distortion differs visibly from the bare mesh
 CUT_OFF: Final = (0.80, 0.47, 0.65)
 
 
@@ -98,7 +98,7 @@ def explain(figure: Figure, *axes: Axes) -> None:
         Line2D([], [], color=colour, linewidth=3.0, label=label)
         for colour, label in ((BRIGHT, "bright border"), (SHADOWED, "shadowed border"), (NEITHER, "between"))
     ]
-    handles.append(Patch(color=to_hex(CUT_OFF), label="no way left"))
+    handles.append(Patch(color=to_hex(CUT_OFF), label="no path left"))
     handles.append(Line2D([], [], color=ANCHOR, marker="*", linestyle="", markersize=11, label="anchor"))
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles) if len(axes) > 1 else 3)
 
@@ -108,8 +108,8 @@ TOLERANCE_M: Final = 0.004  # fast marching's own error between two meshes
 TITLES: Final = dict(zip(ANCHOR_NAMES, ("head", "left hand", "right hand", "left foot", "right foot"), strict=True))
 COLUMNS: Final = 3
 COLOURS: Final = (
-    "The mesh of the whole frame, without the nodes that the hole takes; blue where the way is more than 4 mm longer"
-    " than without the hole, purple where there is none left. The hole's border is yellow where distances to it are"
+    "The mesh of the whole frame, without the nodes that the hole removes; blue where the path is more than 4 mm longer"
+    " than without the hole, purple where there is no path left. The hole's border is yellow where distances to it are"
     " undistorted (bright region, Definition 4), black where they are distorted (shadowed boundary, Definition 5), grey"
     " between one such node and one of the other kind."
 )
@@ -117,8 +117,10 @@ COLOURS: Final = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HoledFrame:
-    """A frame that shows the patient whole, and what the hole takes of it. taken (height, width) bool: pixels of the
-    first camera; centre_m (3,): of the hole, world."""
+    """A frame with the whole patient, and what the hole removes from it.
+
+    taken (height, width) bool: removed pixels of the first camera; centre_m (3,): of the hole, world.
+    """
 
     title: str
     surface: Surface
@@ -140,13 +142,15 @@ class HoledFrame:
         return np.asarray(np.linalg.norm(self.surface.points_m - self.centre_m, axis=1) < radius_m)
 
     def node(self, anchor: str) -> int:
-        """-1 where it was not found."""
+        """The anchor's node, -1 where it was not found."""
         return int(self.anchors.node[ANCHOR_NAMES.index(anchor)])
 
 
 def lights_of(holed: HoledFrame, hidden: np.ndarray) -> dict[str, Light]:
-    """What hiding nodes (n,) bool does to distances from each anchor that was found and is seen; none if it hides no
-    node or all of them."""
+    """The effect of hiding nodes (n,) bool on distances from each anchor that was found and is seen.
+
+    Empty where no or all nodes are hidden.
+    """
     if not hidden.any() or hidden.all():
         return {}
     occlusion = occlude(holed.surface, hidden, Solver.FAST_MARCHING, TOLERANCE_M)
@@ -155,7 +159,7 @@ def lights_of(holed: HoledFrame, hidden: np.ndarray) -> dict[str, Light]:
 
 
 def region_pictures(view: View, holed: HoledFrame) -> list[Picture]:
-    """The anchor whose distances the hole distorts most, all anchors, and the paper's sizes of hole."""
+    """Pictures of the anchor with the most distorted distances, of all anchors, and of the paper's sizes of hole."""
     lights = lights_of(holed, holed.hidden)
     if not lights:
         return []
@@ -167,7 +171,7 @@ def _one(view: View, holed: HoledFrame, name: str, light: Light) -> Picture:
     figure = blank_figure(4.6, 5.0)
     draw_light(figure.add_subplot(), view, light, holed.node(name), TITLES[name])
     explain(figure, *figure.axes)
-    caption = f"{holed.title}: what the hole does to geodesic distances from the {TITLES[name]}. {COLOURS}"
+    caption = f"{holed.title}: effect of the hole on geodesic distances from the {TITLES[name]}. {COLOURS}"
     return Picture("regions-anchor.png", caption, SECTION, figure)
 
 
@@ -185,7 +189,7 @@ def _all(view: View, holed: HoledFrame, lights: dict[str, Light]) -> Picture:
     draw_together(figure.add_subplot(2, COLUMNS, len(ANCHOR_NAMES) + 1), view, everyone)
     explain(figure, *figure.axes)
     caption = (
-        f"{holed.title}: what the hole does to geodesic distances from each anchor in turn. {COLOURS} Last: the least"
+        f"{holed.title}: effect of the hole on geodesic distances from each anchor in turn. {COLOURS} Last: the least"
         f" distortion over all anchors; the bright regions {'cover' if border_is_covered(everyone) else 'do not cover'}"
         " the hole's border together (Proposition 2)."
     )
@@ -205,15 +209,15 @@ def _sizes(view: View, holed: HoledFrame, name: str) -> Picture:
         draw_light(axes, view, light, holed.node(name), describe_distortion(light, radius_m))
     explain(figure, *figure.axes)
     caption = (
-        f"{holed.title}: what holes of the paper's sizes at the body's centre do to geodesic distances from the"
+        f"{holed.title}: effect of holes of the paper's sizes at the body's centre on geodesic distances from the"
         f" {TITLES[name]}. Titles: the hole's radius, and the shares of the seen nodes that are farther away with it"
-        f" and that are cut off. {COLOURS}"
+        f" or disconnected. {COLOURS}"
     )
     return Picture("regions-sizes.png", caption, SECTION, figure)
 
 
 def describe_distortion(light: Light, radius_m: float) -> str:
-    """How much of what is seen the hole distorts, and how much it cuts off."""
+    """Shares of the seen nodes whose distance the hole lengthens, and that it disconnects."""
     seen = light.distortion_m[~light.occlusion.hidden]
     cut = np.isposinf(seen).mean()
     longer = (seen > light.occlusion.tolerance_m).mean() - cut

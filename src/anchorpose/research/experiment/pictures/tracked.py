@@ -33,19 +33,19 @@ SECTION: Final = "tracked"
 MOMENTS: Final = 4
 APART: Final = 3  # frames from one moment to the next: at ten a second the body has moved visibly
 KINDS: Final = (("tracked", GREEN, "^", 5.0), ("predicted", VERMILLION, "x", 5.0), ("truth", BLUE, "o", 7.0))
-"""What, in which colour, marker and size; the truth is hollow, and over the others."""
+"""Kind of joints, colour, marker and size; the truth is hollow and above the others."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackedFrame:
-    """joints_m: (21, 3) world, by what is told of them: truth, predicted, tracked."""
+    """joints_m: (21, 3) world, by kind: truth, predicted, tracked."""
 
     frame: int
     surface: Surface
     joints_m: dict[str, np.ndarray]
 
     def error_m(self, kind: str) -> float:
-        """Mean over the joints."""
+        """Mean error of a kind of joints."""
         return float(np.linalg.norm(self.joints_m[kind] - self.joints_m["truth"], axis=1).mean())
 
 
@@ -77,7 +77,7 @@ def follow(
 
 
 def _joints(tracker: PatientTracker) -> np.ndarray:
-    """(21, 3) where the motion dynamics expect them in the frame that is registered next."""
+    """(21, 3) predicted joints of the frame that is registered next."""
     pose = tracker.predict(1)[0]
     return tracker.body.joints(pose)
 
