@@ -170,7 +170,7 @@ def test_better_than_some_is_better_in_part() -> None:
     results = tracking_but(lambda key, hole, hidden: 20.0 if key in ("fpfh", "shot") else None)
     found = claim(results, "proposed-below-local")
     assert found.verdict is Verdict.IN_PART
-    assert {check.what.split(",")[0] for check in found.checks if check.answer is NO} == {"less FPFH", "less SHOT"}
+    assert {check.what.split(",")[0] for check in found.checks if check.answer is NO} == {"minus FPFH", "minus SHOT"}
 
 
 def test_methods_that_err_alike_are_not_told_apart() -> None:

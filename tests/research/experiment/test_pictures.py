@@ -128,8 +128,8 @@ def test_shares_are_of_the_nodes_whose_true_place_is_seen(monkeypatch: pytest.Mo
     direct = np.where(np.arange(COUNT) < 150, np.arange(COUNT), -1)
     moment = moment_of(place, seen)
     pairs = pairs_from(monkeypatch, direct, moment)
-    assert matches.describe_pairs(pairs, moment) == "12 % right, 25 % wrong, 62 % no pair"
-    assert matches.describe_pairs(pairs, moment_of(place, ~np.isfinite(place[:, 0]))) == "no node's truth is known"
+    assert matches.describe_pairs(pairs, moment) == "12 % right, 25 % wrong, 62 % no match"
+    assert matches.describe_pairs(pairs, moment_of(place, ~np.isfinite(place[:, 0]))) == "no true place is known"
 
 
 @pytest.mark.parametrize(
@@ -178,7 +178,7 @@ def test_a_method_without_pairs_is_drawn_unless_it_means_to_have_none(monkeypatc
     nothing = np.full(COUNT, -1)
     assert pairs_from(monkeypatch, nothing, moment_of(), associate=None) is None
     assert pairs_from(monkeypatch, nothing, moment_of(), family=Family.NONE) is None
-    assert matches.describe_pairs(pairs_from(monkeypatch, nothing, moment_of()), moment_of()).endswith("100 % no pair")
+    assert matches.describe_pairs(pairs_from(monkeypatch, nothing, moment_of()), moment_of()).endswith("100 % no match")
 
 
 def test_the_sheet_has_the_papers_order_and_then_the_others() -> None:

@@ -315,9 +315,9 @@ def test_a_reference_skeleton_is_read_into_the_world(tmp_path: Path) -> None:
 
 def test_what_is_no_skeleton_is_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "skeleton.npz", names=np.array(["Tail"]), xyz=np.zeros((1, 1, 4)))
-    with pytest.raises(InputError, match="do not fit our joints"):
+    with pytest.raises(InputError, match="do not fit the 21 joints"):
         reference_joints(tmp_path / "skeleton.npz", np.eye(4))
-    with pytest.raises(InputError, match="no reference skeleton"):
+    with pytest.raises(InputError, match="not a reference skeleton"):
         reference_joints(tmp_path / "nowhere.npz", np.eye(4))
 
 
@@ -337,7 +337,7 @@ def test_a_method_can_come_from_a_file(tmp_path: Path) -> None:
         "METHODS = (Method(key='mine', title='mine', family=Family.LOCAL, source='me', associate=lambda s: None),)\n"
     )
     assert [m.key for m in load_methods(("fpfh", str(tmp_path / "mine.py")))] == ["fpfh", "mine"]
-    with pytest.raises(InputError, match="is no method"):
+    with pytest.raises(InputError, match="is not a method"):
         load_methods(("fpfhh",))
     mine = (tmp_path / "mine.py").read_text()
     first = load_methods((str(tmp_path / "mine.py"),))[0].content
@@ -372,7 +372,7 @@ def test_a_folder_that_is_somebody_elses_is_not_touched(tmp_path: Path) -> None:
     from anchorpose.research.experiment.run import run_experiment
 
     (tmp_path / "thesis.tex").write_text("mine")
-    with pytest.raises(InputError, match="is no experiment"):
+    with pytest.raises(InputError, match="is not an experiment"):
         run_experiment(tmp_path, CONFIG, None, 1, lambda a, b: None, lambda text: None)
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 

@@ -40,12 +40,18 @@ def nearest_descriptor(source: np.ndarray, target: np.ndarray, metric: Metric | 
             raise ValueError(f"{metric} is for histograms, which have no values below 0")
         np.sqrt(source, out=source)
         np.sqrt(target, out=target)
-    mean = target.mean(axis=0)  # taken away, so that squares are not much larger than their differences
-    source -= mean
-    target -= mean
-    square = np.einsum("ij,ij->i", target, target)
     for first in range(0, len(source), ROWS):
         rows = source[first : first + ROWS]
-        apart = cdist(rows, target, "cityblock") if metric is Metric.MANHATTAN else square - 2.0 * (rows @ target.T)
+        apart = cdist(rows, target, "cityblock") if metric is Metric.MANHATTAN else _squares(rows, target)
         nearest[known[first : first + ROWS]] = choice[apart.argmin(axis=1)]
     return nearest
+
+
+def _squares(source: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """(m, n) squared distances minus |s|^2, which is the same for a whole row; much faster than scipy's for wide tables.
+
+    The mean is subtracted first, so that squares are not much larger than their differences.
+    """
+    mean = target.mean(axis=0)
+    moved = target - mean
+    return np.einsum("ij,ij->i", moved, moved) - 2.0 * ((source - mean) @ moved.T)
