@@ -34,13 +34,13 @@ def shown(value: Any) -> str:
     return "not set" if value is None else json.dumps(value)
 
 
-def test_every_setting_is_in_the_page_once_with_its_default_and_nothing_else_is():
+def test_every_setting_is_in_the_page_once_with_its_default_and_nothing_else_is() -> None:
     rows = ROW.findall(PAGE)
     assert len(rows) == len(dict(rows))
     assert dict(rows) == dict(defaults(TrackConfig()))
 
 
-def test_both_examples_are_accepted_and_mean_the_same(tmp_path):
+def test_both_examples_are_accepted_and_mean_the_same(tmp_path: Path) -> None:
     toml = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
     as_json = re.findall(r"```json\n(.*?)```", PAGE, re.DOTALL)
     assert [tomllib.loads(text) for text in toml] == [json.loads(text) for text in as_json]
