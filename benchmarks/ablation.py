@@ -1,14 +1,13 @@
-"""What each ingredient brings: python benchmarks/ablation.py --seeds 2 --seconds 4.
+"""Ablation of the tracker: python benchmarks/ablation.py --seeds 2 --seconds 4.
 
-The recordings of accuracy.py, each tracked with the defaults, with one ingredient switched off at a time, and the
-paper's own way (every part by itself, from frame to frame). What is switched off, and how, is said in
-``anchorpose.research.experiment.methods.references``; ``anchorpose experiment`` tells the same of its scenes.
+The recordings of accuracy.py, each tracked with the defaults, without one component at a time, and as in the paper
+(every part by itself, from frame to frame). The variants are those of
+``anchorpose.research.experiment.methods.references``; ``anchorpose experiment`` runs them on its own scenes.
 
-With --method parts every variant registers part by part, as the paper does, and matches count for more than where, by
-default, the whole learnt body finds its own way on the surface and matches only begin it.
+With --method parts every variant registers part by part, as in the paper. Matches matter more then: by default they
+only initialise the registration of the whole learnt body.
 
-The table has means over the seeds. Off is what the longest time is that any joint is more than 150 mm off, in the worst
-recording.
+The table has means over the seeds. Off: the longest time that any joint is more than 150 mm off, in the worst recording.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""How far off the anchor descriptor is, from simulated recordings: python benchmarks/descriptor_error.py --seeds 4.
+"""Error of the anchor descriptor on simulated recordings: python benchmarks/descriptor_error.py --seeds 4.
 
-Two estimates of e_1, e_2 and e_max (``association.error_model``), beside the numbers that the gate assumes:
-``still``: one moment read twice by the sensor, nodes matched by their pixels; what noise alone does.
-``moving``: successive frames, nodes matched where the true skin says they are one point; noise, clothes and movement.
-The patient's pixels are the true ones: isolation is not what is measured here.
+Two estimates of e_1, e_2 and e_max (``research.descriptor_errors``), beside the values that the gate assumes:
+``still``: one moment read twice by the sensor, nodes matched by their pixels: noise alone.
+``moving``: successive frames, nodes matched by the true skin: noise, clothes and movement.
+The patient's pixels are the true ones: isolation is not measured here.
 """
 
 from __future__ import annotations

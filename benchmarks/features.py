@@ -1,11 +1,11 @@
-"""How long the local descriptors take, ours and PCL's, in one run on one core: python benchmarks/features.py.
+"""Time of the local descriptors, ours and PCL's, in one run on one core: python benchmarks/features.py.
 
-A standing figure as a Kinect v2 sees it, near enough for the number of nodes asked for (about 4,000 and 15,000), every
+A standing figure as a Kinect v2 sees it, near enough for the wanted number of nodes (about 4,000 and 15,000), every
 second pixel; radii of 5 and 10 cm, all nodes; of the shape context every tenth, because PCL searches the neighbours of
 every neighbour. PCL is built here from tests/pcl_reference with Debian's libpcl-dev (apt install libpcl-dev
 libboost-dev libeigen3-dev cmake g++), as the distribution compiled it, and with --native its templates for this
-processor. Both take turns, each the same float32 mesh; each time includes the search of the neighbours, and local
-frames where a descriptor has them. Printed are medians in ms a frame, and how many times as fast ours is.
+processor. Both alternate on the same float32 mesh; each time includes the search of the neighbours, and local
+frames where a descriptor has them. Prints medians in ms per frame, and the speed ratio.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from collections.abc import Callable
 from pathlib import Path
 from statistics import median
 
-os.environ.update(OMP_NUM_THREADS="1", NUMBA_NUM_THREADS="1")  # before anybody starts threads
+os.environ.update(OMP_NUM_THREADS="1", NUMBA_NUM_THREADS="1")  # before threads start
 
 import numpy as np
 from test_kernels import camera_at, render

@@ -1,8 +1,8 @@
-"""What MeshHOG and LD-SIFT cost a frame: OMP_NUM_THREADS=1 taskset -c 0 python benchmarks/mesh_features.py
+"""Time of MeshHOG and LD-SIFT per frame: OMP_NUM_THREADS=1 taskset -c 0 python benchmarks/mesh_features.py
 
-The mean adult before a Kinect v2, nearer and farther, meshed on every second pixel to about 2,300 and 4,000 nodes.
-Beside each descriptor what its plain numpy version (tests/features_plain.py) would take, from some nodes of the frame.
-Times are the processor's, medians, compilation left out.
+The mean adult in front of a Kinect v2 at two distances, meshed on every second pixel to about 2,300 and 4,000 nodes.
+Beside each descriptor the time of its plain numpy version (tests/builders/features_plain.py), extrapolated from some
+nodes of the frame. Times are medians of processor time, without compilation.
 """
 
 from __future__ import annotations

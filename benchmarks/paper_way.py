@@ -1,9 +1,9 @@
-"""The paper's own way and ours from one depth frame to five geodesic fields: python benchmarks/paper_way.py.
+"""The paper's method and ours from one depth frame to five geodesic fields: python benchmarks/paper_way.py.
 
 The paper smooths and triangulates the point cloud with PCL and runs Dijkstra along the edges of the mesh; paper_way/ is
 that as a C++ program, built here with CMake against Debian's libpcl-dev (apt install libpcl-dev libboost-graph-dev
-cmake g++). Both ways take turns in one run on one core, from the same noisy pixels, each warmed up. Their distances are
-compared with the exact ones (pygeodesic) on their own meshes. Printed are times, and their ratio.
+cmake g++). Both alternate in one run on one core, from the same noisy pixels, each warmed up. Their distances are
+compared with the exact ones (pygeodesic) on their own meshes. Prints times and their ratio.
 """
 
 from __future__ import annotations

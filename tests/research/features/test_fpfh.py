@@ -84,7 +84,7 @@ def test_a_mirror_turns_the_second_histogram_around_only():
     assert_same_but_for_an_edge(found.reshape(-1, 33), describe(points, normals, triangles))
 
 
-def test_a_node_without_normal_is_undefined_and_counts_for_nobody():
+def test_a_node_without_normal_is_undefined_and_counts_for_no_other():
     points, normals, triangles = bumpy_torus()
     without, stay = normals.copy(), np.delete(np.arange(len(points)), 33)
     without[33] = np.nan

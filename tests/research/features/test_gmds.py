@@ -53,9 +53,7 @@ def all_maps(count_a: int, count_b: int) -> list[np.ndarray]:
 def search(
     a: np.ndarray, b: np.ndarray, cap: float, kept: int, steps: int = 10**6, same: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    maps, costs = np.full((kept, len(a)), -1, np.int32), np.full(kept, np.inf)
-    used = branch_and_bound(a, b, cap, np.inf, maps, costs, same, steps)
-    return maps, costs, used
+    return branch_and_bound(a, b, cap, np.inf, kept, same, steps)
 
 
 @settings(max_examples=40)

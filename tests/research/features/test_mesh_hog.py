@@ -64,7 +64,7 @@ def test_a_lump_turned_on_its_sheet_has_nearly_the_same_descriptor(axis: FirstAx
     assert np.linalg.norm(own - other) > 0.5
 
 
-def test_a_mirrored_shape_is_told_from_the_shape() -> None:
+def test_a_mirrored_shape_is_distinguished_from_the_shape() -> None:
     config = MeshHogConfig(radius_m=0.12, curvature_radius_m=0.05)
     own = mesh_hog(height_field(lump), config, np.array([MIDDLE]))
     mirrored = mesh_hog(height_field(lambda left, up: lump(-left, up)), config, np.array([MIDDLE]))

@@ -146,8 +146,8 @@ def _starts(among_a: np.ndarray, among_b: np.ndarray, config: GmdsConfig) -> tup
     change_m = FIRST_LIMIT_M
     while True:
         limit = few * (few - 1) / 2 * change_m**2 if change_m < config.cap_m else np.inf
-        maps, costs = np.full((config.starts, few), -1, np.int32), np.full(config.starts, np.inf)
-        steps = branch_and_bound(a, b, config.cap_m, limit, maps, costs, 2.0 * _spacing_m(b), config.max_branches)
+        apart_m = 2.0 * _spacing_m(b)
+        maps, costs, steps = branch_and_bound(a, b, config.cap_m, limit, config.starts, apart_m, config.max_branches)
         gave_up = steps == config.max_branches
         if np.isfinite(costs[-1]) or limit == np.inf or (gave_up and np.isfinite(costs[0])):
             return maps[np.isfinite(costs)], not gave_up

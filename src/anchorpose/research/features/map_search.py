@@ -12,23 +12,16 @@ from numba import njit
 
 @njit(cache=True, error_model="numpy")
 def branch_and_bound(
-    a: np.ndarray,
-    b: np.ndarray,
-    cap: float,
-    limit: float,
-    maps: np.ndarray,
-    costs: np.ndarray,
-    same: float,
-    steps: int,
-) -> int:
+    a: np.ndarray, b: np.ndarray, cap: float, limit: float, kept: int, same: float, steps: int
+) -> tuple[np.ndarray, np.ndarray, int]:
     """The best map of few samples onto candidates, exactly, and others that differ from it.
 
-    a (k, k), b (n, n) float32 distances; limit: stress, each pair counted once, that every map must stay below; maps
-    (m, k) int32 and costs (m,) float64, inf = empty, are filled in, best first. Of maps whose places are all within
-    ``same`` metres of each other only the better is kept, so that the list holds alternatives. Returns the number of
-    branches visited: ``steps`` if it had to give up.
+    a (k, k), b (n, n) float32 distances; limit: stress, each pair counted once, that every map must stay below. Returns
+    maps (kept, k) int32 and costs (kept,) float64, inf = none, best first, and the number of branches visited (``steps``
+    if it gave up). Of maps whose places are all within ``same`` metres of each other only the better is kept.
     """
     depth, count = len(a), len(b)
+    maps, costs = np.full((kept, depth), -1, np.int32), np.full(kept, np.inf)
     table = np.zeros((depth + 1, depth, count))
     order = np.zeros((depth, count), np.int64)
     turn, base, rest = np.zeros(depth, np.int64), np.zeros(depth + 1), np.zeros(depth)
@@ -57,7 +50,7 @@ def branch_and_bound(
         level += 1
         base[level], rest[level], turn[level] = cost, floor, 0
         order[level] = np.argsort(table[level, level])
-    return done
+    return maps, costs, done
 
 
 @njit(cache=True, error_model="numpy")

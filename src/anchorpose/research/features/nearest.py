@@ -48,7 +48,7 @@ def nearest_descriptor(source: np.ndarray, target: np.ndarray, metric: Metric | 
 
 
 def _squares(source: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """(m, n) squared distances minus |s|^2, which is the same for a whole row; much faster than scipy's for wide tables.
+    """(m, n) squared distances minus |s|^2, which is constant in a row; much faster than scipy for wide tables.
 
     The mean is subtracted first, so that squares are not much larger than their differences.
     """
