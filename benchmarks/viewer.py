@@ -2,8 +2,8 @@
 
     python benchmarks/viewer.py RESULTS RECORDING
 
-Plays the whole recording with different layers, at recorded speed and twice as fast, and prints drawings a second,
-frames shown a second with everything on them, and how many the recording has. Needs the extra ``dev`` and a Chromium.
+Plays the whole recording with different layers, at recorded speed and twice as fast, and prints drawings per second,
+complete frames shown per second, and the frames per second of the recording. Needs the extra ``dev`` and a Chromium.
 """
 
 from __future__ import annotations

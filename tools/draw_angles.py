@@ -1,8 +1,8 @@
-"""Draws the pictures of docs/angles.md: a stick figure in a pose, and the angle that the program reads off it.
+"""Draws the pictures of docs/angles.md: a stick figure in a pose, and its angle as the program computes it.
 
     python tools/draw_angles.py docs/figures/angles
 
-The number in a panel is the program's own answer for the pose drawn, so picture and formula cannot part.
+The number in a panel is computed by the program for the pose drawn, so picture and formula cannot disagree.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from anchorpose.results.tables import JointTable
 
 X, Y, Z = np.eye(3)
 VIEWS = {  # what is drawn to the right and upwards
-    "from his right": (X, Y),
+    "from the right": (X, Y),
     "from the front": (-Z, Y),
     "from above": (Z, X),
 }
@@ -113,7 +113,7 @@ BENT_LEG, BENT_ARM = turned("KneeRight", SHANK, -60, Z), turned("ElbowRight", FO
 
 FIGURES = {
     "pelvis": (
-        Panel("pelvis_tilt", "from his right", turned("hips", PELVIS, -20, Z), at("hips"), along(Y),
+        Panel("pelvis_tilt", "from the right", turned("hips", PELVIS, -20, Z), at("hips"), along(Y),
               line("hips", "SpineMid")),
         Panel("pelvis_obliquity", "from the front", turned("hips", ("Hip*", "SpineBase", *TRUNK), -15, X), at("hips"),
               along(Z), line("HipLeft", "HipRight")),
@@ -121,12 +121,12 @@ FIGURES = {
               line("HipLeft", "HipRight")),
     ),
     "trunk": (
-        Panel("trunk_flexion", "from his right", LEAN, at("SpineBase"), along(Y), line("SpineBase", "SpineShoulder")),
+        Panel("trunk_flexion", "from the right", LEAN, at("SpineBase"), along(Y), line("SpineBase", "SpineShoulder")),
         Panel("trunk_side_bend", "from the front", SIDE, at("SpineBase"), along(Y), line("SpineBase", "SpineShoulder")),
         Panel("trunk_rotation", "from above", TURN, at("shoulders"), along(Z), line("ShoulderLeft", "ShoulderRight")),
     ),
     "trunk_pelvis": (
-        Panel("trunk_pelvis_flexion", "from his right", turned("SpineMid", CHEST, -35, Z), at("SpineMid"),
+        Panel("trunk_pelvis_flexion", "from the right", turned("SpineMid", CHEST, -35, Z), at("SpineMid"),
               line("hips", "SpineMid"), line("SpineMid", "SpineShoulder")),
         Panel("trunk_pelvis_side_bend", "from the front", turned("SpineMid", CHEST, 25, X), at("SpineMid"),
               line("hips", "SpineMid"), line("SpineMid", "SpineShoulder")),
@@ -134,15 +134,15 @@ FIGURES = {
               line("ShoulderLeft", "ShoulderRight")),
     ),
     "neck": (
-        Panel("neck_flexion", "from his right", turned("Neck", ("Head",), -35, Z), at("Neck"),
+        Panel("neck_flexion", "from the right", turned("Neck", ("Head",), -35, Z), at("Neck"),
               line("SpineMid", "SpineShoulder"), line("Neck", "Head")),
         Panel("neck_side_bend", "from the front", turned("Neck", ("Head",), 30, X), at("Neck"),
               line("SpineMid", "SpineShoulder"), line("Neck", "Head")),
     ),
     "hip": (
-        Panel("hip_flexion_right", "from his right", turned("HipRight", LEG, 50, Z), at("HipRight"),
+        Panel("hip_flexion_right", "from the right", turned("HipRight", LEG, 50, Z), at("HipRight"),
               line("SpineShoulder", "SpineBase"), line("HipRight", "KneeRight")),
-        Panel("hip_pelvis_flexion_right", "from his right", then(LEAN, turned("HipRight", LEG, 20, Z)), at("HipRight"),
+        Panel("hip_pelvis_flexion_right", "from the right", then(LEAN, turned("HipRight", LEG, 20, Z)), at("HipRight"),
               line("SpineMid", "hips"), line("HipRight", "KneeRight")),
         Panel("hip_adduction_right", "from the front", turned("HipRight", LEG, 20, X), at("HipRight"),
               line("SpineMid", "hips"), line("HipRight", "KneeRight")),
@@ -151,9 +151,9 @@ FIGURES = {
               line("KneeRight", "AnkleRight")),
     ),
     "knee_and_ankle": (
-        Panel("knee_flexion_right", "from his right", BENT_LEG, at("KneeRight"), line("HipRight", "KneeRight"),
+        Panel("knee_flexion_right", "from the right", BENT_LEG, at("KneeRight"), line("HipRight", "KneeRight"),
               line("KneeRight", "AnkleRight")),
-        Panel("ankle_dorsiflexion_right", "from his right", turned("AnkleRight", ("FootRight",), 25, Z),
+        Panel("ankle_dorsiflexion_right", "from the right", turned("AnkleRight", ("FootRight",), 25, Z),
               at("AnkleRight"), along(X * np.cos(np.radians(19.3)) - Y * np.sin(np.radians(19.3))),
               line("AnkleRight", "FootRight")),
     ),
@@ -167,7 +167,7 @@ FIGURES = {
               along(X), line("ElbowRight", "WristRight")),
     ),
     "elbow": (
-        Panel("elbow_flexion_right", "from his right", BENT_ARM, at("ElbowRight"), line("ShoulderRight", "ElbowRight"),
+        Panel("elbow_flexion_right", "from the right", BENT_ARM, at("ElbowRight"), line("ShoulderRight", "ElbowRight"),
               line("ElbowRight", "WristRight")),
     ),
 }  # fmt: skip

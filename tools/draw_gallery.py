@@ -31,7 +31,7 @@ SHOWN_S = 4.0  # what the viewer shows: a therapist crouches beside the knee
 
 
 def track_session(folder: Path, seconds: float) -> Path:
-    """A session of the same patient; a longer one holds more of what he does."""
+    """A session of the same patient; a longer one shows more of the training."""
     simulate_recording(folder / "simulated", clinic(SEED, seconds))
     (folder / "results").mkdir()
     track_recording(folder / "simulated/recording", folder / "results", TrackConfig(), lambda done, total: None)

@@ -20,7 +20,7 @@ def on_arc(values: list[float]) -> list[float]:
 
 
 def taken_again(folder: Path, source: Element, aggregation: str) -> float:
-    """The number computed from the table by what the page says of it, in plain Python."""
+    """The number computed from the table as the page describes it, without numpy."""
     column, how, among = json.loads(source.attributes["data-takings"])[aggregation]
     where = json.loads(source.attributes["data-where"])
     rows = [
@@ -39,7 +39,7 @@ def taken_again(folder: Path, source: Element, aggregation: str) -> float:
     if how.endswith(" on the arc"):
         how, values = how.removesuffix(" on the arc"), on_arc(values)
     reduced: dict[str, Any] = {
-        "value": lambda: values[0] if len(rows) == 1 else pytest.fail(f"{len(rows)} rows are no value"),
+        "value": lambda: values[0] if len(rows) == 1 else pytest.fail(f"{len(rows)} rows are not one value"),
         "count": lambda: len(rows),
         "distinct": lambda: len(set(values)),
         "extent": lambda: max(values) - min(values),

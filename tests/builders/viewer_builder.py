@@ -71,7 +71,7 @@ def labels_of(frame: int) -> np.ndarray:
 
 
 def depth_mm(frame: int) -> np.ndarray:
-    """(HEIGHT, WIDTH) uint16: the patient at 2.4 m, round, the others before him, the wall behind."""
+    """(HEIGHT, WIDTH) uint16: the patient at 2.4 m, round, the other people in front, the wall behind."""
     labels = labels_of(frame)
     columns = np.abs(np.arange(WIDTH) - 48)
     grey = np.full((HEIGHT, WIDTH), 3500, np.uint16)

@@ -129,7 +129,7 @@ class Ledger:
         if aggregation.how == "share":
             return _count_among(known, aggregation.among) / len(known) if len(known) else None
         if aggregation.how == "value" and len(column) != 1:
-            raise ValueError(f"{len(column)} rows are no single value: {rows.sentence}")
+            raise ValueError(f"{len(column)} rows are not a single value: {rows.sentence}")
         return _reduced(known, aggregation.how) if len(known) else None
 
     def figure(self, rows: Rows, aggregation: Aggregation, form: Form) -> Markup:
