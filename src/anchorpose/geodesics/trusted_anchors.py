@@ -1,9 +1,9 @@
 """Which anchors a node can trust: those whose shortest path does not bend around an occlusion's rim.
 
 Tracking sees the surface with the hole only. Where the path from an anchor grazes the rim of what hides the skin and
-turns towards the hidden side, it is a detour: the node lies in the anchor's shadow (paper, Definition 5). How long a
-detour follows from the path itself, if the hole is thought filled as flat as the skin around it: laid flat, the path is
-a chain of straight pieces, and the way over the whole skin is the chord from its beginning to its end.
+turns towards the hidden side, it is a detour: the node lies in the anchor's shadow (paper, Definition 5). The length of
+the detour follows from the path itself, as if the hole were filled as flat as the skin around it: laid flat, the path
+is a chain of straight pieces, and the path over the whole skin is the chord from its beginning to its end.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ def trusted_anchors(
     descriptor (n, k) metres, from ``anchor_descriptor``: the distances as they are on this surface. rim (n,) bool:
     nodes where something else ends the surface, ``surface.border.border(...) == Border.CUT``; a band of some nodes
     around it does no harm, since only nodes whose own ring of neighbours is open can be bent around. The body's own
-    outline is no rim: it is there in every frame. Links across what hides the skin lead straight on. Anchors missed
+    outline is not a rim: it is there in every frame. Links across what hides the skin lead straight on. Anchors missed
     (NaN) or not reached (inf) are not trusted. Where the outline bends a path shortly before a rim does (a hole beside
-    the armpit), too few are: the way through the hole would have been bent as well.
+    the armpit), too few are: the path through the hole would have been bent as well.
     """
     if not tolerance_m >= 0:
         raise ValueError(f"tolerance_m must not be negative, got {tolerance_m}")
@@ -44,7 +44,7 @@ def detour(surface: Surface, descriptor: np.ndarray, rim: np.ndarray, enough_m: 
 
     Arguments as in ``trusted_anchors``. NaN where the distance is not finite. A detour only grows along a path, so what
     lies behind nodes of more than ``enough_m`` is given a lower bound of its own, which saves half the time; inf where
-    the path squeezes through a strip without triangles beside the occlusion, whose bends nobody knows. The direction of
+    the path squeezes through a strip without triangles beside the occlusion, whose bends are unknown. The direction of
     each path at a rim comes from the field's own triangles, so that any solver's distances will do.
     """
     if descriptor.ndim != 2 or len(descriptor) != len(surface) or rim.shape != (len(surface),) or rim.dtype != bool:

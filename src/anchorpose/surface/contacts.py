@@ -1,6 +1,7 @@
-"""Where the patient touches their own body the mesh is cut again: thigh on thigh, a hand on the trunk.
+"""Where the patient touches their own body, thigh on thigh or a hand on the trunk, creases separate the parts.
 
-A depth frame joins what touches. Neighbours of the mesh that show skin far apart on the body are not neighbours.
+A depth frame joins what touches. The crease decides which of two parts a node between them shows, and the mesh is cut
+again where neighbours show skin that is far apart on the body.
 """
 
 from __future__ import annotations
@@ -12,15 +13,64 @@ import numpy as np
 from numba import njit
 
 from anchorpose.surface.links import find_root, unite
-from anchorpose.surface.shown_skin import crease
 from anchorpose.surface.surface import ExpectedSkin, MeshArrays, SkinArrays, Surface, geodesic_lower_bound
 
+CREASE_COST: Any = np.float32(20.0)  # a fold of 3 degrees per node makes the way over it twice as long
 LEAST_APART_M: Any = np.float32(0.07)  # on the body, of an edge's ends; less is within what points 3 cm apart blur
 LEAST_CREASE: Any = np.float32(0.10)  # 6 degrees per node; no smooth skin of an arm predicted elsewhere has that
 LEAST_STEP: Final = 0.6  # sine of the angle at which an edge leaves the skin of either end: a hand on the trunk
 SHOWN_APART_M: Any = np.float32(0.25)  # parts so far apart on the body need no crease between them ...
 SHOWN_NEAR_M: Any = np.float32(0.06)  # ... where both nodes are as near as that to the skin point that they show ...
 SHOWN_OFF_M: Any = np.float32(0.02)  # ... and to its plane: along the skin the prediction may be half a limb off
+
+
+@njit(cache=True)
+def decide_candidates(mesh: MeshArrays, candidates: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
+    """(n,) int32: the one of two candidates (n, 2) int32 that each node shows; -1 = no candidate.
+
+    Grows from nodes with one candidate into those with two, which take the one nearer on the body to where they were
+    reached from; a way over creases is longer. Label correcting, so the order of the nodes does not matter.
+    """
+    points, normals, ring = mesh.points_m, mesh.normals, mesh.ring
+    count = len(points)
+    skin = candidates[:, 0].copy()
+    cost = np.full(count, np.inf, np.float32)
+    queue = np.empty(count + 1, np.int32)
+    waiting = np.zeros(count, np.bool_)
+    first, last = 0, 0
+    for p in range(count):
+        if candidates[p, 1] >= 0 or skin[p] < 0:
+            continue
+        cost[p] = 0.0
+        for k in range(8):
+            if ring[p, k] >= 0 and candidates[ring[p, k], 1] >= 0:
+                queue[last] = p
+                last += 1
+                waiting[p] = True
+                break
+    while first != last:
+        p = queue[first]
+        first = (first + 1) % (count + 1)
+        waiting[p] = False
+        for k in range(8):
+            q = ring[p, k]
+            if q < 0 or candidates[q, 1] < 0:
+                continue
+            apart2 = np.float32(0.0)
+            for axis in range(3):
+                apart2 += (points[p, axis] - points[q, axis]) ** 2
+            fold = max(crease(points, normals, p, q), np.float32(0.0))
+            reached = cost[p] + np.sqrt(apart2) * (np.float32(1.0) + CREASE_COST * fold)
+            if reached < cost[q]:
+                one, two = candidates[q, 0], candidates[q, 1]
+                to_one = geodesic_lower_bound(landmarks, skin[p], one)
+                nearer = to_one <= geodesic_lower_bound(landmarks, skin[p], two)
+                cost[q], skin[q] = reached, one if nearer else two
+                if not waiting[q]:
+                    queue[last] = q
+                    last = (last + 1) % (count + 1)
+                    waiting[q] = True
+    return skin
 
 
 def cut_contacts(surface: Surface, expected: ExpectedSkin) -> Surface:
@@ -94,3 +144,14 @@ def _steps(points: np.ndarray, normals: np.ndarray, p: int, q: int, least_step: 
         from_p += gap * normals[p, axis]
         from_q += gap * normals[q, axis]
     return bool(max(abs(from_p), abs(from_q)) > least_step * np.sqrt(apart2))
+
+
+@njit(cache=True)
+def crease(points: np.ndarray, normals: np.ndarray, p: int, q: int) -> np.float32:
+    """By how much the skin folds inwards from p to q: the turn of the normal, radians, positive if concave."""
+    apart2, turn = np.float32(0.0), np.float32(0.0)
+    for axis in range(3):
+        gap = points[q, axis] - points[p, axis]
+        apart2 += gap * gap
+        turn -= gap * (normals[q, axis] - normals[p, axis])
+    return turn / np.sqrt(max(apart2, np.float32(1e-12)))

@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from anchorpose.camera import Camera
+from anchorpose.surface.contacts import decide_candidates
 from anchorpose.surface.pinhole import Pinhole, into_camera, pinhole
 from anchorpose.surface.surface import ExpectedSkin, MeshArrays, SkinArrays, Surface, geodesic_lower_bound
 
@@ -22,7 +23,6 @@ MIN_COSINE: Any = np.float32(np.cos(np.radians(MAX_TURN_DEG)))
 OFF_PLANE_WEIGHT: Any = np.float32(3.0)  # of a distance along the normal: skin points are samples of a surface
 AMBIGUOUS_M: Any = np.float32(0.04)  # skin that is nearer by less may be the wrong one
 FAR_ON_BODY_M: Any = np.float32(0.12)  # two candidates farther apart leave open what a node shows
-CREASE_COST: Any = np.float32(20.0)  # a fold of 3 degrees per node makes the way over it twice as long
 
 CELL_PX: Final = 6  # skin points are sorted into cells of so many pixels: 4 cm at 2.4 m, a little over their spacing
 LEAST_FACING: Any = np.float32(-0.5)  # skin turned more than 120 degrees off the optical axis is on the other side
@@ -53,7 +53,7 @@ def assign_skin(surface: Surface, camera: Camera, expected: ExpectedSkin, ambigu
     shape = camera.height // CELL_PX + 1, camera.width // CELL_PX + 1
     grid = _sort_into_cells(skin, pinhole(camera), *shape)
     candidates = _candidates(mesh, surface.pixel, skin, ambiguous, grid)
-    return replace(surface, skin=_decide(mesh, candidates, skin.landmarks_m))
+    return replace(surface, skin=decide_candidates(mesh, candidates, skin.landmarks_m))
 
 
 class SkinGrid(NamedTuple):
@@ -199,63 +199,3 @@ def _beside_far_skin(place: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
                 marked[a] = True
                 marked[b] = True
     return marked
-
-
-@njit(cache=True)
-def crease(points: np.ndarray, normals: np.ndarray, p: int, q: int) -> np.float32:
-    """By how much the skin folds inwards from p to q: the turn of the normal, radians, positive if concave."""
-    apart2, turn = np.float32(0.0), np.float32(0.0)
-    for axis in range(3):
-        gap = points[q, axis] - points[p, axis]
-        apart2 += gap * gap
-        turn -= gap * (normals[q, axis] - normals[p, axis])
-    return turn / np.sqrt(max(apart2, np.float32(1e-12)))
-
-
-@njit(cache=True)
-def _decide(mesh: MeshArrays, candidates: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
-    """(n,) int32: the one of two candidates (n, 2) that each node shows.
-
-    Grows from nodes with one candidate into those with two, which take the one nearer on the body to where they were
-    reached from; a way over creases is longer. Label correcting, so the order of the nodes does not matter.
-    """
-    points, normals, ring = mesh.points_m, mesh.normals, mesh.ring
-    count = len(points)
-    skin = candidates[:, 0].copy()
-    cost = np.full(count, np.inf, np.float32)
-    queue = np.empty(count + 1, np.int32)
-    waiting = np.zeros(count, np.bool_)
-    first, last = 0, 0
-    for p in range(count):
-        if candidates[p, 1] >= 0 or skin[p] < 0:
-            continue
-        cost[p] = 0.0
-        for k in range(8):
-            if ring[p, k] >= 0 and candidates[ring[p, k], 1] >= 0:
-                queue[last] = p
-                last += 1
-                waiting[p] = True
-                break
-    while first != last:
-        p = queue[first]
-        first = (first + 1) % (count + 1)
-        waiting[p] = False
-        for k in range(8):
-            q = ring[p, k]
-            if q < 0 or candidates[q, 1] < 0:
-                continue
-            apart2 = np.float32(0.0)
-            for axis in range(3):
-                apart2 += (points[p, axis] - points[q, axis]) ** 2
-            fold = max(crease(points, normals, p, q), np.float32(0.0))
-            reached = cost[p] + np.sqrt(apart2) * (np.float32(1.0) + CREASE_COST * fold)
-            if reached < cost[q]:
-                one, two = candidates[q, 0], candidates[q, 1]
-                to_one = geodesic_lower_bound(landmarks, skin[p], one)
-                nearer = to_one <= geodesic_lower_bound(landmarks, skin[p], two)
-                cost[q], skin[q] = reached, one if nearer else two
-                if not waiting[q]:
-                    queue[last] = q
-                    last = (last + 1) % (count + 1)
-                    waiting[q] = True
-    return skin
