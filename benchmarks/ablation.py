@@ -7,7 +7,7 @@ The recordings of accuracy.py, each tracked with the defaults, without one compo
 With --method parts every variant registers part by part, as in the paper. Matches matter more then: by default they
 only initialise the registration of the whole learnt body.
 
-The table has means over the seeds. Off: the longest time that any joint is more than 150 mm off, in the worst recording.
+The table has means over the seeds. Off: the longest time that a joint is more than 150 mm off, in the worst recording.
 """
 
 from __future__ import annotations

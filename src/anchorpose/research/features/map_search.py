@@ -17,8 +17,8 @@ def branch_and_bound(
     """The best map of few samples onto candidates, exactly, and others that differ from it.
 
     a (k, k), b (n, n) float32 distances; limit: stress, each pair counted once, that every map must stay below. Returns
-    maps (kept, k) int32 and costs (kept,) float64, inf = none, best first, and the number of branches visited (``steps``
-    if it gave up). Of maps whose places are all within ``same`` metres of each other only the better is kept.
+    maps (kept, k) int32 and costs (kept,) float64, inf = none, best first, and the number of branches visited, equal to
+    ``steps`` if it gave up. Of maps whose places are all within ``same`` metres only the better is kept.
     """
     depth, count = len(a), len(b)
     maps, costs = np.full((kept, depth), -1, np.int32), np.full(kept, np.inf)
