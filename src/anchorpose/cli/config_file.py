@@ -7,7 +7,7 @@ from collections.abc import Iterator, Set
 from dataclasses import fields, is_dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Any, Final, TypeVar, get_type_hints
 
 from anchorpose.errors import InputError
 from anchorpose.recording.document import read_json, read_text, validate
@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from anchorpose.pipeline import TrackConfig
 
 Config = TypeVar("Config")
+
+MOVED: Final = {"bystanders.followed": "follow.bystanders", "smoothing.lost_sigma_m": "follow.lost_sigma_m"}
+"""Settings of version 0.1.0 that now belong to another stage."""
 
 
 def load_track_config(path: Path | None) -> TrackConfig:
@@ -73,6 +76,8 @@ def _names_of(kind: Any, prefix: str = "") -> Iterator[str]:
 
 def _new_name(former: str, known: Set[str]) -> str | None:
     """The setting of the same stage in which the former place went into the name: a.b_c for a.x.b.c, for instance."""
+    if former in MOVED:
+        return MOVED[former]
     stage, *rest = former.split(".")
     ends = (f"{stage}.{'_'.join(rest[first:])}" for first in range(len(rest)))
     return next((name for name in ends if name in known), None)
