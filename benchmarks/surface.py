@@ -99,7 +99,7 @@ def moments(folder: Path, config: TrackConfig) -> Iterator[Moment]:
     route = plan_route(room, config, lambda: None)
     learnt = learn_on(route, run)
     shape = None if learnt is None else learnt.shape
-    height_m = float(np.ptp(shape.body(body_points().asset).vertices[:, 1])) if shape else 1.75
+    height_m = float(np.ptp(shape.mesh(body_points().asset).vertices[:, 1])) if shape else 1.75
     for positions in (route.backward[1:], route.forward):
         before: Observation | None = None
         for estimate in follow_patient(run, route.frames(positions), shape):

@@ -8,8 +8,8 @@ from body_builder import adult, asset, random_pose, turned_about_y, winding_numb
 from scipy.spatial import cKDTree
 
 from anchorpose.body.asset import joint_bones
-from anchorpose.body.initial import shape_of_height
-from anchorpose.body.kinematics import ShapedBody, shape_body
+from anchorpose.body.kinematics import BodyMesh, shape_body
+from anchorpose.body.learning import shape_of_height
 from anchorpose.camera import transform_points
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, LIMBS
 
@@ -18,7 +18,7 @@ REST = np.tile(np.eye(3), (len(asset().bone_names), 1, 1))
 MIRROR = np.array([1.0, 1.0, -1.0])
 
 
-def some_shape(seed: int) -> ShapedBody:
+def some_shape(seed: int) -> BodyMesh:
     return shape_body(asset(), np.random.default_rng(seed).normal(0.0, 1.0, asset().shape_count).clip(-2, 2))
 
 
@@ -128,12 +128,12 @@ def test_a_place_beside_the_body_is_not_inside():
 
 @pytest.mark.parametrize("height_m", [1.50, 1.72, 1.95])
 def test_the_shape_of_a_height_has_that_height(height_m):
-    body = shape_of_height(asset(), height_m).body(asset())
+    body = shape_of_height(asset(), height_m).mesh(asset())
     assert np.ptp(body.vertices[:, 1]) == pytest.approx(height_m, abs=0.002)
 
 
 def test_a_taller_adult_has_longer_legs_and_arms():
-    short, tall = (adult(height_m).body(asset()).rest_joints() for height_m in (1.55, 1.90))
+    short, tall = (adult(height_m).mesh(asset()).rest_joints() for height_m in (1.55, 1.90))
     for upper, lower in (("HipLeft", "KneeLeft"), ("KneeRight", "AnkleRight"), ("ShoulderLeft", "ElbowLeft")):
         pair = JOINT_INDEX[upper], JOINT_INDEX[lower]
         length = [float(np.linalg.norm(joints[pair[0]] - joints[pair[1]])) for joints in (short, tall)]

@@ -12,16 +12,14 @@ from anchorpose.body.fit import (
     HINGE_LIMIT_SIGMA,
     MAX_TURN,
     NormalEquations,
-    ShapeFrame,
-    learn_shape_step,
     limited,
     pose_equations,
     prior_equations,
     range_information,
     solve_damped,
 )
+from anchorpose.body.learning import ShapeBelief, ShapeFrame, learn_shape_step
 from anchorpose.body.pose import DEGREE, MOVING_BONES, POSE_SIZE, Pose, hinge_axes, joint_range
-from anchorpose.body.shape_belief import ShapeBelief
 from anchorpose.body.skin_points import FittedShape, build_body, pose_points
 
 BODY = adult_body()

@@ -8,8 +8,8 @@ from body_builder import adult, adult_body, asset, joint_errors_m, joints_of, po
 
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.initial import FirstPose, FirstShape, anchor_constraints, anchor_points, find_first_pose
+from anchorpose.body.learning import adult_belief
 from anchorpose.body.pose import Pose
-from anchorpose.body.shape_belief import adult_belief
 from anchorpose.body.skin_points import build_body, pose_points
 from anchorpose.geodesics.anchors import ANCHOR_NAMES, Anchors, no_anchors
 from anchorpose.joints import JOINT_INDEX
@@ -64,7 +64,7 @@ def test_a_body_of_another_height_is_found_with_a_shape_that_gives_way():
     own = build_body(points(), found.shape)
     errors = np.linalg.norm(joints_of(own, found.pose) - joints_of(BODY, STANDING), axis=1)
     assert errors.mean() < 0.03
-    height_m = float(np.ptp(found.shape.body(asset()).vertices[:, 1]))
+    height_m = float(np.ptp(found.shape.mesh(asset()).vertices[:, 1]))
     assert abs(height_m - 1.72) < 0.04  # half of what it was off
 
 

@@ -21,10 +21,8 @@ from body_builder import (
 
 from anchorpose.body.config import LearningConfig, RegistrationConfig
 from anchorpose.body.evidence import Evidence
-from anchorpose.body.initial import shape_of_height
-from anchorpose.body.learning import LearnedBody, bone_lengths, learn_body
+from anchorpose.body.learning import LearnedBody, ShapeBelief, adult_belief, bone_lengths, learn_body, shape_of_height
 from anchorpose.body.pose import Pose
-from anchorpose.body.shape_belief import ShapeBelief, adult_belief
 from anchorpose.body.skin_points import FittedShape, build_body
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 
@@ -44,14 +42,14 @@ def pictures_of(shape: FittedShape, poses: list[Pose]) -> list[Evidence]:
 
 def learnt(shape: FittedShape, poses: list[Pose]) -> LearnedBody:
     """From the adult of the same height, and poses that are a few centimetres off."""
-    height_m = float(np.ptp(shape.body(asset()).vertices[:, 1]))
+    height_m = float(np.ptp(shape.mesh(asset()).vertices[:, 1]))
     start = shape_of_height(asset(), height_m)
     rough = [shaken(pose, 40 + k, turn_deg=2.0, shift_m=0.015) for k, pose in enumerate(poses)]
     return learn_body(points(), start, rough, pictures_of(shape, poses), NOTHING, RegistrationConfig())
 
 
 def limb_lengths_m(shape: FittedShape) -> np.ndarray:
-    joints = shape.body(asset()).rest_joints()
+    joints = shape.mesh(asset()).rest_joints()
     start, end = np.array(LIMBS).T
     return np.linalg.norm(joints[start] - joints[end], axis=1)
 
@@ -73,10 +71,10 @@ def test_limbs_get_their_length_from_six_poses(naked):
 
 
 def test_trunk_and_neck_are_learnt_too(naked):
-    height_m = float(np.ptp(FittedShape(COEFFICIENTS, 0.0).body(asset()).vertices[:, 1]))
+    height_m = float(np.ptp(FittedShape(COEFFICIENTS, 0.0).mesh(asset()).vertices[:, 1]))
     truth, start = FittedShape(COEFFICIENTS, 0.0), shape_of_height(asset(), height_m)
     before, after = (
-        np.abs(shape.body(asset()).rest_joints() - truth.body(asset()).rest_joints()).max()
+        np.abs(shape.mesh(asset()).rest_joints() - truth.mesh(asset()).rest_joints()).max()
         for shape in (start, naked.belief.shape)
     )
     assert before > 0.015

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from body_builder import asset
 
-from anchorpose.body.learning import BONES, bone_lengths
-from anchorpose.body.shape_belief import MOST_DEVIATIONS, ShapeBelief, adult_belief, standing_height
+from anchorpose.body.learning import BONES, MOST_DEVIATIONS, ShapeBelief, adult_belief, bone_lengths, standing_height
 from anchorpose.body.skin_points import FittedShape
 from anchorpose.joints import JOINT_INDEX
 
@@ -21,7 +20,7 @@ def spread_m(belief: ShapeBelief) -> float:
 
 
 def lengths_m(shape: FittedShape) -> np.ndarray:
-    joints = shape.body(asset()).rest_joints()
+    joints = shape.mesh(asset()).rest_joints()
     return np.array([np.linalg.norm(joints[JOINT_INDEX[a]] - joints[JOINT_INDEX[b]]) for _, a, b in BONES])
 
 

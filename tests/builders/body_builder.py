@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from anchorpose.body.asset import BodyAsset, load_body_asset
 from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence, gather_evidence
-from anchorpose.body.initial import shape_of_height
+from anchorpose.body.learning import shape_of_height
 from anchorpose.body.pose import DEGREE, MOVING_BONES, POSE_SIZE, Pose, joint_range
 from anchorpose.body.skin_points import Body, FittedShape, SkinPoints, build_body, pose_points, skin_points
 from anchorpose.camera import Camera, Intrinsics, transform_points
@@ -135,7 +135,7 @@ def skin_in(pose: Pose, body: Body) -> np.ndarray:
 
 def dressed_in(pose: Pose, shape: FittedShape) -> np.ndarray:
     """(v, 3) skin in the world with clothes of even thickness on the covered parts."""
-    body = shape.body(asset())
+    body = shape.mesh(asset())
     covered = np.zeros(len(asset().bone_names))
     covered[points().part] = points().covered
     cover = covered[asset().main_bone()]

@@ -1,6 +1,8 @@
-"""Distances along the patient's body itself, whatever of it is seen."""
+"""Distances along the patient's skin, whether it is seen or not."""
 
 from __future__ import annotations
+
+from typing import Final
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -9,14 +11,14 @@ from scipy.sparse.csgraph import dijkstra
 from anchorpose.body.skin_points import Body
 from anchorpose.surface.surface import BodyMap
 
-LANDMARKS = 24  # one every 30 cm: two skin points of an adult are then told apart to within their sampling
+LANDMARKS: Final = 24  # one every 30 cm: enough to resolve the distances of an adult's skin points
 
 
 def map_body(body: Body) -> BodyMap:
     """The map of the body's sampled skin at rest.
 
-    Landmarks are spread over the skin, each as far as can be from those before; distances to them run along the edges
-    of the mesh, some 5 % too long.
+    Landmarks are spread over the skin, each as far as possible from those before; distances to them run along the edges
+    of the mesh and are some 5 % too long.
     """
     points, vertices = body.points, body.mesh.vertices
     faces = points.asset.faces
@@ -25,9 +27,9 @@ def map_body(body: Body) -> BodyMap:
     mesh = csr_array((length, edges.T), shape=(len(vertices), len(vertices)))
     skin = vertices[points.vertex]
     pairs, via = _second_neighbours(_neighbours(mesh, edges, points.vertex), skin)
-    way = np.where(via == pairs[:, 0], 0.0, np.linalg.norm(skin[via] - skin[pairs[:, 0]], axis=1))
-    way += np.linalg.norm(skin[via] - skin[pairs[:, 1]], axis=1)
-    straight = np.linalg.norm(skin[pairs[:, 0]] - skin[pairs[:, 1]], axis=1) / way
+    path_m = np.where(via == pairs[:, 0], 0.0, np.linalg.norm(skin[via] - skin[pairs[:, 0]], axis=1))
+    path_m += np.linalg.norm(skin[via] - skin[pairs[:, 1]], axis=1)
+    straight = np.linalg.norm(skin[pairs[:, 0]] - skin[pairs[:, 1]], axis=1) / path_m
     return BodyMap(
         landmarks_m=_landmark_distances(mesh, points.vertex, int(np.argmax(skin[:, 1]))),
         pairs=pairs.astype(np.int32),
@@ -59,9 +61,9 @@ def _neighbours(mesh: csr_array, edges: np.ndarray, vertex: np.ndarray) -> np.nd
 
 
 def _second_neighbours(direct: np.ndarray, skin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs (e, 2) of direct neighbours and of neighbours' neighbours, and the point (e,) that each leads over.
+    """Pairs (e, 2) of direct neighbours and of neighbours' neighbours, and the point (e,) that each pair passes.
 
-    Of several ways the shortest; of direct neighbours the first is its own ``via``.
+    Of several paths the shortest; direct neighbours pass the first of the two.
     """
     both = np.concatenate([direct, direct[:, ::-1]])
     both = both[np.argsort(both[:, 0], kind="stable")]
@@ -72,10 +74,10 @@ def _second_neighbours(direct: np.ndarray, skin: np.ndarray) -> tuple[np.ndarray
         one, two = (around[index] for index in np.triu_indices(len(around), 1))
         steps.append(np.stack([np.minimum(one, two), np.maximum(one, two), np.full(len(one), point)], axis=1))
     found = np.concatenate(steps)
-    way = np.linalg.norm(skin[found[:, 0]] - skin[found[:, 2]], axis=1)
-    way += np.linalg.norm(skin[found[:, 2]] - skin[found[:, 1]], axis=1)
-    way[: len(direct)] = 0.0  # a direct way goes before all others
-    order = np.lexsort((way, found[:, 1], found[:, 0]))
+    path_m = np.linalg.norm(skin[found[:, 0]] - skin[found[:, 2]], axis=1)
+    path_m += np.linalg.norm(skin[found[:, 2]] - skin[found[:, 1]], axis=1)
+    path_m[: len(direct)] = 0.0  # direct neighbours go before all others
+    order = np.lexsort((path_m, found[:, 1], found[:, 0]))
     found = found[order]
     first = np.ones(len(found), bool)
     first[1:] = (found[1:, :2] != found[:-1, :2]).any(axis=1)

@@ -1,7 +1,4 @@
-"""The parts of the body that clinicians name, as sets of skin points.
-
-How near other people's skin is to the patient's, in one frame.
-"""
+"""The parts of the body that clinicians name, as sets of skin points, and how near other people's skin is to them."""
 
 from __future__ import annotations
 
@@ -57,7 +54,7 @@ REGIONS: Final = tuple(REGION_BONES)
 
 @cache
 def region_of_points(points: SkinPoints) -> np.ndarray:
-    """(p,) index into ``REGIONS`` of every skin point; the knee is what of thigh and shank lies about its joint."""
+    """(p,) index into ``REGIONS`` of every skin point; the knee is the skin of thigh and shank around its joint."""
     asset = points.asset
     whole = {bone: k for k, (name, bones) in enumerate(REGION_BONES.items()) if not _is_knee(name) for bone in bones}
     of_bone = np.array([whole[name] for name in asset.bone_names])
@@ -82,16 +79,16 @@ def area_of_point(points: SkinPoints) -> float:
     return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2.0 / len(points.vertex))
 
 
-HAND_M = 0.2  # from the finger tips of a hidden hand to the wrist that is seen
+HAND_M: Final = 0.2  # from the finger tips of a hidden hand to the wrist that is seen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Nearness:
-    """Pairs of a skin point of the patient's and somebody else within ``HAND_M`` of it, sorted by person, then point.
+    """Pairs of a skin point of the patient and another person within ``HAND_M`` of it, sorted by person, then point.
 
     person (n,) uint8: pixel label; point (n,) int32: skin point; distance_m (n,) float32: to that person's nearest
-    skin; remembered (n,) bool: that skin is hidden now and was seen shortly before. shown (p,) bool: whether some
-    camera sees the patient's skin, for each of his skin points.
+    skin; remembered (n,) bool: that skin is hidden now and was seen shortly before. shown (p,) bool: skin points of the
+    patient that some camera sees.
     """
 
     person: np.ndarray

@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numba import njit
-from scipy.linalg import cho_factor, cho_solve
 from scipy.linalg.lapack import dposv
 
 from anchorpose.body.constraints import Constraints
 from anchorpose.body.pose import DEGREE, POSE_SIZE, JointRange, Pose, joint_range
 from anchorpose.body.pose_accumulation import accumulate_pose
-from anchorpose.body.shape_belief import ShapeBelief, possible_shape
 from anchorpose.body.skin_points import (
     Body,
-    FittedShape,
     PosedPoints,
     SkinPoints,
-    build_body,
     pose_jacobian,
     pose_points,
     shape_jacobian,
@@ -161,46 +156,3 @@ def damped_step(
     """The pose after one Gauss-Newton step."""
     equations = pose_equations(body, pose, pose_points(body, pose), rows, predicted, rows_per_observation)
     return pose.moved(limited(solve_damped(equations)), body.points.moving)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ShapeFrame:
-    """One frame that takes part in learning the shape: its pose so far and its constraints."""
-
-    pose: Pose
-    constraints: Constraints
-
-
-def learn_shape_step(
-    points: SkinPoints,
-    shape: FittedShape,
-    frames: Sequence[ShapeFrame],
-    known: ShapeBelief,
-    rows_per_observation: float,
-) -> tuple[ShapeBelief, list[Pose]]:
-    """One Gauss-Newton step on the shape that all frames share and on every frame's pose (Schur complement).
-
-    known: what is known without these frames. Returns what is known with them, linearised at ``shape``, and the poses.
-    """
-    body = build_body(points, shape)
-    count = len(shape.coefficients)
-    size = count + 1
-    schur, right = known.information.copy(), known.information @ known.deviation(shape)
-    eliminated = []
-    for frame in frames:
-        posed = pose_points(body, frame.pose)
-        equations = pose_equations(body, frame.pose, posed, frame.constraints, None, rows_per_observation, count)
-        h, g = equations.hessian, equations.gradient
-        factor = cho_factor(h[:POSE_SIZE, :POSE_SIZE] + 1e-3 * np.diag(np.diag(h)[:POSE_SIZE]))
-        cross = cho_solve(factor, h[:POSE_SIZE, POSE_SIZE:])
-        alone = cho_solve(factor, g[:POSE_SIZE])
-        schur += h[POSE_SIZE:, POSE_SIZE:] - h[POSE_SIZE:, :POSE_SIZE] @ cross
-        right += g[POSE_SIZE:] - h[POSE_SIZE:, :POSE_SIZE] @ alone
-        eliminated.append((cross, alone))
-    change = -np.linalg.solve(schur, right)
-    poses = [
-        frame.pose.moved(limited(-alone - cross @ change), points.moving)
-        for frame, (cross, alone) in zip(frames, eliminated, strict=True)
-    ]
-    learned = FittedShape(shape.coefficients + change[:count], shape.clothing_m + change[size - 1])
-    return ShapeBelief(possible_shape(learned), schur), poses

@@ -18,9 +18,9 @@ from anchorpose.body.asset import BodyAsset
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import Constraints, join, no_constraints, place_constraints, surface_constraints
 from anchorpose.body.evidence import Evidence, evidence_cost, evidence_rows, unexplained_node_cost
-from anchorpose.body.fit import ShapeFrame, damped_step, learn_shape_step, limited, pose_equations, solve_damped
+from anchorpose.body.fit import damped_step, limited, pose_equations, solve_damped
+from anchorpose.body.learning import ShapeBelief, ShapeFrame, learn_shape_step
 from anchorpose.body.pose import DEGREE, Pose
-from anchorpose.body.shape_belief import CLOTHING_MEAN_M, ShapeBelief
 from anchorpose.body.skin_points import Body, FittedShape, SkinPoints, body_points, build_body, pose_points
 from anchorpose.geodesics.anchors import Anchors, no_anchors
 from anchorpose.surface.surface import Surface
@@ -181,14 +181,6 @@ def anchor_constraints(points: SkinPoints, anchors: Anchors, sigma_m: float = _A
     """The anchors that were found hold the tips."""
     found = anchors.found
     return place_constraints(anchor_points(points)[found], anchors.position_m[found], sigma_m, 5.0 * sigma_m)
-
-
-def shape_of_height(asset: BodyAsset, height_m: float) -> FittedShape:
-    """The most likely adult of a height: along the coefficient that changes it, clothes of ordinary thickness."""
-    coefficients = np.zeros(asset.shape_count)
-    per_unit = np.ptp(asset.vertices[:, 1] + asset.vertex_basis[0, :, 1]) - np.ptp(asset.vertices[:, 1])
-    coefficients[0] = np.clip((height_m - np.ptp(asset.vertices[:, 1])) / per_unit, -2.5, 2.5)
-    return FittedShape(coefficients, CLOTHING_MEAN_M)
 
 
 def find_rough_pose(body: Body, evidence: Evidence, config: RegistrationConfig) -> Pose:

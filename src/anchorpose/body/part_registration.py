@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from anchorpose.body.asset import BodyAsset, joint_bones
-from anchorpose.body.kinematics import ShapedBody
+from anchorpose.body.kinematics import BodyMesh
 from anchorpose.body.nearest_skin import Oriented
 from anchorpose.camera import transform_points
 from anchorpose.errors import DegenerateGeometry
@@ -133,7 +133,7 @@ def _icp_step(skin: Oriented, surface: Surface, tree: cKDTree, T: np.ndarray) ->
     return step
 
 
-def joints_of_parts(asset: BodyAsset, body: ShapedBody, T_world_rest: np.ndarray) -> np.ndarray:
+def joints_of_parts(asset: BodyAsset, body: BodyMesh, T_world_rest: np.ndarray) -> np.ndarray:
     """The rule J: each joint is the node between two adjacent parts, the mean of where both put it. (21, 3) metres."""
     bones = joint_bones(asset)
     rest = body.rest_joints()

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from anchorpose.body.kinematics import turning
+from anchorpose.body.kinematics import joint_frames
 from anchorpose.body.skin_points import Body, PosedPoints
 
 
@@ -25,7 +25,7 @@ def accumulate_pose(
 ) -> tuple[np.ndarray, np.ndarray]:
     """``J^T W J`` (POSE_SIZE, POSE_SIZE) and ``J^T W r`` (POSE_SIZE,); arguments as in ``pose_jacobian``."""
     parents = body.points.asset.bone_parents
-    pivot, frame = turning(posed.transforms, body.mesh.bone_heads, parents, body.points.moving)
+    pivot, frame = joint_frames(posed.transforms, body.mesh.bone_heads, parents, body.points.moving)
     spread, pull = _by_point(len(body.rest_m), index, direction, residual_m, weight)
     pairs, forces = _by_bones(body.points.bones, body.points.influence, posed.transforms, body.rest_m, spread, pull)
     _down_the_skeleton(parents, pairs, forces)

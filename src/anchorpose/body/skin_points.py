@@ -1,28 +1,40 @@
-"""A sparse, even sample of the skin that registration works with, its positions and their derivatives."""
+"""A body of one shape as registration sees it: a sparse, even sample of the skin, its positions and derivatives."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Final
 
 import numpy as np
 
 from anchorpose.body.asset import BodyAsset, load_body_asset
-from anchorpose.body.kinematics import ShapedBody, joint_derivative, shape_body, skin, turning
+from anchorpose.body.kinematics import BodyMesh, joint_derivative, joint_frames, shape_body, skin
 from anchorpose.body.pose import MOVING_BONES, POSE_SIZE, Pose, descendants, moving_bones
 
-POINT_COUNT = 2400  # about 28 mm apart on an adult: half of the narrowest limb's width
-COVERED_BONES = ("Hips", "LowerBack", "Spine", "Spine1", "UpLeg", "Leg", "Arm", "ForeArm", "Shoulder", "HipJoint")
+POINT_COUNT: Final = 2400  # about 28 mm apart on an adult: half of the narrowest limb's width
+COVERED_BONES: Final = (
+    "Hips",
+    "LowerBack",
+    "Spine",
+    "Spine1",
+    "UpLeg",
+    "Leg",
+    "Arm",
+    "ForeArm",
+    "Shoulder",
+    "HipJoint",
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SkinPoints:
-    """What does not change while one asset is fitted.
+    """The skin points of an asset, whatever the shape.
 
-    vertex (p,) index into the asset's skin. weights (p, b) dense skinning weights; bones, influence (p, w) the same,
-    heaviest first, 0 where there is no more. part (p,) bone that moves the point
-    most. covered (p,) float64: 1 where clothes may lie on the skin. basis (k, p, 3), below (m, b): see ``descendants``.
-    moving (m,) bones.
+    vertex (p,): index into the asset's skin. weights (p, b): dense skinning weights; bones, influence (p, w): the same,
+    heaviest first, 0 where there are no more. part (p,): bone that moves the point most. covered (p,) float64: 1 where
+    clothes may lie on the skin. below (m, b): see ``descendants``. moving (m,): bones. faces_of (p, f): faces around
+    each point, padded by repeating the first.
     """
 
     asset: BodyAsset
@@ -34,7 +46,7 @@ class SkinPoints:
     covered: np.ndarray
     below: np.ndarray
     moving: np.ndarray
-    faces_of: np.ndarray  # (p, f) faces around each point, padded by repeating the first
+    faces_of: np.ndarray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,7 +56,7 @@ class FittedShape:
     coefficients: np.ndarray
     clothing_m: float
 
-    def body(self, asset: BodyAsset) -> ShapedBody:
+    def mesh(self, asset: BodyAsset) -> BodyMesh:
         """Skin and skeleton without clothes."""
         return shape_body(asset, self.coefficients)
 
@@ -58,7 +70,7 @@ class Body:
 
     points: SkinPoints
     shape: FittedShape
-    mesh: ShapedBody
+    mesh: BodyMesh
     rest_m: np.ndarray
     rest_normals: np.ndarray
 
@@ -89,8 +101,8 @@ def skin_points(asset: BodyAsset) -> SkinPoints:
     np.add.at(weights, (rows, asset.skin_bones[vertex]), asset.skin_weights[vertex])
     part = weights.argmax(axis=1)
     bones = np.argsort(-weights, axis=1, kind="stable")[:, : (weights > 0.0).sum(axis=1).max()]
-    covered = np.array([asset.bone_names[bone].removeprefix("Left").removeprefix("Right").endswith(COVERED_BONES)
-                        and "Hand" not in asset.bone_names[bone] for bone in part])  # fmt: skip
+    names = [asset.bone_names[bone] for bone in part]
+    covered = np.array([name.endswith(COVERED_BONES) and "Hand" not in name for name in names])
     return SkinPoints(
         asset=asset,
         vertex=vertex,
@@ -111,7 +123,7 @@ def body_points() -> SkinPoints:
 
 
 def _outer_vertices(asset: BodyAsset) -> np.ndarray:
-    """Vertices of the mesh's largest connected piece: the skin without eyes, teeth and tongue."""
+    """Vertices of the mesh's largest connected component: the skin without eyes, teeth and tongue."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
@@ -146,7 +158,7 @@ def _faces_around(asset: BodyAsset, vertex: np.ndarray) -> np.ndarray:
 
 def build_body(points: SkinPoints, shape: FittedShape) -> Body:
     """The body of a shape, with its skin points and their normals in the rest pose."""
-    mesh = shape.body(points.asset)
+    mesh = shape.mesh(points.asset)
     corners = mesh.vertices[points.asset.faces[points.faces_of]]  # (p, f, 3, 3)
     normals = np.cross(corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0]).sum(axis=1)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -173,7 +185,7 @@ def pose_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction: 
     placed = np.einsum("bij,nj->nbi", transforms[:, :3, :3], body.rest_m[used]) + transforms[:, :3, 3]
     carried = body.points.below @ (weights[..., None] * placed)  # (n, m, 3): sum over the bones below of weight x place
     share = weights @ body.points.below.T
-    pivot, frame = turning(transforms, body.mesh.bone_heads, body.points.asset.bone_parents, body.points.moving)
+    pivot, frame = joint_frames(transforms, body.mesh.bone_heads, body.points.asset.bone_parents, body.points.moving)
     lever = carried - share[..., None] * pivot
     torque = np.cross(lever[back], direction[:, None, :])  # d(point . direction) = turn . (lever x direction)
     jacobian = np.empty((len(index), POSE_SIZE))
@@ -204,5 +216,5 @@ def shape_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction:
 
 def joint_jacobian(body: Body, transforms: np.ndarray, bones: np.ndarray, joints_m: np.ndarray) -> np.ndarray:
     """Derivative (n, 3, POSE_SIZE) by the pose of points joints_m (n, 3) in the world, each fixed to a bone (n,)."""
-    pivot, frame = turning(transforms, body.mesh.bone_heads, body.points.asset.bone_parents, body.points.moving)
+    pivot, frame = joint_frames(transforms, body.mesh.bone_heads, body.points.asset.bone_parents, body.points.moving)
     return joint_derivative(pivot, frame, body.points.below, bones, joints_m)

@@ -155,7 +155,7 @@ def _posed_skin(shape: FittedShape, poses: PoseTable, row: int) -> np.ndarray | 
     if not np.isfinite(poses.head_m[row]).all():
         return None
     asset = body_points().asset
-    body, pose = shape.body(asset), pose_of(asset, poses.head_m[row], poses.quaternion[row])
+    body, pose = shape.mesh(asset), pose_of(asset, poses.head_m[row], poses.quaternion[row])
     return body.skin(body.bone_transforms(pose.rotations, pose.root_m))
 
 

@@ -203,7 +203,7 @@ def draw_registration(one: InspectedCamera) -> np.ndarray | None:
     if estimate is None or estimate.belief is None or estimate.shape is None:
         return None
     asset = body_points().asset
-    body = estimate.shape.body(asset)
+    body = estimate.shape.mesh(asset)
     pose = estimate.belief.pose
     view = estimate.observation.evidence.views[one.number] if estimate.observation else None
     return draw_scene(

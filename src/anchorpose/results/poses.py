@@ -60,7 +60,7 @@ POSES_FILE, read_poses, write_poses = POSES.file, POSES.read, POSES.open
 
 
 def pose_of(asset: BodyAsset, head_m: np.ndarray, quaternion: np.ndarray) -> Pose:
-    """The body's pose in one frame of the table; ``ShapedBody.bone_transforms`` gives the place of every bone.
+    """The body's pose in one frame of the table; ``BodyMesh.bone_transforms`` gives the place of every bone.
 
     head_m (21, 3), quaternion (21, 4) of a frame in which the patient is not lost. Bones that do not move keep their
     rest pose. Raises ValueError for a lost frame.

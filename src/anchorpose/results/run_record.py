@@ -15,8 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from anchorpose.body.asset import BodyAsset
-from anchorpose.body.learning import bone_lengths
-from anchorpose.body.shape_belief import ShapeBelief, standing_height
+from anchorpose.body.learning import ShapeBelief, bone_lengths, standing_height
 from anchorpose.errors import InputError
 from anchorpose.recording.document import read_json
 from anchorpose.recording.recording import Clock

@@ -9,7 +9,7 @@ import numba as nb
 import numpy as np
 
 from anchorpose.body.asset import BodyAsset, load_body_asset
-from anchorpose.body.kinematics import ShapedBody, shape_body
+from anchorpose.body.kinematics import BodyMesh, shape_body
 from anchorpose.rotations import unit
 
 SHORTEST_M, TALLEST_M = 1.5, 1.9
@@ -39,7 +39,7 @@ class Clothes:
 class Person:
     """A shaped body with the arrays its fast skinning needs, and what it wears."""
 
-    body: ShapedBody
+    body: BodyMesh
     coefficients: np.ndarray  # (k,)
     height_m: float
     clothes: Clothes
@@ -78,7 +78,7 @@ def draw_person(rng: np.random.Generator, clothing_m: float, height_m: float | N
     normals = vertex_normals(plain.vertices, asset.faces)
     bumpy = plain.vertices + normals * _bumps_m(rng, asset, plain.vertices)[:, None]
     drop = np.array([0.0, bumpy[:, 1].min(), 0.0])
-    body = ShapedBody(asset, bumpy - drop, plain.bone_heads - drop, plain.bone_tails - drop)
+    body = BodyMesh(asset, bumpy - drop, plain.bone_heads - drop, plain.bone_tails - drop)
     return Person(body, coefficients, height_m, _draw_clothes(rng, asset, clothing_m), normals)
 
 

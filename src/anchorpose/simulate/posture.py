@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from anchorpose.body.kinematics import ShapedBody
+from anchorpose.body.kinematics import BodyMesh
 from anchorpose.rotations import (
     FORWARD,
     RIGHT,
@@ -67,7 +67,7 @@ class _Limb:
     rest_bend: float
 
 
-def _limb(body: ShapedBody, names: tuple[str, str, str]) -> _Limb:
+def _limb(body: BodyMesh, names: tuple[str, str, str]) -> _Limb:
     start, middle, end = (body.bone_heads[body.asset.bone(name)] for name in names)
     first, second = unit(middle - start), unit(end - middle)
     return _Limb(
@@ -79,12 +79,12 @@ def _limb(body: ShapedBody, names: tuple[str, str, str]) -> _Limb:
     )
 
 
-def pose_bones(body: ShapedBody, posture: Posture) -> np.ndarray:
+def pose_bones(body: BodyMesh, posture: Posture) -> np.ndarray:
     """(t, b, 4, 4) float64 T_world_rest of every bone."""
     return _Poser(body, len(posture.pelvis_m)).run(posture)
 
 
-def palm_normal(body: ShapedBody, side: int) -> np.ndarray:
+def palm_normal(body: BodyMesh, side: int) -> np.ndarray:
     """(3,) out of the palm in the rest pose."""
     name = SIDES[side]
     fingers = body.bone_tails[body.asset.bone(f"{name}FingerBase")] - body.bone_heads[body.asset.bone(f"{name}Hand")]
@@ -93,7 +93,7 @@ def palm_normal(body: ShapedBody, side: int) -> np.ndarray:
     return normal * np.sign(normal @ np.array([0.0, -1.0, -OUTWARD[side]]))
 
 
-def finger_direction(body: ShapedBody, side: int) -> np.ndarray:
+def finger_direction(body: BodyMesh, side: int) -> np.ndarray:
     """(3,) from the wrist to the fingers in the rest pose."""
     name = SIDES[side]
     return unit(body.bone_tails[body.asset.bone(f"{name}FingerBase")] - body.bone_heads[body.asset.bone(f"{name}Hand")])
@@ -102,7 +102,7 @@ def finger_direction(body: ShapedBody, side: int) -> np.ndarray:
 class _Poser:
     """Walks the skeleton from the pelvis outwards, for all times at once."""
 
-    def __init__(self, body: ShapedBody, times: int) -> None:
+    def __init__(self, body: BodyMesh, times: int) -> None:
         self.body = body
         self.turn = np.tile(np.eye(3), (times, len(body.bone_heads), 1, 1))
         self.place = np.zeros((times, len(body.bone_heads), 3))

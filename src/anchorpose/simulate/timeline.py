@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from anchorpose.body.kinematics import ShapedBody
+from anchorpose.body.kinematics import BodyMesh
 from anchorpose.rotations import UP, turns, turns_about
 from anchorpose.simulate.posture import OUTWARD, Posture
 
@@ -179,18 +179,18 @@ class HandGoals:
         return HandGoals(np.zeros((times, 2, 3)), np.tile(np.eye(3), (times, 2, 1, 1)))
 
 
-def standing_pelvis_m(body: ShapedBody) -> float:
+def standing_pelvis_m(body: BodyMesh) -> float:
     """Height of the pelvis's centre above the floor in the rest pose."""
     return float(body.bone_heads[body.asset.bone("Hips"), 1])
 
 
-def ball_ahead_m(body: ShapedBody) -> float:
+def ball_ahead_m(body: BodyMesh) -> float:
     """How far the balls of the feet are ahead of the pelvis in upright standing."""
     return float(body.bone_heads[body.asset.bone("LeftToeBase"), 0] - body.bone_heads[body.asset.bone("Hips"), 0])
 
 
 def posture_from(
-    body: ShapedBody, channels: np.ndarray, footwork: Footwork, times_s: np.ndarray, goals: HandGoals
+    body: BodyMesh, channels: np.ndarray, footwork: Footwork, times_s: np.ndarray, goals: HandGoals
 ) -> Posture:
     """The posture at ``times_s`` (t,) for channels (c, t)."""
     feet = foot_track(footwork, times_s)
@@ -222,9 +222,7 @@ def posture_from(
     )
 
 
-def _pelvis(
-    body: ShapedBody, channels: np.ndarray, place: np.ndarray, yaw: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _pelvis(body: BodyMesh, channels: np.ndarray, place: np.ndarray, yaw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pelvis (t, 3) and its turn from rest (t, 3, 3) of a body at places (t, 2) that faces yaw (t,)."""
 
     def channel(name: str) -> np.ndarray:

@@ -16,7 +16,8 @@ from numba import njit
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence
-from anchorpose.body.initial import find_rough_pose, shape_of_height
+from anchorpose.body.initial import find_rough_pose
+from anchorpose.body.learning import shape_of_height
 from anchorpose.body.pose import DEGREE, POSE_SIZE, Pose
 from anchorpose.body.registration import Pace, PoseBelief, posterior, register, vague_belief
 from anchorpose.body.skin_points import Body, SkinPoints, build_body, pose_points

@@ -6,8 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from anchorpose.body.learning import bone_lengths, learn_body
-from anchorpose.body.shape_belief import ShapeBelief
+from anchorpose.body.learning import ShapeBelief, bone_lengths, learn_body
 from anchorpose.body.skin_points import FittedShape, body_points
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.estimate import Estimate

@@ -11,7 +11,8 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.body.initial import FirstShape, find_first_pose, shape_of_height
+from anchorpose.body.initial import FirstShape, find_first_pose
+from anchorpose.body.learning import shape_of_height
 from anchorpose.body.skin_points import body_points
 from anchorpose.calibration.calibration import Calibration, PoseRecord, PoseSource
 from anchorpose.calibration.clocks import Clocks, settle_clocks

@@ -8,9 +8,9 @@ from enum import StrEnum
 
 import numpy as np
 
-from anchorpose.body.initial import FirstShape, find_first_pose, shape_of_height
+from anchorpose.body.initial import FirstShape, find_first_pose
+from anchorpose.body.learning import ShapeBelief, adult_belief, shape_of_height
 from anchorpose.body.registration import PoseBelief, posterior, vague_belief
-from anchorpose.body.shape_belief import ShapeBelief, adult_belief
 from anchorpose.body.skin_points import FittedShape, body_points, build_body
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.recording.recording import FrameSet, Recording

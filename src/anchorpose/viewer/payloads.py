@@ -159,7 +159,7 @@ def body_skin(run: dict[str, Any]) -> dict[str, np.ndarray] | None:
 
     vertices (v, 3) and normals (v, 3) float32 at rest, faces (f, 3) uint32, bones (v, 4) uint8 rows of
     ``MOVING_BONES``, weights (v, 4) float32, heads (21, 3) float32: the centres of rotation at rest. Posed:
-    ``sum of weight * (turn (vertex - head) + head in the world)``, linear blend skinning as in ``ShapedBody.skin``.
+    ``sum of weight * (turn (vertex - head) + head in the world)``, linear blend skinning as in ``BodyMesh.skin``.
     """
     learnt = run.get("body")
     if learnt is None:
