@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
+from anchorpose.association.matcher import Matcher
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.room import Room
 from anchorpose.tracking.motion_database import MotionDatabase
-
-if TYPE_CHECKING:
-    from anchorpose.tracker.association import Associate
 
 
 class Stopwatch:
@@ -37,14 +34,14 @@ class Run:
     """What every frame of a run is tracked with.
 
     motions: reference movements, None where the prediction needs none. associate: how the nodes of a frame are matched
-    in the next; None: ``tracker.association.link``.
+    in the next (``tracker.association.Associate``); None: ``tracker.association.link``.
     """
 
     room: Room
     config: TrackConfig
     motions: MotionDatabase | None = None
     stopwatch: Stopwatch = field(default_factory=Stopwatch)
-    associate: Associate | None = None
+    associate: Callable[..., Matcher] | None = None
 
     def stage(self, name: str) -> AbstractContextManager[None]:
         """Time what runs inside as a part of the stage of this name."""
