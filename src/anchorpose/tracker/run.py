@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 
-from anchorpose.association.matcher import Matcher
+from anchorpose.association.hypotheses import Matcher
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.room import Room
 from anchorpose.tracking.motion_database import MotionDatabase
