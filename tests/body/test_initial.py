@@ -51,7 +51,7 @@ def test_a_body_is_found_without_any_anchor(truth):
 
 
 def test_an_anchor_of_the_wrong_limb_misleads_nobody():
-    """A hole in the trunk can make the left hand of the head: held by it, every start ends far away."""
+    """A hole in the trunk can make the left hand of the head: constrained by it, every start ends far away."""
     wrong = tips_of(STANDING)
     wrong.position_m[1] = wrong.position_m[0]
     wrong.node[0], wrong.position_m[0] = -1, np.nan

@@ -32,7 +32,7 @@ LIMBS = [
     for start, end in (("Shoulder", "Elbow"), ("Elbow", "Wrist"), ("Hip", "Knee"), ("Knee", "Ankle"))
     for side in ("Left", "Right")
 ]
-NOTHING = adult_belief(asset())  # is known but that he is an adult
+NOTHING = adult_belief(asset())  # is known but that the patient is an adult
 COEFFICIENTS = np.random.default_rng(3).normal(0.0, 0.7, 16).clip(-1.5, 1.5)
 
 
@@ -90,7 +90,7 @@ def test_joints_of_the_learnt_poses_are_those_of_the_body_that_was_seen(naked):
         assert errors.max() < 0.02, JOINT_NAMES[errors.argmax()]
 
 
-def test_clothes_are_told_from_flesh(naked, dressed):
+def test_clothes_are_distinguished_from_flesh(naked, dressed):
     assert dressed.belief.shape.clothing_m > 0.003
     assert dressed.belief.shape.clothing_m - naked.belief.shape.clothing_m > 0.003
     assert abs(naked.belief.shape.clothing_m) < 0.003
@@ -149,7 +149,7 @@ def windows() -> tuple[ShapeBelief, ShapeBelief]:
     return after[0], after[1]
 
 
-def test_what_was_hidden_is_unsure_and_settles_when_it_is_seen(windows):
+def test_what_was_hidden_is_uncertain_and_settles_when_it_is_seen(windows):
     truth = limb_lengths_m(FittedShape(COEFFICIENTS, 0.0))
     before, after = (np.abs(limb_lengths_m(belief.shape) - truth)[SHANKS] for belief in windows)
     sigma = [np.array([bone.sigma_m for bone in bone_lengths(asset(), belief)])[SHANKS] for belief in windows]
@@ -158,13 +158,13 @@ def test_what_was_hidden_is_unsure_and_settles_when_it_is_seen(windows):
     assert after.max() < min(0.010, before.max())
 
 
-def test_more_frames_never_make_the_shape_less_sure(windows):
+def test_more_frames_never_make_the_shape_less_certain(windows):
     first, second = windows
     assert np.linalg.eigvalsh(second.information - first.information).min() > -1e-6
 
 
 def test_frames_hardly_change_what_is_well_known():
-    """Where three frames of somebody a hand taller come after much that was seen of the patient, he stays himself."""
+    """Frames of a person a hand taller hardly change a shape of which much was seen before."""
     stranger = np.array(COEFFICIENTS)
     stranger[0] += 0.5
     body = build_body(points(), FittedShape(stranger, 0.0))

@@ -1,4 +1,4 @@
-"""Registration of the whole body: known poses are found again, doubt grows unseen, strangers are refused."""
+"""Registration of the body: known poses are recovered, uncertainty grows while unseen, other bodies are refused."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def sigmas(belief: PoseBelief) -> np.ndarray:
 
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("cameras", [(FRONT,), (FRONT, LEFT)], ids=["one camera", "two cameras"])
-def test_a_pose_is_found_again_from_two_degrees_a_bone_and_two_centimetres_away(seed, cameras):
+def test_a_pose_is_found_again_from_two_degrees_per_bone_and_two_centimetres_away(seed, cameras):
     truth = random_pose(seed, 0.3)
     evidence = seen_body(truth, BODY, cameras)
     start = shaken(truth, seed + 100, turn_deg=2.0, shift_m=0.015)
@@ -173,14 +173,14 @@ def test_a_body_across_the_room_is_not_found():
     assert found.belief is far
 
 
-def test_seeing_makes_surer():
+def test_seeing_makes_more_certain():
     truth = random_pose(10, 0.3)
     belief = vague_belief(shaken(truth, 11, 2.0, 0.01))
     found = registered(belief, seen_body(truth, BODY))
     assert (sigmas(found.belief) < 0.5 * sigmas(belief)).all()
 
 
-def test_a_forearm_that_is_not_seen_is_less_sure_than_the_one_that_is():
+def test_a_forearm_that_is_not_seen_is_less_certain_than_the_one_that_is():
     truth = random_pose(12, 0.2)
     belief = predicted(shaken(truth, 13, 1.0, 0.01), 10.0, 0.05)
     hidden = hide_bones("LeftArm", "LeftForeArm", "LeftHand", "LThumb", "LeftFingerBase", "LeftHandFinger1")
@@ -201,7 +201,7 @@ def test_an_arm_that_is_not_seen_stays_near_its_prediction_and_within_its_sigma(
     assert (errors < 3.0 * np.sqrt(3.0) * sigmas(found)[ARM_LEFT]).all()
 
 
-def test_a_limb_out_of_sight_grows_less_sure_from_frame_to_frame_and_sure_again_when_it_is_back():
+def test_a_limb_out_of_sight_becomes_less_certain_from_frame_to_frame_and_certain_again_when_it_is_back():
     truth = random_pose(14, 0.2)
     hidden = seen_body(truth, BODY, change=hide_bones("RightForeArm", "RightHand", "RThumb", "RightFingerBase"))
     open_view = seen_body(truth, BODY)
@@ -215,7 +215,7 @@ def test_a_limb_out_of_sight_grows_less_sure_from_frame_to_frame_and_sure_again_
     assert course[-1] == pytest.approx(course[0], rel=0.2)
 
 
-def test_without_evidence_a_belief_only_grows_less_sure():
+def test_without_evidence_a_belief_only_becomes_less_certain():
     belief = registered(vague_belief(random_pose(15)), seen_body(random_pose(15), BODY)).belief
     course = [sigmas(belief)]
     for _ in range(10):

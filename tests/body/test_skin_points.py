@@ -1,4 +1,4 @@
-"""The sampled skin: where it lies, how it moves with pose and shape, and the two ways to its normal equations."""
+"""The sampled skin: where it lies, how it moves with pose and shape, both implementations of its equations."""
 
 from __future__ import annotations
 

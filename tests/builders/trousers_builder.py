@@ -1,4 +1,4 @@
-"""Two touching legs with a known map: what a depth picture joins and the body does not."""
+"""Two touching legs with a known map: a depth image joins them, the body does not."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ HEIGHTS = np.linspace(BOTTOM_M, TOP_M, 26)
 
 
 def legs_depth() -> np.ndarray:
-    """(height, width) depth of two upright half pipes side by side, their crease in the middle of the picture."""
+    """(height, width) depth of two upright half pipes side by side, their crease in the middle of the image."""
     rays = CAMERA.pixel_rays()
     x, up = rays[..., 0] * AWAY_M, -rays[..., 1] * AWAY_M
     across = np.abs(x) - RADIUS_M

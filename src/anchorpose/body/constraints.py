@@ -1,4 +1,4 @@
-"""What the depth says about the body: where points of its skin should lie, along which direction, how precisely."""
+"""Constraints that depth puts on the body: where points of its skin lie, along which direction, how precisely."""
 
 from __future__ import annotations
 

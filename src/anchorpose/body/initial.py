@@ -1,7 +1,7 @@
 """The first pose and a first guess of the shape, from the anchors and the surface; nobody clicks anything.
 
-``find_first_pose`` is for the patient, whose shape is learnt along; ``find_rough_pose`` for people of whom nothing is
-known: any heading, standing, bent or squatting, on a body of given shape.
+``find_first_pose`` is for the patient, whose shape is estimated with it; ``find_rough_pose`` is for people of whom
+nothing is known: any heading, standing, bent or squatting, on a body of given shape.
 """
 
 from __future__ import annotations

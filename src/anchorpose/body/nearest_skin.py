@@ -111,7 +111,7 @@ def nearest_point(points: np.ndarray, nodes: np.ndarray, reach: float) -> np.nda
 
 @njit(cache=True)
 def _facing(skin: Oriented, eye: np.ndarray) -> np.ndarray:
-    """Rows of the points whose outside the eye can see."""
+    """Rows of the points whose outer side faces the eye."""
     facing, count = np.empty(len(skin.places_m), np.int64), 0
     for p in range(len(skin.places_m)):
         towards = 0.0
