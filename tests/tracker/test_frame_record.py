@@ -175,5 +175,5 @@ def test_stored_pictures_that_are_none_or_stand_twice_are_refused(tmp_path):
     with pytest.raises(InputError, match="its columns are not frame, camera, labels"):
         StoredPeople(tmp_path / "other.parquet")
     (tmp_path / "none.parquet").write_bytes(b"PAR1")
-    with pytest.raises(InputError, match="no parquet"):
+    with pytest.raises(InputError, match="not a parquet"):
         StoredPeople(tmp_path / "none.parquet")
