@@ -4,13 +4,31 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator
-from typing import Any
+from pathlib import Path
+from typing import Any, Final
 
 import pytest
 from hypothesis import settings
 
 settings.register_profile("same everywhere", derandomize=True, deadline=None)
 settings.load_profile("same everywhere")
+
+
+COMPILES_MOST: Final = ("test_pipeline.py",)
+COMPILE_LITTLE: Final = ("report", "exports", "cli", "recording", "viewer", "test_docs.py", "test_structure.py")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """One worker compiles the kernels of tracking first, while the others run what needs few of them.
+
+    Otherwise every worker compiles them all, since a kernel is in the cache only once it has been compiled.
+    """
+
+    def turn(item: pytest.Item) -> int:
+        place = item.path.relative_to(Path(__file__).parent).parts[0]
+        return 0 if place in COMPILES_MOST else 1 if place in COMPILE_LITTLE else 2
+
+    items.sort(key=turn)
 
 
 @pytest.fixture(scope="session")

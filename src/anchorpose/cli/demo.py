@@ -31,11 +31,13 @@ def demo(out: Path = Path("anchorpose-demo"), /, *, quick: bool = False) -> None
     from anchorpose.results.folder import whole_or_nothing
     from anchorpose.simulate.config import SimulationConfig
     from anchorpose.simulate.write import simulate_recording
+    from anchorpose.tracker.warm_up import start_warm_up
 
     if out.is_symlink() or (out.exists() and (not out.is_dir() or any(out.iterdir()))):
         raise InputError(out, "exists already", "choose another name or remove it first")
     seconds = QUICK_SECONDS if quick else DEMO_SECONDS
     scene = SimulationConfig(seed=DEMO_SEED, seconds=seconds, fps=DEMO_FPS, cameras=1, therapists=1, speed="slow")
+    start_warm_up()  # on another core, while this process simulates
     with whole_or_nothing(out) as folder:
         simulated, results = folder / "simulated", folder / "results"
         print(f"1. Simulating {scene.frames} frames of a patient in a standing frame, one camera, one therapist.")

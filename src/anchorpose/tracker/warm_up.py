@@ -1,0 +1,85 @@
+"""Compile the kernels of prediction and registration before they are needed, in a second process."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from typing import Final
+
+import numpy as np
+
+from anchorpose.body.config import RegistrationConfig, UncertaintyConfig, VisibilityConfig
+from anchorpose.body.constraints import no_constraints
+from anchorpose.body.evidence import Evidence, gather_evidence
+from anchorpose.body.learning import adult_belief, learn_body, shape_of_height
+from anchorpose.body.pose import Pose
+from anchorpose.body.registration import Registration, register, vague_belief
+from anchorpose.body.skin_points import PosedPoints, body_points, build_body, pose_points
+from anchorpose.body.uncertainty import joint_sigma, skin_sigma
+from anchorpose.body.visibility import joint_states
+from anchorpose.camera import Camera, Intrinsics
+from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.surface.surface import Surface
+from anchorpose.tracking.motion import MotionConfig, predict_joints
+from anchorpose.tracking.motion_file import SHIPPED, load_motions
+
+RATE_HZ: Final = 15.0
+CAMERA: Final = Camera(
+    name="front",
+    width=512,
+    height=424,
+    depth_scale=0.001,
+    intrinsics=Intrinsics(fx=365.0, fy=365.0, cx=256.0, cy=212.0),
+    T_world_camera=np.array([[0.0, 0.0, -1.0, 2.4], [0.0, -1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0, 0, 0, 1.0]]),
+)
+
+
+def start_warm_up() -> subprocess.Popen[bytes]:
+    """The second process; it ends by itself, and its result is the cache of compiled kernels."""
+    run = f"from {__name__} import warm_up; warm_up()"
+    return subprocess.Popen([sys.executable, "-c", run], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+def warm_up() -> Registration:
+    """Predict a body that stands still, and fit it to its own skin as a camera in front of it would see it."""
+    points = body_points()
+    body = build_body(points, shape_of_height(points.asset, 1.70))
+    pose = Pose(np.tile(np.eye(3), (len(points.asset.bone_names), 1, 1)), np.zeros(3))
+    posed = pose_points(body, pose)
+    evidence = _own_skin(posed)
+    found = register(body, vague_belief(pose), evidence, no_constraints(), RegistrationConfig())
+    covariance = found.belief.covariance
+    joint_sigma(body, posed, covariance, UncertaintyConfig())
+    skin_sigma(body, posed, covariance, UncertaintyConfig())
+    joint_states(points, posed, evidence.views, evidence.cameras, VisibilityConfig())
+    motions = load_motions(SHIPPED, RATE_HZ, MotionConfig())
+    still = np.repeat(body.joints(pose)[None], MotionConfig().history, axis=0)
+    predict_joints(still, 3, motions, MotionConfig())
+    learn_body(points, body.shape, [pose], [evidence], adult_belief(points.asset), RegistrationConfig())
+    return found
+
+
+def _own_skin(posed: PosedPoints) -> Evidence:
+    """The skin points that face the camera as nodes without edges, and the pixels they fall on."""
+    facing = ((CAMERA.position_m - posed.points_m) * posed.normals).sum(axis=1) > 0.0
+    seen = posed.points_m[facing]
+    T_camera_world = np.linalg.inv(CAMERA.require_pose())
+    in_camera = seen @ T_camera_world[:3, :3].T + T_camera_world[:3, 3]
+    pixel = np.rint(CAMERA.project(in_camera)).astype(np.int16)
+    depth = np.full((CAMERA.height, CAMERA.width), 4.0, np.float32)
+    labels = np.full(depth.shape, PixelLabel.BACKGROUND, np.uint8)
+    depth[pixel[:, 1], pixel[:, 0]] = in_camera[:, 2]
+    labels[pixel[:, 1], pixel[:, 0]] = PixelLabel.PATIENT
+    count = len(seen)
+    surface = Surface(
+        points_m=seen.astype(np.float32),
+        normals=posed.normals[facing].astype(np.float32),
+        ring=np.full((count, 8), -1, np.int32),
+        link_start=np.zeros(count + 1, np.int32),
+        link_node=np.zeros(0, np.int32),
+        link_length_m=np.zeros(0, np.float32),
+        camera=np.zeros(count, np.uint8),
+        pixel=pixel,
+        skin=np.full(count, -1, np.int32),
+    )
+    return gather_evidence(surface, (View(depth, labels),), (CAMERA,))
