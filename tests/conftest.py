@@ -16,6 +16,7 @@ settings.load_profile("same everywhere")
 
 COMPILES_MOST: Final = ("test_pipeline.py",)
 COMPILE_LITTLE: Final = ("report", "exports", "cli", "recording", "viewer", "test_docs.py", "test_structure.py")
+LONG: Final = ("research", "tracker", "test_real_recordings.py")  # not at the end, where other workers would wait
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -26,7 +27,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
     def turn(item: pytest.Item) -> int:
         place = item.path.relative_to(Path(__file__).parent).parts[0]
-        return 0 if place in COMPILES_MOST else 1 if place in COMPILE_LITTLE else 2
+        return next((k for k, group in enumerate((COMPILES_MOST, COMPILE_LITTLE, LONG)) if place in group), 3)
 
     items.sort(key=turn)
 
