@@ -35,7 +35,10 @@ CAMERA: Final = Camera(
 
 
 def start_warm_up() -> subprocess.Popen[bytes]:
-    """The second process; it ends by itself, and its result is the cache of compiled kernels."""
+    """The second process. It ends by itself; its result is the cache of compiled kernels.
+
+    Where it fails, nothing is lost but time: the first process then compiles the same kernels itself.
+    """
     run = f"from {__name__} import warm_up; warm_up()"
     return subprocess.Popen([sys.executable, "-c", run], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
