@@ -12,7 +12,9 @@ from scipy.spatial.transform import Rotation
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, JointState
 from anchorpose.results.evaluate import evaluate
-from anchorpose.results.evaluation_file import write_evaluation
+from anchorpose.results.evaluate_confidence import LIMBS_JUDGED
+from anchorpose.results.evaluation_file import confidence_sentences, write_evaluation
+from anchorpose.results.truth import read_truth
 
 
 def _write_truth(path, position_m, time_s, **more):
@@ -157,7 +159,119 @@ def test_nothing_far_off_is_said_so(tmp_path):
     assert (off.joint, off.start_s, off.seconds) == (None, None, 0.0)
 
 
+def test_a_confident_error_is_far_off_and_outside_four_sigma_on_an_axis(tmp_path):
+    """Of 21 joints in two frames: a hand 120 mm off along X at 20 mm, the same at 40 mm (within 4 sigma), a foot
+    120 mm off in space but 70 mm on each axis at 20 mm (within), one 90 mm off at 20 mm, and a lost head."""
+    joints, sigma_m = standing_joints(), 0.02
+    joints[JOINT_INDEX["HandLeft"]] += (0.12, 0, 0)
+    joints[JOINT_INDEX["FootLeft"]] += (0.07, 0.07, 0.07)
+    joints[JOINT_INDEX["FootRight"]] += (0.0, 0.09, 0.0)
+    joints[JOINT_INDEX["Head"]] += (0.0, 0.5, 0.0)
+    frames = [make_frame(i, i / 10, joints, lost=("Head",), sigma_m=sigma_m * (1 + i)) for i in range(2)]
+    results = write_results(tmp_path / "results", frames)
+    truth = _write_truth(tmp_path / "truth.npz", np.stack([standing_joints()] * 2), np.arange(2) / 10)
+    assert evaluate(results, truth).confident_errors == pytest.approx(1 / 42)
+
+
+def _wrong_arm(frames, seen_share=None, tmp_path=None, **more):
+    """The left elbow 0.2 m off in the given frames of ten at 10 Hz; the rest is exact."""
+    rows = []
+    for i in range(10):
+        joints = standing_joints()
+        joints[JOINT_INDEX["ElbowLeft"]] += (0, 0.2 if i in frames else 0.0, 0)
+        joints[JOINT_INDEX["ShoulderRight"]] += (0.16 if i == 0 else 0.14, 0, 0)
+        rows.append(make_frame(i, i / 10, joints))
+    results = write_results(tmp_path / "results", rows)
+    more |= {} if seen_share is None else {"seen_share": seen_share}
+    truth = _write_truth(tmp_path / "truth.npz", np.stack([standing_joints()] * 10), np.arange(10) / 10, **more)
+    return evaluate(results, truth)
+
+
+def test_a_limb_is_wrong_only_while_one_camera_sees_most_of_it(tmp_path):
+    """The arm is wrong in frames 1 to 8. One camera sees 0.7 of it in frames 4 to 6; in frames 1 to 3 two cameras see
+    0.4 each, which is most of it for neither; in frames 7 and 8 one sees the hand only."""
+    share = np.zeros((10, JOINT_COUNT, 2))
+    arm = [JOINT_INDEX[f"{name}Left"] for name in ("Elbow", "Wrist", "Hand")]
+    share[1:4, arm] = 0.4
+    share[4:7, arm, 1] = 0.7
+    share[7:9, arm[2], 0] = 1.0
+    found = _wrong_arm(range(1, 9), share, tmp_path)
+    wrong = dict(found.wrong_in_view)
+    assert (wrong["arm_left"].seconds, wrong["arm_left"].start_s) == (pytest.approx(0.3), pytest.approx(0.4))
+    assert wrong["arm_right"].seconds == wrong["leg_left"].seconds == wrong["trunk_and_head"].seconds == 0.0
+    assert found.view_known
+
+
+def test_without_what_cameras_saw_a_limb_counts_as_in_view_outside_occluded_frames(tmp_path):
+    found = _wrong_arm(range(1, 9), None, tmp_path, occluded=np.arange(10) == 3)
+    wrong = dict(found.wrong_in_view)
+    assert (wrong["arm_left"].seconds, wrong["arm_left"].start_s) == (pytest.approx(0.5), pytest.approx(0.4))
+    assert (wrong["trunk_and_head"].seconds, wrong["trunk_and_head"].start_s) == (pytest.approx(0.1), 0.0)
+    assert not found.view_known
+    assert found.truly_seen is None
+    assert "not state what each camera saw" in " ".join(confidence_sentences(found))
+
+
+def test_a_hidden_limb_is_never_wrong_in_view(tmp_path):
+    found = _wrong_arm(range(1, 9), np.zeros((10, JOINT_COUNT, 1)), tmp_path)
+    assert all((wrong.start_s, wrong.seconds) == (None, 0.0) for _, wrong in found.wrong_in_view)
+
+
+def test_every_joint_belongs_to_one_judged_limb():
+    assert sorted(np.concatenate(list(LIMBS_JUDGED.values()))) == list(range(JOINT_COUNT))
+
+
+def test_coverage_of_seen_and_hidden_joints_is_apart_by_the_result_and_by_the_truth(tmp_path):
+    """Heads 30 mm off along X at 10 mm sigma: two axes of three are covered. The result calls the head hidden in one
+    frame of four; the truth calls all joints seen but the head in two frames, seen by one of two cameras only."""
+    joints, share = standing_joints(), np.zeros((4, JOINT_COUNT, 2))
+    joints[JOINT_INDEX["Head"]] += (0.03, 0, 0)
+    share[:, :, 1] = 0.9
+    share[:2, JOINT_INDEX["Head"]] = 0.1
+    states = [{"Head": JointState.HIDDEN_BY_PERSON}, {}, {}, {}]
+    frames = [make_frame(i, i / 10, joints, sigma_m=0.01, states=states[i]) for i in range(4)]
+    results = write_results(tmp_path / "results", frames)
+    truth = _write_truth(tmp_path / "truth.npz", np.stack([standing_joints()] * 4), np.arange(4) / 10, seen_share=share)
+    found = evaluate(results, truth)
+    assert found.hidden.coverage_95 == pytest.approx(2 / 3)
+    assert found.observed.coverage_95 == pytest.approx(1 - 3 / (83 * 3))
+    assert found.truly_hidden.joint_frames == 2
+    assert found.truly_hidden.coverage_95 == pytest.approx(2 / 3)
+    assert found.truly_seen.coverage_95 == pytest.approx(1 - 2 / (82 * 3))
+
+
+def test_the_json_and_the_sentences_state_what_is_wrong_in_view(tmp_path):
+    found = _wrong_arm([2, 3], np.ones((10, JOINT_COUNT, 1)), tmp_path)
+    write_evaluation(tmp_path / "e.json", found)
+    document = json.loads((tmp_path / "e.json").read_text())
+    assert document["longest_wrong_s"]["arm_left"] == pytest.approx(0.2)
+    assert document["longest_wrong_from_s"]["arm_left"] == pytest.approx(0.2)
+    assert document["longest_wrong_from_s"]["leg_left"] is None
+    assert document["plain_view_by"] == "seen_share"
+    assert document["confident_errors"] == pytest.approx(12 / 210)
+    assert document["observed"]["coverage_95"] == pytest.approx(found.overall.coverage_95)
+    confident, view, covered = confidence_sentences(found)
+    assert "5.71 % of all joints" in confident
+    assert "arm left 0.20 s, arm right 0.00 s" in view
+    assert covered.startswith("Within 1.96 sigma: 98.1 % of observed joints;")  # 12 of 630 axes are outside
+
+
+def test_seen_shares_are_read_in_the_order_of_the_joints(tmp_path):
+    order = np.random.default_rng(2).permutation(JOINT_COUNT)
+    share = np.random.default_rng(3).uniform(size=(2, JOINT_COUNT, 3))
+    np.savez(
+        tmp_path / "t.npz",
+        joints=np.stack([standing_joints()] * 2)[:, order],
+        names=np.array(JOINT_NAMES)[order],
+        time=np.arange(2) / 10,
+        seen_share=share[:, order],
+    )
+    assert np.array_equal(read_truth(tmp_path / "t.npz").seen_share, share)
+
+
 BAD_TRUTH = {
+    "seen_share .* does not fit": {"seen_share": np.ones((2, 4, 1))},
+    "are no shares": {"seen_share": np.full((2, JOINT_COUNT, 1), np.nan)},
     "shares no time": {"time": np.array([90.0, 90.1])},
     "no array 'time'": {"time": None},
     "do not fit together": {"time": np.array([0.0])},

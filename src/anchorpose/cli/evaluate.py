@@ -50,7 +50,13 @@ def print_evaluation(evaluation: Evaluation) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from anchorpose.results.evaluation_file import angle_rows, contact_rows, evaluation_rows, longest_error_sentence
+    from anchorpose.results.evaluation_file import (
+        angle_rows,
+        confidence_sentences,
+        contact_rows,
+        evaluation_rows,
+        longest_error_sentence,
+    )
 
     table = Table("", "mean mm", "median mm", "95 % mm", "lost %", "in 95 % band")
     table.columns[0].no_wrap = True
@@ -66,7 +72,8 @@ def print_evaluation(evaluation: Evaluation) -> None:
     console = Console()
     console.print(table)
     console.print(angles)
-    console.print(longest_error_sentence(evaluation), highlight=False)
+    for sentence in (longest_error_sentence(evaluation), *confidence_sentences(evaluation)):
+        console.print(sentence, highlight=False)
     drift = f"{evaluation.drift_ratio:.2f}" if evaluation.drift_ratio is not None else "unknown"
     console.print(
         f"{evaluation.matched_frames} of {evaluation.truth_frames} frames of the truth were compared; "

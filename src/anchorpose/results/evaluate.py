@@ -11,6 +11,13 @@ import numpy as np
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_NAMES, STATE_CODE, JointState
 from anchorpose.recording.pairing import half_period_s, nearest_within
+from anchorpose.results.evaluate_confidence import (
+    WrongInView,
+    confident_errors,
+    longest_run,
+    seen_joints,
+    wrong_in_view,
+)
 from anchorpose.results.evaluate_contacts import ContactEvaluation, evaluate_contacts
 from anchorpose.results.kinematics.joint_angles import joint_angles
 from anchorpose.results.records import CONTACTS_FILE, read_contacts
@@ -37,14 +44,11 @@ def longest_off(joints: JointTable, truth_m: np.ndarray) -> LongestError:
     A frame in which the joint is lost ends it. A frame counts for one period of the recording.
     """
     off = np.linalg.norm(joints.position_m - truth_m, axis=2) > OFF_M  # False where either is NaN
-    period_s = 2.0 * half_period_s(joints.time_s)
     longest = LongestError(joint=None, start_s=None, seconds=0.0)
     for column, name in enumerate(JOINT_NAMES):
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], off[:, column], [False]])))
-        for first, end in zip(edges[::2], edges[1::2], strict=True):
-            seconds = float(joints.time_s[end - 1] - joints.time_s[first] + period_s)
-            if seconds > longest.seconds:
-                longest = LongestError(joint=name, start_s=float(joints.time_s[first]), seconds=seconds)
+        start_s, seconds = longest_run(off[:, column], joints.time_s)
+        if seconds > longest.seconds:
+            longest = LongestError(joint=name, start_s=start_s, seconds=seconds)
     return longest
 
 
@@ -106,8 +110,14 @@ class Evaluation:
     overall: ErrorSummary
     per_joint: tuple[tuple[str, ErrorSummary], ...]
     per_state: tuple[tuple[str, ErrorSummary], ...]
+    observed: ErrorSummary  # joints that the result calls observed
     hidden: ErrorSummary  # joints that the result calls hidden, for any reason
+    truly_seen: ErrorSummary | None  # joints that some camera sees by the truth; None where it does not say
+    truly_hidden: ErrorSummary | None
+    confident_errors: float | None  # share of overall.joint_frames that are far off and do not show it
     angles: tuple[tuple[str, AngleError], ...]
+    wrong_in_view: tuple[tuple[str, WrongInView], ...]  # each limb
+    view_known: bool  # by joint and camera; False: a limb counts as in plain view in all frames not called occluded
     longest_off: LongestError  # a joint on another limb, on another person, or nowhere near
     occluded_frames: ErrorSummary  # frames that the truth calls occluded
     clear_frames: ErrorSummary
@@ -125,11 +135,11 @@ def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
     kept = known.time_s >= known.time_s[0] + skip_s
     if not kept.any():
         raise InputError(truth, f"ends before the {skip_s:g} s to be skipped", "skip less")
-    known = Truth(known.time_s[kept], known.position_m[kept], known.occluded[kept])
+    known = known.frames(kept)
     match = nearest_within(known.time_s, joints.time_s, half_period_s(known.time_s))
     if (match < 0).all():
         raise InputError(truth, f"shares no time with {results / JOINTS_FILE}", "give the truth of that recording")
-    evaluation = compare(_frames(joints, match[match >= 0]), _truth_frames(known, match >= 0), truth_frames=len(match))
+    evaluation = compare(_frames(joints, match[match >= 0]), known.frames(match >= 0), truth_frames=len(match))
     touch = read_true_touch(truth)
     if touch is None or not (results / CONTACTS_FILE).exists():
         return evaluation
@@ -142,6 +152,7 @@ def compare(joints: JointTable, truth: Truth, truth_frames: int) -> Evaluation:
     """The evaluation of frames (n) that are matched row by row, out of ``truth_frames``."""
     everything = np.ones(joints.state_code.shape, dtype=bool)
     occluded = np.repeat(truth.occluded[:, None], JOINT_COUNT, axis=1)
+    seen = seen_joints(truth)
     half = len(joints.frame) // 2
     first, second = (
         _summary(joints, truth, _rows(everything, 0, half)),
@@ -159,8 +170,14 @@ def compare(joints: JointTable, truth: Truth, truth_frames: int) -> Evaluation:
         per_state=tuple(
             (str(state), _summary(joints, truth, joints.state_code == STATE_CODE[state])) for state in JointState
         ),
+        observed=_summary(joints, truth, joints.state_code == STATE_CODE[JointState.OBSERVED]),
         hidden=_summary(joints, truth, np.isin(joints.state_code, [STATE_CODE[state] for state in HIDDEN])),
+        truly_seen=None if seen is None else _summary(joints, truth, seen),
+        truly_hidden=None if seen is None else _summary(joints, truth, ~seen),
+        confident_errors=_confident_share(joints, truth),
         angles=angle_errors(joints, truth.position_m),
+        wrong_in_view=wrong_in_view(joints, truth),
+        view_known=seen is not None,
         longest_off=longest_off(joints, truth.position_m),
         occluded_frames=_summary(joints, truth, occluded),
         clear_frames=_summary(joints, truth, ~occluded),
@@ -186,6 +203,12 @@ def _summary(joints: JointTable, truth: Truth, chosen: np.ndarray) -> ErrorSumma
     )
 
 
+def _confident_share(joints: JointTable, truth: Truth) -> float | None:
+    """Share of the joint-frames with a known truth; None where there are none."""
+    known = np.isfinite(truth.position_m).all(axis=2)
+    return float(confident_errors(joints, truth.position_m)[known].mean()) if known.any() else None
+
+
 def _rows(chosen: np.ndarray, start: int, stop: int | None = None) -> np.ndarray:
     rows = np.zeros_like(chosen)
     rows[start:stop] = chosen[start:stop]
@@ -194,7 +217,3 @@ def _rows(chosen: np.ndarray, start: int, stop: int | None = None) -> np.ndarray
 
 def _frames(joints: JointTable, index: np.ndarray) -> JointTable:
     return JointTable(*(getattr(joints, field.name)[index] for field in fields(joints)))
-
-
-def _truth_frames(truth: Truth, matched: np.ndarray) -> Truth:
-    return Truth(truth.time_s[matched], truth.position_m[matched], truth.occluded[matched])

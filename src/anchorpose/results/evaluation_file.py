@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from anchorpose.results.evaluate import OFF_M, ErrorSummary, Evaluation
+from anchorpose.results.evaluate_confidence import CONFIDENT_SIGMAS, FAR_M, WRONG_M
 from anchorpose.results.evaluate_contacts import ContactEvaluation
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.run_record import as_json
@@ -22,7 +23,14 @@ def write_evaluation(path: Path, evaluation: Evaluation) -> None:
         "drift_ratio": evaluation.drift_ratio,
         "per_joint": {name: as_json(summary) for name, summary in evaluation.per_joint},
         "per_state": {name: as_json(summary) for name, summary in evaluation.per_state},
+        "observed": as_json(evaluation.observed),
         "hidden": as_json(evaluation.hidden),
+        "truly_seen": None if evaluation.truly_seen is None else as_json(evaluation.truly_seen),
+        "truly_hidden": None if evaluation.truly_hidden is None else as_json(evaluation.truly_hidden),
+        "confident_errors": evaluation.confident_errors,
+        "longest_wrong_s": {name: wrong.seconds for name, wrong in evaluation.wrong_in_view},
+        "longest_wrong_from_s": {name: wrong.start_s for name, wrong in evaluation.wrong_in_view},
+        "plain_view_by": "seen_share" if evaluation.view_known else "occluded",
         "angles": {name: as_json(error) for name, error in evaluation.angles},
         "longest_off": as_json(evaluation.longest_off),
         "occluded_frames": as_json(evaluation.occluded_frames),
@@ -55,6 +63,8 @@ def evaluation_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
         *evaluation.per_joint,
         *evaluation.per_state,
         ("all hidden joints", evaluation.hidden),
+        *([("joints seen by the truth", evaluation.truly_seen)] if evaluation.truly_seen else []),
+        *([("joints hidden by the truth", evaluation.truly_hidden)] if evaluation.truly_hidden else []),
         ("frames called occluded", evaluation.occluded_frames),
         ("other frames", evaluation.clear_frames),
     ]
@@ -79,6 +89,28 @@ def longest_error_sentence(evaluation: Evaluation) -> str:
         f"The longest time in which a joint was more than {1000 * OFF_M:.0f} mm off was {off.seconds:.2f} s: "
         f"{off.joint}, from {off.start_s:.2f} s on."
     )
+
+
+def confidence_sentences(evaluation: Evaluation) -> list[str]:
+    """How often the result is wrong and does not show it: confident errors, limbs wrong in plain view, coverage."""
+    sentences = []
+    if evaluation.confident_errors is not None:
+        sentences.append(
+            f"Confident errors, over {1000 * FAR_M:.0f} mm and over {CONFIDENT_SIGMAS:.0f} sigma off: "
+            f"{100 * evaluation.confident_errors:.2f} % of all joints."
+        )
+    view = (
+        "while a camera saw most of it"
+        if evaluation.view_known
+        else "in frames not called occluded (the truth does not state what each camera saw)"
+    )
+    limbs = ", ".join(f"{name.replace('_', ' ')} {wrong.seconds:.2f} s" for name, wrong in evaluation.wrong_in_view)
+    sentences.append(f"Longest time a limb was more than {1000 * WRONG_M:.0f} mm off {view}: {limbs}.")
+    covered = [("observed", evaluation.observed.coverage_95), ("hidden", evaluation.hidden.coverage_95)]
+    shares = [f"{100 * share:.1f} % of {name} joints" for name, share in covered if share is not None]
+    if shares:
+        sentences.append(f"Within 1.96 sigma: {', '.join(shares)}; calibrated is 95 %.")
+    return sentences
 
 
 def _cells(summary: ErrorSummary) -> tuple[str, ...]:

@@ -12,25 +12,38 @@ from anchorpose.body.contact_regions import REGION_BONES
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES
 
+_READ = ("joints", "names", "time", "occluded", "seen_share")
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """True joints: time_s (t,), position_m (t, 21, 3) world, NaN where unknown; occluded (t,) bool."""
+    """True joints: time_s (t,), position_m (t, 21, 3) world, NaN where unknown; occluded (t,) bool.
+
+    seen_share (t, 21, cameras), 0 to 1: share of the skin around the joint that nothing hides from that camera; None
+    where the file does not say.
+    """
 
     time_s: np.ndarray
     position_m: np.ndarray
     occluded: np.ndarray
+    seen_share: np.ndarray | None = None
+
+    def frames(self, chosen: np.ndarray) -> Truth:
+        """The frames where ``chosen`` (t,) bool."""
+        seen = None if self.seen_share is None else self.seen_share[chosen]
+        return Truth(self.time_s[chosen], self.position_m[chosen], self.occluded[chosen], seen)
 
 
 def read_truth(path: Path) -> Truth:
-    """A truth.npz with ``joints`` (t, n, 3), ``names`` (n), ``time`` (t) and perhaps ``occluded`` (t).
+    """A truth.npz with ``joints`` (t, n, 3), ``names`` (n), ``time`` (t) and perhaps ``occluded`` (t) and
+    ``seen_share`` (t, n, cameras).
 
     Joints may come in any order and some may be missing (NaN). Raises InputError where that is not what it holds.
     """
     remedy = "give a truth.npz with joints (t, 21, 3), names (21) and time (t)"
     try:
         with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in ("joints", "names", "time", "occluded") if name in file.files}
+            arrays = {name: file[name] for name in _READ if name in file.files}
     except FileNotFoundError:
         raise InputError(path, "there is no such file", "check the path of the truth") from None
     except (OSError, ValueError, zipfile.BadZipFile, EOFError, AttributeError) as error:
@@ -46,16 +59,38 @@ def read_truth(path: Path) -> Truth:
         raise InputError(path, "its joints or times are not numbers", remedy)
     if len(time_s) == 0 or not (np.diff(time_s) > 0).all():
         raise InputError(path, "its times are none or do not increase", remedy)
-    return Truth(time_s.astype(np.float64), _in_order(path, joints, names), occluded.astype(bool))
+    order, seen = _order(path, names), arrays.get("seen_share")
+    return Truth(
+        time_s.astype(np.float64),
+        _ordered(joints, order, np.nan),
+        occluded.astype(bool),
+        None if seen is None else _ordered(_checked_shares(path, seen, joints.shape[:2]), order, 0.0),
+    )
 
 
-def _in_order(path: Path, joints: np.ndarray, names: list[str]) -> np.ndarray:
-    position_m = np.full((len(joints), JOINT_COUNT, 3), np.nan)
-    for column, name in enumerate(names):
+def _checked_shares(path: Path, seen: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Raises InputError where the shares do not fit the joints (t, n) or are none."""
+    remedy = "give seen_share (t, n, cameras) with shares from 0 to 1, or leave it out"
+    if seen.ndim != 3 or seen.shape[:2] != shape or seen.shape[2] == 0 or seen.dtype.kind not in "fiu":
+        raise InputError(path, f"its seen_share {seen.shape} does not fit its joints {shape}", remedy)
+    if not ((seen >= 0) & (seen <= 1)).all():
+        raise InputError(path, "its seen_share has values that are no shares", remedy)
+    return seen
+
+
+def _order(path: Path, names: list[str]) -> list[int]:
+    """The index in ``JOINT_NAMES`` of each column."""
+    for name in names:
         if name not in JOINT_INDEX or names.count(name) > 1:
             raise InputError(path, f"its joint '{name}' is unknown or given twice", f"use {', '.join(JOINT_NAMES)}")
-        position_m[:, JOINT_INDEX[name]] = joints[:, column]
-    return position_m
+    return [JOINT_INDEX[name] for name in names]
+
+
+def _ordered(columns: np.ndarray, order: list[int], missing: float) -> np.ndarray:
+    """(t, 21, k) in the order of ``JOINT_NAMES`` from (t, n, k); ``missing`` where there is no column."""
+    found = np.full((len(columns), JOINT_COUNT, columns.shape[2]), missing)
+    found[:, order] = columns
+    return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
