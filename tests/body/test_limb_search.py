@@ -1,98 +1,162 @@
-"""Other poses of arms and legs, tried when a limb is not where it was expected."""
+"""Limbs found again from the picture, whatever was predicted."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from body_builder import adult_body, asset, joints_of, random_pose, turned_about_y
+from body_builder import (
+    LEFT,
+    NOTHING,
+    adult_body,
+    joint_errors_m,
+    joints_of,
+    points,
+    seen_body,
+    standing,
+    turned_about_y,
+)
 
-from anchorpose.body.registration import arm_candidates, leg_candidates
+from anchorpose.body.belief import PoseBelief, vague_belief
+from anchorpose.body.config import RegistrationConfig
+from anchorpose.body.explained import explain, limb_of_points
+from anchorpose.body.limb_proposals import exchanged, limb_lengths, limb_poses, uncovered_paths
+from anchorpose.body.limb_search import LOOK_AGAIN_M2, Search, needs_search, search_limbs
+from anchorpose.body.pose import PARTS, Pose
+from anchorpose.body.registration import register
+from anchorpose.body.skin_points import pose_points
 from anchorpose.joints import JOINT_INDEX
 
-POSE = random_pose(2, 0.5)
-FOREARM_ONLY = 6  # these come first
-BODY = adult_body()
-FIRST = {"Left": np.array([0.2, -1.0, -0.3]), "Right": np.array([0.2, -1.0, 0.3])}
+BODY, CONFIG = adult_body(), RegistrationConfig()
+TRUTH = standing(LeftArm=(70.0, 0.0, 0.0), RightArm=(-15.0, 0.0, 25.0), RightForeArm=(0.0, -30.0, 20.0))
+"""The left arm raised sideways, the right one half forward."""
+
+IN_TRUNK = {"LeftArm": (-70.0, 0.0, 0.0), "LeftForeArm": (0.0, -60.0, 0.0)}
+ON_RIGHT_LEG = {"LeftUpLeg": (-14.0, 0.0, 0.0)}
 
 
-@pytest.mark.parametrize("side", ["Left", "Right"])
-def test_a_candidate_keeps_all_bones_but_one_arm(side):
-    arm = [asset().bone(f"{side}{bone}") for bone in ("Arm", "ForeArm", "Hand")]
-    others = np.setdiff1d(np.arange(len(asset().bone_names)), arm)
-    before = POSE.rotations.copy()
-    candidates = list(arm_candidates(asset(), POSE, side))
-    assert len(candidates) == FOREARM_ONLY + 12
-    for candidate in candidates:
-        np.testing.assert_array_equal(candidate.rotations[others], before[others])
-        np.testing.assert_array_equal(candidate.root_m, POSE.root_m)
-        turns = candidate.rotations[arm]
-        np.testing.assert_allclose(turns @ turns.transpose(0, 2, 1), np.tile(np.eye(3), (3, 1, 1)), atol=1e-12)
-    np.testing.assert_array_equal(POSE.rotations, before)
+def sure(pose: Pose) -> PoseBelief:
+    """As certain as after some frames: a few degrees and a few centimetres."""
+    belief = vague_belief(pose)
+    return PoseBelief(pose, belief.covariance / 100.0, belief.information * 100.0)
 
 
-@pytest.mark.parametrize("side", ["Left", "Right"])
-def test_candidates_differ_from_one_another_by_more_than_a_wrists_width(side):
-    wrists = [joints_of(BODY, pose)[JOINT_INDEX[f"Wrist{side}"]] for pose in arm_candidates(asset(), POSE, side)]
-    apart = np.linalg.norm(np.array(wrists)[:, None] - wrists, axis=2) + np.eye(len(wrists))
-    assert apart.min() > 0.04
+def searched(pose: Pose, truth: Pose) -> Search:
+    evidence = seen_body(truth, BODY)
+    found = register(BODY, sure(pose), evidence, NOTHING, CONFIG)
+    assert needs_search(explain(points(), pose_points(BODY, found.belief.pose), evidence))
+    return search_limbs(BODY, found, sure(pose), evidence, CONFIG)
 
 
-@pytest.mark.parametrize("side", ["Left", "Right"])
-def test_elbows_are_nearly_straight_or_bent_by_a_right_angle(side):
-    for number, candidate in enumerate(list(arm_candidates(asset(), POSE, side))[FOREARM_ONLY:]):
-        shoulder, elbow, wrist = (
-            joints_of(BODY, candidate)[JOINT_INDEX[f"{j}{side}"]] for j in ("Shoulder", "Elbow", "Wrist")
-        )
-        cosine = (elbow - shoulder) @ (wrist - elbow) / np.linalg.norm(elbow - shoulder) / np.linalg.norm(wrist - elbow)
-        # the asset's arm and this adult's differ by a degree or two at rest
-        assert np.degrees(np.arccos(cosine)) == pytest.approx((15.0, 90.0)[number % 2], abs=4.0)
+def spoilt(truth: Pose, **turns_deg: tuple[float, float, float]) -> Pose:
+    """The pose with the named bones turned otherwise."""
+    other, rotations = standing(**turns_deg), truth.rotations.copy()
+    for name in turns_deg:
+        bone = points().asset.bone(name)
+        rotations[bone] = other.rotations[bone]
+    return Pose(rotations, truth.root_m)
 
 
-def test_legs_stand_or_sit_both_or_one():
-    """Angles from straight, in degrees: the asset's legs stand a little apart, and this adult's differ a little."""
-    found = []
-    for candidate in leg_candidates(asset(), POSE):
-        joints, legs = joints_of(BODY, candidate), []
-        up = BODY.transforms(candidate)[asset().bone("Hips"), :3, 1]
-        ahead = BODY.transforms(candidate)[asset().bone("Hips"), :3, 0]
-        for side in ("Left", "Right"):
-            hip, knee, ankle = (joints[JOINT_INDEX[f"{joint}{side}"]] for joint in ("Hip", "Knee", "Ankle"))
-            thigh, shank = (part / np.linalg.norm(part) for part in (knee - hip, ankle - knee))
-            legs.append(tuple(bool(value) for value in (thigh @ -up > 0.97, thigh @ ahead > 0.94, shank @ -up > 0.94)))
-        found.append(tuple(legs))
-    standing, sitting = (True, False, True), (False, True, True)
-    before = joints_of(BODY, POSE)
-    assert found[:2] == [(standing, standing), (sitting, sitting)]
-    assert [legs[0] for legs in found[2:4]] == [standing, sitting]
-    assert [legs[1] for legs in found[4:]] == [standing, sitting]
-    kept = [joints_of(BODY, candidate) for candidate in leg_candidates(asset(), POSE)]
-    right, left = JOINT_INDEX["AnkleRight"], JOINT_INDEX["AnkleLeft"]
-    assert all((joints[right] == before[right]).all() for joints in kept[2:4])
-    assert all((joints[left] == before[left]).all() for joints in kept[4:])
+WRONG = {
+    "an arm in the trunk": spoilt(TRUTH, **IN_TRUNK),
+    "a leg on the other leg": spoilt(TRUTH, **ON_RIGHT_LEG),
+    "arms exchanged": next(exchanged(BODY, TRUTH)),
+    "the body turned round": turned_about_y(180.0, (0.0, 0.0, 0.0)).of_pose(TRUTH),
+}
 
 
-@pytest.mark.parametrize("side", ["Left", "Right"])
-def test_directions_are_in_the_axes_of_the_trunk(side):
-    turned = turned_about_y(90.0, (1.0, 0.0, 0.0)).of_pose(random_pose(3, 0.0))
-    for pose in (random_pose(3, 0.0), turned):
-        first = list(arm_candidates(asset(), pose, side))[FOREARM_ONLY]
-        transforms = BODY.transforms(first)
-        parent = transforms[asset().bone(f"{side}Shoulder"), :3, :3]
-        joints = joints_of(BODY, first)
-        upper = parent.T @ (joints[JOINT_INDEX[f"Elbow{side}"]] - joints[JOINT_INDEX[f"Shoulder{side}"]])
-        cosine = upper @ FIRST[side] / np.linalg.norm(upper) / np.linalg.norm(FIRST[side])
-        assert cosine > np.cos(np.radians(5.0))
+@pytest.mark.parametrize("wrong", WRONG.values(), ids=WRONG.keys())
+def test_a_sure_and_wrong_pose_is_corrected_by_what_is_seen(wrong):
+    assert joint_errors_m(BODY, wrong, TRUTH).max() > 0.2
+    search = searched(wrong, TRUTH)
+    assert search.rounds > 0
+    assert joint_errors_m(BODY, search.registration.belief.pose, TRUTH).max() < 0.06
 
 
-@pytest.mark.parametrize("side", ["Left", "Right"])
-def test_the_first_candidates_turn_a_bent_forearm_about_an_upper_arm_that_stays(side):
-    shoulder, elbow, wrist = (JOINT_INDEX[f"{joint}{side}"] for joint in ("Shoulder", "Elbow", "Wrist"))
-    before = joints_of(BODY, POSE)
-    forearms = []
-    for candidate in list(arm_candidates(asset(), POSE, side))[:FOREARM_ONLY]:
-        joints = joints_of(BODY, candidate)
-        np.testing.assert_allclose(joints[[shoulder, elbow]], before[[shoulder, elbow]], atol=0.01)
-        forearms.append((joints[wrist] - joints[elbow]) / np.linalg.norm(joints[wrist] - joints[elbow]))
-    upper = (before[elbow] - before[shoulder]) / np.linalg.norm(before[elbow] - before[shoulder])
-    assert np.abs(np.degrees(np.arccos(np.array(forearms) @ upper)) - 90.0).max() < 5.0
-    assert (np.array(forearms) @ np.array(forearms).T - np.eye(FOREARM_ONLY)).max() < 0.8  # all different ways
+def test_a_right_pose_leaves_nothing_uncovered_and_no_limb_is_seen_past():
+    explanation = explain(points(), pose_points(BODY, TRUTH), seen_body(TRUTH, BODY))
+    assert explanation.uncovered_m2 < 0.001
+    assert not needs_search(explanation)
+    assert np.nanmax(explanation.seen_past) < 0.1
+
+
+def test_a_limb_elsewhere_is_uncovered_skin_and_a_limb_before_the_wall():
+    wrong = spoilt(TRUTH, LeftArm=(-15.0, 0.0, 60.0))
+    explanation = explain(points(), pose_points(BODY, wrong), seen_body(TRUTH, BODY))
+    assert explanation.uncovered_m2 > LOOK_AGAIN_M2
+    limb = limb_of_points(points())
+    left_arm = limb[points().part == points().asset.bone("LeftForeArm")][0]
+    assert explanation.seen_past[left_arm] > 0.5
+    assert (np.delete(explanation.seen_past, left_arm) < 0.15).all()
+    assert len(explanation.seen_past) == PARTS
+
+
+def test_skin_inside_the_trunk_covers_nothing():
+    wrong = spoilt(TRUTH, **IN_TRUNK)
+    explanation = explain(points(), pose_points(BODY, wrong), seen_body(TRUTH, BODY))
+    hand = points().part == points().asset.bone("LeftHand")
+    assert not explanation.covering[hand].any()
+    right = explain(points(), pose_points(BODY, TRUTH), seen_body(TRUTH, BODY))
+    assert right.covering[hand].any()
+
+
+def test_the_path_of_an_uncovered_arm_leads_from_the_hand_to_the_shoulder():
+    wrong, evidence = spoilt(TRUTH, **IN_TRUNK), seen_body(TRUTH, BODY)
+    explanation = explain(points(), pose_points(BODY, wrong), evidence)
+    path = uncovered_paths(evidence, explanation)[0]
+    joints = joints_of(BODY, TRUTH)
+    tip, root = joints[JOINT_INDEX["HandLeft"]], joints[JOINT_INDEX["ShoulderLeft"]]
+    assert np.linalg.norm(path.places_m[0] - tip) < 0.15  # fingers reach beyond the joint
+    assert np.linalg.norm(path.places_m[-1] - root) < 0.25
+    assert (np.diff(path.along_m) > 0.0).all()
+    assert path.along_m[0] == 0.0
+    np.testing.assert_allclose(np.linalg.norm(path.inward, axis=1), 1.0, atol=1e-3)
+
+
+def test_no_path_without_uncovered_skin():
+    evidence = seen_body(TRUTH, BODY)
+    explanation = explain(points(), pose_points(BODY, TRUTH), evidence)
+    assert uncovered_paths(evidence, replace(explanation, node=explanation.node[:0])) == []
+
+
+def test_every_limb_that_can_reach_is_proposed_along_the_path():
+    """The left arm's pose is proposed from two starts; the right arm and the legs get theirs where they can reach."""
+    wrong, evidence = spoilt(TRUTH, **IN_TRUNK), seen_body(TRUTH, BODY)
+    path = uncovered_paths(evidence, explain(points(), pose_points(BODY, wrong), evidence))[0]
+    at = np.array([joints_of(BODY, pose) for pose in limb_poses(BODY, wrong, path)])
+    away = np.linalg.norm(at - joints_of(BODY, TRUTH)[JOINT_INDEX["HandLeft"]], axis=2)
+    assert away[:, JOINT_INDEX["HandLeft"]].min() < 0.06
+    assert (away[:, JOINT_INDEX["HandLeft"]] < 0.06).sum() == 2
+
+
+def test_limbs_are_as_long_as_the_body_says():
+    joints = BODY.mesh.rest_joints()
+    for along_m, whole_m in limb_lengths(BODY):
+        assert (np.diff(along_m) > 0.0).all()
+        assert along_m[-1] < whole_m
+    arm, _, leg, _ = limb_lengths(BODY)
+    wrist, elbow = joints[JOINT_INDEX["WristLeft"]], joints[JOINT_INDEX["ElbowLeft"]]
+    assert arm[0][2] - arm[0][1] == pytest.approx(float(np.linalg.norm(wrist - elbow)))
+    assert leg[1] > arm[1]
+
+
+def test_exchanged_limbs_keep_their_places():
+    joints = joints_of(BODY, TRUTH)
+    arms, legs, turned = (joints_of(BODY, pose) for pose in exchanged(BODY, TRUTH))
+    assert np.linalg.norm(arms[JOINT_INDEX["HandRight"]] - joints[JOINT_INDEX["HandLeft"]]) < 0.35  # it hardly reaches
+    assert np.linalg.norm(legs[JOINT_INDEX["AnkleRight"]] - joints[JOINT_INDEX["AnkleLeft"]]) < 0.08
+    for name in ("HandLeft", "HandRight", "HipLeft", "ShoulderRight"):
+        other = name.replace("Left", "X").replace("Right", "Left").replace("X", "Right")
+        assert np.linalg.norm(turned[JOINT_INDEX[name]] - joints[JOINT_INDEX[other]]) < 0.08
+    facing = [(set_[JOINT_INDEX["FootLeft"]] - set_[JOINT_INDEX["AnkleLeft"]])[0] for set_ in (joints, turned)]
+    assert facing[0] > 0.05 > -0.05 > facing[1] or facing[1] < facing[0]
+
+
+def test_a_limb_that_a_second_camera_alone_sees_is_found_there():
+    wrong = spoilt(TRUTH, **IN_TRUNK)
+    evidence = seen_body(TRUTH, BODY, (LEFT,))
+    found = register(BODY, sure(wrong), evidence, NOTHING, CONFIG)
+    search = search_limbs(BODY, found, sure(wrong), evidence, CONFIG)
+    wrist = JOINT_INDEX["WristLeft"]
+    assert joint_errors_m(BODY, search.registration.belief.pose, TRUTH)[wrist] < 0.08

@@ -27,19 +27,11 @@ from body_builder import (
     turned_about_y,
 )
 
+from anchorpose.body.belief import PATIENT_PACE, PoseBelief, vague_belief
 from anchorpose.body.config import RegistrationConfig, UncertaintyConfig
 from anchorpose.body.evidence import Evidence
 from anchorpose.body.pose import DEGREE, POSE_SIZE, Pose
-from anchorpose.body.registration import (
-    LEAST_EXPLAINED,
-    PATIENT_PACE,
-    PoseBelief,
-    Registration,
-    node_parts,
-    posterior,
-    register,
-    vague_belief,
-)
+from anchorpose.body.registration import LEAST_EXPLAINED, Registration, node_parts, posterior, register
 from anchorpose.body.skin_points import pose_points
 from anchorpose.body.uncertainty import joint_sigma
 from anchorpose.camera import transform_points
@@ -230,18 +222,6 @@ def test_time_that_does_not_pass_changes_no_belief():
     later = belief.later(belief.pose, 0.0)
     np.testing.assert_allclose(later.covariance, belief.covariance, rtol=1e-9)
     np.testing.assert_allclose(later.information, belief.information, rtol=1e-6, atol=1e-6 * belief.information.max())
-
-
-def test_an_arm_that_is_not_where_it_was_expected_is_looked_for_elsewhere():
-    truth = standing(LeftArm=(70.0, 0.0, 0.0), RightArm=(25.0, 0.0, 0.0))
-    start = standing(LeftArm=(-25.0, 0.0, 0.0), RightArm=(25.0, 0.0, 0.0))
-    belief = predicted(start, 4.0, 0.02)
-    evidence = seen_body(truth, BODY)
-    assert joint_errors_m(BODY, start, truth)[JOINT_INDEX["WristLeft"]] > 0.5
-    found = registered(belief, evidence)
-    assert joint_errors_m(BODY, found.belief.pose, truth).max() < 0.05
-    never = register(BODY, belief, evidence, NOTHING, CONFIG, may_search=False)
-    assert joint_errors_m(BODY, never.belief.pose, truth).max() > 0.2
 
 
 def test_a_posterior_leaves_the_pose_that_was_found():

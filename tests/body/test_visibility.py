@@ -26,7 +26,7 @@ from anchorpose.body import visibility
 from anchorpose.body.config import VisibilityConfig
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import pose_points
-from anchorpose.body.visibility import joint_states, pixels_of, projection_of, skin_around_joints
+from anchorpose.body.visibility import SkinReason, joint_states, pixels_of, projection_of, skin_around_joints
 from anchorpose.camera import Camera, Intrinsics, invert_rigid, transform_points
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_NAMES, JointState
@@ -35,6 +35,7 @@ from anchorpose.simulate.render import TrueImage
 BODY = adult_body()
 POSE = standing(LeftArm=(-20.0, 0.0, 0.0), RightArm=(20.0, 0.0, 0.0))
 CONFIG = VisibilityConfig()
+ALL = np.ones(len(points().vertex), dtype=bool)  # every skin point covers what is seen at its place
 Change = Callable[[View, TrueImage], View]
 LEG = ("KneeLeft", "AnkleLeft", "FootLeft")
 
@@ -48,7 +49,7 @@ def states(
         picture = photograph(skin_in(drawn or pose, BODY), camera)
         view = before_wall(picture, camera)
         views.append(view if change is None else change(view, picture))
-    found = joint_states(points(), pose_points(BODY, pose), views, cameras, CONFIG)
+    found = joint_states(points(), pose_points(BODY, pose), ALL, views, cameras, CONFIG)
     return dict(zip(JOINT_NAMES, found, strict=True))
 
 
@@ -129,12 +130,12 @@ def test_one_camera_that_sees_a_joint_is_enough():
 def test_a_camera_without_a_picture_says_nothing():
     picture = photograph(skin_in(POSE, BODY), FRONT)
     posed, view = pose_points(BODY, POSE), before_wall(picture, FRONT)
-    alone = joint_states(points(), posed, (view,), (FRONT,), CONFIG)
-    assert joint_states(points(), posed, (None, view), (LEFT, FRONT), CONFIG) == alone
+    alone = joint_states(points(), posed, ALL, (view,), (FRONT,), CONFIG)
+    assert joint_states(points(), posed, ALL, (None, view), (LEFT, FRONT), CONFIG) == alone
 
 
 def test_no_picture_at_all_hides_everything_for_no_known_reason():
-    found = joint_states(points(), pose_points(BODY, POSE), (None,), (FRONT,), CONFIG)
+    found = joint_states(points(), pose_points(BODY, POSE), ALL, (None,), (FRONT,), CONFIG)
     assert set(found) == {JointState.HIDDEN}
 
 
@@ -187,14 +188,14 @@ def test_what_pixels_say_of_skin_is_what_the_rules_written_out_say():
     far, reach = np.full(3000, 2.0), 0.04
     before, near = depth[row, column] < far - reach, np.abs(depth[row, column] - far) <= reach
     label = labels[row, column]
-    wanted = np.full(3000, visibility._MISFIT)
-    wanted[(label == PixelLabel.PATIENT) & before] = visibility._SELF
-    wanted[(label == PixelLabel.EQUIPMENT) & (before | near)] = visibility._EQUIPMENT
-    wanted[(label >= PixelLabel.OTHER_PERSON) & (before | near)] = visibility._PERSON
-    wanted[(label == PixelLabel.NO_READING) | (label == PixelLabel.CLUTTER)] = visibility._HOLE
-    wanted[(label == PixelLabel.PATIENT) & near] = visibility._SEEN
+    wanted = np.full(3000, SkinReason.PAST)
+    wanted[(label == PixelLabel.PATIENT) & before] = SkinReason.SELF
+    wanted[(label == PixelLabel.EQUIPMENT) & (before | near)] = SkinReason.EQUIPMENT
+    wanted[(label >= PixelLabel.OTHER_PERSON) & (before | near)] = SkinReason.PERSON
+    wanted[(label == PixelLabel.NO_READING) | (label == PixelLabel.CLUTTER)] = SkinReason.HOLE
+    wanted[(label == PixelLabel.PATIENT) & near] = SkinReason.SEEN
     column[::9] = row[::9] = -1
-    wanted[::9] = visibility._OUTSIDE
+    wanted[::9] = SkinReason.OUTSIDE
     np.testing.assert_array_equal(visibility._read(column, row, far, labels, depth, reach), wanted)
 
 

@@ -71,7 +71,7 @@ def surface_constraints(
     doi:10.1145/3306346.3323037). A node that no skin covers pulls straight: planes alone let limbs slide along
     themselves.
     """
-    chosen = _thin(len(surface), config.node_count)
+    chosen = thin(len(surface), config.node_count)
     point, target, direction = facing_rows(
         Oriented(posed.points_m, posed.normals),
         Oriented(surface.points_m[chosen].astype(np.float64), surface.normals[chosen].astype(np.float64)),
@@ -92,7 +92,7 @@ def place_constraints(point: np.ndarray, target_m: np.ndarray, sigma_m: float, s
     )
 
 
-def _thin(count: int, wanted: int) -> np.ndarray:
+def thin(count: int, wanted: int) -> np.ndarray:
     """As many indices as wanted, spread evenly over ``count``, the same each time."""
     if count <= wanted:
         return np.arange(count)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from enum import IntEnum
 from functools import cache
 from typing import Final, NamedTuple
 
@@ -19,7 +20,7 @@ from anchorpose.joints import JOINT_COUNT, JointState
 
 JOINT_RADIUS_M: Final = 0.13  # skin that moves with the joint: half a shank
 TRUNK_RADIUS_M: Final = 0.22  # the spine lies at the back: so far to the skin of the belly
-LEAST_SEEN: Final = 0.25  # share of the skin around a joint, facing one camera, that must be seen there
+LEAST_SEEN: Final = 0.2  # share of the skin around a joint, facing one camera, that must cover what is seen there
 GRAZING: Final = 0.25  # cosine below which skin is edge-on and hardly returns depth
 
 _TRUNK = ("Hips", "Spine")
@@ -31,7 +32,18 @@ _REASONS = (
     JointState.HIDDEN,
     JointState.OUT_OF_VIEW,
 )
-_SEEN, _SELF, _EQUIPMENT, _PERSON, _HOLE, _OUTSIDE, _MISFIT = range(7)
+
+
+class SkinReason(IntEnum):
+    """What the pixel of a skin point shows; all but the last are reasons in the order of ``_REASONS``."""
+
+    SEEN = 0  # the patient, at the point's own depth
+    SELF = 1  # the patient, in front of the point
+    EQUIPMENT = 2
+    PERSON = 3
+    HOLE = 4  # no reading, or clutter
+    OUTSIDE = 5  # the point lies outside the image
+    PAST = 6  # the camera sees past the point: what it shows lies farther away
 
 
 class Projection(NamedTuple):
@@ -73,35 +85,38 @@ def skin_around_joints(points: SkinPoints) -> tuple[np.ndarray, ...]:
 def joint_states(
     points: SkinPoints,
     posed: PosedPoints,
+    covering: np.ndarray,
     views: Sequence[View | None],
     cameras: Sequence[Camera],
     config: VisibilityConfig,
 ) -> tuple[JointState, ...]:
     """The state of each of the 21 joints: the best that any camera offers, else what hides most of it.
 
+    covering (p,) bool: skin points that are nearest to a node of the surface (``Explanation.covering``). Skin that lies
+    where the patient is seen but covers nothing, such as an arm within the trunk, is behind what is seen.
     Lost where the cameras look past most of the skin around it: then the joint is not where the pose puts it.
     """
-    votes = np.zeros((JOINT_COUNT, _MISFIT + 1))
+    votes = np.zeros((JOINT_COUNT, SkinReason.PAST + 1))
     observed = np.zeros(JOINT_COUNT, dtype=bool)
     around = skin_around_joints(points)
     for view, camera in zip(views, cameras, strict=True):
         if view is None:
             continue
-        reason, facing = _reasons(posed, view, camera, config)
+        reason, facing = skin_reasons(posed, view, camera, config.reach_m)
+        reason = np.where((reason == SkinReason.SEEN) & ~covering, SkinReason.SELF, reason)
         for joint, skin in enumerate(around):
             towards = skin[facing[skin]]
             if not len(towards):
-                votes[joint, _SELF] += 1.0
+                votes[joint, SkinReason.SELF] += 1.0
                 continue
-            counts = np.bincount(reason[towards], minlength=_MISFIT + 1)
-            observed[joint] |= counts[_SEEN] >= LEAST_SEEN * len(towards)
+            counts = np.bincount(reason[towards], minlength=SkinReason.PAST + 1)
+            observed[joint] |= counts[SkinReason.SEEN] >= LEAST_SEEN * len(towards)
             votes[joint] += counts / len(towards)
-    votes[:, _SEEN] = 0.0
-    votes[:, _HOLE] += (votes.sum(axis=1) == 0.0) & ~observed  # no camera has a frame
-    misfit = ~observed & (votes[:, _MISFIT] > votes[:, :_MISFIT].sum(axis=1))
-    states = [
-        _REASONS[0] if seen else _REASONS[vote[:_MISFIT].argmax()] for seen, vote in zip(observed, votes, strict=True)
-    ]
+    votes[:, SkinReason.SEEN] = 0.0
+    votes[:, SkinReason.HOLE] += (votes.sum(axis=1) == 0.0) & ~observed  # no camera has a frame
+    misfit = ~observed & (votes[:, SkinReason.PAST] > votes[:, : SkinReason.PAST].sum(axis=1))
+    reasons = [_REASONS[vote[: SkinReason.PAST].argmax()] for vote in votes]
+    states = [JointState.OBSERVED if seen else why for seen, why in zip(observed, reasons, strict=True)]
     return tuple(JointState.LOST if odd else state for odd, state in zip(misfit, states, strict=True))
 
 
@@ -112,15 +127,18 @@ def seen_skin(
     seen = np.zeros(len(posed.points_m), dtype=bool)
     for view, camera in zip(views, cameras, strict=True):
         if view is not None:
-            reason, facing = _reasons(posed, view, camera, config)
-            seen |= facing & (reason == _SEEN)
+            reason, facing = skin_reasons(posed, view, camera, config.reach_m)
+            seen |= facing & (reason == SkinReason.SEEN)
     return seen
 
 
-def _reasons(posed: PosedPoints, view: View, camera: Camera, config: VisibilityConfig) -> tuple[np.ndarray, np.ndarray]:
-    """Why each skin point is seen or not by its pixel (p,), and which points face the camera (p,) bool."""
+def skin_reasons(posed: PosedPoints, view: View, camera: Camera, reach_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """``SkinReason`` of each skin point (p,), and which points face the camera (p,) bool.
+
+    reach_m: how far in depth the patient's pixel may be from the skin to be that skin.
+    """
     column, row, far = pixels_of(posed.points_m, projection_of(camera), *view.labels.shape)
-    reason = _read(column, row, far, view.labels, view.depth_m, config.reach_m)
+    reason = _read(column, row, far, view.labels, view.depth_m, reach_m)
     return reason, _turned_to(posed.points_m, posed.normals, camera.position_m, GRAZING)
 
 
@@ -161,21 +179,21 @@ def _read(
     column: np.ndarray, row: np.ndarray, far: np.ndarray, labels: np.ndarray, depth: np.ndarray, reach: float
 ) -> np.ndarray:
     """(p,) int64: by label and depth of each point's pixel; column -1 where it has none."""
-    reason = np.full(len(column), _MISFIT)
+    reason = np.full(len(column), np.int64(SkinReason.PAST))
     for p in range(len(column)):
         if column[p] < 0:
-            reason[p] = _OUTSIDE
+            reason[p] = SkinReason.OUTSIDE
             continue
         label, z = labels[row[p], column[p]], np.float64(depth[row[p], column[p]])
         before, near = z < far[p] - reach, abs(z - far[p]) <= reach
         if label == PixelLabel.NO_READING or label == PixelLabel.CLUTTER:
-            reason[p] = _HOLE
+            reason[p] = SkinReason.HOLE
         elif label == PixelLabel.PATIENT:
-            reason[p] = _SEEN if near else (_SELF if before else _MISFIT)
+            reason[p] = SkinReason.SEEN if near else (SkinReason.SELF if before else SkinReason.PAST)
         elif label == PixelLabel.EQUIPMENT and (before or near):
-            reason[p] = _EQUIPMENT
+            reason[p] = SkinReason.EQUIPMENT
         elif label >= PixelLabel.OTHER_PERSON and (before or near):
-            reason[p] = _PERSON
+            reason[p] = SkinReason.PERSON
     return reason
 
 

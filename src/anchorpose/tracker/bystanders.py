@@ -13,13 +13,14 @@ from typing import Final
 import numpy as np
 from numba import njit
 
+from anchorpose.body.belief import Pace, PoseBelief, vague_belief
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence
 from anchorpose.body.initial import find_rough_pose
 from anchorpose.body.learning import shape_of_height
 from anchorpose.body.pose import DEGREE, POSE_SIZE, Pose
-from anchorpose.body.registration import Pace, PoseBelief, posterior, register, vague_belief
+from anchorpose.body.registration import posterior, register
 from anchorpose.body.skin_points import Body, SkinPoints, build_body, pose_points
 from anchorpose.camera import Camera
 from anchorpose.isolation.ownership import OwnershipLikelihood, join_likelihoods
@@ -160,7 +161,7 @@ def _evidence(views: Sequence[View | None], cameras: Sequence[Camera], label: in
 
 def _follow(one: Bystander, evidence: Evidence, points: SkinPoints, elapsed_s: float) -> Bystander | None:
     predicted = one.belief.later(_ahead(one, points, elapsed_s), abs(elapsed_s), WALKING)
-    found = register(one.body, predicted, evidence, no_constraints(), ROUGHLY, may_search=False)
+    found = register(one.body, predicted, evidence, no_constraints(), ROUGHLY)
     if not found.found or found.explained < LEAST_EXPLAINED:
         return None
     change = one.belief.pose.change_to(found.belief.pose, points.moving)

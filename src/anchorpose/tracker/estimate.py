@@ -6,8 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from anchorpose.body.belief import PoseBelief
+from anchorpose.body.explained import Explanation, explain
 from anchorpose.body.inverse_kinematics import CorrectedJoints
-from anchorpose.body.registration import PoseBelief, Registration
+from anchorpose.body.registration import Registration
 from anchorpose.body.skin_points import Body, FittedShape, pose_points
 from anchorpose.body.uncertainty import joint_sigma
 from anchorpose.body.visibility import joint_states
@@ -22,7 +24,8 @@ class Estimate:
     """One frame's answer: joints_m (21, 3) and sigma_m (21,), NaN where lost; states; the pose, None where lost.
 
     observation and shape are None where nobody was searched for or found. matched_share: share of the nodes with a
-    match in this frame, None where nothing was matched (the first frame, nothing seen).
+    match in this frame, None where nothing was matched (the first frame, nothing seen). explanation: how well the pose
+    explains the depth images, None where lost.
     """
 
     frame_set: FrameSet
@@ -34,6 +37,7 @@ class Estimate:
     sigma_m: np.ndarray
     states: tuple[JointState, ...]
     matched_share: float | None = None
+    explanation: Explanation | None = None
 
 
 def nobody_found(frame_set: FrameSet, observation: Observation | None = None) -> Estimate:
@@ -68,9 +72,9 @@ def estimate_of(
     posed = pose_points(body, belief.pose)
     joints = body.mesh.joints(posed.transforms)
     sigma = joint_sigma(body, posed, belief.covariance, config.uncertainty)
-    found = joint_states(
-        body.points, posed, observation.evidence.views, observation.evidence.cameras, config.visibility
-    )
+    explanation = explain(body.points, posed, observation.evidence)
+    evidence = observation.evidence
+    found = joint_states(body.points, posed, explanation.covering, evidence.views, evidence.cameras, config.visibility)
     states = tuple(
         JointState.HIDDEN if joint in placed and state is JointState.LOST else state
         for joint, state in enumerate(found)
@@ -89,4 +93,5 @@ def estimate_of(
         np.where(lost, np.nan, sigma),
         tuple(JointState.LOST if gone else state for gone, state in zip(lost, states, strict=True)),
         matched_share,
+        explanation,
     )

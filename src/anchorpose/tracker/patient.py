@@ -10,9 +10,11 @@ from typing import Final
 import numpy as np
 
 from anchorpose.association.hypotheses import Matcher
+from anchorpose.body.belief import UNSEEN_S, PoseBelief
 from anchorpose.body.body_map import map_body
 from anchorpose.body.constraints import place_constraints
 from anchorpose.body.evidence import Evidence, evidence_cost
+from anchorpose.body.explained import explain
 from anchorpose.body.initial import anchor_points
 from anchorpose.body.inverse_kinematics import (
     CorrectedJoints,
@@ -22,9 +24,10 @@ from anchorpose.body.inverse_kinematics import (
     pose_from_joints,
     relax_limbs,
 )
+from anchorpose.body.limb_search import needs_search, search_limbs
 from anchorpose.body.part_registration import ITERATIONS, joints_of_parts
 from anchorpose.body.pose import Pose
-from anchorpose.body.registration import UNSEEN_S, PoseBelief, Registration, posterior, register
+from anchorpose.body.registration import Registration, posterior, register
 from anchorpose.body.skin_points import FittedShape, body_points, build_body, pose_points
 from anchorpose.body.uncertainty import skin_sigma
 from anchorpose.recording.recording import FrameSet
@@ -263,17 +266,20 @@ class PatientTracker:
         now = pose_points(self.body, self.belief.pose)
         T_predicted = part_motion(now.transforms, pose_points(self.body, pose).transforms)
         held = held_by(self.points, now, hypothesis, list(self.window), T_predicted)
-        found = register(
-            self.body,
-            predicted,
-            following.evidence,
-            held,
-            config.registration,
-            self.search_wait == 0,
-            self.feet.rows(following.frame_set.time_s),
-        )
-        self.search_wait = SEARCH_PAUSE if found.searched else max(0, self.search_wait - 1)
-        return self._uncross(found, predicted, following.evidence) if found.found else found
+        feet = self.feet.rows(following.frame_set.time_s)
+        found = register(self.body, predicted, following.evidence, held, config.registration, feet)
+        return self._look_for_limbs(found, predicted, following.evidence) if found.found else found
+
+    def _look_for_limbs(self, found: Registration, predicted: PoseBelief, evidence: Evidence) -> Registration:
+        """The registration, with limbs searched for where it leaves seen skin uncovered."""
+        posed = pose_points(self.body, found.belief.pose)
+        self.search_wait -= 1
+        if self.search_wait < 0 and needs_search(explain(self.points, posed, evidence)):
+            search = search_limbs(self.body, found, predicted, evidence, self.config.registration)
+            if search.rounds:
+                self.history.clear()  # the limbs moved as other ones
+            self.search_wait, found = SEARCH_PAUSE, search.registration
+        return self._uncross(found, predicted, evidence)
 
     def _register_parts(self, hypothesis: GlobalHypothesis, pose: Pose, predicted: PoseBelief) -> Registration:
         """The paper's own way: every part by itself, from frame to frame."""
@@ -293,7 +299,7 @@ class PatientTracker:
         if pose is None:
             return found
         uncertain = predicted.later(pose, UNSEEN_S)
-        other = register(self.body, uncertain, evidence, NOTHING_HELD, config, may_search=False)
+        other = register(self.body, uncertain, evidence, NOTHING_HELD, config)
         costs = [
             evidence_cost(self.body, tried.belief.pose, evidence, config.reaches_m[-1], config)
             for tried in (found, other)

@@ -8,9 +8,10 @@ from enum import StrEnum
 
 import numpy as np
 
+from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.body.initial import FirstShape, find_first_pose
 from anchorpose.body.learning import ShapeBelief, adult_belief, shape_of_height
-from anchorpose.body.registration import PoseBelief, posterior, vague_belief
+from anchorpose.body.registration import posterior
 from anchorpose.body.skin_points import FittedShape, body_points, build_body
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.recording.recording import FrameSet, Recording

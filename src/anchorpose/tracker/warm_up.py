@@ -8,12 +8,14 @@ from typing import Final
 
 import numpy as np
 
+from anchorpose.body.belief import vague_belief
 from anchorpose.body.config import RegistrationConfig, UncertaintyConfig, VisibilityConfig
 from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence, gather_evidence
+from anchorpose.body.explained import explain
 from anchorpose.body.learning import adult_belief, learn_body, shape_of_height
 from anchorpose.body.pose import Pose
-from anchorpose.body.registration import Registration, register, vague_belief
+from anchorpose.body.registration import Registration, register
 from anchorpose.body.skin_points import PosedPoints, body_points, build_body, pose_points
 from anchorpose.body.uncertainty import joint_sigma, skin_sigma
 from anchorpose.body.visibility import joint_states
@@ -54,7 +56,8 @@ def warm_up() -> Registration:
     covariance = found.belief.covariance
     joint_sigma(body, posed, covariance, UncertaintyConfig())
     skin_sigma(body, posed, covariance, UncertaintyConfig())
-    joint_states(points, posed, evidence.views, evidence.cameras, VisibilityConfig())
+    covering = explain(points, posed, evidence).covering
+    joint_states(points, posed, covering, evidence.views, evidence.cameras, VisibilityConfig())
     motions = load_motions(SHIPPED, RATE_HZ, MotionConfig())
     still = np.repeat(body.joints(pose)[None], MotionConfig().history, axis=0)
     predict_joints(still, 3, motions, MotionConfig())

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from anchorpose.association.hypotheses import GateConfig, HypothesisConfig
+from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.body.pose import Pose
-from anchorpose.body.registration import PoseBelief, vague_belief
 from anchorpose.body.skin_points import FittedShape, body_points, build_body
 from anchorpose.errors import AnchorposeError
 from anchorpose.isolation.people import PatientChoice

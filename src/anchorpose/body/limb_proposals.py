@@ -1,0 +1,224 @@
+"""Poses proposed from the picture: where seen skin is that no limb covers, and what the limbs look like exchanged.
+
+Nothing here depends on a prediction but the trunk that the limbs hang on, and that is proposed too (``exchanged``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from typing import Final
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from anchorpose.body.asset import BodyAsset
+from anchorpose.body.evidence import Evidence
+from anchorpose.body.explained import Explanation, node_area_m2
+from anchorpose.body.inverse_kinematics import pose_from_joints
+from anchorpose.body.pose import Pose
+from anchorpose.body.skin_points import Body
+from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
+
+SIDES: Final = ("Left", "Right")
+NEIGHBOUR_M: Final = 0.05  # between thinned nodes of one piece: twice their spacing
+SMALLEST_M2: Final = 0.004  # half the palm of a hand: smaller uncovered pieces are clothes
+MOST_PIECES: Final = 3  # two arms and a leg; what else is uncovered is looked at once those have been found
+REACH_SLACK_M: Final = 0.15  # by which a tip may be farther than the limb is long: the trunk leans, the shoulder moves
+
+
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """A limb from its end: joints, how far along the skin each lies from the tip at rest, and how deep inside."""
+
+    bones: tuple[str, ...]
+    joints: tuple[str, ...]
+    depth_m: tuple[float, ...]
+    root: str
+
+
+CHAINS: Final = tuple(
+    Chain(
+        tuple(f"{side}{bone}" for bone in bones),
+        tuple(f"{joint}{side}" for joint in joints),
+        depth_m,
+        f"{root}{side}",
+    )
+    for bones, joints, depth_m, root in (
+        (("Arm", "ForeArm", "Hand"), ("Hand", "Wrist", "Elbow"), (0.012, 0.02, 0.04), "Shoulder"),
+        (("UpLeg", "Leg", "Foot"), ("Foot", "Ankle", "Knee"), (0.03, 0.04, 0.055), "Hip"),
+    )
+    for side in SIDES
+)
+"""Arms and legs; depths are half of the limb's thickness at each joint."""
+
+_SIDED: Final = tuple(JOINT_INDEX[f"{joint}{side}"] for joint in ("Shoulder", "Hip") for side in SIDES)
+_TRUNK: Final = (*(JOINT_INDEX[n] for n in ("SpineBase", "SpineMid", "SpineShoulder", "Neck", "Head")), *_SIDED)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LimbPath:
+    """The axis of an uncovered piece of surface: places_m (k, 3) on the skin from its tip to where it meets the body,
+    inward (k, 3) unit, along_m (k,) distance from the tip."""
+
+    places_m: np.ndarray
+    inward: np.ndarray
+    along_m: np.ndarray
+
+
+def uncovered_paths(evidence: Evidence, explanation: Explanation) -> list[LimbPath]:
+    """The axis of each large piece of seen skin that the body does not cover, the largest first.
+
+    The piece's root is where it meets covered skin, or, of a piece that a bar cuts off, the node nearest to covered
+    skin; its tip is the node farthest from there along the piece.
+    """
+    surface, bare = evidence.surface, explanation.node
+    if len(bare) < 2:
+        return []
+    points = surface.points_m[bare].astype(np.float64)
+    pairs = cKDTree(points).query_pairs(NEIGHBOUR_M, output_type="ndarray")
+    length = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
+    graph = csr_array((length, (pairs[:, 0], pairs[:, 1])), shape=(len(bare), len(bare)))
+    _, piece = connected_components(graph, directed=False)
+    area = (node_area_m2(evidence) * explanation.thinned)[surface.camera[bare]]
+    size = np.bincount(piece, area)
+    largest = np.argsort(-size, kind="stable")[:MOST_PIECES]
+    away = _from_covered(evidence, explanation, points)
+    normals = surface.normals[bare].astype(np.float64)
+    return [
+        _path(graph, np.flatnonzero(piece == number), points, normals, away)
+        for number in largest
+        if size[number] >= SMALLEST_M2
+    ]
+
+
+def _from_covered(evidence: Evidence, explanation: Explanation, points_m: np.ndarray) -> np.ndarray:
+    """(u,) metres from each uncovered node to the nearest covered one; 0 everywhere where none is covered."""
+    covered = evidence.surface.points_m[explanation.covered]
+    if not len(covered):
+        return np.zeros(len(points_m))
+    distance, _ = cKDTree(covered).query(points_m)
+    return np.asarray(distance)
+
+
+def _path(
+    graph: csr_array, nodes: np.ndarray, points_m: np.ndarray, normals: np.ndarray, away_m: np.ndarray
+) -> LimbPath:
+    """From the tip of one piece (nodes) to its root."""
+    roots = nodes[away_m[nodes] <= max(NEIGHBOUR_M, float(away_m[nodes].min()))]
+    field, before, _ = dijkstra(graph, directed=False, indices=roots, min_only=True, return_predecessors=True)
+    chain = [int(nodes[np.argmax(field[nodes])])]
+    while before[chain[-1]] >= 0:
+        chain.append(int(before[chain[-1]]))
+    order = np.array(chain)
+    return LimbPath(points_m[order], -normals[order], field[order[0]] - field[order])
+
+
+def limb_poses(body: Body, pose: Pose, path: LimbPath) -> Iterator[Pose]:
+    """The pose with one limb laid along a path, for each limb that can reach its tip.
+
+    The joints that the path is long enough for lie on it. An elbow or knee beyond its end is left to the ranges of the
+    joints, from the limb as it is and from a limb at rest.
+    """
+    joints = body.joints(pose)
+    lengths = limb_lengths(body)
+    for chain, (along_m, whole_m) in zip(CHAINS, lengths, strict=True):
+        root = joints[JOINT_INDEX[chain.root]]
+        if np.linalg.norm(path.places_m[0] - root) > whole_m + REACH_SLACK_M:
+            continue
+        wanted = _held_trunk(joints)
+        for joint, at_m, depth_m in zip(chain.joints, along_m, chain.depth_m, strict=True):
+            if at_m <= path.along_m[-1] + NEIGHBOUR_M:
+                wanted[JOINT_INDEX[joint]] = _place(path, at_m, depth_m)
+        for rotations in _starts(body.points.asset, pose, chain):
+            yield _solved(body, Pose(rotations, pose.root_m), wanted)
+
+
+def exchanged(body: Body, pose: Pose) -> Iterator[Pose]:
+    """The pose with the arms exchanged, with the legs exchanged, and with the body turned round where it stands.
+
+    Limbs keep their places in the room and change their names: skin fits as well, joints and feet do not.
+    """
+    joints = body.joints(pose)
+    asset = body.points.asset
+    for limbs in (("Arm",), ("Leg",), ("Arm", "Leg")):
+        wanted, rotations, root_m = _held_trunk(joints), pose.rotations.copy(), pose.root_m
+        if len(limbs) == 2:
+            hips, sides = asset.bone("Hips"), list(_SIDED)
+            rotations[hips] = Rotation.from_rotvec([0.0, np.pi, 0.0]).as_matrix() @ rotations[hips]
+            wanted[sides] = joints[_mirrored()[sides]]
+        for chain in CHAINS:
+            if chain.bones[0].endswith(limbs):
+                own = [JOINT_INDEX[name] for name in chain.joints]
+                wanted[own] = joints[_mirrored()[own]]
+                rotations[[asset.bone(bone) for bone in chain.bones]] = np.eye(3)
+        yield _solved(body, Pose(rotations, root_m), wanted)
+
+
+@cache
+def _mirrored() -> np.ndarray:
+    """(21,) the joint of the other side; of the trunk the joint itself."""
+    swap = {"Left": "Right", "Right": "Left"}
+    other = np.arange(JOINT_COUNT)
+    for name, index in JOINT_INDEX.items():
+        for side, opposite in swap.items():
+            if name.endswith(side):
+                other[index] = JOINT_INDEX[name.removesuffix(side) + opposite]
+    return other
+
+
+def limb_lengths(body: Body) -> list[tuple[np.ndarray, float]]:
+    """For each of ``CHAINS``: metres from the tip to each of its joints, and from the tip to the limb's root."""
+    asset, rest = body.points.asset, body.mesh.rest_joints()
+    found = []
+    for chain in CHAINS:
+        end = np.isin(body.points.part, _bones_from(asset, chain.bones[-1]))
+        joints = rest[[JOINT_INDEX[name] for name in (*chain.joints, chain.root)]]
+        steps = np.linalg.norm(np.diff(joints, axis=0), axis=1)
+        beyond = np.linalg.norm(body.rest_m[end] - joints[1], axis=1).max() - steps[0]
+        along = beyond + np.concatenate([[0.0], np.cumsum(steps)])
+        found.append((along[:-1], float(along[-1])))
+    return found
+
+
+def _bones_from(asset: BodyAsset, name: str) -> np.ndarray:
+    """The bone and all bones below it."""
+    first = asset.bone(name)
+    below = {first}
+    for bone, parent in enumerate(asset.bone_parents):
+        if int(parent) in below:
+            below.add(bone)
+    return np.array(sorted(below))
+
+
+def _held_trunk(joints: np.ndarray) -> np.ndarray:
+    """(21, 3) wanted joints: trunk, head, shoulders and hips where they are, NaN elsewhere."""
+    wanted = np.full((JOINT_COUNT, 3), np.nan)
+    wanted[list(_TRUNK)] = joints[list(_TRUNK)]
+    return wanted
+
+
+def _place(path: LimbPath, at_m: float, depth_m: float) -> np.ndarray:
+    """(3,) a point inside the limb at a distance from the tip."""
+    skin = np.array([np.interp(at_m, path.along_m, path.places_m[:, axis]) for axis in range(3)])
+    inward = np.array([np.interp(at_m, path.along_m, path.inward[:, axis]) for axis in range(3)])
+    return np.asarray(skin + depth_m * inward / max(float(np.linalg.norm(inward)), 1e-9))
+
+
+def _starts(asset: BodyAsset, pose: Pose, chain: Chain) -> Iterator[np.ndarray]:
+    bones = [asset.bone(bone) for bone in chain.bones]
+    resting = pose.rotations.copy()
+    resting[bones] = np.eye(3)
+    yield resting
+    yield pose.rotations.copy()
+
+
+def _solved(body: Body, start: Pose, wanted: np.ndarray) -> Pose:
+    found = start
+    for _ in range(4):
+        found = pose_from_joints(body, found, wanted)
+    return found
