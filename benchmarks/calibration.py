@@ -27,7 +27,7 @@ from anchorpose.errors import InputError
 from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.simulate.clinic import Clinic, draw_clinic
-from anchorpose.simulate.config import Sensor, SimulationConfig
+from anchorpose.simulate.config import Equipment, Sensor, SimulationConfig
 from anchorpose.simulate.shoot import set_up
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.preparation import calibrate as find_poses
@@ -85,7 +85,8 @@ def clinic_config(seed: int, seconds: float) -> SimulationConfig:
     """Sensors in turn, every fifth clinic with parallel bars."""
     sensors = get_args(Sensor)
     sensor = sensors[seed % len(sensors)]
-    return SimulationConfig(seed=seed, seconds=seconds, fps=15.0, sensor=sensor, parallel_bars=seed % 5 == 4)
+    equipment: Equipment = "parallel-bars" if seed % 5 == 4 else "standing-frame"
+    return SimulationConfig(seed=seed, seconds=seconds, fps=15.0, sensor=sensor, equipment=equipment)
 
 
 def calibrate(seed: int, way: str, recording: Recording, frames: Sequence[FrameSet], clinic: Clinic) -> Outcome:

@@ -114,7 +114,7 @@ def of_skeletons(clips: ReferenceClips, every: int) -> dict[str, list[np.ndarray
 def simulated(kind: str, seconds: float = 5.0) -> np.ndarray:
     """A movement by somebody who is not in the shipped file."""
     config = SimulationConfig(
-        seed=777_000 + MOTIONS.index(kind), seconds=seconds, fps=RATE_HZ, cameras=1, standing_frame=False,
+        seed=777_000 + MOTIONS.index(kind), seconds=seconds, fps=RATE_HZ, cameras=1, equipment="none",
         therapists=0, motions=(kind,), speed="mixed",
     )  # fmt: skip
     return draw_clinic(config).act(np.arange(config.frames) / RATE_HZ).joints_m()

@@ -37,7 +37,7 @@ from anchorpose.tracker.room import Room
 from anchorpose.tracker.run import Run
 from anchorpose.tracking.motion_file import load_motions
 
-ALONE: Final = {"standing_frame": False, "stool": False, "therapists": 0}
+ALONE: Final = {"equipment": "none", "stool": False, "therapists": 0}
 SCENES: Final = {
     "one camera": {"cameras": 1, **ALONE},
     "three cameras": {"cameras": 3, **ALONE},

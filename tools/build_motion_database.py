@@ -31,7 +31,7 @@ def main() -> None:
     for number, motion in enumerate(MOTIONS):
         for person in range(PEOPLE):
             config = SimulationConfig(
-                seed=FIRST_SEED + 100 * number + person, seconds=SECONDS, fps=RATE_HZ, cameras=1, standing_frame=False,
+                seed=FIRST_SEED + 100 * number + person, seconds=SECONDS, fps=RATE_HZ, cameras=1, equipment="none",
                 therapists=0, motions=(motion,), speed="mixed",
             )  # fmt: skip
             clinic = draw_clinic(config)

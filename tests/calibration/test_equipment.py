@@ -280,7 +280,7 @@ def test_equipment_that_is_pushed_is_noticed_with_when_and_how_far(shift_m, back
 
 @pytest.mark.slow
 def test_symmetric_bars_need_the_heading_of_the_patient():
-    true, recording, frames = shoot(SimulationConfig(seed=4, seconds=6.0, fps=10.0, parallel_bars=True))
+    true, recording, frames = shoot(SimulationConfig(seed=4, seconds=6.0, fps=10.0, equipment="parallel-bars"))
     with pytest.raises(InputError, match=r"looks the same from several sides, and which way the patient faces"):
         find_world(recording, frames)
     asked = []

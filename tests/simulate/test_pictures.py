@@ -90,9 +90,7 @@ def test_joints_project_onto_the_patient_and_lie_under_the_skin():
 
 
 def test_a_hole_removes_exactly_the_ball_around_the_middle_of_what_is_seen():
-    whole = set_up(
-        draw_clinic(SimulationConfig(seed=5, seconds=1, fps=2, cameras=2, standing_frame=False, therapists=0))
-    )
+    whole = set_up(draw_clinic(SimulationConfig(seed=5, seconds=1, fps=2, cameras=2, equipment="none", therapists=0)))
     holed = set_up(
         draw_clinic(
             SimulationConfig(
@@ -100,7 +98,7 @@ def test_a_hole_removes_exactly_the_ball_around_the_middle_of_what_is_seen():
                 seconds=1,
                 fps=2,
                 cameras=2,
-                standing_frame=False,
+                equipment="none",
                 therapists=0,
                 hole_radius_m=0.12,
                 hole_share=1.0,

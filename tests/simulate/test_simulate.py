@@ -159,7 +159,7 @@ def test_progress_counts_to_the_end(tmp_path):
         {"speed": "brisk"},
         {"motions": ("dance",)},
         {"motions": ()},
-        {"motions": ("sit-to-stand",), "standing_frame": True},
+        {"motions": ("sit-to-stand",), "equipment": "standing-frame"},
         {"clothing_m": 0.05},
         {"hole_radius_m": 0.5},
         {"hole_share": 1.5},
@@ -215,11 +215,11 @@ def test_a_curtain_hides_him_for_two_seconds_and_no_longer(tmp_path):
 @pytest.mark.parametrize(
     "wrong",
     [
-        {"away_s": ((3.0, 1.0),), "standing_frame": False},
-        {"away_s": ((1.0, 2.0),), "standing_frame": True},
+        {"away_s": ((3.0, 1.0),), "equipment": "none"},
+        {"away_s": ((1.0, 2.0),), "equipment": "standing-frame"},
         {"curtain_s": (2.0, 2.0)},
     ],
 )
 def test_a_scene_that_cannot_be_is_refused(wrong):
-    with pytest.raises(ValueError, match=r"away|curtain|standing frame"):
+    with pytest.raises(ValueError, match=r"away|curtain|walk out"):
         SimulationConfig(seed=1, **wrong)

@@ -7,23 +7,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from anchorpose.camera import Camera
-from anchorpose.recording.equipment import EquipmentModel, EquipmentPart
+from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.simulate.config import SimulationConfig
-from anchorpose.simulate.patient import LONG_AGO_S, Actor, draw_patient, resting_channels, seated_offsets
+from anchorpose.simulate.equip import fit_around, fit_held
+from anchorpose.simulate.passers import draw_passer_by
+from anchorpose.simulate.patient import Actor, draw_patient
 from anchorpose.simulate.person import Person, draw_person
 from anchorpose.simulate.render import PATIENT, Figure
-from anchorpose.simulate.scenery import (
-    StandingFrame,
-    build_stool,
-    fit_parallel_bars,
-    fit_standing_frame,
-    place_cameras,
-    room_triangles,
-)
+from anchorpose.simulate.retarget import CapturedActor, draw_captured
+from anchorpose.simulate.scenery import place_cameras, room_triangles
 from anchorpose.simulate.therapist import Therapist, draw_therapists
-from anchorpose.simulate.timeline import Footwork, Movement, ball_ahead_m, stance_places, standing_pelvis_m
 
-STREAMS = ("patient", "programme", "therapists", "room", "cameras", "holes", "sensor", "drops", "doubles", "stamps")
+STREAMS = (
+    "patient", "programme", "therapists", "room", "cameras", "holes", "sensor", "drops", "doubles", "stamps",
+    "movement", "passers",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,8 +32,8 @@ class Clinic:
     cameras: tuple[Camera, ...]
     room: np.ndarray  # (n, 3, 3) triangles
     equipment: EquipmentModel | None
-    patient: Actor
-    therapists: tuple[Therapist, ...]
+    patient: Actor | CapturedActor
+    therapists: tuple[Therapist, ...]  # and after them people who pass by
 
     def true_times_s(self, camera: int) -> np.ndarray:
         """(t,) when a camera really looks; its stamps say frame / fps since its epoch."""
@@ -104,18 +102,23 @@ def draw_clinic(config: SimulationConfig) -> Clinic:
     """People, room and cameras from ``config.seed``."""
     person = draw_person(random_stream(config, "patient"), config.clothing_m, config.height_m)
     scenery = random_stream(config, "room")
-    frame = _fitted_frame(scenery, person, config.parallel_bars) if config.standing_frame else None
-    patient = draw_patient(random_stream(config, "programme"), config, person, frame)
-    parts: tuple[EquipmentPart, ...] = () if frame is None else frame.parts
-    if config.stool and patient.sits():
-        parts += _fitted_stool(scenery, patient)
+    cameras = place_cameras(random_stream(config, "cameras"), config.sensor, config.cameras)
+    patient: Actor | CapturedActor
+    if config.movement_file is None:
+        held = fit_held(scenery, config, person)
+        patient = draw_patient(random_stream(config, "programme"), config, person, held)
+    else:
+        held, patient = None, draw_captured(random_stream(config, "movement"), config, person)
+    parts = fit_around(scenery, config, patient, held)
+    others = draw_therapists(random_stream(config, "therapists"), config, patient)
+    walkers = random_stream(config, "passers")
     return Clinic(
         config=config,
-        cameras=place_cameras(random_stream(config, "cameras"), config.sensor, config.cameras),
+        cameras=cameras,
         room=room_triangles(random_stream(config, "room", 1), config.cameras == 4),
         equipment=EquipmentModel(parts) if parts else None,
         patient=patient,
-        therapists=draw_therapists(random_stream(config, "therapists"), config, patient),
+        therapists=(*others, *(draw_passer_by(walkers, config, cameras) for _ in range(config.passers_by))),
     )
 
 
@@ -123,43 +126,3 @@ def face_parts(person: Person) -> np.ndarray:
     """(f,) uint8: 1 + bone index of each face's body part (of its first corner)."""
     asset = person.body.asset
     return (asset.main_bone()[asset.faces[:, 0]] + 1).astype(np.uint8)
-
-
-def _fitted_frame(rng: np.random.Generator, person: Person, parallel_bars: bool) -> StandingFrame:
-    body = person.body
-    actor = _posed(person, ())
-    skin = person.skin(actor.bones(np.zeros(1))[0], 0.0)
-    arms = np.array(
-        [any(k in body.asset.bone_names[b] for k in ("Arm", "Hand", "Finger", "Thumb")) for b in body.asset.main_bone()]
-    )
-    knee_m = float(body.bone_heads[body.asset.bone("LeftLeg"), 1])
-    trunk = ~arms & (skin[:, 1] > knee_m - 0.1)
-    half_width_m = float(np.abs(skin[trunk, 2]).max()) + 0.14
-    if parallel_bars:
-        return fit_parallel_bars(rng, pelvis_m=standing_pelvis_m(body), half_width_m=half_width_m)
-    return fit_standing_frame(
-        rng,
-        pelvis_m=standing_pelvis_m(body),
-        knee_m=knee_m,
-        front_m=float(skin[trunk & (skin[:, 1] < 1.2), 0].max()),
-        half_width_m=half_width_m,
-    )
-
-
-def _fitted_stool(rng: np.random.Generator, patient: Actor) -> tuple[EquipmentPart, ...]:
-    """A stool under the seated patient: its top just where the buttocks' lowest skin is."""
-    person = patient.person
-    seated = Movement(seated_offsets(person), LONG_AGO_S, 1.0, 1e3, 1.0)
-    sitter = Actor(person, patient.base, [seated], patient.footwork, ())
-    bones = sitter.bones(np.zeros(1))[0]
-    skin = person.skin(bones, 0.0)
-    hips_m = bones[0, :3, :3] @ person.body.bone_heads[0] + bones[0, :3, 3]
-    center = (float(hips_m[0] + 0.02), float(hips_m[2]))
-    above = (np.abs(skin[:, 0] - center[0]) < 0.2) & (np.abs(skin[:, 2] - center[1]) < 0.2)
-    return build_stool(rng, center, float(skin[above, 1].min()) + 0.01)
-
-
-def _posed(person: Person, offsets: tuple[tuple[str, float], ...]) -> Actor:
-    """A person who stands as the asset does, for measuring."""
-    feet = Footwork(stance_places(np.array([ball_ahead_m(person.body), 0.0]), 0.0, 0.26), np.zeros(2))
-    return Actor(person, resting_channels(person, False), [Movement(offsets, LONG_AGO_S, 1.0, 1e3, 1.0)], feet, ())

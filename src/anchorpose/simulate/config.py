@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Annotated, Final, Literal
 
 import numpy as np
 from pydantic import Field
 
 from anchorpose.settings import NotNegative, Positive, Share, settings
+from anchorpose.simulate.movement_file import SUBJECTS
 
 Sensor = Literal["kinect-v2", "azure-kinect", "realsense"]
 Speed = Literal["slow", "normal", "fast", "mixed"]
 Scene = Literal["enters-late", "leaves", "hidden", "sits"]
+Equipment = Literal["none", "standing-frame", "parallel-bars", "walker", "wheelchair", "sling"]
 
 MOTIONS: Final = (
     *("standing", "squat", "weight-shift", "trunk", "steps", "sit-to-stand"),
@@ -40,14 +43,20 @@ class SimulationConfig:
     fps: Positive = 30.0  # every sensor simulated here runs at 30 Hz
     cameras: Annotated[int, Field(ge=1, le=4)] = 3  # front, left, right, then behind
     sensor: Sensor = "kinect-v2"  # the paper's
-    standing_frame: bool = True
-    parallel_bars: bool = False  # instead of the standing frame: two rails that look the same from both ends
+    equipment: Equipment = "standing-frame"
+    chest_pad: bool = False  # on the parallel bars, with straps beside the hips
     equipment_moves_at_s: float | None = None  # when somebody pushes the equipment; None: nobody does
     equipment_shift_m: tuple[float, float] = (0.0, 0.0)  # along X and Z
     equipment_turn_rad: float = 0.0  # about the vertical
     stool: bool = True  # something solid under a patient who sits
     therapists: Annotated[int, Field(ge=0, le=3)] = 2
+    therapist_tasks: tuple[str, ...] = ()  # of ``TASKS`` in therapist.py, one per therapist; (): drawn
+    therapists_stay: bool = False  # they are there from first to last, as in the middle of an exercise
+    passers_by: Annotated[int, Field(ge=0, le=3)] = 0  # who walk through between a camera and the patient
     motions: Annotated[tuple[str, ...], Field(min_length=1)] = ("mixed",)
+    movement_file: Path | None = None  # captured movements instead of motions
+    movement: str | None = None  # one of ``MOVEMENTS`` in movement_file.py, or the name of a clip
+    subjects: tuple[int, ...] = SUBJECTS  # whose movements are drawn from
     speed: Speed = "mixed"
     clothing_m: Annotated[float, Field(ge=0, le=THICKEST_CLOTHING_M)] = 0.009  # how far folds stand off the skin
     away_s: tuple[tuple[float, float], ...] = ()  # from when to when the patient is out of the room; walks out and in
@@ -80,11 +89,13 @@ def _check_equipment(config: SimulationConfig) -> None:
     """Raises ValueError where motions, holes and equipment do not fit together."""
     for motion in config.motions:
         _require(motion in ("mixed", *MOTIONS), f"motion must be mixed or one of {MOTIONS}, got {motion}")
-    clash = FRAMELESS_MOTIONS.intersection(config.motions) if config.standing_frame else frozenset()
-    _require(not clash, f"{', '.join(sorted(clash))} does not fit into a standing frame; set standing_frame=False")
-    _require(
-        config.standing_frame or not config.parallel_bars, "parallel bars stand in for the standing frame: ask for it"
-    )
+    captured = config.movement_file is not None
+    in_frame = config.equipment == "standing-frame" and not captured  # fitted around a captured movement
+    clash = FRAMELESS_MOTIONS.intersection(config.motions) if in_frame else frozenset()
+    _require(not clash, f"{', '.join(sorted(clash))} does not fit into a standing frame; choose other equipment")
+    _require(not config.chest_pad or config.equipment == "parallel-bars", "a chest pad needs parallel bars")
+    _require((config.movement is None) != captured, "movement and movement_file belong together")
+    _require(len(config.therapist_tasks) <= config.therapists, "therapist_tasks needs a therapist for each task")
     _require(
         config.hole_radius_m == 0 or SMALLEST_HOLE_M <= config.hole_radius_m <= LARGEST_HOLE_M,
         f"hole_radius_m must be 0 or {SMALLEST_HOLE_M} to {LARGEST_HOLE_M}, got {config.hole_radius_m}",
@@ -107,7 +118,8 @@ def _check_scene(config: SimulationConfig) -> None:
     """Raises ValueError where the patient cannot be away or hidden as set."""
     times = [time_s for span in config.away_s for time_s in span]
     _require(times == sorted(times), f"away_s must be spans in the order of time, got {config.away_s}")
-    _require(not (times and config.standing_frame), "a patient in a standing frame cannot walk out; set it to False")
+    held = config.equipment != "none" or config.movement_file is not None
+    _require(not (times and held), "a patient in equipment or with a captured movement cannot walk out")
     span = config.curtain_s or (0.0, 1.0)
     _require(span[0] < span[1], f"curtain_s must end after it begins, got {config.curtain_s}")
 
@@ -125,7 +137,7 @@ def clinic(seed: int, seconds: float = 10.0, fps: float = 15.0) -> SimulationCon
 def scene(config: SimulationConfig, name: Scene) -> SimulationConfig:
     """``config`` with a patient who is easily lost: away at first or later, hidden behind a curtain, or seated."""
     seconds = config.seconds
-    free = replace(config, standing_frame=False, stool=False, motions=("squat", "reach"))
+    free = replace(config, equipment="none", stool=False, motions=("squat", "reach"))
     match name:
         case "enters-late":
             return replace(free, away_s=((-1.0, 0.3 * seconds),))
@@ -134,7 +146,7 @@ def scene(config: SimulationConfig, name: Scene) -> SimulationConfig:
         case "hidden":
             return replace(config, curtain_s=(0.45 * seconds, 0.45 * seconds + HIDDEN_S))
         case "sits":
-            return replace(config, standing_frame=False, stool=True, motions=("sit-to-stand", "reach"))
+            return replace(config, equipment="none", stool=True, motions=("sit-to-stand", "reach"))
 
 
 def rough_recorder(config: SimulationConfig) -> SimulationConfig:
@@ -158,7 +170,7 @@ def holes(seed: int, radius_m: float, seconds: float = 10.0, fps: float = 15.0) 
         seconds=seconds,
         fps=fps,
         cameras=1,
-        standing_frame=False,
+        equipment="none",
         stool=False,
         therapists=0,
         hole_radius_m=radius_m,
@@ -167,6 +179,4 @@ def holes(seed: int, radius_m: float, seconds: float = 10.0, fps: float = 15.0) 
 
 def single(seed: int, seconds: float = 10.0, fps: float = 15.0) -> SimulationConfig:
     """One camera, one person, nothing in the way."""
-    return SimulationConfig(
-        seed=seed, seconds=seconds, fps=fps, cameras=1, standing_frame=False, stool=False, therapists=0
-    )
+    return SimulationConfig(seed=seed, seconds=seconds, fps=fps, cameras=1, equipment="none", stool=False, therapists=0)

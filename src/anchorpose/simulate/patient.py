@@ -197,7 +197,7 @@ def _draw_sitting(
 ) -> tuple[float, float, list[Movement]]:
     """When the patient is standing (start, end), and the movements of standing up or sitting down."""
     named = "sit-to-stand" in config.motions
-    possible = named or ("mixed" in config.motions and config.stool and not config.standing_frame)
+    possible = named or ("mixed" in config.motions and config.stool and config.equipment == "none")
     if not possible or (not named and rng.random() > SIT_CHANCE):
         return rng.uniform(0.0, 0.5), config.seconds, []
     pace = draw_pace(rng, config.speed)

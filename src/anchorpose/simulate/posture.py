@@ -54,10 +54,11 @@ class Posture:
     hand_m: np.ndarray  # (t, 2, 3) where the wrist is pulled to; unused where pull is 0
     hand_turn: np.ndarray  # (t, 2, 3, 3) turn of the hand bone from rest, likewise
     pull: np.ndarray  # (t, 2) 0: the arm follows its angles, 1: the hand is at its target
+    arm_turns: np.ndarray | None = None  # (t, 2, 2, 3, 3) world turns of upper arm and forearm, instead of the angles
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Limb:
+class RestLimb:
     """Two bones in the rest pose: their directions, lengths and the axis that bends the second towards ``flexed``."""
 
     first: np.ndarray
@@ -67,10 +68,10 @@ class _Limb:
     rest_bend: float
 
 
-def _limb(body: BodyMesh, names: tuple[str, str, str]) -> _Limb:
+def rest_limb(body: BodyMesh, names: tuple[str, str, str]) -> RestLimb:
     start, middle, end = (body.bone_heads[body.asset.bone(name)] for name in names)
     first, second = unit(middle - start), unit(end - middle)
-    return _Limb(
+    return RestLimb(
         first=first,
         second=second,
         axis=unit(np.cross(first, second)),
@@ -153,7 +154,7 @@ class _Poser:
             offset = rotate(
                 posture.pelvis_turn, self.body.bone_heads[self._bone(f"{name}UpLeg")] - self.body.bone_heads[hips]
             )
-            length = FULL_REACH * sum(_limb(self.body, (f"{name}UpLeg", f"{name}Leg", f"{name}Foot")).lengths)
+            length = FULL_REACH * sum(rest_limb(self.body, (f"{name}UpLeg", f"{name}Leg", f"{name}Foot")).lengths)
             gap = place + offset - ankles_m[:, side]
             rise = np.sqrt(np.maximum(length**2 - gap[:, 0] ** 2 - gap[:, 2] ** 2, 0.01))
             highest.append(ankles_m[:, side, 1] - offset[:, 1] + rise)
@@ -166,7 +167,7 @@ class _Poser:
 
     def _leg(self, posture: Posture, side: int, ankle_m: np.ndarray, foot: np.ndarray) -> None:
         name = SIDES[side]
-        limb = _limb(self.body, (f"{name}UpLeg", f"{name}Leg", f"{name}Foot"))
+        limb = rest_limb(self.body, (f"{name}UpLeg", f"{name}Leg", f"{name}Foot"))
         self._follow(f"{name}UpLeg")
         hip_m = self.place[:, self._bone(f"{name}UpLeg")]
         ahead = posture.foot_yaw[:, side] - OUTWARD[side] * posture.knee_out[:, side]
@@ -190,11 +191,13 @@ class _Poser:
         self._follow(f"{name}Shoulder", turns_about(FORWARD, -outward * CLAVICLE_SHARE * raised))
         self._follow(f"{name}Arm")
 
-        limb = _limb(self.body, (f"{name}Arm", f"{name}ForeArm", f"{name}Hand"))
+        limb = rest_limb(self.body, (f"{name}Arm", f"{name}ForeArm", f"{name}Hand"))
         hanging = orthonormal_frame(-UP, RIGHT) @ orthonormal_frame(limb.first, limb.axis).T
         thorax = self.turn[:, self._bone("Spine1")]
         upper = thorax @ turns(swing) @ turns_about(UP, outward * inward) @ hanging
         fore = upper @ turns_about(limb.axis, posture.elbow[:, side] - limb.rest_bend)
+        if posture.arm_turns is not None:
+            upper, fore = posture.arm_turns[:, side, 0], posture.arm_turns[:, side, 1]
         upper, fore = self._pulled(posture, side, limb, upper, fore)
 
         self._set(f"{name}Arm", upper)
@@ -210,7 +213,7 @@ class _Poser:
         self._follow(f"{name}HandFinger1", curl)
 
     def _pulled(
-        self, posture: Posture, side: int, limb: _Limb, upper: np.ndarray, fore: np.ndarray
+        self, posture: Posture, side: int, limb: RestLimb, upper: np.ndarray, fore: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """The arm drawn towards the hand's target, the elbow behind and outside of the way there, as elbows bend."""
         pull = posture.pull[:, side, None]
@@ -225,7 +228,7 @@ class _Poser:
         return _reach(limb, shoulder_m, goal_m, elbow_m - shoulder_m + pull * behind)
 
 
-def _reach(limb: _Limb, start_m: np.ndarray, goal_m: np.ndarray, pole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _reach(limb: RestLimb, start_m: np.ndarray, goal_m: np.ndarray, pole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """World turns (t, 3, 3) of both bones so that the limb ends at the goal, its middle joint towards ``pole``.
 
     A goal out of reach is pointed at.

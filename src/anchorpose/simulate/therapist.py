@@ -12,6 +12,7 @@ from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.patient import LONG_AGO_S, PALM_ABOVE_BONE_M, Actor, draw_waves, resting_channels
 from anchorpose.simulate.person import Person, draw_person, skin_points
 from anchorpose.simulate.posture import OUTWARD, SIDES, finger_direction, palm_normal, pose_bones
+from anchorpose.simulate.retarget import CapturedActor
 from anchorpose.simulate.timeline import (
     CHANNEL_INDEX,
     Footwork,
@@ -83,7 +84,7 @@ class Therapist:
     actor: Actor
     hold: Hold | None
 
-    def bones(self, times_s: np.ndarray, patient: Actor, patient_bones: np.ndarray) -> np.ndarray:
+    def bones(self, times_s: np.ndarray, patient: Actor | CapturedActor, patient_bones: np.ndarray) -> np.ndarray:
         """(t, b, 4, 4) T_world_rest, hands on the patient, whose bones (t, b, 4, 4) move."""
         if self.hold is None:
             return self.actor.bones(times_s)
@@ -96,7 +97,7 @@ class Therapist:
         return pose_bones(person.body, posture)
 
     def held_joints(
-        self, times_s: np.ndarray, patient: Actor, patient_bones: np.ndarray, bones: np.ndarray
+        self, times_s: np.ndarray, patient: Actor | CapturedActor, patient_bones: np.ndarray, bones: np.ndarray
     ) -> np.ndarray:
         """(t, 2) int: the patient's joint that each hand holds, -1 where it does not, or is left behind."""
         if self.hold is None:
@@ -108,11 +109,14 @@ class Therapist:
         return np.where(np.linalg.norm(wrists_m - goals.wrist_m, axis=2) < HELD_M, self.hold.joints, -1)
 
 
-def draw_therapists(rng: np.random.Generator, config: SimulationConfig, patient: Actor) -> tuple[Therapist, ...]:
+def draw_therapists(
+    rng: np.random.Generator, config: SimulationConfig, patient: Actor | CapturedActor
+) -> tuple[Therapist, ...]:
     """As many as the configuration asks for, each with a task of their own; the third of three only walks by."""
-    tasks: list[Task] = []
+    tasks = [next(task for task in TASKS if task.name == name) for name in config.therapist_tasks]
     for index in rng.permutation(len(TASKS)):
-        on_stool = patient.sits() and TASKS[index].azimuth[0] > np.pi / 2.0
+        seat = config.stool or config.equipment == "wheelchair" or config.movement_file is None
+        on_stool = seat and patient.sits() and TASKS[index].azimuth[0] > np.pi / 2.0
         if not on_stool and all(_apart(TASKS[index], taken) for taken in tasks):
             tasks.append(TASKS[index])
     holding = min(config.therapists, 2, len(tasks))
@@ -130,18 +134,21 @@ def _apart(task: Task, other: Task) -> bool:
 
 
 def _draw_holder(
-    rng: np.random.Generator, config: SimulationConfig, patient: Actor, person: Person, task: Task
+    rng: np.random.Generator, config: SimulationConfig, patient: Actor | CapturedActor, person: Person, task: Task
 ) -> Therapist:
     azimuth = rng.uniform(*task.azimuth)
     outward = np.array([np.cos(azimuth), 0.0, -np.sin(azimuth)])
-    already_there = rng.random() < 0.25
+    already_there = rng.random() < 0.25 or config.therapists_stay
     arrive_s = -5.0 if already_there else rng.uniform(0.1, 0.35) * config.seconds
     crouch_s, grasp_s = rng.uniform(0.8, 1.2), rng.uniform(0.5, 0.8)
     hold_from_s = arrive_s + crouch_s + grasp_s
-    leaves = rng.random() < 0.75
+    leaves = rng.random() < 0.75 and not config.therapists_stay
     hold_until_s = max(hold_from_s, 0.0) + rng.uniform(0.3, 0.55) * config.seconds if leaves else 1e3
 
-    hold = _choose_hold(patient, task, -outward, max(hold_from_s, 0.0))
+    at_s = max(hold_from_s, 0.0)
+    if isinstance(patient, CapturedActor):
+        at_s = _nearest_s(patient, task, outward, np.arange(min(at_s, config.seconds - 1.0), config.seconds, 0.2))
+    hold = _choose_hold(patient, task, -outward, at_s)
     base = resting_channels(person, in_frame=False)
     crouch, spot = _choose_spot(person, base, hold)
     stays_s = hold_until_s - arrive_s
@@ -157,6 +164,13 @@ def _draw_holder(
     ]
     footwork = _visit(rng, spot, azimuth + np.pi, arrive_s, hold_until_s + 1.2 if leaves else None)
     return Therapist(Actor(person, base, movements, footwork, draw_waves(rng)), hold)
+
+
+def _nearest_s(patient: CapturedActor, task: Task, outward: np.ndarray, times_s: np.ndarray) -> float:
+    """When the joints to hold come nearest to the therapist, who needs room for it."""
+    joints_m = np.array([patient.person.body.joints(bones) for bones in patient.bones(times_s)])
+    held = joints_m[:, [JOINT_INDEX[name] for name in task.holds]].mean(axis=1)
+    return float(times_s[np.argmax(held @ outward)])
 
 
 def _draw_passer(rng: np.random.Generator, config: SimulationConfig, person: Person) -> Therapist:
@@ -238,7 +252,7 @@ def _crouched_shoulders(person: Person, base: np.ndarray) -> tuple[np.ndarray, f
     return rotate(moved[..., :3, :3], body.bone_heads[arms]) + moved[..., :3, 3], arm_m
 
 
-def _choose_hold(patient: Actor, task: Task, facing: np.ndarray, at_s: float) -> Hold:
+def _choose_hold(patient: Actor | CapturedActor, task: Task, facing: np.ndarray, at_s: float) -> Hold:
     """Skin points around the joints to hold, on the sides that the therapist's hands come to."""
     person = patient.person
     bones = patient.bones(np.array([at_s]))

@@ -71,7 +71,7 @@ def simulation_of(scene: Scene, seed: int, config: ExperimentConfig) -> Simulati
         case Scene.LOOSE:
             return replace(alone, clothing_m=LOOSE_M)
         case Scene.FRAME:
-            return replace(alone, standing_frame=True)
+            return replace(alone, equipment="standing-frame")
         case Scene.CLINIC_FRONT:
             return replace(crowded, cameras=1)
         case Scene.CLINIC:

@@ -1,0 +1,171 @@
+"""Equipment fitted around a patient: parallel bars with a chest pad, a walker, a wheelchair, a sling from above.
+
+All of it stands still. It is fitted around what the patient's skin sweeps over in the recording, so that nobody moves
+through it with the trunk.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from anchorpose.recording.equipment import Box, Cylinder, EquipmentPart
+from anchorpose.rotations import FORWARD, RIGHT, UP
+from anchorpose.simulate.person import Person
+
+ARM_BONES = ("Arm", "Hand", "Finger", "Thumb")  # parts of their names
+WIDEST_M = 0.62  # between the middle and a rail: as far as bars are made
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sweep:
+    """Dressed skin of the patient at moments (k, v, 3), the vertices of the arms (v,) bool, and the pelvis (k, 3)."""
+
+    skin_m: np.ndarray
+    arms: np.ndarray
+    pelvis_m: np.ndarray
+
+    def within(self, low_m: float, high_m: float, aside_m: float = np.inf, arms: bool = False) -> np.ndarray:
+        """(n, 3) all skin between two heights and near the middle plane; without the arms unless asked for."""
+        skin = self.skin_m if arms else self.skin_m[:, ~self.arms]
+        inside = (skin[..., 1] > low_m) & (skin[..., 1] < high_m) & (np.abs(skin[..., 2]) < aside_m)
+        return np.asarray(skin[inside], dtype=np.float64)
+
+    def standing(self) -> Sweep:
+        """The moment in which the pelvis is highest."""
+        highest = int(np.argmax(self.pelvis_m[:, 1]))
+        return Sweep(self.skin_m[highest : highest + 1], self.arms, self.pelvis_m[highest : highest + 1])
+
+    def seated(self) -> Sweep:
+        """The moment in which the pelvis is lowest."""
+        lowest = int(np.argmin(self.pelvis_m[:, 1]))
+        return Sweep(self.skin_m[lowest : lowest + 1], self.arms, self.pelvis_m[lowest : lowest + 1])
+
+
+def sweep_of(person: Person, bones: np.ndarray) -> Sweep:
+    """What bones (k, b, 4, 4) of a person sweep over."""
+    asset = person.body.asset
+    arms = np.array([any(part in asset.bone_names[bone] for part in ARM_BONES) for bone in asset.main_bone()])
+    skin = np.stack([person.skin(moment, 0.0) for moment in bones])
+    root = bones[:, 0]
+    return Sweep(skin, arms, root[:, :3, :3] @ person.body.bone_heads[0] + root[:, :3, 3])
+
+
+def fit_chest_pad(
+    rng: np.random.Generator, sweep: Sweep, sternum_m: float, rail_m: float, half_m: float
+) -> tuple[EquipmentPart, ...]:
+    """A pad before the sternum on a post that stands on a bar between the rails, and straps around the hips.
+
+    sternum_m, rail_m: heights; half_m: from the middle to a rail.
+    """
+    height_m, thick_m, gap_m = rng.uniform(0.20, 0.28), rng.uniform(0.04, 0.07), rng.uniform(0.02, 0.045)
+    low_m = sternum_m - height_m / 2.0
+    front_m = _front(sweep.within(low_m, low_m + height_m, 0.2)) + gap_m
+    bar_m = max(front_m + thick_m + 0.03, _front(sweep.within(rail_m - 0.06, rail_m + 0.06)) + 0.05)
+    post_m = low_m + height_m / 2.0
+    parts: list[EquipmentPart] = [
+        _box("chest-pad", (front_m + thick_m / 2.0, low_m + height_m / 2.0, 0.0), (thick_m, height_m, 0.32)),
+        _box("chest-bar", (bar_m, rail_m, 0.0), (0.04, 0.04, 2.0 * half_m)),
+        _box("chest-post", (bar_m, (rail_m + post_m) / 2.0, 0.0), (0.03, post_m - rail_m, 0.05)),
+        _box(
+            "chest-arm",
+            ((front_m + thick_m + bar_m) / 2.0, post_m, 0.0),
+            (bar_m - front_m - thick_m + 0.03, 0.04, 0.05),
+        ),
+    ]
+    strap_m = rail_m + rng.uniform(-0.06, 0.02)
+    hips = sweep.within(strap_m - 0.05, strap_m + 0.05)
+    aside_m, behind_m = float(np.abs(hips[:, 2]).max()) + 0.02, float(hips[:, 0].min()) - 0.02
+    for side, way in (("left", -1.0), ("right", 1.0)):
+        size = (bar_m - behind_m, 0.05, 0.008)
+        parts.append(_box(f"strap-{side}", ((bar_m + behind_m) / 2.0, strap_m, way * aside_m), size))
+    parts.append(_box("strap-behind", (behind_m, strap_m, 0.0), (0.008, 0.05, 2.0 * aside_m)))
+    return tuple(parts)
+
+
+def fit_walker(rng: np.random.Generator, sweep: Sweep, handle_m: float) -> tuple[tuple[EquipmentPart, ...], np.ndarray]:
+    """Two side frames joined by bars in front; also (2, 3) where the left and the right hand hold it."""
+    tube_m, length_m = rng.uniform(0.025, 0.032), rng.uniform(0.40, 0.48)
+    body = sweep.within(0.1, handle_m + 0.1)
+    half_m = float(np.clip(np.abs(body[:, 2]).max() + 0.07, 0.28, WIDEST_M))
+    front_m = _front(body) + rng.uniform(0.06, 0.12)
+    back_m = front_m - length_m
+    parts: list[EquipmentPart] = []
+    for side, z in (("left", -half_m), ("right", half_m)):
+        for end, x in (("front", front_m), ("back", back_m)):
+            parts.append(Cylinder(f"leg-{side}-{end}", np.array([x, handle_m / 2.0, z]), UP, tube_m / 2.0, handle_m))
+        for name, y in (("handle", handle_m), ("brace", 0.4 * handle_m)):
+            middle = np.array([(front_m + back_m) / 2.0, y, z])
+            parts.append(Cylinder(f"{name}-{side}", middle, FORWARD, tube_m / 2.0, length_m))
+    for name, y in (("front-bar", handle_m - 0.06), ("front-brace", 0.5 * handle_m)):
+        parts.append(Cylinder(name, np.array([front_m, y, 0.0]), RIGHT, tube_m / 2.0, 2.0 * half_m))
+    grip = np.array([[back_m + 0.55 * length_m, handle_m + tube_m / 2.0, z] for z in (-half_m, half_m)])
+    return tuple(parts), grip
+
+
+def fit_wheelchair(rng: np.random.Generator, sweep: Sweep, sits: bool) -> tuple[EquipmentPart, ...]:
+    """A wheelchair under a patient who sits at times, else parked behind; its leg rests are swung away."""
+    depth_m = rng.uniform(0.40, 0.44)
+    seat = sweep.seated() if sits else sweep
+    legs = sweep.standing().within(0.2, 0.6)
+    if sits:
+        hips_m = seat.pelvis_m[0]
+        front_m = min(float(hips_m[0]) + 0.20, float(legs[:, 0].min()) - 0.03)
+        sat_on = seat.within(0.2, 1.0, 0.25)
+        near = (sat_on[:, 0] < front_m) & (sat_on[:, 0] > hips_m[0] - 0.25)
+        seat_m = float(sat_on[near, 1].min()) - 0.01
+        depth_m = max(depth_m, front_m - float(seat.within(seat_m, seat_m + 0.6, 0.25)[:, 0].min()) + 0.03)
+    else:
+        seat_m = rng.uniform(0.45, 0.52)
+        front_m = float(sweep.within(0.0, 1.2)[:, 0].min()) - rng.uniform(0.05, 0.12)
+    hips = seat.within(seat_m, seat_m + 0.3)
+    half_m = float(np.clip(np.abs(hips[hips[:, 0] < front_m, 2]).max(initial=0.0) + 0.03, 0.22, 0.34))
+    back_m, middle_m, wheel_m = front_m - depth_m, front_m - depth_m / 2.0, rng.uniform(0.28, 0.31)
+    parts: list[EquipmentPart] = [
+        _box("seat", (middle_m, seat_m - 0.025, 0.0), (depth_m, 0.05, 2.0 * half_m)),
+        _box("back", (back_m - 0.02, seat_m + 0.21, 0.0), (0.04, 0.42, 2.0 * half_m)),
+    ]
+    for side, way in (("left", -1.0), ("right", 1.0)):
+        z = way * (half_m + 0.02)
+        parts += [
+            Cylinder(f"wheel-{side}", np.array([back_m + 0.08, wheel_m, z + way * 0.03]), RIGHT, wheel_m, 0.03),
+            Cylinder(f"castor-{side}", np.array([front_m - 0.04, 0.08, z]), RIGHT, 0.08, 0.03),
+            _box(f"fork-{side}", (front_m - 0.04, (seat_m + 0.11) / 2.0, z), (0.03, seat_m - 0.11, 0.02)),
+            _box(f"armrest-{side}", (middle_m - 0.05, seat_m + 0.22, z), (0.28, 0.03, 0.04)),
+            _box(f"upright-{side}", (back_m - 0.02, seat_m / 2.0 + 0.26, z), (0.03, seat_m + 0.48, 0.03)),
+            _box(f"handle-{side}", (back_m - 0.08, seat_m + 0.49, z), (0.12, 0.03, 0.03)),
+        ]
+    return tuple(parts)
+
+
+def fit_sling(rng: np.random.Generator, sweep: Sweep, sternum_m: float, ceiling_m: float) -> tuple[EquipmentPart, ...]:
+    """A spreader bar above the head, two straps beside the head, and a harness before and behind the chest."""
+    standing = sweep.standing()
+    chest = standing.within(sternum_m - 0.1, sternum_m + 0.1, 0.2)
+    middle_m = float(chest[:, 0].mean())
+    top_m = float(sweep.skin_m[..., 1].max())
+    bar_m = min(top_m + rng.uniform(0.08, 0.16), ceiling_m - 0.25)
+    aside_m = rng.uniform(0.17, 0.21)
+    parts: list[EquipmentPart] = [
+        Cylinder("spreader", np.array([middle_m, bar_m, 0.0]), RIGHT, 0.02, 2.0 * aside_m + 0.1),
+        _box("ceiling-strap", (middle_m, (bar_m + ceiling_m) / 2.0, 0.0), (0.05, ceiling_m - bar_m, 0.01)),
+    ]
+    for side, way in (("left", -1.0), ("right", 1.0)):
+        below = sweep.skin_m.reshape(-1, 3)
+        column = (np.abs(below[:, 0] - middle_m) < 0.05) & (np.abs(below[:, 2] - way * aside_m) < 0.03)
+        end_m = min(float(below[column, 1].max(initial=sternum_m)) + 0.02, bar_m - 0.1)
+        size = (0.05, bar_m - end_m, 0.008)
+        parts.append(_box(f"strap-{side}", (middle_m, (bar_m + end_m) / 2.0, way * aside_m), size))
+    band = sweep.within(sternum_m - 0.16, sternum_m - 0.02, 0.2)
+    for name, x in (("harness-front", _front(band) + 0.015), ("harness-back", float(band[:, 0].min()) - 0.015)):
+        parts.append(_box(name, (x, sternum_m - 0.09, 0.0), (0.012, 0.12, 0.30)))
+    return tuple(parts)
+
+
+def _front(points_m: np.ndarray) -> float:
+    return float(points_m[:, 0].max())
+
+
+def _box(name: str, center_m: tuple[float, float, float], size_m: tuple[float, float, float]) -> Box:
+    return Box(name, np.array(center_m), np.array(size_m), np.eye(3))

@@ -1,0 +1,139 @@
+"""A captured movement as a course in time: directions of the segments, places of the feet; bones of no one's length."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from anchorpose.rotations import FORWARD, RIGHT, UP, orthonormal_frame, unit
+from anchorpose.simulate.movement_file import CLIP_HZ, Clips
+from anchorpose.simulate.timeline import ease
+
+SMOOTHING_S: Final = 0.07  # Kinect v2 joints jitter by millimetres to centimetres from frame to frame
+OVERLAP_S: Final = 0.4  # of one repetition with the next
+STRAIGHT_RAD: Final = 0.35  # a limb bent by less leaves its plane to the frames before
+PLANE_MEMORY_S: Final = 0.5
+
+_AXES: Final = np.stack([-RIGHT, UP, FORWARD])  # the file's left, up and ahead in the world
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Capture:
+    """A movement at CLIP_HZ from a start on; the subject faces +X on the average. The second axis of limbs is the side.
+
+    start_s: time of the first row. waist_m (n, 3); pelvis, thorax (n, 3, 3): turns from upright; head (n, 3):
+    direction; arms, legs (n, 2, 2, 3): directions of upper and lower segment; arm_axis (n, 2, 3): axis that bends the
+    elbow; knee_m (n, 2, 3): from the line between hip and ankle to the knee; ankle_m (n, 2, 3); toes (n, 2, 3):
+    direction of the foot; leg_m: length of a leg.
+    """
+
+    start_s: float
+    waist_m: np.ndarray
+    pelvis: np.ndarray
+    thorax: np.ndarray
+    head: np.ndarray
+    arms: np.ndarray
+    legs: np.ndarray
+    arm_axis: np.ndarray
+    knee_m: np.ndarray
+    ankle_m: np.ndarray
+    toes: np.ndarray
+    leg_m: float
+
+
+def lay_out(clips: Clips, first: int, phase: float, from_s: float, until_s: float) -> Capture:
+    """Repetitions one after the other, so that time 0 falls into clip ``first`` at ``phase`` (0 start, 1 end)."""
+    rows_before = int(np.ceil(-from_s * CLIP_HZ))
+    count = rows_before + int(np.ceil(until_s * CLIP_HZ)) + 2
+    zero = int(phase * (len(clips.joints_m[first]) - 1))
+    before, index = zero, first
+    while before < rows_before:
+        index = (index - 1) % len(clips.joints_m)
+        before += len(clips.joints_m[index]) - _overlap(clips, index)
+    series, skip = _chain(clips, index, count + before - rows_before), before - rows_before
+    series = gaussian_filter1d(series, SMOOTHING_S * CLIP_HZ, axis=0, mode="nearest")[skip : skip + count]
+    return _measure(series @ _AXES, clips.joint_names, -rows_before / CLIP_HZ)
+
+
+def _overlap(clips: Clips, index: int) -> int:
+    """Rows that a clip shares with the next one."""
+    shortest = min(len(clips.joints_m[index]), len(clips.joints_m[(index + 1) % len(clips.joints_m)]))
+    return min(int(OVERLAP_S * CLIP_HZ), shortest // 3)
+
+
+def _chain(clips: Clips, index: int, count: int) -> np.ndarray:
+    """(count, j, 3) clips from ``index`` on, each moved so that its feet begin where those of the last end."""
+    feet = [clips.joint_names.index(name) for name in ("LFoot", "RFoot")]
+    series = clips.joints_m[index].copy()
+    while len(series) < count:
+        overlap = _overlap(clips, index)
+        index = (index + 1) % len(clips.joints_m)
+        following = clips.joints_m[index].copy()
+        gap = series[-overlap:, feet].mean(axis=(0, 1)) - following[:overlap, feet].mean(axis=(0, 1))
+        following += gap * [1.0, 0.0, 1.0]
+        share = ease((np.arange(overlap) + 1.0) / (overlap + 1.0))[:, None, None]
+        series[-overlap:] += share * (following[:overlap] - series[-overlap:])
+        series = np.concatenate([series, following[overlap:]])
+    return series[:count]
+
+
+def _measure(joints_m: np.ndarray, names: tuple[str, ...], start_s: float) -> Capture:
+    """Directions and turns of a subject turned to face +X."""
+    at = {name: joints_m[:, names.index(name)] for name in names}
+    across = (at["RUpperLeg"] - at["LUpperLeg"]).mean(axis=0)
+    heading = np.arctan2(across[0], across[2])  # of the way to the right, from +Z
+    cos, sin = np.cos(heading), np.sin(heading)
+    level = np.array([[cos, 0.0, -sin], [0.0, 1.0, 0.0], [sin, 0.0, cos]])
+    at = {name: place @ level.T for name, place in at.items()}
+
+    def limb(*joints: str) -> np.ndarray:
+        return np.stack([[at[f"{s}{b}"] - at[f"{s}{a}"] for a, b in pairwise(joints)] for s in "LR"])
+
+    arms, legs = limb("UpperArm", "Forearm", "Hand"), limb("UpperLeg", "LowerLeg", "Foot")
+    hips, knees, ankles = (np.stack([at[f"{s}{n}"] for s in "LR"]) for n in ("UpperLeg", "LowerLeg", "Foot"))
+    along = unit(ankles - hips)
+    bend = knees - hips - ((knees - hips) * along).sum(axis=2, keepdims=True) * along
+    directions = unit(arms).transpose(2, 0, 1, 3)
+    return Capture(
+        start_s=start_s,
+        waist_m=at["Waist"],
+        pelvis=_frames(at["Spine"] - at["Waist"], at["RUpperLeg"] - at["LUpperLeg"]),
+        thorax=_frames(at["Chest"] - at["Spine"], at["RUpperArm"] - at["LUpperArm"]),
+        head=unit(at["HeadTip"] - at["Head"]),
+        arms=directions,
+        legs=unit(legs).transpose(2, 0, 1, 3),
+        arm_axis=np.stack([_bending_axis(directions[:, side]) for side in (0, 1)], axis=1),
+        knee_m=bend.transpose(1, 0, 2),
+        ankle_m=ankles.transpose(1, 0, 2),
+        toes=np.stack([unit(at[f"{s}Toes"] - at[f"{s}Foot"]) for s in "LR"], axis=1),
+        leg_m=float(np.linalg.norm(legs, axis=3).mean(axis=(0, 2)).sum()),
+    )
+
+
+def _frames(up: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """(n, 3, 3) turns from upright of a segment that points ``up`` (n, 3) with its right side to ``right`` (n, 3)."""
+    return orthonormal_frame(up, right) @ orthonormal_frame(UP, RIGHT).T
+
+
+def _bending_axis(arm: np.ndarray) -> np.ndarray:
+    """(n, 3) axis about which a positive turn bends the elbow; arm (n, 2, 3).
+
+    A straight elbow has none: there the axis of the frames before is carried along with the upper arm.
+    """
+    measured = np.cross(arm[:, 0], arm[:, 1])
+    sine = np.linalg.norm(measured, axis=1)
+    trust = np.clip(sine / np.sin(STRAIGHT_RAD), 0.0, 1.0) ** 2
+    axes = np.zeros((len(arm), 3))
+    axis = RIGHT.copy() if sine.max() == 0 else measured[int(np.argmax(sine))]
+    for times in (range(len(arm) - 1, -1, -1), range(len(arm))):  # first back, so that the start is known too
+        for t in times:
+            carried = unit(axis - (axis @ arm[t, 0]) * arm[t, 0])
+            gain = trust[t] * (1.0 if trust[t] >= 1.0 else 1.0 / (PLANE_MEMORY_S * CLIP_HZ))
+            wanted = measured[t] / max(sine[t], 1e-9)
+            axis = unit((1.0 - gain) * carried + gain * wanted)
+            axes[t] = axis
+    return axes

@@ -1,0 +1,122 @@
+"""Which equipment stands around the patient of a configuration, fitted to the patient."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from anchorpose.joints import JOINT_INDEX
+from anchorpose.recording.equipment import EquipmentPart
+from anchorpose.simulate.aids import WIDEST_M, Sweep, fit_chest_pad, fit_sling, fit_walker, fit_wheelchair, sweep_of
+from anchorpose.simulate.config import SimulationConfig
+from anchorpose.simulate.patient import LONG_AGO_S, Actor, resting_channels, seated_offsets
+from anchorpose.simulate.person import Person
+from anchorpose.simulate.retarget import CapturedActor
+from anchorpose.simulate.scenery import StandingFrame, build_stool, fit_parallel_bars, fit_standing_frame
+from anchorpose.simulate.timeline import Footwork, Movement, ball_ahead_m, stance_places, standing_pelvis_m
+
+SWEEP_HZ = 5.0
+CEILING_M = 2.65
+BELOW_NECK_M = 0.15  # from the joint between the shoulders down to the middle of the sternum
+HELD = ("standing-frame", "parallel-bars", "walker")  # kinds of equipment that hands hold
+
+
+def fit_held(rng: np.random.Generator, config: SimulationConfig, person: Person) -> StandingFrame | None:
+    """What a patient who follows motions stands in and holds; fitted to upright standing."""
+    if config.equipment not in HELD:
+        return None
+    sweep = sweep_of(person, _posed(person).bones(np.zeros(1)))
+    if config.equipment == "walker":
+        return StandingFrame(*fit_walker(rng, sweep, _handle_m(person)))
+    return _fit_frame(rng, config, person, sweep, _trunk_half_width_m(person, sweep))
+
+
+def fit_around(
+    rng: np.random.Generator, config: SimulationConfig, patient: Actor | CapturedActor, held: StandingFrame | None
+) -> tuple[EquipmentPart, ...]:
+    """All equipment of a configuration; ``held``: what ``fit_held`` returned, None for a captured movement."""
+    parts = () if held is None else held.parts
+    captured = isinstance(patient, CapturedActor)
+    if config.equipment != "none" and (captured or config.equipment not in HELD or config.chest_pad):
+        times_s = np.arange(0.0, config.seconds, 1.0 / SWEEP_HZ)
+        parts += _fit_swept(rng, config, patient, sweep_of(patient.person, patient.bones(times_s)), captured)
+    if config.stool and config.equipment != "wheelchair" and patient.sits():
+        parts += _fitted_stool(rng, patient)
+    return parts
+
+
+def _fit_swept(
+    rng: np.random.Generator, config: SimulationConfig, patient: Actor | CapturedActor, sweep: Sweep, captured: bool
+) -> tuple[EquipmentPart, ...]:
+    person = patient.person
+    joints_m = person.body.rest_joints()
+    sternum_m = float(joints_m[JOINT_INDEX["SpineShoulder"], 1]) - BELOW_NECK_M
+    match config.equipment:
+        case "wheelchair":
+            return fit_wheelchair(rng, sweep, patient.sits())
+        case "sling":
+            return fit_sling(rng, sweep, sternum_m, CEILING_M)
+        case "walker":
+            return fit_walker(rng, sweep, _handle_m(person))[0]
+    parts: tuple[EquipmentPart, ...] = ()
+    rail_m, half_m = standing_pelvis_m(person.body), _trunk_half_width_m(person, sweep)
+    if captured:
+        frame = _fit_frame(rng, config, person, sweep, _arms_half_width_m(sweep, rail_m, half_m))
+        parts, rail_m, half_m = frame.parts, float(frame.grip_m[0, 1]), float(frame.grip_m[1, 2])
+    if config.chest_pad:
+        parts += fit_chest_pad(rng, sweep, sternum_m, rail_m - 0.02, half_m)
+    return parts
+
+
+def _fit_frame(
+    rng: np.random.Generator, config: SimulationConfig, person: Person, sweep: Sweep, half_width_m: float
+) -> StandingFrame:
+    """Parallel bars or a standing frame whose bars clear what the legs and the belly sweep over."""
+    pelvis_m = standing_pelvis_m(person.body)
+    if config.equipment == "parallel-bars":
+        return fit_parallel_bars(rng, pelvis_m=pelvis_m, half_width_m=half_width_m)
+    knee_m = _knee_m(person)
+    front = sweep.within(knee_m - 0.1, 1.2)[:, 0]
+    return fit_standing_frame(
+        rng, pelvis_m=pelvis_m, knee_m=knee_m, front_m=float(front.max()), half_width_m=half_width_m
+    )
+
+
+def _trunk_half_width_m(person: Person, sweep: Sweep) -> float:
+    """Half the width of trunk and legs with room for the arms."""
+    return float(np.abs(sweep.within(_knee_m(person) - 0.1, np.inf)[:, 2]).max()) + 0.14
+
+
+def _arms_half_width_m(sweep: Sweep, rail_m: float, least_m: float) -> float:
+    """Half the width that arms sweep over at the height of the rails, as far as rails can be set."""
+    arms = np.abs(sweep.within(rail_m - 0.12, rail_m + 0.12, arms=True)[:, 2])
+    return float(np.clip(arms.max() + 0.05, min(least_m, WIDEST_M), WIDEST_M))
+
+
+def _knee_m(person: Person) -> float:
+    return float(person.body.bone_heads[person.body.asset.bone("LeftLeg"), 1])
+
+
+def _handle_m(person: Person) -> float:
+    """A walker's handles are as high as the wrists of hanging arms: a little below the hips."""
+    return 0.96 * standing_pelvis_m(person.body)
+
+
+def _fitted_stool(rng: np.random.Generator, patient: Actor | CapturedActor) -> tuple[EquipmentPart, ...]:
+    """A stool under the seated patient: its top just where the buttocks' lowest skin is."""
+    person = patient.person
+    if isinstance(patient, CapturedActor):
+        bones = patient.bones(patient.lowest_s())[0]
+    else:
+        seated = Movement(seated_offsets(person), LONG_AGO_S, 1.0, 1e3, 1.0)
+        bones = Actor(person, patient.base, [seated], patient.footwork, ()).bones(np.zeros(1))[0]
+    skin = person.skin(bones, 0.0)
+    hips_m = bones[0, :3, :3] @ person.body.bone_heads[0] + bones[0, :3, 3]
+    center = (float(hips_m[0] + 0.02), float(hips_m[2]))
+    above = (np.abs(skin[:, 0] - center[0]) < 0.2) & (np.abs(skin[:, 2] - center[1]) < 0.2)
+    return build_stool(rng, center, float(skin[above, 1].min()) + 0.01)
+
+
+def _posed(person: Person) -> Actor:
+    """A person who stands as the asset does, for measuring."""
+    feet = Footwork(stance_places(np.array([ball_ahead_m(person.body), 0.0]), 0.0, 0.26), np.zeros(2))
+    return Actor(person, resting_channels(person, False), [Movement((), LONG_AGO_S, 1.0, 1e3, 1.0)], feet, ())

@@ -1,0 +1,95 @@
+"""Captured rehabilitation movements: the skeletons of UI-PRMD (Vakanski et al. 2018, doi:10.3390/data3010002)."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from anchorpose.errors import InputError
+
+CLIP_HZ: Final = 30.0
+MOVEMENTS: Final = {
+    "deep-squat": 1, "hurdle-step": 2, "inline-lunge": 3, "side-lunge": 4, "sit-to-stand": 5, "leg-raise": 6,
+    "shoulder-abduction": 7, "shoulder-extension": 8, "shoulder-rotation": 9, "shoulder-scaption": 10,
+}  # fmt: skip
+"""The movements of the data set by their number in the names of its clips."""
+
+SUBJECTS: Final = tuple(range(1, 11))
+KEYS: Final = ("joints_mm", "offsets", "names", "joint_names")
+NEEDED: Final = (
+    "Waist", "Spine", "Chest", "Head", "HeadTip", "LUpperArm", "LForearm", "LHand", "RUpperArm", "RForearm", "RHand",
+    "LUpperLeg", "LLowerLeg", "LFoot", "LToes", "RUpperLeg", "RLowerLeg", "RFoot", "RToes",
+)  # fmt: skip
+"""Joints that a movement is taken from; ``Forearm`` is the elbow, ``Foot`` the ankle, ``LowerLeg`` the knee."""
+
+_NAME: Final = re.compile(r"(?P<how>[ci])_m(?P<movement>\d\d)_s(?P<subject>\d\d)_e(?P<episode>\d\d)")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Clips:
+    """Clips of one subject and movement in the order they were recorded.
+
+    names (c,); joints_m: (n, j, 3) metres each, x to the subject's left, y up, z ahead, 30 Hz; joint_names (j,).
+    """
+
+    names: tuple[str, ...]
+    joints_m: tuple[np.ndarray, ...]
+    joint_names: tuple[str, ...]
+
+    def joint(self, clip: int, name: str) -> np.ndarray:
+        """(n, 3) metres."""
+        return np.asarray(self.joints_m[clip][:, self.joint_names.index(name)])
+
+
+def read_clips(path: Path, movement: str, rng: np.random.Generator, subjects: tuple[int, ...] = SUBJECTS) -> Clips:
+    """All repetitions by one subject, who is drawn, as is whether they were done correctly; or one clip by its name.
+
+    movement: one of ``MOVEMENTS`` or the name of a clip, such as c_m05_s01_e01. Raises InputError where the file is
+    not such a file or has no such movement by one of the subjects.
+    """
+    arrays = _arrays(path)
+    names = [str(name) for name in arrays["names"]]
+    chosen = [names.index(movement)] if movement in names else _drawn(path, names, movement, rng, subjects)
+    offsets = arrays["offsets"]
+    return Clips(
+        names=tuple(names[index] for index in chosen),
+        joints_m=tuple(arrays["joints_mm"][offsets[i] : offsets[i + 1]].astype(np.float64) / 1000.0 for i in chosen),
+        joint_names=tuple(str(name) for name in arrays["joint_names"]),
+    )
+
+
+def _drawn(
+    path: Path, names: list[str], movement: str, rng: np.random.Generator, subjects: tuple[int, ...]
+) -> list[int]:
+    """Indices of the clips of one subject, all done correctly or all not."""
+    series: dict[tuple[str, str], list[int]] = {}
+    for index, name in enumerate(names):
+        found = _NAME.fullmatch(name)
+        if found and int(found["movement"]) == MOVEMENTS.get(movement) and int(found["subject"]) in subjects:
+            series.setdefault((found["subject"], found["how"]), []).append(index)
+    if not series:
+        known = ", ".join(MOVEMENTS)
+        raise InputError(path, f"has no movement {movement} by a subject of {subjects}", f"choose one of {known}")
+    keys = sorted(series)
+    return series[keys[int(rng.integers(len(keys)))]]
+
+
+def _arrays(path: Path) -> dict[str, np.ndarray]:
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(path, "is not there", "give the file with the skeletons of UI-PRMD as .npz")
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {key: file[key] for key in KEYS}
+    except (KeyError, ValueError, OSError) as error:
+        raise InputError(
+            path, "is not a file of captured movements", f"it needs the arrays {', '.join(KEYS)}"
+        ) from error
+    missing = [name for name in NEEDED if name not in arrays["joint_names"]]
+    if missing:
+        raise InputError(path, f"lacks the joints {', '.join(missing)}", "give the file with all joints of UI-PRMD")
+    return arrays
