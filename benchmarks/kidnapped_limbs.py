@@ -1,0 +1,254 @@
+"""Does the evidence win over a wrong prediction? python benchmarks/kidnapped_limbs.py --trials 200 --out kidnapped.json
+
+In the middle of simulated recordings the tracker's pose is spoilt (``spoilt_poses.Kind``): an arm is put into the
+trunk, the arms are exchanged, a leg is put onto the other, the body is turned round. The tracker is as sure of it as it
+was of the right pose, its past and what it has looked at already are spoilt alike (``kidnapping.kidnap``), and it goes
+on. It is right again when, 0.5 s later at the latest and until 1 s, every joint of the limbs concerned is within 100 mm
+of the truth, or within 50 mm more than the error of the tracker that was left alone. Only frames count in which one
+camera sees most of each of these limbs for that second.
+
+Recordings are simulated once and kept in --recordings. Both directions of time are tracked, from the initial frame on.
+The table has the share of trials that were right again with its 95 % interval (Wilson), and the median time until they
+were. --out writes all trials, so that failures can be looked at.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain, product
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import numpy as np
+from cached_recordings import cached_recording
+from intervals import wilson
+from kidnapping import Judge, Limits, Outcome, Past, kidnap
+from spoilt_poses import Kind, Spoil, spoilt
+from ways import Undisturbed, Way, undisturbed, ways_through
+
+from anchorpose.results.evaluate_confidence import LIMBS_JUDGED, in_plain_view
+from anchorpose.results.truth import Truth, read_truth
+from anchorpose.simulate import config as presets
+from anchorpose.threads import one_thread
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.patient import PatientTracker
+
+Choice = TypeVar("Choice")
+LIMITS: Final = Limits()
+SPOILT_M: Final = 0.15  # off the truth by less, a limb is not spoilt: an arm that lay on the belly anyhow
+HEIGHTS: Final = (0.2, 0.75)  # of a hand in the trunk: from the belly to the chest
+LEAST_LIMBS: Final = 3  # of a body that was turned round, in plain view, the trunk among them
+
+
+def _arms(seed: int, seconds: float) -> presets.SimulationConfig:
+    return replace(presets.single(seed, seconds), motions=("reach", "arm-raise", "rails"))
+
+
+SCENES: Final[dict[str, Callable[[int, float], presets.SimulationConfig]]] = {
+    "single": presets.single,
+    "single-arms": _arms,
+    "clinic": presets.clinic,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One spoilt frame and what became of it. name: scene and seed of the recording; seconds: that the trial took."""
+
+    name: tuple[str, int]
+    direction: str
+    frame: int
+    spoil: Spoil
+    outcome: Outcome
+    seconds: float
+
+
+def draw_spoil(kind: Kind, seed: int, frame: int) -> Spoil:
+    """Side and height, the same for the same frame."""
+    rng = np.random.default_rng([seed, frame, list(Kind).index(kind)])
+    return Spoil(kind, ("Left", "Right")[rng.integers(2)], float(rng.uniform(*HEIGHTS)))
+
+
+def judged_joints(spoil: Spoil, visible: Mapping[str, bool]) -> np.ndarray | None:
+    """(k,) the joints that count; None where too little is in plain view. visible: each limb, all the time."""
+    limbs = [limb for limb in spoil.limbs if visible[limb]]
+    enough = len(limbs) == len(spoil.limbs)
+    if spoil.kind is Kind.TURNED_ROUND:
+        enough = "trunk_and_head" in limbs and len(limbs) >= LEAST_LIMBS
+    return np.concatenate([LIMBS_JUDGED[limb] for limb in limbs]) if enough else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chance:
+    """A frame that may be spoilt, and the joints (k,) that count."""
+
+    frame: int
+    spoil: Spoil
+    joints: np.ndarray
+
+
+def chances(way: Way, alone: Undisturbed, truth: Truth, kind: Kind, seed: int) -> list[Chance]:
+    """The frames of a way in which this kind can be tried: in plain view, right before and wrong after."""
+    body, frames, visible = way.body, list(alone.poses), in_plain_view(truth)
+    after = int(np.ceil(LIMITS.until_s / float(np.median(np.diff(truth.time_s)))))
+    found = []
+    for place in range(way.run.config.follow.history, len(frames) - after):
+        frame, then = frames[place], frames[place : place + after + 1]
+        spoil = draw_spoil(kind, seed, frame)
+        joints = judged_joints(spoil, {limb: bool(seen[then].all()) for limb, seen in visible.items()})
+        if joints is None:
+            continue
+        wrong = body.joints(spoilt(body, alone.poses[frame], spoil))
+        off_m = [np.linalg.norm((at - truth.position_m[frame])[joints], axis=1).max()
+                 for at in (alone.joints_m[frame], wrong)]  # fmt: skip
+        if off_m[0] < LIMITS.absolute_m and off_m[1] > SPOILT_M:
+            found.append(Chance(frame, spoil, joints))
+    return found
+
+
+def spread(choices: Sequence[Choice], count: int) -> list[Choice]:
+    """``count`` of the choices, evenly spread; all of them where there are no more."""
+    if count >= len(choices):
+        return list(choices)
+    return [choices[int((k + 0.5) * len(choices) / count)] for k in range(count)]
+
+
+def go_on(way: Way, kidnapped: PatientTracker, place: int, judge: Judge) -> Outcome:
+    """Track on from the frame at a place of the way until the outcome is certain."""
+    estimates = (kidnapped.step(way.read(later)) for later in range(place, len(way.positions)))
+    for estimate in chain(estimates, kidnapped.finish()):
+        if estimate is not None:
+            judge.take(estimate)
+        if judge.done:
+            break
+    return judge.outcome()
+
+
+def try_way(
+    name: tuple[str, int], way: Way, alone: Undisturbed, truth: Truth, chosen: Sequence[Chance]
+) -> Iterator[Trial]:
+    """All chosen trials of a way, while it is tracked once more. name: scene and seed."""
+    past: Past | None = None
+    for read, tracker in way.trackers():
+        if past is None:
+            past = Past.of(tracker)
+        else:
+            past.note(tracker)
+        frame_set = tracker.window[0].frame_set
+        for chance in chosen:
+            if chance.frame != frame_set.frame:
+                continue
+            judge = Judge(frame_set.time_s, chance.joints, truth.position_m.__getitem__, alone.joints_m.__getitem__)
+            began = time.perf_counter()
+            outcome = go_on(way, kidnap(tracker, past, chance.spoil), read, judge)
+            spoil, seconds = chance.spoil, time.perf_counter() - began
+            yield Trial(name, way.direction, frame_set.frame, spoil, outcome, seconds)
+
+
+def try_recording(
+    name: tuple[str, int], simulated: Path, kinds: Sequence[Kind], wanted: Mapping[Kind, int]
+) -> Iterator[Trial]:
+    """As many trials of each kind as wanted, as far as the recording has chances for them."""
+    truth = read_truth(simulated / "truth" / "truth.npz")
+    ways = ways_through(simulated / "recording", TrackConfig())
+    alone = [undisturbed(way) for way in ways]
+    chosen = {
+        kind: spread(
+            [(number, chance) for number, way in enumerate(ways)
+             for chance in chances(way, alone[number], truth, kind, name[1])],
+            wanted[kind],
+        )
+        for kind in kinds
+    }  # fmt: skip
+    for number, way in enumerate(ways):
+        of_way = [chance for kind in kinds for here, chance in chosen[kind] if here == number]
+        if of_way:
+            yield from try_way(name, way, alone[number], truth, of_way)
+
+
+def summary(trials: Sequence[Trial]) -> dict[str, Any]:
+    """Share right, its interval, and times, of the trials of one kind."""
+    right = [trial for trial in trials if trial.outcome.right]
+    low, high = wilson(len(right), len(trials)) if trials else (None, None)
+    recovered = [trial.outcome.recovered_s for trial in right if trial.outcome.recovered_s is not None]
+    return {
+        "trials": len(trials),
+        "right": len(right),
+        "share": len(right) / len(trials) if trials else None,
+        "low": low,
+        "high": high,
+        "median_recovery_s": float(np.median(recovered)) if recovered else None,
+        "seconds_per_trial": float(np.mean([trial.seconds for trial in trials])) if trials else None,
+    }
+
+
+def table(trials: Sequence[Trial]) -> str:
+    """Markdown, one row per kind, and per kind and scene."""
+    lines = ["| spoilt | scene | trials | right % | 95 % interval | median s until right | s per trial |",
+             "|---|---|--:|--:|--:|--:|--:|"]  # fmt: skip
+    for kind in Kind:
+        of_kind = [trial for trial in trials if trial.spoil.kind is kind]
+        scenes = dict.fromkeys(trial.name[0] for trial in of_kind)
+        for scene, some in (("all", of_kind), *((s, [t for t in of_kind if t.name[0] == s]) for s in scenes)):
+            if some:
+                lines.append(_row(kind, scene, summary(some)))
+    return "\n".join(lines)
+
+
+def _row(kind: Kind, scene: str, found: Mapping[str, Any]) -> str:
+    until = "–" if found["median_recovery_s"] is None else f"{found['median_recovery_s']:.2f}"
+    interval = f"{100 * found['low']:.0f} to {100 * found['high']:.0f}"
+    cells = (str(found["trials"]), f"{100 * found['share']:.0f}", interval, until, f"{found['seconds_per_trial']:.2f}")
+    return f"| {kind} | {scene} | {' | '.join(cells)} |"
+
+
+def as_json(trial: Trial) -> dict[str, Any]:
+    """One trial for programs."""
+    (scene, seed), spoil, outcome = trial.name, trial.spoil, trial.outcome
+    return {
+        "scene": scene, "seed": seed, "direction": trial.direction, "frame": trial.frame, "kind": str(spoil.kind),
+        "side": spoil.side, "height": round(spoil.height, 3), "right": outcome.right,
+        "recovered_s": None if outcome.recovered_s is None else round(outcome.recovered_s, 3),
+        "worst_mm": None if np.isnan(outcome.worst_m) else round(1000 * outcome.worst_m, 1),
+        "seconds": round(trial.seconds, 3),
+    }  # fmt: skip
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--trials", type=int, default=200, help="of each kind, over all recordings")
+    parser.add_argument("--kinds", nargs="+", type=Kind, choices=list(Kind), default=list(Kind))
+    parser.add_argument("--scenes", nargs="+", choices=list(SCENES), default=list(SCENES))
+    parser.add_argument("--seeds", type=int, default=3, help="recordings of each scene")
+    parser.add_argument("--first-seed", type=int, default=1101)
+    parser.add_argument("--seconds", type=float, default=6.0, help="length of each recording, at 15 frames a second")
+    parser.add_argument("--recordings", type=Path, default=Path("kidnapped_recordings"), help="where they are kept")
+    parser.add_argument("--out", type=Path, help="all trials as JSON")
+    options = parser.parse_args()
+    names = list(product(options.scenes, range(options.first_seed, options.first_seed + options.seeds)))
+    trials = list[Trial]()
+    for number, (scene, seed) in enumerate(names):
+        done = {kind: sum(trial.spoil.kind is kind for trial in trials) for kind in options.kinds}
+        wanted = {kind: -(-(options.trials - done[kind]) // (len(names) - number)) for kind in options.kinds}
+        config = SCENES[scene](seed, options.seconds)
+        simulated = cached_recording(options.recordings, f"{scene}-{seed}-{options.seconds:g}", config)
+        with one_thread():
+            for trial in try_recording((scene, seed), simulated, options.kinds, wanted):
+                trials.append(trial)
+                print(json.dumps(as_json(trial)), file=sys.stderr, flush=True)
+    if options.out is not None:
+        by_kind = {str(kind): summary([t for t in trials if t.spoil.kind is kind]) for kind in options.kinds}
+        failures = [as_json(trial) for trial in trials if not trial.outcome.right]
+        document = {"kinds": by_kind, "failures": failures, "trials": [as_json(trial) for trial in trials]}
+        options.out.write_text(json.dumps(document, indent=1) + "\n")
+    print(table(trials))
+
+
+if __name__ == "__main__":
+    main()

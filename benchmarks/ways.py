@@ -1,0 +1,94 @@
+"""Ways through a simulated recording as tracking goes them, one frame at a time, with the tracker at hand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from anchorpose.body.pose import Pose
+from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body
+from anchorpose.recording.reader import open_recording, read_frame
+from anchorpose.recording.recording import FrameSet
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.passes import learn_on, plan_route
+from anchorpose.tracker.patient import PatientTracker
+from anchorpose.tracker.preparation import prepare_room
+from anchorpose.tracker.run import Run
+from anchorpose.tracker.start import NoStart, find_start
+from anchorpose.tracking.motion_file import load_motions
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Way:
+    """From the initial frame to one end of a recording: positions of its frames, and the body as learnt from it."""
+
+    direction: str
+    run: Run
+    shape: FittedShape
+    positions: Sequence[int]
+
+    @property
+    def body(self) -> Body:
+        """The patient's body."""
+        return build_body(body_points(), self.shape)
+
+    def read(self, place: int) -> FrameSet:
+        """The frame at a place of ``positions``; the last ones are kept."""
+        return _read(self.run, self.positions[place])
+
+    def trackers(self) -> Iterator[tuple[int, PatientTracker]]:
+        """After each estimate how many frames were read, and the tracker: not to be changed.
+
+        Ends where the patient is not found or lost.
+        """
+        initial = self.run.room.initial_frame
+        start = None if initial is None else find_start(self.read(0), self.run, initial.choice, self.shape)
+        if start is None or isinstance(start, NoStart):
+            return
+        tracker = PatientTracker(self.run, start)
+        yield 1, tracker
+        for place in range(1, len(self.positions)):
+            if tracker.step(self.read(place)) is not None:
+                yield place + 1, tracker
+            if tracker.unseen_s > self.run.config.follow.lost_after_s:
+                return
+
+
+@lru_cache(maxsize=64)
+def _read(run: Run, position: int) -> FrameSet:
+    return read_frame(run.room.recording, position)
+
+
+def ways_through(recording: Path, config: TrackConfig) -> tuple[Way, ...]:
+    """Forward and backward from the initial frame of a recording folder; none where the patient is never found."""
+    opened = open_recording(recording)
+    room = prepare_room(opened, config)
+    run = Run(room, config, load_motions(config.motion_file, opened.rate_hz, config.motion))
+    route = plan_route(room, config, lambda: None)
+    learnt = learn_on(route, run)
+    if learnt is None:
+        return ()
+    both = (("forward", route.forward), ("backward", route.backward))
+    return tuple(Way(direction, run, learnt.shape, positions) for direction, positions in both)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Undisturbed:
+    """How tracking goes on a way if it is left alone: joints_m (21, 3) and pose by frame, in the order of tracking."""
+
+    joints_m: dict[int, np.ndarray]
+    poses: dict[int, Pose]
+
+
+def undisturbed(way: Way) -> Undisturbed:
+    """Track the way once. Joints have a place also where their state is lost."""
+    found = Undisturbed({}, {})
+    for _, tracker in way.trackers():
+        frame = tracker.window[0].frame_set.frame
+        found.joints_m[frame] = tracker.body.joints(tracker.belief.pose)
+        found.poses[frame] = tracker.belief.pose
+    return found
