@@ -81,18 +81,67 @@ def test_a_limb_that_is_not_there_is_missed_and_the_others_keep_their_names(name
     assert np.linalg.norm((anchors.position_m - places())[others], axis=1).max() < 0.05
 
 
-def test_predictions_name_what_proportions_cannot():
-    crossed = places()[[0, 2, 1, 3, 4]]
-    anchors = find_anchors(figure(), UP, FACING, 1.7, predicted_m=crossed)
-    assert np.linalg.norm(anchors.position_m - crossed, axis=1).max() < 0.05
+@pytest.mark.parametrize("order", [[0, 1, 2, 3, 4], [0, 2, 1, 4, 3]])
+def test_the_prediction_names_what_nothing_else_can(order):
+    sideways = np.array([0.0, 0.0, 1.0])  # seen from the side, left and right are alike
+    predicted = places()[order]
+    anchors = find_anchors(figure(), UP, sideways, 1.7, predicted_m=predicted)
+    assert np.linalg.norm(anchors.position_m - predicted, axis=1).max() < 0.05
+    assert not anchors.contradicts.any()
 
 
-def test_an_extremum_far_from_its_prediction_is_not_that_anchor():
+def test_hands_that_are_predicted_in_each_other_s_place_keep_their_names():
+    exchanged = places()[[0, 2, 1, 3, 4]]
+    anchors = find_anchors(figure(), UP, FACING, 1.7, predicted_m=exchanged)
+    assert np.linalg.norm(anchors.position_m - places(), axis=1).max() < 0.05
+    np.testing.assert_array_equal(anchors.contradicts, [False, True, True, False, False])
+
+
+@pytest.mark.parametrize("name", [1, 2, 3, 4])
+def test_a_wrong_prediction_does_not_hide_an_end(name):
+    right = find_anchors(figure(), UP, FACING, 1.7, predicted_m=places())
+    assert not right.contradicts.any()
     predicted = places()
-    predicted[1] += [0, 0.0, 0.4]
-    np.testing.assert_array_equal(
-        find_anchors(figure(), UP, FACING, 1.7, predicted_m=predicted).found, [True, False, True, True, True]
-    )
+    predicted[name] += [0.4, 0.0, 0.0]
+    anchors = find_anchors(figure(), UP, FACING, 1.7, predicted_m=predicted)
+    np.testing.assert_array_equal(anchors.node, right.node)
+    np.testing.assert_array_equal(anchors.contradicts, np.arange(5) == name)
+
+
+def test_where_the_prediction_is_far_off_everywhere_the_answer_is_that_without_one():
+    without = find_anchors(figure(), UP, FACING, 1.7)
+    anchors = find_anchors(figure(), UP, FACING, 1.7, predicted_m=places() + 5.0 * UP)
+    np.testing.assert_array_equal(anchors.node, without.node)
+    assert anchors.contradicts.all()
+    assert not without.contradicts.any()
+
+
+def test_an_elbow_in_place_of_a_hand_that_is_not_seen_is_no_hand():
+    shortened = {"HandLeft": (0.36, 0.27)}
+    anchors = find_anchors(figure(**shortened), UP, FACING, 1.7, predicted_m=places(HandLeft=(0.2, -0.3)))
+    np.testing.assert_array_equal(anchors.found, [True, False, True, True, True])
+    (end,) = anchors.free
+    assert np.linalg.norm(end.center_m - [0.0, 0.27, -0.36]) < 0.06
+
+
+def test_a_sixth_end_is_free_and_a_stump_is_not():
+    surface = star({**ENDS, "tail": (-0.5, -0.45)}, width_m=0.06)
+    anchors = find_anchors(surface, UP, FACING, 1.7, predicted_m=places())
+    assert np.linalg.norm(anchors.position_m - places(), axis=1).max() < 0.05
+    (tail,) = anchors.free
+    assert np.linalg.norm(surface.points_m[tail.tip] - [0.0, -0.45, 0.5]) < 0.06
+    cut = np.linalg.norm(surface.points_m - tail.center_m, axis=1) < 0.1
+    assert find_anchors(surface, UP, FACING, 1.7, cut=cut, predicted_m=places()).free == ()
+
+
+@pytest.mark.parametrize("name", [1, 2])
+def test_a_hand_beyond_a_gap_is_found(name):
+    surface = figure()
+    middle = 0.5 * places()[name]
+    surface = keep_nodes(surface, np.linalg.norm(surface.points_m - middle, axis=1) > 0.06)
+    anchors = find_anchors(surface, UP, FACING, 1.7)
+    assert anchors.found.all()
+    assert np.linalg.norm(anchors.position_m - places(), axis=1).max() < 0.05
 
 
 def test_an_anchor_without_prediction_is_found_again():

@@ -57,10 +57,15 @@ def check_sources(surface: Surface, sources: np.ndarray, max_distance_m: float) 
 
 def band_of(mesh: MeshArrays) -> float:
     """Width in metres of the band of nodes that ``march_on`` takes at once."""
+    return BAND * mean_edge_m(mesh)
+
+
+def mean_edge_m(mesh: MeshArrays) -> float:
+    """Mean distance of neighbours on the grid, from a sample of them; 1 / ``BAND`` where there are none."""
     points, some = mesh.points_m, np.arange(0, len(mesh.points_m), max(1, len(mesh.points_m) // SAMPLED_EDGES))
     other = mesh.ring[some][:, [0, 2]]
     length = np.linalg.norm(points[other] - points[some][:, None], axis=2)[other >= 0]
-    return BAND * float(length.mean()) if len(length) > 0 else 1.0
+    return float(length.mean()) if len(length) > 0 else 1.0 / BAND
 
 
 @njit(cache=True)

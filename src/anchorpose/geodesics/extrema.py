@@ -26,15 +26,17 @@ LEAST_SIGMA_M: Final = 0.003  # a quarter of the nodes' distance: a cap of one n
 SPREAD: Final = 0.20  # of a cap's radius: by how much its centre moves from frame to frame
 
 
-def surface_center(surface: Surface) -> int:
-    """V_c: the node closest to the average position of all seen nodes.
+def surface_center(surface: Surface, among: np.ndarray | None = None) -> int:
+    """V_c: the seen node closest to the average position of all seen nodes.
 
-    A hole at the centre leaves the nearest node of its rim. Raises DegenerateGeometry on a surface without seen nodes.
+    A hole at the centre leaves the nearest node of its rim. among (n,) bool: the nodes it may be, None for all; at
+    least one of them is seen. Raises DegenerateGeometry on a surface without seen nodes.
     """
     if surface.seen_count == 0:
         raise DegenerateGeometry("a surface without seen nodes has no centre")
     x, y, z = (surface.points_m[: surface.seen_count] - seen_mean(surface)).T
-    return int(np.argmin(x**2 + y**2 + z**2))
+    away = x**2 + y**2 + z**2
+    return int(np.argmin(away if among is None else np.where(among[: len(away)], away, np.inf)))
 
 
 def seen_mean(surface: Surface) -> np.ndarray:
@@ -95,11 +97,12 @@ def _is_extremum(mesh: MeshArrays, field: np.ndarray, candidates: np.ndarray, ra
 class Cap:
     """Around one extremum: what is seen of the surface within some depth of it.
 
-    nodes (m,) int: seen nodes; center_m (3,): their mean, the outermost counting most. reach_m: how far from the centre
-    of the surface the outermost lies. sigma_m: one standard deviation of the centre on an axis. stump: it ends because
-    something else is in front; continues: hidden skin leads much farther.
+    tip: the extremum. nodes (m,) int: seen nodes; center_m (3,): their mean, the outermost counting most. reach_m: how
+    far from the centre of the surface the extremum lies. sigma_m: one standard deviation of center_m on an axis. stump:
+    it ends because something else is in front; continues: hidden skin leads much farther.
     """
 
+    tip: int
     nodes: np.ndarray
     center_m: np.ndarray
     reach_m: float
@@ -119,14 +122,13 @@ def find_caps(
     if len(extrema) == 0:
         return []
     near = geodesic_distance(surface, extrema, 2.0 * depth_m)
-    return [
-        _cap(surface, field, near[row] < np.inf, float(field[tip]), depth_m, cut) for row, tip in enumerate(extrema)
-    ]
+    return [_cap(surface, field, near[row] < np.inf, int(tip), depth_m, cut) for row, tip in enumerate(extrema)]
 
 
 def _cap(
-    surface: Surface, field: np.ndarray, near: np.ndarray, highest: float, depth_m: float, cut: np.ndarray | None
+    surface: Surface, field: np.ndarray, near: np.ndarray, tip: int, depth_m: float, cut: np.ndarray | None
 ) -> Cap:
+    highest = float(field[tip])
     around = np.flatnonzero(near)
     nodes, hidden = around[around < surface.seen_count], around[around >= surface.seen_count]
     end = float(np.sort(field[nodes])[-FARTHEST:].mean())
@@ -140,6 +142,7 @@ def _cap(
     stump = cut is not None and _is_stump(surface, field, nodes, cut)
     longer = (LONGER_AT_CUT if stump else LONGER) * depth_m
     return Cap(
+        tip=tip,
         nodes=nodes,
         center_m=center,
         reach_m=highest,

@@ -1,0 +1,105 @@
+"""Geodesic distance from the centre on the whole surface, also where something cuts the surface into pieces.
+
+The paper measures from one node, V_c (Section IV-B); what hangs on nothing then has no distance and no extremum. Here a
+piece that is cut off is measured from where it comes nearest to the rest: the limb's end is farthest from there, not
+the edge at which it was cut.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from anchorpose.errors import DegenerateGeometry
+from anchorpose.geodesics.distance import geodesic_distance, geodesic_distance_to_set, mean_edge_m
+from anchorpose.geodesics.extrema import surface_center
+from anchorpose.surface.links import pieces
+from anchorpose.surface.surface import Surface
+
+LEAST_AREA_M2: Final = 0.0020  # of a piece that is measured: half a palm, as ``SurfaceConfig.min_piece_m2``
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CenterField:
+    """Distance from the centre, and the pieces that it was measured on.
+
+    distance_m (n,) float32: inf on pieces that are too small. piece (n,) int32: number of each node's piece, as in
+    ``surface.links.pieces``. root (p,) int32: the node that each piece is measured from, V_c on the main piece, -1 on
+    pieces that are too small; before (p,) int32: the node at the other side of the gap that leads to the root, -1 for
+    the main piece and where there is no root.
+    """
+
+    distance_m: np.ndarray
+    piece: np.ndarray
+    root: np.ndarray
+    before: np.ndarray
+
+    @property
+    def center(self) -> int:
+        """V_c."""
+        return int(self.root[(self.root >= 0) & (self.before < 0)][0])
+
+
+def center_field(surface: Surface) -> CenterField:
+    """The field of geodesic distance from the centre, finite on every piece with enough seen skin.
+
+    The main piece has the most seen nodes; V_c is its node nearest to the average position of all seen nodes. The other
+    pieces are joined to it one after the other, always the one with the narrowest gap to those already joined
+    (Euclidean distance of their nodes, hidden skin included). On such a piece the distance is that along the piece from
+    its side of the gap, plus the gap, plus the distance at the gap's other side. A piece that shows less than
+    ``LEAST_AREA_M2`` is left out. Raises DegenerateGeometry on a surface without seen nodes.
+    """
+    if surface.seen_count == 0:
+        raise DegenerateGeometry("a surface without seen nodes has no centre")
+    center = surface_center(surface)
+    field = geodesic_distance(surface, np.array([center]))[0]
+    if np.isfinite(field).all():
+        none = np.full(1, -1, np.int32)
+        return CenterField(field, np.zeros(len(surface), np.int32), np.array([center], np.int32), none)
+    return _over_gaps(surface, center, field)
+
+
+def _over_gaps(surface: Surface, center: int, field: np.ndarray) -> CenterField:
+    """``center_field`` of a surface in pieces; field (n,): the distance on the piece of the given centre."""
+    piece = pieces(surface)
+    seen = np.bincount(piece[: surface.seen_count], minlength=piece.max() + 1)
+    main = int(seen.argmax())
+    if piece[center] != main:
+        center = surface_center(surface, piece == main)
+        field = geodesic_distance(surface, np.array([center]))[0]
+    root, before = np.full(len(seen), -1, np.int32), np.full(len(seen), -1, np.int32)
+    root[main] = center
+    least = LEAST_AREA_M2 / mean_edge_m(surface.arrays) ** 2
+    order = _join(surface.points_m, piece, main, np.flatnonzero((seen >= least) & (root < 0)), root, before)
+    apart = geodesic_distance_to_set(surface, root[order])
+    for number in order:
+        own = piece == number
+        gap_m = np.linalg.norm(surface.points_m[root[number]] - surface.points_m[before[number]])
+        field[own] = apart[own] + field[before[number]] + gap_m
+    return CenterField(field, piece, root, before)
+
+
+def _join(
+    points_m: np.ndarray, piece: np.ndarray, main: int, others: np.ndarray, root: np.ndarray, before: np.ndarray
+) -> list[int]:
+    """Fill in root and before of the other pieces; returns these in the order in which they are joined (Prim's)."""
+    if len(others) == 0:
+        return []
+    nodes = {number: np.flatnonzero(piece == number) for number in (main, *others.tolist())}
+    gap = dict.fromkeys(others.tolist(), np.inf)
+    order, newest = list[int](), main
+    while gap:
+        tree = KDTree(points_m[nodes[newest]])
+        for number in gap:
+            away, nearest = tree.query(points_m[nodes[number]], distance_upper_bound=gap[number])
+            place = int(away.argmin())
+            if away[place] < gap[number]:
+                gap[number] = float(away[place])
+                root[number], before[number] = nodes[number][place], nodes[newest][nearest[place]]
+        newest = min(gap, key=lambda number: gap[number])
+        order.append(newest)
+        del gap[newest]
+    return order
