@@ -229,6 +229,7 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=1101)
     parser.add_argument("--seconds", type=float, default=6.0, help="length of each recording, at 15 frames a second")
     parser.add_argument("--recordings", type=Path, default=Path("kidnapped_recordings"), help="where they are kept")
+    parser.add_argument("--as-they-are", action="store_true", help="use recordings that another simulator made, too")
     parser.add_argument("--out", type=Path, help="all trials as JSON")
     options = parser.parse_args()
     names = list(product(options.scenes, range(options.first_seed, options.first_seed + options.seeds)))
@@ -237,7 +238,9 @@ def main() -> None:
         done = {kind: sum(trial.spoil.kind is kind for trial in trials) for kind in options.kinds}
         wanted = {kind: -(-(options.trials - done[kind]) // (len(names) - number)) for kind in options.kinds}
         config = SCENES[scene](seed, options.seconds)
-        simulated = cached_recording(options.recordings, f"{scene}-{seed}-{options.seconds:g}", config)
+        simulated = cached_recording(
+            options.recordings, f"{scene}-{seed}-{options.seconds:g}", config, options.as_they_are
+        )
         with one_thread():
             for trial in try_recording((scene, seed), simulated, options.kinds, wanted):
                 trials.append(trial)

@@ -17,11 +17,11 @@ import numpy as np
 from spoilt_poses import Spoil, spoilt
 
 from anchorpose.body.pose import Pose
+from anchorpose.body.registration import Registration
 from anchorpose.body.skin_points import pose_points
 from anchorpose.body.uncertainty import skin_sigma
-from anchorpose.body.visibility import joint_states
 from anchorpose.recording.recording import FrameSet
-from anchorpose.tracker.estimate import Estimate
+from anchorpose.tracker.estimate import Estimate, estimate_of
 from anchorpose.tracker.observation import Observation, isolate, observe
 from anchorpose.tracker.patient import PatientTracker
 from anchorpose.tracker.standing_feet import StandingFeet
@@ -106,9 +106,10 @@ def _feet(tracker: PatientTracker, past: Past, poses: list[Pose]) -> StandingFee
     """Where the feet would have been seen standing: in the frames that are kept, by the spoilt poses."""
     feet, body = StandingFeet(tracker.points), tracker.body
     for seen, pose in zip(past.seen, poses[-len(past.seen) :], strict=True):
-        posed, evidence = pose_points(body, pose), seen.evidence
-        states = joint_states(body.points, posed, evidence.views, evidence.cameras, tracker.config.visibility)
-        feet.note(posed.points_m, body.joints(pose), states, seen.frame_set.time_s)
+        sure = Registration(replace(tracker.belief, pose=pose), 1.0, True)
+        estimate = estimate_of(body, sure, seen, None, tracker.config)
+        skin_m = pose_points(body, pose).points_m
+        feet.note(skin_m, estimate.joints_m, estimate.states, seen.frame_set.time_s)
     return feet
 
 
