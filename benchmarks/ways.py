@@ -24,7 +24,7 @@ from anchorpose.tracking.motion_file import load_motions
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Way:
-    """From the initial frame to one end of a recording: positions of its frames, and the body as learnt from it."""
+    """Through a recording in one direction of time: positions of its frames, and the body as learnt from it."""
 
     direction: str
     run: Run
@@ -64,7 +64,7 @@ def _read(run: Run, position: int) -> FrameSet:
 
 
 def ways_through(recording: Path, config: TrackConfig) -> tuple[Way, ...]:
-    """Forward and backward from the initial frame of a recording folder; none where the patient is never found."""
+    """From the initial frame to the farther end of a recording, and from there back; none where nobody is found."""
     opened = open_recording(recording)
     room = prepare_room(opened, config)
     run = Run(room, config, load_motions(config.motion_file, opened.rate_hz, config.motion))
@@ -72,8 +72,9 @@ def ways_through(recording: Path, config: TrackConfig) -> tuple[Way, ...]:
     learnt = learn_on(route, run)
     if learnt is None:
         return ()
-    both = (("forward", route.forward), ("backward", route.backward))
-    return tuple(Way(direction, run, learnt.shape, positions) for direction, positions in both)
+    longer = max(route.forward, route.backward, key=len)
+    both = (longer, longer[::-1])
+    return tuple(Way("forward" if p[0] < p[-1] else "backward", run, learnt.shape, p) for p in both if len(p) > 1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
