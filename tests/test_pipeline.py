@@ -21,6 +21,7 @@ from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_INDEX, LIMBS, STATE_CODE, JointState
 from anchorpose.pipeline import TrackConfig, track_recording
+from anchorpose.results.explained import SEEN_PAST, UNCOVERED_CM2, read_explained
 from anchorpose.results.people_labels import decode_labels, read_people
 from anchorpose.results.poses import pose_of, read_poses
 from anchorpose.results.tables import JointTable, read_anchors, read_joints
@@ -30,7 +31,7 @@ from anchorpose.simulate.write import simulate_recording
 FRAMES, FPS, DAMAGED = 9, 8.0, 5
 TABLES = (
     "joints.parquet", "angles.parquet", "contacts.parquet", "poses.parquet", "anchors.parquet", "people.parquet",
-    "posture.parquet", "episodes.parquet", "measures.parquet",
+    "posture.parquet", "episodes.parquet", "measures.parquet", "explained.parquet",
 )  # fmt: skip
 AGAIN = (
     "import sys; from pathlib import Path; from anchorpose.pipeline import TrackConfig, track_recording; "
@@ -89,8 +90,9 @@ def test_every_frame_is_in_the_tables(run):
     np.testing.assert_array_equal(run.joints.frame, np.arange(FRAMES))
     np.testing.assert_allclose(run.joints.time_s, np.arange(FRAMES) / FPS, atol=1e-6)
     assert sorted(path.name for path in run.results.iterdir() if path.is_file()) == [
-        "anchors.parquet", "angles.parquet", "contacts.parquet", "episodes.parquet", "joints.parquet",
-        "measures.parquet", "people.parquet", "poses.parquet", "posture.parquet", "report.html", "run.json",
+        "anchors.parquet", "angles.parquet", "contacts.parquet", "episodes.parquet", "explained.parquet",
+        "joints.parquet", "measures.parquet", "people.parquet", "poses.parquet", "posture.parquet", "report.html",
+        "run.json",
     ]  # fmt: skip
 
 
@@ -109,6 +111,16 @@ def test_a_damaged_picture_is_counted_and_the_rest_tracked(run):
 def test_the_pictures_on_both_sides_of_a_damaged_one_are_used(run):
     beside = run.joints.sigma_m[[DAMAGED - 1, DAMAGED + 1]].max(axis=0)
     assert (beside < run.joints.sigma_m[DAMAGED]).all()
+
+
+def test_a_well_tracked_person_is_explained_in_every_frame_that_shows_one(run):
+    table = read_explained(run.results / "explained.parquet")
+    np.testing.assert_array_equal(table.frame, run.joints.frame)
+    np.testing.assert_array_equal(np.isnan(table.uncovered_cm2), table.frame == DAMAGED)
+    assert np.nanmax(table.uncovered_cm2) < UNCOVERED_CM2
+    assert np.nanmax(table.seen_past) < SEEN_PAST
+    summary = run.document["explained"]
+    assert (summary["known_frames"], summary["uncovered_share"], summary["worst"]) == (FRAMES - 1, 0.0, [])
 
 
 def test_bones_keep_their_length_over_the_whole_recording(run):
@@ -219,6 +231,8 @@ def test_a_recording_without_anybody_is_lost_from_end_to_end_and_says_so(empty_r
     assert np.isnan(joints.position_m).all()
     document = json.loads((tmp_path / "run.json").read_text())
     assert document["frame_count"] == 4
+    assert document["explained"]["uncovered_share"] is None
+    assert np.isnan(read_explained(tmp_path / "explained.parquet").seen_past).all()
     assert any("nobody was seen" in note for note in document["notes"])
     assert document["pictures"] == []
 
@@ -247,6 +261,10 @@ def test_smoothing_is_recorded_and_gives_every_frame_in_order(run, tmp_path):
     assert document["config"]["smooth"]
     assert not run.document["config"]["smooth"]
     assert len(document["pictures"]) == len(run.document["pictures"])
+    explained, first = (read_explained(folder / "explained.parquet") for folder in (tmp_path, run.results))
+    np.testing.assert_array_equal(np.isnan(explained.uncovered_cm2), np.isnan(first.uncovered_cm2))
+    assert not np.array_equal(explained.seen_past, first.seen_past, equal_nan=True)  # another pose, another explanation
+    assert np.nanmax(np.abs(explained.seen_past - first.seen_past)) < 0.1
     assert np.nanmean(errors_m(joints, run.truth_m)) < 1.1 * np.nanmean(errors_m(run.joints, run.truth_m))
     jitter, before = (np.diff(table.position_m, 2, axis=0) for table in (joints, run.joints))
     assert np.abs(jitter).mean() < np.abs(before).mean()

@@ -18,7 +18,8 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 
-TABLES = ("joints", "angles", "poses", "anchors", "contacts", "people", "posture", "episodes", "measures")
+TABLES = ("joints", "angles", "poses", "anchors", "contacts", "people", "posture", "episodes", "measures",
+          "explained")  # fmt: skip
 
 
 def track(source: Path, recording: Path, results: Path, smooth: bool) -> None:

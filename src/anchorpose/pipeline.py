@@ -18,6 +18,7 @@ from anchorpose.recording.recording import Recording
 from anchorpose.recording.recording_file import with_height, with_poses
 from anchorpose.report.page import write_report
 from anchorpose.results.contact_intervals import ContactIntervals
+from anchorpose.results.explained import EXPLAINED_FILE, read_explained, summarise, write_explained
 from anchorpose.results.measuring import write_measured
 from anchorpose.results.people_labels import PEOPLE_FILE, LabelImage, write_people
 from anchorpose.results.poses import POSES_FILE, write_poses
@@ -68,7 +69,7 @@ def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress,
     frame_range(recording, config.start, config.stop)
     motions = load_motions(config.motion_file, recording.rate_hz, config.motion)
     total, first_pass = _frame_counts(recording, config)
-    work = first_pass + total * (2 if config.smooth else 1)
+    work = first_pass + total * (3 if config.smooth else 1)
 
     # calibration and isolation: clocks, camera poses, the empty room, and who is the patient
     stopwatch = Stopwatch()
@@ -118,13 +119,14 @@ def _counter(progress: Progress, total: int) -> Callable[[], None]:
 def _write_frames(
     results: Path, track: Callable[[Callable[[LabelImage], None]], Iterator[FrameRecord]], config: TrackConfig
 ) -> Written:
-    """Stream joints, poses, anchors, labels and contacts to their tables; collect problems."""
+    """Stream joints, poses, what they explain, anchors, labels and contacts to their tables; collect problems."""
     dropped, shares = list[DroppedFrame](), list[float | None]()
     points = body_points()
     intervals = ContactIntervals(region_of_points(points), area_of_point(points), config.contacts)
     with (
         write_joints(results / JOINTS_FILE) as table,
         write_poses(results / POSES_FILE) as poses,
+        write_explained(results / EXPLAINED_FILE) as explained,
         write_anchors(results / ANCHORS_FILE) as anchors,
         write_people(results / PEOPLE_FILE) as people,
         write_contacts(results / CONTACTS_FILE) as contacts,
@@ -132,6 +134,7 @@ def _write_frames(
         for record in track(people.append):
             table.append(record.joints)
             poses.append(record.body)
+            explained.append(record.explained)
             anchors.append(record.anchors)
             frame, time_s = record.joints.frame, record.joints.time_s
             for contact in intervals.push(frame, time_s, record.near):
@@ -140,4 +143,5 @@ def _write_frames(
             shares.append(None if record.matched_share is None else round(record.matched_share, 3))
         for contact in intervals.finish():
             contacts.append(contact)
-    return Written(MatchedShares(tuple(shares)), tuple(dropped))
+    summary = summarise(read_explained(results / EXPLAINED_FILE))
+    return Written(MatchedShares(tuple(shares)), tuple(dropped), summary)

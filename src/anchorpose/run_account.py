@@ -23,6 +23,7 @@ from anchorpose.results.corrections import (
     reviewed_recording,
 )
 from anchorpose.results.corrections_file import read_corrections
+from anchorpose.results.explained import ExplainedSummary
 from anchorpose.results.run_record import (
     CameraRecord,
     CorrectionsRecord,
@@ -48,6 +49,7 @@ class Written:
 
     association: MatchedShares
     dropped: tuple[DroppedFrame, ...]
+    explained: ExplainedSummary
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +138,7 @@ def account_of(
         frame_count=len(written.association.matched_share),
         association=written.association,
         dropped=written.dropped,
+        explained=written.explained,
         body=None if learnt is None else record_body(body_points().asset, learnt.belief, learnt.first, learnt.seconds),
         pictures=pictures,
         notes=(

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, JointState
+from anchorpose.results.explained import EXPLAINED_FILE, PART_NAMES, ExplainedFrame, write_explained
 from anchorpose.results.kinematics.joint_angles import joint_angles
 from anchorpose.results.run_record import (
     RUN_FILE,
@@ -69,3 +70,25 @@ def write_results(folder: Path, frames: list[JointFrame], pictures: tuple[Pictur
     )
     write_run_record(folder / RUN_FILE, record)
     return folder
+
+
+def explained_frames(
+    uncovered_cm2: Sequence[float], past: Mapping[tuple[int, str], float], fps: float
+) -> list[ExplainedFrame]:
+    """One frame per area; past: share that a camera sees past by frame and part, 0 for the others, NaN where lost."""
+    return [
+        ExplainedFrame(
+            frame,
+            frame / fps,
+            area,
+            np.array([past.get((frame, name), 0.0 * area) for name in PART_NAMES]),
+        )
+        for frame, area in enumerate(uncovered_cm2)
+    ]
+
+
+def write_explained_frames(folder: Path, frames: Sequence[ExplainedFrame]) -> None:
+    """explained.parquet of a results folder."""
+    with write_explained(folder / EXPLAINED_FILE) as table:
+        for frame in frames:
+            table.append(frame)

@@ -18,6 +18,7 @@ from anchorpose.joints import JOINT_INDEX
 from anchorpose.pipeline import TrackConfig, track_recording
 from anchorpose.results.corrections import Corrections, JointCorrection, UnusableInterval, recording_of_run
 from anchorpose.results.corrections_file import read_corrections, write_corrections
+from anchorpose.results.explained import read_explained
 from anchorpose.results.people_labels import read_people
 from anchorpose.results.poses import read_poses
 from anchorpose.results.records import read_contacts
@@ -99,12 +100,19 @@ def test_unusable_frames_have_no_joints_and_say_why(review):
     gone = np.isin(review.after.frame, np.arange(GONE[0], GONE[1] + 1))
     np.testing.assert_array_equal(review.after.lost.all(axis=1), gone)
     assert np.isnan(read_poses(review.results / "poses.parquet").head_m[gone]).all()
+    np.testing.assert_array_equal(blank_explanations(review.results), gone)
     dropped = read_run_document(review.results / "run.json")["dropped"]
     assert [(drop["frame"], drop["why"]) for drop in dropped] == [
         (frame, "marked as unusable by AB on 2026-03-01: curtain") for frame in range(GONE[0], GONE[1] + 1)
     ]
     assert not any(c.first_frame <= GONE[1] and c.last_frame >= GONE[0] for c in read_contacts(
         review.results / "contacts.parquet"))  # fmt: skip
+
+
+def blank_explanations(results: Path) -> np.ndarray:
+    """(n,) bool: frames of which explained.parquet knows nothing."""
+    table = read_explained(results / "explained.parquet")
+    return np.isnan(table.uncovered_cm2) & np.isnan(table.seen_past).all(axis=1)
 
 
 def test_the_record_names_the_file_and_what_it_says(review):
@@ -121,6 +129,7 @@ def test_smoothing_keeps_what_the_reviewer_says(review, tmp_path):
     assert np.linalg.norm(joints.position_m[MOVED, WRIST] - review.place_m) < 0.03
     gone = np.isin(joints.frame, np.arange(GONE[0], GONE[1] + 1))
     np.testing.assert_array_equal(joints.lost.all(axis=1), gone)
+    np.testing.assert_array_equal(blank_explanations(tmp_path), gone)
 
 
 def test_what_is_told_is_no_surer_than_he_who_tells_it(review):

@@ -10,17 +10,22 @@ import cv2
 import numpy as np
 import pytest
 
-from anchorpose.body.skin_points import FittedShape
+from anchorpose.body.pose import MOVING_BONES, POSE_SIZE, Pose
+from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, LIMBS, JointState
-from anchorpose.recording.reader import open_recording, read_frames
+from anchorpose.recording.reader import open_recording, read_frame, read_frames
+from anchorpose.results.explained import SEEN_PAST
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker.config import FollowConfig, Method, TrackConfig
 from anchorpose.tracker.estimate import Estimate, nobody_found
 from anchorpose.tracker.following import FIRST_PAUSE, follow_patient
+from anchorpose.tracker.frame_record import label_pictures
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room
 from anchorpose.tracker.run import Run, Stopwatch
+from anchorpose.tracker.smoothed_explanation import explain_smoothed, labelled_views
+from anchorpose.tracker.smoothing import pass_result
 
 FPS, FRAMES = 8.0, 20
 APPEARS, VANISHES, RETURNS = 2, 8, 15  # frames: the room is empty, he is there, the camera is blind, he is there again
@@ -99,6 +104,35 @@ def test_he_is_found_soon_after_he_appears_and_followed_closely(course):
 def test_what_was_observed_is_explained_by_the_body(course):
     assert all(course.estimates[frame].explained > 0.8 for frame in range(VANISHES - 2, VANISHES))
     assert all(course.estimates[frame].explained == 0.0 for frame in range(VANISHES, RETURNS))
+
+
+def test_a_pose_is_explained_again_by_the_kept_labels_as_it_was_when_the_frame_was_seen(course):
+    run, body, compared = Run(course.room, CONFIG), build_body(body_points(), course.shape), 0
+    for position, estimate in enumerate(course.estimates):
+        labels = label_pictures(estimate.frame_set, estimate.observation)
+        answer = pass_result(body, estimate, labels, usable=True)
+        again = explain_smoothed(read_frame(course.room.recording, position), answer, body, run)
+        assert (again is None) == (estimate.explanation is None)
+        if again is not None:
+            views = labelled_views(read_frame(course.room.recording, position), labels, course.room)
+            for view, before in zip(views, estimate.observation.evidence.views, strict=True):
+                assert (view is None) == (before is None)
+                np.testing.assert_array_equal(getattr(view, "labels", None), getattr(before, "labels", None))
+            np.testing.assert_array_equal(again.seen_past, estimate.explanation.seen_past)
+            assert again.uncovered_m2 == pytest.approx(estimate.explanation.uncovered_m2, abs=0.002)
+            compared += 1
+    assert compared > 8
+    raised = replace(answer, pose=body_raised(answer.pose, body, "LeftArm"))
+    wrong = explain_smoothed(read_frame(course.room.recording, position), raised, body, run)
+    assert wrong.seen_past[1] > SEEN_PAST > again.seen_past[1]
+    assert wrong.seen_past[2] == again.seen_past[2]
+
+
+def body_raised(pose: Pose, body: Body, bone: str) -> Pose:
+    """The pose with the arm raised to the side by a right angle."""
+    change = np.zeros(POSE_SIZE)
+    change[3 * MOVING_BONES.index(bone)] = -np.pi / 2
+    return pose.moved(change, body.points.moving)
 
 
 def test_doubt_grows_while_nothing_is_seen_until_he_is_lost(course):

@@ -10,6 +10,7 @@ from body_builder import adult_body, standing
 
 from anchorpose.body.pose import Pose
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, LIMBS, JointState
+from anchorpose.results.people_labels import LabelImage
 from anchorpose.tracker.config import FollowConfig
 from anchorpose.tracker.smoothing import PassResult, smooth, smooth_in_time
 
@@ -97,6 +98,16 @@ def test_a_limb_that_one_pass_left_behind_is_taken_from_the_other(state, first):
     assert off_m(poor, truth)[5:12, ARM].max() > 0.3
     assert off_m(found, truth).max() < 0.03
     assert all(one.states == (OBSERVED,) * JOINT_COUNT for one in found[7:10])
+
+
+def test_person_labels_are_those_of_the_pass_that_the_trunk_is_taken_from():
+    first, second = ((LabelImage(0, "front", name),) for name in (b"first", b"second"))
+    there = [replace(one, labels=first) for one in course_of_pass(sigma_m=0.01)]
+    back = [replace(one, labels=second) for one in course_of_pass(sigma_m=0.02)]
+    assert {one.labels for one in smoothed(there, back)} == {first}
+    assert {one.labels for one in smoothed(back, there)} == {first}
+    gone = [nobody() if k < 4 else one for k, one in enumerate(there)]
+    assert [one.labels for one in smoothed(gone, back)] == [second] * 4 + [first] * (FRAMES - 4)
 
 
 def test_bones_keep_their_lengths():

@@ -226,10 +226,11 @@ def _split(pixels: Pieces, owner: np.ndarray, axes: np.ndarray, label: np.ndarra
 def _views(pieces: Sequence[Pieces | None], owners: Sequence[np.ndarray]) -> tuple[View | None, ...]:
     """One view per camera, None where it has no frame; owners: of the cameras that have one."""
     left = iter(owners)
-    return tuple(None if pixels is None else _view(pixels, next(left)) for pixels in pieces)
+    return tuple(None if pixels is None else view_of(pixels, next(left)) for pixels in pieces)
 
 
-def _view(pixels: Pieces, owner: np.ndarray) -> View:
+def view_of(pixels: Pieces, owner: np.ndarray) -> View:
+    """The camera's view with the owner (n,) uint8 of each foreground pixel, ``NOBODY`` where it has none."""
     labels = pixels.labels.copy()
     labels[pixels.row, pixels.column] = np.where(owner == NOBODY, np.uint8(PixelLabel.CLUTTER), owner)
     return View(pixels.depth_m, labels)

@@ -69,3 +69,14 @@ def unbroken_runs(chosen: np.ndarray, time_s: np.ndarray, longest_step_s: float 
     starts = np.flatnonzero(chosen & ~(joined & np.append(False, chosen[:-1])))
     ends = np.flatnonzero(chosen & ~np.append(joined[1:] & chosen[1:], False))
     return [slice(int(start), int(end) + 1) for start, end in zip(starts, ends, strict=True)]
+
+
+def worst_rows(badness: np.ndarray, time_s: np.ndarray, apart_s: float, most: int) -> list[int]:
+    """At most ``most`` rows by falling badness (n,), none within ``apart_s`` of a worse one; NaN is not a candidate."""
+    chosen: list[int] = []
+    for row in np.argsort(-badness, kind="stable"):
+        if np.isnan(badness[row]) or len(chosen) == most:
+            break
+        if all(abs(time_s[row] - time_s[other]) >= apart_s for other in chosen):
+            chosen.append(int(row))
+    return chosen

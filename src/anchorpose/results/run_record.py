@@ -20,6 +20,7 @@ from anchorpose.errors import InputError
 from anchorpose.recording.document import read_json
 from anchorpose.recording.recording import Clock
 from anchorpose.results.corrections import JointCorrection, UnusableInterval
+from anchorpose.results.explained import ExplainedSummary
 from anchorpose.versions import code_digest, versions
 
 RUN_FILE: Final = "run.json"
@@ -165,6 +166,7 @@ class RunRecord:
     frame_count: int = 0
     association: MatchedShares = MatchedShares()
     dropped: tuple[DroppedFrame, ...] = ()
+    explained: ExplainedSummary | None = None  # None where no frame was tracked
     body: BodyRecord | None = None  # None where the patient was never found
     corrections: CorrectionsRecord | None = None
     pictures: tuple[PictureRecord, ...] = ()
@@ -195,6 +197,7 @@ def write_run_record(path: Path, record: RunRecord) -> None:
         "timings": as_json(record.timings),
         "association": as_json(record.association),
         "dropped": as_json(record.dropped),
+        "explained": as_json(record.explained),
         "body": as_json(record.body),
         "corrections": as_json(record.corrections),
         "pictures": as_json(record.pictures),

@@ -1,4 +1,4 @@
-"""What is kept of a frame: joints, the body's pose, anchors, person labels, and how near others are to the patient."""
+"""What is kept of a frame: joints, pose, anchors, person labels, how near others are, how well it is explained."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from anchorpose.body.contact_regions import Nearness, find_nearness
+from anchorpose.body.explained import Explanation
 from anchorpose.body.pose import MOVING_BONES, Pose
 from anchorpose.body.skin_points import Body, pose_points
 from anchorpose.geodesics.anchors import no_anchors
 from anchorpose.joints import JointState
 from anchorpose.recording.recording import FrameSet
+from anchorpose.results.explained import ExplainedFrame, explained_frame
 from anchorpose.results.people_labels import LabelImage, encode_labels
 from anchorpose.results.poses import BodyPose
 from anchorpose.results.tables import AnchorFrame, JointFrame
@@ -24,11 +26,13 @@ from anchorpose.tracker.smoothing import PassResult
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameRecord:
-    """What is kept of one frame: the joints, the body's pose, anchors, share of nodes matched, how near others are to
-    the patient (None where the patient is lost), and what was wrong with its depth images."""
+    """What is kept of one frame: the joints, the body's pose, how well it explains the depth images, anchors, share of
+    nodes matched, how near others are to the patient (None where the patient is lost), and what was wrong with the
+    depth images."""
 
     joints: JointFrame
     body: BodyPose
+    explained: ExplainedFrame
     anchors: AnchorFrame
     matched_share: float | None
     near: Nearness | None
@@ -50,19 +54,22 @@ def record_of(estimate: Estimate, body: Body | None, run: Run) -> FrameRecord:
     )
     bones, near = _bones(estimate, body, run), _near(estimate, body, run)
     anchors, share = anchor_frame(estimate), estimate.matched_share
-    record = FrameRecord(joints, bones, anchors, share, near, frame_set.problems)
+    explained = explained_frame(frame_set.frame, frame_set.time_s, estimate.explanation)
+    record = FrameRecord(joints, bones, explained, anchors, share, near, frame_set.problems)
     why = run.room.review.why_unusable(frame_set.frame)
     return record if why is None else _without_patient(record, why)
 
 
-def smoothed_record(record: FrameRecord, answer: PassResult, body: Body) -> FrameRecord:
-    """The record with what a forward and a backward pass found together."""
+def smoothed_record(
+    record: FrameRecord, answer: PassResult, body: Body, explanation: Explanation | None
+) -> FrameRecord:
+    """The record with what a forward and a backward pass found together; explanation: by the smoothed pose."""
     lost = np.array([state is JointState.LOST for state in answer.states])
     position = np.where(lost[:, None], np.nan, answer.joints_m)
     joints = replace(record.joints, position_m=position, sigma_m=answer.sigma_m, state=answer.states)
     frame, time_s = record.joints.frame, record.joints.time_s
     bones = body_pose(body, frame, time_s, answer.pose, None)
-    return replace(record, joints=joints, body=bones)
+    return replace(record, joints=joints, body=bones, explained=explained_frame(frame, time_s, explanation))
 
 
 def _without_patient(record: FrameRecord, why: str) -> FrameRecord:
@@ -76,6 +83,7 @@ def _without_patient(record: FrameRecord, why: str) -> FrameRecord:
             sigma_m=np.full_like(joints.sigma_m, np.nan),
         ),
         body=body_pose(None, body.frame, body.time_s, None, None),
+        explained=explained_frame(body.frame, body.time_s, None),
         near=None,
         problems=(*record.problems, why),
     )

@@ -18,6 +18,7 @@ from anchorpose.tracker.frame_record import FrameRecord, label_pictures, record_
 from anchorpose.tracker.learning import LearntPatient, learn_patient
 from anchorpose.tracker.room import Room, held_joints
 from anchorpose.tracker.run import Run
+from anchorpose.tracker.smoothed_explanation import explain_smoothed
 from anchorpose.tracker.smoothing import PassResult, pass_result, smooth
 from anchorpose.tracker.start import Start, turn_round
 
@@ -88,20 +89,28 @@ class _Passes:
         """All frames from the initial frame to one end, in this order."""
         if self.run.config.smooth and self.body is not None:
             return self._both_ways(positions, self.body)
-        return (self._record(estimate) for estimate in self._follow(positions))
+        return (
+            self._record(estimate, label_pictures(estimate.frame_set, estimate.observation))
+            for estimate in self._follow(positions)
+        )
 
     def _both_ways(self, positions: Sequence[int], body: Body) -> Iterator[FrameRecord]:
         """To one end and back to the initial frame, both passes combined.
 
-        Until the two have met, joints, pose and contacts of every frame are kept, some kilobytes each.
+        Until the two have met, joints, pose, person labels and contacts of every frame are kept, some kilobytes each.
+        The frames are then read again, to state how well the smoothed poses explain them.
         """
         there, records, last = list[PassResult](), list[FrameRecord](), None
         for estimate in self._follow(positions):
-            there.append(self._passed(body, estimate))
-            records.append(self._record(estimate))
+            labels = label_pictures(estimate.frame_set, estimate.observation)
+            there.append(self._passed(body, estimate, labels))
+            records.append(self._record(estimate, labels))
             last = estimate
         begin = None if last is None else turn_round(last, self.run.config)
-        back = [self._passed(body, estimate) for estimate in self._follow(positions[::-1], begin)][::-1]
+        back = [
+            self._passed(body, estimate, label_pictures(estimate.frame_set, estimate.observation))
+            for estimate in self._follow(positions[::-1], begin)
+        ][::-1]
         with self.run.stage("smoothing"):
             smoothed = smooth(
                 body,
@@ -111,16 +120,19 @@ class _Passes:
                 held_joints(self.run.room.review, [record.joints.frame for record in records]),
                 self.run.config.follow.lost_sigma_m,
             )
-        for record, answer in zip(records, smoothed, strict=True):
-            yield smoothed_record(record, answer, body)
+        for record, answer, frame_set in zip(records, smoothed, self.route.frames(positions), strict=True):
+            with self.run.stage("smoothing"):
+                explanation = explain_smoothed(frame_set, answer, body, self.run)
+            yield smoothed_record(record, answer, body, explanation)
 
     def _follow(self, positions: Sequence[int], begin: Start | None = None) -> Iterator[Estimate]:
         return follow_patient(self.run, self.route.frames(positions), self.shape, begin)
 
-    def _passed(self, body: Body, estimate: Estimate) -> PassResult:
-        return pass_result(body, estimate, self.run.room.review.why_unusable(estimate.frame_set.frame) is None)
+    def _passed(self, body: Body, estimate: Estimate, labels: tuple[LabelImage, ...]) -> PassResult:
+        usable = self.run.room.review.why_unusable(estimate.frame_set.frame) is None
+        return pass_result(body, estimate, labels, usable)
 
-    def _record(self, estimate: Estimate) -> FrameRecord:
-        for labels in label_pictures(estimate.frame_set, estimate.observation):
-            self.keep_labels(labels)
+    def _record(self, estimate: Estimate, labels: tuple[LabelImage, ...]) -> FrameRecord:
+        for picture in labels:
+            self.keep_labels(picture)
         return record_of(estimate, self.body, self.run)

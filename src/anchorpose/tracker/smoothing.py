@@ -16,9 +16,11 @@ import numpy as np
 from anchorpose.body.inverse_kinematics import pose_from_joints
 from anchorpose.body.pose import LIMB_OF_BONES, LIMB_OF_JOINTS, PARTS, Pose
 from anchorpose.body.skin_points import Body, SkinPoints
-from anchorpose.joints import JOINT_COUNT, JointState
+from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JointState
+from anchorpose.results.people_labels import LabelImage
 from anchorpose.tracker.estimate import Estimate
 
+SPINE_BASE: Final = JOINT_INDEX["SpineBase"]  # of the trunk, and not of a limb
 FIRST_SPEED_M_S: Final = 1.0  # standard deviation of a joint's velocity before anything is known of it
 APART_M: Final = 0.06  # a limb's joints nearer than this are averaged: the width of a wrist, so it is the same limb
 TRUNK_APART_M: Final = 0.15  # half a shoulder breadth: beyond it the trunk is in two places, and limbs cannot be mixed
@@ -80,25 +82,26 @@ def _random_walk(step_s: float) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PassResult:
-    """What one pass, or both together, answer for a frame, without what it was seen by: a kilobyte.
+    """What one pass, or both together, answer for a frame, and the person labels that it was seen by: some kilobytes.
 
     pose: None where the patient is lost; joints_m (21, 3) by that pose, also of lost joints; sigma_m (21,), NaN where
-    lost.
+    lost; labels: of each camera with a depth image, none where the patient is lost.
     """
 
     pose: Pose | None
     joints_m: np.ndarray
     sigma_m: np.ndarray
     states: tuple[JointState, ...]
+    labels: tuple[LabelImage, ...] = ()
 
 
-def pass_result(body: Body, estimate: Estimate, usable: bool) -> PassResult:
+def pass_result(body: Body, estimate: Estimate, labels: tuple[LabelImage, ...], usable: bool) -> PassResult:
     """What is kept of an estimate until the other pass has come to the same frame; nothing of one of no use."""
     if estimate.belief is None or not usable:
         blank = np.full((JOINT_COUNT, 3), np.nan)
         return PassResult(None, blank, blank[:, 0].copy(), (JointState.LOST,) * JOINT_COUNT)
     pose = estimate.belief.pose
-    return PassResult(pose, body.joints(pose), estimate.sigma_m, estimate.states)
+    return PassResult(pose, body.joints(pose), estimate.sigma_m, estimate.states, labels)
 
 
 def smooth(
@@ -191,13 +194,18 @@ def _course(cost: np.ndarray, distance_m: np.ndarray) -> np.ndarray:
 
 
 def _mixed(there: PassResult, back: PassResult, weight: np.ndarray) -> PassResult:
-    """Joints, sigma and states of both; weight (21,): share of the second pass. The pose is the first pass'."""
+    """Joints, sigma and states of both; weight (21,): share of the second pass.
+
+    The pose is the first pass', the labels those of the pass that the trunk is taken from.
+    """
     if there.pose is None or back.pose is None:
         return there if back.pose is None else back
     states = tuple(b if w > 0.5 else a for a, b, w in zip(there.states, back.states, weight, strict=True))
     lost = np.array([state is JointState.LOST for state in states])
     joints = there.joints_m + weight[:, None] * (back.joints_m - there.joints_m)
-    return PassResult(there.pose, joints, np.where(lost, np.nan, _mixed_sigma(there, back, weight)), states)
+    sigma = np.where(lost, np.nan, _mixed_sigma(there, back, weight))
+    labels = (back if weight[SPINE_BASE] > 0.5 else there).labels
+    return PassResult(there.pose, joints, sigma, states, labels)
 
 
 def _mixed_sigma(there: PassResult, back: PassResult, weight: np.ndarray) -> np.ndarray:

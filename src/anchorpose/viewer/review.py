@@ -12,6 +12,7 @@ import numpy as np
 from anchorpose.errors import InputError
 from anchorpose.geodesics.anchors import ANCHOR_NAMES
 from anchorpose.joints import JOINT_NAMES, LIMBS, JointState
+from anchorpose.results.frame_time import worst_rows
 from anchorpose.results.poses import POSES_FILE, PoseTable, read_poses
 from anchorpose.results.records import CONTACTS_FILE, Contact, read_contacts
 from anchorpose.results.run_record import RUN_FILE, as_json, read_run_document
@@ -194,11 +195,4 @@ def _uncertain(joints: JointTable) -> list[WorstFrame]:
 
 
 def _apart(badness: np.ndarray, time_s: np.ndarray) -> list[int]:
-    """Rows by falling badness, none within ``APART_S`` of a worse one; NaN is not a candidate."""
-    chosen: list[int] = []
-    for row in np.argsort(-badness, kind="stable"):
-        if np.isnan(badness[row]) or len(chosen) == MOST_OF_A_KIND:
-            break
-        if all(abs(time_s[row] - time_s[other]) >= APART_S for other in chosen):
-            chosen.append(int(row))
-    return chosen
+    return worst_rows(badness, time_s, APART_S, MOST_OF_A_KIND)

@@ -1,0 +1,130 @@
+"""explained.parquet: how well each reported pose explains what the cameras show, and the moments it does worst."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+
+from anchorpose.body.explained import Explanation
+from anchorpose.body.limb_search import LOOK_AGAIN_M2
+from anchorpose.body.pose import PARTS
+from anchorpose.results.frame_table import FrameTable, Numbers
+from anchorpose.results.frame_time import worst_rows
+from anchorpose.results.parquet import TRACK_AGAIN
+
+PART_NAMES: Final = ("trunk", "arm_left", "leg_left", "arm_right", "leg_right")
+"""The parts of ``Explanation.seen_past``, in its order; the trunk with the head."""
+
+CM2_PER_M2: Final = 1e4
+UNCOVERED_CM2: Final = CM2_PER_M2 * LOOK_AGAIN_M2  # where tracking looks for a limb elsewhere
+SEEN_PAST: Final = 0.3  # share of a part's skin: a limb that is right shows less, at its edges and in loose clothes
+APART_S: Final = 0.5  # two moments closer than this show the same thing
+MOST_MOMENTS: Final = 5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExplainedFrame:
+    """How well the pose of one frame explains it (``Explanation``).
+
+    uncovered_cm2: seen surface of the patient that no part of the body covers, NaN where the patient is lost or nothing
+    of the patient is seen. seen_past (5,): share of each part's skin, order of ``PART_NAMES``, that a camera sees past;
+    NaN where lost, or too little of the part is in view.
+    """
+
+    frame: int
+    time_s: float
+    uncovered_cm2: float
+    seen_past: np.ndarray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExplainedTable:
+    """All frames: frame (n,) int32, time_s (n,) float64, uncovered_cm2 (n,) and seen_past (n, 5) float32, each as in
+    ``ExplainedFrame``."""
+
+    frame: np.ndarray
+    time_s: np.ndarray
+    uncovered_cm2: np.ndarray
+    seen_past: np.ndarray
+
+
+EXPLAINED: Final = FrameTable(
+    file="explained.parquet",
+    arrays=ExplainedTable,
+    columns={
+        "uncovered_cm2": Numbers(("uncovered_cm2",), pa.float32()),
+        "seen_past": Numbers(tuple(f"{name}_seen_past" for name in PART_NAMES), pa.float32()),
+    },
+    remedy=TRACK_AGAIN,
+)
+EXPLAINED_FILE, read_explained, write_explained = EXPLAINED.file, EXPLAINED.read, EXPLAINED.open
+
+
+def explained_frame(frame: int, time_s: float, explanation: Explanation | None) -> ExplainedFrame:
+    """The row of a frame; explanation: None where the patient is lost."""
+    if explanation is None:
+        return ExplainedFrame(frame, time_s, np.nan, np.full(PARTS, np.nan))
+    anything_seen = len(explanation.covered) + len(explanation.node) > 0
+    uncovered_cm2 = CM2_PER_M2 * explanation.uncovered_m2 if anything_seen else np.nan
+    return ExplainedFrame(frame, time_s, uncovered_cm2, explanation.seen_past)
+
+
+def unexplained(table: ExplainedTable) -> np.ndarray:
+    """(n,) how many times the limit is reached by the uncovered area or by the share of a part that is seen past,
+    whichever is more: from 1 on a limb is probably elsewhere. NaN where neither is known."""
+    past = np.fmax.reduce(table.seen_past / SEEN_PAST, axis=1)
+    return np.asarray(np.fmax(table.uncovered_cm2 / UNCOVERED_CM2, past), dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """A frame whose pose explains little of it, and why, in words."""
+
+    frame: int
+    time_s: float
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class ExplainedSummary:
+    """What run.json states: in which share of the frames more than ``uncovered_limit_cm2`` is uncovered, and the worst.
+
+    uncovered_share: of the frames in which the area is known, ``known_frames``; None where it is in none.
+    """
+
+    uncovered_limit_cm2: float
+    known_frames: int
+    uncovered_share: float | None
+    worst: tuple[Moment, ...]
+
+
+def summarise(table: ExplainedTable) -> ExplainedSummary:
+    """Share of frames with uncovered surface, and the worst moments."""
+    known = table.uncovered_cm2[np.isfinite(table.uncovered_cm2)]
+    share = float((known >= UNCOVERED_CM2).mean()) if len(known) else None
+    return ExplainedSummary(UNCOVERED_CM2, len(known), share, worst_moments(table))
+
+
+def worst_moments(table: ExplainedTable) -> tuple[Moment, ...]:
+    """At most ``MOST_MOMENTS`` frames, ``APART_S`` from each other, the least explained first."""
+    badness = unexplained(table)
+    rows = worst_rows(np.where(badness >= 1.0, badness, np.nan), table.time_s, APART_S, MOST_MOMENTS)
+    return tuple(Moment(int(table.frame[row]), float(table.time_s[row]), _reason(table, row)) for row in rows)
+
+
+def _reason(table: ExplainedTable, row: int) -> str:
+    uncovered_cm2, reasons = table.uncovered_cm2[row], list[str]()
+    if uncovered_cm2 >= UNCOVERED_CM2:
+        reasons.append(f"{uncovered_cm2:.0f} cm² of the patient's surface is covered by no limb")
+    for name, share in zip(PART_NAMES, table.seen_past[row].tolist(), strict=True):
+        if share >= SEEN_PAST:
+            reasons.append(f"the {_words(name)} lies in front of what a camera sees: {100.0 * share:.0f} %")
+    return "; ".join(reasons)
+
+
+def _words(part: str) -> str:
+    """``arm_left`` as left arm."""
+    return " ".join(reversed(part.split("_")))

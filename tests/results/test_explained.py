@@ -1,0 +1,154 @@
+"""explained.parquet: what goes in comes out, unknown stays unknown, and the worst moments are found and worded."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from results_builder import explained_frames, standing_joints, write_results
+from results_builder import make_frame as joint_frame
+
+from anchorpose.body.explained import Explanation
+from anchorpose.body.limb_search import LOOK_AGAIN_M2
+from anchorpose.body.pose import LIMB_OF_BONES, MOVING_BONES, PARTS
+from anchorpose.results.explained import (
+    EXPLAINED_FILE,
+    PART_NAMES,
+    UNCOVERED_CM2,
+    ExplainedFrame,
+    ExplainedTable,
+    explained_frame,
+    read_explained,
+    summarise,
+    unexplained,
+    worst_moments,
+    write_explained,
+)
+from anchorpose.results.frame_table import FRAMES_PER_ROW_GROUP
+from anchorpose.results.run_record import RUN_FILE, RunRecord, write_run_record
+
+FPS = 10.0
+
+
+def written(path: Path, frames: list[ExplainedFrame]) -> Path:
+    with write_explained(path) as table:
+        for frame in frames:
+            table.append(frame)
+    return path
+
+
+def table_of(uncovered_cm2: list[float], past: dict[tuple[int, str], float] | None = None) -> ExplainedTable:
+    frames = explained_frames(uncovered_cm2, past or {}, FPS)
+    return ExplainedTable(
+        np.array([each.frame for each in frames]),
+        np.array([each.time_s for each in frames]),
+        np.array([each.uncovered_cm2 for each in frames]),
+        np.array([each.seen_past for each in frames]),
+    )
+
+
+def explanation(uncovered_m2: float, past: np.ndarray, nodes: int = 40) -> Explanation:
+    return Explanation(np.arange(nodes), np.arange(0), 1.0, uncovered_m2, past, np.zeros(3, bool))
+
+
+def test_frames_come_back_as_they_were_written(tmp_path):
+    rng = np.random.default_rng(4)
+    frames = [ExplainedFrame(3 * k, k / 30, rng.uniform(0, 900), rng.uniform(0, 1, PARTS)) for k in range(20)]
+    table = read_explained(written(tmp_path / EXPLAINED_FILE, frames))
+    np.testing.assert_array_equal(table.frame, [each.frame for each in frames])
+    np.testing.assert_array_equal(table.time_s, [each.time_s for each in frames])
+    np.testing.assert_array_equal(table.uncovered_cm2, np.float32([each.uncovered_cm2 for each in frames]))
+    np.testing.assert_array_equal(table.seen_past, np.float32([each.seen_past for each in frames]))
+
+
+def test_the_columns_are_those_of_the_format_and_a_lost_frame_is_null(tmp_path):
+    past = np.array([0.1, np.nan, 0.3, 0.4, 0.5])
+    frames = [explained_frame(7, 0.5, explanation(0.0123, past)), explained_frame(8, 0.6, None)]
+    table = pq.read_table(written(tmp_path / EXPLAINED_FILE, frames))
+    names = [
+        "trunk_seen_past",
+        "arm_left_seen_past",
+        "leg_left_seen_past",
+        "arm_right_seen_past",
+        "leg_right_seen_past",
+    ]
+    assert table.schema.names == ["frame", "time_s", "uncovered_cm2", *names]
+    assert table.schema.types == [pa.int32(), pa.float64(), *[pa.float32()] * 6]
+    first, second = table.to_pylist()
+    assert first["uncovered_cm2"] == pytest.approx(123.0)
+    assert [first[name] for name in names] == [pytest.approx(0.1), None, *map(pytest.approx, (0.3, 0.4, 0.5))]
+    assert second == {"frame": 8, "time_s": 0.6, **dict.fromkeys(["uncovered_cm2", *names])}
+
+
+def test_where_nothing_of_the_patient_is_seen_the_area_is_unknown_and_not_zero():
+    assert np.isnan(explained_frame(0, 0.0, explanation(0.0, np.full(PARTS, np.nan), nodes=0)).uncovered_cm2)
+    assert explained_frame(0, 0.0, explanation(0.0, np.full(PARTS, np.nan))).uncovered_cm2 == 0.0
+
+
+def test_two_writings_have_the_same_bytes_across_row_groups(tmp_path):
+    rng = np.random.default_rng(1)
+    frames = [ExplainedFrame(k, k / 30, rng.uniform(0, 90), rng.uniform(0, 1, PARTS))
+              for k in range(FRAMES_PER_ROW_GROUP + 3)]  # fmt: skip
+    one, other = (written(tmp_path / name, frames).read_bytes() for name in ("a.parquet", "b.parquet"))
+    assert one == other
+
+
+def test_the_parts_have_the_names_of_the_bodys_limbs():
+    for number, name in enumerate(PART_NAMES):
+        bones = [bone for bone, limb in zip(MOVING_BONES, LIMB_OF_BONES, strict=True) if limb == number]
+        if name == "trunk":
+            assert {"Hips", "Head"} <= set(bones)
+        else:
+            kind, side = name.split("_")
+            assert f"{side.capitalize()}{ {'arm': 'ForeArm', 'leg': 'Foot'}[kind] }" in bones
+
+
+def test_the_limit_is_where_tracking_looks_for_a_limb_elsewhere():
+    assert pytest.approx(1e4 * LOOK_AGAIN_M2) == UNCOVERED_CM2
+    found = unexplained(table_of([0.0, UNCOVERED_CM2, 160.0, np.nan], {(0, "leg_left"): 0.15, (1, "trunk"): 0.6}))
+    np.testing.assert_allclose(found, [0.5, 2.0, 2.0, np.nan])
+
+
+def test_the_worst_moments_are_apart_and_say_why_in_words():
+    uncovered = [0.0] * 40
+    uncovered[10], uncovered[12], uncovered[20], uncovered[30] = 620.0, 600.0, 79.0, 100.0
+    past = {(10, "arm_left"): 0.45, (25, "leg_right"): 0.62, (35, "trunk"): 0.29}
+    found = worst_moments(table_of(uncovered, past))
+    assert [(each.frame, each.time_s) for each in found] == [(10, 1.0), (25, 2.5), (30, 3.0)]
+    assert [each.reason for each in found] == [
+        "620 cm² of the patient's surface is covered by no limb; "
+        "the left arm lies in front of what a camera sees: 45 %",
+        "the right leg lies in front of what a camera sees: 62 %",
+        "100 cm² of the patient's surface is covered by no limb",
+    ]
+
+
+def test_there_are_at_most_five_moments_and_none_where_all_is_explained():
+    assert len(worst_moments(table_of([500.0] * 100))) == 5
+    assert worst_moments(table_of([20.0] * 100)) == ()
+    assert worst_moments(table_of([np.nan] * 3)) == ()
+
+
+def test_the_summary_counts_known_frames_only():
+    summary = summarise(table_of([100.0, 0.0, 0.0, np.nan], {(1, "arm_left"): 0.9}))
+    assert (summary.known_frames, summary.uncovered_share) == (3, pytest.approx(1 / 3))
+    assert [each.frame for each in summary.worst] == [1]  # 3 limits; frame 0, with 1.25, is too close to it
+    never = summarise(table_of([np.nan, np.nan]))
+    assert (never.known_frames, never.uncovered_share, never.worst) == (0, None, ())
+
+
+def test_run_json_states_the_summary_and_null_where_there_is_none(tmp_path):
+    made = {"recording": "r", "config": {}, "inputs_sha256": (), "cameras": ()}
+    write_run_record(tmp_path / RUN_FILE, RunRecord(**made, explained=summarise(table_of([100.0, 0.0]))))
+    assert json.loads((tmp_path / RUN_FILE).read_text(encoding="utf-8"))["explained"] == {
+        "uncovered_limit_cm2": pytest.approx(80.0),
+        "known_frames": 2,
+        "uncovered_share": 0.5,
+        "worst": [{"frame": 0, "time_s": 0.0, "reason": "100 cm² of the patient's surface is covered by no limb"}],
+    }
+    write_results(tmp_path, [joint_frame(0, 0.0, standing_joints())])
+    assert json.loads((tmp_path / RUN_FILE).read_text(encoding="utf-8"))["explained"] is None
