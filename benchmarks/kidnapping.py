@@ -21,7 +21,7 @@ from anchorpose.body.registration import Registration
 from anchorpose.body.skin_points import pose_points
 from anchorpose.body.uncertainty import skin_sigma
 from anchorpose.recording.recording import FrameSet
-from anchorpose.tracker.estimate import Estimate, estimate_of
+from anchorpose.tracker.estimate import estimate_of
 from anchorpose.tracker.observation import Observation, isolate, observe
 from anchorpose.tracker.patient import PatientTracker
 from anchorpose.tracker.standing_feet import StandingFeet
@@ -123,15 +123,15 @@ class Limits:
     within_s: float = 0.5
     until_s: float = 1.0
 
-    def is_right(self, error_m: np.ndarray, undisturbed_m: np.ndarray) -> bool:
-        """Errors (k,) of the limb's joints, NaN where lost: a lost joint is not right."""
-        return bool((error_m <= np.fmax(self.absolute_m, undisturbed_m + self.excess_m)).all())
+    def are_right(self, error_m: np.ndarray, undisturbed_m: np.ndarray) -> bool:
+        """Errors (k,) of the limbs' joints."""
+        return bool((error_m <= np.maximum(self.absolute_m, undisturbed_m + self.excess_m)).all())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
     """right: by the limits' time and to their end. recovered_s: from when on; None where it was not. worst_m: the
-    largest error of a joint in the last frame judged, NaN where one was lost."""
+    largest error of a joint in the last frame judged."""
 
     right: bool
     recovered_s: float | None
@@ -140,7 +140,7 @@ class Outcome:
 
 @dataclass(slots=True)
 class Judge:
-    """Judges estimates as they come; ``done`` as soon as the outcome is certain.
+    """Judges poses as they come, whatever state their joints are given; ``done`` as soon as the outcome is certain.
 
     began_s: time of the spoilt frame. truth_m, undisturbed_m: joints (21, 3) by frame number, of the truth and of the
     tracker that was left alone. joints (k,): those that count.
@@ -155,17 +155,17 @@ class Judge:
     right_since_s: float | None = None
     worst_m: float = float("nan")
 
-    def take(self, estimate: Estimate) -> None:
-        """One more frame, in the order of tracking."""
-        frame, after_s = estimate.frame_set.frame, abs(estimate.frame_set.time_s - self.began_s)
+    def take(self, frame: int, time_s: float, joints_m: np.ndarray) -> None:
+        """One more frame, in the order of tracking: its number, time, and joints (21, 3) by the tracker's pose."""
+        after_s = abs(time_s - self.began_s)
         if after_s > self.limits.until_s + EPSILON_S:
             self.done = True
             return
         truth_m = self.truth_m(frame)[self.joints]
-        error_m = np.linalg.norm(estimate.joints_m[self.joints] - truth_m, axis=1)
+        error_m = np.linalg.norm(joints_m[self.joints] - truth_m, axis=1)
         usual_m = np.linalg.norm(self.undisturbed_m(frame)[self.joints] - truth_m, axis=1)
         self.worst_m = float(error_m.max())
-        if not self.limits.is_right(error_m, usual_m):
+        if not self.limits.are_right(error_m, usual_m):
             self.right_since_s = None
         elif self.right_since_s is None:
             self.right_since_s = after_s

@@ -14,6 +14,7 @@ from anchorpose.body.skin_points import Body, FittedShape, body_points, build_bo
 from anchorpose.recording.reader import open_recording, read_frame
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.passes import learn_on, plan_route
 from anchorpose.tracker.patient import PatientTracker
 from anchorpose.tracker.preparation import prepare_room
@@ -40,8 +41,8 @@ class Way:
         """The frame at a place of ``positions``; the last ones are kept."""
         return _read(self.run, self.positions[place])
 
-    def trackers(self) -> Iterator[tuple[int, PatientTracker]]:
-        """After each estimate how many frames were read, and the tracker: not to be changed.
+    def trackers(self) -> Iterator[tuple[int, PatientTracker, Estimate]]:
+        """After each estimate how many frames were read, the tracker, which is not to be changed, and the estimate.
 
         Ends where the patient is not found or lost.
         """
@@ -50,10 +51,11 @@ class Way:
         if start is None or isinstance(start, NoStart):
             return
         tracker = PatientTracker(self.run, start)
-        yield 1, tracker
+        yield 1, tracker, tracker.first
         for place in range(1, len(self.positions)):
-            if tracker.step(self.read(place)) is not None:
-                yield place + 1, tracker
+            estimate = tracker.step(self.read(place))
+            if estimate is not None:
+                yield place + 1, tracker, estimate
             if tracker.unseen_s > self.run.config.follow.lost_after_s:
                 return
 
@@ -79,17 +81,19 @@ def ways_through(recording: Path, config: TrackConfig) -> tuple[Way, ...]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Undisturbed:
-    """How tracking goes on a way if it is left alone: joints_m (21, 3) and pose by frame, in the order of tracking."""
+    """How tracking goes on a way if it is left alone, by frame in the order of tracking.
+
+    joints_m (21, 3) of the poses, also where a joint's state is lost.
+    """
 
     joints_m: dict[int, np.ndarray]
     poses: dict[int, Pose]
 
 
 def undisturbed(way: Way) -> Undisturbed:
-    """Track the way once. Joints have a place also where their state is lost."""
+    """Track the way once."""
     found = Undisturbed({}, {})
-    for _, tracker in way.trackers():
-        frame = tracker.window[0].frame_set.frame
-        found.joints_m[frame] = tracker.body.joints(tracker.belief.pose)
-        found.poses[frame] = tracker.belief.pose
+    for _, tracker, estimate in way.trackers():
+        found.joints_m[estimate.frame_set.frame] = tracker.body.joints(tracker.belief.pose)
+        found.poses[estimate.frame_set.frame] = tracker.belief.pose
     return found

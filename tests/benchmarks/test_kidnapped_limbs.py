@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -109,8 +108,7 @@ def _judge(errors_m, usual_m=0.0, joints=(JOINT_INDEX["HandLeft"],), period_s=0.
     judge = Judge(5.0, np.array(joints), lambda frame: place, lambda frame: off(usual_m), Limits())
     for frame, error_m in enumerate(errors_m, 1):
         if not judge.done:
-            seen = SimpleNamespace(frame=frame, time_s=5.0 + frame * period_s)
-            judge.take(SimpleNamespace(frame_set=seen, joints_m=off(error_m)))
+            judge.take(frame, 5.0 + frame * period_s, off(error_m))
     return judge
 
 
@@ -122,7 +120,6 @@ def _judge(errors_m, usual_m=0.0, joints=(JOINT_INDEX["HandLeft"],), period_s=0.
         ([0.0] * 10, 0.1),
         ([0.0] * 3 + [0.3] + [0.0] * 6, 0.5),  # right, wrong, and right for good
         ([0.0] * 8 + [0.3, 0.0], None),  # does not stay so
-        ([0.0] * 9 + [np.nan], None),  # a lost joint is not right
         ([0.3] * 4 + [0.101] * 6, None),
         ([0.3] * 4 + [0.02] * 6 + [0.4] * 5, 0.5),  # what comes after the second is not judged
     ],

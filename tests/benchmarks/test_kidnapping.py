@@ -49,7 +49,7 @@ def here(tmp_path_factory) -> MidRecording:
     with np.load(out / "truth/truth.npz") as truth:
         shape = FittedShape(truth["shape_coefficients"], 0.007)  # the body is known: here only the state is tested
     way, past = Way("forward", Run(room, CONFIG), shape, range(FRAMES)), None
-    for read, tracker in way.trackers():
+    for read, tracker, _ in way.trackers():
         past = Past.of(tracker) if past is None else past
         if tracker.window[0].frame_set.frame > 0:
             past.note(tracker)
