@@ -18,7 +18,8 @@ MOVEMENTS: Final = {
 }  # fmt: skip
 """The movements of the data set by their number in the names of its clips."""
 
-SUBJECTS: Final = tuple(range(1, 11))
+SUBJECTS: Final = (1, 2, 3, 4, 5, 6, 7)
+LOST_M_S: Final = 8.0  # Kinect's ankles and wrists that jump faster were lost and found again
 KEYS: Final = ("joints_mm", "offsets", "names", "joint_names")
 NEEDED: Final = (
     "Waist", "Spine", "Chest", "Head", "HeadTip", "LUpperArm", "LForearm", "LHand", "RUpperArm", "RForearm", "RHand",
@@ -53,7 +54,7 @@ def read_clips(path: Path, movement: str, rng: np.random.Generator, subjects: tu
     """
     arrays = _arrays(path)
     names = [str(name) for name in arrays["names"]]
-    chosen = [names.index(movement)] if movement in names else _drawn(path, names, movement, rng, subjects)
+    chosen = [names.index(movement)] if movement in names else _drawn(path, arrays, movement, rng, subjects)
     offsets = arrays["offsets"]
     return Clips(
         names=tuple(names[index] for index in chosen),
@@ -63,19 +64,29 @@ def read_clips(path: Path, movement: str, rng: np.random.Generator, subjects: tu
 
 
 def _drawn(
-    path: Path, names: list[str], movement: str, rng: np.random.Generator, subjects: tuple[int, ...]
+    path: Path, arrays: dict[str, np.ndarray], movement: str, rng: np.random.Generator, subjects: tuple[int, ...]
 ) -> list[int]:
     """Indices of the clips of one subject, all done correctly or all not."""
     series: dict[tuple[str, str], list[int]] = {}
-    for index, name in enumerate(names):
+    for index, name in enumerate(str(name) for name in arrays["names"]):
         found = _NAME.fullmatch(name)
-        if found and int(found["movement"]) == MOVEMENTS.get(movement) and int(found["subject"]) in subjects:
+        if not found or _loses_a_limb(arrays, index):
+            continue
+        if int(found["movement"]) == MOVEMENTS.get(movement) and int(found["subject"]) in subjects:
             series.setdefault((found["subject"], found["how"]), []).append(index)
     if not series:
         known = ", ".join(MOVEMENTS)
         raise InputError(path, f"has no movement {movement} by a subject of {subjects}", f"choose one of {known}")
     keys = sorted(series)
     return series[keys[int(rng.integers(len(keys)))]]
+
+
+def _loses_a_limb(arrays: dict[str, np.ndarray], index: int) -> bool:
+    """Whether a wrist or an ankle jumps from one frame to the next."""
+    ends = np.isin(arrays["joint_names"], ["LHand", "RHand", "LFoot", "RFoot"])
+    clip = arrays["joints_mm"][arrays["offsets"][index] : arrays["offsets"][index + 1], ends]
+    steps_m = np.linalg.norm(np.diff(clip.astype(np.float64), axis=0), axis=2) / 1000.0
+    return bool(steps_m.max() * CLIP_HZ > LOST_M_S)
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:

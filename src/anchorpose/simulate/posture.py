@@ -34,6 +34,19 @@ CLAVICLE_SHARE = 0.25  # of the arm's elevation beyond the first 30 degrees (sca
 ELBOW_BEHIND_M = 0.3  # an upper arm: hands on rails beside the hips have their elbows behind them
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Captured:
+    """What a captured posture gives directly; shoulder and elbow angles and ``knee_out`` do not set these limbs.
+
+    arms (t, 2, 2, 3, 3): world turns of upper arm and forearm; knees (t, 2, 3): directions that the knees point in;
+    straight_leg: share of its length to which a leg may straighten. The toes follow a foot in the air.
+    """
+
+    arms: np.ndarray
+    knees: np.ndarray
+    straight_leg: float
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Posture:
     """All arrays start with time (t); the second axis of limbs is the side."""
@@ -54,7 +67,7 @@ class Posture:
     hand_m: np.ndarray  # (t, 2, 3) where the wrist is pulled to; unused where pull is 0
     hand_turn: np.ndarray  # (t, 2, 3, 3) turn of the hand bone from rest, likewise
     pull: np.ndarray  # (t, 2) 0: the arm follows its angles, 1: the hand is at its target
-    arm_turns: np.ndarray | None = None  # (t, 2, 2, 3, 3) world turns of upper arm and forearm, instead of the angles
+    captured: Captured | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,7 +167,9 @@ class _Poser:
             offset = rotate(
                 posture.pelvis_turn, self.body.bone_heads[self._bone(f"{name}UpLeg")] - self.body.bone_heads[hips]
             )
-            length = FULL_REACH * sum(rest_limb(self.body, (f"{name}UpLeg", f"{name}Leg", f"{name}Foot")).lengths)
+            length = full_reach(posture) * sum(
+                rest_limb(self.body, (f"{name}UpLeg", f"{name}Leg", f"{name}Foot")).lengths
+            )
             gap = place + offset - ankles_m[:, side]
             rise = np.sqrt(np.maximum(length**2 - gap[:, 0] ** 2 - gap[:, 2] ** 2, 0.01))
             highest.append(ankles_m[:, side, 1] - offset[:, 1] + rise)
@@ -171,11 +186,15 @@ class _Poser:
         self._follow(f"{name}UpLeg")
         hip_m = self.place[:, self._bone(f"{name}UpLeg")]
         ahead = posture.foot_yaw[:, side] - OUTWARD[side] * posture.knee_out[:, side]
-        thigh, shank = _reach(limb, hip_m, ankle_m, rotate(turns_about(UP, ahead), FORWARD))
+        pole = rotate(turns_about(UP, ahead), FORWARD) if posture.captured is None else posture.captured.knees[:, side]
+        thigh, shank = _reach(limb, hip_m, ankle_m, pole, full_reach(posture))
         self._set(f"{name}UpLeg", thigh)
         self._set(f"{name}Leg", shank)
         self._set(f"{name}Foot", foot)
-        self._set(f"{name}ToeBase", turns_about(UP, posture.foot_yaw[:, side]))
+        toes = turns_about(UP, posture.foot_yaw[:, side])
+        if posture.captured is not None:
+            toes = np.where((posture.heel_lift[:, side] < 0.0)[:, None, None], foot, toes)
+        self._set(f"{name}ToeBase", toes)
 
     def _spine(self, posture: Posture) -> None:
         for shares, angles in ((SPINE_SHARES, posture.trunk), (NECK_SHARES, posture.head)):
@@ -196,8 +215,8 @@ class _Poser:
         thorax = self.turn[:, self._bone("Spine1")]
         upper = thorax @ turns(swing) @ turns_about(UP, outward * inward) @ hanging
         fore = upper @ turns_about(limb.axis, posture.elbow[:, side] - limb.rest_bend)
-        if posture.arm_turns is not None:
-            upper, fore = posture.arm_turns[:, side, 0], posture.arm_turns[:, side, 1]
+        if posture.captured is not None:
+            upper, fore = posture.captured.arms[:, side, 0], posture.captured.arms[:, side, 1]
         upper, fore = self._pulled(posture, side, limb, upper, fore)
 
         self._set(f"{name}Arm", upper)
@@ -228,7 +247,14 @@ class _Poser:
         return _reach(limb, shoulder_m, goal_m, elbow_m - shoulder_m + pull * behind)
 
 
-def _reach(limb: RestLimb, start_m: np.ndarray, goal_m: np.ndarray, pole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def full_reach(posture: Posture) -> float:
+    """Share of its length to which a leg may straighten."""
+    return FULL_REACH if posture.captured is None else posture.captured.straight_leg
+
+
+def _reach(
+    limb: RestLimb, start_m: np.ndarray, goal_m: np.ndarray, pole: np.ndarray, full: float = FULL_REACH
+) -> tuple[np.ndarray, np.ndarray]:
     """World turns (t, 3, 3) of both bones so that the limb ends at the goal, its middle joint towards ``pole``.
 
     A goal out of reach is pointed at.
@@ -237,7 +263,7 @@ def _reach(limb: RestLimb, start_m: np.ndarray, goal_m: np.ndarray, pole: np.nda
     gap = goal_m - start_m
     reach_m = np.linalg.norm(gap, axis=1)
     along = gap / reach_m[:, None]
-    reach_m = np.clip(reach_m, abs(first_m - second_m) + 0.01, FULL_REACH * (first_m + second_m))
+    reach_m = np.clip(reach_m, abs(first_m - second_m) + 0.01, full * (first_m + second_m))
     shadow_m = (first_m**2 - second_m**2 + reach_m**2) / (2.0 * reach_m)
     height_m = np.sqrt(np.maximum(first_m**2 - shadow_m**2, 0.0))
     aside = unit(pole - (pole * along).sum(axis=1, keepdims=True) * along)

@@ -2,30 +2,41 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
+from scipy.spatial.transform import Rotation
 
 from anchorpose.body.kinematics import BodyMesh
-from anchorpose.rotations import FORWARD, RIGHT, UP, orthonormal_frame, rotate, unit
+from anchorpose.rotations import FORWARD, RIGHT, UP, orthonormal_frame, rotate, turns, turns_about, unit
 from anchorpose.simulate.capture import Capture, lay_out
 from anchorpose.simulate.config import SimulationConfig
+from anchorpose.simulate.footing import Footing, find_footing
 from anchorpose.simulate.movement_file import CLIP_HZ, read_clips
 from anchorpose.simulate.person import Person
-from anchorpose.simulate.posture import OUTWARD, SIDES, Posture, pose_bones, rest_limb
-from anchorpose.simulate.timeline import ELBOW_LIMITS, HEAD_LIMITS, STEP_HEIGHT_M, TRUNK_LIMITS, HandGoals, ease
+from anchorpose.simulate.posture import OUTWARD, SIDES, Captured, Posture, pose_bones, rest_limb
+from anchorpose.simulate.timeline import (
+    ELBOW_LIMITS,
+    HEAD_LIMITS,
+    STEP_HEIGHT_M,
+    TRUNK_LIMITS,
+    HandGoals,
+    ball_ahead_m,
+    ease,
+)
 
 MARGIN_S: Final = 3.0  # before and after the recording, for cameras whose clocks are wrong
-LIFT_FROM_M, LIFT_OVER_M = 0.06, 0.06  # Kinect's ankles of standing feet rise and fall by up to 6 cm
-MOVING_M_S: Final = 0.30  # faster ankles leave the floor
-SHORTEST_STAND_S: Final = 0.25
-SAME_PLACE_M: Final = 0.08  # a foot that comes down so near to where it stood has not moved
-EASE_S: Final = 0.15  # into and out of a stand
+STRAIGHT_LEG: Final = 0.998  # of a leg's length: knees bent by 7 degrees
+PELVIS_S: Final = 0.06  # over which the pelvis' course is smoothed
 KNEE_SHOWS_M: Final = 0.05  # a knee so far off the line from hip to ankle shows which way it points
-KNEE_OUT_LIMITS: Final = (-0.3, 0.8)
-HEEL_LIMIT_RAD: Final = 0.9
+SEATED_KNEES: Final = 1.35  # times the height of the knees: a pelvis below it is on a seat
+AIR_M: Final = 0.12  # a foot so high in the air keeps its angle to the shank
+TOES_DOWN_RAD: Final = 0.25  # a foot that hangs
+FINGERS_RAD: Final = 0.25
+
+_UP_RIGHT: Final = orthonormal_frame(UP, RIGHT)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,47 +67,43 @@ class CapturedActor:
         return pose_bones(self.person.body, self.posture(times_s))
 
     def posture(self, times_s: np.ndarray) -> Posture:
-        """The posture at times (t,) within the movement."""
+        """The posture at times (t,); raises ValueError where the movement does not last until then."""
         body, capture = self.person.body, self.capture
         at = _Resampler(capture, times_s)
-        pelvis, thorax = at.turn(capture.pelvis), at.turn(capture.thorax)
-        yaw = at.value(self.foot_yaw)
-        arms, axis = unit(at.value(capture.arms)), at.value(capture.arm_axis)
-        trunk = _bend(pelvis, thorax, TRUNK_LIMITS)
+        pelvis = at.turn(capture.pelvis)
+        trunk = _bend(pelvis, at.turn(capture.thorax), TRUNK_LIMITS)
         thorax = pelvis @ _bend_turn(trunk)
-        head = _bend(thorax, _head_turn(thorax, unit(at.value(capture.head))), HEAD_LIMITS)
-        shoulder = np.stack([_swing(thorax, arms[:, side, 0], side) for side in (0, 1)], axis=1)
+        arms, axis = unit(at.value(capture.arms)), at.value(capture.arm_axis)
         elbow = np.arccos(np.clip((arms[:, :, 0] * arms[:, :, 1]).sum(axis=2), -1.0, 1.0))
-        turns = [_arm_turns(body, side, arms[:, side, 0], axis[:, side], elbow[:, side]) for side in (0, 1)]
         balls_m = body.bone_heads[[body.asset.bone(f"{side}ToeBase") for side in SIDES]]
-        free = np.zeros((len(times_s), 2))
-        goals = HandGoals.none(len(times_s))
+        zero, goals = np.zeros((len(times_s), 2)), HandGoals.none(len(times_s))
         return Posture(
             pelvis_m=at.value(self.pelvis_m),
             pelvis_turn=pelvis,
             trunk=trunk,
-            head=head,
+            head=_bend(thorax, _head_turn(thorax, at.value(capture.head)), HEAD_LIMITS),
             ball_m=at.value(self.ball_m) + UP * balls_m[:, 1:2],
-            foot_yaw=yaw,
+            foot_yaw=at.value(self.foot_yaw),
             heel_lift=at.value(self.heel),
-            knee_out=_knee_out(at.value(capture.knee_m), yaw),
-            shoulder=shoulder,
+            knee_out=zero,
+            shoulder=np.stack([_swing(thorax, arms[:, side, 0], side) for side in (0, 1)], axis=1),
             elbow=elbow,
-            pronation=free,
-            wrist=free,
-            fingers=free + 0.25,
+            pronation=zero,
+            wrist=zero,
+            fingers=zero + FINGERS_RAD,
             hand_m=goals.wrist_m,
             hand_turn=goals.turn,
-            pull=free,
-            arm_turns=np.stack(turns, axis=1),
+            pull=zero,
+            captured=Captured(
+                arms=np.stack([_arm(body, side, arms[:, side], axis[:, side], elbow[:, side]) for side in (0, 1)], 1),
+                knees=_knee_directions(pelvis, at.value(capture.legs), at.value(capture.knee_m)),
+                straight_leg=STRAIGHT_LEG,
+            ),
         )
 
 
-SEATED_KNEES: Final = 1.35  # times the height of the knees: a pelvis below it is on a seat
-
-
 class _Resampler:
-    """Rows at CLIP_HZ interpolated to times; times outside are an error."""
+    """Rows at CLIP_HZ interpolated to times."""
 
     def __init__(self, capture: Capture, times_s: np.ndarray) -> None:
         place = (np.asarray(times_s) - capture.start_s) * CLIP_HZ
@@ -112,179 +119,7 @@ class _Resampler:
 
     def turn(self, rows: np.ndarray) -> np.ndarray:
         columns = self.value(rows)
-        return orthonormal_frame(columns[..., 1], columns[..., 2]) @ _UP_RIGHT.T
-
-
-_UP_RIGHT: Final = orthonormal_frame(UP, RIGHT)
-
-
-def retarget(person: Person, capture: Capture) -> CapturedActor:
-    """The movement with the person's own lengths; feet that stand do not move, and stand on the floor."""
-    body = person.body
-    heads, bone = body.bone_heads, body.asset.bone
-    hips_m, lengths_m = [], []
-    for side in SIDES:
-        hip, knee, ankle = (heads[bone(f"{side}{name}")] for name in ("UpLeg", "Leg", "Foot"))
-        hips_m.append(hip - heads[bone("Hips")])
-        lengths_m.append([np.linalg.norm(knee - hip), np.linalg.norm(ankle - knee)])
-    hips = rotate(capture.pelvis[:, None], np.array(hips_m))
-    reach = hips + np.einsum("sk,nskj->nsj", np.array(lengths_m), capture.legs)  # pelvis to ankle
-    scale = float(np.mean(np.sum(lengths_m, axis=1))) / capture.leg_m
-    waist = scale * capture.waist_m * [1.0, 0.0, 1.0]
-
-    lift = scale * _lift(capture.ankle_m)
-    free = waist[:, None] + reach  # ankles if nothing held them
-    stands = [_stands(free[:, side], lift[:, side]) for side in (0, 1)]
-    place = np.stack([_places(free[:, side], stands[side]) for side in (0, 1)], axis=1)
-    weight = np.stack([_weights(stand, len(free)) for stand in stands], axis=1)
-    lift = np.maximum(lift * (1.0 - weight), _step_lift(place, weight))
-
-    rest_m = np.array([heads[bone(f"{side}Foot"), 1] for side in SIDES])
-    heel = _heel_lift(lift)
-    yaw = np.stack([_yaws(capture.toes[:, side], stands[side]) for side in (0, 1)], axis=1)
-    back = np.array([heads[bone(f"{side}Foot")] - heads[bone(f"{side}ToeBase")] for side in SIDES])
-    carried = np.maximum(weight, 1e-3)[..., None]
-    wanted = place * [1.0, 0.0, 1.0] + UP * (rest_m + lift)[..., None]
-    pelvis = (carried * (wanted - reach)).sum(axis=1) / carried.sum(axis=1)
-    pelvis = gaussian_filter1d(pelvis, 0.06 * CLIP_HZ, axis=0, mode="nearest")
-    ball = wanted - np.stack(
-        [
-            np.cos(yaw) * back[:, 0] + np.sin(yaw) * back[:, 2],
-            0.0 * yaw,
-            np.cos(yaw) * back[:, 2] - np.sin(yaw) * back[:, 0],
-        ],
-        axis=2,
-    )
-    ball[..., 1] = lift
-    middle = np.median(pelvis, axis=0) * [0, 0, 0] + np.median(ball, axis=0).mean(axis=0) * [1, 0, 1]
-    ahead = np.array([heads[bone("LeftToeBase"), 0] - heads[bone("Hips"), 0], 0.0, 0.0])
-    shift = ahead - middle
-    return CapturedActor(person, capture, pelvis + shift, ball + shift, yaw, heel)
-
-
-def _lift(ankle_m: np.ndarray) -> np.ndarray:
-    """(n, 2) how high the ankles (n, 2, 3) are above where they stand; 0 within what Kinect's ankles waver."""
-    height = ankle_m[..., 1] - np.percentile(ankle_m[..., 1], 20.0, axis=0)
-    return np.asarray(height * ease((height - LIFT_FROM_M) / LIFT_OVER_M))
-
-
-def _stands(ankle_m: np.ndarray, lift_m: np.ndarray) -> list[tuple[int, int]]:
-    """Spans of rows (from, until) in which a foot stands still; ankle_m (n, 3), lift_m (n,)."""
-    speed = np.linalg.norm(np.gradient(gaussian_filter1d(ankle_m[:, [0, 2]], 2.0, axis=0), axis=0), axis=1) * CLIP_HZ
-    still = (speed < MOVING_M_S) & (lift_m < 0.01)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int64)))
-    spans = [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if b - a >= SHORTEST_STAND_S * CLIP_HZ]
-    merged: list[tuple[int, int]] = []
-    for a, b in spans or [(0, len(ankle_m))]:
-        if merged:
-            before = np.median(ankle_m[merged[-1][0] : merged[-1][1]], axis=0)
-            near = np.linalg.norm((np.median(ankle_m[a:b], axis=0) - before)[[0, 2]]) < SAME_PLACE_M
-            if near and lift_m[merged[-1][1] : a].max(initial=0.0) < 0.03:
-                merged[-1] = (merged[-1][0], b)
-                continue
-        merged.append((a, b))
-    return merged
-
-
-def _weights(stands: list[tuple[int, int]], rows: int) -> np.ndarray:
-    """(n,) 1 while the foot stands, 0 while it is on its way, eased."""
-    row, weight = np.arange(rows), np.zeros(rows)
-    fade = EASE_S * CLIP_HZ
-    for a, b in stands:
-        came = np.ones(rows) if a == 0 else ease((row - a) / fade + 1.0)
-        goes = np.ones(rows) if b == rows else ease((b - 1 - row) / fade + 1.0)
-        weight = np.maximum(weight, came * goes)
-    return weight
-
-
-def _places(ankle_m: np.ndarray, stands: list[tuple[int, int]]) -> np.ndarray:
-    """(n, 3) the ankle's course, still while the foot stands; on its way shifted so as to begin and end there."""
-    rows = np.arange(len(ankle_m))
-    known, offset = [], []
-    course = ankle_m.copy()
-    for a, b in stands:
-        place = np.median(ankle_m[a:b], axis=0)
-        course[a:b] = place
-        known += [a, b - 1]
-        offset += [place - ankle_m[a], place - ankle_m[b - 1]]
-    between = np.ones(len(rows), dtype=bool)
-    for a, b in stands:
-        between[a:b] = False
-    for axis in range(3):
-        shift = np.interp(rows, known, [o[axis] for o in offset])
-        course[between, axis] += shift[between]
-    return course
-
-
-def _step_lift(place_m: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """(n, 2) least height of a foot on its way to another place."""
-    speed = np.linalg.norm(np.gradient(place_m[..., [0, 2]], axis=0), axis=2) * CLIP_HZ
-    return np.asarray((1.0 - weight) * 0.5 * STEP_HEIGHT_M * np.clip(speed / MOVING_M_S, 0.0, 1.0))
-
-
-def _yaws(toes: np.ndarray, stands: list[tuple[int, int]]) -> np.ndarray:
-    """(n,) radians to the left that the foot points: one value while it stands; toes (n, 3)."""
-    yaw = np.arctan2(-toes[:, 2], toes[:, 0])
-    known, value = [], []
-    for a, b in stands:
-        known += [a, b - 1]
-        value += [float(np.median(yaw[a:b]).clip(-YAW_LIMIT, YAW_LIMIT))] * 2
-    return np.interp(np.arange(len(yaw)), known, value)
-
-
-YAW_LIMIT: Final = 0.5
-
-
-def _heel_lift(lift_m: np.ndarray) -> np.ndarray:
-    """(n, 2) radians: a foot in the air hangs down a little."""
-    return np.asarray(0.35 * ease(lift_m / 0.15))
-
-
-def _knee_out(knee_m: np.ndarray, yaw: np.ndarray) -> np.ndarray:
-    """(t, 2) how far the knees point outward of the feet."""
-    way = np.arctan2(-knee_m[..., 2], knee_m[..., 0])
-    shows = np.clip(np.hypot(knee_m[..., 0], knee_m[..., 2]) / KNEE_SHOWS_M, 0.0, 1.0) ** 2
-    out = -OUTWARD * (way - yaw)
-    return np.asarray(shows * np.clip(out, *KNEE_OUT_LIMITS))
-
-
-def _bend(parent: np.ndarray, child: np.ndarray, limits: tuple[float, float]) -> np.ndarray:
-    """(t, 3) bend forward, to the right, turn to the left, from one segment to the next, within limits."""
-    from scipy.spatial.transform import Rotation
-
-    vector = Rotation.from_matrix(np.swapaxes(parent, -1, -2) @ child).as_rotvec()
-    return np.stack([-vector[:, 2], vector[:, 0], vector[:, 1]], axis=1).clip(*limits)
-
-
-def _bend_turn(bend: np.ndarray) -> np.ndarray:
-    from anchorpose.rotations import turns
-
-    return turns(np.stack([bend[:, 1], bend[:, 2], -bend[:, 0]], axis=1))
-
-
-def _head_turn(thorax: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """(t, 3, 3) the head's turn: its top towards ``up``, its face where the thorax faces."""
-    return orthonormal_frame(up, thorax[:, :, 2]) @ _UP_RIGHT.T
-
-
-def _swing(thorax: np.ndarray, upper: np.ndarray, side: int) -> np.ndarray:
-    """(t, 3) flexion, abduction, 0 of an upper arm along ``upper`` (t, 3)."""
-    local = rotate(np.swapaxes(thorax, -1, -2), upper)
-    axis = np.cross(-UP, local)
-    angle = np.arctan2(np.linalg.norm(axis, axis=1), -local[:, 1])
-    swing = angle[:, None] * unit(axis + 1e-12 * FORWARD)
-    return np.stack([swing[:, 2], -OUTWARD[side] * swing[:, 0], np.zeros(len(swing))], axis=1)
-
-
-def _arm_turns(body: BodyMesh, side: int, upper: np.ndarray, axis: np.ndarray, elbow: np.ndarray) -> np.ndarray:
-    """(t, 2, 3, 3) world turns of upper arm and forearm."""
-    name = SIDES[side]
-    limb = rest_limb(body, (f"{name}Arm", f"{name}ForeArm", f"{name}Hand"))
-    first = orthonormal_frame(upper, axis) @ orthonormal_frame(limb.first, limb.axis).T
-    from anchorpose.rotations import turns_about
-
-    second = first @ turns_about(limb.axis, elbow.clip(*ELBOW_LIMITS) - limb.rest_bend)
-    return np.stack([first, second], axis=1)
+        return np.asarray(orthonormal_frame(columns[..., 1], columns[..., 2]) @ _UP_RIGHT.T)
 
 
 def draw_captured(rng: np.random.Generator, config: SimulationConfig, person: Person) -> CapturedActor:
@@ -294,3 +129,105 @@ def draw_captured(rng: np.random.Generator, config: SimulationConfig, person: Pe
     clips = read_clips(config.movement_file, config.movement, rng, config.subjects)
     first, phase = int(rng.integers(len(clips.names))), float(rng.uniform())
     return retarget(person, lay_out(clips, first, phase, -MARGIN_S, config.seconds + MARGIN_S))
+
+
+def retarget(person: Person, capture: Capture) -> CapturedActor:
+    """The movement with the person's own lengths, facing +X; feet that stand do not move, and stand on the floor."""
+    body = person.body
+    hips_m, lengths_m, back = _legs(body)
+    scale = float(lengths_m.sum(axis=1).mean()) / capture.leg_m
+    reach = rotate(capture.pelvis[:, None], hips_m) + np.einsum("sk,nskj->nsj", lengths_m, capture.legs)
+    free = scale * capture.waist_m[:, None] * [1.0, 0.0, 1.0] + reach  # ankles if nothing held them
+    foot_m = float(np.hypot(back[:, 0], back[:, 2]).mean())
+    feet = find_footing(free, scale * capture.ankle_m[..., 1], capture.toes, foot_m)
+    heading, sole_m = turns_about(UP, feet.yaw), _sole_m(body)
+    risen = rotate(heading @ turns_about(RIGHT, -feet.heel), back) - rotate(heading, back)
+    pelvis = _carried_pelvis(feet, feet.place_m + sole_m + risen - reach)
+    feet = _swung(feet, pelvis[:, None] + reach - sole_m)
+    pitch = _hanging_pitch(capture, feet, foot_m)
+    ball = feet.place_m - rotate(heading @ turns_about(RIGHT, -pitch), back)
+    ball[..., 1] += back[:, 1]
+    shift = ball_ahead_m(body) * FORWARD - np.median(ball, axis=0).mean(axis=0) * [1.0, 0.0, 1.0]
+    return CapturedActor(person, capture, pelvis + shift, ball + shift, feet.yaw, feet.heel + pitch)
+
+
+def _legs(body: BodyMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(2, 3) from the pelvis to the hips; (2, 2) lengths of thigh and shank; (2, 3) from the ball to the ankle."""
+    heads, bone = body.bone_heads, body.asset.bone
+    hip, knee, ankle, ball = (
+        np.array([heads[bone(f"{side}{name}")] for side in SIDES]) for name in ("UpLeg", "Leg", "Foot", "ToeBase")
+    )
+    lengths = np.stack([np.linalg.norm(knee - hip, axis=1), np.linalg.norm(ankle - knee, axis=1)], axis=1)
+    return hip - heads[bone("Hips")], lengths, ankle - ball
+
+
+def _sole_m(body: BodyMesh) -> np.ndarray:
+    """(2, 3) from the floor up to the ankles of flat feet."""
+    return np.array([body.bone_heads[body.asset.bone(f"{side}Foot"), 1] * UP for side in SIDES])
+
+
+def _carried_pelvis(feet: Footing, wanted_m: np.ndarray) -> np.ndarray:
+    """(n, 3) the pelvis between the places (n, 2, 3) in which either foot would have it, by who bears weight."""
+    weight = np.maximum(feet.stands, 1e-3)[..., None]
+    pelvis = (weight * wanted_m).sum(axis=1) / weight.sum(axis=1)
+    return gaussian_filter1d(pelvis, PELVIS_S * CLIP_HZ, axis=0, mode="nearest")
+
+
+def _swung(feet: Footing, leg_end_m: np.ndarray) -> Footing:
+    """Feet in the air go where the legs (n, 2, 3) lead them, but no lower than a step."""
+    place = feet.place_m + (1.0 - feet.stands)[..., None] * (leg_end_m - feet.place_m)
+    least_m = np.minimum(feet.place_m[..., 1], 0.5 * STEP_HEIGHT_M)
+    place[..., 1] = np.maximum(place[..., 1], least_m)
+    return replace(feet, place_m=place)
+
+
+def _hanging_pitch(capture: Capture, feet: Footing, foot_m: float) -> np.ndarray:
+    """(n, 2) radians about the ankle, toes down positive: a foot in the air keeps its angle to the shank."""
+    shank = capture.legs[:, :, 1]
+    ahead = shank[..., 0] * np.cos(feet.yaw) - shank[..., 2] * np.sin(feet.yaw)
+    pitch = TOES_DOWN_RAD - np.arctan2(ahead, -shank[..., 1])
+    deepest = np.arcsin(np.clip(feet.place_m[..., 1] / foot_m, 0.0, 1.0))  # the toes stay above the floor
+    return np.asarray(ease(feet.place_m[..., 1] / AIR_M) * np.minimum(pitch, deepest))
+
+
+def _knee_directions(pelvis: np.ndarray, legs: np.ndarray, knee_m: np.ndarray) -> np.ndarray:
+    """(t, 2, 3) where the knees point: forward of the leg, and as captured where they are bent and bend that way."""
+    along = legs.sum(axis=2)
+    forward = unit(np.cross(pelvis[:, None, :, 2], along))
+    off_m = np.linalg.norm(knee_m, axis=2, keepdims=True)
+    shown = knee_m / np.maximum(off_m, 1e-9)
+    agrees = np.clip(2.0 * (shown * forward).sum(axis=2, keepdims=True), 0.0, 1.0)
+    return np.asarray(forward + ease(off_m / KNEE_SHOWS_M) * agrees * (shown - forward))
+
+
+def _bend(parent: np.ndarray, child: np.ndarray, limits: tuple[float, float]) -> np.ndarray:
+    """(t, 3) bend forward, to the right, turn to the left, from one segment to the next, within limits."""
+    vector = Rotation.from_matrix(np.swapaxes(parent, -1, -2) @ child).as_rotvec()
+    return np.asarray(np.stack([-vector[:, 2], vector[:, 0], vector[:, 1]], axis=1).clip(*limits))
+
+
+def _bend_turn(bend: np.ndarray) -> np.ndarray:
+    """(t, 3, 3) the turn of ``_bend``."""
+    return turns(np.stack([bend[:, 1], bend[:, 2], -bend[:, 0]], axis=1))
+
+
+def _head_turn(thorax: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """(t, 3, 3) the head's turn: its top towards ``up``, its face where the thorax faces."""
+    return np.asarray(orthonormal_frame(up, thorax[:, :, 2]) @ _UP_RIGHT.T)
+
+
+def _swing(thorax: np.ndarray, upper: np.ndarray, side: int) -> np.ndarray:
+    """(t, 3) flexion, abduction, 0 of an upper arm along ``upper`` (t, 3)."""
+    local = rotate(np.swapaxes(thorax, -1, -2), upper)
+    axis = np.cross(-UP, local)
+    sine = np.linalg.norm(axis, axis=1)
+    swing = np.arctan2(sine, -local[:, 1])[:, None] * axis / np.maximum(sine, 1e-9)[:, None]
+    return np.stack([swing[:, 2], -OUTWARD[side] * swing[:, 0], np.zeros(len(swing))], axis=1)
+
+
+def _arm(body: BodyMesh, side: int, arm: np.ndarray, axis: np.ndarray, elbow: np.ndarray) -> np.ndarray:
+    """(t, 2, 3, 3) world turns of upper arm and forearm, whose directions are arm (t, 2, 3)."""
+    name = SIDES[side]
+    limb = rest_limb(body, (f"{name}Arm", f"{name}ForeArm", f"{name}Hand"))
+    upper = orthonormal_frame(arm[:, 0], axis) @ orthonormal_frame(limb.first, limb.axis).T
+    return np.stack([upper, upper @ turns_about(limb.axis, elbow.clip(*ELBOW_LIMITS) - limb.rest_bend)], axis=1)

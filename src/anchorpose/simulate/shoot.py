@@ -9,6 +9,7 @@ import numpy as np
 from anchorpose.camera import Camera, transform_points
 from anchorpose.simulate.clinic import Clinic, Performance, random_stream
 from anchorpose.simulate.render import PATIENT, Figure, TrueImage, draw_figures, render_still
+from anchorpose.simulate.seen import seen_shares, share_behind
 from anchorpose.simulate.sensor import SENSORS, draw_wiggle, sense
 
 JITTER_LIMIT = 0.4  # of a period: beyond half of one, stamps could change places
@@ -24,6 +25,8 @@ class Shot:
     figures: tuple[Figure, ...]  # as the first camera saw them
     images: tuple[TrueImage, ...]
     depths_mm: tuple[np.ndarray, ...]
+    seen_share: np.ndarray  # (21, cameras), see ``seen_shares``
+    behind_passers: float  # of what a camera would see of the patient, the largest share that people passing by hide
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +46,8 @@ class Studio:
         """All cameras' images with one number."""
         clinic, spec = self.clinic, SENSORS[self.clinic.config.sensor]
         figures = {id(p): p.figures(frame) for p in self.performances}
-        images, depths = [], []
+        images, depths, seen, behind = [], [], [], []
+        patient = clinic.patient.person
         for index, camera in enumerate(clinic.cameras):
             performance = self.performances[index]
             moves_at_s = clinic.config.equipment_moves_at_s
@@ -54,9 +58,14 @@ class Studio:
             rng = random_stream(clinic.config, "sensor", index, frame)
             images.append(image)
             depths.append(sense(rng, spec, image.depth_m, image.cosine, self.wiggles_m[index]))
+            people = figures[id(performance)]
+            behind.append(share_behind(camera, stills[index], people, clinic.config.passers_by, image))
+            seen.append(seen_shares(patient, performance.bones[0][frame], people[0].skin_m, camera, image))
         if self.in_hole[frame]:
             depths = _with_hole(clinic, images, depths)
-        return Shot(figures[id(self.performances[0])], tuple(images), tuple(depths))
+        return Shot(
+            figures[id(self.performances[0])], tuple(images), tuple(depths), np.stack(seen, axis=1), max(behind)
+        )
 
     def background_mm(self, index: int) -> np.ndarray:
         """(height, width) uint16: the empty room with its equipment, as a recorder would average it."""

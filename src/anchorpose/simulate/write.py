@@ -24,6 +24,7 @@ from anchorpose.simulate.shoot import Record, Studio, set_up
 EQUIPMENT_FILE: Final = "equipment.json"
 PNG_COMPRESSION: Final = 2  # noise does not compress; more effort triples the time for 3 % of the size
 TOUCH_M: Final = 0.03
+PASSER_HIDES: Final = 0.25  # of what one camera would see of the patient
 JOINT_REGION_M: Final = 0.12  # a joint is touched where skin this near to it is touched
 
 
@@ -61,7 +62,7 @@ def _write_all(work: Path, clinic: Clinic, progress: Callable[[int, int], None] 
     for index, camera in enumerate(clinic.cameras):
         _write_png(recording / camera.name / "background.png", studio.background_mm(index))
         _write_stamps(recording / camera.name / "timestamps.csv", studio.records[index])
-    patient_pixels, contacts = [], []
+    patient_pixels, contacts, seen, behind = [], [], [], []
     for frame in range(config.frames):
         shot = studio.shoot(frame)
         for index, camera in enumerate(clinic.cameras):
@@ -71,9 +72,12 @@ def _write_all(work: Path, clinic: Clinic, progress: Callable[[int, int], None] 
             _write_png(truth / "parts" / camera.name / name, image.part)
         patient_pixels.append(sum(int((image.label == PATIENT).sum()) for image in shot.images))
         contacts.append(touches(clinic, studio.performances[0], shot.figures, frame))
+        seen.append(shot.seen_share)
+        behind.append(shot.behind_passers)
         if progress is not None:
             progress(frame + 1, config.frames)
-    _write_truth(truth / "truth.npz", studio, np.array(patient_pixels), contacts)
+    sight = Sight(np.array(patient_pixels), np.array(seen), studio.in_hole | (np.array(behind) > PASSER_HIDES))
+    _write_truth(truth / "truth.npz", studio, sight, contacts)
 
 
 def _write_documents(recording: Path, clinic: Clinic) -> None:
@@ -140,10 +144,21 @@ def touches(clinic: Clinic, performance: Performance, figures: tuple[Figure, ...
     return Touch(bones, joints)
 
 
-def _write_truth(path: Path, studio: Studio, patient_pixels: np.ndarray, contacts: list[Touch]) -> None:
+@dataclass(frozen=True, slots=True, eq=False)
+class Sight:
+    """What is seen of the patient by frame: patient_pixels (t,), seen_share (t, 21, cameras), occluded (t,) bool."""
+
+    patient_pixels: np.ndarray
+    seen_share: np.ndarray
+    occluded: np.ndarray
+
+
+def _write_truth(path: Path, studio: Studio, sight: Sight, contacts: list[Touch]) -> None:
     """The truth that tracking is measured against, by frame of the first camera, world frame, metres.
 
-    Beyond the format's own keys: patient_pixels (t,) of all cameras together; touched (t, 31) bones with a therapist's
+    occluded (t,): a hole was cut, or somebody who passes by hides over ``PASSER_HIDES`` of the patient from a camera.
+    Beyond the format's own keys: patient_pixels (t,) of all cameras together; seen_share (t, 21, cameras) of the skin
+    around each joint that faces a camera, the share that nothing hides from it; touched (t, 31) bones with another's
     skin within 3 cm of theirs, named by part_names; touched_joints (t, n, 21) the same by therapist and joint;
     held_joints (t, n, 2) the joint in each hand of each therapist, -1 none; clock_late, clock_drift, clock_epoch by
     camera: stamp s was taken at (s - epoch) + late + drift (s - epoch); taken_s (cameras, t), when the image of that
@@ -156,8 +171,9 @@ def _write_truth(path: Path, studio: Studio, patient_pixels: np.ndarray, contact
         joints=performance.joints_m(),
         names=np.array(JOINT_NAMES),
         time=np.arange(config.frames) / config.fps,
-        occluded=studio.in_hole,
-        patient_pixels=patient_pixels,
+        occluded=sight.occluded,
+        patient_pixels=sight.patient_pixels,
+        seen_share=sight.seen_share.astype(np.float32),
         touched=np.array([contact.bones for contact in contacts]),
         touched_joints=np.array([contact.joints for contact in contacts]),
         held_joints=performance.held_joints(),

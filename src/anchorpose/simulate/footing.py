@@ -1,0 +1,137 @@
+"""Where the feet of a captured movement stand, step and rise: what hangs in the air follows the leg, the rest is still.
+
+Kinect v2's ankles waver by centimetres while the foot stands. A foot that stands is therefore held in one place, a heel
+that rises turns about the ball, and only a foot that clearly leaves the floor moves freely.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from anchorpose.simulate.movement_file import CLIP_HZ
+from anchorpose.simulate.timeline import STEP_HEIGHT_M, ease
+
+WAVER_M: Final = 0.06  # ankles of standing feet rise and fall by so much
+CLEAR_M: Final = 0.06  # above that, until the whole height is believed
+HIGHEST_HEEL_M, FARTHEST_HEEL_M = 0.15, 0.15  # an ankle that rises and moves by less is a heel that rises
+MOVING_M_S: Final = 0.30  # a faster foot has left the floor
+SHORTEST_STAND_S: Final = 0.25
+SAME_PLACE_M: Final = 0.08  # a foot that comes down so near to where it stood has not moved
+EASE_S: Final = 0.15  # into and out of a stand
+YAW_LIMIT: Final = 0.5
+
+Spans = list[tuple[int, int]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Footing:
+    """Both feet, rows at CLIP_HZ; the second axis is the side.
+
+    place_m (n, 2, 3): the ankle of the flat foot, y its height above standing; stands (n, 2): 1 while the foot bears
+    weight, 0 in the air; yaw (n, 2) to the left; heel (n, 2): radians that a standing foot's heel is raised.
+    """
+
+    place_m: np.ndarray
+    stands: np.ndarray
+    yaw: np.ndarray
+    heel: np.ndarray
+
+
+def find_footing(ankle_m: np.ndarray, height_m: np.ndarray, toes: np.ndarray, foot_m: float) -> Footing:
+    """Feet of ankles (n, 2, 3) that nothing holds.
+
+    height_m (n, 2): above the floor as captured; toes (n, 2, 3): directions; foot_m: from the ankle to the ball.
+    """
+    lift, heel_m = _lift(ankle_m, height_m)
+    spans = [_stands(ankle_m[:, side], lift[:, side]) for side in (0, 1)]
+    place = np.stack([_places(ankle_m[:, side], spans[side]) for side in (0, 1)], axis=1)
+    stands = np.stack([_weights(spans[side], len(ankle_m)) for side in (0, 1)], axis=1)
+    place[..., 1] = np.maximum(lift * (1.0 - stands), _step_lift(place, stands))
+    yaw = np.stack([_yaws(toes[:, side], spans[side]) for side in (0, 1)], axis=1)
+    return Footing(place, stands, yaw, np.arcsin(np.clip(heel_m / foot_m, 0.0, 0.8)))
+
+
+def _lift(ankle_m: np.ndarray, height_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(n, 2) how high the foot is in the air, and how high a heel has risen while the toes stay down."""
+    above = height_m - np.percentile(height_m, 20.0, axis=0)
+    lift = above * ease((above - WAVER_M) / CLEAR_M)
+    heel = np.zeros_like(lift)
+    for side in (0, 1):
+        for a, b in _spans(lift[:, side] > 0.0):
+            travel = np.ptp(ankle_m[max(a - 3, 0) : b + 3, side][:, [0, 2]], axis=0)
+            if lift[a:b, side].max() < HIGHEST_HEEL_M and np.linalg.norm(travel) < FARTHEST_HEEL_M:
+                heel[a:b, side], lift[a:b, side] = lift[a:b, side], 0.0
+    return lift, heel
+
+
+def _spans(chosen: np.ndarray) -> Spans:
+    """Runs of True: first row, and the row after the last."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(np.int64)))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+def _stands(ankle_m: np.ndarray, lift_m: np.ndarray) -> Spans:
+    """Rows in which a foot stands in one place; ankle_m (n, 3), lift_m (n,)."""
+    course = gaussian_filter1d(ankle_m[:, [0, 2]], 2.0, axis=0)
+    speed = np.linalg.norm(np.gradient(course, axis=0), axis=1) * CLIP_HZ
+    spans = [span for span in _spans((speed < MOVING_M_S) & (lift_m <= 0.0)) if _lasts(span)]
+    merged: Spans = []
+    for a, b in spans or [(0, len(ankle_m))]:
+        if merged:
+            before, after = (np.median(ankle_m[i:j], axis=0) for i, j in (merged[-1], (a, b)))
+            if np.linalg.norm((after - before)[[0, 2]]) < SAME_PLACE_M and lift_m[merged[-1][1] : a].max() <= 0.0:
+                merged[-1] = (merged[-1][0], b)
+                continue
+        merged.append((a, b))
+    return merged
+
+
+def _lasts(span: tuple[int, int]) -> bool:
+    return span[1] - span[0] >= SHORTEST_STAND_S * CLIP_HZ
+
+
+def _weights(stands: Spans, rows: int) -> np.ndarray:
+    """(n,) 1 while the foot stands, 0 while it is on its way, eased."""
+    row, weight, fade = np.arange(rows), np.zeros(rows), EASE_S * CLIP_HZ
+    for a, b in stands:
+        came = np.ones(rows) if a == 0 else ease((row - a) / fade + 1.0)
+        goes = np.ones(rows) if b == rows else ease((b - 1 - row) / fade + 1.0)
+        weight = np.maximum(weight, came * goes)
+    return weight
+
+
+def _places(ankle_m: np.ndarray, stands: Spans) -> np.ndarray:
+    """(n, 3) the ankle's course: still while the foot stands, shifted between so that it begins and ends there."""
+    rows, course = np.arange(len(ankle_m)), ankle_m.copy()
+    between = np.ones(len(rows), dtype=bool)
+    known, offset = [], []
+    for a, b in stands:
+        place = np.median(ankle_m[a:b], axis=0)
+        course[a:b], between[a:b] = place, False
+        known += [a, b - 1]
+        offset += [place - ankle_m[a], place - ankle_m[b - 1]]
+    for axis in range(3):
+        shift = np.interp(rows, known, [gap[axis] for gap in offset])
+        course[between, axis] += shift[between]
+    return course
+
+
+def _step_lift(place_m: np.ndarray, stands: np.ndarray) -> np.ndarray:
+    """(n, 2) least height of a foot on its way to another place."""
+    speed = np.linalg.norm(np.gradient(place_m[..., [0, 2]], axis=0), axis=2) * CLIP_HZ
+    speed = gaussian_filter1d(speed, 2.0, axis=0)
+    return np.asarray((1.0 - stands) * 0.5 * STEP_HEIGHT_M * np.clip(speed / MOVING_M_S, 0.0, 1.0))
+
+
+def _yaws(toes: np.ndarray, stands: Spans) -> np.ndarray:
+    """(n,) radians to the left that the foot points: one value while it stands; toes (n, 3)."""
+    yaw = np.arctan2(-toes[:, 2], toes[:, 0])
+    known, value = [], []
+    for a, b in stands:
+        known += [a, b - 1]
+        value += [float(np.median(yaw[a:b]).clip(-YAW_LIMIT, YAW_LIMIT))] * 2
+    return np.interp(np.arange(len(yaw)), known, value)
