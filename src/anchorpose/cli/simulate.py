@@ -19,9 +19,10 @@ if TYPE_CHECKING:
 class SimulateOptions:
     """The options of ``anchorpose simulate``."""
 
-    preset: Literal["clinic", "holes", "single"] = "clinic"
+    preset: Literal["clinic", "holes", "single", "rehabilitation"] = "clinic"
     """clinic: three cameras, standing frame, two therapists. holes: one camera, one person, a hole in the depth image
-    in about half of the frames. single: one camera, one person, nothing in the way."""
+    in about half of the frames. single: one camera, one person, nothing in the way. rehabilitation: three cameras, two
+    therapists, and a patient who does a captured movement; it needs --movements."""
 
     seed: int = 1
     """Another number makes another patient and other movements; the same number makes the same files."""
@@ -46,6 +47,20 @@ class SimulateOptions:
 
     motions: Annotated[tuple[str, ...] | None, Parameter(consume_multiple=True)] = None
     """What the patient does, one or more, such as squat or reach; or mixed."""
+
+    movements: Path | None = None
+    """File of captured movements for the preset 'rehabilitation': the Kinect skeletons of UI-PRMD as .npz."""
+
+    movement: str | None = None
+    """Which of them, such as sit-to-stand, deep-squat or shoulder-abduction, or the name of a clip; drawn at random
+    where not given."""
+
+    equipment: Literal["none", "standing-frame", "parallel-bars", "walker", "wheelchair", "sling"] | None = None
+    """What the patient stands in, instead of the preset's. Parallel bars of the preset 'rehabilitation' come with a
+    chest pad and straps."""
+
+    passer_by: bool = False
+    """Somebody walks through between a camera and the patient."""
 
     speed: Literal["slow", "normal", "fast", "mixed"] | None = None
     """How fast the patient moves, instead of the preset's."""
@@ -73,18 +88,39 @@ class SimulateOptions:
 
         names = ("cameras", "sensor", "therapists", "motions", "speed")
         given: dict[str, Any] = {name: getattr(self, name) for name in names}
+        given |= {"equipment": self.equipment, "passers_by": 1 if self.passer_by else None}
         given |= {"height_m": self.height, "pose_known": False if self.pose_unknown else None}
         try:
             if self.preset == "holes":
                 settings = presets.holes(self.seed, self.hole_radius, self.seconds, self.fps)
+            elif self.preset == "rehabilitation":
+                settings = presets.clinic(self.seed, self.seconds, self.fps)
             else:
                 preset = {"clinic": presets.clinic, "single": presets.single}[self.preset]
                 settings = preset(self.seed, self.seconds, self.fps)
             settings = replace(settings, **{name: value for name, value in given.items() if value is not None})
+            settings = self._captured(settings)
             settings = presets.scene(settings, self.scene) if self.scene else settings
             return presets.rough_recorder(settings) if self.rough_recorder else settings
         except ValueError as error:
             raise AnchorposeError(f"{sentence_of(error)}.") from None
+
+    def _captured(self, settings: SimulationConfig) -> SimulationConfig:
+        """With a captured movement where the preset asks for one; raises AnchorposeError without a file of them."""
+        from anchorpose.simulate.config import rehabilitation
+
+        if self.preset != "rehabilitation":
+            if self.movements is not None or self.movement is not None:
+                raise AnchorposeError(
+                    "Captured movements belong to the preset rehabilitation; add --preset rehabilitation."
+                )
+            return settings
+        if self.movements is None:
+            raise AnchorposeError(
+                "The preset rehabilitation needs captured movements; give their file with --movements."
+            )
+        equipment = self.equipment or "parallel-bars"
+        return rehabilitation(settings, self.movements, self.movement, equipment, settings.passers_by)
 
 
 def simulate(out: Path, /, *, options: SimulateOptions | None = None) -> None:

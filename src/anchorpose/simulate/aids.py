@@ -15,6 +15,7 @@ from anchorpose.rotations import FORWARD, RIGHT, UP
 from anchorpose.simulate.person import Person
 
 ARM_BONES = ("Arm", "Hand", "Finger", "Thumb")  # parts of their names
+LOOSE_M = 0.06  # a harness so far off the chest is still one
 WIDEST_M = 0.62  # between the middle and a rail: as far as bars are made
 
 
@@ -130,8 +131,8 @@ def fit_wheelchair(rng: np.random.Generator, sweep: Sweep, sits: bool) -> tuple[
         z = way * (half_m + 0.02)
         parts += [
             Cylinder(f"wheel-{side}", np.array([back_m + 0.08, wheel_m, z + way * 0.03]), RIGHT, wheel_m, 0.03),
-            Cylinder(f"castor-{side}", np.array([front_m - 0.04, 0.08, z]), RIGHT, 0.08, 0.03),
-            _box(f"fork-{side}", (front_m - 0.04, (seat_m + 0.11) / 2.0, z), (0.03, seat_m - 0.11, 0.02)),
+            Cylinder(f"castor-{side}", np.array([front_m - 0.10, 0.08, z]), RIGHT, 0.08, 0.03),
+            _box(f"fork-{side}", (front_m - 0.10, (seat_m + 0.11) / 2.0, z), (0.03, seat_m - 0.11, 0.02)),
             _box(f"armrest-{side}", (middle_m - 0.05, seat_m + 0.22, z), (0.28, 0.03, 0.04)),
             _box(f"upright-{side}", (back_m - 0.02, seat_m / 2.0 + 0.26, z), (0.03, seat_m + 0.48, 0.03)),
             _box(f"handle-{side}", (back_m - 0.08, seat_m + 0.49, z), (0.12, 0.03, 0.03)),
@@ -140,7 +141,7 @@ def fit_wheelchair(rng: np.random.Generator, sweep: Sweep, sits: bool) -> tuple[
 
 
 def fit_sling(rng: np.random.Generator, sweep: Sweep, sternum_m: float, ceiling_m: float) -> tuple[EquipmentPart, ...]:
-    """A spreader bar above the head, two straps beside the head, and a harness before and behind the chest."""
+    """A spreader bar above the head, two straps beside it, and a harness on the chest of a trunk that keeps still."""
     standing = sweep.standing()
     chest = standing.within(sternum_m - 0.1, sternum_m + 0.1, 0.2)
     middle_m = float(chest[:, 0].mean())
@@ -157,7 +158,9 @@ def fit_sling(rng: np.random.Generator, sweep: Sweep, sternum_m: float, ceiling_
         end_m = min(float(below[column, 1].max(initial=sternum_m)) + 0.02, bar_m - 0.1)
         size = (0.05, bar_m - end_m, 0.008)
         parts.append(_box(f"strap-{side}", (middle_m, (bar_m + end_m) / 2.0, way * aside_m), size))
-    band = sweep.within(sternum_m - 0.16, sternum_m - 0.02, 0.2)
+    band, worn = (s.within(sternum_m - 0.16, sternum_m - 0.02, 0.2) for s in (sweep, standing))
+    if max(_front(band) - _front(worn), float(worn[:, 0].min() - band[:, 0].min())) > LOOSE_M:
+        return tuple(parts)  # a trunk that moves takes its harness with it: no equipment that stands still
     for name, x in (("harness-front", _front(band) + 0.015), ("harness-back", float(band[:, 0].min()) - 0.015)):
         parts.append(_box(name, (x, sternum_m - 0.09, 0.0), (0.012, 0.12, 0.30)))
     return tuple(parts)

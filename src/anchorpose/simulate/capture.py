@@ -10,7 +10,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from anchorpose.rotations import FORWARD, RIGHT, UP, orthonormal_frame, unit
-from anchorpose.simulate.movement_file import CLIP_HZ, Clips
+from anchorpose.simulate.movement_file import CLIP_HZ, SEATED, Clips, movement_of
 from anchorpose.simulate.timeline import ease
 
 SMOOTHING_S: Final = 0.07  # Kinect v2 joints jitter by millimetres to centimetres from frame to frame
@@ -28,7 +28,7 @@ class Capture:
     start_s: time of the first row. waist_m (n, 3); pelvis, thorax (n, 3, 3): turns from upright; head (n, 3):
     direction; arms, legs (n, 2, 2, 3): directions of upper and lower segment; arm_axis (n, 2, 3): axis that bends the
     elbow; knee_m (n, 2, 3): from the line between hip and ankle to the knee; ankle_m (n, 2, 3); toes (n, 2, 3):
-    direction of the foot; leg_m: length of a leg.
+    direction of the foot; leg_m: length of a leg; seated: the movement leads to a seat.
     """
 
     start_s: float
@@ -43,6 +43,7 @@ class Capture:
     ankle_m: np.ndarray
     toes: np.ndarray
     leg_m: float
+    seated: bool
 
 
 def lay_out(clips: Clips, first: int, phase: float, from_s: float, until_s: float) -> Capture:
@@ -56,7 +57,8 @@ def lay_out(clips: Clips, first: int, phase: float, from_s: float, until_s: floa
         before += len(clips.joints_m[index]) - _overlap(clips, index)
     series, skip = _chain(clips, index, count + before - rows_before), before - rows_before
     series = gaussian_filter1d(series, SMOOTHING_S * CLIP_HZ, axis=0, mode="nearest")[skip : skip + count]
-    return _measure(series @ _AXES, clips.joint_names, -rows_before / CLIP_HZ)
+    seated = movement_of(clips.names[0]) in SEATED
+    return _measure(series @ _AXES, clips.joint_names, -rows_before / CLIP_HZ, seated)
 
 
 def _overlap(clips: Clips, index: int) -> int:
@@ -81,7 +83,7 @@ def _chain(clips: Clips, index: int, count: int) -> np.ndarray:
     return series[:count]
 
 
-def _measure(joints_m: np.ndarray, names: tuple[str, ...], start_s: float) -> Capture:
+def _measure(joints_m: np.ndarray, names: tuple[str, ...], start_s: float, seated: bool) -> Capture:
     """Directions and turns of a subject turned to face +X."""
     at = {name: joints_m[:, names.index(name)] for name in names}
     across = (at["RUpperLeg"] - at["LUpperLeg"]).mean(axis=0)
@@ -111,6 +113,7 @@ def _measure(joints_m: np.ndarray, names: tuple[str, ...], start_s: float) -> Ca
         ankle_m=ankles.transpose(1, 0, 2),
         toes=np.stack([unit(at[f"{s}Toes"] - at[f"{s}Foot"]) for s in "LR"], axis=1),
         leg_m=float(np.linalg.norm(legs, axis=3).mean(axis=(0, 2)).sum()),
+        seated=seated,
     )
 
 

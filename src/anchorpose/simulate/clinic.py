@@ -8,13 +8,14 @@ import numpy as np
 
 from anchorpose.camera import Camera
 from anchorpose.recording.equipment import EquipmentModel
+from anchorpose.simulate.captured_patient import draw_captured
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.equip import fit_around, fit_held
 from anchorpose.simulate.passers import draw_passer_by
 from anchorpose.simulate.patient import Actor, draw_patient
 from anchorpose.simulate.person import Person, draw_person
 from anchorpose.simulate.render import PATIENT, Figure
-from anchorpose.simulate.retarget import CapturedActor, draw_captured
+from anchorpose.simulate.retarget import CapturedActor
 from anchorpose.simulate.scenery import place_cameras, room_triangles
 from anchorpose.simulate.therapist import Therapist, draw_therapists
 

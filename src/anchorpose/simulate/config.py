@@ -10,12 +10,16 @@ import numpy as np
 from pydantic import Field
 
 from anchorpose.settings import NotNegative, Positive, Share, settings
-from anchorpose.simulate.movement_file import SUBJECTS
+from anchorpose.simulate.movement_file import MOVEMENTS, STEPPING, SUBJECTS, movement_of
 
 Sensor = Literal["kinect-v2", "azure-kinect", "realsense"]
 Speed = Literal["slow", "normal", "fast", "mixed"]
 Scene = Literal["enters-late", "leaves", "hidden", "sits"]
 Equipment = Literal["none", "standing-frame", "parallel-bars", "walker", "wheelchair", "sling"]
+TaskName = Literal[
+    "both knees from the front", "left knee and hip", "right knee and hip", "hips from behind", "trunk from behind",
+    "left knee from the front", "right knee from the front",
+]  # fmt: skip
 
 MOTIONS: Final = (
     *("standing", "squat", "weight-shift", "trunk", "steps", "sit-to-stand"),
@@ -23,11 +27,12 @@ MOTIONS: Final = (
 )
 """What a patient can be asked to do; ``mixed`` draws from all of them, legs and arms at once."""
 
+BEHIND_AND_BEFORE: Final[tuple[TaskName, ...]] = ("trunk from behind", "both knees from the front")
 FRAMELESS_MOTIONS: Final = frozenset({"sit-to-stand"})
 """Motions that a standing frame with a knee bar does not leave room for."""
 
 SMALLEST_HOLE_M, LARGEST_HOLE_M = 0.03, 0.15  # the paper's five sizes, Section V
-ROUGH_KEY: Final = 1000  # a random stream of its own, beside those of ``clinic``
+ROUGH_KEY, MOVEMENT_KEY = 1000, 1001  # random streams of their own, beside those of ``clinic``
 HIDDEN_S: Final = 2.0  # behind a curtain
 THICKEST_CLOTHING_M: Final = 0.015  # beyond this the skin says little about the body
 
@@ -50,7 +55,7 @@ class SimulationConfig:
     equipment_turn_rad: float = 0.0  # about the vertical
     stool: bool = True  # something solid under a patient who sits
     therapists: Annotated[int, Field(ge=0, le=3)] = 2
-    therapist_tasks: tuple[str, ...] = ()  # of ``TASKS`` in therapist.py, one per therapist; (): drawn
+    therapist_tasks: tuple[TaskName, ...] = ()  # of the first therapists; those of the others are drawn
     therapists_stay: bool = False  # they are there from first to last, as in the middle of an exercise
     passers_by: Annotated[int, Field(ge=0, le=3)] = 0  # who walk through between a camera and the patient
     motions: Annotated[tuple[str, ...], Field(min_length=1)] = ("mixed",)
@@ -95,6 +100,14 @@ def _check_equipment(config: SimulationConfig) -> None:
     _require(not clash, f"{', '.join(sorted(clash))} does not fit into a standing frame; choose other equipment")
     _require(not config.chest_pad or config.equipment == "parallel-bars", "a chest pad needs parallel bars")
     _require((config.movement is None) != captured, "movement and movement_file belong together")
+    name = config.movement if config.movement is None else movement_of(config.movement)
+    _require(
+        config.movement is None or name is not None, f"movement must be one of {tuple(MOVEMENTS)} or a clip's name"
+    )
+    in_the_way = config.chest_pad or config.equipment in ("standing-frame", "walker", "wheelchair")
+    _require(
+        not (name in STEPPING and in_the_way), f"{name} needs room: choose none, sling or parallel-bars without pad"
+    )
     _require(len(config.therapist_tasks) <= config.therapists, "therapist_tasks needs a therapist for each task")
     _require(
         config.hole_radius_m == 0 or SMALLEST_HOLE_M <= config.hole_radius_m <= LARGEST_HOLE_M,
@@ -180,3 +193,29 @@ def holes(seed: int, radius_m: float, seconds: float = 10.0, fps: float = 15.0) 
 def single(seed: int, seconds: float = 10.0, fps: float = 15.0) -> SimulationConfig:
     """One camera, one person, nothing in the way."""
     return SimulationConfig(seed=seed, seconds=seconds, fps=fps, cameras=1, equipment="none", stool=False, therapists=0)
+
+
+def rehabilitation(
+    config: SimulationConfig, movement_file: Path, movement: str | None, equipment: Equipment, passers_by: int = 0
+) -> SimulationConfig:
+    """``config`` with a captured movement that is under way when the recording begins, drawn by its seed where None.
+
+    Parallel bars come with a chest pad and straps where the movement leaves room for it, one therapist behind and one
+    on the knees in front.
+    """
+    rng = np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(MOVEMENT_KEY,)))
+    roomy = equipment in ("none", "sling", "parallel-bars")
+    drawn = str(rng.choice([name for name in MOVEMENTS if roomy or name not in STEPPING]))
+    movement = drawn if movement is None else movement
+    in_bars = equipment == "parallel-bars"
+    return replace(
+        config,
+        movement_file=movement_file,
+        movement=movement,
+        equipment=equipment,
+        chest_pad=in_bars and movement_of(movement) not in STEPPING,
+        stool=not in_bars,
+        therapist_tasks=BEHIND_AND_BEFORE[: config.therapists] if in_bars else (),
+        therapists_stay=True,
+        passers_by=passers_by,
+    )

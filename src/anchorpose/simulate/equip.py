@@ -15,6 +15,7 @@ from anchorpose.simulate.scenery import StandingFrame, build_stool, fit_parallel
 from anchorpose.simulate.timeline import Footwork, Movement, ball_ahead_m, stance_places, standing_pelvis_m
 
 SWEEP_HZ = 5.0
+STOOL_HALF_M = 0.20  # half a stool and a little: legs that have stood up are before it
 CEILING_M = 2.65
 BELOW_NECK_M = 0.15  # from the joint between the shoulders down to the middle of the sternum
 HELD = ("standing-frame", "parallel-bars", "walker")  # kinds of equipment that hands hold
@@ -103,15 +104,17 @@ def _handle_m(person: Person) -> float:
 
 def _fitted_stool(rng: np.random.Generator, patient: Actor | CapturedActor) -> tuple[EquipmentPart, ...]:
     """A stool under the seated patient: its top just where the buttocks' lowest skin is."""
-    person = patient.person
+    person, foremost_m = patient.person, np.inf
     if isinstance(patient, CapturedActor):
         bones = patient.bones(patient.lowest_s())[0]
+        upright = sweep_of(person, patient.bones(patient.highest_s())).within(0.1, 0.6)
+        foremost_m = float(upright[:, 0].min()) - STOOL_HALF_M
     else:
         seated = Movement(seated_offsets(person), LONG_AGO_S, 1.0, 1e3, 1.0)
         bones = Actor(person, patient.base, [seated], patient.footwork, ()).bones(np.zeros(1))[0]
     skin = person.skin(bones, 0.0)
     hips_m = bones[0, :3, :3] @ person.body.bone_heads[0] + bones[0, :3, 3]
-    center = (float(hips_m[0] + 0.02), float(hips_m[2]))
+    center = (min(float(hips_m[0] + 0.02), foremost_m), float(hips_m[2]))
     above = (np.abs(skin[:, 0] - center[0]) < 0.2) & (np.abs(skin[:, 2] - center[1]) < 0.2)
     return build_stool(rng, center, float(skin[above, 1].min()) + 0.01)
 

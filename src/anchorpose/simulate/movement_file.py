@@ -18,6 +18,10 @@ MOVEMENTS: Final = {
 }  # fmt: skip
 """The movements of the data set by their number in the names of its clips."""
 
+STEPPING: Final = frozenset({"hurdle-step", "inline-lunge", "side-lunge", "leg-raise"})
+"""Movements that need room in front of the patient and beside."""
+
+SEATED: Final = frozenset({"sit-to-stand"})
 SUBJECTS: Final = (1, 2, 3, 4, 5, 6, 7)
 LOST_M_S: Final = 8.0  # Kinect's ankles and wrists that jump faster were lost and found again
 KEYS: Final = ("joints_mm", "offsets", "names", "joint_names")
@@ -44,6 +48,13 @@ class Clips:
     def joint(self, clip: int, name: str) -> np.ndarray:
         """(n, 3) metres."""
         return np.asarray(self.joints_m[clip][:, self.joint_names.index(name)])
+
+
+def movement_of(name: str) -> str | None:
+    """The movement of a clip's or a movement's name; None where it is neither."""
+    found = _NAME.fullmatch(name)
+    names = [key for key, number in MOVEMENTS.items() if found and number == int(found["movement"])]
+    return next(iter(names), name if name in MOVEMENTS else None)
 
 
 def read_clips(path: Path, movement: str, rng: np.random.Generator, subjects: tuple[int, ...] = SUBJECTS) -> Clips:

@@ -11,10 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from anchorpose.body.kinematics import BodyMesh
 from anchorpose.rotations import FORWARD, RIGHT, UP, orthonormal_frame, rotate, turns, turns_about, unit
-from anchorpose.simulate.capture import Capture, lay_out
-from anchorpose.simulate.config import SimulationConfig
+from anchorpose.simulate.capture import Capture
 from anchorpose.simulate.footing import Footing, find_footing
-from anchorpose.simulate.movement_file import CLIP_HZ, read_clips
+from anchorpose.simulate.movement_file import CLIP_HZ
 from anchorpose.simulate.person import Person
 from anchorpose.simulate.posture import OUTWARD, SIDES, Captured, Posture, pose_bones, rest_limb
 from anchorpose.simulate.timeline import (
@@ -27,11 +26,9 @@ from anchorpose.simulate.timeline import (
     ease,
 )
 
-MARGIN_S: Final = 3.0  # before and after the recording, for cameras whose clocks are wrong
 STRAIGHT_LEG: Final = 0.998  # of a leg's length: knees bent by 7 degrees
 PELVIS_S: Final = 0.06  # over which the pelvis' course is smoothed
 KNEE_SHOWS_M: Final = 0.05  # a knee so far off the line from hip to ankle shows which way it points
-SEATED_KNEES: Final = 1.35  # times the height of the knees: a pelvis below it is on a seat
 AIR_M: Final = 0.12  # a foot so high in the air keeps its angle to the shank
 TOES_DOWN_RAD: Final = 0.25  # a foot that hangs
 FINGERS_RAD: Final = 0.25
@@ -54,13 +51,16 @@ class CapturedActor:
     heel: np.ndarray
 
     def sits(self) -> bool:
-        """Whether the person comes down to the height of a seat."""
-        knee_m = self.person.body.bone_heads[self.person.body.asset.bone("LeftLeg"), 1]
-        return bool(self.pelvis_m[:, 1].min() < SEATED_KNEES * knee_m)
+        """Whether the movement leads to a seat."""
+        return self.capture.seated
 
     def lowest_s(self) -> np.ndarray:
         """(1,) when the pelvis is lowest."""
         return np.array([self.capture.start_s + np.argmin(self.pelvis_m[:, 1]) / CLIP_HZ])
+
+    def highest_s(self) -> np.ndarray:
+        """(1,) when the pelvis is highest."""
+        return np.array([self.capture.start_s + np.argmax(self.pelvis_m[:, 1]) / CLIP_HZ])
 
     def bones(self, times_s: np.ndarray) -> np.ndarray:
         """(t, b, 4, 4) T_world_rest."""
@@ -122,15 +122,6 @@ class _Resampler:
         return np.asarray(orthonormal_frame(columns[..., 1], columns[..., 2]) @ _UP_RIGHT.T)
 
 
-def draw_captured(rng: np.random.Generator, config: SimulationConfig, person: Person) -> CapturedActor:
-    """The configuration's movement, from a moment on that is drawn: a recording may begin in the middle of one."""
-    if config.movement_file is None or config.movement is None:
-        raise ValueError("a captured movement needs movement_file and movement")
-    clips = read_clips(config.movement_file, config.movement, rng, config.subjects)
-    first, phase = int(rng.integers(len(clips.names))), float(rng.uniform())
-    return retarget(person, lay_out(clips, first, phase, -MARGIN_S, config.seconds + MARGIN_S))
-
-
 def retarget(person: Person, capture: Capture) -> CapturedActor:
     """The movement with the person's own lengths, facing +X; feet that stand do not move, and stand on the floor."""
     body = person.body
@@ -178,6 +169,7 @@ def _swung(feet: Footing, leg_end_m: np.ndarray) -> Footing:
     place = feet.place_m + (1.0 - feet.stands)[..., None] * (leg_end_m - feet.place_m)
     least_m = np.minimum(feet.place_m[..., 1], 0.5 * STEP_HEIGHT_M)
     place[..., 1] = np.maximum(place[..., 1], least_m)
+    place[..., 1] -= place[..., 1].min(axis=1, keepdims=True)  # nobody jumps
     return replace(feet, place_m=place)
 
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from anchorpose.joints import JOINT_INDEX
 from anchorpose.rotations import FORWARD, UP, orthonormal_frame, rotate, unit
 from anchorpose.simulate.config import SimulationConfig
+from anchorpose.simulate.holds import TASKS, Hold, Task, choose_hold, nearest_s
 from anchorpose.simulate.patient import LONG_AGO_S, PALM_ABOVE_BONE_M, Actor, draw_waves, resting_channels
 from anchorpose.simulate.person import Person, draw_person, skin_points
-from anchorpose.simulate.posture import OUTWARD, SIDES, finger_direction, palm_normal, pose_bones
+from anchorpose.simulate.posture import SIDES, finger_direction, palm_normal, pose_bones
 from anchorpose.simulate.retarget import CapturedActor
 from anchorpose.simulate.timeline import (
     CHANNEL_INDEX,
@@ -34,47 +34,6 @@ FOLLOW = 0.85  # share of the patient's motion that the therapist's body follows
 FARTHEST_FOLLOW_M = 0.25
 FLATTENING = -0.45  # radians that the fingers, curled at rest, straighten at each joint to lie on the skin
 HELD_M = 0.005  # a wrist so near to where it wants to be holds
-
-
-@dataclass(frozen=True, slots=True)
-class Task:
-    """What a therapist does: where around the patient (azimuth ranges, radians, 0 in front, left positive) and what
-    each hand (the therapist's left, right) holds."""
-
-    name: str
-    azimuth: tuple[float, float]
-    holds: tuple[str, str]
-
-
-TASKS = (
-    Task("both knees from the front", (-0.5, 0.5), ("KneeRight", "KneeLeft")),
-    Task("left knee and hip", (1.1, 1.6), ("HipLeft", "KneeLeft")),
-    Task("right knee and hip", (-1.6, -1.1), ("KneeRight", "HipRight")),
-    Task("hips from behind", (2.7, 3.6), ("HipLeft", "HipRight")),
-    Task("trunk from behind", (2.8, 3.5), ("SpineMid", "SpineMid")),
-    Task("left knee from the front", (0.45, 0.9), ("KneeLeft", "KneeLeft")),
-    Task("right knee from the front", (-0.9, -0.45), ("KneeRight", "KneeRight")),
-)
-HOLD_BONES = {
-    "Knee": ("{side}UpLeg", "{side}Leg"),
-    "Hip": ("{side}UpLeg", "{initial}HipJoint", "Hips"),
-    "SpineMid": ("LowerBack", "Spine", "Spine1"),
-}
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Hold:
-    """A therapist's two hands on the patient's skin: vertices (2,), joints (2,), and the way the fingers point."""
-
-    vertices: np.ndarray
-    joints: np.ndarray
-    facing: np.ndarray  # (3,)
-    places_m: np.ndarray  # (2, 3) where the therapist found them on choosing a place to stand
-
-    @property
-    def reference_m(self) -> np.ndarray:
-        """(3,) between the two."""
-        return self.places_m.mean(axis=0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,8 +106,8 @@ def _draw_holder(
 
     at_s = max(hold_from_s, 0.0)
     if isinstance(patient, CapturedActor):
-        at_s = _nearest_s(patient, task, outward, np.arange(min(at_s, config.seconds - 1.0), config.seconds, 0.2))
-    hold = _choose_hold(patient, task, -outward, at_s)
+        at_s = nearest_s(patient, task, outward, np.arange(min(at_s, config.seconds - 1.0), config.seconds, 0.2))
+    hold = choose_hold(patient, task, -outward, at_s)
     base = resting_channels(person, in_frame=False)
     crouch, spot = _choose_spot(person, base, hold)
     stays_s = hold_until_s - arrive_s
@@ -164,13 +123,6 @@ def _draw_holder(
     ]
     footwork = _visit(rng, spot, azimuth + np.pi, arrive_s, hold_until_s + 1.2 if leaves else None)
     return Therapist(Actor(person, base, movements, footwork, draw_waves(rng)), hold)
-
-
-def _nearest_s(patient: CapturedActor, task: Task, outward: np.ndarray, times_s: np.ndarray) -> float:
-    """When the joints to hold come nearest to the therapist, who needs room for it."""
-    joints_m = np.array([patient.person.body.joints(bones) for bones in patient.bones(times_s)])
-    held = joints_m[:, [JOINT_INDEX[name] for name in task.holds]].mean(axis=1)
-    return float(times_s[np.argmax(held @ outward)])
 
 
 def _draw_passer(rng: np.random.Generator, config: SimulationConfig, person: Person) -> Therapist:
@@ -250,37 +202,6 @@ def _crouched_shoulders(person: Person, base: np.ndarray) -> tuple[np.ndarray, f
     chain = [body.bone_heads[asset.bone(name)] for name in ("LeftArm", "LeftForeArm", "LeftHand")]
     arm_m = float(np.linalg.norm(chain[1] - chain[0]) + np.linalg.norm(chain[2] - chain[1]))
     return rotate(moved[..., :3, :3], body.bone_heads[arms]) + moved[..., :3, 3], arm_m
-
-
-def _choose_hold(patient: Actor | CapturedActor, task: Task, facing: np.ndarray, at_s: float) -> Hold:
-    """Skin points around the joints to hold, on the sides that the therapist's hands come to."""
-    person = patient.person
-    bones = patient.bones(np.array([at_s]))
-    everything = np.arange(len(person.normals))
-    skin = skin_points(person, bones, everything)[0][0]
-    joints_m = person.body.joints(bones[0])
-    right = np.cross(facing, UP)
-    vertices = []
-    for hand, name in enumerate(task.holds):
-        inner = 0.25 if task.holds[0] != task.holds[1] else 1.0
-        wanted = unit(-facing + inner * OUTWARD[hand] * right)
-        vertices.append(_skin_towards(person, skin, joints_m[JOINT_INDEX[name]], name, wanted))
-    index = np.array(vertices)
-    joints = np.array([JOINT_INDEX[name] for name in task.holds])
-    return Hold(index, joints, facing, skin[index])
-
-
-def _skin_towards(person: Person, skin_m: np.ndarray, joint_m: np.ndarray, name: str, wanted: np.ndarray) -> int:
-    """The vertex of the parts beside a joint that lies farthest in a level direction, near the joint's height."""
-    asset = person.body.asset
-    side = "Left" if name.endswith("Left") else "Right"
-    patterns = next(bones for key, bones in HOLD_BONES.items() if name.startswith(key))
-    allowed = [asset.bone(pattern.format(side=side, initial=side[0])) for pattern in patterns]
-    offset = skin_m - joint_m
-    along = offset @ wanted
-    aside = np.linalg.norm(offset - along[:, None] * wanted, axis=1)
-    usable = np.isin(asset.main_bone(), allowed) & (np.linalg.norm(offset, axis=1) < 0.3)
-    return int(np.argmax(np.where(usable, along - 2.0 * aside, -np.inf)))
 
 
 def _follow(channels: np.ndarray, hold: Hold, place_m: np.ndarray) -> None:

@@ -1,0 +1,95 @@
+"""The patient who does a captured movement; hanging arms are held off a body that is broader than the subject's."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from anchorpose.body.skin_points import body_points
+from anchorpose.rotations import FORWARD, UP, rotate, turns
+from anchorpose.simulate.capture import Capture, lay_out
+from anchorpose.simulate.config import SimulationConfig
+from anchorpose.simulate.movement_file import read_clips
+from anchorpose.simulate.person import Person, skin_points
+from anchorpose.simulate.posture import OUTWARD
+from anchorpose.simulate.retarget import CapturedActor, retarget
+from anchorpose.simulate.timeline import ease
+
+MARGIN_S: Final = 3.0  # before and after the recording, for cameras whose clocks are wrong
+ANGLES_RAD: Final = tuple(np.radians(np.arange(0.0, 41.0, 8.0)).tolist())
+GIVES_M: Final = 0.01  # soft tissue
+HANGING_RAD: Final = 1.0  # an upper arm raised by less keeps the whole angle,
+RAISED_RAD: Final = 1.6  # one raised by more keeps its direction
+DRAWS: Final = 6
+CHECK_HZ: Final = 3.0
+DEEPEST_M: Final = 0.15  # half a trunk: farther in, the nearest skin is no longer the way out
+UNDER_SKIN: Final = 0.7  # cosine: a point within the body has the nearest skin straight above it
+FOREARMS: Final = ("ForeArm", "Hand", "Thumb", "Finger")  # parts of the names of bones that may meet the trunk
+ARMS: Final = (*FOREARMS, "Arm", "Shoulder")
+
+
+def draw_captured(rng: np.random.Generator, config: SimulationConfig, person: Person) -> CapturedActor:
+    """The configuration's movement, from a moment on that is drawn: a recording may begin in the middle of one.
+
+    Another subject's is drawn, a few times, where the arms cannot be kept out of the body.
+    """
+    if config.movement_file is None or config.movement is None:
+        raise ValueError("a captured movement needs movement_file and movement")
+    for _ in range(DRAWS):
+        clips = read_clips(config.movement_file, config.movement, rng, config.subjects)
+        first, phase = int(rng.integers(len(clips.names))), float(rng.uniform())
+        capture = lay_out(clips, first, phase, -MARGIN_S, config.seconds + MARGIN_S)
+        actor, clear = with_arms_clear(retarget(person, capture), config.seconds)
+        if clear:
+            break
+    return actor
+
+
+def with_arms_clear(actor: CapturedActor, seconds: float) -> tuple[CapturedActor, bool]:
+    """The movement with arms abducted by the least angle at which no forearm is within trunk or legs, and True.
+
+    The last of ``ANGLES_RAD`` and False where none of them is enough. seconds: how long from time 0 on matters.
+    """
+    times_s = np.arange(0.0, seconds, 1.0 / CHECK_HZ)
+    for angle in ANGLES_RAD:
+        found = replace(actor, capture=_abducted(actor.capture, angle))
+        times_s = times_s[arms_within_m(found.person, found.bones(times_s)) > GIVES_M]
+        if not len(times_s):
+            return found, True
+    return found, False
+
+
+def arms_within_m(person: Person, bones: np.ndarray) -> np.ndarray:
+    """(t,) how deep forearms and hands are within trunk or legs at most, metres, 0 where they are outside."""
+    from scipy.spatial import cKDTree
+
+    points = body_points()
+    names = np.array([points.asset.bone_names[bone] for bone in points.part])
+    forearm = np.array([any(part in name for part in FOREARMS) for name in names])
+    rest = ~np.array([any(part in name for part in ARMS) for name in names])
+    place, normals = skin_points(person, bones, points.vertex)
+    deepest = np.zeros(len(bones))
+    for t in range(len(bones)):
+        away, nearest = cKDTree(place[t, rest]).query(place[t, forearm], distance_upper_bound=DEEPEST_M)
+        near = np.isfinite(away)
+        gap = place[t, rest][nearest[near]] - place[t, forearm][near]
+        depth = (gap * normals[t, rest][nearest[near]]).sum(axis=1)
+        inside = depth > UNDER_SKIN * away[near]
+        deepest[t] = depth[inside].max(initial=0.0)
+    return deepest
+
+
+def _abducted(capture: Capture, angle: float) -> Capture:
+    """Arms turned outward about the way the thorax faces, the less the higher they are raised."""
+    arms, axes = capture.arms.copy(), capture.arm_axis.copy()
+    forward = rotate(capture.thorax, np.broadcast_to(FORWARD, (len(arms), 3)))
+    down = rotate(capture.thorax, np.broadcast_to(-UP, (len(arms), 3)))
+    for side in (0, 1):
+        raised = np.arccos(np.clip((arms[:, side, 0] * down).sum(axis=1), -1.0, 1.0))
+        share = 1.0 - ease((raised - HANGING_RAD) / (RAISED_RAD - HANGING_RAD))
+        turn = turns((-OUTWARD[side] * angle * share)[:, None] * forward)
+        arms[:, side] = np.einsum("nij,nkj->nki", turn, arms[:, side])
+        axes[:, side] = rotate(turn, axes[:, side])
+    return replace(capture, arms=arms, arm_axis=axes)

@@ -1,0 +1,85 @@
+"""People who pass by, and what the truth says of what each camera sees."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from anchorpose.joints import JOINT_INDEX
+from anchorpose.results.truth import read_truth
+from anchorpose.simulate import config as presets
+from anchorpose.simulate.clinic import draw_clinic
+from anchorpose.simulate.config import SimulationConfig
+from anchorpose.simulate.passers import FARTHEST_M, NEAREST_M, draw_passer_by
+from anchorpose.simulate.render import PATIENT
+from anchorpose.simulate.shoot import set_up
+from anchorpose.simulate.write import simulate_recording
+
+PASSED = SimulationConfig(seed=8, seconds=6.0, fps=4.0, cameras=1, therapists=1, equipment="none", passers_by=1)
+
+
+def test_somebody_who_passes_hides_the_patient_for_a_while_and_the_truth_counts_it(tmp_path):
+    simulate_recording(tmp_path / "passed", PASSED)
+    simulate_recording(tmp_path / "alone", replace(PASSED, passers_by=0))
+    passed, alone = (read_truth(tmp_path / name / "truth/truth.npz") for name in ("passed", "alone"))
+    assert not alone.occluded.any()
+    assert 0 < passed.occluded.sum() < len(passed.occluded) / 2
+    assert not passed.occluded[:3].any()
+    assert not passed.occluded[-3:].any()
+    assert np.array_equal(passed.position_m, alone.position_m)
+    shares = passed.seen_share[..., 0].mean(axis=1), alone.seen_share[..., 0].mean(axis=1)
+    assert shares[0].min() < 0.5 * shares[1].min()
+    assert (shares[0] <= shares[1] + 1e-6).all()
+    label = PATIENT + 2  # after the patient and the therapist
+    import cv2
+
+    frame = int(np.flatnonzero(passed.occluded)[0])
+    labels = cv2.imread(str(tmp_path / f"passed/truth/labels/front/{frame:06d}.png"), cv2.IMREAD_UNCHANGED)
+    assert (labels == label).sum() > 2000
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_who_passes_by_comes_from_outside_and_crosses_before_the_camera(seed):
+    clinic = draw_clinic(replace(PASSED, seed=seed, cameras=3, therapists=0, passers_by=0))
+    passer = draw_passer_by(np.random.default_rng(seed), clinic.config, clinic.cameras, camera=1)
+    times_s = np.arange(-8.0, 14.0, 0.1)
+    bones = passer.actor.bones(times_s)
+    hips_m = bones[:, 0, :3, :3] @ passer.actor.person.body.bone_heads[0] + bones[:, 0, :3, 3]
+    camera = clinic.cameras[1]
+    away_m = np.linalg.norm((hips_m - camera.position_m)[:, [0, 2]], axis=1)
+    assert NEAREST_M - 0.2 < away_m.min() < FARTHEST_M + 0.1
+    assert 0.2 * PASSED.seconds < times_s[np.argmin(away_m)] < 0.8 * PASSED.seconds
+    assert np.linalg.norm(hips_m[:, [0, 2]], axis=1).min() > 0.6, "nobody walks through the patient"
+
+
+def test_of_a_patient_who_is_alone_nearly_all_that_faces_the_camera_is_seen():
+    studio = set_up(draw_clinic(replace(presets.single(3, seconds=1.0, fps=2.0), motions=("standing",))))
+    share = studio.shoot(0).seen_share
+    assert share.shape == (21, 1)
+    assert share.min() > 0.5
+    assert np.median(share) > 0.9
+
+
+def test_what_is_behind_the_patients_own_trunk_or_outside_the_image_is_not_seen():
+    config = SimulationConfig(seed=1, seconds=1.0, fps=1.0, cameras=2, therapists=0, equipment="none", stool=False)
+    studio = set_up(draw_clinic(replace(config, motions=("standing",))))
+    shot, camera = studio.shoot(0), studio.clinic.cameras[1]
+    left, right = JOINT_INDEX["WristLeft"], JOINT_INDEX["WristRight"]
+    assert shot.seen_share[left, 1] > shot.seen_share[right, 1], "the second camera stands on the left"
+    from anchorpose.simulate.seen import seen_shares
+
+    person, bones = studio.clinic.patient.person, studio.performances[0].bones[0][0]
+    elsewhere = bones.copy()
+    elsewhere[:, :3, 3] += [0.0, 8.0, 0.0]
+    shares = seen_shares(person, elsewhere, person.skin(elsewhere, 0.0), camera, shot.images[1])
+    assert (shares == 0.0).all()
+
+
+def test_a_patient_who_is_away_is_not_seen():
+    config = SimulationConfig(
+        seed=3, seconds=4.0, fps=1.0, cameras=1, therapists=0, equipment="none", away_s=((-1.0, 2.0),)
+    )
+    studio = set_up(draw_clinic(config))
+    assert (studio.shoot(0).seen_share == 0.0).all()
