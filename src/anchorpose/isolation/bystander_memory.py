@@ -49,9 +49,12 @@ class BystanderMemory:
     def _of(self, kept: np.ndarray) -> BystanderMemory:
         return BystanderMemory(self.points_m[kept], self.owner[kept], self.age_s[kept], self.next_label)
 
-    def likelihood(self, elapsed_s: float) -> OwnershipLikelihood:
-        """Where skin is likely ``elapsed_s`` after the last frame: it moves, and what was hidden longest most."""
-        spread = np.hypot(SIGMA_M, SPEED_M_S * (self.age_s + abs(elapsed_s)))
+    def likelihood(self, elapsed_s: float, doubt_m: float = 0.0) -> OwnershipLikelihood:
+        """Where skin is likely ``elapsed_s`` after the last frame: it moves, and what was hidden longest most.
+
+        doubt_m: added to its deviation, since who was seen there may have been mistaken.
+        """
+        spread = np.hypot(np.hypot(SIGMA_M, doubt_m), SPEED_M_S * (self.age_s + abs(elapsed_s)))
         return OwnershipLikelihood(self.points_m, self.owner, spread.astype(np.float32))
 
 

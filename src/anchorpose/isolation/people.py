@@ -8,9 +8,11 @@ from typing import Final
 
 import cv2
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from anchorpose.calibration.origin import FRAMES_NEEDED
 from anchorpose.isolation.config import IsolationConfig
+from anchorpose.isolation.region_growing import smooth_contact_m
 from anchorpose.isolation.scene import Pieces
 from anchorpose.recording.equipment import EquipmentModel
 
@@ -19,6 +21,9 @@ PERSON_AREA_M2: Final = 0.12  # what must be seen of a person: a fifth of an adu
 CELL_M: Final = 0.04  # ground cells: a sixth of a person's radius
 SADDLE_NEAR, SADDLE_FAR = 0.6, 0.8  # two peaks with more than this of the lower one between them are one body, near
 NEAR_M, FAR_M = 0.35, 0.50  # each other and far apart: arms carry less, the thighs of a seated person carry more
+
+ONE_BODY_M: Final = 0.47  # axes of one body's columns are at most so far apart: two thighs, two raised arms
+LONG_CONTACT_M: Final = 0.40  # half a trunk's height: people who hold each other touch with hands and forearms
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,15 +60,49 @@ class PatientChoice:
 def find_people(pieces: Sequence[Pieces | None], config: IsolationConfig) -> People:
     """Split the foreground of all cameras into persons.
 
-    Each person is a column of mass over the ground (Y is up). A connected piece that covers one column belongs to that
-    person, one that covers several is divided by the nearest axis, one that covers none goes to the nearest person
-    within reach.
+    Each person is a column of mass over the ground (Y is up). Columns whose surface goes on from one to the other
+    without a crease are one person, whose arms are raised, or of whom something hides the middle. A connected piece
+    that covers one column belongs to that person, one that covers several is divided by the nearest axis, one that
+    covers none goes to the nearest person within reach.
     """
     seen = [pixels for pixels in pieces if pixels is not None]
     points = np.concatenate([pixels.points_m for pixels in seen]) if seen else np.empty((0, 3), np.float32)
     area = np.concatenate([pixels.area_m2 for pixels in seen]) if seen else np.empty(0, np.float32)
-    people = find_columns(points, area, config)
-    return People(people, tuple(None if pixels is None else _owners(pixels, people, config) for pixels in pieces))
+    columns = find_columns(points, area, config)
+    of = [None if pixels is None else _owners(pixels, columns, config) for pixels in pieces]
+    group = _one_body(columns, pieces, of)
+    people = tuple(_joined([columns[k] for k in np.flatnonzero(group == g)]) for g in range(group.max(initial=-1) + 1))
+    renumbered = np.append(group, -1)  # the last one: nobody
+    return People(people, tuple(None if owner is None else renumbered[owner].astype(np.int32) for owner in of))
+
+
+def _one_body(
+    columns: Sequence[Person], pieces: Sequence[Pieces | None], of: Sequence[np.ndarray | None]
+) -> np.ndarray:
+    """(k,) int: which person each column belongs to, numbered in the order of the columns."""
+    contact_m = np.zeros((len(columns), len(columns)))
+    axes = np.array([column.ground_xz_m for column in columns]).reshape(-1, 2)
+    near = np.linalg.norm(axes[:, None] - axes[None], axis=2) < ONE_BODY_M
+    if near.sum() > len(columns):
+        for pixels, owner in zip(pieces, of, strict=True):
+            if pixels is not None and owner is not None:
+                contact_m = np.maximum(contact_m, smooth_contact_m(pixels, owner, len(columns)))
+    _, group = connected_components(near & (contact_m >= LONG_CONTACT_M), directed=False)
+    return np.asarray(group)
+
+
+def _joined(columns: Sequence[Person]) -> Person:
+    """One person of several columns; the axis is that of their common mass."""
+    if len(columns) == 1:
+        return columns[0]
+    area = np.array([column.area_m2 for column in columns])
+    return Person(
+        area @ np.array([column.ground_xz_m for column in columns]) / area.sum(),
+        min(column.bottom_m for column in columns),
+        max(column.top_m for column in columns),
+        float(area.sum()),
+        sum(column.pixels for column in columns),
+    )
 
 
 def choose_patient(

@@ -12,6 +12,7 @@ from anchorpose.isolation.scene import Pieces
 
 CREASE_COST: Final = 4.0  # steps over the surface for each deviation of the noise that a valley is deep
 CREASE_PX: Final = 3  # creases are searched over three pixels to either side: a finger's width at 2.5 m
+CREASE_SIGMAS: Final = 2.0  # a valley deeper than that many deviations of the noise is a crease
 DEEPEST: Final = 60  # steps that a crease may cost: as many pixels as a forearm is long
 
 
@@ -28,6 +29,18 @@ def grow_regions(pixels: Pieces, owner: np.ndarray, crease_cost: float = CREASE_
     grown = owner.copy()
     _grow(surface, grown, crease_cost)
     return grown
+
+
+def smooth_contact_m(pixels: Pieces, owner: np.ndarray, count: int) -> np.ndarray:
+    """(count, count) metres: how long the border is at which one owner's surface goes on as another's without a crease.
+
+    owner (n,) int: 0 to count - 1 for each foreground pixel, -1 = nobody. Two bodies that touch meet in a crease; one
+    body that was divided goes on.
+    """
+    limit, noise = pixels.limit, float(np.sqrt(1.5)) * pixels.noise_per_m
+    surface = _Surface(pixels.index, pixels.depth_m, pixels.row, pixels.column, limit.square, limit.slope, noise)
+    size_per_m = np.sqrt(pixels.area_m2) / np.maximum(pixels.depth_m[pixels.row, pixels.column], 1e-6)
+    return _contacts(surface, owner.astype(np.int64), size_per_m.astype(np.float64), count)
 
 
 class _Surface(NamedTuple):
@@ -124,7 +137,7 @@ def _step(surface: _Surface, owner: np.ndarray, pixel: int, d_r: int, d_c: int, 
     if abs(depth[r, c] - depth[nr, nc]) > surface.square * far * far + surface.slope * far:
         return -1, 0
     valley = _valley(surface.number, depth, nr, nc, d_r, d_c) / (surface.noise * far * far)
-    return other, 1 + min(int(crease_cost * max(valley - 2.0, 0.0)), DEEPEST)
+    return other, 1 + min(int(crease_cost * max(valley - CREASE_SIGMAS, 0.0)), DEEPEST)
 
 
 @njit(cache=True)
@@ -137,3 +150,28 @@ def _valley(index: np.ndarray, depth: np.ndarray, r: int, c: int, d_r: int, d_c:
     if index[r1, c1] < 0 or index[r2, c2] < 0:
         return 0.0
     return depth[r, c] - 0.5 * (depth[r1, c1] + depth[r2, c2])
+
+
+@njit(cache=True)
+def _contacts(surface: _Surface, owner: np.ndarray, size_per_m: np.ndarray, count: int) -> np.ndarray:
+    """See ``smooth_contact_m``; size_per_m (n,): width of a pixel over its depth."""
+    index, depth = surface.number, surface.depth
+    length = np.zeros((count, count))
+    for pixel in range(len(owner)):
+        if owner[pixel] < 0:
+            continue
+        r, c = surface.row[pixel], surface.column[pixel]
+        for d_r, d_c in ((0, 1), (1, 0)):
+            nr, nc = r + d_r, c + d_c
+            if nr >= depth.shape[0] or nc >= depth.shape[1]:
+                continue
+            other = index[nr, nc]
+            if other < 0 or owner[other] < 0 or owner[other] == owner[pixel]:
+                continue
+            far = max(depth[r, c], depth[nr, nc])
+            if abs(depth[r, c] - depth[nr, nc]) > surface.square * far * far + surface.slope * far:
+                continue
+            if _valley(index, depth, nr, nc, d_r, d_c) > CREASE_SIGMAS * surface.noise * far * far:
+                continue
+            length[owner[pixel], owner[other]] += size_per_m[pixel] * depth[r, c]
+    return length + length.T

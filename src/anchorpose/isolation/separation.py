@@ -26,7 +26,7 @@ from anchorpose.isolation.people import (
     find_people,
     ground_distance,
 )
-from anchorpose.isolation.region_growing import grow_regions
+from anchorpose.isolation.region_growing import grow_regions, smooth_contact_m
 from anchorpose.isolation.scene import SMALLEST_PIECE_M2, Pieces
 from anchorpose.isolation.view import PixelLabel, View
 
@@ -34,6 +34,9 @@ DECISION_PX: Final = 2  # between two people every second row and column is deci
 TRUNK_RADIUS_M: Final = 0.15  # half a trunk's depth and some clothes: what stands there is this person
 DETACHED_M: Final = 0.12  # a bar's width, and what a forearm moves behind it unseen
 OWN_COLUMN: Final = 0.5  # of a column beside the patient's: with so much of their skin expected in it, it is theirs
+UNSUPPORTED_SIGMA_M: Final = 0.04  # of remembered skin without a body: it ties with the patient's predicted skin
+ON_SKIN_M: Final = 0.05  # from the patient's expected skin: its spacing, clothes, and what it moves
+PART_CONTACT_M: Final = 0.05  # a wrist's width, over which a part of the patient is connected to the rest
 LAST_LABEL: Final = 254
 FIRST_EARLIER_LABEL: Final = 128  # of people met in the backward pass
 
@@ -71,13 +74,15 @@ def separate(
     with people met later in time.
     """
     shown = [pixels for pixels in pieces if pixels is not None]
-    remembered = memory if expected is None else memory.without(np.flatnonzero(np.bincount(expected.owner)))
-    likelihood = join_likelihoods([remembered.likelihood(elapsed_s), *([] if expected is None else [expected])])
+    bodies = np.zeros(0, np.int64) if expected is None else np.flatnonzero(np.bincount(expected.owner))
+    remembered = memory.without(bodies).likelihood(elapsed_s, 0.0 if expected is None else UNSUPPORTED_SIGMA_M)
+    likelihood = join_likelihoods([remembered, *([] if expected is None else [expected])])
     grid = sort_likelihood(likelihood) if len(likelihood) else None
     decided = [_decided(pixels, grid) for pixels in shown]
     owners = _with_detached(shown, _grown(shown, decided))
     free = memory.next_label if elapsed_s >= 0 else max(memory.next_label, FIRST_EARLIER_LABEL)
     owners = _with_newcomers(shown, owners, free, config)
+    owners = owners if expected is None else _without_parts(shown, owners, expected)
     # remembered skin does not count as expected: the patient may have been mistaken before
     owners = _one_patient(shown, owners, None if expected is None else decided, free, config)
     return _views(pieces, owners)
@@ -166,6 +171,41 @@ def _with_newcomers(
     return labelled
 
 
+def _without_parts(
+    shown: Sequence[Pieces], owners: list[np.ndarray], expected: OwnershipLikelihood
+) -> list[np.ndarray]:
+    """Owners, with the patient's own parts given back that have the label of another person.
+
+    Another person has a body, or is a person by size without what lies on the patient's expected skin. What has
+    neither, and is connected to the patient, is a part of the patient.
+    """
+    bodies = np.unique(expected.owner)
+    labels = np.unique(np.concatenate([np.flatnonzero(np.bincount(owner)) for owner in owners]))
+    doubtful = [int(k) for k in labels if k >= PixelLabel.OTHER_PERSON and k not in bodies]
+    skin = expected.points_m[expected.owner == PixelLabel.PATIENT]
+    if not doubtful or not len(skin):
+        return owners
+    tree = cKDTree(skin)
+    parts = [label for label in doubtful if _is_part(shown, owners, label, tree)]
+    return [np.where(np.isin(owner, parts), np.uint8(PixelLabel.PATIENT), owner) for owner in owners]
+
+
+def _is_part(shown: Sequence[Pieces], owners: Sequence[np.ndarray], label: int, skin: cKDTree) -> bool:
+    """Whether most of a label's pixels lie on the patient's skin (a tree of it), the rest is no person, and both are
+    connected."""
+    on_skin, elsewhere, contact_m = 0.0, 0.0, 0.0
+    for pixels, owner in zip(shown, owners, strict=True):
+        points, _, area = _sampled(pixels, owner, owner == label)
+        if not len(points):
+            continue
+        distance, _ = skin.query(points, distance_upper_bound=ON_SKIN_M)
+        near = np.isfinite(distance)
+        on_skin, elsewhere = on_skin + float(area[near].sum()), max(elsewhere, float(area[~near].sum()))
+        which = np.where(owner == label, 1, np.where(owner == PixelLabel.PATIENT, 0, -1))
+        contact_m = max(contact_m, float(smooth_contact_m(pixels, which, 2)[0, 1]))
+    return on_skin > elsewhere and elsewhere < PERSON_AREA_M2 and contact_m >= PART_CONTACT_M
+
+
 def _one_patient(
     shown: Sequence[Pieces],
     owners: list[np.ndarray],
@@ -183,7 +223,10 @@ def _one_patient(
         return owners
     sampled = [_sampled(pixels, o, o == PixelLabel.PATIENT) for pixels, o in zip(shown, owners, strict=True)]
     points, _, area = (np.concatenate(parts) for parts in zip(*sampled, strict=True))
-    people = find_columns(points, area, config)
+    if len(find_columns(points, area, config)) < 2:
+        return owners
+    theirs = [pixels.only(o == PixelLabel.PATIENT) for pixels, o in zip(shown, owners, strict=True)]
+    people = find_people(theirs, config).people
     if len(people) < 2:
         return owners
     axes = np.array([person.ground_xz_m for person in people])

@@ -17,9 +17,11 @@ from anchorpose.body.belief import Pace, PoseBelief, vague_belief
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence
+from anchorpose.body.explained import seen_past
 from anchorpose.body.initial import find_rough_pose
 from anchorpose.body.learning import shape_of_height
-from anchorpose.body.pose import DEGREE, POSE_SIZE, Pose
+from anchorpose.body.limb_search import search_limbs
+from anchorpose.body.pose import DEGREE, POSE_SIZE, TRUNK, Pose
 from anchorpose.body.registration import posterior, register
 from anchorpose.body.skin_points import Body, SkinPoints, build_body, pose_points
 from anchorpose.camera import Camera
@@ -66,6 +68,8 @@ WALKING: Final = Pace(turn_sigma=40.0 * DEGREE, root_sigma_m=0.3)  # a person wh
 COARSE: Final = SurfaceConfig(step=4)  # a rough body needs no finer nodes
 HEIGHT_M: Final = 1.72  # of an adult of whom nothing else is known
 LEAST_EXPLAINED: Final = 0.75  # share of a person's nodes that the body must account for; otherwise there is no body
+MOST_TRUNK_PAST: Final = 0.25  # share of the trunk that a camera sees past; rough bodies are a few centimetres off
+MOST_LIMB_PAST: Final = 0.5  # the same of a limb, of which one may be elsewhere
 LEAST_NODES: Final = 150  # to begin with: a third of a front four metres away
 SKIN_SIGMA_M: Final = 0.03  # clothes, hair, and a body of ordinary shape
 GROWTH_M_S: Final = 0.4  # by which a hand outruns its prediction
@@ -159,10 +163,16 @@ def _evidence(views: Sequence[View | None], cameras: Sequence[Camera], label: in
     return Evidence(surface, tuple(views), (None,) * len(views), tuple(cameras))
 
 
+def _is_person(body: Body, pose: Pose, evidence: Evidence) -> bool:
+    """Whether the cameras leave room for the body: pixels alone may be a part of somebody else."""
+    past = np.nan_to_num(seen_past(body.points, pose_points(body, pose), evidence.views, evidence.cameras))
+    return bool(past[TRUNK] <= MOST_TRUNK_PAST and (np.delete(past, TRUNK) > MOST_LIMB_PAST).sum() <= 1)
+
+
 def _follow(one: Bystander, evidence: Evidence, points: SkinPoints, elapsed_s: float) -> Bystander | None:
     predicted = one.belief.later(_ahead(one, points, elapsed_s), abs(elapsed_s), WALKING)
     found = register(one.body, predicted, evidence, no_constraints(), ROUGHLY)
-    if not found.found or found.explained < LEAST_EXPLAINED:
+    if not found.found or found.explained < LEAST_EXPLAINED or not _is_person(one.body, found.belief.pose, evidence):
         return None
     change = one.belief.pose.change_to(found.belief.pose, points.moving)
     return replace(one, belief=found.belief, change=change, elapsed_s=elapsed_s)
@@ -174,7 +184,11 @@ def _find(label: int, evidence: Evidence, points: SkinPoints) -> Bystander | Non
     body = build_body(points, shape_of_height(points.asset, HEIGHT_M))
     pose = find_rough_pose(body, evidence, ROUGHLY)
     found = posterior(body, pose, vague_belief(pose), evidence, ROUGHLY)
-    if not found.found or found.explained < LEAST_EXPLAINED:
+    if not found.found:
+        return None
+    if not _is_person(body, found.belief.pose, evidence):
+        found = search_limbs(body, found, vague_belief(found.belief.pose), evidence, ROUGHLY).registration
+    if found.explained < LEAST_EXPLAINED or not _is_person(body, found.belief.pose, evidence):
         return None
     return Bystander(label, body, found.belief, np.zeros(POSE_SIZE), 1.0)
 
