@@ -26,11 +26,13 @@ def taken_again(folder: Path, source: Element, aggregation: str) -> float:
     rows = [
         row
         for row in pq.read_table(folder / source.attributes["data-file"]).to_pylist()
-        if all(row[name] == value for name, value in where.items())
+        if all((None if row[name] is None else str(row[name])) == value for name, value in where.items())
     ]
     values = [row[column] for row in rows if row[column] is not None]
     if how == "share":
         return sum(str(value).lower() in among for value in values) / len(values)
+    if how == "at least":
+        return sum(value >= float(among[0]) for value in values) / len(values)
     if how == "frames":
         frames = {row["frame"]: set() for row in rows}
         for row in rows:

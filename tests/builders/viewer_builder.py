@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -12,7 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from recording_builder import write_picture, write_timestamps
-from results_builder import make_frame, standing_joints
+from results_builder import make_frame, standing_joints, write_explained_frames
 from scipy.spatial.transform import Rotation
 
 from anchorpose.body.asset import load_body_asset
@@ -20,6 +20,7 @@ from anchorpose.body.pose import MOVING_BONES
 from anchorpose.joints import JOINT_INDEX, JointState
 from anchorpose.recording.reader import input_files, open_recording
 from anchorpose.recording.recording import Clock
+from anchorpose.results.explained import ExplainedFrame
 from anchorpose.results.kinematics.joint_angles import joint_angles
 from anchorpose.results.people_labels import PEOPLE_FILE, LabelImage, write_people
 from anchorpose.results.poses import POSES_FILE, BodyPose, write_poses
@@ -105,8 +106,13 @@ def write_small_recording(folder: Path) -> Path:
     return folder
 
 
-def write_small_results(folder: Path, recording: Path, people: bool = True) -> Path:
-    """A patient who sways and bends a knee; all joints lost in one frame, a hand unsure in another."""
+def write_small_results(
+    folder: Path, recording: Path, people: bool = True, explained: Sequence[ExplainedFrame] = ()
+) -> Path:
+    """A patient who sways and bends a knee; all joints lost in one frame, a hand unsure in another.
+
+    explained: the rows of explained.parquet; without them there is none, as in results of an older release.
+    """
     folder.mkdir(parents=True)
     with (
         write_joints(folder / JOINTS_FILE) as joints,
@@ -130,6 +136,8 @@ def write_small_results(folder: Path, recording: Path, people: bool = True) -> P
             for frame in range(FRAMES):
                 for name in POSES:
                     pictures.append(LabelImage(frame, name, cv2.imencode(".png", labels_of(frame))[1].tobytes()))
+    if explained:
+        write_explained_frames(folder, explained)
     opened = open_recording(recording)
     document = {
         "format": "anchorpose-run",

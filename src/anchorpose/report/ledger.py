@@ -35,6 +35,7 @@ HOW_WORDS: Final = {
         for how in ("lowest", "median", "highest")
     },
     "share": "of these rows with a known {column}, the share with {column} {among}",
+    "at least": "of these rows with a known {column}, the share with at least {among}",
     "frames": "of the frames, the share in which not all of these rows have {column} {among}",
 }
 """The operations on rows, in the words of the list of sources. An unknown value never counts as a no."""
@@ -56,7 +57,8 @@ class Rows:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Aggregation:
-    """An operation on a column of the rows; among: the values that ``share`` and ``frames`` count."""
+    """An operation on a column of the rows; among: the values that ``share`` and ``frames`` count, or the one number
+    that ``at least`` compares with."""
 
     column: str
     how: str = "value"
@@ -128,6 +130,8 @@ class Ledger:
         known = column.drop_null()
         if aggregation.how == "share":
             return _count_among(known, aggregation.among) / len(known) if len(known) else None
+        if aggregation.how == "at least":
+            return _share_at_least(known, float(aggregation.among[0])) if len(known) else None
         if aggregation.how == "value" and len(column) != 1:
             raise ValueError(f"{len(column)} rows are not a single value: {rows.sentence}")
         return _reduced(known, aggregation.how) if len(known) else None
@@ -182,13 +186,18 @@ class Ledger:
             table = self._table(Rows(rows.file)) if rows.where else pq.read_table(self._folder / rows.file)
             for name, value in rows.where:
                 column = table[name]
-                table = table.filter(pc.is_null(column) if value is None else pc.equal(column, value))
+                wanted = pa.scalar(value).cast(column.type)
+                table = table.filter(pc.is_null(column) if value is None else pc.equal(column, wanted))
             self._tables[rows] = table
         return self._tables[rows]
 
 
 def _count_among(known: pa.ChunkedArray, among: tuple[str, ...]) -> int:
     return int(pc.sum(pc.is_in(known.cast(pa.string()), pa.array(among))).as_py() or 0)
+
+
+def _share_at_least(known: pa.ChunkedArray, least: float) -> float:
+    return float((known.to_numpy() >= least).mean())
 
 
 def _frames_beyond(table: pa.Table, aggregation: Aggregation) -> float | None:

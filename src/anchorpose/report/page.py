@@ -13,6 +13,7 @@ import numpy as np
 
 from anchorpose.joints import LOST
 from anchorpose.report.measure_section import measure_section
+from anchorpose.report.moment_section import moment_section
 from anchorpose.report.motion_section import angle_section, joint_charts, state_table
 from anchorpose.report.provenance import corrections, problems, provenance, settings
 from anchorpose.report.session import Session, read_session
@@ -42,6 +43,7 @@ def _page(session: Session) -> str:
     parts = {  # in the order of the page: so are the sources numbered
         "summary": summary(session),
         "timeline": timeline(session),
+        "moments": moment_section(session),
         "measures": measure_section(session),
         "angles": angle_section(session),
         "states": state_table(session),

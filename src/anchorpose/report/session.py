@@ -16,6 +16,8 @@ import numpy as np
 from anchorpose.errors import InputError
 from anchorpose.joints import STATE_CODE, JointState
 from anchorpose.report.ledger import Ledger
+from anchorpose.results.explained import EXPLAINED_FILE, ExplainedTable, read_explained
+from anchorpose.results.parquet import TRACK_AGAIN
 from anchorpose.results.records import (
     CONTACTS_FILE,
     EPISODES_FILE,
@@ -137,7 +139,8 @@ class Session:
 
     posture_seen (n,) bool: whether all joints that determine posture were seen; the state in posture.parquet is that of
     the centre of mass. definition: how the measures were computed, None where their file does not say. contacts: None
-    where the folder has no table of them, so that touch is not known.
+    where the folder has no table of them, so that touch is not known. explained: how well each pose explains its frame,
+    None in results of a release that did not keep it.
     """
 
     folder: Path
@@ -150,6 +153,7 @@ class Session:
     measures: tuple[Measure, ...]
     definition: Definition | None
     contacts: tuple[Contact, ...] | None
+    explained: ExplainedTable | None
     bins: Bins
     ledger: Ledger
 
@@ -162,7 +166,7 @@ class Session:
 def read_session(folder: Path, name: str = "") -> Session:
     """All tables of a results folder; name: of its numbers, where a page shows several sessions.
 
-    Raises InputError where one (but contacts.parquet) is missing, damaged, or does not fit the joints.
+    Raises InputError where one (but contacts and explained) is missing, damaged, or does not fit the joints.
     """
     joints, run = read_joints(folder / JOINTS_FILE), read_run_document(folder / RUN_FILE)
     for file in MEASURED:
@@ -170,10 +174,14 @@ def read_session(folder: Path, name: str = "") -> Session:
             problem = "is missing: the folder was written by an older version, or by hand"
             raise InputError(folder / file, problem, f"run 'anchorpose measure {folder}' and try again")
     angles, posture = read_angles(folder / ANGLES_FILE), read_posture(folder / POSTURE_FILE)
-    for file, frame in ((ANGLES_FILE, angles.frame), (POSTURE_FILE, posture.frame)):
+    explained = read_explained(folder / EXPLAINED_FILE) if (folder / EXPLAINED_FILE).is_file() else None
+    frames = {ANGLES_FILE: angles.frame, POSTURE_FILE: posture.frame}
+    if explained is not None:
+        frames[EXPLAINED_FILE] = explained.frame
+    for file, frame in frames.items():
         if not np.array_equal(frame, joints.frame):
-            problem, remedy = "has other frames than joints.parquet", f"run 'anchorpose measure {folder}'"
-            raise InputError(folder / file, problem, remedy)
+            remedy = TRACK_AGAIN if file == EXPLAINED_FILE else f"run 'anchorpose measure {folder}'"
+            raise InputError(folder / file, "has other frames than joints.parquet", remedy)
     return Session(
         folder=folder,
         run=run,
@@ -185,6 +193,7 @@ def read_session(folder: Path, name: str = "") -> Session:
         measures=read_measures(folder / MEASURES_FILE),
         definition=read_definition(folder / MEASURES_FILE),
         contacts=read_contacts(folder / CONTACTS_FILE) if (folder / CONTACTS_FILE).is_file() else None,
+        explained=explained,
         bins=make_bins(joints.frame, joints.time_s, name),
         ledger=Ledger(folder, name),
     )

@@ -11,8 +11,16 @@ from anchorpose.report.chart import Axis, Chart, Column, Reading, Row, cells, he
 from anchorpose.report.curves import band_path, line_paths
 from anchorpose.report.ledger import Rows
 from anchorpose.report.session import Bins, Session, envelope
-from anchorpose.report.timeline_rows import kept_rows, posture_readings, posture_rows, touch_reading, touch_rows
+from anchorpose.report.timeline_rows import (
+    kept_rows,
+    marked_row,
+    posture_readings,
+    posture_rows,
+    touch_reading,
+    touch_rows,
+)
 from anchorpose.report.words import COVERAGE, STATE_WORDS
+from anchorpose.results.explained import EXPLAINED_FILE, unexplained
 from anchorpose.results.records import CONTACTS_FILE, EPISODES_FILE
 from anchorpose.results.tables import JOINTS_FILE, POSTURE_FILE
 
@@ -41,9 +49,13 @@ def timeline(session: Session) -> Chart:
             *(_share_reading(STATE_WORDS[state], f"joints_{state}", share, session.bins) for state, share in shares),
             *_confidence_readings(session),
         ],
-        sources=[session.ledger.link(Rows(file)) for file in (*_event_files(session), JOINTS_FILE)],
+        sources=[session.ledger.link(Rows(file)) for file in _files(session)],
         bins=session.bins,
     )
+
+
+def _files(session: Session) -> tuple[str, ...]:
+    return (*_event_files(session), JOINTS_FILE, *(() if session.explained is None else (EXPLAINED_FILE,)))
 
 
 def short_timeline(session: Session, label: str) -> Chart:
@@ -100,6 +112,8 @@ def _confidence_rows(session: Session) -> list[Row]:
     matched = matched_percent(session)
     if matched is not None and np.isfinite(matched).any():
         rows.append(_share_row("points found again", matched, session.bins, "matched"))
+    if session.explained is not None:
+        rows += marked_row(session, "not explained by the body", unexplained(session.explained) >= 1.0)
     return [heading("Confidence"), *rows]
 
 

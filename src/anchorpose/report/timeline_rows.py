@@ -27,8 +27,8 @@ def kept_rows(session: Session) -> list[Row]:
     """Frames with problems, frames marked unusable by a reviewer, and the pictures, each a link to its section."""
     bad = np.isin(session.joints.frame, [drop["frame"] for drop in session.run.get("dropped", [])])
     rows = [
-        *_marked(session, "frames with problems", bad),
-        *_marked(session, "marked unusable by a reviewer", unusable_frames(session)),
+        *marked_row(session, "frames with problems", bad),
+        *marked_row(session, "marked unusable by a reviewer", unusable_frames(session)),
         *_pictures(session),
     ]
     return [heading("Kept and left out"), *rows] if rows else []
@@ -43,7 +43,7 @@ def unusable_frames(session: Session) -> np.ndarray:
     return marked
 
 
-def _marked(session: Session, label: str, frames: np.ndarray) -> list[Row]:
+def marked_row(session: Session, label: str, frames: np.ndarray) -> list[Row]:
     """One row with a column wherever one of the ``frames`` (n,) bool lies; no row where there are none."""
     if not frames.any():
         return []

@@ -17,6 +17,7 @@ from anchorpose.body.asset import BodyAsset, load_body_asset
 from anchorpose.body.kinematics import shape_body
 from anchorpose.body.pose import MOVING_BONES
 from anchorpose.errors import InputError
+from anchorpose.results.explained import unexplained
 from anchorpose.viewer.depth_frames import DepthFrames
 from anchorpose.viewer.review import Review
 
@@ -73,8 +74,8 @@ def motion_payload(review: Review) -> bytes:
     """All tables: one row per frame of the results, NaN where unknown, metres, world frame.
 
     joints (n, 21, 3), sigma (n, 21), state (n, 21) uint8 of ``JointState``, angles, angle_sigma, angle_state
-    (n, a), matched (n,), and where the results have them poses (n, 21, 7: head, quaternion w x y z) and anchors
-    (n, 5, 4: place, sigma).
+    (n, a), matched (n,), and where the results have them poses (n, 21, 7: head, quaternion w x y z), anchors
+    (n, 5, 4: place, sigma) and unexplained (n,), as in ``results.explained.unexplained``.
     """
     joints, angles = review.joints, review.angles
     arrays: dict[str, np.ndarray] = {
@@ -93,6 +94,8 @@ def motion_payload(review: Review) -> bytes:
     if review.anchors is not None:
         found = review.anchors
         arrays["anchors"] = np.concatenate([found.position_m, found.sigma_m[..., None]], axis=2).astype(np.float32)
+    if review.explained is not None:
+        arrays["unexplained"] = unexplained(review.explained).astype(np.float32)
     return pack({}, arrays)
 
 

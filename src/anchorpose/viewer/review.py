@@ -12,6 +12,7 @@ import numpy as np
 from anchorpose.errors import InputError
 from anchorpose.geodesics.anchors import ANCHOR_NAMES
 from anchorpose.joints import JOINT_NAMES, LIMBS, JointState
+from anchorpose.results.explained import EXPLAINED_FILE, ExplainedTable, read_explained, worst_moments
 from anchorpose.results.frame_time import worst_rows
 from anchorpose.results.poses import POSES_FILE, PoseTable, read_poses
 from anchorpose.results.records import CONTACTS_FILE, Contact, read_contacts
@@ -32,7 +33,8 @@ from anchorpose.viewer.depth_frames import DepthFrames, open_depth_frames
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Review:
-    """poses, anchors: None in results of a release that did not keep them. depth_frames: None without a recording."""
+    """poses, anchors, explained: None in results of a release that did not keep them. depth_frames: None without a
+    recording."""
 
     name: str
     run: dict[str, Any]
@@ -41,6 +43,7 @@ class Review:
     contacts: tuple[Contact, ...]
     poses: PoseTable | None
     anchors: AnchorTable | None
+    explained: ExplainedTable | None
     depth_frames: DepthFrames | None
 
     @property
@@ -59,9 +62,10 @@ def open_review(results: Path, recording: Path | None) -> Review:
     run = read_run_document(results / RUN_FILE)
     poses = read_poses(results / POSES_FILE) if (results / POSES_FILE).exists() else None
     anchors = read_anchors(results / ANCHORS_FILE) if (results / ANCHORS_FILE).exists() else None
+    explained = read_explained(results / EXPLAINED_FILE) if (results / EXPLAINED_FILE).exists() else None
     angles = read_angles(results / ANGLES_FILE)
-    tables: dict[str, AngleTable | PoseTable | AnchorTable | None] = {
-        POSES_FILE: poses, ANCHORS_FILE: anchors, ANGLES_FILE: angles,
+    tables: dict[str, AngleTable | PoseTable | AnchorTable | ExplainedTable | None] = {
+        POSES_FILE: poses, ANCHORS_FILE: anchors, EXPLAINED_FILE: explained, ANGLES_FILE: angles,
     }  # fmt: skip
     for file, table in tables.items():
         if table is not None and not np.array_equal(table.frame, joints.frame):
@@ -75,6 +79,7 @@ def open_review(results: Path, recording: Path | None) -> Review:
         contacts=contacts,
         poses=poses,
         anchors=anchors,
+        explained=explained,
         depth_frames=None if recording is None else open_depth_frames(recording, results, run, joints.frame),
     )
 
@@ -93,6 +98,7 @@ def describe(review: Review) -> dict[str, Any]:
         "angles": list(review.angles.names),
         "contacts": [{**as_json(contact), "state": contact.state} for contact in review.contacts],
         "worst": as_json(worst_frames(review.joints, review.matched_share, review.run.get("dropped", []))),
+        "unexplained": None if review.explained is None else as_json(unexplained_frames(review.explained)),
         "dropped": review.run.get("dropped", []),
         "notes": review.run.get("notes", []),
         "has": {
@@ -143,6 +149,12 @@ class WorstFrame:
     position: int
     reason: str
     joint: int | None
+
+
+def unexplained_frames(table: ExplainedTable) -> tuple[WorstFrame, ...]:
+    """The moments that the pose explains least, as in run.json and in the report, the worst first."""
+    rows = {int(number): row for row, number in enumerate(table.frame)}
+    return tuple(WorstFrame(rows[moment.frame], moment.reason, None) for moment in worst_moments(table))
 
 
 def worst_frames(

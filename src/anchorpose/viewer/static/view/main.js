@@ -36,7 +36,7 @@ async function start() {
   element("corrections-file").textContent = `Saved at once in ${description.corrections_file}.`;
   const axis = new Axis(motion.time_s, playback);
   const curves = new Curves(element("charts"), description.angles, motion, axis, playback);
-  new Timeline(element("timeline"), description, motion, axis, playback, corrections);
+  const timeline = new Timeline(element("timeline"), description, motion, axis, playback, corrections);
   const card = new JointCard(element("joint-card"), description, frames.skeleton, playback);
   let mover = null;
   const redraw = () => {
@@ -52,13 +52,18 @@ async function start() {
     view, playback, skeleton: frames.skeleton, points: frames.points, corrections, signing, description, motion, say, redraw,
     elements: Object.fromEntries(["select", "edit", "snap", "moving", "moved", "sigma", "save", "cancel"].map((name) => [name, element(`joint-${name}`)])),
   });
-  const worst = new WorstList(element("worst"), description.worst, motion, playback, (joint) => { if (joint !== null) mover.choose(joint); });
+  const worst = new WorstList([
+    { list: element("unexplained"), worst: description.unexplained ?? [], numbered: true, nothing: "The body explains every frame." },
+    { list: element("worst"), worst: description.worst, nothing: "Nothing stands out." },
+  ], motion, playback, (joint) => { if (joint !== null) mover.choose(joint); });
+  element("unexplained-box").hidden = !description.unexplained;
   const hypotheses = new Hypotheses(view, playback, motion, {
     start: element("hypotheses-start"), cancel: element("hypotheses-cancel"), state: element("hypotheses-state"), legend: element("hypotheses-legend"),
   }, say);
   element("hypotheses-start").disabled = !description.has.recording;
   view.scene.add(hypotheses.group);
   const showTab = tabs(document.querySelector("[role=tablist]"), (id) => { if (id === "tab-curves") curves.draw(); });
+  timeline.chosen = (i) => { showTab("tab-check"); worst.go(i); };
   const presets = presetsOf(description, view);
   presetButtons(element("presets"), presets);
   const keys = keyTable({ playback, layers, layerKeys: layersOf(description), presets, view, worst, corrections, mover, hypotheses, showTab, help });

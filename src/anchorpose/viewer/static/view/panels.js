@@ -22,18 +22,22 @@ export function tabs(bar, shown) {
   return (id) => choose(document.getElementById(id), false);
 }
 
+/** groups: [{list, worst: [{position, reason, joint}], numbered, nothing}]: lists that are gone through one after the other. */
 export class WorstList {
-  constructor(list, worst, motion, playback, choose) {
-    Object.assign(this, { worst, playback, choose, at: -1 });
-    this.buttons = worst.map(({ position, reason }, i) => {
-      const item = document.createElement("li"), button = Object.assign(document.createElement("button"), { type: "button" });
-      button.append(Object.assign(document.createElement("time"), { textContent: `${motion.time_s[position].toFixed(2)} s` }), reason);
-      button.addEventListener("click", () => this.go(i));
-      item.append(button);
-      list.append(item);
-      return button;
-    });
-    if (!worst.length) list.textContent = "Nothing stands out.";
+  constructor(groups, motion, playback, choose) {
+    Object.assign(this, { playback, choose, at: -1, worst: groups.flatMap(({ worst }) => worst), buttons: [] });
+    for (const { list, worst, numbered, nothing } of groups) {
+      worst.forEach(({ position, reason }, i) => {
+        const at = this.buttons.length, item = document.createElement("li"), button = Object.assign(document.createElement("button"), { type: "button" });
+        if (numbered) button.append(Object.assign(document.createElement("b"), { textContent: i + 1 }));
+        button.append(Object.assign(document.createElement("time"), { textContent: `${motion.time_s[position].toFixed(2)} s` }), reason);
+        button.addEventListener("click", () => this.go(at));
+        item.append(button);
+        list.append(item);
+        this.buttons.push(button);
+      });
+      if (!worst.length) list.textContent = nothing;
+    }
     playback.addEventListener("moved", () => this.mark());
   }
 

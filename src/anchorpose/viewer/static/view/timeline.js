@@ -1,9 +1,10 @@
-// The recording at a glance: the states of the joints, contacts, what was marked and corrected.
+// The recording at a glance: the states of the joints, what the body does not explain, contacts, corrections.
 
 import { prepared, seekable } from "./axis.js";
 import { css, themed } from "./theme.js";
 
 const LEFT = 136, ROW = 15, TOP = 18;
+const FULL = 4; // times the limit at which a bar of the unexplained frames has its full height
 
 export class Timeline {
   constructor(canvas, description, motion, axis, playback, corrections) {
@@ -11,10 +12,15 @@ export class Timeline {
     this.joints = description.joints.length;
     this.lost = description.states.indexOf("lost");
     this.touches = [...new Set(description.contacts.map(named))];
+    this.moments = description.unexplained ?? [];
+    const rows = ["joints", ...(motion.unexplained ? ["not explained"] : []), "marked, corrected", ...this.touches];
+    this.rowOf = Object.fromEntries(rows.map((name, row) => [name, row]));
+    this.chosen = () => {}; // called with the place of a moment in the list when its number is clicked
     this.cursor = Object.assign(document.createElement("div"), { className: "cursor" });
     canvas.parentElement.style.position = "relative";
     canvas.after(this.cursor);
     seekable(canvas, axis, playback, LEFT);
+    canvas.addEventListener("click", ({ offsetX: x, offsetY: y }) => this.clicked(x, y));
     axis.addEventListener("changed", () => this.draw());
     corrections.addEventListener("changed", () => this.draw());
     playback.addEventListener("moved", () => this.move());
@@ -25,8 +31,10 @@ export class Timeline {
 
   x(time) { return LEFT + this.axis.share(time) * (this.width - LEFT); }
 
+  top(name) { return TOP + ROW * this.rowOf[name]; }
+
   draw() {
-    const height = TOP + ROW * (2 + this.touches.length) + 2;
+    const height = TOP + ROW * Object.keys(this.rowOf).length + 2;
     this.canvas.style.height = `${height}px`;
     const { context, width } = prepared(this.canvas, height);
     this.width = width;
@@ -34,24 +42,23 @@ export class Timeline {
     context.font = "12px system-ui, sans-serif";
     context.textBaseline = "middle";
     this.ticks(context, width, height);
-    this.label(context, 0, "joints");
-    this.label(context, 1, "marked, corrected");
-    this.touches.forEach((name, row) => this.label(context, 2 + row, name));
+    Object.keys(this.rowOf).forEach((name) => this.label(context, name));
     context.save();
     context.beginPath();
     context.rect(LEFT, 0, width - LEFT, height);
     context.clip();
     this.states(context);
+    if (this.motion.unexplained) this.unexplained(context);
     this.marks(context, height);
     this.contacts(context);
     context.restore();
     this.move();
   }
 
-  label(context, row, text) {
+  label(context, name) {
     context.fillStyle = css("soft");
     context.textAlign = "right";
-    context.fillText(text, LEFT - 8, TOP + ROW * row + ROW / 2, LEFT - 10);
+    context.fillText(name, LEFT - 8, this.top(name) + ROW / 2, LEFT - 10);
   }
 
   ticks(context, width, height) {
@@ -84,9 +91,39 @@ export class Timeline {
     }
   }
 
+  /** A bar where the body does not explain the frame, the higher the worse; the worst moments by their numbers. */
+  unexplained(context) {
+    const [first, last] = this.axis.range(), inner = ROW - 3, times = this.motion.time_s, bottom = this.top("not explained") + 1 + inner;
+    context.fillStyle = css("unexplained");
+    for (let row = first; row <= last; row++) {
+      const value = this.motion.unexplained[row];
+      if (!(value >= 1)) continue; // also where it is not known
+      const x = this.x(times[row]), high = inner * Math.min(1, value / FULL);
+      context.fillRect(x, bottom - high, Math.max(2, this.x(times[Math.min(row + 1, times.length - 1)]) - x + 0.5), high);
+    }
+    context.textAlign = "center";
+    context.font = "bold 10px system-ui, sans-serif";
+    [...this.moments.entries()].reverse().forEach(([i, { position }]) => { // the worst on top
+      const x = this.x(times[position]), y = bottom - inner / 2;
+      context.fillStyle = css("ink");
+      context.beginPath();
+      context.arc(x, y, 6.5, 0, 7);
+      context.fill();
+      context.fillStyle = css("panel");
+      context.fillText(i + 1, x, y + 0.5);
+    });
+    context.font = "12px system-ui, sans-serif";
+  }
+
+  clicked(x, y) {
+    if (!this.motion.unexplained || Math.abs(y - this.top("not explained") - ROW / 2) > ROW / 2) return;
+    const i = this.moments.findIndex(({ position }) => Math.abs(this.x(this.motion.time_s[position]) - x) <= 7);
+    if (i >= 0) this.chosen(i);
+  }
+
   contacts(context) {
     for (const contact of this.description.contacts) {
-      const top = TOP + ROW * (2 + this.touches.indexOf(named(contact))) + 3, from = this.x(contact.start_s);
+      const top = this.top(named(contact)) + 3, from = this.x(contact.start_s);
       const wide = Math.max(3, this.x(contact.end_s) - from);
       context.fillStyle = context.strokeStyle = css("touch");
       if (contact.state === "seen") context.fillRect(from, top, wide, ROW - 6);
@@ -95,7 +132,7 @@ export class Timeline {
   }
 
   marks(context, height) {
-    const top = TOP + ROW + 2;
+    const top = this.top("marked, corrected") + 2;
     for (const { start_s: start, end_s: end } of this.corrections.held.unusable) {
       const from = this.x(start), wide = Math.max(3, this.x(end) - from);
       context.fillStyle = css("unusable");
@@ -126,7 +163,9 @@ export class Timeline {
 
   inWords() {
     const all = this.motion.state, share = (test) => ((100 * all.filter(test).length) / all.length).toFixed(0);
+    const wrong = this.motion.unexplained?.filter((value) => value >= 1).length;
     return `Over time: ${share((state) => state === 0)} % of the joints observed, ${share((state) => state === this.lost)} % lost; `
+      + (wrong === undefined ? "" : `${wrong} frames that the body does not explain; `)
       + `${this.description.contacts.length} contacts${this.touches.length ? `: ${this.touches.join(", ")}` : ""}`;
   }
 }
