@@ -22,8 +22,9 @@ from anchorpose.body.kinematics import shape_body
 from anchorpose.body.skin_points import FittedShape, build_body, skin_points
 from anchorpose.camera import Camera, Intrinsics
 from anchorpose.geodesics.anchors import Anchors, anchor_descriptor, find_anchors
+from anchorpose.geodesics.center import center_field
 from anchorpose.geodesics.distance import geodesic_distance
-from anchorpose.geodesics.extrema import geodesic_extrema, surface_center
+from anchorpose.geodesics.extrema import Cap, find_caps, geodesic_extrema, surface_center
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.research.geodesic_solvers import edge_distance, edge_graph
 from anchorpose.surface.border import Border, border
@@ -203,6 +204,21 @@ def test_geodesic_extrema(benchmark, frames):
     surface = frames[0].surface
     field = geodesic_distance(surface, np.array([surface_center(surface)]))[0]
     benchmark(geodesic_extrema, surface, field, 0.5)
+
+
+def test_caps_of_the_extrema(benchmark, frames):
+    """Field from V_c, extrema and caps: ``find_anchors`` less what joins pieces and gives names."""
+    surface = frames[0].surface
+
+    def caps() -> list[Cap]:
+        field = geodesic_distance(surface, np.array([surface_center(surface)]))[0]
+        return find_caps(surface, field, geodesic_extrema(surface, field, 0.5), 0.06)
+
+    benchmark(caps)
+
+
+def test_center_field(benchmark, frames):
+    benchmark(center_field, frames[0].surface)
 
 
 def test_find_anchors(benchmark, frames):

@@ -161,7 +161,9 @@ def test_a_path_comes_through_the_triangle_that_a_missing_corner_leaves():
     index[present] = np.arange(len(surface))
     source_m = np.array([0.0, 0.013, 0.0])  # up and left of the sheet, in line with the missing node and the middle
     straight = np.linalg.norm(surface.points_m - source_m, axis=1).astype(np.float32)
-    a, b, share = came_from(surface.arrays, straight, index[2, 2])
+    mesh = surface.arrays
+    links = (mesh.link_start, mesh.link_node, mesh.link_length_m)
+    a, b, share = came_from(mesh.points_m, mesh.ring, *links, straight, index[2, 2])
     assert {a, b} == {index[1, 2], index[2, 1]}
     towards_left = share if b == index[2, 1] else 1.0 - share
     assert towards_left == pytest.approx(0.4, abs=1e-3)  # 3 rows down for 2 columns right

@@ -52,7 +52,7 @@ class AnchorConfig:
 
     radius: Positive = 0.5 / 1.75  # r: 0.5 m on a person of 1.75 m
     cap: Positive = 0.06 / 1.75  # how far below its tip the extremal cap reaches: 6 cm, about a fist
-    gate: Positive = 0.25 / 1.75  # how far from its prediction an anchor may be: half a forearm
+    gate: Positive = 0.25 / 1.75  # so near its prediction, an end is the anchor in any pose: half a forearm
 
 
 HEAD_GATE: Final = 0.18 / 1.75  # of the height; a head moves less, and a neck without its head is 20 cm away

@@ -89,12 +89,12 @@ def fill_fans(mesh: MeshArrays, active: np.ndarray, fans: Fans) -> None:
             fans.rim[node] = _fill_fan(mesh, node, fans)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _fill_fan(mesh: MeshArrays, node: int, fans: Fans) -> bool:
     """Fill in the neighbours and edges of one node; whether the surface ends at it.
 
     A triangle exists when all its three edges do: the dot product of any other is NaN, which no comparison lets pass.
-    A missing neighbour is ``AWAY``.
+    A missing neighbour is ``AWAY``. Inlined, since a call would count the references to eleven arrays.
     """
     points, ring = mesh.points_m, mesh.ring
     near, fan, edge = fans.near, fans.fan, fans.edge

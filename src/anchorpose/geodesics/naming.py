@@ -49,11 +49,12 @@ FROM_HEAD: Final = np.array([0.47, 0.47, 0.92, 0.92])
 """How far hands and feet are from the head along their paths, over the body height; 0.25 for a hand above the head."""
 
 FROM_HEAD_TOLERANCE: Final = 0.20
-MISSED: Final = 4.0  # tolerances: an anchor that would cost more is missed
-AT_PREDICTION: Final = 3.5  # tolerances: the most that an anchor costs at its predicted place
-PREDICTION: Final = 1.5  # tolerances: what an extremum costs that is not where the anchor is predicted
-CLEAR: Final = 2.0  # tolerances: at most so far off is what is named in spite of its prediction
-UNPREDICTED: Final = 1.0  # tolerances: the same of an anchor for which nothing is predicted
+# Costs, in tolerances
+MISSED: Final = 4.0  # of an anchor that no extremum is: what would cost more is missed
+PREDICTION: Final = 1.5  # added at most where the anchor is not at its predicted place
+UNPREDICTED: Final = 1.0  # added where nothing is predicted, so that an anchor is at most 3 tolerances off
+AT_PREDICTION: Final = 3.5  # the most at the predicted place, so that an end there is the anchor in any pose
+CLEAR: Final = 2.0  # farther off than so, nothing is named in spite of its prediction
 FARTHEST_OFF: Final = 3.0  # tolerances; what is farther off, one crossed arm or one wrong path, weighs no more
 HEADLESS: Final = 1.5  # tolerances: what hands and feet are off where there is no head to measure from
 ENTRY: Final = 0.20  # of the height, from the centre: shoulders, neck and groin; there a path enters the trunk
@@ -110,7 +111,8 @@ def name_extrema(off2: np.ndarray, apart: np.ndarray, away: np.ndarray, excluded
     off2 (k, 5), apart (k, k): of ``place_costs``. away (k, 5): distance from the anchor's prediction in gates, NaN
     where nothing is predicted. excluded (k, 5) bool: what cannot be that anchor. An anchor costs the root of its
     squared tolerances, for hands and feet with that of the distance from the head, plus at most ``PREDICTION`` for the
-    prediction; a missed one costs ``MISSED``. Every extremum is tried as the head, and none.
+    prediction; a missed one costs ``MISSED``. What is not at its predicted place is named only where it is clear: few
+    tolerances off, and more off from every other name. Every extremum is tried as the head, and none.
     """
     best, least = np.full(1 + LIMBS, -1), np.inf
     for head in range(-1, len(off2)):
@@ -128,10 +130,11 @@ def name_extrema(off2: np.ndarray, apart: np.ndarray, away: np.ndarray, excluded
 
 
 def _with_prediction(off: np.ndarray, away: np.ndarray) -> np.ndarray:
-    """The cost of being so many tolerances and gates off; an end at its predicted place is the anchor in any pose."""
+    """(k, 5): the cost of being so many tolerances (k, 5) and gates (k, 5) off."""
     cost = off + np.where(np.isnan(away), UNPREDICTED, PREDICTION * np.minimum(away, 1.0))
     cost = np.where(away < 1.0, np.minimum(cost, AT_PREDICTION), cost)
-    return np.where((away >= 1.0) & (off > CLEAR), np.inf, cost)
+    unclear = (off > CLEAR) | (off > off.min(axis=1, keepdims=True))
+    return np.where((away >= 1.0) & unclear, np.inf, cost)
 
 
 def _off_head2(apart: np.ndarray) -> np.ndarray:

@@ -7,16 +7,22 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from anchorpose.surface.surface import MeshArrays
 
-
-@njit(cache=True, error_model="numpy")
-def came_from(mesh: MeshArrays, distance: np.ndarray, node: int) -> tuple[int, int, float]:
+@njit(cache=True, error_model="numpy", inline="always")
+def came_from(
+    points: np.ndarray,
+    ring: np.ndarray,
+    link_start: np.ndarray,
+    link_node: np.ndarray,
+    link_length: np.ndarray,
+    distance: np.ndarray,
+    node: int,
+) -> tuple[int, int, float]:
     """Where a node's path comes from: the point (1 - share) a + share b on an edge of its ring, or a node, a = b.
 
-    distance (n,) float32: the field.
+    points (n, 3 or more) float32: places first; ring to link_length: fields of ``MeshArrays``, not as a bundle, since
+    this is called for every node; distance (n,) float32: the field.
     """
-    points, ring, link_start, link_node = mesh.points_m, mesh.ring, mesh.link_start, mesh.link_node
     one: Any
     other: Any
     best, one, other, share = np.inf, -1, -1, 0.0
@@ -35,7 +41,7 @@ def came_from(mesh: MeshArrays, distance: np.ndarray, node: int) -> tuple[int, i
     for k in range(link_start[node], link_start[node + 1]):
         a = np.int64(link_node[k])
         if distance[a] < distance[node]:
-            reached = distance[a] + mesh.link_length_m[k]
+            reached = distance[a] + link_length[k]
             if reached < best:
                 best, one, other, share = reached, a, a, 0.0
     return one, other, share
@@ -76,7 +82,7 @@ def apart(points: np.ndarray, a: Any, b: Any) -> float:
     return np.sqrt(total)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def adjoin(ring: np.ndarray, node: Any, other: int) -> bool:
     """Whether two nodes are neighbours on the grid."""
     for k in range(8):  # noqa: SIM110
@@ -85,7 +91,7 @@ def adjoin(ring: np.ndarray, node: Any, other: int) -> bool:
     return False
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def is_bare(ring: np.ndarray, node: int, other: int) -> bool:
     """Whether no triangle holds the edge to a neighbour."""
     for k in range(8):

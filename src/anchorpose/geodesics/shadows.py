@@ -6,37 +6,28 @@ axis; the way over the whole skin, were the hole filled flat, is the chord to th
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba import njit
 
 from anchorpose.geodesics.paths import apart
-from anchorpose.surface.surface import MeshArrays, Surface
+from anchorpose.surface.surface import Surface
 
+POINT, NORMAL, SKIN = 0, 3, 6  # columns of skin: place, normal; width
+PLACE, HEADING, SIDE, BEND = 0, 2, 5, 6  # columns of bend: below; width
+CORNER, ROOT, CHAIN = 0, 1, 2  # columns of chain: below; width
+"""What the kernels know of the n nodes, in arrays of many columns instead of bundles of arrays.
 
-class Rim(NamedTuple):
-    """open (n,) bool: rim nodes around which the triangles do not close; hole (n, 3) float64: the way out from them."""
+What is called for every node takes plain arrays and is inlined: counting the references to the arrays of a bundle at
+every call took four fifths of the time.
 
-    open: np.ndarray
-    hole: np.ndarray
-
-
-class Bends(NamedTuple):
-    """How the paths of one field bend around rims.
-
-    place (n, 2): where a shadow node is in the plane that its path is laid out in, the anchor at the origin and the
-    path's first piece along the first axis; corner (n,) int32: the rim node around which the path bends last, -1 in the
-    light, -2 so deep in the shadow that it is not computed; root (n,) int32: the one around which it bends first, which
-    names the plane; heading (n, 3): direction of the path's last piece; side (n,): 1 or -1, to which side a rim node
-    bends paths.
-    """
-
-    place: np.ndarray
-    corner: np.ndarray
-    root: np.ndarray
-    heading: np.ndarray
-    side: np.ndarray
+skin (n, 6) float32: point and normal. bend (n, 6) float64: how the paths of one field bend around rims. Place: where a
+shadow node is in the plane that its path is laid out in, the anchor at the origin and the path's first piece along the
+first axis; heading: direction of the path's last piece; side: 1 or -1, to which side a rim node bends paths. chain
+(n, 2) int32. Corner: the rim node around which the path bends last, -1 in the light, -2 so deep in the shadow that it
+is not computed; root: the one around which it bends first, which names the plane.
+"""
 
 
 def hole_directions(surface: Surface, is_open: np.ndarray) -> np.ndarray:
@@ -54,90 +45,102 @@ def hole_directions(surface: Surface, is_open: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy")
 def cast_shadow(
-    mesh: MeshArrays,
-    rim: Rim,
+    skin: np.ndarray,
+    is_open: np.ndarray,
+    hole: np.ndarray,
     distance: np.ndarray,
-    bends: Bends,
+    bend: np.ndarray,
+    chain: np.ndarray,
     node: int,
     edge: tuple[int, int],
     share: float,
     linked: bool,
 ) -> None:
-    """Where the node lies in the plane of its path, if that bends; its path comes from between the ends of an edge."""
-    points, place, corner, root, side = mesh.points_m, bends.place, bends.corner, bends.root, bends.side
+    """Where the node lies in the plane of its path, if that bends; its path comes from between the ends of an edge.
+
+    is_open (n,) bool: rim nodes around which the triangles do not close; hole (n, 3) float64: the way out from them.
+    """
     a, b = edge
-    if corner[a] == -2 or corner[b] == -2:
-        if corner[a if share <= 0.5 else b] == -2:
-            corner[node] = -2
+    if chain[a, CORNER] == -2 or chain[b, CORNER] == -2:
+        if chain[a if share <= 0.5 else b, CORNER] == -2:
+            chain[node, CORNER] = -2
             return
         a = a if share <= 0.5 else b
         b, share = a, 0.0
-    if rim.open[b] and not rim.open[a]:
+    if is_open[b] and not is_open[a]:
         a, b, share = b, a, 1.0 - share
-    if rim.open[a] and not linked and (a == b or corner[b] == a or rim.open[b]):
-        if rim.open[b] and share > 0.5:
+    if is_open[a] and not linked and (a == b or chain[b, CORNER] == a or is_open[b]):
+        if is_open[b] and share > 0.5:
             a = b
-        turn = _bend(mesh, rim.hole, bends.heading, a, node)
+        turn = _turn(skin, hole, bend, a, node)
         if turn != 0.0:
-            _around(distance, bends, a, turn, node)
+            _around(distance, bend, chain, a, turn, node)
             return
         b, share = a, 0.0
-    if corner[a] < 0 and corner[b] < 0:
+    if chain[a, CORNER] < 0 and chain[b, CORNER] < 0:
         return
-    if corner[a] < 0:  # a is the one in the shadow
+    if chain[a, CORNER] < 0:  # a is the one in the shadow
         a, b, share = b, a, 1.0 - share
-    last = np.int64(corner[a])
-    if corner[b] >= 0 and root[b] == root[a] and distance[corner[b]] > distance[last]:
-        last = np.int64(corner[b])
-    at_x, at_y = place[a, 0], place[a, 1]
-    if share > 0.0 and (corner[b] < 0 or root[b] == root[a]):
-        b_x, b_y = place[b, 0], place[b, 1]
-        if corner[b] < 0 and b != root[a]:
-            b_x, b_y = _third_corner(at_x, at_y, 0.0, 0.0, apart(points, a, b), distance[b], side[root[a]])
-        from_a, from_b = apart(points, a, node), apart(points, b, node)
-        away = np.sign((b_x - at_x) * (at_y - place[last, 1]) - (b_y - at_y) * (at_x - place[last, 0]))
+    last = np.int64(chain[a, CORNER])
+    if chain[b, CORNER] >= 0 and chain[b, ROOT] == chain[a, ROOT] and distance[chain[b, CORNER]] > distance[last]:
+        last = np.int64(chain[b, CORNER])
+    at_x, at_y = bend[a, PLACE], bend[a, PLACE + 1]
+    if share > 0.0 and (chain[b, CORNER] < 0 or chain[b, ROOT] == chain[a, ROOT]):
+        b_x, b_y = bend[b, PLACE], bend[b, PLACE + 1]
+        if chain[b, CORNER] < 0 and b != chain[a, ROOT]:
+            b_x, b_y = _third_corner(at_x, at_y, 0.0, 0.0, apart(skin, a, b), distance[b], bend[chain[a, ROOT], SIDE])
+        from_a, from_b = apart(skin, a, node), apart(skin, b, node)
+        away = np.sign((b_x - at_x) * (at_y - bend[last, PLACE + 1]) - (b_y - at_y) * (at_x - bend[last, PLACE]))
         at_x, at_y = _third_corner(at_x, at_y, b_x, b_y, from_a, from_b, away)
-    _behind(distance, bends, node, last, root[a], at_x, at_y)
+    _behind(distance, bend, chain, node, last, chain[a, ROOT], at_x, at_y)
 
 
 @njit(cache=True, error_model="numpy")
-def _behind(distance: np.ndarray, bends: Bends, node: int, last: Any, first: int, at_x: float, at_y: float) -> None:
+def _behind(
+    distance: np.ndarray,
+    bend: np.ndarray,
+    chain: np.ndarray,
+    node: int,
+    last: Any,
+    first: int,
+    at_x: float,
+    at_y: float,
+) -> None:
     """The path comes from behind the last corner, or behind the one before it that it still bends around.
 
     at_x, at_y: where the path leads through, seen from the corners; first: the corner around which it bends first.
     """
-    place, corner, root, side = bends.place, bends.corner, bends.root, bends.side
     while last >= 0:
-        x, y = at_x - place[last, 0], at_y - place[last, 1]
-        in_x, in_y = _arrival(last, place, corner)
+        x, y = at_x - bend[last, PLACE], at_y - bend[last, PLACE + 1]
+        in_x, in_y = _arrival(last, bend, chain)
         length = np.sqrt(x * x + y * y)
-        if (in_x * y - in_y * x) * side[last] > 0.0 and length > 0.0:
+        if (in_x * y - in_y * x) * bend[last, SIDE] > 0.0 and length > 0.0:
             reach = distance[node] - distance[last]
-            place[node, 0] = place[last, 0] + reach * x / length
-            place[node, 1] = place[last, 1] + reach * y / length
-            corner[node], root[node] = last, first
+            bend[node, PLACE] = bend[last, PLACE] + reach * x / length
+            bend[node, PLACE + 1] = bend[last, PLACE + 1] + reach * y / length
+            chain[node, CORNER], chain[node, ROOT] = last, first
             return
-        last = np.int64(corner[last])
+        last = np.int64(chain[last, CORNER])
 
 
 @njit(cache=True, error_model="numpy")
-def _around(distance: np.ndarray, bends: Bends, at: int, turn: float, node: int) -> None:
+def _around(distance: np.ndarray, bend: np.ndarray, chain: np.ndarray, at: int, turn: float, node: int) -> None:
     """The path bends at a rim node by ``turn`` and reaches the node from there."""
-    place, corner, root = bends.place, bends.corner, bends.root
-    x, y = _arrival(at, place, corner)
+    x, y = _arrival(at, bend, chain)
     reach = distance[node] - distance[at]
-    place[node, 0] = place[at, 0] + reach * (x * np.cos(turn) - y * np.sin(turn))
-    place[node, 1] = place[at, 1] + reach * (x * np.sin(turn) + y * np.cos(turn))
-    corner[node], bends.side[at] = at, np.sign(turn)
-    root[node] = root[at] if corner[at] >= 0 else at
+    bend[node, PLACE] = bend[at, PLACE] + reach * (x * np.cos(turn) - y * np.sin(turn))
+    bend[node, PLACE + 1] = bend[at, PLACE + 1] + reach * (x * np.sin(turn) + y * np.cos(turn))
+    chain[node, CORNER], bend[at, SIDE] = at, np.sign(turn)
+    chain[node, ROOT] = chain[at, ROOT] if chain[at, CORNER] >= 0 else at
 
 
 @njit(cache=True, error_model="numpy")
-def _arrival(at: Any, place: np.ndarray, corner: np.ndarray) -> tuple[float, float]:
+def _arrival(at: Any, bend: np.ndarray, chain: np.ndarray) -> tuple[float, float]:
     """The direction in which the path comes to a rim node, in the plane."""
-    if corner[at] < 0:
+    before = chain[at, CORNER]
+    if before < 0:
         return 1.0, 0.0
-    x, y = place[at, 0] - place[corner[at], 0], place[at, 1] - place[corner[at], 1]
+    x, y = bend[at, PLACE] - bend[before, PLACE], bend[at, PLACE + 1] - bend[before, PLACE + 1]
     length = max(np.sqrt(x * x + y * y), 1e-9)
     return x / length, y / length
 
@@ -155,21 +158,22 @@ def _third_corner(
 
 
 @njit(cache=True, error_model="numpy")
-def _bend(mesh: MeshArrays, hole: np.ndarray, heading: np.ndarray, at: int, node: int) -> float:
+def _turn(skin: np.ndarray, hole: np.ndarray, bend: np.ndarray, at: int, node: int) -> float:
     """The angle between the path's pieces to and from a rim node, seen along the normal; 0 unless towards the hole."""
-    points, normals = mesh.points_m, mesh.normals
     cosine, sine, side, up_in, up_out = 0.0, 0.0, 0.0, 0.0, 0.0
     for axis in range(3):
-        out = np.float64(points[node, axis]) - points[at, axis]
-        up_in += heading[at, axis] * normals[at, axis]
-        up_out += out * normals[at, axis]
-        cosine += heading[at, axis] * out
+        out = np.float64(skin[node, POINT + axis]) - skin[at, POINT + axis]
+        up_in += bend[at, HEADING + axis] * skin[at, NORMAL + axis]
+        up_out += out * skin[at, NORMAL + axis]
+        cosine += bend[at, HEADING + axis] * out
     cosine -= up_in * up_out
     for axis in range(3):
         i, j = (axis + 1) % 3, (axis + 2) % 3
-        out_i, out_j = points[node, i] - points[at, i], points[node, j] - points[at, j]
-        sine += normals[at, axis] * (heading[at, i] * out_j - heading[at, j] * out_i)
-        side += normals[at, axis] * (heading[at, i] * hole[at, j] - heading[at, j] * hole[at, i])
+        in_i, in_j = bend[at, HEADING + i], bend[at, HEADING + j]
+        out_i = skin[node, POINT + i] - skin[at, POINT + i]
+        out_j = skin[node, POINT + j] - skin[at, POINT + j]
+        sine += skin[at, NORMAL + axis] * (in_i * out_j - in_j * out_i)
+        side += skin[at, NORMAL + axis] * (in_i * hole[at, j] - in_j * hole[at, i])
     if sine * side <= 0.0:
         return 0.0
     return np.arctan2(sine, cosine)

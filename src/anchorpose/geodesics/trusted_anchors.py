@@ -14,7 +14,18 @@ import numpy as np
 from numba import njit
 
 from anchorpose.geodesics.paths import adjoin, by_distance, came_from, is_bare, open_nodes
-from anchorpose.geodesics.shadows import Bends, Rim, cast_shadow, hole_directions
+from anchorpose.geodesics.shadows import (
+    BEND,
+    CHAIN,
+    CORNER,
+    HEADING,
+    NORMAL,
+    PLACE,
+    POINT,
+    SKIN,
+    cast_shadow,
+    hole_directions,
+)
 from anchorpose.surface.surface import MeshArrays, Surface
 
 TOLERANCE_M: Final = 0.010
@@ -55,70 +66,93 @@ def detour(surface: Surface, descriptor: np.ndarray, rim: np.ndarray, enough_m: 
         raise ValueError("the surface has nodes whose position or normal is not finite")
     fields = np.ascontiguousarray(descriptor.T, dtype=np.float32)
     is_open = open_nodes(surface.ring, rim)
-    return _detours(surface.arrays, Rim(is_open, hole_directions(surface, is_open)), fields, float(enough_m))
+    return _detours(surface.arrays, is_open, hole_directions(surface, is_open), fields, float(enough_m))
 
 
 @njit(cache=True, error_model="numpy")
-def _detours(mesh: MeshArrays, rim: Rim, fields: np.ndarray, enough: float) -> np.ndarray:
+def _detours(mesh: MeshArrays, is_open: np.ndarray, hole: np.ndarray, fields: np.ndarray, enough: float) -> np.ndarray:
     """(n, k) float32 for fields (k, n). Node by node in the order of distance; only rim nodes and what lies behind them
-    need more than a glance."""
-    count, is_open = len(mesh.points_m), rim.open
+    need more than a glance. is_open (n,) bool, hole (n, 3): see ``shadows.cast_shadow``."""
+    count, skin = len(mesh.points_m), _skin(mesh)
+    ring, link_start, link_node, link_length = mesh.ring, mesh.link_start, mesh.link_node, mesh.link_length_m
     every = np.full((len(fields), count), np.nan, np.float32)
-    corner, root = np.full(count, -1, np.int32), np.full(count, -1, np.int32)
-    bends = Bends(np.zeros((count, 2)), corner, root, np.zeros((count, 3)), np.zeros(count))
+    bend, chain = np.zeros((count, BEND)), np.empty((count, CHAIN), np.int32)
     for row in range(len(fields)):
         distance, found = fields[row], every[row]
-        corner[:], root[:] = -1, -1
+        chain[:] = -1
         affected = is_open.copy()  # rim nodes, and nodes with a nearer neighbour at a rim or in the shadow
         for number in by_distance(distance):
             node: Any = np.int64(number)
             found[node] = 0.0
             if not affected[node]:
                 continue
-            bends.place[node, 0], bends.place[node, 1] = distance[node], 0.0
+            bend[node, PLACE], bend[node, PLACE + 1] = distance[node], 0.0
             if not is_open[node]:
-                least = _least_before(mesh, distance, found, node)
+                least = _least_before(ring, link_start, link_node, distance, found, node)
                 if least > enough:
-                    found[node], corner[node] = least, -2
-                    _mark_neighbours(mesh, node, affected)
+                    found[node], chain[node, CORNER] = least, -2
+                    _mark_neighbours(ring, link_start, link_node, node, affected)
                     continue
-            found[node] = _detour_of(mesh, rim, distance, found, bends, node)
-            if corner[node] != -1 or is_open[node]:
-                _mark_neighbours(mesh, node, affected)
+            a, b, share = came_from(skin, ring, link_start, link_node, link_length, distance, node)
+            linked = a >= 0 and not adjoin(ring, node, a)
+            comes = a >= 0 and not (linked and chain[a, CORNER] == -1)
+            _set_heading(skin, bend, node, (a, b), share, comes and not linked)
+            if comes:
+                cast_shadow(skin, is_open, hole, distance, bend, chain, node, (a, b), share, linked)
+            found[node] = _detour_of(distance, found, bend, chain, node, a if share <= 0.5 else b)
+            if a == b and a >= 0 and is_open[a] and is_open[node] and is_bare(ring, node, a):
+                found[node], chain[node, CORNER] = np.inf, -2
+            if chain[node, CORNER] != -1 or is_open[node]:
+                _mark_neighbours(ring, link_start, link_node, node, affected)
     return every.T
 
 
 @njit(cache=True, error_model="numpy")
+def _skin(mesh: MeshArrays) -> np.ndarray:
+    """(n, 6) float32: points and normals side by side."""
+    skin = np.empty((len(mesh.points_m), SKIN), np.float32)
+    skin[:, POINT : POINT + 3] = mesh.points_m
+    skin[:, NORMAL : NORMAL + 3] = mesh.normals
+    return skin
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _set_heading(
+    skin: np.ndarray, bend: np.ndarray, node: int, edge: tuple[int, int], share: float, known: bool
+) -> None:
+    """The direction of a path's last piece, which comes from between the ends of an edge.
+
+    It stays 0 behind a link: a path that comes across the hole does not bend around it.
+    """
+    a, b = edge
+    for axis in range(3):
+        bend[node, HEADING + axis] = 0.0
+        if known:
+            start = (1.0 - share) * skin[a, POINT + axis] + share * skin[b, POINT + axis]
+            bend[node, HEADING + axis] = skin[node, POINT + axis] - start
+
+
+@njit(cache=True, error_model="numpy", inline="always")
 def _detour_of(
-    mesh: MeshArrays, rim: Rim, distance: np.ndarray, found: np.ndarray, bends: Bends, node: int
+    distance: np.ndarray, found: np.ndarray, bend: np.ndarray, chain: np.ndarray, node: int, before: int
 ) -> np.float32:
-    """The detour of one node, from those of the nearer ones; fills in its bends."""
-    points, corner, place = mesh.points_m, bends.corner, bends.place
-    detour = np.float32(0.0)
-    a, b, share = came_from(mesh, distance, node)
-    for axis in range(3):  # stays 0 behind a link: a path that comes across the hole does not bend around it
-        bends.heading[node, axis] = 0.0
-    linked = a >= 0 and not adjoin(mesh.ring, node, a)
-    if a >= 0 and not (linked and corner[a] == -1):
-        for axis in range(0 if linked else 3):
-            start = (1.0 - share) * points[a, axis] + share * points[b, axis]
-            bends.heading[node, axis] = points[node, axis] - start
-        cast_shadow(mesh, rim, distance, bends, node, (a, b), share, linked)
-    if corner[node] >= 0:
-        chord = np.sqrt(place[node, 0] ** 2 + place[node, 1] ** 2)
-        detour = np.float32(max(distance[node] - chord, 0.0))
-    elif corner[node] == -2:
-        detour = found[a if share <= 0.5 else b]
-    if a == b and a >= 0 and rim.open[a] and rim.open[node] and is_bare(mesh.ring, node, a):
-        detour = np.float32(np.inf)
-        corner[node] = -2
-    return detour
+    """The detour of one node, whose path is laid out, from that of the nearer node before it."""
+    if chain[node, CORNER] >= 0:
+        chord = np.sqrt(bend[node, PLACE] ** 2 + bend[node, PLACE + 1] ** 2)
+        return np.float32(max(distance[node] - chord, 0.0))
+    return found[before] if chain[node, CORNER] == -2 else np.float32(0.0)
 
 
-@njit(cache=True, error_model="numpy")
-def _least_before(mesh: MeshArrays, distance: np.ndarray, found: np.ndarray, node: int) -> float:
+@njit(cache=True, error_model="numpy", inline="always")
+def _least_before(
+    ring: np.ndarray,
+    link_start: np.ndarray,
+    link_node: np.ndarray,
+    distance: np.ndarray,
+    found: np.ndarray,
+    node: int,
+) -> float:
     """The least detour among the nearer neighbours; the node's path passes between two of them."""
-    ring, link_start, link_node = mesh.ring, mesh.link_start, mesh.link_node
     least = np.inf
     for k in range(8):
         other = ring[node, k]
@@ -131,9 +165,10 @@ def _least_before(mesh: MeshArrays, distance: np.ndarray, found: np.ndarray, nod
     return least
 
 
-@njit(cache=True, error_model="numpy")
-def _mark_neighbours(mesh: MeshArrays, node: int, marked: np.ndarray) -> None:
-    ring, link_start, link_node = mesh.ring, mesh.link_start, mesh.link_node
+@njit(cache=True, error_model="numpy", inline="always")
+def _mark_neighbours(
+    ring: np.ndarray, link_start: np.ndarray, link_node: np.ndarray, node: int, marked: np.ndarray
+) -> None:
     for k in range(8):
         if ring[node, k] >= 0:
             marked[ring[node, k]] = True

@@ -10,8 +10,8 @@ import numpy as np
 
 from anchorpose.body.skin_points import body_points
 from anchorpose.geodesics.anchors import ANCHOR_NAMES
-from anchorpose.geodesics.distance import geodesic_distance
-from anchorpose.geodesics.extrema import geodesic_extrema, surface_center
+from anchorpose.geodesics.center import center_field
+from anchorpose.geodesics.extrema import geodesic_extrema
 from anchorpose.isolation.background import equipment_mask, foreground
 from anchorpose.isolation.scene import find_pieces
 from anchorpose.isolation.view import PixelLabel
@@ -154,7 +154,9 @@ def draw_geodesics(one: InspectedCamera, seen: Observation, own: np.ndarray) -> 
 def draw_anchors(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray:
     """The extrema, those identified as head, hands and feet, and which of the five anchors are missed."""
     picture, to_pixel = _canvas(one)
-    extrema = geodesic_extrema(seen.whole, _whole_field(seen), one.config.anchors.radius * one.inspection.height_m)
+    extrema = geodesic_extrema(
+        seen.whole, center_field(seen.whole).distance_m, one.config.anchors.radius * one.inspection.height_m
+    )
     draw_values(picture, one.camera, seen.surface.pixel[own], np.full(int(own.sum()), 0.35), 1.0, None)
     draw_dots(picture, to_pixel(seen.surface.points_m[extrema[own[extrema]]]), WHITE, 11, hollow=True)
     found = seen.anchors.found
@@ -228,12 +230,8 @@ def _canvas(one: InspectedCamera) -> tuple[np.ndarray, Projection]:
 
 def _field(seen: Observation) -> tuple[np.ndarray, int]:
     """(n,) geodesic distance from the centre, and the centre, as ``find_anchors`` computes them."""
-    return _whole_field(seen)[: len(seen.surface)], surface_center(seen.surface)
-
-
-def _whole_field(seen: Observation) -> np.ndarray:
-    """The same over the whole body, hidden skin included."""
-    return geodesic_distance(seen.whole, np.array([surface_center(seen.whole)]))[0]
+    whole = center_field(seen.whole)
+    return whole.distance_m[: len(seen.surface)], whole.center
 
 
 def person_name(label: int) -> str:

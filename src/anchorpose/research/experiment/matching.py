@@ -15,8 +15,8 @@ import numpy as np
 from anchorpose.association.hypotheses import Matcher
 from anchorpose.body.pose import Pose
 from anchorpose.geodesics.anchors import anchor_descriptor
-from anchorpose.geodesics.distance import geodesic_distance
-from anchorpose.geodesics.extrema import geodesic_extrema, surface_center
+from anchorpose.geodesics.center import center_field
+from anchorpose.geodesics.extrema import geodesic_extrema
 from anchorpose.recording.reader import read_frames
 from anchorpose.research.experiment.correspondence import Skin, TruePlaces
 from anchorpose.research.experiment.framework import Reference, start_at
@@ -154,7 +154,7 @@ def _seconds(method: Method, setting: object, window: Window) -> float:
     method.associate(setting)(now, after, config).all()
     if method.family is Family.PROPOSED:  # its descriptors are made with the observation
         for seen in (now, after):
-            field = geodesic_distance(seen.whole, np.array([surface_center(seen.whole)]))[0]
+            field = center_field(seen.whole).distance_m
             geodesic_extrema(seen.whole, field, config.anchors.radius * window.tracker.height_m)
             anchor_descriptor(seen.whole, seen.anchors)
     return time.process_time() - start
