@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import shutil
+import tempfile
 from pathlib import Path
 from typing import Final
 
@@ -11,6 +12,7 @@ import anchorpose
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.write import simulate_recording
 
+KEPT: Final = Path(tempfile.gettempdir()) / "anchorpose-recordings"
 MADE_BY: Final = "made_by.txt"
 SOURCES: Final = ("simulate", "body/data", "body/kinematics.py", "body/asset.py", "camera.py", "joints.py")
 """What a recording depends on, besides its settings."""

@@ -27,7 +27,7 @@ from typing import Any, Final
 from unittest import mock
 
 import numpy as np
-from cached_recordings import cached_recording
+from cached_recordings import KEPT, cached_recording
 from intervals import PairedDifference, paired_difference
 
 from anchorpose.association.hypotheses import Feature, HypothesisConfig
@@ -268,7 +268,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=12, help="recordings of each situation")
     parser.add_argument("--first-seed", type=int, default=1201)
     parser.add_argument("--situations", nargs="+", choices=list(SITUATIONS), default=list(SITUATIONS))
-    parser.add_argument("--recordings", type=Path, default=Path("worth_recordings"), help="where they are kept")
+    parser.add_argument("--recordings", type=Path, default=KEPT, help="where they are kept, %(default)s")
     parser.add_argument("--out", type=Path, help="all scores and comparisons as JSON")
     options = parser.parse_args()
     scores = list[Score]()

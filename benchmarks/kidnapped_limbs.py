@@ -25,7 +25,8 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import numpy as np
-from cached_recordings import cached_recording
+from cached_recordings import KEPT, cached_recording
+from hard_scenes import hard_scenes
 from intervals import wilson
 from kidnapping import Judge, Limits, Outcome, Past, kidnap
 from spoilt_poses import Kind, Spoil, spoilt
@@ -224,28 +225,37 @@ def as_json(trial: Trial) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def chosen_recordings(options: argparse.Namespace) -> dict[tuple[str, int], presets.SimulationConfig]:
+    """By scene and seed."""
+    seeds = range(options.first_seed, options.first_seed + options.seeds)
+    found = {(scene, seed): SCENES[scene](seed, options.seconds) for scene, seed in product(options.scenes, seeds)}
+    return found | (hard_scenes(options.hard, options.movements, options.seconds) if options.hard else {})
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--trials", type=int, default=200, help="of each kind, over all recordings")
     parser.add_argument("--kinds", nargs="+", type=Kind, choices=list(Kind), default=list(Kind))
-    parser.add_argument("--scenes", nargs="+", choices=list(SCENES), default=list(SCENES))
+    parser.add_argument("--scenes", nargs="*", choices=list(SCENES), default=list(SCENES))
     parser.add_argument("--seeds", type=int, default=3, help="recordings of each scene")
     parser.add_argument("--first-seed", type=int, default=1101)
     parser.add_argument("--seconds", type=float, default=6.0, help="length of each recording, at 15 frames a second")
-    parser.add_argument("--recordings", type=Path, default=Path("kidnapped_recordings"), help="where they are kept")
+    parser.add_argument("--hard", choices=("tuning", "held-out"), help="the hard scenes as well (hard_scenes.py)")
+    parser.add_argument("--movements", type=Path, help="captured movements that the hard scenes need")
+    parser.add_argument("--recordings", type=Path, default=KEPT, help="where they are kept, %(default)s")
     parser.add_argument("--as-they-are", action="store_true", help="use recordings that another simulator made, too")
     parser.add_argument("--out", type=Path, help="all trials as JSON")
     options = parser.parse_args()
-    names = list(product(options.scenes, range(options.first_seed, options.first_seed + options.seeds)))
+    if options.hard and not (options.movements and options.movements.is_file()):
+        sys.exit("--hard needs --movements with the file of captured movements.")
+    recordings = chosen_recordings(options)
     trials = list[Trial]()
-    for number, (scene, seed) in enumerate(names):
+    for number, ((scene, seed), config) in enumerate(recordings.items()):
         done = {kind: sum(trial.spoil.kind is kind for trial in trials) for kind in options.kinds}
-        wanted = {kind: -(-(options.trials - done[kind]) // (len(names) - number)) for kind in options.kinds}
-        config = SCENES[scene](seed, options.seconds)
-        simulated = cached_recording(
-            options.recordings, f"{scene}-{seed}-{options.seconds:g}", config, options.as_they_are
-        )
+        wanted = {kind: -(-(options.trials - done[kind]) // (len(recordings) - number)) for kind in options.kinds}
+        folder = f"{scene}-{seed}-{options.seconds:g}"
+        simulated = cached_recording(options.recordings, folder, config, options.as_they_are)
         with one_thread():
             for trial in try_recording((scene, seed), simulated, options.kinds, wanted):
                 trials.append(trial)
