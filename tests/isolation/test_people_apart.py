@@ -210,6 +210,10 @@ def test_a_missing_picture_stays_missing():
     assert separate(pieces, memory, None, A_FRAME_S, CONFIG)[1] is None
 
 
+def test_a_moment_without_any_depth_image_has_no_view_even_where_the_patient_is_expected():
+    assert separate([None], empty_memory(), skin_likelihood(*body(0, 0)), A_FRAME_S, CONFIG) == (None,)
+
+
 def test_settings_that_make_no_sense_are_refused():
     with pytest.raises(ValueError, match="reach_m"):
         IsolationConfig(reach_m=-1)

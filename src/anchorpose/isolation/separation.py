@@ -180,8 +180,8 @@ def _without_parts(
     neither, and is connected to the patient, is a part of the patient.
     """
     bodies = np.unique(expected.owner)
-    labels = np.unique(np.concatenate([np.flatnonzero(np.bincount(owner)) for owner in owners]))
-    doubtful = [int(k) for k in labels if k >= PixelLabel.OTHER_PERSON and k not in bodies]
+    labels = {int(label) for owner in owners for label in np.flatnonzero(np.bincount(owner))}
+    doubtful = [k for k in sorted(labels) if k >= PixelLabel.OTHER_PERSON and k not in bodies]
     skin = expected.points_m[expected.owner == PixelLabel.PATIENT]
     if not doubtful or not len(skin):
         return owners
