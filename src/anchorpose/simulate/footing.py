@@ -48,6 +48,8 @@ def find_footing(ankle_m: np.ndarray, height_m: np.ndarray, toes: np.ndarray, fo
     """
     lift, heel_m = _lift(ankle_m, height_m)
     spans = [_stands(ankle_m[:, side], lift[:, side]) for side in (0, 1)]
+    if not any(spans):
+        spans = [[(0, len(ankle_m))]] * 2
     place = np.stack([_places(ankle_m[:, side], spans[side]) for side in (0, 1)], axis=1)
     stands = np.stack([_weights(spans[side], len(ankle_m)) for side in (0, 1)], axis=1)
     place[..., 1] = np.maximum(lift * (1.0 - stands), _step_lift(place, stands))
@@ -57,7 +59,8 @@ def find_footing(ankle_m: np.ndarray, height_m: np.ndarray, toes: np.ndarray, fo
 
 def _lift(ankle_m: np.ndarray, height_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(n, 2) how high the foot is in the air, and how high a heel has risen while the toes stay down."""
-    above = height_m - np.percentile(height_m, 20.0, axis=0)
+    floor = np.percentile(height_m, 10.0, axis=0)
+    above = height_m - np.minimum(floor, floor.min() + WAVER_M)  # a leg may be held up all the time
     lift = above * ease((above - WAVER_M) / CLEAR_M)
     heel = np.zeros_like(lift)
     for side in (0, 1):
@@ -80,7 +83,7 @@ def _stands(ankle_m: np.ndarray, lift_m: np.ndarray) -> Spans:
     speed = np.linalg.norm(np.gradient(course, axis=0), axis=1) * CLIP_HZ
     spans = [span for span in _spans((speed < MOVING_M_S) & (lift_m <= 0.0)) if _lasts(span)]
     merged: Spans = []
-    for a, b in spans or [(0, len(ankle_m))]:
+    for a, b in spans:
         if merged:
             before, after = (np.median(ankle_m[i:j], axis=0) for i, j in (merged[-1], (a, b)))
             if np.linalg.norm((after - before)[[0, 2]]) < SAME_PLACE_M and lift_m[merged[-1][1] : a].max() <= 0.0:
@@ -114,7 +117,7 @@ def _places(ankle_m: np.ndarray, stands: Spans) -> np.ndarray:
         course[a:b], between[a:b] = place, False
         known += [a, b - 1]
         offset += [place - ankle_m[a], place - ankle_m[b - 1]]
-    for axis in range(3):
+    for axis in range(3) if known else ():
         shift = np.interp(rows, known, [gap[axis] for gap in offset])
         course[between, axis] += shift[between]
     return course
@@ -134,4 +137,6 @@ def _yaws(toes: np.ndarray, stands: Spans) -> np.ndarray:
     for a, b in stands:
         known += [a, b - 1]
         value += [float(np.median(yaw[a:b]).clip(-YAW_LIMIT, YAW_LIMIT))] * 2
+    if not known:
+        return np.full(len(yaw), float(np.median(yaw).clip(-YAW_LIMIT, YAW_LIMIT)))
     return np.interp(np.arange(len(yaw)), known, value)
