@@ -100,6 +100,7 @@ def _check_equipment(config: SimulationConfig) -> None:
     _require(not clash, f"{', '.join(sorted(clash))} does not fit into a standing frame; choose other equipment")
     _require(not config.chest_pad or config.equipment == "parallel-bars", "a chest pad needs parallel bars")
     _require((config.movement is None) != captured, "movement and movement_file belong together")
+    _require(not captured or config.motions == ("mixed",), "a captured movement cannot follow motions as well")
     name = config.movement if config.movement is None else movement_of(config.movement)
     _require(
         config.movement is None or name is not None, f"movement must be one of {tuple(MOVEMENTS)} or a clip's name"
@@ -148,9 +149,14 @@ def clinic(seed: int, seconds: float = 10.0, fps: float = 15.0) -> SimulationCon
 
 
 def scene(config: SimulationConfig, name: Scene) -> SimulationConfig:
-    """``config`` with a patient who is easily lost: away at first or later, hidden behind a curtain, or seated."""
+    """``config`` with a patient who is easily lost: away at first or later, hidden behind a curtain, or seated.
+
+    Without the standing frame where the patient walks or sits; raises ValueError for other equipment that stands in the
+    way of walking, and for captured movements, which have no motions.
+    """
     seconds = config.seconds
-    free = replace(config, equipment="none", stool=False, motions=("squat", "reach"))
+    equipment: Equipment = "none" if config.equipment == "standing-frame" else config.equipment
+    free = replace(config, equipment=equipment, stool=False, motions=("squat", "reach"))
     match name:
         case "enters-late":
             return replace(free, away_s=((-1.0, 0.3 * seconds),))
@@ -159,7 +165,7 @@ def scene(config: SimulationConfig, name: Scene) -> SimulationConfig:
         case "hidden":
             return replace(config, curtain_s=(0.45 * seconds, 0.45 * seconds + HIDDEN_S))
         case "sits":
-            return replace(config, equipment="none", stool=True, motions=("sit-to-stand", "reach"))
+            return replace(config, equipment=equipment, stool=True, motions=("sit-to-stand", "reach"))
 
 
 def rough_recorder(config: SimulationConfig) -> SimulationConfig:
