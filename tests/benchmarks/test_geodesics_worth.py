@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -10,18 +11,8 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
-from geodesics_worth import (
-    GEODESIC,
-    MISSING_MM,
-    NEITHER,
-    POSITION,
-    SITUATIONS,
-    VARIANTS,
-    compare,
-    needed_seconds,
-    score,
-    table,
-)
+from geodesics_worth import SITUATIONS, VARIANTS, ProcessorStopwatch, needed_seconds
+from paired_variants import GEODESIC, MISSING_MM, NEITHER, POSITION, compare, score, table
 
 from anchorpose.association.hypotheses import Feature
 from anchorpose.joints import JOINT_COUNT
@@ -51,6 +42,13 @@ def test_stages_without_effect_cost_nothing():
     assert [needed_seconds(spent, variant) for variant in (GEODESIC, POSITION, NEITHER)] == [7.0, 7.0, 4.0]
 
 
+def test_a_stopwatch_of_processor_time_does_not_count_waiting():
+    watch = ProcessorStopwatch()
+    with watch.stage("sleep"):
+        time.sleep(0.2)
+    assert watch.seconds["sleep"] < 0.1
+
+
 def _scores():
     for seed, geodesic_mm, position_mm in ((1, 10.0, 11.0), (2, 20.0, 22.0), (3, 90.0, 93.0)):
         for variant, mm in ((GEODESIC, geodesic_mm), (POSITION, position_mm)):
@@ -73,8 +71,8 @@ def test_the_order_of_the_scores_does_not_matter_to_a_pair():
 
 
 def test_the_table_names_each_situation_and_the_intervals():
-    text = table(compare(list(_scores())), 3)
-    assert "| fast arms, 3 frames a second | position | 42.0 | +2.0 (-0.5 to +4.5) |" in text
+    text = table(compare(list(_scores())), {"arms-3": "fast arms"}, 3)
+    assert "| fast arms | position | 42.0 | +2.0 (-0.5 to +4.5) |" in text
 
 
 @pytest.mark.parametrize("name", SITUATIONS)
