@@ -23,7 +23,7 @@ SADDLE_NEAR, SADDLE_FAR = 0.6, 0.8  # two peaks with more than this of the lower
 NEAR_M, FAR_M = 0.35, 0.50  # each other and far apart: arms carry less, the thighs of a seated person carry more
 
 ONE_BODY_M: Final = 0.47  # axes of one body's columns are at most so far apart: two thighs, two raised arms
-LONG_CONTACT_M: Final = 0.40  # half a trunk's height: people who hold each other touch with hands and forearms
+LONG_CONTACT_M: Final = 0.50  # most of a trunk: of two people who stand half behind each other 0.4 m meet by chance
 
 
 @dataclass(frozen=True, slots=True, eq=False)
