@@ -94,16 +94,18 @@ def joint_states(
 
     covering (p,) bool: skin points that are nearest to a node of the surface (``Explanation.covering``). Skin that lies
     where the patient is seen but covers nothing, such as an arm within the trunk, is behind what is seen.
-    Lost where the cameras look past most of the skin around it: then the joint is not where the pose puts it.
+    Lost where the cameras look past most of the skin around it, and the patient is not seen there: then the joint is
+    not where the pose puts it.
     """
     votes = np.zeros((JOINT_COUNT, SkinReason.PAST + 1))
-    observed = np.zeros(JOINT_COUNT, dtype=bool)
+    observed, possible = np.zeros(JOINT_COUNT, dtype=bool), np.zeros(JOINT_COUNT, dtype=bool)
     around = skin_around_joints(points)
     for view, camera in zip(views, cameras, strict=True):
         if view is None:
             continue
         reason, facing = skin_reasons(posed, view, camera, config.reach_m)
-        reason = np.where((reason == SkinReason.SEEN) & ~covering, SkinReason.SELF, reason)
+        behind = (reason == SkinReason.SEEN) & ~covering
+        reason = np.where(behind, SkinReason.SELF, reason)
         for joint, skin in enumerate(around):
             towards = skin[facing[skin]]
             if not len(towards):
@@ -111,10 +113,11 @@ def joint_states(
                 continue
             counts = np.bincount(reason[towards], minlength=SkinReason.PAST + 1)
             observed[joint] |= counts[SkinReason.SEEN] >= LEAST_SEEN * len(towards)
+            possible[joint] |= counts[SkinReason.SEEN] + behind[towards].sum() >= LEAST_SEEN * len(towards)
             votes[joint] += counts / len(towards)
     votes[:, SkinReason.SEEN] = 0.0
     votes[:, SkinReason.HOLE] += (votes.sum(axis=1) == 0.0) & ~observed  # no camera has a frame
-    misfit = ~observed & (votes[:, SkinReason.PAST] > votes[:, : SkinReason.PAST].sum(axis=1))
+    misfit = ~possible & (votes[:, SkinReason.PAST] > votes[:, : SkinReason.PAST].sum(axis=1))
     reasons = [_REASONS[vote[: SkinReason.PAST].argmax()] for vote in votes]
     states = [JointState.OBSERVED if seen else why for seen, why in zip(observed, reasons, strict=True)]
     return tuple(JointState.LOST if odd else state for odd, state in zip(misfit, states, strict=True))
