@@ -207,21 +207,24 @@ def rehabilitation(
     """``config`` with a captured movement that is under way when the recording begins, drawn by its seed where None.
 
     Parallel bars come with a chest pad and straps where the movement leaves room for it, one therapist behind and one
-    on the knees in front.
+    on the knees in front. Where the patient steps or raises a leg, there is only the one behind.
     """
     rng = np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(MOVEMENT_KEY,)))
     roomy = equipment in ("none", "sling", "parallel-bars")
     drawn = str(rng.choice([name for name in MOVEMENTS if roomy or name not in STEPPING]))
     movement = drawn if movement is None else movement
-    in_bars = equipment == "parallel-bars"
+    in_bars, steps = equipment == "parallel-bars", movement_of(movement) in STEPPING
+    tasks = BEHIND_AND_BEFORE if in_bars else ()
+    if steps:  # nobody kneels where a leg comes up
+        config, tasks = replace(config, therapists=min(config.therapists, 1)), BEHIND_AND_BEFORE[:1]
     return replace(
         config,
         movement_file=movement_file,
         movement=movement,
         equipment=equipment,
-        chest_pad=in_bars and movement_of(movement) not in STEPPING,
+        chest_pad=in_bars and not steps,
         stool=not in_bars,
-        therapist_tasks=BEHIND_AND_BEFORE[: config.therapists] if in_bars else (),
+        therapist_tasks=tasks[: config.therapists],
         therapists_stay=True,
         passers_by=passers_by,
     )

@@ -21,6 +21,7 @@ from anchorpose.simulate.timeline import (
     channel_values,
     posture_from,
     stance_places,
+    standing_pelvis_m,
     walk,
 )
 
@@ -32,6 +33,8 @@ COMFORTABLE_REACH = 0.85  # of the arm's length, from shoulder to hold
 DISTANCES_M = np.linspace(0.3, 1.1, 33)  # from the balls of the feet to the holds
 FOLLOW = 0.85  # share of the patient's motion that the therapist's body follows; the arms do the rest
 FARTHEST_FOLLOW_M = 0.25
+LEAN_M = 0.12  # as far as a therapist follows a patient who does a captured movement
+LOWEST_PELVIS_M = 0.30  # above the floor, of a therapist who crouches
 FLATTENING = -0.45  # radians that the fingers, curled at rest, straighten at each joint to lie on the skin
 HELD_M = 0.005  # a wrist so near to where it wants to be holds
 
@@ -50,7 +53,11 @@ class Therapist:
         person = self.actor.person
         channels = self.actor.channels(times_s)
         place_m, normal = skin_points(patient.person, patient_bones, self.hold.vertices)
-        _follow(channels, self.hold, place_m)
+        captured = isinstance(patient, CapturedActor)  # who may sit down: farther than anybody leans and crouches
+        _follow(channels, self.hold, place_m, LEAN_M if captured else FARTHEST_FOLLOW_M)
+        if captured:
+            lowest = LOWEST_PELVIS_M - standing_pelvis_m(person.body)
+            channels[CHANNEL_INDEX["pelvis_up"]] = channels[CHANNEL_INDEX["pelvis_up"]].clip(lowest)
         goals = _hand_goals(person, self.hold, place_m, normal)
         posture = posture_from(person.body, channels, self.actor.footwork, times_s, goals)
         return pose_bones(person.body, posture)
@@ -204,10 +211,10 @@ def _crouched_shoulders(person: Person, base: np.ndarray) -> tuple[np.ndarray, f
     return rotate(moved[..., :3, :3], body.bone_heads[arms]) + moved[..., :3, 3], arm_m
 
 
-def _follow(channels: np.ndarray, hold: Hold, place_m: np.ndarray) -> None:
+def _follow(channels: np.ndarray, hold: Hold, place_m: np.ndarray, farthest_m: float) -> None:
     """Shift the therapist's pelvis with the patient who is being held."""
     pull = channels[CHANNEL_INDEX["pull_left"]]
-    moved = (FOLLOW * (place_m.mean(axis=1) - hold.reference_m)).clip(-FARTHEST_FOLLOW_M, FARTHEST_FOLLOW_M)
+    moved = (FOLLOW * (place_m.mean(axis=1) - hold.reference_m)).clip(-farthest_m, farthest_m)
     channels[CHANNEL_INDEX["pelvis_up"]] += pull * moved[:, 1]
     channels[CHANNEL_INDEX["pelvis_forward"]] += pull * (moved @ hold.facing)
     channels[CHANNEL_INDEX["pelvis_right"]] += pull * (moved @ np.cross(hold.facing, UP))
