@@ -5,9 +5,11 @@ Called where a pose leaves seen skin of the patient uncovered, or where limbs ma
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
+
+import numpy as np
 
 from anchorpose.body.belief import UNSEEN_S, PoseBelief
 from anchorpose.body.config import RegistrationConfig
@@ -23,15 +25,29 @@ ROUNDS: Final = 4  # one for each limb
 TRIAL_REACHES_M: Final = (0.25, 0.20, 0.15)  # from a proposed limb to the seen one
 TRIAL_NODES: Final = 800  # a third of the nodes tell a good pose from a bad one
 REFINED_REACHES_M: Final = (0.10, 0.07, 0.06)
+APART_M: Final = 0.08  # poses whose joints are nowhere farther apart are one: as much as clothes and holds move
+MOST_TIES: Final = 2
+MOST_LAG: Final = 6.0  # a pose that costs so much more is e^3 times less likely
 LEAST_GAIN: Final = 0.008  # share of the nodes that another pose must explain besides
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Search:
-    """What a search found: registration, of the best pose; rounds in which another pose was taken (0: none)."""
+    """What a search found.
+
+    registration: of the best pose. rounds: in which another pose was taken, 0: none. ties: beliefs in other poses that
+    explain the frame almost as well, and by how much worse (``evidence_cost``).
+    """
 
     registration: Registration
     rounds: int
+    ties: tuple[tuple[PoseBelief, float], ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Tried:
+    pose: Pose
+    cost: float
 
 
 def needs_search(explanation: Explanation) -> bool:
@@ -49,19 +65,24 @@ def search_limbs(
     """
     uncertain = predicted.later(predicted.pose, UNSEEN_S)
     trial = replace(config, reaches_m=TRIAL_REACHES_M, node_count=min(config.node_count, TRIAL_NODES))
-    pose, rounds = found.belief.pose, 0
+    pose, rounds, tried = found.belief.pose, 0, list[_Tried]()
     for _ in range(ROUNDS):
-        better = _best(body, pose, _proposals(body, pose, evidence), uncertain, evidence, trial)
+        tried = _register_all(body, [pose, *_proposals(body, pose, evidence)], uncertain, evidence, trial)
+        better = _clearly_best(tried, evidence, trial)
         if better is None:
             break
-        refined = replace(config, reaches_m=REFINED_REACHES_M)
-        pose, rounds = descend(body, better, replace(uncertain, pose=better), evidence, refined), rounds + 1
+        pose, rounds = _refined(body, better, uncertain, evidence, config), rounds + 1
         if not needs_search(explain(body.points, pose_points(body, pose), evidence)):
             break
-    if rounds == 0:
-        return Search(found, 0)
-    other = posterior(body, pose, replace(uncertain, pose=pose), evidence, config)
-    return Search(other if other.found else found, rounds)
+    if rounds:
+        other = posterior(body, pose, replace(uncertain, pose=pose), evidence, config)
+        found, rounds = (other, rounds) if other.found else (found, 0)
+    return Search(found, rounds, tuple(_ties(body, found, tried, uncertain, evidence, config)))
+
+
+def farthest_joint_m(body: Body, one: Pose, other: Pose) -> float:
+    """The distance of the joint that is farthest from its place in another pose."""
+    return float(np.linalg.norm(body.joints(one) - body.joints(other), axis=1).max())
 
 
 def _proposals(body: Body, pose: Pose, evidence: Evidence) -> Iterator[Pose]:
@@ -71,23 +92,50 @@ def _proposals(body: Body, pose: Pose, evidence: Evidence) -> Iterator[Pose]:
     yield from exchanged(body, pose)
 
 
-def _best(
+def _register_all(
+    body: Body, poses: Sequence[Pose], uncertain: PoseBelief, evidence: Evidence, config: RegistrationConfig
+) -> list[_Tried]:
+    """The first pose as it is, the others after a short registration, and what each costs."""
+    kept = [poses[0], *(_settled(body, pose, uncertain, evidence, config) for pose in poses[1:])]
+    return [_Tried(pose, evidence_cost(body, pose, evidence, config.reaches_m[-1], config)) for pose in kept]
+
+
+def _settled(body: Body, pose: Pose, uncertain: PoseBelief, evidence: Evidence, config: RegistrationConfig) -> Pose:
+    return descend(body, pose, replace(uncertain, pose=pose), evidence, config)
+
+
+def _refined(body: Body, pose: Pose, uncertain: PoseBelief, evidence: Evidence, config: RegistrationConfig) -> Pose:
+    return _settled(body, pose, uncertain, evidence, replace(config, reaches_m=REFINED_REACHES_M))
+
+
+def _clearly_best(tried: Sequence[_Tried], evidence: Evidence, config: RegistrationConfig) -> Pose | None:
+    """The cheapest of the other poses, None where it does not clearly explain more than the first."""
+    nodes = min(len(evidence.surface), config.node_count)
+    gain = LEAST_GAIN * nodes * unexplained_node_cost(config.reaches_m[-1], config)
+    best = min(tried[1:], key=lambda one: one.cost, default=tried[0])
+    return best.pose if best.cost < tried[0].cost - gain else None
+
+
+def _ties(
     body: Body,
-    pose: Pose,
-    proposals: Iterable[Pose],
+    found: Registration,
+    tried: Sequence[_Tried],
     uncertain: PoseBelief,
     evidence: Evidence,
     config: RegistrationConfig,
-) -> Pose | None:
-    """The proposal that explains the frame best after a short registration; None if none is clearly better."""
+) -> Iterator[tuple[PoseBelief, float]]:
+    """Poses of the last round that the frame does not decide against; at most ``MOST_TIES``."""
     reach_m = config.reaches_m[-1]
-    nodes = min(len(evidence.surface), config.node_count)
-    least = evidence_cost(body, pose, evidence, reach_m, config)
-    least -= LEAST_GAIN * nodes * unexplained_node_cost(reach_m, config)
-    best: Pose | None = None
-    for proposal in proposals:
-        tried = descend(body, proposal, replace(uncertain, pose=proposal), evidence, config)
-        cost = evidence_cost(body, tried, evidence, reach_m, config)
-        if cost < least:
-            best, least = tried, cost
-    return best
+    least = evidence_cost(body, found.belief.pose, evidence, reach_m, config)
+    cheapest = min(one.cost for one in tried)
+    others = [found.belief.pose]
+    for one in sorted(tried, key=lambda one: one.cost):
+        if one.cost > cheapest + MOST_LAG or len(others) > MOST_TIES:
+            return
+        pose = _refined(body, one.pose, uncertain, evidence, config)
+        lag = evidence_cost(body, pose, evidence, reach_m, config) - least
+        if lag > MOST_LAG or any(farthest_joint_m(body, pose, other) <= APART_M for other in others):
+            continue
+        others.append(pose)
+        belief = posterior(body, pose, replace(uncertain, pose=pose), evidence, config).belief
+        yield belief, max(lag, 0.0)

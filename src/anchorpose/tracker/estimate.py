@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,7 @@ from anchorpose.joints import JOINT_COUNT, JointState
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Observation
+from anchorpose.tracker.rivals import Rival, with_rivals
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,17 +63,19 @@ def estimate_of(
     matched_share: float | None,
     config: TrackConfig,
     corrected: CorrectedJoints | None = None,
+    rivals: Sequence[Rival] = (),
 ) -> Estimate:
     """Joints by the rule J, their states from the depth images, their sigma from the posterior.
 
     corrected: joints whose place a reviewer gave. Where the images contradict it they are hidden, not lost, and their
-    sigma is at least their distance from that place.
+    sigma is at least their distance from that place. rivals: other poses that explain the images almost as well.
     """
     placed = () if corrected is None else corrected.joint.tolist()
     belief = registration.belief
     posed = pose_points(body, belief.pose)
     joints = body.mesh.joints(posed.transforms)
     sigma = joint_sigma(body, posed, belief.covariance, config.uncertainty)
+    sigma = with_rivals(body, joints, sigma, rivals) if rivals else sigma
     explanation = explain(body.points, posed, observation.evidence)
     evidence = observation.evidence
     found = joint_states(body.points, posed, explanation.covering, evidence.views, evidence.cameras, config.visibility)

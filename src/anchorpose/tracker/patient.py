@@ -52,6 +52,7 @@ from anchorpose.tracker.observation import (
     see_anchors,
     see_surface,
 )
+from anchorpose.tracker.rivals import Rival, follow_rivals
 from anchorpose.tracker.run import Run
 from anchorpose.tracker.standing_feet import StandingFeet
 from anchorpose.tracker.start import Start
@@ -78,7 +79,8 @@ class PatientTracker:
         self.ahead: list[Pose] = []
         self.unseen_s, self.unseen_frames = 0.0, 0
         self.last_found = start.observation
-        self.search_wait = 0  # frames until arms may be searched for again
+        self.search_wait = 0  # frames until limbs may be searched for again
+        self.rivals: tuple[Rival, ...] = ()  # poses that explain the last frames almost as well
         self.feet = StandingFeet(self.points)
         self.first = self._estimate(Registration(self.belief, start.explained, True), start.observation, None)
 
@@ -149,7 +151,7 @@ class PatientTracker:
             honoured = corrected
             if corrected is not None and contradicted(self.body, registration.belief, corrected):
                 honoured = None
-            estimate = estimate_of(self.body, registration, seen, share, self.config, honoured)
+            estimate = estimate_of(self.body, registration, seen, share, self.config, honoured, self.rivals)
             posed = pose_points(self.body, self.belief.pose)
             self.skin_sigma_m = skin_sigma(self.body, posed, self.belief.covariance, self.config.uncertainty)
             self.feet.note(posed.points_m, estimate.joints_m, estimate.states, estimate.frame_set.time_s)
@@ -268,7 +270,14 @@ class PatientTracker:
         held = held_by(self.points, now, hypothesis, list(self.window), T_predicted)
         feet = self.feet.rows(following.frame_set.time_s)
         found = register(self.body, predicted, following.evidence, held, config.registration, feet)
-        return self._look_for_limbs(found, predicted, following.evidence) if found.found else found
+        if not found.found:
+            return found
+        best, self.rivals = follow_rivals(
+            self.body, found, self.rivals, following.evidence, self._elapsed_s(), config.registration
+        )
+        if best is not found:
+            self.history.clear()  # another pose took its place
+        return self._look_for_limbs(best, predicted, following.evidence)
 
     def _look_for_limbs(self, found: Registration, predicted: PoseBelief, evidence: Evidence) -> Registration:
         """The registration, with limbs searched for where it leaves seen skin uncovered."""
@@ -279,6 +288,7 @@ class PatientTracker:
             if search.rounds:
                 self.history.clear()  # the limbs moved as other ones
             self.search_wait, found = SEARCH_PAUSE, search.registration
+            self.rivals = tuple(Rival(belief, lag) for belief, lag in search.ties)
         return self._uncross(found, predicted, evidence)
 
     def _register_parts(self, hypothesis: GlobalHypothesis, pose: Pose, predicted: PoseBelief) -> Registration:
