@@ -27,6 +27,7 @@ _TRUNK: Final = ("Hips", "LowerBack", "Spine", "Spine1", "LHipJoint", "RHipJoint
 _LIMBS: Final = ("ForeArm", "Hand", "FingerBase", "HandFinger1", "Thumb")
 _DEEPEST_M: Final = 0.15  # half a trunk: farther in, the nearest skin is no longer the way out
 _ALLOWED_M: Final = 0.01  # soft tissue gives
+_ALLOWED_FLOOR_M: Final = 0.03  # the floor's own error at the patient's place, and the soles of rough bodies
 _SIGMA_M: Final = 0.01
 
 
@@ -34,28 +35,34 @@ _SIGMA_M: Final = 0.01
 class Evidence:
     """The patient's surface, and every camera's labelled depth frame with the patient's outline in it.
 
-    views and outlines: None for a camera without a frame; outlines also where the patient is not in the image.
+    views and outlines: None for a camera without a frame; outlines also where the patient is not in the image. floor_m:
+    height of the floor, None where it is unknown.
     """
 
     surface: Surface
     views: tuple[View | None, ...]
     outlines: tuple[np.ndarray | None, ...]
     cameras: tuple[Camera, ...]
+    floor_m: float | None = None
 
 
-def gather_evidence(surface: Surface, views: Sequence[View | None], cameras: Sequence[Camera]) -> Evidence:
+def gather_evidence(
+    surface: Surface, views: Sequence[View | None], cameras: Sequence[Camera], floor_m: float | None = None
+) -> Evidence:
     """Evidence of one frame; outlines are found once."""
     outlines = tuple(None if view is None else find_outline(view) for view in views)
-    return Evidence(surface, tuple(views), outlines, tuple(cameras))
+    return Evidence(surface, tuple(views), outlines, tuple(cameras), floor_m)
 
 
 def evidence_rows(
     body: Body, pose: Pose, evidence: Evidence, reach_m: float, config: RegistrationConfig
 ) -> Constraints:
-    """Every node to the skin, skin that should be seen to the outline, and limbs out of the trunk."""
+    """Every node to the skin, skin that should be seen to the outline, limbs out of the trunk and above the floor."""
     posed = pose_points(body, pose)
     rows = [surface_constraints(posed, evidence.surface, evidence.cameras, reach_m, config)]
     rows.append(separation_rows(body.points, posed))
+    if evidence.floor_m is not None:
+        rows.append(floor_rows(posed, evidence.floor_m))
     for view, outline, camera in zip(evidence.views, evidence.outlines, evidence.cameras, strict=True):
         if view is not None and outline is not None:
             rows.append(outline_constraints(posed, view, outline, camera, reach_m))
@@ -198,6 +205,15 @@ def separation_rows(points: SkinPoints, posed: PosedPoints) -> Constraints:
     inside = depth > _ALLOWED_M
     limb, skin = limb[inside], skin[inside]
     return Constraints.alike(limb, posed.points_m[skin], posed.normals[skin], _SIGMA_M, 2.0 * _DEEPEST_M)
+
+
+def floor_rows(posed: PosedPoints, floor_m: float) -> Constraints:
+    """One row for each skin point below the floor (a height), upwards. Nobody stands deeper than carpets give."""
+    below = np.flatnonzero(posed.points_m[:, 1] < floor_m - _ALLOWED_FLOOR_M)
+    target = posed.points_m[below].copy()
+    target[:, 1] = floor_m - _ALLOWED_FLOOR_M
+    up = np.tile((0.0, 1.0, 0.0), (len(below), 1))
+    return Constraints.alike(below, target, up, _SIGMA_M, 2.0 * _DEEPEST_M)
 
 
 @njit(cache=True)

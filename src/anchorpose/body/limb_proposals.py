@@ -5,7 +5,7 @@ Nothing here depends on a prediction but the trunk that the limbs hang on, and t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Final
@@ -21,7 +21,7 @@ from anchorpose.body.evidence import Evidence
 from anchorpose.body.explained import Explanation, node_area_m2
 from anchorpose.body.inverse_kinematics import pose_from_joints
 from anchorpose.body.pose import Pose
-from anchorpose.body.skin_points import Body
+from anchorpose.body.skin_points import Body, SkinPoints
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
 
 SIDES: Final = ("Left", "Right")
@@ -57,7 +57,6 @@ CHAINS: Final = tuple(
 """Arms and legs; depths are half of the limb's thickness at each joint."""
 
 _SIDED: Final = tuple(JOINT_INDEX[f"{joint}{side}"] for joint in ("Shoulder", "Hip") for side in SIDES)
-_TRUNK: Final = (*(JOINT_INDEX[n] for n in ("SpineBase", "SpineMid", "SpineShoulder", "Neck", "Head")), *_SIDED)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,22 +72,17 @@ class LimbPath:
 def uncovered_paths(evidence: Evidence, explanation: Explanation) -> list[LimbPath]:
     """The axis of each large piece of seen skin that the body does not cover, the largest first.
 
-    The piece's root is where it meets covered skin, or, of a piece that a bar cuts off, the node nearest to covered
-    skin; its tip is the node farthest from there along the piece.
+    The root of a piece is where it meets covered skin, or, of a piece that a bar cuts off, the node nearest to it; its
+    tip is the node farthest from there along the piece.
     """
     surface, bare = evidence.surface, explanation.node
     if len(bare) < 2:
         return []
-    points = surface.points_m[bare].astype(np.float64)
-    pairs = cKDTree(points).query_pairs(NEIGHBOUR_M, output_type="ndarray")
-    length = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
-    graph = csr_array((length, (pairs[:, 0], pairs[:, 1])), shape=(len(bare), len(bare)))
-    _, piece = connected_components(graph, directed=False)
-    area = (node_area_m2(evidence) * explanation.thinned)[surface.camera[bare]]
-    size = np.bincount(piece, area)
+    points, normals = (values[bare].astype(np.float64) for values in (surface.points_m, surface.normals))
+    graph, piece = _pieces(points)
+    size = np.bincount(piece, (node_area_m2(evidence) * explanation.thinned)[surface.camera[bare]])
     largest = np.argsort(-size, kind="stable")[:MOST_PIECES]
-    away = _from_covered(evidence, explanation, points)
-    normals = surface.normals[bare].astype(np.float64)
+    away = _from_covered(points, surface.points_m[explanation.covered])
     return [
         _path(graph, np.flatnonzero(piece == number), points, normals, away)
         for number in largest
@@ -96,12 +90,20 @@ def uncovered_paths(evidence: Evidence, explanation: Explanation) -> list[LimbPa
     ]
 
 
-def _from_covered(evidence: Evidence, explanation: Explanation, points_m: np.ndarray) -> np.ndarray:
-    """(u,) metres from each uncovered node to the nearest covered one; 0 everywhere where none is covered."""
-    covered = evidence.surface.points_m[explanation.covered]
-    if not len(covered):
+def _pieces(points_m: np.ndarray) -> tuple[csr_array, np.ndarray]:
+    """The graph of neighbouring nodes, metres, and the piece (u,) int that each node is connected to."""
+    pairs = cKDTree(points_m).query_pairs(NEIGHBOUR_M, output_type="ndarray")
+    length = np.linalg.norm(points_m[pairs[:, 0]] - points_m[pairs[:, 1]], axis=1)
+    graph = csr_array((length, (pairs[:, 0], pairs[:, 1])), shape=(len(points_m), len(points_m)))
+    _, piece = connected_components(graph, directed=False)
+    return graph, piece
+
+
+def _from_covered(points_m: np.ndarray, covered_m: np.ndarray) -> np.ndarray:
+    """(u,) metres from each node to the nearest covered one; 0 everywhere where none is covered."""
+    if not len(covered_m):
         return np.zeros(len(points_m))
-    distance, _ = cKDTree(covered).query(points_m)
+    distance, _ = cKDTree(covered_m).query(points_m)
     return np.asarray(distance)
 
 
@@ -121,8 +123,8 @@ def _path(
 def limb_poses(body: Body, pose: Pose, path: LimbPath) -> Iterator[Pose]:
     """The pose with one limb laid along a path, for each limb that can reach its tip.
 
-    The joints that the path is long enough for lie on it. An elbow or knee beyond its end is left to the ranges of the
-    joints, from the limb as it is and from a limb at rest.
+    The joints that the path is long enough for lie on it. Those beyond its end are left to the ranges of the joints,
+    from a limb at rest, or stay where they are.
     """
     joints = body.joints(pose)
     lengths = limb_lengths(body)
@@ -130,12 +132,24 @@ def limb_poses(body: Body, pose: Pose, path: LimbPath) -> Iterator[Pose]:
         root = joints[JOINT_INDEX[chain.root]]
         if np.linalg.norm(path.places_m[0] - root) > whole_m + REACH_SLACK_M:
             continue
-        wanted = _held_trunk(joints)
+        wanted = _held_but(joints, (chain,))
         for joint, at_m, depth_m in zip(chain.joints, along_m, chain.depth_m, strict=True):
             if at_m <= path.along_m[-1] + NEIGHBOUR_M:
                 wanted[JOINT_INDEX[joint]] = _place(path, at_m, depth_m)
-        for rotations in _starts(body.points.asset, pose, chain):
-            yield _solved(body, Pose(rotations, pose.root_m), wanted)
+        bones = [body.points.asset.bone(bone) for bone in chain.bones]
+        resting = pose.rotations.copy()
+        resting[bones] = np.eye(3)
+        yield _solved(body, Pose(resting, pose.root_m), wanted)
+        yield _solved(body, pose, np.where(np.isnan(wanted), joints, wanted))
+
+
+def reaching(body: Body, pose: Pose, chain: Chain, place_m: np.ndarray) -> Pose:
+    """The pose with the wrist or ankle of one limb at a place (3,), and the limb as it usually is otherwise."""
+    wanted = _held_but(body.joints(pose), (chain,))
+    wanted[JOINT_INDEX[chain.joints[1]]] = place_m
+    rotations = pose.rotations.copy()
+    rotations[[body.points.asset.bone(bone) for bone in chain.bones]] = np.eye(3)
+    return _solved(body, Pose(rotations, pose.root_m), wanted)
 
 
 def exchanged(body: Body, pose: Pose) -> Iterator[Pose]:
@@ -146,17 +160,17 @@ def exchanged(body: Body, pose: Pose) -> Iterator[Pose]:
     joints = body.joints(pose)
     asset = body.points.asset
     for limbs in (("Arm",), ("Leg",), ("Arm", "Leg")):
-        wanted, rotations, root_m = _held_trunk(joints), pose.rotations.copy(), pose.root_m
+        moved = tuple(chain for chain in CHAINS if chain.bones[0].endswith(limbs))
+        wanted, rotations = _held_but(joints, moved), pose.rotations.copy()
         if len(limbs) == 2:
             hips, sides = asset.bone("Hips"), list(_SIDED)
             rotations[hips] = Rotation.from_rotvec([0.0, np.pi, 0.0]).as_matrix() @ rotations[hips]
             wanted[sides] = joints[_mirrored()[sides]]
-        for chain in CHAINS:
-            if chain.bones[0].endswith(limbs):
-                own = [JOINT_INDEX[name] for name in chain.joints]
-                wanted[own] = joints[_mirrored()[own]]
-                rotations[[asset.bone(bone) for bone in chain.bones]] = np.eye(3)
-        yield _solved(body, Pose(rotations, root_m), wanted)
+        for chain in moved:
+            own = [JOINT_INDEX[name] for name in chain.joints]
+            wanted[own] = joints[_mirrored()[own]]
+            rotations[[asset.bone(bone) for bone in chain.bones]] = np.eye(3)
+        yield _solved(body, Pose(rotations, pose.root_m), wanted)
 
 
 @cache
@@ -185,6 +199,12 @@ def limb_lengths(body: Body) -> list[tuple[np.ndarray, float]]:
     return found
 
 
+@cache
+def end_points(points: SkinPoints, chain: Chain, whole: bool = False) -> np.ndarray:
+    """Indices of the skin points beyond the limb's elbow or knee, or of the whole limb."""
+    return np.flatnonzero(np.isin(points.part, _bones_from(points.asset, chain.bones[0 if whole else 1])))
+
+
 def _bones_from(asset: BodyAsset, name: str) -> np.ndarray:
     """The bone and all bones below it."""
     first = asset.bone(name)
@@ -195,10 +215,10 @@ def _bones_from(asset: BodyAsset, name: str) -> np.ndarray:
     return np.array(sorted(below))
 
 
-def _held_trunk(joints: np.ndarray) -> np.ndarray:
-    """(21, 3) wanted joints: trunk, head, shoulders and hips where they are, NaN elsewhere."""
-    wanted = np.full((JOINT_COUNT, 3), np.nan)
-    wanted[list(_TRUNK)] = joints[list(_TRUNK)]
+def _held_but(joints: np.ndarray, limbs: Sequence[Chain]) -> np.ndarray:
+    """(21, 3) wanted joints: where they are, NaN for those of some limbs, which the caller places."""
+    wanted = joints.copy()
+    wanted[[JOINT_INDEX[name] for chain in limbs for name in chain.joints]] = np.nan
     return wanted
 
 
@@ -207,14 +227,6 @@ def _place(path: LimbPath, at_m: float, depth_m: float) -> np.ndarray:
     skin = np.array([np.interp(at_m, path.along_m, path.places_m[:, axis]) for axis in range(3)])
     inward = np.array([np.interp(at_m, path.along_m, path.inward[:, axis]) for axis in range(3)])
     return np.asarray(skin + depth_m * inward / max(float(np.linalg.norm(inward)), 1e-9))
-
-
-def _starts(asset: BodyAsset, pose: Pose, chain: Chain) -> Iterator[np.ndarray]:
-    bones = [asset.bone(bone) for bone in chain.bones]
-    resting = pose.rotations.copy()
-    resting[bones] = np.eye(3)
-    yield resting
-    yield pose.rotations.copy()
 
 
 def _solved(body: Body, start: Pose, wanted: np.ndarray) -> Pose:

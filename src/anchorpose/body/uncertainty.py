@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+from functools import cache
+from typing import Final
+
 import numpy as np
 
 from anchorpose.body.asset import joint_bones
 from anchorpose.body.config import UncertaintyConfig
+from anchorpose.body.evidence import Evidence
+from anchorpose.body.explained import Explanation, limb_of_points
+from anchorpose.body.limb_proposals import uncovered_paths
+from anchorpose.body.pose import LIMB_OF_JOINTS, TRUNK
 from anchorpose.body.skin_points import Body, PosedPoints, joint_jacobian
+from anchorpose.joints import JOINT_INDEX
+
+IN_REACH_M: Final = 0.45  # a shank or a forearm with its hand
 
 
 def joint_sigma(body: Body, posed: PosedPoints, covariance: np.ndarray, config: UncertaintyConfig) -> np.ndarray:
@@ -35,3 +45,29 @@ def _variance(
     """(n,) mean variance of the three axes, square metres, of places_m (n, 3) that are fixed to bones (n,)."""
     jacobian = joint_jacobian(body, posed.transforms, bones, places_m)
     return np.asarray(((jacobian @ covariance) * jacobian).sum(axis=(1, 2)) / 3.0)
+
+
+def unexplained_sigma(
+    body: Body, posed: PosedPoints, evidence: Evidence, explanation: Explanation, sigma_m: np.ndarray
+) -> np.ndarray:
+    """(21,) sigma_m, larger where seen skin that the body does not cover shows that a limb may end elsewhere.
+
+    Each uncovered piece belongs to the limb whose skin is nearest to its root. The limb's joints beyond shoulder or hip
+    may be off by half of their distance from the piece's tip, as far as the tip is in their reach.
+    """
+    joints, sigma = body.mesh.joints(posed.transforms), sigma_m.copy()
+    for path in uncovered_paths(evidence, explanation):
+        nearest = int(np.argmin(((posed.points_m - path.places_m[-1]) ** 2).sum(axis=1)))
+        limb = limb_of_points(body.points)[nearest]
+        off_m = np.linalg.norm(joints - path.places_m[0], axis=1)
+        mine = (limb_ends() == limb) & (limb != TRUNK) & (off_m < IN_REACH_M)
+        sigma[mine] = np.hypot(sigma[mine], off_m[mine] / 2.0)
+    return sigma
+
+
+@cache
+def limb_ends() -> np.ndarray:
+    """(21,) the limb of each joint beyond shoulder and hip, ``TRUNK`` of the others."""
+    limb = LIMB_OF_JOINTS.copy()
+    limb[[JOINT_INDEX[f"Shoulder{side}"] for side in ("Left", "Right")]] = TRUNK
+    return limb

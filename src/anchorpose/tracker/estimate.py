@@ -12,7 +12,7 @@ from anchorpose.body.explained import Explanation, explain
 from anchorpose.body.inverse_kinematics import CorrectedJoints
 from anchorpose.body.registration import Registration
 from anchorpose.body.skin_points import Body, FittedShape, pose_points
-from anchorpose.body.uncertainty import joint_sigma
+from anchorpose.body.uncertainty import joint_sigma, unexplained_sigma
 from anchorpose.body.visibility import joint_states
 from anchorpose.joints import JOINT_COUNT, JointState
 from anchorpose.recording.recording import FrameSet
@@ -76,8 +76,9 @@ def estimate_of(
     joints = body.mesh.joints(posed.transforms)
     sigma = joint_sigma(body, posed, belief.covariance, config.uncertainty)
     sigma = with_rivals(body, joints, sigma, rivals) if rivals else sigma
-    explanation = explain(body.points, posed, observation.evidence)
     evidence = observation.evidence
+    explanation = explain(body.points, posed, evidence)
+    sigma = unexplained_sigma(body, posed, evidence, explanation, sigma)
     found = joint_states(body.points, posed, explanation.covering, evidence.views, evidence.cameras, config.visibility)
     states = tuple(
         JointState.HIDDEN if joint in placed and state is JointState.LOST else state

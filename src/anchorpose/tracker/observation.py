@@ -134,6 +134,12 @@ def isolate_again(seen: Observation, expected: Expectation, before: Observation,
     return _isolated(seen.pieces, views, before.memory, seen.bystanders, elapsed_s, run)
 
 
+def relabelled(seen: Observation, views: Sequence[View | None], before: Observation, run: Run) -> Isolated:
+    """Who is who in a frame of which some pixels have got another label."""
+    elapsed_s = seen.frame_set.time_s - before.frame_set.time_s
+    return _isolated(seen.pieces, views, before.memory, seen.bystanders, elapsed_s, run)
+
+
 def patient_likelihood(expected: Expectation, config: IsolationConfig) -> OwnershipLikelihood:
     """The likelihood that a place is the patient's, by the predicted skin.
 
@@ -191,7 +197,7 @@ def see_surface(isolated: Isolated, expected: Expectation | None, run: Run) -> S
         kind = border(whole, shown)
         seen = seen_part(whole)
     with run.stage("registration"):
-        evidence = gather_evidence(seen, isolated.views, cameras)
+        evidence = gather_evidence(seen, isolated.views, cameras, run.room.calibration.floor_height_m)
     return SeenSurface(whole, kind, evidence)
 
 

@@ -40,6 +40,7 @@ from anchorpose.tracker.association import (
     part_motion,
     parts_by_icp,
 )
+from anchorpose.tracker.claims import claim_limb, hidden_limbs
 from anchorpose.tracker.config import Method
 from anchorpose.tracker.estimate import Estimate, estimate_of
 from anchorpose.tracker.observation import (
@@ -49,6 +50,7 @@ from anchorpose.tracker.observation import (
     isolate,
     isolate_again,
     observe,
+    relabelled,
     see_anchors,
     see_surface,
 )
@@ -192,8 +194,11 @@ class PatientTracker:
     def _see_again(self, expected: Expectation) -> None:
         now = self.window[0]
         isolated = isolate_again(self.window[1], expected, now, self.run)
-        seen = observe(self.window[1].frame_set, isolated, expected, self.height_m, self.run)
-        self.window[1] = seen
+        self._replace_next(observe(self.window[1].frame_set, isolated, expected, self.height_m, self.run))
+
+    def _replace_next(self, seen: Observation) -> None:
+        """Another observation of the next frame, linked to those before and after it."""
+        now, self.window[1] = self.window[0], seen
         with self.run.stage("association"):
             self.links[0] = self.associate(now, seen, self.config)
             if len(self.window) > 2:
@@ -280,16 +285,36 @@ class PatientTracker:
         return self._look_for_limbs(best, predicted, following.evidence)
 
     def _look_for_limbs(self, found: Registration, predicted: PoseBelief, evidence: Evidence) -> Registration:
-        """The registration, with limbs searched for where it leaves seen skin uncovered."""
-        posed = pose_points(self.body, found.belief.pose)
+        """The registration, with limbs searched for where it leaves seen skin uncovered, or a limb is nowhere seen."""
         self.search_wait -= 1
-        if self.search_wait < 0 and needs_search(explain(self.points, posed, evidence)):
-            search = search_limbs(self.body, found, predicted, evidence, self.config.registration)
-            if search.rounds:
-                self.history.clear()  # the limbs moved as other ones
-            self.search_wait, found = SEARCH_PAUSE, search.registration
-            self.rivals = tuple(Rival(belief, lag) for belief, lag in search.ties)
-        return self._uncross(found, predicted, evidence)
+        if self.search_wait < 0:
+            explanation = explain(self.points, pose_points(self.body, found.belief.pose), evidence)
+            if needs_search(explanation):
+                search = search_limbs(self.body, found, predicted, evidence, self.config.registration)
+                if search.rounds:
+                    self.history.clear()  # the limbs moved as other ones
+                self.search_wait, found = SEARCH_PAUSE, search.registration
+                self.rivals = tuple(Rival(belief, lag) for belief, lag in search.ties)
+            found = self._claim(found, predicted)
+        return self._uncross(found, predicted, self.window[1].evidence)
+
+    def _claim(self, found: Registration, predicted: PoseBelief) -> Registration:
+        """The registration, with a limb that was among other people's pixels, which then are the patient's."""
+        seen = self.window[1]
+        explanation = explain(self.points, pose_points(self.body, found.belief.pose), seen.evidence)
+        if not hidden_limbs(self.body, explanation):
+            return found
+        self.search_wait = SEARCH_PAUSE
+        claim = claim_limb(self.body, found, predicted, explanation, seen, self.run)
+        if claim is None:
+            return found
+        isolated = relabelled(seen, claim.views, self.window[0], self.run)
+        self._replace_next(
+            observe(seen.frame_set, isolated, self.expect(claim.uncertain.pose), self.height_m, self.run)
+        )
+        self.history.clear()
+        again = register(self.body, claim.uncertain, self.window[1].evidence, NOTHING_HELD, self.config.registration)
+        return again if again.found else found
 
     def _register_parts(self, hypothesis: GlobalHypothesis, pose: Pose, predicted: PoseBelief) -> Registration:
         """The paper's own way: every part by itself, from frame to frame."""

@@ -1,0 +1,250 @@
+"""A limb of the patient that has another person's label: what that person's body does not explain is free to claim.
+
+A therapist who stands behind a patient's leg, or an arm that somebody walks past, leaves pixels with a wrong label; a
+wrong label is remembered. Where a limb of the patient is nowhere seen, it is looked for on all skin of other people
+that their own bodies leave unexplained, and it is claimed if it continues the patient rather than the other person.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from anchorpose.body.belief import UNSEEN_S, PoseBelief
+from anchorpose.body.config import RegistrationConfig
+from anchorpose.body.evidence import Evidence, evidence_cost, unexplained_node_cost
+from anchorpose.body.explained import Explanation, limb_of_points
+from anchorpose.body.limb_proposals import CHAINS, REACH_SLACK_M, Chain, end_points, reaching
+from anchorpose.body.limb_search import TRIAL_NODES
+from anchorpose.body.pose import TRUNK, Pose
+from anchorpose.body.registration import Registration, descend
+from anchorpose.body.skin_points import Body, pose_points
+from anchorpose.isolation.region_growing import smooth_contact_m
+from anchorpose.isolation.scene import Pieces
+from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.joints import JOINT_INDEX
+from anchorpose.surface.surface import Surface
+from anchorpose.tracker.bystanders import COARSE, unconnected_surface
+from anchorpose.tracker.observation import Observation
+from anchorpose.tracker.run import Run
+
+EXPLAINED_M: Final = 0.07  # from a bystander's rough body: clothes, and a body of ordinary shape
+HIDDEN_SHARE: Final = 0.15  # a limb with less of its end's skin on seen nodes is nowhere seen
+SEEN_SHARE: Final = 0.3  # an upper arm or thigh with so much skin on seen nodes says where elbow or knee is
+PLACES: Final = 20  # where the end of a limb is tried, spread over the free skin in its reach
+SHANK_SLACK_M: Final = 0.15  # of the end's distance from a known knee or elbow
+REACHES_M: Final = (0.20, 0.15, 0.10, 0.07, 0.06)  # of each step from a tried place on: places are 0.2 m apart
+ALONG_M: Final = 0.10  # free nodes so near the limb's skin are looked at
+CLAIMED_M: Final = 0.06  # pixels so near it are the limb's
+LEAST_COVERING: Final = 0.2  # share of the limb's end that must lie on free nodes: half of what one camera sees
+COMPARED_REACH_M: Final = 0.15  # at which poses are compared, as in a search for limbs
+LEAST_NODES: Final = 25  # of free skin on a limb: half a shank that one camera sees
+LEAST_GAIN_NODES: Final = 5  # that the limb must explain besides, after what a registered pose explains better
+SLACK_M: Final = 0.05  # of the border to the patient: a hand's width, where a bar or an arm lies across it
+CONTINUES: Final = 0.6  # of the border to the other person; a rough limb leaves some of its own pixels on that side
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Claim:
+    """A limb found among other people's pixels: the pose, the belief it is to be judged by, and the new labels."""
+
+    pose: Pose
+    uncertain: PoseBelief
+    views: tuple[View | None, ...]
+
+
+def hidden_limbs(body: Body, explanation: Explanation) -> list[Chain]:
+    """The limbs of whose end nothing is seen."""
+    return [chain for chain in CHAINS if explanation.covering[end_points(body.points, chain)].mean() < HIDDEN_SHARE]
+
+
+def claim_limb(
+    body: Body,
+    found: Registration,
+    predicted: PoseBelief,
+    explanation: Explanation,
+    seen: Observation,
+    run: Run,
+) -> Claim | None:
+    """The hidden limb that other people's unexplained skin shows most of; None without one."""
+    limbs = hidden_limbs(body, explanation)
+    free = _free_surface(seen, run) if limbs else None
+    if free is None or len(free) < LEAST_NODES:
+        return None
+    config, uncertain = run.config.registration, predicted.later(predicted.pose, UNSEEN_S)
+    trial = replace(config, reaches_m=REACHES_M, node_count=min(config.node_count, TRIAL_NODES))
+    trying = _Trying(body, found.belief.pose, uncertain, _open_to(seen.evidence, free), free, trial)
+    best: Claim | None = None
+    most = LEAST_GAIN_NODES * unexplained_node_cost(COMPARED_REACH_M, trial)
+    for chain in limbs:
+        for place in _places(body, found.belief.pose, chain, explanation, free):
+            pose, gain = trying.gain_of(chain, place)
+            if gain > most and (views := _relabelled(body, pose, chain, seen)) is not None:
+                best, most = Claim(pose, replace(uncertain, pose=pose), views), gain
+    return best
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Trying:
+    """What every trial of one frame needs."""
+
+    body: Body
+    pose: Pose
+    uncertain: PoseBelief
+    evidence: Evidence
+    free: Surface
+    config: RegistrationConfig
+
+    def gain_of(self, chain: Chain, place_m: np.ndarray) -> tuple[Pose, float]:
+        """The pose with the limb's end at a place, registered, and how much more of the frame it explains.
+
+        Both poses are compared on the patient's nodes and the free ones along the new limb. 0 where too little of the
+        limb lies on free nodes.
+        """
+        start = reaching(self.body, self.pose, chain, place_m)
+        near = self._near(start, chain, 2.0 * ALONG_M)
+        evidence = _with_nodes(self.evidence, self.free, near)
+        tried = descend(self.body, start, replace(self.uncertain, pose=start), evidence, self.config)
+        along = self._near(tried, chain, ALONG_M)
+        if len(along) < LEAST_NODES or self._covering(tried, chain, along) < LEAST_COVERING:
+            return tried, 0.0
+        evidence, reach_m = _with_nodes(self.evidence, self.free, along), self.config.reaches_m[-1]
+        before, after = (evidence_cost(self.body, pose, evidence, reach_m, self.config) for pose in (self.pose, tried))
+        return tried, before - after
+
+    def _near(self, pose: Pose, chain: Chain, within_m: float) -> np.ndarray:
+        """Free nodes near the limb's end."""
+        skin = cKDTree(pose_points(self.body, pose).points_m[end_points(self.body.points, chain)])
+        away, _ = skin.query(self.free.points_m, distance_upper_bound=within_m)
+        return np.flatnonzero(np.isfinite(away))
+
+    def _covering(self, pose: Pose, chain: Chain, nodes: np.ndarray) -> float:
+        """Share of the skin of the limb's end that lies on free nodes."""
+        skin = pose_points(self.body, pose).points_m[end_points(self.body.points, chain)]
+        away, _ = cKDTree(self.free.points_m[nodes]).query(skin, distance_upper_bound=CLAIMED_M)
+        return float(np.isfinite(away).mean())
+
+
+def _places(body: Body, pose: Pose, chain: Chain, explanation: Explanation, free: Surface) -> np.ndarray:
+    """(k, 3) places on free skin where the limb's end may be, spread over all that it can reach."""
+    joints = body.joints(pose)
+    end, middle, root = (joints[JOINT_INDEX[name]] for name in (chain.joints[1], chain.joints[2], chain.root))
+    away = np.linalg.norm(free.points_m - root, axis=1)
+    possible = away < np.linalg.norm(middle - root) + np.linalg.norm(end - middle) + REACH_SLACK_M
+    upper = np.setdiff1d(end_points(body.points, chain, whole=True), end_points(body.points, chain))
+    if explanation.covering[upper].mean() >= SEEN_SHARE:
+        from_middle = np.linalg.norm(free.points_m - middle, axis=1)
+        possible &= np.abs(from_middle - np.linalg.norm(end - middle)) < SHANK_SLACK_M
+    return spread_out(free.points_m[possible].astype(np.float64), PLACES)
+
+
+def spread_out(points_m: np.ndarray, count: int) -> np.ndarray:
+    """(k, 3) up to ``count`` of the points (n, 3), each as far as possible from those before."""
+    chosen = list[np.ndarray]()
+    away = np.full(len(points_m), np.inf)
+    while len(chosen) < min(count, len(points_m)):
+        chosen.append(points_m[0] if not chosen else points_m[int(np.argmax(away))])
+        away = np.minimum(away, np.linalg.norm(points_m - chosen[-1], axis=1))
+    return np.array(chosen).reshape(-1, 3)
+
+
+def _free_surface(seen: Observation, run: Run) -> Surface:
+    """Nodes of other people's pixels that no trunk or head of theirs explains."""
+    views, cameras = seen.evidence.views, run.room.cameras
+    masks = [None if view is None else view.labels >= PixelLabel.OTHER_PERSON for view in views]
+    surface = unconnected_surface([None if view is None else view.depth_m for view in views], masks, cameras)
+    label = np.zeros(len(surface), np.uint8)
+    for number, view in enumerate(views):
+        if view is not None:
+            mine = surface.camera == number
+            row, column = surface.pixel[mine].T
+            label[mine] = view.labels[row, column]
+    kept = np.ones(len(surface), dtype=bool)
+    for one in seen.bystanders.followed:
+        mine = np.flatnonzero(label == one.label)
+        if len(mine):
+            skin = pose_points(one.body, one.belief.pose).points_m
+            _, nearest = cKDTree(skin).query(surface.points_m[mine], distance_upper_bound=EXPLAINED_M)
+            kept[mine[np.append(limb_of_points(one.body.points), -1)[nearest] == TRUNK]] = False
+    return _chosen(surface, np.flatnonzero(kept))
+
+
+def _open_to(evidence: Evidence, free: Surface) -> Evidence:
+    """The evidence with outlines in which the patient may also be where skin is free."""
+    outlines = list(evidence.outlines)
+    for number, outline in enumerate(outlines):
+        if outline is not None:
+            opened = outline.copy()
+            row, column = free.pixel[free.camera == number].T.astype(np.int64)
+            for d_r in range(COARSE.step):
+                for d_c in range(COARSE.step):
+                    opened[np.minimum(row + d_r, len(opened) - 1), np.minimum(column + d_c, opened.shape[1] - 1)] = True
+            outlines[number] = opened
+    return replace(evidence, outlines=tuple(outlines))
+
+
+def _chosen(surface: Surface, nodes: np.ndarray) -> Surface:
+    """Some nodes of a surface without edges."""
+    count = len(nodes)
+    return replace(
+        surface,
+        points_m=surface.points_m[nodes],
+        normals=surface.normals[nodes],
+        ring=np.full((count, 8), -1, np.int32),
+        link_start=np.zeros(count + 1, np.int32),
+        camera=surface.camera[nodes],
+        pixel=surface.pixel[nodes],
+        skin=surface.skin[nodes],
+    )
+
+
+def _with_nodes(evidence: Evidence, free: Surface, nodes: np.ndarray) -> Evidence:
+    """The evidence with some of the free nodes, each as often as a patch of it has patient nodes."""
+    own, more = evidence.surface, _chosen(free, nodes)
+    count = len(own) + len(more)
+    surface = replace(
+        own,
+        points_m=np.concatenate([own.points_m, more.points_m]),
+        normals=np.concatenate([own.normals, more.normals]),
+        ring=np.full((count, 8), -1, np.int32),
+        link_start=np.zeros(count + 1, np.int32),
+        link_node=np.zeros(0, np.int32),
+        link_length_m=np.zeros(0, np.float32),
+        camera=np.concatenate([own.camera, more.camera]),
+        pixel=np.concatenate([own.pixel, more.pixel]),
+        skin=np.full(count, -1, np.int32),
+    )
+    return replace(evidence, surface=surface)
+
+
+def _relabelled(body: Body, pose: Pose, chain: Chain, seen: Observation) -> tuple[View | None, ...] | None:
+    """The views with the limb's pixels given to the patient; None where they continue another person rather."""
+    skin = cKDTree(pose_points(body, pose).points_m[end_points(body.points, chain, whole=True)])
+    views, to_patient_m, to_other_m = list[View | None](), 0.0, 0.0
+    for pixels, view in zip(seen.pieces, seen.evidence.views, strict=True):
+        if pixels is None or view is None:
+            views.append(view)
+            continue
+        which = _which(pixels, view, skin)
+        contact = smooth_contact_m(pixels, which, 3)
+        to_patient_m, to_other_m = to_patient_m + contact[0, 1], to_other_m + contact[1, 2]
+        labels = view.labels.copy()
+        mine = which == 1
+        labels[pixels.row[mine], pixels.column[mine]] = PixelLabel.PATIENT
+        views.append(View(view.depth_m, labels))
+    return tuple(views) if to_patient_m + SLACK_M >= CONTINUES * to_other_m else None
+
+
+def _which(pixels: Pieces, view: View, skin: cKDTree) -> np.ndarray:
+    """(n,) int64 of each foreground pixel: 0 the patient's, 1 another person's on the limb's skin, 2 other people's."""
+    label = view.labels[pixels.row, pixels.column]
+    which = np.full(len(label), -1, np.int64)
+    which[label == PixelLabel.PATIENT] = 0
+    other = np.flatnonzero(label >= PixelLabel.OTHER_PERSON)
+    if len(other):
+        away, _ = skin.query(pixels.points_m[other], distance_upper_bound=CLAIMED_M)
+        which[other] = np.where(np.isfinite(away), 1, 2)
+    return which
