@@ -74,7 +74,7 @@ def kidnap(tracker: PatientTracker, past: Past, spoil: Spoil) -> PatientTracker:
     kidnapped.history = deque([body.joints(pose) for pose in remembered], maxlen=tracker.history.maxlen)
     posed = pose_points(body, poses[-1])
     kidnapped.skin_sigma_m = skin_sigma(body, posed, kidnapped.belief.covariance, tracker.config.uncertainty)
-    kidnapped.ahead = []
+    kidnapped.ahead, kidnapped.rivals = [], ()
     kidnapped.feet = _feet(tracker, past, poses)
     _look_again(kidnapped, past, poses)
     return kidnapped

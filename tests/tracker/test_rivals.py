@@ -10,7 +10,9 @@ from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration
+from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_INDEX
+from anchorpose.simulate.render import TrueImage
 from anchorpose.tracker.rivals import DECIDED, MEMORY, Rival, follow_rivals, with_rivals
 
 BODY, CONFIG = adult_body(), RegistrationConfig()
@@ -53,10 +55,17 @@ def test_a_rival_that_became_the_best_pose_is_no_rival():
 def test_what_a_rival_lost_before_counts_less_with_every_frame():
     """An arm that is hidden decides nothing: only the lag of before is left, and it fades."""
     arm = tuple(f"Left{bone}" for bone in ("Shoulder", "Arm", "ForeArm", "Hand", "FingerBase", "HandFinger1"))
-    hidden = seen_body(TRUTH, BODY, change=hide_bones(*arm))
+    hide = hide_bones(*arm)
+
+    def nothing_else(view: View, picture: TrueImage) -> View:
+        left = hide(view, picture)
+        labels = np.where(left.patient, left.labels, PixelLabel.NO_READING).astype(np.uint8)
+        return View(np.where(left.patient, left.depth_m, np.float32(0.0)), labels)
+
+    hidden = seen_body(TRUTH, BODY, change=nothing_else)
     low = standing(LeftArm=(45.0, 0.0, 0.0), RightArm=(-20.0, 0.0, 0.0))
     lags = []
-    for before in (0.0, 2.0):
+    for before in (4.0, 6.0):
         _, left = follow_rivals(BODY, registered(TRUTH), (Rival(sure(low), before),), hidden, 0.02, CONFIG)
         lags.append(left[0].lag)
     assert lags[1] - lags[0] == pytest.approx(2.0 * MEMORY)
