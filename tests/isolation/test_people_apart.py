@@ -18,10 +18,10 @@ from anchorpose.isolation.ownership import (
     sort_likelihood,
 )
 from anchorpose.isolation.people import choose_patient, find_people
-from anchorpose.isolation.region_growing import grow_regions
+from anchorpose.isolation.region_growing import grow_regions, smooth_contact_m
 from anchorpose.isolation.scene import find_pieces
 from anchorpose.isolation.separation import separate, separate_initial
-from anchorpose.isolation.view import PixelLabel
+from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.recording.equipment import Box
 
 CONFIG = IsolationConfig()
@@ -257,3 +257,48 @@ def test_a_forearm_that_a_bar_cuts_off_is_its_owners():
         pieces_of(*body(0, 0), stump, far), empty_memory(), skin_likelihood(*body(0, 0)), A_FRAME_S, CONFIG
     )
     assert not view.patient[shown(far, *body(0, 0), stump)].any()
+
+
+def contact_m(pieces, of) -> float:
+    return float(smooth_contact_m(pieces, of, 2)[0, 1])
+
+
+def test_one_body_that_was_divided_goes_on_where_two_who_touch_meet_in_a_crease():
+    (one,) = pieces_of(*body(0.0, 0.0))
+    divided = contact_m(one, (one.points_m[:, 2] > 0.0).astype(int))
+    assert 1.2 < divided < 1.8  # from head to feet
+    (two,) = pieces_of(*body(0.0, -0.16), *body(0.0, 0.16))
+    touching = contact_m(two, (two.points_m[:, 2] > 0.0).astype(int))
+    assert touching < 0.3 * divided
+    assert contact_m(one, np.zeros(len(one.row), int)) == 0.0
+    assert contact_m(one, np.full(len(one.row), -1)) == 0.0
+
+
+def test_half_of_the_patient_remembered_as_another_person_is_given_back():
+    """The half has no body, lies on the patient's expected skin, and the surface goes on from one half to the other."""
+    pieces = pieces_of(*body(0.0, 0.0))
+    mistaken = np.where(pieces[0].points_m[:, 2] > 0.0, OTHER, PATIENT).astype(np.uint8)
+    labels = pieces[0].labels.copy()
+    labels[pieces[0].row, pieces[0].column] = mistaken
+    memory = update_memory(empty_memory(), pieces, (View(pieces[0].depth_m, labels),), [FRONT], 0.0)
+    assert OTHER in memory.owner
+    expected = skin_likelihood(*body(0.0, 0.0))
+    (view,) = separate(pieces, memory, expected, A_FRAME_S, CONFIG)
+    assert (view.labels != OTHER).all()
+    assert view.patient.sum() > 0.95 * len(pieces[0].row)
+    (without,) = separate(pieces, memory, None, A_FRAME_S, CONFIG)  # nobody's skin is expected: memory alone
+    assert (without.labels == OTHER).any()
+
+
+def test_somebody_beside_the_patient_is_no_part_of_them():
+    pieces = pieces_of(*body(0.0, 0.0), *body(0.0, 0.6))
+    views = first_views(pieces)
+    memory = update_memory(empty_memory(), pieces, views, [FRONT], 0.0)
+    (view,) = separate(pieces, memory, skin_likelihood(*body(0.0, 0.0)), A_FRAME_S, CONFIG)
+    assert (view.labels[shown_at(pieces[0], 0.6)] >= OTHER).mean() > 0.95
+
+
+def shown_at(pieces, z: float) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of the pixels about an axis at x = 0."""
+    near = np.hypot(pieces.points_m[:, 0], pieces.points_m[:, 2] - z) < 0.2
+    return pieces.row[near], pieces.column[near]

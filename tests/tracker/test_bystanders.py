@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from body_builder import FRONT, LEFT, adult_body, before_wall, photograph, points, skin_in, standing, stepped
+from body_builder import FRONT, LEFT, adult_body, asset, before_wall, photograph, points, skin_in, standing, stepped
 from scipy.spatial import cKDTree
 
 from anchorpose.body.pose import Pose
@@ -167,3 +167,18 @@ def test_following_can_be_switched_off():
     """Without bodies of their own, bystanders are only remembered where they were seen."""
     run = Run(SimpleNamespace(cameras=CAMERAS), TrackConfig(follow=FollowConfig(bystanders=False)))
     assert not observation.see_bystanders(Bystanders(), views_of(posed("upright", 0.0)), A_FRAME_S, run).followed
+
+
+def test_two_arms_are_no_person():
+    """A body can be laid over them, but the cameras see past its trunk and legs."""
+    pose = standing(LeftArm=(60.0, 0.0, 0.0), RightArm=(60.0, 0.0, 0.0))
+    arms = [asset().bone(f"{side}{bone}") + 1 for side in ("Left", "Right") for bone in ("Arm", "ForeArm", "Hand")]
+    views = []
+    for camera in CAMERAS:
+        picture = photograph(skin_in(pose, adult_body(HEIGHT_M)), camera)
+        view, kept = before_wall(picture, camera), np.isin(picture.part, arms)
+        labels = np.where(kept, LABEL, np.where(view.patient, PixelLabel.BACKGROUND, view.labels)).astype(np.uint8)
+        views.append(View(np.where(kept, view.depth_m, np.float32(4.0)), labels))
+    found = follow_bystanders(Bystanders(), views, CAMERAS, points(), A_FRAME_S)
+    assert found.followed == ()
+    assert len(found.searched) == 1
