@@ -20,7 +20,7 @@ from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration, descend, posterior
 from anchorpose.body.skin_points import Body, pose_points
 
-LOOK_AGAIN_M2: Final = 0.008  # of seen skin that nothing covers: a hand; clothes and holds leave half of that
+LOOK_AGAIN_M2: Final = 0.005  # of seen skin that nothing covers: half a hand; clothes and holds leave as much at most
 ROUNDS: Final = 4  # one for each limb
 TRIAL_REACHES_M: Final = (0.25, 0.20, 0.15)  # from a proposed limb to the seen one
 TRIAL_NODES: Final = 800  # a third of the nodes tell a good pose from a bad one

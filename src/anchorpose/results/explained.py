@@ -9,7 +9,6 @@ import numpy as np
 import pyarrow as pa
 
 from anchorpose.body.explained import Explanation
-from anchorpose.body.limb_search import LOOK_AGAIN_M2
 from anchorpose.body.pose import PARTS
 from anchorpose.results.frame_table import FrameTable, Numbers
 from anchorpose.results.frame_time import worst_rows
@@ -19,7 +18,7 @@ PART_NAMES: Final = ("trunk", "arm_left", "leg_left", "arm_right", "leg_right")
 """The parts of ``Explanation.seen_past``, in its order; the trunk with the head."""
 
 CM2_PER_M2: Final = 1e4
-UNCOVERED_CM2: Final = CM2_PER_M2 * LOOK_AGAIN_M2  # where tracking looks for a limb elsewhere
+UNCOVERED_CM2: Final = 80.0  # a hand; clothes and holds leave up to half of that
 SEEN_PAST: Final = 0.3  # share of a part's skin: a limb that is right shows less, at its edges and in loose clothes
 APART_S: Final = 0.5  # two moments closer than this show the same thing
 MOST_MOMENTS: Final = 5

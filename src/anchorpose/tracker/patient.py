@@ -14,7 +14,7 @@ from anchorpose.body.belief import UNSEEN_S, PoseBelief
 from anchorpose.body.body_map import map_body
 from anchorpose.body.constraints import place_constraints
 from anchorpose.body.evidence import Evidence, evidence_cost
-from anchorpose.body.explained import explain
+from anchorpose.body.explained import Explanation, explain
 from anchorpose.body.initial import anchor_points
 from anchorpose.body.inverse_kinematics import (
     CorrectedJoints,
@@ -61,7 +61,8 @@ from anchorpose.tracker.start import Start
 from anchorpose.tracking.motion import predict_joints
 
 SEE_AGAIN_M: Final = 0.03  # skin expected this far from where it was when the frame came in: half a forearm's width
-SEARCH_PAUSE: Final = 4  # frames between two searches for an arm, each of which costs as much as ten frames
+SEARCH_PAUSE, LONGEST_PAUSE = 4, 16  # frames between searches that find nothing, each as long as three frames
+MORE: Final = 1.5
 NOTHING_HELD = place_constraints(np.zeros(0, np.int64), np.zeros((0, 3)), 1.0, 1.0)  # pairs and anchors go by the legs
 
 
@@ -81,7 +82,9 @@ class PatientTracker:
         self.ahead: list[Pose] = []
         self.unseen_s, self.unseen_frames = 0.0, 0
         self.last_found = start.observation
-        self.search_wait = 0  # frames until limbs may be searched for again
+        self.search_wait, self.search_pause = 0, SEARCH_PAUSE  # frames until the next search for limbs
+        self.left_uncovered_m2 = 0.0  # by the last search that found nothing: much more than that is worth another one
+        self.claim_wait = 0  # frames until limbs may be looked for among other people's pixels
         self.rivals: tuple[Rival, ...] = ()  # poses that explain the last frames almost as well
         self.feet = StandingFeet(self.points)
         self.first = self._estimate(Registration(self.belief, start.explained, True), start.observation, None)
@@ -286,25 +289,31 @@ class PatientTracker:
 
     def _look_for_limbs(self, found: Registration, predicted: PoseBelief, evidence: Evidence) -> Registration:
         """The registration, with limbs searched for where it leaves seen skin uncovered, or a limb is nowhere seen."""
-        self.search_wait -= 1
-        if self.search_wait < 0:
+        self.search_wait, self.claim_wait = self.search_wait - 1, self.claim_wait - 1
+        explanation = explain(self.points, pose_points(self.body, found.belief.pose), evidence)
+        waiting = self.search_wait >= 0 and explanation.uncovered_m2 < MORE * self.left_uncovered_m2
+        if needs_search(explanation) and not waiting:
+            found = self._search(found, predicted, explanation)
             explanation = explain(self.points, pose_points(self.body, found.belief.pose), evidence)
-            if needs_search(explanation):
-                search = search_limbs(self.body, found, predicted, evidence, self.config.registration)
-                if search.rounds:
-                    self.history.clear()  # the limbs moved as other ones
-                self.search_wait, found = SEARCH_PAUSE, search.registration
-                self.rivals = tuple(Rival(belief, lag) for belief, lag in search.ties)
-            found = self._claim(found, predicted)
+        if self.claim_wait < 0 and hidden_limbs(self.body, explanation):
+            found = self._claim(found, predicted, explanation)
         return self._uncross(found, predicted, self.window[1].evidence)
 
-    def _claim(self, found: Registration, predicted: PoseBelief) -> Registration:
+    def _search(self, found: Registration, predicted: PoseBelief, explanation: Explanation) -> Registration:
+        """Limbs found again from uncovered skin; a search that finds nothing waits longer before the next."""
+        search = search_limbs(self.body, found, predicted, self.window[1].evidence, self.config.registration)
+        self.rivals = tuple(Rival(belief, lag) for belief, lag in search.ties)
+        if search.rounds:
+            self.history.clear()  # the limbs moved as other ones
+            self.search_wait, self.search_pause = 0, SEARCH_PAUSE
+        else:
+            self.search_wait, self.search_pause = self.search_pause, min(2 * self.search_pause, LONGEST_PAUSE)
+            self.left_uncovered_m2 = explanation.uncovered_m2
+        return search.registration
+
+    def _claim(self, found: Registration, predicted: PoseBelief, explanation: Explanation) -> Registration:
         """The registration, with a limb that was among other people's pixels, which then are the patient's."""
-        seen = self.window[1]
-        explanation = explain(self.points, pose_points(self.body, found.belief.pose), seen.evidence)
-        if not hidden_limbs(self.body, explanation):
-            return found
-        self.search_wait = SEARCH_PAUSE
+        seen, self.claim_wait = self.window[1], SEARCH_PAUSE
         claim = claim_limb(self.body, found, predicted, explanation, seen, self.run)
         if claim is None:
             return found
