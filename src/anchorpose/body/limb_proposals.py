@@ -26,7 +26,7 @@ from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
 
 SIDES: Final = ("Left", "Right")
 NEIGHBOUR_M: Final = 0.05  # between thinned nodes of one piece: twice their spacing
-SMALLEST_M2: Final = 0.004  # half the palm of a hand: smaller uncovered pieces are clothes
+SMALLEST_M2: Final = 0.002  # a few fingers: smaller uncovered pieces are clothes
 MOST_PIECES: Final = 3  # two arms and a leg; what else is uncovered is looked at once those have been found
 REACH_SLACK_M: Final = 0.15  # by which a tip may be farther than the limb is long: the trunk leans, the shoulder moves
 

@@ -50,9 +50,9 @@ class _Tried:
     cost: float
 
 
-def needs_search(explanation: Explanation) -> bool:
-    """Whether the picture shows that a limb is elsewhere."""
-    return explanation.uncovered_m2 >= LOOK_AGAIN_M2
+def needs_search(explanation: Explanation, hidden: bool = False) -> bool:
+    """Whether the picture shows that a limb is elsewhere; hidden: some limb covers nothing, so that less is enough."""
+    return explanation.uncovered_m2 >= (LOOK_AGAIN_M2 / 2.0 if hidden else LOOK_AGAIN_M2)
 
 
 def search_limbs(

@@ -16,6 +16,7 @@ from anchorpose.body.pose import LIMB_OF_JOINTS, TRUNK
 from anchorpose.body.skin_points import Body, PosedPoints, joint_jacobian
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 
+WORTH_M2: Final = 0.004  # of uncovered skin: clothes and holds leave as much
 IN_REACH_M: Final = 0.45  # a shank or a forearm with its hand
 
 _SYSTEMATIC_MM: Final = {
@@ -70,6 +71,8 @@ def unexplained_sigma(
     may be off by half of their distance from the piece's tip, as far as the tip is in their reach.
     """
     joints, sigma = body.mesh.joints(posed.transforms), sigma_m.copy()
+    if explanation.uncovered_m2 < WORTH_M2:
+        return sigma
     for path in uncovered_paths(evidence, explanation):
         nearest = int(np.argmin(((posed.points_m - path.places_m[-1]) ** 2).sum(axis=1)))
         limb = limb_of_points(body.points)[nearest]

@@ -292,7 +292,8 @@ class PatientTracker:
         self.search_wait, self.claim_wait = self.search_wait - 1, self.claim_wait - 1
         explanation = explain(self.points, pose_points(self.body, found.belief.pose), evidence)
         waiting = self.search_wait >= 0 and explanation.uncovered_m2 < MORE * self.left_uncovered_m2
-        if needs_search(explanation) and not waiting:
+        hidden = bool(hidden_limbs(self.body, explanation))
+        if needs_search(explanation, hidden) and not waiting:
             found = self._search(found, predicted, explanation)
             explanation = explain(self.points, pose_points(self.body, found.belief.pose), evidence)
         if self.claim_wait < 0 and hidden_limbs(self.body, explanation):
