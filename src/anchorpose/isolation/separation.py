@@ -33,7 +33,7 @@ from anchorpose.isolation.view import PixelLabel, View
 DECISION_PX: Final = 2  # between two people every second row and column is decided; the pixels between grow from them
 TRUNK_RADIUS_M: Final = 0.15  # half a trunk's depth and some clothes: what stands there is this person
 DETACHED_M: Final = 0.12  # a bar's width, and what a forearm moves behind it unseen
-OWN_COLUMN: Final = 0.5  # of a column beside the patient's: with so much of their skin expected in it, it is theirs
+OWN_COLUMN: Final = 0.5  # of a column beside the patient's: with so much of it on their expected skin, it is theirs
 UNSUPPORTED_SIGMA_M: Final = 0.04  # of remembered skin without a body: it ties with the patient's predicted skin
 ON_SKIN_M: Final = 0.05  # from the patient's expected skin: its spacing, clothes, and what it moves
 PART_CONTACT_M: Final = 0.05  # a wrist's width, over which a part of the patient is connected to the rest
@@ -84,7 +84,7 @@ def separate(
     owners = _with_newcomers(shown, owners, free, config)
     owners = owners if expected is None else _without_parts(shown, owners, expected)
     # remembered skin does not count as expected: the patient may have been mistaken before
-    owners = _one_patient(shown, owners, None if expected is None else decided, free, config)
+    owners = _one_patient(shown, owners, expected, free, config)
     return _views(pieces, owners)
 
 
@@ -209,15 +209,15 @@ def _is_part(shown: Sequence[Pieces], owners: Sequence[np.ndarray], label: int, 
 def _one_patient(
     shown: Sequence[Pieces],
     owners: list[np.ndarray],
-    decided: Sequence[np.ndarray] | None,
+    expected: OwnershipLikelihood | None,
     free: int,
     config: IsolationConfig,
 ) -> list[np.ndarray]:
     """Owners with anybody who stands apart from the patient, and was taken for part of them, split off.
 
     The patient is where most of what they own is; another column that is a person by size is another person, unless
-    the patient's predicted skin is in most of it: somebody who bends down has the trunk beside the legs. decided:
-    owners by likelihood alone, before they grew; None where no skin was predicted. free: the first unused label.
+    most of it lies on the patient's predicted skin: somebody who bends down has the trunk beside the legs. expected:
+    the likelihood of predicted skin, None where there is none. free: the first unused label.
     """
     if not shown:
         return owners
@@ -231,8 +231,10 @@ def _one_patient(
         return owners
     axes = np.array([person.ground_xz_m for person in people])
     others = np.arange(len(axes)) != np.argmax([person.area_m2 for person in people])
-    if decided is not None:
-        others &= _expected_share(shown, owners, decided, axes) < OWN_COLUMN
+    if expected is not None:
+        others &= (
+            _share_on_skin(shown, owners, expected.points_m[expected.owner == PixelLabel.PATIENT], axes) < OWN_COLUMN
+        )
     if not others.any():
         return owners
     first = max(free, *(int(owner.max(initial=0)) + 1 for owner in owners))
@@ -241,17 +243,23 @@ def _one_patient(
     return [_split(pixels, owner, axes, label) for pixels, owner in zip(shown, owners, strict=True)]
 
 
-def _expected_share(
-    shown: Sequence[Pieces], owners: Sequence[np.ndarray], decided: Sequence[np.ndarray], axes: np.ndarray
+def _share_on_skin(
+    shown: Sequence[Pieces], owners: Sequence[np.ndarray], skin_m: np.ndarray, axes: np.ndarray
 ) -> np.ndarray:
-    """(k,) share of the patient's pixels about each axis that were theirs by likelihood, before growing."""
+    """(k,) share of the patient's pixels about each axis that lie on the patient's predicted skin (p, 3)."""
     own, every = np.zeros(len(axes)), np.zeros(len(axes))
-    for pixels, owner, before in zip(shown, owners, decided, strict=True):
-        patient = np.flatnonzero((owner == PixelLabel.PATIENT) & _decision_pixels(pixels))
-        of = np.argmin([ground_distance(pixels.points_m[patient], axis) for axis in axes], axis=0)
-        every += np.bincount(of, minlength=len(axes))
-        own += np.bincount(of, before[patient] == PixelLabel.PATIENT, minlength=len(axes))
-    return np.asarray(own / np.maximum(every, 1))
+    if not len(skin_m):
+        return own
+    tree = cKDTree(skin_m)
+    for pixels, owner in zip(shown, owners, strict=True):
+        points, _, area = _sampled(pixels, owner, owner == PixelLabel.PATIENT)
+        if not len(points):
+            continue
+        of = np.argmin([ground_distance(points, axis) for axis in axes], axis=0)
+        away, _ = tree.query(points, distance_upper_bound=ON_SKIN_M)
+        every += np.bincount(of, area, minlength=len(axes))
+        own += np.bincount(of, np.where(np.isfinite(away), area, 0.0), minlength=len(axes))
+    return np.asarray(own / np.maximum(every, 1e-9))
 
 
 def _split(pixels: Pieces, owner: np.ndarray, axes: np.ndarray, label: np.ndarray) -> np.ndarray:
