@@ -15,6 +15,7 @@ from anchorpose.body.belief import UNSEEN_S, PoseBelief
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.evidence import Evidence, evidence_cost, unexplained_node_cost
 from anchorpose.body.explained import Explanation, explain
+from anchorpose.body.fit import prior_equations
 from anchorpose.body.limb_proposals import exchanged, limb_poses, uncovered_paths
 from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration, descend, posterior
@@ -27,6 +28,7 @@ TRIAL_NODES: Final = 800  # a third of the nodes tell a good pose from a bad one
 REFINED_REACHES_M: Final = (0.10, 0.07, 0.06)
 APART_M: Final = 0.08  # poses whose joints are nowhere farther apart are one: as much as clothes and holds move
 MOST_TIES: Final = 2
+MOST_UNUSUAL: Final = 10.0  # squared deviations of all joint ranges by which a pose may be rarer than before
 MOST_LAG: Final = 6.0  # a pose that costs so much more is e^3 times less likely
 LEAST_GAIN: Final = 0.008  # share of the nodes that another pose must explain besides
 
@@ -87,8 +89,9 @@ def farthest_joint_m(body: Body, one: Pose, other: Pose) -> float:
 
 def _proposals(body: Body, pose: Pose, evidence: Evidence) -> Iterator[Pose]:
     explanation = explain(body.points, pose_points(body, pose), evidence)
+    most = rarity(body, pose) + MOST_UNUSUAL  # a leg that nobody sees could be laid along an arm
     for path in uncovered_paths(evidence, explanation):
-        yield from limb_poses(body, pose, path)
+        yield from (proposed for proposed in limb_poses(body, pose, path) if rarity(body, proposed) <= most)
     yield from exchanged(body, pose)
 
 
@@ -98,6 +101,11 @@ def _register_all(
     """The first pose as it is, the others after a short registration, and what each costs."""
     kept = [poses[0], *(_settled(body, pose, uncertain, evidence, config) for pose in poses[1:])]
     return [_Tried(pose, evidence_cost(body, pose, evidence, config.reaches_m[-1], config)) for pose in kept]
+
+
+def rarity(body: Body, pose: Pose) -> float:
+    """How far the joints are bent: the sum of squared deviations from their usual range."""
+    return prior_equations(body.points, pose, None).cost
 
 
 def _settled(body: Body, pose: Pose, uncertain: PoseBelief, evidence: Evidence, config: RegistrationConfig) -> Pose:

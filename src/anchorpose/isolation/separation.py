@@ -75,7 +75,8 @@ def separate(
     """
     shown = [pixels for pixels in pieces if pixels is not None]
     bodies = np.zeros(0, np.int64) if expected is None else np.flatnonzero(np.bincount(expected.owner))
-    remembered = memory.without(bodies).likelihood(elapsed_s, 0.0 if expected is None else UNSUPPORTED_SIGMA_M)
+    known = memory.without(bodies[bodies != PixelLabel.PATIENT])  # the prediction may be wrong: memory has a vote
+    remembered = known.likelihood(elapsed_s, 0.0 if expected is None else UNSUPPORTED_SIGMA_M)
     likelihood = join_likelihoods([remembered, *([] if expected is None else [expected])])
     grid = sort_likelihood(likelihood) if len(likelihood) else None
     decided = [_decided(pixels, grid) for pixels in shown]

@@ -17,9 +17,8 @@ from anchorpose.body.belief import UNSEEN_S, PoseBelief
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.evidence import Evidence, evidence_cost, unexplained_node_cost
 from anchorpose.body.explained import Explanation, limb_of_points
-from anchorpose.body.fit import prior_equations
 from anchorpose.body.limb_proposals import CHAINS, REACH_SLACK_M, Chain, end_points, reaching
-from anchorpose.body.limb_search import TRIAL_NODES
+from anchorpose.body.limb_search import MOST_UNUSUAL, TRIAL_NODES, rarity
 from anchorpose.body.pose import TRUNK, Pose
 from anchorpose.body.registration import Registration, descend
 from anchorpose.body.skin_points import Body, pose_points
@@ -36,7 +35,6 @@ EXPLAINED_M: Final = 0.07  # from a bystander's rough body: clothes, and a body 
 HIDDEN_SHARE: Final = 0.15  # a limb with less of its end's skin on seen nodes is nowhere seen
 SEEN_SHARE: Final = 0.3  # an upper arm or thigh with so much skin on seen nodes says where elbow or knee is
 PLACES: Final = 20  # where the end of a limb is tried, spread over the free skin in its reach
-MOST_UNUSUAL: Final = 10.0  # squared deviations of all joint ranges by which the pose may be rarer than before
 SHANK_SLACK_M: Final = 0.15  # of the end's distance from a known knee or elbow
 REACHES_M: Final = (0.20, 0.15, 0.10, 0.07, 0.06)  # of each step from a tried place on: places are 0.2 m apart
 ALONG_M: Final = 0.10  # free nodes so near the limb's skin are looked at
@@ -113,8 +111,7 @@ class _Trying:
         along = self._near(tried, chain, ALONG_M)
         if len(along) < LEAST_NODES or self._covering(tried, chain, along) < LEAST_COVERING:
             return tried, 0.0
-        unusual = [prior_equations(self.body.points, pose, None).cost for pose in (self.pose, tried)]
-        if unusual[1] > unusual[0] + MOST_UNUSUAL:
+        if rarity(self.body, tried) > rarity(self.body, self.pose) + MOST_UNUSUAL:
             return tried, 0.0
         evidence, reach_m = _with_nodes(self.evidence, self.free, along), COMPARED_REACH_M
         before, after = (evidence_cost(self.body, pose, evidence, reach_m, self.config) for pose in (self.pose, tried))

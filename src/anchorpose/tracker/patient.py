@@ -279,7 +279,7 @@ class PatientTracker:
         feet = self.feet.rows(following.frame_set.time_s)
         found = register(self.body, predicted, following.evidence, held, config.registration, feet)
         if not found.found:
-            return found
+            return self._search_whole(found, predicted, following.evidence)
         best, self.rivals = follow_rivals(
             self.body, found, self.rivals, following.evidence, self._elapsed_s(), config.registration
         )
@@ -299,6 +299,19 @@ class PatientTracker:
         if self.claim_wait < 0 and hidden_limbs(self.body, explanation):
             found = self._claim(found, predicted, explanation)
         return self._uncross(found, predicted, self.window[1].evidence)
+
+    def _search_whole(self, lost: Registration, predicted: PoseBelief, evidence: Evidence) -> Registration:
+        """A body that explains nothing where it is expected may be turned round, or have other limbs."""
+        self.search_wait -= 1
+        if self.search_wait >= 0 or len(evidence.surface) < self.config.registration.least_nodes:
+            return lost
+        assumed = replace(lost, belief=predicted, found=True)
+        search = search_limbs(self.body, assumed, predicted, evidence, self.config.registration)
+        if not search.rounds:
+            self.search_wait = SEARCH_PAUSE
+            return lost
+        self.history.clear()
+        return search.registration
 
     def _search(self, found: Registration, predicted: PoseBelief, explanation: Explanation) -> Registration:
         """Limbs found again from uncovered skin; a search that finds nothing waits longer before the next."""
