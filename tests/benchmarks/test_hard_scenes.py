@@ -10,7 +10,10 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 from hard_scenes import HELD_OUT_EQUIPMENT, HELD_OUT_MOVEMENTS, hard_scenes, main
 
+from anchorpose.simulate.clinic import draw_clinic
+
 NOWHERE = Path("skeletons.npz")
+MOVEMENTS = Path(__file__).resolve().parents[3] / "shared" / "data" / "uiprmd_kinect" / "skeletons.npz"
 
 
 def test_there_are_24_of_each_kind_with_names_and_seeds_of_their_own():
@@ -43,3 +46,13 @@ def test_both_kinds_have_the_scene_that_tracking_once_failed_on():
 def test_without_the_movements_it_ends_in_one_sentence(tmp_path):
     with pytest.raises(SystemExit, match=r"^There is no file .* without\.$"):
         main(["--movements", str(tmp_path / "none.npz")])
+
+
+@pytest.mark.parametrize("name", [("standing-frame-sit-to-stand", 41_011), ("sling-sit-to-stand", 42_009)])
+def test_a_stool_is_as_high_as_the_thighs_whatever_the_heels_do(name):
+    if not MOVEMENTS.is_file():
+        pytest.skip(f"{MOVEMENTS} is not there")
+    use = "tuning" if name[1] < 42_000 else "held-out"
+    clinic = draw_clinic(hard_scenes(use, MOVEMENTS)[name])
+    (seat,) = [part for part in clinic.equipment.parts if part.name == "seat"]
+    assert 0.3 < seat.center_m[1] < 0.55
