@@ -56,7 +56,7 @@ UNPREDICTED: Final = 1.0  # added where nothing is predicted, so that an anchor 
 AT_PREDICTION: Final = 3.5  # the most at the predicted place, so that an end there is the anchor in any pose
 CLEAR: Final = 2.0  # farther off than so, nothing is named in spite of its prediction
 FARTHEST_OFF: Final = 3.0  # tolerances; what is farther off, one crossed arm or one wrong path, weighs no more
-HEADLESS: Final = 1.5  # tolerances: what hands and feet are off where there is no head to measure from
+HEADLESS: Final = 1.5  # tolerances: added for hands and feet where no head is found to measure from
 ENTRY: Final = 0.20  # of the height, from the centre: shoulders, neck and groin; there a path enters the trunk
 STEP: Final = 0.05  # of the height, between the places of a path that are compared
 

@@ -217,7 +217,7 @@ def _one_patient(
     """Owners with anybody who stands apart from the patient, and was taken for part of them, split off.
 
     The patient is where most of what they own is; another column that is a person by size is another person, unless
-    most of it lies on the patient's predicted skin: somebody who bends down has the trunk beside the legs. expected:
+    most of it lies on the patient's predicted skin: a patient who bends down has the trunk beside the legs. expected:
     the likelihood of predicted skin, None where there is none. free: the first unused label.
     """
     if not shown:

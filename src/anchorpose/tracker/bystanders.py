@@ -164,7 +164,7 @@ def _evidence(views: Sequence[View | None], cameras: Sequence[Camera], label: in
 
 
 def _is_person(body: Body, pose: Pose, evidence: Evidence) -> bool:
-    """Whether the cameras leave room for the body: pixels alone may be a part of somebody else."""
+    """Whether no camera sees past the body: pixels alone may be a part of another person."""
     past = np.nan_to_num(seen_past(body.points, pose_points(body, pose), evidence.views, evidence.cameras))
     return bool(past[TRUNK] <= MOST_TRUNK_PAST and (np.delete(past, TRUNK) > MOST_LIMB_PAST).sum() <= 1)
 

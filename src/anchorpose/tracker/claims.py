@@ -1,7 +1,7 @@
 """A limb of the patient that has another person's label: what that person's body does not explain is free to claim.
 
-A therapist who stands behind a patient's leg, or an arm that somebody walks past, leaves pixels with a wrong label; a
-wrong label is remembered. Where a limb of the patient is nowhere seen, it is looked for on all skin of other people
+A therapist who stands behind a patient's leg, or a person who walks past an arm, leaves pixels with a wrong label, and
+a wrong label is remembered. Where a limb of the patient is nowhere seen, it is looked for on all skin of other people
 that their own bodies leave unexplained, and it is claimed if it continues the patient rather than the other person.
 """
 
@@ -204,7 +204,7 @@ def _chosen(surface: Surface, nodes: np.ndarray) -> Surface:
 
 
 def _with_nodes(evidence: Evidence, free: Surface, nodes: np.ndarray) -> Evidence:
-    """The evidence with some of the free nodes, each as often as a patch of it has patient nodes."""
+    """The evidence with some of the free nodes beside the patient's."""
     own, more = evidence.surface, _chosen(free, nodes)
     count = len(own) + len(more)
     surface = replace(

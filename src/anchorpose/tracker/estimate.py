@@ -74,10 +74,10 @@ def estimate_of(
     belief = registration.belief
     posed = pose_points(body, belief.pose)
     joints = body.mesh.joints(posed.transforms)
-    sigma = joint_sigma(body, posed, belief.covariance, config.uncertainty)
-    sigma = with_rivals(body, joints, sigma, rivals) if rivals else sigma
     evidence = observation.evidence
     explanation = explain(body.points, posed, evidence)
+    sigma = joint_sigma(body, posed, belief.covariance, config.uncertainty)
+    sigma = with_rivals(body, joints, sigma, rivals) if rivals else sigma
     sigma = unexplained_sigma(body, posed, evidence, explanation, sigma)
     found = joint_states(body.points, posed, explanation.covering, evidence.views, evidence.cameras, config.visibility)
     states = tuple(

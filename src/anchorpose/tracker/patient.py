@@ -62,7 +62,7 @@ from anchorpose.tracking.motion import predict_joints
 
 SEE_AGAIN_M: Final = 0.03  # skin expected this far from where it was when the frame came in: half a forearm's width
 SEARCH_PAUSE, LONGEST_PAUSE = 4, 16  # frames between searches that find nothing, each as long as three frames
-MORE: Final = 1.5
+MORE: Final = 1.5  # times the uncovered area that a search left: so much more is worth another search at once
 NOTHING_HELD = place_constraints(np.zeros(0, np.int64), np.zeros((0, 3)), 1.0, 1.0)  # pairs and anchors go by the legs
 
 
