@@ -302,3 +302,11 @@ def shown_at(pieces, z: float) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of the pixels about an axis at x = 0."""
     near = np.hypot(pieces.points_m[:, 0], pieces.points_m[:, 2] - z) < 0.2
     return pieces.row[near], pieces.column[near]
+
+
+def test_a_patient_who_is_expected_elsewhere_does_not_become_a_new_person():
+    pieces = pieces_of(*body(0.0, 0.0))
+    memory = update_memory(empty_memory(), pieces, first_views(pieces), [FRONT], 0.0)
+    (view,) = separate(pieces, memory, skin_likelihood(*body(0.0, 1.2)), A_FRAME_S, CONFIG)
+    assert (view.labels < OTHER).all()
+    assert view.patient.sum() > 0.95 * len(pieces[0].row)

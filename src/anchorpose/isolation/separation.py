@@ -75,13 +75,13 @@ def separate(
     """
     shown = [pixels for pixels in pieces if pixels is not None]
     bodies = np.zeros(0, np.int64) if expected is None else np.flatnonzero(np.bincount(expected.owner))
-    known = memory.without(bodies[bodies != PixelLabel.PATIENT])  # the prediction may be wrong: memory has a vote
-    remembered = known.likelihood(elapsed_s, 0.0 if expected is None else UNSUPPORTED_SIGMA_M)
+    remembered = memory.without(bodies).likelihood(elapsed_s, 0.0 if expected is None else UNSUPPORTED_SIGMA_M)
     likelihood = join_likelihoods([remembered, *([] if expected is None else [expected])])
     grid = sort_likelihood(likelihood) if len(likelihood) else None
     decided = [_decided(pixels, grid) for pixels in shown]
     owners = _with_detached(shown, _grown(shown, decided))
     free = memory.next_label if elapsed_s >= 0 else max(memory.next_label, FIRST_EARLIER_LABEL)
+    owners = _with_remembered_patient(shown, owners, memory.points_m[memory.owner == PixelLabel.PATIENT])
     owners = _with_newcomers(shown, owners, free, config)
     owners = owners if expected is None else _without_parts(shown, owners, expected)
     # remembered skin does not count as expected: the patient may have been mistaken before
@@ -154,6 +154,23 @@ def _to_neighbour(pixels: Pieces, owner: np.ndarray, tree: cKDTree, label: np.nd
     assigned = owner.copy()
     assigned[unowned] = to[pixels.piece[unowned]]
     return assigned
+
+
+def _with_remembered_patient(shown: Sequence[Pieces], owners: list[np.ndarray], skin_m: np.ndarray) -> list[np.ndarray]:
+    """Owners, with what nobody owns given to the patient where the patient's skin (p, 3) was in the last frame.
+
+    The prediction may be wrong; then the patient must not become a new person. Other people's pixels stay theirs.
+    """
+    if not len(skin_m) or not any((owner == NOBODY).any() for owner in owners):
+        return owners
+    tree, found = cKDTree(skin_m), []
+    for pixels, owner in zip(shown, owners, strict=True):
+        unowned = np.flatnonzero(owner == NOBODY)
+        away, _ = tree.query(pixels.points_m[unowned], distance_upper_bound=ON_SKIN_M)
+        given = owner.copy()
+        given[unowned[np.isfinite(away)]] = PixelLabel.PATIENT
+        found.append(given)
+    return found
 
 
 def _with_newcomers(
