@@ -17,14 +17,13 @@ from anchorpose.simulate.person import draw_person
 from anchorpose.simulate.posture import SIDES, palm_normal, pose_bones
 from anchorpose.simulate.timeline import (
     CHANNEL_INDEX,
-    Footwork,
     HandGoals,
     Movement,
     channel_values,
     ease,
     foot_track,
     posture_from,
-    stance_places,
+    stand,
     walk,
 )
 
@@ -161,7 +160,7 @@ def test_hands_on_the_rails_stay_on_them_while_the_trunk_moves():
 def test_a_hand_goal_within_reach_is_reached_exactly():
     person = draw_person(np.random.default_rng(9), 0.0)
     base = resting_channels(person, in_frame=True)
-    feet = Footwork(stance_places(np.zeros(2), 0.0, 0.26), np.zeros(2))
+    feet = stand(np.zeros(2), 0.0, 0.26)
     goals = HandGoals(np.array([[[0.2, 1.15, -0.3], [0.25, 1.2, 0.3]]]), np.tile(np.eye(3), (1, 2, 1, 1)))
     bones = pose_bones(person.body, posture_from(person.body, base[:, None], feet, np.zeros(1), goals))
     wrists = person.body.joints(bones[0])[[JOINT_INDEX["WristLeft"], JOINT_INDEX["WristRight"]]]
@@ -176,9 +175,9 @@ def test_palms_face_each_other_across_the_body():
 
 
 def test_a_walk_arrives_where_and_as_it_should():
-    start = Footwork(stance_places(np.array([2.0, 1.0]), 0.0, 0.28), np.zeros(2))
+    start = stand(np.array([2.0, 1.0]), 0.0, 0.28)
     goal, facing = np.array([0.7, -0.3]), np.pi
-    path = walk(start, goal, facing, 0.0, 0.5, 0.28)
+    path = walk(start, goal, facing, 0.0, 0.28)
     track = foot_track(path, np.array([-1.0, 1e3]))
     assert track.ball_m[0][:, [0, 2]] == pytest.approx(start.places_m)
     assert track.ball_m[1][:, [0, 2]].mean(axis=0) == pytest.approx(goal)
@@ -218,7 +217,7 @@ def test_a_positive_angle_moves_the_body_the_way_its_name_says(channel, joint, w
     base[CHANNEL_INDEX["pelvis_up"]] = -0.1
     bent = base.copy()
     bent[CHANNEL_INDEX[channel]] += 0.6 if "pelvis" not in channel else 0.05
-    feet = Footwork(stance_places(np.zeros(2), 0.0, 0.26), np.zeros(2))
+    feet = stand(np.zeros(2), 0.0, 0.26)
     posture = posture_from(person.body, np.stack([base, bent], axis=1), feet, np.zeros(2), HandGoals.none(2))
     before, after = (person.body.joints(bones)[JOINT_INDEX[joint]] for bones in pose_bones(person.body, posture))
     moved = (after - before) * way

@@ -8,10 +8,9 @@ import pytest
 from anchorpose.camera import Camera, Intrinsics, invert_rigid, transform_points
 from anchorpose.recording.equipment import Box
 from anchorpose.simulate import config as presets
-from anchorpose.simulate.clinic import draw_clinic, random_stream
+from anchorpose.simulate.clinic import draw_clinic, look_at, random_stream
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.render import EQUIPMENT, PATIENT, Figure, draw_figures, render_still
-from anchorpose.simulate.scenery import look_at
 from anchorpose.simulate.sensor import SENSORS, draw_wiggle, sense
 from anchorpose.simulate.shoot import body_centre_m, set_up
 

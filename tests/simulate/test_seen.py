@@ -12,9 +12,9 @@ from anchorpose.results.truth import read_truth
 from anchorpose.simulate import config as presets
 from anchorpose.simulate.clinic import draw_clinic
 from anchorpose.simulate.config import SimulationConfig
-from anchorpose.simulate.passers import FARTHEST_M, NEAREST_M, draw_passer_by
 from anchorpose.simulate.render import PATIENT
 from anchorpose.simulate.shoot import set_up
+from anchorpose.simulate.therapist import PASSING_M, draw_passer_by
 from anchorpose.simulate.write import simulate_recording
 
 PASSED = SimulationConfig(seed=8, seconds=6.0, fps=4.0, cameras=1, therapists=1, equipment="none", passers_by=1)
@@ -49,7 +49,7 @@ def test_who_passes_by_comes_from_outside_and_crosses_before_the_camera(seed):
     hips_m = bones[:, 0, :3, :3] @ passer.actor.person.body.bone_heads[0] + bones[:, 0, :3, 3]
     camera = clinic.cameras[1]
     away_m = np.linalg.norm((hips_m - camera.position_m)[:, [0, 2]], axis=1)
-    assert NEAREST_M - 0.2 < away_m.min() < FARTHEST_M + 0.1
+    assert PASSING_M[0] - 0.2 < away_m.min() < PASSING_M[1] + 0.1
     assert 0.2 * PASSED.seconds < times_s[np.argmin(away_m)] < 0.8 * PASSED.seconds
     assert np.linalg.norm(hips_m[:, [0, 2]], axis=1).min() > 0.6, "nobody walks through the patient"
 

@@ -1,4 +1,4 @@
-"""Equipment fitted around a patient: parallel bars with a chest pad, a walker, a wheelchair, a sling from above.
+"""Kinds of equipment: standing frame, parallel bars and chest pad, walker, wheelchair, sling from above, stool.
 
 All of it stands still. It is fitted around what the patient's skin sweeps over in the recording, so that nobody moves
 through it with the trunk.
@@ -53,6 +53,75 @@ def sweep_of(person: Person, bones: np.ndarray) -> Sweep:
     return Sweep(skin, arms, root[:, :3, :3] @ person.body.bone_heads[0] + root[:, :3, 3])
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldEquipment:
+    """Equipment that the patient holds; grip_m (2, 3): where the left and the right hand hold it."""
+
+    parts: tuple[EquipmentPart, ...]
+    grip_m: np.ndarray
+
+
+def fit_standing_frame(
+    rng: np.random.Generator, pelvis_m: float, knee_m: float, front_m: float, half_width_m: float
+) -> HeldEquipment:
+    """Posts, rails to hold, a cross-bar before the belly, a bar before the knees, runners on the floor.
+
+    pelvis_m, knee_m: heights of pelvis and knees; front_m: x of the foremost of belly and knees; half_width_m: room
+    that the arms need beside the trunk.
+    """
+    bar_height_m = rng.uniform(0.05, 0.09)
+    bar_depth_m = rng.uniform(0.03, 0.05)
+    x = front_m + bar_depth_m / 2.0 + rng.uniform(0.04, 0.08)
+    half_m = max(half_width_m, 0.40) + rng.uniform(0.0, 0.06)
+    tube_m = rng.uniform(0.035, 0.05)
+    rail_m = pelvis_m + rng.uniform(-0.06, 0.04)
+    cross_m = rail_m + rng.uniform(0.05, 0.13)
+    parts: list[EquipmentPart] = []
+    for side, z in (("left", -half_m), ("right", half_m)):
+        parts += [
+            _tube(rng, f"post-{side}", (x, (cross_m + 0.05) / 2.0, z), tube_m, cross_m + 0.05, 1),
+            _tube(rng, f"rail-{side}", (x - 0.35, rail_m, z), tube_m, 0.75, 0),
+            _box(f"base-{side}", (x - 0.3, 0.03, z), (1.0, 0.06, 0.06)),
+        ]
+    parts.append(_box("cross-bar", (x + 0.02, cross_m, 0.0), (0.04, 0.05, 2.0 * half_m)))
+    knee_bar_m = knee_m + rng.uniform(-0.06, 0.02)
+    parts.append(_box("knee-bar", (x, knee_bar_m, 0.0), (bar_depth_m, bar_height_m, 2.0 * half_m - tube_m)))
+    grip_x, top_m = x - rng.uniform(0.08, 0.18), rail_m + tube_m / 2.0
+    return HeldEquipment(tuple(parts), np.array([[grip_x, top_m, -half_m], [grip_x, top_m, half_m]]))
+
+
+def fit_parallel_bars(rng: np.random.Generator, pelvis_m: float, half_width_m: float) -> HeldEquipment:
+    """Two rails on four posts around a patient at the origin, the same from both ends."""
+    rail_m = pelvis_m + rng.uniform(-0.06, 0.04)
+    half_m = max(half_width_m, 0.32) + rng.uniform(0.0, 0.05)
+    tube_m, length_m = rng.uniform(0.035, 0.045), rng.uniform(1.6, 2.2)
+    parts: list[EquipmentPart] = []
+    for side, z in (("left", -half_m), ("right", half_m)):
+        parts.append(_tube(rng, f"rail-{side}", (0.0, rail_m, z), tube_m, length_m, 0))
+        for end, x in (("front", 0.4 * length_m), ("back", -0.4 * length_m)):
+            post = np.array([x, (rail_m - tube_m / 2.0) / 2.0, z])
+            parts.append(Cylinder(f"post-{side}-{end}", post, UP, tube_m / 2.0, rail_m - tube_m / 2.0))
+    top_m = rail_m + tube_m / 2.0
+    return HeldEquipment(tuple(parts), np.array([[0.12, top_m, -half_m], [0.12, top_m, half_m]]))
+
+
+def build_stool(rng: np.random.Generator, center_m: tuple[float, float], height_m: float) -> tuple[EquipmentPart, ...]:
+    """A round or square stool whose top is at ``height_m``, centred at (x, z)."""
+    x, z = center_m
+    if rng.random() < 0.5:
+        column_m = height_m - 0.06
+        return (
+            Cylinder("seat", np.array([x, height_m - 0.03, z]), UP, 0.18, 0.06),
+            Cylinder("column", np.array([x, column_m / 2.0, z]), UP, 0.03, column_m),
+        )
+    leg_m = height_m - 0.05
+    legs = [
+        _box(f"leg-{number}", (x + dx, leg_m / 2.0, z + dz), (0.03, leg_m, 0.03))
+        for number, (dx, dz) in enumerate([(-0.15, -0.16), (-0.15, 0.16), (0.15, -0.16), (0.15, 0.16)])
+    ]
+    return (_box("seat", (x, height_m - 0.025, z), (0.36, 0.05, 0.38)), *legs)
+
+
 def fit_chest_pad(
     rng: np.random.Generator, sweep: Sweep, sternum_m: float, rail_m: float, half_m: float
 ) -> tuple[EquipmentPart, ...]:
@@ -85,8 +154,8 @@ def fit_chest_pad(
     return tuple(parts)
 
 
-def fit_walker(rng: np.random.Generator, sweep: Sweep, handle_m: float) -> tuple[tuple[EquipmentPart, ...], np.ndarray]:
-    """Two side frames joined by bars in front; also (2, 3) where the left and the right hand hold it."""
+def fit_walker(rng: np.random.Generator, sweep: Sweep, handle_m: float) -> HeldEquipment:
+    """Two side frames joined by bars in front."""
     tube_m, length_m = rng.uniform(0.025, 0.032), rng.uniform(0.40, 0.48)
     body = sweep.within(0.1, handle_m + 0.1)
     half_m = float(np.clip(np.abs(body[:, 2]).max() + 0.07, 0.28, WIDEST_M))
@@ -102,7 +171,7 @@ def fit_walker(rng: np.random.Generator, sweep: Sweep, handle_m: float) -> tuple
     for name, y in (("front-bar", handle_m - 0.06), ("front-brace", 0.5 * handle_m)):
         parts.append(Cylinder(name, np.array([front_m, y, 0.0]), RIGHT, tube_m / 2.0, 2.0 * half_m))
     grip = np.array([[back_m + 0.55 * length_m, handle_m + tube_m / 2.0, z] for z in (-half_m, half_m)])
-    return tuple(parts), grip
+    return HeldEquipment(tuple(parts), grip)
 
 
 def fit_wheelchair(rng: np.random.Generator, sweep: Sweep, sits: bool) -> tuple[EquipmentPart, ...]:
@@ -172,3 +241,18 @@ def _front(points_m: np.ndarray) -> float:
 
 def _box(name: str, center_m: tuple[float, float, float], size_m: tuple[float, float, float]) -> Box:
     return Box(name, np.array(center_m), np.array(size_m), np.eye(3))
+
+
+def _tube(
+    rng: np.random.Generator,
+    name: str,
+    center_m: tuple[float, float, float],
+    tube_m: float,
+    length_m: float,
+    axis: int,
+) -> EquipmentPart:
+    """A round or a square tube along axis 0, 1 or 2."""
+    along = np.eye(3)[axis]
+    if rng.random() < 0.5:
+        return Cylinder(name, np.array(center_m), along, tube_m / 2.0, length_m)
+    return Box(name, np.array(center_m), np.where(along > 0, length_m, tube_m), np.eye(3))

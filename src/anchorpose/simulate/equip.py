@@ -8,13 +8,24 @@ import numpy as np
 
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.equipment import EquipmentPart
-from anchorpose.simulate.aids import WIDEST_M, Sweep, fit_chest_pad, fit_sling, fit_walker, fit_wheelchair, sweep_of
+from anchorpose.simulate.aids import (
+    WIDEST_M,
+    HeldEquipment,
+    Sweep,
+    build_stool,
+    fit_chest_pad,
+    fit_parallel_bars,
+    fit_sling,
+    fit_standing_frame,
+    fit_walker,
+    fit_wheelchair,
+    sweep_of,
+)
 from anchorpose.simulate.config import SimulationConfig
-from anchorpose.simulate.patient import LONG_AGO_S, Actor, resting_channels, seated_offsets
+from anchorpose.simulate.patient import LONG_AGO_S, STANCE_M, Actor, resting_channels, seated_offsets
 from anchorpose.simulate.person import Person
 from anchorpose.simulate.retarget import CapturedActor
-from anchorpose.simulate.scenery import StandingFrame, build_stool, fit_parallel_bars, fit_standing_frame
-from anchorpose.simulate.timeline import Footwork, Movement, ball_ahead_m, stance_places, standing_pelvis_m
+from anchorpose.simulate.timeline import Movement, ball_ahead_m, stand, standing_pelvis_m
 
 SWEEP_HZ = 5.0
 STOOL_HALF_M = 0.20  # half a stool and a little: legs that have stood up are before it
@@ -23,18 +34,18 @@ BELOW_NECK_M = 0.15  # from the joint between the shoulders down to the middle o
 HELD = ("standing-frame", "parallel-bars", "walker")  # kinds of equipment that hands hold
 
 
-def fit_held(rng: np.random.Generator, config: SimulationConfig, person: Person) -> StandingFrame | None:
+def fit_held(rng: np.random.Generator, config: SimulationConfig, person: Person) -> HeldEquipment | None:
     """What a patient who follows motions stands in and holds; fitted to upright standing."""
     if config.equipment not in HELD:
         return None
     sweep = sweep_of(person, _posed(person).bones(np.zeros(1)))
     if config.equipment == "walker":
-        return StandingFrame(*fit_walker(rng, sweep, _handle_m(person)))
+        return fit_walker(rng, sweep, _handle_m(person))
     return _fit_frame(rng, config, person, sweep, _trunk_half_width_m(person, sweep))
 
 
 def fit_around(
-    rng: np.random.Generator, config: SimulationConfig, patient: Actor | CapturedActor, held: StandingFrame | None
+    rng: np.random.Generator, config: SimulationConfig, patient: Actor | CapturedActor, held: HeldEquipment | None
 ) -> tuple[EquipmentPart, ...]:
     """All equipment of a configuration; ``held``: what ``fit_held`` returned, None for a captured movement."""
     parts = () if held is None else held.parts
@@ -59,7 +70,7 @@ def _fit_swept(
         case "sling":
             return fit_sling(rng, sweep, sternum_m, CEILING_M)
         case "walker":
-            return fit_walker(rng, sweep, _handle_m(person))[0]
+            return fit_walker(rng, sweep, _handle_m(person)).parts
     parts: tuple[EquipmentPart, ...] = ()
     rail_m, half_m = standing_pelvis_m(person.body), _trunk_half_width_m(person, sweep)
     if captured:
@@ -72,7 +83,7 @@ def _fit_swept(
 
 def _fit_frame(
     rng: np.random.Generator, config: SimulationConfig, person: Person, sweep: Sweep, half_width_m: float
-) -> StandingFrame:
+) -> HeldEquipment:
     """Parallel bars or a standing frame whose bars clear what the legs and the belly sweep over."""
     pelvis_m = standing_pelvis_m(person.body)
     if config.equipment == "parallel-bars":
@@ -129,5 +140,5 @@ def _fitted_stool(rng: np.random.Generator, patient: Actor | CapturedActor) -> t
 
 def _posed(person: Person) -> Actor:
     """A person who stands as the asset does, for measuring."""
-    feet = Footwork(stance_places(np.array([ball_ahead_m(person.body), 0.0]), 0.0, 0.26), np.zeros(2))
+    feet = stand(np.array([ball_ahead_m(person.body), 0.0]), 0.0, STANCE_M)
     return Actor(person, resting_channels(person, False), [Movement((), LONG_AGO_S, 1.0, 1e3, 1.0)], feet, ())

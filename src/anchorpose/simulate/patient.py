@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from anchorpose.rotations import FORWARD, UP, orthonormal_frame
+from anchorpose.simulate.aids import HeldEquipment
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.movements import ARM_MOTIONS, LEG_MOTIONS, REST_ELBOW, Situation, draw_pace, timed
 from anchorpose.simulate.person import Person
 from anchorpose.simulate.posture import OUTWARD, finger_direction, palm_normal, pose_bones
-from anchorpose.simulate.scenery import StandingFrame
 from anchorpose.simulate.timeline import (
     CHANNEL_INDEX,
     CHANNELS,
@@ -24,8 +24,10 @@ from anchorpose.simulate.timeline import (
     final_stance,
     posture_from,
     stance_places,
+    stand,
     standing_pelvis_m,
-    walk,
+    walk_until,
+    yaw_towards,
 )
 
 FARTHEST_FORWARD_M = 0.3  # of the feet: from there steps lead back
@@ -38,7 +40,6 @@ SIT_CHANCE = 0.4  # that a mixed programme with a stool begins or ends on it
 LONG_AGO_S = -100.0
 OUTSIDE_M = 2.4  # beside the place to train: out of the front camera's view
 STANCE_M = 0.26
-WALK_STEP_S = 0.5
 WALK_S = 3.0  # from outside to the place of training
 
 
@@ -120,7 +121,7 @@ def draw_waves(rng: np.random.Generator) -> tuple[Wave, ...]:
 
 
 def draw_patient(
-    rng: np.random.Generator, config: SimulationConfig, person: Person, frame: StandingFrame | None
+    rng: np.random.Generator, config: SimulationConfig, person: Person, frame: HeldEquipment | None
 ) -> Actor:
     """A patient's programme for the recording."""
     base = resting_channels(person, frame is not None)
@@ -163,19 +164,11 @@ def _come_and_go(rng: np.random.Generator, footwork: Footwork, config: Simulatio
     for gone_s, back_s in config.away_s:
         outside = home + np.array([rng.uniform(-0.3, 0.0), rng.choice([-1.0, 1.0]) * OUTSIDE_M])
         if gone_s <= 0.0:
-            course = float(np.arctan2(-(home - outside)[1], (home - outside)[0]))
-            footwork = Footwork(stance_places(outside, course, STANCE_M), np.full(2, course))
+            footwork = stand(outside, yaw_towards(outside, home), STANCE_M)
         else:
-            away = float(np.arctan2(-(outside - home)[1], (outside - home)[0]))
-            footwork = _arriving(footwork, outside, away, gone_s)
-        footwork = _arriving(footwork, home, facing, back_s + WALK_S)
+            footwork = walk_until(footwork, outside, yaw_towards(home, outside), gone_s, STANCE_M)
+        footwork = walk_until(footwork, home, facing, back_s + WALK_S, STANCE_M)
     return footwork
-
-
-def _arriving(footwork: Footwork, goal_m: np.ndarray, facing: float, at_s: float) -> Footwork:
-    """``footwork`` with a walk that ends at a time."""
-    steps = len(walk(footwork, goal_m, facing, 0.0, WALK_STEP_S, STANCE_M).steps) - len(footwork.steps)
-    return walk(footwork, goal_m, facing, at_s - steps * WALK_STEP_S, WALK_STEP_S, STANCE_M)
 
 
 def _loosen_arms(rng: np.random.Generator, base: np.ndarray) -> None:

@@ -1,4 +1,4 @@
-"""Therapists: they walk in, crouch or stand by the patient, hold and follow the patient, let go and leave."""
+"""People beside the patient: therapists, who walk in, hold and follow the patient and leave; and people who pass by."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from anchorpose.camera import Camera
 from anchorpose.rotations import FORWARD, UP, orthonormal_frame, rotate, unit
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.holds import TASKS, Hold, Task, choose_hold, nearest_s
@@ -20,13 +21,15 @@ from anchorpose.simulate.timeline import (
     Movement,
     channel_values,
     posture_from,
-    stance_places,
+    stand,
     standing_pelvis_m,
     walk,
+    walk_seconds,
+    walk_until,
+    yaw_towards,
 )
 
 STANCE_M = 0.28
-WALK_STEP_S = 0.5
 CROUCHES = np.linspace(0.0, 1.0, 21)
 SHOULDERS_ABOVE_HOLD_M = 0.22
 COMFORTABLE_REACH = 0.85  # of the arm's length, from shoulder to hold
@@ -37,6 +40,12 @@ LEAN_M = 0.12  # as far as a therapist follows a patient who does a captured mov
 LOWEST_PELVIS_M = 0.30  # above the floor, of a therapist who crouches
 FLATTENING = -0.45  # radians that the fingers, curled at rest, straighten at each joint to lie on the skin
 HELD_M = 0.005  # a wrist so near to where it wants to be holds
+
+PASSING_M = (0.6, 1.5)  # from the camera that a person passes
+BESIDE_M = 3.2  # where they come from and go to: outside the room
+SLANTS_RAD = np.linspace(-0.6, 0.6, 25)  # of the course, against the way across
+CLEAR_M = 0.7  # from the other cameras, where there is such a course
+HALFWAY = (0.35, 0.65)  # of the recording: when they are before the camera
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,10 +146,46 @@ def _draw_passer(rng: np.random.Generator, config: SimulationConfig, person: Per
     way = rng.choice([-1.0, 1.0])
     x = rng.uniform(1.1, 1.5) if rng.random() < 0.6 else -rng.uniform(0.8, 1.2)
     start, goal = np.array([x, -way * 2.2]), np.array([x + rng.uniform(-0.3, 0.3), way * 2.2])
-    facing = float(np.arctan2(-(goal - start)[1], (goal - start)[0]))
-    standing = Footwork(stance_places(start, facing, STANCE_M), np.full(2, facing))
+    facing = yaw_towards(start, goal)
     start_s = rng.uniform(-0.2, 0.5) * config.seconds - 1.5
-    footwork = walk(standing, goal, facing, start_s, WALK_STEP_S, STANCE_M)
+    return _walker(rng, person, walk(stand(start, facing, STANCE_M), goal, facing, start_s, STANCE_M))
+
+
+def draw_passer_by(
+    rng: np.random.Generator, config: SimulationConfig, cameras: tuple[Camera, ...], camera: int | None = None
+) -> Therapist:
+    """A person who walks across the line from a camera, drawn where None, to the patient in mid-recording."""
+    person = draw_person(rng, config.clothing_m)
+    chosen = cameras[int(rng.integers(len(cameras))) if camera is None else camera]
+    towards = -chosen.position_m[[0, 2]]
+    away_m = float(np.linalg.norm(towards))
+    towards = towards / away_m
+    crossing = chosen.position_m[[0, 2]] + min(rng.uniform(*PASSING_M), away_m - 1.0) * towards
+    slant = rng.uniform(-0.25, 0.25)
+    across = np.array([-towards[1], towards[0]]) * rng.choice([-1.0, 1.0])
+    courses = np.cos(SLANTS_RAD)[:, None] * across + np.sin(SLANTS_RAD)[:, None] * towards
+    others_m = np.array([other.position_m[[0, 2]] for other in cameras if other is not chosen]).reshape(-1, 2)
+    course = courses[_clear_course(courses, crossing, others_m, slant)]
+    start, goal = crossing - BESIDE_M * course, crossing + BESIDE_M * course
+    facing = yaw_towards(np.zeros(2), course)
+    standing = stand(start, facing, STANCE_M)
+    start_s = rng.uniform(*HALFWAY) * config.seconds - 0.5 * walk_seconds(standing, goal, facing, STANCE_M)
+    return _walker(rng, person, walk(standing, goal, facing, start_s, STANCE_M))
+
+
+def _clear_course(courses: np.ndarray, crossing_m: np.ndarray, others_m: np.ndarray, slant: float) -> int:
+    """The index of the course (n, 2) nearest to a slant that keeps clear of other cameras (k, 2) and of the patient.
+
+    The one that comes least near to any where none keeps clear.
+    """
+    to_others = np.concatenate([others_m, np.zeros((1, 2))]) - crossing_m
+    beside_m = np.abs(courses[:, :1] * to_others[:, 1] - courses[:, 1:] * to_others[:, 0]).min(axis=1)
+    strayed = np.abs(SLANTS_RAD - slant)
+    return int(np.argmin(np.where(beside_m >= CLEAR_M, strayed, 10.0 - beside_m)))
+
+
+def _walker(rng: np.random.Generator, person: Person, footwork: Footwork) -> Therapist:
+    """Someone who only walks."""
     return Therapist(Actor(person, resting_channels(person, in_frame=False), [], footwork, draw_waves(rng)), None)
 
 
@@ -149,15 +194,12 @@ def _visit(
 ) -> Footwork:
     """Walk in from the side so as to be at ``spot`` (x, z) at ``arrive_s``, and out again."""
     outside = spot + rng.uniform(1.6, 2.2) * _sideways(rng, spot)
-    course = float(np.arctan2(-(spot - outside)[1], (spot - outside)[0]))
-    standing = Footwork(stance_places(outside, course, STANCE_M), np.full(2, course))
-    footwork = walk(standing, spot, facing, 0.0, WALK_STEP_S, STANCE_M)
-    footwork = walk(standing, spot, facing, arrive_s - len(footwork.steps) * WALK_STEP_S, WALK_STEP_S, STANCE_M)
+    standing = stand(outside, yaw_towards(outside, spot), STANCE_M)
+    footwork = walk_until(standing, spot, facing, arrive_s, STANCE_M)
     if leave_s is None:
         return footwork
     exit_m = spot + rng.uniform(1.6, 2.2) * _sideways(rng, spot)
-    away = float(np.arctan2(-(exit_m - spot)[1], (exit_m - spot)[0]))
-    return walk(footwork, exit_m, away, leave_s, WALK_STEP_S, STANCE_M)
+    return walk(footwork, exit_m, yaw_towards(spot, exit_m), leave_s, STANCE_M)
 
 
 def _sideways(rng: np.random.Generator, spot: np.ndarray) -> np.ndarray:
@@ -202,7 +244,7 @@ def _crouched_shoulders(person: Person, base: np.ndarray) -> tuple[np.ndarray, f
     crouching = [Movement(_crouch_offsets(crouch), LONG_AGO_S, 1.0, 1e3, 1.0) for crouch in CROUCHES]
     channels = np.concatenate([channel_values(base, [movement], np.zeros(1)) for movement in crouching], axis=1)
     times_s = np.zeros(len(CROUCHES))
-    footwork = Footwork(stance_places(np.zeros(2), 0.0, STANCE_M), np.zeros(2))
+    footwork = stand(np.zeros(2), 0.0, STANCE_M)
     bones = pose_bones(body, posture_from(body, channels, footwork, times_s, HandGoals.none(len(times_s))))
     arms = [asset.bone(f"{side}Arm") for side in SIDES]
     moved = bones[:, arms]

@@ -22,6 +22,7 @@ CHANNEL_INDEX = {name: index for index, name in enumerate(CHANNELS)}
 STEP_HEIGHT_M = 0.07
 TOE_OFF_RAD = 0.5  # heel rise as a foot leaves the floor
 BODY_LAG_S = 0.3  # the trunk travels more evenly than the feet
+WALK_STEP_S = 0.5
 
 ELBOW_LIMITS = (0.12, 2.5)  # radians: nearly straight to hand at the shoulder
 SHOULDER_LIMITS = (-0.9, 3.0)
@@ -125,16 +126,14 @@ def body_course(footwork: Footwork, times_s: np.ndarray) -> tuple[np.ndarray, np
     return place, yaw
 
 
-def walk(
-    footwork: Footwork, goal_m: np.ndarray, facing: float, start_s: float, step_s: float, stance_m: float
-) -> Footwork:
+def walk(footwork: Footwork, goal_m: np.ndarray, facing: float, start_s: float, stance_m: float) -> Footwork:
     """``footwork`` with a walk appended: straight to ``goal_m`` (x, z), turning to ``facing`` on the last steps."""
     places, yaws = final_stance(footwork)
     here = places.mean(axis=0)
     gap = goal_m - here
     distance = float(np.linalg.norm(gap))
     count = max(4, int(np.ceil(distance / 0.42)) + 2)
-    course = float(np.arctan2(-gap[1], gap[0])) if distance > 0.3 else facing
+    course = yaw_towards(here, goal_m) if distance > 0.3 else facing
     course = yaws.mean() + _wrap(course - yaws.mean())
     facing = course + _wrap(facing - course)
     first = int(np.argmin(places @ np.array([np.cos(course), -np.sin(course)])))
@@ -144,8 +143,24 @@ def walk(
         heading = course + (facing - course) * float(ease(np.array((k - count + 4) / 2.0)))
         middle = here + gap * min(1.0, (k + 1) / (count - 2))
         place = stance_places(middle, heading, stance_m)[side]
-        steps.append(Step(side, start_s + k * step_s, step_s, (float(place[0]), float(place[1])), heading))
+        steps.append(Step(side, start_s + k * WALK_STEP_S, WALK_STEP_S, (float(place[0]), float(place[1])), heading))
     return Footwork(footwork.places_m, footwork.yaws, (*footwork.steps, *steps))
+
+
+def walk_seconds(footwork: Footwork, goal_m: np.ndarray, facing: float, stance_m: float) -> float:
+    """How long that walk takes."""
+    return (len(walk(footwork, goal_m, facing, 0.0, stance_m).steps) - len(footwork.steps)) * WALK_STEP_S
+
+
+def walk_until(footwork: Footwork, goal_m: np.ndarray, facing: float, at_s: float, stance_m: float) -> Footwork:
+    """``footwork`` with a walk appended that arrives at a time."""
+    return walk(footwork, goal_m, facing, at_s - walk_seconds(footwork, goal_m, facing, stance_m), stance_m)
+
+
+def yaw_towards(here_m: np.ndarray, there_m: np.ndarray) -> float:
+    """Radians to the left that lead from one place (x, z) to another."""
+    gap = there_m - here_m
+    return float(np.arctan2(-gap[1], gap[0]))
 
 
 def final_stance(footwork: Footwork) -> tuple[np.ndarray, np.ndarray]:
@@ -154,6 +169,11 @@ def final_stance(footwork: Footwork) -> tuple[np.ndarray, np.ndarray]:
     for step in footwork.steps:
         places[step.side], yaws[step.side] = step.place_m, step.yaw
     return places, yaws
+
+
+def stand(middle_m: np.ndarray, yaw: float, stance_m: float) -> Footwork:
+    """Both feet beside a place (x, z), which take no step."""
+    return Footwork(stance_places(middle_m, yaw, stance_m), np.full(2, yaw))
 
 
 def stance_places(middle_m: np.ndarray, yaw: float, stance_m: float) -> np.ndarray:
