@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from anchorpose.camera import Camera
 from anchorpose.simulate.clinic import Clinic, draw_clinic, random_stream
 from anchorpose.simulate.config import SimulationConfig
-from anchorpose.simulate.render import Figure, TrueImage, draw_figures, render_still
+from anchorpose.simulate.render import Figure, TrueImage, draw_figures
 from anchorpose.simulate.sensor import SENSORS, draw_wiggle, sense
-from anchorpose.simulate.shoot import Record, draw_record, set_up
+from anchorpose.simulate.shoot import empty_rooms, equipment_triangles, set_up
+from anchorpose.simulate.write import Record, draw_record
 
 FIGURES_KEPT = 8  # cameras look at nearly the same moments
 
@@ -59,17 +60,9 @@ class LazyClinic:
 
 def lazy_clinic(config: SimulationConfig) -> LazyClinic:
     """Set up the rooms and stamps of ``config``, but render nobody yet."""
-    from dataclasses import replace
-
     clinic = draw_clinic(config)
     brief = set_up(draw_clinic(replace(config, seconds=0.1, starts_late_s=(), ends_early_s=())))
-    equipment = np.zeros((0, 3, 3))
-    if clinic.equipment is not None:
-        vertices, faces = clinic.equipment.triangles()
-        equipment = vertices[faces]
-    studio = replace(
-        brief, clinic=clinic, stills=tuple(render_still(camera, clinic.room, equipment) for camera in clinic.cameras)
-    )
+    studio = replace(brief, clinic=clinic, stills=empty_rooms(clinic, equipment_triangles(clinic, moved=False)))
     spec = SENSORS[config.sensor]
     wiggles = tuple(draw_wiggle(random_stream(config, "sensor", index), spec) for index in range(config.cameras))
     return LazyClinic(

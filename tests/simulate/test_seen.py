@@ -13,7 +13,7 @@ from anchorpose.simulate import config as presets
 from anchorpose.simulate.clinic import draw_clinic
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.render import PATIENT
-from anchorpose.simulate.shoot import set_up
+from anchorpose.simulate.shoot import seen_shares, set_up
 from anchorpose.simulate.therapist import PASSING_M, draw_passer_by
 from anchorpose.simulate.write import simulate_recording
 
@@ -68,7 +68,6 @@ def test_what_is_behind_the_patients_own_trunk_or_outside_the_image_is_not_seen(
     shot, camera = studio.shoot(0), studio.clinic.cameras[1]
     left, right = JOINT_INDEX["WristLeft"], JOINT_INDEX["WristRight"]
     assert shot.seen_share[left, 1] > shot.seen_share[right, 1], "the second camera stands on the left"
-    from anchorpose.simulate.seen import seen_shares
 
     person, bones = studio.clinic.patient.person, studio.performances[0].bones[0][0]
     away = -camera.position_m * [1.0, 0.0, 1.0]

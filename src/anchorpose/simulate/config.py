@@ -50,9 +50,8 @@ class SimulationConfig:
     sensor: Sensor = "kinect-v2"  # the paper's
     equipment: Equipment = "standing-frame"
     chest_pad: bool = False  # on the parallel bars, with straps beside the hips
-    equipment_moves_at_s: float | None = None  # when somebody pushes the equipment; None: nobody does
+    equipment_moves_at_s: float | None = None  # when the equipment is pushed; None: never
     equipment_shift_m: tuple[float, float] = (0.0, 0.0)  # along X and Z
-    equipment_turn_rad: float = 0.0  # about the vertical
     stool: bool = True  # something solid under a patient who sits
     therapists: Annotated[int, Field(ge=0, le=3)] = 2
     therapist_tasks: tuple[TaskName, ...] = ()  # of the first therapists; those of the others are drawn

@@ -1,21 +1,26 @@
-"""Each camera's depth images, without error and as the sensor reads them, and which of them the recorder keeps."""
+"""Each camera's depth images, without error and as the sensor reads them, and what they truly show of the patient."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
+from typing import Final
 
 import numpy as np
 
-from anchorpose.camera import Camera, transform_points
+from anchorpose.body.skin_points import SkinPoints, body_points
+from anchorpose.body.visibility import GRAZING, skin_around_joints
+from anchorpose.camera import Camera, invert_rigid, transform_points
+from anchorpose.joints import JOINT_COUNT
+from anchorpose.rotations import rotate
 from anchorpose.simulate.clinic import Clinic, Performance, random_stream
+from anchorpose.simulate.person import Person
 from anchorpose.simulate.render import PATIENT, Figure, TrueImage, draw_figures, render_still
-from anchorpose.simulate.seen import seen_shares, share_behind
 from anchorpose.simulate.sensor import SENSORS, draw_wiggle, sense
 
-JITTER_LIMIT = 0.4  # of a period: beyond half of one, stamps could change places
-JITTER_SPREADS = 2.0  # where the normal distribution of the jitter is cut
 CURTAIN_M, CURTAIN_HALF_WIDTH_M, CURTAIN_HEIGHT_M = 1.0, 1.3, 2.2  # before the patient: more than an arm's length
 BACKGROUND_FRAMES = 9  # the empty room is the median of so many images
+SAME_SKIN_M: Final = 0.03  # between a point of the skin and the depth of its pixel: a pixel covers 7 mm at 2.5 m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +43,6 @@ class Studio:
     wiggles_m: tuple[np.ndarray, ...]
     performances: tuple[Performance, ...]  # one per camera; the same object where clocks agree
     in_hole: np.ndarray  # (t,) bool
-    records: tuple[Record, ...]  # one per camera: what is written of its images
     stills_after: tuple[TrueImage, ...]  # one per camera: the empty room once the equipment has been moved
     stills_curtained: tuple[TrueImage, ...]  # one per camera: the empty room behind a curtain
 
@@ -93,38 +97,33 @@ def set_up(clinic: Clinic) -> Studio:
         same = [p for p in performances if np.array_equal(p.times_s, times_s)]
         performances.append(same[0] if same else clinic.act(times_s))
     spec = SENSORS[config.sensor]
-    stills = tuple(render_still(camera, clinic.room, equipment) for camera in clinic.cameras)
-    elsewhere = equipment_triangles(clinic, moved=True)
+    stills = empty_rooms(clinic, equipment)
+    pushed = config.equipment_moves_at_s is not None
     return Studio(
         clinic=clinic,
         stills=stills,
-        stills_after=stills
-        if config.equipment_moves_at_s is None
-        else tuple(render_still(camera, clinic.room, elsewhere) for camera in clinic.cameras),
-        stills_curtained=stills
-        if config.curtain_s is None
-        else tuple(
-            render_still(camera, np.concatenate([clinic.room, curtain_triangles(camera)]), equipment)
-            for camera in clinic.cameras
-        ),
+        stills_after=empty_rooms(clinic, equipment_triangles(clinic, moved=True)) if pushed else stills,
+        stills_curtained=stills if config.curtain_s is None else empty_rooms(clinic, equipment, curtain=True),
         wiggles_m=tuple(draw_wiggle(random_stream(config, "sensor", index), spec) for index in range(config.cameras)),
         performances=tuple(performances),
         in_hole=_draw_hole_frames(clinic),
-        records=tuple(draw_record(clinic, index) for index in range(config.cameras)),
     )
 
 
+def empty_rooms(clinic: Clinic, equipment: np.ndarray, curtain: bool = False) -> tuple[TrueImage, ...]:
+    """What each camera sees when nobody is there; equipment (n, 3, 3) triangles; curtain: before every camera."""
+    hung = [[curtain_triangles(camera)] if curtain else [] for camera in clinic.cameras]
+    rooms = [np.concatenate([clinic.room, *triangles]) for triangles in hung]
+    return tuple(render_still(camera, room, equipment) for camera, room in zip(clinic.cameras, rooms, strict=True))
+
+
 def equipment_triangles(clinic: Clinic, moved: bool) -> np.ndarray:
-    """(n, 3, 3) world metres, before or after somebody pushed it: turned about its middle, then shifted."""
+    """(n, 3, 3) world metres, before or after it was pushed."""
     if clinic.equipment is None:
         return np.zeros((0, 3, 3))
     vertices, faces = clinic.equipment.triangles()
     if moved:
-        config, middle = clinic.config, (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
-        cos, sin = np.cos(config.equipment_turn_rad), np.sin(config.equipment_turn_rad)
-        turn = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
-        vertices = (vertices - middle) @ turn.T + middle
-        x, z = config.equipment_shift_m
+        x, z = clinic.config.equipment_shift_m
         vertices = vertices + np.array([x, 0.0, z])
     triangles: np.ndarray = vertices[faces]
     return triangles
@@ -175,50 +174,44 @@ def _draw_hole_frames(clinic: Clinic) -> np.ndarray:
     return random_stream(config, "holes").random(config.frames) < config.hole_share
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Record:
-    """One camera's files by frame number; each (t,).
+def seen_shares(person: Person, bones: np.ndarray, skin_m: np.ndarray, camera: Camera, image: TrueImage) -> np.ndarray:
+    """(21,) of the patient's skin around each joint that faces a camera, the share that nothing hides from it.
 
-    kept: bool, the image is on the disk; shown: int64, the number of the image that the file holds (its own or, where
-    doubled, an earlier one); stamp_s: float64, what timestamps.csv says; taken_s: float64, when that image was taken.
+    Hidden is what other skin of the patient, people or equipment cover and what lies outside the image; 0 where no skin
+    around the joint faces the camera. bones (b, 4, 4), skin_m (v, 3): the patient when the image was taken.
     """
-
-    kept: np.ndarray
-    shown: np.ndarray
-    stamp_s: np.ndarray
-    taken_s: np.ndarray
-
-
-def draw_record(clinic: Clinic, index: int) -> Record:
-    """What camera ``index`` writes. The first camera keeps all its images: its frames number the truth."""
-    config = clinic.config
-    nominal_s, taken_s = np.arange(config.frames) / config.fps, clinic.true_times_s(index)
-    kept = _kept(clinic, index, nominal_s)
-    shown = np.arange(config.frames)
-    doubled = (random_stream(config, "doubles", index).random(config.frames) < config.doubled_share) & kept
-    before = np.maximum.accumulate(np.where(kept, shown, -1))  # the last image on the disk, this one included
-    for frame in np.flatnonzero(doubled):
-        if frame > 0 and before[frame - 1] >= 0:
-            shown[frame] = shown[before[frame - 1]]
-    epoch_s = config.clock_epoch_s[index] if config.clock_epoch_s else 0.0
-    stamp_s = nominal_s + epoch_s + _jitter_s(clinic, index)
-    return Record(kept, shown, stamp_s, taken_s[shown])
+    points = _points()
+    place = skin_m[points.vertex].astype(np.float64)
+    normals = rotate(bones[points.part, :3, :3], person.normals[points.vertex])
+    towards = camera.position_m - place
+    facing = (normals * towards).sum(axis=1) > GRAZING * np.linalg.norm(towards, axis=1)
+    seen = facing & _unhidden(transform_points(invert_rigid(camera.require_pose()), place), camera, image)
+    shares = np.zeros(JOINT_COUNT)
+    for joint, around in enumerate(skin_around_joints(points)):
+        shares[joint] = seen[around].sum() / max(facing[around].sum(), 1)
+    return shares
 
 
-def _kept(clinic: Clinic, index: int, nominal_s: np.ndarray) -> np.ndarray:
-    config = clinic.config
-    kept = random_stream(config, "drops", index).random(config.frames) >= config.dropped_share
-    starts = config.starts_late_s[index] if config.starts_late_s else 0.0
-    ends = config.ends_early_s[index] if config.ends_early_s else 0.0
-    running = (nominal_s >= starts) & (nominal_s <= nominal_s[-1] - ends)
-    kept[int(np.flatnonzero(running)[0])] = True
-    return (kept | (index == 0)) & running
+def share_behind(
+    camera: Camera, still: TrueImage, figures: tuple[Figure, ...], passers: int, image: TrueImage
+) -> float:
+    """Of the patient's pixels that a camera would have without the last ``passers`` figures, the share it has not."""
+    if not passers or not (image.label >= PATIENT + len(figures) - passers).any():
+        return 0.0
+    without = int((draw_figures(camera, still, figures[:-passers]).label == PATIENT).sum())
+    return 1.0 - int((image.label == PATIENT).sum()) / without if without else 0.0
 
 
-def _jitter_s(clinic: Clinic, index: int) -> np.ndarray:
-    config = clinic.config
-    if config.stamp_jitter_s == 0:
-        return np.zeros(config.frames)
-    limit_s = min(JITTER_SPREADS * config.stamp_jitter_s, JITTER_LIMIT / config.fps)
-    late_s = random_stream(config, "stamps", index).normal(0.0, config.stamp_jitter_s, config.frames)
-    return late_s.clip(-limit_s, limit_s)
+def _unhidden(inside_m: np.ndarray, camera: Camera, image: TrueImage) -> np.ndarray:
+    """(p,) bool: points in the camera's frame whose pixel shows the patient at their depth."""
+    ahead = inside_m[:, 2] > 0.0
+    columns, rows = np.rint(camera.project(np.where(ahead[:, None], inside_m, [0.0, 0.0, 1.0]))).astype(np.int64).T
+    inside = ahead & (rows >= 0) & (rows < camera.height) & (columns >= 0) & (columns < camera.width)
+    rows, columns = rows.clip(0, camera.height - 1), columns.clip(0, camera.width - 1)
+    near = np.abs(image.depth_m[rows, columns] - inside_m[:, 2]) < SAME_SKIN_M
+    return inside & near & (image.label[rows, columns] == PATIENT)
+
+
+@cache
+def _points() -> SkinPoints:
+    return body_points()

@@ -1,4 +1,4 @@
-"""Writing a simulated recording and, beside it, its truth."""
+"""Writing a simulated recording, which of its images the recorder keeps, and, beside it, its truth."""
 
 from __future__ import annotations
 
@@ -16,16 +16,18 @@ from anchorpose.camera import Camera
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.recording.equipment_file import write_equipment
-from anchorpose.simulate.clinic import Clinic, Performance, draw_clinic
+from anchorpose.simulate.clinic import Clinic, Performance, draw_clinic, random_stream
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.render import PATIENT, Figure
-from anchorpose.simulate.shoot import Record, Studio, set_up
+from anchorpose.simulate.shoot import Studio, set_up
 
 EQUIPMENT_FILE: Final = "equipment.json"
 PNG_COMPRESSION: Final = 2  # noise does not compress; more effort triples the time for 3 % of the size
 TOUCH_M: Final = 0.03
 PASSER_HIDES: Final = 0.25  # of what one camera would see of the patient
 JOINT_REGION_M: Final = 0.12  # a joint is touched where skin this near to it is touched
+JITTER_LIMIT: Final = 0.4  # of a period: beyond half of one, stamps could change places
+JITTER_SPREADS: Final = 2.0  # where the normal distribution of the jitter is cut
 
 
 def simulate_recording(out: Path, config: SimulationConfig, progress: Callable[[int, int], None] | None = None) -> None:
@@ -58,16 +60,16 @@ def _write_all(work: Path, clinic: Clinic, progress: Callable[[int, int], None] 
         ):
             folder.mkdir(parents=True)
     _write_documents(recording, clinic)
-    studio = set_up(clinic)
+    studio, records = set_up(clinic), tuple(draw_record(clinic, index) for index in range(config.cameras))
     for index, camera in enumerate(clinic.cameras):
         _write_png(recording / camera.name / "background.png", studio.background_mm(index))
-        _write_stamps(recording / camera.name / "timestamps.csv", studio.records[index])
+        _write_stamps(recording / camera.name / "timestamps.csv", records[index])
     patient_pixels, contacts, seen, behind = [], [], [], []
     for frame in range(config.frames):
         shot = studio.shoot(frame)
         for index, camera in enumerate(clinic.cameras):
             name, image = f"{frame:06d}.png", shot.images[index]
-            _write_reading(recording / camera.name / "depth", studio.records[index], frame, shot.depths_mm[index])
+            _write_reading(recording / camera.name / "depth", records[index], frame, shot.depths_mm[index])
             _write_png(truth / "labels" / camera.name / name, image.label)
             _write_png(truth / "parts" / camera.name / name, image.part)
         patient_pixels.append(sum(int((image.label == PATIENT).sum()) for image in shot.images))
@@ -77,7 +79,7 @@ def _write_all(work: Path, clinic: Clinic, progress: Callable[[int, int], None] 
         if progress is not None:
             progress(frame + 1, config.frames)
     sight = Sight(np.array(patient_pixels), np.array(seen), studio.in_hole | (np.array(behind) > PASSER_HIDES))
-    _write_truth(truth / "truth.npz", studio, sight, contacts)
+    _write_truth(truth / "truth.npz", studio, records, sight, contacts)
 
 
 def _write_documents(recording: Path, clinic: Clinic) -> None:
@@ -153,7 +155,7 @@ class Sight:
     occluded: np.ndarray
 
 
-def _write_truth(path: Path, studio: Studio, sight: Sight, contacts: list[Touch]) -> None:
+def _write_truth(path: Path, studio: Studio, records: tuple[Record, ...], sight: Sight, contacts: list[Touch]) -> None:
     """The truth that tracking is measured against, by frame of the first camera, world frame, metres.
 
     occluded (t,): a hole was cut, or somebody who passes by hides over ``PASSER_HIDES`` of the patient from a camera.
@@ -183,11 +185,60 @@ def _write_truth(path: Path, studio: Studio, sight: Sight, contacts: list[Touch]
         clock_late=np.array(config.clock_late_s or [0.0] * config.cameras),
         clock_drift=np.array(config.clock_drift or [0.0] * config.cameras),
         clock_epoch=np.array(config.clock_epoch_s or [0.0] * config.cameras),
-        taken_s=np.array([np.where(record.kept, record.taken_s, np.nan) for record in studio.records]),
-        doubled=np.array([record.kept & (record.shown < np.arange(config.frames)) for record in studio.records]),
+        taken_s=np.array([np.where(record.kept, record.taken_s, np.nan) for record in records]),
+        doubled=np.array([record.kept & (record.shown < np.arange(config.frames)) for record in records]),
         shape_coefficients=person.coefficients,
         height_m=person.height_m,
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Record:
+    """One camera's files by frame number; each (t,).
+
+    kept: bool, the image is on the disk; shown: int64, the number of the image that the file holds (its own or, where
+    doubled, an earlier one); stamp_s: float64, what timestamps.csv says; taken_s: float64, when that image was taken.
+    """
+
+    kept: np.ndarray
+    shown: np.ndarray
+    stamp_s: np.ndarray
+    taken_s: np.ndarray
+
+
+def draw_record(clinic: Clinic, index: int) -> Record:
+    """What camera ``index`` writes. The first camera keeps all its images: its frames number the truth."""
+    config = clinic.config
+    nominal_s, taken_s = np.arange(config.frames) / config.fps, clinic.true_times_s(index)
+    kept = _kept(clinic, index, nominal_s)
+    shown = np.arange(config.frames)
+    doubled = (random_stream(config, "doubles", index).random(config.frames) < config.doubled_share) & kept
+    before = np.maximum.accumulate(np.where(kept, shown, -1))  # the last image on the disk, this one included
+    for frame in np.flatnonzero(doubled):
+        if frame > 0 and before[frame - 1] >= 0:
+            shown[frame] = shown[before[frame - 1]]
+    epoch_s = config.clock_epoch_s[index] if config.clock_epoch_s else 0.0
+    stamp_s = nominal_s + epoch_s + _jitter_s(clinic, index)
+    return Record(kept, shown, stamp_s, taken_s[shown])
+
+
+def _kept(clinic: Clinic, index: int, nominal_s: np.ndarray) -> np.ndarray:
+    config = clinic.config
+    kept = random_stream(config, "drops", index).random(config.frames) >= config.dropped_share
+    starts = config.starts_late_s[index] if config.starts_late_s else 0.0
+    ends = config.ends_early_s[index] if config.ends_early_s else 0.0
+    running = (nominal_s >= starts) & (nominal_s <= nominal_s[-1] - ends)
+    kept[int(np.flatnonzero(running)[0])] = True
+    return (kept | (index == 0)) & running
+
+
+def _jitter_s(clinic: Clinic, index: int) -> np.ndarray:
+    config = clinic.config
+    if config.stamp_jitter_s == 0:
+        return np.zeros(config.frames)
+    limit_s = min(JITTER_SPREADS * config.stamp_jitter_s, JITTER_LIMIT / config.fps)
+    late_s = random_stream(config, "stamps", index).normal(0.0, config.stamp_jitter_s, config.frames)
+    return late_s.clip(-limit_s, limit_s)
 
 
 def _write_reading(depth: Path, record: Record, frame: int, reading_mm: np.ndarray) -> None:
