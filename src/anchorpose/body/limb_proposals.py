@@ -120,8 +120,8 @@ def _path(
     return LimbPath(points_m[order], -normals[order], field[order[0]] - field[order])
 
 
-def limb_poses(body: Body, pose: Pose, path: LimbPath) -> Iterator[Pose]:
-    """The pose with one limb laid along a path, for each limb that can reach its tip.
+def limb_poses(body: Body, pose: Pose, path: LimbPath, chains: Sequence[Chain] = CHAINS) -> Iterator[Pose]:
+    """The pose with one limb laid along a path, for each of some limbs that can reach its tip.
 
     The joints that the path is long enough for lie on it. Those beyond its end are left to the ranges of the joints,
     from a limb at rest, or stay where they are.
@@ -130,7 +130,7 @@ def limb_poses(body: Body, pose: Pose, path: LimbPath) -> Iterator[Pose]:
     lengths = limb_lengths(body)
     for chain, (along_m, whole_m) in zip(CHAINS, lengths, strict=True):
         root = joints[JOINT_INDEX[chain.root]]
-        if np.linalg.norm(path.places_m[0] - root) > whole_m + REACH_SLACK_M:
+        if chain not in chains or np.linalg.norm(path.places_m[0] - root) > whole_m + REACH_SLACK_M:
             continue
         wanted = _held_but(joints, (chain,))
         for joint, at_m, depth_m in zip(chain.joints, along_m, chain.depth_m, strict=True):

@@ -7,25 +7,31 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Final
 
 import numpy as np
 
+from anchorpose.body.anchor_limbs import anchor_poses
 from anchorpose.body.belief import UNSEEN_S, PoseBelief
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.evidence import Evidence, evidence_cost, unexplained_node_cost
 from anchorpose.body.explained import Explanation, explain
 from anchorpose.body.fit import prior_equations
 from anchorpose.body.limb_proposals import exchanged, limb_poses, uncovered_paths
+from anchorpose.body.own_poses import poses_of_own_surface
 from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration, descend, posterior
 from anchorpose.body.skin_points import Body, pose_points
+from anchorpose.geodesics.seen import SeenGeodesics
+from anchorpose.joints import JOINT_COUNT
 
 LOOK_AGAIN_M2: Final = 0.005  # of seen skin that nothing covers: half a hand; clothes and holds leave as much at most
 ROUNDS: Final = 4  # one for each limb
 TRIAL_REACHES_M: Final = (0.25, 0.20, 0.15)  # from a proposed limb to the seen one
 TRIAL_NODES: Final = 800  # a third of the nodes tell a good pose from a bad one
 REFINED_REACHES_M: Final = (0.10, 0.07, 0.06)
+SAME_M: Final = 0.04  # poses whose joints are nowhere farther apart lead to the same registration
 APART_M: Final = 0.08  # poses whose joints are nowhere farther apart are one: as much as clothes and holds move
 MOST_TIES: Final = 2
 MOST_UNUSUAL: Final = 10.0  # squared deviations of all joint ranges by which a pose may be rarer than before
@@ -58,18 +64,25 @@ def needs_search(explanation: Explanation, hidden: bool = False) -> bool:
 
 
 def search_limbs(
-    body: Body, found: Registration, predicted: PoseBelief, evidence: Evidence, config: RegistrationConfig
+    body: Body,
+    found: Registration,
+    predicted: PoseBelief,
+    evidence: Evidence,
+    config: RegistrationConfig,
+    seen: SeenGeodesics | None = None,
 ) -> Search:
     """The registration with limbs moved to where they are seen, as long as that explains the frame better.
 
     predicted: what was expected; a limb found elsewhere shows that it was wrong, so that it counts for as little as
-    after ``UNSEEN_S`` without sight.
+    after ``UNSEEN_S`` without sight. seen: anchors and distances of the frame, for proposals of limbs along the paths
+    of anchors and of the whole body by its own surface; None: without these.
     """
     uncertain = predicted.later(predicted.pose, UNSEEN_S)
     trial = replace(config, reaches_m=TRIAL_REACHES_M, node_count=min(config.node_count, TRIAL_NODES))
     pose, rounds, tried = found.belief.pose, 0, list[_Tried]()
-    for _ in range(ROUNDS):
-        tried = _register_all(body, [pose, *_proposals(body, pose, evidence)], uncertain, evidence, trial)
+    for number in range(ROUNDS):
+        proposed = _proposals(body, pose, evidence, seen, whole_body=number == 0)
+        tried = _register_all(body, _distinct(body, [pose, *proposed]), uncertain, evidence, trial)
         better = _clearly_best(tried, evidence, trial)
         if better is None:
             break
@@ -87,12 +100,31 @@ def farthest_joint_m(body: Body, one: Pose, other: Pose) -> float:
     return float(np.linalg.norm(body.joints(one) - body.joints(other), axis=1).max())
 
 
-def _proposals(body: Body, pose: Pose, evidence: Evidence) -> Iterator[Pose]:
+def _proposals(
+    body: Body, pose: Pose, evidence: Evidence, seen: SeenGeodesics | None, whole_body: bool
+) -> Iterator[Pose]:
+    """Poses that the picture suggests, but for those that are much rarer than the present one: a leg that nobody sees
+    could be laid along an arm. whole_body: those of the whole body too, which the pose has little part in."""
+    most = rarity(body, pose) + MOST_UNUSUAL
     explanation = explain(body.points, pose_points(body, pose), evidence)
-    most = rarity(body, pose) + MOST_UNUSUAL  # a leg that nobody sees could be laid along an arm
-    for path in uncovered_paths(evidence, explanation):
-        yield from (proposed for proposed in limb_poses(body, pose, path) if rarity(body, proposed) <= most)
+    suggested = [limb_poses(body, pose, path) for path in uncovered_paths(evidence, explanation)]
+    if seen is not None:
+        suggested.append(anchor_poses(body, pose, seen))
+        if whole_body:
+            suggested.append(poses_of_own_surface(body, pose, seen))
+    yield from (proposed for proposed in chain.from_iterable(suggested) if rarity(body, proposed) <= most)
     yield from exchanged(body, pose)
+
+
+def _distinct(body: Body, poses: Sequence[Pose]) -> list[Pose]:
+    """The poses without those that are the same as one before: registration would lead to the same place."""
+    kept, joints = list[Pose](), np.empty((len(poses), JOINT_COUNT, 3))
+    for pose in poses:
+        at = body.joints(pose)
+        if not (np.linalg.norm(joints[: len(kept)] - at, axis=2).max(axis=1, initial=0.0) < SAME_M).any():
+            joints[len(kept)] = at
+            kept.append(pose)
+    return kept
 
 
 def _register_all(

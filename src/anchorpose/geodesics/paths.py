@@ -35,7 +35,7 @@ def came_from(
             if reached < best:
                 best, one, other, share = reached, a, a, 0.0
         if a >= 0 and b >= 0 and distance[a] < distance[node] and distance[b] < distance[node]:
-            reached, crossing = _unfolded(points, distance, node, a, b)
+            reached, crossing = unfolded(points, distance, node, a, b)
             if reached < best:
                 best, one, other, share = reached, a, b, crossing
     for k in range(link_start[node], link_start[node + 1]):
@@ -48,7 +48,7 @@ def came_from(
 
 
 @njit(cache=True, error_model="numpy")
-def _unfolded(points: np.ndarray, distance: np.ndarray, node: int, a: Any, b: Any) -> tuple[float, float]:
+def unfolded(points: np.ndarray, distance: np.ndarray, node: int, a: Any, b: Any) -> tuple[float, float]:
     """Distance by way of edge a-b laid flat, and the share of the edge where the ray crosses; inf where it misses."""
     c2, p2, dot = 0.0, 0.0, 0.0
     for axis in range(3):

@@ -30,6 +30,7 @@ from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration, posterior, register
 from anchorpose.body.skin_points import FittedShape, body_points, build_body, pose_points
 from anchorpose.body.uncertainty import skin_sigma
+from anchorpose.geodesics.seen import SeenGeodesics
 from anchorpose.recording.recording import FrameSet
 from anchorpose.surface.surface import ExpectedSkin
 from anchorpose.tracker.association import (
@@ -306,16 +307,21 @@ class PatientTracker:
         if self.search_wait >= 0 or len(evidence.surface) < self.config.registration.least_nodes:
             return lost
         assumed = replace(lost, belief=predicted, found=True)
-        search = search_limbs(self.body, assumed, predicted, evidence, self.config.registration)
+        search = search_limbs(self.body, assumed, predicted, evidence, self.config.registration, self._seen())
         if not search.rounds:
             self.search_wait = SEARCH_PAUSE
             return lost
         self.history.clear()
         return search.registration
 
+    def _seen(self) -> SeenGeodesics:
+        """Anchors and distances of the frame that is estimated."""
+        return SeenGeodesics(self.window[1].whole, self.window[1].anchors, self.window[1].descriptor)
+
     def _search(self, found: Registration, predicted: PoseBelief, explanation: Explanation) -> Registration:
         """Limbs found again from uncovered skin; a search that finds nothing waits longer before the next."""
-        search = search_limbs(self.body, found, predicted, self.window[1].evidence, self.config.registration)
+        evidence, config = self.window[1].evidence, self.config.registration
+        search = search_limbs(self.body, found, predicted, evidence, config, self._seen())
         self.rivals = tuple(Rival(belief, lag) for belief, lag in search.ties)
         if search.rounds:
             self.history.clear()  # the limbs moved as other ones

@@ -1,0 +1,207 @@
+"""Nodes matched to the body's own surface: what a node's distances to the anchors say about where on the skin it lies.
+
+The paper matches nodes of one frame to those of the next (Section IV-D); here they are matched to the body itself, so
+that neither a prediction nor the last frame has a part in it. Distances to the anchors are nearly the same in every
+pose, but they are the same in front and behind; the turns between the directions of the anchors (``turns``) are not:
+seen from outside, the left hand is to the right of the head in front, and to its left behind.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import combinations
+from typing import Final
+
+import numpy as np
+from numba import njit
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from anchorpose.body.constraints import thin
+from anchorpose.body.initial import anchor_points
+from anchorpose.body.skin_points import Body
+from anchorpose.geodesics.anchors import ANCHOR_NAMES
+from anchorpose.geodesics.paths import unfolded
+from anchorpose.geodesics.seen import SeenGeodesics
+
+NODES: Final = 400  # of the frame, 5 cm apart; 250 do almost as well
+TRIED: Final = 1200  # skin points, 4 cm apart
+LEAST_DISTANCES: Final = 3  # tell places apart (paper, Section IV-D)
+SIGMA_M: Final = 0.02  # of a distance: the front's own error and the anchors' jitter
+SIGMA_PER_M: Final = 0.02  # of its length: arms and legs bend, the body may be of another size
+TURN_SIGMA: Final = 0.6  # ten turns are four directions, so each counts for less than its own error of 0.4
+LONGER_M: Final = np.array([-0.06, 0.06, 0.06, -0.05, -0.05])  # distances of a frame than the body's: medians of
+# simulated people. Anchors lie inside head and feet; paths to a hand go over the seen side of the arm only
+ROUNDS: Final = 2  # of matching; after the first the frame's own medians stand for ``LONGER_M``
+ALMOST: Final = 2.0  # squared deviations: skin so little worse than the best would do as well
+CLEAR_M: Final = 0.10  # of the places that would do: as far as one side of a thigh from the other
+LEAST_NODES: Final = 40  # a tenth of them: fewer matches are no pose, and no median
+SETTLED_M: Final = 1e-4  # of a distance on the body; what is left is a hundredth of the sigma
+MOST_SWEEPS: Final = 30
+
+MIRRORED: Final = np.array(
+    [ANCHOR_NAMES.index(name) for name in ("Head", "HandRight", "HandLeft", "FootRight", "FootLeft")]
+)
+PAIRS: Final = tuple(combinations(range(len(ANCHOR_NAMES)), 2))
+_FIRST, _SECOND = (np.array(column) for column in zip(*PAIRS, strict=True))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OwnSurface:
+    """distance_m (p, 5): along the skin at rest from each skin point to the tips (``anchor_points``); turns (p, 10)."""
+
+    distance_m: np.ndarray
+    turns: np.ndarray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SkinMatches:
+    """node (m,) of the seen surface and the skin point (m,) that each shows; spread_m (m,): of the skin points that
+    would do almost as well, one standard deviation."""
+
+    node: np.ndarray
+    point: np.ndarray
+    spread_m: np.ndarray
+
+
+@lru_cache(maxsize=4)
+def own_surface(body: Body) -> OwnSurface:
+    """Distances and turns of a body's skin points; kept for the last bodies."""
+    vertices, points = body.mesh.vertices, body.points
+    distance = skin_distance(vertices, points.asset.faces, points.vertex[anchor_points(points)])
+    around = points.asset.faces[points.faces_of].reshape(len(points.vertex), -1)
+    found = turns(vertices, body.rest_normals, points.vertex, around, distance.T)
+    return OwnSurface(distance[:, points.vertex].T.copy(), found)
+
+
+def skin_distance(vertices: np.ndarray, faces: np.ndarray, sources: np.ndarray) -> np.ndarray:
+    """(s, v) metres along a triangle mesh from each source to each vertex; inf where nothing leads there.
+
+    Along the edges first, then across the triangles, as fast marching does (``geodesics.paths.unfolded``), until
+    nothing changes.
+    """
+    sides = np.sort(np.concatenate([faces[:, :2], faces[:, 1:], faces[:, ::2]]), axis=1).astype(np.int64)
+    edges = np.stack(np.divmod(np.unique(sides @ [len(vertices), 1]), len(vertices)), axis=1)
+    length = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
+    graph = csr_array((length, edges.T), shape=(len(vertices), len(vertices)))
+    fields = np.atleast_2d(dijkstra(graph, directed=False, indices=sources))
+    corner = faces.ravel()
+    order = np.argsort(corner, kind="stable")
+    start = np.searchsorted(corner[order], np.arange(len(vertices) + 1))
+    opposite = np.stack([np.roll(faces, -1, axis=1).ravel(), np.roll(faces, -2, axis=1).ravel()], axis=1)[order]
+    for field in fields:
+        _relax(vertices, start, opposite, np.argsort(field, kind="stable"), field)
+    return fields
+
+
+@njit(cache=True, error_model="numpy")
+def _relax(points: np.ndarray, start: np.ndarray, opposite: np.ndarray, order: np.ndarray, field: np.ndarray) -> None:
+    """Shorten the distances (v,) across triangles; opposite (c, 2): the other corners of the triangles of a vertex."""
+    for _ in range(MOST_SWEEPS):
+        most = 0.0
+        for node in order:
+            for k in range(start[node], start[node + 1]):
+                a, b = opposite[k, 0], opposite[k, 1]
+                if field[a] < field[node] and field[b] < field[node]:
+                    reached, _ = unfolded(points, field, node, a, b)
+                    if reached < field[node]:
+                        most = max(most, field[node] - reached)
+                        field[node] = reached
+        if most < SETTLED_M:
+            return
+
+
+def turns(
+    places_m: np.ndarray, normals: np.ndarray, nodes: np.ndarray, around: np.ndarray, distance_m: np.ndarray
+) -> np.ndarray:
+    """(k, 10): sine of the angle between the directions away from each two anchors, counter-clockwise from outside.
+
+    places_m (n, 3), distance_m (n, 5) of all nodes; nodes (k,) the chosen ones and normals (k, 3) theirs; around
+    (k, f): nodes near each, -1 for none. NaN where an anchor's distances around a node are not known.
+    """
+    offset = places_m[around] - places_m[nodes][:, None]
+    side = _sideways(normals)
+    flat = np.stack([(offset * side[:, None]).sum(axis=2), (offset * np.cross(normals, side)[:, None]).sum(axis=2)], 2)
+    with np.errstate(invalid="ignore"):
+        rise = distance_m[around] - distance_m[nodes][:, None]
+    known = np.isfinite(rise) & (around >= 0)[:, :, None]
+    rise = np.where(known, rise, 0.0)
+    squares = np.einsum("kfi,kfj,kfa->kaij", flat, flat, known)
+    pull = np.einsum("kfi,kfa->kai", flat, rise)
+    x = squares[..., 1, 1] * pull[..., 0] - squares[..., 0, 1] * pull[..., 1]
+    y = squares[..., 0, 0] * pull[..., 1] - squares[..., 0, 1] * pull[..., 0]
+    length = np.hypot(x, y)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        x, y = np.where(length > 0.0, [x, y] / length, np.nan)
+    return np.asarray(x[:, _FIRST] * y[:, _SECOND] - y[:, _FIRST] * x[:, _SECOND])
+
+
+def _sideways(normals: np.ndarray) -> np.ndarray:
+    """(k, 3) unit vectors perpendicular to unit normals (k, 3)."""
+    axis = np.eye(3)[np.abs(normals).argmin(axis=1)]
+    across = np.cross(axis, normals)
+    return np.asarray(across / np.linalg.norm(across, axis=1, keepdims=True))
+
+
+def match_skin(body: Body, seen: SeenGeodesics, mirrored: bool = False) -> SkinMatches:
+    """The skin point that each of some seen nodes shows, by its distances and turns.
+
+    mirrored: with the anchors of left and right exchanged. Nodes with fewer than three distances have no match, and
+    neither have those of which several places of the skin would do.
+    """
+    chosen = thin(len(seen.descriptor), NODES)
+    distance = _finite_or_nan(seen.descriptor[:, MIRRORED] if mirrored else seen.descriptor)
+    chosen = chosen[np.isfinite(distance[chosen]).sum(axis=1) >= LEAST_DISTANCES]
+    if not len(chosen):
+        return SkinMatches(chosen, chosen, np.zeros(0))
+    whole, own, tried = seen.whole, own_surface(body), thin(len(body.rest_m), TRIED)
+    around = np.where(whole.ring[chosen] < len(distance), whole.ring[chosen], -1)
+    turned = turns(
+        whole.points_m.astype(np.float64), whole.normals[chosen].astype(np.float64), chosen, around, distance
+    )
+    measured = distance[chosen]
+    sigma = np.hstack([np.hypot(SIGMA_M, SIGMA_PER_M * measured), np.full(turned.shape, TURN_SIGMA)])
+    table, longer = _table(np.hstack([own.distance_m, own.turns])[tried]), LONGER_M
+    for _ in range(ROUNDS):
+        off2 = _off2(np.hstack([measured - longer, turned]), sigma, table)
+        best = off2.argmin(axis=1)
+        longer = _longer(measured - own.distance_m[tried[best]])
+    spread = _spread(off2, off2[np.arange(len(best)), best], body.rest_m[tried])
+    clear = spread < CLEAR_M
+    return SkinMatches(chosen[clear], tried[best[clear]], spread[clear])
+
+
+def _finite_or_nan(values: np.ndarray) -> np.ndarray:
+    return np.where(np.isfinite(values), values, np.nan).astype(np.float64)
+
+
+def _table(own: np.ndarray) -> np.ndarray:
+    """(2 c, p) float32 of the features (p, c) of the body, for ``_off2``."""
+    known = np.nan_to_num(own)
+    return np.ascontiguousarray(np.hstack([known**2, known]).T, dtype=np.float32)
+
+
+def _off2(seen: np.ndarray, sigma: np.ndarray, table: np.ndarray) -> np.ndarray:
+    """(k, p) float32: sums of ((seen - own) / sigma)^2 over the columns of seen and sigma (k, c) that are not NaN, but
+    for a number that is the same for all p."""
+    known = np.isfinite(seen)
+    weight, value = np.where(known, 1.0 / sigma**2, 0.0), np.where(known, seen, 0.0)
+    return np.asarray(np.hstack([weight, -2.0 * weight * value]).astype(np.float32) @ table)
+
+
+def _longer(off_m: np.ndarray) -> np.ndarray:
+    """(5,) by how much the distances (k, 5) to each anchor are longer than the body's, all in all."""
+    known = np.isfinite(off_m).sum(axis=0)
+    longer = LONGER_M.copy()
+    for anchor in np.flatnonzero(known >= LEAST_NODES):
+        longer[anchor] = np.nanmedian(off_m[:, anchor])
+    return longer
+
+
+def _spread(off2: np.ndarray, least: np.ndarray, places_m: np.ndarray) -> np.ndarray:
+    """(k,) metres: one standard deviation of the places (p, 3) almost as near as the nearest, ``least`` (k,)."""
+    near = (off2 < least[:, None] + np.float32(ALMOST)).astype(np.float32)
+    sums = near @ np.column_stack([places_m, (places_m**2).sum(axis=1), np.ones(len(places_m))]).astype(np.float32)
+    mean = sums[:, :4] / sums[:, 4:]
+    return np.asarray(np.sqrt(np.maximum(mean[:, 3] - (mean[:, :3] ** 2).sum(axis=1), 0.0)))
