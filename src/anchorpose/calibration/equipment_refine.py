@@ -42,14 +42,11 @@ class FloorPrior:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Refined:
-    """T_camera_model (4, 4); covariance (6, 6) of (turn rad, shift m) about the equipment's centre, camera axes; rows:
-    how many measurements of surface and of outline; rms: of surface (m) and of outline (px); edge_bias_px: by how much
-    bars look thicker than they are, on each side."""
+    """T_camera_model (4, 4); covariance (6, 6) of (turn rad, shift m) about the equipment's centre, camera axes; rms:
+    of surface (m) and of outline (px); edge_bias_px: by how much bars look thicker than they are, on each side."""
 
     T_camera_model: np.ndarray
     covariance: np.ndarray
-    surface_rows: int
-    outline_rows: int
     surface_rms_m: float
     outline_rms_px: float
     edge_bias_px: float
@@ -82,8 +79,6 @@ def refine(view: StillView, equipment: Equipment, start: np.ndarray, prior: Floo
     return Refined(
         T_camera_model=T,
         covariance=covariance[:6, :6],
-        surface_rows=len(surface.residual),
-        outline_rows=len(outline.residual),
         surface_rms_m=_rms(surface.residual) * STEADY_ERROR_M,
         outline_rms_px=_rms(outline.residual) * OUTLINE_SIGMA_PX,
         edge_bias_px=bias,

@@ -62,7 +62,7 @@ def floor_of_room(
     return find_floor(room, camera, noise)
 
 
-def find_floor(depth_m: np.ndarray, camera: Camera, noise_per_m: float, seed: int = 0) -> FloorPlane | NoFloor:
+def find_floor(depth_m: np.ndarray, camera: Camera, noise_per_m: float) -> FloorPlane | NoFloor:
     """The largest plane that faces the camera's up, with next to nothing below it.
 
     depth_m (height, width) float32, best without people; noise_per_m: ``calibration.noise``. RANSAC on a sample,
@@ -73,7 +73,7 @@ def find_floor(depth_m: np.ndarray, camera: Camera, noise_per_m: float, seed: in
     points = points[np.isfinite(points[:, 2])]
     if len(points) < LEAST_READINGS:
         return NoFloor.NO_READINGS
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     voters = points[rng.choice(len(points), min(SAMPLE, len(points)), replace=False)]
     for tolerance in TOLERANCES_M:
         plane = _vote(voters, tolerance, noise_per_m, rng)

@@ -42,9 +42,9 @@ class Found:
     members: np.ndarray
 
 
-def find_parts(points_m: np.ndarray, seed: int = 0) -> list[Found]:
+def find_parts(points_m: np.ndarray) -> list[Found]:
     """Plates first, then bars, the one with most pixels first; its points are removed before the next is sought."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     left = np.arange(len(points_m))
     parts: list[Found] = []
     for find in (_best_plate, _best_bar):

@@ -174,7 +174,7 @@ def _cell(value: Any) -> str:
         return ""
     if isinstance(value, bool):
         return "true" if value else "false"
-    return number_text(value, "") if isinstance(value, float) else str(value)
+    return number_text(value) if isinstance(value, float) else str(value)
 
 
 def _wide_cells(values: np.ndarray | Sequence[str]) -> list[str]:

@@ -135,10 +135,10 @@ class Product:
     tools: tuple[str, ...] = ()  # packages beside our own that wrote the files
 
 
-def number_text(value: float, missing: str) -> str:
-    """The shortest decimal that reads back as the same double; ``missing`` for NaN."""
+def number_text(value: float) -> str:
+    """The shortest decimal that reads back as the same double; empty for NaN."""
     if math.isnan(value):
-        return missing
+        return ""
     return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(float(value))
 
 

@@ -44,7 +44,7 @@ def write_trc(folder: Path, source: Source, config: ExportConfig) -> Product:
 def trc_text(regular: RegularSamples) -> str:
     """The file's text; one line per frame, times as recorded where they are regular."""
     samples, count = regular.samples, len(regular.samples.time_s)
-    rate = number_text(regular.rate_hz, "")
+    rate = number_text(regular.rate_hz)
     markers = range(1, len(JOINT_NAMES) + 1)
     head = [
         ["PathFileType", "4", "(X/Y/Z)", TRC_FILE],

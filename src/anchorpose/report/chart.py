@@ -21,6 +21,7 @@ from anchorpose.report.words import number
 
 UNITS: Final = 1000
 """Rows are drawn on a square of this many units and stretched to their place: whole numbers keep the page small."""
+MOST_TICKS: Final = 5
 
 Spans = Sequence[tuple[np.ndarray, np.ndarray]]
 
@@ -45,7 +46,7 @@ class Axis:
         return [((self.high - tick) / (self.high - self.low), number(tick, decimals)) for tick in self.ticks]
 
 
-def make_axis(values: Spans, bands: Spans, least_span: float, most_ticks: int = 5) -> Axis:
+def make_axis(values: Spans, bands: Spans, least_span: float) -> Axis:
     """Holds all values, and as much of the bands as leaves the values at least half of the height.
 
     values, bands: (lowest, highest) pairs of arrays, NaN where not known. least_span: so that noise is not magnified.
@@ -59,7 +60,7 @@ def make_axis(values: Spans, bands: Spans, least_span: float, most_ticks: int = 
     outer_low, outer_high = _extremes(bands)
     low = low if outer_low is None else max(min(low, outer_low), low - span / 2.0)
     high = high if outer_high is None else min(max(high, outer_high), high + span / 2.0)
-    step = round_step((high - low) / most_ticks)
+    step = round_step((high - low) / MOST_TICKS)
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
     return Axis(low, high, tuple(step * k for k in range(first, last + 1)))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -15,10 +16,13 @@ from anchorpose.errors import InputError, MissingPackage
 from anchorpose.research.experiment.config import Scene
 from anchorpose.research.experiment.method import Family
 from anchorpose.research.experiment.page import page as publish
+from anchorpose.research.experiment.page.drawing import DrawnFigure
+from anchorpose.research.experiment.page.figures import draw_all
 from anchorpose.research.experiment.page.page import judge_claims, write_results
 from anchorpose.research.experiment.page.page_parts import read_pictures
 from anchorpose.research.experiment.page.page_text import run_html
 from anchorpose.research.experiment.page.selection import left_out
+from anchorpose.research.experiment.page.tables import Table
 from anchorpose.research.experiment.results import ExperimentResults, TriedSetting
 
 EVIL = "<script>alert('&')</script>"
@@ -68,7 +72,13 @@ def results() -> ExperimentResults:
 
 
 @pytest.fixture(scope="module")
-def folder(results: ExperimentResults, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def figures() -> list[DrawnFigure]:
+    """What ``folder`` holds; filled when it is written."""
+    return []
+
+
+@pytest.fixture(scope="module")
+def folder(results: ExperimentResults, figures: list[DrawnFigure], tmp_path_factory: pytest.TempPathFactory) -> Path:
     out: Path = tmp_path_factory.mktemp("experiment")
     (out / "pictures").mkdir()
     (out / "pictures" / "fpfh.png").write_bytes(PNG)
@@ -81,7 +91,14 @@ def folder(results: ExperimentResults, tmp_path_factory: pytest.TempPathFactory)
     (out / "pictures" / "pictures.json").write_text(json.dumps(captions))
     (out / "cache").mkdir()
     (out / "cache" / "kept").write_text("as it was")
-    write_results(results, out)
+
+    def draw(tables: Sequence[Table]) -> list[DrawnFigure]:
+        figures.extend(draw_all(tables))
+        return figures
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(publish, "draw_all", draw)
+        write_results(results, out)
     return out
 
 
@@ -168,7 +185,11 @@ def test_all_files_are_there_and_others_stay(folder: Path, results: ExperimentRe
     assert len(json.loads((folder / "claims.json").read_text())) == len(judge_claims(results))
 
 
-def test_the_same_outcome_gives_the_same_bytes(folder: Path, results: ExperimentResults) -> None:
+def test_the_same_outcome_gives_the_same_bytes(
+    folder: Path, figures: list[DrawnFigure], results: ExperimentResults, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(publish, "draw_all", lambda tables: figures)  # the same each time: test_figures.py
+
     def contents() -> dict[Path, bytes]:
         return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 

@@ -18,7 +18,6 @@ HALF_SPREAD = 0.5  # sigma of the weights for the angle, as a share of the windo
 CELLS: Final = 4  # a side
 ORIENTATIONS: Final = 8
 WIDTH: Final = CELLS * CELLS * ORIENTATIONS
-MARGIN: Final = 0.5  # cells around all that still share in the outermost ones
 CLIP: Final = 0.2  # of the unit length: no single edge may outweigh the rest
 
 
