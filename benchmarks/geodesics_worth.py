@@ -3,14 +3,15 @@
 Where they should help most: a first pose from one frame in any posture, a patient who was lost, fast arms at 3 and 5
 frames a second, a body whose shape is not learnt, and a clinic seen by one camera. Each recording is tracked with
 
-- geodesic: matches by geodesic descriptors, and the anchors (the default);
-- position: matches by position (``hypotheses.feature = "position"``), and the anchors;
+- geodesic: matches by geodesic descriptors, and the anchors, where the body leaves a frame unexplained (the default);
+- always: the same in every frame (``hypotheses.always = true``), as in the paper;
+- position: matches by position (``hypotheses.feature = "position"``), and the anchors, in every frame;
 - neither: neither matches nor anchors in the registration (``registration.held_steps = 0``).
 
 A first pose is found with the anchors (geodesic) and without them (neither). Differences are paired by recording, with
 Student's 95 % interval over the recordings; negative means better or faster than geodesic. A joint without a place
 counts as 250 mm off, so that giving up is not an advantage. Times are processor time, summed over the
-tracker's stages; from "neither" the stages that it does not need (geodesics, association) are taken off.
+tracker's stages.
 """
 
 from __future__ import annotations
@@ -20,7 +21,6 @@ import json
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -29,7 +29,7 @@ from unittest import mock
 
 import numpy as np
 from cached_recordings import KEPT, cached_recording
-from paired_variants import GEODESIC, NEITHER, POSITION, Score, compare, score, table
+from paired_variants import ALWAYS, GEODESIC, NEITHER, POSITION, Score, compare, score, table
 
 from anchorpose.association.hypotheses import Feature, HypothesisConfig
 from anchorpose.body.config import LearningConfig, RegistrationConfig
@@ -52,10 +52,10 @@ from anchorpose.tracking.motion_file import load_motions
 
 VARIANTS: Final[Mapping[str, Callable[[TrackConfig], TrackConfig]]] = {
     GEODESIC: lambda config: config,
-    POSITION: lambda config: replace(config, hypotheses=HypothesisConfig(feature=Feature.POSITION)),
+    ALWAYS: lambda config: replace(config, hypotheses=HypothesisConfig(always=True)),
+    POSITION: lambda config: replace(config, hypotheses=HypothesisConfig(feature=Feature.POSITION, always=True)),
     NEITHER: lambda config: replace(config, registration=RegistrationConfig(held_steps=0)),
 }
-UNUSED_STAGES: Final = {NEITHER: ("geodesics", "association")}
 LONG_S: Final = 12.0  # time to be lost and found
 SKIP_S: Final = 1.0  # tracking may settle in it
 FIRST_POSES: Final = 4  # frames of a recording from which a first pose is found
@@ -102,22 +102,9 @@ def prepared(simulated: Path, own_shape: bool) -> Run:
     return Run(room, config, load_motions(config.motion_file, recording.rate_hz, config.motion))
 
 
-class ProcessorStopwatch(Stopwatch):
-    """Adds up processor time: the machine may be shared."""
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Time what runs inside."""
-        began = time.process_time()
-        try:
-            yield
-        finally:
-            self.seconds[name] = self.seconds.get(name, 0.0) + time.process_time() - began
-
-
 def of_variant(run: Run, variant: str) -> Run:
     """The run with a variant's settings and a stopwatch of its own."""
-    return replace(run, config=VARIANTS[variant](run.config), stopwatch=ProcessorStopwatch())
+    return replace(run, config=VARIANTS[variant](run.config), stopwatch=Stopwatch(time.process_time))
 
 
 def compile_all(folder: Path) -> None:
@@ -142,19 +129,14 @@ def tracked(run: Run, truth_m: np.ndarray) -> np.ndarray:
     return error_mm
 
 
-def needed_seconds(spent: Mapping[str, float], variant: str) -> float:
-    """All stages but those whose results a variant leaves unused."""
-    return sum(seconds for stage, seconds in spent.items() if stage not in UNUSED_STAGES.get(variant, ()))
-
-
 def scores_of_tracking(name: str, seed: int, simulated: Path) -> Iterator[Score]:
-    """The three variants on one recording."""
+    """Each variant on one recording."""
     situation, truth = SITUATIONS[name], read_truth(simulated / "truth" / "truth.npz")
     run, judged = prepared(simulated, situation.own_shape), truth.time_s >= situation.from_s - 1e-9
     for variant in VARIANTS:
         varied = of_variant(run, variant)
         error_mm = tracked(varied, truth.position_m)
-        per_frame_s = needed_seconds(varied.stopwatch.seconds, variant) / len(error_mm)
+        per_frame_s = sum(varied.stopwatch.seconds.values()) / len(error_mm)
         yield score(name, seed, variant, error_mm[judged], per_frame_s * judged.sum())
 
 

@@ -10,7 +10,6 @@ import copy
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -25,6 +24,7 @@ from anchorpose.tracker.estimate import estimate_of
 from anchorpose.tracker.observation import Observation, isolate, observe
 from anchorpose.tracker.patient import PatientTracker
 from anchorpose.tracker.standing_feet import StandingFeet
+from anchorpose.tracker.window import Window
 
 SEEN_AGAIN: Final = 3
 """Frames before the last estimated one that are looked at again: what isolation remembers of other people then comes
@@ -59,9 +59,9 @@ class Past:
 
 
 def fork(tracker: PatientTracker) -> PatientTracker:
-    """A tracker in the same state; what no tracker changes (run, body, observations, links) is shared."""
-    shared = [tracker.run, tracker.config, tracker.points, tracker.shape, tracker.body, tracker.map, tracker.associate]
-    shared += [tracker.belief, tracker.last_found, tracker.first, *tracker.window, *tracker.links]
+    """A tracker in the same state; what no tracker changes (run, body, observations) is shared."""
+    shared = [tracker.run, tracker.config, tracker.points, tracker.shape, tracker.body, tracker.map]
+    shared += [tracker.belief, tracker.last_found, tracker.first, *tracker.window]
     return copy.deepcopy(tracker, {id(value): value for value in shared})
 
 
@@ -81,7 +81,7 @@ def kidnap(tracker: PatientTracker, past: Past, spoil: Spoil) -> PatientTracker:
 
 
 def _look_again(kidnapped: PatientTracker, past: Past, poses: list[Pose]) -> None:
-    """What the last frames and those of the window show with the wrong pose in mind, and the links between them."""
+    """What the last frames and those of the window show with the wrong pose in mind."""
     before = past.seen[0]
     for seen, pose in zip(list(past.seen)[1:], poses[1 - len(past.seen) :], strict=True):
         before = _seen_with(kidnapped, seen.frame_set, pose, before)
@@ -91,9 +91,7 @@ def _look_again(kidnapped: PatientTracker, past: Past, poses: list[Pose]) -> Non
         window.append(_seen_with(kidnapped, seen.frame_set, pose, window[-1]))
     if kidnapped.last_found is kidnapped.window[0]:
         kidnapped.last_found = window[0]
-    kidnapped.window = deque(window)
-    links = (kidnapped.associate(now, following, kidnapped.config) for now, following in pairwise(window))
-    kidnapped.links = deque(links)
+    kidnapped.window = Window(window, kidnapped.run)
 
 
 def _seen_with(tracker: PatientTracker, frame_set: FrameSet, pose: Pose, before: Observation) -> Observation:

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from intervals import PairedDifference, paired_difference
 
-GEODESIC, POSITION, NEITHER = "geodesic", "position", "neither"
+GEODESIC, ALWAYS, POSITION, NEITHER = "geodesic", "always", "position", "neither"
 MISSING_MM: Final = 250.0  # sigma beyond which tracking calls a joint lost (``FollowConfig.lost_sigma_m``)
 WRONG_MM: Final = 150.0
 

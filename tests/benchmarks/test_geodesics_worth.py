@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +11,10 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
-from geodesics_worth import SITUATIONS, VARIANTS, ProcessorStopwatch, needed_seconds
-from paired_variants import GEODESIC, MISSING_MM, NEITHER, POSITION, compare, score, table
+from geodesics_worth import SITUATIONS, VARIANTS
+from paired_variants import ALWAYS, GEODESIC, MISSING_MM, NEITHER, POSITION, compare, score, table
 
-from anchorpose.association.hypotheses import Feature
+from anchorpose.association.hypotheses import Feature, HypothesisConfig
 from anchorpose.joints import JOINT_COUNT
 from anchorpose.tracker.config import TrackConfig
 
@@ -31,22 +31,11 @@ def test_a_joint_without_a_place_counts_as_wrong():
 def test_variants_differ_from_the_default_in_one_setting_each():
     default = TrackConfig()
     assert VARIANTS[GEODESIC](default) == default
-    position, neither = VARIANTS[POSITION](default), VARIANTS[NEITHER](default)
-    assert position.hypotheses.feature is Feature.POSITION
+    always, position, neither = (VARIANTS[variant](default) for variant in (ALWAYS, POSITION, NEITHER))
+    assert always == replace(default, hypotheses=HypothesisConfig(always=True))
+    assert position.hypotheses == HypothesisConfig(feature=Feature.POSITION, always=True)
     assert (position.registration, neither.hypotheses) == (default.registration, default.hypotheses)
     assert neither.registration.held_steps == 0
-
-
-def test_stages_without_effect_cost_nothing():
-    spent = {"geodesics": 1.0, "association": 2.0, "registration": 4.0}
-    assert [needed_seconds(spent, variant) for variant in (GEODESIC, POSITION, NEITHER)] == [7.0, 7.0, 4.0]
-
-
-def test_a_stopwatch_of_processor_time_does_not_count_waiting():
-    watch = ProcessorStopwatch()
-    with watch.stage("sleep"):
-        time.sleep(0.2)
-    assert watch.seconds["sleep"] < 0.1
 
 
 def _scores():

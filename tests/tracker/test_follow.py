@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+from anchorpose.association.hypotheses import HypothesisConfig
 from anchorpose.body.pose import MOVING_BONES, POSE_SIZE, Pose
 from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, LIMBS, JointState
@@ -228,10 +229,30 @@ def test_no_frames_give_no_estimates(course):
 
 def test_the_time_of_every_stage_is_kept(course):
     watch = Stopwatch()
+    config = replace(CONFIG, hypotheses=HypothesisConfig(always=True))
     frames = read_frames(course.room.recording, APPEARS, APPEARS + 3)
-    list(follow_patient(Run(course.room, CONFIG, stopwatch=watch), frames, course.shape))
+    list(follow_patient(Run(course.room, config, stopwatch=watch), frames, course.shape))
     assert {"isolation", "surface", "geodesics", "first pose", "association", "registration"} <= watch.seconds.keys()
     assert all(seconds >= 0.0 for seconds in watch.seconds.values())
+
+
+def test_a_frame_that_the_body_explains_pays_for_no_matches(course):
+    easy = course.estimates[APPEARS + 1 : VANISHES]
+    assert all(estimate.matched_share is None for estimate in easy)
+    watch = Stopwatch()
+    frames = read_frames(course.room.recording, APPEARS, APPEARS + 3)
+    list(follow_patient(Run(course.room, CONFIG, stopwatch=watch), frames, course.shape))
+    assert "association" not in watch.seconds
+
+
+def test_every_frame_is_matched_where_the_settings_say_so_with_nearly_the_same_joints(course):
+    config = replace(CONFIG, hypotheses=HypothesisConfig(always=True))
+    frames = read_frames(course.room.recording, APPEARS, VANISHES)
+    matched = list(follow_patient(Run(course.room, config), frames, course.shape))
+    for estimate in matched[1:]:
+        assert estimate.matched_share > 0.5
+        away_m = np.linalg.norm(estimate.joints_m - course.estimates[estimate.frame_set.frame].joints_m, axis=1)
+        assert np.nanmean(away_m) < 0.005
 
 
 def test_nobody_found_is_lost_in_every_joint(course):
@@ -263,6 +284,14 @@ def test_a_stopwatch_adds_up_and_counts_what_fails_too():
         raise KeyError
     assert watch.seconds["a"] >= first
     assert list(watch.seconds) == ["a"]
+
+
+def test_a_stage_inside_another_is_not_counted_twice():
+    ticks = iter([0.0, 1.0, 3.0, 7.0])
+    watch = Stopwatch(lambda: next(ticks))
+    with watch.stage("outer"), watch.stage("inner"):
+        pass
+    assert watch.seconds == {"inner": 2.0, "outer": 5.0}
 
 
 def test_no_more_frames_are_held_than_the_look_ahead_needs(course):

@@ -205,7 +205,7 @@ def _what_comes_next(tracker: PatientTracker, frames: Iterator[FrameSet]) -> Nex
             break
         tracker.step(frame_set, only_look=True)
     hypothesis = tracker.next_hypothesis()
-    return None if hypothesis is None else Next(tracker.window[1], tracker.links[0].all(), hypothesis)
+    return None if hypothesis is None else Next(tracker.window[1], tracker.window.matchers()[0].all(), hypothesis)
 
 
 def _number(room: Room, position: int) -> int:

@@ -10,6 +10,7 @@ import numpy as np
 from anchorpose.body.evidence import Evidence, gather_evidence
 from anchorpose.body.skin_points import body_points
 from anchorpose.geodesics.anchors import Anchors, anchor_descriptor, find_anchors
+from anchorpose.geodesics.seen import SeenGeodesics
 from anchorpose.geodesics.trusted_anchors import trusted_anchors
 from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory, update_memory
 from anchorpose.isolation.config import IsolationConfig
@@ -70,10 +71,8 @@ class SeenSurface:
 class Observation:
     """One frame after the stages up to geodesics.
 
-    whole: the patient's surface with the hidden skin, which is inferred. descriptor (n, 5) metres: the distance of each
-    seen node to each anchor, inf where not reached, NaN where missed, or where a hole lengthens it and enough others
-    are left. expected: where the patient was expected, None in a frame without expectation. border (n,) uint8 of
-    ``Border``: what each seen node ends at.
+    whole: the patient's surface with the hidden skin, which is inferred. expected: where the patient was expected, None
+    in a frame without expectation. border (n,) uint8 of ``Border``: what each seen node ends at.
     """
 
     frame_set: FrameSet
@@ -81,7 +80,7 @@ class Observation:
     evidence: Evidence
     whole: Surface
     anchors: Anchors
-    descriptor: np.ndarray
+    distances: AnchorDistances
     border: np.ndarray
     pieces: tuple[Pieces | None, ...]
     memory: BystanderMemory
@@ -91,6 +90,19 @@ class Observation:
     def surface(self) -> Surface:
         """What is seen of the patient's surface."""
         return self.evidence.surface
+
+    @property
+    def descriptor(self) -> np.ndarray:
+        """(n, 5) metres: the distance of each seen node to each anchor, inf where not reached, NaN where missed.
+
+        NaN also where a hole lengthens it and enough others are left.
+        """
+        return self.distances.of_seen_nodes()
+
+    @property
+    def geodesics(self) -> SeenGeodesics:
+        """Surface, anchors and distances together, for proposals of poses."""
+        return SeenGeodesics(self.whole, self.anchors, self.descriptor)
 
 
 def observe_first(frame_set: FrameSet, choice: PatientChoice, height_m: float, run: Run) -> Observation:
@@ -104,8 +116,8 @@ def observe(
 ) -> Observation:
     """Surface and anchors of a frame whose people are isolated. height_m: what the anchors' distances are scaled by."""
     surface = see_surface(isolated, expected, run)
-    anchors, descriptor = see_anchors(surface, expected, height_m, run)
-    return gather(frame_set, expected, isolated, surface, anchors, descriptor)
+    anchors = see_anchors(surface, expected, height_m, run)
+    return gather(frame_set, expected, isolated, surface, anchors, run)
 
 
 def isolate_first(frame_set: FrameSet, choice: PatientChoice, run: Run) -> Isolated:
@@ -201,21 +213,36 @@ def see_surface(isolated: Isolated, expected: Expectation | None, run: Run) -> S
     return SeenSurface(whole, kind, evidence)
 
 
-def see_anchors(
-    surface: SeenSurface, expected: Expectation | None, height_m: float, run: Run
-) -> tuple[Anchors, np.ndarray]:
-    """The anchors, and the descriptor (n, 5) of the seen nodes (see ``Observation``)."""
-    config, whole = run.config, surface.whole
+def see_anchors(surface: SeenSurface, expected: Expectation | None, height_m: float, run: Run) -> Anchors:
+    """Head, hands and feet, as the picture shows them."""
     with run.stage("geodesics"):
         facing, places = (FACING, None) if expected is None else (expected.facing, expected.anchors_m)
         cut = surface.border == Border.CUT
-        anchors = find_anchors(whole, UP, facing, height_m, cut, places, config.anchors)
-        descriptor = anchor_descriptor(whole, anchors)
-        if config.hypotheses.trusted_only:
+        return find_anchors(surface.whole, UP, facing, height_m, cut, places, run.config.anchors)
+
+
+class AnchorDistances:
+    """The distances of the seen nodes to the anchors, computed when they are first asked for: most frames need none."""
+
+    def __init__(self, surface: SeenSurface, anchors: Anchors, run: Run) -> None:
+        self._surface, self._anchors, self._run = surface, anchors, run
+        self._found: np.ndarray | None = None
+
+    def of_seen_nodes(self) -> np.ndarray:
+        """(n, 5) as ``Observation.descriptor``."""
+        if self._found is None:
+            with self._run.stage("geodesics"):
+                self._found = self._compute()
+        return self._found
+
+    def _compute(self) -> np.ndarray:
+        whole, cut = self._surface.whole, self._surface.border == Border.CUT
+        descriptor = anchor_descriptor(whole, self._anchors)
+        if self._run.config.hypotheses.trusted_only:
             trusted = trusted_anchors(whole, descriptor, cut)
             trusted |= trusted.sum(axis=1, keepdims=True) < LEAST_TRUSTED
             descriptor = np.where(trusted, descriptor, np.nan).astype(np.float32)
-    return anchors, descriptor[: len(surface.evidence.surface)]
+        return descriptor[: len(self._surface.evidence.surface)]
 
 
 def gather(
@@ -224,7 +251,7 @@ def gather(
     isolated: Isolated,
     surface: SeenSurface,
     anchors: Anchors,
-    descriptor: np.ndarray,
+    run: Run,
 ) -> Observation:
     """The stages' results of one frame in one value."""
     return Observation(
@@ -233,7 +260,7 @@ def gather(
         surface.evidence,
         surface.whole,
         anchors,
-        descriptor,
+        AnchorDistances(surface, anchors, run),
         surface.border[: len(surface.evidence.surface)],
         isolated.pieces,
         isolated.memory,

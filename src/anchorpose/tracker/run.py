@@ -14,19 +14,22 @@ from anchorpose.tracking.motion_database import MotionDatabase
 
 
 class Stopwatch:
-    """Adds up the seconds spent in each named stage; stages do not nest."""
+    """Adds up the seconds spent in each named stage; a stage inside another one is not counted twice."""
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:
         self.seconds: dict[str, float] = {}
+        self._clock, self._inside = clock, 0.0  # seconds of the stages inside the present one
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
         """Time what runs inside."""
-        began = time.perf_counter()
+        before, self._inside, began = self._inside, 0.0, self._clock()
         try:
             yield
         finally:
-            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - began
+            spent = self._clock() - began
+            self.seconds[name] = self.seconds.get(name, 0.0) + spent - self._inside
+            self._inside = before + spent
 
 
 @dataclass(frozen=True, slots=True, eq=False)
