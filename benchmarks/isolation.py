@@ -136,7 +136,7 @@ def milliseconds(recording: Recording, room: Room, config: TrackConfig) -> float
 def score(
     seed: int, seconds: float, background: bool, tracker: bool, outline: bool
 ) -> tuple[list[Count], np.ndarray, float]:
-    """Counts of every frame, which frames somebody touches the patient in, milliseconds a frame."""
+    """Counts of every frame, in which frames the patient is touched, milliseconds per frame."""
     config, scene = TrackConfig(), presets.clinic(seed, seconds)
     with TemporaryDirectory() as folder:
         simulate_recording(Path(folder) / "s", scene)

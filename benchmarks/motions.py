@@ -1,8 +1,8 @@
 """How far off predicted joints are: python benchmarks/motions.py SKELETONS.npz (the Kinect skeletons of UI-PRMD).
 
 The numbers of ``MotionConfig`` were chosen on subjects 1 to 4, each left out in turn; the figures are of subjects 5, 6
-and 7, who took no part in that. Each is predicted by a database of the six others: with all ten movements, with the one
-that he does left out of it (unseen), and by the movements that ship with the package. Then simulated people, whose
+and 7, who took no part in that. Each is predicted by a database of the six others: with all ten movements, with this
+one left out of it (unseen), and by the movements that ship with the package. Then simulated people, whose
 joints are without noise: 30 Hz, another person than in the shipped movements, with theirs of the same kind and without.
 Mean distance over the joints that the skeletons hold, after 1, 3 and 10 frames of 33 ms.
 """
@@ -112,7 +112,7 @@ def of_skeletons(clips: ReferenceClips, every: int) -> dict[str, list[np.ndarray
 
 
 def simulated(kind: str, seconds: float = 5.0) -> np.ndarray:
-    """A movement by somebody who is not in the shipped file."""
+    """A movement by a person who is not in the shipped file."""
     config = SimulationConfig(
         seed=777_000 + MOTIONS.index(kind), seconds=seconds, fps=RATE_HZ, cameras=1, equipment="none",
         therapists=0, motions=(kind,), speed="mixed",

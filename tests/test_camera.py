@@ -79,7 +79,7 @@ def test_pixels_reach_half_a_pixel_beyond_their_centre_and_no_farther():
     assert (found_column[0], found_row[0]) == (100, 51)
 
 
-def test_pixels_outside_are_told_as_zero():
+def test_pixels_outside_are_zero():
     column, row, inside = FRONT.pixel_of(np.array([[50.0, 0.0, 0.01], [0.0, -9.0, 1.0]]))
     assert not inside.any()
     np.testing.assert_array_equal([column, row], 0)

@@ -121,15 +121,15 @@ def test_the_legs_are_as_long_as_an_adults(tracked):
 def test_the_shoulders_of_a_standing_man_are_where_another_tracker_found_them(tracked):
     skeleton = DATA / tracked.excerpt.folder / "skeleton.npz"
     if not skeleton.is_file() or not tracked.excerpt.in_full_view:
-        pytest.skip("no reference, or none for somebody who stands in full view")
+        pytest.skip("no reference, or none for a person in full view")
     for name in ("ShoulderLeft", "ShoulderRight"):
         distance_m = _from_reference_m(tracked.joints, tracked.results, skeleton, name)
         assert np.median(distance_m) < 0.10  # the reference is good to 5 to 10 cm
 
 
 @pytest.mark.slow
-def test_who_has_touched_the_floor_is_whole_when_he_stands_again(tmp_path):
-    """While he bends, his trunk stands beside his legs like a second person; it was given away, and he fell in a heap.
+def test_who_has_touched_the_floor_is_whole_on_standing_again(tmp_path):
+    """A bent trunk beside the legs looks like a second person: it was labelled as one, and the pose collapsed.
 
     The reference stands up with left and right exchanged: what lies between them is compared.
     """

@@ -64,7 +64,7 @@ def patient_mask() -> np.ndarray:
 
 
 def labels_of(frame: int) -> np.ndarray:
-    """The patient (4), somebody else (5) who walks through, a bar (2), the room (0)."""
+    """The patient (4), another person (5) who walks by, a bar (2), the room (0)."""
     labels = np.where(patient_mask(), np.uint8(4), np.uint8(0))
     labels[60:110, 2 + frame : 12 + frame] = 5
     labels[80:84, 30:66] = 2

@@ -56,7 +56,7 @@ def squat(tmp_path_factory) -> tuple[Path, np.ndarray]:
 @contextmanager
 def inside(folder: Path) -> Iterator[None]:
     before = Path.cwd()
-    os.chdir(folder)  # set-up files name their neighbours, as they do for somebody who double-clicks one
+    os.chdir(folder)  # set-up files name their neighbours, as they do where one is double-clicked
     try:
         yield
     finally:
@@ -188,7 +188,7 @@ def test_scaling_takes_the_longest_time_in_which_all_markers_are_there(osim, tmp
     assert lengths_off_m(osim, folder, tmp_path / "work", true_joints()).max() < 0.001
 
 
-def test_an_arm_that_is_lost_for_a_while_is_told_and_does_not_part_the_set_up(tmp_path):
+def test_an_arm_that_is_lost_for_a_while_is_reported_and_does_not_part_the_set_up(tmp_path):
     lost = {row: ("HandLeft",) for row in range(60) if row % 2}
     results = write_true_results(tmp_path / "results", true_joints(), lost=lost)
     ((folder, product),) = export_results(results, [Format.TRC], ExportConfig())

@@ -46,7 +46,7 @@ def test_the_record_says_what_was_done_from_which_bytes(results):
         assert record[key]
 
 
-def test_the_record_tells_that_times_were_resampled(tmp_path):
+def test_the_record_states_that_times_were_resampled(tmp_path):
     stamps = times(75) + np.random.default_rng(1).uniform(-0.01, 0.01, 75)
     results = write_true_results(tmp_path / "results", true_joints(), stamps)
     assert main(["export", str(results), "--to", "trc,csv"]) == 0
@@ -70,7 +70,7 @@ def test_an_export_is_replaced_only_when_asked_and_one_of_another_format_never(r
     assert (results / "exports" / "trc" / "joints.trc").is_file()
 
 
-def test_a_folder_of_somebody_elses_is_never_touched(results, tmp_path, capsys):
+def test_a_folder_that_is_not_ours_is_never_touched(results, tmp_path, capsys):
     (tmp_path / "mine" / "trc").mkdir(parents=True)
     (tmp_path / "mine" / "trc" / "thesis.txt").write_text("years of work")
     assert main(["export", str(results), "--to", "trc", "-o", str(tmp_path / "mine"), "--overwrite"]) == 2

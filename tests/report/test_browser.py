@@ -55,7 +55,7 @@ def test_pointing_and_clicking_move_the_cursor_of_all_charts(page, knee, address
     assert knee.get_by_role("slider").evaluate("e => e === document.activeElement")
 
 
-def test_the_timeline_tells_posture_and_contacts(page, address):
+def test_the_timeline_shows_posture_and_contacts(page, address):
     page.goto(address)
     page.locator("#timeline input").fill("50")
     told = page.locator("#timeline .readout").text_content()

@@ -212,7 +212,7 @@ def test_the_same_sessions_give_the_same_bytes(tmp_path):
         ({}, "the same version with the same settings and cameras"),
     ],
 )
-def test_what_was_not_recorded_or_computed_alike_is_told(tmp_path, run, sentence):
+def test_what_was_not_recorded_or_computed_alike_is_reported(tmp_path, run, sentence):
     folders = [session(tmp_path, 1), session(tmp_path, 2, **run)]
     page = PageReader(write_comparison(folders, tmp_path / "c.html"))
     told = [item.text for item in page.find("li")]

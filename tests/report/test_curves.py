@@ -147,7 +147,7 @@ def test_numbers_have_the_digits_that_their_error_leaves():
     assert number(-1234.5, 1) == "\u22121\u202f234.5"
 
 
-def test_sides_are_told_from_names():
+def test_sides_follow_from_names():
     assert split_side("knee_flexion_left") == ("knee_flexion", "left")
     assert split_side("KneeRight") == ("Knee", "right")
     assert split_side("trunk_flexion") == ("trunk_flexion", None)

@@ -194,7 +194,7 @@ def test_the_range_of_a_turned_pelvis_is_the_same_whichever_way_the_patient_face
     assert max(abs(later - earlier) for earlier, later in pairwise(curve)) < 5.0
 
 
-def test_frames_with_the_same_problem_are_told_as_one_stretch(tmp_path):
+def test_frames_with_the_same_problem_are_reported_as_one_stretch(tmp_path):
     drops = [{"frame": k, "time_s": k / 30, "why": f"front/depth/{k:06d}.png is truncated"} for k in (3, 4, 5, 9)]
     page = PageReader(write_report(write_session(tmp_path / "r", squats(12), dropped=drops)))
     told = [item.text for item in page.find("li") if item.text.startswith("Frame")]
@@ -320,7 +320,7 @@ def test_a_folder_that_lacks_what_tracking_writes_is_refused_and_no_page_written
     assert not (folder / "report.html").exists()
 
 
-def test_without_a_table_of_contacts_touch_is_not_known_and_all_else_is_told(tmp_path):
+def test_without_a_table_of_contacts_touch_is_unknown_and_all_else_is_reported(tmp_path):
     folder = write_session(tmp_path / "r", squats(30))
     (folder / "contacts.parquet").unlink()
     write_measured(folder, ProcessingConfig(), MeasureConfig())
@@ -372,7 +372,7 @@ def drawn(level: float, *ends: int, count: int = FRAMES) -> str:
 
 
 @pytest.mark.parametrize("file", ["angles.parquet", "posture.parquet", "episodes.parquet", "measures.parquet"])
-def test_a_folder_of_an_older_version_is_told_to_be_measured(tmp_path, file):
+def test_for_a_folder_of_an_older_version_measuring_is_proposed(tmp_path, file):
     folder = write_session(tmp_path / "r", squats(4))
     (folder / file).unlink()
     with pytest.raises(InputError, match=rf"{file}: is missing.*anchorpose measure"):

@@ -91,7 +91,7 @@ def test_bow_legs_are_not_bent_and_a_leg_that_is_turned_out_is_bent_as_far_as_it
         assert _angle(leg, "knee_flexion_left") == pytest.approx(degrees, abs=allowed)
 
 
-def test_of_a_thigh_along_the_line_of_the_hips_only_a_clear_bend_is_told():
+def test_of_a_thigh_along_the_line_of_the_hips_only_a_clear_bend_is_given():
     for degrees, told in ((10.0, False), (60.0, True)):
         leg = _turn(standing_joints(), "KneeRight", ["AnkleRight", "FootRight"], -degrees)
         leg = _turn(leg, "HipRight", ["KneeRight", "AnkleRight", "FootRight"], 85.0, np.array([-1.0, 0.0, 0.0]))
@@ -213,7 +213,7 @@ def test_a_limb_that_is_hardly_bent_does_not_show_how_it_is_turned():
         assert np.isfinite(_angle(arm, "shoulder_rotation_left")) == told
 
 
-def test_near_the_axis_that_it_turns_about_an_angle_is_not_told_though_its_joints_are_seen():
+def test_near_the_axis_that_it_turns_about_an_angle_is_not_given_though_its_joints_are_seen():
     for degrees, told in ((10.0, False), (20.0, True)):
         arm = ["ElbowLeft", "WristLeft", "HandLeft"]
         angles = joint_angles(_table(_turn(standing_joints(), "ShoulderLeft", arm, degrees)[None]))

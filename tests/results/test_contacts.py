@@ -112,7 +112,7 @@ def test_distances_are_those_of_plain_search():
     np.testing.assert_allclose(near.distance_m, plain[expected], atol=1e-6)
 
 
-def test_each_person_is_told_apart_and_the_patient_is_not_near_himself():
+def test_people_are_distinguished_and_the_patient_does_not_touch_the_patient():
     hands = [memory_at(POSED.points_m[region(name)], label) for name, label in (("knee_left", 5), ("hand_right", 7))]
     both = BystanderMemory(*(np.concatenate([getattr(hand, name) for hand in (*hands, memory_at(POSED.points_m, 4))])
                    for name in ("points_m", "owner", "age_s")), 9)  # fmt: skip

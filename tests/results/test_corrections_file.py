@@ -146,7 +146,7 @@ def test_the_recording_of_a_run_is_read_from_its_record() -> None:
     assert np.array_equal(recording_of_run(run).T_world_camera["front"], POSE)
 
 
-def test_a_run_that_tells_of_corrections_which_are_none_is_refused() -> None:
+def test_a_run_that_states_corrections_which_are_none_is_refused() -> None:
     run = {"recording": "ward", "inputs_sha256": dict(HASHES), "cameras": []}
     assert corrections_of_run(Path("run.json"), {**run, "corrections": None}).joints == ()
     told = {"file": "c.json", "sha256": "a", "unusable": [], "joints": [{**asdict(knee()), "joint": "Knee"}]}

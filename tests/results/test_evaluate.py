@@ -57,7 +57,7 @@ def test_lost_joints_are_counted_and_leave_the_means_alone(tmp_path):
     assert dict(found.per_state)["lost"].mean_mm is None
 
 
-def test_frames_called_occluded_are_told_apart(tmp_path):
+def test_frames_called_occluded_are_evaluated_separately(tmp_path):
     frames = [make_frame(i, i / 10, _shifted((0.01 * (1 + i % 2), 0, 0))) for i in range(6)]
     results = write_results(tmp_path / "results", frames)
     truth = _write_truth(

@@ -241,7 +241,7 @@ def test_settings_that_make_no_sense_are_refused(wrong):
         ProcessingConfig(**wrong)
 
 
-def test_an_angle_is_as_processed_as_its_joints_and_the_file_tells_the_policy(tmp_path):
+def test_an_angle_is_as_processed_as_its_joints_and_the_file_states_the_policy(tmp_path):
     table, config = moving(gap=slice(100, 104)), ProcessingConfig(smooth="butterworth", fill="linear")
     processed = process_angles(table, config)
     elbow, knee = (processed.column(name) for name in ("elbow_flexion_left", "knee_flexion_left"))

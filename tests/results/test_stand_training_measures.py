@@ -42,7 +42,7 @@ def test_sway_along_an_ellipse_has_its_path_its_spread_and_its_area():
     assert value(found, "sway_time") == pytest.approx(seconds - 1 / RATE)
 
 
-def test_jitter_that_is_no_sway_is_not_told_as_sway_and_does_not_add_to_it():
+def test_jitter_is_not_reported_as_sway_and_does_not_add_to_it():
     noise = measured(table(swaying(0.0, 0.0, 0.25, 40.0, noise_m=0.004)))[1]["sway_path", None, None, None]
     assert noise.value is None
     assert "noise" in (noise.why or "")
@@ -52,7 +52,7 @@ def test_jitter_that_is_no_sway_is_not_told_as_sway_and_does_not_add_to_it():
     assert shaken == pytest.approx(clean, rel=0.1)
 
 
-def test_a_spread_that_noise_may_have_made_is_not_told_and_one_that_noise_enlarges_is_unsure_by_that():
+def test_a_spread_that_noise_may_have_made_is_not_given_and_one_that_noise_enlarges_is_as_uncertain():
     """Errors of 4 mm that all joints share and that last too long to be filtered away, and nothing else."""
     found = {}
     for sway_m in (0.0, 0.012):
@@ -72,7 +72,7 @@ def test_a_spread_that_noise_may_have_made_is_not_told_and_one_that_noise_enlarg
         assert row.value > 12.0 / np.sqrt(2)
 
 
-def test_sway_of_short_bouts_and_of_slow_cameras_is_not_told():
+def test_sway_of_short_bouts_and_of_slow_cameras_is_not_given():
     assert measured(table(swaying(0.02, 0.01, 0.25, 4.0)))[1]["sway_path", None, None, None].value is None
     joints = table(swaying(0.02, 0.01, 0.25, 60.0))
     slow = type(joints)(*(getattr(joints, name)[::5] for name in type(joints).__slots__))
@@ -95,7 +95,7 @@ def test_extension_while_upright_is_that_of_the_frames_in_which_the_patient_stoo
     assert (row.frames, row.inferred_share) == (200, 0.0)
 
 
-def test_a_knee_that_is_bent_backwards_is_told_as_such_and_is_not_straight():
+def test_a_knee_that_is_bent_backwards_is_reported_as_such_and_is_not_straight():
     found = measured(table(squatting_joints(np.concatenate([np.full(100, -15.0), np.full(100, -5.0)]))))[1]
     for side in ("left", "right"):
         assert value(found, "knee_flexion_upright_mean", side) == pytest.approx(-10.0)
@@ -118,7 +118,7 @@ def test_the_way_up_is_neither_standing_with_bent_knees_nor_sway():
     assert value(found, "upright_time") > 10.2  # the way counts as upright time all the same
 
 
-def test_a_mean_over_many_frames_is_hardly_surer_than_one_frame():
+def test_a_mean_over_many_frames_is_hardly_more_certain_than_one_frame():
     short, long = (
         measured(table(squatting_joints(np.full(n, 12.0))))[1]["knee_flexion_upright_mean", "left", None, None].sigma
         for n in (20, 2000)
@@ -144,9 +144,9 @@ def test_leaning_over_one_foot_loads_it():
     assert measured(table(together))[1]["load_share", "left", None, None].value is None
 
 
-def test_a_centre_of_mass_beyond_the_feet_tells_no_share_of_the_load():
+def test_a_centre_of_mass_beyond_the_feet_gives_no_share_of_the_load():
     joints = np.repeat(standing_joints()[None], 40, axis=0)
-    joints[:20, ABOVE, 2] += 0.15  # beyond the right ankle: somebody or something else holds the patient
+    joints[:20, ABOVE, 2] += 0.15  # beyond the right ankle: a person or a thing holds the patient
     row = measured(table(joints))[1]["load_share", "right", None, None]
     assert row.value == pytest.approx(0.5, abs=1e-9)
     assert row.frames == 20
@@ -180,7 +180,7 @@ def touched() -> tuple[Contact, ...]:
     )
 
 
-def test_assistance_is_told_by_part_and_person_without_counting_a_moment_twice():
+def test_assistance_is_given_by_part_and_person_without_counting_a_moment_twice():
     joints = table(squatting_joints(np.concatenate([np.zeros(160), np.full(40, 80.0)])))
     found = measured(joints, touched())[1]
     assert value(found, "assistance_time") == pytest.approx(7.5)
@@ -241,7 +241,7 @@ def test_a_patient_who_is_never_found_is_neither_helped_nor_left_alone():
         assert row.why, name
 
 
-def test_who_touches_is_told_only_of_the_time_in_which_the_patient_is_found():
+def test_who_touches_is_reported_only_for_the_time_in_which_the_patient_is_found():
     joints = table(squatting_joints(np.zeros(400)), lost={name: slice(160, 400) for name in JOINT_NAMES})
     found = measured(joints, (contact("pelvis", "a", 100, 299),))[1]
     assert value(found, "found_time") == pytest.approx(8.0)

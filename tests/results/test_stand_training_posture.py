@@ -105,7 +105,7 @@ def test_it_holds_between_the_limits_and_is_forgotten_when_a_joint_was_lost():
     ("thigh_deg", "shank_deg", "upright"),
     [(0.0, 0.0, 1), (25.0, 15.0, 1), (85.0, 0.0, 0), (60.0, 20.0, 0), (0.0, -90.0, 0)],  # the last kneels
 )
-def test_standing_is_told_from_sitting_squatting_and_kneeling(thigh_deg, shank_deg, upright):
+def test_standing_is_distinguished_from_sitting_squatting_and_kneeling(thigh_deg, shank_deg, upright):
     # the leg's length is that of the recording's median frame: bones do not change
     session, _ = measured(table(squatting_joints(np.full(3, thigh_deg), shank_deg)))
     assert session.posture.upright.tolist() == [upright] * 3
@@ -141,7 +141,7 @@ def test_frames_without_a_leg_are_neither_upright_nor_not():
     assert (session.posture.upright[100:140] == UNKNOWN).all()
 
 
-def test_time_near_the_limit_is_told_with_a_wide_margin():
+def test_time_near_the_limit_has_a_wide_margin():
     sure = measured(table(squatting_joints(still(0, 5.0))))[1]["upright_time", None, None, None].sigma
     near = measured(table(squatting_joints(still(40.5, 5.0), 0.0), sigma_m=0.02))[1]["upright_time", None, None, None]
     assert sure is not None
@@ -227,7 +227,7 @@ def test_a_squat_in_passing_is_no_sitting_and_a_rise_with_a_lost_leg_is_not_time
     assert "from beginning to end" in (row.why or "")
 
 
-def test_where_no_leg_is_ever_seen_nothing_is_told_and_a_reason_is():
+def test_where_no_leg_is_ever_seen_there_is_a_reason_and_no_value():
     found = measured(table(squatting_joints(still(0, 1.0)), lost={"KneeLeft": slice(None)}))[1]
     for name in ("upright_time", "upright_share", "longest_upright_bout"):
         row = found[name, None, None, None]

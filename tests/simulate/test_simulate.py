@@ -188,11 +188,11 @@ def test_a_patient_who_is_away_is_in_no_picture_and_has_no_joints(tmp_path):
         np.testing.assert_array_equal(np.isnan(truth["joints"]).all(axis=(1, 2)), away)
         assert (truth["patient_pixels"][away] == 0).all()
         middle_m = np.linalg.norm(truth["joints"][:, 0, [0, 2]], axis=1)[~away]
-    assert middle_m[0] > 1.0  # he walks in from the side
+    assert middle_m[0] > 1.0  # the patient walks in from the side
     assert (np.diff(middle_m) < 0.05).all()
 
 
-def test_who_leaves_comes_back_to_his_place():
+def test_a_patient_who_leaves_comes_back_to_the_same_place():
     clinic = draw_clinic(presets.scene(presets.single(7, seconds=16.0, fps=5.0), "leaves"))
     performance = clinic.act(clinic.true_times_s(0))
     middle_m = np.linalg.norm(performance.joints_m()[:, 0, [0, 2]], axis=1)
@@ -202,7 +202,7 @@ def test_who_leaves_comes_back_to_his_place():
     assert middle_m[times_s > back_s + 3.5].max() < 0.5
 
 
-def test_a_curtain_hides_him_for_two_seconds_and_no_longer(tmp_path):
+def test_a_curtain_hides_the_patient_for_two_seconds_and_no_longer(tmp_path):
     config = presets.scene(presets.single(7, seconds=6.0, fps=1.0), "hidden")
     simulate_recording(tmp_path / "hidden", config)
     with np.load(tmp_path / "hidden/truth/truth.npz") as truth:

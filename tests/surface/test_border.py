@@ -1,4 +1,4 @@
-"""Where the patient ends, and where something else cuts him off."""
+"""Where the patient ends, and where something else cuts the surface."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def test_the_edge_of_the_picture_cuts():
     assert kinds[90] == Border.INSIDE
 
 
-def test_the_own_arm_in_front_is_told_from_a_foreign_one():
+def test_the_patients_own_arm_in_front_is_distinguished_from_another_persons():
     depth, labels = scene()
     depth[60:70, 30:90], labels[60:70, 30:90] = 2.2, PixelLabel.PATIENT
     kinds = kinds_by_row(depth, labels)

@@ -119,7 +119,7 @@ def test_a_chin_before_the_neck_is_joined_to_it():
     assert pieces(mesh(depth)).max() == 1
 
 
-def test_crumbs_are_left_out_and_hands_are_not():
+def test_small_components_are_left_out_and_hands_are_not():
     depth = np.zeros((CAMERA.height, CAMERA.width), np.float32)
     depth[20:80, 20:60] = 2.4
     depth[30:33, 80:83] = 2.4  # 4 square centimetres

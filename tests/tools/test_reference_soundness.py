@@ -38,7 +38,7 @@ LIMBS = (
 
 
 def _standing() -> np.ndarray:
-    """(m, 3) somebody who faces the camera, arms down, in the plane of ``DEPTH_M``."""
+    """(m, 3) a person who faces the camera, arms down, in the plane of ``DEPTH_M``."""
     left = [(x, y) for x, y in SIDE.values()]
     flat = [*MIDDLE.values(), *left, *((-x, y) for x, y in left)]
     return np.array([(x, y, DEPTH_M) for x, y in flat])
@@ -110,7 +110,7 @@ def test_knees_that_changed_sides_tangle_the_legs_and_spare_the_arms():
 
 
 def test_legs_crossed_at_the_shins_are_possible():
-    """Somebody stands with the legs crossed: the shins pass one before the other, a shin's thickness apart."""
+    """A person stands with the legs crossed: the shins pass one before the other, a shin's thickness apart."""
     crossed = _exchanged(_standing(), "Ankle", "Foot")
     for name in ("AnkleLeft", "FootLeft", "KneeLeft"):
         crossed[NAMES.index(name), 2] -= 0.12

@@ -36,7 +36,7 @@ def test_he_is_lost_and_found_again(name, tmp_path):
 
     long_gone = np.array([not in_view[max(0, k - 2 * a_second) : k + 2 * a_second].any() for k in range(len(lost))])
     assert lost[long_gone].all()
-    assert np.nanmax(off_m[in_view, ROOT]) < 0.3  # never somebody else
+    assert np.nanmax(off_m[in_view, ROOT]) < 0.3  # never another person
     long_seen = np.array([in_view[max(0, k - a_second) : k + a_second].all() for k in range(len(lost))])
     assert not lost[long_seen].any()
     # found again at a picture's edge, a foot may be wrong for a while; everything right is 7 to 15 mm

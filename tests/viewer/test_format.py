@@ -133,7 +133,7 @@ def test_without_labels_all_points_have_the_one_that_says_so(tmp_path: Path) -> 
     assert len(vertices) == len(triangles) == 0  # whose surface, nobody knows
 
 
-def test_a_picture_that_cannot_be_read_is_told_and_has_no_points(tmp_path: Path) -> None:
+def test_a_picture_that_cannot_be_read_is_reported_and_has_no_points(tmp_path: Path) -> None:
     recording = write_small_recording(tmp_path / "recording")
     results = write_small_results(tmp_path / "results", recording)
     picture = recording / "right" / "depth" / "000002.png"
@@ -240,7 +240,7 @@ def test_clocks_are_those_that_the_run_used() -> None:
     assert clocks_of_run(Path("run.json"), run, ("front", "left")) == (Clock(), found)
 
 
-def test_a_run_that_tells_no_clocks_is_refused() -> None:
+def test_a_run_that_states_no_clocks_is_refused() -> None:
     with pytest.raises(InputError, match="track the recording again"):
         clocks_of_run(Path("run.json"), {"cameras": [{"name": "front"}]}, ("front",))
 

@@ -105,7 +105,7 @@ def test_the_body_is_drawn_where_its_pose_puts_it(viewer: Any) -> None:
         assert (body & ~near).sum() == 0
 
 
-def test_points_that_nobody_told_apart_are_shown_in_one_colour_and_said_so(page: Any, tmp_path: Path) -> None:
+def test_points_without_person_labels_are_shown_in_one_colour_and_reported(page: Any, tmp_path: Path) -> None:
     recording = write_small_recording(tmp_path / "recording")
     with viewer_of(write_small_results(tmp_path / "results", recording, people=False), recording) as server:
         opened(page, server)
@@ -114,7 +114,7 @@ def test_points_that_nobody_told_apart_are_shown_in_one_colour_and_said_so(page:
         assert page.evaluate("anchorpose.frames.points.cameras[0].count") > 1000
 
 
-def test_a_picture_that_cannot_be_read_is_told(page: Any, tmp_path: Path) -> None:
+def test_a_picture_that_cannot_be_read_is_reported(page: Any, tmp_path: Path) -> None:
     recording = write_small_recording(tmp_path / "recording")
     results = write_small_results(tmp_path / "results", recording)
     damaged = recording / "right" / "depth" / "000002.png"

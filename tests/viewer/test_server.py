@@ -243,7 +243,7 @@ def test_two_viewers_of_the_same_results_lose_nothing(server: ViewerServer, smal
     assert sorted(entry.frame for entry in read_corrections(server.api.corrections.path).joints) == list(range(40))
 
 
-def test_a_lock_that_is_never_given_up_is_told(server: ViewerServer, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_lock_that_is_never_released_is_reported(server: ViewerServer, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(correction_file, "PATIENCE_S", 0.05)
     with correction_file.locked(server.api.corrections.path):
         status, answer = tell(server, "corrections/add", INTERVAL)
@@ -291,7 +291,7 @@ def test_a_second_round_of_review_keeps_what_the_first_one_found(tmp_path: Path,
         assert [entry["frame"] for entry in json.loads(ask(third, "corrections")[1])["joints"]] == [9]
 
 
-def test_the_page_is_told_the_names_of_files_and_not_where_they_lie(server: ViewerServer) -> None:
+def test_the_page_gets_the_names_of_files_and_not_where_they_lie(server: ViewerServer) -> None:
     path = server.api.corrections.path
     path.write_text("{")
     answers = [ask(server, "corrections")[1].decode(), tell(server, "corrections/add", INTERVAL)[1]["error"]]
@@ -316,7 +316,7 @@ def test_without_a_recording_there_are_no_points_but_all_else(small: tuple[Path,
         assert len(arrays["vertices"]) > 10_000
 
 
-def test_other_addresses_than_loopback_are_told_apart() -> None:
+def test_other_addresses_than_loopback_are_distinguished() -> None:
     assert [is_loopback(host) for host in ("127.0.0.1", "localhost", "::1", "127.9.9.9")] == [True] * 4
     assert [is_loopback(host) for host in ("0.0.0.0", "192.168.1.5", "ward-pc", "")] == [False] * 4
     open_to_all = Guard("secret", 80, loopback=False)
@@ -363,7 +363,7 @@ def test_a_browser_that_follows_the_file_gets_to_the_page(page: Any, server: Vie
     assert page.url == server.address
 
 
-def test_the_verb_prints_where_it_is_and_stops_when_told(small: tuple[Path, Path]) -> None:
+def test_the_verb_prints_where_it_is_and_stops_on_request(small: tuple[Path, Path]) -> None:
     script = "import sys\nfrom anchorpose.cli import main\nif __name__ == '__main__': sys.exit(main(sys.argv[1:]))"
     process = subprocess.Popen(
         [sys.executable, "-c", script, "view", *map(str, small), "--no-browser"], stdout=subprocess.PIPE, text=True,

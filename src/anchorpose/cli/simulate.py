@@ -60,7 +60,7 @@ class SimulateOptions:
     chest pad and straps."""
 
     passer_by: bool = False
-    """Somebody walks through between a camera and the patient."""
+    """A person walks between a camera and the patient."""
 
     speed: Literal["slow", "normal", "fast", "mixed"] | None = None
     """How fast the patient moves, instead of the preset's."""

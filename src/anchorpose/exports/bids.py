@@ -113,7 +113,7 @@ def events_sidecar() -> dict[str, Any]:
     return {
         "trial_type": {
             "Levels": {
-                "contact": "somebody's skin is within about 3 cm of the patient's",
+                "contact": "another person's skin is within about 3 cm of the patient's",
                 "upright": "the patient stands upright",
                 "sit_to_stand": "the patient stands up",
                 "stand_to_sit": "the patient sits down",

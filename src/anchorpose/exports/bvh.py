@@ -39,7 +39,7 @@ def write_bvh(folder: Path, source: Source, config: ExportConfig) -> Product:
     frames = sum(last - first for first, last in stretches.runs)
     left_out = [node.name for place, node in enumerate(nodes) if place not in kept]
     return Product(
-        axes="Y up, the patient faces X, his right is Z; the world of the recording",
+        axes="Y up, the patient faces X, the patient's right is Z; the world of the recording",
         units="centimetres, degrees, turns about Z, then X, then Y",
         time=str(regular.base),
         missing="a BVH cannot hold a gap: bones known in less than half of the frames are left out, and each stretch "

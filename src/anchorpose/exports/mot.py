@@ -44,7 +44,7 @@ def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
         counts=(("files", len(stretches.runs)), ("frames", frames), ("frames_left_out", len(source.frame) - frames)),
         notes=(
             f"Left out for want of joints: {', '.join(left_out) or 'nothing'}.",
-            "hip_rotation and arm_rot are those of the learnt body (poses.parquet); they are the least sure."
+            "hip_rotation and arm_rot are those of the learnt body (poses.parquet); they are the least certain."
             if hinges is not None
             else "hip_rotation and arm_rot cannot be had from joint centres, there is no poses.parquet: left out.",
         ),

@@ -95,7 +95,7 @@ def _ordered(columns: np.ndarray, order: list[int], missing: float) -> np.ndarra
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrueTouch:
-    """bones (t, b) bool: in each frame the bones whose skin somebody touches; names (b) of the bones."""
+    """bones (t, b) bool: in each frame the bones whose skin another person touches; names (b) of the bones."""
 
     bones: np.ndarray
     names: tuple[str, ...]

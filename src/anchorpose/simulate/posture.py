@@ -234,7 +234,7 @@ class _Poser:
     def _pulled(
         self, posture: Posture, side: int, limb: RestLimb, upper: np.ndarray, fore: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The arm drawn towards the hand's target, the elbow behind and outside of the way there, as elbows bend."""
+        """The arm drawn towards the hand's target, the elbow behind and outside of the line to it, as elbows bend."""
         pull = posture.pull[:, side, None]
         if not pull.any():
             return upper, fore

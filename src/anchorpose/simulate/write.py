@@ -158,7 +158,7 @@ class Sight:
 def _write_truth(path: Path, studio: Studio, records: tuple[Record, ...], sight: Sight, contacts: list[Touch]) -> None:
     """The truth that tracking is measured against, by frame of the first camera, world frame, metres.
 
-    occluded (t,): a hole was cut, or somebody who passes by hides over ``PASSER_HIDES`` of the patient from a camera.
+    occluded (t,): a hole was cut, or a person who passes by hides over ``PASSER_HIDES`` of the patient from a camera.
     Beyond the format's own keys: patient_pixels (t,) of all cameras together; seen_share (t, 21, cameras) of the skin
     around each joint that faces a camera, the share that nothing hides from it; touched (t, 31) bones with another's
     skin within 3 cm of theirs, named by part_names; touched_joints (t, n, 21) the same by therapist and joint;

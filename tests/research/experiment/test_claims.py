@@ -96,13 +96,13 @@ def test_everything_holds_where_the_data_are_as_the_paper_says() -> None:
     assert all(one.checks and one.rule and one.place for one in claims)
 
 
-def test_nothing_can_be_told_from_one_recording_but_the_time() -> None:
+def test_one_recording_decides_nothing_but_the_time() -> None:
     verdicts = {one.key: one.verdict for one in judge_claims(make_results(recordings=1))}
     assert verdicts.pop("times") is Verdict.HOLDS
     assert set(verdicts.values()) == {Verdict.UNKNOWN}
 
 
-def test_nothing_can_be_told_from_nothing() -> None:
+def test_no_recordings_decide_nothing() -> None:
     empty = replace(make_results(recordings=1), tracked=(), matched=(), times=None)
     assert {one.verdict for one in judge_claims(empty)} == {Verdict.UNKNOWN}
 
@@ -173,7 +173,7 @@ def test_better_than_some_is_better_in_part() -> None:
     assert {check.what.split(",")[0] for check in found.checks if check.answer is NO} == {"minus FPFH", "minus SHOT"}
 
 
-def test_methods_that_err_alike_are_not_told_apart() -> None:
+def test_methods_that_err_alike_are_not_distinguished() -> None:
     results = tracking_but(lambda key, hole, hidden: 50.0 if of_family(Family.SPECTRAL, key) else None)
     answers = [check.answer for check in claim(results, "proposed-below-spectral").checks]
     assert answers.count(OPEN) > len(answers) / 2

@@ -280,7 +280,7 @@ def test_distortion_has_a_colour_beyond_the_tolerance_only_and_another_where_cut
     np.testing.assert_allclose(colour[6], regions.CUT_OFF)
 
 
-def test_a_sheet_cut_in_two_is_told_to_be_cut_off() -> None:
+def test_a_sheet_cut_in_two_is_reported_as_cut_off() -> None:
     sheet = flat_grid(20, 12, 0.02)
     hidden = sheet.pixel[:, 0] == 10
     light = regions.lights_of(holed(hidden, sheet), hidden)["Head"]

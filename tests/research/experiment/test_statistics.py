@@ -68,7 +68,7 @@ def test_what_is_never_negative_has_no_interval_below_zero() -> None:
 
 
 @pytest.mark.parametrize("count", [4, 8])
-def test_few_recordings_of_skewed_errors_have_an_honest_interval_too(count: int) -> None:
+def test_few_recordings_of_skewed_errors_have_a_calibrated_interval_too(count: int) -> None:
     rng = np.random.default_rng(4)
     held = 0
     for _ in range(300):
@@ -78,7 +78,7 @@ def test_few_recordings_of_skewed_errors_have_an_honest_interval_too(count: int)
 
 
 @pytest.mark.parametrize("count", [4, 6])
-def test_few_recordings_have_an_honest_interval_too(count: int) -> None:
+def test_few_recordings_have_a_calibrated_interval_too(count: int) -> None:
     rng = np.random.default_rng(3)
     held = 0
     for _ in range(300):

@@ -58,7 +58,7 @@ def test_methods_are_compared_in_the_frames_that_all_of_them_ran_on() -> None:
     assert [one.key for one in everything.methods] == ["anchors"]
 
 
-def test_the_same_frames_are_told_by_size_of_hole_too() -> None:
+def test_the_same_frames_are_listed_by_size_of_hole_too() -> None:
     results = results_of(
         tracked("anchors", np.array([1.0, 2.0])), tracked("fpfh", np.array([5.0, 5.0])),
         tracked("anchors", np.array([3.0, 9.0]), hole_m=0.15), tracked("fpfh", np.array([5.0]), hole_m=0.15, first=2),
@@ -98,7 +98,7 @@ def test_per_joint_all_sizes_count_alike() -> None:
     assert deviations.value("anchors", "Neck").mean == pytest.approx(np.std([10, 20, 60, 70]))
 
 
-def test_what_a_hole_costs_is_told_in_the_same_frames() -> None:
+def test_what_a_hole_costs_is_given_for_the_same_frames() -> None:
     hidden = np.array([True, False, True])
     without, with_hole = np.array([10.0, 100.0, 30.0]), np.array([20.0, 100.0, 60.0])
     results = results_of(
@@ -136,7 +136,7 @@ def test_the_ablation_has_all_forms_of_the_own_tracker_and_the_comparisons_have_
     assert np.isnan(scenes.value("fpfh", "clinic 0").mean)
 
 
-def test_real_recordings_are_told_by_size_of_hole_too() -> None:
+def test_real_recordings_are_listed_by_size_of_hole_too() -> None:
     results = results_of(
         tracked("anchors", np.array([4.0]), scene=Scene.REAL),
         tracked("anchors", np.array([6.0]), hole_m=0.15, scene=Scene.REAL),
@@ -146,7 +146,7 @@ def test_real_recordings_are_told_by_size_of_hole_too() -> None:
     assert "result1_same_frames" not in [one.key for one in tracking_tables(results)]
 
 
-def test_matches_are_told_overall_by_region_and_as_a_curve() -> None:
+def test_matches_are_given_overall_by_region_and_as_a_curve() -> None:
     results = make_results(recordings=3)
     matched = [one for one in results.matched if one.method == "fpfh"]
     together = np.concatenate([one.direct_mm for one in matched])
@@ -214,5 +214,5 @@ def test_settings_are_a_file_too() -> None:
         (Estimate(np.nan, np.nan, np.nan, 0), Unit.SECONDS, "–"),
     ],
 )
-def test_figures_are_told_with_their_interval(value: Estimate, unit: Unit, text: str) -> None:
+def test_figures_are_given_with_their_interval(value: Estimate, unit: Unit, text: str) -> None:
     assert format_estimate(value, unit) == text

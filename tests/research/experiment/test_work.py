@@ -368,7 +368,7 @@ def test_pictures_that_lose_nothing_stay_the_users_own_files(prepared: PreparedC
             assert cv2.imread(str(file), cv2.IMREAD_UNCHANGED).dtype == np.uint16
 
 
-def test_a_folder_that_is_somebody_elses_is_not_touched(tmp_path: Path) -> None:
+def test_a_folder_that_is_not_ours_is_not_touched(tmp_path: Path) -> None:
     from anchorpose.research.experiment.run import run_experiment
 
     (tmp_path / "thesis.tex").write_text("mine")

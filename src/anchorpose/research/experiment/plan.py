@@ -186,14 +186,14 @@ class Plan:
         return Task(kind, clip, hole_m, method, setting, path, self._cost_s(kind, clip, method))
 
     def _cost_s(self, kind: Kind, clip: Clip, method: Method) -> float:
-        config, crowd = self.config, COST_FACTOR.get(clip.scene, 1.0)
+        config, factor = self.config, COST_FACTOR.get(clip.scene, 1.0)
         frames = 40 if clip.simulation is None else clip.simulation.frames  # a real recording is not open yet
         if kind is Kind.MATCHED:
-            return crowd * self.windows * 3 * method.frame_ms / 1000.0
+            return factor * self.windows * 3 * method.frame_ms / 1000.0
         if method.family is Family.TRACKER:
-            return crowd * frames * OWN_MS / 1000.0
+            return factor * frames * OWN_MS / 1000.0
         segments = sampled_segments(clip, config) if is_sampled(method, clip) else frames // config.segment_frames
-        return crowd * segments * config.segment_frames * (FRAMEWORK_MS + 1.3 * method.frame_ms) / 1000.0
+        return factor * segments * config.segment_frames * (FRAMEWORK_MS + 1.3 * method.frame_ms) / 1000.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
