@@ -51,7 +51,7 @@ MOVED_M: Final = 0.4
 IN_FRONT_M: Final = 0.05  # of the empty room
 OUTLINE_PX: Final = 4
 LIMITS_M: Final = (0.06, 0.10)
-COLUMNS: Final = ("frames", "visible ends", "found %", "60 mm %", "100 mm %", "mis-named %", "contradict", "rightly %")
+COLUMNS: Final = ("frames", "visible ends", "found %", "60 mm %", "100 mm %", "mis-named %")
 ARMS: Final = ("LeftArm", "RightArm")
 
 
@@ -196,8 +196,6 @@ class Score:
     within: list[int] = field(default_factory=lambda: [0, 0])
     found: int = 0
     wrong: int = 0
-    contradicts: int = 0
-    rightly: int = 0
 
     def add(self, case: Case) -> None:
         """Compare one frame."""
@@ -217,9 +215,6 @@ class Score:
             self.within[number] += int((case.visible & (away < limit_m)).sum())
         self.found += int(anchors.found.sum())
         self.wrong += int((anchors.found & ~right).sum())
-        contradicts = getattr(anchors, "contradicts", np.zeros(len(limb), bool))
-        self.contradicts += int(contradicts.sum())
-        self.rightly += int((contradicts & right).sum())
 
     def row(self) -> list[float]:
         """In the order of ``COLUMNS``."""
@@ -229,8 +224,6 @@ class Score:
             self.visible,
             *share,
             100 * self.wrong / max(self.found, 1),
-            self.contradicts,
-            100 * self.rightly / max(self.contradicts, 1),
         ]
 
 

@@ -15,7 +15,7 @@ from anchorpose.body.initial import anchor_points
 from anchorpose.body.limb_proposals import CHAINS, Chain, LimbPath, limb_poses
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import Body, pose_points
-from anchorpose.geodesics.anchors import ANCHOR_NAMES
+from anchorpose.geodesics.anchors import ANCHOR_NAMES, Anchors
 from anchorpose.geodesics.center import center_field
 from anchorpose.geodesics.limb_paths import limb_path
 from anchorpose.geodesics.seen import SeenGeodesics
@@ -30,11 +30,11 @@ def anchor_paths(body: Body, pose: Pose, seen: SeenGeodesics) -> Iterator[tuple[
     A hand may be the end of either arm, a foot that of either leg: sides are exchanged where the body was thought to
     face the other way. A free end may be that of any limb.
     """
-    anchors, tips = seen.anchors, pose_points(body, pose).points_m[anchor_points(body.points)]
+    anchors, elsewhere = seen.anchors, contradicted_by(body, pose, seen.anchors)
     ends = [
         (int(anchors.node[number]), INSIDE_TIP_M, tuple(chain for chain in CHAINS if _ends_in(chain, name)))
         for number, name in enumerate(ANCHOR_NAMES)
-        if anchors.found[number] and np.linalg.norm(anchors.position_m[number] - tips[number]) > CONTRADICTED_M
+        if elsewhere[number]
     ]
     ends += [(cap.tip, 0.0, CHAINS) for cap in anchors.free]
     ends = [end for end in ends if end[2]]  # no limb ends in the head
@@ -45,6 +45,13 @@ def anchor_paths(body: Body, pose: Pose, seen: SeenGeodesics) -> Iterator[tuple[
         nodes = limb_path(seen.whole, field, node)
         points, normals = (values[nodes].astype(np.float64) for values in (seen.whole.points_m, seen.whole.normals))
         yield LimbPath(points, -normals, beyond_m + field.distance_m[node] - field.distance_m[nodes]), chains
+
+
+def contradicted_by(body: Body, pose: Pose, anchors: Anchors) -> np.ndarray:
+    """(5,) bool: anchors that the picture shows elsewhere than the pose has their tips; False for missed ones."""
+    tips = pose_points(body, pose).points_m[anchor_points(body.points)]
+    away_m = np.linalg.norm(anchors.position_m - tips, axis=1)  # NaN for a missed one
+    return np.asarray(away_m > CONTRADICTED_M)
 
 
 def anchor_poses(body: Body, pose: Pose, seen: SeenGeodesics) -> Iterator[Pose]:

@@ -6,7 +6,7 @@ The anchor descriptor f (paper, Definition 3): every node's geodesic distance to
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -29,15 +29,13 @@ class Anchors:
     node (5,) int32: index into the surface, -1 where missed. position_m (5, 3) float64 world: centre of the extremal
     cap, NaN where missed; sigma_m (5,) float64: one standard deviation of it on an axis, NaN where missed. The node is
     the cap's nearest to that centre: from frame to frame it moves half as much as the extremum itself, and so do the
-    distances measured from it. contradicts (5,) bool: found by proportions and paths, farther from its prediction than
-    the gate: the prediction is probably wrong. free: ends of limbs (neither cut off nor continued by hidden skin) that
-    got no name, the farthest from the centre first.
+    distances measured from it. free: ends of limbs (neither cut off nor continued by hidden skin) that got no name, the
+    farthest from the centre first.
     """
 
     node: np.ndarray
     position_m: np.ndarray
     sigma_m: np.ndarray
-    contradicts: np.ndarray = field(default_factory=lambda: np.zeros(len(ANCHOR_NAMES), bool))
     free: tuple[Cap, ...] = ()
 
     @property
@@ -95,7 +93,7 @@ def find_anchors(
     away /= np.array([HEAD_GATE, *[config.gate] * LIMBS])
     chosen = name_extrema(*place_costs(surface, center, caps, frame), away, excluded)
     free = tuple(cap for number, cap in enumerate(caps) if number not in chosen and not no_end[number, -1])
-    return _named(surface, caps, chosen, away >= 1.0, free)
+    return _named(surface, caps, chosen, free)
 
 
 def _off_prediction(caps: Sequence[Cap], predicted_m: np.ndarray | None) -> np.ndarray:
@@ -121,17 +119,14 @@ def anchor_descriptor(
     return descriptor
 
 
-def _named(
-    surface: Surface, caps: Sequence[Cap], chosen: np.ndarray, far: np.ndarray, free: tuple[Cap, ...]
-) -> Anchors:
-    """The anchors at the chosen caps: chosen (5,) int, -1 = missed; far (k, 5) bool: beyond the prediction's gate."""
+def _named(surface: Surface, caps: Sequence[Cap], chosen: np.ndarray, free: tuple[Cap, ...]) -> Anchors:
+    """The anchors at the chosen caps: chosen (5,) int, -1 = missed."""
     anchors = replace(no_anchors(), free=free)
     for name, number in enumerate(chosen):
         if number >= 0:
             anchors.node[name] = _nearest(surface, caps[number].nodes, caps[number].center_m)
             anchors.position_m[name] = caps[number].center_m
             anchors.sigma_m[name] = caps[number].sigma_m
-            anchors.contradicts[name] = far[number, name]
     return anchors
 
 

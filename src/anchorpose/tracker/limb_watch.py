@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
 
+from anchorpose.body.anchor_limbs import contradicted_by
 from anchorpose.body.belief import UNSEEN_S, PoseBelief
 from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import evidence_cost
@@ -23,6 +24,7 @@ from anchorpose.tracker.window import Window
 
 SEARCH_PAUSE, LONGEST_PAUSE = 4, 16  # frames between searches that find nothing, each as long as three frames
 MORE: Final = 1.5  # times the uncovered area that a search left: so much more is worth another search at once
+LIMB_ENDS: Final = slice(1, None)  # of the anchors: hands and feet
 
 Observe = Callable[[Isolated, Pose], Observation]
 """Observes the next frame again, with other labels and the patient expected in a pose."""
@@ -57,7 +59,7 @@ class LimbWatch:
         watched = Watched(found)
         explanation = explained_by(body, found, window[1])
         waiting = self.search_wait >= 0 and explanation.uncovered_m2 < MORE * self.left_uncovered_m2
-        if is_doubtful(body, explanation) and not waiting:
+        if is_doubtful(body, found, explanation, window[1]) and not waiting:
             watched = self._search(body, watched, predicted, explanation, window[1])
             explanation = explained_by(body, watched.registration, window[1])
         if self.claim_wait < 0 and hidden_limbs(body, explanation):
@@ -126,9 +128,11 @@ def explained_by(body: Body, found: Registration, seen: Observation) -> Explanat
     return explain(body.points, pose_points(body, found.belief.pose), seen.evidence)
 
 
-def is_doubtful(body: Body, explanation: Explanation) -> bool:
-    """Whether the frame shows that a limb may be elsewhere."""
-    return needs_search(explanation, bool(hidden_limbs(body, explanation)))
+def is_doubtful(body: Body, found: Registration, explanation: Explanation, seen: Observation) -> bool:
+    """Whether the frame shows that a limb may be elsewhere: by skin that nothing covers, or by an anchor."""
+    if needs_search(explanation, bool(hidden_limbs(body, explanation))):
+        return True
+    return bool(contradicted_by(body, found.belief.pose, seen.anchors)[LIMB_ENDS].any())
 
 
 def cheaper(body: Body, one: Registration, other: Registration, seen: Observation, run: Run) -> Registration:

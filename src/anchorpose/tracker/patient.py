@@ -277,7 +277,8 @@ class PatientTracker:
         """Whether the geodesic matches are asked: the body does not explain the frame without them."""
         if self.config.registration.held_steps == 0:
             return False
-        return not found.found or is_doubtful(self.body, explained_by(self.body, found, self.window[1]))
+        seen = self.window[1]
+        return not found.found or is_doubtful(self.body, found, explained_by(self.body, found, seen), seen)
 
     def _held(self, hypothesis: GlobalHypothesis, pose: Pose) -> Constraints:
         """Where the tree's matches and the anchors hold the body."""
