@@ -1,0 +1,100 @@
+"""The watch over limbs: what puts a frame in doubt, and how long a search that found nothing is not repeated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from body_builder import adult_body, standing
+
+from anchorpose.body.belief import vague_belief
+from anchorpose.body.initial import anchor_points
+from anchorpose.body.limb_search import LOOK_AGAIN_M2, Search
+from anchorpose.body.registration import Registration
+from anchorpose.body.skin_points import pose_points
+from anchorpose.geodesics.anchors import ANCHOR_NAMES, no_anchors
+from anchorpose.tracker import limb_watch
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.limb_watch import LONGEST_PAUSE, SEARCH_PAUSE, LimbWatch, cheaper, is_doubtful
+
+BODY = adult_body()
+POSE = standing()
+FOUND = Registration(vague_belief(POSE), 1.0, True)
+TIPS = pose_points(BODY, POSE).points_m[anchor_points(BODY.points)]
+
+
+def explained(uncovered_m2: float) -> SimpleNamespace:
+    """An explanation in which every limb is seen."""
+    return SimpleNamespace(uncovered_m2=uncovered_m2, covering=np.ones(len(BODY.rest_m), dtype=bool))
+
+
+def seen(places_m: np.ndarray = TIPS) -> SimpleNamespace:
+    anchors = replace(no_anchors(), position_m=places_m, node=np.arange(5, dtype=np.int32))
+    return SimpleNamespace(anchors=anchors, evidence=None, geodesics=None, surface=range(1000))
+
+
+def test_a_covered_frame_whose_anchors_are_where_the_body_has_them_is_in_no_doubt():
+    assert not is_doubtful(BODY, FOUND, explained(0.9 * LOOK_AGAIN_M2), seen())
+    assert not is_doubtful(BODY, FOUND, explained(0.0), seen(np.full((5, 3), np.nan)))
+
+
+def test_uncovered_skin_is_a_doubt_and_less_of_it_where_a_limb_is_hidden():
+    assert is_doubtful(BODY, FOUND, explained(1.1 * LOOK_AGAIN_M2), seen())
+    hidden = explained(0.6 * LOOK_AGAIN_M2)
+    assert not is_doubtful(BODY, FOUND, hidden, seen())
+    hidden.covering[:] = False
+    assert is_doubtful(BODY, FOUND, hidden, seen())
+
+
+@pytest.mark.parametrize("name", ANCHOR_NAMES)
+def test_a_hand_or_foot_that_is_elsewhere_is_a_doubt(name):
+    """The head moves little, and its anchor is a cap on hair: it has no say."""
+    places = TIPS.copy()
+    places[ANCHOR_NAMES.index(name), 0] += 0.2
+    assert is_doubtful(BODY, FOUND, explained(0.0), seen(places)) == (name != "Head")
+
+
+@pytest.fixture
+def searches(monkeypatch) -> list[float]:
+    """The uncovered area of each frame in which limbs are searched for; no search finds anything."""
+    tried: list[float] = []
+
+    def search(body, found, predicted, evidence, config, geodesics):
+        tried.append(limb_watch.explained_by(body, found, None).uncovered_m2)
+        return Search(found, 0)
+
+    monkeypatch.setattr(limb_watch, "search_limbs", search)
+    return tried
+
+
+def watch_frames(monkeypatch, areas_m2: list[float]) -> None:
+    watch = LimbWatch(SimpleNamespace(config=TrackConfig()))
+    for area in areas_m2:
+        monkeypatch.setattr(limb_watch, "explained_by", lambda *_, area=area: explained(area))
+        watched = watch.look(BODY, FOUND, FOUND.belief, [None, seen()], None)
+        assert watched.registration is FOUND
+        assert not watched.moved
+
+
+def test_a_search_that_finds_nothing_waits_longer_each_time(monkeypatch, searches):
+    watch_frames(monkeypatch, [0.01] * 60)
+    first = 1 + (1 + SEARCH_PAUSE) + (1 + 2 * SEARCH_PAUSE)
+    assert len(searches) == 3 + (60 - first) // (1 + LONGEST_PAUSE)
+
+
+def test_much_more_uncovered_skin_is_searched_at_once(monkeypatch, searches):
+    watch_frames(monkeypatch, [0.01, 0.012, 0.02, 0.02])
+    assert searches == [0.01, 0.02]
+
+
+def test_a_frame_without_doubt_is_not_searched(monkeypatch, searches):
+    watch_frames(monkeypatch, [0.0] * 5)
+    assert searches == []
+
+
+def test_of_two_registrations_the_one_that_was_found_is_better():
+    lost = replace(FOUND, found=False)
+    assert cheaper(BODY, lost, FOUND, None, None) is FOUND
+    assert cheaper(BODY, FOUND, lost, None, None) is FOUND
