@@ -130,10 +130,7 @@ def test_several_cameras_without_poses_are_refused_with_a_remedy():
 
 
 def test_equipment_that_is_not_in_the_picture_is_refused_with_a_remedy():
-    threshold = replace(
-        KNEE_BAR, center_m=KNEE_BAR.center_m * [1, 0, 1] + [0, KNEE_BAR.size_m[1] / 2, 0]
-    )  # on the floor
-    blind = recording(unposed(FRONT), equipment=EquipmentModel((threshold,)))
+    blind = recording(unposed(FRONT), equipment=EquipmentModel((KNEE_BAR,)))
     with pytest.raises(InputError, match=r"null for front, and this camera .*; compare equipment\.json"):
         find_world(blind, frames(picture(FRONT, *ROOM, seed=9)))
 

@@ -54,6 +54,11 @@ def read_parquet(path: Path, schema: pa.Schema, rows: Any = None) -> pa.Table:
     return table
 
 
+def required(**types: pa.DataType) -> list[pa.Field]:
+    """Columns of these names and types, in this order, in which no value is null."""
+    return [pa.field(name, kind, nullable=False) for name, kind in types.items()]
+
+
 @contextmanager
 def refuse_unreadable(path: Path) -> Iterator[None]:
     """Raises InputError where the file at ``path`` proves in the block to be missing or unreadable."""

@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 
 from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel, View
-from anchorpose.results.parquet import TRACK_AGAIN, RecordTable, refuse_unreadable, require_columns
+from anchorpose.results.parquet import TRACK_AGAIN, RecordTable, refuse_unreadable, require_columns, required
 
 GROUPS_KEPT: Final = 4
 """Row groups read last that stay in memory: some seconds of three cameras, a few megabytes."""
@@ -43,13 +43,7 @@ class LabelImage:
 PEOPLE: Final = RecordTable(
     file="people.parquet",
     record=LabelImage,
-    schema=pa.schema(
-        [
-            pa.field("frame", pa.int32(), nullable=False),
-            pa.field("camera", pa.string(), nullable=False),
-            pa.field("labels", pa.binary(), nullable=False),
-        ]
-    ),
+    schema=pa.schema(required(frame=pa.int32(), camera=pa.string(), labels=pa.binary())),
     rows_per_group=256,  # about half a megabyte
     remedy=TRACK_AGAIN,
 )

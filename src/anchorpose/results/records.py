@@ -15,7 +15,7 @@ from anchorpose import __version__
 from anchorpose.body.contact_regions import REGIONS
 from anchorpose.errors import InputError
 from anchorpose.joints import JointState
-from anchorpose.results.parquet import MEASURE_AGAIN, TRACK_AGAIN, RecordTable
+from anchorpose.results.parquet import MEASURE_AGAIN, TRACK_AGAIN, RecordTable, required
 
 SEEN, INFERRED = "seen", "inferred"
 
@@ -49,23 +49,13 @@ class Contact:
 CONTACTS: Final = RecordTable(
     file="contacts.parquet",
     record=Contact,
-    schema=pa.schema(
-        [
-            pa.field("part", pa.string(), nullable=False),
-            pa.field("person", pa.string(), nullable=False),
-            pa.field("first_frame", pa.int32(), nullable=False),
-            pa.field("last_frame", pa.int32(), nullable=False),
-            pa.field("start_s", pa.float64(), nullable=False),
-            pa.field("end_s", pa.float64(), nullable=False),
-            pa.field("state", pa.string(), nullable=False),
-            pa.field("seen_share", pa.float64(), nullable=False),
-            pa.field("area_cm2", pa.float64(), nullable=False),
-            pa.field("gap_mm", pa.float64(), nullable=False),
-        ]
-    ),
+    schema=pa.schema(required(
+        part=pa.string(), person=pa.string(), first_frame=pa.int32(), last_frame=pa.int32(), start_s=pa.float64(),
+        end_s=pa.float64(), state=pa.string(), seen_share=pa.float64(), area_cm2=pa.float64(), gap_mm=pa.float64(),
+    )),
     known={"part": REGIONS},
     remedy=TRACK_AGAIN,
-)
+)  # fmt: skip
 CONTACTS_FILE, read_contacts, write_contacts = CONTACTS.file, CONTACTS.read, CONTACTS.open
 
 
@@ -98,19 +88,13 @@ class Episode:
 EPISODES: Final = RecordTable(
     file="episodes.parquet",
     record=Episode,
-    schema=pa.schema(
-        [
-            pa.field("kind", pa.string(), nullable=False),
-            pa.field("first_frame", pa.int32(), nullable=False),
-            pa.field("last_frame", pa.int32(), nullable=False),
-            pa.field("start_s", pa.float64(), nullable=False),
-            pa.field("end_s", pa.float64(), nullable=False),
-            pa.field("state", pa.string(), nullable=False),
-        ]
-    ),
+    schema=pa.schema(required(
+        kind=pa.string(), first_frame=pa.int32(), last_frame=pa.int32(), start_s=pa.float64(), end_s=pa.float64(),
+        state=pa.string(),
+    )),
     known={"kind": EPISODE_KINDS, "state": tuple(str(state) for state in JointState)},
     remedy=MEASURE_AGAIN,
-)
+)  # fmt: skip
 EPISODES_FILE: Final = EPISODES.file
 
 
