@@ -142,12 +142,8 @@ class MatchingClaims:
                     ratio_of(above, below, self._resamples),
                 )
             )
-        pairs = [
-            pair
-            for hole in self._tracking.holes(Scene.PAPER)
-            for pair in self._tracking.pairs(Scene.PAPER, (one, hole), (other, hole))
-        ]
-        if pairs:
+        holes = self._tracking.holes(Scene.PAPER)
+        if any(self._tracking.pairs(Scene.PAPER, (one, hole), (other, hole)) for hole in holes):
             checks.append(_ratio_check(f"{what}, joints", self._joint_ratio(one, other)))
         return checks
 
@@ -166,7 +162,7 @@ class MatchingClaims:
         above: dict[str, list[np.ndarray]] = {}
         below: dict[str, list[np.ndarray]] = {}
         for hole in self._tracking.holes(Scene.PAPER):
-            pairs = self._tracking.named_pairs(Scene.PAPER, (one, hole), (other, hole))
+            pairs = self._tracking.pairs(Scene.PAPER, (one, hole), (other, hole))
             for recording, (first, second) in pairs.items():
                 above.setdefault(recording, []).append(first)
                 below.setdefault(recording, []).append(second)

@@ -83,7 +83,7 @@ class Tracking:
             found[recording] = run.error_mm[chosen]
         return found
 
-    def named_pairs(
+    def pairs(
         self,
         scene: Scene,
         one: tuple[str, float],
@@ -106,17 +106,6 @@ class Tracking:
             rows = [np.searchsorted(run.frame, frames) for run in (first, second)]
             found[recording] = (first.error_mm[rows[0]], second.error_mm[rows[1]])
         return found
-
-    def pairs(
-        self,
-        scene: Scene,
-        one: tuple[str, float],
-        other: tuple[str, float],
-        occluded: bool = False,
-        kept: Kept | None = None,
-    ) -> list[tuple[np.ndarray, np.ndarray]]:
-        """The same as a list."""
-        return list(self.named_pairs(scene, one, other, occluded, kept).values())
 
 
 def left_out(results: ExperimentResults) -> tuple[int, int]:

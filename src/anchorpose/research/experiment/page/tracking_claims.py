@@ -194,7 +194,7 @@ def difference(
     tracking: Tracking, one: str, other: str, hole_m: float, resamples: int, occluded: bool = False
 ) -> Estimate:
     """Mean joint error of one method minus another's, mm, over the joints that both have in the same frames."""
-    pairs = tracking.pairs(Scene.PAPER, (one, hole_m), (other, hole_m), occluded)
+    pairs = tracking.pairs(Scene.PAPER, (one, hole_m), (other, hole_m), occluded).values()
     return mean_over([frame_means(first - second) for first, second in pairs], resamples)
 
 

@@ -162,7 +162,7 @@ def ratio_to_none(
     tracking: Tracking, method: str, hole_m: float, resamples: int, occluded: bool = False, kept: Kept | None = None
 ) -> Estimate:
     """A method's mean error with a hole over its own without, in the same frames; occluded: only those with a hole."""
-    pairs = tracking.pairs(Scene.PAPER, (method, hole_m), (method, 0.0), occluded, kept)
+    pairs = tracking.pairs(Scene.PAPER, (method, hole_m), (method, 0.0), occluded, kept).values()
     return ratio_of([with_hole for with_hole, _ in pairs], [without for _, without in pairs], resamples)
 
 
