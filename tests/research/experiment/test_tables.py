@@ -39,9 +39,12 @@ def results_of(*runs: Tracked, methods=(FAST, SLOW)) -> ExperimentResults:
     return ExperimentResults(config, methods, (), tuple(runs), (), None, (), None)
 
 
+def tables(results: ExperimentResults) -> dict[str, Table]:
+    return {one.key: one for one in (*tracking_tables(results), *matching_tables(results), *time_tables(results))}
+
+
 def table(results: ExperimentResults, key: str) -> Table:
-    found = [*tracking_tables(results), *matching_tables(results), *time_tables(results)]
-    return next(one for one in found if one.key == key)
+    return tables(results)[key]
 
 
 def test_methods_are_compared_in_the_frames_that_all_of_them_ran_on() -> None:
@@ -148,28 +151,30 @@ def test_real_recordings_are_listed_by_size_of_hole_too() -> None:
 
 def test_matches_are_given_overall_by_region_and_as_a_curve() -> None:
     results = make_results(recordings=3)
+    found = tables(results)
     matched = [one for one in results.matched if one.method == "fpfh"]
     together = np.concatenate([one.direct_mm for one in matched])
-    overall = table(results, "matching")
+    overall = found["matching"]
     assert overall.value("fpfh", "direct mean").mean == pytest.approx(np.nanmean(together))
     assert overall.value("fpfh", "direct median").mean == pytest.approx(np.nanmedian(together))
     assert overall.value("fpfh", "direct matched").mean == pytest.approx(np.isfinite(together).mean())
     mirrored = np.concatenate([one.mirrored for one in matched])[np.isfinite(together)]
     assert overall.value("fpfh", "mirrored").mean == pytest.approx(mirrored.mean())
     head = np.concatenate([one.direct_mm[one.region == 0] for one in matched])
-    assert table(results, "matching_by_region").value("fpfh", "head").mean == pytest.approx(np.nanmedian(head))
+    assert found["matching_by_region"].value("fpfh", "head").mean == pytest.approx(np.nanmedian(head))
     skin = np.concatenate([one.direct_skin_mm for one in matched])
-    assert table(results, "princeton_mm").value("fpfh", "300").mean == pytest.approx((skin <= 300).mean())
+    assert found["princeton_mm"].value("fpfh", "300").mean == pytest.approx((skin <= 300).mean())
     share = skin / (1000 * 1.7)
-    assert table(results, "princeton_height").value("fpfh", "0.17").mean == pytest.approx((share <= 0.17).mean())
+    assert found["princeton_height"].value("fpfh", "0.17").mean == pytest.approx((share <= 0.17).mean())
 
 
 def test_a_method_without_direct_matches_answers_with_the_tree() -> None:
     results = make_results(recordings=2)
+    found = tables(results)
     by_tree = np.concatenate([one.tree_mm[one.region == 1] for one in results.matched if one.method == "anchors"])
-    assert np.isnan(table(results, "matching").value("anchors", "direct mean").mean)
-    assert table(results, "matching_by_region").value("anchors", "trunk").mean == pytest.approx(np.nanmedian(by_tree))
-    assert table(results, "princeton_mm").value("anchors", "500").mean > 0.9
+    assert np.isnan(found["matching"].value("anchors", "direct mean").mean)
+    assert found["matching_by_region"].value("anchors", "trunk").mean == pytest.approx(np.nanmedian(by_tree))
+    assert found["princeton_mm"].value("anchors", "500").mean > 0.9
 
 
 def test_matches_are_compared_in_the_windows_that_all_methods_were_asked_in() -> None:
