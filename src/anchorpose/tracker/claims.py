@@ -1,12 +1,14 @@
 """A limb of the patient that has another person's label: what that person's body does not explain is free to claim.
 
 A therapist who stands behind a patient's leg, or a person who walks past an arm, leaves pixels with a wrong label, and
-a wrong label is remembered. Where a limb of the patient is nowhere seen, it is looked for on all skin of other people
-that their own bodies leave unexplained, and it is claimed if it continues the patient rather than the other person.
+a wrong label is remembered. Where a limb of the patient is nowhere seen, or lies on pixels that continue another
+person, it is looked for on all skin of other people that their own bodies leave unexplained. It is claimed if it
+explains the frame better there and continues the patient rather than the other person.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -17,17 +19,17 @@ from anchorpose.body.belief import UNSEEN_S, PoseBelief
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.evidence import Evidence, evidence_cost, unexplained_node_cost
 from anchorpose.body.explained import Explanation, limb_of_points
+from anchorpose.body.inverse_kinematics import pose_from_joints
 from anchorpose.body.limb_proposals import CHAINS, REACH_SLACK_M, Chain, end_points, reaching
 from anchorpose.body.limb_search import MOST_UNUSUAL, TRIAL_NODES, rarity
 from anchorpose.body.pose import TRUNK, Pose
 from anchorpose.body.registration import Registration, descend
 from anchorpose.body.skin_points import Body, pose_points
-from anchorpose.isolation.region_growing import smooth_contact_m
-from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.surface.surface import Surface
 from anchorpose.tracker.bystanders import COARSE, unconnected_surface
+from anchorpose.tracker.continuity import limb_borders, relabelled_limb
 from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.run import Run
 
@@ -36,6 +38,8 @@ HIDDEN_SHARE: Final = 0.15  # a limb with less of its end's skin on seen nodes i
 SEEN_SHARE: Final = 0.3  # an upper arm or thigh with so much skin on seen nodes says where elbow or knee is
 PLACES: Final = 20  # where the end of a limb is tried, spread over the free skin in its reach
 SHANK_SLACK_M: Final = 0.15  # of the end's distance from a known knee or elbow
+MIDDLES: Final = 8  # where elbow or knee is tried: the end leaves a circle for it, in steps of a limb's width
+MIDDLE_SLACK_M: Final = 0.10  # of the elbow's or knee's distance from shoulder or hip: skin, and a trunk that leans
 REACHES_M: Final = (0.20, 0.15, 0.10, 0.07, 0.06)  # of each step from a tried place on: places are 0.2 m apart
 ALONG_M: Final = 0.10  # free nodes so near the limb's skin are looked at
 CLAIMED_M: Final = 0.06  # pixels so near it are the limb's
@@ -43,8 +47,7 @@ LEAST_COVERING: Final = 0.2  # share of the limb's end that must lie on free nod
 COMPARED_REACH_M: Final = 0.15  # at which poses are compared, as in a search for limbs
 LEAST_NODES: Final = 25  # of free skin on a limb: half a shank that one camera sees
 LEAST_GAIN_NODES: Final = 5  # that the limb must explain besides, after what a registered pose explains better
-SLACK_M: Final = 0.05  # of the border to the patient: a hand's width, where a bar or an arm lies across it
-CONTINUES: Final = 0.6  # of the border to the other person; a rough limb leaves some of its own pixels on that side
+REFINED: Final = 3  # of the places tried: registered once more with the free nodes near the limb as it lies then
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,6 +64,15 @@ def hidden_limbs(body: Body, explanation: Explanation) -> list[Chain]:
     return [chain for chain in CHAINS if explanation.covering[end_points(body.points, chain)].mean() < HIDDEN_SHARE]
 
 
+def limbs_in_doubt(body: Body, pose: Pose, explanation: Explanation, seen: Observation) -> list[Chain]:
+    """The limbs that are nowhere seen, or that lie on pixels which continue another person."""
+    views = seen.evidence.views
+    if not any(view is not None and (view.labels >= PixelLabel.OTHER_PERSON).any() for view in views):
+        return []
+    borders, hidden = limb_borders(body, pose, seen.pieces, views), hidden_limbs(body, explanation)
+    return [chain for chain in CHAINS if chain in hidden or borders[chain].doubtful]
+
+
 def claim_limb(
     body: Body,
     found: Registration,
@@ -69,21 +81,25 @@ def claim_limb(
     seen: Observation,
     run: Run,
 ) -> Claim | None:
-    """The hidden limb that other people's unexplained skin shows most of; None without one."""
-    limbs = hidden_limbs(body, explanation)
+    """The doubtful limb that other people's unexplained skin shows most of; None without one."""
+    pose, config = found.belief.pose, run.config.registration
+    limbs = limbs_in_doubt(body, pose, explanation, seen)
     free = _free_surface(seen, run) if limbs else None
     if free is None or len(free) < LEAST_NODES:
         return None
-    config, uncertain = run.config.registration, predicted.later(predicted.pose, UNSEEN_S)
+    uncertain = predicted.later(predicted.pose, UNSEEN_S)
     trial = replace(config, reaches_m=REACHES_M, node_count=min(config.node_count, TRIAL_NODES))
-    trying = _Trying(body, found.belief.pose, uncertain, _open_to(seen.evidence, free), free, trial)
     best: Claim | None = None
     most = LEAST_GAIN_NODES * unexplained_node_cost(COMPARED_REACH_M, trial)
+    trying = _Trying(body, pose, uncertain, _open_to(seen.evidence, free), free, trial)
     for chain in limbs:
-        for place in _places(body, found.belief.pose, chain, explanation, free):
-            pose, gain = trying.gain_of(chain, place)
-            if gain > most and (views := _relabelled(body, pose, chain, seen)) is not None:
-                best, most = Claim(pose, replace(uncertain, pose=pose), views), gain
+        for tried, gain in trying.best_of(chain, _starts(body, pose, chain, explanation, free)):
+            if gain <= most:
+                break
+            views = relabelled_limb(body, pose, tried, chain, seen)
+            if views is not None:
+                best, most = Claim(tried, replace(uncertain, pose=tried), views), gain
+                break
     return best
 
 
@@ -98,24 +114,37 @@ class _Trying:
     free: Surface
     config: RegistrationConfig
 
-    def gain_of(self, chain: Chain, place_m: np.ndarray) -> tuple[Pose, float]:
-        """The pose with the limb's end at a place, registered, and how much more of the frame it explains.
+    def best_of(self, chain: Chain, starts: Iterable[Pose]) -> list[tuple[Pose, float]]:
+        """The poses that explain most when registered, and how much more, the best first; a few are refined."""
+        tried = sorted((self.settled(start, chain) for start in starts), key=lambda one: -one[1])
+        refined = [
+            max((self.settled(pose, chain), (pose, gain)), key=lambda one: one[1]) for pose, gain in tried[:REFINED]
+        ]
+        return sorted(refined, key=lambda one: -one[1])
 
-        Both poses are compared on the patient's nodes and the free ones along the new limb. 0 where too little of the
-        limb lies on free nodes, or the limb would be bent as people hardly bend.
-        """
-        start = reaching(self.body, self.pose, chain, place_m)
+    def settled(self, start: Pose, chain: Chain) -> tuple[Pose, float]:
+        """A pose registered, with the free nodes near the limb, and its ``gain_of``."""
         near = self._near(start, chain, 2.0 * ALONG_M)
+        if len(near) < LEAST_NODES:
+            return start, -np.inf
         evidence = _with_nodes(self.evidence, self.free, near)
         tried = descend(self.body, start, replace(self.uncertain, pose=start), evidence, self.config)
+        return tried, self.gain_of(tried, chain)
+
+    def gain_of(self, tried: Pose, chain: Chain) -> float:
+        """How much more of the frame a pose explains than the present one.
+
+        Both are compared on the patient's nodes and the free ones along the new limb. -inf where too little of the limb
+        lies on free nodes, or the limb would be bent as people hardly bend.
+        """
         along = self._near(tried, chain, ALONG_M)
         if len(along) < LEAST_NODES or self._covering(tried, chain, along) < LEAST_COVERING:
-            return tried, 0.0
+            return -np.inf
         if rarity(self.body, tried) > rarity(self.body, self.pose) + MOST_UNUSUAL:
-            return tried, 0.0
+            return -np.inf
         evidence, reach_m = _with_nodes(self.evidence, self.free, along), COMPARED_REACH_M
         before, after = (evidence_cost(self.body, pose, evidence, reach_m, self.config) for pose in (self.pose, tried))
-        return tried, before - after
+        return before - after
 
     def _near(self, pose: Pose, chain: Chain, within_m: float) -> np.ndarray:
         """Free nodes near the limb's end."""
@@ -130,17 +159,33 @@ class _Trying:
         return float(np.isfinite(away).mean())
 
 
-def _places(body: Body, pose: Pose, chain: Chain, explanation: Explanation, free: Surface) -> np.ndarray:
-    """(k, 3) places on free skin where the limb's end may be, spread over all that it can reach."""
+def _starts(body: Body, pose: Pose, chain: Chain, explanation: Explanation, free: Surface) -> Iterator[Pose]:
+    """Poses with the limb's end, or its elbow or knee, on free skin, spread over all that each can reach."""
     joints = body.joints(pose)
     end, middle, root = (joints[JOINT_INDEX[name]] for name in (chain.joints[1], chain.joints[2], chain.root))
-    away = np.linalg.norm(free.points_m - root, axis=1)
-    possible = away < np.linalg.norm(middle - root) + np.linalg.norm(end - middle) + REACH_SLACK_M
+    upper_m, lower_m = float(np.linalg.norm(middle - root)), float(np.linalg.norm(end - middle))
+    points = free.points_m.astype(np.float64)
+    away = np.linalg.norm(points - root, axis=1)
+    possible = away < upper_m + lower_m + REACH_SLACK_M
     upper = np.setdiff1d(end_points(body.points, chain, whole=True), end_points(body.points, chain))
     if explanation.covering[upper].mean() >= SEEN_SHARE:
-        from_middle = np.linalg.norm(free.points_m - middle, axis=1)
-        possible &= np.abs(from_middle - np.linalg.norm(end - middle)) < SHANK_SLACK_M
-    return spread_out(free.points_m[possible].astype(np.float64), PLACES)
+        possible &= np.abs(np.linalg.norm(points - middle, axis=1) - lower_m) < SHANK_SLACK_M
+    for place in spread_out(points[possible], PLACES):
+        yield reaching(body, pose, chain, place)
+    near_middle = (np.abs(away - upper_m) < MIDDLE_SLACK_M) & (
+        np.abs(np.linalg.norm(points - end, axis=1) - lower_m) < SHANK_SLACK_M
+    )
+    for place in spread_out(points[near_middle], MIDDLES):
+        yield bent_at(body, pose, chain, place)
+
+
+def bent_at(body: Body, pose: Pose, chain: Chain, place_m: np.ndarray) -> Pose:
+    """The pose with the elbow or knee of one limb at a place (3,), and the limb's end where it is."""
+    wanted = body.joints(pose)
+    wanted[JOINT_INDEX[chain.joints[2]]] = place_m
+    for _ in range(4):
+        pose = pose_from_joints(body, pose, wanted)
+    return pose
 
 
 def spread_out(points_m: np.ndarray, count: int) -> np.ndarray:
@@ -220,33 +265,3 @@ def _with_nodes(evidence: Evidence, free: Surface, nodes: np.ndarray) -> Evidenc
         skin=np.full(count, -1, np.int32),
     )
     return replace(evidence, surface=surface)
-
-
-def _relabelled(body: Body, pose: Pose, chain: Chain, seen: Observation) -> tuple[View | None, ...] | None:
-    """The views with the limb's pixels given to the patient; None where they continue another person rather."""
-    skin = cKDTree(pose_points(body, pose).points_m[end_points(body.points, chain, whole=True)])
-    views, to_patient_m, to_other_m = list[View | None](), 0.0, 0.0
-    for pixels, view in zip(seen.pieces, seen.evidence.views, strict=True):
-        if pixels is None or view is None:
-            views.append(view)
-            continue
-        which = _which(pixels, view, skin)
-        contact = smooth_contact_m(pixels, which, 3)
-        to_patient_m, to_other_m = to_patient_m + contact[0, 1], to_other_m + contact[1, 2]
-        labels = view.labels.copy()
-        mine = which == 1
-        labels[pixels.row[mine], pixels.column[mine]] = PixelLabel.PATIENT
-        views.append(View(view.depth_m, labels))
-    return tuple(views) if to_patient_m + SLACK_M >= CONTINUES * to_other_m else None
-
-
-def _which(pixels: Pieces, view: View, skin: cKDTree) -> np.ndarray:
-    """(n,) int64 of each foreground pixel: 0 the patient's, 1 another person's on the limb's skin, 2 other people's."""
-    label = view.labels[pixels.row, pixels.column]
-    which = np.full(len(label), -1, np.int64)
-    which[label == PixelLabel.PATIENT] = 0
-    other = np.flatnonzero(label >= PixelLabel.OTHER_PERSON)
-    if len(other):
-        away, _ = skin.query(pixels.points_m[other], distance_upper_bound=CLAIMED_M)
-        which[other] = np.where(np.isfinite(away), 1, 2)
-    return which

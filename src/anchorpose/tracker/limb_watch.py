@@ -16,7 +16,7 @@ from anchorpose.body.limb_search import needs_search, search_limbs
 from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration, register
 from anchorpose.body.skin_points import Body, pose_points
-from anchorpose.tracker.claims import claim_limb, hidden_limbs
+from anchorpose.tracker.claims import claim_limb, hidden_limbs, limbs_in_doubt
 from anchorpose.tracker.observation import Isolated, Observation, relabelled
 from anchorpose.tracker.rivals import Rival
 from anchorpose.tracker.run import Run
@@ -62,7 +62,7 @@ class LimbWatch:
         if is_doubtful(body, found, explanation, window[1]) and not waiting:
             watched = self._search(body, watched, predicted, explanation, window[1])
             explanation = explained_by(body, watched.registration, window[1])
-        if self.claim_wait < 0 and hidden_limbs(body, explanation):
+        if self.claim_wait < 0 and limbs_in_doubt(body, watched.registration.belief.pose, explanation, window[1]):
             watched = self._claim(body, watched, predicted, explanation, window, observe)
         return self._uncross(body, watched, predicted, window[1])
 
