@@ -20,7 +20,7 @@ from anchorpose.geodesics.center import center_field
 from anchorpose.geodesics.limb_paths import limb_path
 from anchorpose.geodesics.seen import SeenGeodesics
 
-CONTRADICTED_M: Final = 0.15  # from an anchor to the tip of its limb: an anchor is up to 8 cm from a tip that fits
+CONTRADICTED_M: Final = 0.15  # from an anchor to the tip of its limb: worth a proposal once limbs are looked for
 INSIDE_TIP_M: Final = 0.03  # by which an anchor lies nearer to the centre than its limb's tip: half of a cap's depth
 
 
@@ -30,7 +30,7 @@ def anchor_paths(body: Body, pose: Pose, seen: SeenGeodesics) -> Iterator[tuple[
     A hand may be the end of either arm, a foot that of either leg: sides are exchanged where the body was thought to
     face the other way. A free end may be that of any limb.
     """
-    anchors, elsewhere = seen.anchors, contradicted_by(body, pose, seen.anchors)
+    anchors, elsewhere = seen.anchors, contradicted_by(body, pose, seen.anchors, CONTRADICTED_M)
     ends = [
         (int(anchors.node[number]), INSIDE_TIP_M, tuple(chain for chain in CHAINS if _ends_in(chain, name)))
         for number, name in enumerate(ANCHOR_NAMES)
@@ -47,11 +47,11 @@ def anchor_paths(body: Body, pose: Pose, seen: SeenGeodesics) -> Iterator[tuple[
         yield LimbPath(points, -normals, beyond_m + field.distance_m[node] - field.distance_m[nodes]), chains
 
 
-def contradicted_by(body: Body, pose: Pose, anchors: Anchors) -> np.ndarray:
-    """(5,) bool: anchors that the picture shows elsewhere than the pose has their tips; False for missed ones."""
+def contradicted_by(body: Body, pose: Pose, anchors: Anchors, beyond_m: float) -> np.ndarray:
+    """(5,) bool: anchors that the picture shows farther than ``beyond_m`` from their tips; False for missed ones."""
     tips = pose_points(body, pose).points_m[anchor_points(body.points)]
     away_m = np.linalg.norm(anchors.position_m - tips, axis=1)  # NaN for a missed one
-    return np.asarray(away_m > CONTRADICTED_M)
+    return np.asarray(away_m > beyond_m)
 
 
 def anchor_poses(body: Body, pose: Pose, seen: SeenGeodesics) -> Iterator[Pose]:

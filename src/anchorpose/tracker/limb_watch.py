@@ -24,6 +24,7 @@ from anchorpose.tracker.window import Window
 
 SEARCH_PAUSE, LONGEST_PAUSE = 4, 16  # frames between searches that find nothing, each as long as three frames
 MORE: Final = 1.5  # times the uncovered area that a search left: so much more is worth another search at once
+ELSEWHERE_M: Final = 0.25  # a hand on a bar ends at the bar: its anchor may be at the wrist, or at the elbow's bend
 LIMB_ENDS: Final = slice(1, None)  # of the anchors: hands and feet
 
 Observe = Callable[[Isolated, Pose], Observation]
@@ -132,7 +133,7 @@ def is_doubtful(body: Body, found: Registration, explanation: Explanation, seen:
     """Whether the frame shows that a limb may be elsewhere: by skin that nothing covers, or by an anchor."""
     if needs_search(explanation, bool(hidden_limbs(body, explanation))):
         return True
-    return bool(contradicted_by(body, found.belief.pose, seen.anchors)[LIMB_ENDS].any())
+    return bool(contradicted_by(body, found.belief.pose, seen.anchors, ELSEWHERE_M)[LIMB_ENDS].any())
 
 
 def cheaper(body: Body, one: Registration, other: Registration, seen: Observation, run: Run) -> Registration:
