@@ -94,7 +94,7 @@ def main() -> None:
         cv2.copyMakeBorder(row, 0, 4, 0, width - row.shape[1], cv2.BORDER_CONSTANT, value=(255, 255, 255))
         for row in rows
     ])
-    cv2.imwrite(str(options.out), cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_WEBP_QUALITY, WEBP_QUALITY])
+    cv2.imwrite(str(options.out), sheet, [cv2.IMWRITE_WEBP_QUALITY, WEBP_QUALITY])
 
 
 if __name__ == "__main__":
