@@ -111,7 +111,7 @@ def _proposals(
     if seen is not None:
         suggested.append(anchor_poses(body, pose, seen))
         if whole_body:
-            suggested.append(poses_of_own_surface(body, pose, seen))
+            suggested.append(poses_of_own_surface(body, seen))
     yield from (proposed for proposed in chain.from_iterable(suggested) if rarity(body, proposed) <= most)
     yield from exchanged(body, pose)
 

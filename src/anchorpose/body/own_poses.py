@@ -20,20 +20,17 @@ MATCH_SCALES_M: Final = (0.5, 0.5, 0.5, 0.5, 0.15, 0.15, 0.15, 0.15)  # of each 
 MATCHES_PER_OBSERVATION: Final = 8.0  # neighbours are wrong together, as in ``RegistrationConfig``
 
 
-def poses_of_own_surface(body: Body, pose: Pose, seen: SeenGeodesics) -> Iterator[Pose]:
-    """Poses of the whole body by which the matched skin lies where it is seen.
+def poses_of_own_surface(body: Body, seen: SeenGeodesics) -> Iterator[Pose]:
+    """Poses of the whole body by which the matched skin lies where it is seen, from a neutral posture.
 
-    With the anchors' names as found and with left and right exchanged, since these are exchanged where the body was
-    thought to face the other way; each from a neutral posture, and as found from the present pose as well.
+    One with the anchors' names as found, and one with left and right exchanged, since they are exchanged where the body
+    was thought to face the other way. None where fewer than three anchors reach enough nodes.
     """
     for mirrored in (False, True):
         matches = match_skin(body, seen, mirrored)
-        if len(matches.node) < LEAST_NODES:
-            continue
-        places = seen.whole.points_m[matches.node].astype(np.float64)
-        yield settle_on(body, neutral(body, matches.point, places), matches.point, places)
-        if not mirrored:
-            yield settle_on(body, pose, matches.point, places)
+        if len(matches.node) >= LEAST_NODES:
+            places = seen.whole.points_m[matches.node].astype(np.float64)
+            yield settle_on(body, neutral(body, matches.point, places), matches.point, places)
 
 
 def neutral(body: Body, point: np.ndarray, places_m: np.ndarray) -> Pose:
