@@ -22,10 +22,10 @@ from surface import visible_limbs
 from true_body import TrueBody
 
 from anchorpose.body.body_map import map_body
-from anchorpose.body.initial import anchor_points
 from anchorpose.body.kinematics import BodyMesh
 from anchorpose.body.pose import MOVING_BONES, descendants
 from anchorpose.body.skin_points import FittedShape, body_points, build_body
+from anchorpose.body.tips import anchor_points
 from anchorpose.geodesics.anchors import ANCHOR_NAMES, Anchors, find_anchors
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_INDEX

@@ -7,10 +7,11 @@ import pytest
 from body_builder import adult, adult_body, asset, joint_errors_m, joints_of, points, seen_body, standing
 
 from anchorpose.body.config import RegistrationConfig
-from anchorpose.body.initial import FirstPose, FirstShape, anchor_constraints, anchor_points, find_first_pose
+from anchorpose.body.initial import FirstPose, FirstShape, find_first_pose
 from anchorpose.body.learning import adult_belief
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import build_body, pose_points
+from anchorpose.body.tips import anchor_constraints, anchor_points
 from anchorpose.geodesics.anchors import ANCHOR_NAMES, Anchors, no_anchors
 from anchorpose.joints import JOINT_INDEX
 

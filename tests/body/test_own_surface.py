@@ -9,7 +9,9 @@ import pytest
 from body_builder import (
     FRONT,
     LEFT,
+    adult,
     adult_body,
+    asset,
     joint_errors_m,
     points,
     seen_body,
@@ -19,12 +21,15 @@ from body_builder import (
 
 from anchorpose.body import own_surface as matching
 from anchorpose.body.anchor_limbs import CONTRADICTED_M, anchor_paths, anchor_poses
-from anchorpose.body.initial import anchor_points
+from anchorpose.body.config import RegistrationConfig
+from anchorpose.body.initial import FirstShape, find_first_pose
+from anchorpose.body.learning import adult_belief
 from anchorpose.body.limb_proposals import CHAINS
 from anchorpose.body.own_poses import neutral, poses_of_own_surface, settle_on
 from anchorpose.body.own_surface import MIRRORED, PAIRS, match_skin, own_surface, skin_distance, turns
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import pose_points
+from anchorpose.body.tips import anchor_points
 from anchorpose.geodesics.anchors import Anchors, anchor_descriptor, find_anchors, no_anchors
 from anchorpose.geodesics.extrema import Cap
 from anchorpose.geodesics.seen import SeenGeodesics
@@ -200,6 +205,17 @@ def test_a_patient_thought_to_face_the_other_way_is_found_with_the_names_exchang
     errors = [joint_errors_m(BODY, pose, STEPPING).mean() for pose in poses_of_own_surface(BODY, seen)]
     assert min(errors) < 0.08
     assert errors[0] > 0.2
+
+
+@pytest.mark.parametrize("heading_deg", [120.0, 180.0])
+def test_the_first_pose_is_found_in_any_heading(heading_deg):
+    truth = turned_about_y(heading_deg, (0.0, 0.0, 0.0)).of_pose(STEPPING)
+    evidence, seen = seen_body(truth, BODY, (FRONT, LEFT)), seen_of(truth)
+    known = FirstShape([adult()], adult_belief(asset()), may_change=False)
+    one = find_first_pose(evidence, seen.anchors, known, RegistrationConfig())
+    other = find_first_pose(evidence, seen.anchors, known, RegistrationConfig(), seen=seen)
+    assert joint_errors_m(BODY, one.pose, truth).mean() > 0.1
+    assert joint_errors_m(BODY, other.pose, truth).mean() < 0.02
 
 
 def test_the_proposal_moves_with_the_patient():

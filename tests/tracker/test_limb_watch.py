@@ -10,10 +10,10 @@ import pytest
 from body_builder import adult_body, standing
 
 from anchorpose.body.belief import vague_belief
-from anchorpose.body.initial import anchor_points
 from anchorpose.body.limb_search import LOOK_AGAIN_M2, Search
 from anchorpose.body.registration import Registration
 from anchorpose.body.skin_points import pose_points
+from anchorpose.body.tips import anchor_points
 from anchorpose.geodesics.anchors import ANCHOR_NAMES, no_anchors
 from anchorpose.tracker import limb_watch
 from anchorpose.tracker.config import TrackConfig

@@ -11,10 +11,10 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.body.initial import anchor_points
 from anchorpose.body.limb_proposals import CHAINS, Chain, LimbPath, limb_poses
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import Body, pose_points
+from anchorpose.body.tips import anchor_points
 from anchorpose.geodesics.anchors import ANCHOR_NAMES, Anchors
 from anchorpose.geodesics.center import center_field
 from anchorpose.geodesics.limb_paths import limb_path

@@ -6,9 +6,8 @@ nothing is known: any heading, standing, bent or squatting, on a body of given s
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import Final
 
 import numpy as np
@@ -16,13 +15,16 @@ from scipy.spatial.transform import Rotation
 
 from anchorpose.body.asset import BodyAsset
 from anchorpose.body.config import RegistrationConfig
-from anchorpose.body.constraints import Constraints, join, no_constraints, place_constraints, surface_constraints
+from anchorpose.body.constraints import Constraints, join, no_constraints, surface_constraints
 from anchorpose.body.evidence import Evidence, evidence_cost, evidence_rows, unexplained_node_cost
 from anchorpose.body.fit import damped_step, limited, pose_equations, solve_damped
 from anchorpose.body.learning import ShapeBelief, ShapeFrame, learn_shape_step
+from anchorpose.body.own_poses import poses_of_own_surface
 from anchorpose.body.pose import DEGREE, Pose
-from anchorpose.body.skin_points import Body, FittedShape, SkinPoints, body_points, build_body, pose_points
-from anchorpose.geodesics.anchors import Anchors, no_anchors
+from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body, pose_points
+from anchorpose.body.tips import anchor_constraints
+from anchorpose.geodesics.anchors import Anchors
+from anchorpose.geodesics.seen import SeenGeodesics
 from anchorpose.surface.surface import Surface
 
 _Turns = Mapping[str, tuple[float, float, float]]
@@ -39,9 +41,9 @@ _ANNEALING_M: Final = (0.40, 0.40, 0.30, 0.30, 0.25, 0.25, 0.20, 0.20, 0.15, 0.1
 _TRIAL_STEPS: Final = 6  # of every start; the finalists take the others as well
 _TRIAL_NODES: Final = 800  # a third of the nodes tell a good start from a bad one
 _FINALISTS: Final = 3
+_OWN: Final = "own surface"
 _ANCHOR_STEPS: Final = 6
 _RIGID_SHAPE_REACH_M: Final = 0.28  # below, the shape may change too: a wrong height would pull limbs into false places
-_ANCHOR_SIGMA_M: Final = 0.05  # the paper's bound on the localisation of anchors (Section V)
 
 _POSTURES: Final[tuple[_Turns, ...]] = (
     {"Arm": (-25, 0, 0)},  # upright, arms hang down
@@ -84,31 +86,41 @@ def find_first_pose(
     shape: FirstShape,
     config: RegistrationConfig,
     headings: Sequence[float] = (0.0,),
+    seen: SeenGeodesics | None = None,
 ) -> FirstPose:
     """Register bodies from several starting poses, with the anchors and without, and keep the cheapest.
 
     A hole can make an anchor of the wrong limb's end, and a start constrained by it does not converge. headings: those
-    to try, radians about the world's Y; 0 faces X.
+    to try, radians about the world's Y; 0 faces X. seen: for starts in which the body's own skin lies where it is seen
+    (``own_poses``), in any heading and posture; None: without these.
     """
-    points = body_points()
     trial = replace(config, node_count=min(config.node_count, _TRIAL_NODES))
     starts = [
-        _settle(
-            FirstPose(_placed(tried, _start(points.asset, heading, turns), evidence.surface), tried, name, np.inf),
-            evidence,
-            anchor_constraints(points, held),
-            shape,
-            _ANNEALING_M[:_TRIAL_STEPS],
-            trial,
-        )
-        for tried in shape.tried
-        for heading in headings
-        for name, turns in _STARTS.items()
-        for held in ((anchors, no_anchors()) if anchors.found.any() else (anchors,))
+        _settle(start, evidence, held, shape, _ANNEALING_M[:_TRIAL_STEPS], trial)
+        for start, held in _starts(evidence, anchors, shape, headings, seen)
     ]
-    best = sorted(starts, key=lambda first: first.cost)[:_FINALISTS]
+    ranked = sorted(starts, key=lambda first: first.cost)
+    own = [first for first in ranked if first.start == _OWN]
+    best = [first for first in ranked if first.start != _OWN][:_FINALISTS] + own[:1]  # a place each: none displaces one
     found = [_settle(first, evidence, no_constraints(), shape, _ANNEALING_M[_TRIAL_STEPS:], config) for first in best]
     return min(found, key=lambda first: first.cost)
+
+
+def _starts(
+    evidence: Evidence, anchors: Anchors, shape: FirstShape, headings: Sequence[float], seen: SeenGeodesics | None
+) -> Iterator[tuple[FirstPose, Constraints]]:
+    """The poses to begin with, and what holds the tips at first."""
+    points = body_points()
+    rows = anchor_constraints(points, anchors)
+    for tried in shape.tried:
+        for heading in headings:
+            for name, turns in _STARTS.items():
+                start = _placed(tried, _start(points.asset, heading, turns), evidence.surface)
+                for held in (rows, no_constraints()) if len(rows) else (rows,):
+                    yield FirstPose(start, tried, name, np.inf), held
+        if seen is not None:
+            for start in poses_of_own_surface(build_body(points, tried), seen):
+                yield FirstPose(start, tried, _OWN, np.inf), no_constraints()
 
 
 def _settle(
@@ -155,32 +167,6 @@ def _start(asset: BodyAsset, heading: float, turns: _Turns) -> Pose:
             turn = np.array([sign * x, sign * y, z]) * DEGREE
             rotations[asset.bone(bone)] = Rotation.from_rotvec(turn).as_matrix()
     return Pose(rotations, np.zeros(3))
-
-
-@cache
-def anchor_points(points: SkinPoints) -> np.ndarray:
-    """(5,) skin points at the tips that the anchors lie on, in the order of ``ANCHOR_NAMES``."""
-    place = points.asset.vertices[points.vertex]
-    names = np.array(points.asset.bone_names)[points.part]
-    tips = []
-    for words, axis in (
-        (("Head",), (0, 1, 0)),
-        (("LeftHand", "LeftFingerBase", "LeftHandFinger1"), None),
-        (("RightHand", "RightFingerBase", "RightHandFinger1"), None),
-        (("LeftFoot", "LeftToeBase"), (1, 0, 0)),
-        (("RightFoot", "RightToeBase"), (1, 0, 0)),
-    ):
-        own = np.flatnonzero(np.isin(names, words))
-        sideways = np.abs(place[own] @ np.array([0.4, -0.4, 0.0])) + np.abs(place[own, 2])
-        reach = place[own] @ np.array(axis) if axis else sideways
-        tips.append(own[reach.argmax()])
-    return np.array(tips)
-
-
-def anchor_constraints(points: SkinPoints, anchors: Anchors, sigma_m: float = _ANCHOR_SIGMA_M) -> Constraints:
-    """The anchors that were found hold the tips."""
-    found = anchors.found
-    return place_constraints(anchor_points(points)[found], anchors.position_m[found], sigma_m, 5.0 * sigma_m)
 
 
 def find_rough_pose(body: Body, evidence: Evidence, config: RegistrationConfig) -> Pose:

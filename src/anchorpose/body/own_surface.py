@@ -19,8 +19,8 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from anchorpose.body.constraints import thin
-from anchorpose.body.initial import anchor_points
 from anchorpose.body.skin_points import Body
+from anchorpose.body.tips import anchor_points
 from anchorpose.geodesics.anchors import ANCHOR_NAMES
 from anchorpose.geodesics.paths import unfolded
 from anchorpose.geodesics.seen import SeenGeodesics

@@ -12,7 +12,6 @@ import numpy as np
 from anchorpose.body.belief import UNSEEN_S, PoseBelief
 from anchorpose.body.body_map import map_body
 from anchorpose.body.constraints import Constraints, no_constraints
-from anchorpose.body.initial import anchor_points
 from anchorpose.body.inverse_kinematics import (
     CorrectedJoints,
     apply_corrections,
@@ -24,6 +23,7 @@ from anchorpose.body.part_registration import ITERATIONS, joints_of_parts
 from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration, posterior, register
 from anchorpose.body.skin_points import FittedShape, body_points, build_body, pose_points
+from anchorpose.body.tips import anchor_points
 from anchorpose.body.uncertainty import skin_sigma
 from anchorpose.recording.recording import FrameSet
 from anchorpose.surface.surface import ExpectedSkin

@@ -57,7 +57,9 @@ def find_start(frame_set: FrameSet, run: Run, choice: PatientChoice, known: Fitt
     shapes = [known] if known else [shape_of_height(points.asset, h) for h in first_heights(observation.surface, room)]
     shape = FirstShape(shapes, known_shape(room.recording, config), known is None and config.learning.own_shape)
     with run.stage("first pose"):
-        first = find_first_pose(observation.evidence, observation.anchors, shape, config.registration)
+        first = find_first_pose(
+            observation.evidence, observation.anchors, shape, config.registration, seen=observation.geodesics
+        )
     body = build_body(points, first.shape)
     found = posterior(body, first.pose, vague_belief(first.pose), observation.evidence, config.registration)
     if not found.found or found.explained < LEAST_EXPLAINED:
