@@ -207,9 +207,8 @@ def test_a_patient_thought_to_face_the_other_way_is_found_with_the_names_exchang
     assert errors[0] > 0.2
 
 
-@pytest.mark.parametrize("heading_deg", [120.0, 180.0])
-def test_the_first_pose_is_found_in_any_heading(heading_deg):
-    truth = turned_about_y(heading_deg, (0.0, 0.0, 0.0)).of_pose(STEPPING)
+def test_the_first_pose_of_who_faces_the_other_way_is_found():
+    truth = turned_about_y(180.0, (0.0, 0.0, 0.0)).of_pose(STEPPING)
     evidence, seen = seen_body(truth, BODY, (FRONT, LEFT)), seen_of(truth)
     known = FirstShape([adult()], adult_belief(asset()), may_change=False)
     one = find_first_pose(evidence, seen.anchors, known, RegistrationConfig())
