@@ -10,15 +10,12 @@ from body_builder import (
     FRONT,
     LEFT,
     adult_body,
-    asset,
-    before_wall,
     evidence_of,
     joint_errors_m,
-    photograph,
     points,
-    skin_in,
     standing,
 )
+from mislabelled_builder import OTHER, pieces_of, seen
 
 from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.body.config import RegistrationConfig
@@ -27,14 +24,11 @@ from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration
 from anchorpose.body.skin_points import pose_points
 from anchorpose.camera import transform_points
-from anchorpose.isolation.components import JumpLimit
-from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.tracker.bystanders import Bystanders
 from anchorpose.tracker.claims import claim_limb, hidden_limbs, spread_out
 
-BODY, OTHER = adult_body(), int(PixelLabel.OTHER_PERSON)
+BODY = adult_body()
 TRUTH = standing(LeftUpLeg=(0.0, 0.0, 35.0), LeftLeg=(0.0, 0.0, -25.0), RightArm=(-20.0, 0.0, 0.0))
 WRONG = standing(LeftUpLeg=(0.0, 0.0, -20.0), LeftLeg=(0.0, 0.0, -50.0), RightArm=(-20.0, 0.0, 0.0))
 """The left leg is held forward; the tracker believes it to be behind the other one."""
@@ -43,34 +37,6 @@ SHANK = ("LeftLeg", "LeftFoot", "LeftToeBase")
 RUN = SimpleNamespace(
     room=SimpleNamespace(cameras=(FRONT, LEFT)), config=SimpleNamespace(registration=RegistrationConfig())
 )
-
-
-def pieces_of(view: View, camera) -> Pieces:
-    row, column = np.nonzero(view.labels >= PixelLabel.PATIENT)
-    index = np.full(view.labels.shape, -1, np.int32)
-    index[row, column] = np.arange(len(row))
-    depth = view.depth_m[row, column]
-    world = transform_points(camera.require_pose(), camera.back_project(view.depth_m)[row, column])
-    area = depth**2 / (camera.intrinsics.fx * camera.intrinsics.fy)
-    return Pieces(
-        view.depth_m, view.labels, index, row.astype(np.int32), column.astype(np.int32), np.ones(len(row), np.int32), 1,
-        world.astype(np.float32), area.astype(np.float32), JumpLimit(0.01, 0.02), 0.0012,
-    )  # fmt: skip
-
-
-def seen(pose: Pose, mislabelled: tuple[str, ...], whole_person: bool = False):
-    """What both cameras show of the patient, some bones with another person's label."""
-    views = []
-    for camera in (FRONT, LEFT):
-        picture = photograph(skin_in(pose, BODY), camera)
-        view = before_wall(picture, camera)
-        theirs = np.isin(picture.part, [asset().bone(name) + 1 for name in mislabelled])
-        views.append(View(view.depth_m, np.where(theirs, OTHER, view.labels).astype(np.uint8)))
-    evidence = evidence_of(views, (FRONT, LEFT))
-    pieces = tuple(pieces_of(view, camera) for view, camera in zip(views, (FRONT, LEFT), strict=True))
-    return SimpleNamespace(
-        evidence=evidence, surface=evidence.surface, pieces=pieces, bystanders=Bystanders(), frame_set=None
-    )
 
 
 def claimed(pose: Pose, observation):

@@ -17,6 +17,7 @@ from anchorpose.body.visibility import joint_states
 from anchorpose.joints import JOINT_COUNT, JointState
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.continuity import contested_sigma
 from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.rivals import Rival, with_rivals
 
@@ -79,6 +80,7 @@ def estimate_of(
     sigma = joint_sigma(body, posed, belief.covariance, config.uncertainty)
     sigma = with_rivals(body, joints, sigma, rivals) if rivals else sigma
     sigma = unexplained_sigma(body, posed, evidence, explanation, sigma)
+    sigma = contested_sigma(body, belief.pose, observation.pieces, evidence.views, sigma)
     found = joint_states(body.points, posed, explanation.covering, evidence.views, evidence.cameras, config.visibility)
     states = tuple(
         JointState.HIDDEN if joint in placed and state is JointState.LOST else state
