@@ -149,7 +149,7 @@ class PatientTracker:
 
     def _corrections(self, seen: Observation) -> CorrectedJoints | None:
         """Joints of this frame that a reviewer corrected."""
-        return self.run.room.review.joints.get(seen.frame_set.frame)
+        return self.run.room.review.corrected(seen.frame_set.frame)
 
     def predict(self, steps: int) -> list[Pose]:
         """The next poses by scaled motion dynamics: those of the whole look-ahead, once a registered frame."""

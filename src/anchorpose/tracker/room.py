@@ -74,6 +74,10 @@ class Review:
         """The sentence of the first interval that holds the frame, None where the frame may be used."""
         return next((why for first, last, why in self.unusable if first <= frame <= last), None)
 
+    def corrected(self, frame: int) -> CorrectedJoints | None:
+        """The corrected joints of a frame; None without any, and in a frame that is left out."""
+        return self.joints.get(frame) if self.why_unusable(frame) is None else None
+
 
 NO_REVIEW: Final = Review()
 
@@ -82,7 +86,7 @@ def held_joints(review: Review, frames: Sequence[int]) -> np.ndarray:
     """(t, 21) bool: the corrected joints of the frames with these numbers, and all joints of their limbs."""
     held = np.zeros((len(frames), JOINT_COUNT), bool)
     for row, frame in enumerate(frames):
-        corrected = review.joints.get(frame)
+        corrected = review.corrected(frame)
         if corrected is not None:
             held[row] = np.isin(LIMB_OF_JOINTS, LIMB_OF_JOINTS[corrected.joint])
     return held
