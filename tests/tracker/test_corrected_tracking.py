@@ -26,7 +26,8 @@ from anchorpose.results.run_record import read_run_document
 from anchorpose.results.tables import JointTable, read_joints
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
-from anchorpose.tracker.room import Review, held_joints, review_of
+from anchorpose.tracker.room import Review as ToldReview
+from anchorpose.tracker.room import held_joints, review_of
 
 FRAMES, FPS, MOVED, GONE = 9, 8.0, 4, (6, 7)
 SIGNED = {"who": "AB", "when": "2026-03-01T09:30:00Z"}
@@ -200,7 +201,7 @@ def test_both_ends_of_an_interval_belong_to_it(review):
 
 def test_joints_of_a_frame_that_is_left_out_are_not_corrected():
     told = CorrectedJoints(np.array([WRIST]), np.zeros((1, 3)), np.array([0.02]))
-    said = Review({5: told, 6: told}, ((6, 7, "curtain"),))
+    said = ToldReview({5: told, 6: told}, ((6, 7, "curtain"),))
     assert said.corrected(5) is told
     assert said.corrected(6) is None
     assert held_joints(said, [5, 6]).any(axis=1).tolist() == [True, False]
