@@ -1,4 +1,4 @@
-"""Draw moments of tracked simulated recordings: python tools/draw_moments.py OUT.webp --moment SIMULATED RESULTS FRAME ...
+"""Draw moments of tracked simulated recordings: draw_moments.py OUT.webp --moment SIMULATED RESULTS FRAME ...
 
 Each moment is a row, each camera a picture: the person labels, the joints found (filled: observed) with circles of two
 sigmas, and the true joints as thin green lines. Where the joints that are furthest from the truth are, is in the title.
@@ -90,10 +90,12 @@ def main() -> None:
     options = parser.parse_args()
     rows = [draw_moment(Path(simulated), Path(results), int(frame)) for simulated, results, frame in options.moment]
     width = max(row.shape[1] for row in rows)
-    sheet = np.vstack([
-        cv2.copyMakeBorder(row, 0, 4, 0, width - row.shape[1], cv2.BORDER_CONSTANT, value=(255, 255, 255))
-        for row in rows
-    ])
+    sheet = np.vstack(
+        [
+            cv2.copyMakeBorder(row, 0, 4, 0, width - row.shape[1], cv2.BORDER_CONSTANT, value=(255, 255, 255))
+            for row in rows
+        ]
+    )
     cv2.imwrite(str(options.out), sheet, [cv2.IMWRITE_WEBP_QUALITY, WEBP_QUALITY])
 
 

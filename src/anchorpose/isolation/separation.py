@@ -28,6 +28,7 @@ from anchorpose.isolation.people import (
 )
 from anchorpose.isolation.region_growing import grow_regions, smooth_contact_m
 from anchorpose.isolation.scene import SMALLEST_PIECE_M2, Pieces
+from anchorpose.isolation.stray_pieces import without_strays
 from anchorpose.isolation.view import PixelLabel, View
 
 DECISION_PX: Final = 2  # between two people every second row and column is decided; the pixels between grow from them
@@ -79,7 +80,7 @@ def separate(
     likelihood = join_likelihoods([remembered, *([] if expected is None else [expected])])
     grid = sort_likelihood(likelihood) if len(likelihood) else None
     decided = [_decided(pixels, grid) for pixels in shown]
-    owners = _with_detached(shown, _grown(shown, decided))
+    owners = without_strays(shown, _with_detached(shown, _grown(shown, decided)))
     free = memory.next_label if elapsed_s >= 0 else max(memory.next_label, FIRST_EARLIER_LABEL)
     owners = _with_remembered_patient(shown, owners, memory.points_m[memory.owner == PixelLabel.PATIENT])
     owners = _with_newcomers(shown, owners, free, config)
