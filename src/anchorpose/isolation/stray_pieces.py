@@ -14,15 +14,16 @@ from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel
 
 LEAST_CONTACT_M: Final = 0.05  # a wrist's width
-LEAST_CONTACT: Final = 0.5  # of a piece's width: half a head goes on over its height, a forearm in a hand does not
+LEAST_CONTACT: Final = 1.0  # of a piece's width: half a head goes on along its longest side, a held forearm does not
+LARGEST_M2: Final = 0.03  # a head; a leg below a bar is larger, and those who kneel before it border on all of it
 
 
 def without_strays(shown: Sequence[Pieces], owners: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Owners (n,) uint8 of each camera, with stray pieces of the patient's pixels given to whom they continue.
 
-    A stray piece is connected to nothing else of the patient's in this camera, and goes on without a crease as another
-    person's surface: half a therapist's head where the patient's hand was expected. A forearm beyond a bar, which a
-    hand may hold, stays the patient's.
+    A stray piece is no larger than a head, connected to nothing else of the patient's in this camera, and goes on
+    without a crease as another person's surface: half a therapist's head where the patient's hand was expected. A
+    forearm beyond a bar, which a hand may hold, stays the patient's.
     """
     return [_without_strays(pixels, owner) for pixels, owner in zip(shown, owners, strict=True)]
 
@@ -42,6 +43,7 @@ def _without_strays(pixels: Pieces, owner: np.ndarray) -> np.ndarray:
     which = np.where(mine, piece, np.where(others, 0, -1))  # 0: anybody else
     contact_m = smooth_contact_m(pixels, which, count + 1)[0]
     stray = contact_m > np.maximum(LEAST_CONTACT_M, LEAST_CONTACT * np.sqrt(area))
+    stray &= area < LARGEST_M2
     stray[[0, int(area.argmax())]] = False
     if not stray.any():
         return owner
