@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from anchorpose.calibration.world import find_world
 from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.empty_room import learn_background
-from anchorpose.isolation.people import People, Person, choose_patient, find_people
+from anchorpose.isolation.people import choose_patient, find_people
 from anchorpose.isolation.scene import find_pieces, set_scene
 from anchorpose.isolation.separation import separate_initial
 from anchorpose.isolation.view import PixelLabel
@@ -168,15 +168,3 @@ def test_the_board_is_apart_from_the_man_who_holds_it():
     man = np.bincount(legs[legs >= 0]).argmax()
     assert (legs == man).mean() > 0.6
     assert (owner[:22, 160:240] == man).sum() > 200
-
-
-def test_who_kneels_in_the_middle_before_the_patient_is_not_the_patient():
-    """Half as much is seen of who kneels; without that the more central one is the patient, as before."""
-    for kneeling_m2, chosen in ((0.40, 0.2), (0.75, 0.0)):
-        standing, kneeling = (
-            Person(np.array([0.2, 0.1]), 0.0, 1.7, 0.8, 900),
-            Person(np.array([0.0, 0.0]), 0.0, 0.9, kneeling_m2, 800),
-        )
-        people = People((standing, kneeling), ())
-        choice = choose_patient([people] * 8, None, None, np.zeros(2), CONFIG)
-        assert choice.ground_xz_m[0] == chosen

@@ -22,7 +22,6 @@ CELL_M: Final = 0.04  # ground cells: a sixth of a person's radius
 SADDLE_NEAR, SADDLE_FAR = 0.6, 0.8  # two peaks with more than this of the lower one between them are one body, near
 NEAR_M, FAR_M = 0.35, 0.50  # each other and far apart: arms carry less, the thighs of a seated person carry more
 
-WELL_SEEN: Final = 0.75  # of the surface of who shows most: a patient is rarely hidden more in all cameras
 ONE_BODY_M: Final = 0.47  # axes of one body's columns are at most so far apart: two thighs, two raised arms
 LONG_CONTACT_M: Final = 0.50  # most of a trunk: of two people who stand half behind each other 0.4 m meet by chance
 
@@ -118,7 +117,7 @@ def choose_patient(
     In this order: the person at ``patient_xz``, if the user named one; the person within the equipment's outline; with
     only a few sightings, in which furniture stays as well as anybody, the person who fills most of the frame; the
     person who stays in place longest and, of these, is nearest to ``look_at_xz``, where the first camera's axis meets
-    the scene. Who shows much less surface than another one there is not the patient.
+    the scene.
     """
     if not sightings or not sightings[0].people:
         return None
@@ -128,8 +127,7 @@ def choose_patient(
     if patient_xz is not None:
         nearest = int(np.argmin(np.linalg.norm(axes - patient_xz, axis=1)))
         return PatientChoice(axes[nearest], f"nearest to the place that was given, {among}", sure=True)
-    seen_m2 = np.array([person.area_m2 for person in people])
-    within = None if equipment is None else _most_central(axes, seen_m2, equipment)
+    within = None if equipment is None else _most_central(axes, equipment)
     if within is not None:
         return PatientChoice(axes[within], f"stands within the equipment, {among}", sure=True)
     if len(sightings) < FRAMES_NEEDED:
@@ -137,32 +135,19 @@ def choose_patient(
         return PatientChoice(axes[largest], f"fills most of the picture, {among}", sure=False)
     stays = np.array([[_is_there(axis, sighting, config) for sighting in sightings] for axis in axes]).sum(axis=1)
     off_axis = np.linalg.norm(axes - look_at_xz, axis=1)
-    staying = stays == stays.max()
-    best = int(np.argmin(np.where(staying & _well_seen(seen_m2, staying), off_axis, np.inf)))
+    best = int(np.lexsort((off_axis, -stays))[0])
     seen = f"was seen in place in {stays[best]} of {len(sightings)} frames"
     return PatientChoice(axes[best], f"{seen} and nearest to the middle of the view, {among}", sure=False)
 
 
-def _well_seen(seen_m2: np.ndarray, among: np.ndarray) -> np.ndarray:
-    """(n,) bool: who shows nearly as much surface as the person ``among`` (n,) bool some who shows most.
-
-    Cameras are set up to see the patient; who kneels before the patient shows half as much.
-    """
-    return seen_m2 >= WELL_SEEN * float(seen_m2[among].max())
-
-
-def _most_central(axes_xz: np.ndarray, seen_m2: np.ndarray, equipment: EquipmentModel) -> int | None:
-    """Which of the axes (n, 2) that are well seen is nearest to the middle of the equipment's outline.
-
-    None where all are outside.
-    """
+def _most_central(axes_xz: np.ndarray, equipment: EquipmentModel) -> int | None:
+    """Which of the axes (n, 2) is nearest to the middle of the equipment's outline, None where all are outside."""
     ground = equipment.triangles()[0][:, [0, 2]]
     outline = cv2.convexHull(ground.astype(np.float32))
     inside = np.array([cv2.pointPolygonTest(outline, (float(x), float(z)), False) >= 0 for x, z in axes_xz])
     if not inside.any():
         return None
-    off_m = np.linalg.norm(axes_xz - ground.mean(axis=0), axis=1)
-    return int(np.argmin(np.where(inside & _well_seen(seen_m2, inside), off_m, np.inf)))
+    return int(np.argmin(np.where(inside, np.linalg.norm(axes_xz - ground.mean(axis=0), axis=1), np.inf)))
 
 
 def find_columns(points_m: np.ndarray, area_m2: np.ndarray, config: IsolationConfig) -> tuple[Person, ...]:
