@@ -1,4 +1,4 @@
-"""Pieces that the prediction gave to the patient although they are parts of somebody else: connectedness decides."""
+"""Pieces that the prediction gave to the patient although they belong to another person: connectedness decides."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LARGEST_M2: Final = 0.03  # a head; a leg below a bar is larger, and those who k
 
 
 def without_strays(shown: Sequence[Pieces], owners: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Owners (n,) uint8 of each camera, with stray pieces of the patient's pixels given to whom they continue.
+    """Owners (n,) uint8 of each camera, with stray pieces of the patient's pixels given to the person they continue.
 
     A stray piece is no larger than a head, connected to nothing else of the patient's in this camera, and goes on
     without a crease as another person's surface: half a therapist's head where the patient's hand was expected. A
