@@ -203,6 +203,12 @@ def _notes(room: Room, learnt: LearntPatient | None) -> list[str]:
         f"the patient was taken to be the person at x {x:.2f} m, z {z:.2f} m in frame {room.initial_frame.frame}, "
         f"who {choice.reason}; tracking goes from there to both ends"
     ]
+    if choice.rival_xz_m is not None:
+        x, z = choice.rival_xz_m
+        notes.append(
+            f"the person at x {x:.2f} m, z {z:.2f} m may be the patient as well: look at the pictures, "
+            f"and track again with --patient {x:.2f},{z:.2f} if so"
+        )
     if learnt is None:
         notes.append("no body could be fitted to this person, so no joint could be tracked")
     else:

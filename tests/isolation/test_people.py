@@ -1,4 +1,4 @@
-"""Who is in the room and who of them is the patient: bodies in a built room, then the shared recordings."""
+"""Who is in the room: bodies in a built room, then the shared recordings."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from scipy.spatial import cKDTree
 from anchorpose.calibration.world import find_world
 from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.empty_room import learn_background
-from anchorpose.isolation.people import choose_patient, find_people
+from anchorpose.isolation.people import PatientChoice, find_people
 from anchorpose.isolation.scene import find_pieces, set_scene
 from anchorpose.isolation.separation import separate_initial
 from anchorpose.isolation.view import PixelLabel
-from anchorpose.recording.equipment import Box, EquipmentModel
+from anchorpose.recording.equipment import Box
 from anchorpose.recording.reader import open_recording, read_frame
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
@@ -28,7 +28,7 @@ def test_a_body_behind_a_bar_is_one_person_and_the_bar_none():
     pieces = [find_pieces(picture(FRONT, *ROOM, KNEE_BAR, *body(0, 0), seed=3), scene)]
     people = find_people(pieces, CONFIG)
     assert len(people.people) == 1
-    choice = choose_patient([people], None, None, np.zeros(2), CONFIG)
+    choice = PatientChoice(np.zeros(2), "", sure=True)
     (view,) = separate_initial(pieces, people, choice)
     shin = in_front(FRONT, *body(0, 0)) & (np.arange(FRONT.height)[:, None] > 150)
     assert view.patient[shin].mean() > 0.9
@@ -55,37 +55,6 @@ def test_two_cameras_agree_on_one_person():
     assert np.linalg.norm(people.people[0].ground_xz_m) < 0.15
 
 
-def choose(*places, equipment=None, patient_xz=None, times=8):
-    parts = [part for place in places for part in body(*place)]
-    people = find_people([find_pieces(picture(FRONT, *ROOM, *parts, seed=3), built_scene())], CONFIG)
-    return choose_patient([people] * times, equipment, patient_xz, np.zeros(2), CONFIG)
-
-
-def test_the_patient_is_who_the_user_says():
-    choice = choose((0.0, 0.0), (0.1, 0.9), patient_xz=(0.0, 0.8))
-    assert choice.ground_xz_m[1] > 0.7
-    assert "given" in choice.reason
-
-
-def test_the_patient_is_who_stands_in_the_equipment():
-    frame = EquipmentModel((Box("rails", np.array([0.0, 0.5, 0.9]), np.array([0.8, 0.05, 0.8]), np.eye(3)),))
-    choice = choose((0.0, 0.0), (0.0, 0.9), equipment=frame)
-    assert choice.ground_xz_m[1] > 0.7
-    assert "within the equipment" in choice.reason
-
-
-def test_otherwise_the_patient_is_in_the_middle_and_the_reason_counts_the_others():
-    choice = choose((0.0, 0.0), (0.1, 0.9), (0.2, -0.8))
-    assert abs(choice.ground_xz_m[1]) < 0.1
-    assert "of 3 people" in choice.reason
-
-
-def test_of_a_single_picture_the_patient_is_who_fills_most_of_it():
-    choice = choose((0.0, 0.0), (1.0, 0.8), times=1)
-    assert choice.ground_xz_m[1] > 0.7
-    assert "fills most of the picture" in choice.reason
-
-
 def test_a_board_held_up_is_nobody_and_no_part_of_anybody():
     board = Box("board", np.array([0.5, 1.1, 0.0]), np.array([0.01, 0.5, 0.5]), np.eye(3))
     pieces = find_pieces(picture(FRONT, *ROOM, *body(0, 0), board, seed=3), built_scene())
@@ -96,8 +65,8 @@ def test_a_board_held_up_is_nobody_and_no_part_of_anybody():
     assert len(people.people) == 1
 
 
-def test_nobody_in_the_room_is_nobody_chosen():
-    assert choose() is None
+def test_nobody_in_an_empty_room():
+    assert not find_people([find_pieces(picture(FRONT, *ROOM, seed=3), built_scene())], CONFIG).people
 
 
 def shared_people(name: str, frame: int, with_picture: bool = True):
@@ -121,14 +90,12 @@ def shared_people(name: str, frame: int, with_picture: bool = True):
 
 
 @pytest.mark.parametrize("with_picture", [True, False])
-def test_the_clinics_patient_is_found_among_three_people(with_picture):
-    opened, pieces, people = shared_people("sample_clinic/recording", 0, with_picture)
+def test_the_clinics_three_people_are_separated(with_picture):
+    _, pieces, people = shared_people("sample_clinic/recording", 0, with_picture)
     assert len(people.people) == 3
-    choice = choose_patient([people], opened.equipment, None, np.zeros(2), CONFIG)
-    pelvis = np.load(DATA / "sample_clinic" / "truth" / "truth.npz")["joints"][0, 0, [0, 2]]
-    assert np.linalg.norm(choice.ground_xz_m - pelvis) < 0.2
-    assert choice.reason == "stands within the equipment, of 3 people"
     joints = np.load(DATA / "sample_clinic" / "truth" / "truth.npz")["joints"][0]
+    choice = PatientChoice(joints[0, [0, 2]], "", sure=True)
+    assert min(np.linalg.norm(person.ground_xz_m - choice.ground_xz_m) for person in people.people) < 0.2
     for piece, view in zip(pieces, separate_initial(pieces, people, choice), strict=True):
         seen = piece.points_m[view.patient[piece.row, piece.column]]
         distance, _ = cKDTree(joints).query(seen)

@@ -17,7 +17,7 @@ from anchorpose.isolation.ownership import (
     decide_ownership,
     sort_likelihood,
 )
-from anchorpose.isolation.people import choose_patient, find_people
+from anchorpose.isolation.people import PatientChoice, find_people
 from anchorpose.isolation.region_growing import grow_regions, smooth_contact_m
 from anchorpose.isolation.scene import find_pieces
 from anchorpose.isolation.separation import separate, separate_initial
@@ -36,7 +36,7 @@ def pieces_of(*parts, seed: int = 3):
 
 def first_views(pieces):
     people = find_people(pieces, CONFIG)
-    return separate_initial(pieces, people, choose_patient([people], None, (0.0, 0.0), np.zeros(2), CONFIG))
+    return separate_initial(pieces, people, PatientChoice(np.zeros(2), "", sure=True))
 
 
 def skin_likelihood(*parts, sigma_m: float = 0.02) -> OwnershipLikelihood:

@@ -1,17 +1,73 @@
-"""Which frame tracking begins in: the first that a body explains, and not the neighbour of a bad one."""
+"""Which frame tracking begins in: one that shows the patient whole, explained by one body, and nobody nearby."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from body_builder import FRONT, LEFT
 
-from anchorpose.isolation.people import PatientChoice
-from anchorpose.tracker.initial_frame import TRIES, WELL, best_of
+from anchorpose.isolation.people import PatientChoice, Person
+from anchorpose.tracker.initial_frame import TRIES, WELL, best_of, rank_initial_frames
 from anchorpose.tracker.room import InitialFrame
+from anchorpose.tracker.sighting import RoughBody, SeenPerson, Sighting
+
+
+def patient(explained=1.0, area_m2=0.8, x=0.0) -> SeenPerson:
+    place = np.array([x, 0.0])
+    return SeenPerson(Person(place, 0.0, 1.7, area_m2, 5000), RoughBody(place, np.array([1.0, 0.0]), explained))
+
+
+def other(x: float) -> SeenPerson:
+    place = np.array([x, 0.0])
+    return SeenPerson(Person(place, 0.0, 1.7, 0.5, 5000), RoughBody(place, np.array([-1.0, 0.0]), 1.0))
+
+
+def best(*sightings: Sighting, place=None) -> int:
+    return rank_initial_frames(range(len(sightings)), sightings, None, place, (FRONT, LEFT))[0].frame
+
+
+GOOD = Sighting(7, (patient(), other(1.5)), ())
+
+
+@pytest.mark.parametrize(
+    "worse",
+    [
+        Sighting(7, (patient(explained=0.6), other(1.5)), ()),
+        Sighting(7, (patient(area_m2=0.3), other(1.5)), ()),
+        Sighting(7, (patient(), other(0.5)), ()),
+        Sighting(7, (patient(area_m2=1.3),), ()),
+    ],
+    ids=["two in one body", "a sliver", "somebody near", "fewer people than usual"],
+)
+def test_a_better_frame_comes_first(worse):
+    assert best(worse, GOOD, worse, GOOD) == 1
+
+
+def test_of_equals_the_earlier_comes_first():
+    assert best(GOOD, GOOD, GOOD) == 0
+
+
+def test_more_surface_than_usual_is_not_better():
+    assert best(GOOD, Sighting(7, (patient(area_m2=1.6), other(1.5)), ()), GOOD) == 0
+
+
+def test_with_a_given_place_later_visits_of_the_place_do_not_count():
+    """The patient is at the place in frames 1 and 2 only; in frame 4 the best picture of all would be elsewhere."""
+    poor = Sighting(7, (patient(explained=0.7), other(1.5)), ())
+    nobody = Sighting(7, (other(1.5),), ())
+    assert best(nobody, poor, poor, nobody, GOOD, place=(0.0, 0.0)) in (1, 2, 4)
+    ranked = rank_initial_frames(range(3), [nobody, poor, GOOD], None, (0.0, 0.0), (FRONT, LEFT))
+    assert [initial.frame for initial in ranked] == [2, 1]
+
+
+def test_the_frame_says_which_columns_are_one_person():
+    touching = Sighting(7, (patient(), other(0.4)), group=(0, 1, 1))
+    (first, *_) = rank_initial_frames(range(2), [touching, touching], None, None, (FRONT, LEFT))
+    assert (first.choice.frame, first.choice.group) == (7, (0, 1, 1))
 
 
 def candidate(frame: int, score: float = 1.0, whole: float = 1.0) -> InitialFrame:
-    return InitialFrame(frame, PatientChoice(np.zeros(2), "is seen", True), score, whole, 2)
+    return InitialFrame(frame, PatientChoice(np.zeros(2), "is seen", True), score, whole, alone=False)
 
 
 class Fits:
@@ -54,7 +110,7 @@ def test_of_bad_frames_one_that_shows_little_of_him_is_no_better_for_being_expla
 
 
 def test_a_sliver_behind_somebody_is_not_an_initial_frame_however_well_it_is_explained() -> None:
-    fits = Fits({0: 1.0, 50: 0.92})
+    fits = Fits({0: 1.0, 50: WELL})
     assert best_of([candidate(0, 0.6, 0.6), candidate(50, 0.5)], fits).frame == 50
 
 

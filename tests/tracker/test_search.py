@@ -10,7 +10,7 @@ from room_builder import FRONT, ROOM, body, built_scene, picture
 
 from anchorpose.isolation.bystander_memory import empty_memory, update_memory
 from anchorpose.isolation.config import IsolationConfig
-from anchorpose.isolation.people import PatientChoice, choose_patient, find_people
+from anchorpose.isolation.people import PatientChoice, find_people
 from anchorpose.isolation.scene import find_pieces
 from anchorpose.isolation.separation import separate_initial
 from anchorpose.recording.recording import FrameSet
@@ -36,7 +36,7 @@ def seen(*people) -> SimpleNamespace:
     first = frame(0, *people)
     pieces = [find_pieces(first.depths_m[0], ROOM_NOW.scenes[0])]
     found = find_people(pieces, ISOLATION)
-    views = separate_initial(pieces, found, choose_patient([found], None, (0.0, 0.0), np.zeros(2), ISOLATION))
+    views = separate_initial(pieces, found, PatientChoice(np.zeros(2), "", sure=True))
     memory = update_memory(empty_memory(), pieces, views, (FRONT,), 0.0)
     return SimpleNamespace(memory=memory, frame_set=first)
 

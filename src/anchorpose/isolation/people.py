@@ -1,4 +1,4 @@
-"""Who is in the room: people as upright columns over the ground, and which of them is the patient."""
+"""Who is in the room: people as upright columns over the ground."""
 
 from __future__ import annotations
 
@@ -10,11 +10,9 @@ import cv2
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
-from anchorpose.calibration.origin import FRAMES_NEEDED
 from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.region_growing import smooth_contact_m
 from anchorpose.isolation.scene import Pieces
-from anchorpose.recording.equipment import EquipmentModel
 
 PERSON_HEIGHT_M: Final = 0.50  # what must be seen of a person, from top to bottom: half of one who sits
 PERSON_AREA_M2: Final = 0.12  # what must be seen of a person: a fifth of an adult's frontal area
@@ -42,26 +40,39 @@ class Person:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class People:
-    """The people of one moment; of: one per camera, (n,) int32 person of each foreground pixel, -1 = nobody."""
+    """The people of one moment.
+
+    of: one per camera, (n,) int32 person of each foreground pixel, -1 = nobody. group: the person of each column.
+    """
 
     people: tuple[Person, ...]
     of: tuple[np.ndarray | None, ...]
+    group: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PatientChoice:
-    """Where the patient stands at the start, (2,) float64 X and Z, and why; sure: named or in the equipment."""
+    """Where the patient stands in a frame, (2,) float64 X and Z, and why.
+
+    sure: named or in the equipment, and nobody else is nearly as likely. group: as in ``find_people``, for the frame
+    with the number ``frame`` only; None where nothing better is known than what touches. rival_xz_m: (2,) where another
+    person stands who may be the patient as well, None without one.
+    """
 
     ground_xz_m: np.ndarray
     reason: str
     sure: bool
+    frame: int | None = None
+    group: tuple[int, ...] | None = None
+    rival_xz_m: np.ndarray | None = None
 
 
-def find_people(pieces: Sequence[Pieces | None], config: IsolationConfig) -> People:
+def find_people(pieces: Sequence[Pieces | None], config: IsolationConfig, group: Sequence[int] | None = None) -> People:
     """Split the foreground of all cameras into persons.
 
     Each person is a column of mass over the ground (Y is up). Columns whose surface goes on from one to the other
-    without a crease are one person, whose arms are raised, or of whom something hides the middle. A connected piece
+    without a crease are one person, whose arms are raised, or of whom something hides the middle, unless ``group``
+    says which person each column belongs to. A connected piece
     that covers one column belongs to that person, one that covers several is divided by the nearest axis, one that
     covers none goes to the nearest person within reach.
     """
@@ -70,10 +81,13 @@ def find_people(pieces: Sequence[Pieces | None], config: IsolationConfig) -> Peo
     area = np.concatenate([pixels.area_m2 for pixels in seen]) if seen else np.empty(0, np.float32)
     columns = find_columns(points, area, config)
     of = [None if pixels is None else _owners(pixels, columns, config) for pixels in pieces]
-    group = _one_body(columns, pieces, of)
-    people = tuple(_joined([columns[k] for k in np.flatnonzero(group == g)]) for g in range(group.max(initial=-1) + 1))
-    renumbered = np.append(group, -1)  # the last one: nobody
-    return People(people, tuple(None if owner is None else renumbered[owner].astype(np.int32) for owner in of))
+    person = _one_body(columns, pieces, of) if group is None else np.array(group, dtype=np.int64)
+    people = tuple(
+        _joined([columns[k] for k in np.flatnonzero(person == p)]) for p in range(person.max(initial=-1) + 1)
+    )
+    renumbered = np.append(person, -1)  # the last one: nobody
+    persons = tuple(None if owner is None else renumbered[owner].astype(np.int32) for owner in of)
+    return People(people, persons, tuple(person.tolist()))
 
 
 def _one_body(
@@ -103,51 +117,6 @@ def _joined(columns: Sequence[Person]) -> Person:
         float(area.sum()),
         sum(column.pixels for column in columns),
     )
-
-
-def choose_patient(
-    sightings: Sequence[People],
-    equipment: EquipmentModel | None,
-    patient_xz: tuple[float, float] | None,
-    look_at_xz: np.ndarray,
-    config: IsolationConfig,
-) -> PatientChoice | None:
-    """The patient among the people of the first sighting; later ones show who stays. None where nobody is seen.
-
-    In this order: the person at ``patient_xz``, if the user named one; the person within the equipment's outline; with
-    only a few sightings, in which furniture stays as well as anybody, the person who fills most of the frame; the
-    person who stays in place longest and, of these, is nearest to ``look_at_xz``, where the first camera's axis meets
-    the scene.
-    """
-    if not sightings or not sightings[0].people:
-        return None
-    people = sightings[0].people
-    axes = np.array([person.ground_xz_m for person in people])
-    among = f"of {len(people)} people" if len(people) > 1 else "the only person"
-    if patient_xz is not None:
-        nearest = int(np.argmin(np.linalg.norm(axes - patient_xz, axis=1)))
-        return PatientChoice(axes[nearest], f"nearest to the place that was given, {among}", sure=True)
-    within = None if equipment is None else _most_central(axes, equipment)
-    if within is not None:
-        return PatientChoice(axes[within], f"stands within the equipment, {among}", sure=True)
-    if len(sightings) < FRAMES_NEEDED:
-        largest = int(np.argmax([person.pixels for person in people]))
-        return PatientChoice(axes[largest], f"fills most of the picture, {among}", sure=False)
-    stays = np.array([[_is_there(axis, sighting, config) for sighting in sightings] for axis in axes]).sum(axis=1)
-    off_axis = np.linalg.norm(axes - look_at_xz, axis=1)
-    best = int(np.lexsort((off_axis, -stays))[0])
-    seen = f"was seen in place in {stays[best]} of {len(sightings)} frames"
-    return PatientChoice(axes[best], f"{seen} and nearest to the middle of the view, {among}", sure=False)
-
-
-def _most_central(axes_xz: np.ndarray, equipment: EquipmentModel) -> int | None:
-    """Which of the axes (n, 2) is nearest to the middle of the equipment's outline, None where all are outside."""
-    ground = equipment.triangles()[0][:, [0, 2]]
-    outline = cv2.convexHull(ground.astype(np.float32))
-    inside = np.array([cv2.pointPolygonTest(outline, (float(x), float(z)), False) >= 0 for x, z in axes_xz])
-    if not inside.any():
-        return None
-    return int(np.argmin(np.where(inside, np.linalg.norm(axes_xz - ground.mean(axis=0), axis=1), np.inf)))
 
 
 def find_columns(points_m: np.ndarray, area_m2: np.ndarray, config: IsolationConfig) -> tuple[Person, ...]:
@@ -220,8 +189,3 @@ def _owners(pixels: Pieces, people: tuple[Person, ...], config: IsolationConfig)
     owner = np.where(only >= 0, only, nearest)
     out_of_reach = distance[np.arange(len(owner)), owner] > config.reach_m
     return np.where(out_of_reach, -1, owner).astype(np.int32)
-
-
-def _is_there(axis_xz: np.ndarray, sighting: People, config: IsolationConfig) -> bool:
-    """Whether somebody stands within a step of this place."""
-    return any(np.linalg.norm(person.ground_xz_m - axis_xz) < 2 * config.person_radius_m for person in sighting.people)

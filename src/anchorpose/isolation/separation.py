@@ -45,14 +45,21 @@ FIRST_EARLIER_LABEL: Final = 128  # of people met in the backward pass
 def separate_initial(pieces: Sequence[Pieces | None], people: People, choice: PatientChoice) -> tuple[View | None, ...]:
     """Label each camera's pixels in a frame before which nothing is known.
 
-    The patient is the person nearest to the chosen place. Trunks are distinguished by their place on the ground; arms
-    and legs grow from them over the surface, up to the creases between people who touch.
+    The patient is the person nearest to the chosen place.
     """
-    label = np.full(len(people.people) + 1, NOBODY, np.uint8)  # the last one: nobody
     axes = np.array([person.ground_xz_m for person in people.people]).reshape(-1, 2)
-    if len(axes):
-        order = np.argsort(np.linalg.norm(axes - choice.ground_xz_m, axis=1), kind="stable")
-        label[order] = np.minimum(PixelLabel.PATIENT + np.arange(len(order)), LAST_LABEL)
+    return label_people(pieces, people, np.argsort(np.linalg.norm(axes - choice.ground_xz_m, axis=1), kind="stable"))
+
+
+def label_people(pieces: Sequence[Pieces | None], people: People, order: np.ndarray) -> tuple[View | None, ...]:
+    """Label each camera's pixels by person; order (k,): numbers of the people, of whom the first is labelled patient.
+
+    Trunks are distinguished by their place on the ground; arms and legs grow from them over the surface, up to the
+    creases between people who touch.
+    """
+    axes = np.array([person.ground_xz_m for person in people.people]).reshape(-1, 2)
+    label = np.full(len(axes) + 1, NOBODY, np.uint8)  # the last one: nobody
+    label[order] = np.minimum(PixelLabel.PATIENT + np.arange(len(order)), LAST_LABEL)
     shown, persons = [pixels for pixels in pieces if pixels is not None], [of for of in people.of if of is not None]
     trunks = [_trunks(pixels, of, axes, label) for pixels, of in zip(shown, persons, strict=True)]
     return _views(pieces, _with_detached(shown, _grown(shown, trunks)))

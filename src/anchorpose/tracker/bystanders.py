@@ -22,7 +22,7 @@ from anchorpose.body.initial import find_rough_pose
 from anchorpose.body.learning import shape_of_height
 from anchorpose.body.limb_search import search_limbs
 from anchorpose.body.pose import DEGREE, POSE_SIZE, TRUNK, Pose
-from anchorpose.body.registration import posterior, register
+from anchorpose.body.registration import Registration, posterior, register
 from anchorpose.body.skin_points import Body, SkinPoints, build_body, pose_points
 from anchorpose.camera import Camera
 from anchorpose.isolation.ownership import OwnershipLikelihood, join_likelihoods
@@ -131,7 +131,7 @@ def follow_bystanders(
         if last.wait > 0:
             waiting.append(replace(last, wait=last.wait - 1))
             continue
-        evidence = _evidence(views, cameras, label)
+        evidence = person_evidence(views, cameras, label)
         found = _follow(known[label], evidence, points, elapsed_s) if label in known else None
         found = found or _find(label, evidence, points)
         if found:
@@ -155,7 +155,7 @@ def _note_labels(labels: np.ndarray, there: np.ndarray) -> None:
         there[label] = True
 
 
-def _evidence(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> Evidence:
+def person_evidence(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> Evidence:
     """The nodes of one person; the outline is left out, since half of it is where something hides the person."""
     masks = [None if view is None else view.labels == label for view in views]
     depths = [None if view is None else view.depth_m for view in views]
@@ -178,13 +178,24 @@ def _follow(one: Bystander, evidence: Evidence, points: SkinPoints, elapsed_s: f
     return replace(one, belief=found.belief, change=change, elapsed_s=elapsed_s)
 
 
-def _find(label: int, evidence: Evidence, points: SkinPoints) -> Bystander | None:
+def ordinary_body(points: SkinPoints) -> Body:
+    """The body of an adult of whom nothing is known."""
+    return build_body(points, shape_of_height(points.asset, HEIGHT_M))
+
+
+def rough_body(body: Body, evidence: Evidence) -> Registration | None:
+    """A body of given shape where one person is seen, in any heading and posture; None where too little is seen."""
     if len(evidence.surface) < LEAST_NODES:
         return None
-    body = build_body(points, shape_of_height(points.asset, HEIGHT_M))
     pose = find_rough_pose(body, evidence, ROUGHLY)
     found = posterior(body, pose, vague_belief(pose), evidence, ROUGHLY)
-    if not found.found:
+    return found if found.found else None
+
+
+def _find(label: int, evidence: Evidence, points: SkinPoints) -> Bystander | None:
+    body = ordinary_body(points)
+    found = rough_body(body, evidence)
+    if found is None:
         return None
     if not _is_person(body, found.belief.pose, evidence):
         found = search_limbs(body, found, vague_belief(found.belief.pose), evidence, ROUGHLY).registration

@@ -8,24 +8,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from anchorpose.calibration.calibration import Calibration
+from anchorpose.body.explained import seen_past
+from anchorpose.body.skin_points import body_points, build_body, pose_points
 from anchorpose.camera import Camera
-from anchorpose.isolation.people import PatientChoice, People, choose_patient
+from anchorpose.isolation.people import PatientChoice
+from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.recording.reader import read_frame
-from anchorpose.recording.recording import Recording
 from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.patient_choice import GIVEN_M, Patient, choose_patient, distance_m
 from anchorpose.tracker.room import InitialFrame, Room
 from anchorpose.tracker.run import Run
-from anchorpose.tracker.start import NoStart, find_start
+from anchorpose.tracker.sighting import SeenPerson, Sighting
+from anchorpose.tracker.start import NoStart, Start, find_start
 
-THERE_M: Final = 0.5  # from the given place: beyond it another person is seen, and the patient has not come yet
 CROWDED_M: Final = 1.0  # from axis to axis: an outstretched arm and half a trunk
 MERGED: Final = 0.5  # weight of a frame with fewer people than usual: two who stand close may be taken for one
-WELL: Final = 0.90  # of the patient's surface explained: 92 to 100 % when alone, 70 with a therapist's arm
+WELL: Final = 0.95  # of the patient's surface explained: 95 to 100 % when alone, 70 with a therapist's arm
+SEEN_PAST: Final = 0.2  # of a limb's skin: rough clothes and rims; beyond it the limb is elsewhere
 WHOLE: Final = 0.8  # of the patient's usual visible surface: a sliver behind a therapist is explained by anything
 TRIES: Final = 6  # frames; each takes a second or two to fit
 APART: Final = 0.25  # of the frames' span: what spoils a frame spoils those around it
@@ -33,84 +36,89 @@ APART: Final = 0.25  # of the frames' span: what spoils a frame spoils those aro
 
 def rank_initial_frames(
     frames: Sequence[int],
-    sightings: Sequence[People],
-    calibration: Calibration,
-    recording: Recording,
-    config: TrackConfig,
+    sightings: Sequence[Sighting],
+    equipment: EquipmentModel | None,
+    patient_xz_m: tuple[float, float] | None,
+    cameras: Sequence[Camera],
 ) -> tuple[InitialFrame, ...]:
     """The frames that show the patient: first those that show the patient well and nobody nearby.
 
-    If the user gave the patient's place, those with a person at that place; of equals the earlier comes first, since
-    the place is given for the start. frames: positions in the recording; sightings: the people of each.
+    frames: positions in the recording; sightings: the people of each. If the user gave the patient's place, only the
+    first frames in a row with the patient there, since the place is given for the start.
     """
-    place = look_at(calibration.cameras[0])
-    found, seen = [], []
-    for number, frame in enumerate(frames):
-        others = [*sightings[:number], *sightings[number + 1 :]]
-        choice = choose_patient(
-            [sightings[number], *others], recording.equipment, config.patient_xz_m, place, config.isolation
-        )
-        if choice is not None:
-            found.append(InitialFrame(frame, choice, 0.0, 0.0, len(sightings[number].people)))
-            seen.append(_patient_and_distance(sightings[number], choice))
-    if not found:
+    patient = choose_patient(sightings, equipment, patient_xz_m, cameras)
+    if patient is None:
         return ()
-    if config.patient_xz_m is not None:
-        off_m = [float(np.linalg.norm(one.choice.ground_xz_m - config.patient_xz_m)) for one in found]
-        there = [one for one, distance_m in zip(found, off_m, strict=True) if distance_m < THERE_M]
-        return tuple(there or found)
-    return tuple(sorted(_scored(found, seen), key=lambda one: -one.score))
+    found = [
+        _Shown(frame, sighting, one)
+        for frame, sighting, one in zip(frames, sightings, patient.seen, strict=True)
+        if one is not None
+    ]
+    if patient_xz_m is not None:
+        found = _first_there(found, np.array(patient_xz_m))
+    ordinary_m2 = float(np.median([shown.patient.person.area_m2 for shown in found]))
+    usual = float(np.median([len(shown.sighting.people) for shown in found]))
+    ranked = [_initial_frame(shown, patient, ordinary_m2, usual) for shown in found]
+    return tuple(sorted(ranked, key=lambda initial: -initial.score))
 
 
-def _scored(found: Sequence[InitialFrame], seen: Sequence[tuple[float, float]]) -> list[InitialFrame]:
-    """The frames with their scores; seen: area of the patient and distance of the next person in each."""
-    ordinary_m2 = float(np.median([area_m2 for area_m2, _ in seen]))
-    sure = any(one.choice.sure for one in found)
-    usual = float(np.median([one.people for one in found]))
-    scored = []
-    for one, (area_m2, distance_m) in zip(found, seen, strict=True):
-        whole, apart = min(area_m2 / ordinary_m2, 1.0), min(distance_m / CROWDED_M, 1.0)
-        possible = float(one.choice.sure or not sure) * (1.0 if one.people >= usual else MERGED)
-        scored.append(replace(one, score=round(possible * whole * apart, 1), whole=whole))
-    return scored
+class _Shown(NamedTuple):
+    """A frame in which the patient is seen."""
+
+    frame: int
+    sighting: Sighting
+    patient: SeenPerson
 
 
-def _patient_and_distance(sighting: People, choice: PatientChoice) -> tuple[float, float]:
-    """The patient's visible surface in m^2, and the distance of the nearest other person in m (inf if there is none).
-
-    More surface than usual is not better: it may belong to another person who touches the patient.
-    """
-    axes = np.array([person.ground_xz_m for person in sighting.people])
-    distance = np.linalg.norm(axes - choice.ground_xz_m, axis=1)
-    patient = int(distance.argmin())
-    return sighting.people[patient].area_m2, float(np.delete(distance, patient).min(initial=np.inf))
+def _first_there(found: list[_Shown], place_xz_m: np.ndarray) -> list[_Shown]:
+    """The frames from the first in which the patient is at a place to the first after it in which not."""
+    there = [distance_m(shown.patient, place_xz_m) < GIVEN_M for shown in found]
+    if not any(there):
+        return found
+    begin = there.index(True)
+    return found[begin : there.index(False, begin) if False in there[begin:] else None]
 
 
-def look_at(camera: Camera) -> np.ndarray:
-    """(2,) X and Z of the place 2.5 m along the first camera's axis: where people are asked to stand."""
-    place = camera.position_m + 2.5 * camera.require_pose()[:3, 2]
-    return np.asarray(place[[0, 2]])
+def _initial_frame(shown: _Shown, patient: Patient, ordinary_m2: float, usual: float) -> InitialFrame:
+    """The frame with its score; more surface than usual is not better: it may be another person's who touches."""
+    one, sighting = shown.patient, shown.sighting
+    people = sighting.people
+    place = one.person.ground_xz_m
+    away_m = [float(np.linalg.norm(other.person.ground_xz_m - place)) for other in people if other is not one]
+    whole, apart = min(one.person.area_m2 / ordinary_m2, 1.0), min(min(away_m, default=CROWDED_M) / CROWDED_M, 1.0)
+    explained = 1.0 if one.body is None else one.body.explained
+    score = explained * whole * apart * (1.0 if len(people) >= usual else MERGED)
+    choice = PatientChoice(place, patient.reason, patient.sure, sighting.frame, sighting.group, patient.rival_xz_m)
+    return InitialFrame(shown.frame, choice, round(score, 1), whole, one.body is None)
 
 
 def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:
     """The room with its best initial frame first. A person who is alone cannot be confused: no fit is needed."""
     candidates = room.initial_frames
-    if config.patient_xz_m is not None or max((one.people for one in candidates), default=0) < 2:
+    if all(one.alone for one in candidates):
         return room
 
     def explained(candidate: InitialFrame) -> float:
         frame_set = read_frame(room.recording, candidate.frame)
         start = find_start(frame_set, Run(room, config), candidate.choice, None)
-        return 0.0 if isinstance(start, NoStart) else start.explained
+        return 0.0 if isinstance(start, NoStart) else _quality(start)
 
     best = best_of(candidates, explained)
     return replace(room, initial_frames=(best, *(one for one in candidates if one is not best)))
 
 
+def _quality(start: Start) -> float:
+    """0 to 1: the share of the surface that the body explains, less where a camera sees past a limb of the body."""
+    evidence = start.observation.evidence
+    posed = pose_points(build_body(body_points(), start.shape), start.belief.pose)
+    past = np.nan_to_num(seen_past(body_points(), posed, evidence.views, evidence.cameras))
+    return start.explained * (1.0 - max(0.0, float(past.max()) - SEEN_PAST))
+
+
 def best_of(candidates: Sequence[InitialFrame], explained: Callable[[InitialFrame], float]) -> InitialFrame:
     """The first that shows the whole patient and is explained well, or the best of ``TRIES``.
 
-    explained: share of the patient's surface that a body accounts for. After the best by score come those that are far
+    explained: 0 to 1, how well a body explains the patient there. After the best by score come those that are far
     from all that were tried.
     """
     left, tried = list(candidates), list[tuple[float, InitialFrame]]()

@@ -21,9 +21,10 @@ from anchorpose.tracker.initial_frame import rank_initial_frames
 from anchorpose.tracker.observation import Observation, observe_first
 from anchorpose.tracker.passes import Route, learn_on, plan_route
 from anchorpose.tracker.patient import PatientTracker
-from anchorpose.tracker.preparation import prepare_room, sight_people
+from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import InitialFrame, Room
 from anchorpose.tracker.run import Run
+from anchorpose.tracker.sighting import sight_people
 from anchorpose.tracker.start import ORDINARY_HEIGHT_M
 from anchorpose.tracking.motion_file import load_motions
 
@@ -124,7 +125,8 @@ def inspect_frame(
         )
     height_m = recording.subject_height_m or ORDINARY_HEIGHT_M
     here = _choose(route, [position], room, config)
-    seen = observe_first(frame_set, (here or [room.initial_frame])[0].choice, height_m, run)
+    choice = here[0].choice if here else room.initial_frame.choice
+    seen = observe_first(frame_set, choice, height_m, run)
     return Inspection(room, frame_set, seen, None, None, height_m, account)
 
 
@@ -172,7 +174,8 @@ def _initial_frames_nearby(route: Route, position: int, room: Room, config: Trac
 def _choose(route: Route, positions: Sequence[int], room: Room, config: TrackConfig) -> list[InitialFrame]:
     """The initial frame among some frames, chosen as ``track`` does; empty where nobody is seen."""
     sightings = [sight_people(frame_set, room.scenes, config) for frame_set in route.frames(positions)]
-    return list(rank_initial_frames(positions, sightings, room.calibration, room.recording, config)[:1])
+    equipment, place = room.recording.equipment, config.patient_xz_m
+    return list(rank_initial_frames(positions, sightings, equipment, place, room.cameras)[:1])
 
 
 def _follow(route: Route, initial: InitialFrame, position: int, shape: FittedShape | None, run: Run) -> _Reached | None:

@@ -11,6 +11,7 @@ from typing import Final
 
 import numpy as np
 
+from anchorpose.body.constraints import thin
 from anchorpose.body.initial import FirstShape, find_first_pose
 from anchorpose.body.learning import shape_of_height
 from anchorpose.body.skin_points import body_points
@@ -22,15 +23,15 @@ from anchorpose.errors import InputError
 from anchorpose.geodesics.anchors import no_anchors
 from anchorpose.isolation.background import BackgroundModel
 from anchorpose.isolation.empty_room import learn_background
-from anchorpose.isolation.people import People, choose_patient, find_people
-from anchorpose.isolation.scene import Scene, find_all_pieces, set_scene
+from anchorpose.isolation.scene import set_scene
 from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.initial_frame import look_at, rank_initial_frames, with_best_initial_frame
+from anchorpose.tracker.initial_frame import rank_initial_frames, with_best_initial_frame
 from anchorpose.tracker.observation import observe_first
-from anchorpose.tracker.room import NO_REVIEW, Review, Room
+from anchorpose.tracker.room import NO_REVIEW, InitialFrame, Review, Room
 from anchorpose.tracker.run import Run
+from anchorpose.tracker.sighting import sight_people
 from anchorpose.tracker.start import ORDINARY_HEIGHT_M, first_heights, known_shape
 
 BLIND_SAMPLES = 3  # times as many where the empty room has to be put together from moments in which it is free
@@ -117,14 +118,12 @@ def furnish_room(settled: Settled, config: TrackConfig, review: Review) -> Room:
     )
     usable = [k for k, frame_set in enumerate(samples) if review.why_unusable(frame_set.frame) is None]
     usable = usable or list(range(len(samples)))
+    usable = [usable[k] for k in thin(len(usable), config.follow.samples)]  # samples of an empty room are more
     sightings = [sight_people(samples[k], scenes, config) for k in usable]
-    initial = rank_initial_frames([settled.chosen[k] for k in usable], sightings, calibration, recording, config)
+    initial = rank_initial_frames(
+        [settled.chosen[k] for k in usable], sightings, recording.equipment, config.patient_xz_m, calibration.cameras
+    )
     return Room(recording, settled.clocks, calibration, scenes, initial, review)
-
-
-def sight_people(frame_set: FrameSet, scenes: Sequence[Scene], config: TrackConfig) -> People:
-    """The people of one moment."""
-    return find_people(find_all_pieces(frame_set.depths_m, scenes), config.isolation)
 
 
 def _background(settled: Settled, number: int) -> BackgroundModel:
@@ -150,10 +149,8 @@ def heading_of_patient(
     room: with an initial frame that indexes ``samples``. Several frames, because in a single one another person may be
     taken for a part of the patient.
     """
-    if room.initial_frame is None:
-        return None
-    looks = sorted({room.initial_frame.frame, *np.linspace(0, len(samples) - 1, LOOKS + 1).astype(int)[1:-1].tolist()})
-    costs = [cost for look in looks if (cost := _costs(room, samples, look, headings, config)) is not None]
+    looks = [one for one in room.initial_frames if one.choice.sure][:LOOKS]
+    costs = [cost for look in looks if (cost := _costs(room, samples[look.frame], look, headings, config)) is not None]
     if not costs:
         return None
     ratios = np.array(costs)
@@ -164,17 +161,11 @@ def heading_of_patient(
 
 
 def _costs(
-    room: Room, samples: Sequence[FrameSet], look: int, headings: Sequence[np.ndarray], config: TrackConfig
+    room: Room, frame_set: FrameSet, look: InitialFrame, headings: Sequence[np.ndarray], config: TrackConfig
 ) -> list[float] | None:
     """Cost of the best body facing each way in one frame; None where too little of the patient is seen."""
-    sightings = [sight_people(samples[look], room.scenes, config)]
-    sightings += [sight_people(frame, room.scenes, config) for frame in (samples[0], samples[-1])]
-    place = look_at(room.cameras[0])
-    choice = choose_patient(sightings, room.recording.equipment, config.patient_xz_m, place, config.isolation)
-    if choice is None or not choice.sure:
-        return None
     height_m = room.recording.subject_height_m or ORDINARY_HEIGHT_M
-    seen = observe_first(samples[look], choice, height_m, Run(room, config))
+    seen = observe_first(frame_set, look.choice, height_m, Run(room, config))
     if len(seen.surface) < config.registration.least_nodes:
         return None
     shapes = [shape_of_height(body_points().asset, height) for height in first_heights(seen.surface, room)]

@@ -29,15 +29,15 @@ FACING = np.array([1.0, 0.0, 0.0])  # design: X of the world is the way the pati
 class InitialFrame:
     """A frame (position in the recording) that shows the patient, and where the patient stands in it.
 
-    score: 0 to 1, by the patient's visible surface and the distance to the next person; whole: 0 to 1, that surface
-    relative to the usual one; people: number seen in the frame.
+    score: 0 to 1, by how well the patient is seen there, and how far from others; whole: 0 to 1, the patient's visible
+    surface relative to the usual one; alone: nobody is there to be confused with.
     """
 
     frame: int
     choice: PatientChoice
     score: float
     whole: float
-    people: int
+    alone: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)

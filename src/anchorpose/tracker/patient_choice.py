@@ -1,0 +1,198 @@
+"""Which of the people is the patient, by what everybody does in the sampled frames.
+
+The patient stands in the equipment, is there all the time, near the middle of what the cameras look at, and those who
+help stand around the patient and face the patient. None of these is certain, so each of them votes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from anchorpose.camera import Camera
+from anchorpose.recording.equipment import EquipmentModel
+from anchorpose.rotations import unit
+from anchorpose.tracker.sighting import SeenPerson, Sighting
+
+STAYS_M: Final = 0.40  # from a person's usual place: a step, or the way from a seat to standing
+HUMAN: Final = 0.60  # of a person's nodes explained by a body: furniture and two people in one have less
+HELP_M: Final = 1.2  # from pelvis to pelvis: an outstretched arm's length and a step
+FACES: Final = 0.7  # cosine: within 45 degrees
+ASIDE_M: Final = 0.4  # from where the cameras look: half a vote less; cameras are aimed by eye
+OUTSIDE_M: Final = 0.2  # of the equipment's outline: a patient leans out of it
+SURE: Final = 1.0  # of the votes between the patient and the next: three to one if votes are likelihoods
+GIVEN_M: Final = 0.5  # from the given place: beyond it another person is seen, and the patient has not come yet
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate:
+    """One person through the sightings. seen: the person in each, None where not seen; votes: larger is likelier."""
+
+    seen: tuple[SeenPerson | None, ...]
+    votes: float
+    within: bool
+    faced: float
+
+    @property
+    def place_xz_m(self) -> np.ndarray:
+        """(2,) where the person usually is."""
+        return _usual_place([one for one in self.seen if one is not None])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Patient:
+    """Who the patient is. seen: the person in each sighting, None in those without; the rest as in PatientChoice."""
+
+    seen: tuple[SeenPerson | None, ...]
+    reason: str
+    sure: bool
+    rival_xz_m: np.ndarray | None
+
+
+def choose_patient(
+    sightings: Sequence[Sighting],
+    equipment: EquipmentModel | None,
+    patient_xz_m: tuple[float, float] | None,
+    cameras: Sequence[Camera],
+) -> Patient | None:
+    """The patient among everybody in the sightings, None where nobody is seen.
+
+    With ``patient_xz_m`` whoever is nearest to that place when somebody first stands there; otherwise the person with
+    most votes.
+    """
+    candidates = find_candidates(sightings, equipment, cameras)
+    if not candidates:
+        return None
+    if patient_xz_m is not None:
+        named = _at_place(candidates, np.array(patient_xz_m))
+        return Patient(named.seen, f"is nearest to the place that was given, {_others(sightings)}", True, None)
+    first, *rest = sorted(candidates, key=lambda one: -one.votes)
+    rival = next((one.place_xz_m for one in rest if one.votes > first.votes - SURE), None)
+    return Patient(first.seen, _reason(first, sightings), first.within and rival is None, rival)
+
+
+def find_candidates(
+    sightings: Sequence[Sighting], equipment: EquipmentModel | None, cameras: Sequence[Camera]
+) -> list[Candidate]:
+    """Everybody who was seen, with their votes; whoever has no human body only where nobody has one."""
+    members = _followed(sightings)
+    human = [seen for seen in members if _is_human(seen)]
+    return [_candidate(seen, sightings, equipment, cameras) for seen in human or members]
+
+
+def _followed(sightings: Sequence[Sighting]) -> list[list[SeenPerson | None]]:
+    """Each person's appearances: who is near a person's usual place is that person."""
+    members = list[list[SeenPerson | None]]()
+    for number, sighting in enumerate(sightings):
+        people = sighting.people
+        places = [_usual_place([one for one in seen if one is not None]) for seen in members]
+        away = np.array([[np.linalg.norm(one.place_xz_m - place) for place in places] for one in people])
+        away = away.reshape(len(people), len(places))
+        known = {
+            int(row): int(column)
+            for row, column in zip(*linear_sum_assignment(np.minimum(away, STAYS_M)), strict=True)
+            if away[row, column] < STAYS_M
+        }
+        for seen in members:
+            seen.append(None)
+        for row, one in enumerate(people):
+            if row in known:
+                members[known[row]][-1] = one
+            else:
+                members.append([*[None] * number, one])
+    return members
+
+
+def _usual_place(seen: Sequence[SeenPerson]) -> np.ndarray:
+    return np.asarray(np.median([one.place_xz_m for one in seen], axis=0))
+
+
+def _is_human(seen: Sequence[SeenPerson | None]) -> bool:
+    """Whether a body explains most of the person, where bodies were fitted."""
+    explained = [one.body.explained for one in seen if one is not None and one.body is not None]
+    return not explained or float(np.median(explained)) >= HUMAN
+
+
+def _candidate(
+    seen: Sequence[SeenPerson | None],
+    sightings: Sequence[Sighting],
+    equipment: EquipmentModel | None,
+    cameras: Sequence[Camera],
+) -> Candidate:
+    there = [(one, sighting) for one, sighting in zip(seen, sightings, strict=True) if one is not None]
+    place = _usual_place([one for one, _ in there])
+    faced = float(np.mean([_faced_by(one, sighting) for one, sighting in there]))
+    outside_m = 0.0 if equipment is None else _outside_m(place, equipment)
+    votes = (
+        np.log(len(there) / len(seen))
+        + 0.5 * np.log(np.median([one.person.area_m2 for one, _ in there]))
+        + faced
+        - np.log1p((_aside_m(place, cameras) / ASIDE_M) ** 2)
+        - np.log1p((outside_m / OUTSIDE_M) ** 2)
+    )
+    return Candidate(tuple(seen), float(votes), equipment is not None and outside_m == 0.0, faced)
+
+
+def _faced_by(one: SeenPerson, sighting: Sighting) -> int:
+    """How many people nearby face a person."""
+    count = 0
+    for other in sighting.people:
+        if other is one or other.body is None:
+            continue
+        towards = one.place_xz_m - other.body.place_xz_m
+        count += bool(np.linalg.norm(towards) < HELP_M and unit(towards) @ other.body.facing_xz > FACES)
+    return count
+
+
+def _aside_m(place_xz_m: np.ndarray, cameras: Sequence[Camera]) -> float:
+    """How far, over the ground, a place lies beside the cameras' axes (root mean square)."""
+    aside = []
+    for camera in cameras:
+        x, z = unit(camera.require_pose()[[0, 2], 2])
+        dx, dz = place_xz_m - camera.position_m[[0, 2]]
+        aside.append(x * dz - z * dx)
+    return float(np.sqrt(np.mean(np.square(aside))))
+
+
+def _outside_m(place_xz_m: np.ndarray, equipment: EquipmentModel) -> float:
+    """How far a place lies outside of the equipment's outline on the ground; 0 inside."""
+    outline = cv2.convexHull(equipment.triangles()[0][:, [0, 2]].astype(np.float32))
+    x, z = place_xz_m
+    return max(0.0, -float(cv2.pointPolygonTest(outline, (float(x), float(z)), True)))
+
+
+def _at_place(candidates: Sequence[Candidate], place_xz_m: np.ndarray) -> Candidate:
+    """Who is nearest to a place in the first sighting in which somebody is there; else whoever is ever nearest."""
+
+    def away_m(candidate: Candidate, number: int) -> float:
+        one = candidate.seen[number]
+        return np.inf if one is None else distance_m(one, place_xz_m)
+
+    count = len(candidates[0].seen)
+    there = [number for number in range(count) if min(away_m(one, number) for one in candidates) < GIVEN_M]
+    return min(candidates, key=lambda one: min(away_m(one, number) for number in there[:1] or range(count)))
+
+
+def distance_m(one: SeenPerson, place_xz_m: np.ndarray) -> float:
+    """From a place to the person's pelvis or the axis of the surface, whichever is nearer: users point at either."""
+    return float(min(np.linalg.norm(one.place_xz_m - place_xz_m), np.linalg.norm(one.person.ground_xz_m - place_xz_m)))
+
+
+def _reason(patient: Candidate, sightings: Sequence[Sighting]) -> str:
+    """Why this person, as the end of a sentence that begins with "who"."""
+    count = sum(one is not None for one in patient.seen)
+    parts = ["stands within the equipment"] if patient.within else []
+    parts.append(f"was seen in place in {count} of {len(sightings)} frames")
+    if patient.faced >= 0.5:
+        parts.append(f"is faced by {patient.faced:.1f} people on average")
+    return f"{', '.join(parts)}, {_others(sightings)}"
+
+
+def _others(sightings: Sequence[Sighting]) -> str:
+    most = max(len(sighting.people) for sighting in sightings)
+    return f"of {most} people" if most > 1 else "the only person"

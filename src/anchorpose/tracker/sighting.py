@@ -1,0 +1,138 @@
+"""Everybody who is seen in a frame, each with a rough body, before anything is known of who they are.
+
+Where people touch, their surfaces go on into one another. A body tells: none explains two people.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Final
+
+import numpy as np
+
+from anchorpose.body.evidence import Evidence
+from anchorpose.body.skin_points import Body, body_points
+from anchorpose.isolation.people import People, Person, find_people
+from anchorpose.isolation.scene import Pieces, Scene, find_all_pieces
+from anchorpose.isolation.separation import label_people
+from anchorpose.isolation.view import PixelLabel
+from anchorpose.joints import JOINT_INDEX
+from anchorpose.recording.recording import FrameSet
+from anchorpose.rotations import UP, unit
+from anchorpose.tracker.bystanders import ordinary_body, person_evidence, rough_body
+from anchorpose.tracker.config import TrackConfig
+
+ONE_PERSON: Final = 0.75  # of a person's nodes explained by a rough body: 0.5 to 0.7 where two people are taken for one
+IN_EACH_OTHER_M: Final = 0.25  # from pelvis to pelvis: a trunk's depth and a rough body's error
+_ACROSS: Final = (("HipLeft", "HipRight"), ("ShoulderLeft", "ShoulderRight"))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RoughBody:
+    """place_xz_m (2,): the pelvis; facing_xz (2,): unit vector from the back to the front; explained: 0 to 1, share of
+    the person's nodes that the body accounts for."""
+
+    place_xz_m: np.ndarray
+    facing_xz: np.ndarray
+    explained: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenPerson:
+    """A person and the body; None where too little is seen of the person, or nobody is there to be confused with."""
+
+    person: Person
+    body: RoughBody | None
+
+    @property
+    def place_xz_m(self) -> np.ndarray:
+        """(2,) the pelvis, or without a body the axis of the surface, which lies 0.1 m before it."""
+        return self.person.ground_xz_m if self.body is None else self.body.place_xz_m
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sighting:
+    """Who is seen in the frame with a number; group: the person of each column (``find_people``)."""
+
+    frame: int
+    people: tuple[SeenPerson, ...]
+    group: tuple[int, ...]
+
+
+def sight_people(frame_set: FrameSet, scenes: Sequence[Scene], config: TrackConfig) -> Sighting:
+    """The people of one moment, with bodies where there are several columns.
+
+    A person whom one body explains badly is split where several columns were taken for one person; two whose bodies are
+    in the same place are joined where one body explains both.
+    """
+    pieces = find_all_pieces(frame_set.depths_m, scenes)
+
+    def sighting_of(group: tuple[int, ...] | None) -> Sighting:
+        people = find_people(pieces, config.isolation, group)
+        return Sighting(frame_set.frame, _with_bodies(people, pieces, scenes), people.group)
+
+    sighting = sighting_of(None)
+    for poor in [k for k, seen in enumerate(sighting.people) if _explained(seen) < ONE_PERSON]:
+        split = sighting_of(_split(sighting.group, poor))
+        if _least_explained(split) > _least_explained(sighting):
+            sighting = split
+            break  # the others have new numbers
+    for pair in _in_one_place(sighting):
+        joined = sighting_of(_joined(sighting.group, *pair))
+        if _explained(joined.people[min(pair)]) >= ONE_PERSON:
+            return joined
+    return sighting
+
+
+def _split(group: Sequence[int], person: int) -> tuple[int, ...]:
+    """Each column of a person becomes a person of their own."""
+    people = [(k, column) if k == person else (k, -1) for column, k in enumerate(group)]
+    numbers = {one: number for number, one in enumerate(sorted(set(people)))}
+    return tuple(numbers[one] for one in people)
+
+
+def _joined(group: Sequence[int], first: int, second: int) -> tuple[int, ...]:
+    """Two people become one, with the lower of their numbers."""
+    low, high = sorted((first, second))
+    return tuple(low if k == high else k - (k > high) for k in group)
+
+
+def _in_one_place(sighting: Sighting) -> list[tuple[int, int]]:
+    """Pairs of people whose bodies would stand in each other."""
+    places = [None if seen.body is None else seen.body.place_xz_m for seen in sighting.people]
+    return [
+        (i, j)
+        for (i, one), (j, other) in combinations(enumerate(places), 2)
+        if one is not None and other is not None and np.linalg.norm(one - other) < IN_EACH_OTHER_M
+    ]
+
+
+def _explained(seen: SeenPerson) -> float:
+    return 1.0 if seen.body is None else seen.body.explained
+
+
+def _least_explained(sighting: Sighting) -> float:
+    return min((_explained(seen) for seen in sighting.people), default=1.0)
+
+
+def _with_bodies(people: People, pieces: Sequence[Pieces | None], scenes: Sequence[Scene]) -> tuple[SeenPerson, ...]:
+    """Everybody with a body, from the pixels that are theirs when trunks grow up to the creases between people."""
+    if len(people.group) < 2:
+        return tuple(SeenPerson(person, None) for person in people.people)
+    views = label_people(pieces, people, np.arange(len(people.people)))
+    cameras, body = [scene.camera for scene in scenes], ordinary_body(body_points())
+    return tuple(
+        SeenPerson(person, _rough_body(body, person_evidence(views, cameras, PixelLabel.PATIENT + number)))
+        for number, person in enumerate(people.people)
+    )
+
+
+def _rough_body(body: Body, evidence: Evidence) -> RoughBody | None:
+    found = rough_body(body, evidence)
+    if found is None:
+        return None
+    joints = body.joints(found.belief.pose)
+    across = sum(unit(joints[JOINT_INDEX[right]] - joints[JOINT_INDEX[left]]) for left, right in _ACROSS)
+    return RoughBody(joints[0, [0, 2]], unit(np.cross(UP, across)[[0, 2]]), found.explained)

@@ -1,0 +1,107 @@
+"""Who of the people is the patient: each sign by itself, what outweighs what, and when it is not clear."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from body_builder import FRONT, LEFT
+
+from anchorpose.isolation.people import Person
+from anchorpose.recording.equipment import Box, EquipmentModel
+from anchorpose.tracker.initial_frame import rank_initial_frames
+from anchorpose.tracker.patient_choice import choose_patient
+from anchorpose.tracker.sighting import RoughBody, SeenPerson, Sighting
+
+CAMERAS = (FRONT, LEFT)  # both look at the world's origin
+AHEAD = (1.0, 0.0)
+RAILS = EquipmentModel((Box("rails", np.array([0.0, 0.5, 1.0]), np.array([0.8, 0.05, 0.8]), np.eye(3)),))
+
+
+def one(x, z, facing=AHEAD, explained=0.95, area_m2=0.6) -> SeenPerson:
+    """A person whose surface lies 0.1 m before the pelvis."""
+    facing = np.array(facing) / np.linalg.norm(facing)
+    place = np.array([x, z], float)
+    return SeenPerson(Person(place + 0.1 * facing, 0.0, 1.7, area_m2, 5000), RoughBody(place, facing, explained))
+
+
+def towards(x, z) -> tuple[float, float]:
+    """The direction in which somebody at this place sees the middle."""
+    return (-x, -z)
+
+
+def times(count, *people) -> list[Sighting]:
+    return [Sighting(7, tuple(people), ())] * count
+
+
+def chosen_place(sightings, equipment=None, place=None, cameras=CAMERAS):
+    patient = choose_patient(sightings, equipment, place, cameras)
+    seen = [person.place_xz_m for person in patient.seen if person is not None]
+    return np.median(seen, axis=0), patient
+
+
+def test_the_patient_is_who_the_user_says_however_the_votes_fall():
+    place, patient = chosen_place(times(8, one(0, 0), one(0, 0.9)), place=(0.0, 0.8))
+    assert place[1] == 0.9
+    assert patient.sure
+    assert patient.reason == "is nearest to the place that was given, of 2 people"
+
+
+def test_the_place_is_that_of_the_first_who_comes_there():
+    early, late = times(4, one(0, 2)), times(4, one(0.3, 0), one(0, 2))
+    place, patient = chosen_place([*early, *late], place=(0.1, 0.0))
+    assert place[0] == 0.3
+    assert [person is None for person in patient.seen] == [True] * 4 + [False] * 4
+
+
+def test_who_stands_in_the_equipment_is_the_patient_though_another_stands_in_the_middle():
+    place, patient = chosen_place(times(8, one(0, 0), one(0.0, 1.0)), RAILS)
+    assert place[1] == 1.0
+    assert "within the equipment" in patient.reason
+
+
+def test_who_is_faced_by_the_others_is_the_patient():
+    helpers = [one(0.7, 0, (-1, 0.0)), one(0, -0.6, (0.0, 1.0))]
+    place, patient = chosen_place(times(8, *helpers, one(0, 0.1)))
+    assert place == pytest.approx([0, 0.1])
+    assert "faced by 2.0 people" in patient.reason
+
+
+def test_facing_outweighs_the_middle_of_the_view():
+    place, _ = chosen_place(times(8, one(0, 0, (0, 1)), one(-0.4, 0.6, (0.4, 0)), one(0, 0.6, AHEAD)), cameras=CAMERAS)
+    assert place == pytest.approx([0, 0.6])
+
+
+def test_who_stays_is_the_patient_and_not_who_walks_through_the_middle():
+    walks = [Sighting(7, (one(0.1, -2 + 0.5 * k), one(0.5, 0.6)), ()) for k in range(8)]
+    place, patient = chosen_place(walks)
+    assert place == pytest.approx([0.5, 0.6])
+    assert "in place in 8 of 8 frames" in patient.reason
+
+
+def test_what_no_body_explains_is_not_human():
+    cupboard = one(0, 0, explained=0.4, area_m2=1.2)
+    assert chosen_place(times(8, cupboard, one(1.2, 0.5)))[0] == pytest.approx([1.2, 0.5])
+
+
+def test_without_anybody_human_the_likeliest_of_all_is_taken():
+    assert chosen_place(times(8, one(0, 0, explained=0.4), one(1.2, 0.5, explained=0.4)))[0] == pytest.approx([0, 0])
+
+
+@pytest.mark.parametrize(("apart_m", "unclear"), [(0.3, True), (2.5, False)])
+def test_a_second_who_may_be_the_patient_as_well_is_named(apart_m, unclear):
+    _, patient = chosen_place(times(8, one(0, 0, (0, 1)), one(0.2, apart_m + 0.2, (0, 1))), None)
+    assert (patient.rival_xz_m is not None) == unclear
+    assert not patient.sure
+
+
+def test_the_person_keeps_the_name_through_a_frame_in_which_nobody_is_seen():
+    gap = [*times(3, one(0, 0), one(0, 1)), Sighting(7, (), ()), *times(3, one(0, 1), one(0, 0))]
+    _, patient = chosen_place(gap)
+    assert [None if person is None else float(person.place_xz_m[1]) for person in patient.seen] == [0] * 3 + [None] + [
+        0
+    ] * 3
+
+
+def test_nobody_is_nobody():
+    assert choose_patient(times(3), None, None, CAMERAS) is None
+    assert rank_initial_frames([0, 1, 2], times(3), None, None, CAMERAS) == ()
