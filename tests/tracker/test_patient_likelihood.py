@@ -10,7 +10,7 @@ from anchorpose.body.skin_points import pose_points
 from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.surface.surface import ExpectedSkin
-from anchorpose.tracker.observation import LOOSEST_SKIN_M, Expectation, patient_likelihood
+from anchorpose.tracker.observation import LOOSEST_SKIN_M, UNFITTED_M, Expectation, patient_likelihood
 
 CONFIG, BODY = IsolationConfig(), adult_body()
 
@@ -24,7 +24,7 @@ def expectation(sigma_m: np.ndarray, frames_without_fit: int = 0) -> Expectation
 def test_the_spread_is_the_uncertainty_of_the_skin() -> None:
     sigma = np.linspace(0.0, 0.9 * LOOSEST_SKIN_M, len(points().part))
     likelihood = patient_likelihood(expectation(sigma, 2), CONFIG)
-    spread = CONFIG.skin_sigma_m + 2 * CONFIG.prediction_growth_m
+    spread = CONFIG.skin_sigma_m + 2 * UNFITTED_M
     np.testing.assert_allclose(likelihood.sigma_m, np.hypot(spread, sigma), rtol=1e-6)
     assert (likelihood.owner == PixelLabel.PATIENT).all()
 

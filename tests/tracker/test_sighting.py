@@ -1,4 +1,4 @@
-"""Everybody in a frame with a rough body: where the pelvis is, which way they face, and that none explains two."""
+"""Everybody in a frame with a rough body: where the pelvis is, which way they face, and whose pixels are whose."""
 
 from __future__ import annotations
 
@@ -7,25 +7,40 @@ import pytest
 from body_builder import adult_body, photograph, skin_in, standing, stepped
 from room_builder import FRONT, ROOM, built_scene, camera_at, picture
 
+from anchorpose.body.skin_points import body_points
+from anchorpose.isolation.config import IsolationConfig
+from anchorpose.isolation.people import PatientChoice, find_people
+from anchorpose.isolation.scene import find_all_pieces
+from anchorpose.isolation.separation import separate_initial
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker import sighting as stage
+from anchorpose.tracker.bystanders import Bystanders, follow_bystanders, label_by_bodies
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.sighting import sight_people
 
 SIDE = camera_at((1.2, 1.3, -2.2), (0.0, 0.9, 0.0))
-SCENES = [built_scene(camera=camera) for camera in (FRONT, SIDE)]
-CONFIG = TrackConfig()
+CAMERAS = (FRONT, SIDE)
+SCENES = [built_scene(camera=camera) for camera in CAMERAS]
+CONFIG, ISOLATION = TrackConfig(), IsolationConfig()
+
+
+def photographed(*poses) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Depth images of naked adults in a room with a wall and a floor, and who is in each pixel, numbered from 1."""
+    depths, truth = [], []
+    for camera in CAMERAS:
+        depth = picture(camera, *ROOM, seed=5)
+        who = np.zeros(depth.shape, int)
+        for number, pose in enumerate(poses, 1):
+            person = photograph(skin_in(pose, adult_body()), camera).depth_m
+            nearer = (person > 0) & (person < depth)
+            depth, who[nearer] = np.where(nearer, person, depth), number
+        depths.append(depth)
+        truth.append(who)
+    return depths, truth
 
 
 def seen(*poses):
-    """The sighting of naked adults in these poses, in a room with a wall and a floor."""
-    depths = []
-    for camera in (FRONT, SIDE):
-        depth = picture(camera, *ROOM, seed=5)
-        for pose in poses:
-            person = photograph(skin_in(pose, adult_body()), camera).depth_m
-            depth = np.where((person > 0) & (person < depth), person, depth)
-        depths.append(depth)
+    depths, _ = photographed(*poses)
     return sight_people(FrameSet(frame=0, time_s=0.0, depths_m=tuple(depths)), SCENES, CONFIG)
 
 
@@ -52,3 +67,21 @@ def test_somebody_alone_costs_no_body(monkeypatch):
 
 def test_nobody_is_nobody():
     assert seen().people == ()
+
+
+@pytest.mark.parametrize("away_m", [0.45, 0.5, 0.55])
+def test_bodies_give_back_what_grew_over_people_who_touch(away_m):
+    """Somebody beside the patient reaches across the patient's chest; more pixels are right than without bodies."""
+    reaching = stepped(standing(Hips=(0, 90, 0), LeftArm=(0, 0, 70), RightArm=(0, 0, 70)), 0.05, 0.0, away_m)
+    depths, truth = photographed(standing(), reaching)
+    pieces = find_all_pieces(depths, SCENES)
+    first = separate_initial(pieces, find_people(pieces, ISOLATION), PatientChoice(np.zeros(2), "", sure=True))
+    others = follow_bystanders(Bystanders(), first, CAMERAS, body_points(), 0.0)
+    assert others.followed
+    again = label_by_bodies(pieces, first, others, CAMERAS, ISOLATION)
+
+    def wrong(views) -> int:
+        return sum(int((view.patient & (who == 2)).sum() + (~view.patient & (who == 1)).sum())
+                   for view, who in zip(views, truth, strict=True))  # fmt: skip
+
+    assert wrong(again) < 0.7 * wrong(first)

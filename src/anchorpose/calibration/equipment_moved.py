@@ -26,6 +26,7 @@ from anchorpose.recording.recording import FrameSet, Recording
 
 LATE_SHARE: Final = 0.34  # of the sampled frames, at the end: where the equipment is looked for again
 LEAST_FRAMES: Final = 3
+MOVED_SIGMAS: Final = 5.0  # of the pose: the equipment moved by more counts as moved
 LEAST_SHIFT_M: Final = 0.008  # twice the accuracy required of a calibration
 LEAST_TURN_RAD: Final = 0.0105  # 0.6 degrees
 DOUBT_SHARE: Final = 0.2  # of what is not hidden, seen through: worth a search of the whole floor
@@ -119,8 +120,8 @@ def notice_movement(
     centre, T_now = equipment.samples.centre_m, _nearest_symmetric(now.fit.T_camera_model, T_camera_model, equipment)
     shift = float(np.linalg.norm(transform_points(T_now, centre) - transform_points(T_camera_model, centre)))
     turn = angle_between(T_now, T_camera_model)
-    far = shift > max(LEAST_SHIFT_M, config.moved_sigmas * now.sigma_m)
-    turned = turn > max(LEAST_TURN_RAD, config.moved_sigmas * now.sigma_rad)
+    far = shift > max(LEAST_SHIFT_M, MOVED_SIGMAS * now.sigma_m)
+    turned = turn > max(LEAST_TURN_RAD, MOVED_SIGMAS * now.sigma_rad)
     if not far and not turned:
         return None
     return Moved(_first_elsewhere(then, replace(then, T_camera_model=T_now), frames_m), T_now, shift, turn)

@@ -27,7 +27,6 @@ class EquipmentPoseConfig:
     """How exactly the equipment must be where it is expected."""
 
     tolerance_m: Positive = 0.015  # of readings from its surface, as at the end of the refinement
-    moved_sigmas: Positive = 5.0  # of the pose: the equipment moved by more counts as moved
 
 
 @dataclass(frozen=True, slots=True, eq=False)

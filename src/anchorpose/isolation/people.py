@@ -16,6 +16,7 @@ from anchorpose.isolation.scene import Pieces
 
 PERSON_HEIGHT_M: Final = 0.50  # what must be seen of a person, from top to bottom: half of one who sits
 PERSON_AREA_M2: Final = 0.12  # what must be seen of a person: a fifth of an adult's frontal area
+PERSON_RADIUS_M: Final = 0.25  # half a shoulder breadth (95th percentile of men 0.26 m)
 CELL_M: Final = 0.04  # ground cells: a sixth of a person's radius
 SADDLE_NEAR, SADDLE_FAR = 0.6, 0.8  # two peaks with more than this of the lower one between them are one body, near
 NEAR_M, FAR_M = 0.35, 0.50  # each other and far apart: arms carry less, the thighs of a seated person carry more
@@ -79,7 +80,7 @@ def find_people(pieces: Sequence[Pieces | None], config: IsolationConfig, group:
     seen = [pixels for pixels in pieces if pixels is not None]
     points = np.concatenate([pixels.points_m for pixels in seen]) if seen else np.empty((0, 3), np.float32)
     area = np.concatenate([pixels.area_m2 for pixels in seen]) if seen else np.empty(0, np.float32)
-    columns = find_columns(points, area, config)
+    columns = find_columns(points, area)
     of = [None if pixels is None else _owners(pixels, columns, config) for pixels in pieces]
     person = _one_body(columns, pieces, of) if group is None else np.array(group, dtype=np.int64)
     people = tuple(
@@ -119,16 +120,16 @@ def _joined(columns: Sequence[Person]) -> Person:
     )
 
 
-def find_columns(points_m: np.ndarray, area_m2: np.ndarray, config: IsolationConfig) -> tuple[Person, ...]:
+def find_columns(points_m: np.ndarray, area_m2: np.ndarray) -> tuple[Person, ...]:
     """Peaks of the ground's smoothed mass that are tall enough and large enough to be a person."""
     if not len(points_m):
         return ()
     ground = points_m[:, [0, 2]]
-    low = ground.min(axis=0) - 2 * config.person_radius_m
+    low = ground.min(axis=0) - 2 * PERSON_RADIUS_M
     cell = ((ground - low) / CELL_M).astype(np.int64)
-    shape = cell.max(axis=0) + 1 + int(2 * config.person_radius_m / CELL_M)
+    shape = cell.max(axis=0) + 1 + int(2 * PERSON_RADIUS_M / CELL_M)
     mass = np.bincount(cell[:, 0] * shape[1] + cell[:, 1], weights=area_m2, minlength=shape.prod()).reshape(shape)
-    mass = cv2.GaussianBlur(mass, (0, 0), config.person_radius_m / (4 * CELL_M))
+    mass = cv2.GaussianBlur(mass, (0, 0), PERSON_RADIUS_M / (4 * CELL_M))
     left = mass.copy()
     found: list[Person] = []
     peaks: list[np.ndarray] = []
@@ -137,16 +138,16 @@ def find_columns(points_m: np.ndarray, area_m2: np.ndarray, config: IsolationCon
         height = left[tuple(peak)]
         if height <= 0.02 * mass.max():
             return tuple(found)
-        cv2.circle(left, (int(peak[1]), int(peak[0])), int(1.5 * config.person_radius_m / CELL_M), 0.0, -1)
-        person = _person_at(low + (peak + 0.5) * CELL_M, points_m, area_m2, config.person_radius_m)
+        cv2.circle(left, (int(peak[1]), int(peak[0])), int(1.5 * PERSON_RADIUS_M / CELL_M), 0.0, -1)
+        person = _person_at(low + (peak + 0.5) * CELL_M, points_m, area_m2)
         one_body = any(_saddle(mass, peak, other) > _one_body_share(peak - other) * height for other in peaks)
         if person is not None and not one_body:
             found.append(person)
             peaks.append(peak)
 
 
-def _person_at(axis_xz: np.ndarray, points_m: np.ndarray, area_m2: np.ndarray, radius_m: float) -> Person | None:
-    near = ((points_m[:, [0, 2]] - axis_xz) ** 2).sum(axis=1) < radius_m**2
+def _person_at(axis_xz: np.ndarray, points_m: np.ndarray, area_m2: np.ndarray) -> Person | None:
+    near = ((points_m[:, [0, 2]] - axis_xz) ** 2).sum(axis=1) < PERSON_RADIUS_M**2
     area = float(area_m2[near].sum())
     if area < PERSON_AREA_M2:
         return None
@@ -180,7 +181,7 @@ def _owners(pixels: Pieces, people: tuple[Person, ...], config: IsolationConfig)
     axes = np.array([person.ground_xz_m for person in people], dtype=np.float32)
     distance = np.linalg.norm(pixels.points_m[:, None, [0, 2]] - axes, axis=2)  # (n, people)
     nearest = distance.argmin(axis=1)
-    in_core = distance < config.person_radius_m
+    in_core = distance < PERSON_RADIUS_M
     covered = np.stack(
         [np.bincount(pixels.piece, pixels.area_m2 * core, pixels.piece_count + 1) for core in in_core.T], axis=1
     )  # (pieces, people)

@@ -249,7 +249,7 @@ def _one_patient(
         return owners
     sampled = [_sampled(pixels, o, o == PixelLabel.PATIENT) for pixels, o in zip(shown, owners, strict=True)]
     points, _, area = (np.concatenate(parts) for parts in zip(*sampled, strict=True))
-    if len(find_columns(points, area, config)) < 2:
+    if len(find_columns(points, area)) < 2:
         return owners
     theirs = [pixels.only(o == PixelLabel.PATIENT) for pixels, o in zip(shown, owners, strict=True)]
     people = find_people(theirs, config).people

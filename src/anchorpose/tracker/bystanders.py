@@ -23,9 +23,13 @@ from anchorpose.body.learning import shape_of_height
 from anchorpose.body.limb_search import search_limbs
 from anchorpose.body.pose import DEGREE, POSE_SIZE, TRUNK, Pose
 from anchorpose.body.registration import Registration, posterior, register
-from anchorpose.body.skin_points import Body, SkinPoints, build_body, pose_points
+from anchorpose.body.skin_points import Body, SkinPoints, body_points, build_body, pose_points
 from anchorpose.camera import Camera
+from anchorpose.isolation.bystander_memory import empty_memory, update_memory
+from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.ownership import OwnershipLikelihood, join_likelihoods
+from anchorpose.isolation.scene import Pieces
+from anchorpose.isolation.separation import separate
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface.mesh import build_surface
 from anchorpose.surface.surface import Surface, SurfaceConfig
@@ -139,6 +143,27 @@ def follow_bystanders(
         else:
             waiting.append(Search(label, last.pause, min(2 * last.pause, LONGEST_PAUSE)))
     return Bystanders(tuple(followed), tuple(waiting))
+
+
+def label_by_bodies(
+    pieces: Sequence[Pieces | None],
+    views: tuple[View | None, ...],
+    bystanders: Bystanders,
+    cameras: Sequence[Camera],
+    config: IsolationConfig,
+) -> tuple[View | None, ...]:
+    """The labels of a first frame once more, by the bodies that explain them; the same where the patient has none.
+
+    Arms and legs that grew over the surface of people who touch go back to the body that has them.
+    """
+    points = body_points()
+    body = ordinary_body(points)
+    patient = rough_body(body, person_evidence(views, cameras, PixelLabel.PATIENT))
+    if patient is None:
+        return views
+    posed = Bystander(PixelLabel.PATIENT, body, patient.belief, np.zeros(POSE_SIZE), 1.0)
+    likelihood = bystander_likelihood(Bystanders((posed, *bystanders.followed)), points, 0.0)
+    return separate(pieces, update_memory(empty_memory(), pieces, views, cameras, 0.0), likelihood, 0.0, config)
 
 
 def _labels(views: Sequence[View | None]) -> list[int]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from anchorpose.body.skin_points import FittedShape
 from anchorpose.isolation.bystander_memory import SAMPLE_PX, update_memory
-from anchorpose.isolation.people import PatientChoice, Person, find_people, ground_distance
+from anchorpose.isolation.people import PERSON_RADIUS_M, PatientChoice, Person, find_people, ground_distance
 from anchorpose.isolation.scene import Pieces, find_all_pieces
 from anchorpose.isolation.separation import separate
 from anchorpose.isolation.view import PixelLabel, View
@@ -138,7 +138,7 @@ def _labels_about(
     found = [np.zeros(0, np.uint8)]
     for piece, view in zip(pieces, views, strict=True):
         if piece is not None and view is not None:
-            near = np.flatnonzero(ground_distance(piece.points_m, axis_xz_m) < config.isolation.person_radius_m)
+            near = np.flatnonzero(ground_distance(piece.points_m, axis_xz_m) < PERSON_RADIUS_M)
             near = near[::SAMPLE_PX]
             found.append(view.labels[piece.row[near], piece.column[near]])
     return np.concatenate(found)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from anchorpose.body.evidence import Evidence, gather_evidence
-from anchorpose.body.skin_points import body_points, pose_points
+from anchorpose.body.skin_points import body_points
 from anchorpose.geodesics.anchors import Anchors, anchor_descriptor, find_anchors
 from anchorpose.geodesics.seen import SeenGeodesics
 from anchorpose.geodesics.trusted_anchors import trusted_anchors
@@ -23,19 +23,12 @@ from anchorpose.recording.recording import FrameSet
 from anchorpose.surface.border import Border, border
 from anchorpose.surface.patient_surface import blank_view, patient_surface
 from anchorpose.surface.surface import ExpectedSkin, Surface, seen_part
-from anchorpose.tracker.bystanders import (
-    SKIN_SIGMA_M,
-    Bystanders,
-    bystander_likelihood,
-    follow_bystanders,
-    ordinary_body,
-    person_evidence,
-    rough_body,
-)
+from anchorpose.tracker.bystanders import Bystanders, bystander_likelihood, follow_bystanders, label_by_bodies
 from anchorpose.tracker.room import FACING, UP
 from anchorpose.tracker.run import Run
 
 LOOSEST_SKIN_M = 0.05  # half of a limb's width: skin predicted less precisely is left out of the likelihood
+UNFITTED_M = 0.04  # that skin may stray in each frame without a fit: 1.2 m/s at 30 Hz, a fast leg
 LEAST_TRUSTED = 4  # three tell nodes apart (paper, Section IV-D), four make two subsets; with fewer a node keeps all
 
 
@@ -135,33 +128,10 @@ def isolate_first(frame_set: FrameSet, choice: PatientChoice, run: Run) -> Isola
         group = choice.group if choice.frame == frame_set.frame else None
         views = separate_initial(pieces, find_people(pieces, run.config.isolation, group), choice)
     bystanders = see_bystanders(Bystanders(), views, 0.0, run)
-    views = _by_bodies(pieces, views, bystanders, run)
+    if bystanders.followed:
+        with run.stage("bystanders"):
+            views = label_by_bodies(pieces, views, bystanders, run.room.cameras, run.config.isolation)
     return _isolated(pieces, views, empty_memory(), bystanders, 0.0, run)
-
-
-def _by_bodies(
-    pieces: Sequence[Pieces | None], views: tuple[View | None, ...], bystanders: Bystanders, run: Run
-) -> tuple[View | None, ...]:
-    """Everybody's pixels once more, by the bodies that explain the first labels; as they were without any others.
-
-    Arms and legs that grew over the surface of people who touch go back to the body that has them.
-    """
-    if not bystanders.followed:
-        return views
-    points, cameras = body_points(), run.room.cameras
-    with run.stage("bystanders"):
-        body = ordinary_body(points)
-        patient = rough_body(body, person_evidence(views, cameras, PixelLabel.PATIENT))
-    if patient is None:
-        return views
-    with run.stage("isolation"):
-        skin = pose_points(body, patient.belief.pose).points_m.astype(np.float32)
-        label, sigma = np.full(len(skin), PixelLabel.PATIENT, np.uint8), np.full(len(skin), SKIN_SIGMA_M, np.float32)
-        likelihood = join_likelihoods(
-            [bystander_likelihood(bystanders, points, 0.0), OwnershipLikelihood(skin, label, sigma)]
-        )
-        memory = update_memory(empty_memory(), pieces, views, cameras, 0.0)
-        return separate(pieces, memory, likelihood, 0.0, run.config.isolation)
 
 
 def isolate(frame_set: FrameSet, expected: Expectation, before: Observation, run: Run) -> Isolated:
@@ -193,7 +163,7 @@ def patient_likelihood(expected: Expectation, config: IsolationConfig) -> Owners
     A limb that has been hidden for long has none: whatever it met would be taken for it. What is seen of it again
     is connected to the patient.
     """
-    spread = config.skin_sigma_m + config.prediction_growth_m * expected.frames_without_fit
+    spread = config.skin_sigma_m + UNFITTED_M * expected.frames_without_fit
     sure = expected.sigma_m < LOOSEST_SKIN_M
     sigma = np.hypot(spread, expected.sigma_m[sure]).astype(np.float32)
     return OwnershipLikelihood(expected.skin.points_m[sure], np.full(len(sigma), PixelLabel.PATIENT, np.uint8), sigma)
