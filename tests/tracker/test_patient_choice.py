@@ -71,6 +71,12 @@ def test_facing_outweighs_the_middle_of_the_view():
     assert place == pytest.approx([0, 0.6])
 
 
+def test_of_two_who_face_each_other_before_one_camera_the_patient_is_who_does_not_turn_the_back_to_it():
+    """FRONT is at X = 2.4 m: whoever kneels before the patient faces away from it."""
+    kneels, stands = one(0.7, 0, (-1, 0)), one(0, 0, AHEAD, area_m2=0.4)
+    assert chosen_place(times(8, kneels, stands), cameras=(FRONT,))[0] == pytest.approx([0, 0])
+
+
 def test_who_stays_is_the_patient_and_not_who_walks_through_the_middle():
     walks = [Sighting(7, (one(0.1, -2 + 0.5 * k), one(0.5, 0.6)), ()) for k in range(8)]
     place, patient = chosen_place(walks)

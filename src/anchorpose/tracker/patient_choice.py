@@ -1,7 +1,8 @@
 """Which of the people is the patient, by what everybody does in the sampled frames.
 
-The patient stands in the equipment, is there all the time, near the middle of what the cameras look at, and those who
-help stand around the patient and face the patient. None of these is certain, so each of them votes.
+The patient stands in the equipment, is there all the time, near the middle of what the cameras look at, and does not
+turn the back to all of them; those who help stand around the patient and face the patient. None of these is certain, so
+each of them votes.
 """
 
 from __future__ import annotations
@@ -132,6 +133,7 @@ def _candidate(
         np.log(len(there) / len(seen))
         + 0.5 * np.log(np.median([one.person.area_m2 for one, _ in there]))
         + faced
+        + 0.5 * np.mean([_turned_to_camera(one, cameras) for one, _ in there])
         - np.log1p((_aside_m(place, cameras) / ASIDE_M) ** 2)
         - np.log1p((outside_m / OUTSIDE_M) ** 2)
     )
@@ -147,6 +149,14 @@ def _faced_by(one: SeenPerson, sighting: Sighting) -> int:
         towards = one.place_xz_m - other.body.place_xz_m
         count += bool(np.linalg.norm(towards) < HELP_M and unit(towards) @ other.body.facing_xz > FACES)
     return count
+
+
+def _turned_to_camera(one: SeenPerson, cameras: Sequence[Camera]) -> float:
+    """Cosine between where a person faces and the nearest such direction to a camera; 0 without a body."""
+    if one.body is None:
+        return 0.0
+    towards = [unit(camera.position_m[[0, 2]] - one.body.place_xz_m) for camera in cameras]
+    return max(float(direction @ one.body.facing_xz) for direction in towards)
 
 
 def _aside_m(place_xz_m: np.ndarray, cameras: Sequence[Camera]) -> float:
