@@ -12,6 +12,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from anchorpose.body.explained import seen_past
+from anchorpose.body.skin_points import body_points, build_body, pose_points
 from anchorpose.camera import Camera
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.recording.equipment import EquipmentModel
@@ -21,11 +23,12 @@ from anchorpose.tracker.patient_choice import GIVEN_M, Patient, choose_patient, 
 from anchorpose.tracker.room import InitialFrame, Room
 from anchorpose.tracker.run import Run
 from anchorpose.tracker.sighting import SeenPerson, Sighting
-from anchorpose.tracker.start import NoStart, find_start
+from anchorpose.tracker.start import NoStart, Start, find_start
 
 CROWDED_M: Final = 1.0  # from axis to axis: an outstretched arm and half a trunk
 MERGED: Final = 0.5  # weight of a frame with fewer people than usual: two who stand close may be taken for one
 WELL: Final = 0.95  # of the patient's surface explained: 95 to 100 % when alone, 70 with a therapist's arm
+SEEN_PAST: Final = 0.2  # of a limb's skin: rough clothes and rims; beyond it the limb is elsewhere
 WHOLE: Final = 0.8  # of the patient's usual visible surface: a sliver behind a therapist is explained by anything
 TRIES: Final = 6  # frames; each takes a second or two to fit
 APART: Final = 0.25  # of the frames' span: what spoils a frame spoils those around it
@@ -98,16 +101,24 @@ def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:
     def explained(candidate: InitialFrame) -> float:
         frame_set = read_frame(room.recording, candidate.frame)
         start = find_start(frame_set, Run(room, config), candidate.choice, None)
-        return 0.0 if isinstance(start, NoStart) else start.explained
+        return 0.0 if isinstance(start, NoStart) else _quality(start)
 
     best = best_of(candidates, explained)
     return replace(room, initial_frames=(best, *(one for one in candidates if one is not best)))
 
 
+def _quality(start: Start) -> float:
+    """0 to 1: the share of the surface that the body explains, less where a camera sees past a limb of the body."""
+    evidence = start.observation.evidence
+    posed = pose_points(build_body(body_points(), start.shape), start.belief.pose)
+    past = np.nan_to_num(seen_past(body_points(), posed, evidence.views, evidence.cameras))
+    return start.explained * (1.0 - max(0.0, float(past.max()) - SEEN_PAST))
+
+
 def best_of(candidates: Sequence[InitialFrame], explained: Callable[[InitialFrame], float]) -> InitialFrame:
     """The first that shows the whole patient and is explained well, or the best of ``TRIES``.
 
-    explained: share of the patient's surface that a body accounts for. After the best by score come those that are far
+    explained: 0 to 1, how well a body explains the patient there. After the best by score come those that are far
     from all that were tried.
     """
     left, tried = list(candidates), list[tuple[float, InitialFrame]]()
