@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from anchorpose.body.explained import seen_past
+from anchorpose.body.explained import explain
 from anchorpose.body.skin_points import body_points, build_body, pose_points
 from anchorpose.camera import Camera
 from anchorpose.isolation.people import PatientChoice
@@ -27,11 +27,12 @@ from anchorpose.tracker.start import NoStart, Start, find_start
 
 CROWDED_M: Final = 1.0  # from axis to axis: an outstretched arm and half a trunk
 MERGED: Final = 0.5  # weight of a frame with fewer people than usual: two who stand close may be taken for one
-WELL: Final = 0.95  # of the patient's surface explained: 95 to 100 % when alone, 70 with a therapist's arm
-SEEN_PAST: Final = 0.2  # of a limb's skin: rough clothes and rims; beyond it the limb is elsewhere
+WELL: Final = 0.92  # of the surface explained, all limbs seen: 95 to 100 % when alone, 70 with a therapist's arm
+SEEN: Final = 0.3  # of the skin of a forearm or shank: half of it faces a camera
 WHOLE: Final = 0.8  # of the patient's usual visible surface: a sliver behind a therapist is explained by anything
-TRIES: Final = 6  # frames; each takes a second or two to fit
+TRIES: Final = 8  # frames; each takes a second or two to fit
 APART: Final = 0.25  # of the frames' span: what spoils a frame spoils those around it
+_ENDS: Final = ("LeftForeArm", "RightForeArm", "LeftLeg", "RightLeg")
 
 
 def rank_initial_frames(
@@ -108,11 +109,16 @@ def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:
 
 
 def _quality(start: Start) -> float:
-    """0 to 1: the share of the surface that the body explains, less where a camera sees past a limb of the body."""
-    evidence = start.observation.evidence
-    posed = pose_points(build_body(body_points(), start.shape), start.belief.pose)
-    past = np.nan_to_num(seen_past(body_points(), posed, evidence.views, evidence.cameras))
-    return start.explained * (1.0 - max(0.0, float(past.max()) - SEEN_PAST))
+    """0 to 1: the share of the surface that the body explains, less for each forearm and shank of which little is seen.
+
+    Where such a part is hidden its pose is arbitrary, and what is taken for another person's in the first frame is not
+    soon given back.
+    """
+    points = body_points()
+    posed = pose_points(build_body(points, start.shape), start.belief.pose)
+    covering = explain(points, posed, start.observation.evidence).covering
+    shares = [covering[points.part == points.asset.bone(bone)].mean() for bone in _ENDS]
+    return start.explained * float(np.mean(np.minimum(np.array(shares) / SEEN, 1.0)))
 
 
 def best_of(candidates: Sequence[InitialFrame], explained: Callable[[InitialFrame], float]) -> InitialFrame:
