@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
-from body_builder import FRONT, LEFT
+from body_builder import FRONT, LEFT, adult, adult_body, hide_bones, seen_body, standing
 
+from anchorpose.body.belief import vague_belief
 from anchorpose.isolation.people import PatientChoice, Person
+from anchorpose.tracker import initial_frame
 from anchorpose.tracker.initial_frame import TRIES, WELL, best_of, rank_initial_frames
 from anchorpose.tracker.room import InitialFrame
 from anchorpose.tracker.sighting import RoughBody, SeenPerson, Sighting
+from anchorpose.tracker.start import Start
 
 
 def patient(explained=1.0, area_m2=0.8, x=0.0) -> SeenPerson:
@@ -64,6 +69,15 @@ def test_the_frame_says_which_columns_are_one_person():
     touching = Sighting(7, (patient(), other(0.4)), group=(0, 1, 1))
     (first, *_) = rank_initial_frames(range(2), [touching, touching], None, None, (FRONT, LEFT))
     assert (first.choice.frame, first.choice.group) == (7, (0, 1, 1))
+
+
+@pytest.mark.parametrize(
+    ("hidden", "least", "most"), [((), 0.95, 1.0), (("LeftLeg", "LeftFoot", "LeftToeBase"), 0.7, 0.8)]
+)
+def test_a_frame_that_hides_a_shank_is_a_worse_one_to_begin_in(hidden, least, most):
+    evidence = seen_body(standing(), adult_body(), (FRONT, LEFT), hide_bones(*hidden))
+    start = Start(SimpleNamespace(evidence=evidence), adult(), vague_belief(standing()), 1.0)
+    assert least <= initial_frame.quality(start) <= most
 
 
 def candidate(frame: int, score: float = 1.0, whole: float = 1.0) -> InitialFrame:

@@ -102,13 +102,13 @@ def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:
     def explained(candidate: InitialFrame) -> float:
         frame_set = read_frame(room.recording, candidate.frame)
         start = find_start(frame_set, Run(room, config), candidate.choice, None)
-        return 0.0 if isinstance(start, NoStart) else _quality(start)
+        return 0.0 if isinstance(start, NoStart) else quality(start)
 
     best = best_of(candidates, explained)
     return replace(room, initial_frames=(best, *(one for one in candidates if one is not best)))
 
 
-def _quality(start: Start) -> float:
+def quality(start: Start) -> float:
     """0 to 1: the share of the surface that the body explains, less for each forearm and shank of which little is seen.
 
     Where such a part is hidden its pose is arbitrary, and what is taken for another person's in the first frame is not
