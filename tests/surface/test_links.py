@@ -1,4 +1,4 @@
-"""Links are kept once a side with the shorter length, and every seen piece hangs together in the end."""
+"""Links are kept once a side with the shorter length, and all seen pieces are connected in the end."""
 
 from __future__ import annotations
 
