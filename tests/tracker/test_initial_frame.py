@@ -57,10 +57,10 @@ def test_more_surface_than_usual_is_not_better():
 
 
 def test_with_a_given_place_later_visits_of_the_place_do_not_count():
-    """The patient is at the place in frames 1 and 2 only; in frame 4 the best picture of all would be elsewhere."""
+    """The patient is at the place in frames 1 and 2; in frame 4 another person may be, who is seen best."""
     poor = Sighting(7, (patient(explained=0.7), other(1.5)), ())
     nobody = Sighting(7, (other(1.5),), ())
-    assert best(nobody, poor, poor, nobody, GOOD, place=(0.0, 0.0)) in (1, 2, 4)
+    assert best(nobody, poor, poor, nobody, GOOD, place=(0.0, 0.0)) == 1
     ranked = rank_initial_frames(range(3), [nobody, poor, GOOD], None, (0.0, 0.0), (FRONT, LEFT))
     assert [initial.frame for initial in ranked] == [2, 1]
 

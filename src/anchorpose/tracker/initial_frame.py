@@ -50,13 +50,8 @@ def rank_initial_frames(
     patient = choose_patient(sightings, equipment, patient_xz_m, cameras)
     if patient is None:
         return ()
-    found = [
-        _Shown(frame, sighting, one)
-        for frame, sighting, one in zip(frames, sightings, patient.seen, strict=True)
-        if one is not None
-    ]
-    if patient_xz_m is not None:
-        found = _first_there(found, np.array(patient_xz_m))
+    chosen = range(len(frames)) if patient_xz_m is None else _first_there(patient, np.array(patient_xz_m))
+    found = [_Shown(frames[k], sightings[k], one) for k in chosen if (one := patient.seen[k]) is not None]
     ordinary_m2 = float(np.median([shown.patient.person.area_m2 for shown in found]))
     usual = float(np.median([len(shown.sighting.people) for shown in found]))
     ranked = [_initial_frame(shown, patient, ordinary_m2, usual) for shown in found]
@@ -71,13 +66,13 @@ class _Shown(NamedTuple):
     patient: SeenPerson
 
 
-def _first_there(found: list[_Shown], place_xz_m: np.ndarray) -> list[_Shown]:
-    """The frames from the first in which the patient is at a place to the first after it in which not."""
-    there = [distance_m(shown.patient, place_xz_m) < GIVEN_M for shown in found]
+def _first_there(patient: Patient, place_xz_m: np.ndarray) -> range:
+    """The frames from the first in which the patient is at a place to the next without; all if never there."""
+    there = [one is not None and distance_m(one, place_xz_m) < GIVEN_M for one in patient.seen]
     if not any(there):
-        return found
+        return range(len(there))
     begin = there.index(True)
-    return found[begin : there.index(False, begin) if False in there[begin:] else None]
+    return range(begin, there.index(False, begin) if False in there[begin:] else len(there))
 
 
 def _initial_frame(shown: _Shown, patient: Patient, ordinary_m2: float, usual: float) -> InitialFrame:

@@ -24,7 +24,7 @@ STAYS_M: Final = 0.40  # from a person's usual place: a step, or the way from a 
 HUMAN: Final = 0.60  # of a person's nodes explained by a body: furniture and two people in one have less
 HELP_M: Final = 1.2  # from pelvis to pelvis: an outstretched arm's length and a step
 FACES: Final = 0.7  # cosine: within 45 degrees
-ASIDE_M: Final = 0.4  # from where the cameras look: half a vote less; cameras are aimed by eye
+ASIDE_M: Final = 0.4  # from where the cameras look: 0.7 votes less; cameras are aimed by eye
 OUTSIDE_M: Final = 0.2  # of the equipment's outline: a patient leans out of it
 SURE: Final = 1.0  # of the votes between the patient and the next: three to one if votes are likelihoods
 GIVEN_M: Final = 0.5  # from the given place: beyond it another person is seen, and the patient has not come yet
@@ -63,7 +63,7 @@ def choose_patient(
 ) -> Patient | None:
     """The patient among everybody in the sightings, None where nobody is seen.
 
-    With ``patient_xz_m`` whoever is nearest to that place when somebody first stands there; otherwise the person with
+    With ``patient_xz_m`` the person nearest to that place when somebody first stands there; otherwise the person with
     most votes.
     """
     candidates = find_candidates(sightings, equipment, cameras)
@@ -80,7 +80,7 @@ def choose_patient(
 def find_candidates(
     sightings: Sequence[Sighting], equipment: EquipmentModel | None, cameras: Sequence[Camera]
 ) -> list[Candidate]:
-    """Everybody who was seen, with their votes; whoever has no human body only where nobody has one."""
+    """Everybody who was seen, with their votes; people without a human body only where nobody has one."""
     members = _followed(sightings)
     human = [seen for seen in members if _is_human(seen)]
     return [_candidate(seen, sightings, equipment, cameras) for seen in human or members]
@@ -177,7 +177,7 @@ def _outside_m(place_xz_m: np.ndarray, equipment: EquipmentModel) -> float:
 
 
 def _at_place(candidates: Sequence[Candidate], place_xz_m: np.ndarray) -> Candidate:
-    """Who is nearest to a place in the first sighting in which somebody is there; else whoever is ever nearest."""
+    """The person nearest to a place when somebody is first there; if nobody ever is, the person who comes nearest."""
 
     def away_m(candidate: Candidate, number: int) -> float:
         one = candidate.seen[number]
