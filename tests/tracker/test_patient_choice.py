@@ -72,7 +72,7 @@ def test_facing_outweighs_the_middle_of_the_view():
 
 
 def test_of_two_who_face_each_other_before_one_camera_the_patient_is_who_does_not_turn_the_back_to_it():
-    """FRONT is at X = 2.4 m: whoever kneels before the patient faces away from it."""
+    """FRONT is at X = 2.4 m: a therapist who kneels before the patient faces away from it."""
     kneels, stands = one(0.7, 0, (-1, 0)), one(0, 0, AHEAD, area_m2=0.4)
     assert chosen_place(times(8, kneels, stands), cameras=(FRONT,))[0] == pytest.approx([0, 0])
 
