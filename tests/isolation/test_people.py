@@ -16,7 +16,7 @@ from anchorpose.isolation.people import PatientChoice, find_people
 from anchorpose.isolation.scene import find_pieces, set_scene
 from anchorpose.isolation.separation import separate_initial
 from anchorpose.isolation.view import PixelLabel
-from anchorpose.recording.equipment import Box
+from anchorpose.recording.equipment import Box, Cylinder
 from anchorpose.recording.reader import open_recording, read_frame
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
@@ -43,6 +43,19 @@ def test_two_people_are_two_even_shoulder_to_shoulder(apart):
     assert len(people.people) == 2
     places = sorted(person.ground_xz_m[1] for person in people.people)
     assert places == pytest.approx([-apart / 2, apart / 2], abs=0.08)
+
+
+def test_a_chest_is_a_faint_person_and_only_where_asked():
+    chest = Cylinder("chest", np.array([0.0, 1.4, 0.6]), np.array([0.0, 1.0, 0.0]), 0.08, 0.6)
+    pieces = [find_pieces(picture(FRONT, *ROOM, *body(0, -0.4), chest, seed=3), built_scene())]
+    assert find_people(pieces, CONFIG).group == (0,)
+    both = find_people(pieces, CONFIG, faint=True)
+    assert both.group == (0, 1)
+    assert both.faint == (1,)
+    assert both.people[1].ground_xz_m == pytest.approx((0.05, 0.6), abs=0.1)
+    without = find_people(pieces, CONFIG, (0, -1), faint=True)
+    assert len(without.people) == 1
+    assert np.array_equal(without.of[0], find_people(pieces, CONFIG).of[0])
 
 
 def test_two_cameras_agree_on_one_person():

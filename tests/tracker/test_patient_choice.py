@@ -14,6 +14,7 @@ from anchorpose.tracker.sighting import RoughBody, SeenPerson, Sighting
 
 CAMERAS = (FRONT, LEFT)  # both look at the world's origin
 AHEAD = (1.0, 0.0)
+NO_IMAGES = (None, None)
 RAILS = EquipmentModel((Box("rails", np.array([0.0, 0.5, 1.0]), np.array([0.8, 0.05, 0.8]), np.eye(3)),))
 
 
@@ -21,7 +22,7 @@ def one(x, z, facing=AHEAD, explained=0.95, area_m2=0.6) -> SeenPerson:
     """A person whose surface lies 0.1 m before the pelvis."""
     facing = np.array(facing) / np.linalg.norm(facing)
     place = np.array([x, z], float)
-    return SeenPerson(Person(place + 0.1 * facing, 0.0, 1.7, area_m2, 5000), RoughBody(place, facing, explained))
+    return SeenPerson(Person(place + 0.1 * facing, 0.0, 1.7, area_m2, 5000), RoughBody(place, facing, explained, True))
 
 
 def towards(x, z) -> tuple[float, float]:
@@ -30,7 +31,7 @@ def towards(x, z) -> tuple[float, float]:
 
 
 def times(count, *people) -> list[Sighting]:
-    return [Sighting(7, tuple(people), ())] * count
+    return [Sighting(7, tuple(people), (), NO_IMAGES)] * count
 
 
 def chosen_place(sightings, equipment=None, place=None, cameras=CAMERAS):
@@ -78,10 +79,27 @@ def test_of_two_who_face_each_other_before_one_camera_the_patient_is_who_does_no
 
 
 def test_who_stays_is_the_patient_and_not_who_walks_through_the_middle():
-    walks = [Sighting(7, (one(0.1, -2 + 0.5 * k), one(0.5, 0.6)), ()) for k in range(8)]
+    walks = [Sighting(7, (one(0.1, -2 + 0.5 * k), one(0.5, 0.6)), (), NO_IMAGES) for k in range(8)]
     place, patient = chosen_place(walks)
     assert place == pytest.approx([0.5, 0.6])
     assert "in place in 8 of 8 frames" in patient.reason
+
+
+@pytest.mark.parametrize(("before_m", "patient_z_m"), [(0.9, 0.0), (-0.9, 0.45)])
+def test_who_is_hidden_is_not_gone(before_m, patient_z_m):
+    """Seen in 3 of 12 frames; in the others the camera measures something before the place, or something behind it."""
+    wall = np.full((FRONT.height, FRONT.width), np.linalg.norm(FRONT.position_m) - before_m, np.float32)
+    stays, comes = one(0, 0.45), one(0, 0)
+    unseen = Sighting(7, (stays,), (), (wall,))
+    sightings = [*times(3, comes, stays), *[unseen] * 9]
+    assert chosen_place(sightings, cameras=(FRONT,))[0] == pytest.approx([0, patient_z_m])
+
+
+def test_who_is_seen_once_is_not_the_patient_however_hidden():
+    nearer = np.full((FRONT.height, FRONT.width), 1.0, np.float32)
+    stays, once = one(0, 0.45), one(0, 0)
+    sightings = [*times(1, once, stays), *[Sighting(7, (stays,), (), (nearer,))] * 11]
+    assert chosen_place(sightings, cameras=(FRONT,))[0] == pytest.approx([0, 0.45])
 
 
 def test_what_no_body_explains_is_not_human():
@@ -101,7 +119,7 @@ def test_a_second_who_may_be_the_patient_as_well_is_named(apart_m, unclear):
 
 
 def test_the_person_keeps_the_name_through_a_frame_in_which_nobody_is_seen():
-    gap = [*times(3, one(0, 0), one(0, 1)), Sighting(7, (), ()), *times(3, one(0, 1), one(0, 0))]
+    gap = [*times(3, one(0, 0), one(0, 1)), Sighting(7, (), (), NO_IMAGES), *times(3, one(0, 1), one(0, 0))]
     _, patient = chosen_place(gap)
     assert [None if person is None else float(person.place_xz_m[1]) for person in patient.seen] == [0] * 3 + [None] + [
         0

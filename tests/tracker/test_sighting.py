@@ -9,7 +9,7 @@ from room_builder import FRONT, ROOM, built_scene, camera_at, picture
 
 from anchorpose.body.skin_points import body_points
 from anchorpose.isolation.config import IsolationConfig
-from anchorpose.isolation.people import PatientChoice, find_people
+from anchorpose.isolation.people import PERSON_AREA_M2, PatientChoice, find_people
 from anchorpose.isolation.scene import find_all_pieces
 from anchorpose.isolation.separation import separate_initial
 from anchorpose.recording.recording import FrameSet
@@ -63,6 +63,27 @@ def test_somebody_alone_costs_no_body(monkeypatch):
     (person,) = seen(turned(0.0, 0.0, 0.0)).people
     assert person.body is None
     assert person.place_xz_m == pytest.approx((0.0, 0.0), abs=0.2)
+
+
+def test_somebody_of_whom_a_chest_is_seen_is_a_person():
+    """Too little for a person by size (0.12 m2), but a body fits it that the camera does not see past."""
+    depths, truth = photographed(standing(), turned(180.0, 0.0, 1.0))
+    first = np.argwhere(truth[0] == 1)
+    hidden = first[first[:, 0] > np.percentile(first[:, 0], 24)]
+    depths[0][tuple(hidden.T)] = 0.0
+    found = sight_people(FrameSet(frame=0, time_s=0.0, depths_m=(depths[0],)), SCENES[:1], CONFIG)
+    chest, _ = sorted(found.people, key=lambda one: one.place_xz_m[1])
+    assert chest.person.area_m2 < PERSON_AREA_M2
+    assert chest.body.possible
+    assert chest.place_xz_m == pytest.approx((0.0, 0.0), abs=0.12)
+
+
+def test_an_arm_beside_the_body_is_no_person():
+    """Somebody's arm hangs 0.4 m beside the trunk: its column is as large as a chest, and no body stands there."""
+    reaching = standing(LeftArm=(0, 0, 0), LeftForeArm=(-80, 0, 0))
+    depths, _ = photographed(reaching, turned(0.0, 0.0, 1.2))
+    found = sight_people(FrameSet(frame=0, time_s=0.0, depths_m=(depths[0],)), SCENES[:1], CONFIG)
+    assert len(found.people) == 2
 
 
 def test_nobody_is_nobody():

@@ -17,6 +17,7 @@ from anchorpose.body.asset import BodyAsset
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import Constraints, join, no_constraints, surface_constraints
 from anchorpose.body.evidence import Evidence, evidence_cost, evidence_rows, unexplained_node_cost
+from anchorpose.body.explained import seen_past
 from anchorpose.body.fit import damped_step, limited, pose_equations, solve_damped
 from anchorpose.body.learning import ShapeBelief, ShapeFrame, learn_shape_step
 from anchorpose.body.own_poses import poses_of_own_surface
@@ -49,6 +50,13 @@ _POSTURES: Final[tuple[_Turns, ...]] = (
     {"Arm": (-25, 0, 0)},  # upright, arms hang down
     {"LowerBack": (0, 0, -25), "Spine": (0, 0, -20), "UpLeg": (0, 0, 30), "Arm": (0, 0, 50)},  # bent forward
     {"LowerBack": (0, 0, -15), "UpLeg": (0, 0, 95), "Leg": (0, 0, -110), "Arm": (0, 0, 40)},  # squatting
+    {
+        "LowerBack": (0, 0, -30),
+        "Spine": (0, 0, -25),
+        "UpLeg": (0, 0, 110),
+        "Leg": (0, 0, -120),
+        "Arm": (0, 0, 70),
+    },  # crouching
 )
 _HEADINGS: Final = tuple(np.arange(8) * np.pi / 4)
 _ROUNDS: Final = (((0.45, 0.35, 0.28), 6), ((0.25, 0.20, 0.20, 0.15), 2), ((0.12, 0.12, 0.10, 0.08), 1))
@@ -170,7 +178,10 @@ def _start(asset: BodyAsset, heading: float, turns: _Turns) -> Pose:
 
 
 def find_rough_pose(body: Body, evidence: Evidence, config: RegistrationConfig) -> Pose:
-    """The pose in which the body explains the nodes best, of many starts."""
+    """The pose in which the body explains the nodes best and the cameras see least past it, of many starts.
+
+    Nodes alone do not tell a body that reaches beside the person.
+    """
     asset, coarse = body.points.asset, replace(config, node_count=_FEW_NODES)
     poses = [
         _placed_roughly(body, _start(asset, heading, posture), evidence)
@@ -180,9 +191,16 @@ def find_rough_pose(body: Body, evidence: Evidence, config: RegistrationConfig) 
     for number, (reaches_m, kept) in enumerate(_ROUNDS):
         settings = config if number == len(_ROUNDS) - 1 else coarse
         tried = [_settle_roughly(body, pose, evidence, reaches_m, settings) for pose in poses]
-        cheapest = np.argsort([cost for _, cost in tried], kind="stable")[:kept]
-        poses = [tried[place][0] for place in cheapest]
+        nodes = min(len(evidence.surface), settings.node_count) * unexplained_node_cost(reaches_m[-1], config)
+        misfits = [cost / nodes + _share_seen_past(body, pose, evidence) for pose, cost in tried]
+        poses = [tried[place][0] for place in np.argsort(misfits, kind="stable")[:kept]]
     return poses[0]
+
+
+def _share_seen_past(body: Body, pose: Pose, evidence: Evidence) -> float:
+    """0 to 1, mean over the parts of the body that are in view; 0 where none is."""
+    past = seen_past(body.points, pose_points(body, pose), evidence.views, evidence.cameras)
+    return 0.0 if np.isnan(past).all() else float(np.nanmean(past))
 
 
 def _settle_roughly(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -14,7 +14,6 @@ from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.region_growing import smooth_contact_m
 from anchorpose.isolation.scene import Pieces
 
-PERSON_HEIGHT_M: Final = 0.50  # what must be seen of a person, from top to bottom: half of one who sits
 PERSON_AREA_M2: Final = 0.12  # what must be seen of a person: a fifth of an adult's frontal area
 PERSON_RADIUS_M: Final = 0.25  # half a shoulder breadth (95th percentile of men 0.26 m)
 CELL_M: Final = 0.04  # ground cells: a sixth of a person's radius
@@ -39,16 +38,29 @@ class Person:
     pixels: int
 
 
+class Size(NamedTuple):
+    """The least that must be seen of a person: from top to bottom, and as surface."""
+
+    height_m: float
+    area_m2: float
+
+
+PERSON: Final = Size(0.50, PERSON_AREA_M2)  # half of one who sits
+FAINT: Final = Size(0.35, 0.06)  # head and chest of one who is hidden from the only camera; an arm has as much
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class People:
     """The people of one moment.
 
-    of: one per camera, (n,) int32 person of each foreground pixel, -1 = nobody. group: the person of each column.
+    of: one per camera, (n,) int32 person of each foreground pixel, -1 = nobody. group: the person of each column, -1 of
+    a column that is nobody. faint: the people of whom no more than ``FAINT`` is sure to be seen.
     """
 
     people: tuple[Person, ...]
     of: tuple[np.ndarray | None, ...]
     group: tuple[int, ...]
+    faint: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,27 +80,33 @@ class PatientChoice:
     rival_xz_m: np.ndarray | None = None
 
 
-def find_people(pieces: Sequence[Pieces | None], config: IsolationConfig, group: Sequence[int] | None = None) -> People:
+def find_people(
+    pieces: Sequence[Pieces | None], config: IsolationConfig, group: Sequence[int] | None = None, faint: bool = False
+) -> People:
     """Split the foreground of all cameras into persons.
 
     Each person is a column of mass over the ground (Y is up). Columns whose surface goes on from one to the other
     without a crease are one person, whose arms are raised, or of whom something hides the middle, unless ``group``
-    says which person each column belongs to. A connected piece
-    that covers one column belongs to that person, one that covers several is divided by the nearest axis, one that
-    covers none goes to the nearest person within reach.
+    says which person each column belongs to. A connected piece that covers one column belongs to that person, one that
+    covers several is divided by the nearest axis, one that covers none goes to the nearest person within reach.
+    faint: columns as small as ``FAINT`` count too; they come after the others.
     """
     seen = [pixels for pixels in pieces if pixels is not None]
     points = np.concatenate([pixels.points_m for pixels in seen]) if seen else np.empty((0, 3), np.float32)
     area = np.concatenate([pixels.area_m2 for pixels in seen]) if seen else np.empty(0, np.float32)
-    columns = find_columns(points, area)
-    of = [None if pixels is None else _owners(pixels, columns, config) for pixels in pieces]
+    ordinary = find_columns(points, area)
+    columns = ordinary + (find_columns(points, area, FAINT, ordinary) if faint else ())
+    kept = np.arange(len(columns)) if group is None else np.flatnonzero(np.array(group, dtype=np.int64) >= 0)
+    of = [None if pixels is None else _owners(pixels, [columns[k] for k in kept], config) for pixels in pieces]
     person = _one_body(columns, pieces, of) if group is None else np.array(group, dtype=np.int64)
-    people = tuple(
-        _joined([columns[k] for k in np.flatnonzero(person == p)]) for p in range(person.max(initial=-1) + 1)
+    members = [np.flatnonzero(person == p) for p in range(person.max(initial=-1) + 1)]
+    renumbered = np.append(person[kept], -1)  # the last one: nobody
+    return People(
+        tuple(_joined([columns[k] for k in member]) for member in members),
+        tuple(None if owner is None else renumbered[owner].astype(np.int32) for owner in of),
+        tuple(person.tolist()),
+        tuple(p for p, member in enumerate(members) if member.min() >= len(ordinary)),
     )
-    renumbered = np.append(person, -1)  # the last one: nobody
-    persons = tuple(None if owner is None else renumbered[owner].astype(np.int32) for owner in of)
-    return People(people, persons, tuple(person.tolist()))
 
 
 def _one_body(
@@ -120,8 +138,13 @@ def _joined(columns: Sequence[Person]) -> Person:
     )
 
 
-def find_columns(points_m: np.ndarray, area_m2: np.ndarray) -> tuple[Person, ...]:
-    """Peaks of the ground's smoothed mass that are tall enough and large enough to be a person."""
+def find_columns(
+    points_m: np.ndarray, area_m2: np.ndarray, least: Size = PERSON, known: Sequence[Person] = ()
+) -> tuple[Person, ...]:
+    """Peaks of the ground's smoothed mass that are tall enough and large enough to be a person.
+
+    least: how tall and large; known: people found before, beside whom others are looked for.
+    """
     if not len(points_m):
         return ()
     ground = points_m[:, [0, 2]]
@@ -130,29 +153,36 @@ def find_columns(points_m: np.ndarray, area_m2: np.ndarray) -> tuple[Person, ...
     shape = cell.max(axis=0) + 1 + int(2 * PERSON_RADIUS_M / CELL_M)
     mass = np.bincount(cell[:, 0] * shape[1] + cell[:, 1], weights=area_m2, minlength=shape.prod()).reshape(shape)
     mass = cv2.GaussianBlur(mass, (0, 0), PERSON_RADIUS_M / (4 * CELL_M))
+    peaks = [((one.ground_xz_m - low) / CELL_M).astype(np.int64) for one in known]
     left = mass.copy()
+    for peak in peaks:
+        _clear(left, peak)
     found: list[Person] = []
-    peaks: list[np.ndarray] = []
     while True:
         peak = np.array(np.unravel_index(np.argmax(left), left.shape))
         height = left[tuple(peak)]
         if height <= 0.02 * mass.max():
             return tuple(found)
-        cv2.circle(left, (int(peak[1]), int(peak[0])), int(1.5 * PERSON_RADIUS_M / CELL_M), 0.0, -1)
-        person = _person_at(low + (peak + 0.5) * CELL_M, points_m, area_m2)
+        _clear(left, peak)
+        person = _person_at(low + (peak + 0.5) * CELL_M, points_m, area_m2, least)
         one_body = any(_saddle(mass, peak, other) > _one_body_share(peak - other) * height for other in peaks)
         if person is not None and not one_body:
             found.append(person)
             peaks.append(peak)
 
 
-def _person_at(axis_xz: np.ndarray, points_m: np.ndarray, area_m2: np.ndarray) -> Person | None:
+def _clear(mass: np.ndarray, peak: np.ndarray) -> None:
+    """Removes what stands about a peak."""
+    cv2.circle(mass, (int(peak[1]), int(peak[0])), int(1.5 * PERSON_RADIUS_M / CELL_M), 0.0, -1)
+
+
+def _person_at(axis_xz: np.ndarray, points_m: np.ndarray, area_m2: np.ndarray, least: Size) -> Person | None:
     near = ((points_m[:, [0, 2]] - axis_xz) ** 2).sum(axis=1) < PERSON_RADIUS_M**2
     area = float(area_m2[near].sum())
-    if area < PERSON_AREA_M2:
+    if area < least.area_m2:
         return None
     bottom, top = np.percentile(points_m[near, 1], [1, 99])
-    if top - bottom < PERSON_HEIGHT_M:
+    if top - bottom < least.height_m:
         return None
     return Person(axis_xz.astype(np.float64), float(bottom), float(top), area, int(near.sum()))
 
@@ -174,7 +204,7 @@ def _saddle(mass: np.ndarray, start: np.ndarray, end: np.ndarray) -> float:
     return float(mass[line[:, 0], line[:, 1]].min())
 
 
-def _owners(pixels: Pieces, people: tuple[Person, ...], config: IsolationConfig) -> np.ndarray:
+def _owners(pixels: Pieces, people: Sequence[Person], config: IsolationConfig) -> np.ndarray:
     """(n,) int32 person of each foreground pixel of one camera, -1 = nobody."""
     if not people or not len(pixels.row):
         return np.full(len(pixels.row), -1, dtype=np.int32)

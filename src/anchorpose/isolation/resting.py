@@ -10,7 +10,7 @@ import numpy as np
 
 from anchorpose.camera import Camera, transform_points
 from anchorpose.isolation.components import JUMP_GATE, JumpLimit, jump_limit, label_components
-from anchorpose.isolation.people import PERSON_AREA_M2, PERSON_HEIGHT_M
+from anchorpose.isolation.people import PERSON
 
 SOLE_M: Final = 0.05  # above the floor; what is lower is the floor's noise
 TOP_M: Final = (0.9, 2.3)  # heads of people who sit and of people who raise an arm
@@ -48,7 +48,7 @@ def resting_people(
     moved = np.any([frame > 0 for frame in nearer], axis=0) if len(nearer) else None
     attached = _attached_share(room_m, pieces, count, nearer, limit)
     mask = (attached > LEAST_ATTACHED_SHARE)[pieces] & (area < LARGEST_M2)[pieces] & (pieces > 0)
-    for piece in np.flatnonzero(area > PERSON_AREA_M2):
+    for piece in np.flatnonzero(area > PERSON.area_m2):
         body = pieces == piece
         if _has_a_body_size(points[body], floor_height_m) and _moves(body, moved):
             mask |= body
@@ -81,7 +81,7 @@ def _has_a_body_size(points_m: np.ndarray, floor_height_m: float | None) -> bool
     top_fits = floor_height_m is None or TOP_M[0] < high[1] - floor_height_m < TOP_M[1]
     return bool(
         top_fits
-        and PERSON_HEIGHT_M < high[1] - low[1] < TOP_M[1]
+        and PERSON.height_m < high[1] - low[1] < TOP_M[1]
         and np.hypot(high[0] - low[0], high[2] - low[2]) < WIDEST_M
     )
 

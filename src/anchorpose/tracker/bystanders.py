@@ -6,6 +6,7 @@ mistaken claims itself again; a body can, for an arm hangs on one of them only (
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -34,16 +35,21 @@ from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface.mesh import build_surface
 from anchorpose.surface.surface import Surface, SurfaceConfig
 
+COARSE: Final = SurfaceConfig(step=4)  # a rough body needs no finer nodes
+
 
 def unconnected_surface(
-    depths_m: Sequence[np.ndarray | None], masks: Sequence[np.ndarray | None], cameras: Sequence[Camera]
+    depths_m: Sequence[np.ndarray | None],
+    masks: Sequence[np.ndarray | None],
+    cameras: Sequence[Camera],
+    step: int = COARSE.step,
 ) -> Surface:
-    """The masked pixels of all cameras as nodes with normals, without edges; None: a camera without a depth image.
+    """Every ``step``-th masked pixel of all cameras as a node with a normal, without edges; None: no depth image.
 
     It serves where no geodesic distance is needed.
     """
     sheets = [
-        (number, build_surface(depth, mask, camera, COARSE))
+        (number, build_surface(depth, mask, camera, replace(COARSE, step=step)))
         for number, (depth, mask, camera) in enumerate(zip(depths_m, masks, cameras, strict=True))
         if depth is not None and mask is not None and mask.any()
     ]
@@ -69,7 +75,6 @@ ROUGHLY: Final = RegistrationConfig(
 
 WALKING: Final = Pace(turn_sigma=40.0 * DEGREE, root_sigma_m=0.3)  # a person who walks
 
-COARSE: Final = SurfaceConfig(step=4)  # a rough body needs no finer nodes
 HEIGHT_M: Final = 1.72  # of an adult of whom nothing else is known
 LEAST_EXPLAINED: Final = 0.75  # share of a person's nodes that the body must account for; otherwise there is no body
 MOST_TRUNK_PAST: Final = 0.25  # share of the trunk that a camera sees past; rough bodies are a few centimetres off
@@ -181,10 +186,15 @@ def _note_labels(labels: np.ndarray, there: np.ndarray) -> None:
 
 
 def person_evidence(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> Evidence:
-    """The nodes of one person; the outline is left out, since half of it is where something hides the person."""
+    """The nodes of one person; the outline is left out, since half of it is where something hides the person.
+
+    They are closer together where few pixels show the person.
+    """
     masks = [None if view is None else view.labels == label for view in views]
     depths = [None if view is None else view.depth_m for view in views]
-    surface = unconnected_surface(depths, masks, cameras)
+    pixels = sum(int(np.count_nonzero(mask)) for mask in masks if mask is not None)
+    step = min(COARSE.step, max(1, math.isqrt(pixels // ROUGHLY.node_count)))
+    surface = unconnected_surface(depths, masks, cameras, step)
     return Evidence(surface, tuple(views), (None,) * len(views), tuple(cameras))
 
 

@@ -126,7 +126,9 @@ def isolate_first(frame_set: FrameSet, choice: PatientChoice, run: Run) -> Isola
     with run.stage("isolation"):
         pieces = find_all_pieces(frame_set.depths_m, run.room.scenes)
         group = choice.group if choice.frame == frame_set.frame else None
-        views = separate_initial(pieces, find_people(pieces, run.config.isolation, group), choice)
+        views = separate_initial(
+            pieces, find_people(pieces, run.config.isolation, group, faint=group is not None), choice
+        )
     bystanders = see_bystanders(Bystanders(), views, 0.0, run)
     if bystanders.followed:
         with run.stage("bystanders"):

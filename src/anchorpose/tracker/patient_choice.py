@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from anchorpose.camera import Camera
+from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.rotations import unit
 from anchorpose.tracker.sighting import SeenPerson, Sighting
@@ -27,6 +27,9 @@ FACES: Final = 0.7  # cosine: within 45 degrees
 ASIDE_M: Final = 0.4  # from where the cameras look: 0.7 votes less; cameras are aimed by eye
 OUTSIDE_M: Final = 0.2  # of the equipment's outline: a patient leans out of it
 SURE: Final = 1.0  # of the votes between the patient and the next: three to one if votes are likelihoods
+CHANCE: Final = 2  # frames: who is seen once may be a body fitted to an arm
+CHEST: Final = np.linspace(0.5, 0.8, 7)  # heights of a person of height 1 where the trunk is
+BEFORE_M: Final = 0.3  # from the middle of a trunk to what no longer is this person
 GIVEN_M: Final = 0.5  # from the given place: beyond it another person is seen, and the patient has not come yet
 
 
@@ -130,7 +133,7 @@ def _candidate(
     faced = float(np.mean([_faced_by(one, sighting) for one, sighting in there]))
     outside_m = 0.0 if equipment is None else _outside_m(place, equipment)
     votes = (
-        np.log(len(there) / len(seen))
+        -np.log1p((CHANCE + _times_gone(seen, sightings, cameras)) / len(there))
         + 0.5 * np.log(np.median([one.person.area_m2 for one, _ in there]))
         + faced
         + 0.5 * np.mean([_turned_to_camera(one, cameras) for one, _ in there])
@@ -138,6 +141,33 @@ def _candidate(
         - np.log1p((outside_m / OUTSIDE_M) ** 2)
     )
     return Candidate(tuple(seen), float(votes), equipment is not None and outside_m == 0.0, faced)
+
+
+def _times_gone(seen: Sequence[SeenPerson | None], sightings: Sequence[Sighting], cameras: Sequence[Camera]) -> int:
+    """In how many frames a person is not seen although nothing hides the usual place: hidden is not gone."""
+    there = [one for one in seen if one is not None]
+    x, z = _usual_place(there)
+    chest = min(one.person.top_m for one in there) * CHEST
+    axis = np.column_stack([np.full(len(chest), x), chest, np.full(len(chest), z)])
+    return sum(
+        one is None and not _is_hidden(axis, sighting.depths_m, cameras)
+        for one, sighting in zip(seen, sightings, strict=True)
+    )
+
+
+def _is_hidden(points_m: np.ndarray, depths_m: Sequence[np.ndarray | None], cameras: Sequence[Camera]) -> bool:
+    """Whether in every camera that has most of the points (n, 3) in view something stands before most of them."""
+    hidden = list[bool]()
+    for depth_m, camera in zip(depths_m, cameras, strict=True):
+        if depth_m is None:
+            continue
+        in_camera = transform_points(invert_rigid(camera.require_pose()), points_m)
+        column, row, inside = camera.pixel_of(in_camera)
+        measured = depth_m[row, column]
+        before = inside & (measured > 0) & (measured < in_camera[:, 2] - BEFORE_M)
+        if np.mean(inside) > 0.5:
+            hidden.append(bool(np.mean(before[inside]) > 0.5))
+    return bool(hidden) and all(hidden)
 
 
 def _faced_by(one: SeenPerson, sighting: Sighting) -> int:

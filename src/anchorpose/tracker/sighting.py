@@ -13,7 +13,9 @@ from typing import Final
 import numpy as np
 
 from anchorpose.body.evidence import Evidence
-from anchorpose.body.skin_points import Body, body_points
+from anchorpose.body.explained import seen_past
+from anchorpose.body.pose import TRUNK
+from anchorpose.body.skin_points import Body, body_points, pose_points
 from anchorpose.isolation.people import People, Person, find_people
 from anchorpose.isolation.scene import Pieces, Scene, find_all_pieces
 from anchorpose.isolation.separation import label_people
@@ -21,7 +23,7 @@ from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.recording import FrameSet
 from anchorpose.rotations import UP, unit
-from anchorpose.tracker.bystanders import ordinary_body, person_evidence, rough_body
+from anchorpose.tracker.bystanders import MOST_TRUNK_PAST, ordinary_body, person_evidence, rough_body
 from anchorpose.tracker.config import TrackConfig
 
 ONE_PERSON: Final = 0.75  # of a person's nodes explained by a rough body: 0.5 to 0.7 where two people are taken for one
@@ -32,11 +34,13 @@ _ACROSS: Final = (("HipLeft", "HipRight"), ("ShoulderLeft", "ShoulderRight"))
 @dataclass(frozen=True, slots=True, eq=False)
 class RoughBody:
     """place_xz_m (2,): the pelvis; facing_xz (2,): unit vector from the back to the front; explained: 0 to 1, share of
-    the person's nodes that the body accounts for."""
+    the person's nodes that the body accounts for; possible: no camera sees past the
+    trunk."""
 
     place_xz_m: np.ndarray
     facing_xz: np.ndarray
     explained: float
+    possible: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,43 +58,65 @@ class SeenPerson:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sighting:
-    """Who is seen in the frame with a number; group: the person of each column (``find_people``)."""
+    """Who is seen in the frame with a number; group: the person of each column, faint ones too (``find_people``).
+
+    depths_m: each camera's depth image, None without a frame.
+    """
 
     frame: int
     people: tuple[SeenPerson, ...]
     group: tuple[int, ...]
+    depths_m: tuple[np.ndarray | None, ...]
 
 
 def sight_people(frame_set: FrameSet, scenes: Sequence[Scene], config: TrackConfig) -> Sighting:
     """The people of one moment, with bodies where there are several columns.
 
-    A person whom one body explains badly is split where several columns were taken for one person; two whose bodies are
+    A person of whom little is seen needs a body that no camera sees past. A
+    person whom one body explains badly is split where several columns were taken for one person; two whose bodies are
     in the same place are joined where one body explains both.
     """
     pieces = find_all_pieces(frame_set.depths_m, scenes)
 
-    def sighting_of(group: tuple[int, ...] | None) -> Sighting:
-        people = find_people(pieces, config.isolation, group)
-        return Sighting(frame_set.frame, _with_bodies(people, pieces, scenes), people.group)
+    def sighting_of(people: People) -> Sighting:
+        seen = _with_bodies(people, pieces, scenes)
+        return Sighting(frame_set.frame, seen, people.group, tuple(frame_set.depths_m))
 
-    sighting = sighting_of(None)
+    def grouped(group: Sequence[int]) -> Sighting:
+        return sighting_of(find_people(pieces, config.isolation, group, faint=True))
+
+    people = find_people(pieces, config.isolation, faint=True)
+    sighting = sighting_of(people)
+    if nobody := [k for k in people.faint if not _is_sure(sighting.people[k])]:
+        sighting = grouped(_without(sighting.group, nobody))
     for poor in [k for k, seen in enumerate(sighting.people) if _explained(seen) < ONE_PERSON]:
-        split = sighting_of(_split(sighting.group, poor))
+        split = grouped(_split(sighting.group, poor))
         if _least_explained(split) > _least_explained(sighting):
             sighting = split
             break  # the others have new numbers
     for pair in _in_one_place(sighting):
-        joined = sighting_of(_joined(sighting.group, *pair))
+        joined = grouped(_joined(sighting.group, *pair))
         if _explained(joined.people[min(pair)]) >= ONE_PERSON:
             return joined
     return sighting
 
 
+def _is_sure(seen: SeenPerson) -> bool:
+    """Whether a body explains a person of whom little is seen; an arm's body would be seen past."""
+    return seen.body is not None and seen.body.possible and seen.body.explained >= ONE_PERSON
+
+
+def _without(group: Sequence[int], people: Sequence[int]) -> tuple[int, ...]:
+    """The columns of some people become nobody's."""
+    left = sorted(set(group) - {-1, *people})
+    return tuple(left.index(k) if k in left else -1 for k in group)
+
+
 def _split(group: Sequence[int], person: int) -> tuple[int, ...]:
     """Each column of a person becomes a person of their own."""
     people = [(k, column) if k == person else (k, -1) for column, k in enumerate(group)]
-    numbers = {one: number for number, one in enumerate(sorted(set(people)))}
-    return tuple(numbers[one] for one in people)
+    numbers = {one: number for number, one in enumerate(sorted({one for one in people if one[0] >= 0}))}
+    return tuple(numbers.get(one, -1) for one in people)
 
 
 def _joined(group: Sequence[int], first: int, second: int) -> tuple[int, ...]:
@@ -119,7 +145,7 @@ def _least_explained(sighting: Sighting) -> float:
 
 def _with_bodies(people: People, pieces: Sequence[Pieces | None], scenes: Sequence[Scene]) -> tuple[SeenPerson, ...]:
     """Everybody with a body, from the pixels that are theirs when trunks grow up to the creases between people."""
-    if len(people.group) < 2:
+    if len(set(people.group) - {-1}) < 2 and people.group.count(0) < 2:
         return tuple(SeenPerson(person, None) for person in people.people)
     views = label_people(pieces, people, np.arange(len(people.people)))
     cameras, body = [scene.camera for scene in scenes], ordinary_body(body_points())
@@ -135,4 +161,6 @@ def _rough_body(body: Body, evidence: Evidence) -> RoughBody | None:
         return None
     joints = body.joints(found.belief.pose)
     across = sum(unit(joints[JOINT_INDEX[right]] - joints[JOINT_INDEX[left]]) for left, right in _ACROSS)
-    return RoughBody(joints[0, [0, 2]], unit(np.cross(UP, across)[[0, 2]]), found.explained)
+    past = seen_past(body.points, pose_points(body, found.belief.pose), evidence.views, evidence.cameras)
+    possible = bool(np.nan_to_num(past[TRUNK]) <= MOST_TRUNK_PAST)
+    return RoughBody(joints[0, [0, 2]], unit(np.cross(UP, across)[[0, 2]]), found.explained, possible)
