@@ -50,16 +50,11 @@ _POSTURES: Final[tuple[_Turns, ...]] = (
     {"Arm": (-25, 0, 0)},  # upright, arms hang down
     {"LowerBack": (0, 0, -25), "Spine": (0, 0, -20), "UpLeg": (0, 0, 30), "Arm": (0, 0, 50)},  # bent forward
     {"LowerBack": (0, 0, -15), "UpLeg": (0, 0, 95), "Leg": (0, 0, -110), "Arm": (0, 0, 40)},  # squatting
-    {
-        "LowerBack": (0, 0, -30),
-        "Spine": (0, 0, -25),
-        "UpLeg": (0, 0, 110),
-        "Leg": (0, 0, -120),
-        "Arm": (0, 0, 70),
-    },  # crouching
+    # crouching with the knees apart, as who helps with feet and knees
+    {"LowerBack": (0, 0, -30), "Spine": (0, 0, -25), "UpLeg": (30, 0, 100), "Leg": (0, 0, -120), "Arm": (0, 0, 60)},
 )
 _HEADINGS: Final = tuple(np.arange(8) * np.pi / 4)
-_ROUNDS: Final = (((0.45, 0.35, 0.28), 6), ((0.25, 0.20, 0.20, 0.15), 2), ((0.12, 0.12, 0.10, 0.08), 1))
+_ROUNDS: Final = (((0.45, 0.35, 0.28, 0.25, 0.20), 9), ((0.20, 0.15, 0.15), 3), ((0.12, 0.12, 0.10, 0.08), 1))
 """The reach of each step, metres, and how many starts go on: most are given up early."""
 
 _FEW_NODES: Final = 250  # in all rounds but the last: enough to tell a back from a front

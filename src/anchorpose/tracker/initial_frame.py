@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from anchorpose.body.explained import explain
+from anchorpose.body.limb_search import rarity
 from anchorpose.body.skin_points import body_points, build_body, pose_points
 from anchorpose.camera import Camera
 from anchorpose.isolation.people import PatientChoice
@@ -29,6 +30,7 @@ CROWDED_M: Final = 1.0  # from axis to axis: an outstretched arm and half a trun
 MERGED: Final = 0.5  # weight of a frame with fewer people than usual: two who stand close may be taken for one
 WELL: Final = 0.92  # of the surface explained, all limbs seen: 95 to 100 % when alone, 70 with a therapist's arm
 SEEN: Final = 0.3  # of the skin of a forearm or shank: half of it faces a camera
+USUAL: Final = 60.0  # squared deviations of all joint ranges: right first poses have 15 to 60, wrong ones over 100
 WHOLE: Final = 0.8  # of the patient's usual visible surface: a sliver behind a therapist is explained by anything
 TRIES: Final = 8  # frames; each takes a second or two to fit
 APART: Final = 0.25  # of the frames' span: what spoils a frame spoils those around it
@@ -104,16 +106,18 @@ def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:
 
 
 def quality(start: Start) -> float:
-    """0 to 1: the share of the surface that the body explains, less for each forearm and shank of which little is seen.
+    """0 to 1: the share of the surface that the body explains, less for each forearm and shank of which little is seen,
+    and for a pose that people seldom take.
 
     Where such a part is hidden its pose is arbitrary, and what is taken for another person's in the first frame is not
-    soon given back.
+    soon given back. Legs that explain the head of another person who kneels beside are bent as legs seldom are.
     """
-    points = body_points()
-    posed = pose_points(build_body(points, start.shape), start.belief.pose)
-    covering = explain(points, posed, start.observation.evidence).covering
+    body = build_body(body_points(), start.shape)
+    points, pose = body.points, start.belief.pose
+    covering = explain(points, pose_points(body, pose), start.observation.evidence).covering
     shares = [covering[points.part == points.asset.bone(bone)].mean() for bone in _ENDS]
-    return start.explained * float(np.mean(np.minimum(np.array(shares) / SEEN, 1.0)))
+    usual = min(1.0, USUAL / max(rarity(body, pose), 1e-9))
+    return start.explained * usual * float(np.mean(np.minimum(np.array(shares) / SEEN, 1.0)))
 
 
 def best_of(candidates: Sequence[InitialFrame], explained: Callable[[InitialFrame], float]) -> InitialFrame:
