@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from scipy.spatial import cKDTree
 
-from anchorpose.isolation.bystander_memory import SAMPLE_PX, BystanderMemory
+from anchorpose.isolation.bystander_memory import BystanderMemory
 from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.ownership import (
     NOBODY,
@@ -18,27 +18,29 @@ from anchorpose.isolation.ownership import (
     join_likelihoods,
     sort_likelihood,
 )
+from anchorpose.isolation.patient_label import (
+    LAST_LABEL,
+    ON_SKIN_M,
+    TRUNK_RADIUS_M,
+    one_patient,
+    sampled,
+    without_parts,
+)
 from anchorpose.isolation.people import (
     PERSON_AREA_M2,
     PatientChoice,
     People,
-    find_columns,
     find_people,
     ground_distance,
 )
-from anchorpose.isolation.region_growing import grow_regions, smooth_contact_m
+from anchorpose.isolation.region_growing import grow_regions
 from anchorpose.isolation.scene import SMALLEST_PIECE_M2, Pieces
 from anchorpose.isolation.stray_pieces import without_strays
 from anchorpose.isolation.view import PixelLabel, View
 
 DECISION_PX: Final = 2  # between two people every second row and column is decided; the pixels between grow from them
-TRUNK_RADIUS_M: Final = 0.15  # half a trunk's depth and some clothes: what stands there is this person
 DETACHED_M: Final = 0.12  # a bar's width, and what a forearm moves behind it unseen
-OWN_COLUMN: Final = 0.5  # of a column beside the patient's: with so much of it on their expected skin, it is theirs
 UNSUPPORTED_SIGMA_M: Final = 0.04  # of remembered skin without a body: it ties with the patient's predicted skin
-ON_SKIN_M: Final = 0.05  # from the patient's expected skin: its spacing, clothes, and what it moves
-PART_CONTACT_M: Final = 0.05  # a wrist's width, over which a part of the patient is connected to the rest
-LAST_LABEL: Final = 254
 FIRST_EARLIER_LABEL: Final = 128  # of people met in the backward pass
 
 
@@ -91,9 +93,9 @@ def separate(
     free = memory.next_label if elapsed_s >= 0 else max(memory.next_label, FIRST_EARLIER_LABEL)
     owners = _with_remembered_patient(shown, owners, memory.points_m[memory.owner == PixelLabel.PATIENT])
     owners = _with_newcomers(shown, owners, free, config)
-    owners = owners if expected is None else _without_parts(shown, owners, expected)
+    owners = owners if expected is None else without_parts(shown, owners, expected)
     # remembered skin does not count as expected: the patient may have been mistaken before
-    owners = _one_patient(shown, owners, expected, free, config)
+    owners = one_patient(shown, owners, expected, free, config)
     return _views(pieces, owners)
 
 
@@ -131,21 +133,13 @@ def _with_detached(shown: Sequence[Pieces], owners: list[np.ndarray]) -> list[np
         return owners
     unowned = np.concatenate([pixels.points_m[owner == NOBODY] for pixels, owner in cameras])
     low, high = unowned.min(axis=0) - DETACHED_M, unowned.max(axis=0) + DETACHED_M
-    owned = [_sampled(pixels, owner, owner != NOBODY) for pixels, owner in cameras]
+    owned = [sampled(pixels, owner, owner != NOBODY) for pixels, owner in cameras]
     points = np.concatenate([place for place, _, _ in owned])
     if not len(points):
         return owners
     near = ((points >= low) & (points <= high)).all(axis=1)  # a tree of all skin takes longer than the search in it
     label, tree = np.concatenate([whose for _, whose, _ in owned])[near], cKDTree(points[near])
     return [_to_neighbour(pixels, owner, tree, label) for pixels, owner in cameras]
-
-
-def _sampled(pixels: Pieces, owner: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """points_m (k, 3), owner (k,) and area_m2 (k,) of every third row's and column's ``wanted`` (n,) bool pixels."""
-    chosen = pixels.index[::SAMPLE_PX, ::SAMPLE_PX]
-    chosen = chosen[chosen >= 0]
-    chosen = chosen[wanted[chosen]]
-    return pixels.points_m[chosen], owner[chosen], pixels.area_m2[chosen] * SAMPLE_PX**2
 
 
 def _to_neighbour(pixels: Pieces, owner: np.ndarray, tree: cKDTree, label: np.ndarray) -> np.ndarray:
@@ -195,109 +189,6 @@ def _with_newcomers(
     for owner, of in zip(labelled, people.of, strict=True):
         owner[owner == NOBODY] = label[of]
     return labelled
-
-
-def _without_parts(
-    shown: Sequence[Pieces], owners: list[np.ndarray], expected: OwnershipLikelihood
-) -> list[np.ndarray]:
-    """Owners, with the patient's own parts given back that have the label of another person.
-
-    Another person has a body, or is a person by size without what lies on the patient's expected skin. What has
-    neither, and is connected to the patient, is a part of the patient.
-    """
-    bodies = np.unique(expected.owner)
-    labels = {int(label) for owner in owners for label in np.flatnonzero(np.bincount(owner))}
-    doubtful = [k for k in sorted(labels) if k >= PixelLabel.OTHER_PERSON and k not in bodies]
-    skin = expected.points_m[expected.owner == PixelLabel.PATIENT]
-    if not doubtful or not len(skin):
-        return owners
-    tree = cKDTree(skin)
-    parts = [label for label in doubtful if _is_part(shown, owners, label, tree)]
-    return [np.where(np.isin(owner, parts), np.uint8(PixelLabel.PATIENT), owner) for owner in owners]
-
-
-def _is_part(shown: Sequence[Pieces], owners: Sequence[np.ndarray], label: int, skin: cKDTree) -> bool:
-    """Whether most of a label's pixels lie on the patient's skin (a tree of it), the rest is no person, and both are
-    connected."""
-    on_skin, elsewhere, contact_m = 0.0, 0.0, 0.0
-    for pixels, owner in zip(shown, owners, strict=True):
-        points, _, area = _sampled(pixels, owner, owner == label)
-        if not len(points):
-            continue
-        distance, _ = skin.query(points, distance_upper_bound=ON_SKIN_M)
-        near = np.isfinite(distance)
-        on_skin, elsewhere = on_skin + float(area[near].sum()), max(elsewhere, float(area[~near].sum()))
-        which = np.where(owner == label, 1, np.where(owner == PixelLabel.PATIENT, 0, -1))
-        contact_m = max(contact_m, float(smooth_contact_m(pixels, which, 2)[0, 1]))
-    return on_skin > elsewhere and elsewhere < PERSON_AREA_M2 and contact_m >= PART_CONTACT_M
-
-
-def _one_patient(
-    shown: Sequence[Pieces],
-    owners: list[np.ndarray],
-    expected: OwnershipLikelihood | None,
-    free: int,
-    config: IsolationConfig,
-) -> list[np.ndarray]:
-    """Owners with anybody who stands apart from the patient, and was taken for part of them, split off.
-
-    The patient is where most of what they own is; another column that is a person by size is another person, unless
-    most of it lies on the patient's predicted skin: a patient who bends down has the trunk beside the legs. expected:
-    the likelihood of predicted skin, None where there is none. free: the first unused label.
-    """
-    if not shown:
-        return owners
-    sampled = [_sampled(pixels, o, o == PixelLabel.PATIENT) for pixels, o in zip(shown, owners, strict=True)]
-    points, _, area = (np.concatenate(parts) for parts in zip(*sampled, strict=True))
-    if len(find_columns(points, area)) < 2:
-        return owners
-    theirs = [pixels.only(o == PixelLabel.PATIENT) for pixels, o in zip(shown, owners, strict=True)]
-    people = find_people(theirs, config).people
-    if len(people) < 2:
-        return owners
-    axes = np.array([person.ground_xz_m for person in people])
-    others = np.arange(len(axes)) != np.argmax([person.area_m2 for person in people])
-    if expected is not None:
-        others &= (
-            _share_on_skin(shown, owners, expected.points_m[expected.owner == PixelLabel.PATIENT], axes) < OWN_COLUMN
-        )
-    if not others.any():
-        return owners
-    first = max(free, *(int(owner.max(initial=0)) + 1 for owner in owners))
-    label = np.full(len(axes), PixelLabel.PATIENT, np.int64)
-    label[others] = np.minimum(first + np.arange(others.sum()), LAST_LABEL)
-    return [_split(pixels, owner, axes, label) for pixels, owner in zip(shown, owners, strict=True)]
-
-
-def _share_on_skin(
-    shown: Sequence[Pieces], owners: Sequence[np.ndarray], skin_m: np.ndarray, axes: np.ndarray
-) -> np.ndarray:
-    """(k,) share of the patient's pixels about each axis that lie on the patient's predicted skin (p, 3)."""
-    own, every = np.zeros(len(axes)), np.zeros(len(axes))
-    if not len(skin_m):
-        return own
-    tree = cKDTree(skin_m)
-    for pixels, owner in zip(shown, owners, strict=True):
-        points, _, area = _sampled(pixels, owner, owner == PixelLabel.PATIENT)
-        if not len(points):
-            continue
-        of = np.argmin([ground_distance(points, axis) for axis in axes], axis=0)
-        away, _ = tree.query(points, distance_upper_bound=ON_SKIN_M)
-        every += np.bincount(of, area, minlength=len(axes))
-        own += np.bincount(of, np.where(np.isfinite(away), area, 0.0), minlength=len(axes))
-    return np.asarray(own / np.maximum(every, 1e-9))
-
-
-def _split(pixels: Pieces, owner: np.ndarray, axes: np.ndarray, label: np.ndarray) -> np.ndarray:
-    """(n,) uint8 owners after the patient's pixels were divided among axes (k, 2) with labels (k,)."""
-    patient = owner == PixelLabel.PATIENT
-    theirs = pixels.only(patient)
-    of = np.argmin([ground_distance(theirs.points_m, axis) for axis in axes], axis=0)
-    seeds = np.where(ground_distance(theirs.points_m, axes[of]) < TRUNK_RADIUS_M, label[of], NOBODY)
-    grown = grow_regions(theirs, seeds.astype(np.uint8))
-    split = owner.copy()
-    split[patient] = np.where(grown == NOBODY, PixelLabel.PATIENT, grown)
-    return split
 
 
 def _views(pieces: Sequence[Pieces | None], owners: Sequence[np.ndarray]) -> tuple[View | None, ...]:

@@ -34,8 +34,7 @@ _ACROSS: Final = (("HipLeft", "HipRight"), ("ShoulderLeft", "ShoulderRight"))
 @dataclass(frozen=True, slots=True, eq=False)
 class RoughBody:
     """place_xz_m (2,): the pelvis; facing_xz (2,): unit vector from the back to the front; explained: 0 to 1, share of
-    the person's nodes that the body accounts for; possible: no camera sees past the
-    trunk."""
+    the person's nodes that the body accounts for; possible: no camera sees past the trunk."""
 
     place_xz_m: np.ndarray
     facing_xz: np.ndarray
@@ -72,9 +71,9 @@ class Sighting:
 def sight_people(frame_set: FrameSet, scenes: Sequence[Scene], config: TrackConfig) -> Sighting:
     """The people of one moment, with bodies where there are several columns.
 
-    A person of whom little is seen needs a body that no camera sees past. A
-    person whom one body explains badly is split where several columns were taken for one person; two whose bodies are
-    in the same place are joined where one body explains both.
+    Somebody of whom little is seen needs a body that no camera sees past. A person whom one body explains badly is
+    split where several columns were taken for one; two whose bodies are in the same place are joined where one body
+    explains both.
     """
     pieces = find_all_pieces(frame_set.depths_m, scenes)
 
