@@ -222,3 +222,11 @@ def test_a_positive_angle_moves_the_body_the_way_its_name_says(channel, joint, w
     before, after = (person.body.joints(bones)[JOINT_INDEX[joint]] for bones in pose_bones(person.body, posture))
     moved = (after - before) * way
     assert (moved[np.array(way) != 0] > 0.005).all()
+
+
+@pytest.mark.parametrize("seed", range(1201, 1207))
+def test_a_stool_stands_under_the_buttocks_and_not_under_the_heels(seed):
+    """The feet of a small person are drawn back under the seat (seed 1203)."""
+    clinic = draw_clinic(presets.scene(presets.single(seed, 6.0), "sits"))
+    (seat,) = [part for part in clinic.equipment.parts if part.name == "seat"]
+    assert 0.3 < seat.center_m[1] < 0.6

@@ -20,7 +20,7 @@ from anchorpose.tracker.room import Room, held_joints
 from anchorpose.tracker.run import Run
 from anchorpose.tracker.smoothed_explanation import explain_smoothed
 from anchorpose.tracker.smoothing import PassResult, pass_result, smooth
-from anchorpose.tracker.start import Start, turn_round
+from anchorpose.tracker.start import Start, find_start, turn_round
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,10 +69,20 @@ def track_on(
             kept.add((picture.frame, picture.camera))
             keep_labels(picture)
 
-    passes = _Passes(route, run, shape, None if shape is None else build_body(body_points(), shape), keep_once)
+    body = None if shape is None else build_body(body_points(), shape)
+    passes = _Passes(route, run, shape, body, keep_once, _start_of(route, run, shape))
     before = list(passes.side(route.backward))[1:] if len(route.backward) > 1 else []
     yield from reversed(before)
     yield from passes.side(route.forward)
+
+
+def _start_of(route: Route, run: Run, shape: FittedShape | None) -> Start | None:
+    """The patient in the initial frame, where both sides begin; None where nobody is found in it."""
+    initial = run.room.initial_frame
+    if initial is None or not len(route.forward):
+        return None
+    found = find_start(read_frame(route.recording, route.forward[0]), run, initial.choice, shape)
+    return found if isinstance(found, Start) else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,6 +94,7 @@ class _Passes:
     shape: FittedShape | None
     body: Body | None
     keep_labels: Callable[[LabelImage], None]
+    start: Start | None
 
     def side(self, positions: Sequence[int]) -> Iterator[FrameRecord]:
         """All frames from the initial frame to one end, in this order."""
@@ -91,7 +102,7 @@ class _Passes:
             return self._both_ways(positions, self.body)
         return (
             self._record(estimate, label_pictures(estimate.frame_set, estimate.observation))
-            for estimate in self._follow(positions)
+            for estimate in self._follow(positions, self.start)
         )
 
     def _both_ways(self, positions: Sequence[int], body: Body) -> Iterator[FrameRecord]:
@@ -101,7 +112,7 @@ class _Passes:
         The frames are then read again, to state how well the smoothed poses explain them.
         """
         there, records, last = list[PassResult](), list[FrameRecord](), None
-        for estimate in self._follow(positions):
+        for estimate in self._follow(positions, self.start):
             labels = label_pictures(estimate.frame_set, estimate.observation)
             there.append(self._passed(body, estimate, labels))
             records.append(self._record(estimate, labels))
@@ -125,7 +136,7 @@ class _Passes:
                 explanation = explain_smoothed(frame_set, answer, body, self.run)
             yield smoothed_record(record, answer, body, explanation)
 
-    def _follow(self, positions: Sequence[int], begin: Start | None = None) -> Iterator[Estimate]:
+    def _follow(self, positions: Sequence[int], begin: Start | None) -> Iterator[Estimate]:
         return follow_patient(self.run, self.route.frames(positions), self.shape, begin)
 
     def _passed(self, body: Body, estimate: Estimate, labels: tuple[LabelImage, ...]) -> PassResult:
