@@ -140,6 +140,14 @@ def test_the_damped_step_solves_the_equations_but_for_a_thousandth():
     assert np.abs(found - step).max() > 1e-6
 
 
+def test_what_nothing_was_observed_of_stays_as_it_is():
+    hessian, gradient = np.zeros((POSE_SIZE, POSE_SIZE)), np.zeros(POSE_SIZE)
+    hessian[:3, :3], gradient[:3] = 2.0 * np.eye(3), -1.0
+    found = solve_damped(NormalEquations(hessian, gradient, 0.0))
+    np.testing.assert_allclose(found[:3], 0.5, rtol=2e-3)
+    assert not found[3:].any()
+
+
 def test_a_step_is_shortened_to_the_largest_turn_and_not_lengthened():
     change = np.zeros(POSE_SIZE)
     change[4], change[-1] = 120.0 * DEGREE, 0.4

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from body_builder import adult, adult_body, asset, joint_errors_m, joints_of, points, seen_body, standing
+from body_builder import FRONT, adult, adult_body, asset, joint_errors_m, joints_of, points, seen_body, standing
 
 from anchorpose.body.config import RegistrationConfig
-from anchorpose.body.initial import FirstPose, FirstShape, find_first_pose
+from anchorpose.body.explained import seen_past
+from anchorpose.body.initial import FirstPose, FirstShape, find_first_pose, find_rough_pose
 from anchorpose.body.learning import adult_belief
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import build_body, pose_points
 from anchorpose.body.tips import anchor_constraints, anchor_points
 from anchorpose.geodesics.anchors import ANCHOR_NAMES, Anchors, no_anchors
 from anchorpose.joints import JOINT_INDEX
+from anchorpose.tracker.bystanders import ROUGHLY
 
 BODY = adult_body()
 UNSEEN = no_anchors()
@@ -94,3 +98,26 @@ def test_anchors_that_were_missed_hold_nothing():
     assert np.isfinite(rows.target_m).all()
     assert set(rows.point) == set(anchor_points(points())[[0, 2, 4]])
     assert len(anchor_constraints(points(), UNSEEN)) == 0
+
+
+@pytest.mark.parametrize("heading", [0.0, 180.0], ids=["front", "back"])
+def test_who_crouches_is_found_from_one_camera_with_the_right_heading(heading):
+    knees = {f"{side}UpLeg": (35.0 * sign, 0.0, 105.0) for side, sign in (("Left", 1.0), ("Right", -1.0))}
+    shanks = {f"{side}Leg": (0.0, 0.0, -115.0) for side in ("Left", "Right")}
+    arms = {f"{side}Arm": (0.0, 0.0, 65.0) for side in ("Left", "Right")}
+    bent = {"LowerBack": (0.0, 0.0, -30.0), "Spine": (0.0, 0.0, -20.0)}
+    truth = standing((0.0, 0.45, 0.0), Hips=(0.0, heading, 0.0), **knees, **shanks, **arms, **bent)
+    evidence = seen_body(truth, BODY, (FRONT,))
+    found = find_rough_pose(BODY, evidence, ROUGHLY)
+    assert joint_errors_m(BODY, found, truth).mean() < 0.10
+    past = seen_past(BODY.points, pose_points(BODY, found), evidence.views, evidence.cameras)
+    assert np.nanmax(past) < 0.35
+
+
+def test_nodes_that_no_start_is_near_are_no_reason_to_stop():
+    evidence = seen_body(STANDING, BODY)
+    apart = evidence.surface.points_m.copy()
+    apart[::2, 2] += 1.5
+    apart[1::2, 2] -= 1.5
+    scattered = replace(evidence, surface=replace(evidence.surface, points_m=apart))
+    assert np.isfinite(joints_of(BODY, find_rough_pose(BODY, scattered, ROUGHLY))).all()

@@ -136,8 +136,12 @@ def _range_equations(
 
 
 def solve_damped(equations: NormalEquations) -> np.ndarray:
-    """The Gauss-Newton change with a little of Marquardt's damping (doi:10.1137/0111030)."""
-    hessian = equations.hessian + 1e-3 * np.diag(np.diag(equations.hessian))
+    """The Gauss-Newton change with a little of Marquardt's damping (doi:10.1137/0111030).
+
+    What nothing was observed of stays as it is: the place of a body that is near no node.
+    """
+    diagonal = np.diag(equations.hessian)
+    hessian = equations.hessian + np.diag(np.where(diagonal == 0.0, 1.0, 1e-3 * diagonal))
     _, change, failed = dposv(hessian, -equations.gradient)
     if failed:
         raise np.linalg.LinAlgError(f"the normal equations are not positive definite, LAPACK reports {failed}")
