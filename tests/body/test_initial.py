@@ -117,7 +117,7 @@ def test_who_crouches_is_found_from_one_camera_with_the_right_heading(heading):
 def test_nodes_that_no_start_is_near_are_no_reason_to_stop():
     evidence = seen_body(STANDING, BODY)
     apart = evidence.surface.points_m.copy()
-    apart[::2, 2] += 1.5
-    apart[1::2, 2] -= 1.5
+    apart[::2, 2] += 3.0
+    apart[1::2, 2] -= 3.0
     scattered = replace(evidence, surface=replace(evidence.surface, points_m=apart))
     assert np.isfinite(joints_of(BODY, find_rough_pose(BODY, scattered, ROUGHLY))).all()
