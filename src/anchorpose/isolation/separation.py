@@ -26,13 +26,7 @@ from anchorpose.isolation.patient_label import (
     sampled,
     without_parts,
 )
-from anchorpose.isolation.people import (
-    PERSON_AREA_M2,
-    PatientChoice,
-    People,
-    find_people,
-    ground_distance,
-)
+from anchorpose.isolation.people import PERSON_AREA_M2, PatientChoice, People, find_people, ground_distance
 from anchorpose.isolation.region_growing import grow_regions
 from anchorpose.isolation.scene import SMALLEST_PIECE_M2, Pieces
 from anchorpose.isolation.stray_pieces import without_strays

@@ -27,13 +27,7 @@ from anchorpose.body.tips import anchor_points
 from anchorpose.body.uncertainty import skin_sigma
 from anchorpose.recording.recording import FrameSet
 from anchorpose.surface.surface import ExpectedSkin
-from anchorpose.tracker.association import (
-    GlobalHypothesis,
-    global_hypothesis,
-    held_by,
-    part_motion,
-    parts_by_icp,
-)
+from anchorpose.tracker.association import GlobalHypothesis, global_hypothesis, held_by, part_motion, parts_by_icp
 from anchorpose.tracker.config import Method
 from anchorpose.tracker.estimate import Estimate, estimate_of
 from anchorpose.tracker.limb_watch import LimbWatch, cheaper, explained_by, is_doubtful
