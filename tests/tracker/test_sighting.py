@@ -65,7 +65,7 @@ def test_somebody_alone_costs_no_body(monkeypatch):
     assert person.place_xz_m == pytest.approx((0.0, 0.0), abs=0.2)
 
 
-def test_somebody_of_whom_a_chest_is_seen_is_a_person():
+def test_a_person_who_shows_only_a_chest_is_a_person():
     """Too little for a person by size (0.12 m2), but a body fits it that the camera does not see past."""
     depths, truth = photographed(standing(), turned(180.0, 0.0, 1.0))
     first = np.argwhere(truth[0] == 1)

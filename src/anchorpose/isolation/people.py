@@ -54,7 +54,7 @@ class People:
     """The people of one moment.
 
     of: one per camera, (n,) int32 person of each foreground pixel, -1 = nobody. group: the person of each column, -1 of
-    a column that is nobody. faint: the people of whom no more than ``FAINT`` is sure to be seen.
+    a column that is nobody. faint: people who may show no more than ``FAINT``.
     """
 
     people: tuple[Person, ...]

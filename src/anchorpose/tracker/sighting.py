@@ -71,7 +71,7 @@ class Sighting:
 def sight_people(frame_set: FrameSet, scenes: Sequence[Scene], config: TrackConfig) -> Sighting:
     """The people of one moment, with bodies where there are several columns.
 
-    Somebody of whom little is seen needs a body that no camera sees past. A person whom one body explains badly is
+    A person who is mostly hidden needs a body that no camera sees past. A person whom one body explains badly is
     split where several columns were taken for one; two whose bodies are in the same place are joined where one body
     explains both.
     """
@@ -101,7 +101,7 @@ def sight_people(frame_set: FrameSet, scenes: Sequence[Scene], config: TrackConf
 
 
 def _is_sure(seen: SeenPerson) -> bool:
-    """Whether a body explains a person of whom little is seen; an arm's body would be seen past."""
+    """Whether a body explains a person who is mostly hidden; a camera would see past an arm's body."""
     return seen.body is not None and seen.body.possible and seen.body.explained >= ONE_PERSON
 
 
