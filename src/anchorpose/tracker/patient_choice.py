@@ -66,7 +66,7 @@ def choose_patient(
 ) -> Patient | None:
     """The patient among everybody in the sightings, None where nobody is seen.
 
-    With ``patient_xz_m`` the person nearest to that place when somebody first stands there; otherwise the person with
+    With ``patient_xz_m`` the person nearest to that place when a person first stands there; otherwise the person with
     most votes.
     """
     candidates = find_candidates(sightings, equipment, cameras)
@@ -207,7 +207,7 @@ def _outside_m(place_xz_m: np.ndarray, equipment: EquipmentModel) -> float:
 
 
 def _at_place(candidates: Sequence[Candidate], place_xz_m: np.ndarray) -> Candidate:
-    """The person nearest to a place when somebody is first there; if nobody ever is, the person who comes nearest."""
+    """The person nearest to a place when a person is first there; if nobody ever is, the person who comes nearest."""
 
     def away_m(candidate: Candidate, number: int) -> float:
         one = candidate.seen[number]
