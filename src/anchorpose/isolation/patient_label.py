@@ -41,8 +41,8 @@ def without_parts(shown: Sequence[Pieces], owners: list[np.ndarray], expected: O
 
 
 def _is_part(shown: Sequence[Pieces], owners: Sequence[np.ndarray], label: int, skin: cKDTree) -> bool:
-    """Whether a label's pixels lie mostly on the patient's skin (a tree of it), are connected to the patient's, and leave
-    too little elsewhere for a person."""
+    """Whether a label's pixels lie mostly on the patient's skin (a tree of it), are connected to the patient's, and
+    leave too little elsewhere for a person."""
     on_skin, elsewhere, contact_m = 0.0, 0.0, 0.0
     for pixels, owner in zip(shown, owners, strict=True):
         points, _, area = sampled(pixels, owner, owner == label)
