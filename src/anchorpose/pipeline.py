@@ -24,7 +24,14 @@ from anchorpose.results.people_labels import PEOPLE_FILE, LabelImage, write_peop
 from anchorpose.results.poses import POSES_FILE, write_poses
 from anchorpose.results.processing.process import ProcessingConfig
 from anchorpose.results.records import CONTACTS_FILE, write_contacts
-from anchorpose.results.run_record import RUN_FILE, DroppedFrame, MatchedShares, write_run_record
+from anchorpose.results.run_record import (
+    RUN_FILE,
+    DroppedFrame,
+    LostInterval,
+    MatchedShares,
+    note_lost,
+    write_run_record,
+)
 from anchorpose.results.stand_training.measure import MeasureConfig
 from anchorpose.results.tables import ANCHORS_FILE, JOINTS_FILE, read_joints, write_anchors, write_joints
 from anchorpose.run_account import UserInputs, Written, account_of, hash_inputs, outcome_of, read_review, require_about
@@ -120,7 +127,7 @@ def _write_frames(
     results: Path, track: Callable[[Callable[[LabelImage], None]], Iterator[FrameRecord]], config: TrackConfig
 ) -> Written:
     """Stream joints, poses, what they explain, anchors, labels and contacts to their tables; collect problems."""
-    dropped, shares = list[DroppedFrame](), list[float | None]()
+    dropped, lost, shares = list[DroppedFrame](), list[LostInterval](), list[float | None]()
     points = body_points()
     intervals = ContactIntervals(region_of_points(points), area_of_point(points), config.contacts)
     with (
@@ -140,8 +147,9 @@ def _write_frames(
             for contact in intervals.push(frame, time_s, record.near):
                 contacts.append(contact)
             dropped += [DroppedFrame(frame, time_s, why) for why in record.problems]
+            note_lost(lost, frame, time_s, record.why_lost)
             shares.append(None if record.matched_share is None else round(record.matched_share, 3))
         for contact in intervals.finish():
             contacts.append(contact)
     summary = summarise(read_explained(results / EXPLAINED_FILE))
-    return Written(MatchedShares(tuple(shares)), tuple(dropped), summary)
+    return Written(MatchedShares(tuple(shares)), tuple(dropped), tuple(lost), summary)

@@ -28,6 +28,7 @@ from anchorpose.results.run_record import (
     CameraRecord,
     CorrectionsRecord,
     DroppedFrame,
+    LostInterval,
     MatchedShares,
     PictureRecord,
     Residual,
@@ -49,6 +50,7 @@ class Written:
 
     association: MatchedShares
     dropped: tuple[DroppedFrame, ...]
+    lost: tuple[LostInterval, ...]
     explained: ExplainedSummary
 
 
@@ -138,6 +140,7 @@ def account_of(
         frame_count=len(written.association.matched_share),
         association=written.association,
         dropped=written.dropped,
+        lost=written.lost,
         explained=written.explained,
         body=None if learnt is None else record_body(body_points().asset, learnt.belief, learnt.first, learnt.seconds),
         pictures=pictures,

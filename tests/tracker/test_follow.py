@@ -256,7 +256,7 @@ def test_every_frame_is_matched_where_the_settings_say_so_with_nearly_the_same_j
 
 
 def test_nobody_found_is_lost_in_every_joint(course):
-    estimate = nobody_found(course.estimates[0].frame_set)
+    estimate = nobody_found(course.estimates[0].frame_set, "not seen")
     assert lost(estimate)
     assert np.isnan(estimate.joints_m).all()
     assert np.isnan(estimate.sigma_m).all()

@@ -13,13 +13,15 @@ from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.people import PatientChoice, find_people
 from anchorpose.isolation.scene import find_pieces
 from anchorpose.isolation.separation import separate_initial
+from anchorpose.isolation.view import PixelLabel
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.following import WALK_M_S, Search
 from anchorpose.tracker.run import Run
+from anchorpose.tracker.start import NoStart
 
 CONFIG, ISOLATION = TrackConfig(), IsolationConfig()
-ROOM_NOW = SimpleNamespace(scenes=(built_scene(),), cameras=(FRONT,))
+ROOM_NOW = SimpleNamespace(scenes=(built_scene(),), cameras=(FRONT,), recording=SimpleNamespace(equipment=None))
 A_FRAME_S = 1.0 / 15.0
 SEEN_FROM_ONE_SIDE_M = 0.17  # the axis of what is seen of a trunk lies between its middle and its front
 THERAPIST = body(0.0, 0.8)
@@ -41,32 +43,34 @@ def seen(*people) -> SimpleNamespace:
     return SimpleNamespace(memory=memory, frame_set=first)
 
 
-def lost_beside(*people) -> Search:
+def lost_beside(*people, left: bool = False) -> Search:
+    """left: the patient was last seen on the way out of the picture."""
     before = seen(body(0.0, 0.0), *people)
-    return Search(before, before, np.array([0.0, 0.9, 0.0]))
+    met = frozenset(np.unique(before.memory.owner).tolist()) - {PixelLabel.PATIENT}
+    return Search(before, before, np.array([0.0, 0.9, 0.0]), met, left)
 
 
-def looked(search: Search, *moments: tuple) -> list[PatientChoice | None]:
+def looked(search: Search, *moments: tuple) -> list[PatientChoice | NoStart]:
     """What is found in each of some frames; a moment: the people in it."""
     return [search.look(frame(number, *people), Run(ROOM_NOW, CONFIG)) for number, people in enumerate(moments, 1)]
 
 
 def test_nobody_is_found_in_an_empty_room():
-    assert looked(lost_beside(), (), ()) == [None, None]
+    assert looked(lost_beside(), (), ()) == [NoStart.NOBODY_THERE] * 2
 
 
 def test_who_was_beside_him_is_not_him():
-    assert looked(lost_beside(THERAPIST), *[(THERAPIST,)] * 3) == [None] * 3
+    assert looked(lost_beside(THERAPIST), *[(THERAPIST,)] * 3) == [NoStart.NOBODY_NEW] * 3
 
 
 def test_who_was_beside_him_is_not_him_in_his_place_either():
     way = [(body(0.0, float(z)),) for z in np.arange(0.76, 0.0, -0.04)]
-    assert looked(lost_beside(THERAPIST), *way) == [None] * len(way)
+    assert looked(lost_beside(THERAPIST), *way) == [NoStart.NOBODY_NEW] * len(way)
 
 
 def test_he_is_found_beside_those_who_stayed():
     found = looked(lost_beside(THERAPIST), (THERAPIST,), (THERAPIST, body(0.1, -0.1)))
-    assert found[0] is None
+    assert found[0] is NoStart.NOBODY_NEW
     assert found[1].ground_xz_m == pytest.approx([0.1, -0.1], abs=SEEN_FROM_ONE_SIDE_M)
 
 
@@ -75,10 +79,25 @@ def test_he_cannot_have_run_away_at_once_but_may_have_walked():
     search = lost_beside(THERAPIST)
     enough = int(np.ceil(1.1 / WALK_M_S / A_FRAME_S))
     found = looked(search, *[(THERAPIST, far)] * enough)
-    assert found[0] is None
+    assert found[0] is NoStart.NOBODY_NEW
     assert found[-1].ground_xz_m == pytest.approx([-0.4, -1.0], abs=SEEN_FROM_ONE_SIDE_M)
 
 
 def test_of_two_newcomers_the_nearer_is_taken():
     found = looked(lost_beside(), (body(0.0, -0.8), body(0.1, 0.2)))
     assert found[0].ground_xz_m == pytest.approx([0.1, 0.2], abs=SEEN_FROM_ONE_SIDE_M)
+
+
+@pytest.mark.parametrize("left", [False, True])
+def test_who_comes_in_may_be_the_other_who_left_too(left):
+    newcomer = body(0.1, -0.1)
+    found = looked(lost_beside(THERAPIST, left=left), (newcomer,))[0]
+    if left:
+        assert found is NoStart.WHO_IS_IT
+    else:
+        assert isinstance(found, PatientChoice)  # was hidden, not away
+
+
+def test_he_comes_back_while_everybody_else_stays():
+    found = looked(lost_beside(THERAPIST, left=True), (THERAPIST, body(0.1, -0.1)))[0]
+    assert isinstance(found, PatientChoice)

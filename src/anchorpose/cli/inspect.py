@@ -53,7 +53,7 @@ def inspect(
     """
     from anchorpose.cli.config_file import load_track_config
     from anchorpose.cli.console import counter
-    from anchorpose.cli.track import parse_place
+    from anchorpose.cli.track import parse_patient
     from anchorpose.inspecting import inspect_recording
     from anchorpose.pages.inspection_page import FACTS_FILE, PAGE_FILE
     from anchorpose.results.folder import new_results_folder
@@ -61,7 +61,8 @@ def inspect(
     given = options or InspectOptions()
     settings = load_track_config(given.config)
     if given.patient is not None:
-        settings = replace(settings, patient_xz_m=parse_place(given.patient))
+        place, at = parse_patient(given.patient)
+        settings = replace(settings, patient_xz_m=place, patient_frame=at)
     target, marks = out or Path(f"inspect-{frame}"), (FACTS_FILE, PAGE_FILE)
     with new_results_folder(target, recording, given.overwrite, marks) as folder, counter("frames read") as tick:
         inspection = inspect_recording(recording, folder, frame, settings, given.as_tracked, tick)

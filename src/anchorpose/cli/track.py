@@ -21,8 +21,8 @@ class TrackOptions:
     """The options of ``anchorpose track``."""
 
     patient: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None
-    """Where the patient stands at the start, as x,z in metres on the floor (x forward, z to the patient's right);
-    needed only where there are several people and the wrong one is tracked."""
+    """Where the patient stands at the start, as x,z in metres on the floor (x forward, z to the patient's right), or in
+    frame 47 as x,z@47; needed only where there are several people and the wrong one is tracked."""
 
     height: float | None = None
     """The patient's standing height in metres, for example 1.72; it makes the lengths of the limbs more accurate. With
@@ -61,13 +61,15 @@ class TrackOptions:
         from anchorpose.cli.config_file import load_track_config
         from anchorpose.settings import sentence_of
 
+        place, frame = (None, None) if self.patient is None else parse_patient(self.patient)
         given: dict[str, Any] = {
             "start": self.start,
             "stop": self.stop,
             "smooth": self.smooth or None,
             "height_m": self.height,
             "motions": None if self.motions is None else str(self.motions),
-            "patient_xz_m": None if self.patient is None else parse_place(self.patient),
+            "patient_xz_m": place,
+            "patient_frame": frame,
         }
         settings = load_track_config(self.config)
         try:
@@ -102,6 +104,16 @@ def track(
     with new_results_folder(results, recording, given.overwrite) as folder, progress_bar("Tracking") as progress:
         track_recording(recording, folder, settings, progress, given.calibration, given.corrections)
     print_outcome(results)
+
+
+def parse_patient(text: str) -> tuple[tuple[float, float], int | None]:
+    """``x,z`` or ``x,z@frame``: a place and the number of a frame; raises AnchorposeError otherwise."""
+    place, at, frame = text.partition("@")
+    if at and not frame.isdecimal():
+        raise AnchorposeError(
+            f"--patient is '{text}'; write the number of a frame after the @, for example 0.1,-0.2@47."
+        )
+    return parse_place(place), int(frame) if at else None
 
 
 def parse_place(text: str, option: str = "--patient") -> tuple[float, float]:

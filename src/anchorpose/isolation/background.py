@@ -34,7 +34,8 @@ class BackgroundModel:
     """One camera's empty room.
 
     depth_m (height, width) float32 metres, 0 = nothing known. sigma_m (height, width) float32: deviation of a live
-    reading from depth_m where nobody stands. noise_per_m: the sensor's own law sigma = noise_per_m z^2.
+    reading from depth_m where nobody stands. noise_per_m: the sensor's own law sigma = noise_per_m z^2. smear_px: how
+    wide the camera's filters make depth edges, 0 = sharp.
     """
 
     depth_m: np.ndarray
@@ -42,6 +43,7 @@ class BackgroundModel:
     noise_per_m: float
     focal_px: float
     source: BackgroundSource
+    smear_px: int = 0
 
     @property
     def jump_limit(self) -> JumpLimit:

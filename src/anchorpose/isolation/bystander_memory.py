@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -48,6 +48,24 @@ class BystanderMemory:
 
     def _of(self, kept: np.ndarray) -> BystanderMemory:
         return BystanderMemory(self.points_m[kept], self.owner[kept], self.age_s[kept], self.next_label)
+
+    @property
+    def seen_last(self) -> dict[int, np.ndarray]:
+        """Label to the points (n, 3) of each person that the last frame showed."""
+        seen = self.age_s == 0.0
+        return {
+            int(label): self.points_m[seen & (self.owner == label)]
+            for label in np.flatnonzero(np.bincount(self.owner[seen]))
+        }
+
+    def moved(self, steps: Mapping[int, np.ndarray]) -> BystanderMemory:
+        """With what the last frame showed of people moved by a step (3,) each."""
+        if not steps:
+            return self
+        points = self.points_m.copy()
+        for label, step in steps.items():
+            points[(self.owner == label) & (self.age_s == 0.0)] += step.astype(np.float32)
+        return replace(self, points_m=points)
 
     def likelihood(self, elapsed_s: float, doubt_m: float = 0.0) -> OwnershipLikelihood:
         """Where skin is likely ``elapsed_s`` after the last frame: it moves, and what was hidden longest most.

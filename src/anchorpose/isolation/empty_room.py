@@ -25,6 +25,7 @@ from anchorpose.isolation.background import (
 )
 from anchorpose.isolation.components import JUMP_GATE
 from anchorpose.isolation.resting import resting_people
+from anchorpose.isolation.smear import smear_px
 from anchorpose.recording.equipment import EquipmentModel
 
 BLOCK_PX: Final = 16  # noise changes slowly over the image: it is measured in blocks of this size
@@ -62,16 +63,16 @@ def learn_background(
     """
     if not frames_m:
         raise ValueError("a background needs at least one frame of the recording to measure the noise on")
-    noise, focal_px = noise_per_m(frames_m), camera.intrinsics.fx
+    noise, focal_px, smear = noise_per_m(frames_m), camera.intrinsics.fx, smear_px(frames_m)
     if empty_m is not None:
         depth = _fill_specks(empty_m.astype(np.float32))
         sigma = _noise_behind(depth, frames_m, noise)
-        return BackgroundModel(depth, sigma, noise, focal_px, BackgroundSource.PICTURE)
+        return BackgroundModel(depth, sigma, noise, focal_px, BackgroundSource.PICTURE, smear)
     if all(people_only(frame) for frame in frames_m):
         nothing = np.zeros_like(frames_m[0], dtype=np.float32)
         return BackgroundModel(nothing, nothing, noise, focal_px, BackgroundSource.REMOVED)
     depth, sigma = _from_recording(frames_m, camera, floor_height_m, equipment, noise)
-    return BackgroundModel(depth, sigma, noise, focal_px, BackgroundSource.RECORDING)
+    return BackgroundModel(depth, sigma, noise, focal_px, BackgroundSource.RECORDING, smear)
 
 
 def _from_recording(

@@ -21,6 +21,7 @@ from anchorpose.isolation.background import (
     foreground,
 )
 from anchorpose.isolation.components import JUMP_GATE, JumpLimit, label_components
+from anchorpose.isolation.smear import smeared
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.recording.equipment import EquipmentModel
 
@@ -129,8 +130,10 @@ def find_all_pieces(depths_m: Sequence[np.ndarray | None], scenes: Sequence[Scen
 
 
 def find_pieces(depth_m: np.ndarray, scene: Scene) -> Pieces:
-    """Take room and equipment away from one frame and cut the rest at its depth jumps."""
+    """Take room and equipment away from one frame and cut the rest at its depth jumps; ramps have no reading."""
     model, camera = scene.background, scene.camera
+    if model.smear_px:
+        depth_m = np.where(smeared(depth_m, model.smear_px), np.float32(0.0), depth_m)
     people = foreground(depth_m, model)
     equipment = None if scene.equipment is None else equipment_mask(depth_m, people, scene.equipment)
     if equipment is not None:

@@ -131,6 +131,17 @@ class DroppedFrame:
 
 
 @dataclass(frozen=True, slots=True)
+class LostInterval:
+    """Frames in a row, both ends included, in which the patient was lost for the same reason."""
+
+    first_frame: int
+    last_frame: int
+    start_s: float
+    end_s: float
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
 class CorrectionsRecord:
     """The corrections file: name, hash and entries, and a sentence for each correction that could not be followed."""
 
@@ -166,11 +177,23 @@ class RunRecord:
     frame_count: int = 0
     association: MatchedShares = MatchedShares()
     dropped: tuple[DroppedFrame, ...] = ()
+    lost: tuple[LostInterval, ...] = ()
     explained: ExplainedSummary | None = None  # None where no frame was tracked
     body: BodyRecord | None = None  # None where the patient was never found
     corrections: CorrectionsRecord | None = None
     pictures: tuple[PictureRecord, ...] = ()
     notes: tuple[str, ...] = ()  # sentences for people: what was assumed, what needs care
+
+
+def note_lost(intervals: list[LostInterval], frame: int, time_s: float, why: str) -> None:
+    """Take in one more frame: the last interval goes on, a new one begins, or the patient is there (no why)."""
+    if not why:
+        return
+    last = intervals[-1] if intervals else None
+    if last is not None and last.why == why and last.last_frame == frame - 1:
+        intervals[-1] = dataclasses.replace(last, last_frame=frame, end_s=time_s)
+    else:
+        intervals.append(LostInterval(frame, frame, time_s, time_s, why))
 
 
 def hash_files(files: Iterable[Path], folder: Path) -> tuple[tuple[str, str], ...]:
@@ -197,6 +220,7 @@ def write_run_record(path: Path, record: RunRecord) -> None:
         "timings": as_json(record.timings),
         "association": as_json(record.association),
         "dropped": as_json(record.dropped),
+        "lost": as_json(record.lost),
         "explained": as_json(record.explained),
         "body": as_json(record.body),
         "corrections": as_json(record.corrections),

@@ -26,7 +26,7 @@ from anchorpose.body.pose import DEGREE, POSE_SIZE, TRUNK, Pose
 from anchorpose.body.registration import Registration, posterior, register
 from anchorpose.body.skin_points import Body, SkinPoints, body_points, build_body, pose_points
 from anchorpose.camera import Camera
-from anchorpose.isolation.bystander_memory import empty_memory, update_memory
+from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory, update_memory
 from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.ownership import OwnershipLikelihood, join_likelihoods
 from anchorpose.isolation.scene import Pieces
@@ -34,6 +34,7 @@ from anchorpose.isolation.separation import separate
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface.mesh import build_surface
 from anchorpose.surface.surface import Surface, SurfaceConfig
+from anchorpose.tracker.steps import facing_points, step_onto
 
 COARSE: Final = SurfaceConfig(step=4)  # a rough body needs no finer nodes
 
@@ -123,6 +124,27 @@ def bystander_likelihood(bystanders: Bystanders, points: SkinPoints, elapsed_s: 
         owner, sigma = np.full(len(skin), one.label, np.uint8), np.full(len(skin), spread, np.float32)
         found.append(OwnershipLikelihood(skin, owner, sigma))
     return join_likelihoods(found)
+
+
+def bystanders_placed(
+    bystanders: Bystanders,
+    memory: BystanderMemory,
+    pieces: Sequence[Pieces | None],
+    cameras: Sequence[Camera],
+    elapsed_s: float,
+) -> Bystanders:
+    """With the bodies moved over the ground to where the memory, after everybody's steps, has them; pieces: the next
+    frame's pixels; elapsed_s: until then."""
+    seen, points, moved = memory.seen_last, body_points(), list[Bystander]()
+    for one in bystanders.followed:
+        if one.label in seen:
+            posed = pose_points(one.body, _ahead(one, points, elapsed_s))
+            step = step_onto(facing_points(posed.points_m, posed.normals, cameras), seen[one.label], pieces, cameras)
+            if step.any():
+                pose = replace(one.belief.pose, root_m=one.belief.pose.root_m + step)
+                one = replace(one, belief=replace(one.belief, pose=pose))
+        moved.append(one)
+    return replace(bystanders, followed=tuple(moved))
 
 
 def follow_bystanders(

@@ -55,6 +55,7 @@ class TrackConfig:
     smooth: bool = False  # also track backward in time and combine both passes: not for live use, twice the work
     height_m: float | None = None  # the patient's standing height; None = that of recording.json, or unknown
     patient_xz_m: tuple[float, float] | None = None  # where the patient stands at the start, if the user gives it
+    patient_frame: int | None = None  # number of the frame in which the patient stands there; None = when first seen
     motions: str | None = None  # file of reference movements; None = those that ship with the package
     clocks: ClockConfig = field(default_factory=ClockConfig)
     placing: PlacingConfig = field(default_factory=PlacingConfig)
@@ -76,6 +77,8 @@ class TrackConfig:
     def __post_init__(self) -> None:
         if self.start < 0 or (self.stop is not None and self.stop <= self.start):
             raise ValueError(f"start must not be negative and stop must come after it, got {self.start} to {self.stop}")
+        if self.patient_frame is not None and self.patient_xz_m is None:
+            raise ValueError("patient_frame says when the patient is at patient_xz_m, which is not given")
         shortest, tallest = HEIGHTS_M
         if self.height_m is not None and not shortest <= self.height_m <= tallest:
             raise ValueError(f"height_m is in metres, {shortest} to {tallest}, got {self.height_m:g}")

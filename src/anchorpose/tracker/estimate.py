@@ -28,7 +28,7 @@ class Estimate:
 
     observation and shape are None where nobody was searched for or found. matched_share: share of the nodes with a
     match in this frame, None where nothing was matched (the first frame, nothing seen). explanation: how well the pose
-    explains the depth images, None where lost.
+    explains the depth images, None where lost. why_lost: why there is no pose, empty where there is one.
     """
 
     frame_set: FrameSet
@@ -41,10 +41,11 @@ class Estimate:
     states: tuple[JointState, ...]
     matched_share: float | None = None
     explanation: Explanation | None = None
+    why_lost: str = ""
 
 
-def nobody_found(frame_set: FrameSet, observation: Observation | None = None) -> Estimate:
-    """A frame in which every joint is lost."""
+def nobody_found(frame_set: FrameSet, why: str, observation: Observation | None = None) -> Estimate:
+    """A frame in which every joint is lost, and why, as a sentence without its full stop."""
     return Estimate(
         frame_set,
         observation,
@@ -54,6 +55,7 @@ def nobody_found(frame_set: FrameSet, observation: Observation | None = None) ->
         np.full((JOINT_COUNT, 3), np.nan),
         np.full(JOINT_COUNT, np.nan),
         (JointState.LOST,) * JOINT_COUNT,
+        why_lost=why,
     )
 
 

@@ -27,8 +27,8 @@ from anchorpose.tracker.smoothing import PassResult
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameRecord:
     """What is kept of one frame: the joints, the body's pose, how well it explains the depth images, anchors, share of
-    nodes matched, how near others are to the patient (None where the patient is lost), and what was wrong with the
-    depth images."""
+    nodes matched, how near others are to the patient (None where the patient is lost), what was wrong with the depth
+    images, and why the patient is lost (empty where not)."""
 
     joints: JointFrame
     body: BodyPose
@@ -37,6 +37,7 @@ class FrameRecord:
     matched_share: float | None
     near: Nearness | None
     problems: tuple[str, ...]
+    why_lost: str = ""
 
 
 def record_of(estimate: Estimate, body: Body | None, run: Run) -> FrameRecord:
@@ -55,7 +56,7 @@ def record_of(estimate: Estimate, body: Body | None, run: Run) -> FrameRecord:
     bones, near = _bones(estimate, body, run), _near(estimate, body, run)
     anchors, share = anchor_frame(estimate), estimate.matched_share
     explained = explained_frame(frame_set.frame, frame_set.time_s, estimate.explanation)
-    record = FrameRecord(joints, bones, explained, anchors, share, near, frame_set.problems)
+    record = FrameRecord(joints, bones, explained, anchors, share, near, frame_set.problems, estimate.why_lost)
     why = run.room.review.why_unusable(frame_set.frame)
     return record if why is None else _without_patient(record, why)
 
@@ -69,7 +70,10 @@ def smoothed_record(
     joints = replace(record.joints, position_m=position, sigma_m=answer.sigma_m, state=answer.states)
     frame, time_s = record.joints.frame, record.joints.time_s
     bones = body_pose(body, frame, time_s, answer.pose, None)
-    return replace(record, joints=joints, body=bones, explained=explained_frame(frame, time_s, explanation))
+    why_lost = record.why_lost if lost.all() else ""
+    return replace(
+        record, joints=joints, body=bones, explained=explained_frame(frame, time_s, explanation), why_lost=why_lost
+    )
 
 
 def _without_patient(record: FrameRecord, why: str) -> FrameRecord:

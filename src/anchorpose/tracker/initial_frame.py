@@ -53,7 +53,15 @@ def rank_initial_frames(
     if patient is None:
         return ()
     chosen = range(len(frames)) if patient_xz_m is None else _first_there(patient, np.array(patient_xz_m))
-    found = [_Shown(frames[k], sightings[k], one) for k in chosen if (one := patient.seen[k]) is not None]
+    return ranked_by_view(patient, [frames[k] for k in chosen], [sightings[k] for k in chosen], chosen)
+
+
+def ranked_by_view(
+    patient: Patient, frames: Sequence[int], sightings: Sequence[Sighting], chosen: Sequence[int]
+) -> tuple[InitialFrame, ...]:
+    """The frames that show the patient well first; chosen: which of ``patient.seen`` each of them is."""
+    shown = zip(frames, sightings, (patient.seen[k] for k in chosen), strict=True)
+    found = [_Shown(frame, sighting, one) for frame, sighting, one in shown if one is not None]
     ordinary_m2 = float(np.median([shown.patient.person.area_m2 for shown in found]))
     usual = float(np.median([len(shown.sighting.people) for shown in found]))
     ranked = [_initial_frame(shown, patient, ordinary_m2, usual) for shown in found]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,9 +23,16 @@ from anchorpose.recording.recording import FrameSet
 from anchorpose.surface.border import Border, border
 from anchorpose.surface.patient_surface import blank_view, patient_surface
 from anchorpose.surface.surface import ExpectedSkin, Surface, seen_part
-from anchorpose.tracker.bystanders import Bystanders, bystander_likelihood, follow_bystanders, label_by_bodies
+from anchorpose.tracker.bystanders import (
+    Bystanders,
+    bystander_likelihood,
+    bystanders_placed,
+    follow_bystanders,
+    label_by_bodies,
+)
 from anchorpose.tracker.room import FACING, UP
 from anchorpose.tracker.run import Run
+from anchorpose.tracker.steps import facing_points, find_steps, step_onto
 
 LOOSEST_SKIN_M = 0.05  # half of a limb's width: skin predicted less precisely is left out of the likelihood
 UNFITTED_M = 0.04  # that skin may stray in each frame without a fit: 1.2 m/s at 30 Hz, a fast leg
@@ -140,17 +147,45 @@ def isolate(frame_set: FrameSet, expected: Expectation, before: Observation, run
     """Who is who where the patient is expected at a place, and the bystanders where they were in the frame before."""
     with run.stage("isolation"):
         pieces = find_all_pieces(frame_set.depths_m, run.room.scenes)
+        memory = walked(before, pieces, run)
     elapsed_s = frame_set.time_s - before.frame_set.time_s  # negative in a backward pass
-    views = _separated(pieces, expected, before, before.bystanders, elapsed_s, elapsed_s, run)
-    bystanders = see_bystanders(before.bystanders, views, elapsed_s, run)
-    return _isolated(pieces, views, before.memory, bystanders, elapsed_s, run)
+    expected = placed(expected, memory, pieces, run)
+    others = bystanders_placed(before.bystanders, memory, pieces, run.room.cameras, elapsed_s)
+    views = _separated(pieces, expected, memory, others, elapsed_s, elapsed_s, run)
+    bystanders = see_bystanders(others, views, elapsed_s, run)
+    return _isolated(pieces, views, memory, bystanders, elapsed_s, run)
+
+
+def walked(before: Observation, pieces: Sequence[Pieces | None], run: Run) -> BystanderMemory:
+    """The memory of a frame with everybody where the next one's pixels (``pieces``) show them to have walked."""
+    return before.memory.moved(find_steps(before.memory.seen_last, pieces, run.room.cameras))
+
+
+def placed(expected: Expectation, memory: BystanderMemory, pieces: Sequence[Pieces | None], run: Run) -> Expectation:
+    """What was expected, moved over the ground to where the patient is seen, if that is elsewhere."""
+    step = step_of(expected, memory, pieces, run)
+    if not step.any():
+        return expected
+    skin = replace(expected.skin, points_m=expected.skin.points_m + step.astype(np.float32))
+    return replace(expected, skin=skin, anchors_m=expected.anchors_m + step)
+
+
+def step_of(expected: Expectation, memory: BystanderMemory, pieces: Sequence[Pieces | None], run: Run) -> np.ndarray:
+    """(3,) from where the patient is expected to where the frame shows the patient; 0 where they agree."""
+    seen_m = memory.seen_last.get(PixelLabel.PATIENT)
+    if seen_m is None:
+        return np.zeros(3)
+    cameras = run.room.cameras
+    front = facing_points(expected.skin.points_m, expected.skin.normals, cameras)
+    return step_onto(front, seen_m, pieces, cameras)
 
 
 def isolate_again(seen: Observation, expected: Expectation, before: Observation, run: Run) -> Isolated:
     """Who is who in a frame that was isolated before, by a better expectation than there was when it came in."""
     elapsed_s = seen.frame_set.time_s - before.frame_set.time_s
-    views = _separated(seen.pieces, expected, before, seen.bystanders, elapsed_s, 0.0, run)
-    return _isolated(seen.pieces, views, before.memory, seen.bystanders, elapsed_s, run)
+    memory = walked(before, seen.pieces, run)
+    views = _separated(seen.pieces, expected, memory, seen.bystanders, elapsed_s, 0.0, run)
+    return _isolated(seen.pieces, views, memory, seen.bystanders, elapsed_s, run)
 
 
 def relabelled(seen: Observation, views: Sequence[View | None], before: Observation, run: Run) -> Isolated:
@@ -174,7 +209,7 @@ def patient_likelihood(expected: Expectation, config: IsolationConfig) -> Owners
 def _separated(
     pieces: Sequence[Pieces | None],
     expected: Expectation,
-    before: Observation,
+    memory: BystanderMemory,
     bystanders: Bystanders,
     elapsed_s: float,
     ahead_s: float,
@@ -184,7 +219,7 @@ def _separated(
     with run.stage("isolation"):
         others = bystander_likelihood(bystanders, body_points(), ahead_s)
         likelihood = join_likelihoods([others, patient_likelihood(expected, run.config.isolation)])
-        return separate(pieces, before.memory, likelihood, elapsed_s, run.config.isolation)
+        return separate(pieces, memory, likelihood, elapsed_s, run.config.isolation)
 
 
 def see_bystanders(before: Bystanders, views: Sequence[View | None], elapsed_s: float, run: Run) -> Bystanders:

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.body.belief import UNSEEN_S, PoseBelief
+from anchorpose.body.belief import PATIENT_PACE, UNSEEN_S, PoseBelief
 from anchorpose.body.body_map import map_body
 from anchorpose.body.constraints import Constraints, no_constraints
 from anchorpose.body.inverse_kinematics import (
@@ -28,6 +28,7 @@ from anchorpose.body.uncertainty import skin_sigma
 from anchorpose.recording.recording import FrameSet
 from anchorpose.surface.surface import ExpectedSkin
 from anchorpose.tracker.association import GlobalHypothesis, global_hypothesis, held_by, part_motion, parts_by_icp
+from anchorpose.tracker.bystanders import WALKING
 from anchorpose.tracker.config import Method
 from anchorpose.tracker.estimate import Estimate, estimate_of
 from anchorpose.tracker.limb_watch import LimbWatch, cheaper, explained_by, is_doubtful
@@ -41,6 +42,8 @@ from anchorpose.tracker.observation import (
     observe,
     see_anchors,
     see_surface,
+    step_of,
+    walked,
 )
 from anchorpose.tracker.rivals import Rival, follow_rivals
 from anchorpose.tracker.run import Run
@@ -65,8 +68,10 @@ class PatientTracker:
         self.window = Window([start.observation], run)
         self.ahead: list[Pose] = []
         self.unseen_s, self.unseen_frames = 0.0, 0
+        self.pace = PATIENT_PACE
         self.last_found = start.observation
         self.watch = LimbWatch(run)
+        self.met = set[int]()  # labels of everybody who was followed beside the patient
         self.rivals: tuple[Rival, ...] = ()  # poses that explain the last frames almost as well
         self.feet = StandingFeet(self.points)
         self.first = self._estimate(Registration(self.belief, start.explained, True), start.observation, None)
@@ -166,7 +171,13 @@ class PatientTracker:
         frame came in, the people are separated again, and the patient's surface is built again.
         """
         poses = self.predict(len(self.window) - 1)
-        expected, before = self.expect(poses[0]), self.window[1].expected
+        expected, before, seen = self.expect(poses[0]), self.window[1].expected, self.window[1]
+        step = step_of(expected, walked(self.window[0], seen.pieces, self.run), seen.pieces, self.run)
+        self.pace = WALKING if step.any() else PATIENT_PACE
+        if step.any():
+            self.ahead = [replace(pose, root_m=pose.root_m + step) for pose in self.ahead]
+            poses = self.ahead[: len(poses)]
+            expected = self.expect(poses[0])
         if before is None or _apart_m(expected, before) > SEE_AGAIN_M:
             self._see_again(expected)
         return poses
@@ -202,6 +213,7 @@ class PatientTracker:
         self.belief, self.ahead = self._corrected(registration.belief, following), []
         self.history.append(self.body.joints(self.belief.pose))
         self.window.move_on()
+        self.met |= {one.label for one in following.bystanders.followed}
         return following
 
     def _corrected(self, belief: PoseBelief, seen: Observation) -> PoseBelief:
@@ -230,7 +242,7 @@ class PatientTracker:
 
     def _register(self, poses: list[Pose], elapsed_s: float) -> tuple[Registration, GlobalHypothesis | None]:
         """The pose of the second frame of the window, the predicted one where nothing is seen; the tree where asked."""
-        predicted = self.belief.later(poses[0], elapsed_s)
+        predicted = self.belief.later(poses[0], elapsed_s, self.pace)
         if not len(self.window[1].surface):
             return Registration(predicted, 0.0, False), None
         with self.run.stage("registration"):

@@ -30,6 +30,7 @@ SURE: Final = 1.0  # of the votes between the patient and the next: three to one
 CHANCE: Final = 2  # frames: who is seen once may be a body fitted to an arm
 CHEST: Final = np.linspace(0.5, 0.8, 7)  # heights of a person of height 1 where the trunk is
 BEFORE_M: Final = 0.3  # from the middle of a trunk to what no longer is this person
+STEP_M: Final = 0.4  # from frame to frame: 2 m/s at 5 frames a second
 GIVEN_M: Final = 0.5  # from the given place: beyond it another person is seen, and the patient has not come yet
 
 
@@ -78,6 +79,26 @@ def choose_patient(
     first, *rest = sorted(candidates, key=lambda one: -one.votes)
     rival = next((one.place_xz_m for one in rest if one.votes > first.votes - SURE), None)
     return Patient(first.seen, _reason(first, sightings), first.within and rival is None, rival)
+
+
+def named_patient(sightings: Sequence[Sighting], first: int, place_xz_m: np.ndarray) -> Patient | None:
+    """The person who stands at a place in the sighting ``first``, from frame to frame; None where nobody is near.
+
+    sightings: of frames that follow one another, so that a person who walks is the nearest to the place just before.
+    """
+    seen: list[SeenPerson | None] = [None] * len(sightings)
+    for way in (range(first, len(sightings)), range(first, -1, -1)):
+        at, reach_m = place_xz_m, GIVEN_M
+        for number in way:
+            people = sightings[number].people
+            nearest = min(people, key=lambda one: distance_m(one, at), default=None)
+            if nearest is None or distance_m(nearest, at) > reach_m:
+                break
+            seen[number], at, reach_m = nearest, nearest.place_xz_m, STEP_M
+    if seen[first] is None:
+        return None
+    reason = f"was at the given place in frame {sightings[first].frame}, {_others(sightings)}"
+    return Patient(tuple(seen), reason, True, None)
 
 
 def find_candidates(
@@ -131,16 +152,16 @@ def _candidate(
     there = [(one, sighting) for one, sighting in zip(seen, sightings, strict=True) if one is not None]
     place = _usual_place([one for one, _ in there])
     faced = float(np.mean([_faced_by(one, sighting) for one, sighting in there]))
-    outside_m = 0.0 if equipment is None else _outside_m(place, equipment)
+    beyond_m = 0.0 if equipment is None else outside_m(place, equipment)
     votes = (
         -np.log1p((CHANCE + _times_gone(seen, sightings, cameras)) / len(there))
         + 0.5 * np.log(np.median([one.person.area_m2 for one, _ in there]))
         + faced
         + 0.5 * np.mean([_turned_to_camera(one, cameras) for one, _ in there])
         - np.log1p((_aside_m(place, cameras) / ASIDE_M) ** 2)
-        - np.log1p((outside_m / OUTSIDE_M) ** 2)
+        - np.log1p((beyond_m / OUTSIDE_M) ** 2)
     )
-    return Candidate(tuple(seen), float(votes), equipment is not None and outside_m == 0.0, faced)
+    return Candidate(tuple(seen), float(votes), equipment is not None and beyond_m == 0.0, faced)
 
 
 def _times_gone(seen: Sequence[SeenPerson | None], sightings: Sequence[Sighting], cameras: Sequence[Camera]) -> int:
@@ -199,7 +220,7 @@ def _aside_m(place_xz_m: np.ndarray, cameras: Sequence[Camera]) -> float:
     return float(np.sqrt(np.mean(np.square(aside))))
 
 
-def _outside_m(place_xz_m: np.ndarray, equipment: EquipmentModel) -> float:
+def outside_m(place_xz_m: np.ndarray, equipment: EquipmentModel) -> float:
     """How far a place lies outside of the equipment's outline on the ground; 0 inside."""
     outline = cv2.convexHull(equipment.triangles()[0][:, [0, 2]].astype(np.float32))
     x, z = place_xz_m

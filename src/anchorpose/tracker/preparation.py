@@ -23,18 +23,20 @@ from anchorpose.errors import InputError
 from anchorpose.geodesics.anchors import no_anchors
 from anchorpose.isolation.background import BackgroundModel
 from anchorpose.isolation.empty_room import learn_background
-from anchorpose.isolation.scene import set_scene
+from anchorpose.isolation.scene import Scene, set_scene
 from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.initial_frame import rank_initial_frames, with_best_initial_frame
+from anchorpose.tracker.initial_frame import rank_initial_frames, ranked_by_view, with_best_initial_frame
 from anchorpose.tracker.observation import observe_first
+from anchorpose.tracker.patient_choice import GIVEN_M, named_patient
 from anchorpose.tracker.room import NO_REVIEW, InitialFrame, Review, Room
 from anchorpose.tracker.run import Run
 from anchorpose.tracker.sighting import sight_people
 from anchorpose.tracker.start import ORDINARY_HEIGHT_M, first_heights, known_shape
 
 BLIND_SAMPLES = 3  # times as many where the empty room has to be put together from moments in which it is free
+AROUND: Final = 6  # frames before and after the one in which the user named the patient: half a step each
 LOOKS: Final = 3  # frames, each 2 to 6 s of fitting
 LEAST_RATIO: Final = 1.2  # of the next best heading's cost to the best one's: 1.3 to 3.8 where the patient is seen well
 
@@ -116,6 +118,9 @@ def furnish_room(settled: Settled, config: TrackConfig, review: Review) -> Room:
         set_scene(camera, _background(settled, number), recording.equipment)
         for number, camera in enumerate(calibration.cameras)
     )
+    if config.patient_frame is not None:
+        initial = _frames_of_named(recording, scenes, config, config.patient_frame)
+        return Room(recording, settled.clocks, calibration, scenes, initial, review)
     usable = [k for k, frame_set in enumerate(samples) if review.why_unusable(frame_set.frame) is None]
     usable = usable or list(range(len(samples)))
     usable = [usable[k] for k in thin(len(usable), config.follow.samples)]  # samples of an empty room are more
@@ -124,6 +129,29 @@ def furnish_room(settled: Settled, config: TrackConfig, review: Review) -> Room:
         [settled.chosen[k] for k in usable], sightings, recording.equipment, config.patient_xz_m, calibration.cameras
     )
     return Room(recording, settled.clocks, calibration, scenes, initial, review)
+
+
+def _frames_of_named(
+    recording: Recording, scenes: Sequence[Scene], config: TrackConfig, frame: int
+) -> tuple[InitialFrame, ...]:
+    """Where to begin with the person who is at the given place in a frame: that frame or one just before or after it.
+
+    Raises InputError where the recording has no such frame, or nobody stands there in it.
+    """
+    found = np.flatnonzero(recording.streams[0].frame == frame)
+    if not len(found):
+        raise InputError(recording.folder, f"has no frame {frame}", "give a frame of the recording after the @")
+    here, last = int(found[0]), len(recording.streams[0].files)
+    positions = range(max(here - AROUND, 0), min(here + AROUND + 1, last))
+    sightings = [sight_people(read_frame(recording, k), scenes, config) for k in positions]
+    place = np.array(config.patient_xz_m)
+    named = named_patient(sightings, here - positions.start, place)
+    if named is None:
+        seen = [f"{x:.2f},{z:.2f}" for x, z in (one.place_xz_m for one in sightings[here - positions.start].people)]
+        where = f"people are at {' and '.join(seen)}" if seen else "nobody is seen in this frame"
+        problem = f"shows nobody within {GIVEN_M} m of x {place[0]:.2f}, z {place[1]:.2f} in frame {frame}: {where}"
+        raise InputError(recording.folder, problem, "give another place or another frame")
+    return ranked_by_view(named, positions, sightings, range(len(positions)))
 
 
 def _background(settled: Settled, number: int) -> BackgroundModel:

@@ -43,6 +43,9 @@ class Start:
 class NoStart(StrEnum):
     """Why a track does not begin in a frame."""
 
+    NOBODY_THERE = "nobody is seen where the patient may be"
+    NOBODY_NEW = "everybody in view was there beside the patient"
+    WHO_IS_IT = "the patient had left the picture: who came in may be another person"
     TOO_LITTLE_SEEN = "too little of anybody is seen where the patient should be"
     NO_BODY_FITS = "no body explains what is seen there"
 

@@ -1,0 +1,200 @@
+"""Where everybody went since the last frame, from the depth images alone.
+
+Where frames are few, a person who walks moves by a quarter of a metre from one to the next: farther than remembered or
+predicted skin reaches. What was seen of a person is then looked for in the new frame, moved over the ground.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cache
+from itertools import combinations, product
+from typing import Final, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from anchorpose.body.visibility import Projection, pixels_of, projection_of
+from anchorpose.camera import Camera
+from anchorpose.isolation.scene import Pieces
+
+REACH_M: Final = 0.60  # from frame to frame: 3 m/s at 5 frames a second
+GRID_M: Final = 0.05  # half a limb's width
+SAME_M: Final = 0.06  # from a moved point to the reading: half the grid along the ray, clothes and noise
+PAST_M: Final = 0.15  # a reading so far behind a point shows that it is not there
+POINTS: Final = 250  # of a person: enough for a share good to three hundredths
+STAYED: Final = 0.6  # share of a person's points found again: where more of them are, the person has not walked
+PLACED: Final = 0.4  # of expected skin: a part of it is hidden by the person's own limbs
+BETTER: Final = 0.2  # of the points: what a step must explain more than staying does
+LEAST: Final = 0.25  # of the points, found after a step: others may hide the rest
+FAR_COST: Final = 0.2  # of the points, per metre: of two places that are as good the nearer counts
+MOST_WALKERS: Final = 5  # who are compared with one another; more do not fit into a picture
+MOST_STEPS: Final = 4  # for each of them
+APART_M: Final = 0.25  # between the axes of two people, and between two steps worth comparing
+LEAST_POINTS: Final = 60  # a hand's: of fewer the share says nothing
+
+
+def find_steps(
+    skin_m: Mapping[int, np.ndarray], pieces: Sequence[Pieces | None], cameras: Sequence[Camera]
+) -> dict[int, np.ndarray]:
+    """How far people moved over the ground, (3,) metres by label; without those who stayed or are not seen.
+
+    skin_m: label to points (n, 3) world of what was seen of each person in the last frame. A point is found where a
+    pixel of the people lies at its depth, and refuted where a camera sees past it; what hides it says nothing. Of
+    all the places where people may have gone, those count that together explain most.
+    """
+    shown = [(pixels, projection_of(camera)) for pixels, camera in zip(pieces, cameras, strict=True) if pixels]
+    free = [pixels.index >= 0 for pixels, _ in shown]
+    left = {label: points.astype(np.float64) for label, points in skin_m.items() if len(points) >= LEAST_POINTS}
+    stay = np.zeros((1, 3))
+    worth = {label: _worth(_thinned(points), stay, shown, free)[0] for label, points in left.items()}
+    if all(value >= STAYED for value in worth.values()):
+        return {}
+    for label in [label for label in left if worth[label] >= STAYED]:
+        _take(left.pop(label), shown, free)
+    walkers = sorted(left)[:MOST_WALKERS]
+    options = [_options(left[label], worth[label], shown, free) for label in walkers]
+    chosen = max(product(*options), key=_together)
+    return {label: one.step for label, one in zip(walkers, chosen, strict=True) if one.step.any()}
+
+
+class _Option(NamedTuple):
+    """A step (3,), where it leads (2,) on the ground, and its worth."""
+
+    step: np.ndarray
+    place_xz_m: np.ndarray
+    worth: float
+
+
+def _options(
+    points_m: np.ndarray, staying: float, shown: Sequence[tuple[Pieces, Projection]], free: Sequence[np.ndarray]
+) -> list[_Option]:
+    """What a person may have done: stayed, or taken one of the best steps, which lead to different places."""
+    steps, center = _grid(), points_m.mean(axis=0)[[0, 2]]
+    worth = _worth(_thinned(points_m), steps, shown, free) - FAR_COST * np.linalg.norm(steps, axis=1)
+    found = [_Option(np.zeros(3), center, max(staying, 0.0))]
+    open_ = worth > max(staying + BETTER, LEAST)
+    while open_.any() and len(found) <= MOST_STEPS:
+        best = int(np.where(open_, worth, -np.inf).argmax())
+        found.append(_Option(steps[best], center + steps[best, [0, 2]], float(worth[best])))
+        open_ &= np.linalg.norm(steps - steps[best], axis=1) > APART_M
+    return found
+
+
+def _together(chosen: Sequence[_Option]) -> float:
+    """The worth of what several people did; no two of them can go to the same place."""
+    for one, other in combinations(chosen, 2):
+        if (one.step.any() or other.step.any()) and np.linalg.norm(one.place_xz_m - other.place_xz_m) < APART_M:
+            return -np.inf
+    return sum(one.worth for one in chosen)
+
+
+def step_onto(
+    skin_m: np.ndarray, seen_m: np.ndarray, pieces: Sequence[Pieces | None], cameras: Sequence[Camera]
+) -> np.ndarray:
+    """(3,) how far expected skin has to be moved over the ground to lie where its owner is seen; 0 where it does.
+
+    skin_m (p, 3): expected, the side that faces a camera; seen_m (n, 3): where ``find_steps`` found the owner.
+    """
+    nowhere = np.zeros(3)
+    if len(skin_m) < LEAST_POINTS or len(seen_m) < LEAST_POINTS:
+        return nowhere
+    shown = [(pixels, projection_of(camera)) for pixels, camera in zip(pieces, cameras, strict=True) if pixels]
+    others = [np.ones(pixels.depth_m.shape, dtype=np.bool_) for pixels, _ in shown]
+    _take(seen_m.astype(np.float64), shown, others)
+    own = [~taken for taken in others]
+    points = _thinned(skin_m)
+    there = _worth(points, nowhere[None], shown, own)[0]
+    if there >= PLACED:
+        return nowhere
+    step, value = _best_step(points, shown, own)
+    return step if value > max(there + BETTER, LEAST) else nowhere
+
+
+def facing_points(points_m: np.ndarray, normals: np.ndarray, cameras: Sequence[Camera]) -> np.ndarray:
+    """The points (n, 3) that are turned to any camera; normals (n, 3)."""
+    facing = np.zeros(len(points_m), dtype=bool)
+    for camera in cameras:
+        facing |= ((camera.position_m - points_m) * normals).sum(axis=1) > 0
+    return points_m[facing]
+
+
+def _thinned(points_m: np.ndarray) -> np.ndarray:
+    return points_m[:: max(1, len(points_m) // POINTS)].astype(np.float64)
+
+
+@cache
+def _grid() -> np.ndarray:
+    """(k, 3) steps over the ground, none first."""
+    side = np.arange(-REACH_M, REACH_M + GRID_M / 2, GRID_M)
+    x, z = (axis.ravel() for axis in np.meshgrid(side, side))
+    steps = np.column_stack([x, np.zeros_like(x), z])
+    length = np.linalg.norm(steps, axis=1)
+    order = np.argsort(length, kind="stable")
+    return steps[order[length[order] <= REACH_M]]
+
+
+def _best_step(
+    points_m: np.ndarray, shown: Sequence[tuple[Pieces, Projection]], free: Sequence[np.ndarray]
+) -> tuple[np.ndarray, float]:
+    """The step that finds most of the points again, and its worth."""
+    steps = _grid()
+    worth = _worth(points_m, steps, shown, free) - FAR_COST * np.linalg.norm(steps, axis=1)
+    best = int(worth.argmax())
+    return steps[best], float(worth[best])
+
+
+def _worth(
+    points_m: np.ndarray, steps: np.ndarray, shown: Sequence[tuple[Pieces, Projection]], free: Sequence[np.ndarray]
+) -> np.ndarray:
+    """(k,) share of the points that are found after each step, less those refuted; a point is found in any camera."""
+    found = np.zeros((len(steps), len(points_m)), np.int8)
+    for (pixels, projection), open_ in zip(shown, free, strict=True):
+        _look(points_m, steps, projection, pixels.depth_m, open_, found)
+    return np.asarray(found.mean(axis=1))
+
+
+@njit(cache=True)
+def _look(
+    points: np.ndarray,
+    steps: np.ndarray,
+    projection: Projection,
+    depth: np.ndarray,
+    free: np.ndarray,
+    found: np.ndarray,
+) -> None:
+    """Enter 1 where a free pixel lies at a moved point's depth, and -1 where the camera sees past it."""
+    height, width = depth.shape
+    for k in range(len(steps)):
+        column, row, far = pixels_of(points + steps[k], projection, height, width)
+        for p in range(len(points)):
+            if column[p] < 0 or found[k, p] > 0:
+                continue
+            reading = depth[row[p], column[p]]
+            if reading <= 0.0:
+                continue
+            if abs(reading - far[p]) < SAME_M:
+                if free[row[p], column[p]]:
+                    found[k, p] = 1
+            elif reading > far[p] + PAST_M:
+                found[k, p] = -1
+
+
+def _take(points_m: np.ndarray, shown: Sequence[tuple[Pieces, Projection]], free: Sequence[np.ndarray]) -> None:
+    """The pixels at the points are somebody's: nobody else is found there."""
+    for (pixels, projection), open_ in zip(shown, free, strict=True):
+        _close(points_m, projection, pixels.depth_m, open_)
+
+
+@njit(cache=True)
+def _close(points: np.ndarray, projection: Projection, depth: np.ndarray, free: np.ndarray) -> None:
+    height, width = depth.shape
+    column, row, far = pixels_of(points, projection, height, width)
+    for p in range(len(points)):
+        if column[p] < 0:
+            continue
+        reach = int(np.ceil(0.5 * GRID_M * projection.lens[0] / far[p]))
+        for r in range(max(row[p] - reach, 0), min(row[p] + reach + 1, height)):
+            for c in range(max(column[p] - reach, 0), min(column[p] + reach + 1, width)):
+                if abs(depth[r, c] - far[p]) < PAST_M:
+                    free[r, c] = False
