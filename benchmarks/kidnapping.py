@@ -21,7 +21,8 @@ from anchorpose.body.skin_points import pose_points
 from anchorpose.body.uncertainty import skin_sigma
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.estimate import estimate_of
-from anchorpose.tracker.observation import Observation, isolate, observe
+from anchorpose.tracker.isolating import isolate
+from anchorpose.tracker.observation import Observation, observe
 from anchorpose.tracker.patient import PatientTracker
 from anchorpose.tracker.standing_feet import StandingFeet
 from anchorpose.tracker.window import Window
@@ -61,7 +62,7 @@ class Past:
 def fork(tracker: PatientTracker) -> PatientTracker:
     """A tracker in the same state; what no tracker changes (run, body, observations) is shared."""
     shared = [tracker.run, tracker.config, tracker.points, tracker.shape, tracker.body, tracker.map]
-    shared += [tracker.belief, tracker.last_found, tracker.first, *tracker.window]
+    shared += [tracker.belief, tracker.last.seen, tracker.first, *tracker.window]
     return copy.deepcopy(tracker, {id(value): value for value in shared})
 
 
@@ -89,8 +90,8 @@ def _look_again(kidnapped: PatientTracker, past: Past, poses: list[Pose]) -> Non
     ahead = kidnapped.predict(len(kidnapped.window) - 1)
     for seen, pose in zip(list(kidnapped.window)[1:], ahead, strict=True):
         window.append(_seen_with(kidnapped, seen.frame_set, pose, window[-1]))
-    if kidnapped.last_found is kidnapped.window[0]:
-        kidnapped.last_found = window[0]
+    if kidnapped.last.seen is kidnapped.window[0]:
+        kidnapped.last = replace(kidnapped.last, seen=window[0])
     kidnapped.window = Window(window, kidnapped.run)
 
 

@@ -30,7 +30,8 @@ from anchorpose.simulate.shoot import Shot, Studio, set_up
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.threads import one_thread
 from anchorpose.tracker.following import follow_patient
-from anchorpose.tracker.observation import Observation, isolate, observe
+from anchorpose.tracker.isolating import isolate
+from anchorpose.tracker.observation import Observation, observe
 from anchorpose.tracker.passes import learn_on, plan_route
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room

@@ -56,7 +56,7 @@ class Way:
             estimate = tracker.step(self.read(place))
             if estimate is not None:
                 yield place + 1, tracker, estimate
-            if tracker.unseen_s > self.run.config.follow.lost_after_s:
+            if tracker.last.gone_s > self.run.config.follow.lost_after_s:
                 return
 
 

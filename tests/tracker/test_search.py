@@ -16,8 +16,8 @@ from anchorpose.isolation.separation import separate_initial
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.following import WALK_M_S, Search
 from anchorpose.tracker.run import Run
+from anchorpose.tracker.search import WALK_M_S, LastSeen, Search
 from anchorpose.tracker.start import NoStart
 
 CONFIG, ISOLATION = TrackConfig(), IsolationConfig()
@@ -47,7 +47,7 @@ def lost_beside(*people, left: bool = False) -> Search:
     """left: the patient was last seen on the way out of the picture."""
     before = seen(body(0.0, 0.0), *people)
     met = frozenset(np.unique(before.memory.owner).tolist()) - {PixelLabel.PATIENT}
-    return Search(before, before, np.array([0.0, 0.9, 0.0]), met, left)
+    return Search(before, LastSeen(before, np.array([0.0, 0.9, 0.0]), met), left)
 
 
 def looked(search: Search, *moments: tuple) -> list[PatientChoice | NoStart]:

@@ -18,7 +18,8 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import follow_openly
 from anchorpose.tracker.initial_frame import rank_initial_frames
-from anchorpose.tracker.observation import Observation, observe_first
+from anchorpose.tracker.isolating import observe_first
+from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.passes import Route, learn_on, plan_route
 from anchorpose.tracker.patient import PatientTracker
 from anchorpose.tracker.preparation import prepare_room

@@ -17,7 +17,8 @@ from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration, register
 from anchorpose.body.skin_points import Body, pose_points
 from anchorpose.tracker.claims import claim_limb, hidden_limbs, limbs_in_doubt
-from anchorpose.tracker.observation import Isolated, Observation, relabelled
+from anchorpose.tracker.isolating import relabelled
+from anchorpose.tracker.observation import Isolated, Observation
 from anchorpose.tracker.rivals import Rival
 from anchorpose.tracker.run import Run
 from anchorpose.tracker.window import Window

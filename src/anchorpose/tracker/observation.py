@@ -2,40 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from anchorpose.body.evidence import Evidence, gather_evidence
-from anchorpose.body.skin_points import body_points
 from anchorpose.geodesics.anchors import Anchors, anchor_descriptor, find_anchors
 from anchorpose.geodesics.seen import SeenGeodesics
 from anchorpose.geodesics.trusted_anchors import trusted_anchors
-from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory, update_memory
-from anchorpose.isolation.config import IsolationConfig
-from anchorpose.isolation.ownership import OwnershipLikelihood, join_likelihoods
-from anchorpose.isolation.people import PatientChoice, find_people
-from anchorpose.isolation.scene import Pieces, find_all_pieces
-from anchorpose.isolation.separation import separate, separate_initial
-from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.isolation.bystander_memory import BystanderMemory
+from anchorpose.isolation.scene import Pieces
+from anchorpose.isolation.view import View
 from anchorpose.recording.recording import FrameSet
 from anchorpose.surface.border import Border, border
 from anchorpose.surface.patient_surface import blank_view, patient_surface
 from anchorpose.surface.surface import ExpectedSkin, Surface, seen_part
 from anchorpose.tracker.bystanders import (
     Bystanders,
-    bystander_likelihood,
-    bystanders_placed,
-    follow_bystanders,
-    label_by_bodies,
 )
 from anchorpose.tracker.room import FACING, UP
 from anchorpose.tracker.run import Run
-from anchorpose.tracker.steps import facing_points, find_steps, step_onto
 
-LOOSEST_SKIN_M = 0.05  # half of a limb's width: skin predicted less precisely is left out of the likelihood
-UNFITTED_M = 0.04  # that skin may stray in each frame without a fit: 1.2 m/s at 30 Hz, a fast leg
 LEAST_TRUSTED = 4  # three tell nodes apart (paper, Section IV-D), four make two subsets; with fewer a node keeps all
 
 
@@ -49,6 +36,10 @@ class Expectation:
     anchors_m: np.ndarray
     facing: np.ndarray
     frames_without_fit: int
+
+    def apart_m(self, other: Expectation) -> float:
+        """How far the skin is moved between two expectations, nine tenths of it less."""
+        return float(np.quantile(np.linalg.norm(self.skin.points_m - other.skin.points_m, axis=1), 0.9))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,12 +104,6 @@ class Observation:
         return SeenGeodesics(self.whole, self.anchors, self.descriptor)
 
 
-def observe_first(frame_set: FrameSet, choice: PatientChoice, height_m: float, run: Run) -> Observation:
-    """A frame in which nothing is expected except where the patient stands."""
-    isolated = isolate_first(frame_set, choice, run)
-    return observe(frame_set, isolated, None, height_m, run)
-
-
 def observe(
     frame_set: FrameSet, isolated: Isolated, expected: Expectation | None, height_m: float, run: Run
 ) -> Observation:
@@ -126,120 +111,6 @@ def observe(
     surface = see_surface(isolated, expected, run)
     anchors = see_anchors(surface, expected, height_m, run)
     return gather(frame_set, expected, isolated, surface, anchors, run)
-
-
-def isolate_first(frame_set: FrameSet, choice: PatientChoice, run: Run) -> Isolated:
-    """Who is who where nothing is known but where the patient stands."""
-    with run.stage("isolation"):
-        pieces = find_all_pieces(frame_set.depths_m, run.room.scenes)
-        group = choice.group if choice.frame == frame_set.frame else None
-        views = separate_initial(
-            pieces, find_people(pieces, run.config.isolation, group, faint=group is not None), choice
-        )
-    bystanders = see_bystanders(Bystanders(), views, 0.0, run)
-    if bystanders.followed:
-        with run.stage("bystanders"):
-            views = label_by_bodies(pieces, views, bystanders, run.room.cameras, run.config.isolation)
-    return _isolated(pieces, views, empty_memory(), bystanders, 0.0, run)
-
-
-def isolate(frame_set: FrameSet, expected: Expectation, before: Observation, run: Run) -> Isolated:
-    """Who is who where the patient is expected at a place, and the bystanders where they were in the frame before."""
-    with run.stage("isolation"):
-        pieces = find_all_pieces(frame_set.depths_m, run.room.scenes)
-        memory = walked(before, pieces, run)
-    elapsed_s = frame_set.time_s - before.frame_set.time_s  # negative in a backward pass
-    expected = placed(expected, memory, pieces, run)
-    others = bystanders_placed(before.bystanders, memory, pieces, run.room.cameras, elapsed_s)
-    views = _separated(pieces, expected, memory, others, elapsed_s, elapsed_s, run)
-    bystanders = see_bystanders(others, views, elapsed_s, run)
-    return _isolated(pieces, views, memory, bystanders, elapsed_s, run)
-
-
-def walked(before: Observation, pieces: Sequence[Pieces | None], run: Run) -> BystanderMemory:
-    """The memory of a frame with everybody where the next one's pixels (``pieces``) show them to have walked."""
-    return before.memory.moved(find_steps(before.memory.seen_last, pieces, run.room.cameras))
-
-
-def placed(expected: Expectation, memory: BystanderMemory, pieces: Sequence[Pieces | None], run: Run) -> Expectation:
-    """What was expected, moved over the ground to where the patient is seen, if that is elsewhere."""
-    step = step_of(expected, memory, pieces, run)
-    if not step.any():
-        return expected
-    skin = replace(expected.skin, points_m=expected.skin.points_m + step.astype(np.float32))
-    return replace(expected, skin=skin, anchors_m=expected.anchors_m + step)
-
-
-def step_of(expected: Expectation, memory: BystanderMemory, pieces: Sequence[Pieces | None], run: Run) -> np.ndarray:
-    """(3,) from where the patient is expected to where the frame shows the patient; 0 where they agree."""
-    seen_m = memory.seen_last.get(PixelLabel.PATIENT)
-    if seen_m is None:
-        return np.zeros(3)
-    cameras = run.room.cameras
-    front = facing_points(expected.skin.points_m, expected.skin.normals, cameras)
-    return step_onto(front, seen_m, pieces, cameras)
-
-
-def isolate_again(seen: Observation, expected: Expectation, before: Observation, run: Run) -> Isolated:
-    """Who is who in a frame that was isolated before, by a better expectation than there was when it came in."""
-    elapsed_s = seen.frame_set.time_s - before.frame_set.time_s
-    memory = walked(before, seen.pieces, run)
-    views = _separated(seen.pieces, expected, memory, seen.bystanders, elapsed_s, 0.0, run)
-    return _isolated(seen.pieces, views, memory, seen.bystanders, elapsed_s, run)
-
-
-def relabelled(seen: Observation, views: Sequence[View | None], before: Observation, run: Run) -> Isolated:
-    """Who is who in a frame of which some pixels have got another label."""
-    elapsed_s = seen.frame_set.time_s - before.frame_set.time_s
-    return _isolated(seen.pieces, views, before.memory, seen.bystanders, elapsed_s, run)
-
-
-def patient_likelihood(expected: Expectation, config: IsolationConfig) -> OwnershipLikelihood:
-    """The likelihood that a place is the patient's, by the predicted skin.
-
-    A limb that has been hidden for long has none: whatever it met would be taken for it. What is seen of it again
-    is connected to the patient.
-    """
-    spread = config.skin_sigma_m + UNFITTED_M * expected.frames_without_fit
-    sure = expected.sigma_m < LOOSEST_SKIN_M
-    sigma = np.hypot(spread, expected.sigma_m[sure]).astype(np.float32)
-    return OwnershipLikelihood(expected.skin.points_m[sure], np.full(len(sigma), PixelLabel.PATIENT, np.uint8), sigma)
-
-
-def _separated(
-    pieces: Sequence[Pieces | None],
-    expected: Expectation,
-    memory: BystanderMemory,
-    bystanders: Bystanders,
-    elapsed_s: float,
-    ahead_s: float,
-    run: Run,
-) -> tuple[View | None, ...]:
-    """Everybody's pixels; ahead_s: from the frame that the bystanders' bodies were fitted to until this one."""
-    with run.stage("isolation"):
-        others = bystander_likelihood(bystanders, body_points(), ahead_s)
-        likelihood = join_likelihoods([others, patient_likelihood(expected, run.config.isolation)])
-        return separate(pieces, memory, likelihood, elapsed_s, run.config.isolation)
-
-
-def see_bystanders(before: Bystanders, views: Sequence[View | None], elapsed_s: float, run: Run) -> Bystanders:
-    if not run.config.follow.bystanders:
-        return before
-    with run.stage("bystanders"):
-        return follow_bystanders(before, views, run.room.cameras, body_points(), elapsed_s)
-
-
-def _isolated(
-    pieces: Sequence[Pieces | None],
-    views: Sequence[View | None],
-    before: BystanderMemory,
-    bystanders: Bystanders,
-    elapsed_s: float,
-    run: Run,
-) -> Isolated:
-    with run.stage("isolation"):
-        memory = update_memory(before, pieces, views, run.room.cameras, elapsed_s)
-    return Isolated(tuple(pieces), tuple(views), memory, bystanders)
 
 
 def see_surface(isolated: Isolated, expected: Expectation | None, run: Run) -> SeenSurface:

@@ -31,22 +31,12 @@ from anchorpose.tracker.association import GlobalHypothesis, global_hypothesis, 
 from anchorpose.tracker.bystanders import WALKING
 from anchorpose.tracker.config import Method
 from anchorpose.tracker.estimate import Estimate, estimate_of
+from anchorpose.tracker.isolating import isolate, isolate_again, step_of, walked
 from anchorpose.tracker.limb_watch import LimbWatch, cheaper, explained_by, is_doubtful
-from anchorpose.tracker.observation import (
-    Expectation,
-    Isolated,
-    Observation,
-    gather,
-    isolate,
-    isolate_again,
-    observe,
-    see_anchors,
-    see_surface,
-    step_of,
-    walked,
-)
+from anchorpose.tracker.observation import Expectation, Isolated, Observation, gather, observe, see_anchors, see_surface
 from anchorpose.tracker.rivals import Rival, follow_rivals
 from anchorpose.tracker.run import Run
+from anchorpose.tracker.search import LastSeen, Search
 from anchorpose.tracker.standing_feet import StandingFeet
 from anchorpose.tracker.start import Start
 from anchorpose.tracker.window import Window
@@ -67,11 +57,9 @@ class PatientTracker:
         self.history.append(self.body.joints(self.belief.pose))
         self.window = Window([start.observation], run)
         self.ahead: list[Pose] = []
-        self.unseen_s, self.unseen_frames = 0.0, 0
         self.pace = PATIENT_PACE
-        self.last_found = start.observation
+        self.last = LastSeen(start.observation, start.belief.pose.root_m)
         self.watch = LimbWatch(run)
-        self.met = set[int]()  # labels of everybody who was followed beside the patient
         self.rivals: tuple[Rival, ...] = ()  # poses that explain the last frames almost as well
         self.feet = StandingFeet(self.points)
         self.first = self._estimate(Registration(self.belief, start.explained, True), start.observation, None)
@@ -108,6 +96,11 @@ class PatientTracker:
         """The estimates of the frames still in the window, with what look-ahead is left."""
         while (estimate := self.step(None)) is not None:
             yield estimate
+
+    def search(self) -> Search:
+        """The search that begins where the patient was lost."""
+        left = not any(camera.shows(self.belief.pose.root_m) for camera in self.run.room.cameras)
+        return Search(self.window[-1], self.last, left)
 
     @property
     def height_m(self) -> float:
@@ -178,7 +171,7 @@ class PatientTracker:
             self.ahead = [replace(pose, root_m=pose.root_m + step) for pose in self.ahead]
             poses = self.ahead[: len(poses)]
             expected = self.expect(poses[0])
-        if before is None or _apart_m(expected, before) > SEE_AGAIN_M:
+        if before is None or expected.apart_m(before) > SEE_AGAIN_M:
             self._see_again(expected)
         return poses
 
@@ -201,19 +194,17 @@ class PatientTracker:
             self.skin_sigma_m,
             posed.points_m[anchor_points(self.points)],
             level / max(float(np.linalg.norm(level)), 1e-9),
-            self.unseen_frames,
+            self.last.gone_frames,
         )
 
     def _move_on(self, registration: Registration, elapsed_s: float) -> Observation:
         """Make the second frame of the window the first, with the registered pose; returns it."""
         following = self.window[1]
-        self.unseen_s = 0.0 if registration.found else self.unseen_s + elapsed_s
-        self.unseen_frames = 0 if registration.found else self.unseen_frames + 1
-        self.last_found = following if registration.found else self.last_found
+        place_m = registration.belief.pose.root_m if registration.found else None
+        self.last = self.last.after(following, place_m, elapsed_s)
         self.belief, self.ahead = self._corrected(registration.belief, following), []
         self.history.append(self.body.joints(self.belief.pose))
         self.window.move_on()
-        self.met |= {one.label for one in following.bystanders.followed}
         return following
 
     def _corrected(self, belief: PoseBelief, seen: Observation) -> PoseBelief:
@@ -302,8 +293,3 @@ class PatientTracker:
         joints = joints_of_parts(self.points.asset, self.body.mesh, T_next_now @ now.transforms)
         pose = pose_from_joints(self.body, pose, joints)
         return posterior(self.body, pose, predicted, self.window[1].evidence, config)
-
-
-def _apart_m(one: Expectation, other: Expectation) -> float:
-    """How far the skin is moved between two expectations, nine tenths of it less."""
-    return float(np.quantile(np.linalg.norm(one.skin.points_m - other.skin.points_m, axis=1), 0.9))

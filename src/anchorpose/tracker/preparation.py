@@ -28,7 +28,7 @@ from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.initial_frame import rank_initial_frames, ranked_by_view, with_best_initial_frame
-from anchorpose.tracker.observation import observe_first
+from anchorpose.tracker.isolating import observe_first
 from anchorpose.tracker.patient_choice import GIVEN_M, named_patient
 from anchorpose.tracker.room import NO_REVIEW, InitialFrame, Review, Room
 from anchorpose.tracker.run import Run

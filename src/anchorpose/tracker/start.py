@@ -18,7 +18,8 @@ from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.surface.surface import Surface
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
-from anchorpose.tracker.observation import Observation, observe_first
+from anchorpose.tracker.isolating import observe_first
+from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.room import Room
 from anchorpose.tracker.run import Run
 
@@ -45,7 +46,7 @@ class NoStart(StrEnum):
 
     NOBODY_THERE = "nobody is seen where the patient may be"
     NOBODY_NEW = "everybody in view was there beside the patient"
-    WHO_IS_IT = "the patient had left the picture: who came in may be another person"
+    WHO_IS_IT = "who came in may be another person"
     TOO_LITTLE_SEEN = "too little of anybody is seen where the patient should be"
     NO_BODY_FITS = "no body explains what is seen there"
 

@@ -23,7 +23,8 @@ from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.tracker.config import FollowConfig, Method, TrackConfig
 from anchorpose.tracker.following import follow_patient
-from anchorpose.tracker.observation import isolate_again, observe, observe_first
+from anchorpose.tracker.isolating import isolate_again, observe_first
+from anchorpose.tracker.observation import observe
 from anchorpose.tracker.passes import learn_on, plan_route
 from anchorpose.tracker.patient import PatientTracker
 from anchorpose.tracker.preparation import prepare_room

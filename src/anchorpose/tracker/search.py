@@ -1,0 +1,126 @@
+"""Looking for a patient who was lost: nobody who was beside the patient is taken for the patient."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from anchorpose.isolation.bystander_memory import SAMPLE_PX, update_memory
+from anchorpose.isolation.people import PERSON_RADIUS_M, PatientChoice, Person, find_people, ground_distance
+from anchorpose.isolation.scene import Pieces, find_all_pieces
+from anchorpose.isolation.separation import separate
+from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.recording.recording import FrameSet
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.observation import Observation
+from anchorpose.tracker.patient_choice import outside_m
+from anchorpose.tracker.room import Room
+from anchorpose.tracker.run import Run
+from anchorpose.tracker.start import NoStart
+
+NEAR_M: Final = 0.5  # from where the patient was last seen: what remains visible is off the body's axis
+WALK_M_S: Final = 1.5  # as fast as people walk
+BYSTANDER: Final = 0.5  # share of a person's visible pixels that are a known bystander's
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LastSeen:
+    """When and where the patient was last seen, and who else was there.
+
+    seen: the last frame with the patient; place_m (3,): the pelvis in it; met: labels of the people who were followed
+    beside the patient until now; gone_s and gone_frames: since that frame.
+    """
+
+    seen: Observation
+    place_m: np.ndarray
+    met: frozenset[int] = frozenset()
+    gone_s: float = 0.0
+    gone_frames: int = 0
+
+    def after(self, following: Observation, place_m: np.ndarray | None, elapsed_s: float) -> LastSeen:
+        """With one more frame; place_m: None where it does not show the patient."""
+        met = self.met | {one.label for one in following.bystanders.followed}
+        if place_m is not None:
+            return LastSeen(following, place_m, met)
+        return replace(self, met=met, gone_s=self.gone_s + elapsed_s, gone_frames=self.gone_frames + 1)
+
+
+class Search:
+    """Bystanders are still followed while the patient is lost, so that none of them is taken for the patient.
+
+    now: the last frame looked at; left: the patient has walked out of the picture.
+    """
+
+    def __init__(self, now: Observation, last: LastSeen, left: bool = False) -> None:
+        self._memory, self._time_s = now.memory.without_patient, now.frame_set.time_s
+        self._place_xz_m, self._lost_s = last.place_m[[0, 2]], last.seen.frame_set.time_s
+        self._newcomer = last.seen.memory.next_label  # labels from this on are of people who came since
+        self._met, self._left = last.met, left
+
+    def look(self, frame_set: FrameSet, run: Run) -> PatientChoice | NoStart:
+        """Who may be the patient in this frame, or why nobody may be; frames come in order, without gaps.
+
+        A person who comes in after the patient has left the picture, or appears elsewhere, may be another one who was
+        there before. It is the patient in the equipment, or if everybody else who was met is in view.
+        """
+        pieces, config = find_all_pieces(frame_set.depths_m, run.room.scenes), run.config
+        elapsed_s = frame_set.time_s - self._time_s
+        views = separate(pieces, self._memory, None, elapsed_s, config.isolation)
+        self._memory = update_memory(self._memory, pieces, views, run.room.cameras, elapsed_s)
+        self._time_s = frame_set.time_s
+        reach_m = NEAR_M + WALK_M_S * abs(frame_set.time_s - self._lost_s)
+        people = find_people(pieces, config.isolation).people
+        axes = [one.ground_xz_m for one in people if self._may_be_patient(one, pieces, views, reach_m, config)]
+        if not axes:
+            return NoStart.NOBODY_NEW if people else NoStart.NOBODY_THERE
+        nearest = min(axes, key=lambda axis: float(np.linalg.norm(axis - self._place_xz_m)))
+        elsewhere = self._left or np.linalg.norm(nearest - self._place_xz_m) > NEAR_M
+        if elsewhere and self._others_are_away(views) and not _in_equipment(nearest, run.room):
+            return NoStart.WHO_IS_IT
+        return PatientChoice(
+            nearest, "is nearest to where the patient was lost, of those who were not there before", sure=False
+        )
+
+    def _others_are_away(self, views: Sequence[View | None]) -> bool:
+        """Whether any of the people who were met beside the patient is not in view."""
+        seen = np.zeros(256, dtype=bool)
+        for view in views:
+            if view is not None:
+                seen |= np.bincount(view.labels.ravel(), minlength=256) > 0
+        return not all(seen[label] for label in self._met)
+
+    def _may_be_patient(
+        self,
+        person: Person,
+        pieces: Sequence[Pieces | None],
+        views: Sequence[View | None],
+        reach_m: float,
+        config: TrackConfig,
+    ) -> bool:
+        """Whether a person is near enough to have come from there and is not a bystander who was followed meanwhile."""
+        if np.linalg.norm(person.ground_xz_m - self._place_xz_m) > reach_m:
+            return False
+        labels = _labels_about(person.ground_xz_m, pieces, views, config)
+        known = (labels >= PixelLabel.OTHER_PERSON) & (labels < self._newcomer)
+        return float(np.mean(known)) < BYSTANDER
+
+
+def _labels_about(
+    axis_xz_m: np.ndarray, pieces: Sequence[Pieces | None], views: Sequence[View | None], config: TrackConfig
+) -> np.ndarray:
+    """(n,) uint8 labels of every third pixel of the people that stands about an axis."""
+    found = [np.zeros(0, np.uint8)]
+    for piece, view in zip(pieces, views, strict=True):
+        if piece is not None and view is not None:
+            near = np.flatnonzero(ground_distance(piece.points_m, axis_xz_m) < PERSON_RADIUS_M)
+            near = near[::SAMPLE_PX]
+            found.append(view.labels[piece.row[near], piece.column[near]])
+    return np.concatenate(found)
+
+
+def _in_equipment(place_xz_m: np.ndarray, room: Room) -> bool:
+    equipment = room.recording.equipment
+    return equipment is not None and outside_m(place_xz_m, equipment) == 0.0
