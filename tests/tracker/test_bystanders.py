@@ -13,7 +13,7 @@ from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import pose_points
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface.mesh import build_surface
-from anchorpose.tracker import bystanders, observation
+from anchorpose.tracker import bystanders, isolating
 from anchorpose.tracker.bystanders import (
     COARSE,
     GROWTH_M_S,

@@ -1,0 +1,112 @@
+"""Labels of people made by eye in real depth images: read, compared with each other, and with tracked joints."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from anchorpose.camera import Camera, invert_rigid, transform_points
+from anchorpose.joints import JOINT_INDEX
+from anchorpose.results.tables import JointTable
+
+FOLDER: Final = Path(__file__).parent / "labels"
+LABELLERS: Final = ("first", "second")
+PATCH_PX: Final = 3  # around a label: the depth of the skin that it was set on
+IN_FRONT_M, BEHIND_M = 0.10, 0.35  # of that skin: where a joint beneath it may be
+TRUNK: Final = ("SpineShoulder", "SpineBase")
+DEEP_M: Final = 0.10  # from the skin of a trunk to its axis
+
+
+@dataclass(frozen=True, slots=True)
+class LabelledPerson:
+    """One person in one frame. box: first and last column and row; joints: name to (column, row), only those that are
+    clearly seen; plain: head and more than half of the trunk are in view."""
+
+    person: str
+    plain: bool
+    box: tuple[float, float, float, float]
+    joints: dict[str, tuple[float, float]]
+
+
+Frames = dict[int, tuple[LabelledPerson, ...]]
+
+
+def read_labels(recording: str, labeller: str) -> Frames:
+    """Frame number to the people in it, as one of ``LABELLERS`` saw them."""
+    document = json.loads((FOLDER / f"{recording}.{labeller}.json").read_text(encoding="utf-8"))
+    return {int(frame): tuple(_person(entry) for entry in entries) for frame, entries in document["frames"].items()}
+
+
+def _person(entry: dict[str, Any]) -> LabelledPerson:
+    joints = {name: (float(c), float(r)) for name, (c, r) in entry.get("joints", {}).items()}
+    c0, r0, c1, r1 = entry["box"]
+    return LabelledPerson(entry["person"], bool(entry.get("plain")), (c0, r0, c1, r1), joints)
+
+
+def skin_depth_m(depth_m: np.ndarray, place: tuple[float, float]) -> float:
+    """Median depth about a place (column, row); NaN where nothing was read there."""
+    column, row = (round(value) for value in place)
+    patch = depth_m[max(row - PATCH_PX, 0) : row + PATCH_PX + 1, max(column - PATCH_PX, 0) : column + PATCH_PX + 1]
+    read = patch[patch > 0]
+    return float(np.median(read)) if read.size else float("nan")
+
+
+def place_of(person: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> np.ndarray | None:
+    """(3,) world: the middle of a labelled trunk; None where no joint of it is labelled or read."""
+    found = []
+    for name in TRUNK:
+        if name in person.joints and np.isfinite(z := skin_depth_m(depth_m, person.joints[name])):
+            column, row = person.joints[name]
+            lens = camera.intrinsics
+            ray = np.array([(column - lens.cx) / lens.fx, (row - lens.cy) / lens.fy, 1.0])
+            found.append(transform_points(camera.require_pose(), ray * (z + DEEP_M)))
+    return np.mean(found, axis=0) if found else None
+
+
+def off_m(person: LabelledPerson, table: JointTable, row: int, depth_m: np.ndarray, camera: Camera) -> dict[str, float]:
+    """How far each labelled joint is from the tracked one across the line of sight.
+
+    inf where it is lost, or before or far behind the skin that the label was set on; left out where nothing was read.
+    """
+    T_camera_world, lens = invert_rigid(camera.require_pose()), camera.intrinsics
+    distances = {}
+    for name, (column, image_row) in person.joints.items():
+        skin_m = skin_depth_m(depth_m, (column, image_row))
+        if not np.isfinite(skin_m):
+            continue
+        x, y, z = transform_points(T_camera_world, table.position_m[row, JOINT_INDEX[name]])
+        if not (np.isfinite(z) and -IN_FRONT_M < z - skin_m < BEHIND_M):
+            distances[name] = float("inf")
+            continue
+        right, down = lens.fx * x / z + lens.cx - column, lens.fy * y / z + lens.cy - image_row
+        distances[name] = float(np.hypot(right / lens.fx, down / lens.fy) * skin_m)
+    return distances
+
+
+def apart_m(one: LabelledPerson, other: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> dict[str, float]:
+    """How far two labels of the same joint are apart, where both have it."""
+    lens = camera.intrinsics
+    return {
+        name: float(np.hypot((c - other.joints[name][0]) / lens.fx, (r - other.joints[name][1]) / lens.fy) * z)
+        for name, (c, r) in one.joints.items()
+        if name in other.joints and np.isfinite(z := skin_depth_m(depth_m, (c, r)))
+    }
+
+
+def trunk_pixel(table: JointTable, row: int, camera: Camera) -> np.ndarray | None:
+    """(3,) column, row and depth of the tracked trunk's middle; None where it is lost."""
+    middle = table.position_m[row, [JOINT_INDEX[name] for name in TRUNK]].mean(axis=0)
+    if not np.isfinite(middle).all():
+        return None
+    x, y, z = transform_points(invert_rigid(camera.require_pose()), middle)
+    lens = camera.intrinsics
+    return np.array([lens.fx * x / z + lens.cx, lens.fy * y / z + lens.cy, z]) if z > 0 else None
+
+
+def within(box: tuple[float, float, float, float], place: np.ndarray) -> bool:
+    """Whether a pixel lies in a box."""
+    return bool(box[0] <= place[0] <= box[2] and box[1] <= place[1] <= box[3])
