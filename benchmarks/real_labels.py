@@ -18,6 +18,8 @@ LABELLERS: Final = ("first", "second")
 PATCH_PX: Final = 3  # around a label: the depth of the skin that it was set on
 IN_FRONT_M, BEHIND_M = 0.10, 0.35  # of that skin: where a joint beneath it may be
 TRUNK: Final = ("SpineShoulder", "SpineBase")
+BY_PROPORTION: Final = frozenset({"SpineShoulder", "SpineBase", "HipLeft", "HipRight"})
+"""Nothing shows these under clothes: the labellers placed them by proportion, and are up to 12 cm apart."""
 DEEP_M: Final = 0.10  # from the skin of a trunk to its axis
 
 
@@ -68,7 +70,7 @@ def place_of(person: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> np.
 
 
 def off_m(person: LabelledPerson, table: JointTable, row: int, depth_m: np.ndarray, camera: Camera) -> dict[str, float]:
-    """How far each labelled joint is from the tracked one across the line of sight.
+    """How far each labelled joint that can be seen is from the tracked one across the line of sight.
 
     inf where it is lost, or before or far behind the skin that the label was set on; left out where nothing was read.
     """
@@ -76,7 +78,7 @@ def off_m(person: LabelledPerson, table: JointTable, row: int, depth_m: np.ndarr
     distances = {}
     for name, (column, image_row) in person.joints.items():
         skin_m = skin_depth_m(depth_m, (column, image_row))
-        if not np.isfinite(skin_m):
+        if name in BY_PROPORTION or not np.isfinite(skin_m):
             continue
         x, y, z = transform_points(T_camera_world, table.position_m[row, JOINT_INDEX[name]])
         if not (np.isfinite(z) and -IN_FRONT_M < z - skin_m < BEHIND_M):
@@ -93,7 +95,7 @@ def apart_m(one: LabelledPerson, other: LabelledPerson, depth_m: np.ndarray, cam
     return {
         name: float(np.hypot((c - other.joints[name][0]) / lens.fx, (r - other.joints[name][1]) / lens.fy) * z)
         for name, (c, r) in one.joints.items()
-        if name in other.joints and np.isfinite(z := skin_depth_m(depth_m, (c, r)))
+        if name in other.joints and name not in BY_PROPORTION and np.isfinite(z := skin_depth_m(depth_m, (c, r)))
     }
 
 

@@ -30,6 +30,7 @@ from anchorpose.recording.equipment import EquipmentModel
 
 BLOCK_PX: Final = 16  # noise changes slowly over the image: it is measured in blocks of this size
 READINGS_NEEDED: Final = 32  # of one block, for a median good to a sixth of itself
+LEAST_READ: Final = 0.3  # of the frames, for the room to be known
 FAR_PERCENTILE, NEAR_PERCENTILE = 95, 80  # both show the room where a pixel is free a fifth of the time
 FAR_SIGMAS, NEAR_SIGMAS = 1.6449, 0.8416  # where these percentiles lie on a normal distribution
 MOVED_SIGMAS: Final = 5.0  # of a pixel's noise, over a dozen frames
@@ -151,7 +152,8 @@ def _what_stays(frames_m: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndar
     near, far = (_percentile_of_last(rising, count, percent) for percent in (NEAR_PERCENTILE, FAR_PERCENTILE))
     spread = (far - near) / ((FAR_SIGMAS - NEAR_SIGMAS) * np.where(count > 0, far, 1.0) ** 2)
     sigma = _as_sigma(_block_median(np.where(count > 0, spread, np.nan)[None]), far, floor=noise)
-    return np.maximum(far - FAR_SIGMAS * sigma, 0.0).astype(np.float32), sigma
+    often = count >= LEAST_READ * len(frames_m)  # where the room gives no reading, only those who pass are read
+    return np.where(often, np.maximum(far - FAR_SIGMAS * sigma, 0.0), 0.0).astype(np.float32), sigma
 
 
 def _percentile_of_last(rising: np.ndarray, count: np.ndarray, percent: float) -> np.ndarray:

@@ -18,6 +18,10 @@ WIDEST_M: Final = 1.3  # from hand to hand with bent arms; walls and tables are 
 LARGEST_M2: Final = 1.0  # of a person, seen from one side
 LEAST_MOVED_SHARE: Final = 0.1  # of the pixels around a body, covered in some frame: bodies sway, cupboards do not
 LEAST_ATTACHED_SHARE: Final = 0.3  # of a piece's border with a moving surface connected: trunks have limbs
+LEAST_FRAMES: Final = 0.25  # in which that is so: people who pass a cupboard touch it for a moment
+SWAYED_SHARE: Final = 0.01  # of the pixels around a body, covered in one frame
+SWAY_M: Final = 0.25  # from a body's own depth: how far it sways and its arms reach
+LIMB_PX: Final = 5  # a wrist four metres away; edges flicker by one or two
 RING_PX: Final = 11  # around a body, 3 cm at 2 m
 BESIDE_PX: Final = 2  # from the border of a piece to what may be connected
 
@@ -41,24 +45,33 @@ def resting_people(
     if floor_height_m is not None:  # noise across the floor is a z h, the camera about a metre above it
         upright &= points[..., 1] - floor_height_m > SOLE_M + JUMP_GATE * noise_per_m * room_m
     limit = jump_limit(noise_per_m, camera.intrinsics.fx)
+    nearer = [_without_flicker(frame) for frame in nearer]
     pieces, count = label_components(room_m, upright, limit)
     pixel_m2 = room_m.astype(np.float64) ** 2 / (camera.intrinsics.fx * camera.intrinsics.fy)
     area = np.bincount(pieces.ravel(), pixel_m2.ravel(), count + 1)
     area[0] = 0.0
-    moved = np.any([frame > 0 for frame in nearer], axis=0) if len(nearer) else None
     attached = _attached_share(room_m, pieces, count, nearer, limit)
     mask = (attached > LEAST_ATTACHED_SHARE)[pieces] & (area < LARGEST_M2)[pieces] & (pieces > 0)
     for piece in np.flatnonzero(area > PERSON.area_m2):
         body = pieces == piece
-        if _has_a_body_size(points[body], floor_height_m) and _moves(body, moved):
+        if _has_a_body_size(points[body], floor_height_m) and _moves(body, room_m, nearer):
             mask |= body
     return mask
+
+
+def _without_flicker(nearer_m: np.ndarray) -> np.ndarray:
+    """What is in front of the room, without the thin rims that edges flicker by."""
+    limb = np.ones((LIMB_PX, LIMB_PX), np.uint8)
+    return np.where(cv2.morphologyEx((nearer_m > 0).astype(np.uint8), cv2.MORPH_OPEN, limb) > 0, nearer_m, 0.0)
 
 
 def _attached_share(
     room_m: np.ndarray, pieces: np.ndarray, count: int, nearer: Sequence[np.ndarray], limit: JumpLimit
 ) -> np.ndarray:
-    """(count + 1,) of each piece's border pixels the share beside which a nearer surface continued without a jump."""
+    """(count + 1,) of each piece's border pixels the share beside which a nearer surface continued without a jump.
+
+    In a quarter of the frames, that is: who passes is beside a piece for a moment.
+    """
     same = cv2.erode(pieces.astype(np.float32), np.ones((3, 3))) == pieces
     same &= cv2.dilate(pieces.astype(np.float32), np.ones((3, 3))) == pieces
     row, column = np.nonzero(~same & (pieces > 0))
@@ -67,13 +80,16 @@ def _attached_share(
     row, column = row[inside], column[inside]
     own = room_m[row, column]
     reach = BESIDE_PX * limit.at(own)
-    continued = np.zeros(len(row), dtype=bool)
+    times = np.zeros(len(row))
     for frame in nearer:
+        continued = np.zeros(len(row), dtype=bool)
         for d_row, d_column in ((0, BESIDE_PX), (0, -BESIDE_PX), (BESIDE_PX, 0), (-BESIDE_PX, 0)):
             beside = frame[row + d_row, column + d_column]
             continued |= (beside > 0) & (np.abs(beside - own) < reach)
+        times += continued
+    often = times >= max(1.0, LEAST_FRAMES * len(nearer))
     border = np.bincount(pieces[row, column], minlength=count + 1)
-    return np.bincount(pieces[row, column], continued, count + 1) / np.maximum(border, 1)
+    return np.bincount(pieces[row, column], often, count + 1) / np.maximum(border, 1)
 
 
 def _has_a_body_size(points_m: np.ndarray, floor_height_m: float | None) -> bool:
@@ -86,8 +102,12 @@ def _has_a_body_size(points_m: np.ndarray, floor_height_m: float | None) -> bool
     )
 
 
-def _moves(body: np.ndarray, moved: np.ndarray | None) -> bool:
-    if moved is None:
+def _moves(body: np.ndarray, room_m: np.ndarray, nearer: Sequence[np.ndarray]) -> bool:
+    """Whether something at the body's own depth covers the pixels around it, now these, now those, again and again."""
+    if not len(nearer):
         return True
     ring = cv2.dilate(body.astype(np.uint8), np.ones((RING_PX, RING_PX), np.uint8)).astype(bool)
-    return bool(moved[ring].mean() > LEAST_MOVED_SHARE)
+    low, high = np.percentile(room_m[body], [2, 98])
+    covered = [(frame[ring] > low - SWAY_M) & (frame[ring] < high + SWAY_M) for frame in nearer]
+    frames = np.mean([frame.mean() > SWAYED_SHARE for frame in covered])
+    return bool(np.any(covered, axis=0).mean() > LEAST_MOVED_SHARE and frames >= LEAST_FRAMES)

@@ -155,7 +155,8 @@ def _to_neighbour(pixels: Pieces, owner: np.ndarray, tree: cKDTree, label: np.nd
 def _with_remembered_patient(shown: Sequence[Pieces], owners: list[np.ndarray], skin_m: np.ndarray) -> list[np.ndarray]:
     """Owners, with what nobody owns given to the patient where the patient's skin (p, 3) was in the last frame.
 
-    The prediction may be wrong; then the patient must not become a new person. Other people's pixels stay theirs.
+    The prediction may be wrong; then the patient must not become a new person, nor what is connected to that skin and
+    was hidden before. Other people's pixels stay theirs.
     """
     if not len(skin_m) or not any((owner == NOBODY).any() for owner in owners):
         return owners
@@ -165,7 +166,7 @@ def _with_remembered_patient(shown: Sequence[Pieces], owners: list[np.ndarray], 
         away, _ = tree.query(pixels.points_m[unowned], distance_upper_bound=ON_SKIN_M)
         given = owner.copy()
         given[unowned[np.isfinite(away)]] = PixelLabel.PATIENT
-        found.append(given)
+        found.append(grow_regions(pixels, given) if np.isfinite(away).any() else given)
     return found
 
 
