@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import compress
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from anchorpose.tracker.bystanders import (
 )
 from anchorpose.tracker.observation import Expectation, Isolated, Observation, observe
 from anchorpose.tracker.run import Run
+from anchorpose.tracker.sighting import IN_EACH_OTHER_M
 from anchorpose.tracker.steps import facing_points, find_steps, step_onto
 
 LOOSEST_SKIN_M = 0.05  # half of a limb's width: skin predicted less precisely is left out of the likelihood
@@ -65,6 +67,17 @@ def isolate(frame_set: FrameSet, expected: Expectation, before: Observation, run
     return _isolated(pieces, views, memory, bystanders, elapsed_s, run)
 
 
+def _not_in(bystanders: Bystanders, place_m: np.ndarray) -> Bystanders:
+    """Those who do not stand in the patient, who is at a place (3,): nobody does, so these were fitted to the patient.
+
+    The bodies are from when the frame came in, with the patient predicted over the whole look-ahead.
+    """
+    apart = [
+        np.linalg.norm((one.belief.pose.root_m - place_m)[[0, 2]]) > IN_EACH_OTHER_M for one in bystanders.followed
+    ]
+    return replace(bystanders, followed=tuple(compress(bystanders.followed, apart)))
+
+
 def walked(before: Observation, pieces: Sequence[Pieces | None], run: Run) -> BystanderMemory:
     """The memory of a frame with everybody where the next one's pixels (``pieces``) show them to have walked."""
     return before.memory.moved(find_steps(before.memory.seen_last, pieces, run.room.cameras))
@@ -93,7 +106,8 @@ def isolate_again(seen: Observation, expected: Expectation, before: Observation,
     """Who is who in a frame that was isolated before, by a better expectation than there was when it came in."""
     elapsed_s = seen.frame_set.time_s - before.frame_set.time_s
     memory = walked(before, seen.pieces, run)
-    views = _separated(seen.pieces, expected, memory, seen.bystanders, elapsed_s, 0.0, run)
+    others = _not_in(seen.bystanders, expected.skin.points_m.mean(axis=0))
+    views = _separated(seen.pieces, expected, memory, others, elapsed_s, 0.0, run)
     return _isolated(seen.pieces, views, memory, seen.bystanders, elapsed_s, run)
 
 
