@@ -30,7 +30,9 @@ from anchorpose.recording.equipment import EquipmentModel
 
 BLOCK_PX: Final = 16  # noise changes slowly over the image: it is measured in blocks of this size
 READINGS_NEEDED: Final = 32  # of one block, for a median good to a sixth of itself
-LEAST_READ: Final = 0.3  # of the frames, for the room to be known
+LEAST_READ: Final = 0.15  # of the frames that agree on a depth, for the room to be known there
+OFTEN_READ: Final = 0.5  # of the frames, whether they agree or not: people hide the room, they do not make it readable
+SAME_M, SAME_SIGMAS = 0.02, 6.0  # readings of one surface differ by less
 FAR_PERCENTILE, NEAR_PERCENTILE = 95, 80  # both show the room where a pixel is free a fifth of the time
 FAR_SIGMAS, NEAR_SIGMAS = 1.6449, 0.8416  # where these percentiles lie on a normal distribution
 MOVED_SIGMAS: Final = 5.0  # of a pixel's noise, over a dozen frames
@@ -150,10 +152,16 @@ def _what_stays(frames_m: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndar
         depth = np.where(count >= min(2, len(frames_m)), rising[-1], np.float32(0.0))
         return depth, (np.sqrt(2.0) * noise * depth**2).astype(np.float32)
     near, far = (_percentile_of_last(rising, count, percent) for percent in (NEAR_PERCENTILE, FAR_PERCENTILE))
-    spread = (far - near) / ((FAR_SIGMAS - NEAR_SIGMAS) * np.where(count > 0, far, 1.0) ** 2)
-    sigma = _as_sigma(_block_median(np.where(count > 0, spread, np.nan)[None]), far, floor=noise)
-    often = count >= LEAST_READ * len(frames_m)  # where the room gives no reading, only those who pass are read
-    return np.where(often, np.maximum(far - FAR_SIGMAS * sigma, 0.0), 0.0).astype(np.float32), sigma
+    square = np.where(count > 0, far, 1.0) ** 2
+    same = SAME_M + SAME_SIGMAS * noise * square
+    free = (far - near < same) & (count > 0)  # both percentiles show the room
+    spread = (far - near) / ((FAR_SIGMAS - NEAR_SIGMAS) * square)
+    sigma = _as_sigma(_block_median(np.where(free, spread, np.nan)[None]), far, floor=noise)
+    agreeing = (np.abs(rising - far) < same).sum(
+        axis=0
+    )  # where the room gives no reading, only those who pass are read
+    known = (agreeing >= LEAST_READ * len(frames_m)) | (count >= OFTEN_READ * len(frames_m))
+    return np.where(known, np.maximum(far - FAR_SIGMAS * sigma, 0.0), 0.0).astype(np.float32), sigma
 
 
 def _percentile_of_last(rising: np.ndarray, count: np.ndarray, percent: float) -> np.ndarray:

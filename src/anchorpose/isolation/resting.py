@@ -18,7 +18,7 @@ WIDEST_M: Final = 1.3  # from hand to hand with bent arms; walls and tables are 
 LARGEST_M2: Final = 1.0  # of a person, seen from one side
 LEAST_MOVED_SHARE: Final = 0.1  # of the pixels around a body, covered in some frame: bodies sway, cupboards do not
 LEAST_ATTACHED_SHARE: Final = 0.3  # of a piece's border with a moving surface connected: trunks have limbs
-LEAST_FRAMES: Final = 0.25  # in which that is so: people who pass a cupboard touch it for a moment
+LEAST_FRAMES: Final = 0.15  # in which that is so: people who pass a cupboard touch it for a moment
 SWAYED_SHARE: Final = 0.01  # of the pixels around a body, covered in one frame
 SWAY_M: Final = 0.25  # from a body's own depth: how far it sways and its arms reach
 LIMB_PX: Final = 5  # a wrist four metres away; edges flicker by one or two
@@ -70,7 +70,7 @@ def _attached_share(
 ) -> np.ndarray:
     """(count + 1,) of each piece's border pixels the share beside which a nearer surface continued without a jump.
 
-    In a quarter of the frames, that is: who passes is beside a piece for a moment.
+    In several of the frames, that is: a person who passes is beside a piece for a moment.
     """
     same = cv2.erode(pieces.astype(np.float32), np.ones((3, 3))) == pieces
     same &= cv2.dilate(pieces.astype(np.float32), np.ones((3, 3))) == pieces
