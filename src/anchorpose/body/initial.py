@@ -53,7 +53,9 @@ _POSTURES: Final[tuple[_Turns, ...]] = (
     # crouching with the knees apart, as who helps with feet and knees
     {"LowerBack": (0, 0, -30), "Spine": (0, 0, -25), "UpLeg": (30, 0, 100), "Leg": (0, 0, -120), "Arm": (0, 0, 60)},
 )
-_HEADINGS: Final = tuple(np.arange(8) * np.pi / 4)
+ALL_ROUND: Final = tuple(np.arange(8) * np.pi / 4)
+"""Headings to try where it is not known which way a person faces, radians about the world's Y."""
+
 _ROUNDS: Final = (((0.45, 0.35, 0.28, 0.25, 0.20), 9), ((0.20, 0.15, 0.15), 3), ((0.12, 0.12, 0.10, 0.08), 1))
 """The reach of each step, metres, and how many starts go on: most are given up early."""
 
@@ -119,7 +121,8 @@ def _starts(
         for heading in headings:
             for name, turns in _STARTS.items():
                 start = _placed(tried, _start(points.asset, heading, turns), evidence.surface)
-                for held in (rows, no_constraints()) if len(rows) else (rows,):
+                named = len(rows) > 0 and heading == 0.0  # left and right hand are told apart as of who faces X
+                for held in (rows, no_constraints()) if named else (no_constraints(),):
                     yield FirstPose(start, tried, name, np.inf), held
         if seen is not None:
             for start in poses_of_own_surface(build_body(points, tried), seen):
@@ -180,7 +183,7 @@ def find_rough_pose(body: Body, evidence: Evidence, config: RegistrationConfig) 
     asset, coarse = body.points.asset, replace(config, node_count=_FEW_NODES)
     poses = [
         _placed_roughly(body, _start(asset, heading, posture), evidence)
-        for heading in _HEADINGS
+        for heading in ALL_ROUND
         for posture in _POSTURES
     ]
     for number, (reaches_m, kept) in enumerate(_ROUNDS):

@@ -9,7 +9,7 @@ from enum import StrEnum
 import numpy as np
 
 from anchorpose.body.belief import PoseBelief, vague_belief
-from anchorpose.body.initial import FirstShape, find_first_pose
+from anchorpose.body.initial import ALL_ROUND, FirstShape, find_first_pose
 from anchorpose.body.learning import ShapeBelief, adult_belief, shape_of_height
 from anchorpose.body.registration import posterior
 from anchorpose.body.skin_points import FittedShape, body_points, build_body
@@ -60,9 +60,10 @@ def find_start(frame_set: FrameSet, run: Run, choice: PatientChoice, known: Fitt
         return NoStart.TOO_LITTLE_SEEN
     shapes = [known] if known else [shape_of_height(points.asset, h) for h in first_heights(observation.surface, room)]
     shape = FirstShape(shapes, known_shape(room.recording, config), known is None and config.learning.own_shape)
+    headings = ALL_ROUND if room.recording.equipment is None else (0.0,)  # a patient in the equipment faces X
     with run.stage("first pose"):
         first = find_first_pose(
-            observation.evidence, observation.anchors, shape, config.registration, seen=observation.geodesics
+            observation.evidence, observation.anchors, shape, config.registration, headings, observation.geodesics
         )
     body = build_body(points, first.shape)
     found = posterior(body, first.pose, vague_belief(first.pose), observation.evidence, config.registration)
