@@ -180,19 +180,36 @@ def find_rough_pose(body: Body, evidence: Evidence, config: RegistrationConfig) 
 
     Nodes alone do not tell a body that reaches beside the person.
     """
+    return _roughly(body, evidence, config, _ROUNDS)[0][1]
+
+
+def likely_headings(body: Body, evidence: Evidence, config: RegistrationConfig, count: int) -> tuple[float, ...]:
+    """The directions of ``ALL_ROUND`` in which rough bodies explain best what is seen, the best first.
+
+    Only the rounds that are cheap: that a body is right to a decimetre tells a back from a front.
+    """
+    found = [heading for heading, _ in _roughly(body, evidence, config, _ROUNDS[:-1])]
+    return tuple(dict.fromkeys(found))[:count]
+
+
+def _roughly(
+    body: Body, evidence: Evidence, config: RegistrationConfig, rounds: Sequence[tuple[Sequence[float], int]]
+) -> list[tuple[float, Pose]]:
+    """Rough poses that are left after some rounds, each with the heading that it began with; the best first."""
     asset, coarse = body.points.asset, replace(config, node_count=_FEW_NODES)
-    poses = [
-        _placed_roughly(body, _start(asset, heading, posture), evidence)
+    tries = [
+        (heading, _placed_roughly(body, _start(asset, heading, posture), evidence))
         for heading in ALL_ROUND
         for posture in _POSTURES
     ]
-    for number, (reaches_m, kept) in enumerate(_ROUNDS):
-        settings = config if number == len(_ROUNDS) - 1 else coarse
-        tried = [_settle_roughly(body, pose, evidence, reaches_m, settings) for pose in poses]
+    for reaches_m, kept in rounds:
+        settings = config if reaches_m is _ROUNDS[-1][0] else coarse
+        tried = [_settle_roughly(body, pose, evidence, reaches_m, settings) for _, pose in tries]
         nodes = min(len(evidence.surface), settings.node_count) * unexplained_node_cost(reaches_m[-1], config)
         misfits = [cost / nodes + _share_seen_past(body, pose, evidence) for pose, cost in tried]
-        poses = [tried[place][0] for place in np.argsort(misfits, kind="stable")[:kept]]
-    return poses[0]
+        order = np.argsort(misfits, kind="stable")[: min(kept, len(tries))]
+        tries = [(tries[place][0], tried[place][0]) for place in order]
+    return tries
 
 
 def _share_seen_past(body: Body, pose: Pose, evidence: Evidence) -> float:

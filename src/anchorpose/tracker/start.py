@@ -9,7 +9,7 @@ from enum import StrEnum
 import numpy as np
 
 from anchorpose.body.belief import PoseBelief, vague_belief
-from anchorpose.body.initial import ALL_ROUND, FirstShape, find_first_pose
+from anchorpose.body.initial import FirstShape, find_first_pose, likely_headings
 from anchorpose.body.learning import ShapeBelief, adult_belief, shape_of_height
 from anchorpose.body.registration import posterior
 from anchorpose.body.skin_points import FittedShape, body_points, build_body
@@ -23,6 +23,7 @@ from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.room import Room
 from anchorpose.tracker.run import Run
 
+HEADINGS = 2  # that are tried: rough bodies mistake a back for a front in one of ten
 LEAST_EXPLAINED = 0.55  # share of the surface that a first pose must account for
 ADULT_HEIGHTS_M = (1.45, 2.0)
 CUT_OFF = 1.08  # feet cut off by the image border or lost on the floor are a twelfth of the height
@@ -60,8 +61,8 @@ def find_start(frame_set: FrameSet, run: Run, choice: PatientChoice, known: Fitt
         return NoStart.TOO_LITTLE_SEEN
     shapes = [known] if known else [shape_of_height(points.asset, h) for h in first_heights(observation.surface, room)]
     shape = FirstShape(shapes, known_shape(room.recording, config), known is None and config.learning.own_shape)
-    headings = ALL_ROUND if room.recording.equipment is None else (0.0,)  # a patient in the equipment faces X
     with run.stage("first pose"):
+        headings = _headings(observation, shape, run)
         first = find_first_pose(
             observation.evidence, observation.anchors, shape, config.registration, headings, observation.geodesics
         )
@@ -70,6 +71,14 @@ def find_start(frame_set: FrameSet, run: Run, choice: PatientChoice, known: Fitt
     if not found.found or found.explained < LEAST_EXPLAINED:
         return NoStart.NO_BODY_FITS
     return Start(observation, first.shape, found.belief, found.explained)
+
+
+def _headings(seen: Observation, shape: FirstShape, run: Run) -> tuple[float, ...]:
+    """Which way the patient may face: along X in the equipment, elsewhere as rough bodies find it."""
+    if run.room.recording.equipment is not None:
+        return (0.0,)
+    body = build_body(body_points(), shape.tried[0])
+    return likely_headings(body, seen.evidence, run.config.registration, HEADINGS)
 
 
 def turn_round(estimate: Estimate, config: TrackConfig) -> Start | None:
