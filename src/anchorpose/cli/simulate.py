@@ -103,7 +103,10 @@ class SimulateOptions:
             else:
                 preset = {"clinic": presets.clinic, "single": presets.single}[self.preset]
                 settings = preset(self.seed, self.seconds, self.fps)
-            settings = replace(settings, **{name: value for name, value in given.items() if value is not None})
+            chosen = {name: value for name, value in given.items() if value is not None}
+            if self.preset == "room" and (chosen.keys() - {"pose_known"} or self.scene):
+                raise ValueError("the preset room draws all this from its seed; choose another seed instead")
+            settings = replace(settings, **chosen)
             settings = self._captured(settings)
             settings = presets.scene(settings, self.scene) if self.scene else settings
             return presets.rough_recorder(settings) if self.rough_recorder else settings

@@ -17,8 +17,8 @@ from anchorpose.simulate.sensor import SensorSpec, sense
 
 HALF: Final = 2  # pixels of the imager that become one
 # The filter's own settings are not in the recordings; these draw silhouettes out as the real ones are: 12 pixels
-SMOOTHING: Final = 0.42  # weight of a pixel against what the filter brings along
-JOINED_PX: Final = 5.0  # of disparity: surfaces that differ by more keep their edge between them
+SMOOTHING: Final = 0.3  # weight of a pixel against what the filter brings along
+JOINED_PX: Final = 25.0  # of disparity: only what is within half a metre of the camera keeps its edge
 PASSES: Final = 2
 FILLED_PX: Final = 16  # the widest gap that the nearest values on the row or column fill
 STEPS: Final = 8.0  # to which a pixel of disparity is rounded at the end

@@ -122,6 +122,13 @@ def moved_actor(actor: Actor, place_m: np.ndarray, yaw: float) -> Actor:
     return replace(actor, footwork=Footwork(feet.places_m @ turn.T + place_m, feet.yaws + yaw, steps))
 
 
+def over_origin(patient: Actor, seat: Piece | None, share: float) -> tuple[Actor, Piece | None]:
+    """Somebody and the seat moved ahead by a share of how far back a seated pelvis is; 1: it is over the origin."""
+    ahead_m = -share * dict(seated_offsets(patient.person))["pelvis_forward"]
+    place = np.array([ahead_m, 0.0])
+    return moved_actor(patient, place, 0.0), None if seat is None else seat.placed(place, 0.0)
+
+
 def walks_in(actor: Actor, from_m: np.ndarray, start_s: float) -> Actor:
     """The patient, who comes from a place (x, z) from start_s on and does nothing else on the way."""
     places, yaws = final_stance(actor.footwork)

@@ -70,6 +70,11 @@ class RoomConfig:
         """People who walk through."""
         return sum(other.startswith("passes") for other in self.others)
 
+    @property
+    def pushed(self) -> bool:
+        """Whether somebody pushes furniture through the room."""
+        return self.moved in ("stool", "wheelchair")
+
 
 def draw_sensor(rng: np.random.Generator) -> str:
     """Name of the sensor."""
@@ -154,9 +159,10 @@ def _draw_place(
 def _draw_others(rng: np.random.Generator, distance_m: float) -> tuple[tuple[Other, ...], Moved]:
     """Up to three other people, and the furniture that is moved; only somebody who walks pushes furniture."""
     kinds: tuple[Other, ...] = ("sits", "stands", "passes-behind", "passes-before")
-    if distance_m < ROOM_FOR_PASSER_M:
-        kinds = kinds[:3]
-    drawn: list[Other] = [rng.choice(kinds) for _ in range(int(rng.choice(4, p=(0.25, 0.35, 0.25, 0.15))))]
+    chances = np.array([0.25, 0.2, 0.2, 0.35 if distance_m >= ROOM_FOR_PASSER_M else 0.0])
+    drawn: list[Other] = [
+        rng.choice(kinds, p=chances / chances.sum()) for _ in range(int(rng.choice(4, p=(0.25, 0.35, 0.25, 0.15))))
+    ]
     moved: Moved = rng.choice(get_args(Moved), p=(0.5, 0.15, 0.15, 0.2))
     others = sorted(drawn, key=lambda kind: kind.startswith("passes"))
     if moved in ("stool", "wheelchair"):

@@ -23,11 +23,12 @@ from anchorpose.simulate.rooms.people import (
     draw_seat,
     draw_walker,
     moved_actor,
+    over_origin,
     turned,
     walks_in,
 )
 from anchorpose.simulate.rooms.pieces import PIECES, Piece
-from anchorpose.simulate.rooms.plan import SEATED_SHARE, RoomConfig, Seat
+from anchorpose.simulate.rooms.plan import SEATED_SHARE, Other, Posture, RoomConfig, Seat
 from anchorpose.simulate.rooms.spoil import Spoil, draw_spoil
 from anchorpose.simulate.rooms.walls import (
     CORRIDOR_M,
@@ -51,6 +52,8 @@ ASKEW_RAD: Final = 0.35  # between the line of sight and the room's long axis
 PERSON_CLEAR_M: Final = 0.5  # around somebody who sits or stands
 WALK_CLEAR_M: Final = 0.35
 TRIES: Final = 200
+SEATED_AHEAD: Final[dict[Posture, float]] = {"stands": 0.0, "stands-up": 0.5, "sits": 1.0}
+"""How far the patient is moved ahead, so as to be where the camera looks: share of how far back a seated pelvis is."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,8 +105,10 @@ def draw_scene(config: SimulationConfig, room: RoomConfig) -> RoomScene:
     rng = room_stream(config, "people")
     patient = _late(rng, draft, patient) if isinstance(patient, Actor) and config.away_s else patient
     seat = draw_seat(rng, config, patient, room.seat) if patient.sits() else None
-    for other in room.others:
-        _add_person(rng, draft, other)
+    if isinstance(patient, Actor):
+        patient, seat = over_origin(patient, seat, SEATED_AHEAD[room.posture])
+    for number, other in enumerate(room.others, start=1):
+        _add_person(rng, draft, other, pushes=room.pushed and number == len(room.others))
     if room.mannequin:
         _add_mannequin(rng, draft)
     _furnish(room_stream(config, "furniture"), draft, person)
@@ -140,7 +145,7 @@ def _draw_empty_room(rng: np.random.Generator, config: SimulationConfig, room: R
     askew = rng.uniform(-ASKEW_RAD, ASKEW_RAD)
     yaw = room.azimuth_rad + np.pi + askew
     camera_m = turned(camera_pose(room)[:3, 3], -yaw)
-    outline, half_view = draw_outline(rng, room), spec.width / 2.0 / spec.focal_px
+    outline, half_view = draw_outline(rng, room, spec.farthest_m), spec.width / 2.0 / spec.focal_px
     back = draw_back_wall(rng, room, outline, half_view)
     taken = first_lanes(room, camera_m[[0, 2]])
     if back.opening is not None and back.way_out:
@@ -164,9 +169,9 @@ def _late(rng: np.random.Generator, draft: _Draft, patient: Actor) -> Actor:
     return walks_in(patient, world[[0, 2]], draft.config.away_s[0][1])
 
 
-def _add_person(rng: np.random.Generator, draft: _Draft, other: str) -> None:
+def _add_person(rng: np.random.Generator, draft: _Draft, other: Other, pushes: bool) -> None:
     """Somebody who sits, stands, walks through or pushes furniture; nobody where there is no place left."""
-    config, room = draft.config, draft.room
+    config = draft.config
     if other in ("sits", "stands"):
         place = _free_place(rng, draft, PERSON_CLEAR_M)
         if place is None:
@@ -178,7 +183,6 @@ def _add_person(rng: np.random.Generator, draft: _Draft, other: str) -> None:
         if seat is not None:
             draft.pieces.append(seat.placed(place, yaw))
         return
-    pushes = room.moved in ("stool", "wheelchair") and len(draft.people) + 1 >= len(room.others)
     lane = _walking_lane(rng, draft, before=other == "passes-before")
     draft.taken.append(lane)
     draft.doorways.append(lane)

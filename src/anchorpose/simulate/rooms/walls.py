@@ -70,12 +70,18 @@ class BackWall:
     poster: Panel | None
 
 
-def draw_outline(rng: np.random.Generator, room: RoomConfig) -> Outline:
-    """Walls around the camera and the patient, with room for who walks behind the patient."""
+def draw_outline(rng: np.random.Generator, room: RoomConfig, range_m: float) -> Outline:
+    """Walls around the camera and the patient, with room for who walks behind the patient.
+
+    A mirror or a door that opens is within the sensor's range where the patient leaves room for it.
+    """
     least_m = 1.7 if "passes-behind" in room.others else 0.9
+    most_m = least_m + 1.8
+    if room.mirror or room.moved == "door":
+        most_m = float(np.clip(range_m - room.distance_m - 0.4, least_m + 0.1, most_m))
     return Outline(
         front_m=-room.distance_m - rng.uniform(0.5, 2.0),
-        back_m=rng.uniform(least_m, least_m + 1.8),
+        back_m=rng.uniform(least_m, most_m),
         left_m=-rng.uniform(1.7, 3.2),
         right_m=rng.uniform(1.7, 3.2),
     )
