@@ -1,8 +1,8 @@
 """Rooms as one camera sees them: python benchmarks/room_scenes.py --use tuning --out scenes.
 
 Cluttered rooms with other people, mirrors and moved furniture, one camera at an unknown place, no picture of the empty
-room. 40 seeds are for tuning; 40 others are held out. Without --out their names are listed. With --movements some of the
-patients do captured rehabilitation movements.
+room. 40 seeds are for tuning; 40 others are held out. Without --out their names are listed. With --movements some of
+the patients do captured rehabilitation movements.
 """
 
 from __future__ import annotations

@@ -146,9 +146,7 @@ def _check_scene(config: SimulationConfig) -> None:
     bare = config.cameras == 1 and config.equipment == "none" and config.therapists == 0
     _require(config.room is None or bare, "a room needs one camera, no equipment and no therapists")
     late_only = config.curtain_s is None and all(span[0] <= 0.0 for span in config.away_s)
-    _require(
-        config.room is None or late_only, "in a room the patient can come late, but neither leave nor be curtained"
-    )
+    _require(config.room is None or late_only, "in a room the patient can come late, but not leave or hide")
     span = config.curtain_s or (0.0, 1.0)
     _require(span[0] < span[1], f"curtain_s must end after it begins, got {config.curtain_s}")
 

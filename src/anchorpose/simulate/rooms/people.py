@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 SEATED_MOTIONS: Final = ("reach", "arm-raise", "head")
 STANDING_MOTIONS: Final = ("standing", "weight-shift", "trunk", "head", "reach")
 BACK_REST_M: Final = 0.45
+RISING_S: Final = 2.0  # in which somebody is shown seated and then upright to what is fitted
 
 
 def draw_room_patient(rng: np.random.Generator, config: SimulationConfig, person: Person) -> Actor | CapturedActor:
@@ -78,6 +79,7 @@ def draw_seat(rng: np.random.Generator, config: SimulationConfig, patient: Actor
     """A stool, chair or wheelchair fitted under somebody at the origin who sits at times."""
     wheels = seat == "wheelchair"
     fitting = replace(config, room=None, equipment="wheelchair" if wheels else "none", stool=not wheels, away_s=())
+    fitting = replace(fitting, seconds=max(config.seconds, RISING_S))
     parts = fit_around(rng, fitting, _rising(patient) if wheels else patient, None)
     if wheels:
         return piece_of(

@@ -10,7 +10,7 @@ from pydantic import Field
 from anchorpose.settings import settings
 from anchorpose.simulate.sensor import SENSORS
 
-Framing = Literal["whole", "feet-cut-off", "head-cut-off"]
+Framing = Literal["whole", "feet-cut-off", "head-cut-off"]  # with the head, the feet may be cut off as well
 Posture = Literal["stands", "sits", "stands-up"]
 Seat = Literal["stool", "chair", "wheelchair"]
 Other = Literal["sits", "stands", "passes-before", "passes-behind"]
@@ -90,7 +90,6 @@ def draw_room_config(rng: np.random.Generator, sensor: str, stature_m: float) ->
     farthest_m = FARTHEST_LATE_M if late else FARTHEST_M
     distance_m, height_m, tilt_rad = _draw_place(rng, sensor, framing, head_m, farthest_m)
     others, moved = _draw_others(rng, distance_m)
-    count = int(rng.integers(3, 9))
     low = tuple(rng.choice(LOW, int(rng.integers(1, 3)), replace=False)) if distance_m > 1.6 else ()
     return RoomConfig(
         distance_m=distance_m,
@@ -102,7 +101,7 @@ def draw_room_config(rng: np.random.Generator, sensor: str, stature_m: float) ->
         posture=posture,
         seat=rng.choice(get_args(Seat)),
         late=late,
-        clutter=tuple(rng.choice(get_args(Clutter), count)),
+        clutter=tuple(rng.choice(get_args(Clutter), int(rng.integers(3, 9)))),
         before=low if rng.random() < 0.5 else (),
         others=others,
         moved=moved,

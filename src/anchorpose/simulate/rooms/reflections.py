@@ -11,7 +11,6 @@ from anchorpose.camera import Camera
 from anchorpose.simulate.render import NOTHING, Figure, TrueImage, draw_figures, first_hits
 from anchorpose.simulate.rooms.walls import Mirror
 
-OFF_GLASS_M: Final = 1e-3  # where a reflected ray begins
 NEARER_THAN_ALL_M: Final = 1e-3  # a depth before which nothing is drawn
 
 
@@ -66,9 +65,7 @@ def take_picture(camera: Camera, triangles: np.ndarray, shiny: np.ndarray, mirro
     hit, distance, normal = first_hits(origins, directions, all_triangles)
     on_glass = hit >= len(triangles)
     if mirror is not None and on_glass.any():
-        start = (origins + distance[:, None] * directions)[on_glass] + np.float32(OFF_GLASS_M) * mirror.normal.astype(
-            np.float32
-        )
+        start = (origins + distance[:, None] * directions)[on_glass]
         turned = _turned_back(mirror, directions[on_glass])
         second, farther, beyond = first_hits(start, turned, triangles.astype(np.float32))
         hit[on_glass], normal[on_glass] = second, mirror.reflect(beyond + mirror.point_m) - mirror.point_m
