@@ -23,6 +23,7 @@ Clutter = Literal[
 
 NEAREST_M, FARTHEST_M = 1.2, 4.5  # camera to patient, along the floor
 FARTHEST_LATE_M: Final = 3.3  # who comes into view farther away is not in place before the recording ends
+RANGE_MARGIN_M: Final = 0.5  # a patient who moves stays within the sensor's range
 LOWEST_M, HIGHEST_M = 0.5, 2.5
 STEEPEST_RAD: Final = float(np.radians(35.0))
 UPWARD_RAD: Final = float(np.radians(8.0))  # as far up as a camera on a low shelf looks
@@ -151,7 +152,8 @@ def _draw_place(
         distance_m, height_m = rng.uniform(NEAREST_M, farthest_m), rng.uniform(LOWEST_M, HIGHEST_M)
         down = np.arctan2(height_m - MIDDLE_SHARE * head_m, distance_m) + rng.uniform(-AIM_RAD, AIM_RAD)
         place = (distance_m, height_m, float(np.clip(down, -UPWARD_RAD, STEEPEST_RAD)))
-        if framing_of(sensor, place, head_m) == framing:
+        near = np.hypot(distance_m, height_m - MIDDLE_SHARE * head_m) < SENSORS[sensor].farthest_m - RANGE_MARGIN_M
+        if near and framing_of(sensor, place, head_m) == framing:
             return place
 
 

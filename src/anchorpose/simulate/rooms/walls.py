@@ -73,12 +73,14 @@ class BackWall:
 def draw_outline(rng: np.random.Generator, room: RoomConfig, range_m: float) -> Outline:
     """Walls around the camera and the patient, with room for who walks behind the patient.
 
-    A mirror or a door that opens is within the sensor's range where the patient leaves room for it.
+    A door that opens is within the sensor's range, and a mirror so near that the mirrored patient is, where the patient
+    and the others leave room for it.
     """
-    least_m = 1.7 if "passes-behind" in room.others else 0.9
+    least_m = 1.5 if "passes-behind" in room.others else 0.9
     most_m = least_m + 1.8
+    free_m = range_m - room.distance_m - 0.3
     if room.mirror or room.moved == "door":
-        most_m = float(np.clip(range_m - room.distance_m - 0.4, least_m + 0.1, most_m))
+        most_m = float(np.clip(0.5 * free_m if room.mirror else free_m, least_m + 0.1, most_m))
     return Outline(
         front_m=-room.distance_m - rng.uniform(0.5, 2.0),
         back_m=rng.uniform(least_m, most_m),
@@ -106,7 +108,7 @@ def draw_back_wall(rng: np.random.Generator, room: RoomConfig, outline: Outline,
 
 
 def room_triangles(rng: np.random.Generator, outline: Outline, back: BackWall, lanes: tuple[Lane, ...]) -> np.ndarray:
-    """(n, 3, 3) room frame: floor, walls with their openings, the corridors beside, the farther room behind."""
+    """(n, 3, 3) room frame: floor, ceiling, walls with openings, corridors beside, the farther room behind."""
     o, beside_m = outline, CORRIDOR_M
     corners = {
         "fl": (o.front_m, o.left_m),
@@ -117,6 +119,7 @@ def room_triangles(rng: np.random.Generator, outline: Outline, back: BackWall, l
     openings = [back.opening] if back.opening is not None else []
     found = [
         floor_triangles(o.front_m, o.back_m, o.left_m - beside_m, o.right_m + beside_m),
+        floor_triangles(o.front_m, o.back_m, o.left_m, o.right_m) + np.array([0.0, WALL_M, 0.0]),
         wall_triangles(corners["bl"], corners["br"], [_along(panel, o.left_m) for panel in openings]),
         wall_triangles(corners["fl"], corners["bl"], _doorways(lanes, o, o.left_m)),
         wall_triangles(corners["fr"], corners["br"], _doorways(lanes, o, o.right_m)),
