@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from anchorpose.errors import AnchorposeError
+from anchorpose.errors import AnchorposeError, InputError
 
 if TYPE_CHECKING:
     from anchorpose.simulate.config import SimulationConfig
@@ -118,6 +118,8 @@ class SimulateOptions:
         from anchorpose.simulate.config import rehabilitation
 
         if self.preset != "rehabilitation":
+            if self.preset == "room" and self.movements is not None and not self.movements.is_file():
+                raise InputError(self.movements, "is not there", "give the file with the skeletons of UI-PRMD as .npz")
             if (self.movements is not None and self.preset != "room") or self.movement is not None:
                 raise AnchorposeError(
                     "Captured movements belong to the preset rehabilitation; add --preset rehabilitation."
