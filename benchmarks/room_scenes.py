@@ -60,7 +60,7 @@ def summary(config: SimulationConfig) -> str:
     extras = ("late", "mirror", "mannequin", "poster", "dark_clothes", "shiny", "interference")
     found = [name.replace("_", " ") for name in extras if getattr(plan, name)]
     place = f"{plan.distance_m:.1f} m away, {plan.camera_height_m:.1f} m high"
-    others = f"{len(plan.others)} others"
+    others = f"other people: {len(plan.others)}"
     moved = [f"{plan.moved} is moved"] if plan.moved != "none" else []
     return ", ".join([config.sensor, place, plan.framing, plan.posture, others, *moved, *found])
 
