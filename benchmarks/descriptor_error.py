@@ -52,7 +52,7 @@ def observe(studio: Studio, frame: int, reading: int) -> Moment:
     for index, camera in enumerate(cameras):
         picture = draw_figures(camera, studio.stills[index], figures)
         rng = np.random.default_rng([clinic.config.seed, index, frame, reading])
-        depth = sense(rng, spec, picture.depth_m, picture.cosine, studio.wiggles_m[index])
+        depth = sense(rng, spec, picture.depth_m, picture.cosine, studio.readers[index].wiggle_m)
         views.append(labelled((depth * camera.depth_scale).astype(np.float32), picture))
     meshes = [
         build_surface(view.depth_m, view.patient, camera, bridge=view.hidden_by_equipment)

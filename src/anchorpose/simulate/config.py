@@ -11,8 +11,9 @@ from pydantic import Field
 
 from anchorpose.settings import NotNegative, Positive, Share, settings
 from anchorpose.simulate.movement_file import MOVEMENTS, STEPPING, SUBJECTS, movement_of
+from anchorpose.simulate.rooms.plan import Posture, RoomConfig, draw_room_config, draw_sensor
 
-Sensor = Literal["kinect-v2", "azure-kinect", "realsense"]
+Sensor = Literal["kinect-v2", "azure-kinect", "realsense", "kinect-v1", "realsense-filtered"]
 Speed = Literal["slow", "normal", "fast", "mixed"]
 Scene = Literal["enters-late", "leaves", "hidden", "sits"]
 Equipment = Literal["none", "standing-frame", "parallel-bars", "walker", "wheelchair", "sling"]
@@ -32,7 +33,15 @@ FRAMELESS_MOTIONS: Final = frozenset({"sit-to-stand"})
 """Motions that a standing frame with a knee bar does not leave room for."""
 
 SMALLEST_HOLE_M, LARGEST_HOLE_M = 0.03, 0.15  # the paper's five sizes, Section V
-ROUGH_KEY, MOVEMENT_KEY = 1000, 1001  # random streams of their own, beside those of ``clinic``
+ROUGH_KEY, MOVEMENT_KEY, PLAN_KEY = 1000, 1001, 1003  # random streams of their own, beside those of ``clinic``
+ROOM_MOTIONS: Final[dict[Posture, tuple[tuple[str, ...], ...]]] = {
+    "stands": (("mixed",), ("squat", "reach", "arm-raise"), ("weight-shift", "trunk", "steps", "head", "reach")),
+    "sits": (("reach", "arm-raise"), ("reach", "head"), ("arm-raise", "head", "standing")),
+    "stands-up": (("sit-to-stand", "reach"), ("sit-to-stand", "squat", "arm-raise"), ("sit-to-stand", "trunk", "head")),
+}
+ROOM_MOVEMENTS: Final = tuple(name for name in MOVEMENTS if name != "sit-to-stand")  # a seat is drawn apart from them
+CAPTURED_SHARE: Final = 0.6  # of the standing patients in rooms, where there is a file of captured movements
+ABSENT_SHARE: Final = 0.15  # of the recording, before a patient who is late comes into view
 HIDDEN_S: Final = 2.0  # behind a curtain
 THICKEST_CLOTHING_M: Final = 0.015  # beyond this the skin says little about the body
 
@@ -77,6 +86,7 @@ class SimulationConfig:
     doubled_share: ProperShare = 0.0  # of the files of every camera that hold the previous depth image once more
     starts_late_s: tuple[NotNegative, ...] = ()  # one per camera, the first 0: seconds without images at the start
     ends_early_s: tuple[NotNegative, ...] = ()  # one per camera, the first 0: seconds without images at the end
+    room: RoomConfig | None = None  # a real room seen by one camera instead of a place of training
 
     def __post_init__(self) -> None:
         _check_equipment(self)
@@ -133,6 +143,10 @@ def _check_scene(config: SimulationConfig) -> None:
     _require(times == sorted(times), f"away_s must be spans in the order of time, got {config.away_s}")
     held = config.equipment != "none" or config.movement_file is not None
     _require(not (times and held), "a patient in equipment or with a captured movement cannot walk out")
+    bare = config.cameras == 1 and config.equipment == "none" and config.therapists == 0
+    _require(config.room is None or bare, "a room needs one camera, no equipment and no therapists")
+    late_only = config.curtain_s is None and all(span[0] <= 0.0 for span in config.away_s)
+    _require(config.room is None or late_only, "in a room the patient can come late, but not leave or hide")
     span = config.curtain_s or (0.0, 1.0)
     _require(span[0] < span[1], f"curtain_s must end after it begins, got {config.curtain_s}")
 
@@ -198,6 +212,35 @@ def holes(seed: int, radius_m: float, seconds: float = 10.0, fps: float = 15.0) 
 def single(seed: int, seconds: float = 10.0, fps: float = 15.0) -> SimulationConfig:
     """One camera, one person, nothing in the way."""
     return SimulationConfig(seed=seed, seconds=seconds, fps=fps, cameras=1, equipment="none", stool=False, therapists=0)
+
+
+def room(seed: int, seconds: float = 10.0, fps: float = 15.0, movement_file: Path | None = None) -> SimulationConfig:
+    """A real room seen by one camera at an unknown place; some patients do captured movements where a file is given."""
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(PLAN_KEY,)))
+    height_m, sensor = rng.uniform(1.5, 1.9), draw_sensor(rng)
+    plan = draw_room_config(rng, sensor, height_m)
+    movement = str(rng.choice(ROOM_MOVEMENTS))
+    captured = (
+        movement_file is not None and plan.posture == "stands" and not plan.late and rng.random() < CAPTURED_SHARE
+    )
+    return SimulationConfig(
+        seed=seed,
+        seconds=seconds,
+        fps=fps,
+        cameras=1,
+        sensor=sensor,  # type: ignore[arg-type]
+        equipment="none",
+        stool=plan.posture != "stands",
+        therapists=0,
+        passers_by=plan.passers_by,
+        motions=("mixed",) if captured else ROOM_MOTIONS[plan.posture][int(rng.integers(3))],
+        movement_file=movement_file if captured else None,
+        movement=movement if captured else None,
+        away_s=((-1.0, ABSENT_SHARE * seconds),) if plan.late else (),
+        height_m=height_m,
+        pose_known=False,
+        room=plan,
+    )
 
 
 def rehabilitation(

@@ -51,7 +51,8 @@ def render_still(camera: Camera, room: np.ndarray, equipment: np.ndarray) -> Tru
         return empty
     rays = np.concatenate([camera.pixel_rays(), np.ones((*shape, 1), np.float32)], axis=2).reshape(-1, 3)
     directions = (rays @ camera.require_pose()[:3, :3].T).astype(np.float32)
-    hit, distance, normal = _cast(camera.position_m, directions, triangles)
+    origins = np.tile(camera.position_m.astype(np.float32), (len(directions), 1))
+    hit, distance, normal = first_hits(origins, directions, triangles)
     found = hit >= 0
     length = np.linalg.norm(normal, axis=1) * np.linalg.norm(directions, axis=1)
     cosine = np.abs((normal * directions).sum(axis=1)) / np.where(found, length, 1.0)
@@ -75,17 +76,19 @@ def draw_figures(camera: Camera, still: TrueImage, figures: tuple[Figure, ...]) 
     return image
 
 
-def _cast(
-    origin_m: np.ndarray, directions: np.ndarray, triangles: np.ndarray
+def first_hits(
+    origins_m: np.ndarray, directions: np.ndarray, triangles: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """First triangle along each ray (-1 none), how many directions away, and its normal."""
+    """First triangle along each ray (-1 none), how many directions away, and its normal.
+
+    origins_m, directions (n, 3), triangles (m, 3, 3), float32 world metres.
+    """
     from embreex import rtcore_scene
     from embreex.mesh_construction import TriangleMesh
 
     scene = rtcore_scene.EmbreeScene()
     TriangleMesh(scene, triangles)
-    origins = np.tile(origin_m.astype(np.float32), (len(directions), 1))
-    found = scene.run(origins, directions, query="INTERSECT", output=True)
+    found = scene.run(origins_m, directions, query="INTERSECT", output=True)
     edges = triangles[:, 1:] - triangles[:, :1]
     normals = np.cross(edges[:, 0], edges[:, 1])
     hit = found["primID"].astype(np.int64)

@@ -22,7 +22,10 @@ class SensorSpec:
     # of the axial noise measured on white targets; clothes, skin and floors return a quarter of the light, and the
     # noise of a time-of-flight camera goes with the inverse square root of what returns
     noise_gain: float = 2.0
-    baseline_m: float = 0.0  # stereo only
+    baseline_m: float = 0.0  # stereo only, and all that follows
+    disparity_noise_px: float = 0.06  # standard deviation of subpixel matching
+    disparity_steps: float = 32.0  # to which a pixel of disparity is quantised
+    filtered: bool = False  # two pixels become one, then smoothing over space and time (librealsense.py)
 
 
 SENSORS = {
@@ -37,6 +40,30 @@ SENSORS = {
     "realsense": SensorSpec(
         kind="stereo", width=848, height=480, focal_px=424.0, nearest_m=0.4, farthest_m=6.0, baseline_m=0.095
     ),
+    # half resolution, as in MSR Action3D: steps of 9 mm at 1.8 m and 26 mm at 3 m
+    "kinect-v1": SensorSpec(
+        kind="stereo",
+        width=320,
+        height=240,
+        focal_px=285.0,
+        nearest_m=0.5,
+        farthest_m=4.5,
+        baseline_m=0.075,
+        disparity_noise_px=0.03,
+        disparity_steps=16.0,
+    ),
+    # a D415 behind librealsense's filters; the noise before them
+    "realsense-filtered": SensorSpec(
+        kind="stereo",
+        width=424,
+        height=240,
+        focal_px=303.0,
+        nearest_m=0.4,
+        farthest_m=6.0,
+        baseline_m=0.055,
+        disparity_noise_px=0.15,
+        filtered=True,
+    ),
 }
 
 EDGE_STEP_M = 0.03  # neighbours farther apart than this, and than the slope explains, are an edge
@@ -47,9 +74,7 @@ FLYING = 0.22  # chance that an edge pixel mixes near and far
 EDGE_LOSS = 0.08  # chance that an edge pixel returns nothing
 GRAZING_COSINE = 0.10  # beyond 84 degrees of incidence nothing comes back
 WIGGLE_M = 0.0012  # amplitude of the smooth error that a time-of-flight camera keeps over a session
-DISPARITY_NOISE_PX = 0.06  # standard deviation of subpixel matching
 BLOB_PX = 2.2  # standard deviation of the matching window
-DISPARITY_STEPS = 32.0  # a stereo sensor's disparity is quantised
 SPECKLE_DEVIATIONS = 2.7  # matching fails where its noise field is beyond this
 
 
@@ -135,7 +160,8 @@ def _sense_stereo(rng: np.random.Generator, spec: SensorSpec, depth_m: np.ndarra
     gain = np.float32(spec.focal_px * spec.baseline_m)
     disparity = np.divide(gain, fattened, out=np.zeros_like(fattened), where=fattened > 0)
     lost = (np.abs(blobs) > SPECKLE_DEVIATIONS) | _shadowed(disparity) | (disparity <= 0)
-    noisy = np.rint((disparity + DISPARITY_NOISE_PX * blobs) * DISPARITY_STEPS) / DISPARITY_STEPS
+    steps = spec.disparity_steps
+    noisy = np.rint((disparity + spec.disparity_noise_px * blobs) * steps) / steps
     return np.where(lost | (noisy <= 0), 0.0, gain / np.maximum(noisy, 1e-3)).astype(np.float32)
 
 

@@ -14,9 +14,12 @@ from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.joints import JOINT_COUNT
 from anchorpose.rotations import rotate
 from anchorpose.simulate.clinic import Clinic, Performance, random_stream
+from anchorpose.simulate.librealsense import MEMORY
 from anchorpose.simulate.person import Person
+from anchorpose.simulate.reading import Reader
 from anchorpose.simulate.render import PATIENT, Figure, TrueImage, draw_figures, render_still
-from anchorpose.simulate.sensor import SENSORS, draw_wiggle, sense
+from anchorpose.simulate.rooms.reflections import RoomPicture, take_picture
+from anchorpose.simulate.sensor import SENSORS, draw_wiggle
 
 CURTAIN_M, CURTAIN_HALF_WIDTH_M, CURTAIN_HEIGHT_M = 1.0, 1.3, 2.2  # before the patient: more than an arm's length
 BACKGROUND_FRAMES = 9  # the empty room is the median of so many images
@@ -40,50 +43,67 @@ class Studio:
 
     clinic: Clinic
     stills: tuple[TrueImage, ...]
-    wiggles_m: tuple[np.ndarray, ...]
+    readers: tuple[Reader, ...]
     performances: tuple[Performance, ...]  # one per camera; the same object where clocks agree
     in_hole: np.ndarray  # (t,) bool
     stills_after: tuple[TrueImage, ...]  # one per camera: the empty room once the equipment has been moved
     stills_curtained: tuple[TrueImage, ...]  # one per camera: the empty room behind a curtain
+    room_picture: RoomPicture | None = None  # of the camera of a real room
 
     def shoot(self, frame: int) -> Shot:
         """All cameras' images with one number."""
-        clinic, spec = self.clinic, SENSORS[self.clinic.config.sensor]
+        clinic = self.clinic
         figures = {id(p): p.figures(frame) for p in self.performances}
         images, depths, seen, behind = [], [], [], []
-        patient = clinic.patient.person
         for index, camera in enumerate(clinic.cameras):
             performance = self.performances[index]
-            moves_at_s = clinic.config.equipment_moves_at_s
-            moved = moves_at_s is not None and performance.times_s[frame] >= moves_at_s
-            stills = self.stills_after if moved else self.stills
-            stills = self.stills_curtained if _curtain_hangs(clinic, float(performance.times_s[frame])) else stills
-            image = draw_figures(camera, stills[index], figures[id(performance)])
-            rng = random_stream(clinic.config, "sensor", index, frame)
-            images.append(image)
-            depths.append(sense(rng, spec, image.depth_m, image.cosine, self.wiggles_m[index]))
             people = figures[id(performance)]
-            behind.append(share_behind(camera, stills[index], people, clinic.config.passers_by, image))
-            seen.append(seen_shares(patient, performance.bones[0][frame], people[0].skin_m, camera, image))
+            still = self._without_people(index, frame, people)
+            image = draw_figures(camera, still, people)
+            images.append(image)
+            depths.append(self._reading_mm(index, frame, image))
+            behind.append(share_behind(camera, still, people, clinic.config.passers_by, image))
+            seen.append(
+                seen_shares(clinic.patient.person, performance.bones[0][frame], people[0].skin_m, camera, image)
+            )
         if self.in_hole[frame]:
             depths = _with_hole(clinic, images, depths)
         return Shot(
             figures[id(self.performances[0])], tuple(images), tuple(depths), np.stack(seen, axis=1), max(behind)
         )
 
+    def _without_people(self, index: int, frame: int, people: tuple[Figure, ...]) -> TrueImage:
+        """What one camera would see if nobody were there; people are in the mirror of a real room."""
+        clinic, time_s = self.clinic, float(self.performances[index].times_s[frame])
+        if clinic.scene is not None and self.room_picture is not None:
+            return self.room_picture.with_movers(tuple(m.figure(time_s) for m in clinic.scene.movers), people)
+        moves_at_s = clinic.config.equipment_moves_at_s
+        if _curtain_hangs(clinic, time_s):
+            return self.stills_curtained[index]
+        return (self.stills_after if moves_at_s is not None and time_s >= moves_at_s else self.stills)[index]
+
+    def _reading_mm(self, index: int, frame: int, image: TrueImage) -> np.ndarray:
+        """What the recorder stores; smoothing over time needs the frames before."""
+        reader = self.readers[index]
+        first = max(0, frame - MEMORY + 1) if reader.spec.filtered else frame
+        raw = []
+        for number in range(first, frame + 1):
+            if number not in reader.recent or number == frame:
+                seen = image if number == frame else self._image(index, number)
+                reader.keep(number, reader.raw_mm(random_stream(self.clinic.config, "sensor", index, number), seen))
+            raw.append(reader.recent[number])
+        return reader.stored_mm(raw)
+
+    def _image(self, index: int, frame: int) -> TrueImage:
+        people = self.performances[index].figures(frame)
+        return draw_figures(self.clinic.cameras[index], self._without_people(index, frame, people), people)
+
     def background_mm(self, index: int) -> np.ndarray:
         """(height, width) uint16: the empty room with its equipment, as a recorder would average it."""
         config, still = self.clinic.config, self.stills[index]
-        empty = [
-            sense(
-                random_stream(config, "sensor", index, config.frames + number),
-                SENSORS[config.sensor],
-                still.depth_m,
-                still.cosine,
-                self.wiggles_m[index],
-            )
-            for number in range(BACKGROUND_FRAMES)
-        ]
+        reader, frames = self.readers[index], range(config.frames, config.frames + BACKGROUND_FRAMES)
+        raw = [reader.raw_mm(random_stream(config, "sensor", index, frame), still) for frame in frames]
+        empty = [reader.stored_mm([reading]) for reading in raw]
         return np.median(empty, axis=0).astype(np.uint16)
 
 
@@ -96,18 +116,28 @@ def set_up(clinic: Clinic) -> Studio:
         times_s = clinic.true_times_s(index)
         same = [p for p in performances if np.array_equal(p.times_s, times_s)]
         performances.append(same[0] if same else clinic.act(times_s))
-    spec = SENSORS[config.sensor]
-    stills = empty_rooms(clinic, equipment)
+    scene = clinic.scene
+    picture = None if scene is None else take_picture(scene.camera, scene.triangles, scene.shiny, scene.mirror)
+    stills = (picture.image,) if picture is not None else empty_rooms(clinic, equipment)
     pushed = config.equipment_moves_at_s is not None
     return Studio(
         clinic=clinic,
         stills=stills,
         stills_after=empty_rooms(clinic, equipment_triangles(clinic, moved=True)) if pushed else stills,
         stills_curtained=stills if config.curtain_s is None else empty_rooms(clinic, equipment, curtain=True),
-        wiggles_m=tuple(draw_wiggle(random_stream(config, "sensor", index), spec) for index in range(config.cameras)),
+        readers=tuple(_reader(clinic, index, picture) for index in range(config.cameras)),
         performances=tuple(performances),
         in_hole=_draw_hole_frames(clinic),
+        room_picture=picture,
     )
+
+
+def _reader(clinic: Clinic, index: int, picture: RoomPicture | None) -> Reader:
+    spec = SENSORS[clinic.config.sensor]
+    wiggle_m = draw_wiggle(random_stream(clinic.config, "sensor", index), spec)
+    if clinic.scene is None or picture is None:
+        return Reader(spec, wiggle_m)
+    return Reader(spec, wiggle_m, clinic.scene.spoil, picture.shiny)
 
 
 def empty_rooms(clinic: Clinic, equipment: np.ndarray, curtain: bool = False) -> tuple[TrueImage, ...]:

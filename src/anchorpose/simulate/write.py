@@ -62,7 +62,8 @@ def _write_all(work: Path, clinic: Clinic, progress: Callable[[int, int], None] 
     _write_documents(recording, clinic)
     studio, records = set_up(clinic), tuple(draw_record(clinic, index) for index in range(config.cameras))
     for index, camera in enumerate(clinic.cameras):
-        _write_png(recording / camera.name / "background.png", studio.background_mm(index))
+        if clinic.scene is None:  # nobody empties a real room for a picture
+            _write_png(recording / camera.name / "background.png", studio.background_mm(index))
         _write_stamps(recording / camera.name / "timestamps.csv", records[index])
     patient_pixels, contacts, seen, behind = [], [], [], []
     for frame in range(config.frames):
@@ -165,9 +166,12 @@ def _write_truth(path: Path, studio: Studio, records: tuple[Record, ...], sight:
     held_joints (t, n, 2) the joint in each hand of each therapist, -1 none; clock_late, clock_drift, clock_epoch by
     camera: stamp s was taken at (s - epoch) + late + drift (s - epoch); taken_s (cameras, t), when the image of that
     number on the disk was taken, NaN where there is none; doubled (cameras, t), it is an earlier one repeated.
+    camera_to_world (cameras, 4, 4) of real rooms, as recording.json would have it: the same as T_world_camera.
     """
     clinic, config, performance = studio.clinic, studio.clinic.config, studio.performances[0]
     person = clinic.patient.person
+    poses = np.array([camera.require_pose() for camera in clinic.cameras])
+    extra: dict[str, Any] = {} if clinic.scene is None else {"camera_to_world": poses}
     np.savez_compressed(
         path,
         joints=performance.joints_m(),
@@ -181,7 +185,7 @@ def _write_truth(path: Path, studio: Studio, records: tuple[Record, ...], sight:
         held_joints=performance.held_joints(),
         part_names=np.array(person.body.asset.bone_names),
         camera_names=np.array([camera.name for camera in clinic.cameras]),
-        T_world_camera=np.array([camera.require_pose() for camera in clinic.cameras]),
+        T_world_camera=poses,
         clock_late=np.array(config.clock_late_s or [0.0] * config.cameras),
         clock_drift=np.array(config.clock_drift or [0.0] * config.cameras),
         clock_epoch=np.array(config.clock_epoch_s or [0.0] * config.cameras),
@@ -189,6 +193,7 @@ def _write_truth(path: Path, studio: Studio, records: tuple[Record, ...], sight:
         doubled=np.array([record.kept & (record.shown < np.arange(config.frames)) for record in records]),
         shape_coefficients=person.coefficients,
         height_m=person.height_m,
+        **extra,
     )
 
 

@@ -1,0 +1,47 @@
+"""From the true image to what the recorder stores: the sensor's error, what the room takes from it, and its filters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from anchorpose.simulate.librealsense import MEMORY, decimated_mm, smoothed_mm
+from anchorpose.simulate.render import TrueImage
+from anchorpose.simulate.rooms.spoil import Spoil, spoilt_mm
+from anchorpose.simulate.sensor import SensorSpec, sense
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reader:
+    """One camera: its kind, its steady error (height, width) metres, and what spoils its readings in a real room.
+
+    shiny (height, width) bool: pixels of bare metal. recent: depth images before smoothing, by frame; it only saves
+    time, for whatever is not there is drawn again from the frame's own random stream.
+    """
+
+    spec: SensorSpec
+    wiggle_m: np.ndarray
+    spoil: Spoil | None = None
+    shiny: np.ndarray | None = None
+    recent: dict[int, np.ndarray] = field(default_factory=dict)
+
+    def raw_mm(self, rng: np.random.Generator, image: TrueImage) -> np.ndarray:
+        """(height, width) uint16 millimetres before smoothing, 0 = no reading."""
+        if self.spec.filtered:
+            reading = decimated_mm(rng, self.spec, image.depth_m, image.cosine)
+        else:
+            reading = sense(rng, self.spec, image.depth_m, image.cosine, self.wiggle_m)
+        if self.spoil is None or self.shiny is None:
+            return reading
+        return spoilt_mm(rng, self.spoil, image, self.shiny, reading)
+
+    def keep(self, frame: int, reading_mm: np.ndarray) -> None:
+        """Remember a depth image before smoothing for the next frames."""
+        self.recent[frame] = reading_mm
+        for old in [number for number in self.recent if number <= frame - MEMORY]:
+            del self.recent[old]
+
+    def stored_mm(self, readings_mm: list[np.ndarray]) -> np.ndarray:
+        """What is stored of the last of some consecutive depth images before smoothing."""
+        return smoothed_mm(self.spec, readings_mm) if self.spec.filtered else readings_mm[-1]

@@ -1,0 +1,65 @@
+"""Furniture that is moved during the recording: pushed by somebody, or a door that opens."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from anchorpose.rotations import UP, turns_about
+from anchorpose.simulate.patient import Actor
+from anchorpose.simulate.render import NOTHING, Figure
+from anchorpose.simulate.rooms.keep_out import Lane
+from anchorpose.simulate.rooms.pieces import Piece, box, piece_of
+from anchorpose.simulate.rooms.walls import Panel
+from anchorpose.simulate.timeline import body_course, ease
+
+STEP_S: Final = 0.05  # between the known places of what is moved
+AHEAD_M: Final = 0.35  # between the body of who pushes and the nearest part of the furniture
+OPENING_S: Final = 1.6  # that a door takes
+BEFORE_S: Final = 3.0  # the first known place is so long before the recording, the last so long after it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mover:
+    """A piece at known times (k,): its places (k, 2) as x, z, and its yaws (k,), left positive."""
+
+    piece: Piece
+    times_s: np.ndarray
+    places_m: np.ndarray
+    yaws: np.ndarray
+
+    def figure(self, time_s: float) -> Figure:
+        """The piece at a time, labelled as a part of the room."""
+        x, z = (np.interp(time_s, self.times_s, self.places_m[:, axis]) for axis in (0, 1))
+        yaw = float(np.interp(time_s, self.times_s, self.yaws))
+        points = self.piece.triangles.reshape(-1, 3) @ turns_about(UP, np.array([yaw]))[0].T + np.array([x, 0.0, z])
+        faces = np.arange(len(points), dtype=np.int32).reshape(-1, 3)
+        return Figure(points.astype(np.float32), faces, np.zeros(len(faces), np.uint8), NOTHING)
+
+
+def pushed(piece: Piece, pusher: Actor, lane: Lane, starts_m: float, seconds: float) -> Mover:
+    """A piece that stands at starts_m along a lane until who walks along the lane reaches and pushes it.
+
+    It faces the way it is pushed, and stays where the pusher turns back.
+    """
+    times_s = np.arange(-BEFORE_S, seconds + BEFORE_S, STEP_S)
+    start, along = np.array(lane.start_m), np.subtract(lane.end_m, lane.start_m)
+    along = along / np.linalg.norm(along)
+    place, _ = body_course(pusher.footwork, times_s)
+    reached_m = np.maximum.accumulate((place - start) @ along) + AHEAD_M - float(piece.triangles[..., 0].min())
+    travelled_m = np.maximum(reached_m, starts_m)
+    yaw = float(np.arctan2(-along[1], along[0]))
+    return Mover(piece, times_s, start + travelled_m[:, None] * along, np.full(len(times_s), yaw))
+
+
+def opening_door(rng: np.random.Generator, panel: Panel, wall_m: float, at_s: float, seconds: float) -> Mover:
+    """The leaf in a doorway of the wall at x = wall_m, which swings away from the room from at_s on and stays open."""
+    wide_m, high_m = panel.to_m - panel.from_m, panel.high_m - 0.01
+    way = float(rng.choice([-1.0, 1.0]))
+    hinge_z = panel.from_m if way > 0.0 else panel.to_m
+    leaf = piece_of([box((0.0, high_m / 2.0 + 0.005, way * wide_m / 2.0), (0.04, high_m, wide_m))])
+    times_s = np.arange(-BEFORE_S, seconds + BEFORE_S, STEP_S)
+    swing = way * rng.uniform(np.radians(50.0), np.radians(110.0)) * ease((times_s - at_s) / OPENING_S)
+    return Mover(leaf, times_s, np.tile([wall_m, hinge_z], (len(times_s), 1)), swing)

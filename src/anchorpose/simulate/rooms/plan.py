@@ -1,0 +1,171 @@
+"""What is drawn for one room: where the camera is, what stands about, who else is there, how the sensor errs."""
+
+from __future__ import annotations
+
+from typing import Annotated, Final, Literal, get_args
+
+import numpy as np
+from pydantic import Field
+
+from anchorpose.settings import settings
+from anchorpose.simulate.sensor import SENSORS
+
+Framing = Literal["whole", "feet-cut-off", "head-cut-off"]  # with the head, the feet may be cut off as well
+Posture = Literal["stands", "sits", "stands-up"]
+Seat = Literal["stool", "chair", "wheelchair"]
+Other = Literal["sits", "stands", "passes-before", "passes-behind"]
+Moved = Literal["none", "stool", "wheelchair", "door"]
+Opening = Literal["none", "window", "doorway"]
+Clutter = Literal[
+    "table", "chair", "stool", "shelf", "cupboard", "monitor", "boxes", "plant", "coat-rack", "bed", "curtain",
+    "wheelchair",
+]  # fmt: skip
+
+NEAREST_M, FARTHEST_M = 1.2, 4.5  # camera to patient, along the floor
+FARTHEST_LATE_M: Final = 3.3  # who comes into view farther away is not in place before the recording ends
+RANGE_MARGIN_M: Final = 0.5  # a patient who moves stays within the sensor's range
+LOWEST_M, HIGHEST_M = 0.5, 2.5
+STEEPEST_RAD: Final = float(np.radians(35.0))
+UPWARD_RAD: Final = float(np.radians(8.0))  # as far up as a camera on a low shelf looks
+LARGEST_ROLL_RAD: Final = float(np.radians(4.0))
+AIM_RAD: Final = float(np.radians(9.0))  # between the optical axis and the patient's middle, up or down
+CLEARLY_RAD: Final = float(np.radians(3.0))  # beyond the border, where something is cut off
+INSIDE_RAD: Final = float(np.radians(1.5))
+SEATED_SHARE: Final = 0.76  # of the stature: how high the top of the head is on a seat
+MIDDLE_SHARE: Final = 0.55  # of the head's height: the patient's middle, always in view
+ROOM_SENSORS: Final = ("kinect-v2", "azure-kinect", "realsense", "kinect-v1", "realsense-filtered")
+SENSOR_CHANCES: Final = (0.2, 0.15, 0.15, 0.2, 0.3)
+FRAMINGS: Final = get_args(Framing)
+POSTURES: Final = get_args(Posture)
+LOW: Final[tuple[Clutter, ...]] = ("table", "chair", "stool", "boxes", "wheelchair")  # may stand before the legs
+ROOM_FOR_PASSER_M: Final = 2.2  # between camera and patient, for somebody to walk through
+
+
+@settings
+class RoomConfig:
+    """One room as it is drawn from a seed; world: the patient stands at the origin and faces +X."""
+
+    distance_m: Annotated[float, Field(ge=NEAREST_M, le=FARTHEST_M)]
+    camera_height_m: Annotated[float, Field(ge=LOWEST_M, le=HIGHEST_M)]
+    tilt_rad: Annotated[float, Field(ge=-UPWARD_RAD, le=STEEPEST_RAD)]  # down
+    roll_rad: Annotated[float, Field(ge=-LARGEST_ROLL_RAD, le=LARGEST_ROLL_RAD)] = 0.0
+    azimuth_rad: float = 0.0  # of the camera seen from the patient: 0 in front, left positive
+    framing: Framing = "whole"
+    posture: Posture = "stands"
+    seat: Seat = "stool"
+    late: bool = False  # the patient walks in after the recording has begun
+    clutter: tuple[Clutter, ...] = ()
+    before: tuple[Clutter, ...] = ()  # what stands between the camera and the patient's legs
+    others: tuple[Other, ...] = ()  # people, those who walk through last
+    moved: Moved = "none"  # a stool or wheelchair is pushed by the last of those who walk through
+    opening: Opening = "none"
+    mirror: bool = False
+    mannequin: bool = False
+    poster: bool = False
+    dark_clothes: bool = False  # the patient's legs or trunk swallow the light
+    shiny: bool = False  # bare metal returns nothing
+    interference: bool = False  # another camera shines into some frames
+
+    @property
+    def passers_by(self) -> int:
+        """People who walk through."""
+        return sum(other.startswith("passes") for other in self.others)
+
+    @property
+    def pushed(self) -> bool:
+        """Whether somebody pushes furniture through the room."""
+        return self.moved in ("stool", "wheelchair")
+
+
+def draw_sensor(rng: np.random.Generator) -> str:
+    """Name of the sensor."""
+    return str(rng.choice(ROOM_SENSORS, p=SENSOR_CHANCES))
+
+
+def draw_room_config(rng: np.random.Generator, sensor: str, stature_m: float) -> RoomConfig:
+    """A room for a patient of a given height, seen by a given sensor."""
+    late = bool(rng.random() < 0.2)
+    posture: Posture = "stands" if late else rng.choice(POSTURES, p=(0.5, 0.3, 0.2))
+    framing: Framing = rng.choice(FRAMINGS, p=(0.45, 0.35, 0.2))
+    head_m = SEATED_SHARE * stature_m if posture == "sits" else stature_m
+    farthest_m = FARTHEST_LATE_M if late else FARTHEST_M
+    distance_m, height_m, tilt_rad = _draw_place(rng, sensor, framing, head_m, farthest_m)
+    others, moved = _draw_others(rng, distance_m)
+    low = tuple(rng.choice(LOW, int(rng.integers(1, 3)), replace=False)) if distance_m > 1.6 else ()
+    return RoomConfig(
+        distance_m=distance_m,
+        camera_height_m=height_m,
+        tilt_rad=tilt_rad,
+        roll_rad=rng.uniform(-LARGEST_ROLL_RAD, LARGEST_ROLL_RAD),
+        azimuth_rad=rng.uniform(-np.pi, np.pi),
+        framing=framing,
+        posture=posture,
+        seat=rng.choice(get_args(Seat)),
+        late=late,
+        clutter=tuple(rng.choice(get_args(Clutter), int(rng.integers(3, 9)))),
+        before=low if rng.random() < 0.5 else (),
+        others=others,
+        moved=moved,
+        opening=rng.choice(get_args(Opening), p=(0.4, 0.3, 0.3)),
+        mirror=rng.random() < 0.3,
+        mannequin=rng.random() < 0.2,
+        poster=rng.random() < 0.4,
+        dark_clothes=rng.random() < 0.3,
+        shiny=rng.random() < 0.5,
+        interference=rng.random() < 0.2,
+    )
+
+
+def in_image_rad(sensor: str, place: tuple[float, float, float], height_m: float) -> float:
+    """How far a height above the patient's place is from the optical axis, up positive, as a share of half the image.
+
+    place: the camera's distance_m, height_m, tilt_rad. Beyond -1 and 1 it is outside.
+    """
+    distance_m, camera_m, tilt_rad = place
+    return float((np.arctan2(height_m - camera_m, distance_m) + tilt_rad) / _half_view_rad(sensor))
+
+
+def framing_of(sensor: str, place: tuple[float, float, float], head_m: float) -> Framing | None:
+    """What the border cuts off a person upright at the patient's place; None: too little or too narrowly seen."""
+    half = _half_view_rad(sensor)
+    cut, kept = 1.0 + CLEARLY_RAD / half, 1.0 - INSIDE_RAD / half
+    head, middle, feet = (in_image_rad(sensor, place, share * head_m) for share in (1.0, MIDDLE_SHARE, 0.0))
+    if abs(middle) > 0.8:
+        return None
+    if head < kept and feet > -kept:
+        return "whole"
+    if head < kept and feet < -cut:
+        return "feet-cut-off"
+    return "head-cut-off" if head > cut else None
+
+
+def _half_view_rad(sensor: str) -> float:
+    spec = SENSORS[sensor]
+    return float(np.arctan2(spec.height / 2.0, spec.focal_px))
+
+
+def _draw_place(
+    rng: np.random.Generator, sensor: str, framing: Framing, head_m: float, farthest_m: float
+) -> tuple[float, float, float]:
+    """The camera's distance_m, height_m and tilt_rad that frame a person so."""
+    while True:
+        distance_m, height_m = rng.uniform(NEAREST_M, farthest_m), rng.uniform(LOWEST_M, HIGHEST_M)
+        down = np.arctan2(height_m - MIDDLE_SHARE * head_m, distance_m) + rng.uniform(-AIM_RAD, AIM_RAD)
+        place = (distance_m, height_m, float(np.clip(down, -UPWARD_RAD, STEEPEST_RAD)))
+        near = np.hypot(distance_m, height_m - MIDDLE_SHARE * head_m) < SENSORS[sensor].farthest_m - RANGE_MARGIN_M
+        if near and framing_of(sensor, place, head_m) == framing:
+            return place
+
+
+def _draw_others(rng: np.random.Generator, distance_m: float) -> tuple[tuple[Other, ...], Moved]:
+    """Up to three other people, and the furniture that is moved; only somebody who walks pushes furniture."""
+    kinds: tuple[Other, ...] = ("sits", "stands", "passes-behind", "passes-before")
+    chances = np.array([0.25, 0.2, 0.2, 0.35 if distance_m >= ROOM_FOR_PASSER_M else 0.0])
+    drawn: list[Other] = [
+        rng.choice(kinds, p=chances / chances.sum()) for _ in range(int(rng.choice(4, p=(0.25, 0.35, 0.25, 0.15))))
+    ]
+    moved: Moved = rng.choice(get_args(Moved), p=(0.5, 0.15, 0.15, 0.2))
+    others = sorted(drawn, key=lambda kind: kind.startswith("passes"))
+    if moved in ("stool", "wheelchair"):
+        others = [*others[-2:], "passes-behind"]
+    return tuple(others), moved

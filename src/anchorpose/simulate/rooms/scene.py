@@ -1,0 +1,281 @@
+"""One room as a whole: camera, walls, furniture, the patient and everybody else, from one seed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, get_args
+
+import numpy as np
+
+from anchorpose.camera import Camera, Intrinsics
+from anchorpose.rotations import UP, turns_about
+from anchorpose.simulate.patient import Actor
+from anchorpose.simulate.person import Person, draw_person
+from anchorpose.simulate.retarget import CapturedActor
+from anchorpose.simulate.rooms.keep_out import Lane, disc, is_free
+from anchorpose.simulate.rooms.layout import first_lanes, lay_out, stand_before
+from anchorpose.simulate.rooms.moving import Mover, opening_door, pushed
+from anchorpose.simulate.rooms.people import (
+    draw_bystander,
+    draw_mannequin,
+    draw_pusher,
+    draw_room_patient,
+    draw_seat,
+    draw_walker,
+    moved_actor,
+    over_origin,
+    turned,
+    walks_in,
+)
+from anchorpose.simulate.rooms.pieces import PIECES, Piece
+from anchorpose.simulate.rooms.plan import SEATED_SHARE, Other, Posture, RoomConfig, Seat
+from anchorpose.simulate.rooms.spoil import Spoil, draw_spoil
+from anchorpose.simulate.rooms.walls import (
+    CORRIDOR_M,
+    BackWall,
+    Mirror,
+    Outline,
+    draw_back_wall,
+    draw_outline,
+    mirror_on_wall,
+    room_triangles,
+)
+from anchorpose.simulate.sensor import SENSORS, SensorSpec
+from anchorpose.simulate.therapist import Therapist
+
+if TYPE_CHECKING:
+    from anchorpose.simulate.config import SimulationConfig
+
+ROOM_KEY: Final = 1002  # random streams of its own, beside those of ``clinic`` and ``config``
+STREAMS: Final = ("plan", "patient", "programme", "walls", "people", "furniture", "spoil", "beyond")
+ASKEW_RAD: Final = 0.35  # between the line of sight and the room's long axis
+PERSON_CLEAR_M: Final = 0.5  # around somebody who sits or stands
+WALK_CLEAR_M: Final = 0.35
+TRIES: Final = 200
+SEATED_AHEAD: Final[dict[Posture, float]] = {"stands": 0.0, "stands-up": 0.5, "sits": 1.0}
+"""How far the patient is moved ahead, so as to be where the camera looks: share of how far back a seated pelvis is."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RoomScene:
+    """Everything in the world frame: the patient at the origin faces +X.
+
+    triangles (n, 3, 3) all that never moves, shiny (n,) bool; people: the patient is not among them, those who walk
+    through are the last.
+    """
+
+    camera: Camera
+    triangles: np.ndarray
+    shiny: np.ndarray
+    mirror: Mirror | None
+    patient: Actor | CapturedActor
+    people: tuple[Therapist, ...]
+    movers: tuple[Mover, ...]
+    spoil: Spoil
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Draft:
+    """A room while it is furnished, in the room frame: X from the camera to the patient, the patient at the origin."""
+
+    config: SimulationConfig
+    room: RoomConfig
+    yaw: float  # of the room frame in the world
+    outline: Outline
+    back: BackWall
+    camera_m: np.ndarray  # (3,)
+    taken: list[Lane]
+    half_view: float  # tangent
+    doorways: list[Lane]
+    pieces: list[Piece]
+    people: list[Actor]
+    movers: list[Mover]
+
+
+def room_stream(config: SimulationConfig, name: str) -> np.random.Generator:
+    """A generator for each purpose of a room."""
+    return np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(ROOM_KEY, STREAMS.index(name))))
+
+
+def draw_scene(config: SimulationConfig, room: RoomConfig) -> RoomScene:
+    """The room of a configuration."""
+    person = draw_person(room_stream(config, "patient"), config.clothing_m, config.height_m)
+    patient = draw_room_patient(room_stream(config, "programme"), config, person)
+    draft = _draw_empty_room(room_stream(config, "walls"), config, room)
+    rng = room_stream(config, "people")
+    patient = _late(rng, draft, patient) if isinstance(patient, Actor) and config.away_s else patient
+    seat = draw_seat(rng, config, patient, room.seat) if patient.sits() else None
+    if isinstance(patient, Actor):
+        patient, seat = over_origin(patient, seat, SEATED_AHEAD[room.posture])
+    for number, other in enumerate(room.others, start=1):
+        _add_person(rng, draft, other, pushes=room.pushed and number == len(room.others))
+    if room.mannequin:
+        _add_mannequin(rng, draft)
+    _furnish(room_stream(config, "furniture"), draft, person)
+    return _finished(draft, patient, person, seat)
+
+
+def room_camera(room: RoomConfig, sensor: str) -> Camera:
+    """The camera at its place, its optical axis in the vertical plane through the patient."""
+    spec = SENSORS[sensor]
+    return Camera(
+        name="room",
+        width=spec.width,
+        height=spec.height,
+        depth_scale=0.001,
+        intrinsics=Intrinsics(fx=spec.focal_px, fy=spec.focal_px, cx=spec.width / 2.0, cy=spec.height / 2.0),
+        T_world_camera=camera_pose(room),
+    )
+
+
+def camera_pose(room: RoomConfig) -> np.ndarray:
+    """T_world_camera (4, 4): tilted down and rolled about its optical axis."""
+    yaw = room.azimuth_rad + np.pi  # towards the patient
+    level, right = np.array([np.cos(yaw), 0.0, -np.sin(yaw)]), np.array([np.sin(yaw), 0.0, np.cos(yaw)])
+    away = np.cos(room.tilt_rad) * level - np.sin(room.tilt_rad) * UP
+    right = turns_about(away, np.array([room.roll_rad]))[0] @ right
+    T_world_camera = np.eye(4)
+    T_world_camera[:3, :3] = np.stack([right, np.cross(away, right), away], axis=1)
+    T_world_camera[:3, 3] = room.camera_height_m * UP - room.distance_m * level
+    return T_world_camera
+
+
+def _draw_empty_room(rng: np.random.Generator, config: SimulationConfig, room: RoomConfig) -> _Draft:
+    spec: SensorSpec = SENSORS[config.sensor]
+    askew = rng.uniform(-ASKEW_RAD, ASKEW_RAD)
+    yaw = room.azimuth_rad + np.pi + askew
+    camera_m = turned(camera_pose(room)[:3, 3], -yaw)
+    outline, half_view = draw_outline(rng, room, spec.farthest_m), spec.width / 2.0 / spec.focal_px
+    back = draw_back_wall(rng, room, outline, half_view)
+    taken = first_lanes(room, camera_m[[0, 2]])
+    if back.opening is not None and back.way_out:
+        middle_m = np.array([outline.back_m, (back.opening.from_m + back.opening.to_m) / 2.0])
+        taken.append(disc(middle_m, 0.6))
+    if back.mirror is not None:
+        taken.append(disc(np.array([outline.back_m, (back.mirror.from_m + back.mirror.to_m) / 2.0]), 0.4))
+    return _Draft(config, room, yaw, outline, back, camera_m, taken, half_view, [], [], [], [])
+
+
+def _late(rng: np.random.Generator, draft: _Draft, patient: Actor) -> Actor:
+    """The patient walks in from where the camera's view ends, across the line of sight."""
+    edge_m = 1.05 * draft.half_view * draft.room.distance_m + 0.5
+    way = float(rng.choice([-1.0, 1.0]))
+    across = np.array([-draft.camera_m[2], draft.camera_m[0]]) / draft.room.distance_m
+    from_m = way * edge_m * across
+    lane = Lane((float(from_m[0]), float(from_m[1])), (0.0, 0.0), WALK_CLEAR_M)
+    draft.taken.append(lane)
+    draft.doorways.append(lane)
+    world = turned(np.array([from_m[0], 0.0, from_m[1]]), draft.yaw)
+    return walks_in(patient, world[[0, 2]], draft.config.away_s[0][1])
+
+
+def _add_person(rng: np.random.Generator, draft: _Draft, other: Other, pushes: bool) -> None:
+    """Somebody who sits, stands, walks through or pushes furniture; nobody where there is no place left."""
+    config = draft.config
+    if other in ("sits", "stands"):
+        place = _free_place(rng, draft, PERSON_CLEAR_M)
+        if place is None:
+            return
+        yaw = rng.uniform(-np.pi, np.pi)
+        kinds = get_args(Seat)
+        actor, seat = draw_bystander(rng, config, kinds[int(rng.integers(3))] if other == "sits" else None)
+        draft.people.append(moved_actor(actor, place, yaw))
+        if seat is not None:
+            draft.pieces.append(seat.placed(place, yaw))
+        return
+    lane = _walking_lane(rng, draft, before=other == "passes-before")
+    draft.taken.append(lane)
+    draft.doorways.append(lane)
+    if pushes:
+        _add_pusher(rng, draft, lane)
+    else:
+        draft.people.append(draw_walker(rng, config, lane, rng.uniform(0.3, 0.7) * config.seconds))
+
+
+def _add_pusher(rng: np.random.Generator, draft: _Draft, lane: Lane) -> None:
+    """Somebody who pushes furniture from one part of a lane to another, and leaves it there."""
+    start, gap = np.array(lane.start_m), np.subtract(lane.end_m, lane.start_m)
+    starts, ends = rng.uniform(0.3, 0.42), rng.uniform(0.55, 0.68)
+    stop = start + ends * gap
+    walked = Lane(lane.start_m, (float(stop[0]), float(stop[1])), lane.radius_m)
+    actor = draw_pusher(rng, draft.config, walked, rng.uniform(0.5, 0.75) * draft.config.seconds)
+    piece = PIECES["stool" if draft.room.moved == "stool" else "wheelchair"](rng)
+    draft.people.append(actor)
+    draft.movers.append(pushed(piece, actor, walked, starts * float(np.linalg.norm(gap)), draft.config.seconds))
+
+
+def _walking_lane(rng: np.random.Generator, draft: _Draft, before: bool) -> Lane:
+    """Across the room from corridor to corridor, before or behind the patient."""
+    o, away_m = draft.outline, draft.room.distance_m
+    x = -rng.uniform(0.8, away_m - 0.7) if before else rng.uniform(0.85, o.back_m - 0.5)
+    way, beyond_m = float(rng.choice([-1.0, 1.0])), CORRIDOR_M - 0.5
+    ends = (o.left_m - beyond_m, o.right_m + beyond_m)
+    slant_m = rng.uniform(-0.2, 0.2)
+    start, end = (x - slant_m, ends[0]), (x + slant_m, ends[1])
+    return Lane(start, end, WALK_CLEAR_M) if way > 0.0 else Lane(end, start, WALK_CLEAR_M)
+
+
+def _add_mannequin(rng: np.random.Generator, draft: _Draft) -> None:
+    place = _free_place(rng, draft, PERSON_CLEAR_M)
+    if place is not None:
+        triangles = draw_mannequin(rng, draft.config)
+        draft.pieces.append(
+            Piece(triangles, np.zeros(len(triangles), dtype=bool)).placed(place, rng.uniform(-3.1, 3.1))
+        )
+
+
+def _free_place(rng: np.random.Generator, draft: _Draft, radius_m: float) -> np.ndarray | None:
+    """(2,) a place in the camera's view, which is then taken; None where there is none."""
+    o, camera = draft.outline, draft.camera_m[[0, 2]]
+    axis = -camera / np.linalg.norm(camera)
+    for _ in range(TRIES):
+        place = np.array([rng.uniform(camera[0] + 1.2, o.back_m - 0.6), rng.uniform(o.left_m + 0.5, o.right_m - 0.5)])
+        gap = place - camera
+        ahead_m, aside_m = float(gap @ axis), abs(float(gap[0] * axis[1] - gap[1] * axis[0]))
+        if ahead_m > 1.0 and aside_m < 0.8 * draft.half_view * ahead_m and is_free(place, radius_m, draft.taken):
+            draft.taken.append(disc(place, radius_m))
+            return place
+    return None
+
+
+def _furnish(rng: np.random.Generator, draft: _Draft, person: Person) -> None:
+    """Low pieces before the patient, then clutter, then the door."""
+    room = draft.room
+    head_m = person.height_m * (SEATED_SHARE if room.posture != "stands" else 1.0)
+    free = draft.taken[3:]  # without the patient's place, the camera's and the line between them
+    draft.pieces.extend(stand_before(rng, room, draft.camera_m, head_m, free))
+    draft.pieces.extend(lay_out(rng, room, draft.outline, [*draft.taken, *free]))
+    if room.moved == "door" and draft.back.opening is not None:
+        at_s = rng.uniform(0.2, 0.6) * draft.config.seconds
+        draft.movers.append(opening_door(rng, draft.back.opening, draft.outline.back_m, at_s, draft.config.seconds))
+
+
+def _finished(draft: _Draft, patient: Actor | CapturedActor, person: Person, seat: Piece | None) -> RoomScene:
+    """The draft in the world frame."""
+    room, config = draft.room, draft.config
+    walls = room_triangles(room_stream(config, "beyond"), draft.outline, draft.back, tuple(draft.doorways))
+    still = [Piece(walls, np.zeros(len(walls), dtype=bool)), *draft.pieces]
+    placed = [piece.placed(np.zeros(2), draft.yaw) for piece in still] + ([] if seat is None else [seat])
+    bare = tuple(patient.person.body.asset.bone_names)
+    return RoomScene(
+        camera=room_camera(room, config.sensor),
+        triangles=np.concatenate([piece.triangles for piece in placed]),
+        shiny=np.concatenate([piece.shiny for piece in placed]),
+        mirror=_mirror(draft),
+        patient=patient,
+        people=tuple(Therapist(moved_actor(actor, np.zeros(2), draft.yaw), None) for actor in draft.people),
+        movers=tuple(_turned_mover(mover, draft.yaw) for mover in draft.movers),
+        spoil=draw_spoil(room_stream(config, "spoil"), bare, room.dark_clothes, room.shiny, room.interference),
+    )
+
+
+def _mirror(draft: _Draft) -> Mirror | None:
+    if draft.back.mirror is None:
+        return None
+    there = mirror_on_wall(draft.back.mirror, draft.outline.back_m)
+    return Mirror(*(turned(points, draft.yaw) for points in (there.point_m, there.normal, there.triangles)))
+
+
+def _turned_mover(mover: Mover, yaw: float) -> Mover:
+    places = np.stack([mover.places_m[:, 0], np.zeros(len(mover.places_m)), mover.places_m[:, 1]], axis=1)
+    return Mover(mover.piece, mover.times_s, turned(places, yaw)[:, [0, 2]], mover.yaws + yaw)
