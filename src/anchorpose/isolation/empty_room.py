@@ -38,6 +38,7 @@ FAR_SIGMAS, NEAR_SIGMAS = 1.6449, 0.8416  # where these percentiles lie on a nor
 MOVED_SIGMAS: Final = 5.0  # of a pixel's noise, over a dozen frames
 
 LEAN_M: Final = 0.25  # beyond the outline on the ground: arms over the rails, and the back
+PERSON_M: Final = 0.6  # from the axis of a person to the knees of one who sits, and the elbows
 HEAD_M: Final = 2.3  # above the floor: a raised arm
 SOLE_M: Final = 0.015  # above the floor: what the plane may be off, and a third of a foot's height
 
@@ -56,6 +57,7 @@ def learn_background(
     camera: Camera,
     floor_height_m: float | None,
     equipment: EquipmentModel | None = None,
+    person_xz_m: tuple[float, float] | None = None,
 ) -> BackgroundModel:
     """The background of one camera from a frame of the empty room or, without one, from sampled frames.
 
@@ -75,6 +77,8 @@ def learn_background(
         nothing = np.zeros_like(frames_m[0], dtype=np.float32)
         return BackgroundModel(nothing, nothing, noise, focal_px, BackgroundSource.REMOVED)
     depth, sigma = _from_recording(frames_m, camera, floor_height_m, equipment, noise)
+    if person_xz_m is not None:
+        depth = _without_person(depth, camera, floor_height_m, person_xz_m, noise)
     return BackgroundModel(depth, sigma, noise, focal_px, BackgroundSource.RECORDING, smear)
 
 
@@ -102,6 +106,17 @@ def _from_recording(
     people = resting_people(room, nearer, camera, floor_height_m, noise)
     depth[people] = walls[people]
     return depth, np.maximum(sigma, np.float32(noise) * depth**2)  # also where floor and walls were filled in
+
+
+def _without_person(
+    room_m: np.ndarray, camera: Camera, floor_height_m: float | None, person_xz_m: tuple[float, float], noise: float
+) -> np.ndarray:
+    """The room without what stands about a place; floor and walls behind it where they are known."""
+    points = transform_points(camera.require_pose(), camera.back_project(room_m))
+    standing = np.hypot(points[..., 0] - person_xz_m[0], points[..., 2] - person_xz_m[1]) < PERSON_M
+    if floor_height_m is not None:
+        standing &= points[..., 1] - floor_height_m > SOLE_M + JUMP_GATE * noise * room_m
+    return np.where(standing, depth_of_room(room_m, camera, noise), room_m).astype(np.float32)
 
 
 def _in_equipment(

@@ -114,12 +114,14 @@ def furnish_room(settled: Settled, config: TrackConfig, review: Review) -> Room:
     Tracking does not begin in a frame that a reviewer marked as unusable, unless all are.
     """
     recording, calibration, samples = settled.recording, settled.calibration, settled.samples
-    scenes = tuple(
-        set_scene(camera, _background(settled, number), recording.equipment)
-        for number, camera in enumerate(calibration.cameras)
-    )
+    scenes = _scenes(settled)
     if config.patient_frame is not None:
         initial = _frames_of_named(recording, scenes, config, config.patient_frame)
+        if not initial:  # a person who never moves looks like furniture
+            scenes = _scenes(settled, config.patient_xz_m)
+            initial = _frames_of_named(recording, scenes, config, config.patient_frame)
+        if not initial:
+            raise _nobody_named(recording, scenes, config, config.patient_frame)
         return Room(recording, settled.clocks, calibration, scenes, initial, review)
     usable = [k for k, frame_set in enumerate(samples) if review.why_unusable(frame_set.frame) is None]
     usable = usable or list(range(len(samples)))
@@ -136,25 +138,41 @@ def _frames_of_named(
 ) -> tuple[InitialFrame, ...]:
     """Where to begin with the person who is at the given place in a frame: that frame or one just before or after it.
 
-    Raises InputError where the recording has no such frame, or nobody stands there in it.
+    Empty where nobody stands there in it; raises InputError where the recording has no such frame.
     """
+    here, last = _position(recording, frame), len(recording.streams[0].files)
+    positions = range(max(here - AROUND, 0), min(here + AROUND + 1, last))
+    sightings = [sight_people(read_frame(recording, k), scenes, config) for k in positions]
+    named = named_patient(sightings, here - positions.start, np.array(config.patient_xz_m))
+    return () if named is None else ranked_by_view(named, positions, sightings, range(len(positions)))
+
+
+def _position(recording: Recording, frame: int) -> int:
     found = np.flatnonzero(recording.streams[0].frame == frame)
     if not len(found):
         raise InputError(recording.folder, f"has no frame {frame}", "give a frame of the recording after the @")
-    here, last = int(found[0]), len(recording.streams[0].files)
-    positions = range(max(here - AROUND, 0), min(here + AROUND + 1, last))
-    sightings = [sight_people(read_frame(recording, k), scenes, config) for k in positions]
-    place = np.array(config.patient_xz_m)
-    named = named_patient(sightings, here - positions.start, place)
-    if named is None:
-        seen = [f"{x:.2f},{z:.2f}" for x, z in (one.place_xz_m for one in sightings[here - positions.start].people)]
-        where = f"people are at {' and '.join(seen)}" if seen else "nobody is seen in this frame"
-        problem = f"shows nobody within {GIVEN_M} m of x {place[0]:.2f}, z {place[1]:.2f} in frame {frame}: {where}"
-        raise InputError(recording.folder, problem, "give another place or another frame")
-    return ranked_by_view(named, positions, sightings, range(len(positions)))
+    return int(found[0])
 
 
-def _background(settled: Settled, number: int) -> BackgroundModel:
+def _nobody_named(recording: Recording, scenes: Sequence[Scene], config: TrackConfig, frame: int) -> InputError:
+    """That nobody is at the given place, and where people are."""
+    people = sight_people(read_frame(recording, _position(recording, frame)), scenes, config).people
+    seen = [f"{x:.2f},{z:.2f}" for x, z in (one.place_xz_m for one in people)]
+    where = f"people are at {' and '.join(seen)}" if seen else "nobody is seen in this frame"
+    x, z = config.patient_xz_m or (np.nan, np.nan)
+    problem = f"shows nobody within {GIVEN_M} m of x {x:.2f}, z {z:.2f} in frame {frame}: {where}"
+    return InputError(recording.folder, problem, "give another place or another frame")
+
+
+def _scenes(settled: Settled, person_xz_m: tuple[float, float] | None = None) -> tuple[Scene, ...]:
+    """Every camera's empty room; person_xz_m: as for ``learn_background``."""
+    return tuple(
+        set_scene(camera, _background(settled, number, person_xz_m), settled.recording.equipment)
+        for number, camera in enumerate(settled.calibration.cameras)
+    )
+
+
+def _background(settled: Settled, number: int, person_xz_m: tuple[float, float] | None) -> BackgroundModel:
     recording, camera = settled.recording, settled.calibration.cameras[number]
     frames = [depth for sample in settled.samples if (depth := sample.depths_m[number]) is not None]
     if not frames:
@@ -166,6 +184,7 @@ def _background(settled: Settled, number: int) -> BackgroundModel:
         camera,
         settled.calibration.floor_height_m,
         recording.equipment,
+        person_xz_m,
     )
 
 

@@ -9,10 +9,12 @@ from enum import StrEnum
 import numpy as np
 
 from anchorpose.body.belief import PoseBelief, vague_belief
+from anchorpose.body.explained import explain
 from anchorpose.body.initial import FirstShape, find_first_pose, likely_headings
-from anchorpose.body.learning import ShapeBelief, adult_belief, shape_of_height
+from anchorpose.body.learning import MOST_DEVIATIONS, ShapeBelief, adult_belief, shape_of_height
+from anchorpose.body.pose import LIMB_OF_BONES, Pose
 from anchorpose.body.registration import posterior
-from anchorpose.body.skin_points import FittedShape, body_points, build_body
+from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body, pose_points
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.surface.surface import Surface
@@ -24,6 +26,7 @@ from anchorpose.tracker.room import Room
 from anchorpose.tracker.run import Run
 
 HEADINGS = 2  # that are tried: rough bodies mistake a back for a front in one of ten
+LEAST_TRUNK = 0.05  # of the skin of trunk and head: a face, or what is seen of a chest between others
 LEAST_EXPLAINED = 0.55  # share of the surface that a first pose must account for
 ADULT_HEIGHTS_M = (1.45, 2.0)
 CUT_OFF = 1.08  # feet cut off by the image border or lost on the floor are a twelfth of the height
@@ -50,6 +53,8 @@ class NoStart(StrEnum):
     WHO_IS_IT = "who came in may be another person"
     TOO_LITTLE_SEEN = "too little of anybody is seen where the patient should be"
     NO_BODY_FITS = "no body explains what is seen there"
+    NOT_HUMAN = "only a body outside of the range of human shapes would explain what is seen there"
+    LIMBS_ALONE = "neither trunk nor head is in view, only limbs"
 
 
 def find_start(frame_set: FrameSet, run: Run, choice: PatientChoice, known: FittedShape | None) -> Start | NoStart:
@@ -70,7 +75,17 @@ def find_start(frame_set: FrameSet, run: Run, choice: PatientChoice, known: Fitt
     found = posterior(body, first.pose, vague_belief(first.pose), observation.evidence, config.registration)
     if not found.found or found.explained < LEAST_EXPLAINED:
         return NoStart.NO_BODY_FITS
+    if known is None and np.abs(first.shape.coefficients).max() >= MOST_DEVIATIONS:
+        return NoStart.NOT_HUMAN
+    if _shown_of_trunk(body, found.belief.pose, observation) < LEAST_TRUNK:
+        return NoStart.LIMBS_ALONE
     return Start(observation, first.shape, found.belief, found.explained)
+
+
+def _shown_of_trunk(body: Body, pose: Pose, seen: Observation) -> float:
+    """The share of the skin of trunk and head that covers what is seen; half of it faces a camera."""
+    covering = explain(body.points, pose_points(body, pose), seen.evidence).covering
+    return float(covering[np.isin(body.points.part, body.points.moving[LIMB_OF_BONES == 0])].mean())
 
 
 def _headings(seen: Observation, shape: FirstShape, run: Run) -> tuple[float, ...]:
