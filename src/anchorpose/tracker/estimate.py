@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -21,6 +22,8 @@ from anchorpose.tracker.continuity import contested_sigma
 from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.rivals import Rival, with_rivals
 
+TOO_UNCERTAIN: Final = "no joint is known to the width of half a forearm"
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
@@ -28,7 +31,7 @@ class Estimate:
 
     observation and shape are None where nobody was searched for or found. matched_share: share of the nodes with a
     match in this frame, None where nothing was matched (the first frame, nothing seen). explanation: how well the pose
-    explains the depth images, None where lost. why_lost: why there is no pose, empty where there is one.
+    explains the depth images, None where lost. why_lost: why every joint is lost, empty where one is not.
     """
 
     frame_set: FrameSet
@@ -103,4 +106,5 @@ def estimate_of(
         tuple(JointState.LOST if gone else state for gone, state in zip(lost, states, strict=True)),
         matched_share,
         explanation,
+        TOO_UNCERTAIN if lost.all() else "",
     )
