@@ -41,6 +41,7 @@ from anchorpose.tracker.passes import FrameRecord, learn_on, plan_route, track_o
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import NO_REVIEW, review_of
 from anchorpose.tracker.run import Run, Stopwatch
+from anchorpose.tracker.start import NoStart, is_human
 from anchorpose.tracking.motion_file import load_motions
 
 __all__ = ["TrackConfig", "track_recording"]
@@ -89,6 +90,8 @@ def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress,
 
     # body: the patient's own shape, from a first pass over the first seconds
     learnt = learn_on(route, run)
+    if learnt is not None and not is_human(learnt.shape):
+        learnt, run = None, run.without_patient(NoStart.NOT_HUMAN)
     shape = None if learnt is None else learnt.shape
 
     # every frame: isolation, surface, geodesics, association, tracking, body

@@ -199,7 +199,7 @@ def _clock_residuals(clocks: Clocks, gaps: Sequence[CameraGaps]) -> list[Residua
 def _notes(room: Room, learnt: LearntPatient | None) -> list[str]:
     """Sentences on who was tracked and with which body."""
     if room.initial_frame is None:
-        return ["nobody was seen in the sampled frames, so no joint could be tracked"]
+        return [f"no joint could be tracked: {room.why_nobody}"]
     choice = room.initial_frame.choice
     x, z = choice.ground_xz_m
     notes = [

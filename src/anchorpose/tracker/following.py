@@ -43,7 +43,7 @@ def follow_openly(
     """
     tracker: PatientTracker | None = None
     search: Search | None = None  # once the patient was followed and lost
-    wait, pause, found = 0, FIRST_PAUSE, NoStart.NOBODY_THERE
+    wait, pause, found = 0, FIRST_PAUSE, run.room.why_nobody
     for frame_set in frames:
         if tracker is not None:
             if (estimate := tracker.step(frame_set)) is not None:
@@ -57,7 +57,7 @@ def follow_openly(
         if search is not None:
             with run.stage("isolation"):
                 looked = search.look(frame_set, run)
-            choice, found = (None, looked) if isinstance(looked, NoStart) else (looked, found)
+            choice, found = (None, looked.value) if isinstance(looked, NoStart) else (looked, found)
         if choice is not None and wait < 0:
             start, begin = begin or find_start(frame_set, run, choice, known), None
             if isinstance(start, Start):
@@ -65,10 +65,10 @@ def follow_openly(
                 wait, pause = 0, FIRST_PAUSE
                 yield tracker.first, tracker
                 continue
-            found = start
+            found = start.value
             if start is NoStart.NO_BODY_FITS:
                 wait, pause = pause, min(2 * pause, LONGEST_PAUSE)
-        yield nobody_found(frame_set, found.value), None
+        yield nobody_found(frame_set, found), None
     if tracker is not None:
         for estimate in tracker.finish():
             yield estimate, tracker

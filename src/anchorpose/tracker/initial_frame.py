@@ -12,9 +12,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from anchorpose.body.explained import explain
-from anchorpose.body.limb_search import rarity
-from anchorpose.body.skin_points import body_points, build_body, pose_points
 from anchorpose.camera import Camera
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.recording.equipment import EquipmentModel
@@ -24,17 +21,14 @@ from anchorpose.tracker.patient_choice import GIVEN_M, Patient, choose_patient, 
 from anchorpose.tracker.room import InitialFrame, Room
 from anchorpose.tracker.run import Run
 from anchorpose.tracker.sighting import SeenPerson, Sighting
-from anchorpose.tracker.start import NoStart, Start, find_start
+from anchorpose.tracker.start import NoStart, find_start, quality
 
 CROWDED_M: Final = 1.0  # from axis to axis: an outstretched arm and half a trunk
 MERGED: Final = 0.5  # weight of a frame with fewer people than usual: two who stand close may be taken for one
 WELL: Final = 0.92  # of the surface explained, all limbs seen: 95 to 100 % when alone, 70 with a therapist's arm
-SEEN: Final = 0.3  # of the skin of a forearm or shank: half of it faces a camera
-USUAL: Final = 60.0  # squared deviations of all joint ranges: right first poses have 15 to 60, wrong ones over 100
 WHOLE: Final = 0.8  # of the patient's usual visible surface: a sliver behind a therapist is explained by anything
 TRIES: Final = 8  # frames; each takes a second or two to fit
 APART: Final = 0.25  # of the frames' span: what spoils a frame spoils those around it
-_ENDS: Final = ("LeftForeArm", "RightForeArm", "LeftLeg", "RightLeg")
 
 
 def rank_initial_frames(
@@ -111,21 +105,6 @@ def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:
 
     best = best_of(candidates, explained)
     return replace(room, initial_frames=(best, *(one for one in candidates if one is not best)))
-
-
-def quality(start: Start) -> float:
-    """0 to 1: the share of the surface that the body explains, less for each forearm and shank of which little is seen,
-    and for a pose that people seldom take.
-
-    Where such a part is hidden its pose is arbitrary, and what is taken for another person's in the first frame is not
-    soon given back. Legs that explain the head of another person who kneels beside are bent as legs seldom are.
-    """
-    body = build_body(body_points(), start.shape)
-    points, pose = body.points, start.belief.pose
-    covering = explain(points, pose_points(body, pose), start.observation.evidence).covering
-    shares = [covering[points.part == points.asset.bone(bone)].mean() for bone in _ENDS]
-    usual = min(1.0, USUAL / max(rarity(body, pose), 1e-9))
-    return start.explained * usual * float(np.mean(np.minimum(np.array(shares) / SEEN, 1.0)))
 
 
 def best_of(candidates: Sequence[InitialFrame], explained: Callable[[InitialFrame], float]) -> InitialFrame:

@@ -43,7 +43,8 @@ class InitialFrame:
 @dataclass(frozen=True, slots=True, eq=False)
 class Room:
     """recording: on one clock; cameras and scenes in its order; initial_frames: where tracking may begin, best first,
-    none where nobody was seen in the sampled frames; review: a reviewer's corrections of earlier results."""
+    none where nobody was seen in the sampled frames, or nobody is to be tracked; review: a reviewer's corrections of
+    earlier results; why_nobody: why every joint is lost where there is no initial frame."""
 
     recording: Recording
     clocks: Clocks
@@ -51,6 +52,7 @@ class Room:
     scenes: tuple[Scene, ...]
     initial_frames: tuple[InitialFrame, ...]
     review: Review
+    why_nobody: str = "nobody is seen where the patient may be"
 
     @property
     def initial_frame(self) -> InitialFrame | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from anchorpose.association.hypotheses import Matcher
 from anchorpose.tracker.config import TrackConfig
@@ -45,6 +45,10 @@ class Run:
     motions: MotionDatabase | None = None
     stopwatch: Stopwatch = field(default_factory=Stopwatch)
     associate: Callable[..., Matcher] | None = None
+
+    def without_patient(self, why: str) -> Run:
+        """The run in which who was found is not tracked, and why."""
+        return replace(self, room=replace(self.room, initial_frames=(), why_nobody=why))
 
     def stage(self, name: str) -> AbstractContextManager[None]:
         """Time what runs inside as a part of the stage of this name."""

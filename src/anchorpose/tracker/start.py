@@ -10,14 +10,16 @@ import numpy as np
 
 from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.body.explained import explain
-from anchorpose.body.initial import FirstShape, find_first_pose, likely_headings
-from anchorpose.body.learning import MOST_DEVIATIONS, ShapeBelief, adult_belief, shape_of_height
-from anchorpose.body.pose import LIMB_OF_BONES, Pose
+from anchorpose.body.initial import FirstPose, FirstShape, find_first_pose, likely_headings
+from anchorpose.body.learning import MOST_DEVIATIONS, ShapeBelief, adult_belief, shape_of_height, standing_height
+from anchorpose.body.limb_search import rarity
+from anchorpose.body.pose import LIMB_OF_BONES, TRUNK
 from anchorpose.body.registration import posterior
-from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body, pose_points
+from anchorpose.body.skin_points import FittedShape, body_points, build_body, pose_points
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.surface.surface import Surface
+from anchorpose.tracker.bystanders import MOST_TRUNK_PAST
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.isolating import observe_first
@@ -25,10 +27,15 @@ from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.room import Room
 from anchorpose.tracker.run import Run
 
+SEEN = 0.3  # of the skin of a forearm or shank: half of it faces a camera
+USUAL = 60.0  # squared deviations of all joint ranges: right first poses have 15 to 60, wrong ones over 100
+LEAST_QUALITY = 0.25  # where no equipment says that a person is there: right ones have 0.35 and more
 HEADINGS = 2  # that are tried: rough bodies mistake a back for a front in one of ten
 LEAST_TRUNK = 0.05  # of the skin of trunk and head: a face, or what is seen of a chest between others
 LEAST_EXPLAINED = 0.55  # share of the surface that a first pose must account for
 ADULT_HEIGHTS_M = (1.45, 2.0)
+HUMAN_M = (1.35, 2.15)  # one adult in a thousand is shorter or taller, with the error of one frame
+_ENDS = ("LeftForeArm", "RightForeArm", "LeftLeg", "RightLeg")
 CUT_OFF = 1.08  # feet cut off by the image border or lost on the floor are a twelfth of the height
 SEATED_BELOW_M = 1.35  # a person seen no taller sits or is half hidden: then the extent says nothing about the height
 ORDINARY_HEIGHT_M = 1.70  # of an adult whose height is not given
@@ -48,7 +55,7 @@ class Start:
 class NoStart(StrEnum):
     """Why a track does not begin in a frame."""
 
-    NOBODY_THERE = "nobody is seen where the patient may be"
+    NOBODY_THERE = "nobody is seen where the patient should be"
     NOBODY_NEW = "everybody in view was there beside the patient"
     WHO_IS_IT = "who came in may be another person"
     TOO_LITTLE_SEEN = "too little of anybody is seen where the patient should be"
@@ -67,25 +74,45 @@ def find_start(frame_set: FrameSet, run: Run, choice: PatientChoice, known: Fitt
     shapes = [known] if known else [shape_of_height(points.asset, h) for h in first_heights(observation.surface, room)]
     shape = FirstShape(shapes, known_shape(room.recording, config), known is None and config.learning.own_shape)
     with run.stage("first pose"):
-        headings = _headings(observation, shape, run)
-        first = find_first_pose(
-            observation.evidence, observation.anchors, shape, config.registration, headings, observation.geodesics
-        )
+        first = _first_pose(observation, shape, run)
+    if known is None and not _may_begin(first.shape):
+        return NoStart.NOT_HUMAN
     body = build_body(points, first.shape)
     found = posterior(body, first.pose, vague_belief(first.pose), observation.evidence, config.registration)
+    start = Start(observation, first.shape, found.belief, found.explained)
     if not found.found or found.explained < LEAST_EXPLAINED:
         return NoStart.NO_BODY_FITS
-    if known is None and np.abs(first.shape.coefficients).max() >= MOST_DEVIATIONS:
-        return NoStart.NOT_HUMAN
-    if _shown_of_trunk(body, found.belief.pose, observation) < LEAST_TRUNK:
+    return _why_not(start, run) or start
+
+
+def _first_pose(seen: Observation, shape: FirstShape, run: Run) -> FirstPose:
+    headings, config = _headings(seen, shape, run), run.config.registration
+    return find_first_pose(seen.evidence, seen.anchors, shape, config, headings, seen.geodesics)
+
+
+def _why_not(start: Start, run: Run) -> NoStart | None:
+    """Why a first pose that explains what is seen is not believed all the same, None where it is."""
+    body = build_body(body_points(), start.shape)
+    posed, evidence = pose_points(body, start.belief.pose), start.observation.evidence
+    explanation = explain(body.points, posed, evidence)
+    trunk = np.isin(body.points.part, body.points.moving[LIMB_OF_BONES == TRUNK])
+    if explanation.covering[trunk].mean() < LEAST_TRUNK:
         return NoStart.LIMBS_ALONE
-    return Start(observation, first.shape, found.belief, found.explained)
+    placed = run.room.recording.equipment is not None
+    if not placed and (np.nan_to_num(explanation.seen_past[TRUNK]) > MOST_TRUNK_PAST or quality(start) < LEAST_QUALITY):
+        return NoStart.NO_BODY_FITS
+    return None
 
 
-def _shown_of_trunk(body: Body, pose: Pose, seen: Observation) -> float:
-    """The share of the skin of trunk and head that covers what is seen; half of it faces a camera."""
-    covering = explain(body.points, pose_points(body, pose), seen.evidence).covering
-    return float(covering[np.isin(body.points.part, body.points.moving[LIMB_OF_BONES == 0])].mean())
+def _may_begin(shape: FittedShape) -> bool:
+    """Whether a shape is human, and no coefficient lies on its bound."""
+    return is_human(shape) and bool(np.abs(shape.coefficients).max() < MOST_DEVIATIONS)
+
+
+def is_human(shape: FittedShape) -> bool:
+    """Whether an adult may be as short or as tall: the model cannot be fitted to a child, or to half a person."""
+    shortest, tallest = HUMAN_M
+    return shortest < standing_height(body_points().asset, shape)[0] < tallest
 
 
 def _headings(seen: Observation, shape: FirstShape, run: Run) -> tuple[float, ...]:
@@ -94,6 +121,21 @@ def _headings(seen: Observation, shape: FirstShape, run: Run) -> tuple[float, ..
         return (0.0,)
     body = build_body(body_points(), shape.tried[0])
     return likely_headings(body, seen.evidence, run.config.registration, HEADINGS)
+
+
+def quality(start: Start) -> float:
+    """0 to 1: the share of the surface that the body explains, less for each forearm and shank of which little is seen,
+    and for a pose that people seldom take.
+
+    Where such a part is hidden its pose is arbitrary, and what is taken for another person's in the first frame is not
+    soon given back. Legs that explain the head of another person who kneels beside are bent as legs seldom are.
+    """
+    body = build_body(body_points(), start.shape)
+    points, pose = body.points, start.belief.pose
+    covering = explain(points, pose_points(body, pose), start.observation.evidence).covering
+    shares = [covering[points.part == points.asset.bone(bone)].mean() for bone in _ENDS]
+    usual = min(1.0, USUAL / max(rarity(body, pose), 1e-9))
+    return start.explained * usual * float(np.mean(np.minimum(np.array(shares) / SEEN, 1.0)))
 
 
 def turn_round(estimate: Estimate, config: TrackConfig) -> Start | None:
