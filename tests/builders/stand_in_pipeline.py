@@ -34,6 +34,7 @@ class TrackConfig:
     association: StageConfig = field(default_factory=StageConfig)
     height_m: float | None = None
     patient_xz_m: tuple[float, float] | None = None
+    patient_frame: int | None = None
     start: int = 0
     stop: int | None = None
 

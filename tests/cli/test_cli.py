@@ -63,10 +63,11 @@ def test_options_reach_the_tracker_on_top_of_the_file(tmp_path):
     recording = write_recording(tmp_path / "r", frames=5)
     (tmp_path / "c.toml").write_text("start = 2\n[association]\ngate_m = 0.07\n")
     command = ["track", str(recording), "-o", str(tmp_path / "out"), "--config", str(tmp_path / "c.toml")]
-    assert main([*command, "--patient", "-0.5,1.25", "--height", "1.72", "--stop", "4"]) == 0
+    assert main([*command, "--patient", "-0.5,1.25@3", "--height", "1.72", "--stop", "4"]) == 0
     config = json.loads((tmp_path / "out" / "run.json").read_text())["config"]
     assert config["association"] == {"gate_m": 0.07, "steps": 3}
-    assert (config["patient_xz_m"], config["start"], config["stop"]) == ([-0.5, 1.25], 2, 4)
+    assert (config["patient_xz_m"], config["patient_frame"]) == ([-0.5, 1.25], 3)
+    assert (config["start"], config["stop"]) == (2, 4)
     assert config["height_m"] == 1.72
 
 
@@ -128,6 +129,7 @@ def test_report_makes_the_page_again(tmp_path, capsys):
         (["track", "somewhere", "-o", "out", "--patient", "here"], "--patient is 'here'"),
         (["track", "somewhere", "-o", "out", "--patient", "1,2,3"], "two numbers"),
         (["track", "somewhere", "-o", "out", "--patient", "nan,1"], "two numbers"),
+        (["track", "somewhere", "-o", "out", "--patient", "0.1,1@soon"], "the number of a frame"),
         (["track", "somewhere", "-o", "out", "--start", "-1"], "start must not be negative"),
         (["track", "somewhere"], "--output"),
         (["trak"], 'Did you mean "track"'),

@@ -140,3 +140,37 @@ def test_furniture_is_no_wall():
 
 def test_a_picture_without_any_plane_tells_no_room():
     assert not depth_of_room(picture(FRONT, *body(0, 0), seed=1), FRONT, NOISE_PER_M)[:40, :40].any()
+
+
+def test_where_the_room_gives_no_reading_those_who_pass_are_no_room():
+    """A dark monitor: only people in front of it are read there, each at another depth."""
+    walk = [picture(FRONT, *ROOM, *body(x, 0.0), seed=k) for k, x in enumerate(np.linspace(-1.2, 0.6, 12))]
+    without = picture(FRONT, *ROOM)
+    for k, frame in enumerate(walk):
+        dark = np.abs(frame - without) < 0.1
+        dark[:, :100] = dark[:, 160:] = False
+        frame[dark] = 0.0
+        if k % 3:
+            frame[:, 100:160] = 0.0
+    model = learn_background(None, walk, FRONT, 0.0)
+    assert (model.depth_m[60:120, 115:140] == 0).mean() > 0.9
+
+
+CUPBOARD = Box("cupboard", np.array([-1.0, 0.6, 0.6]), np.array([0.4, 1.2, 0.5]), np.eye(3))
+
+
+def test_furniture_that_a_person_passes_closely_stays_room():
+    walk = [picture(FRONT, *ROOM, CUPBOARD, *body(-0.9, z), seed=k) for k, z in enumerate(np.linspace(-1.6, 0.15, 24))]
+    model = learn_background(None, walk, FRONT, 0.0)
+    cupboard = in_front(FRONT, CUPBOARD) & ~in_front(FRONT, *body(-0.9, 0.15))
+    alone = picture(FRONT, *ROOM, CUPBOARD, seed=50)
+    assert foreground(alone, model)[cupboard].mean() < 0.05
+
+
+def test_a_person_who_never_moves_is_no_room_where_the_user_says_so():
+    still = [picture(FRONT, *ROOM, *body(0.0, 0.5), seed=k) for k in range(12)]
+    expected = in_front(FRONT, *body(0.0, 0.5))
+    room = learn_background(None, still, FRONT, 0.0)
+    assert foreground(still[0], room)[expected].mean() < 0.1
+    named = learn_background(None, still, FRONT, 0.0, person_xz_m=(0.0, 0.5))
+    assert foreground(still[0], named)[expected].mean() > 0.9

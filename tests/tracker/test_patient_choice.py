@@ -9,7 +9,7 @@ from body_builder import FRONT, LEFT
 from anchorpose.isolation.people import Person
 from anchorpose.recording.equipment import Box, EquipmentModel
 from anchorpose.tracker.initial_frame import rank_initial_frames
-from anchorpose.tracker.patient_choice import choose_patient
+from anchorpose.tracker.patient_choice import choose_patient, named_patient
 from anchorpose.tracker.sighting import RoughBody, SeenPerson, Sighting
 
 CAMERAS = (FRONT, LEFT)  # both look at the world's origin
@@ -45,6 +45,26 @@ def test_the_patient_is_who_the_user_says_however_the_votes_fall():
     assert place[1] == 0.9
     assert patient.sure
     assert patient.reason == "is nearest to the place that was given, of 2 people"
+
+
+def test_a_named_person_who_walks_is_followed_from_frame_to_frame():
+    """Another person walks through the same places a second later."""
+    ways = [(one(0.25 * k, 0.0), one(0.25 * (k - 4), 0.05)) for k in range(9)]
+    sightings = [Sighting(40 + k, people, (), NO_IMAGES) for k, people in enumerate(ways)]
+    patient = named_patient(sightings, 4, np.array([1.05, 0.0]))
+    assert [seen.place_xz_m[0] for seen in patient.seen] == pytest.approx([0.25 * k for k in range(9)])
+    assert "in frame 44" in patient.reason
+    assert patient.sure
+
+
+def test_nobody_is_named_where_nobody_stands():
+    assert named_patient(times(5, one(0, 2)), 2, np.array([0.0, 0.0])) is None
+
+
+def test_a_named_person_who_leaves_is_not_followed_into_another():
+    sightings = [*times(3, one(0, 0)), *times(3, one(0, 1.5))]
+    seen = named_patient(sightings, 0, np.zeros(2)).seen
+    assert [person is None for person in seen] == [False] * 3 + [True] * 3
 
 
 def test_the_place_is_that_of_the_first_who_comes_there():

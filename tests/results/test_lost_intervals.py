@@ -1,0 +1,30 @@
+"""Why the patient is lost, interval by interval."""
+
+from __future__ import annotations
+
+from anchorpose.results.run_record import LostInterval, note_lost
+
+
+def intervals(*whys: str) -> list[tuple[int, int, str]]:
+    """First frame, last frame and reason of what frames 0, 1, ... with these reasons become."""
+    found = list[LostInterval]()
+    for frame, why in enumerate(whys):
+        note_lost(found, frame, frame / 10.0, why)
+    assert all(one.start_s == one.first_frame / 10.0 and one.end_s == one.last_frame / 10.0 for one in found)
+    return [(one.first_frame, one.last_frame, one.why) for one in found]
+
+
+def test_frames_in_a_row_with_one_reason_are_one_interval():
+    assert intervals("gone", "gone", "gone") == [(0, 2, "gone")]
+
+
+def test_another_reason_begins_another_interval():
+    assert intervals("gone", "gone", "who is it") == [(0, 1, "gone"), (2, 2, "who is it")]
+
+
+def test_a_frame_with_the_patient_ends_an_interval():
+    assert intervals("gone", "", "gone") == [(0, 0, "gone"), (2, 2, "gone")]
+
+
+def test_without_a_loss_there_is_none():
+    assert intervals("", "") == []
