@@ -52,7 +52,7 @@ class Room:
     scenes: tuple[Scene, ...]
     initial_frames: tuple[InitialFrame, ...]
     review: Review
-    why_nobody: str = "nobody is seen where the patient may be"
+    why_nobody: str = "nobody was seen in the sampled frames"
 
     @property
     def initial_frame(self) -> InitialFrame | None:

@@ -98,8 +98,8 @@ def _why_not(start: Start, run: Run) -> NoStart | None:
     trunk = np.isin(body.points.part, body.points.moving[LIMB_OF_BONES == TRUNK])
     if explanation.covering[trunk].mean() < LEAST_TRUNK:
         return NoStart.LIMBS_ALONE
-    placed = run.room.recording.equipment is not None
-    if not placed and (np.nan_to_num(explanation.seen_past[TRUNK]) > MOST_TRUNK_PAST or quality(start) < LEAST_QUALITY):
+    unplaced = run.room.recording.equipment is None
+    if np.nan_to_num(explanation.seen_past[TRUNK]) > MOST_TRUNK_PAST or (unplaced and quality(start) < LEAST_QUALITY):
         return NoStart.NO_BODY_FITS
     return None
 
