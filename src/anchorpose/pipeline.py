@@ -90,7 +90,7 @@ def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress,
 
     # body: the patient's own shape, from a first pass over the first seconds
     learnt = learn_on(route, run)
-    if learnt is not None and not is_human(learnt.shape):
+    if learnt is not None and not (recording.subject_height_m or is_human(learnt.shape)):
         learnt, run = None, run.without_patient(NoStart.NOT_HUMAN)
     shape = None if learnt is None else learnt.shape
 

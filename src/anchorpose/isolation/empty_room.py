@@ -172,9 +172,8 @@ def _what_stays(frames_m: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndar
     free = (far - near < same) & (count > 0)  # both percentiles show the room
     spread = (far - near) / ((FAR_SIGMAS - NEAR_SIGMAS) * square)
     sigma = _as_sigma(_block_median(np.where(free, spread, np.nan)[None]), far, floor=noise)
-    agreeing = (np.abs(rising - far) < same).sum(
-        axis=0
-    )  # where the room gives no reading, only those who pass are read
+    # where the room gives no reading, only those who pass are read
+    agreeing = (np.abs(rising - far) < same).sum(axis=0)
     known = (agreeing >= LEAST_READ * len(frames_m)) | (count >= OFTEN_READ * len(frames_m))
     return np.where(known, np.maximum(far - FAR_SIGMAS * sigma, 0.0), 0.0).astype(np.float32), sigma
 

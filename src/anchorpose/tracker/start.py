@@ -29,7 +29,9 @@ from anchorpose.tracker.run import Run
 
 SEEN = 0.3  # of the skin of a forearm or shank: half of it faces a camera
 USUAL = 60.0  # squared deviations of all joint ranges: right first poses have 15 to 60, wrong ones over 100
-LEAST_QUALITY = 0.25  # where no equipment says that a person is there: right ones have 0.35 and more
+LEAST_QUALITY = (
+    0.25  # where no equipment says that a person is there: most right ones have 0.35 and more, one in a crowd had less
+)
 HEADINGS = 2  # that are tried: rough bodies mistake a back for a front in one of ten
 LEAST_TRUNK = 0.05  # of the skin of trunk and head: a face, or what is seen of a chest between others
 LEAST_EXPLAINED = 0.55  # share of the surface that a first pose must account for
@@ -75,7 +77,9 @@ def find_start(frame_set: FrameSet, run: Run, choice: PatientChoice, known: Fitt
     shape = FirstShape(shapes, known_shape(room.recording, config), known is None and config.learning.own_shape)
     with run.stage("first pose"):
         first = _first_pose(observation, shape, run)
-    if known is None and not _may_begin(first.shape):
+    if known is None and not (room.recording.subject_height_m or is_human(first.shape)):
+        return NoStart.NOT_HUMAN
+    if known is None and np.abs(first.shape.coefficients).max() >= MOST_DEVIATIONS:
         return NoStart.NOT_HUMAN
     body = build_body(points, first.shape)
     found = posterior(body, first.pose, vague_belief(first.pose), observation.evidence, config.registration)
@@ -102,11 +106,6 @@ def _why_not(start: Start, run: Run) -> NoStart | None:
     if np.nan_to_num(explanation.seen_past[TRUNK]) > MOST_TRUNK_PAST or (unplaced and quality(start) < LEAST_QUALITY):
         return NoStart.NO_BODY_FITS
     return None
-
-
-def _may_begin(shape: FittedShape) -> bool:
-    """Whether a shape is human, and no coefficient lies on its bound."""
-    return is_human(shape) and bool(np.abs(shape.coefficients).max() < MOST_DEVIATIONS)
 
 
 def is_human(shape: FittedShape) -> bool:

@@ -1,4 +1,4 @@
-"""Furniture that is moved during the recording: pushed by somebody, or a door that opens."""
+"""Furniture that is moved during the recording: pushed by a person, or a door that opens."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 SEATED_MOTIONS: Final = ("reach", "arm-raise", "head")
 STANDING_MOTIONS: Final = ("standing", "weight-shift", "trunk", "head", "reach")
 BACK_REST_M: Final = 0.45
-RISING_S: Final = 2.0  # in which somebody is shown seated and then upright to what is fitted
+RISING_S: Final = 2.0  # in which a person is shown seated and then upright to what is fitted
 
 
 def draw_room_patient(rng: np.random.Generator, config: SimulationConfig, person: Person) -> Actor | CapturedActor:
@@ -76,7 +76,7 @@ def seated(actor: Actor) -> Actor:
 
 
 def draw_seat(rng: np.random.Generator, config: SimulationConfig, patient: Actor | CapturedActor, seat: Seat) -> Piece:
-    """A stool, chair or wheelchair fitted under somebody at the origin who sits at times."""
+    """A stool, chair or wheelchair fitted under a person at the origin who sits at times."""
     wheels = seat == "wheelchair"
     fitting = replace(config, room=None, equipment="wheelchair" if wheels else "none", stool=not wheels, away_s=())
     fitting = replace(fitting, seconds=max(config.seconds, RISING_S))
@@ -99,7 +99,7 @@ def _rising(patient: Actor | CapturedActor) -> Actor | CapturedActor:
 def _back_rest(
     config: SimulationConfig, patient: Actor | CapturedActor, parts: tuple[EquipmentPart, ...]
 ) -> list[EquipmentPart]:
-    """A board behind the trunk of somebody who sits on a stool, and its posts."""
+    """A board behind the trunk of a person who sits on a stool, and its posts."""
     times_s = np.arange(0.0, config.seconds, 0.25)
     sweep = sweep_of(patient.person, patient.bones(times_s))
     (seat,) = (part.triangles()[0] for part in parts if part.name == "seat")

@@ -38,7 +38,7 @@ SENSOR_CHANCES: Final = (0.2, 0.15, 0.15, 0.2, 0.3)
 FRAMINGS: Final = get_args(Framing)
 POSTURES: Final = get_args(Posture)
 LOW: Final[tuple[Clutter, ...]] = ("table", "chair", "stool", "boxes", "wheelchair")  # may stand before the legs
-ROOM_FOR_PASSER_M: Final = 2.2  # between camera and patient, for somebody to walk through
+ROOM_FOR_PASSER_M: Final = 2.2  # between camera and patient, for a person to walk through
 
 
 @settings
@@ -73,7 +73,7 @@ class RoomConfig:
 
     @property
     def pushed(self) -> bool:
-        """Whether somebody pushes furniture through the room."""
+        """Whether a person pushes furniture through the room."""
         return self.moved in ("stool", "wheelchair")
 
 
@@ -158,7 +158,7 @@ def _draw_place(
 
 
 def _draw_others(rng: np.random.Generator, distance_m: float) -> tuple[tuple[Other, ...], Moved]:
-    """Up to three other people, and the furniture that is moved; only somebody who walks pushes furniture."""
+    """Up to three other people, and the furniture that is moved; only a person who walks pushes furniture."""
     kinds: tuple[Other, ...] = ("sits", "stands", "passes-behind", "passes-before")
     chances = np.array([0.25, 0.2, 0.2, 0.35 if distance_m >= ROOM_FOR_PASSER_M else 0.0])
     drawn: list[Other] = [

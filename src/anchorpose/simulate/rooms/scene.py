@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 ROOM_KEY: Final = 1002  # random streams of its own, beside those of ``clinic`` and ``config``
 STREAMS: Final = ("plan", "patient", "programme", "walls", "people", "furniture", "spoil", "beyond")
 ASKEW_RAD: Final = 0.35  # between the line of sight and the room's long axis
-PERSON_CLEAR_M: Final = 0.5  # around somebody who sits or stands
+PERSON_CLEAR_M: Final = 0.5  # around a person who sits or stands
 WALK_CLEAR_M: Final = 0.35
 TRIES: Final = 200
 SEATED_AHEAD: Final[dict[Posture, float]] = {"stands": 0.0, "stands-up": 0.5, "sits": 1.0}
