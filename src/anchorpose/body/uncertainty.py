@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import Final
 
 import numpy as np
 
 from anchorpose.body.asset import joint_bones
-from anchorpose.body.config import UncertaintyConfig
+from anchorpose.body.belief import vague_belief
+from anchorpose.body.config import RegistrationConfig, UncertaintyConfig
+from anchorpose.body.constraints import surface_constraints
 from anchorpose.body.evidence import Evidence
-from anchorpose.body.explained import Explanation, limb_of_points
+from anchorpose.body.explained import Explanation, limb_of_points, node_area_m2
+from anchorpose.body.fit import pose_equations
 from anchorpose.body.limb_proposals import uncovered_paths
-from anchorpose.body.pose import LIMB_OF_JOINTS, TRUNK
-from anchorpose.body.skin_points import Body, PosedPoints, joint_jacobian
+from anchorpose.body.pose import LIMB_OF_JOINTS, TRUNK, Pose
+from anchorpose.body.skin_points import Body, PosedPoints, joint_jacobian, pose_points
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 
 WORTH_M2: Final = 0.004  # of uncovered skin: clothes and holds leave as much
@@ -61,6 +65,37 @@ def _variance(
     """(n,) mean variance of the three axes, square metres, of places_m (n, 3) that are fixed to bones (n,)."""
     jacobian = joint_jacobian(body, posed.transforms, bones, places_m)
     return np.asarray(((jacobian @ covariance) * jacobian).sum(axis=(1, 2)) / 3.0)
+
+
+def smeared_sigma(
+    body: Body,
+    pose: Pose,
+    evidence: Evidence,
+    edge_m: float,
+    sigma_m: np.ndarray,
+    registration: RegistrationConfig,
+    config: UncertaintyConfig,
+) -> np.ndarray:
+    """(21,) sigma_m, larger where filters have drawn depth edges out over edge_m at the patient.
+
+    A node then tells to the width of an edge where skin is, and nodes within that width tell it once. The filters
+    draw out the next frame in the same way, so frames before make nothing more certain: only this frame and the range
+    of the joints count.
+    """
+    posed = pose_points(body, pose)
+    rows = surface_constraints(posed, evidence.surface, evidence.cameras, registration.reaches_m[-1], registration)
+    count = np.bincount(evidence.surface.camera, minlength=len(evidence.cameras))
+    area_m2 = float(count @ node_area_m2(evidence))
+    if not len(rows) or area_m2 <= 0.0:
+        return sigma_m
+    wide = replace(rows, sigma_m=np.hypot(rows.sigma_m, edge_m))
+    alike = max(registration.rows_per_observation, len(rows) * edge_m**2 / area_m2)
+    unknown = (pose, vague_belief(pose).information)
+    hessian = pose_equations(body, pose, posed, wide, unknown, alike).hessian
+    variance = _variance(
+        body, posed, np.linalg.inv(hessian), joint_bones(body.points.asset), body.mesh.joints(posed.transforms)
+    )
+    return np.maximum(sigma_m, np.sqrt(config.floor_m**2 + systematic_m() ** 2 + variance))
 
 
 def unexplained_sigma(
