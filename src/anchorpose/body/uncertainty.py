@@ -22,6 +22,7 @@ from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 
 WORTH_M2: Final = 0.004  # of uncovered skin: clothes and holds leave as much
 IN_REACH_M: Final = 0.45  # a shank or a forearm with its hand
+BROADER_M: Final = 0.13  # a chest is so much broader than deep: 0.35 m and 0.22 m
 
 _SYSTEMATIC_MM: Final = {
     "SpineBase": 4.8, "SpineMid": 3.6, "SpineShoulder": 3.6, "Neck": 4.0, "Head": 1.6, "Shoulder": 6.4, "Elbow": 4.0,
@@ -80,7 +81,8 @@ def smeared_sigma(
 
     A node then tells to the width of an edge where skin is, and nodes within that width tell it once. The filters
     draw out the next frame in the same way, so frames before make nothing more certain: only this frame and the range
-    of the joints count.
+    of the joints count. Breadth and depth of an outline that is uncertain by an edge tell which way the trunk faces
+    only as far as they differ, so joints away from its axis are uncertain by as much of their distance from it.
     """
     posed = pose_points(body, pose)
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, registration.reaches_m[-1], registration)
@@ -92,10 +94,11 @@ def smeared_sigma(
     alike = max(registration.rows_per_observation, len(rows) * edge_m**2 / area_m2)
     unknown = (pose, vague_belief(pose).information)
     hessian = pose_equations(body, pose, posed, wide, unknown, alike).hessian
-    variance = _variance(
-        body, posed, np.linalg.inv(hessian), joint_bones(body.points.asset), body.mesh.joints(posed.transforms)
-    )
-    return np.maximum(sigma_m, np.sqrt(config.floor_m**2 + systematic_m() ** 2 + variance))
+    joints = body.mesh.joints(posed.transforms)
+    variance = _variance(body, posed, np.linalg.inv(hessian), joint_bones(body.points.asset), joints)
+    off_axis_m = np.linalg.norm((joints - joints[JOINT_INDEX["SpineMid"]])[:, [0, 2]], axis=1)
+    turned = (edge_m / BROADER_M * off_axis_m) ** 2 / 3.0  # along one of three axes
+    return np.maximum(sigma_m, np.sqrt(config.floor_m**2 + systematic_m() ** 2 + variance + turned))
 
 
 def unexplained_sigma(
