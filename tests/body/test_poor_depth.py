@@ -17,7 +17,9 @@ from anchorpose.body.registration import posterior
 from anchorpose.body.skin_points import pose_points
 from anchorpose.body.uncertainty import joint_sigma, smeared_sigma
 from anchorpose.isolation.detail import LIMB_M, DepthDetail
+from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_INDEX, JointState
+from anchorpose.simulate.render import TrueImage
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate, estimate_of
 
@@ -77,6 +79,15 @@ def test_holes_in_most_of_the_skin_are_stated_and_those_in_an_arm_are_not():
     assert poor is not None
     assert poor.kind is PoorKind.HOLES
     assert poor.amount == missing_share(posed, holes.views[0], FRONT, REACH_M) > 0.5
+
+
+def test_a_patient_of_whom_a_person_hides_most_has_no_holes():
+    def behind_a_person(view: View, picture: TrueImage) -> View:
+        hidden = view.patient & (np.arange(view.labels.shape[0])[:, None] > 120)
+        labels = np.where(hidden, PixelLabel.OTHER_PERSON, view.labels).astype(np.uint8)
+        return View(np.where(hidden, np.float32(1.2), view.depth_m), labels)
+
+    assert found(seen_body(POSE, BODY, change=behind_a_person), SHARP) == (None,)
 
 
 def test_a_camera_that_does_not_show_the_patient_is_not_poor():

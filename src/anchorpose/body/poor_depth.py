@@ -88,14 +88,10 @@ def distance_of(view: View) -> float | None:
 
 
 def missing_share(posed: PosedPoints, view: View, camera: Camera, reach_m: float) -> float:
-    """Share of the skin turned to a camera, within its image and behind nothing, that has no usable reading; 0 to 1."""
+    """Share of the skin turned to a camera, within its image, that has no usable reading; 0 to 1.
+
+    What a person or equipment hides was read: it says why it is not the patient's.
+    """
     reason, facing = skin_reasons(posed, view, camera, reach_m)
-    counted = np.bincount(reason[facing], minlength=SkinReason.PAST + 1)
-    missing, read = counted[SkinReason.HOLE], counted[SkinReason.SEEN]
-    return float(missing / max(1, missing + read))
-
-
-def unresolved(poor: Sequence[PoorDepth | None], views: Sequence[View | None]) -> bool:
-    """Whether no camera that shows the patient resolves limbs."""
-    showing = [one for one, view in zip(poor, views, strict=True) if view is not None and view.patient.any()]
-    return bool(showing) and all(one is not None and not one.resolves_limbs for one in showing)
+    inside = reason[facing & (reason != SkinReason.OUTSIDE)]
+    return float(np.count_nonzero(inside == SkinReason.HOLE) / max(1, len(inside)))
