@@ -15,6 +15,7 @@ from anchorpose.results.corrections import (
     Correction,
     Corrections,
     JointCorrection,
+    NamedPatient,
     ReviewedRecording,
     Signature,
     UnusableInterval,
@@ -28,12 +29,16 @@ CORRECTIONS_FORMAT: Final = "anchorpose-corrections"
 
 
 def _kind_of(value: Any) -> str:
-    """A correction is of a joint where it has the key ``joint``, else of an interval."""
-    return "JointCorrection" if isinstance(value, dict) and "joint" in value else "UnusableInterval"
+    """A correction is of a joint where it has the key ``joint``, else of the patient where it has a place."""
+    if not isinstance(value, dict):
+        return "UnusableInterval"
+    return "JointCorrection" if "joint" in value else "NamedPatient" if "position_m" in value else "UnusableInterval"
 
 
 AnyCorrection = Annotated[
-    Annotated[UnusableInterval, Tag("UnusableInterval")] | Annotated[JointCorrection, Tag("JointCorrection")],
+    Annotated[UnusableInterval, Tag("UnusableInterval")]
+    | Annotated[JointCorrection, Tag("JointCorrection")]
+    | Annotated[NamedPatient, Tag("NamedPatient")],
     Discriminator(_kind_of),
 ]
 
@@ -66,6 +71,7 @@ class HeldEntry(Entry):
 
     unusable: tuple[UnusableInterval, ...]
     joints: tuple[JointCorrection, ...]
+    patient: NamedPatient | None = None
 
     @model_validator(mode="after")
     def _require_each_joint_once(self) -> HeldEntry:
@@ -112,6 +118,7 @@ def read_corrections(path: Path) -> Corrections:
         ReviewedRecording(about.name, about.sha256, poses),
         document.unusable,
         document.joints,
+        document.patient,
         tuple((taken.entry, Signature(taken.who, taken.when)) for taken in document.withdrawn or ()),
     )
 
@@ -123,7 +130,7 @@ def corrections_of_run(path: Path, run: dict[str, Any]) -> Corrections:
     """
     held = validate(path, RunEntry, {"corrections": run.get("corrections")}).corrections
     recording = recording_of_run(run)
-    return Corrections(recording) if held is None else Corrections(recording, held.unusable, held.joints)
+    return Corrections(recording) if held is None else Corrections(recording, held.unusable, held.joints, held.patient)
 
 
 def write_corrections(path: Path, corrections: Corrections) -> None:
@@ -140,6 +147,7 @@ def write_corrections(path: Path, corrections: Corrections) -> None:
         },
         "unusable": [asdict(entry) for entry in corrections.unusable],
         "joints": [asdict(entry) for entry in corrections.joints],
+        "patient": None if corrections.patient is None else asdict(corrections.patient),
         "withdrawn": [{"entry": asdict(entry), "who": by.who, "when": by.when} for entry, by in corrections.withdrawn],
     }
     text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)

@@ -19,7 +19,7 @@ from anchorpose.body.learning import ShapeBelief, bone_lengths, standing_height
 from anchorpose.errors import InputError
 from anchorpose.recording.document import read_json
 from anchorpose.recording.recording import Clock
-from anchorpose.results.corrections import JointCorrection, UnusableInterval
+from anchorpose.results.corrections import JointCorrection, NamedPatient, UnusableInterval
 from anchorpose.results.explained import ExplainedSummary
 from anchorpose.versions import code_digest, versions
 
@@ -149,6 +149,7 @@ class CorrectionsRecord:
     sha256: str
     unusable: tuple[UnusableInterval, ...]
     joints: tuple[JointCorrection, ...]
+    patient: NamedPatient | None
     not_honoured: tuple[str, ...] = ()
 
 

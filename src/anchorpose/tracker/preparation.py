@@ -87,7 +87,11 @@ def _settled(
 def calibrate(
     recording: Recording, samples: Sequence[FrameSet], config: TrackConfig, rough_clocks: bool = False
 ) -> Calibration:
-    """The poses of all cameras, given or found; the body model breaks the tie of equipment that is symmetric."""
+    """The poses of all cameras, given or found; the body model breaks the tie of equipment that is symmetric.
+
+    Whom the user named plays no part in it: the place was read in the world of an earlier run, which must stay.
+    """
+    anybody = replace(config, patient_xz_m=None, patient_frame=None)
 
     def choose_heading(cameras: tuple[Camera, ...], floor_m: float, headings: Sequence[np.ndarray]) -> int | None:
         records = tuple(PoseRecord(camera.name, PoseSource.EQUIPMENT) for camera in cameras)
@@ -95,7 +99,7 @@ def calibrate(
         provisional = Calibration(cameras, floor_m, (), (), records)
         timeless = Clocks((), None, 0)  # frames are paired already
         settled = Settled(posed, timeless, provisional, tuple(range(len(samples))), tuple(samples))
-        return heading_of_patient(furnish_room(settled, config, NO_REVIEW), samples, headings, config)
+        return heading_of_patient(furnish_room(settled, anybody, NO_REVIEW), samples, headings, config)
 
     return find_world(recording, samples, config.equipment_pose, config.placing, choose_heading, rough_clocks)
 
@@ -116,10 +120,10 @@ def furnish_room(settled: Settled, config: TrackConfig, review: Review) -> Room:
     recording, calibration, samples = settled.recording, settled.calibration, settled.samples
     scenes = _scenes(settled)
     if config.patient_frame is not None:
-        initial = _frames_of_named(recording, scenes, config, config.patient_frame)
+        initial = _frames_of_named(recording, scenes, config, config.patient_frame, review)
         if not initial:  # a person who never moves looks like furniture
             scenes = _scenes(settled, config.patient_xz_m)
-            initial = _frames_of_named(recording, scenes, config, config.patient_frame)
+            initial = _frames_of_named(recording, scenes, config, config.patient_frame, review)
         if not initial:
             raise _nobody_named(recording, scenes, config, config.patient_frame)
         return Room(recording, settled.clocks, calibration, scenes, initial, review)
@@ -134,7 +138,7 @@ def furnish_room(settled: Settled, config: TrackConfig, review: Review) -> Room:
 
 
 def _frames_of_named(
-    recording: Recording, scenes: Sequence[Scene], config: TrackConfig, frame: int
+    recording: Recording, scenes: Sequence[Scene], config: TrackConfig, frame: int, review: Review
 ) -> tuple[InitialFrame, ...]:
     """Where to begin with the person who is at the given place in a frame: that frame or one just before or after it.
 
@@ -144,7 +148,11 @@ def _frames_of_named(
     positions = range(max(here - AROUND, 0), min(here + AROUND + 1, last))
     sightings = [sight_people(read_frame(recording, k), scenes, config) for k in positions]
     named = named_patient(sightings, here - positions.start, np.array(config.patient_xz_m))
-    return () if named is None else ranked_by_view(named, positions, sightings, range(len(positions)))
+    if named is None:
+        return ()
+    there = [k for k, one in enumerate(named.seen) if one is not None]
+    free = [k for k in there if review.why_unusable(sightings[k].frame) is None] or there
+    return ranked_by_view(named, [positions[k] for k in free], [sightings[k] for k in free], free)
 
 
 def _position(recording: Recording, frame: int) -> int:

@@ -106,12 +106,20 @@ def review_of(corrections: Corrections) -> Review:
     return Review({frame: _corrected_joints(entries) for frame, entries in by_frame.items()}, unusable)
 
 
-def require_frames(path: Path, review: Review, recording: Recording) -> None:
-    """Raises InputError where joints are corrected in a frame that the recording does not have."""
-    unknown = sorted(set(review.joints) - set(recording.streams[0].frame.tolist()))
+def require_frames(path: Path, corrections: Corrections, recording: Recording) -> None:
+    """Raises InputError where joints are corrected, or the patient is named, in a frame that the recording does not
+    have, or where the patient is named in one that may not be used."""
+    patient, known = corrections.patient, set(recording.streams[0].frame.tolist())
+    unknown = sorted({joint.frame for joint in corrections.joints} - known)
     if unknown:
         problem = f"corrects joints of frame {unknown[0]}, which the recording does not have"
         raise InputError(path, problem, "take that correction out")
+    if patient is not None and patient.frame not in known:
+        problem = f"names the patient in frame {patient.frame}, which the recording does not have"
+        raise InputError(path, problem, "take that correction out")
+    if patient is not None and review_of(corrections).why_unusable(patient.frame) is not None:
+        problem = f"names the patient in frame {patient.frame}, which it marks as unusable"
+        raise InputError(path, problem, "name the patient in another frame, or withdraw the interval")
 
 
 def _corrected_joints(entries: list[JointCorrection]) -> CorrectedJoints:
