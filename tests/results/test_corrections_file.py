@@ -13,6 +13,7 @@ import pytest
 from recording_builder import edit_json
 
 from anchorpose.errors import InputError
+from anchorpose.recording.recording import Clock
 from anchorpose.results.corrections import (
     Corrections,
     JointCorrection,
@@ -54,7 +55,8 @@ def patient(z: float = 0.3, who: str = "AB") -> NamedPatient:
 
 
 def reviewed() -> ReviewedRecording:
-    return reviewed_recording("ward", HASHES, {"front": POSE, "left": None})
+    clocks = {"front": Clock(), "left": Clock(ahead_s=1.5, drift=-2e-5, at_s=3.0)}
+    return reviewed_recording("ward", HASHES, {"front": POSE, "left": None}, clocks)
 
 
 def written(path: Path) -> Path:
@@ -70,6 +72,7 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     require_recording(tmp_path / "c.json", found, reviewed())
     assert np.array_equal(found.recording.T_world_camera["front"], POSE)
     assert found.recording.T_world_camera["left"] is None
+    assert found.recording.clocks == reviewed().clocks
 
 
 def test_nothing_that_was_ever_said_leaves_the_file(tmp_path: Path) -> None:
@@ -114,10 +117,17 @@ def test_who_the_patient_is_holds_once_and_comes_back(tmp_path: Path) -> None:
         found.taken_back(second, by)
 
 
-def test_a_file_without_a_patient_is_one_of_an_older_release(tmp_path: Path) -> None:
+def test_a_file_without_patient_and_clocks_is_one_of_an_older_release(tmp_path: Path) -> None:
     path = written(tmp_path / "c.json")
-    edit_json(path, lambda document: document.pop("patient"))
-    assert read_corrections(path).patient is None
+
+    def older(document: dict[str, Any]) -> None:
+        document.pop("patient")
+        for camera in document["recording"]["cameras"]:
+            camera.pop("clock")
+
+    edit_json(path, older)
+    found = read_corrections(path)
+    assert (found.patient, found.recording.clocks) == (None, {})
 
 
 def test_the_file_keeps_what_it_held_where_writing_fails(tmp_path: Path) -> None:
@@ -167,10 +177,15 @@ def test_corrections_of_another_recording_or_world_are_refused(tmp_path: Path) -
 
 
 def test_the_recording_of_a_run_is_read_from_its_record() -> None:
-    cameras = [{"name": "front", "camera_to_world": POSE.tolist()}, {"name": "left", "camera_to_world": None}]
+    clock = {"ahead_s": 1.5, "drift": -2e-5, "at_s": 3.0}
+    cameras = [
+        {"name": "front", "camera_to_world": POSE.tolist()},
+        {"name": "left", "camera_to_world": None, "clock": clock},
+    ]
     run = {"recording": "ward", "inputs_sha256": dict(HASHES), "cameras": cameras}
     assert recording_of_run(run).sha256 == reviewed().sha256
     assert np.array_equal(recording_of_run(run).T_world_camera["front"], POSE)
+    assert recording_of_run(run).clocks == {"left": Clock(**clock)}
 
 
 def test_a_run_that_states_corrections_which_are_none_is_refused() -> None:

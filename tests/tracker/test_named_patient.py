@@ -11,10 +11,12 @@ import pytest
 from viewer_builder import write_small_recording, write_small_results
 
 from anchorpose.calibration.calibration import PoseSource
+from anchorpose.calibration.clocks import ClockConfig, clock_notes
 from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.pipeline import TrackConfig, track_recording
+from anchorpose.recording.recording import Clock
 from anchorpose.results.corrections import Corrections, NamedPatient, UnusableInterval, recording_of_run
 from anchorpose.results.corrections_file import read_corrections, write_corrections
 from anchorpose.results.run_record import read_run_document
@@ -22,6 +24,7 @@ from anchorpose.results.tables import read_joints
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.track_inputs import TrackInputs, UserInputs, read_inputs
+from anchorpose.tracker.preparation import settle
 from anchorpose.viewer.depth_frames import open_depth_frames
 
 SIGNED = {"reason": "the therapist", "who": "AB", "when": "2026-03-01T09:30:00Z"}
@@ -100,6 +103,21 @@ def test_poses_that_the_recording_lacks_are_those_of_the_corrected_results(revie
     assert found.pose_source is PoseSource.RESULTS
     for camera, before in zip(found.recording.cameras, given, strict=True):
         np.testing.assert_array_equal(camera.require_pose(), before.require_pose())
+
+
+def test_clocks_are_those_of_the_corrected_results(reviewed: Reviewed) -> None:
+    held = read_corrections(reviewed.file)
+    known = {"front": Clock(), "right": Clock(ahead_s=0.02, at_s=1.0)}
+    write_corrections(reviewed.file, replace(held, recording=replace(held.recording, clocks=known)))
+    found = reviewed.read()
+    settled = settle(found.recording, found.config, found.review)
+    assert settled.clocks.clocks == tuple(known.values())
+    assert clock_notes(settled.clocks) == ("the clock of camera right is that of the corrected results",)
+    front, right = (stream.time_s for stream in settled.recording.streams)
+    np.testing.assert_allclose(right, front - 0.02, atol=1e-9)
+    as_stamped = replace(found.config, clocks=ClockConfig(estimate=False))
+    front, right = (stream.time_s for stream in settle(found.recording, as_stamped, found.review).recording.streams)
+    np.testing.assert_array_equal(right, front)
 
 
 def test_poses_that_the_recording_has_must_be_the_same(reviewed: Reviewed) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final
@@ -21,6 +21,7 @@ from anchorpose.camera import Camera
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.recording.document import Text, Whole, numbers
+from anchorpose.recording.recording import Clock
 from anchorpose.settings import STRICT, Unfit, nearest_key
 
 SAME_WORLD_M: Final = 0.001
@@ -32,16 +33,21 @@ a joint then moves by a millimetre or two, less than anybody can place it by han
 class ReviewedRecording:
     """What corrections are about: a name for people, a hash of depth images and times, and the world by its cameras.
 
-    T_world_camera: (4, 4) by name; None for a camera that was not used for want of a pose.
+    T_world_camera: (4, 4) by name; None for a camera that was not used for want of a pose. clocks: as they were used,
+    by name, so that they need not be found again; none where this is not known.
     """
 
     name: str
     sha256: str
     T_world_camera: dict[str, np.ndarray | None]
+    clocks: dict[str, Clock] = field(default_factory=dict)
 
 
 def reviewed_recording(
-    name: str, inputs_sha256: Iterable[tuple[str, str]], T_world_camera: dict[str, np.ndarray | None]
+    name: str,
+    inputs_sha256: Iterable[tuple[str, str]],
+    T_world_camera: dict[str, np.ndarray | None],
+    clocks: dict[str, Clock] | None = None,
 ) -> ReviewedRecording:
     """inputs_sha256: (path in the recording folder, hash) as in run.json.
 
@@ -52,7 +58,7 @@ def reviewed_recording(
         for path, digest in inputs_sha256
         if path.endswith("/timestamps.csv") or Path(path).parent.name == "depth"
     )
-    return ReviewedRecording(name, hashlib.sha256("".join(lines).encode()).hexdigest(), T_world_camera)
+    return ReviewedRecording(name, hashlib.sha256("".join(lines).encode()).hexdigest(), T_world_camera, clocks or {})
 
 
 def recording_of_run(run: dict[str, Any]) -> ReviewedRecording:
@@ -61,7 +67,8 @@ def recording_of_run(run: dict[str, Any]) -> ReviewedRecording:
         camera["name"]: None if camera["camera_to_world"] is None else np.array(camera["camera_to_world"])
         for camera in run["cameras"]
     }
-    return reviewed_recording(run["recording"], run["inputs_sha256"].items(), poses)
+    clocks = {camera["name"]: Clock(**camera["clock"]) for camera in run["cameras"] if camera.get("clock")}
+    return reviewed_recording(run["recording"], run["inputs_sha256"].items(), poses, clocks)
 
 
 def poses_of(cameras: Iterable[Camera]) -> dict[str, np.ndarray | None]:

@@ -8,15 +8,17 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal, cast
 
 import numpy as np
-from pydantic import Discriminator, Tag, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from anchorpose.recording.document import Entry, Text, Version, numbers, read_document, validate
+from anchorpose.recording.recording import Clock
 from anchorpose.results.corrections import (
     Correction,
     Corrections,
     JointCorrection,
     NamedPatient,
     ReviewedRecording,
+    Seconds,
     Signature,
     UnusableInterval,
     Utc,
@@ -51,11 +53,20 @@ class WithdrawalEntry(Entry):
     when: Utc
 
 
+class ClockEntry(Entry):
+    """See ``recording.Clock``."""
+
+    ahead_s: Seconds
+    drift: Annotated[float, Field(gt=-1, description="seconds per second")]
+    at_s: Seconds
+
+
 class CameraEntry(Entry):
-    """A camera and its pose, if it was used."""
+    """A camera and its pose, if it was used, and its clock, if the results state it."""
 
     name: Text
     camera_to_world: Annotated[np.ndarray, numbers(4, 4, meaning="the pose as a 4 x 4 matrix")] | None = None
+    clock: ClockEntry | None = None
 
 
 class RecordingEntry(Entry):
@@ -114,8 +125,9 @@ def read_corrections(path: Path) -> Corrections:
     document = read_document(path, CorrectionsDocument)
     about = document.recording
     poses = {camera.name: camera.camera_to_world for camera in about.cameras}
+    clocks = {camera.name: Clock(**camera.clock.model_dump()) for camera in about.cameras if camera.clock is not None}
     return Corrections(
-        ReviewedRecording(about.name, about.sha256, poses),
+        ReviewedRecording(about.name, about.sha256, poses, clocks),
         document.unusable,
         document.joints,
         document.patient,
@@ -136,14 +148,20 @@ def corrections_of_run(path: Path, run: dict[str, Any]) -> Corrections:
 def write_corrections(path: Path, corrections: Corrections) -> None:
     """Write the whole file or leave it as it was; raises InputError for corrections that could not be read back."""
     recording = corrections.recording
-    poses = recording.T_world_camera.items()
     document = {
         "format": CORRECTIONS_FORMAT,
         "version": 1,
         "recording": {
             "name": recording.name,
             "sha256": recording.sha256,
-            "cameras": [{"name": n, "camera_to_world": None if T is None else T.tolist()} for n, T in poses],
+            "cameras": [
+                {
+                    "name": name,
+                    "camera_to_world": None if pose is None else pose.tolist(),
+                    "clock": asdict(recording.clocks[name]) if name in recording.clocks else None,
+                }
+                for name, pose in recording.T_world_camera.items()
+            ],
         },
         "unusable": [asdict(entry) for entry in corrections.unusable],
         "joints": [asdict(entry) for entry in corrections.joints],

@@ -16,7 +16,7 @@ from anchorpose.body.initial import FirstShape, find_first_pose
 from anchorpose.body.learning import shape_of_height
 from anchorpose.body.skin_points import body_points
 from anchorpose.calibration.calibration import Calibration, PoseRecord, PoseSource
-from anchorpose.calibration.clocks import Clocks, settle_clocks
+from anchorpose.calibration.clocks import Clocks, clocks_of_results, settle_clocks
 from anchorpose.calibration.world import find_world
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
@@ -25,7 +25,7 @@ from anchorpose.isolation.background import BackgroundModel
 from anchorpose.isolation.empty_room import learn_background
 from anchorpose.isolation.scene import Scene, set_scene
 from anchorpose.recording.reader import read_frame
-from anchorpose.recording.recording import FrameSet, Recording
+from anchorpose.recording.recording import FrameSet, Recording, align_clocks
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.initial_frame import rank_initial_frames, ranked_by_view, with_best_initial_frame
 from anchorpose.tracker.isolating import observe_first
@@ -54,19 +54,19 @@ class Settled:
 
 def prepare_room(recording: Recording, config: TrackConfig, review: Review = NO_REVIEW) -> Room:
     """Everything that is known before the first frame is followed."""
-    return with_best_initial_frame(furnish_room(settle(recording, config), config, review), config)
+    return with_best_initial_frame(furnish_room(settle(recording, config, review), config, review), config)
 
 
-def settle(recording: Recording, config: TrackConfig) -> Settled:
+def settle(recording: Recording, config: TrackConfig, review: Review = NO_REVIEW) -> Settled:
     """Time and place of all cameras; clocks come out sharper with poses, poses found from people sharper with clocks.
 
-    Raises InputError where a pose cannot be found.
+    Clocks of the results that were reviewed are used as they are. Raises InputError where a pose cannot be found.
     """
     unplaced = len(recording.cameras) > 1 and any(camera.T_world_camera is None for camera in recording.cameras)
     by_people = unplaced and recording.equipment is None
-    settled = _settled(recording, recording.cameras, config, rough_clocks=by_people)
     if not unplaced:
-        return settled
+        return _settled(recording, recording.cameras, config, review)
+    settled = _settled(recording, recording.cameras, config, rough_clocks=by_people)
     if by_people:
         return _settled(recording, settled.calibration.cameras, config)
     timed, clocks = settle_clocks(recording, settled.calibration.cameras, config.clocks)
@@ -75,10 +75,18 @@ def settle(recording: Recording, config: TrackConfig) -> Settled:
 
 
 def _settled(
-    recording: Recording, cameras: Sequence[Camera], config: TrackConfig, rough_clocks: bool = False
+    recording: Recording,
+    cameras: Sequence[Camera],
+    config: TrackConfig,
+    review: Review = NO_REVIEW,
+    rough_clocks: bool = False,
 ) -> Settled:
     """Clocks by what is known of the cameras' poses, then the poses that are not given."""
-    timed, clocks = settle_clocks(recording, cameras, config.clocks)
+    if config.clocks.estimate and all(camera.name in review.clocks for camera in cameras):
+        clocks = clocks_of_results(cameras, review.clocks)
+        timed = align_clocks(recording, clocks.clocks)
+    else:
+        timed, clocks = settle_clocks(recording, cameras, config.clocks)
     chosen, samples = sample_recording(timed, config)
     calibration = calibrate(timed, samples, config, rough_clocks)
     return Settled(timed, clocks, calibration, tuple(chosen), tuple(samples))

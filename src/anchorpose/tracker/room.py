@@ -18,7 +18,7 @@ from anchorpose.errors import InputError
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.isolation.scene import Scene
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
-from anchorpose.recording.recording import Recording
+from anchorpose.recording.recording import Clock, Recording
 from anchorpose.results.corrections import Corrections, JointCorrection
 
 UP = np.array([0.0, 1.0, 0.0])
@@ -67,10 +67,12 @@ class Room:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Review:
-    """joints: by frame number. unusable: first and last frame, both included, and the sentence with the reason."""
+    """joints: by frame number. unusable: first and last frame, both included, and the sentence with the reason. clocks:
+    those of the corrected results, by camera; none where they have to be found."""
 
     joints: dict[int, CorrectedJoints] = field(default_factory=dict)
     unusable: tuple[tuple[int, int, str], ...] = ()
+    clocks: dict[str, Clock] = field(default_factory=dict)
 
     def why_unusable(self, frame: int) -> str | None:
         """The sentence of the first interval that holds the frame, None where the frame may be used."""
@@ -103,7 +105,8 @@ def review_of(corrections: Corrections) -> Review:
         (gone.first_frame, gone.last_frame, f"marked as unusable by {gone.who} on {gone.when[:10]}: {gone.reason}")
         for gone in corrections.unusable
     )
-    return Review({frame: _corrected_joints(entries) for frame, entries in by_frame.items()}, unusable)
+    joints = {frame: _corrected_joints(entries) for frame, entries in by_frame.items()}
+    return Review(joints, unusable, corrections.recording.clocks)
 
 
 def require_frames(path: Path, corrections: Corrections, recording: Recording) -> None:
