@@ -22,6 +22,7 @@ from anchorpose.results.run_record import (
     DroppedFrame,
     LostInterval,
     MatchedShares,
+    PatientRecord,
     PictureRecord,
     Residual,
     RunRecord,
@@ -84,6 +85,7 @@ def account_of(
         recording=room.recording.folder.resolve().name,
         config=config if config.motions is None else replace(config, motions=Path(config.motions).name),
         inputs_sha256=inputs.sha256,
+        patient=_patient(room),
         corrections=corrections,
         cameras=_cameras(room, inputs.pose_source),
         residuals=(*_pose_residuals(room.calibration), *_clock_residuals(room.clocks, gaps)),
@@ -144,6 +146,14 @@ def _clock_residuals(clocks: Clocks, gaps: Sequence[CameraGaps]) -> list[Residua
     if clocks.residual_s is not None:
         found.append(Residual(clocks.cameras[0].camera, "clocks, rms of all lags", clocks.residual_s, "s"))
     return found
+
+
+def _patient(room: Room) -> PatientRecord | None:
+    if room.initial_frame is None:
+        return None
+    choice, frame = room.initial_frame.choice, int(room.recording.streams[0].frame[room.initial_frame.frame])
+    (x, z), rival = choice.ground_xz_m.tolist(), choice.rival_xz_m
+    return PatientRecord(frame, (x, z), choice.reason, None if rival is None else (float(rival[0]), float(rival[1])))
 
 
 def _notes(room: Room, learnt: LearntPatient | None) -> list[str]:

@@ -149,6 +149,8 @@ def test_who_is_named_is_tracked_and_the_world_stays(tmp_path: Path) -> None:
     assert not after.lost[:, PELVIS].any()
     assert ground_m(after.position_m[FRAME, PELVIS], place_m) < NEAR_M
     assert again["corrections"]["patient"]["who"] == "AB"
+    assert "was at the given place in frame 6" in again["patient"]["reason"]
+    assert ground_m(np.insert(again["patient"]["xz_m"], 1, 0.0), place_m) < 1.0  # of a frame nearby
     assert again["cameras"][0]["source"] == "those of the corrected results"
     assert again["cameras"][0]["camera_to_world"] == run["cameras"][0]["camera_to_world"]
 

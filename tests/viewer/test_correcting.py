@@ -100,6 +100,9 @@ def test_the_patient_is_named_by_a_click_and_the_page_says_what_to_run(viewer: A
         viewer.keyboard.press(key)
     until(viewer, lambda: viewer.evaluate("!anchorpose.frames.missing"))
     assert viewer.locator("#corrections-next").is_hidden()
+    told = viewer.locator("#name-tracked").inner_text()
+    assert told.startswith("Tracked: the person at x 0.10, z 0.05 m in frame 2, who was seen in place")
+    assert told.endswith("The person at x 0.40, z -0.90 m may be the patient as well.")
     other = viewer.evaluate(POINT_OF, [5, 88])
     click_at(viewer, other)
     until(viewer, lambda: viewer.evaluate("document.querySelector('#sign').open"))
@@ -110,7 +113,12 @@ def test_the_patient_is_named_by_a_click_and_the_page_says_what_to_run(viewer: A
     assert (found.frame, found.reason) == (2, "the therapist was tracked")
     assert np.linalg.norm(np.array(found.position_m) - other["world"]) < 0.15
     assert "in frame 2. Track again" in viewer.locator("#name-state").inner_text()
-    assert viewer.locator("#corrections-command").inner_text().endswith('--corrections "results.corrections.json"')
+    assert (
+        viewer.locator("#corrections-command")
+        .inner_text()
+        .strip()
+        .endswith('-o NEW-RESULTS --corrections "results.corrections.json"')
+    )
     assert "the patient is here: the therapist was tracked (AB)" in viewer.locator("#corrections").inner_text()
     viewer.keyboard.press("Control+z")
     until(viewer, lambda: file_of(server).patient is None)

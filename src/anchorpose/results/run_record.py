@@ -142,6 +142,17 @@ class LostInterval:
 
 
 @dataclass(frozen=True, slots=True)
+class PatientRecord:
+    """Who was taken to be the patient: the place (x, z, metres) in the initial frame, and why, as the end of a sentence
+    that begins with "who"; rival_xz_m: somebody else who may be the patient as well."""
+
+    frame: int
+    xz_m: tuple[float, float]
+    reason: str
+    rival_xz_m: tuple[float, float] | None
+
+
+@dataclass(frozen=True, slots=True)
 class CorrectionsRecord:
     """The corrections file: name, hash and entries, and a sentence for each correction that could not be followed."""
 
@@ -181,6 +192,7 @@ class RunRecord:
     lost: tuple[LostInterval, ...] = ()
     explained: ExplainedSummary | None = None  # None where no frame was tracked
     body: BodyRecord | None = None  # None where the patient was never found
+    patient: PatientRecord | None = None  # None where nobody was tracked
     corrections: CorrectionsRecord | None = None
     pictures: tuple[PictureRecord, ...] = ()
     notes: tuple[str, ...] = ()  # sentences for people: what was assumed, what needs care
@@ -224,6 +236,7 @@ def write_run_record(path: Path, record: RunRecord) -> None:
         "lost": as_json(record.lost),
         "explained": as_json(record.explained),
         "body": as_json(record.body),
+        "patient": as_json(record.patient),
         "corrections": as_json(record.corrections),
         "pictures": as_json(record.pictures),
         "notes": as_json(record.notes),

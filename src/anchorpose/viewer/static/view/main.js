@@ -35,7 +35,8 @@ async function start() {
     undo: element("undo"), list: element("corrections"), next: element("corrections-next"),
   }, say);
   element("corrections-file").textContent = `Saved at once in ${description.corrections_file}.`;
-  element("corrections-command").textContent = `anchorpose track "${description.recording}" -o NEW-RESULTS --corrections "${description.corrections_file}"`;
+  element("corrections-command").replaceChildren(...["anchorpose", "track", `"${description.recording}"`, "-o", "NEW-RESULTS",
+    "--corrections", `"${description.corrections_file}"`].flatMap((word) => [Object.assign(document.createElement("span"), { textContent: word }), " "]));
   const axis = new Axis(motion.time_s, playback);
   const curves = new Curves(element("charts"), description.angles, motion, axis, playback);
   const timeline = new Timeline(element("timeline"), description, motion, axis, playback, corrections);
@@ -55,7 +56,8 @@ async function start() {
     elements: Object.fromEntries(["select", "edit", "snap", "moving", "moved", "sigma", "save", "cancel"].map((name) => [name, element(`joint-${name}`)])),
   });
   const namer = new PatientNamer({
-    view, playback, frames, corrections, signing, motion, say, elements: { start: element("name-start"), state: element("name-state") },
+    view, playback, frames, corrections, signing, description, motion, say,
+    elements: { start: element("name-start"), state: element("name-state"), tracked: element("name-tracked") },
   });
   const worst = new WorstList([
     { list: element("unexplained"), worst: description.unexplained ?? [], numbered: true, nothing: "The body explains every frame." },

@@ -3,8 +3,10 @@
 import { getJson } from "./api.js";
 
 export class PatientNamer {
-  constructor({ view, playback, frames, corrections, signing, motion, elements, say }) {
+  constructor({ view, playback, frames, corrections, signing, description, motion, elements, say }) {
     Object.assign(this, { view, playback, frames, corrections, signing, motion, elements, say, active: false });
+    this.named = JSON.stringify(description.patient.named); // whom these results were tracked with
+    elements.tracked.textContent = trackedInWords(description.patient.tracked);
     elements.start.disabled = !frames.points;
     elements.start.addEventListener("click", () => this.begin(!this.active));
     corrections.addEventListener("changed", () => this.show());
@@ -38,10 +40,19 @@ export class PatientNamer {
 
   show() {
     const { patient } = this.corrections.held;
+    const next = JSON.stringify(patient) === this.named ? "These results follow this person." : "Track again to follow this person.";
     this.elements.state.textContent = patient
-      ? `You named the person at ${inWords(patient.position_m)} in frame ${patient.frame}. Track again to follow this person.`
+      ? `The patient was named: the person at ${inWords(patient.position_m)} in frame ${patient.frame}. ${next}`
       : "If another person than the patient was tracked, go to a frame that shows the patient well, and click on the patient.";
   }
 }
 
 const inWords = ([x, , z]) => `x ${x.toFixed(2)}, z ${z.toFixed(2)} m`;
+
+/** Who was tracked and why, and who else may be the patient. */
+function trackedInWords(tracked) {
+  if (!tracked) return "";
+  const { frame, xz_m: [x, z], reason, rival_xz_m: rival } = tracked;
+  const doubt = rival ? ` The person at ${inWords([rival[0], 0, rival[1]])} may be the patient as well.` : "";
+  return `Tracked: the person at ${inWords([x, 0, z])} in frame ${frame}, who ${reason}.${doubt}`;
+}
