@@ -88,6 +88,7 @@ def account_of(
         patient=_patient(room),
         corrections=corrections,
         cameras=_cameras(room, inputs.pose_source),
+        floor_height_m=room.calibration.floor_height_m,
         residuals=(*_pose_residuals(room.calibration), *_clock_residuals(room.clocks, gaps)),
         timings=tuple(StageTiming(stage, seconds) for stage, seconds in run.stopwatch.seconds.items()),
         frame_count=len(written.association.matched_share),

@@ -56,7 +56,7 @@ def patient(z: float = 0.3, who: str = "AB") -> NamedPatient:
 
 def reviewed() -> ReviewedRecording:
     clocks = {"front": Clock(), "left": Clock(ahead_s=1.5, drift=-2e-5, at_s=3.0)}
-    return reviewed_recording("ward", HASHES, {"front": POSE, "left": None}, clocks)
+    return reviewed_recording("ward", HASHES, {"front": POSE, "left": None}, clocks, -0.005)
 
 
 def written(path: Path) -> Path:
@@ -72,7 +72,7 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     require_recording(tmp_path / "c.json", found, reviewed())
     assert np.array_equal(found.recording.T_world_camera["front"], POSE)
     assert found.recording.T_world_camera["left"] is None
-    assert found.recording.clocks == reviewed().clocks
+    assert (found.recording.clocks, found.recording.floor_height_m) == (reviewed().clocks, -0.005)
 
 
 def test_nothing_that_was_ever_said_leaves_the_file(tmp_path: Path) -> None:
@@ -122,12 +122,13 @@ def test_a_file_without_patient_and_clocks_is_one_of_an_older_release(tmp_path: 
 
     def older(document: dict[str, Any]) -> None:
         document.pop("patient")
+        document["recording"].pop("floor_height_m")
         for camera in document["recording"]["cameras"]:
             camera.pop("clock")
 
     edit_json(path, older)
     found = read_corrections(path)
-    assert (found.patient, found.recording.clocks) == (None, {})
+    assert (found.patient, found.recording.clocks, found.recording.floor_height_m) == (None, {}, None)
 
 
 def test_the_file_keeps_what_it_held_where_writing_fails(tmp_path: Path) -> None:

@@ -24,6 +24,7 @@ from anchorpose.results.tables import read_joints
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.track_inputs import TrackInputs, UserInputs, read_inputs
+from anchorpose.tracker import preparation
 from anchorpose.tracker.preparation import settle
 from anchorpose.viewer.depth_frames import open_depth_frames
 
@@ -105,13 +106,16 @@ def test_poses_that_the_recording_lacks_are_those_of_the_corrected_results(revie
         np.testing.assert_array_equal(camera.require_pose(), before.require_pose())
 
 
-def test_clocks_are_those_of_the_corrected_results(reviewed: Reviewed) -> None:
+def test_clocks_and_floor_are_those_of_the_corrected_results(reviewed: Reviewed) -> None:
     held = read_corrections(reviewed.file)
     known = {"front": Clock(), "right": Clock(ahead_s=0.02, at_s=1.0)}
-    write_corrections(reviewed.file, replace(held, recording=replace(held.recording, clocks=known)))
+    write_corrections(
+        reviewed.file, replace(held, recording=replace(held.recording, clocks=known, floor_height_m=0.03))
+    )
     found = reviewed.read()
     settled = settle(found.recording, found.config, found.review)
     assert settled.clocks.clocks == tuple(known.values())
+    assert settled.calibration.floor_height_m == 0.03
     assert clock_notes(settled.clocks) == ("the clock of camera right is that of the corrected results",)
     front, right = (stream.time_s for stream in settled.recording.streams)
     np.testing.assert_allclose(right, front - 0.02, atol=1e-9)
@@ -126,6 +130,17 @@ def test_poses_that_the_recording_has_must_be_the_same(reviewed: Reviewed) -> No
     write_corrections(reviewed.file, replace(held, recording=replace(held.recording, T_world_camera=moved)))
     with pytest.raises(InputError, match="another world"):
         reviewed.read()
+
+
+def test_who_is_named_plays_no_part_in_finding_the_world(reviewed: Reviewed, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = list[TrackConfig]()
+    monkeypatch.setattr(preparation, "furnish_room", lambda settled, config, review: asked.append(config))
+    monkeypatch.setattr(preparation, "heading_of_patient", lambda *_: None)
+    monkeypatch.setattr(preparation, "find_world", lambda *given: given[4](given[0].cameras, 0.0, ()))
+    found = reviewed.read()
+    assert found.config.patient_frame == 7
+    preparation.calibrate(found.recording, (), found.config)
+    assert [(config.patient_xz_m, config.patient_frame) for config in asked] == [(None, None)]
 
 
 @pytest.mark.slow
@@ -152,6 +167,7 @@ def test_who_is_named_is_tracked_and_the_world_stays(tmp_path: Path) -> None:
     assert "was at the given place in frame 6" in again["patient"]["reason"]
     assert ground_m(np.insert(again["patient"]["xz_m"], 1, 0.0), place_m) < 1.0  # of a frame nearby
     assert again["cameras"][0]["source"] == "those of the corrected results"
+    assert again["floor_height_m"] == run["floor_height_m"]
     assert again["cameras"][0]["camera_to_world"] == run["cameras"][0]["camera_to_world"]
 
 

@@ -33,14 +33,15 @@ a joint then moves by a millimetre or two, less than anybody can place it by han
 class ReviewedRecording:
     """What corrections are about: a name for people, a hash of depth images and times, and the world by its cameras.
 
-    T_world_camera: (4, 4) by name; None for a camera that was not used for want of a pose. clocks: as they were used,
-    by name, so that they need not be found again; none where this is not known.
+    T_world_camera: (4, 4) by name; None for a camera that was not used for want of a pose. clocks, by name, and the
+    height of the floor: as they were used, so that they need not be found again; none where this is not known.
     """
 
     name: str
     sha256: str
     T_world_camera: dict[str, np.ndarray | None]
     clocks: dict[str, Clock] = field(default_factory=dict)
+    floor_height_m: float | None = None
 
 
 def reviewed_recording(
@@ -48,6 +49,7 @@ def reviewed_recording(
     inputs_sha256: Iterable[tuple[str, str]],
     T_world_camera: dict[str, np.ndarray | None],
     clocks: dict[str, Clock] | None = None,
+    floor_height_m: float | None = None,
 ) -> ReviewedRecording:
     """inputs_sha256: (path in the recording folder, hash) as in run.json.
 
@@ -58,7 +60,8 @@ def reviewed_recording(
         for path, digest in inputs_sha256
         if path.endswith("/timestamps.csv") or Path(path).parent.name == "depth"
     )
-    return ReviewedRecording(name, hashlib.sha256("".join(lines).encode()).hexdigest(), T_world_camera, clocks or {})
+    digest = hashlib.sha256("".join(lines).encode()).hexdigest()
+    return ReviewedRecording(name, digest, T_world_camera, clocks or {}, floor_height_m)
 
 
 def recording_of_run(run: dict[str, Any]) -> ReviewedRecording:
@@ -68,7 +71,8 @@ def recording_of_run(run: dict[str, Any]) -> ReviewedRecording:
         for camera in run["cameras"]
     }
     clocks = {camera["name"]: Clock(**camera["clock"]) for camera in run["cameras"] if camera.get("clock")}
-    return reviewed_recording(run["recording"], run["inputs_sha256"].items(), poses, clocks)
+    floor_m = run.get("floor_height_m")  # older results do not state it
+    return reviewed_recording(run["recording"], run["inputs_sha256"].items(), poses, clocks, floor_m)
 
 
 def poses_of(cameras: Iterable[Camera]) -> dict[str, np.ndarray | None]:

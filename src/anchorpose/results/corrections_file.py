@@ -75,6 +75,7 @@ class RecordingEntry(Entry):
     name: Text
     sha256: Text
     cameras: tuple[CameraEntry, ...]
+    floor_height_m: Annotated[float, Field(description="metres, along the world's Y")] | None = None
 
 
 class HeldEntry(Entry):
@@ -127,7 +128,7 @@ def read_corrections(path: Path) -> Corrections:
     poses = {camera.name: camera.camera_to_world for camera in about.cameras}
     clocks = {camera.name: Clock(**camera.clock.model_dump()) for camera in about.cameras if camera.clock is not None}
     return Corrections(
-        ReviewedRecording(about.name, about.sha256, poses, clocks),
+        ReviewedRecording(about.name, about.sha256, poses, clocks, about.floor_height_m),
         document.unusable,
         document.joints,
         document.patient,
@@ -162,6 +163,7 @@ def write_corrections(path: Path, corrections: Corrections) -> None:
                 }
                 for name, pose in recording.T_world_camera.items()
             ],
+            "floor_height_m": recording.floor_height_m,
         },
         "unusable": [asdict(entry) for entry in corrections.unusable],
         "joints": [asdict(entry) for entry in corrections.joints],

@@ -184,6 +184,7 @@ class RunRecord:
     config: Any  # the resolved configuration, a dataclass of stage configurations
     inputs_sha256: tuple[tuple[str, str], ...]  # (path in the recording folder, hash)
     cameras: tuple[CameraRecord, ...]
+    floor_height_m: float | None = None  # Y of the floor in the world, None where no camera sees it
     residuals: tuple[Residual, ...] = ()
     timings: tuple[StageTiming, ...] = ()
     frame_count: int = 0
@@ -229,6 +230,7 @@ def write_run_record(path: Path, record: RunRecord) -> None:
         "recording": record.recording,
         "frame_count": record.frame_count,
         "cameras": as_json(record.cameras),
+        "floor_height_m": record.floor_height_m,
         "residuals": as_json(record.residuals),
         "timings": as_json(record.timings),
         "association": as_json(record.association),

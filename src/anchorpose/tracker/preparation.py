@@ -60,7 +60,8 @@ def prepare_room(recording: Recording, config: TrackConfig, review: Review = NO_
 def settle(recording: Recording, config: TrackConfig, review: Review = NO_REVIEW) -> Settled:
     """Time and place of all cameras; clocks come out sharper with poses, poses found from people sharper with clocks.
 
-    Clocks of the results that were reviewed are used as they are. Raises InputError where a pose cannot be found.
+    Clocks and floor of the results that were reviewed are used as they are. Raises InputError where a pose cannot be
+    found.
     """
     unplaced = len(recording.cameras) > 1 and any(camera.T_world_camera is None for camera in recording.cameras)
     by_people = unplaced and recording.equipment is None
@@ -89,6 +90,8 @@ def _settled(
         timed, clocks = settle_clocks(recording, cameras, config.clocks)
     chosen, samples = sample_recording(timed, config)
     calibration = calibrate(timed, samples, config, rough_clocks)
+    if review.floor_height_m is not None:
+        calibration = replace(calibration, floor_height_m=review.floor_height_m)
     return Settled(timed, clocks, calibration, tuple(chosen), tuple(samples))
 
 

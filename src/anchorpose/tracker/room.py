@@ -67,12 +67,13 @@ class Room:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Review:
-    """joints: by frame number. unusable: first and last frame, both included, and the sentence with the reason. clocks:
-    those of the corrected results, by camera; none where they have to be found."""
+    """joints: by frame number. unusable: first and last frame, both included, and the sentence with the reason. clocks,
+    by camera, and floor_height_m: those of the corrected results; none where they have to be found."""
 
     joints: dict[int, CorrectedJoints] = field(default_factory=dict)
     unusable: tuple[tuple[int, int, str], ...] = ()
     clocks: dict[str, Clock] = field(default_factory=dict)
+    floor_height_m: float | None = None
 
     def why_unusable(self, frame: int) -> str | None:
         """The sentence of the first interval that holds the frame, None where the frame may be used."""
@@ -106,7 +107,7 @@ def review_of(corrections: Corrections) -> Review:
         for gone in corrections.unusable
     )
     joints = {frame: _corrected_joints(entries) for frame, entries in by_frame.items()}
-    return Review(joints, unusable, corrections.recording.clocks)
+    return Review(joints, unusable, corrections.recording.clocks, corrections.recording.floor_height_m)
 
 
 def require_frames(path: Path, corrections: Corrections, recording: Recording) -> None:
