@@ -11,7 +11,7 @@ import pytest
 from viewer_builder import write_small_recording, write_small_results
 
 from anchorpose.calibration.calibration import PoseSource
-from anchorpose.calibration.clocks import ClockConfig, clock_notes
+from anchorpose.calibration.clocks import ClockConfig, clock_notes, clocks_of_results
 from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_INDEX
@@ -116,7 +116,9 @@ def test_clocks_and_floor_are_those_of_the_corrected_results(reviewed: Reviewed)
     settled = settle(found.recording, found.config, found.review)
     assert settled.clocks.clocks == tuple(known.values())
     assert settled.calibration.floor_height_m == 0.03
-    assert clock_notes(settled.clocks) == ("the clock of camera right is that of the corrected results",)
+    assert clock_notes(settled.clocks) == ("the clock of camera right was corrected as in the corrected results",)
+    kept = clock_notes(clocks_of_results(found.recording.cameras, {"right": Clock()}))
+    assert kept == ("the clock of camera right was used as it is, as in the corrected results",)
     front, right = (stream.time_s for stream in settled.recording.streams)
     np.testing.assert_allclose(right, front - 0.02, atol=1e-9)
     as_stamped = replace(found.config, clocks=ClockConfig(estimate=False))

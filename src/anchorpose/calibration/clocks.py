@@ -191,7 +191,8 @@ def _sentence(found: CameraClock, first: str) -> str:
     if found.doubt is not None:
         return f"the clock of camera {found.camera} was used as it is: {found.doubt.value}"
     if found.source is ClockSource.RESULTS:
-        return f"the clock of camera {found.camera} is {found.source.value}"
+        used = "was used as it is, as in" if found.clock == Clock() else "was corrected as in"
+        return f"the clock of camera {found.camera} {used} the corrected results"
     ahead = f"{abs(found.clock.ahead_s):.4f} s {'ahead of' if found.clock.ahead_s > 0 else 'behind'}"
     sigma = f"± {found.sigma_s:.4f} s"
     drift = ""
