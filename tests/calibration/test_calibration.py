@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from room_builder import FRONT, KNEE_BAR, NOISE_PER_M, ROOM, body, camera_at, picture, unposed
 
-from anchorpose.calibration.floor import FloorPlane, NoFloor, find_floor
+from anchorpose.calibration.floor import FloorPlane, NoFloor, find_floor, floor_of_room
 from anchorpose.calibration.noise import noise_per_m
 from anchorpose.calibration.world import find_world
 from anchorpose.camera import transform_points
 from anchorpose.errors import InputError
-from anchorpose.recording.equipment import EquipmentModel
+from anchorpose.recording.equipment import Box, EquipmentModel
 from anchorpose.recording.reader import open_recording, read_frame
 from anchorpose.recording.recording import FrameSet, Recording
 
@@ -70,6 +70,25 @@ def test_a_floor_full_of_people_is_still_the_floor():
 
 def test_a_wall_alone_is_not_a_floor():
     assert find_floor(picture(FRONT, ROOM[1], seed=4), FRONT, NOISE_PER_M) == NoFloor.NO_PLANE
+
+
+def test_a_table_is_no_floor_where_somebody_stands_beside_it():
+    """Floor and wall are black and return nothing; the table top is all that is level."""
+    table = Box("table", np.array([0.9, 0.35, -0.8]), np.array([2.6, 0.7, 2.0]), np.eye(3))
+    empty = picture(FRONT, table, seed=5)
+    frames = [picture(FRONT, table, *body(0.3, 0.7 + 0.05 * k), seed=6 + k) for k in range(3)]
+    alone = floor_of_room(FRONT, empty, [])
+    assert isinstance(alone, FloorPlane)
+    assert alone.height_m == pytest.approx(0.5, abs=0.01)
+    assert floor_of_room(FRONT, empty, frames) is NoFloor.NO_PLANE
+
+
+def test_who_stands_on_the_floor_does_not_refute_it():
+    empty = picture(FRONT, *ROOM, seed=5)
+    frames = [picture(FRONT, *ROOM, *body(0.3, 0.05 * k), seed=6 + k) for k in range(3)]
+    floor = floor_of_room(FRONT, empty, frames)
+    assert isinstance(floor, FloorPlane)
+    assert floor.height_m == pytest.approx(1.2, abs=0.005)
 
 
 def test_an_empty_picture_has_no_floor():

@@ -13,11 +13,11 @@ from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.people import PatientChoice, find_people
 from anchorpose.isolation.scene import find_pieces
 from anchorpose.isolation.separation import separate_initial
-from anchorpose.isolation.view import PixelLabel
+from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.run import Run
-from anchorpose.tracker.search import WALK_M_S, LastSeen, Search
+from anchorpose.tracker.search import WALK_M_S, LastSeen, Search, seen_as_strip
 from anchorpose.tracker.start import NoStart
 
 CONFIG, ISOLATION = TrackConfig(), IsolationConfig()
@@ -101,3 +101,43 @@ def test_who_comes_in_may_be_the_other_who_left_too(left):
 def test_he_comes_back_while_everybody_else_stays():
     found = looked(lost_beside(THERAPIST, left=True), (THERAPIST, body(0.1, -0.1)))[0]
     assert isinstance(found, PatientChoice)
+
+
+def view_of(depth_m: np.ndarray, patient: np.ndarray) -> View:
+    labels = np.where(patient, PixelLabel.PATIENT, PixelLabel.BACKGROUND).astype(np.uint8)
+    return View(depth_m, labels)
+
+
+def at_left_border(width_m: float, distance_m: float, unread_px: int = 0) -> View:
+    """A person of whom width_m is in the picture; the camera reads nothing in the first columns."""
+    depth_m = np.full((FRONT.height, FRONT.width), 4.0, np.float32)
+    patient = np.zeros(depth_m.shape, bool)
+    patient[40:, unread_px : unread_px + round(width_m * FRONT.intrinsics.fx / distance_m)] = True
+    depth_m[patient] = distance_m
+    depth_m[:, :unread_px] = 0.0
+    return view_of(depth_m, patient)
+
+
+@pytest.mark.parametrize("distance_m", [0.8, 1.5, 3.0])
+@pytest.mark.parametrize("unread_px", [0, 8])
+def test_a_strip_at_the_border_is_told_from_half_a_person_by_its_width_in_metres(distance_m, unread_px):
+    strip, half = (at_left_border(width_m, distance_m, unread_px) for width_m in (0.08, 0.25))
+    assert seen_as_strip((strip,), (FRONT,))
+    assert not seen_as_strip((half,), (FRONT,))
+
+
+def test_every_border_may_cut_a_person_off():
+    strip = at_left_border(0.08, 1.5)
+    right = view_of(strip.depth_m[:, ::-1], strip.patient[:, ::-1])
+    low = np.full_like(strip.depth_m, 4.0)
+    low[-12:, 60:120] = 1.5
+    assert seen_as_strip((right,), (FRONT,))
+    assert seen_as_strip((view_of(low, low < 4.0),), (FRONT,))
+
+
+def test_an_arm_seen_between_others_is_no_strip_and_another_camera_may_see_more():
+    strip = at_left_border(0.08, 1.5)
+    inside = view_of(np.roll(strip.depth_m, 60, axis=1), np.roll(strip.patient, 60, axis=1))
+    assert not seen_as_strip((inside,), (FRONT,))
+    assert not seen_as_strip((strip, at_left_border(0.25, 1.5)), (FRONT, FRONT))
+    assert not seen_as_strip((None, view_of(strip.depth_m, np.zeros_like(strip.patient))), (FRONT, FRONT))

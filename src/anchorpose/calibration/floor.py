@@ -20,6 +20,9 @@ NOISE_GATE: Final = 3.0  # sigmas of the sensor's noise
 WORST_TILT_RAD: Final = 0.87  # 50 degrees between the camera's up and the floor's: cameras look down, hardly roll
 LEAST_HEIGHT_M: Final = 0.3  # of the camera above its floor; nearer planes are tables
 MOST_BELOW: Final = 0.1  # points below the floor, as a share of those on it: mirrors and flying pixels
+MOST_SUNK: Final = 0.05  # share of what moves that may lie below: legs beside a table top are a third of a person
+SUNK_M: Final = 0.10  # below the plane: a shoe's height, and what a tilted plane may be off
+MOVED_M: Final = 0.15  # nearer than the room: a body is thicker
 LEAST_SHARE: Final = 0.02  # of the readings: the direction of a smaller patch is uncertain
 LEAST_EXTENT_M: Final = 0.5  # in its narrower direction, for the same reason
 TRIALS: Final = 300  # with 10 % of inliers, three good points are drawn once in 1000; planes here hold 20 to 50 %
@@ -51,7 +54,10 @@ class NoFloor(StrEnum):
 def floor_of_room(
     camera: Camera, background_m: np.ndarray | None, frames_m: Sequence[np.ndarray]
 ) -> FloorPlane | NoFloor:
-    """The floor in the depth image of the empty room or, without one, in the median of the frames."""
+    """The floor in the depth image of the empty room or, without one, in the median of the frames.
+
+    What stands before the room in the frames, people above all, stands on it: a plane with legs below it is a table.
+    """
     if background_m is None and not frames_m:
         return NoFloor.NO_READINGS
     room = background_m if background_m is not None else np.median(np.stack(frames_m), axis=0).astype(np.float32)
@@ -59,15 +65,26 @@ def floor_of_room(
         noise = noise_per_m(frames_m or [room])
     except ValueError:
         return NoFloor.NO_READINGS
-    return find_floor(room, camera, noise)
+    return find_floor(room, camera, noise, _before(room, frames_m, camera))
 
 
-def find_floor(depth_m: np.ndarray, camera: Camera, noise_per_m: float) -> FloorPlane | NoFloor:
+def _before(room_m: np.ndarray, frames_m: Sequence[np.ndarray], camera: Camera) -> np.ndarray:
+    """(n, 3) camera points of what stands before the room, ``SAMPLE`` of them at most."""
+    nearer = [np.where((room_m <= 0) | (depth < room_m - MOVED_M), depth, 0.0) for depth in frames_m]
+    found = [points[np.isfinite(points[..., 2])] for points in map(camera.back_project, nearer)]
+    points = np.concatenate([np.zeros((0, 3)), *found])
+    return np.asarray(points[:: max(1, len(points) // SAMPLE)])
+
+
+def find_floor(
+    depth_m: np.ndarray, camera: Camera, noise_per_m: float, standing_m: np.ndarray | None = None
+) -> FloorPlane | NoFloor:
     """The largest plane that faces the camera's up, with next to nothing below it.
 
-    depth_m (height, width) float32, best without people; noise_per_m: ``calibration.noise``. RANSAC on a sample,
-    first with the strict tolerance; then weighted least squares on the inliers, whose gate shrinks to three of their
-    own deviations: the foot of a wall within the first gate would tilt the plane.
+    depth_m (height, width) float32, best without people; noise_per_m: ``calibration.noise``; standing_m (n, 3) camera
+    points of what stands on the floor. RANSAC on a sample, first with the strict tolerance; then weighted least
+    squares on the inliers, whose gate shrinks to three of their own deviations: the foot of a wall within the first
+    gate would tilt the plane.
     """
     points = camera.back_project(depth_m).reshape(-1, 3).astype(np.float64)
     points = points[np.isfinite(points[:, 2])]
@@ -75,14 +92,21 @@ def find_floor(depth_m: np.ndarray, camera: Camera, noise_per_m: float) -> Floor
         return NoFloor.NO_READINGS
     rng = np.random.default_rng(0)
     voters = points[rng.choice(len(points), min(SAMPLE, len(points)), replace=False)]
+    standing = np.zeros((0, 3)) if standing_m is None else standing_m
     for tolerance in TOLERANCES_M:
-        plane = _vote(voters, tolerance, noise_per_m, rng)
+        plane = _vote(voters, standing, tolerance, noise_per_m, rng)
         if plane is not None:
             return _refined(plane, points, tolerance, noise_per_m)
     return NoFloor.NO_PLANE
 
 
-def _vote(points_m: np.ndarray, tolerance_m: float, noise_per_m: float, rng: np.random.Generator) -> np.ndarray | None:
+def _vote(
+    points_m: np.ndarray,
+    standing_m: np.ndarray,
+    tolerance_m: float,
+    noise_per_m: float,
+    rng: np.random.Generator,
+) -> np.ndarray | None:
     """(4,) plane (up, height) with the most votes, less those of points below it; None where none is a floor.
 
     Depth noise a z^2 along a ray that meets the floor at a grazing angle is a z h across it, h the camera's height.
@@ -100,7 +124,10 @@ def _vote(points_m: np.ndarray, tolerance_m: float, noise_per_m: float, rng: np.
         limit = tolerance_m + NOISE_GATE * noise_per_m * height * points_m[:, 2]
         on_it = int(np.count_nonzero(np.abs(distance) < limit))
         below = int(np.count_nonzero(distance < -limit))
-        if below <= MOST_BELOW * on_it and on_it - below > best_votes:
+        if below > MOST_BELOW * on_it or on_it - below <= best_votes:
+            continue
+        sunk = int(np.count_nonzero(standing_m @ normal + height < -SUNK_M))
+        if sunk <= MOST_SUNK * len(standing_m):
             best, best_votes = np.append(normal, height), on_it - below
     return best
 

@@ -51,7 +51,7 @@ def follow_openly(
         if tracker is not None:
             if (estimate := tracker.step(frame_set)) is not None:
                 yield estimate, tracker
-            if tracker.last.gone_s > run.config.follow.lost_after_s:
+            if tracker.has_left or tracker.last.gone_s > run.config.follow.lost_after_s:
                 search, known = tracker.search(), tracker.shape
                 yield from ((nobody_found(seen.frame_set, UNSEEN, seen), None) for seen in list(tracker.window)[1:])
                 tracker = None

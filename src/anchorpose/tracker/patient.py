@@ -36,7 +36,7 @@ from anchorpose.tracker.limb_watch import LimbWatch, cheaper, explained_by, is_d
 from anchorpose.tracker.observation import Expectation, Isolated, Observation, gather, observe, see_anchors, see_surface
 from anchorpose.tracker.rivals import Rival, follow_rivals
 from anchorpose.tracker.run import Run
-from anchorpose.tracker.search import LastSeen, Search
+from anchorpose.tracker.search import LastSeen, Search, seen_as_strip
 from anchorpose.tracker.standing_feet import StandingFeet
 from anchorpose.tracker.start import Start
 from anchorpose.tracker.window import Window
@@ -99,8 +99,13 @@ class PatientTracker:
 
     def search(self) -> Search:
         """The search that begins where the patient was lost."""
-        left = not any(camera.shows(self.belief.pose.root_m) for camera in self.run.room.cameras)
-        return Search(self.window[-1], self.last, left)
+        seen = any(camera.shows(self.belief.pose.root_m) for camera in self.run.room.cameras)
+        return Search(self.window[-1], self.last, left=self.has_left or not seen)
+
+    @property
+    def has_left(self) -> bool:
+        """Whether the patient is leaving the picture, so that the next who comes in there may be another person."""
+        return seen_as_strip(self.window[0].evidence.views, self.run.room.cameras)
 
     @property
     def height_m(self) -> float:

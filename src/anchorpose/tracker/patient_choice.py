@@ -28,7 +28,7 @@ ASIDE_M: Final = 0.4  # from where the cameras look: 0.7 votes less; cameras are
 OUTSIDE_M: Final = 0.2  # of the equipment's outline: a patient leans out of it
 SURE: Final = 1.0  # of the votes between the patient and the next: three to one if votes are likelihoods
 CHANCE: Final = 2  # frames: who is seen once may be a body fitted to an arm
-CHEST: Final = np.linspace(0.5, 0.8, 7)  # heights of a person of height 1 where the trunk is
+CHEST_M: Final = np.linspace(0.35, 0.75, 7)  # below the top of the head, where the trunk of who stands or sits is
 BEFORE_M: Final = 0.3  # from the middle of a trunk to what no longer is this person
 STEP_M: Final = 0.4  # from frame to frame: 2 m/s at 5 frames a second
 GIVEN_M: Final = 0.5  # from the given place: beyond it another person is seen, and the patient has not come yet
@@ -168,7 +168,7 @@ def _times_gone(seen: Sequence[SeenPerson | None], sightings: Sequence[Sighting]
     """In how many frames a person is not seen although nothing hides the usual place: hidden is not gone."""
     there = [one for one in seen if one is not None]
     x, z = _usual_place(there)
-    chest = min(one.person.top_m for one in there) * CHEST
+    chest = min(one.person.top_m for one in there) - CHEST_M
     axis = np.column_stack([np.full(len(chest), x), chest, np.full(len(chest), z)])
     return sum(
         one is None and not _is_hidden(axis, sighting.depths_m, cameras)

@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from anchorpose.camera import Camera
 from anchorpose.isolation.bystander_memory import SAMPLE_PX, update_memory
 from anchorpose.isolation.people import PERSON_RADIUS_M, PatientChoice, Person, find_people, ground_distance
 from anchorpose.isolation.scene import Pieces, find_all_pieces
@@ -23,6 +24,9 @@ from anchorpose.tracker.start import NoStart
 
 NEAR_M: Final = 0.5  # from where the patient was last seen: what remains visible is off the body's axis
 WALK_M_S: Final = 1.5  # as fast as people walk
+STRIP_M: Final = 0.15  # from the border: half a trunk in profile, a head's width
+BORDER: Final = 0.1  # of the image's width or height, where stereo cameras read nothing
+CUT: Final = 0.5  # of a person's rows or columns that go on to the border
 BYSTANDER: Final = 0.5  # share of a person's visible pixels that are a known bystander's
 
 
@@ -106,6 +110,41 @@ class Search:
         labels = _labels_about(person.ground_xz_m, pieces, views, config)
         known = (labels >= PixelLabel.OTHER_PERSON) & (labels < self._newcomer)
         return float(np.mean(known)) < BYSTANDER
+
+
+def seen_as_strip(views: Sequence[View | None], cameras: Sequence[Camera]) -> bool:
+    """Whether all that any camera sees of the patient is a narrow strip at the border of its image.
+
+    False where no camera sees anything of the patient: then something else may hide them.
+    """
+    seen = [(view, camera) for view, camera in zip(views, cameras, strict=True) if view is not None]
+    shown = [(view, camera) for view, camera in seen if view.patient.any()]
+    return bool(shown) and all(_is_strip(view, camera) for view, camera in shown)
+
+
+def _is_strip(view: View, camera: Camera) -> bool:
+    """Whether the patient's pixels reach from a border, or the first readings beside it, less than ``STRIP_M``."""
+    lens = camera.intrinsics
+    sides = (
+        (view.patient, view.depth_m, lens.fx),
+        (view.patient[:, ::-1], view.depth_m[:, ::-1], lens.fx),
+        (view.patient.T, view.depth_m.T, lens.fy),
+        (view.patient[::-1].T, view.depth_m[::-1].T, lens.fy),
+    )
+    return any(_reach_m(patient, depth_m, focal_px) < STRIP_M for patient, depth_m, focal_px in sides)
+
+
+def _reach_m(patient: np.ndarray, depth_m: np.ndarray, focal_px: float) -> float:
+    """How far the patient's pixels reach from column 0, in metres; infinite where column 0 does not cut them off."""
+    rows = np.flatnonzero(patient.any(axis=1))
+    first_px = (depth_m[rows] > 0).argmax(axis=1)
+    at_border = (patient[rows].argmax(axis=1) == first_px) & (first_px < BORDER * patient.shape[1])
+    if at_border.mean() < CUT:
+        return float("inf")
+    row, column = np.nonzero(patient)
+    first_px = np.zeros(len(patient), np.int64)
+    first_px[rows] = patient[rows].argmax(axis=1)
+    return float(np.percentile((column - first_px[row]) * depth_m[row, column] / focal_px, 95))
 
 
 def _labels_about(

@@ -15,9 +15,11 @@ from anchorpose.body.learning import MOST_DEVIATIONS, ShapeBelief, adult_belief,
 from anchorpose.body.limb_search import rarity
 from anchorpose.body.pose import LIMB_OF_BONES, TRUNK
 from anchorpose.body.registration import posterior
-from anchorpose.body.skin_points import FittedShape, body_points, build_body, pose_points
+from anchorpose.body.skin_points import FittedShape, PosedPoints, body_points, build_body, pose_points
 from anchorpose.isolation.people import PatientChoice
+from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.recording import FrameSet, Recording
+from anchorpose.rotations import unit
 from anchorpose.surface.surface import Surface
 from anchorpose.tracker.bystanders import MOST_TRUNK_PAST
 from anchorpose.tracker.config import TrackConfig
@@ -36,6 +38,8 @@ HEADINGS = 2  # that are tried: rough bodies mistake a back for a front in one o
 LEAST_TRUNK = 0.05  # of the skin of trunk and head: a face, or what is seen of a chest between others
 LEAST_EXPLAINED = 0.55  # share of the surface that a first pose must account for
 ADULT_HEIGHTS_M = (1.45, 2.0)
+HANGS_M = 0.35  # above the floor: who sits on a high bed, or stands on a treadmill, has the feet lower
+UPRIGHT = 0.7  # cosine between trunk and the vertical: who lies has no feet near the floor
 HUMAN_M = (1.35, 2.15)  # one adult in a thousand is shorter or taller, with the error of one frame
 _ENDS = ("LeftForeArm", "RightForeArm", "LeftLeg", "RightLeg")
 CUT_OFF = 1.08  # feet cut off by the image border or lost on the floor are a twelfth of the height
@@ -63,6 +67,7 @@ class NoStart(StrEnum):
     TOO_LITTLE_SEEN = "too little of anybody is seen where the patient should be"
     NO_BODY_FITS = "no body explains what is seen there"
     NOT_HUMAN = "only a body outside of the range of human shapes would explain what is seen there"
+    HANGS = "only a body that hangs above the floor would explain what is seen there"
     LIMBS_ALONE = "neither trunk nor head is in view, only limbs"
 
 
@@ -102,10 +107,21 @@ def _why_not(start: Start, run: Run) -> NoStart | None:
     trunk = np.isin(body.points.part, body.points.moving[LIMB_OF_BONES == TRUNK])
     if explanation.covering[trunk].mean() < LEAST_TRUNK:
         return NoStart.LIMBS_ALONE
+    if evidence.floor_m is not None and hangs(posed, body.joints(start.belief.pose), evidence.floor_m):
+        return NoStart.HANGS
     unplaced = run.room.recording.equipment is None
     if np.nan_to_num(explanation.seen_past[TRUNK]) > MOST_TRUNK_PAST or (unplaced and quality(start) < LEAST_QUALITY):
         return NoStart.NO_BODY_FITS
     return None
+
+
+def hangs(posed: PosedPoints, joints_m: np.ndarray, floor_m: float) -> bool:
+    """Whether an upright body ends far above the floor (a height): what is seen is then not all of the person.
+
+    joints_m (21, 3).
+    """
+    trunk = unit(joints_m[JOINT_INDEX["SpineShoulder"]] - joints_m[JOINT_INDEX["SpineBase"]])
+    return bool(trunk[1] > UPRIGHT and posed.points_m[:, 1].min() > floor_m + HANGS_M)
 
 
 def is_human(shape: FittedShape) -> bool:
