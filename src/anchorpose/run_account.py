@@ -148,6 +148,7 @@ def account_of(
             *room.calibration.notes,
             *clock_notes(room.clocks),
             *(camera.sentence for camera in gaps if camera.sentence),
+            *room.notes,
             *_notes(room, learnt),
             *written.association.sentences,
             *(() if corrections is None else corrections.not_honoured),

@@ -29,10 +29,11 @@ from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.initial_frame import rank_initial_frames, ranked_by_view, with_best_initial_frame
 from anchorpose.tracker.isolating import observe_first
+from anchorpose.tracker.mirrors import find_mirrors, through_a_gap, with_mirrors
 from anchorpose.tracker.patient_choice import GIVEN_M, named_patient
 from anchorpose.tracker.room import NO_REVIEW, InitialFrame, Review, Room
 from anchorpose.tracker.run import Run
-from anchorpose.tracker.sighting import sight_people
+from anchorpose.tracker.sighting import Sighting, sight_people
 from anchorpose.tracker.start import ORDINARY_HEIGHT_M, first_heights, known_shape
 
 BLIND_SAMPLES = 3  # times as many where the empty room has to be put together from moments in which it is free
@@ -126,11 +127,25 @@ def furnish_room(settled: Settled, config: TrackConfig, review: Review) -> Room:
     usable = [k for k, frame_set in enumerate(samples) if review.why_unusable(frame_set.frame) is None]
     usable = usable or list(range(len(samples)))
     usable = [usable[k] for k in thin(len(usable), config.follow.samples)]  # samples of an empty room are more
-    sightings = [sight_people(samples[k], scenes, config) for k in usable]
+    scenes, sightings, notes = _sight_all([samples[k] for k in usable], scenes, config)
     initial = rank_initial_frames(
         [settled.chosen[k] for k in usable], sightings, recording.equipment, config.patient_xz_m, calibration.cameras
     )
-    return Room(recording, settled.clocks, calibration, scenes, initial, review)
+    if initial and (where := through_a_gap(initial[0].choice, sightings, scenes)):
+        notes = (*notes, where)
+    return Room(recording, settled.clocks, calibration, scenes, initial, review, notes=notes)
+
+
+def _sight_all(
+    samples: Sequence[FrameSet], scenes: tuple[Scene, ...], config: TrackConfig
+) -> tuple[tuple[Scene, ...], list[Sighting], tuple[str, ...]]:
+    """Who is seen in each sample, with the scenes in which mirrors are walls, and a sentence on each mirror."""
+    sightings = [sight_people(sample, scenes, config) for sample in samples]
+    mirrors = find_mirrors(sightings, scenes, config.patient_xz_m)
+    if mirrors:
+        scenes = with_mirrors(scenes, mirrors)
+        sightings = [sight_people(sample, scenes, config) for sample in samples]
+    return scenes, sightings, tuple(mirror.sentence for mirror in mirrors)
 
 
 def _frames_of_named(

@@ -44,7 +44,8 @@ class InitialFrame:
 class Room:
     """recording: on one clock; cameras and scenes in its order; initial_frames: where tracking may begin, best first,
     none where nobody was seen in the sampled frames, or nobody is to be tracked; review: a reviewer's corrections of
-    earlier results; why_nobody: why every joint is lost where there is no initial frame."""
+    earlier results; why_nobody: why every joint is lost where there is no initial frame; notes: sentences
+    on mirrors and gaps in walls."""
 
     recording: Recording
     clocks: Clocks
@@ -53,6 +54,7 @@ class Room:
     initial_frames: tuple[InitialFrame, ...]
     review: Review
     why_nobody: str = "nobody was seen in the sampled frames"
+    notes: tuple[str, ...] = ()
 
     @property
     def initial_frame(self) -> InitialFrame | None:
