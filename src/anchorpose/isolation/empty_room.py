@@ -24,7 +24,7 @@ from anchorpose.isolation.background import (
     equipment_depth,
 )
 from anchorpose.isolation.components import JUMP_GATE
-from anchorpose.isolation.resting import resting_people
+from anchorpose.isolation.resting import resting_people, swaying_people
 from anchorpose.isolation.room_planes import depth_of_room
 from anchorpose.isolation.smear import smear_px
 from anchorpose.recording.equipment import EquipmentModel
@@ -51,13 +51,15 @@ def learn_background(
     floor_height_m: float | None,
     equipment: EquipmentModel | None = None,
     person_xz_m: tuple[float, float] | None = None,
+    swaying: bool = False,
 ) -> BackgroundModel:
     """The background of one camera from a frame of the empty room or, without one, from sampled frames.
 
     empty_m (height, width) float32 or None; frames_m: frames of the same shape, spread over the recording; the camera
     has a pose. Without an empty frame the background is what is farthest most of the time, less the people who never
     leave their place. floor_height_m: None where no floor is seen; the equipment is not needed beside an empty frame.
-    Raises ValueError without frames.
+    swaying: people may stand still all the time, so that what sways as no furniture does is not the room. Raises
+    ValueError without frames.
     """
     if not frames_m:
         raise ValueError("a background needs at least one frame of the recording to measure the noise on")
@@ -70,6 +72,9 @@ def learn_background(
         nothing = np.zeros_like(frames_m[0], dtype=np.float32)
         return BackgroundModel(nothing, nothing, noise, focal_px, BackgroundSource.REMOVED)
     depth, sigma = _from_recording(frames_m, camera, floor_height_m, equipment, noise)
+    if swaying and len(frames_m) >= FRAMES_NEEDED:
+        people = swaying_people(depth, frames_m, camera, floor_height_m, noise)
+        depth = np.where(people, depth_of_room(depth, camera, noise), depth)
     if person_xz_m is not None:
         depth = _without_person(depth, camera, floor_height_m, person_xz_m, noise)
     return BackgroundModel(depth, sigma, noise, focal_px, BackgroundSource.RECORDING, smear)

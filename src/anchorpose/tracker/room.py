@@ -22,6 +22,7 @@ from anchorpose.recording.recording import Recording
 from anchorpose.results.corrections import Corrections, JointCorrection
 
 UP = np.array([0.0, 1.0, 0.0])
+NOBODY_SEEN: Final = "nobody was seen in the sampled frames"
 FACING = np.array([1.0, 0.0, 0.0])  # design: X of the world is the way the patient faces
 
 
@@ -53,7 +54,7 @@ class Room:
     scenes: tuple[Scene, ...]
     initial_frames: tuple[InitialFrame, ...]
     review: Review
-    why_nobody: str = "nobody was seen in the sampled frames"
+    why_nobody: str = NOBODY_SEEN
     notes: tuple[str, ...] = ()
 
     @property
