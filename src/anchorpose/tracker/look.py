@@ -83,13 +83,13 @@ def _gap_note(initial: InitialFrame, sightings: Sequence[Sighting], scenes: Sequ
 def _is_person(
     initial: Sequence[InitialFrame], samples: dict[int, FrameSet], scenes: Sequence[Scene], config: TrackConfig
 ) -> bool:
-    """Whether a body explains who was chosen, and no camera sees past it, in most of some frames."""
+    """Whether a body explains who was chosen, and no camera sees past it, in half of some frames."""
     ordered = sorted(initial, key=lambda one: one.frame)
     checked = [ordered[k] for k in thin(len(ordered), CHECKED)]
     human = 0
     for one in checked:
         body = body_of_chosen(samples[one.frame], one.choice, scenes, config)
         human += body is not None and body.possible and body.explained >= ONE_PERSON
-        if 2 * human > len(checked):
+        if 2 * human >= len(checked):
             return True
     return False
