@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.body.constraints import thin
+from anchorpose.isolation.background import BackgroundSource
 from anchorpose.isolation.scene import Scene
 from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.recording.recording import FrameSet
@@ -47,7 +48,8 @@ def look_around(
     """Who may be the patient in sampled frames; positions: theirs in the recording.
 
     before: a look at the same frames that found nobody, so that whoever was seen in it is not the patient either.
-    Whom the user names, or who stands in the equipment, is trusted to be a person.
+    Whom the user names or who stands in the equipment is trusted to be a person, and whoever stands out from a given
+    picture of the empty room, or is all that a recorder kept.
     """
     sightings = [sight_people(sample, scenes, config) for sample in samples]
     mirrors = find_mirrors(sightings, scenes, config.patient_xz_m)
@@ -60,7 +62,8 @@ def look_around(
     cameras = [scene.camera for scene in scenes]
     initial = rank_initial_frames(positions, sightings, equipment, config.patient_xz_m, cameras)
     of = dict(zip(positions, samples, strict=True))
-    trusted = equipment is not None or config.patient_xz_m is not None
+    learnt = any(scene.background.source is BackgroundSource.RECORDING for scene in scenes)
+    trusted = equipment is not None or config.patient_xz_m is not None or not learnt
     if initial and (trusted or _is_person(initial, of, scenes, config)):
         return Look(scenes, tuple(sightings), initial, (*notes, *_gap_note(initial[0], sightings, scenes)), NOBODY_SEEN)
     limbs = sum(shows_limbs_alone(sample, scenes) for sample in samples)
