@@ -28,9 +28,7 @@ PATCH_PX: Final = (
 )
 SWAY_GATE_M: Final = 0.06  # from a person's usual place: quiet standing sways by up to 5 cm
 MOST_OF_ROOM: Final = 90  # percentile of the room's patches; the others are at edges, which flicker
-SWAYS_TIMES: Final = (
-    2.0  # what most of the room shows; still people have 3 to 9 before time-of-flight cameras, mannequins 1
-)
+SWAYS_TIMES: Final = 2.0  # what most of the room shows; still people have 3 to 9 (time of flight), mannequins below 1
 BESIDE_PX: Final = 2  # from the border of a piece to what may be connected
 
 
