@@ -23,9 +23,7 @@ SWAYED_SHARE: Final = 0.01  # of the pixels around a body, covered in one frame
 SWAY_M: Final = 0.25  # from a body's own depth: how far it sways and its arms reach
 LIMB_PX: Final = 5  # a wrist four metres away; edges flicker by one or two
 RING_PX: Final = 11  # around a body, 3 cm at 2 m
-PATCH_PX: Final = (
-    17  # of a chest or a thigh four metres away; the mean of 289 readings has a seventeenth of their noise
-)
+PATCH_PX: Final = 17  # of a chest or a thigh four metres away; its mean has a seventeenth of a reading's noise
 SWAY_GATE_M: Final = 0.06  # from a person's usual place: quiet standing sways by up to 5 cm
 MOST_OF_ROOM: Final = 90  # percentile of the room's patches; the others are at edges, which flicker
 SWAYS_TIMES: Final = 2.0  # what most of the room shows; still people have 3 to 9 (time of flight), mannequins below 1

@@ -16,12 +16,10 @@ from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.isolation.gaps import Wall, find_walls, with_wall
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.isolation.scene import Scene
-from anchorpose.tracker.patient_choice import BEFORE_M, CHEST
+from anchorpose.tracker.patient_choice import BEFORE_M, CHEST_M
 from anchorpose.tracker.sighting import SeenPerson, Sighting
 
-TWIN_M: Final = (
-    0.35  # from the reflection to the twin: surfaces or rough bodies, seen from front and back, on the floor
-)
+TWIN_M: Final = 0.35  # from the reflection to the twin, over the floor: bodies seen from front and back
 LEAST_TWINS: Final = 3  # frames: two people who pass each other may be alike in one or two
 
 
@@ -123,7 +121,8 @@ def _has_twin(image: SeenPerson, sighting: Sighting, wall: Wall, cameras: Sequen
     others = [one.place_xz_m for one in sighting.people if one is not image]
     if any(np.linalg.norm(other - middle[[0, 2]]) < TWIN_M for other in others):
         return True
-    axis = np.column_stack([np.full(len(CHEST), middle[0]), image.person.top_m * CHEST, np.full(len(CHEST), middle[2])])
+    chest = image.person.top_m - CHEST_M
+    axis = np.column_stack([np.full(len(chest), middle[0]), chest, np.full(len(chest), middle[2])])
     return False if _seen_past(axis, sighting.depths_m, cameras) else None
 
 
