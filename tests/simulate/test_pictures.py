@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from anchorpose.camera import Camera, Intrinsics, invert_rigid, transform_points
+from anchorpose.camera import Camera, invert_rigid, transform_points
+from anchorpose.lens import Intrinsics
 from anchorpose.recording.equipment import Box
 from anchorpose.simulate import config as presets
 from anchorpose.simulate.clinic import draw_clinic, look_at, random_stream

@@ -10,8 +10,9 @@ from typing import Annotated, Final, Literal
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
-from anchorpose.camera import Camera, Intrinsics
+from anchorpose.camera import Camera
 from anchorpose.errors import InputError
+from anchorpose.lens import Intrinsics
 from anchorpose.recording.document import (
     Entry,
     FileInFolder,

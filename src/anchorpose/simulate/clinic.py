@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from anchorpose.camera import Camera, Intrinsics
+from anchorpose.camera import Camera
+from anchorpose.lens import Intrinsics
 from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.simulate.captured_patient import draw_captured
 from anchorpose.simulate.config import SimulationConfig

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Final, get_args
 
 import numpy as np
 
-from anchorpose.camera import Camera, Intrinsics
+from anchorpose.camera import Camera
+from anchorpose.lens import Intrinsics
 from anchorpose.rotations import UP, turns_about
 from anchorpose.simulate.patient import Actor
 from anchorpose.simulate.person import Person, draw_person
