@@ -13,9 +13,7 @@ from pathlib import Path
 from anchorpose.body.contact_regions import area_of_point, region_of_points
 from anchorpose.body.skin_points import body_points
 from anchorpose.pages.frame_pictures import draw_chosen, save_pictures
-from anchorpose.recording.reader import frame_range, open_recording
 from anchorpose.recording.recording import Recording
-from anchorpose.recording.recording_file import with_height, with_poses
 from anchorpose.report.page import write_report
 from anchorpose.results.contact_intervals import ContactIntervals
 from anchorpose.results.explained import EXPLAINED_FILE, read_explained, summarise, write_explained
@@ -34,12 +32,12 @@ from anchorpose.results.run_record import (
 )
 from anchorpose.results.stand_training.measure import MeasureConfig
 from anchorpose.results.tables import ANCHORS_FILE, JOINTS_FILE, read_joints, write_anchors, write_joints
-from anchorpose.run_account import UserInputs, Written, account_of, hash_inputs, outcome_of, read_review, require_about
+from anchorpose.run_account import Written, account_of, outcome_of
 from anchorpose.threads import one_thread
+from anchorpose.track_inputs import UserInputs, read_inputs
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.passes import FrameRecord, learn_on, plan_route, track_on
 from anchorpose.tracker.preparation import prepare_room
-from anchorpose.tracker.room import NO_REVIEW, review_of
 from anchorpose.tracker.run import Run, Stopwatch
 from anchorpose.tracker.start import NoStart, is_human
 from anchorpose.tracking.motion_file import load_motions
@@ -70,11 +68,8 @@ def track_recording(
 
 def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress, user: UserInputs) -> None:
     # recording: everything is read and checked before any work is done
-    recording = with_height(open_recording(folder), config.height_m)
-    if user.calibration is not None:
-        recording = with_poses(recording, user.calibration)
-    review = None if user.corrections is None else read_review(user.corrections)
-    frame_range(recording, config.start, config.stop)
+    inputs = read_inputs(folder, config, user)
+    recording, config = inputs.recording, inputs.config
     motions = load_motions(config.motion_file, recording.rate_hz, config.motion)
     total, first_pass = _frame_counts(recording, config)
     work = first_pass + total * (3 if config.smooth else 1)
@@ -82,10 +77,7 @@ def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress,
     # calibration and isolation: clocks, camera poses, the empty room, and who is the patient
     stopwatch = Stopwatch()
     with stopwatch.stage("calibration and background"):
-        room = prepare_room(recording, config, NO_REVIEW if review is None else review_of(review.corrections))
-    inputs = hash_inputs(room, config)
-    if review is not None:
-        require_about(review, room, inputs)
+        room = prepare_room(recording, config, inputs.review)
     run, route = Run(room, config, motions, stopwatch), plan_route(room, config, _counter(progress, work))
 
     # body: the patient's own shape, from a first pass over the first seconds
@@ -101,8 +93,9 @@ def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress,
     with stopwatch.stage("results"):
         write_measured(results, ProcessingConfig(), MeasureConfig())
         pictures = save_pictures(results, draw_chosen(results, room, shape, config.surface))
-        outcome = None if review is None else outcome_of(review, read_joints(results / JOINTS_FILE))
-        account = account_of(run, written, pictures, learnt, user, inputs, outcome)
+        given = inputs.review_file
+        outcome = None if given is None else outcome_of(given, read_joints(results / JOINTS_FILE))
+        account = account_of(run, written, pictures, learnt, inputs, outcome)
         write_run_record(results / RUN_FILE, account)
         write_report(results)
     progress(work, work)

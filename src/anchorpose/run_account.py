@@ -14,15 +14,7 @@ from anchorpose.calibration.calibration import Calibration, PoseSource
 from anchorpose.calibration.clocks import Clocks, clock_notes
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.pairing import CameraGaps, find_gaps
-from anchorpose.recording.reader import input_files
-from anchorpose.results.corrections import (
-    Corrections,
-    JointCorrection,
-    poses_of,
-    require_recording,
-    reviewed_recording,
-)
-from anchorpose.results.corrections_file import read_corrections
+from anchorpose.results.corrections import JointCorrection
 from anchorpose.results.explained import ExplainedSummary
 from anchorpose.results.run_record import (
     CameraRecord,
@@ -30,17 +22,17 @@ from anchorpose.results.run_record import (
     DroppedFrame,
     LostInterval,
     MatchedShares,
+    PatientRecord,
     PictureRecord,
     Residual,
     RunRecord,
     StageTiming,
-    hash_files,
     record_body,
 )
 from anchorpose.results.tables import JointTable
-from anchorpose.tracker.config import TrackConfig
+from anchorpose.track_inputs import ReviewFile, TrackInputs
 from anchorpose.tracker.learning import LearntPatient
-from anchorpose.tracker.room import Room, require_frames
+from anchorpose.tracker.room import Room
 from anchorpose.tracker.run import Run
 
 
@@ -54,51 +46,12 @@ class Written:
     explained: ExplainedSummary
 
 
-@dataclass(frozen=True, slots=True)
-class UserInputs:
-    """Files that the user gives besides the recording; None for what is not given."""
-
-    calibration: Path | None = None
-    corrections: Path | None = None
-
-
-def hash_inputs(room: Room, config: TrackConfig) -> tuple[tuple[str, str], ...]:
-    """(path, hash) of every file of the recording and of the reference movements."""
-    movements = config.motion_file
-    return (
-        *hash_files(input_files(room.recording), room.recording.folder),
-        *(hash_files([movements], movements.parent) if config.motion.uses_database else ()),
-    )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ReviewFile:
-    """A reviewer's file of corrections as it was read, with its hash."""
-
-    path: Path
-    sha256: str
-    corrections: Corrections
-
-
-def read_review(path: Path) -> ReviewFile:
-    """Raises InputError where it is not a file of corrections."""
-    corrections = read_corrections(path)
-    ((_, digest),) = hash_files([path], path.parent)  # now: the viewer may add to it during tracking
-    return ReviewFile(path, digest, corrections)
-
-
-def require_about(review: ReviewFile, room: Room, inputs_sha256: tuple[tuple[str, str], ...]) -> None:
-    """Raises InputError where the corrections are about another recording, another world or frames there are not."""
-    name = room.recording.folder.resolve().name
-    require_recording(review.path, review.corrections, reviewed_recording(name, inputs_sha256, poses_of(room.cameras)))
-    require_frames(review.path, room.review, room.recording)
-
-
-def outcome_of(review: ReviewFile, joints: JointTable) -> CorrectionsRecord:
+def outcome_of(given: ReviewFile, joints: JointTable) -> CorrectionsRecord:
     """Which corrections were honoured, judged by the joints that were written."""
-    corrections = review.corrections
+    corrections = given.corrections
     sentences = tuple(text for text in (_why_not(one, joints) for one in corrections.joints) if text)
-    return CorrectionsRecord(review.path.name, review.sha256, corrections.unusable, corrections.joints, sentences)
+    held = (corrections.unusable, corrections.joints, corrections.patient)
+    return CorrectionsRecord(given.path.name, given.sha256, *held, sentences)
 
 
 def _why_not(correction: JointCorrection, joints: JointTable) -> str | None:
@@ -123,8 +76,7 @@ def account_of(
     written: Written,
     pictures: tuple[PictureRecord, ...],
     learnt: LearntPatient | None,
-    user: UserInputs,
-    inputs_sha256: tuple[tuple[str, str], ...],
+    inputs: TrackInputs,
     corrections: CorrectionsRecord | None,
 ) -> RunRecord:
     """The record of a run that has been through all frames."""
@@ -132,9 +84,11 @@ def account_of(
     return RunRecord(
         recording=room.recording.folder.resolve().name,
         config=config if config.motions is None else replace(config, motions=Path(config.motions).name),
-        inputs_sha256=inputs_sha256,
+        inputs_sha256=inputs.sha256,
+        patient=_patient(room),
         corrections=corrections,
-        cameras=_cameras(room, user),
+        cameras=_cameras(room, inputs.pose_source),
+        floor_height_m=room.calibration.floor_height_m,
         residuals=(*_pose_residuals(room.calibration), *_clock_residuals(room.clocks, gaps)),
         timings=tuple(StageTiming(stage, seconds) for stage, seconds in run.stopwatch.seconds.items()),
         frame_count=len(written.association.matched_share),
@@ -155,9 +109,8 @@ def account_of(
     )
 
 
-def _cameras(room: Room, user: UserInputs) -> tuple[CameraRecord, ...]:
-    """The poses and clocks that were used, and where each pose came from."""
-    source = None if user.calibration is None else PoseSource.FILE
+def _cameras(room: Room, source: PoseSource | None) -> tuple[CameraRecord, ...]:
+    """The poses and clocks that were used, and where each pose came from; source: of all, where they were given."""
     return tuple(
         CameraRecord(camera.name, camera.T_world_camera, (source or pose.source).value, clock.clock)
         for camera, pose, clock in zip(room.cameras, room.calibration.poses, room.clocks.cameras, strict=True)
@@ -194,6 +147,14 @@ def _clock_residuals(clocks: Clocks, gaps: Sequence[CameraGaps]) -> list[Residua
     if clocks.residual_s is not None:
         found.append(Residual(clocks.cameras[0].camera, "clocks, rms of all lags", clocks.residual_s, "s"))
     return found
+
+
+def _patient(room: Room) -> PatientRecord | None:
+    if room.initial_frame is None:
+        return None
+    choice, frame = room.initial_frame.choice, int(room.recording.streams[0].frame[room.initial_frame.frame])
+    (x, z), rival = choice.ground_xz_m.tolist(), choice.rival_xz_m
+    return PatientRecord(frame, (x, z), choice.reason, None if rival is None else (float(rival[0]), float(rival[1])))
 
 
 def _notes(room: Room, learnt: LearntPatient | None) -> list[str]:

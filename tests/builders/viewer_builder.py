@@ -151,6 +151,12 @@ def write_small_results(
         "residuals": [],
         "association": {"matched_share": [None, *[0.97] * (FRAMES - 1)]},
         "dropped": [{"frame": 3, "time_s": 0.2, "why": "front/depth/000003.png is truncated"}],
+        "patient": {
+            "frame": 2,
+            "xz_m": [0.1, 0.05],
+            "reason": "was seen in place in 9 of 9 frames, of 2 people",
+            "rival_xz_m": [0.4, -0.9],
+        },
         "body": {"coefficients": [0.0] * 16},
         "notes": [],
         "inputs_sha256": dict(hash_files(input_files(opened), recording)),

@@ -13,9 +13,11 @@ import pytest
 from recording_builder import edit_json
 
 from anchorpose.errors import InputError
+from anchorpose.recording.recording import Clock
 from anchorpose.results.corrections import (
     Corrections,
     JointCorrection,
+    NamedPatient,
     ReviewedRecording,
     Signature,
     UnusableInterval,
@@ -48,12 +50,17 @@ def knee(x: float = 0.1, who: str = "AB") -> JointCorrection:
     )  # fmt: skip
 
 
+def patient(z: float = 0.3, who: str = "AB") -> NamedPatient:
+    return NamedPatient(frame=7, time_s=0.7, position_m=(0.1, 1.1, z), reason="the other one", who=who, when=WHEN)
+
+
 def reviewed() -> ReviewedRecording:
-    return reviewed_recording("ward", HASHES, {"front": POSE, "left": None})
+    clocks = {"front": Clock(), "left": Clock(ahead_s=1.5, drift=-2e-5, at_s=3.0)}
+    return reviewed_recording("ward", HASHES, {"front": POSE, "left": None}, clocks, -0.005)
 
 
 def written(path: Path) -> Path:
-    write_corrections(path, Corrections(reviewed()).added(INTERVAL).added(knee(0.2)).added(knee()))
+    write_corrections(path, Corrections(reviewed()).added(INTERVAL).added(knee(0.2)).added(knee()).added(patient()))
     return path
 
 
@@ -65,6 +72,7 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     require_recording(tmp_path / "c.json", found, reviewed())
     assert np.array_equal(found.recording.T_world_camera["front"], POSE)
     assert found.recording.T_world_camera["left"] is None
+    assert (found.recording.clocks, found.recording.floor_height_m) == (reviewed().clocks, -0.005)
 
 
 def test_nothing_that_was_ever_said_leaves_the_file(tmp_path: Path) -> None:
@@ -91,6 +99,36 @@ def test_taking_back_a_second_correction_makes_the_first_one_hold_again(tmp_path
     assert held.withdrawn == ((third, by), (second, by), (first, by))
     again = held.added(replace(second, who="EF"))
     assert again.taken_back(again.joints[-1], by).joints == (elsewhere,)  # what was taken back itself stays so
+
+
+def test_who_the_patient_is_holds_once_and_comes_back(tmp_path: Path) -> None:
+    first, second = patient(), replace(patient(0.9), frame=4, when="2026-03-01T09:31:00Z")  # of the knee's frame
+    held = Corrections(reviewed()).added(first).added(knee()).added(INTERVAL).added(second)
+    write_corrections(tmp_path / "c.json", held)
+    found = read_corrections(tmp_path / "c.json")
+    assert (found.patient, found.joints, found.unusable) == (second, (knee(),), (INTERVAL,))
+    assert found.withdrawn == ((first, Signature("AB", second.when)),)
+    by = Signature("CD", "2026-03-02T10:00:00Z")
+    write_corrections(tmp_path / "c.json", found.taken_back(second, by))
+    found = read_corrections(tmp_path / "c.json")
+    assert (found.patient, found.withdrawn) == (first, ((second, by),))
+    assert found.taken_back(first, by).patient is None
+    with pytest.raises(ValueError, match="no such correction"):
+        found.taken_back(second, by)
+
+
+def test_a_file_without_patient_and_clocks_is_one_of_an_older_release(tmp_path: Path) -> None:
+    path = written(tmp_path / "c.json")
+
+    def older(document: dict[str, Any]) -> None:
+        document.pop("patient")
+        document["recording"].pop("floor_height_m")
+        for camera in document["recording"]["cameras"]:
+            camera.pop("clock")
+
+    edit_json(path, older)
+    found = read_corrections(path)
+    assert (found.patient, found.recording.clocks, found.recording.floor_height_m) == (None, {}, None)
 
 
 def test_the_file_keeps_what_it_held_where_writing_fails(tmp_path: Path) -> None:
@@ -140,10 +178,15 @@ def test_corrections_of_another_recording_or_world_are_refused(tmp_path: Path) -
 
 
 def test_the_recording_of_a_run_is_read_from_its_record() -> None:
-    cameras = [{"name": "front", "camera_to_world": POSE.tolist()}, {"name": "left", "camera_to_world": None}]
+    clock = {"ahead_s": 1.5, "drift": -2e-5, "at_s": 3.0}
+    cameras = [
+        {"name": "front", "camera_to_world": POSE.tolist()},
+        {"name": "left", "camera_to_world": None, "clock": clock},
+    ]
     run = {"recording": "ward", "inputs_sha256": dict(HASHES), "cameras": cameras}
     assert recording_of_run(run).sha256 == reviewed().sha256
     assert np.array_equal(recording_of_run(run).T_world_camera["front"], POSE)
+    assert recording_of_run(run).clocks == {"left": Clock(**clock)}
 
 
 def test_a_run_that_states_corrections_which_are_none_is_refused() -> None:
@@ -177,6 +220,9 @@ def test_the_time_of_now_is_one_that_the_file_accepts(tmp_path: Path) -> None:
         (lambda d: d["unusable"][0].update(end_s=0.1), r"unusable\[0\].end_s is 0.1, before"),
         (lambda d: d["unusable"][0].update(who=" "), r'unusable\[0\].who is " "; it must have at least 1 character'),
         (lambda d: d["unusable"][0].update(when="2026-03-01T09:30:00"), r"unusable\[0\].when .* write the time in UTC"),
+        (lambda d: d["patient"].update(position_m=[1, 2]), r"patient.position_m is not a list of 3"),
+        (lambda d: d["patient"].update(joint="Head"), r"patient"),
+        (lambda d: d["patient"].pop("who"), r"the key 'patient.who' is missing|patient.*'who'"),
         (lambda d: d["withdrawn"][0]["entry"].update(joint="Hip"), r"withdrawn\[0\].entry.joint is 'Hip'"),
     ],
 )  # fmt: skip

@@ -82,6 +82,61 @@ def test_a_joint_is_put_on_the_point_that_is_clicked(viewer: Any, server: Viewer
     assert np.linalg.norm(np.array(found.position_m) - place["world"]) < 0.08
 
 
+POINT_OF = (  # where a point with a label is drawn, and where it is
+    "([label, wanted]) => { const c = anchorpose.frames.points.cameras[0],"
+    " p = c.points.geometry.getAttribute('pixel').array;"
+    " for (let i = 0; i < c.count; i++) if ((p[4 * i + 3] & 255) === label && p[4 * i + 1] === wanted) {"
+    " const w = anchorpose.frames.points.place(c, p, i), s = anchorpose.view.project(w);"
+    " return { screen: s, world: w }; } }"
+)
+
+
+def click_at(page: Any, place: dict[str, Any]) -> None:
+    page.locator("#scene").click(position={"x": place["screen"][0], "y": place["screen"][1]})
+
+
+def test_the_patient_is_named_by_a_click_and_the_page_says_what_to_run(viewer: Any, server: ViewerServer) -> None:
+    for key in ("5", "ArrowRight", "ArrowRight", "n"):  # 5: as the first depth camera sees it
+        viewer.keyboard.press(key)
+    until(viewer, lambda: viewer.evaluate("!anchorpose.frames.missing"))
+    assert viewer.locator("#corrections-next").is_hidden()
+    told = viewer.locator("#name-tracked").inner_text()
+    assert told.startswith("Tracked: the person at x 0.10, z 0.05 m in frame 2, who was seen in place")
+    assert told.endswith("The person at x 0.40, z -0.90 m may be the patient as well.")
+    other = viewer.evaluate(POINT_OF, [5, 88])
+    click_at(viewer, other)
+    until(viewer, lambda: viewer.evaluate("document.querySelector('#sign').open"))
+    assert "in frame 2" in viewer.locator("#sign-title").inner_text()
+    sign(viewer, "the therapist was tracked")
+    found = file_of(server).patient
+    assert found is not None
+    assert (found.frame, found.reason) == (2, "the therapist was tracked")
+    assert np.linalg.norm(np.array(found.position_m) - other["world"]) < 0.15
+    assert "in frame 2. Track again" in viewer.locator("#name-state").inner_text()
+    assert (
+        viewer.locator("#corrections-command")
+        .inner_text()
+        .strip()
+        .endswith('-o NEW-RESULTS --corrections "results.corrections.json"')
+    )
+    assert "the patient is here: the therapist was tracked (AB)" in viewer.locator("#corrections").inner_text()
+    viewer.keyboard.press("Control+z")
+    until(viewer, lambda: file_of(server).patient is None)
+    until(viewer, lambda: "another person than the patient" in viewer.locator("#name-state").inner_text())
+
+
+def test_a_click_on_nobody_names_nobody(viewer: Any, server: ViewerServer) -> None:
+    for key in ("5", "r", "n"):
+        viewer.keyboard.press(key)
+    until(viewer, lambda: viewer.evaluate("!anchorpose.frames.missing"))
+    click_at(viewer, viewer.evaluate(POINT_OF, [0, 30]))
+    until(viewer, lambda: "never moves, track with --patient" in viewer.locator("#status").inner_text())
+    assert not viewer.evaluate("document.querySelector('#sign').open")
+    viewer.keyboard.press("Escape")
+    assert viewer.locator("#name-start").get_attribute("aria-pressed") == "false"
+    assert not server.api.corrections.path.exists()
+
+
 def test_the_gizmo_moves_a_joint(viewer: Any) -> None:
     viewer.keyboard.press("]")
     viewer.keyboard.press("e")

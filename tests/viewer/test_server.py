@@ -5,6 +5,7 @@ from __future__ import annotations
 import http.client
 import json
 import os
+import re
 import shutil
 import signal
 import socket
@@ -32,7 +33,7 @@ from anchorpose.viewing import opened_page
 
 INTERVAL = {"first_frame": 2, "last_frame": 8, "reason": "a curtain", "who": "AB"}
 KNEE = {"frame": 4, "joint": "KneeLeft", "position_m": [0.1, 0.5, -0.1], "sigma_m": 0.02, "reason": "x", "who": "AB"}
-
+PATIENT = {"frame": 4, "position_m": [0.1, 1.0, 0.0], "reason": "the other one", "who": "AB"}
 
 pytest_plugins = ("viewer_fixtures",)
 
@@ -209,6 +210,60 @@ def test_taking_back_wrongly_changes_nothing(server: ViewerServer, wrong: dict[s
     assert tell(server, "corrections/take-back", {})[0] == 400
 
 
+def test_a_pixel_of_a_person_is_a_place_in_the_world(server: ViewerServer) -> None:
+    status, content, _ = ask(server, "place?position=4&camera=front&column=48&row=60")
+    assert status == 200  # the middle of the trunk: 2.3 m before a camera at x 2.4 m that looks along -x
+    assert json.loads(content)["position_m"] == pytest.approx([0.1, 1.0 + 4 / 110 * 2.3, 0.0], abs=0.03)
+    status, content, _ = ask(server, "place?position=4&camera=right&column=11&row=100")  # who walks by, 1.9 m away
+    assert status == 200
+    assert json.loads(content)["position_m"] == pytest.approx([-37 / 110 * 1.9, 1.0 - 36 / 110 * 1.9, 0.5], abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("column", "row", "told"),
+    [
+        (90, 20, r"room or the equipment.*track with --patient -1\.10,-1\.\d+@4"),
+        (32, 82, "room or the equipment"),
+        (48, 1, "no reading here; click on the trunk"),
+    ],
+)
+def test_a_pixel_of_nobody_is_refused_with_a_sentence(server: ViewerServer, column: int, row: int, told: str) -> None:
+    status, content, _ = ask(server, f"place?position=4&camera=front&column={column}&row={row}")
+    answer = json.loads(content)
+    assert (status, answer["position_m"]) == (200, None)
+    assert re.search(told, answer["why"])
+
+
+@pytest.mark.parametrize(
+    ("query", "told"),
+    [
+        ("position=4&camera=front&column=96&row=20", "no pixel at column 96"),
+        ("position=4&camera=top&column=4&row=20", "no camera 'top'"),
+        ("position=99&camera=front&column=4&row=20", "no frame 99"),
+        ("position=4&camera=front&column=a&row=20", "."),
+    ],
+)
+def test_a_pixel_that_there_is_not_is_refused(server: ViewerServer, query: str, told: str) -> None:
+    status, content, _ = ask(server, f"place?{query}")
+    assert status == 400
+    assert re.search(told, json.loads(content)["error"])
+
+
+def test_who_the_patient_is_can_be_changed_and_taken_back(server: ViewerServer) -> None:
+    first, second = ({**PATIENT, "frame": frame, "position_m": [0.1, 1.0, z]} for frame, z in ((4, 0.0), (7, 0.5)))
+    assert tell(server, "corrections/add", first)[1]["patient"]["time_s"] == pytest.approx(4 / 15, abs=1e-6)
+    _, held = tell(server, "corrections/add", second)
+    found = read_corrections(server.api.corrections.path)
+    assert found.patient is not None
+    assert (found.patient.frame, found.patient.xz_m) == (7, (0.1, 0.5))
+    assert [entry.frame for entry, _ in found.withdrawn] == [4]
+    _, held = tell(server, "corrections/take-back", {"entry": held["patient"], "who": "CD"})
+    assert held["patient"]["frame"] == 4
+    _, held = tell(server, "corrections/take-back", {"entry": held["patient"], "who": "CD"})
+    assert held["patient"] is None
+    assert [entry.frame for entry, _ in read_corrections(server.api.corrections.path).withdrawn] == [7, 4]
+
+
 def test_two_who_correct_at_once_lose_nothing(server: ViewerServer) -> None:
     with ThreadPoolExecutor(8) as pool:
         answers = list(pool.map(lambda frame: tell(server, "corrections/add", {**KNEE, "frame": frame}), range(24)))
@@ -274,7 +329,7 @@ def test_a_second_round_of_review_keeps_what_the_first_one_found(tmp_path: Path,
     path.unlink()
     reviewed = tmp_path / "reviewed"
     shutil.copytree(small[0], reviewed)
-    record = CorrectionsRecord(path.name, "a" * 64, said.unusable, said.joints)
+    record = CorrectionsRecord(path.name, "a" * 64, said.unusable, said.joints, said.patient)
     edit_json(reviewed / "run.json", lambda run: run.update(corrections=as_json(record)))
     with viewer_of(reviewed) as second:
         shown = json.loads(ask(second, "corrections")[1])

@@ -13,6 +13,7 @@ class PoseSource(StrEnum):
 
     GIVEN = "given"
     FILE = "given by a calibration file"
+    RESULTS = "those of the corrected results"
     EQUIPMENT = "found from the equipment"
     MARKERS = "found from markers"
     FLOOR = "floor and patient"

@@ -7,7 +7,7 @@ of a second, with or without poses. Where the poses are known, the surfaces that
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
@@ -50,6 +50,7 @@ class ClockSource(StrEnum):
     """How a camera's clock is known; people read it in the run's notes."""
 
     REFERENCE = "the reference"
+    RESULTS = "that of the corrected results"
     SURFACES = "from the surfaces it shares with other cameras"
     SIGNALS = "from how much moves at each height, to a twentieth of a second"
     KEPT = "kept as it is"
@@ -104,6 +105,12 @@ def settle_clocks(recording: Recording, cameras: Sequence[Camera], config: Clock
     levels = [_level(frames, index) if wanted else None for index in range(len(cameras))]
     clocks = estimate_clocks(frames, levels, config)
     return align_clocks(recording, clocks.clocks), clocks
+
+
+def clocks_of_results(cameras: Sequence[Camera], known: Mapping[str, Clock]) -> Clocks:
+    """The clocks of an earlier run of the same recording, by the camera's name, instead of the estimate."""
+    others = (CameraClock(camera.name, known[camera.name], ClockSource.RESULTS) for camera in cameras[1:])
+    return Clocks((_reference(cameras), *others), None, 0)
 
 
 def _level(frames: RecordedFrames, index: int) -> Level | None:
@@ -183,6 +190,9 @@ def clock_notes(clocks: Clocks) -> tuple[str, ...]:
 def _sentence(found: CameraClock, first: str) -> str:
     if found.doubt is not None:
         return f"the clock of camera {found.camera} was used as it is: {found.doubt.value}"
+    if found.source is ClockSource.RESULTS:
+        used = "was used as it is, as in" if found.clock == Clock() else "was corrected as in"
+        return f"the clock of camera {found.camera} {used} the corrected results"
     ahead = f"{abs(found.clock.ahead_s):.4f} s {'ahead of' if found.clock.ahead_s > 0 else 'behind'}"
     sigma = f"± {found.sigma_s:.4f} s"
     drift = ""

@@ -33,8 +33,8 @@ class TrackOptions:
     recording. Without it, poses that are null in recording.json are estimated."""
 
     corrections: Path | None = None
-    """A file of corrections made in 'anchorpose view': frames that were marked as unusable get no joints, and corrected
-    joints are where the reviewer put them."""
+    """A file of corrections made in 'anchorpose view': the person who was named is tracked, frames that were marked as
+    unusable get no joints, and corrected joints are where the reviewer put them."""
 
     motions: Path | None = None
     """A file of reference movements made by 'anchorpose motions build', to predict from instead of those that come with

@@ -35,9 +35,9 @@ def view(results: Path, recording: Path | None = None, /, *, options: ViewOption
     """Look at results in the browser, and mark what is wrong with them.
 
     Plays the patient's skeleton and body at recorded speed, with the points of the depth cameras around them and the
-    angle curves beside. Press ? in the page for all keys. What you mark (parts of the recording that are unusable,
-    joints that are in the wrong place) is saved at once; 'anchorpose track --corrections FILE' uses it. Nothing leaves
-    this computer. Stop with Ctrl+C.
+    angle curves beside. Press ? in the page for all keys. What you mark (who the patient is, parts of the
+    recording that are unusable, joints that are in the wrong place) is saved at once; 'anchorpose track --corrections
+    FILE' uses it. Nothing leaves this computer. Stop with Ctrl+C.
 
     Parameters
     ----------

@@ -73,7 +73,15 @@ def corrections(session: Session) -> list[str]:
         f"{_signed(entry)}"
         for entry in record["joints"]
     ]
-    return [*unusable, *joints, f"These are from {record['file']}, SHA-256 {record['sha256']}."]
+    patient = record.get("patient")  # older results have none
+    named = [] if patient is None else [_named(patient)]
+    return [*named, *unusable, *joints, f"These are from {record['file']}, SHA-256 {record['sha256']}."]
+
+
+def _named(patient: dict[str, Any]) -> str:
+    x, _, z = patient["position_m"]
+    where = f"at x {x:.2f} m, z {z:.2f} m in frame {patient['frame']} ({patient['time_s']:.2f} s)"
+    return f"The patient was named: the person {where}: {_signed(patient)}"
 
 
 def _signed(entry: dict[str, Any]) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final
@@ -21,6 +21,7 @@ from anchorpose.camera import Camera
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.recording.document import Text, Whole, numbers
+from anchorpose.recording.recording import Clock
 from anchorpose.settings import STRICT, Unfit, nearest_key
 
 SAME_WORLD_M: Final = 0.001
@@ -32,16 +33,23 @@ a joint then moves by a millimetre or two, less than anybody can place it by han
 class ReviewedRecording:
     """What corrections are about: a name for people, a hash of depth images and times, and the world by its cameras.
 
-    T_world_camera: (4, 4) by name; None for a camera that was not used for want of a pose.
+    T_world_camera: (4, 4) by name; None for a camera that was not used for want of a pose. clocks, by name, and the
+    height of the floor: as they were used, so that they need not be found again; none where this is not known.
     """
 
     name: str
     sha256: str
     T_world_camera: dict[str, np.ndarray | None]
+    clocks: dict[str, Clock] = field(default_factory=dict)
+    floor_height_m: float | None = None
 
 
 def reviewed_recording(
-    name: str, inputs_sha256: Iterable[tuple[str, str]], T_world_camera: dict[str, np.ndarray | None]
+    name: str,
+    inputs_sha256: Iterable[tuple[str, str]],
+    T_world_camera: dict[str, np.ndarray | None],
+    clocks: dict[str, Clock] | None = None,
+    floor_height_m: float | None = None,
 ) -> ReviewedRecording:
     """inputs_sha256: (path in the recording folder, hash) as in run.json.
 
@@ -52,7 +60,8 @@ def reviewed_recording(
         for path, digest in inputs_sha256
         if path.endswith("/timestamps.csv") or Path(path).parent.name == "depth"
     )
-    return ReviewedRecording(name, hashlib.sha256("".join(lines).encode()).hexdigest(), T_world_camera)
+    digest = hashlib.sha256("".join(lines).encode()).hexdigest()
+    return ReviewedRecording(name, digest, T_world_camera, clocks or {}, floor_height_m)
 
 
 def recording_of_run(run: dict[str, Any]) -> ReviewedRecording:
@@ -61,7 +70,9 @@ def recording_of_run(run: dict[str, Any]) -> ReviewedRecording:
         camera["name"]: None if camera["camera_to_world"] is None else np.array(camera["camera_to_world"])
         for camera in run["cameras"]
     }
-    return reviewed_recording(run["recording"], run["inputs_sha256"].items(), poses)
+    clocks = {camera["name"]: Clock(**camera["clock"]) for camera in run["cameras"] if camera.get("clock")}
+    floor_m = run.get("floor_height_m")  # older results do not state it
+    return reviewed_recording(run["recording"], run["inputs_sha256"].items(), poses, clocks, floor_m)
 
 
 def poses_of(cameras: Iterable[Camera]) -> dict[str, np.ndarray | None]:
@@ -164,52 +175,88 @@ class JointCorrection:
     when: Utc
 
 
-Correction = UnusableInterval | JointCorrection
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NamedPatient:
+    """Who the patient is: a point on the person's surface in one frame, world frame."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    frame: Frame
+    time_s: Seconds
+    position_m: Position
+    reason: Text
+    who: Text
+    when: Utc
+
+    @property
+    def xz_m(self) -> tuple[float, float]:
+        """The place on the floor."""
+        return self.position_m[0], self.position_m[2]
+
+
+Correction = UnusableInterval | JointCorrection | NamedPatient
+
+
+def _subject(entry: Correction) -> tuple[int, str] | str | None:
+    """What an entry is about, of which one entry holds at a time: a joint in a frame, or who the patient is; None for
+    an interval, of which any number may hold."""
+    if isinstance(entry, JointCorrection):
+        return entry.frame, entry.joint
+    return "patient" if isinstance(entry, NamedPatient) else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Corrections:
-    """The corrections that hold, and those that were taken back (by whom, when)."""
+    """The corrections that hold, and those that were taken back (by whom, when). patient: None where nobody was
+    named."""
 
     recording: ReviewedRecording
     unusable: tuple[UnusableInterval, ...] = ()
     joints: tuple[JointCorrection, ...] = ()
+    patient: NamedPatient | None = None
     withdrawn: tuple[tuple[Correction, Signature], ...] = ()
 
+    @property
+    def valid(self) -> tuple[Correction, ...]:
+        """All that hold."""
+        return (*self.unusable, *self.joints, *(() if self.patient is None else (self.patient,)))
+
     def added(self, entry: Correction) -> Corrections:
-        """With one more entry; an earlier correction of the same joint in the same frame is withdrawn by it."""
-        if isinstance(entry, UnusableInterval):
-            return replace(self, unusable=(*self.unusable, entry))
-        same = [old for old in self.joints if (old.frame, old.joint) == (entry.frame, entry.joint)]
+        """With one more entry; an earlier one about the same joint in the same frame, or about who the patient is, is
+        withdrawn by it."""
+        about = _subject(entry)
+        same = [old for old in self.valid if about is not None and _subject(old) == about]
         by = Signature(entry.who, entry.when)
-        return replace(
-            self,
-            joints=(*(old for old in self.joints if old not in same), entry),
-            withdrawn=(*self.withdrawn, *((old, by) for old in same)),
+        return self._holding(
+            (*(old for old in self.valid if old not in same), entry), (*self.withdrawn, *((old, by) for old in same))
         )
 
     def taken_back(self, entry: Correction, by: Signature) -> Corrections:
         """Without ``entry``, which moves to ``withdrawn``; what it had replaced holds again. Raises ValueError where it
         does not hold."""
-        if entry not in (*self.unusable, *self.joints):
+        if entry not in self.valid:
             raise ValueError("there is no such correction (any more)")
         before = self._replaced_by(entry)
-        return replace(
-            self,
-            unusable=tuple(old for old in self.unusable if old != entry),
-            joints=(*(old for old in self.joints if old != entry), *(old for old, _ in before)),
-            withdrawn=(*(pair for pair in self.withdrawn if pair not in before), (entry, by)),
+        return self._holding(
+            (*(old for old in self.valid if old != entry), *(old for old, _ in before)),
+            (*(pair for pair in self.withdrawn if pair not in before), (entry, by)),
         )
 
-    def _replaced_by(self, entry: Correction) -> tuple[tuple[JointCorrection, Signature], ...]:
-        """The withdrawal, one at most, that ``added`` made for ``entry``: of its joint and frame, signed as it is."""
-        signed = Signature(entry.who, entry.when)
+    def _holding(
+        self, valid: tuple[Correction, ...], withdrawn: tuple[tuple[Correction, Signature], ...]
+    ) -> Corrections:
+        return Corrections(
+            self.recording,
+            tuple(entry for entry in valid if isinstance(entry, UnusableInterval)),
+            tuple(entry for entry in valid if isinstance(entry, JointCorrection)),
+            next((entry for entry in valid if isinstance(entry, NamedPatient)), None),
+            withdrawn,
+        )
+
+    def _replaced_by(self, entry: Correction) -> tuple[tuple[Correction, Signature], ...]:
+        """The withdrawal, one at most, that ``added`` made for ``entry``: of what it is about, signed as it is."""
+        about, signed = _subject(entry), Signature(entry.who, entry.when)
         found = [
-            (old, by)
-            for old, by in self.withdrawn
-            if isinstance(entry, JointCorrection)
-            and isinstance(old, JointCorrection)
-            and (old.frame, old.joint, by) == (entry.frame, entry.joint, signed)
+            (old, by) for old, by in self.withdrawn if about is not None and (_subject(old), by) == (about, signed)
         ]
         return tuple(found[-1:])
 

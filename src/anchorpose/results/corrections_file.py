@@ -8,14 +8,17 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal, cast
 
 import numpy as np
-from pydantic import Discriminator, Tag, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from anchorpose.recording.document import Entry, Text, Version, numbers, read_document, validate
+from anchorpose.recording.recording import Clock
 from anchorpose.results.corrections import (
     Correction,
     Corrections,
     JointCorrection,
+    NamedPatient,
     ReviewedRecording,
+    Seconds,
     Signature,
     UnusableInterval,
     Utc,
@@ -28,12 +31,16 @@ CORRECTIONS_FORMAT: Final = "anchorpose-corrections"
 
 
 def _kind_of(value: Any) -> str:
-    """A correction is of a joint where it has the key ``joint``, else of an interval."""
-    return "JointCorrection" if isinstance(value, dict) and "joint" in value else "UnusableInterval"
+    """A correction is of a joint where it has the key ``joint``, else of the patient where it has a place."""
+    if not isinstance(value, dict):
+        return "UnusableInterval"
+    return "JointCorrection" if "joint" in value else "NamedPatient" if "position_m" in value else "UnusableInterval"
 
 
 AnyCorrection = Annotated[
-    Annotated[UnusableInterval, Tag("UnusableInterval")] | Annotated[JointCorrection, Tag("JointCorrection")],
+    Annotated[UnusableInterval, Tag("UnusableInterval")]
+    | Annotated[JointCorrection, Tag("JointCorrection")]
+    | Annotated[NamedPatient, Tag("NamedPatient")],
     Discriminator(_kind_of),
 ]
 
@@ -46,11 +53,20 @@ class WithdrawalEntry(Entry):
     when: Utc
 
 
+class ClockEntry(Entry):
+    """See ``recording.Clock``."""
+
+    ahead_s: Seconds
+    drift: Annotated[float, Field(gt=-1, description="seconds per second")]
+    at_s: Seconds
+
+
 class CameraEntry(Entry):
-    """A camera and its pose, if it was used."""
+    """A camera and its pose, if it was used, and its clock, if the results state it."""
 
     name: Text
     camera_to_world: Annotated[np.ndarray, numbers(4, 4, meaning="the pose as a 4 x 4 matrix")] | None = None
+    clock: ClockEntry | None = None
 
 
 class RecordingEntry(Entry):
@@ -59,6 +75,7 @@ class RecordingEntry(Entry):
     name: Text
     sha256: Text
     cameras: tuple[CameraEntry, ...]
+    floor_height_m: Annotated[float, Field(description="metres, along the world's Y")] | None = None
 
 
 class HeldEntry(Entry):
@@ -66,6 +83,7 @@ class HeldEntry(Entry):
 
     unusable: tuple[UnusableInterval, ...]
     joints: tuple[JointCorrection, ...]
+    patient: NamedPatient | None = None
 
     @model_validator(mode="after")
     def _require_each_joint_once(self) -> HeldEntry:
@@ -108,10 +126,12 @@ def read_corrections(path: Path) -> Corrections:
     document = read_document(path, CorrectionsDocument)
     about = document.recording
     poses = {camera.name: camera.camera_to_world for camera in about.cameras}
+    clocks = {camera.name: Clock(**camera.clock.model_dump()) for camera in about.cameras if camera.clock is not None}
     return Corrections(
-        ReviewedRecording(about.name, about.sha256, poses),
+        ReviewedRecording(about.name, about.sha256, poses, clocks, about.floor_height_m),
         document.unusable,
         document.joints,
+        document.patient,
         tuple((taken.entry, Signature(taken.who, taken.when)) for taken in document.withdrawn or ()),
     )
 
@@ -123,23 +143,31 @@ def corrections_of_run(path: Path, run: dict[str, Any]) -> Corrections:
     """
     held = validate(path, RunEntry, {"corrections": run.get("corrections")}).corrections
     recording = recording_of_run(run)
-    return Corrections(recording) if held is None else Corrections(recording, held.unusable, held.joints)
+    return Corrections(recording) if held is None else Corrections(recording, held.unusable, held.joints, held.patient)
 
 
 def write_corrections(path: Path, corrections: Corrections) -> None:
     """Write the whole file or leave it as it was; raises InputError for corrections that could not be read back."""
     recording = corrections.recording
-    poses = recording.T_world_camera.items()
     document = {
         "format": CORRECTIONS_FORMAT,
         "version": 1,
         "recording": {
             "name": recording.name,
             "sha256": recording.sha256,
-            "cameras": [{"name": n, "camera_to_world": None if T is None else T.tolist()} for n, T in poses],
+            "cameras": [
+                {
+                    "name": name,
+                    "camera_to_world": None if pose is None else pose.tolist(),
+                    "clock": asdict(recording.clocks[name]) if name in recording.clocks else None,
+                }
+                for name, pose in recording.T_world_camera.items()
+            ],
+            "floor_height_m": recording.floor_height_m,
         },
         "unusable": [asdict(entry) for entry in corrections.unusable],
         "joints": [asdict(entry) for entry in corrections.joints],
+        "patient": None if corrections.patient is None else asdict(corrections.patient),
         "withdrawn": [{"entry": asdict(entry), "who": by.who, "when": by.when} for entry, by in corrections.withdrawn],
     }
     text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)

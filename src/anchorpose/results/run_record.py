@@ -19,7 +19,7 @@ from anchorpose.body.learning import ShapeBelief, bone_lengths, standing_height
 from anchorpose.errors import InputError
 from anchorpose.recording.document import read_json
 from anchorpose.recording.recording import Clock
-from anchorpose.results.corrections import JointCorrection, UnusableInterval
+from anchorpose.results.corrections import JointCorrection, NamedPatient, UnusableInterval
 from anchorpose.results.explained import ExplainedSummary
 from anchorpose.versions import code_digest, versions
 
@@ -142,6 +142,17 @@ class LostInterval:
 
 
 @dataclass(frozen=True, slots=True)
+class PatientRecord:
+    """Who was taken to be the patient: the place (x, z, metres) in the initial frame, and why, as the end of a sentence
+    that begins with "who"; rival_xz_m: somebody else who may be the patient as well."""
+
+    frame: int
+    xz_m: tuple[float, float]
+    reason: str
+    rival_xz_m: tuple[float, float] | None
+
+
+@dataclass(frozen=True, slots=True)
 class CorrectionsRecord:
     """The corrections file: name, hash and entries, and a sentence for each correction that could not be followed."""
 
@@ -149,6 +160,7 @@ class CorrectionsRecord:
     sha256: str
     unusable: tuple[UnusableInterval, ...]
     joints: tuple[JointCorrection, ...]
+    patient: NamedPatient | None
     not_honoured: tuple[str, ...] = ()
 
 
@@ -172,6 +184,7 @@ class RunRecord:
     config: Any  # the resolved configuration, a dataclass of stage configurations
     inputs_sha256: tuple[tuple[str, str], ...]  # (path in the recording folder, hash)
     cameras: tuple[CameraRecord, ...]
+    floor_height_m: float | None = None  # Y of the floor in the world, None where no camera sees it
     residuals: tuple[Residual, ...] = ()
     timings: tuple[StageTiming, ...] = ()
     frame_count: int = 0
@@ -180,6 +193,7 @@ class RunRecord:
     lost: tuple[LostInterval, ...] = ()
     explained: ExplainedSummary | None = None  # None where no frame was tracked
     body: BodyRecord | None = None  # None where the patient was never found
+    patient: PatientRecord | None = None  # None where nobody was tracked
     corrections: CorrectionsRecord | None = None
     pictures: tuple[PictureRecord, ...] = ()
     notes: tuple[str, ...] = ()  # sentences for people: what was assumed, what needs care
@@ -216,6 +230,7 @@ def write_run_record(path: Path, record: RunRecord) -> None:
         "recording": record.recording,
         "frame_count": record.frame_count,
         "cameras": as_json(record.cameras),
+        "floor_height_m": record.floor_height_m,
         "residuals": as_json(record.residuals),
         "timings": as_json(record.timings),
         "association": as_json(record.association),
@@ -223,6 +238,7 @@ def write_run_record(path: Path, record: RunRecord) -> None:
         "lost": as_json(record.lost),
         "explained": as_json(record.explained),
         "body": as_json(record.body),
+        "patient": as_json(record.patient),
         "corrections": as_json(record.corrections),
         "pictures": as_json(record.pictures),
         "notes": as_json(record.notes),

@@ -16,7 +16,7 @@ from anchorpose.body.initial import FirstShape, find_first_pose
 from anchorpose.body.learning import shape_of_height
 from anchorpose.body.skin_points import body_points
 from anchorpose.calibration.calibration import Calibration, PoseRecord, PoseSource
-from anchorpose.calibration.clocks import Clocks, settle_clocks
+from anchorpose.calibration.clocks import Clocks, clocks_of_results, settle_clocks
 from anchorpose.calibration.world import find_world
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
@@ -25,7 +25,7 @@ from anchorpose.isolation.background import BackgroundModel
 from anchorpose.isolation.empty_room import learn_background
 from anchorpose.isolation.scene import Scene, set_scene
 from anchorpose.recording.reader import read_frame
-from anchorpose.recording.recording import FrameSet, Recording
+from anchorpose.recording.recording import FrameSet, Recording, align_clocks
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.initial_frame import rank_initial_frames, ranked_by_view, with_best_initial_frame
 from anchorpose.tracker.isolating import observe_first
@@ -54,19 +54,20 @@ class Settled:
 
 def prepare_room(recording: Recording, config: TrackConfig, review: Review = NO_REVIEW) -> Room:
     """Everything that is known before the first frame is followed."""
-    return with_best_initial_frame(furnish_room(settle(recording, config), config, review), config)
+    return with_best_initial_frame(furnish_room(settle(recording, config, review), config, review), config)
 
 
-def settle(recording: Recording, config: TrackConfig) -> Settled:
+def settle(recording: Recording, config: TrackConfig, review: Review = NO_REVIEW) -> Settled:
     """Time and place of all cameras; clocks come out sharper with poses, poses found from people sharper with clocks.
 
-    Raises InputError where a pose cannot be found.
+    Clocks and floor of the results that were reviewed are used as they are. Raises InputError where a pose cannot be
+    found.
     """
     unplaced = len(recording.cameras) > 1 and any(camera.T_world_camera is None for camera in recording.cameras)
     by_people = unplaced and recording.equipment is None
-    settled = _settled(recording, recording.cameras, config, rough_clocks=by_people)
     if not unplaced:
-        return settled
+        return _settled(recording, recording.cameras, config, review)
+    settled = _settled(recording, recording.cameras, config, rough_clocks=by_people)
     if by_people:
         return _settled(recording, settled.calibration.cameras, config)
     timed, clocks = settle_clocks(recording, settled.calibration.cameras, config.clocks)
@@ -75,19 +76,33 @@ def settle(recording: Recording, config: TrackConfig) -> Settled:
 
 
 def _settled(
-    recording: Recording, cameras: Sequence[Camera], config: TrackConfig, rough_clocks: bool = False
+    recording: Recording,
+    cameras: Sequence[Camera],
+    config: TrackConfig,
+    review: Review = NO_REVIEW,
+    rough_clocks: bool = False,
 ) -> Settled:
     """Clocks by what is known of the cameras' poses, then the poses that are not given."""
-    timed, clocks = settle_clocks(recording, cameras, config.clocks)
+    if config.clocks.estimate and all(camera.name in review.clocks for camera in cameras):
+        clocks = clocks_of_results(cameras, review.clocks)
+        timed = align_clocks(recording, clocks.clocks)
+    else:
+        timed, clocks = settle_clocks(recording, cameras, config.clocks)
     chosen, samples = sample_recording(timed, config)
     calibration = calibrate(timed, samples, config, rough_clocks)
+    if review.floor_height_m is not None:
+        calibration = replace(calibration, floor_height_m=review.floor_height_m)
     return Settled(timed, clocks, calibration, tuple(chosen), tuple(samples))
 
 
 def calibrate(
     recording: Recording, samples: Sequence[FrameSet], config: TrackConfig, rough_clocks: bool = False
 ) -> Calibration:
-    """The poses of all cameras, given or found; the body model breaks the tie of equipment that is symmetric."""
+    """The poses of all cameras, given or found; the body model breaks the tie of equipment that is symmetric.
+
+    Whom the user named plays no part in it: the place was read in the world of an earlier run, which must stay.
+    """
+    anybody = replace(config, patient_xz_m=None, patient_frame=None)
 
     def choose_heading(cameras: tuple[Camera, ...], floor_m: float, headings: Sequence[np.ndarray]) -> int | None:
         records = tuple(PoseRecord(camera.name, PoseSource.EQUIPMENT) for camera in cameras)
@@ -95,7 +110,7 @@ def calibrate(
         provisional = Calibration(cameras, floor_m, (), (), records)
         timeless = Clocks((), None, 0)  # frames are paired already
         settled = Settled(posed, timeless, provisional, tuple(range(len(samples))), tuple(samples))
-        return heading_of_patient(furnish_room(settled, config, NO_REVIEW), samples, headings, config)
+        return heading_of_patient(furnish_room(settled, anybody, NO_REVIEW), samples, headings, config)
 
     return find_world(recording, samples, config.equipment_pose, config.placing, choose_heading, rough_clocks)
 
@@ -116,10 +131,10 @@ def furnish_room(settled: Settled, config: TrackConfig, review: Review) -> Room:
     recording, calibration, samples = settled.recording, settled.calibration, settled.samples
     scenes = _scenes(settled)
     if config.patient_frame is not None:
-        initial = _frames_of_named(recording, scenes, config, config.patient_frame)
+        initial = _frames_of_named(recording, scenes, config, config.patient_frame, review)
         if not initial:  # a person who never moves looks like furniture
             scenes = _scenes(settled, config.patient_xz_m)
-            initial = _frames_of_named(recording, scenes, config, config.patient_frame)
+            initial = _frames_of_named(recording, scenes, config, config.patient_frame, review)
         if not initial:
             raise _nobody_named(recording, scenes, config, config.patient_frame)
         return Room(recording, settled.clocks, calibration, scenes, initial, review)
@@ -134,7 +149,7 @@ def furnish_room(settled: Settled, config: TrackConfig, review: Review) -> Room:
 
 
 def _frames_of_named(
-    recording: Recording, scenes: Sequence[Scene], config: TrackConfig, frame: int
+    recording: Recording, scenes: Sequence[Scene], config: TrackConfig, frame: int, review: Review
 ) -> tuple[InitialFrame, ...]:
     """Where to begin with the person who is at the given place in a frame: that frame or one just before or after it.
 
@@ -144,7 +159,11 @@ def _frames_of_named(
     positions = range(max(here - AROUND, 0), min(here + AROUND + 1, last))
     sightings = [sight_people(read_frame(recording, k), scenes, config) for k in positions]
     named = named_patient(sightings, here - positions.start, np.array(config.patient_xz_m))
-    return () if named is None else ranked_by_view(named, positions, sightings, range(len(positions)))
+    if named is None:
+        return ()
+    there = [k for k, one in enumerate(named.seen) if one is not None]
+    free = [k for k in there if review.why_unusable(sightings[k].frame) is None] or there
+    return ranked_by_view(named, [positions[k] for k in free], [sightings[k] for k in free], free)
 
 
 def _position(recording: Recording, frame: int) -> int:

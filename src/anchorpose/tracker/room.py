@@ -18,7 +18,7 @@ from anchorpose.errors import InputError
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.isolation.scene import Scene
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
-from anchorpose.recording.recording import Recording
+from anchorpose.recording.recording import Clock, Recording
 from anchorpose.results.corrections import Corrections, JointCorrection
 
 UP = np.array([0.0, 1.0, 0.0])
@@ -67,10 +67,13 @@ class Room:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Review:
-    """joints: by frame number. unusable: first and last frame, both included, and the sentence with the reason."""
+    """joints: by frame number. unusable: first and last frame, both included, and the sentence with the reason. clocks,
+    by camera, and floor_height_m: those of the corrected results; none where they have to be found."""
 
     joints: dict[int, CorrectedJoints] = field(default_factory=dict)
     unusable: tuple[tuple[int, int, str], ...] = ()
+    clocks: dict[str, Clock] = field(default_factory=dict)
+    floor_height_m: float | None = None
 
     def why_unusable(self, frame: int) -> str | None:
         """The sentence of the first interval that holds the frame, None where the frame may be used."""
@@ -103,15 +106,24 @@ def review_of(corrections: Corrections) -> Review:
         (gone.first_frame, gone.last_frame, f"marked as unusable by {gone.who} on {gone.when[:10]}: {gone.reason}")
         for gone in corrections.unusable
     )
-    return Review({frame: _corrected_joints(entries) for frame, entries in by_frame.items()}, unusable)
+    joints = {frame: _corrected_joints(entries) for frame, entries in by_frame.items()}
+    return Review(joints, unusable, corrections.recording.clocks, corrections.recording.floor_height_m)
 
 
-def require_frames(path: Path, review: Review, recording: Recording) -> None:
-    """Raises InputError where joints are corrected in a frame that the recording does not have."""
-    unknown = sorted(set(review.joints) - set(recording.streams[0].frame.tolist()))
+def require_frames(path: Path, corrections: Corrections, recording: Recording) -> None:
+    """Raises InputError where joints are corrected, or the patient is named, in a frame that the recording does not
+    have, or where the patient is named in one that may not be used."""
+    patient, known = corrections.patient, set(recording.streams[0].frame.tolist())
+    unknown = sorted({joint.frame for joint in corrections.joints} - known)
     if unknown:
         problem = f"corrects joints of frame {unknown[0]}, which the recording does not have"
         raise InputError(path, problem, "take that correction out")
+    if patient is not None and patient.frame not in known:
+        problem = f"names the patient in frame {patient.frame}, which the recording does not have"
+        raise InputError(path, problem, "take that correction out")
+    if patient is not None and review_of(corrections).why_unusable(patient.frame) is not None:
+        problem = f"names the patient in frame {patient.frame}, which it marks as unusable"
+        raise InputError(path, problem, "name the patient in another frame, or withdraw the interval")
 
 
 def _corrected_joints(entries: list[JointCorrection]) -> CorrectedJoints:

@@ -49,6 +49,7 @@ class ViewerApi:
             "body": lambda query: self._body(),
             "points": self._points,
             "surface": self._surface,
+            "place": self._place,
             "corrections": lambda query: _json(valid_corrections(self.corrections.current())),
             "hypotheses": lambda query: _json(as_json(self.worker.status)),
             "hypotheses/found": lambda query: self._hypotheses(),
@@ -80,6 +81,13 @@ class ViewerApi:
     def _surface(self, query: Mapping[str, str]) -> Response:
         with self._compiling:  # the first call compiles; two at once would compile twice
             return Response(surface_payload(self._depth_frames(), int(query["first"]), int(query["count"])), BYTES)
+
+    def _place(self, query: Mapping[str, str]) -> Response:
+        frames, position = self._depth_frames(), int(query["position"])
+        if not 0 <= position < len(frames.frame):
+            raise ValueError(f"there is no frame {position}")
+        place_m, why = frames.place_of_person(position, query["camera"], int(query["column"]), int(query["row"]))
+        return _json({"position_m": None if place_m is None else place_m.round(4).tolist(), "why": why})
 
     def _body(self) -> Response:
         arrays = body_skin(self.review.run)

@@ -102,4 +102,8 @@ class CorrectionFile:
 
 def valid_corrections(corrections: Corrections) -> dict[str, Any]:
     """The valid corrections, as the page reads them."""
-    return {"unusable": as_json(corrections.unusable), "joints": as_json(corrections.joints)}
+    return {
+        "unusable": as_json(corrections.unusable),
+        "joints": as_json(corrections.joints),
+        "patient": as_json(corrections.patient),
+    }

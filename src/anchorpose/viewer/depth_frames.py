@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from anchorpose.camera import Camera
+from anchorpose.camera import Camera, transform_points
 from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.recording.depth_image import read_depth_image
@@ -123,6 +123,35 @@ class DepthFrames:
             triangles.append(faces(sheet) + count)
             count += len(sheet)
         return np.concatenate(vertices), np.concatenate(triangles)
+
+    def place_of_person(self, position: int, camera: str, column: int, row: int) -> tuple[np.ndarray | None, str]:
+        """(3,) metres, world: the point of a person that a pixel shows; or None and the reason, for the user.
+
+        Without labels any reading will do: ``track`` looks whether a person is there. Raises ValueError for a camera or
+        a pixel that does not exist.
+        """
+        names = [one.name for one in self.cameras]
+        if camera not in names:
+            raise ValueError(f"there is no camera '{camera}'")
+        number = names.index(camera)
+        about = self.cameras[number]
+        if not (0 <= column < about.width and 0 <= row < about.height):
+            raise ValueError(f"camera {camera} has no pixel at column {column}, row {row}")
+        depth_m, problem = self.depth(position, number)
+        if depth_m is None:
+            return None, f"Camera {camera}: {problem}."
+        if not depth_m[row, column] > 0:
+            return None, "The camera has no reading here; click on the trunk of a person."
+        ray = np.append(about.pixel_rays()[row, column].astype(np.float64), 1.0)
+        place_m = transform_points(about.require_pose(), ray * float(depth_m[row, column]))
+        labels = self.labels(position, number)
+        if labels is not None and labels[row, column] < PixelLabel.PATIENT:
+            x, _, z = place_m
+            return None, (
+                "This is the room or the equipment; click on the trunk of a person, or, if this is a person who never "
+                f"moves, track with --patient {x:.2f},{z:.2f}@{self.frame[position]}."
+            )
+        return place_m, ""
 
     def depth(self, position: int, camera: int) -> tuple[np.ndarray | None, str]:
         """The depth image in metres, or None and the reason."""

@@ -100,6 +100,10 @@ def describe(review: Review) -> dict[str, Any]:
         "worst": as_json(worst_frames(review.joints, review.matched_share, review.run.get("dropped", []))),
         "unexplained": None if review.explained is None else as_json(unexplained_frames(review.explained)),
         "dropped": review.run.get("dropped", []),
+        "patient": {
+            "tracked": review.run.get("patient"),  # older results do not state it
+            "named": (review.run.get("corrections") or {}).get("patient"),
+        },
         "notes": review.run.get("notes", []),
         "has": {
             "body": review.poses is not None and review.run.get("body") is not None,

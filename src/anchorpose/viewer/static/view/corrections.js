@@ -1,4 +1,4 @@
-// Intervals marked and joints corrected: sent at once, kept in step with the file, listed, withdrawn.
+// Intervals marked, joints corrected, the patient named: sent at once, kept in step with the file, listed, withdrawn.
 
 import { getJson, postJson } from "./api.js";
 
@@ -6,7 +6,7 @@ export class Corrections extends EventTarget {
   constructor(description, motion, playback, signing, elements, say) {
     super();
     Object.assign(this, { description, motion, playback, signing, elements, say });
-    this.held = { unusable: [], joints: [] };
+    this.held = { unusable: [], joints: [], patient: null };
     this.open = { first: null, last: null };
     this.done = []; // in this session, for undo
     elements.markIn.addEventListener("click", () => this.mark("first"));
@@ -53,10 +53,10 @@ export class Corrections extends EventTarget {
   }
 
   async add(entry) {
-    const kind = "joint" in entry ? "joints" : "unusable";
+    const newest = ({ unusable, joints, patient }) => ("joint" in entry ? joints.at(-1) : "first_frame" in entry ? unusable.at(-1) : patient);
     try {
       const held = await postJson("corrections/add", entry);
-      this.done.push(held[kind][held[kind].length - 1]);
+      this.done.push(newest(held));
       this.take(held);
       this.say("Saved.");
       return true;
@@ -74,7 +74,9 @@ export class Corrections extends EventTarget {
       this.take(await postJson("corrections/take-back", { entry, who: signed.who }));
       this.done = this.done.filter((other) => JSON.stringify(other) !== JSON.stringify(entry));
       this.changed();
-      const earlier = "joint" in entry && this.held.joints.some((old) => old.frame === entry.frame && old.joint === entry.joint);
+      const earlier = "joint" in entry
+        ? this.held.joints.some((old) => old.frame === entry.frame && old.joint === entry.joint)
+        : "position_m" in entry && this.held.patient !== null;
       this.say(earlier ? "Withdrawn; the earlier correction holds again." : "Withdrawn; the file keeps a note of it.");
     } catch (error) {
       this.say(error.message);
@@ -92,14 +94,23 @@ export class Corrections extends EventTarget {
     return this.held.joints.filter((entry) => entry.frame === frame);
   }
 
+  /** The place of the patient who was named in the frame shown, as ``jointsAt``: none or one. */
+  patientAt(position) {
+    const { patient } = this.held;
+    return patient?.frame === this.motion.frame[position] ? [{ ...patient, sigma_m: 0 }] : [];
+  }
+
   list() {
+    const { patient } = this.held;
     const rows = [
+      ...(patient ? [{ entry: patient, frame: patient.frame, time: patient.time_s, text: `the patient is here: ${patient.reason}` }] : []),
       ...this.held.unusable.map((entry) => ({ entry, frame: entry.first_frame, time: entry.start_s,
         text: `unusable to ${entry.end_s.toFixed(2)} s: ${entry.reason}` })),
       ...this.held.joints.map((entry) => ({ entry, frame: entry.frame, time: entry.time_s, text: `${entry.joint}: ${entry.reason}` })),
     ].sort((a, b) => a.time - b.time);
     this.elements.list.replaceChildren(...rows.map((row) => this.item(row)));
     if (!rows.length) this.elements.list.textContent = "None so far.";
+    this.elements.next.hidden = !rows.length;
   }
 
   item({ entry, frame, time, text }) {

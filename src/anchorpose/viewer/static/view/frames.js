@@ -19,7 +19,7 @@ export class Frames {
     });
     this.skeleton = new SkeletonLayer(description, motion, view);
     this.anchors = motion.anchors ? new DotLayer(description.anchors.length, view, "anchor", 11) : null;
-    this.corrected = new DotLayer(description.joints.length, view, "cursor", 12);
+    this.corrected = new DotLayer(description.joints.length + 2, view, "cursor", 12);
     view.scene.add(this.skeleton.group, this.corrected.points);
     if (this.anchors) view.scene.add(this.anchors.points);
     this.shown = {};

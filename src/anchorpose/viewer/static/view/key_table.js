@@ -2,7 +2,7 @@
 
 const key = (shown, does, run, press = shown, when = undefined) => ({ shown, does, run, press, when });
 
-export function keyTable({ playback, layers, layerKeys, presets, view, worst, corrections, mover, hypotheses, showTab, help }) {
+export function keyTable({ playback, layers, layerKeys, presets, view, worst, corrections, mover, namer, hypotheses, showTab, help }) {
   const moving = () => mover.active;
   const nudges = { ArrowLeft: [-1, 0, 0], ArrowRight: [1, 0, 0], ArrowUp: [0, 1, 0], ArrowDown: [0, -1, 0], PageUp: [0, 0, 1], PageDown: [0, 0, -1] };
   const arrows = ({ key: name, shiftKey }) => {
@@ -35,6 +35,7 @@ export function keyTable({ playback, layers, layerKeys, presets, view, worst, co
     ] },
     { title: "Check and correct", keys: [
       key(["H"], "hypotheses of this frame", () => { showTab("tab-check"); hypotheses.start(); }),
+      key(["N"], "name the patient: click on the person", () => { showTab("tab-correct"); namer.begin(!namer.active); }),
       key(["I", "O"], "unusable: from here, to here", ({ key: name }) => { showTab("tab-correct"); corrections.mark(name.toUpperCase() === "I" ? "first" : "last"); }),
       key(["M"], "mark the interval", () => corrections.saveInterval()),
       key(["[", "]"], "select the previous, next joint", ({ key: name }) => mover.next(name === "]" ? 1 : -1)),
@@ -43,7 +44,7 @@ export function keyTable({ playback, layers, layerKeys, presets, view, worst, co
       key(["Shift", "arrows"], "while moving: by 1 mm", arrows, ["Shift+ArrowUp", "Shift+ArrowDown", "Shift+PageUp", "Shift+PageDown"], moving),
       key(["S"], "while moving: put it on a point that you click", () => mover.snap(!mover.snapping), ["S"], moving),
       key(["Enter"], "save the joint", () => mover.save(), ["Enter"], moving),
-      key(["Esc"], "cancel moving", () => mover.end(), ["Escape"], moving),
+      key(["Esc"], "cancel moving, naming", () => { if (moving()) mover.end(); else namer.begin(false); }, ["Escape"], () => moving() || namer.active),
       key(["Ctrl", "Z"], "undo the last correction", () => corrections.undo(), ["Ctrl+Z"]),
       key(["Del"], "on a correction in the list: withdraw it", () => {}, ["Delete"], () => false),
       key(["?"], "this list of keys", help),

@@ -8,6 +8,7 @@ import { Frames } from "./frames.js";
 import { keyTable } from "./key_table.js";
 import { listKeys, listen } from "./keys.js";
 import { JointMover } from "./moving.js";
+import { PatientNamer } from "./naming.js";
 import { Pace } from "./pace.js";
 import { JointCard, WorstList, layerList, presetButtons, tabs } from "./panels.js";
 import { Playback } from "./playback.js";
@@ -31,9 +32,11 @@ async function start() {
   const signing = new Signing(element("sign"), description.who);
   const corrections = new Corrections(description, motion, playback, signing, {
     markIn: element("mark-in"), markOut: element("mark-out"), markSave: element("mark-save"), markState: element("mark-state"),
-    undo: element("undo"), list: element("corrections"),
+    undo: element("undo"), list: element("corrections"), next: element("corrections-next"),
   }, say);
   element("corrections-file").textContent = `Saved at once in ${description.corrections_file}.`;
+  element("corrections-command").replaceChildren(...["anchorpose", "track", `"${description.recording}"`, "-o", "NEW-RESULTS",
+    "--corrections", `"${description.corrections_file}"`].flatMap((word) => [Object.assign(document.createElement("span"), { textContent: word }), " "]));
   const axis = new Axis(motion.time_s, playback);
   const curves = new Curves(element("charts"), description.angles, motion, axis, playback);
   const timeline = new Timeline(element("timeline"), description, motion, axis, playback, corrections);
@@ -42,7 +45,7 @@ async function start() {
   const redraw = () => {
     const corrected = corrections.jointsAt(playback.position);
     frames.set();
-    frames.setCorrected(mover?.draft ? [...corrected, mover.draft] : corrected);
+    frames.setCorrected([...corrected, ...corrections.patientAt(playback.position), ...(mover?.draft ? [mover.draft] : [])]);
     card.show(corrected.find(({ joint }) => joint === description.joints[frames.skeleton.chosen]));
   };
   const layers = layerList(element("layer-list"), layersOf(description), () => frames.show(layers.state));
@@ -51,6 +54,10 @@ async function start() {
   mover = new JointMover({
     view, playback, skeleton: frames.skeleton, points: frames.points, corrections, signing, description, motion, say, redraw,
     elements: Object.fromEntries(["select", "edit", "snap", "moving", "moved", "sigma", "save", "cancel"].map((name) => [name, element(`joint-${name}`)])),
+  });
+  const namer = new PatientNamer({
+    view, playback, frames, corrections, signing, description, motion, say,
+    elements: { start: element("name-start"), state: element("name-state"), tracked: element("name-tracked") },
   });
   const worst = new WorstList([
     { list: element("unexplained"), worst: description.unexplained ?? [], numbered: true, nothing: "The body explains every frame." },
@@ -66,18 +73,18 @@ async function start() {
   timeline.chosen = (i) => { showTab("tab-check"); worst.go(i); };
   const presets = presetsOf(description, view);
   presetButtons(element("presets"), presets);
-  const keys = keyTable({ playback, layers, layerKeys: layersOf(description), presets, view, worst, corrections, mover, hypotheses, showTab, help });
+  const keys = keyTable({ playback, layers, layerKeys: layersOf(description), presets, view, worst, corrections, mover, namer, hypotheses, showTab, help });
   listKeys(element("key-list"), keys);
   listen(keys, () => document.querySelector("dialog[open]") !== null);
   transport({ playback, axis, worst, motion });
-  canvasClicks(view, frames, mover);
+  canvasClicks(view, frames, mover, namer);
   for (const button of document.querySelectorAll("[data-close]")) button.addEventListener("click", () => button.closest("dialog").close());
   element("help-button").addEventListener("click", help);
   notices(description);
   playback.addEventListener("moved", () => { redraw(); say(frames.problems().join(" ")); });
   corrections.addEventListener("changed", redraw);
   await corrections.load();
-  window.anchorpose = { playback, view, frames, mover, corrections, hypotheses, motion, description };
+  window.anchorpose = { playback, view, frames, mover, namer, corrections, hypotheses, motion, description };
   const pace = new Pace(playback, (share) => { if (frames.points) { frames.points.detail = share; frames.set(); } });
   let waiting = null; // since when something that belongs on the screen has been missing
   const draw = (now) => {
@@ -152,13 +159,14 @@ function transport({ playback, axis, worst, motion }) {
   show();
 }
 
-/** A click that did not turn the view selects the joint under it, or puts the joint being moved on the surface. */
-function canvasClicks(view, frames, mover) {
+/** A click that did not turn the view selects the joint under it, puts the joint being moved on the surface, or names the patient. */
+function canvasClicks(view, frames, mover, namer) {
   let down = null;
   view.canvas.addEventListener("pointerdown", (event) => { down = [event.offsetX, event.offsetY]; });
   view.canvas.addEventListener("pointerup", ({ offsetX: x, offsetY: y }) => {
     if (!down || Math.hypot(x - down[0], y - down[1]) > 4) return;
-    if (mover.snapping) mover.clicked(x, y);
+    if (namer.active) namer.clicked(x, y);
+    else if (mover.snapping) mover.clicked(x, y);
     else if (!mover.active) mover.choose(nearestJoint(view, frames.skeleton, frames.playback.position, x, y));
   });
 }

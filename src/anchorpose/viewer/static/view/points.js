@@ -122,18 +122,26 @@ export class PointLayer {
   }
 
   /** The world point under a place on the canvas that is nearest to the eye, or null; only of the patient, or unlabelled. */
-  pick(x, y, reach = 7) {
+  pick(x, y) { return this.find(x, y, (label) => label === PATIENT || label === UNLABELLED)?.place ?? null; }
+
+  /** The same of a person, or else of anything that is shown: {place, camera, column, row}, or null. */
+  pickPixel(x, y) {
+    const { patient, others, equipment, room } = this.shown;
+    const person = (label) => (label === PATIENT && patient) || label === UNLABELLED || (label >= PERSON && others);
+    return this.find(x, y, person) ?? this.find(x, y, (label) => (label === EQUIPMENT ? equipment : label < PATIENT && room));
+  }
+
+  find(x, y, wanted, reach = 7) {
     let best = null, nearest = Infinity;
     for (const camera of this.cameras) {
       if (!camera || !camera.count) continue;
       const pixels = camera.points.geometry.getAttribute("pixel").array;
       for (let i = 0; i < camera.count; i++) {
-        const label = pixels[4 * i + 3] & 255;
-        if (label !== PATIENT && label !== UNLABELLED) continue;
+        if (!wanted(pixels[4 * i + 3] & 255)) continue;
         const place = this.place(camera, pixels, i), seen = this.view.project(place);
         if (!seen || Math.hypot(seen[0] - x, seen[1] - y) > reach || seen[2] >= nearest) continue;
         nearest = seen[2];
-        best = place;
+        best = { place, camera: camera.about.name, column: pixels[4 * i], row: pixels[4 * i + 1] };
       }
     }
     return best;

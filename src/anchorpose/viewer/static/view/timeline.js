@@ -142,7 +142,8 @@ export class Timeline {
       context.fillRect(from, top, wide, ROW - 4);
     }
     context.fillStyle = css("ink");
-    for (const { time_s: time } of this.corrections.held.joints) {
+    const { joints, patient } = this.corrections.held;
+    for (const { time_s: time } of patient ? [...joints, patient] : joints) {
       context.beginPath();
       context.arc(this.x(time), top + (ROW - 4) / 2, 4, 0, 7);
       context.fill();

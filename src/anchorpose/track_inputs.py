@@ -1,0 +1,121 @@
+"""What ``track`` reads and checks before any work is done: the recording, and what the user gives besides it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from anchorpose.calibration.calibration import PoseSource
+from anchorpose.errors import InputError
+from anchorpose.recording.reader import frame_range, input_files, open_recording
+from anchorpose.recording.recording import Recording
+from anchorpose.recording.recording_file import with_height, with_poses
+from anchorpose.results.corrections import Corrections, NamedPatient, poses_of, require_recording, reviewed_recording
+from anchorpose.results.corrections_file import read_corrections
+from anchorpose.results.run_record import hash_files
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.room import NO_REVIEW, Review, require_frames, review_of
+
+SAME_PLACE_M: Final = 0.01  # places are printed to the centimetre
+
+
+@dataclass(frozen=True, slots=True)
+class UserInputs:
+    """Files that the user gives besides the recording; None for what is not given."""
+
+    calibration: Path | None = None
+    corrections: Path | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReviewFile:
+    """A reviewer's file of corrections as it was read, with its hash."""
+
+    path: Path
+    sha256: str
+    corrections: Corrections
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackInputs:
+    """recording: with the height and the poses that the user gives; config: with the patient whom a reviewer named;
+    sha256: (path, hash) of every file of the recording and of the reference movements; pose_source: where poses that
+    are not the recording's own come from."""
+
+    recording: Recording
+    config: TrackConfig
+    sha256: tuple[tuple[str, str], ...]
+    review_file: ReviewFile | None
+    pose_source: PoseSource | None
+
+    @property
+    def review(self) -> Review:
+        """What tracking needs of the corrections."""
+        return NO_REVIEW if self.review_file is None else review_of(self.review_file.corrections)
+
+
+def read_inputs(folder: Path, config: TrackConfig, user: UserInputs) -> TrackInputs:
+    """Raises InputError where the recording cannot be used, or a file of the user does not belong to it."""
+    recording, source = with_height(open_recording(folder), config.height_m), None
+    if user.calibration is not None:
+        recording, source = with_poses(recording, user.calibration), PoseSource.FILE
+    frame_range(recording, config.start, config.stop)
+    given = None if user.corrections is None else _read_review(user.corrections)
+    hashes = _hash_inputs(recording, config)
+    if given is not None:
+        if any(camera.T_world_camera is None for camera in recording.cameras):
+            recording, source = _in_world_of(given.corrections, recording), PoseSource.RESULTS
+        _require_about(given, recording, hashes)
+        config = _with_named_patient(config, given)
+    return TrackInputs(recording, config, hashes, given, source)
+
+
+def _read_review(path: Path) -> ReviewFile:
+    """Raises InputError where it is not a file of corrections."""
+    corrections = read_corrections(path)
+    ((_, digest),) = hash_files([path], path.parent)  # now: the viewer may add to it during tracking
+    return ReviewFile(path, digest, corrections)
+
+
+def _hash_inputs(recording: Recording, config: TrackConfig) -> tuple[tuple[str, str], ...]:
+    movements = config.motion_file
+    return (
+        *hash_files(input_files(recording), recording.folder),
+        *(hash_files([movements], movements.parent) if config.motion.uses_database else ()),
+    )
+
+
+def _in_world_of(corrections: Corrections, recording: Recording) -> Recording:
+    """The recording in the world of the corrected results: its poses need not be found again, and places in the
+    corrections stay valid whoever is the patient."""
+    poses = corrections.recording.T_world_camera
+    cameras = tuple(replace(camera, T_world_camera=poses.get(camera.name)) for camera in recording.cameras)
+    return replace(recording, cameras=cameras)
+
+
+def _require_about(given: ReviewFile, recording: Recording, hashes: tuple[tuple[str, str], ...]) -> None:
+    """Raises InputError where the corrections are about another recording, another world or frames there are not."""
+    about = reviewed_recording(recording.folder.resolve().name, hashes, poses_of(recording.cameras))
+    require_recording(given.path, given.corrections, about)
+    require_frames(given.path, given.corrections, recording)
+
+
+def _with_named_patient(config: TrackConfig, given: ReviewFile) -> TrackConfig:
+    """The settings with the patient whom the reviewer named; raises InputError where the user names another one."""
+    named = given.corrections.patient
+    if named is None:
+        return config
+    if config.patient_xz_m is not None and not _names_the_same(config, named):
+        (x, z), (own_x, own_z) = named.xz_m, config.patient_xz_m
+        when = "" if config.patient_frame is None else f"@{config.patient_frame}"
+        problem = f"names the patient at {x:.2f},{z:.2f}@{named.frame}, and --patient names {own_x:g},{own_z:g}{when}"
+        raise InputError(given.path, problem, "leave --patient out, or take that correction back in the viewer")
+    return replace(config, patient_xz_m=named.xz_m, patient_frame=named.frame)
+
+
+def _names_the_same(config: TrackConfig, named: NamedPatient) -> bool:
+    near = np.allclose(config.patient_xz_m or np.nan, named.xz_m, rtol=0, atol=SAME_PLACE_M)
+    return near and config.patient_frame == named.frame
