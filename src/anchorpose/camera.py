@@ -40,6 +40,10 @@ class Camera:
         """(height, width, 2) float32, read only: x/z and y/z of each pixel's ray; NaN where it has none."""
         return _pixel_rays(self.intrinsics, self.width, self.height)
 
+    def valid_pixels(self) -> np.ndarray:
+        """(height, width) bool, read only: pixels that have a ray."""
+        return _valid_pixels(self.intrinsics, self.width, self.height)
+
     def back_project(self, depth_m: np.ndarray) -> np.ndarray:
         """Depth image (height, width) in metres to (height, width, 3) float32 camera points; NaN where depth is 0."""
         depth = np.where(depth_m > 0, depth_m, np.nan).astype(np.float32)
@@ -65,6 +69,13 @@ def _pixel_rays(intrinsics: Intrinsics, width: int, height: int) -> np.ndarray:
     rays = rays_of_pixels(intrinsics, width, height).astype(np.float32)
     rays.setflags(write=False)
     return rays
+
+
+@lru_cache(maxsize=16)
+def _valid_pixels(intrinsics: Intrinsics, width: int, height: int) -> np.ndarray:
+    valid = np.isfinite(_pixel_rays(intrinsics, width, height)[..., 0])
+    valid.setflags(write=False)
+    return valid
 
 
 def transform_points(T_target_source: np.ndarray, points_source: np.ndarray) -> np.ndarray:

@@ -30,6 +30,13 @@ COEFFICIENTS: Final = {
 }
 """How many coefficients each model may have."""
 
+NAMES: Final = {
+    LensModel.BROWN_CONRADY: "k1, k2, p1, p2, k3",
+    LensModel.RATIONAL: "k1, k2, p1, p2, k3, k4, k5, k6",
+    LensModel.KANNALA_BRANDT: "k1, k2, k3, k4",
+}
+"""The coefficients in OpenCV's order."""
+
 WIDEST: Final = 8.0  # tan of 83 degrees: wider than any depth camera's image
 _PLAIN, _RADIAL, _TILTED, _FISHEYE = 0.0, 1.0, 2.0, 3.0
 _KIND, _RADIUS, _K, _TILT = 4, 5, 6, 18  # places in a lens array
