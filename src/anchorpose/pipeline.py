@@ -19,6 +19,7 @@ from anchorpose.results.contact_intervals import ContactIntervals
 from anchorpose.results.explained import EXPLAINED_FILE, read_explained, summarise, write_explained
 from anchorpose.results.measuring import write_measured
 from anchorpose.results.people_labels import PEOPLE_FILE, LabelImage, write_people
+from anchorpose.results.poor_intervals import PoorInterval, note_poor
 from anchorpose.results.poses import POSES_FILE, write_poses
 from anchorpose.results.processing.process import ProcessingConfig
 from anchorpose.results.records import CONTACTS_FILE, write_contacts
@@ -124,6 +125,7 @@ def _write_frames(
 ) -> Written:
     """Stream joints, poses, what they explain, anchors, labels and contacts to their tables; collect problems."""
     dropped, lost, shares = list[DroppedFrame](), list[LostInterval](), list[float | None]()
+    poor = list[PoorInterval]()
     points = body_points()
     intervals = ContactIntervals(region_of_points(points), area_of_point(points), config.contacts)
     with (
@@ -144,8 +146,9 @@ def _write_frames(
                 contacts.append(contact)
             dropped += [DroppedFrame(frame, time_s, why) for why in record.problems]
             note_lost(lost, frame, time_s, record.why_lost)
+            note_poor(poor, frame, time_s, record.poor)
             shares.append(None if record.matched_share is None else round(record.matched_share, 3))
         for contact in intervals.finish():
             contacts.append(contact)
     summary = summarise(read_explained(results / EXPLAINED_FILE))
-    return Written(MatchedShares(tuple(shares)), tuple(dropped), tuple(lost), summary)
+    return Written(MatchedShares(tuple(shares)), tuple(dropped), tuple(lost), tuple(poor), summary)

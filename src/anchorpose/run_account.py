@@ -16,6 +16,7 @@ from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.pairing import CameraGaps, find_gaps
 from anchorpose.results.corrections import JointCorrection
 from anchorpose.results.explained import ExplainedSummary
+from anchorpose.results.poor_intervals import PoorInterval
 from anchorpose.results.run_record import (
     CameraRecord,
     CorrectionsRecord,
@@ -43,6 +44,7 @@ class Written:
     association: MatchedShares
     dropped: tuple[DroppedFrame, ...]
     lost: tuple[LostInterval, ...]
+    poor_depth: tuple[PoorInterval, ...]
     explained: ExplainedSummary
 
 
@@ -95,6 +97,7 @@ def account_of(
         association=written.association,
         dropped=written.dropped,
         lost=written.lost,
+        poor_depth=written.poor_depth,
         explained=written.explained,
         body=None if learnt is None else record_body(body_points().asset, learnt.belief, learnt.first, learnt.seconds),
         pictures=pictures,
@@ -102,6 +105,7 @@ def account_of(
             *room.calibration.notes,
             *clock_notes(room.clocks),
             *(camera.sentence for camera in gaps if camera.sentence),
+            *_coarse_cameras(room),
             *_notes(room, learnt),
             *written.association.sentences,
             *(() if corrections is None else corrections.not_honoured),
@@ -147,6 +151,16 @@ def _clock_residuals(clocks: Clocks, gaps: Sequence[CameraGaps]) -> list[Residua
     if clocks.residual_s is not None:
         found.append(Residual(clocks.cameras[0].camera, "clocks, rms of all lags", clocks.residual_s, "s"))
     return found
+
+
+def _coarse_cameras(room: Room) -> list[str]:
+    """A sentence on each camera whose filters draw edges out."""
+    return [
+        f"camera {scene.camera.name}: its filters draw depth edges out over {detail.edge_px:.0f} pixels: farther than "
+        f"{detail.limbs_until_m:.1f} m from it an arm cannot be told from what is beside it"
+        for scene in room.scenes
+        if (detail := scene.background.detail).filtered
+    ]
 
 
 def _patient(room: Room) -> PatientRecord | None:

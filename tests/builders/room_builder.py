@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 
 from anchorpose.camera import Camera
@@ -54,6 +55,17 @@ def picture(camera: Camera, *parts, seed: int | None = None) -> np.ndarray:
     if seed is not None:
         depth += np.random.default_rng(seed).normal(0, 1, depth.shape) * NOISE_PER_M * depth**2
     return (np.round(np.maximum(depth, 0) / 0.001) * 0.001).astype(np.float32)
+
+
+def shot(seed: int) -> np.ndarray:
+    """Two people in the room."""
+    people = [part for place in ((0.0, -0.5), (0.0, 0.5)) for part in body(*place)]
+    return picture(FRONT, *ROOM, *people, seed=seed)
+
+
+def filtered(depth_m: np.ndarray, width_px: int) -> np.ndarray:
+    """A box filter across edges, as cameras that smooth do it."""
+    return cv2.blur(depth_m, (width_px, width_px))
 
 
 def unposed(camera: Camera) -> Camera:

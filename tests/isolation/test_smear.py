@@ -2,26 +2,14 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import pytest
-from room_builder import FRONT, ROOM, body, picture
+from room_builder import FRONT, ROOM, filtered, picture, shot
 
 from anchorpose.isolation.empty_room import learn_background
 from anchorpose.isolation.scene import find_pieces, set_scene
 from anchorpose.isolation.smear import smear_px, smeared
 from anchorpose.isolation.view import PixelLabel
-
-PEOPLE = [part for place in ((0.0, -0.5), (0.0, 0.5)) for part in body(*place)]
-
-
-def shot(seed: int) -> np.ndarray:
-    return picture(FRONT, *ROOM, *PEOPLE, seed=seed)
-
-
-def filtered(depth_m: np.ndarray, width_px: int) -> np.ndarray:
-    """A box filter across edges, as cameras that smooth do it."""
-    return cv2.blur(depth_m, (width_px, width_px))
 
 
 @pytest.mark.parametrize("width", [7, 11, 13])

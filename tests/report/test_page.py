@@ -204,6 +204,14 @@ def test_frames_with_the_same_problem_are_reported_as_one_stretch(tmp_path):
     ]
 
 
+def test_frames_whose_depth_is_too_poor_for_joints_are_listed(tmp_path):
+    edges = {"camera": "front", "kind": "edges", "worst": 0.095, "why": "camera front: edges are drawn out over 95 mm"}
+    poor = [edges | {"first_frame": 3, "last_frame": 5, "start_s": 0.1, "end_s": 0.1667}]
+    page = PageReader(write_report(write_session(tmp_path / "r", squats(12), poor_depth=poor)))
+    told = [item.text for item in page.find("li")]
+    assert "Frames 3 to 5 (0.10 to 0.17 s): camera front: edges are drawn out over 95 mm" in told
+
+
 def test_a_reviewer_s_corrections_are_shown_signed(tmp_path):
     signed = {"reason": "a <visitor>", "who": "kl", "when": "2026-01-02T03:04:05Z"}
     unusable = {"first_frame": 3, "last_frame": 5, "start_s": 0.1, "end_s": 0.1667} | signed

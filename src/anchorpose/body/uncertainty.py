@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import Final
 
 import numpy as np
 
 from anchorpose.body.asset import joint_bones
-from anchorpose.body.config import UncertaintyConfig
+from anchorpose.body.belief import vague_belief
+from anchorpose.body.config import RegistrationConfig, UncertaintyConfig
+from anchorpose.body.constraints import surface_constraints
 from anchorpose.body.evidence import Evidence
-from anchorpose.body.explained import Explanation, limb_of_points
+from anchorpose.body.explained import Explanation, limb_of_points, node_area_m2
+from anchorpose.body.fit import pose_equations
 from anchorpose.body.limb_proposals import uncovered_paths
-from anchorpose.body.pose import LIMB_OF_JOINTS, TRUNK
-from anchorpose.body.skin_points import Body, PosedPoints, joint_jacobian
+from anchorpose.body.pose import LIMB_OF_JOINTS, TRUNK, Pose
+from anchorpose.body.skin_points import Body, PosedPoints, joint_jacobian, pose_points
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 
 WORTH_M2: Final = 0.004  # of uncovered skin: clothes and holds leave as much
 IN_REACH_M: Final = 0.45  # a shank or a forearm with its hand
+BROADER_M: Final = 0.13  # a chest is so much broader than deep: 0.35 m and 0.22 m
 
 _SYSTEMATIC_MM: Final = {
     "SpineBase": 4.8, "SpineMid": 3.6, "SpineShoulder": 3.6, "Neck": 4.0, "Head": 1.6, "Shoulder": 6.4, "Elbow": 4.0,
@@ -61,6 +66,39 @@ def _variance(
     """(n,) mean variance of the three axes, square metres, of places_m (n, 3) that are fixed to bones (n,)."""
     jacobian = joint_jacobian(body, posed.transforms, bones, places_m)
     return np.asarray(((jacobian @ covariance) * jacobian).sum(axis=(1, 2)) / 3.0)
+
+
+def smeared_sigma(
+    body: Body,
+    pose: Pose,
+    evidence: Evidence,
+    edge_m: float,
+    sigma_m: np.ndarray,
+    registration: RegistrationConfig,
+    config: UncertaintyConfig,
+) -> np.ndarray:
+    """(21,) sigma_m, larger where filters have drawn depth edges out over edge_m at the patient.
+
+    A node then tells to the width of an edge where skin is, and nodes within that width tell it once. The filters
+    draw out the next frame in the same way, so frames before make nothing more certain: only this frame and the range
+    of the joints count. Breadth and depth of an outline that is uncertain by an edge tell which way the trunk faces
+    only as far as they differ, so joints away from its axis are uncertain by as much of their distance from it.
+    """
+    posed = pose_points(body, pose)
+    rows = surface_constraints(posed, evidence.surface, evidence.cameras, registration.reaches_m[-1], registration)
+    count = np.bincount(evidence.surface.camera, minlength=len(evidence.cameras))
+    area_m2 = float(count @ node_area_m2(evidence))
+    if not len(rows) or area_m2 <= 0.0:
+        return sigma_m
+    wide = replace(rows, sigma_m=np.hypot(rows.sigma_m, edge_m))
+    alike = max(registration.rows_per_observation, len(rows) * edge_m**2 / area_m2)
+    unknown = (pose, vague_belief(pose).information)
+    hessian = pose_equations(body, pose, posed, wide, unknown, alike).hessian
+    joints = body.mesh.joints(posed.transforms)
+    variance = _variance(body, posed, np.linalg.inv(hessian), joint_bones(body.points.asset), joints)
+    off_axis_m = np.linalg.norm((joints - joints[JOINT_INDEX["SpineMid"]])[:, [0, 2]], axis=1)
+    turned = (edge_m / BROADER_M * off_axis_m) ** 2 / 3.0  # along one of three axes
+    return np.maximum(sigma_m, np.sqrt(config.floor_m**2 + systematic_m() ** 2 + variance + turned))
 
 
 def unexplained_sigma(

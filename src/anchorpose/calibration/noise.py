@@ -20,21 +20,30 @@ def noise_per_m(depths_m: Sequence[np.ndarray]) -> float:
     Source of the law: Khoshelham and Elberink 2012 (doi:10.3390/s120201437).
     Raises ValueError where no three neighbouring pixels have a reading.
     """
-    ratios, steps = [], []
+    ratios = []
     for depth in depths_m:
         depth = depth.astype(np.float64)
         left, middle, right = depth[:, :-2], depth[:, 1:-1], depth[:, 2:]
         seen = (left > 0) & (middle > 0) & (right > 0)
         ratios.append(np.abs(left - 2 * middle + right)[seen] / middle[seen] ** 2)
-        values = np.unique(depth[depth > 0])
-        if len(values) > 1:
-            steps.append(np.median(np.diff(values) / values[1:] ** 2))
     every = np.concatenate(ratios) if ratios else np.empty(0)
     if not every.size:
         raise ValueError("no three neighbouring pixels have a reading: the noise cannot be measured")
     white = float(np.median(every)) / (MAD_OF_NORMAL * np.sqrt(6.0))
-    step = float(np.median(steps)) / np.sqrt(12.0) if steps else 0.0
-    return float(np.hypot(white, step))
+    return float(np.hypot(white, step_per_m(depths_m) / np.sqrt(12.0)))
+
+
+def step_per_m(depths_m: Sequence[np.ndarray]) -> float:
+    """Factor of the step between neighbouring grey values, ``step_per_m z^2`` (unit 1/m); 0 where there is one value.
+
+    depths_m: as for ``noise_per_m``. Cameras that measure disparity have steps that grow with the square of distance.
+    """
+    steps = []
+    for depth in depths_m:
+        values = np.unique(depth[depth > 0].astype(np.float64))
+        if len(values) > 1:
+            steps.append(np.median(np.diff(values) / values[1:] ** 2))
+    return float(np.median(steps)) if steps else 0.0
 
 
 def what_stays(frames_m: np.ndarray, noise_per_m: float) -> np.ndarray:

@@ -13,6 +13,7 @@ from numba import njit
 from anchorpose.calibration.equipment_render import EquipmentCaster
 from anchorpose.camera import Camera, invert_rigid
 from anchorpose.isolation.components import JUMP_GATE, JumpLimit, jump_limit, without_flying_pixels
+from anchorpose.isolation.detail import SHARP_EDGE_PX, DepthDetail
 from anchorpose.recording.equipment import EquipmentModel
 
 BACKGROUND_GATE: Final = 2.0  # sigmas of a pixel, for a 3x3 median, whose deviation is 0.4 of that: five of its own
@@ -35,7 +36,7 @@ class BackgroundModel:
 
     depth_m (height, width) float32 metres, 0 = nothing known. sigma_m (height, width) float32: deviation of a live
     reading from depth_m where nobody stands. noise_per_m: the sensor's own law sigma = noise_per_m z^2. smear_px: how
-    wide the camera's filters make depth edges, 0 = sharp.
+    wide the camera's filters make depth edges, 0 = sharp. step_per_m: the step between readings is step_per_m z^2.
     """
 
     depth_m: np.ndarray
@@ -44,11 +45,17 @@ class BackgroundModel:
     focal_px: float
     source: BackgroundSource
     smear_px: int = 0
+    step_per_m: float = 0.0
 
     @property
     def jump_limit(self) -> JumpLimit:
         """How far neighbours on one surface may differ in this camera's frames."""
         return jump_limit(self.noise_per_m, self.focal_px)
+
+    @property
+    def detail(self) -> DepthDetail:
+        """How finely this camera's frames resolve what is at a distance."""
+        return DepthDetail(max(self.smear_px, SHARP_EDGE_PX), self.focal_px, self.step_per_m)
 
 
 def foreground(depth_m: np.ndarray, model: BackgroundModel) -> np.ndarray:

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from anchorpose.calibration.noise import MAD_OF_NORMAL, noise_per_m
+from anchorpose.calibration.noise import MAD_OF_NORMAL, noise_per_m, step_per_m
 from anchorpose.calibration.origin import FRAMES_NEEDED, people_only
 from anchorpose.camera import Camera, transform_points
 from anchorpose.isolation.background import (
@@ -68,18 +68,18 @@ def learn_background(
     """
     if not frames_m:
         raise ValueError("a background needs at least one frame of the recording to measure the noise on")
-    noise, focal_px, smear = noise_per_m(frames_m), camera.intrinsics.fx, smear_px(frames_m)
+    noise, focal_px, step = noise_per_m(frames_m), camera.intrinsics.fx, step_per_m(frames_m)
     if empty_m is not None:
         depth = _fill_specks(empty_m.astype(np.float32))
         sigma = _noise_behind(depth, frames_m, noise)
-        return BackgroundModel(depth, sigma, noise, focal_px, BackgroundSource.PICTURE, smear)
+        return BackgroundModel(depth, sigma, noise, focal_px, BackgroundSource.PICTURE, smear_px(frames_m), step)
     if all(people_only(frame) for frame in frames_m):
         nothing = np.zeros_like(frames_m[0], dtype=np.float32)
-        return BackgroundModel(nothing, nothing, noise, focal_px, BackgroundSource.REMOVED)
+        return BackgroundModel(nothing, nothing, noise, focal_px, BackgroundSource.REMOVED, step_per_m=step)
     depth, sigma = _from_recording(frames_m, camera, floor_height_m, equipment, noise)
     if person_xz_m is not None:
         depth = _without_person(depth, camera, floor_height_m, person_xz_m, noise)
-    return BackgroundModel(depth, sigma, noise, focal_px, BackgroundSource.RECORDING, smear)
+    return BackgroundModel(depth, sigma, noise, focal_px, BackgroundSource.RECORDING, smear_px(frames_m), step)
 
 
 def _from_recording(

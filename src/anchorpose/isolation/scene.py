@@ -21,6 +21,7 @@ from anchorpose.isolation.background import (
     foreground,
 )
 from anchorpose.isolation.components import JUMP_GATE, JumpLimit, label_components
+from anchorpose.isolation.detail import DepthDetail
 from anchorpose.isolation.smear import smeared
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.recording.equipment import EquipmentModel
@@ -84,7 +85,7 @@ class Pieces:
     index (height, width) int32: which foreground pixel this is, -1 = none; row, column, piece (n,) int32: the
     foreground pixels and the connected piece (from 1) each belongs to; points_m (n, 3) float32 world; area_m2 (n,)
     float32: surface a pixel covers if it faces the camera; limit: how far neighbours of one surface may differ in
-    depth; noise_per_m: deviation of a reading at one metre.
+    depth; noise_per_m: deviation of a reading at one metre; detail: how finely this camera resolves its depth frames.
     """
 
     depth_m: np.ndarray
@@ -98,6 +99,7 @@ class Pieces:
     area_m2: np.ndarray
     limit: JumpLimit
     noise_per_m: float
+    detail: DepthDetail
 
     def only(self, kept: np.ndarray) -> Pieces:
         """The same frame with some of the foreground pixels, kept (n,) bool."""
@@ -147,7 +149,20 @@ def find_pieces(depth_m: np.ndarray, scene: Scene) -> Pieces:
     renumbered = np.where(large, np.cumsum(large), 0).astype(np.int32)
     T_world_camera = camera.require_pose().astype(np.float32)
     index, row, column, piece, points, area = _listed(depth_m, piece_of, renumbered, scene.rays, T_world_camera, focal)
-    found = Pieces(depth_m, labels, index, row, column, piece, int(large.sum()), points, area, limit, model.noise_per_m)
+    found = Pieces(
+        depth_m,
+        labels,
+        index,
+        row,
+        column,
+        piece,
+        int(large.sum()),
+        points,
+        area,
+        limit,
+        model.noise_per_m,
+        model.detail,
+    )
     flat = flat_pieces(points, depth_m[row, column], piece, area, model.noise_per_m)
     return found.only(~flat) if flat.any() else found
 

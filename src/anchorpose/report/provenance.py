@@ -16,9 +16,10 @@ MOST_LINES: Final = 60
 
 
 def problems(session: Session) -> list[str]:
-    """A sentence on each run of frames with the same problem, or in which the patient is lost."""
+    """A sentence on each run of frames with the same problem, in which the patient is lost, or depth is too poor."""
     sentences = [_stretch(drops) for drops in _stretches(session.run.get("dropped", []))]
-    sentences += [_lost(entry) for entry in session.run.get("lost", [])]
+    sentences += [f"{_frames(entry)}: the patient is lost: {entry['why']}" for entry in session.run.get("lost", [])]
+    sentences += [f"{_frames(entry)}: {entry['why']}" for entry in session.run.get("poor_depth", [])]
     more = len(sentences) - MOST_LINES
     if more > 0:
         last = f"and {counted(more, 'more stretch', 'more stretches')}: see {RUN_FILE}"
@@ -26,12 +27,12 @@ def problems(session: Session) -> list[str]:
     return sentences
 
 
-def _lost(entry: dict[str, Any]) -> str:
-    frames = f"Frame {entry['first_frame']} ({entry['start_s']:.2f} s)"
-    if entry["last_frame"] > entry["first_frame"]:
-        seconds = f"{entry['start_s']:.2f} to {entry['end_s']:.2f} s"
-        frames = f"Frames {entry['first_frame']} to {entry['last_frame']} ({seconds})"
-    return f"{frames}: the patient is lost: {entry['why']}"
+def _frames(entry: dict[str, Any]) -> str:
+    """The frames of an interval of run.json."""
+    if entry["last_frame"] == entry["first_frame"]:
+        return f"Frame {entry['first_frame']} ({entry['start_s']:.2f} s)"
+    seconds = f"{entry['start_s']:.2f} to {entry['end_s']:.2f} s"
+    return f"Frames {entry['first_frame']} to {entry['last_frame']} ({seconds})"
 
 
 def _stretches(dropped: Sequence[dict[str, Any]]) -> list[list[dict[str, Any]]]:

@@ -21,6 +21,7 @@ from anchorpose.recording.document import read_json
 from anchorpose.recording.recording import Clock
 from anchorpose.results.corrections import JointCorrection, NamedPatient, UnusableInterval
 from anchorpose.results.explained import ExplainedSummary
+from anchorpose.results.poor_intervals import PoorInterval
 from anchorpose.versions import code_digest, versions
 
 RUN_FILE: Final = "run.json"
@@ -191,6 +192,7 @@ class RunRecord:
     association: MatchedShares = MatchedShares()
     dropped: tuple[DroppedFrame, ...] = ()
     lost: tuple[LostInterval, ...] = ()
+    poor_depth: tuple[PoorInterval, ...] = ()
     explained: ExplainedSummary | None = None  # None where no frame was tracked
     body: BodyRecord | None = None  # None where the patient was never found
     patient: PatientRecord | None = None  # None where nobody was tracked
@@ -236,6 +238,7 @@ def write_run_record(path: Path, record: RunRecord) -> None:
         "association": as_json(record.association),
         "dropped": as_json(record.dropped),
         "lost": as_json(record.lost),
+        "poor_depth": as_json(record.poor_depth),
         "explained": as_json(record.explained),
         "body": as_json(record.body),
         "patient": as_json(record.patient),

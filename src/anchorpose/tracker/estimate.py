@@ -9,12 +9,17 @@ from typing import Final
 import numpy as np
 
 from anchorpose.body.belief import PoseBelief
+from anchorpose.body.evidence import Evidence
 from anchorpose.body.explained import Explanation, explain
 from anchorpose.body.inverse_kinematics import CorrectedJoints
+from anchorpose.body.poor_depth import PoorDepth, distance_of, poor_depth
+from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration
-from anchorpose.body.skin_points import Body, FittedShape, pose_points
-from anchorpose.body.uncertainty import joint_sigma, unexplained_sigma
+from anchorpose.body.skin_points import Body, FittedShape, PosedPoints, pose_points
+from anchorpose.body.uncertainty import joint_sigma, smeared_sigma, unexplained_sigma
 from anchorpose.body.visibility import joint_states
+from anchorpose.isolation.detail import DepthDetail
+from anchorpose.isolation.view import View
 from anchorpose.joints import JOINT_COUNT, JointState
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
@@ -31,7 +36,8 @@ class Estimate:
 
     observation and shape are None where nobody was searched for or found. matched_share: share of the nodes with a
     match in this frame, None where nothing was matched (the first frame, nothing seen). explanation: how well the pose
-    explains the depth images, None where lost. why_lost: why every joint is lost, empty where one is not.
+    explains the depth images, None where lost. why_lost: why every joint is lost, empty where one is not. poor: why
+    cameras' depth images are too poor for joints, none where they are not.
     """
 
     frame_set: FrameSet
@@ -45,9 +51,12 @@ class Estimate:
     matched_share: float | None = None
     explanation: Explanation | None = None
     why_lost: str = ""
+    poor: tuple[PoorDepth, ...] = ()
 
 
-def nobody_found(frame_set: FrameSet, why: str, observation: Observation | None = None) -> Estimate:
+def nobody_found(
+    frame_set: FrameSet, why: str, observation: Observation | None = None, poor: tuple[PoorDepth, ...] = ()
+) -> Estimate:
     """A frame in which every joint is lost, and why, as a sentence without its full stop."""
     return Estimate(
         frame_set,
@@ -59,6 +68,7 @@ def nobody_found(frame_set: FrameSet, why: str, observation: Observation | None 
         np.full(JOINT_COUNT, np.nan),
         (JointState.LOST,) * JOINT_COUNT,
         why_lost=why,
+        poor=poor,
     )
 
 
@@ -86,7 +96,9 @@ def estimate_of(
     sigma = with_rivals(body, joints, sigma, rivals) if rivals else sigma
     sigma = unexplained_sigma(body, posed, evidence, explanation, sigma)
     sigma = contested_sigma(body, belief.pose, observation.pieces, evidence.views, sigma)
-    found = joint_states(body.points, posed, explanation.covering, evidence.views, evidence.cameras, config.visibility)
+    sigma = _smeared_sigma(body, belief.pose, observation, sigma, config)
+    poor = poor_depth(posed, evidence.views, evidence.cameras, _details(observation), config.visibility.reach_m)
+    found = _states(body, posed, explanation, evidence, poor, config)
     states = tuple(
         JointState.HIDDEN if joint in placed and state is JointState.LOST else state
         for joint, state in enumerate(found)
@@ -107,4 +119,50 @@ def estimate_of(
         matched_share,
         explanation,
         TOO_UNCERTAIN if lost.all() else "",
+        tuple(one for one in poor if one is not None),
+    )
+
+
+def _details(observation: Observation) -> list[DepthDetail | None]:
+    return [None if pieces is None else pieces.detail for pieces in observation.pieces]
+
+
+def _smeared_sigma(
+    body: Body, pose: Pose, observation: Observation, sigma_m: np.ndarray, config: TrackConfig
+) -> np.ndarray:
+    """(21,) sigma_m, larger where every camera that shows the patient has filters that draw edges out."""
+    edges = []
+    for view, detail in zip(observation.evidence.views, _details(observation), strict=True):
+        distance_m = None if view is None else distance_of(view)
+        if detail is None or distance_m is None:
+            continue
+        if not detail.filtered:
+            return sigma_m
+        edges.append(detail.edge_m(distance_m))
+    if not edges:
+        return sigma_m
+    return smeared_sigma(body, pose, observation.evidence, min(edges), sigma_m, config.registration, config.uncertainty)
+
+
+def _states(
+    body: Body,
+    posed: PosedPoints,
+    explanation: Explanation,
+    evidence: Evidence,
+    poor: Sequence[PoorDepth | None],
+    config: TrackConfig,
+) -> tuple[JointState, ...]:
+    """States by what all cameras show; a joint is observed only in a camera that resolves limbs, else it is hidden."""
+
+    def by(views: Sequence[View | None]) -> tuple[JointState, ...]:
+        return joint_states(body.points, posed, explanation.covering, views, evidence.cameras, config.visibility)
+
+    found = by(evidence.views)
+    coarse = [one is not None and not one.resolves_limbs for one in poor]
+    if not any(coarse):
+        return found
+    resolved = by([None if blurred else view for view, blurred in zip(evidence.views, coarse, strict=True)])
+    return tuple(
+        JointState.HIDDEN if state is JointState.OBSERVED and sharp is not JointState.OBSERVED else state
+        for state, sharp in zip(found, resolved, strict=True)
     )

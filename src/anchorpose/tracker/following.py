@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
+import numpy as np
+
+from anchorpose.body.poor_depth import PoorDepth, too_coarse
 from anchorpose.body.skin_points import FittedShape
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.recording.recording import FrameSet
@@ -68,7 +71,21 @@ def follow_openly(
             found = start.value
             if start is NoStart.NO_BODY_FITS:
                 wait, pause = pause, min(2 * pause, LONGEST_PAUSE)
-        yield nobody_found(frame_set, found), None
+        yield nobody_found(frame_set, found, poor=_poor_at(choice, frame_set, run)), None
     if tracker is not None:
         for estimate in tracker.finish():
             yield estimate, tracker
+
+
+def _poor_at(choice: PatientChoice | None, frame_set: FrameSet, run: Run) -> tuple[PoorDepth, ...]:
+    """Why depth is too poor for joints where the patient should be, who is lost; none where that is not known."""
+    if choice is None:
+        return ()
+    place = np.array([choice.ground_xz_m[0], 0.0, choice.ground_xz_m[1]])
+    poor = []
+    for scene, depth_m in zip(run.room.scenes, frame_set.depths_m, strict=True):
+        away = place - scene.camera.position_m
+        distance_m = float(np.linalg.norm(away[[0, 2]]))
+        if depth_m is not None and (found := too_coarse(scene.camera.name, scene.background.detail, distance_m)):
+            poor.append(found)
+    return tuple(poor)

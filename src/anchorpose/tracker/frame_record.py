@@ -8,6 +8,7 @@ import numpy as np
 
 from anchorpose.body.contact_regions import Nearness, find_nearness
 from anchorpose.body.explained import Explanation
+from anchorpose.body.poor_depth import PoorDepth
 from anchorpose.body.pose import MOVING_BONES, Pose
 from anchorpose.body.skin_points import Body, pose_points
 from anchorpose.geodesics.anchors import no_anchors
@@ -28,7 +29,7 @@ from anchorpose.tracker.smoothing import PassResult
 class FrameRecord:
     """What is kept of one frame: the joints, the body's pose, how well it explains the depth images, anchors, share of
     nodes matched, how near others are to the patient (None where the patient is lost), what was wrong with the depth
-    images, and why the patient is lost (empty where not)."""
+    images, why the patient is lost (empty where not), and why depth is too poor for joints (none where it is not)."""
 
     joints: JointFrame
     body: BodyPose
@@ -38,6 +39,7 @@ class FrameRecord:
     near: Nearness | None
     problems: tuple[str, ...]
     why_lost: str = ""
+    poor: tuple[PoorDepth, ...] = ()
 
 
 def record_of(estimate: Estimate, body: Body | None, run: Run) -> FrameRecord:
@@ -56,7 +58,9 @@ def record_of(estimate: Estimate, body: Body | None, run: Run) -> FrameRecord:
     bones, near = _bones(estimate, body, run), _near(estimate, body, run)
     anchors, share = anchor_frame(estimate), estimate.matched_share
     explained = explained_frame(frame_set.frame, frame_set.time_s, estimate.explanation)
-    record = FrameRecord(joints, bones, explained, anchors, share, near, frame_set.problems, estimate.why_lost)
+    record = FrameRecord(
+        joints, bones, explained, anchors, share, near, frame_set.problems, estimate.why_lost, estimate.poor
+    )
     why = run.room.review.why_unusable(frame_set.frame)
     return record if why is None else _without_patient(record, why)
 
