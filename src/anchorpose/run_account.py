@@ -106,6 +106,7 @@ def account_of(
             *clock_notes(room.clocks),
             *(camera.sentence for camera in gaps if camera.sentence),
             *_coarse_cameras(room),
+            *room.notes,
             *_notes(room, learnt),
             *written.association.sentences,
             *(() if corrections is None else corrections.not_honoured),

@@ -8,7 +8,8 @@ from room_builder import FRONT, NOISE_PER_M, ROOM, body, in_front, picture
 
 from anchorpose.camera import transform_points
 from anchorpose.isolation.background import BackgroundSource, foreground
-from anchorpose.isolation.empty_room import depth_of_room, learn_background
+from anchorpose.isolation.empty_room import learn_background
+from anchorpose.isolation.room_planes import depth_of_room
 from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel
 
 EMPTY = picture(FRONT, *ROOM, seed=0)

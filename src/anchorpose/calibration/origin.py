@@ -55,7 +55,7 @@ def start_of_patient(
             place = _densest(points, points[:, 2] ** 2 / (camera.intrinsics.fx * camera.intrinsics.fy), up)
             if place is not None:
                 ground = _dropped(place, points, up, height_m)
-                return Start(ground, f"the origin is below the first person, found in frame {number} {how}")
+                return Start(ground, f"the origin is below {how}, in frame {number}")
     ahead = np.array([0.0, 0.0, USUAL_DISTANCE_M])
     return Start(
         _dropped(ahead, ahead[None], up, height_m), "nobody was found: the origin is 2.5 m ahead of the camera"
@@ -74,10 +74,13 @@ def people_only(depth_m: np.ndarray) -> bool:
 def _rooms(depths_m: Sequence[np.ndarray], background_m: np.ndarray | None) -> Iterator[tuple[np.ndarray | None, str]]:
     """What people may stand out from, the most reliable first, in words too; None = the room is unknown."""
     if background_m is not None:
-        yield background_m, "in front of the empty room"
+        yield background_m, "the first person in front of the empty room"
     elif len(depths_m) >= FRAMES_NEEDED and not all(people_only(depth) for depth in depths_m):
-        yield np.quantile(np.stack(depths_m), 0.9, axis=0).astype(np.float32), "in front of what stays in place"
-    yield None, "as the largest upright mass"
+        yield (
+            np.quantile(np.stack(depths_m), 0.9, axis=0).astype(np.float32),
+            "the first person or moved furniture in front of what stays in place",
+        )
+    yield None, "the largest upright mass, a person or furniture"
 
 
 def _margin_m(room_m: np.ndarray, depth_m: np.ndarray) -> np.ndarray:

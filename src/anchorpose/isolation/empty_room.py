@@ -24,7 +24,8 @@ from anchorpose.isolation.background import (
     equipment_depth,
 )
 from anchorpose.isolation.components import JUMP_GATE
-from anchorpose.isolation.resting import resting_people
+from anchorpose.isolation.resting import resting_people, swaying_people
+from anchorpose.isolation.room_planes import depth_of_room
 from anchorpose.isolation.smear import smear_px
 from anchorpose.recording.equipment import EquipmentModel
 
@@ -42,14 +43,6 @@ PERSON_M: Final = 0.6  # from the axis of a person to the knees of one who sits,
 HEAD_M: Final = 2.3  # above the floor: a raised arm
 SOLE_M: Final = 0.015  # above the floor: what the plane may be off, and a third of a foot's height
 
-PLANES: Final = 6  # floor, ceiling and the walls in view
-TRIALS: Final = 200  # a plane with a fifth of the points is drawn once in 125
-VOTERS: Final = 5000  # points that vote on a plane
-TOLERANCE_M: Final = 0.02  # walls and floors are flat to that
-NOISE_GATE: Final = 3.0  # sigmas
-LEAST_SHARE: Final = 0.03  # of the image: a smaller plane is furniture, or somebody's back
-MOST_BEYOND: Final = 0.02  # of the readings on the far side: nothing is behind a wall
-
 
 def learn_background(
     empty_m: np.ndarray | None,
@@ -58,13 +51,15 @@ def learn_background(
     floor_height_m: float | None,
     equipment: EquipmentModel | None = None,
     person_xz_m: tuple[float, float] | None = None,
+    swaying: bool = False,
 ) -> BackgroundModel:
     """The background of one camera from a frame of the empty room or, without one, from sampled frames.
 
     empty_m (height, width) float32 or None; frames_m: frames of the same shape, spread over the recording; the camera
     has a pose. Without an empty frame the background is what is farthest most of the time, less the people who never
     leave their place. floor_height_m: None where no floor is seen; the equipment is not needed beside an empty frame.
-    Raises ValueError without frames.
+    swaying: people may stand still all the time, so that what sways as no furniture does is not the room. Raises
+    ValueError without frames.
     """
     if not frames_m:
         raise ValueError("a background needs at least one frame of the recording to measure the noise on")
@@ -77,6 +72,9 @@ def learn_background(
         nothing = np.zeros_like(frames_m[0], dtype=np.float32)
         return BackgroundModel(nothing, nothing, noise, focal_px, BackgroundSource.REMOVED, step_per_m=step)
     depth, sigma = _from_recording(frames_m, camera, floor_height_m, equipment, noise)
+    if swaying and len(frames_m) >= FRAMES_NEEDED:
+        people = swaying_people(depth, frames_m, camera, floor_height_m, noise)
+        depth = np.where(people, depth_of_room(depth, camera, noise), depth)
     if person_xz_m is not None:
         depth = _without_person(depth, camera, floor_height_m, person_xz_m, noise)
     return BackgroundModel(depth, sigma, noise, focal_px, BackgroundSource.RECORDING, smear_px(frames_m), step)
@@ -203,70 +201,3 @@ def _as_sigma(factor: np.ndarray, depth_m: np.ndarray, floor: float) -> np.ndarr
     whole = np.maximum(np.where(np.isfinite(factor), factor, typical), floor).astype(np.float32)
     smooth = cv2.resize(whole, depth_m.shape[::-1], interpolation=cv2.INTER_LINEAR)
     return (smooth * np.where(depth_m > 0, depth_m, 1.0) ** 2).astype(np.float32)
-
-
-def depth_of_room(room_m: np.ndarray, camera: Camera, noise_per_m: float, seed: int = 0) -> np.ndarray:
-    """(height, width) float32 depth of the nearest wall, floor or ceiling along each ray; 0 where none is met.
-
-    room_m (height, width) float32: what is known of the room, 0 = nothing. Walls are planes with many readings on them
-    and none behind them. A room is convex, so that of several planes the nearest is the one that is seen.
-    """
-    points = camera.back_project(room_m).reshape(-1, 3).astype(np.float64)
-    points = points[np.isfinite(points[:, 2])]
-    rng = np.random.default_rng(seed)
-    share = min(1.0, VOTERS / max(len(points), 1))
-    points = points[rng.random(len(points)) < share]
-    rays = np.concatenate([camera.pixel_rays(), np.ones((*room_m.shape, 1), np.float32)], axis=-1)
-    nearest = np.full(room_m.shape, np.inf, np.float32)
-    for plane in _planes(points, LEAST_SHARE * share * room_m.size, noise_per_m, rng):
-        towards = rays @ plane[:3].astype(np.float32)
-        depth = np.where(towards > 1e-3, plane[3] / np.maximum(towards, 1e-3), np.inf)
-        nearest = np.minimum(nearest, depth.astype(np.float32))
-    return np.where(np.isfinite(nearest), nearest, np.float32(0.0))
-
-
-def _planes(points_m: np.ndarray, least: float, noise_per_m: float, rng: np.random.Generator) -> list[np.ndarray]:
-    """(4,) each: normal away from the camera and offset, ``normal @ p = offset``; largest first."""
-    found, left = list[np.ndarray](), points_m
-    limit = TOLERANCE_M + NOISE_GATE * noise_per_m * points_m[:, 2] ** 2
-    while len(found) < PLANES and len(left) > max(least, 3):
-        plane = _best(left, points_m, least, limit, noise_per_m, rng)
-        if plane is None:
-            break
-        found.append(plane)
-        left = left[np.abs(left @ plane[:3] - plane[3]) > TOLERANCE_M + NOISE_GATE * noise_per_m * left[:, 2] ** 2]
-    return found
-
-
-def _best(
-    left_m: np.ndarray,
-    points_m: np.ndarray,
-    least: float,
-    limit_m: np.ndarray,
-    noise_per_m: float,
-    rng: np.random.Generator,
-) -> np.ndarray | None:
-    """The plane through three of the points ``left_m`` with most of them on it and nothing beyond, None if too few."""
-    corners = left_m[rng.integers(0, len(left_m), (TRIALS, 3))]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    length = np.linalg.norm(normals, axis=1)
-    normals = normals[length > 1e-6] / length[length > 1e-6, None]
-    offsets = np.einsum("ij,ij->i", normals, corners[length > 1e-6, 0])
-    sign = np.where(offsets < 0, -1.0, 1.0)
-    best, best_votes = None, least
-    gate = TOLERANCE_M + NOISE_GATE * noise_per_m * left_m[:, 2] ** 2
-    for normal, offset in zip(normals * sign[:, None], offsets * sign, strict=True):
-        votes = int(np.count_nonzero(np.abs(left_m @ normal - offset) < gate))
-        if votes <= best_votes or np.mean(points_m @ normal - offset > 2.0 * limit_m) > MOST_BEYOND:
-            continue
-        best, best_votes = np.append(normal, offset), votes
-    return None if best is None else _refitted(best, left_m, gate)
-
-
-def _refitted(plane: np.ndarray, points_m: np.ndarray, gate_m: np.ndarray) -> np.ndarray:
-    """Least squares on the inliers."""
-    own = points_m[np.abs(points_m @ plane[:3] - plane[3]) < gate_m]
-    centre = own.mean(axis=0)
-    normal = np.linalg.eigh(np.cov((own - centre).T))[1][:, 0]
-    normal *= np.sign(normal @ plane[:3])
-    return np.append(normal, normal @ centre)

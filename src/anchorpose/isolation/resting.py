@@ -23,6 +23,10 @@ SWAYED_SHARE: Final = 0.01  # of the pixels around a body, covered in one frame
 SWAY_M: Final = 0.25  # from a body's own depth: how far it sways and its arms reach
 LIMB_PX: Final = 5  # a wrist four metres away; edges flicker by one or two
 RING_PX: Final = 11  # around a body, 3 cm at 2 m
+PATCH_PX: Final = 17  # of a chest or a thigh four metres away; its mean has a seventeenth of a reading's noise
+SWAY_GATE_M: Final = 0.06  # from a person's usual place: quiet standing sways by up to 5 cm
+MOST_OF_ROOM: Final = 90  # percentile of the room's patches; the others are at edges, which flicker
+SWAYS_TIMES: Final = 2.0  # what most of the room shows; still people have 3 to 9 (time of flight), mannequins below 1
 BESIDE_PX: Final = 2  # from the border of a piece to what may be connected
 
 
@@ -41,22 +45,87 @@ def resting_people(
     (floor_height_m None) nobody is connected to it either, and the height above it is not tested.
     """
     points = transform_points(camera.require_pose(), camera.back_project(room_m))
-    upright = room_m > 0
-    if floor_height_m is not None:  # noise across the floor is a z h, the camera about a metre above it
-        upright &= points[..., 1] - floor_height_m > SOLE_M + JUMP_GATE * noise_per_m * room_m
     limit = jump_limit(noise_per_m, camera.intrinsics.fx)
     nearer = [_without_flicker(frame) for frame in nearer]
-    pieces, count = label_components(room_m, upright, limit)
+    pieces, area = _upright_pieces(room_m, points, camera, floor_height_m, noise_per_m)
+    attached = _attached_share(room_m, pieces, len(area) - 1, nearer, limit)
+    mask = (attached > LEAST_ATTACHED_SHARE)[pieces] & (area < LARGEST_M2)[pieces] & (pieces > 0)
+    for body in _of_body_size(pieces, area, points, floor_height_m):
+        if _moves(body, room_m, nearer):
+            mask |= body
+    return mask
+
+
+def swaying_people(
+    room_m: np.ndarray,
+    frames_m: Sequence[np.ndarray],
+    camera: Camera,
+    floor_height_m: float | None,
+    noise_per_m: float,
+) -> np.ndarray:
+    """(height, width) bool: pieces of ``room_m`` as large as a person that stay in place, but sway unlike furniture.
+
+    room_m, floor_height_m: as in ``resting_people``; frames_m: sampled frames (height, width) float32. A person who
+    stands sways by some millimetres, a person who sits breathes. A camera whose readings of furniture drift by as much
+    shows nobody.
+    """
+    points = transform_points(camera.require_pose(), camera.back_project(room_m))
+    pieces, area = _upright_pieces(room_m, points, camera, floor_height_m, noise_per_m)
+    bodies = _of_body_size(pieces, area, points, floor_height_m)
+    sway = _sway(frames_m, room_m, noise_per_m)
+    rest = np.isfinite(sway) & ~np.any([np.zeros(room_m.shape, bool), *bodies], axis=0)
+    mask = np.zeros(room_m.shape, bool)
+    if not rest.any():
+        return mask
+    least = SWAYS_TIMES * float(np.percentile(sway[rest], MOST_OF_ROOM))
+    for body in bodies:
+        own = sway[body & np.isfinite(sway)]
+        if own.size and np.median(own) > least:
+            mask |= body
+    return mask
+
+
+def _sway(frames_m: Sequence[np.ndarray], room_m: np.ndarray, noise_per_m: float) -> np.ndarray:
+    """(height, width) deviation over time of the mean reading around each pixel, divided by the squared depth.
+
+    The mean over ``PATCH_PX`` leaves little of the sensor's noise, and all of a body's sway. NaN where the room is not
+    seen around a pixel in most of the frames.
+    """
+    square = np.where(room_m > 0, room_m, 1.0).astype(np.float32) ** 2
+    gate = SWAY_GATE_M + JUMP_GATE * noise_per_m * square
+    means = []
+    for frame in frames_m:
+        change = frame - room_m
+        same = ((frame > 0) & (room_m > 0) & (np.abs(change) < gate)).astype(np.float32)
+        share = cv2.blur(same, (PATCH_PX, PATCH_PX))
+        mean = cv2.blur(np.where(same > 0, change / square, np.float32(0.0)), (PATCH_PX, PATCH_PX))
+        means.append(np.where(share > 0.5, mean / np.maximum(share, 1e-6), np.nan))
+    seen = np.isfinite(means).mean(axis=0) > 0.5
+    deviation = np.full(room_m.shape, np.nan)
+    deviation[seen] = np.nanstd(np.array(means)[:, seen], axis=0)
+    return deviation
+
+
+def _upright_pieces(
+    room_m: np.ndarray, points_m: np.ndarray, camera: Camera, floor_height_m: float | None, noise_per_m: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """(height, width) int32 connected pieces above the floor, from 1, and the area of each, (count + 1,) m2."""
+    upright = room_m > 0
+    if floor_height_m is not None:  # noise across the floor is a z h, the camera about a metre above it
+        upright &= points_m[..., 1] - floor_height_m > SOLE_M + JUMP_GATE * noise_per_m * room_m
+    pieces, count = label_components(room_m, upright, jump_limit(noise_per_m, camera.intrinsics.fx))
     pixel_m2 = room_m.astype(np.float64) ** 2 / (camera.intrinsics.fx * camera.intrinsics.fy)
     area = np.bincount(pieces.ravel(), pixel_m2.ravel(), count + 1)
     area[0] = 0.0
-    attached = _attached_share(room_m, pieces, count, nearer, limit)
-    mask = (attached > LEAST_ATTACHED_SHARE)[pieces] & (area < LARGEST_M2)[pieces] & (pieces > 0)
-    for piece in np.flatnonzero(area > PERSON.area_m2):
-        body = pieces == piece
-        if _has_a_body_size(points[body], floor_height_m) and _moves(body, room_m, nearer):
-            mask |= body
-    return mask
+    return pieces, area
+
+
+def _of_body_size(
+    pieces: np.ndarray, area_m2: np.ndarray, points_m: np.ndarray, floor_height_m: float | None
+) -> list[np.ndarray]:
+    """(height, width) bool each: the pieces as large as a person."""
+    bodies = [pieces == piece for piece in np.flatnonzero(area_m2 > PERSON.area_m2)]
+    return [body for body in bodies if _has_a_body_size(points_m[body], floor_height_m)]
 
 
 def _without_flicker(nearer_m: np.ndarray) -> np.ndarray:

@@ -22,6 +22,7 @@ from anchorpose.tracker.sighting import SeenPerson, Sighting
 
 STAYS_M: Final = 0.40  # from a person's usual place: a step, or the way from a seat to standing
 HUMAN: Final = 0.60  # of a person's nodes explained by a body: furniture and two people in one have less
+POSSIBLE: Final = 0.5  # of the frames in which no camera sees past the body; a wheelchair that is pushed has fewer
 HELP_M: Final = 1.2  # from pelvis to pelvis: an outstretched arm's length and a step
 FACES: Final = 0.7  # cosine: within 45 degrees
 ASIDE_M: Final = 0.4  # from where the cameras look: 0.7 votes less; cameras are aimed by eye
@@ -138,9 +139,12 @@ def _usual_place(seen: Sequence[SeenPerson]) -> np.ndarray:
 
 
 def _is_human(seen: Sequence[SeenPerson | None]) -> bool:
-    """Whether a body explains most of the person, where bodies were fitted."""
-    explained = [one.body.explained for one in seen if one is not None and one.body is not None]
-    return not explained or float(np.median(explained)) >= HUMAN
+    """Whether a body explains most of the person, and no camera sees past it, where bodies were fitted."""
+    bodies = [one.body for one in seen if one is not None and one.body is not None]
+    if not bodies:
+        return True
+    explained, possible = zip(*((body.explained, body.possible) for body in bodies), strict=True)
+    return float(np.median(explained)) >= HUMAN and float(np.mean(possible)) >= POSSIBLE
 
 
 def _candidate(

@@ -27,8 +27,9 @@ from anchorpose.isolation.scene import Scene, set_scene
 from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import FrameSet, Recording, align_clocks
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.initial_frame import rank_initial_frames, ranked_by_view, with_best_initial_frame
+from anchorpose.tracker.initial_frame import ranked_by_view, with_best_initial_frame
 from anchorpose.tracker.isolating import observe_first
+from anchorpose.tracker.look import Look, look_around
 from anchorpose.tracker.patient_choice import GIVEN_M, named_patient
 from anchorpose.tracker.room import NO_REVIEW, InitialFrame, Review, Room
 from anchorpose.tracker.run import Run
@@ -38,6 +39,10 @@ from anchorpose.tracker.start import ORDINARY_HEIGHT_M, first_heights, known_sha
 BLIND_SAMPLES = 3  # times as many where the empty room has to be put together from moments in which it is free
 AROUND: Final = 6  # frames before and after the one in which the user named the patient: half a step each
 LOOKS: Final = 3  # frames, each 2 to 6 s of fitting
+HARDLY_MOVES: Final = (
+    "the patient hardly moves and might be furniture: only the shape, and more swaying than furniture shows, speak for "
+    "a person"
+)
 LEAST_RATIO: Final = 1.2  # of the next best heading's cost to the best one's: 1.3 to 3.8 where the patient is seen well
 
 
@@ -141,11 +146,28 @@ def furnish_room(settled: Settled, config: TrackConfig, review: Review) -> Room:
     usable = [k for k, frame_set in enumerate(samples) if review.why_unusable(frame_set.frame) is None]
     usable = usable or list(range(len(samples)))
     usable = [usable[k] for k in thin(len(usable), config.follow.samples)]  # samples of an empty room are more
-    sightings = [sight_people(samples[k], scenes, config) for k in usable]
-    initial = rank_initial_frames(
-        [settled.chosen[k] for k in usable], sightings, recording.equipment, config.patient_xz_m, calibration.cameras
+    look = _look(settled, usable, scenes, config)
+    if not look.initial_frames:  # who stands still all the time was taken for furniture
+        look = _look_for_still_person(settled, usable, look, config) or look
+    return Room(
+        recording, settled.clocks, calibration, look.scenes, look.initial_frames, review, look.why_nobody, look.notes
     )
-    return Room(recording, settled.clocks, calibration, scenes, initial, review)
+
+
+def _look(
+    settled: Settled, usable: Sequence[int], scenes: tuple[Scene, ...], config: TrackConfig, before: Look | None = None
+) -> Look:
+    positions, samples = [settled.chosen[k] for k in usable], [settled.samples[k] for k in usable]
+    return look_around(positions, samples, scenes, settled.recording.equipment, config, before)
+
+
+def _look_for_still_person(settled: Settled, usable: Sequence[int], before: Look, config: TrackConfig) -> Look | None:
+    """The person at the place that the user gave or, without one, who sways as no furniture does; None: nobody."""
+    named = config.patient_xz_m is not None
+    look = _look(settled, usable, _scenes(settled, config.patient_xz_m, swaying=not named), config, before)
+    if not look.initial_frames:
+        return None
+    return look if named else replace(look, notes=(*look.notes, HARDLY_MOVES))
 
 
 def _frames_of_named(
@@ -183,15 +205,19 @@ def _nobody_named(recording: Recording, scenes: Sequence[Scene], config: TrackCo
     return InputError(recording.folder, problem, "give another place or another frame")
 
 
-def _scenes(settled: Settled, person_xz_m: tuple[float, float] | None = None) -> tuple[Scene, ...]:
-    """Every camera's empty room; person_xz_m: as for ``learn_background``."""
+def _scenes(
+    settled: Settled, person_xz_m: tuple[float, float] | None = None, swaying: bool = False
+) -> tuple[Scene, ...]:
+    """Every camera's empty room; person_xz_m, swaying: as for ``learn_background``."""
     return tuple(
-        set_scene(camera, _background(settled, number, person_xz_m), settled.recording.equipment)
+        set_scene(camera, _background(settled, number, person_xz_m, swaying), settled.recording.equipment)
         for number, camera in enumerate(settled.calibration.cameras)
     )
 
 
-def _background(settled: Settled, number: int, person_xz_m: tuple[float, float] | None) -> BackgroundModel:
+def _background(
+    settled: Settled, number: int, person_xz_m: tuple[float, float] | None, swaying: bool
+) -> BackgroundModel:
     recording, camera = settled.recording, settled.calibration.cameras[number]
     frames = [depth for sample in settled.samples if (depth := sample.depths_m[number]) is not None]
     if not frames:
@@ -204,6 +230,7 @@ def _background(settled: Settled, number: int, person_xz_m: tuple[float, float] 
         settled.calibration.floor_height_m,
         recording.equipment,
         person_xz_m,
+        swaying,
     )
 
 

@@ -22,6 +22,7 @@ from anchorpose.recording.recording import Clock, Recording
 from anchorpose.results.corrections import Corrections, JointCorrection
 
 UP = np.array([0.0, 1.0, 0.0])
+NOBODY_SEEN: Final = "nobody was seen in the sampled frames"
 FACING = np.array([1.0, 0.0, 0.0])  # design: X of the world is the way the patient faces
 
 
@@ -44,7 +45,8 @@ class InitialFrame:
 class Room:
     """recording: on one clock; cameras and scenes in its order; initial_frames: where tracking may begin, best first,
     none where nobody was seen in the sampled frames, or nobody is to be tracked; review: a reviewer's corrections of
-    earlier results; why_nobody: why every joint is lost where there is no initial frame."""
+    earlier results; why_nobody: why every joint is lost where there is no initial frame; notes: sentences
+    on mirrors and gaps in walls."""
 
     recording: Recording
     clocks: Clocks
@@ -52,7 +54,8 @@ class Room:
     scenes: tuple[Scene, ...]
     initial_frames: tuple[InitialFrame, ...]
     review: Review
-    why_nobody: str = "nobody was seen in the sampled frames"
+    why_nobody: str = NOBODY_SEEN
+    notes: tuple[str, ...] = ()
 
     @property
     def initial_frame(self) -> InitialFrame | None:

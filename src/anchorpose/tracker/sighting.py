@@ -16,7 +16,7 @@ from anchorpose.body.evidence import Evidence
 from anchorpose.body.explained import seen_past
 from anchorpose.body.pose import TRUNK
 from anchorpose.body.skin_points import Body, body_points, pose_points
-from anchorpose.isolation.people import People, Person, find_people
+from anchorpose.isolation.people import FAINT, PatientChoice, People, Person, find_people
 from anchorpose.isolation.scene import Pieces, Scene, find_all_pieces
 from anchorpose.isolation.separation import label_people
 from anchorpose.isolation.view import PixelLabel
@@ -28,6 +28,8 @@ from anchorpose.tracker.config import TrackConfig
 
 ONE_PERSON: Final = 0.75  # of a person's nodes explained by a rough body: 0.5 to 0.7 where two people are taken for one
 IN_EACH_OTHER_M: Final = 0.25  # from pelvis to pelvis: a trunk's depth and a rough body's error
+BORDER_PX: Final = 4  # rows: filters leave the first ones without a reading
+LIMBS_M: Final = 0.8  # above the floor, where the legs of an adult end
 _ACROSS: Final = (("HipLeft", "HipRight"), ("ShoulderLeft", "ShoulderRight"))
 
 
@@ -98,6 +100,32 @@ def sight_people(frame_set: FrameSet, scenes: Sequence[Scene], config: TrackConf
         if _explained(joined.people[min(pair)]) >= ONE_PERSON:
             return joined
     return sighting
+
+
+def body_of_chosen(
+    frame_set: FrameSet, choice: PatientChoice, scenes: Sequence[Scene], config: TrackConfig
+) -> RoughBody | None:
+    """The rough body of the person who was chosen in a frame, also of one who is alone; None as in SeenPerson."""
+    pieces = find_all_pieces(frame_set.depths_m, scenes)
+    people = find_people(pieces, config.isolation, choice.group, faint=True)
+    away_m = [float(np.linalg.norm(one.ground_xz_m - choice.ground_xz_m)) for one in people.people]
+    views = label_people(pieces, people, np.arange(len(people.people)))
+    label = PixelLabel.PATIENT + int(np.argmin(away_m))
+    evidence = person_evidence(views, [scene.camera for scene in scenes], label)
+    return _rough_body(ordinary_body(body_points()), evidence)
+
+
+def shows_limbs_alone(frame_set: FrameSet, scenes: Sequence[Scene]) -> bool:
+    """Whether the upper border of an image cuts somebody off below where trunks begin."""
+    for pixels in find_all_pieces(frame_set.depths_m, scenes):
+        if pixels is None:
+            continue
+        for piece in np.unique(pixels.piece[pixels.row < BORDER_PX]):
+            own = pixels.piece == piece
+            large = pixels.area_m2[own].sum() > FAINT.area_m2
+            if large and np.percentile(pixels.points_m[own, 1], 99) < LIMBS_M:
+                return True
+    return False
 
 
 def _is_sure(seen: SeenPerson) -> bool:

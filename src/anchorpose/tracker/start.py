@@ -31,9 +31,7 @@ from anchorpose.tracker.run import Run
 
 SEEN = 0.3  # of the skin of a forearm or shank: half of it faces a camera
 USUAL = 60.0  # squared deviations of all joint ranges: right first poses have 15 to 60, wrong ones over 100
-LEAST_QUALITY = (
-    0.25  # where no equipment says that a person is there: most right ones have 0.35 and more, one in a crowd had less
-)
+LEAST_QUALITY = 0.25  # where no equipment says that a person is there: right ones have 0.35, one in a crowd had less
 HEADINGS = 2  # that are tried: rough bodies mistake a back for a front in one of ten
 LEAST_TRUNK = 0.05  # of the skin of trunk and head: a face, or what is seen of a chest between others
 LEAST_EXPLAINED = 0.55  # share of the surface that a first pose must account for
