@@ -43,7 +43,7 @@ _KIND, _RADIUS, _K, _TILT = 4, 5, 6, 18  # places in a lens array
 _SIZE: Final = 27
 _STEPS: Final = 20  # of Newton's method; five are enough inside of the valid radius
 _EXACT_PX: Final = 1e-6
-_NOWHERE: Final = -1e6  # a column and row outside of every image: kernels make it an integer, which NaN has none for
+NOWHERE: Final = -1e6  # a column and row outside of every image; kernels make integers of it, NaN has none
 _SLOPE: Final = 1e-6  # ray units, for the numerical derivative
 
 
@@ -132,7 +132,7 @@ def pixel_of_ray(x: float, y: float, lens: np.ndarray) -> tuple[float, float]:
         return lens[0] * x + lens[2], lens[1] * y + lens[3]
     squared = x * x + y * y
     if squared > lens[_RADIUS] * lens[_RADIUS]:
-        return _NOWHERE, _NOWHERE
+        return NOWHERE, NOWHERE
     radius = np.sqrt(squared)
     scale = _radial(radius, lens) / radius if radius > 1e-9 else 1.0
     u, v = x * scale, y * scale
@@ -154,7 +154,7 @@ def project(points: np.ndarray, lens: np.ndarray) -> np.ndarray:
     for p in range(len(points)):
         if points[p, 2] > 1e-6:
             column, row = pixel_of_ray(points[p, 0] / points[p, 2], points[p, 1] / points[p, 2], lens)
-            if column > _NOWHERE:
+            if column > NOWHERE:
                 pixels[p, 0], pixels[p, 1] = column, row
     return pixels
 
@@ -194,7 +194,7 @@ def _solve(x: float, y: float, column: float, row: float, lens: np.ndarray) -> t
     for _ in range(_STEPS):
         c, r = pixel_of_ray(x, y, lens)
         miss_c, miss_r = column - c, row - r
-        if c == _NOWHERE:  # just beyond the radius: from a little farther in
+        if c == NOWHERE:  # just beyond the radius: from a little farther in
             x, y = 0.99 * x, 0.99 * y
             continue
         if abs(miss_c) < _EXACT_PX and abs(miss_r) < _EXACT_PX:
