@@ -50,9 +50,13 @@ def lost_beside(*people, left: bool = False) -> Search:
     return Search(before, LastSeen(before, np.array([0.0, 0.9, 0.0]), met), left)
 
 
-def looked(search: Search, *moments: tuple) -> list[PatientChoice | NoStart]:
-    """What is found in each of some frames; a moment: the people in it."""
-    return [search.look(frame(number, *people), Run(ROOM_NOW, CONFIG)) for number, people in enumerate(moments, 1)]
+def looked(search: Search, *moments: tuple, first: int = 1) -> list[PatientChoice | NoStart]:
+    """What is found in each of some frames, from the frame ``first`` on; a moment: the people in it."""
+    numbered = enumerate(moments, first)
+    return [search.look(frame(number, *people), Run(ROOM_NOW, CONFIG)) for number, people in numbered]
+
+
+LATER = 20  # more than a second after the patient was lost
 
 
 def test_nobody_is_found_in_an_empty_room():
@@ -91,7 +95,7 @@ def test_of_two_newcomers_the_nearer_is_taken():
 @pytest.mark.parametrize("left", [False, True])
 def test_who_comes_in_may_be_the_other_who_left_too(left):
     newcomer = body(0.1, -0.1)
-    found = looked(lost_beside(THERAPIST, left=left), (newcomer,))[0]
+    found = looked(lost_beside(THERAPIST, left=left), (newcomer,), first=LATER)[0]
     if left:
         assert found is NoStart.WHO_IS_IT
     else:
@@ -99,8 +103,15 @@ def test_who_comes_in_may_be_the_other_who_left_too(left):
 
 
 def test_he_comes_back_while_everybody_else_stays():
-    found = looked(lost_beside(THERAPIST, left=True), (THERAPIST, body(0.1, -0.1)))[0]
-    assert isinstance(found, PatientChoice)
+    found = looked(lost_beside(THERAPIST, left=True), (THERAPIST,), (THERAPIST, body(0.1, -0.1)), first=LATER)
+    assert isinstance(found[1], PatientChoice)
+
+
+def test_who_comes_in_as_he_leaves_is_another_person_and_stays_one():
+    """Two people who walk in opposite directions pass each other outside of the picture."""
+    newcomer = body(0.1, -0.1)
+    moments = [(THERAPIST, newcomer)] * (LATER + 2)
+    assert set(looked(lost_beside(THERAPIST, left=True), *moments)) == {NoStart.NOBODY_NEW}
 
 
 def view_of(depth_m: np.ndarray, patient: np.ndarray) -> View:

@@ -24,6 +24,7 @@ from anchorpose.tracker.start import NoStart
 
 NEAR_M: Final = 0.5  # from where the patient was last seen: what remains visible is off the body's axis
 WALK_M_S: Final = 1.5  # as fast as people walk
+RETURN_S: Final = 1.0  # nobody walks out of the picture, turns round and is back sooner
 STRIP_M: Final = 0.15  # from the border: half a trunk in profile, a head's width
 BORDER: Final = 0.1  # of the image's width or height, where stereo cameras read nothing
 CUT: Final = 0.5  # of a person's rows or columns that go on to the border
@@ -68,13 +69,17 @@ class Search:
         """Who may be the patient in this frame, or why nobody may be; frames come in order, without gaps.
 
         A person who comes in after the patient has left the picture, or appears elsewhere, may be another one who was
-        there before. It is the patient in the equipment, or if everybody else who was met is in view.
+        there before. It is the patient in the equipment, or if everybody else who was met is in view. Who comes in just
+        after the patient has left is another person.
         """
         pieces, config = find_all_pieces(frame_set.depths_m, run.room.scenes), run.config
         elapsed_s = frame_set.time_s - self._time_s
         views = separate(pieces, self._memory, None, elapsed_s, config.isolation)
         self._memory = update_memory(self._memory, pieces, views, run.room.cameras, elapsed_s)
         self._time_s = frame_set.time_s
+        if self._left and abs(frame_set.time_s - self._lost_s) < RETURN_S:
+            self._met |= _people_in(views)
+            self._newcomer = self._memory.next_label
         reach_m = NEAR_M + WALK_M_S * abs(frame_set.time_s - self._lost_s)
         people = find_people(pieces, config.isolation).people
         axes = [one.ground_xz_m for one in people if self._may_be_patient(one, pieces, views, reach_m, config)]
@@ -90,11 +95,7 @@ class Search:
 
     def _others_are_away(self, views: Sequence[View | None]) -> bool:
         """Whether any of the people who were met beside the patient is not in view."""
-        seen = np.zeros(256, dtype=bool)
-        for view in views:
-            if view is not None:
-                seen |= np.bincount(view.labels.ravel(), minlength=256) > 0
-        return not all(seen[label] for label in self._met)
+        return not self._met <= _people_in(views)
 
     def _may_be_patient(
         self,
@@ -110,6 +111,15 @@ class Search:
         labels = _labels_about(person.ground_xz_m, pieces, views, config)
         known = (labels >= PixelLabel.OTHER_PERSON) & (labels < self._newcomer)
         return float(np.mean(known)) < BYSTANDER
+
+
+def _people_in(views: Sequence[View | None]) -> frozenset[int]:
+    """Labels of the people other than the patient in any view."""
+    seen = np.zeros(256, dtype=bool)
+    for view in views:
+        if view is not None:
+            seen |= np.bincount(view.labels.ravel(), minlength=256) > 0
+    return frozenset((np.flatnonzero(seen[PixelLabel.OTHER_PERSON :]) + int(PixelLabel.OTHER_PERSON)).tolist())
 
 
 def seen_as_strip(views: Sequence[View | None], cameras: Sequence[Camera]) -> bool:
