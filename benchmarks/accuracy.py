@@ -36,9 +36,15 @@ def _holes(seed: int, seconds: float, radius_m: float) -> presets.SimulationConf
     return presets.holes(seed, radius_m, seconds)
 
 
+def _through(seed: int, seconds: float, lens: presets.LensName) -> presets.SimulationConfig:
+    return replace(presets.single(seed, seconds), lens=lens)
+
+
+LENSES: Final[tuple[presets.LensName, ...]] = ("brown-conrady", "rational", "kannala-brandt")
 SCENES: Final[dict[str, Callable[[int, float], presets.SimulationConfig]]] = {
     "single": presets.single,
     **{f"hole-{radius_m:.2f}": partial(_holes, radius_m=radius_m) for radius_m in HOLES_M},
+    **{f"lens-{lens}": partial(_through, lens=lens) for lens in LENSES},
     "clinic": presets.clinic,
     "clinic-front": lambda seed, seconds: replace(presets.clinic(seed, seconds), cameras=1),
 }
@@ -46,6 +52,7 @@ DEFAULT_SCENES: Final = ("single", "hole-0.15", "clinic", "clinic-front")
 TITLES: Final = {
     "single": "one camera, nobody else",
     **{f"hole-{radius_m:.2f}": f"the same with holes of {radius_m:.2f} m" for radius_m in HOLES_M},
+    **{f"lens-{lens}": f"the same through a lens ({lens})" for lens in LENSES},
     "clinic": "clinic: three cameras, frame, two therapists",
     "clinic-front": "the same clinic, front camera alone",
 }

@@ -23,7 +23,8 @@ os.environ.update(OMP_NUM_THREADS="1", NUMBA_NUM_THREADS="1")  # before threads 
 import numpy as np
 from test_kernels import camera_at, render
 
-from anchorpose.camera import Camera, Intrinsics
+from anchorpose.camera import Camera
+from anchorpose.lens import Intrinsics
 from anchorpose.research.features.fpfh import FpfhConfig, fpfh
 from anchorpose.research.features.rops import RopsConfig, rops
 from anchorpose.research.features.shape_context import ShapeContextConfig, shape_context

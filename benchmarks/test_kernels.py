@@ -20,12 +20,13 @@ from anchorpose.body.asset import load_body_asset
 from anchorpose.body.body_map import map_body
 from anchorpose.body.kinematics import shape_body
 from anchorpose.body.skin_points import FittedShape, build_body, skin_points
-from anchorpose.camera import Camera, Intrinsics
+from anchorpose.camera import Camera
 from anchorpose.geodesics.anchors import Anchors, anchor_descriptor, find_anchors
 from anchorpose.geodesics.center import center_field
 from anchorpose.geodesics.distance import geodesic_distance
 from anchorpose.geodesics.extrema import Cap, find_caps, geodesic_extrema, surface_center
 from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.lens import Intrinsics
 from anchorpose.research.geodesic_solvers import edge_distance, edge_graph
 from anchorpose.surface.border import Border, border
 from anchorpose.surface.denoise import denoise, drop_flying_pixels, estimate_noise

@@ -9,7 +9,8 @@ import pytest
 from body_builder import FRONT, camera_at
 from scipy.spatial.transform import Rotation
 
-from anchorpose.camera import Camera, Intrinsics, invert_rigid, transform_points
+from anchorpose.camera import Camera, invert_rigid, transform_points
+from anchorpose.lens import Intrinsics
 
 BENT = replace(
     FRONT, intrinsics=replace(FRONT.intrinsics, distortion=(0.09, -0.27, 0.001, -0.0005, 0.09))

@@ -7,21 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Intrinsics:
-    """Pinhole with OpenCV's distortion; pixel centres at whole numbers."""
-
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)  # k1 k2 p1 p2 k3
-
-    @property
-    def matrix(self) -> np.ndarray:
-        """(3, 3) float64 camera matrix."""
-        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+from anchorpose.lens import Intrinsics, lens_array, project, rays_of_pixels
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,8 +37,12 @@ class Camera:
         return bool(self.pixel_of(transform_points(invert_rigid(self.require_pose()), place_m[None]))[2][0])
 
     def pixel_rays(self) -> np.ndarray:
-        """(height, width, 2) float32, read only: x/z and y/z of each undistorted pixel ray, camera frame."""
+        """(height, width, 2) float32, read only: x/z and y/z of each pixel's ray; NaN where it has none."""
         return _pixel_rays(self.intrinsics, self.width, self.height)
+
+    def valid_pixels(self) -> np.ndarray:
+        """(height, width) bool, read only: pixels that have a ray."""
+        return _valid_pixels(self.intrinsics, self.width, self.height)
 
     def back_project(self, depth_m: np.ndarray) -> np.ndarray:
         """Depth image (height, width) in metres to (height, width, 3) float32 camera points; NaN where depth is 0."""
@@ -60,18 +50,10 @@ class Camera:
         return np.concatenate([self.pixel_rays() * depth[..., None], depth[..., None]], axis=-1)
 
     def project(self, points_camera_m: np.ndarray) -> np.ndarray:
-        """(n, 3) camera points to (n, 2) pixels (column, row), distorted; NaN behind the camera."""
-        import cv2
-
+        """(n, 3) camera points to (n, 2) pixels (column, row), distorted; NaN behind the camera and outside of what the
+        lens is valid for."""
         points = np.asarray(points_camera_m, dtype=np.float64).reshape(-1, 3)
-        ahead = points[:, 2] > 1e-6
-        pixels = np.full((len(points), 2), np.nan)
-        if ahead.any():
-            found, _ = cv2.projectPoints(
-                points[ahead], np.zeros(3), np.zeros(3), self.intrinsics.matrix, np.array(self.intrinsics.distortion)
-            )
-            pixels[ahead] = found.reshape(-1, 2)
-        return pixels
+        return project(points, lens_array(self.intrinsics))
 
     def pixel_of(self, points_camera_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Column and row (n,) int64 of the pixel each point falls on, and whether it falls on one; 0, 0 where not."""
@@ -84,14 +66,16 @@ class Camera:
 
 @lru_cache(maxsize=16)
 def _pixel_rays(intrinsics: Intrinsics, width: int, height: int) -> np.ndarray:
-    import cv2
-
-    columns, rows = np.meshgrid(np.arange(width), np.arange(height))
-    pixels = np.stack([columns, rows], axis=-1).reshape(-1, 1, 2).astype(np.float64)
-    rays = cv2.undistortPoints(pixels, intrinsics.matrix, np.array(intrinsics.distortion))
-    rays = rays.reshape(height, width, 2).astype(np.float32)
+    rays = rays_of_pixels(intrinsics, width, height).astype(np.float32)
     rays.setflags(write=False)
     return rays
+
+
+@lru_cache(maxsize=16)
+def _valid_pixels(intrinsics: Intrinsics, width: int, height: int) -> np.ndarray:
+    valid = np.isfinite(_pixel_rays(intrinsics, width, height)[..., 0])
+    valid.setflags(write=False)
+    return valid
 
 
 def transform_points(T_target_source: np.ndarray, points_source: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ from anchorpose.body.inverse_kinematics import CONTRADICTED
 from anchorpose.body.skin_points import body_points
 from anchorpose.calibration.calibration import Calibration, PoseSource
 from anchorpose.calibration.clocks import Clocks, clock_notes
+from anchorpose.isolation.scene import Scene
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.pairing import CameraGaps, find_gaps
 from anchorpose.results.corrections import JointCorrection
@@ -20,6 +21,7 @@ from anchorpose.results.poor_intervals import PoorInterval
 from anchorpose.results.run_record import (
     CameraRecord,
     CorrectionsRecord,
+    DepthRecord,
     DroppedFrame,
     LostInterval,
     MatchedShares,
@@ -117,9 +119,16 @@ def account_of(
 def _cameras(room: Room, source: PoseSource | None) -> tuple[CameraRecord, ...]:
     """The poses and clocks that were used, and where each pose came from; source: of all, where they were given."""
     return tuple(
-        CameraRecord(camera.name, camera.T_world_camera, (source or pose.source).value, clock.clock)
-        for camera, pose, clock in zip(room.cameras, room.calibration.poses, room.clocks.cameras, strict=True)
+        CameraRecord(camera.name, camera.T_world_camera, (source or pose.source).value, clock.clock, _depth(scene))
+        for camera, pose, clock, scene in zip(
+            room.cameras, room.calibration.poses, room.clocks.cameras, room.scenes, strict=True
+        )
     )
+
+
+def _depth(scene: Scene) -> DepthRecord:
+    model = scene.background
+    return DepthRecord(model.noise_per_m, model.step_per_m, model.detail.edge_px)
 
 
 def _pose_residuals(calibration: Calibration) -> list[Residual]:

@@ -27,9 +27,10 @@ from anchorpose.body.config import VisibilityConfig
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import pose_points
 from anchorpose.body.visibility import SkinReason, joint_states, pixels_of, projection_of, skin_around_joints
-from anchorpose.camera import Camera, Intrinsics, invert_rigid, transform_points
+from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_NAMES, JointState
+from anchorpose.lens import Intrinsics
 from anchorpose.simulate.render import TrueImage
 
 BODY = adult_body()

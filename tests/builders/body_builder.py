@@ -15,8 +15,9 @@ from anchorpose.body.evidence import Evidence, gather_evidence
 from anchorpose.body.learning import shape_of_height
 from anchorpose.body.pose import DEGREE, MOVING_BONES, POSE_SIZE, Pose, joint_range
 from anchorpose.body.skin_points import Body, FittedShape, SkinPoints, build_body, pose_points, skin_points
-from anchorpose.camera import Camera, Intrinsics, transform_points
+from anchorpose.camera import Camera, transform_points
 from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.lens import Intrinsics
 from anchorpose.simulate.person import vertex_normals
 from anchorpose.simulate.render import Figure, TrueImage, draw_figures
 from anchorpose.surface.fusion import fuse

@@ -13,6 +13,7 @@ from anchorpose.results.kinematics.joint_angles import joint_angles
 from anchorpose.results.run_record import (
     RUN_FILE,
     CameraRecord,
+    DepthRecord,
     DroppedFrame,
     PictureRecord,
     RunRecord,
@@ -62,7 +63,7 @@ def write_results(folder: Path, frames: list[JointFrame], pictures: tuple[Pictur
         recording="<ward> & garden",
         config={"gate_m": 0.05},
         inputs_sha256=(("recording.json", "0" * 64),),
-        cameras=(CameraRecord("front", np.eye(4), "given"),),
+        cameras=(CameraRecord("front", np.eye(4), "given", depth=DepthRecord(0.0016, 0.0008, 2.0)),),
         frame_count=len(frames),
         dropped=(DroppedFrame(3, 0.3, "front/depth/000003.png is truncated"),),
         pictures=pictures,

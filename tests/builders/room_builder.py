@@ -7,10 +7,11 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from anchorpose.camera import Camera, Intrinsics
+from anchorpose.camera import Camera
 from anchorpose.isolation.background import equipment_depth
 from anchorpose.isolation.empty_room import learn_background
 from anchorpose.isolation.scene import Scene, set_scene
+from anchorpose.lens import Intrinsics
 from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel
 
 NOISE_PER_M = 0.0012  # sigma = NOISE_PER_M z^2, about a Kinect v2's

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from anchorpose.camera import Camera, Intrinsics
+from anchorpose.camera import Camera
+from anchorpose.lens import Intrinsics
 from anchorpose.surface.links import compress_links, straight_m
 from anchorpose.surface.surface import Surface
 

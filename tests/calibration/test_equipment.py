@@ -21,13 +21,11 @@ from anchorpose.calibration.equipment_pose import (
 )
 from anchorpose.calibration.equipment_render import EquipmentCaster
 from anchorpose.calibration.equipment_residuals import see_still
-from anchorpose.calibration.equipment_search import lens_array
-from anchorpose.calibration.equipment_search_kernels import pixel_of
 from anchorpose.calibration.equipment_verdict import NoPose
 from anchorpose.calibration.floor import find_floor
 from anchorpose.calibration.noise import what_stays
 from anchorpose.calibration.world import find_world
-from anchorpose.camera import Intrinsics, invert_rigid, transform_points
+from anchorpose.camera import invert_rigid, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel, Mesh
 from anchorpose.simulate.config import SimulationConfig
@@ -193,14 +191,6 @@ def test_the_outline_is_known_to_a_fraction_of_a_pixel():
     upward = outline.step[:, 0] == -1
     assert upward.sum() > 50
     assert outline.row[upward] - outline.beyond_px[upward] == pytest.approx(top, abs=0.08)
-
-
-def test_the_kernels_projection_is_the_cameras():
-    lens = Intrinsics(fx=300.0, fy=310.0, cx=250.0, cy=200.0, distortion=(0.1, -0.05, 0.002, -0.001, 0.01))
-    there = replace(camera(), intrinsics=lens)
-    points = np.random.default_rng(3).uniform((-1, -1, 1.5), (1, 1, 4), (50, 3))
-    own = np.array([pixel_of(*point, lens_array(there)) for point in points])
-    assert own == pytest.approx(there.project(points), abs=1e-6)
 
 
 def test_cameras_agree_only_in_the_right_pose():

@@ -25,6 +25,7 @@ from anchorpose.report.curves import step_path
 from anchorpose.report.ledger import Aggregation, Ledger, Rows
 from anchorpose.report.measure_section import GROUPS, grouped_measures, words_of
 from anchorpose.report.page import write_report
+from anchorpose.report.provenance import _depth
 from anchorpose.report.session import MOST_BINS, make_bins
 from anchorpose.results.measuring import write_measured
 from anchorpose.results.processing.process import ProcessingConfig
@@ -406,3 +407,12 @@ def test_every_measure_that_is_computed_has_words_of_its_own(tmp_path):
 def test_a_measure_that_this_version_does_not_know_is_shown_by_its_own_name(tmp_path):
     folder = write_session(tmp_path / "r", squats(6), [replace(MEASURES[0], measure="grip_force", unit="N")])
     assert "grip force" in text_of(PageReader(write_report(folder)), "th")
+
+
+def test_the_page_says_how_good_a_cameras_depth_was(page):
+    """0.0016 x 2.5 squared is 10 mm."""
+    assert "± 10 mm (one sigma), steps of 5 mm, edges 2 pixels wide" in text_of(page, "body")
+
+
+def test_older_results_do_not_say_how_good_the_depth_was():
+    assert _depth({"name": "front"}) == "not known"

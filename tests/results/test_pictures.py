@@ -11,9 +11,10 @@ import cv2
 import numpy as np
 from results_builder import standing_joints
 
-from anchorpose.camera import Camera, Intrinsics
+from anchorpose.camera import Camera
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JointState
+from anchorpose.lens import Intrinsics
 from anchorpose.pages.overlay import OverlayScene, draw_frame
 from anchorpose.results.run_record import as_json, hash_files
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from anchorpose.camera import Camera, Intrinsics, invert_rigid, transform_points
+from anchorpose.camera import Camera, invert_rigid, transform_points
+from anchorpose.lens import Intrinsics
 from anchorpose.recording.equipment import Box
 from anchorpose.simulate import config as presets
 from anchorpose.simulate.clinic import draw_clinic, look_at, random_stream
 from anchorpose.simulate.config import SimulationConfig
-from anchorpose.simulate.render import EQUIPMENT, PATIENT, Figure, draw_figures, render_still
-from anchorpose.simulate.sensor import SENSORS, draw_wiggle, sense
+from anchorpose.simulate.render import EQUIPMENT, NOTHING, PATIENT, Figure, draw_figures, render_still
+from anchorpose.simulate.sensor import LENSES, SENSORS, draw_wiggle, intrinsics_of, sense
 from anchorpose.simulate.shoot import body_centre_m, set_up
 
 NOWHERE = np.zeros((0, 3, 3))
@@ -191,3 +192,24 @@ def test_nothing_is_read_beyond_the_range(sensor):
     for depth in (spec.nearest_m - 0.1, spec.farthest_m + beyond_m, 0.0):
         assert (sense(rng, spec, *flat(depth), calm) == 0).mean() > 0.999
     assert draw_wiggle(rng, spec).shape == (spec.height, spec.width)
+
+
+@pytest.mark.parametrize("lens", [name for name in LENSES if name != "pinhole"])
+def test_rays_and_depth_buffer_go_through_the_same_lens(lens):
+    spec = SENSORS["kinect-v2"]
+    pose = look_at(np.array([1.6, 1.3, 0.2]), np.array([0.0, 0.9, 0.0]))
+    camera = Camera(
+        name="front", width=spec.width, height=spec.height, depth_scale=0.001,
+        intrinsics=intrinsics_of(spec, lens), T_world_camera=pose,
+    )  # fmt: skip
+    figure = draw_clinic(presets.single(3, seconds=1, fps=1)).act(np.zeros(1)).figures(0)[0]
+    drawn = draw_figures(camera, render_still(camera, FLOOR, NOWHERE), (figure,))
+    cast = render_still(camera, np.concatenate([FLOOR, figure.skin_m[figure.faces]]), NOWHERE)
+    both = (drawn.depth_m > 0) & (cast.depth_m > 0)
+    assert both.sum() > 30_000
+    assert np.quantile(np.abs(drawn.depth_m - cast.depth_m)[both], 0.99) < 1e-3
+    points = transform_points(
+        camera.require_pose(), camera.back_project(drawn.depth_m)[both & (drawn.label == NOTHING)]
+    )
+    assert np.abs(points[:, 1]).max() < 3e-4, "the floor is flat behind every lens"
+    assert not (drawn.depth_m[~camera.valid_pixels()] > 0).any()

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from anchorpose.camera import Camera, Intrinsics, invert_rigid, transform_points
+from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.isolation.smear import smear_px
+from anchorpose.lens import Intrinsics
 from anchorpose.simulate import config as presets
 from anchorpose.simulate.clinic import draw_clinic, look_at
 from anchorpose.simulate.librealsense import smoothed_mm

@@ -88,7 +88,7 @@ def test_all_kinds_occur_over_forty_seeds():
 
 def test_cameras_are_where_the_plan_says_and_within_the_ranges():
     for config, room_plan in plans():
-        camera = room_camera(room_plan, config.sensor)
+        camera = room_camera(room_plan, config.sensor, config.lens)
         pose = camera.require_pose()
         assert 0.5 <= camera.position_m[1] <= 2.5
         assert 1.2 <= np.hypot(*camera.position_m[[0, 2]]) <= 4.5
@@ -103,7 +103,7 @@ def test_cameras_are_where_the_plan_says_and_within_the_ranges():
 
 def test_the_border_cuts_off_what_the_seed_says():
     for config, room_plan in plans():
-        camera = room_camera(room_plan, config.sensor)
+        camera = room_camera(room_plan, config.sensor, config.lens)
         head_m = config.height_m * (SEATED_SHARE if room_plan.posture == "sits" else 1.0)
         places = np.array([[0.0, 0.0, 0.0], [0.0, MIDDLE_SHARE * head_m, 0.0], [0.0, head_m, 0.0]])
         rows = camera.project(transform_points(invert_rigid(camera.require_pose()), places))[:, 1]

@@ -23,10 +23,11 @@ from viewer_builder import (
 from anchorpose.body.asset import load_body_asset
 from anchorpose.body.kinematics import shape_body
 from anchorpose.body.pose import MOVING_BONES
-from anchorpose.camera import Camera, Intrinsics, transform_points
+from anchorpose.camera import Camera, transform_points
 from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
+from anchorpose.lens import Intrinsics
 from anchorpose.recording.recording import Clock
 from anchorpose.results.kinematics.joint_angles import joint_angles
 from anchorpose.results.tables import JointTable

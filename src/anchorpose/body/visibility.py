@@ -17,6 +17,7 @@ from anchorpose.body.skin_points import PosedPoints, SkinPoints
 from anchorpose.camera import Camera, invert_rigid
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_COUNT, JointState
+from anchorpose.lens import lens_array, pixel_of_ray
 
 JOINT_RADIUS_M: Final = 0.13  # skin that moves with the joint: half a shank
 TRUNK_RADIUS_M: Final = 0.22  # the spine lies at the back: so far to the skin of the belly
@@ -47,23 +48,17 @@ class SkinReason(IntEnum):
 
 
 class Projection(NamedTuple):
-    """A camera for kernels: both poses (4, 4), fx, fy, cx, cy (4,) and OpenCV's k1, k2, p1, p2, k3 (5,)."""
+    """A camera for kernels: both poses (4, 4), and the lens (``lens_array``)."""
 
     T_world_camera: np.ndarray
     T_camera_world: np.ndarray
     lens: np.ndarray
-    distortion: np.ndarray
 
 
 def projection_of(camera: Camera) -> Projection:
     """Raises as ``Camera.require_pose``."""
-    lens, T_world_camera = camera.intrinsics, np.array(camera.require_pose(), np.float64, order="C")
-    return Projection(
-        T_world_camera,
-        np.array(invert_rigid(T_world_camera), order="C"),
-        np.array([lens.fx, lens.fy, lens.cx, lens.cy]),
-        np.array(lens.distortion, dtype=np.float64),
-    )
+    T_world_camera = np.array(camera.require_pose(), np.float64, order="C")
+    return Projection(T_world_camera, np.array(invert_rigid(T_world_camera), order="C"), lens_array(camera.intrinsics))
 
 
 @cache
@@ -156,7 +151,6 @@ def pixels_of(
     T_camera_world, lens = projection.T_camera_world, projection.lens
     column, row = np.full(len(points), -1, np.int64), np.full(len(points), -1, np.int64)
     depth = np.empty(len(points))
-    k1, k2, p1, p2, k3 = projection.distortion
     for p in range(len(points)):
         place = T_camera_world[:3, 3].copy()
         for i in range(3):
@@ -165,11 +159,7 @@ def pixels_of(
         depth[p] = place[2]
         if place[2] <= 1e-6:
             continue
-        x, y = place[0] / place[2], place[1] / place[2]
-        squared = x * x + y * y
-        radial = 1.0 + squared * (k1 + squared * (k2 + squared * k3))
-        u = lens[0] * (x * radial + 2.0 * p1 * x * y + p2 * (squared + 2.0 * x * x)) + lens[2]
-        v = lens[1] * (y * radial + p1 * (squared + 2.0 * y * y) + 2.0 * p2 * x * y) + lens[3]
+        u, v = pixel_of_ray(place[0] / place[2], place[1] / place[2], lens)
         if -0.5 <= u <= width - 0.5 and -0.5 <= v <= height - 0.5:
             c, r = int(np.rint(u)), int(np.rint(v))
             if 0 <= c < width and 0 <= r < height:

@@ -20,6 +20,7 @@ from anchorpose.calibration.equipment_search_kernels import (
 )
 from anchorpose.calibration.floor import FloorPlane
 from anchorpose.camera import Camera
+from anchorpose.lens import lens_array
 
 CELL_M: Final = 0.04  # of the first, coarse map: as wide as a bar
 YAW_STEP_RAD: Final = 0.0873  # 5 degrees move a bar at 0.5 m by one cell
@@ -62,13 +63,7 @@ def _search_image(view: StillView) -> SearchImage:
     still = np.ascontiguousarray(view.still_m, dtype=np.float32)
     margin, noise = 2.0 * TOLERANCES_M[-1], 2.0 * NOISE_GATE * view.noise_per_m
     weight = weigh_broad(still, view.camera.intrinsics.fx, BROAD_M, BROAD_WEIGHT, margin, noise)
-    return SearchImage(still, weight, lens_array(view.camera), ground_frame(view.floor), view.noise_per_m)
-
-
-def lens_array(camera: Camera) -> np.ndarray:
-    """(9,) fx, fy, cx, cy, k1, k2, p1, p2, k3."""
-    lens = camera.intrinsics
-    return np.array([lens.fx, lens.fy, lens.cx, lens.cy, *lens.distortion])
+    return SearchImage(still, weight, lens_array(view.camera.intrinsics), ground_frame(view.floor), view.noise_per_m)
 
 
 def ground_frame(floor: FloorPlane) -> np.ndarray:

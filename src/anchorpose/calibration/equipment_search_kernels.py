@@ -7,6 +7,8 @@ from typing import Final, NamedTuple
 import numba as nb
 import numpy as np
 
+from anchorpose.lens import pixel_of_ray
+
 UNKNOWN, OCCUPIED, FREE, BROAD = 0, 1, 2, 3
 LEAST_Z_M: Final = 0.3  # nearer than any depth camera measures
 RADIUS_M: Final = 0.5  # of the equipment, to compare a turn with a shift
@@ -14,7 +16,7 @@ RADIUS_M: Final = 0.5  # of the equipment, to compare a turn with a shift
 
 class SearchImage(NamedTuple):
     """What is searched: depth_m (height, width) float32 of what stays, 0 = no reading; weight (height, width) float32
-    of each reading as evidence; lens (9,), see ``lens_array``; T_camera_ground (4, 4); noise_per_m."""
+    of each reading as evidence; lens: ``lens_array``; T_camera_ground (4, 4); noise_per_m."""
 
     depth_m: np.ndarray
     weight: np.ndarray
@@ -50,17 +52,6 @@ class Scoring(NamedTuple):
 
 
 @nb.njit(cache=True)
-def pixel_of(x: float, y: float, z: float, lens: np.ndarray) -> tuple[float, float]:
-    """Column and row of a camera point ahead, OpenCV's distortion."""
-    u, v = x / z, y / z
-    r2 = u * u + v * v
-    radial = 1.0 + r2 * (lens[4] + r2 * (lens[5] + r2 * lens[8]))
-    du = 2.0 * lens[6] * u * v + lens[7] * (r2 + 2.0 * u * u)
-    dv = lens[6] * (r2 + 2.0 * v * v) + 2.0 * lens[7] * u * v
-    return (u * radial + du) * lens[0] + lens[2], (v * radial + dv) * lens[1] + lens[3]
-
-
-@nb.njit(cache=True)
 def _transform(T: np.ndarray, x: float, y: float, z: float) -> tuple[float, float, float]:
     """A point by a rigid motion (4, 4)."""
     return (
@@ -93,7 +84,7 @@ def _state_of_cell(image: SearchImage, x: float, y: float, z: float, cell: float
     cx, cy, cz = _transform(image.T_camera_ground, x, y, z)
     if cz < LEAST_Z_M:
         return UNKNOWN
-    column, row = pixel_of(cx, cy, cz, lens)
+    column, row = pixel_of_ray(cx / cz, cy / cz, lens)
     reach = int(min(max(0.5 * cell * lens[0] / cz, 1.0), 6.0))
     c0, r0 = round(column), round(row)
     if c0 < reach or r0 < reach or c0 >= width - reach or r0 >= height - reach:
@@ -202,7 +193,7 @@ def _reading(image: SearchImage, x: float, y: float, z: float) -> tuple[float, f
     """Depth and weight at the pixel of a camera point; 0 where there is no reading."""
     if z < LEAST_Z_M:
         return 0.0, 0.0
-    column, row = pixel_of(x, y, z, image.lens)
+    column, row = pixel_of_ray(x / z, y / z, image.lens)
     c, r = round(column), round(row)
     height, width = image.depth_m.shape
     if c < 0 or r < 0 or c >= width or r >= height:

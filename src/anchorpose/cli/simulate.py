@@ -44,6 +44,9 @@ class SimulateOptions:
     """Which depth camera is imitated, instead of the preset's. kinect-v1 is coarse, at half resolution;
     realsense-filtered smooths over space and time as librealsense does."""
 
+    lens: Literal["pinhole", "brown-conrady", "rational", "kannala-brandt"] | None = None
+    """Which lens the cameras have: a pinhole, or one of OpenCV's models with coefficients as real cameras have them."""
+
     therapists: int | None = None
     """How many therapists come and go, 0 to 3, instead of the preset's."""
 
@@ -89,7 +92,7 @@ class SimulateOptions:
         from anchorpose.settings import sentence_of
         from anchorpose.simulate import config as presets
 
-        names = ("cameras", "sensor", "therapists", "motions", "speed")
+        names = ("cameras", "sensor", "lens", "therapists", "motions", "speed")
         given: dict[str, Any] = {name: getattr(self, name) for name in names}
         given |= {"equipment": self.equipment, "passers_by": 1 if self.passer_by else None}
         given |= {"height_m": self.height, "pose_known": False if self.pose_unknown else None}

@@ -30,7 +30,10 @@ class DepthImage:
 
 
 def read_depth_image(path: Path, camera: Camera) -> DepthImage:
-    """The depth image of a file in metres; a damaged one is a result with its ``problem``, not an error."""
+    """The depth image of a file in metres, without what lies beyond the lens's valid radius.
+
+    A damaged one is a result with its ``problem``, not an error.
+    """
     import cv2
 
     try:
@@ -43,7 +46,9 @@ def read_depth_image(path: Path, camera: Camera) -> DepthImage:
     grey = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if grey is None or grey.dtype != np.uint16 or grey.shape != (camera.height, camera.width):
         return DepthImage(None, "is damaged inside")
-    return DepthImage(grey.astype(np.float32) * np.float32(camera.depth_scale), "")
+    depth_m = grey.astype(np.float32) * np.float32(camera.depth_scale)
+    depth_m[~camera.valid_pixels()] = 0.0
+    return DepthImage(depth_m, "")
 
 
 def read_header_problem(path: Path, camera: Camera) -> str:

@@ -10,8 +10,9 @@ from typing import Annotated, Final, Literal
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
-from anchorpose.camera import Camera, Intrinsics
+from anchorpose.camera import Camera
 from anchorpose.errors import InputError
+from anchorpose.lens import COEFFICIENTS, NAMES, Intrinsics, LensModel
 from anchorpose.recording.document import (
     Entry,
     FileInFolder,
@@ -51,7 +52,8 @@ def _require_folder_name(name: str) -> str:
 
 Focal = Annotated[float, Field(gt=0, description="the focal length in pixels")]
 Principal = Annotated[float, Field(description="the principal point in pixels")]
-Distortion = Annotated[tuple[float, float, float, float, float], Field(description="OpenCV's k1, k2, p1, p2, k3")]
+Distortion = Annotated[tuple[float, ...], Field(description="the coefficients of the lens, in OpenCV's order")]
+Radius = Annotated[float, Field(gt=0, description="how far from the axis the lens is valid, in units of z")]
 Size = Annotated[Whole, Field(gt=0, le=16384, description="the size of the depth images in pixels")]
 Rate = Annotated[float, Field(gt=0, le=1000, description="depth images per second")]
 Height = Annotated[
@@ -65,13 +67,27 @@ CameraPose = Annotated[
 
 
 class LensEntry(Entry):
-    """Intrinsics; without ``distortion`` the recorder has undistorted its depth images."""
+    """Intrinsics; without ``distortion`` the recorder has undistorted its depth images, without ``model`` it is
+    Brown's and Conrady's five coefficients."""
 
     fx: Focal
     fy: Focal
     cx: Principal
     cy: Principal
+    model: LensModel = LensModel.BROWN_CONRADY
     distortion: Distortion | None = None
+    valid_radius: Radius | None = None
+
+    @model_validator(mode="after")
+    def _require_all_coefficients(self) -> LensEntry:
+        counts = COEFFICIENTS[self.model]
+        if self.distortion is not None and len(self.distortion) not in counts:
+            wanted = " or ".join(map(str, counts))
+            problem = f"has {len(self.distortion)} numbers, and a {self.model.value} lens has {wanted}"
+            other = [model for model, allowed in COEFFICIENTS.items() if len(self.distortion) in allowed]
+            remedy = f'write "model": "{other[0].value}" beside it' if other else f"write {NAMES[self.model]}"
+            raise Unfit(problem, remedy, "distortion")
+        return self
 
 
 class CameraEntry(Entry):

@@ -15,6 +15,9 @@ MOST_LINES: Final = 60
 """More are counted and left to run.json: a page full of them is of no use to a reader."""
 
 
+AWAY_M: Final = 2.5  # as far as cameras are set up from a patient
+
+
 def problems(session: Session) -> list[str]:
     """A sentence on each run of frames with the same problem, in which the patient is lost, or depth is too poor."""
     sentences = [_stretch(drops) for drops in _stretches(session.run.get("dropped", []))]
@@ -109,8 +112,8 @@ def provenance(session: Session) -> list[Facts]:
         Facts("Versions", ("program", "version"), [(program, (version,)) for program, version in versions]),
         Facts(
             "Cameras",
-            ("camera", "pose from", "position x, y, z in metres"),
-            [(camera["name"], (camera["source"], _position(camera))) for camera in run.get("cameras", [])],
+            ("camera", "pose from", "position x, y, z in metres", "depth 2.5 m away, as the recording shows it"),
+            [(one["name"], (one["source"], _position(one), _depth(one))) for one in run.get("cameras", [])],
         ),
         Facts("Calibration residuals", ("camera", "what", "value"), residuals),
         Facts("The patient's body as learnt", ("what", "value"), _body(run.get("body"))),
@@ -150,6 +153,15 @@ def _inputs(hashes: dict[str, str]) -> list[tuple[str, Sequence[str]]]:
 def _position(camera: dict[str, Any]) -> str:
     pose = camera.get("camera_to_world")
     return "not used" if pose is None else ", ".join(f"{row[3]:.2f}" for row in pose[:3])
+
+
+def _depth(camera: dict[str, Any]) -> str:
+    """Noise, step and width of edges at 2.5 m, where patients stand; not known of older results."""
+    depth = camera.get("depth")
+    if depth is None:
+        return "not known"
+    noise_mm, step_mm = (1000 * AWAY_M**2 * depth[key] for key in ("noise_per_m", "step_per_m"))
+    return f"± {noise_mm:.0f} mm (one sigma), steps of {step_mm:.0f} mm, edges {depth['edge_px']:.0f} pixels wide"
 
 
 def _body(body: dict[str, Any] | None) -> list[tuple[str, Sequence[str]]]:

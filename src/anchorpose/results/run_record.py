@@ -69,6 +69,16 @@ def record_body(asset: BodyAsset, belief: ShapeBelief, first: ShapeBelief, secon
     )
 
 
+@dataclass(frozen=True, slots=True)
+class DepthRecord:
+    """What the recording itself shows of a camera's depth at a distance z, metres: the noise of a reading (one sigma)
+    is noise_per_m z^2, the step between readings step_per_m z^2, and an edge is edge_px pixels wide."""
+
+    noise_per_m: float
+    step_per_m: float
+    edge_px: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraRecord:
     """The pose that was used for a camera, whether it was given or found, and its clock as used."""
@@ -77,6 +87,7 @@ class CameraRecord:
     camera_to_world: np.ndarray | None  # (4, 4); None where the camera has no pose and was not used
     source: str  # for example "given", "equipment", "floor"
     clock: Clock = field(default_factory=Clock)
+    depth: DepthRecord | None = None  # None in older results
 
 
 @dataclass(frozen=True, slots=True)

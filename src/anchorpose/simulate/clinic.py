@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from anchorpose.camera import Camera, Intrinsics
+from anchorpose.camera import Camera
 from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.simulate.captured_patient import draw_captured
 from anchorpose.simulate.config import SimulationConfig
@@ -17,7 +17,7 @@ from anchorpose.simulate.render import PATIENT, Figure
 from anchorpose.simulate.retarget import CapturedActor
 from anchorpose.simulate.rooms.plan import RoomConfig
 from anchorpose.simulate.rooms.scene import RoomScene, draw_scene
-from anchorpose.simulate.sensor import SENSORS
+from anchorpose.simulate.sensor import SENSORS, intrinsics_of
 from anchorpose.simulate.therapist import Therapist, draw_passer_by, draw_therapists
 
 STREAMS = (
@@ -111,7 +111,7 @@ def draw_clinic(config: SimulationConfig) -> Clinic:
         return _in_room(config, config.room)
     person = draw_person(random_stream(config, "patient"), config.clothing_m, config.height_m)
     scenery = random_stream(config, "room")
-    cameras = place_cameras(random_stream(config, "cameras"), config.sensor, config.cameras)
+    cameras = place_cameras(random_stream(config, "cameras"), config.sensor, config.cameras, config.lens)
     patient: Actor | CapturedActor
     if config.movement_file is None:
         held = fit_held(scenery, config, person)
@@ -144,7 +144,7 @@ def _in_room(config: SimulationConfig, room: RoomConfig) -> Clinic:
     )
 
 
-def place_cameras(rng: np.random.Generator, sensor: str, count: int) -> tuple[Camera, ...]:
+def place_cameras(rng: np.random.Generator, sensor: str, count: int, lens: str = "pinhole") -> tuple[Camera, ...]:
     """Cameras on tripods around the patient, who stands at the origin and faces +X."""
     spec = SENSORS[sensor]
     cameras = []
@@ -153,14 +153,13 @@ def place_cameras(rng: np.random.Generator, sensor: str, count: int) -> tuple[Ca
         distance_m = rng.uniform(2.25, 2.85)
         position = np.array([distance_m * np.cos(azimuth), rng.uniform(1.1, 1.5), -distance_m * np.sin(azimuth)])
         target = np.array([rng.uniform(-0.1, 0.1), rng.uniform(0.82, 0.95), rng.uniform(-0.08, 0.08)])
-        intrinsics = Intrinsics(fx=spec.focal_px, fy=spec.focal_px, cx=spec.width / 2.0, cy=spec.height / 2.0)
         cameras.append(
             Camera(
                 name=CAMERA_NAMES[index],
                 width=spec.width,
                 height=spec.height,
                 depth_scale=0.001,
-                intrinsics=intrinsics,
+                intrinsics=intrinsics_of(spec, lens),
                 T_world_camera=look_at(position, target),
             )
         )

@@ -12,6 +12,7 @@ import numba as nb
 import numpy as np
 
 from anchorpose.camera import Camera, invert_rigid, transform_points
+from anchorpose.lens import NOWHERE, lens_array, pixel_of_ray, rays_of_pixels
 
 NOTHING, EQUIPMENT, PATIENT = 0, 1, 2  # labels of a true image; therapists follow
 NEAREST_M = 0.15  # triangles nearer to the camera are not drawn
@@ -41,7 +42,7 @@ class Figure:
 
 
 def render_still(camera: Camera, room: np.ndarray, equipment: np.ndarray) -> TrueImage:
-    """The room and the equipment, (n, 3, 3) triangles each; pinhole rays through pixel centres."""
+    """The room and the equipment, (n, 3, 3) triangles each; rays through pixel centres."""
     shape = (camera.height, camera.width)
     empty = TrueImage(
         np.zeros(shape, np.float32), np.ones(shape, np.float32), np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
@@ -49,31 +50,44 @@ def render_still(camera: Camera, room: np.ndarray, equipment: np.ndarray) -> Tru
     triangles = np.concatenate([room, equipment]).astype(np.float32)
     if len(triangles) == 0:
         return empty
-    rays = np.concatenate([camera.pixel_rays(), np.ones((*shape, 1), np.float32)], axis=2).reshape(-1, 3)
-    directions = (rays @ camera.require_pose()[:3, :3].T).astype(np.float32)
+    directions = ray_directions(camera)
     origins = np.tile(camera.position_m.astype(np.float32), (len(directions), 1))
     hit, distance, normal = first_hits(origins, directions, triangles)
-    found = hit >= 0
+    found = (hit >= 0) & camera.valid_pixels().ravel()
     length = np.linalg.norm(normal, axis=1) * np.linalg.norm(directions, axis=1)
     cosine = np.abs((normal * directions).sum(axis=1)) / np.where(found, length, 1.0)
     return TrueImage(
         depth_m=np.where(found, distance, 0.0).astype(np.float32).reshape(shape),
         cosine=np.where(found, cosine, 1.0).astype(np.float32).reshape(shape),
-        label=np.where(hit >= len(room), EQUIPMENT, NOTHING).astype(np.uint8).reshape(shape),
+        label=np.where(found & (hit >= len(room)), EQUIPMENT, NOTHING).astype(np.uint8).reshape(shape),
         part=empty.part,
     )
 
 
+class Lens(NamedTuple):
+    """array: ``lens_array`` as float32; rays: ``rays_of_pixels``."""
+
+    array: np.ndarray
+    rays: np.ndarray
+
+
 def draw_figures(camera: Camera, still: TrueImage, figures: tuple[Figure, ...]) -> TrueImage:
-    """``still`` with people in front of it; lens distortion is not drawn."""
+    """``still`` with people in front of it, through the camera's lens."""
     image = TrueImage(*(layer.copy() for layer in still))
     T_camera_world = invert_rigid(camera.require_pose())
-    lens = camera.intrinsics
-    focal = np.array([lens.fx, lens.fy, lens.cx, lens.cy], dtype=np.float32)
+    rays = rays_of_pixels(camera.intrinsics, camera.width, camera.height)
+    lens = Lens(lens_array(camera.intrinsics).astype(np.float32), rays)
     for figure in figures:
         points = transform_points(T_camera_world, figure.skin_m).astype(np.float32)
-        _draw(points, figure.faces, figure.face_part, figure.label, focal, image)
+        _draw(points, figure.faces, figure.face_part, figure.label, lens, image)
     return image
+
+
+def ray_directions(camera: Camera) -> np.ndarray:
+    """(height * width, 3) float32 world; the optical axis where a pixel has no ray (``Camera.valid_pixels``)."""
+    rays = np.nan_to_num(camera.pixel_rays()).reshape(-1, 2)
+    rays = np.column_stack([rays, np.ones(len(rays), np.float32)])
+    return np.asarray((rays @ camera.require_pose()[:3, :3].T).astype(np.float32))
 
 
 def first_hits(
@@ -97,25 +111,26 @@ def first_hits(
 
 @nb.njit(cache=True)
 def _draw(
-    points: np.ndarray, faces: np.ndarray, face_part: np.ndarray, label: int, lens: np.ndarray, image: TrueImage
+    points: np.ndarray, faces: np.ndarray, face_part: np.ndarray, label: int, lens: Lens, image: TrueImage
 ) -> None:
-    """Depth buffer with 1/z linear in the image; points (v, 3) in the camera; lens (4,) fx, fy, cx, cy."""
+    """Depth buffer; points (v, 3) in the camera. Edges are straight in the image: triangles are small."""
     for f in range(len(faces)):
         _draw_face(points, faces[f], face_part[f], label, lens, image)
 
 
 @nb.njit(cache=True)
-def _draw_face(points: np.ndarray, face: np.ndarray, part: int, label: int, lens: np.ndarray, image: TrueImage) -> None:
+def _draw_face(points: np.ndarray, face: np.ndarray, part: int, label: int, lens: Lens, image: TrueImage) -> None:
     """One triangle; a pixel belongs to it if its centre does."""
     height, width = image.depth_m.shape
-    fx, fy, cx, cy = lens
     i, j, k = face
     z0, z1, z2 = points[i, 2], points[j, 2], points[k, 2]
     if min(z0, z1, z2) < NEAREST_M:
         return
-    x0, y0 = points[i, 0] / z0 * fx + cx, points[i, 1] / z0 * fy + cy
-    x1, y1 = points[j, 0] / z1 * fx + cx, points[j, 1] / z1 * fy + cy
-    x2, y2 = points[k, 0] / z2 * fx + cx, points[k, 1] / z2 * fy + cy
+    x0, y0 = pixel_of_ray(points[i, 0] / z0, points[i, 1] / z0, lens.array)
+    x1, y1 = pixel_of_ray(points[j, 0] / z1, points[j, 1] / z1, lens.array)
+    x2, y2 = pixel_of_ray(points[k, 0] / z2, points[k, 1] / z2, lens.array)
+    if min(x0, x1, x2) <= NOWHERE:
+        return
     left, right = max(int(np.ceil(min(x0, x1, x2))), 0), min(int(np.floor(max(x0, x1, x2))), width - 1)
     top, bottom = max(int(np.ceil(min(y0, y1, y2))), 0), min(int(np.floor(max(y0, y1, y2))), height - 1)
     area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
@@ -133,7 +148,9 @@ def _draw_face(points: np.ndarray, face: np.ndarray, part: int, label: int, lens
             z = 1.0 / (w0 / z0 + w1 / z1 + w2 / z2)
             if image.depth_m[row, column] > 0.0 and z >= image.depth_m[row, column]:
                 continue
-            u, v = (column - cx) / fx, (row - cy) / fy
+            u, v = lens.rays[row, column, 0], lens.rays[row, column, 1]
+            if np.isnan(u):
+                continue
             image.depth_m[row, column] = z
             image.cosine[row, column] = abs(nx * u + ny * v + nz) / (length * np.sqrt(u * u + v * v + 1.0))
             image.label[row, column] = label

@@ -8,6 +8,8 @@ from typing import Literal
 import numba as nb
 import numpy as np
 
+from anchorpose.lens import Intrinsics, LensModel
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorSpec:
@@ -66,6 +68,17 @@ SENSORS = {
     ),
 }
 
+LENSES: dict[str, tuple[LensModel, tuple[float, ...], float | None]] = {
+    "pinhole": (LensModel.BROWN_CONRADY, (0.0, 0.0, 0.0, 0.0, 0.0), None),
+    # of the order of a Kinect v2's infrared camera
+    "brown-conrady": (LensModel.BROWN_CONRADY, (0.09, -0.27, 0.001, -0.0005, 0.09), None),
+    # of the order of an Azure Kinect's depth camera, as far as it is valid
+    "rational": (LensModel.RATIONAL, (0.44, 0.013, -2.4e-5, -6.4e-5, -0.002, 0.77, 0.089, -0.005), 1.74),
+    # a lens whose picture is a tenth smaller at its border than a pinhole's
+    "kannala-brandt": (LensModel.KANNALA_BRANDT, (-0.02, 0.003, -0.001, 0.0002), None),
+}
+"""Model, coefficients and valid radius of each lens that is imitated."""
+
 EDGE_STEP_M = 0.03  # neighbours farther apart than this, and than the slope explains, are an edge
 SLOPE_ALLOWANCE = 4.0  # pixels of slope in a window of three, with a margin
 DROPOUT = 0.003  # readings lost anywhere
@@ -76,6 +89,20 @@ GRAZING_COSINE = 0.10  # beyond 84 degrees of incidence nothing comes back
 WIGGLE_M = 0.0012  # amplitude of the smooth error that a time-of-flight camera keeps over a session
 BLOB_PX = 2.2  # standard deviation of the matching window
 SPECKLE_DEVIATIONS = 2.7  # matching fails where its noise field is beyond this
+
+
+def intrinsics_of(spec: SensorSpec, lens: str) -> Intrinsics:
+    """A sensor's pinhole behind one of ``LENSES``."""
+    model, coefficients, radius = LENSES[lens]
+    return Intrinsics(
+        fx=spec.focal_px,
+        fy=spec.focal_px,
+        cx=spec.width / 2.0,
+        cy=spec.height / 2.0,
+        distortion=coefficients,
+        model=model,
+        valid_radius=radius,
+    )
 
 
 def draw_wiggle(rng: np.random.Generator, spec: SensorSpec) -> np.ndarray:

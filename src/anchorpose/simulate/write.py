@@ -15,6 +15,7 @@ import numpy as np
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
+from anchorpose.lens import LensModel
 from anchorpose.recording.equipment_file import write_equipment
 from anchorpose.simulate.clinic import Clinic, Performance, draw_clinic, random_stream
 from anchorpose.simulate.config import SimulationConfig
@@ -110,7 +111,9 @@ def _camera_entry(camera: Camera, pose_known: bool) -> dict[str, Any]:
             "fy": lens.fy,
             "cx": lens.cx,
             "cy": lens.cy,
+            **({} if lens.model is LensModel.BROWN_CONRADY else {"model": lens.model.value}),
             "distortion": list(lens.distortion),
+            **({} if lens.valid_radius is None else {"valid_radius": lens.valid_radius}),
         },
         "camera_to_world": camera.require_pose().tolist() if pose_known else None,
     }

@@ -19,8 +19,9 @@ from anchorpose.body.registration import Registration, register
 from anchorpose.body.skin_points import PosedPoints, body_points, build_body, pose_points
 from anchorpose.body.uncertainty import joint_sigma, skin_sigma
 from anchorpose.body.visibility import joint_states
-from anchorpose.camera import Camera, Intrinsics
+from anchorpose.camera import Camera
 from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.lens import Intrinsics
 from anchorpose.surface.surface import Surface
 from anchorpose.tracking.motion import MotionConfig, predict_joints
 from anchorpose.tracking.motion_file import SHIPPED, load_motions

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.camera import Camera
-from anchorpose.simulate.render import NOTHING, Figure, TrueImage, draw_figures, first_hits
+from anchorpose.simulate.render import NOTHING, Figure, TrueImage, draw_figures, first_hits, ray_directions
 from anchorpose.simulate.rooms.walls import Mirror
 
 NEARER_THAN_ALL_M: Final = 1e-3  # a depth before which nothing is drawn
@@ -57,8 +57,7 @@ def reflected(mirror: Mirror, figure: Figure) -> Figure:
 def take_picture(camera: Camera, triangles: np.ndarray, shiny: np.ndarray, mirror: Mirror | None) -> RoomPicture:
     """The still room; triangles (n, 3, 3) world metres, shiny (n,) bool."""
     shape = (camera.height, camera.width)
-    rays = np.concatenate([camera.pixel_rays(), np.ones((*shape, 1), np.float32)], axis=2).reshape(-1, 3)
-    directions = (rays @ camera.require_pose()[:3, :3].T).astype(np.float32)
+    directions = ray_directions(camera)
     glass = np.zeros((0, 3, 3)) if mirror is None else mirror.triangles
     all_triangles = np.concatenate([triangles, glass]).astype(np.float32)
     origins = np.tile(camera.position_m.astype(np.float32), (len(directions), 1))
@@ -70,7 +69,7 @@ def take_picture(camera: Camera, triangles: np.ndarray, shiny: np.ndarray, mirro
         second, farther, beyond = first_hits(start, turned, triangles.astype(np.float32))
         hit[on_glass], normal[on_glass] = second, mirror.reflect(beyond + mirror.point_m) - mirror.point_m
         distance[on_glass] = np.where(second >= 0, distance[on_glass] + farther, 0.0)
-    found = hit >= 0
+    found = (hit >= 0) & camera.valid_pixels().ravel()
     length = np.linalg.norm(normal, axis=1) * np.linalg.norm(directions, axis=1)
     cosine = np.abs((normal * directions).sum(axis=1)) / np.where(found & (length > 0), length, 1.0)
     image = TrueImage(

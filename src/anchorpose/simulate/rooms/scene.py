@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final, get_args
 
 import numpy as np
 
-from anchorpose.camera import Camera, Intrinsics
+from anchorpose.camera import Camera
 from anchorpose.rotations import UP, turns_about
 from anchorpose.simulate.patient import Actor
 from anchorpose.simulate.person import Person, draw_person
@@ -40,7 +40,7 @@ from anchorpose.simulate.rooms.walls import (
     mirror_on_wall,
     room_triangles,
 )
-from anchorpose.simulate.sensor import SENSORS, SensorSpec
+from anchorpose.simulate.sensor import SENSORS, SensorSpec, intrinsics_of
 from anchorpose.simulate.therapist import Therapist
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ def draw_scene(config: SimulationConfig, room: RoomConfig) -> RoomScene:
     return _finished(draft, patient, person, seat)
 
 
-def room_camera(room: RoomConfig, sensor: str) -> Camera:
+def room_camera(room: RoomConfig, sensor: str, lens: str) -> Camera:
     """The camera at its place, its optical axis in the vertical plane through the patient."""
     spec = SENSORS[sensor]
     return Camera(
@@ -123,7 +123,7 @@ def room_camera(room: RoomConfig, sensor: str) -> Camera:
         width=spec.width,
         height=spec.height,
         depth_scale=0.001,
-        intrinsics=Intrinsics(fx=spec.focal_px, fy=spec.focal_px, cx=spec.width / 2.0, cy=spec.height / 2.0),
+        intrinsics=intrinsics_of(spec, lens),
         T_world_camera=camera_pose(room),
     )
 
@@ -258,7 +258,7 @@ def _finished(draft: _Draft, patient: Actor | CapturedActor, person: Person, sea
     placed = [piece.placed(np.zeros(2), draft.yaw) for piece in still] + ([] if seat is None else [seat])
     bare = tuple(patient.person.body.asset.bone_names)
     return RoomScene(
-        camera=room_camera(room, config.sensor),
+        camera=room_camera(room, config.sensor, config.lens),
         triangles=np.concatenate([piece.triangles for piece in placed]),
         shiny=np.concatenate([piece.shiny for piece in placed]),
         mirror=_mirror(draft),

@@ -1,0 +1,1 @@
+"""Recordings as recorders write them, each format read by a module of its own."""

@@ -1,0 +1,76 @@
+"""What every reader of a recorder's files gives: the cameras in them, and their depth images one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from anchorpose.lens import Intrinsics
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SourceCamera:
+    """One depth camera of a recorder's file, as far as the file tells.
+
+    name: suitable for a folder; depth_scale: metres per grey value; intrinsics: None where the file has no lens;
+    T_world_camera: (4, 4) where the file places the camera; model and serial: empty where not known; count: of its
+    depth images, None where only reading all of the file tells.
+    """
+
+    name: str
+    width: int
+    height: int
+    depth_scale: float
+    intrinsics: Intrinsics | None = None
+    T_world_camera: np.ndarray | None = None
+    model: str = ""
+    serial: str = ""
+    count: int | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SourceFrame:
+    """One depth image: time_s by the device's own clock, to the microsecond; depth (height, width) uint16, grey values
+    as the file has them, 0 = no reading (65535 and NaN are 0 already), native byte order."""
+
+    camera: int
+    time_s: float
+    depth: np.ndarray
+
+
+class Source(Protocol):
+    """A recorder's file or folder that was opened: its header has been read and checked.
+
+    notes: sentences on what was decided (units, what is missing, frames that are damaged once all are read).
+    """
+
+    path: Path
+    cameras: tuple[SourceCamera, ...]
+
+    def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
+        """The depth images in the order of the file, streamed; skip: how many of each camera were taken before.
+
+        A damaged image is left out with a note; raises InputError where the rest of the file cannot be read.
+        """
+        ...
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences for the user, complete once all frames were read."""
+        ...
+
+
+class Reader(Protocol):
+    """A module that reads one format. ``matches`` looks at the content, not at the ending."""
+
+    def matches(self, path: Path, head: bytes) -> bool:
+        """Whether a path is of this format; head: the first 4096 bytes of a file, empty for a folder."""
+        ...
+
+    def open_source(self, path: Path) -> Source:
+        """Raises InputError where the header cannot be used, or an extra is not installed."""
+        ...
