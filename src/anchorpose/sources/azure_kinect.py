@@ -1,0 +1,226 @@
+"""Azure Kinect's recordings (``.mkv``), and those of Orbbec Femto's wrapper for it, which writes the same.
+
+The layout is that of the published Azure Kinect Sensor SDK (``src/record``, MIT): a Matroska file with the track DEPTH,
+uncompressed, big-endian, millimetres; the lens in the attachment ``calibration.json``; the device's own words in tags.
+Tracks of colour and infrared are never decoded.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from anchorpose.errors import InputError, MissingPackage
+from anchorpose.lens import Intrinsics
+from anchorpose.sources.azure_calibration import DepthMode, depth_mode, lens_of
+from anchorpose.sources.source import SourceCamera, SourceFrame
+
+if TYPE_CHECKING:
+    from av import Packet, VideoStream
+    from av.container import InputContainer
+
+EBML: Final = b"\x1a\x45\xdf\xa3"
+SEGMENT: Final = b"\x18\x53\x80\x67"
+DEPTH_SCALE: Final = 0.001  # the SDK's DEPTH16: millimetres
+NO_READING: Final = 65535
+AGAIN: Final = "copy it from the recording computer again"
+CALIBRATION: Final = "calibration.json"
+
+
+def matches(path: Path, head: bytes) -> bool:
+    """Whether a file is Matroska; ``open_source`` refuses one that has no depth."""
+    return head.startswith(EBML)
+
+
+def open_source(path: Path) -> AzureKinectFile:
+    """Reads tracks, tags and calibration; raises InputError where there is no depth, MissingPackage without PyAV."""
+    with _opened(path) as container:
+        _, mode = _depth_track(path, container)
+        lens, lens_note = _lens(container, mode)
+        start_us, start_note = _start_us(container)
+        camera = SourceCamera(
+            name=re.sub(r"[^\w+-]", "-", path.stem).lstrip("+-") or "camera",
+            width=mode.width,
+            height=mode.height,
+            depth_scale=DEPTH_SCALE,
+            intrinsics=lens,
+            model=container.metadata.get("title", ""),  # Femto's wrapper calls itself Azure Kinect, too
+            serial=container.metadata.get("K4A_DEVICE_SERIAL_NUMBER", ""),
+        )
+    cut = "" if _is_whole(path) else "the file was cut short or its recorder did not close it: its end may be missing"
+    notes = (f"depth mode {mode.name}, in millimetres", *filter(None, (lens_note, start_note, cut)))
+    return AzureKinectFile(path, (camera,), start_us, notes)
+
+
+@dataclass(slots=True, eq=False)
+class AzureKinectFile:
+    """An open recording of one camera. start_us: the device's clock at the file's time 0, microseconds.
+
+    Not frozen: what was damaged is known once the frames were read.
+    """
+
+    path: Path
+    cameras: tuple[SourceCamera, ...]
+    start_us: int
+    header_notes: tuple[str, ...]
+    damage_notes: tuple[str, ...] = field(default=(), init=False)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences for the user, complete once all frames were read."""
+        return self.header_notes + self.damage_notes
+
+    def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
+        """The depth images by time, one at a time; a damaged one is left out, and so is all after damage that ends the
+        file, with a note. Raises InputError where the file has no depth image that can be read."""
+        camera = self.cameras[0]
+        damage = _Damage()
+        count = 0
+        with _opened(self.path) as container:
+            stream, _ = _depth_track(self.path, container)
+            stream_us = Fraction(stream.time_base or 0) * 1_000_000
+            whole = _whole_images(container, stream, 2 * camera.width * camera.height, damage)
+            for packet in _in_order(whole, damage):
+                count += 1
+                if count > skip[0]:
+                    time_us = self.start_us + round((packet.pts or 0) * stream_us)
+                    yield SourceFrame(0, time_us / 1e6, _image(packet, camera.height, camera.width))
+        self.damage_notes = damage.notes()
+        if not count:
+            raise InputError(self.path, "holds no depth image that can be read", AGAIN)
+
+
+@dataclass(slots=True)
+class _Damage:
+    """What could not be read."""
+
+    left_out: int = 0
+    ended_early: bool = False
+
+    def notes(self) -> tuple[str, ...]:
+        images = f"depth images left out because their size or time is damaged: {self.left_out}"
+        end = "the file is damaged: its depth images end before it does"
+        return tuple(note for note, there in ((images, self.left_out), (end, self.ended_early)) if there)
+
+
+def _image(packet: Packet, height: int, width: int) -> np.ndarray:
+    """(height, width) uint16 of an uncompressed packet: its bytes are the pixels, so that no decoder touches them."""
+    depth = np.frombuffer(memoryview(packet), dtype=">u2").reshape(height, width).astype(np.uint16)
+    depth[depth == NO_READING] = 0
+    return depth
+
+
+def _whole_images(container: InputContainer, stream: VideoStream, size: int, damage: _Damage) -> Iterator[Packet]:
+    """The packets of the depth track that hold an image of ``size`` bytes and a time."""
+    from av import FFmpegError
+
+    try:
+        for packet in container.demux(stream):
+            if packet.size == size and packet.pts is not None and packet.pts >= 0 and not packet.is_corrupt:
+                yield packet
+            elif packet.size:  # the last one is empty: the end
+                damage.left_out += 1
+    except FFmpegError:
+        damage.ended_early = True
+
+
+def _in_order(packets: Iterator[Packet], damage: _Damage) -> Iterator[Packet]:
+    """Without the packets whose time is damaged: later than that of the next, or no later than the one before.
+
+    One packet is held back until the next one is known, so that a single time far ahead does not cost all after it.
+    """
+    held: Packet | None = None
+    held_time = before = -1
+    for packet in packets:
+        time = packet.pts or 0
+        if time > held_time:
+            if held is not None:
+                yield held
+            held, held_time, before = packet, time, held_time
+        else:
+            damage.left_out += 1
+            if time > before:
+                held, held_time = packet, time
+    if held is not None:
+        yield held
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[InputContainer]:
+    """The file with PyAV, which may decode nothing but uncompressed images: colour stays unseen even while probing."""
+    try:
+        import av
+    except ImportError:
+        raise MissingPackage("reading an Azure Kinect's recording", "av", "azure") from None
+    with path.open("rb") as file:
+        try:
+            container = av.open(
+                file, mode="r", format="matroska", metadata_errors="replace", options={"codec_whitelist": "rawvideo"}
+            )
+        except (av.FFmpegError, UnicodeError) as error:
+            raise InputError(path, "is no Matroska file that can be read", AGAIN) from error
+        with container:
+            yield container
+
+
+def _depth_track(path: Path, container: InputContainer) -> tuple[VideoStream, DepthMode]:
+    """The track of depth and its mode, which its size states, and a tag where the file has it."""
+    stream = next((video for video in container.streams.video if video.metadata.get("title") == "DEPTH"), None)
+    if stream is None:
+        raise InputError(
+            path,
+            "is a video without depth: it has no track named DEPTH",
+            "give a recording of k4arecorder made with depth, not a colour or infrared video",
+        )
+    code = stream.codec_context
+    mode = depth_mode(code.width, code.height)
+    if code.name != "rawvideo" or code.pix_fmt != "gray16be":
+        raise InputError(path, f"has depth as {code.name}, not uncompressed", "give the file as the recorder wrote it")
+    if mode is None:
+        raise InputError(path, f"has depth images of {code.width} x {code.height}, which no mode has", AGAIN)
+    if stream.metadata.get("K4A_DEPTH_MODE", mode.name) != mode.name:
+        raise InputError(path, f"has depth images of {mode.name} but states another mode", AGAIN)
+    return stream, mode
+
+
+def _lens(container: InputContainer, mode: DepthMode) -> tuple[Intrinsics | None, str]:
+    """The lens, or None and why."""
+    for attached in container.streams.attachments:
+        if attached.name == CALIBRATION or "K4A_CALIBRATION_FILE" in attached.metadata:
+            try:
+                return lens_of(attached.data or b"", mode), ""
+            except ValueError as problem:
+                return None, f"no lens: the file's {CALIBRATION} {problem}"
+    return None, f"no lens: the file has no attachment {CALIBRATION}"
+
+
+def _start_us(container: InputContainer) -> tuple[int, str]:
+    """The device's clock at the file's time 0, microseconds, and a note where the file does not state it.
+
+    The recorder subtracts this from all time stamps; cameras joined by a cable share the device's clock. The tag
+    K4A_DEPTH_DELAY_NS is the delay from colour to depth, which the time stamps of depth have already.
+    """
+    stated = container.metadata.get("K4A_START_OFFSET_NS", "")
+    if re.fullmatch(r"[0-9]{1,19}", stated):
+        return int(stated) // 1000, ""
+    return 0, "the file does not state when it began on the device's clock: its times begin with the recording"
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether the file is as long as its segment states; a recorder that was stopped by force states no length."""
+    with path.open("rb") as file:
+        head = file.read(4096)
+    start = head.find(SEGMENT) + len(SEGMENT)
+    if start < len(SEGMENT) or not head[start : start + 1].strip(b"\0"):
+        return False
+    width = 9 - head[start].bit_length()  # EBML (RFC 8794): the leading zeros tell how many bytes a length has
+    unknown = (1 << 7 * width) - 1
+    length = int.from_bytes(head[start : start + width]) & unknown
+    return length != unknown and start + width + length <= path.stat().st_size
