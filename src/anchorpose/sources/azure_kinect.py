@@ -179,10 +179,11 @@ def _depth_track(path: Path, container: InputContainer) -> tuple[VideoStream, De
             "is a video without depth: it has no track named DEPTH",
             "give a recording of k4arecorder made with depth, not a colour or infrared video",
         )
-    code = stream.codec_context
+    code = stream.codec_context  # None where the codec is not known
+    if code is None or code.name != "rawvideo" or code.pix_fmt != "gray16be":
+        problem = "has depth that is not uncompressed in 16 bits, big-endian"
+        raise InputError(path, problem, "give the file as the recorder wrote it")
     mode = depth_mode(code.width, code.height)
-    if code.name != "rawvideo" or code.pix_fmt != "gray16be":
-        raise InputError(path, f"has depth as {code.name}, not uncompressed", "give the file as the recorder wrote it")
     if mode is None:
         raise InputError(path, f"has depth images of {code.width} x {code.height}, which no mode has", AGAIN)
     if stream.metadata.get("K4A_DEPTH_MODE", mode.name) != mode.name:
