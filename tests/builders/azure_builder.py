@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,9 @@ SIZES = {
     "WFOV_UNBINNED": (1024, 1024),
 }
 TAGS = {"K4A_DEVICE_SERIAL_NUMBER": "000123", "K4A_START_OFFSET_NS": "336277000", "K4A_DEPTH_DELAY_NS": "0"}
+
+HOLDING = ("18538067", "1654ae6b", "ae", "1941a469", "61a7", "1f43b675", "a0")
+"""Elements that hold others: segment, tracks, track, attachments, attachment, cluster, block group."""
 
 
 def calibration(parameters: Sequence[object] = PARAMETERS, **changed: object) -> bytes:
@@ -105,6 +108,20 @@ def mkv(
         parts.append(cluster(time_us, packets))
     head = text("4282", "matroska") + number("4287", 2) + number("4285", 2)
     return element("1a45dfa3", head) + element("18538067", b"".join(parts))
+
+
+def elements(content: bytes) -> Iterator[tuple[str, bytes]]:
+    """The elements of Matroska content by hand: name (hexadecimal) and what is in them, those inside of others too."""
+    at = 0
+    while at < len(content):
+        named = 9 - content[at].bit_length()
+        sized = 9 - content[at + named].bit_length()
+        name, start = content[at : at + named].hex(), at + named + sized
+        length = int.from_bytes(content[at + named : start]) & ((1 << 7 * sized) - 1)
+        yield name, content[start : start + length]
+        if name in HOLDING:
+            yield from elements(content[start : start + length])
+        at = start + length
 
 
 def write(path: Path, content: bytes) -> Path:

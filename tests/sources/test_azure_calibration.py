@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import json
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
-from azure_builder import PARAMETERS, SIZES, calibration
+from azure_builder import PARAMETERS, SIZES, calibration, elements
 
 from anchorpose.lens import LensModel, rays_of_pixels
 from anchorpose.sources.azure_calibration import MODES, DepthMode, lens_of
 
+REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "recorder_files" / "azure_kinect_nfov.mkv"
+needs_the_real_file = pytest.mark.skipif(not REAL.is_file(), reason="../shared/data/recorder_files is not there")
 BY_NAME = {mode.name: mode for mode in MODES}
 
 
@@ -49,6 +53,15 @@ def worst_miss_px(mode: DepthMode, document: bytes, numbers: tuple[float, ...]) 
 @pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
 def test_each_pixels_ray_falls_on_its_centre_by_the_published_formula(mode: DepthMode) -> None:
     assert worst_miss_px(mode, calibration(), PARAMETERS) < 0.01
+
+
+@needs_the_real_file
+@pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
+def test_so_does_each_pixels_ray_of_a_real_camera(mode: DepthMode) -> None:
+    document = next(content for name, content in elements(REAL.read_bytes()) if name == "465c")
+    cameras = json.loads(document)["CalibrationInformation"]["Cameras"]
+    (depth,) = (camera for camera in cameras if camera["Purpose"] == "CALIBRATION_CameraPurposeDepth")
+    assert worst_miss_px(mode, document, tuple(depth["Intrinsics"]["ModelParameters"])) < 0.01
 
 
 def test_p2_stands_before_p1_in_the_file() -> None:

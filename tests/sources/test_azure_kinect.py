@@ -11,7 +11,7 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
-from azure_builder import SIZES, TAGS, calibration, cluster, images, mkv, write
+from azure_builder import SIZES, TAGS, calibration, cluster, elements, images, mkv, write
 
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError, MissingPackage
@@ -242,21 +242,35 @@ def test_whatever_is_damaged_gives_frames_or_one_sentence(tmp_path: Path, capfd:
 
 
 @needs_the_real_file
-def test_the_real_file_pixel_by_pixel_against_another_decoder() -> None:
+def test_the_real_file_pixel_by_pixel_against_another_decoder_and_by_hand() -> None:
     source = open_source(REAL)
     (frame,) = source.frames([0])
     with av.open(str(REAL)) as container:
         stream = next(video for video in container.streams.video if video.metadata["title"] == "DEPTH")
         decoded = next(container.decode(stream)).reformat(format="gray16le").to_ndarray()
+        tags = container.metadata
     np.testing.assert_array_equal(frame.depth, decoded)
-    # by hand: the cluster's second block, whose content follows its 12 bytes of head and 4 of track and time
-    content = REAL.read_bytes()
-    at = content.rindex(b"\xa3" + b"", 0, content.index(decoded.astype(">u2").tobytes()))
-    assert content[at:].startswith(b"\xa3")
-    assert round(frame.time_s * 1e6) == 336_277 + 463_945
-    assert source.cameras[0].serial == "001514394512"
-    assert source.cameras[0].model == "Azure Kinect"
+
+    found = list(elements(REAL.read_bytes()))
+    names = [content.decode() for name, content in found if name == "536e"]
+    index = [content for name, content in found if name == "d7"][names.index("DEPTH")][0]
+    cluster_us, block = _block(found, index)
+    np.testing.assert_array_equal(frame.depth, np.frombuffer(block[4:], ">u2").reshape(576, 640))
+    ticks = cluster_us + int.from_bytes(block[1:3], signed=True)
+    assert round(frame.time_s * 1e9) == 1000 * ticks + int(tags["K4A_START_OFFSET_NS"])
+    assert (source.cameras[0].serial, source.cameras[0].model) == (tags["K4A_DEVICE_SERIAL_NUMBER"], "Azure Kinect")
     assert source.notes == ("depth mode NFOV_UNBINNED, in millimetres",)
+
+
+def _block(found: list[tuple[str, bytes]], index: int) -> tuple[int, bytes]:
+    """The time of the cluster of a track's first block, and the block."""
+    cluster_us = 0
+    for name, content in found:
+        if name == "e7":
+            cluster_us = int.from_bytes(content)
+        if name in ("a1", "a3") and content[0] == 0x80 | index:
+            return cluster_us, content
+    raise AssertionError("the file has no block of this track")
 
 
 @needs_the_real_file
