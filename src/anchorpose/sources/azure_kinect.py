@@ -54,60 +54,74 @@ def open_source(path: Path) -> AzureKinectFile:
             model=container.metadata.get("title", ""),  # Femto's wrapper calls itself Azure Kinect, too
             serial=container.metadata.get("K4A_DEVICE_SERIAL_NUMBER", ""),
         )
-    cut = "" if _is_whole(path) else "the file was cut short or its recorder did not close it: its end may be missing"
+    cut = "" if _is_whole(path) else "the file was cut short, or its recorder did not close it: its end may be missing"
     notes = (f"depth mode {mode.name}, in millimetres", *filter(None, (lens_note, start_note, cut)))
     return AzureKinectFile(path, (camera,), start_us, notes)
 
 
 @dataclass(slots=True, eq=False)
 class AzureKinectFile:
-    """An open recording of one camera. start_us: the device's clock at the file's time 0, microseconds.
-
-    Not frozen: what was damaged is known once the frames were read.
-    """
+    """A recording of one camera. start_us: the device's clock at the file's time 0, microseconds; left_out: damaged
+    depth images, counted while frames are read, for which this is not frozen."""
 
     path: Path
     cameras: tuple[SourceCamera, ...]
     start_us: int
     header_notes: tuple[str, ...]
-    damage_notes: tuple[str, ...] = field(default=(), init=False)
+    left_out: int = field(default=0, init=False)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Sentences for the user, complete once all frames were read."""
-        return self.header_notes + self.damage_notes
+        damaged = f"depth images left out because their size or time is damaged: {self.left_out}"
+        return (*self.header_notes, damaged) if self.left_out else self.header_notes
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """The depth images by time, one at a time; a damaged one is left out, and so is all after damage that ends the
-        file, with a note. Raises InputError where the file has no depth image that can be read."""
+        """The depth images by time, one in memory at a time; damaged ones are left out, and counted in a note.
+
+        Raises InputError where the file has no depth image that can be read, or reading it fails.
+        """
         camera = self.cameras[0]
-        damage = _Damage()
-        count = 0
+        count = self.left_out = 0
         with _opened(self.path) as container:
             stream, _ = _depth_track(self.path, container)
-            stream_us = Fraction(stream.time_base or 0) * 1_000_000
-            whole = _whole_images(container, stream, 2 * camera.width * camera.height, damage)
-            for packet in _in_order(whole, damage):
+            tick_us = Fraction(stream.time_base or 0) * 1_000_000
+            whole = self._whole_images(container.demux(stream), 2 * camera.width * camera.height)
+            for packet in self._in_order(whole):
                 count += 1
                 if count > skip[0]:
-                    time_us = self.start_us + round((packet.pts or 0) * stream_us)
+                    time_us = self.start_us + round((packet.pts or 0) * tick_us)
                     yield SourceFrame(0, time_us / 1e6, _image(packet, camera.height, camera.width))
-        self.damage_notes = damage.notes()
         if not count:
             raise InputError(self.path, "holds no depth image that can be read", AGAIN)
 
+    def _whole_images(self, packets: Iterator[Packet], size: int) -> Iterator[Packet]:
+        """The packets that hold an image of ``size`` bytes and a time."""
+        for packet in packets:
+            if packet.size == size and packet.pts is not None and packet.pts >= 0:
+                yield packet
+            elif packet.size:  # the last one is empty: the end
+                self.left_out += 1
 
-@dataclass(slots=True)
-class _Damage:
-    """What could not be read."""
+    def _in_order(self, packets: Iterator[Packet]) -> Iterator[Packet]:
+        """Without the packets whose time is damaged: later than that of the next, or no later than the one before.
 
-    left_out: int = 0
-    ended_early: bool = False
-
-    def notes(self) -> tuple[str, ...]:
-        images = f"depth images left out because their size or time is damaged: {self.left_out}"
-        end = "the file is damaged: its depth images end before it does"
-        return tuple(note for note, there in ((images, self.left_out), (end, self.ended_early)) if there)
+        One packet is held back until the next is known, so that a single time far ahead does not cost all after it.
+        """
+        held: Packet | None = None
+        held_time = before = -1
+        for packet in packets:
+            time = packet.pts or 0
+            if time > held_time:
+                if held is not None:
+                    yield held
+                held, held_time, before = packet, time, held_time
+            else:
+                self.left_out += 1
+                if time > before:
+                    held, held_time = packet, time
+        if held is not None:
+            yield held
 
 
 def _image(packet: Packet, height: int, width: int) -> np.ndarray:
@@ -117,41 +131,6 @@ def _image(packet: Packet, height: int, width: int) -> np.ndarray:
     return depth
 
 
-def _whole_images(container: InputContainer, stream: VideoStream, size: int, damage: _Damage) -> Iterator[Packet]:
-    """The packets of the depth track that hold an image of ``size`` bytes and a time."""
-    from av import FFmpegError
-
-    try:
-        for packet in container.demux(stream):
-            if packet.size == size and packet.pts is not None and packet.pts >= 0 and not packet.is_corrupt:
-                yield packet
-            elif packet.size:  # the last one is empty: the end
-                damage.left_out += 1
-    except FFmpegError:
-        damage.ended_early = True
-
-
-def _in_order(packets: Iterator[Packet], damage: _Damage) -> Iterator[Packet]:
-    """Without the packets whose time is damaged: later than that of the next, or no later than the one before.
-
-    One packet is held back until the next one is known, so that a single time far ahead does not cost all after it.
-    """
-    held: Packet | None = None
-    held_time = before = -1
-    for packet in packets:
-        time = packet.pts or 0
-        if time > held_time:
-            if held is not None:
-                yield held
-            held, held_time, before = packet, time, held_time
-        else:
-            damage.left_out += 1
-            if time > before:
-                held, held_time = packet, time
-    if held is not None:
-        yield held
-
-
 @contextmanager
 def _opened(path: Path) -> Iterator[InputContainer]:
     """The file with PyAV, which may decode nothing but uncompressed images: colour stays unseen even while probing."""
@@ -159,15 +138,15 @@ def _opened(path: Path) -> Iterator[InputContainer]:
         import av
     except ImportError:
         raise MissingPackage("reading an Azure Kinect's recording", "av", "azure") from None
-    with path.open("rb") as file:
-        try:
-            container = av.open(
-                file, mode="r", format="matroska", metadata_errors="replace", options={"codec_whitelist": "rawvideo"}
-            )
-        except (av.FFmpegError, UnicodeError) as error:
-            raise InputError(path, "is no Matroska file that can be read", AGAIN) from error
-        with container:
+    limits = {"codec_whitelist": "rawvideo"}
+    try:
+        with (
+            path.open("rb") as file,
+            av.open(file, mode="r", format="matroska", metadata_errors="replace", options=limits) as container,
+        ):
             yield container
+    except (av.FFmpegError, OSError, UnicodeError) as error:
+        raise InputError(path, "cannot be read as a Matroska file", AGAIN) from error
 
 
 def _depth_track(path: Path, container: InputContainer) -> tuple[VideoStream, DepthMode]:
@@ -224,4 +203,4 @@ def _is_whole(path: Path) -> bool:
     width = 9 - head[start].bit_length()  # EBML (RFC 8794): the leading zeros tell how many bytes a length has
     unknown = (1 << 7 * width) - 1
     length = int.from_bytes(head[start : start + width]) & unknown
-    return length != unknown and start + width + length <= path.stat().st_size
+    return length != unknown and start + width + length == path.stat().st_size
