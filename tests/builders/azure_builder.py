@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-PARAMETERS = (0.513, 0.517, 0.4928, 0.4929, 0.55, -0.02, -0.0026, 0.89, 0.086, -0.0139, 0.0, 0.0, -7.2e-05, 2.1e-05)
-"""cx cy fx fy, k1 to k6, codx cody, p2 p1: near to what a real camera has."""
+PARAMETERS = (0.502, 0.495, 0.4901, 0.4912, 0.6, -0.03, -0.003, 0.93, 0.1, -0.015, 0.0, 0.0, -6e-05, 3e-05)
+"""cx cy fx fy, k1 to k6, codx cody, p2 p1: such as cameras have."""
 SIZES = {
     "NFOV_2X2BINNED": (320, 288),
     "NFOV_UNBINNED": (640, 576),
@@ -22,6 +22,8 @@ SIZES = {
 }
 TAGS = {"K4A_DEVICE_SERIAL_NUMBER": "000123", "K4A_START_OFFSET_NS": "336277000", "K4A_DEPTH_DELAY_NS": "0"}
 
+TIMES_US = [12, 33_345, 66_679, 7_200_000_001]
+"""Not whole milliseconds, and two hours later, so that a rounded time stamp shows."""
 HOLDING = ("18538067", "1654ae6b", "ae", "1941a469", "61a7", "1f43b675", "a0")
 """Elements that hold others: segment, tracks, track, attachments, attachment, cluster, block group."""
 
@@ -122,6 +124,10 @@ def elements(content: bytes) -> Iterator[tuple[str, bytes]]:
         if name in HOLDING:
             yield from elements(content[start : start + length])
         at = start + length
+
+
+def recording(count: int = 3, mode: str = "NFOV_2X2BINNED", **changed: object) -> bytes:
+    return mkv(images(count, mode), TIMES_US[:count], mode, attached=calibration(), **changed)
 
 
 def write(path: Path, content: bytes) -> Path:

@@ -165,7 +165,7 @@ def _depth_track(path: Path, container: InputContainer) -> tuple[VideoStream, De
     mode = depth_mode(code.width, code.height)
     if mode is None:
         raise InputError(path, f"has depth images of {code.width} x {code.height}, which no mode has", AGAIN)
-    if stream.metadata.get("K4A_DEPTH_MODE", mode.name) != mode.name:
+    if stream.metadata.get("K4A_DEPTH_MODE", mode.name).upper() != mode.name:  # early recorders wrote 2x2
         raise InputError(path, f"has depth images of {mode.name} but states another mode", AGAIN)
     return stream, mode
 
@@ -184,8 +184,8 @@ def _lens(container: InputContainer, mode: DepthMode) -> tuple[Intrinsics | None
 def _start_us(container: InputContainer) -> tuple[int, str]:
     """The device's clock at the file's time 0, microseconds, and a note where the file does not state it.
 
-    The recorder subtracts this from all time stamps; cameras joined by a cable share the device's clock. The tag
-    K4A_DEPTH_DELAY_NS is the delay from colour to depth, which the time stamps of depth have already.
+    The recorder subtracts it from all time stamps, and the SDK's player adds it again. K4A_DEPTH_DELAY_NS only pairs
+    depth with colour; the time stamps are as the device gave them.
     """
     stated = container.metadata.get("K4A_START_OFFSET_NS", "")
     if re.fullmatch(r"[0-9]{1,19}", stated):
