@@ -1,0 +1,206 @@
+"""Azure Kinect's recordings (``.mkv``), and those of Orbbec Femto's wrapper for it, which writes the same.
+
+The layout is that of the published Azure Kinect Sensor SDK (``src/record``, MIT): a Matroska file with the track DEPTH,
+uncompressed, big-endian, millimetres; the lens in the attachment ``calibration.json``; the device's own words in tags.
+Tracks of colour and infrared are never decoded.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from anchorpose.errors import InputError, MissingPackage
+from anchorpose.lens import Intrinsics
+from anchorpose.sources.azure_calibration import DepthMode, depth_mode, lens_of
+from anchorpose.sources.source import SourceCamera, SourceFrame
+
+if TYPE_CHECKING:
+    from av import Packet, VideoStream
+    from av.container import InputContainer
+
+EBML: Final = b"\x1a\x45\xdf\xa3"
+SEGMENT: Final = b"\x18\x53\x80\x67"
+DEPTH_SCALE: Final = 0.001  # the SDK's DEPTH16: millimetres
+NO_READING: Final = 65535
+AGAIN: Final = "copy it from the recording computer again"
+CALIBRATION: Final = "calibration.json"
+
+
+def matches(path: Path, head: bytes) -> bool:
+    """Whether a file is Matroska; ``open_source`` refuses one that has no depth."""
+    return head.startswith(EBML)
+
+
+def open_source(path: Path) -> AzureKinectFile:
+    """Reads tracks, tags and calibration; raises InputError where there is no depth, MissingPackage without PyAV."""
+    with _opened(path) as container:
+        _, mode = _depth_track(path, container)
+        lens, lens_note = _lens(container, mode)
+        start_us, start_note = _start_us(container)
+        camera = SourceCamera(
+            name=re.sub(r"[^\w+-]", "-", path.stem).lstrip("+-") or "camera",
+            width=mode.width,
+            height=mode.height,
+            depth_scale=DEPTH_SCALE,
+            intrinsics=lens,
+            model=container.metadata.get("title", ""),  # Femto's wrapper calls itself Azure Kinect, too
+            serial=container.metadata.get("K4A_DEVICE_SERIAL_NUMBER", ""),
+        )
+    cut = "" if _is_whole(path) else "the file was cut short, or its recorder did not close it: its end may be missing"
+    notes = (f"depth mode {mode.name}, in millimetres", *filter(None, (lens_note, start_note, cut)))
+    return AzureKinectFile(path, (camera,), start_us, notes)
+
+
+@dataclass(slots=True, eq=False)
+class AzureKinectFile:
+    """A recording of one camera. start_us: the device's clock at the file's time 0, microseconds; left_out: damaged
+    depth images, counted while frames are read, for which this is not frozen."""
+
+    path: Path
+    cameras: tuple[SourceCamera, ...]
+    start_us: int
+    header_notes: tuple[str, ...]
+    left_out: int = field(default=0, init=False)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences for the user, complete once all frames were read."""
+        damaged = f"depth images left out because their size or time is damaged: {self.left_out}"
+        return (*self.header_notes, damaged) if self.left_out else self.header_notes
+
+    def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
+        """The depth images by time, one in memory at a time; damaged ones are left out, and counted in a note.
+
+        Raises InputError where the file has no depth image that can be read, or reading it fails.
+        """
+        camera = self.cameras[0]
+        count = self.left_out = 0
+        with _opened(self.path) as container:
+            stream, _ = _depth_track(self.path, container)
+            tick_us = Fraction(stream.time_base or 0) * 1_000_000
+            whole = self._whole_images(container.demux(stream), 2 * camera.width * camera.height)
+            for packet in self._in_order(whole):
+                count += 1
+                if count > skip[0]:
+                    time_us = self.start_us + round((packet.pts or 0) * tick_us)
+                    yield SourceFrame(0, time_us / 1e6, _image(packet, camera.height, camera.width))
+        if not count:
+            raise InputError(self.path, "holds no depth image that can be read", AGAIN)
+
+    def _whole_images(self, packets: Iterator[Packet], size: int) -> Iterator[Packet]:
+        """The packets that hold an image of ``size`` bytes and a time."""
+        for packet in packets:
+            if packet.size == size and packet.pts is not None and packet.pts >= 0:
+                yield packet
+            elif packet.size:  # the last one is empty: the end
+                self.left_out += 1
+
+    def _in_order(self, packets: Iterator[Packet]) -> Iterator[Packet]:
+        """Without the packets whose time is damaged: later than that of the next, or no later than the one before.
+
+        One packet is held back until the next is known, so that a single time far ahead does not cost all after it.
+        """
+        held: Packet | None = None
+        held_time = before = -1
+        for packet in packets:
+            time = packet.pts or 0
+            if time > held_time:
+                if held is not None:
+                    yield held
+                held, held_time, before = packet, time, held_time
+            else:
+                self.left_out += 1
+                if time > before:
+                    held, held_time = packet, time
+        if held is not None:
+            yield held
+
+
+def _image(packet: Packet, height: int, width: int) -> np.ndarray:
+    """(height, width) uint16 of an uncompressed packet: its bytes are the pixels, so that no decoder touches them."""
+    depth = np.frombuffer(memoryview(packet), dtype=">u2").reshape(height, width).astype(np.uint16)
+    depth[depth == NO_READING] = 0
+    return depth
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[InputContainer]:
+    """The file with PyAV, which may decode nothing but uncompressed images: colour stays unseen even while probing."""
+    try:
+        import av
+    except ImportError:
+        raise MissingPackage("reading an Azure Kinect's recording", "av", "azure") from None
+    limits = {"codec_whitelist": "rawvideo"}
+    try:
+        with (
+            path.open("rb") as file,
+            av.open(file, mode="r", format="matroska", metadata_errors="replace", options=limits) as container,
+        ):
+            yield container
+    except (av.FFmpegError, OSError, UnicodeError) as error:
+        raise InputError(path, "cannot be read as a Matroska file", AGAIN) from error
+
+
+def _depth_track(path: Path, container: InputContainer) -> tuple[VideoStream, DepthMode]:
+    """The track of depth and its mode, which its size states, and a tag where the file has it."""
+    stream = next((video for video in container.streams.video if video.metadata.get("title") == "DEPTH"), None)
+    if stream is None:
+        raise InputError(
+            path,
+            "is a video without depth: it has no track named DEPTH",
+            "give a recording of k4arecorder made with depth, not a colour or infrared video",
+        )
+    code = stream.codec_context  # None where the codec is not known
+    if code is None or code.name != "rawvideo" or code.pix_fmt != "gray16be":
+        problem = "has depth that is not uncompressed in 16 bits, big-endian"
+        raise InputError(path, problem, "give the file as the recorder wrote it")
+    mode = depth_mode(code.width, code.height)
+    if mode is None:
+        raise InputError(path, f"has depth images of {code.width} x {code.height}, which no mode has", AGAIN)
+    if stream.metadata.get("K4A_DEPTH_MODE", mode.name).upper() != mode.name:  # early recorders wrote 2x2
+        raise InputError(path, f"has depth images of {mode.name} but states another mode", AGAIN)
+    return stream, mode
+
+
+def _lens(container: InputContainer, mode: DepthMode) -> tuple[Intrinsics | None, str]:
+    """The lens, or None and why."""
+    for attached in container.streams.attachments:
+        if attached.name == CALIBRATION or "K4A_CALIBRATION_FILE" in attached.metadata:
+            try:
+                return lens_of(attached.data or b"", mode), ""
+            except ValueError as problem:
+                return None, f"no lens: the file's {CALIBRATION} {problem}"
+    return None, f"no lens: the file has no attachment {CALIBRATION}"
+
+
+def _start_us(container: InputContainer) -> tuple[int, str]:
+    """The device's clock at the file's time 0, microseconds, and a note where the file does not state it.
+
+    The recorder subtracts it from all time stamps, and the SDK's player adds it again. K4A_DEPTH_DELAY_NS only pairs
+    depth with colour; the time stamps are as the device gave them.
+    """
+    stated = container.metadata.get("K4A_START_OFFSET_NS", "")
+    if re.fullmatch(r"[0-9]{1,19}", stated):
+        return int(stated) // 1000, ""
+    return 0, "the file does not state when it began on the device's clock: its times begin with the recording"
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether the file is as long as its segment states; a recorder that was stopped by force states no length."""
+    with path.open("rb") as file:
+        head = file.read(4096)
+    start = head.find(SEGMENT) + len(SEGMENT)
+    if start < len(SEGMENT) or not head[start : start + 1].strip(b"\0"):
+        return False
+    width = 9 - head[start].bit_length()  # EBML (RFC 8794): the leading zeros tell how many bytes a length has
+    unknown = (1 << 7 * width) - 1
+    length = int.from_bytes(head[start : start + width]) & unknown
+    return length != unknown and start + width + length == path.stat().st_size
