@@ -22,7 +22,7 @@ class Ros2Database:
         self._channels: dict[int, Channel] = {}
         self._counts: dict[int, int] | None = None
         self._unreadable = 0
-        self._cut_off = False
+        self._cut_off = _is_cut_off(path)
         try:
             with closing(self._connect()) as connection:
                 for number, topic, kind in connection.execute("SELECT id, name, type FROM topics"):
@@ -52,7 +52,7 @@ class Ros2Database:
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
         """See ``BagFile``."""
-        wanted, self._unreadable, self._cut_off = self._on(topics), 0, False
+        wanted, self._unreadable = self._on(topics), 0
         marks = ",".join(str(number) for number in sorted(wanted))
         query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) ORDER BY id"
         try:
@@ -86,3 +86,12 @@ class Ros2Database:
     def _connect(self) -> sqlite3.Connection:
         """Read only: nothing is written beside the file either, unless a recorder left its own journal there."""
         return sqlite3.connect(f"file:{quote(str(self._path.resolve()))}?mode=ro", uri=True)
+
+
+def _is_cut_off(path: Path) -> bool:
+    """Whether the file has fewer pages than its header says (sqlite.org/fileformat); SQLite takes them as empty."""
+    with path.open("rb") as file:
+        head = file.read(100)
+        size = file.seek(0, 2)
+    page = int.from_bytes(head[16:18], "big")
+    return size < int.from_bytes(head[28:32], "big") * (65536 if page == 1 else page)

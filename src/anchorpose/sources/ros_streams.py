@@ -118,7 +118,7 @@ class _Search:
         T_world_camera, frame = self.transforms.place(candidate.message.frame_id)
         if T_world_camera is not None:
             self.notes.append(f"the pose of {name} is that of /tf_static, its world turned so that y is up")
-        elif frame != candidate.message.frame_id.lstrip("/"):
+        elif not {"/tf", "/tf_static"}.isdisjoint(channel.topic for channel in self.bag.channels):
             self.notes.append(f"/tf_static places {name} in {frame!r}, which is no fixed world: its pose is not known")
         return T_world_camera
 
