@@ -145,8 +145,8 @@ class McapFile:
         file.seek(start or end)
         while file.tell() < end and (record := _read_record(file)) is not None:
             self._read_summary_record(*record)
-        if not self._channels:
-            self._blocks = []
+        if not self._channels or any(block.position > end for block in self._blocks):
+            raise DamagedBag("its summary is damaged")
 
     def _read_summary_record(self, operation: int, data: bytes) -> None:
         fields = _Fields(data)

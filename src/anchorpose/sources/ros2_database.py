@@ -15,14 +15,16 @@ MAGIC: Final = b"SQLite format 3\0"
 
 
 class Ros2Database:
-    """Raises DamagedBag where the list of topics cannot be read."""
+    """Raises DamagedBag where the end is missing, or the list of topics cannot be read."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._channels: dict[int, Channel] = {}
         self._counts: dict[int, int] | None = None
         self._unreadable = 0
-        self._cut_off = _is_cut_off(path)
+        self._cut_off = False
+        if _is_cut_off(path):
+            raise DamagedBag("its end is missing")
         try:
             with closing(self._connect()) as connection:
                 for number, topic, kind in connection.execute("SELECT id, name, type FROM topics"):
@@ -52,7 +54,7 @@ class Ros2Database:
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
         """See ``BagFile``."""
-        wanted, self._unreadable = self._on(topics), 0
+        wanted, self._unreadable, self._cut_off = self._on(topics), 0, False
         marks = ",".join(str(number) for number in sorted(wanted))
         query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) ORDER BY id"
         try:
@@ -89,7 +91,7 @@ class Ros2Database:
 
 
 def _is_cut_off(path: Path) -> bool:
-    """Whether the file has fewer pages than its header says (sqlite.org/fileformat); SQLite takes them as empty."""
+    """Whether the file is shorter than its header says (sqlite.org/fileformat); SQLite would fill up with zeros."""
     with path.open("rb") as file:
         head = file.read(100)
         size = file.seek(0, 2)
