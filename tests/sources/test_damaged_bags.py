@@ -140,7 +140,7 @@ def test_an_image_that_changes_its_size_is_left_out(tmp_path: Path, form: str) -
     sent = [Sent(topic, IMAGE, k, image_of(v, "16UC1", 5 + k)) for k, v in enumerate(values)]
     frames, notes = read_all(write_bag(tmp_path, form, sent))
     assert len(frames) == 2
-    assert notes[1:] == ("1 depth images of camera are damaged: left out",)
+    assert notes[1:] == ("1 depth images of camera are damaged: left out.",)
 
 
 @pytest.mark.parametrize("form", ["ros1", "db3", "mcap"])

@@ -33,6 +33,7 @@ IMAGE, TEXT, PAIR = "sensor_msgs/msg/Image", "std_msgs/msg/String", "diagnostic_
 SENSOR = "/device_0/sensor_0"
 DEPTH = f"{SENSOR}/Depth_0"
 TIMES_NS = (1_000_125_000, 1_033_458_000, 1_066_791_000)  # the device's, where the recorder's begin at 0
+UNIT = struct.pack("<f", 0.00025)
 INVERSE = (0.1, 0.2, 0.0, 0.0, 0.0)
 
 
@@ -44,8 +45,10 @@ def text(topic: str, value: str, received_ns: int = 0) -> Sent:
     return Sent(topic, TEXT, received_ns, ROS2.types[TEXT](data=value))
 
 
-def realsense_bag(folder: Path, form: str = "ros1", *, model: str = "Brown Conrady", D: Any = (0.0,) * 5) -> Path:
-    """As librealsense 2.56 writes it: the image's frame is "1", and its depth unit follows the image."""
+def realsense_bag(
+    folder: Path, form: str = "ros1", *, model: str = "Brown Conrady", D: Any = (0.0,) * 5, old: bool = False
+) -> Path:
+    """As librealsense 2.56 writes it: the image's frame is "1", and its depth unit follows; in old bags neither."""
     info = Info(model=model, D=D, P=(0.0,) * 12, frame="")
     sent = [
         Sent(f"{DEPTH}/info/camera_info", "sensor_msgs/msg/CameraInfo", 1, info),
@@ -53,10 +56,13 @@ def realsense_bag(folder: Path, form: str = "ros1", *, model: str = "Brown Conra
         pair("/device_0/info", "Serial Number", "123456"),
     ]
     for k, time_ns in enumerate(TIMES_NS):
-        plain = ROS1.serialize_ros1(image_of(depth_values(k), "mono16", time_ns, frame="1")(ROS1), IMAGE)
+        image = image_of(depth_values(k), "mono16", time_ns, frame="0" if old else "1")
+        plain = bytes(ROS1.serialize_ros1(image(ROS1), IMAGE))
         received = 500 + k * 30_000_000
-        sent.append(Sent(f"{DEPTH}/image/data", IMAGE, received, bytes(plain) + struct.pack("<f", 0.00025)))
+        sent.append(Sent(f"{DEPTH}/image/data", IMAGE, received, plain if old else plain + UNIT))
         sent.append(pair(f"{DEPTH}/image/metadata", "system_time", "0.0"))
+    if old:
+        sent.append(Sent(f"{SENSOR}/option/Depth_Units/value", "std_msgs/msg/Float32", 1, UNIT))
     return write_bag(folder, form, sent)
 
 
@@ -110,8 +116,9 @@ def check_realsense(path: Path, kept: tuple[int, ...] = (0, 1, 2)) -> Any:
 
 
 @pytest.mark.parametrize("form", ["ros1", "ros1-lz4"])
-def test_a_realsense_bag_has_the_unit_of_its_images(tmp_path: Path, form: str) -> None:
-    source = check_realsense(realsense_bag(tmp_path, form))
+@pytest.mark.parametrize("old", [False, True])
+def test_a_realsense_bag_has_the_unit_of_its_images_or_of_its_sensor(tmp_path: Path, form: str, old: bool) -> None:
+    source = check_realsense(realsense_bag(tmp_path, form, old=old))
     assert source.cameras[0].intrinsics.fy == 31.0
     assert source.notes == ()
 
@@ -127,7 +134,7 @@ def test_a_realsense_database_has_the_device_s_time_and_not_the_recorder_s(tmp_p
 def test_an_image_without_its_time_stamp_is_left_out(tmp_path: Path, without: int) -> None:
     kept = tuple(k for k in range(3) if k != without)
     source = check_realsense(realsense_database(tmp_path, without=without), kept)
-    assert source.notes == ("1 depth images of realsense are damaged: left out",)
+    assert source.notes == ("1 depth images of realsense are damaged: left out.",)
 
 
 def test_realsense_without_a_depth_unit_is_refused(tmp_path: Path) -> None:

@@ -40,7 +40,7 @@ def read_depth_image(path: Path, camera: Camera) -> DepthImage:
         data = path.read_bytes()
     except OSError as error:
         return DepthImage(None, f"cannot be read ({error.strerror})")
-    problem = _header_problem(data[:_HEADER_BYTES], camera) or chunk_problem(data)
+    problem = _header_problem(data[:_HEADER_BYTES], camera) or _chunk_problem(data)
     if problem:
         return DepthImage(None, problem)
     grey = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
@@ -72,7 +72,7 @@ def _header_problem(head: bytes, camera: Camera) -> str:
     return ""
 
 
-def chunk_problem(data: bytes) -> str:
+def _chunk_problem(data: bytes) -> str:
     """What is wrong with any chunk up to the end: decoders may return half an image for a truncated file."""
     place = len(_SIGNATURE)
     while place + 12 <= len(data):
@@ -86,6 +86,11 @@ def chunk_problem(data: bytes) -> str:
             return ""
         place = end + 4
     return "is truncated"
+
+
+def is_whole_png(data: bytes) -> bool:
+    """Whether data are a PNG file from its first to its last byte."""
+    return data.startswith(_SIGNATURE) and not _chunk_problem(data)
 
 
 class DepthFrames(Protocol):

@@ -72,6 +72,19 @@ def read_at_most(file: BinaryIO, size: int) -> bytes:
     return file.read(min(size, end - place))
 
 
+def reading_notes(name: str, indexed: bool, unreadable: int, chunks: int) -> tuple[str, ...]:
+    """Sentences on a file of chunks without a usable index, or with chunks that could not be read."""
+    notes = []
+    if not indexed:
+        notes.append(
+            f"{name} has no usable index, because recording was cut off or the file is damaged; it was read from its "
+            "beginning as far as that goes."
+        )
+    if unreadable:
+        notes.append(f"{unreadable} of {chunks} chunks of {name} are damaged: left out.")
+    return tuple(notes)
+
+
 def kind_of(name: str) -> str:
     """The type's name as ROS 1 writes it: ROS 2 puts ``msg`` in between."""
     return name.replace("/msg/", "/")

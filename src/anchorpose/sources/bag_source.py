@@ -113,8 +113,8 @@ class _Tally:
 
     def notes(self, name: str) -> Iterator[str]:
         if self.damaged:
-            yield f"{self.damaged} depth images of {name} are damaged: left out"
+            yield f"{self.damaged} depth images of {name} are damaged: left out."
         if self.without_stamp:
-            yield f"{self.without_stamp} depth images of {name} have no time stamp: the time of their receipt is taken"
+            yield f"{self.without_stamp} depth images of {name} have no time stamp: the time of their receipt is taken."
         if self.too_far:
-            yield f"{self.too_far} readings of {name} are farther than its grey values reach: no reading"
+            yield f"{self.too_far} readings of {name} are farther than its grey values reach: no reading."

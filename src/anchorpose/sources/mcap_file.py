@@ -21,6 +21,7 @@ from anchorpose.sources.bag_file import (
     Wire,
     kind_of,
     read_at_most,
+    reading_notes,
     unpack,
     unpack_message,
 )
@@ -89,15 +90,7 @@ class McapFile:
     @property
     def notes(self) -> tuple[str, ...]:
         """See ``BagFile``."""
-        notes = []
-        if not self._indexed:
-            notes.append(
-                f"{self._path.name} has no usable index, because recording was cut off or the file is damaged; it was "
-                "read from its beginning as far as that goes"
-            )
-        if self._unreadable:
-            notes.append(f"{self._unreadable} of {len(self._blocks)} chunks of {self._path.name} are damaged: left out")
-        return tuple(notes)
+        return reading_notes(self._path.name, self._indexed, self._unreadable, len(self._blocks))
 
     def count(self, topic: str) -> int | None:
         """See ``BagFile``."""

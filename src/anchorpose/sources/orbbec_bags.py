@@ -72,11 +72,11 @@ def device_time_ns(image: ImageMessage) -> int:
 def _notes(lens: Lens | None, unit: _Unit) -> tuple[str, ...]:
     notes = []
     if not unit.stated:
-        notes.append("the file states no depth unit: a millimetre, as Orbbec's own player takes it")
+        notes.append("The file states no depth unit: a millimetre, as Orbbec's own player takes it.")
     if lens is None:
-        notes.append(f"the lens of orbbec is missing, because recording was cut off; {READ_BY_HAND}")
+        notes.append(f"The lens of orbbec is missing, because recording was cut off; {READ_BY_HAND}.")
     elif lens.problem:
-        notes.append(f"the lens of orbbec is not used: {lens.problem}; {READ_BY_HAND}")
+        notes.append(f"The lens of orbbec is not used: {lens.problem}; {READ_BY_HAND}.")
     return tuple(notes)
 
 

@@ -29,18 +29,19 @@ Image = ImageMessage | CompressedMessage
 
 def find_streams(bag: BagFile, path: Path) -> Streams | None:
     """The depth images of a recording, None where it is not RealSense's. Raises InputError where no unit is known."""
-    matches = [match for channel in bag.channels if (match := _DEPTH.fullmatch(channel.topic))]
+    topics = sorted(channel.topic for channel in bag.channels)
+    matches = [match for topic in topics if (match := _DEPTH.fullmatch(topic))]
     if not matches:
         return None
     streams, notes = [], []
     for number, match in enumerate(matches):
         image = first_grey_image(bag, match[0])
         if image is None:
-            notes.append(f"{match[0]} has no depth image that can be read: left out")
+            notes.append(f"{match[0]} has no depth image that can be read: left out.")
             continue
         stream, lens = _stream(bag, match, image, path, number if len(matches) > 1 else None)
         if lens.problem:
-            notes.append(f"the lens of {stream.camera.name} is not used: {lens.problem}; {READ_BY_HAND}")
+            notes.append(f"The lens of {stream.camera.name} is not used: {lens.problem}; {READ_BY_HAND}.")
         streams.append(stream)
     return Streams(tuple(streams), tuple(notes))
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, Final
 
-from anchorpose.sources.bag_file import Channel, DamagedBag, Message, Wire, read_at_most, unpack
+from anchorpose.sources.bag_file import Channel, DamagedBag, Message, Wire, read_at_most, reading_notes, unpack
 
 MAGIC: Final = b"#ROSBAG V2.0\n"
 _MESSAGE, _BAG, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 5, 6, 7  # values of the field "op"
@@ -72,15 +72,7 @@ class Ros1File:
     @property
     def notes(self) -> tuple[str, ...]:
         """See ``BagFile``."""
-        notes = []
-        if not self._indexed:
-            notes.append(
-                f"{self._path.name} has no usable index, because recording was cut off or the file is damaged; it was "
-                "read from its beginning as far as that goes"
-            )
-        if self._unreadable:
-            notes.append(f"{self._unreadable} of {len(self._blocks)} chunks of {self._path.name} are damaged: left out")
-        return tuple(notes)
+        return reading_notes(self._path.name, self._indexed, self._unreadable, len(self._blocks))
 
     def count(self, topic: str) -> int | None:
         """See ``BagFile``."""

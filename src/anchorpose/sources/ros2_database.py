@@ -7,7 +7,6 @@ from collections.abc import Collection, Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import Final
-from urllib.parse import quote
 
 from anchorpose.sources.bag_file import Channel, DamagedBag, Message, Wire, kind_of, unpack_message
 
@@ -43,9 +42,9 @@ class Ros2Database:
         """See ``BagFile``."""
         notes = []
         if self._cut_off:
-            notes.append(f"{self._path.name} is damaged; it was read from its beginning as far as that goes")
+            notes.append(f"{self._path.name} is damaged; it was read from its beginning as far as that goes.")
         if self._unreadable:
-            notes.append(f"{self._unreadable} messages of {self._path.name} are damaged: left out")
+            notes.append(f"{self._unreadable} messages of {self._path.name} are damaged: left out.")
         return tuple(notes)
 
     def count(self, topic: str) -> int | None:
@@ -87,7 +86,7 @@ class Ros2Database:
 
     def _connect(self) -> sqlite3.Connection:
         """Read only: nothing is written beside the file either, unless a recorder left its own journal there."""
-        return sqlite3.connect(f"file:{quote(str(self._path.resolve()))}?mode=ro", uri=True)
+        return sqlite3.connect(f"{self._path.resolve().as_uri()}?mode=ro", uri=True)
 
 
 def _is_cut_off(path: Path) -> bool:

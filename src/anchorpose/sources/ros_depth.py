@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.recording.depth_image import chunk_problem
+from anchorpose.recording.depth_image import is_whole_png
 from anchorpose.sources.bag_file import DamagedBag
 from anchorpose.sources.ros_messages import CompressedMessage, ImageMessage
 
@@ -108,7 +108,7 @@ def _png_of(image: CompressedMessage) -> bytes:
 def _decode(png: bytes) -> np.ndarray:
     import cv2
 
-    grey = None if chunk_problem(png) else cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED)
+    grey = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED) if is_whole_png(png) else None
     if grey is None or grey.dtype != np.uint16 or grey.ndim != 2:
         raise DamagedBag("a compressed image is not complete")
     return np.asarray(grey)

@@ -14,6 +14,7 @@ from anchorpose.sources.ros_messages import read_transforms
 
 _TOPIC: Final = "/tf_static"
 _WORLDS: Final = frozenset({"world", "map", "odom"})
+_FARTHEST_M: Final = 1e6
 _LONGEST: Final = 100  # transforms in a row, so that a damaged file with a ring of frames ends
 
 T_WORLD_ROS: Final = np.array([[1.0, 0, 0, 0], [0, 0, 1.0, 0], [0, -1.0, 0, 0], [0, 0, 0, 1.0]])
@@ -51,8 +52,10 @@ class StaticTransforms:
 
 def _matrix(values: np.ndarray) -> np.ndarray | None:
     """(4, 4) of translation in metres and quaternion x, y, z, w; None where they are none."""
+    if not (np.abs(values) < _FARTHEST_M).all():  # nor are those that are no numbers
+        return None
     length = np.linalg.norm(values[3:])
-    if not np.isfinite(values).all() or not 0.99 < length < 1.01:  # ROS's own tolerance for a unit quaternion
+    if not 0.99 < length < 1.01:  # ROS's own tolerance for a unit quaternion
         return None
     x, y, z, w = values[3:] / length
     matrix = np.eye(4)

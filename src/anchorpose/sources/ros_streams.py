@@ -90,7 +90,7 @@ class _Search:
             if scale is not None:
                 break
         scale = scale or 0.001  # no image has a reading
-        self.notes.append(f"depth of {name} is in metres: it is written in steps of {scale * 1000:g} mm")
+        self.notes.append(f"Depth of {name} is in metres: it is written in steps of {scale * 1000:g} mm.")
         return scale
 
     def _lens(self, candidate: _Candidate, name: str, size: tuple[int, int]) -> Intrinsics | None:
@@ -102,7 +102,7 @@ class _Search:
         problem = next(iter(lenses)).problem if len(lenses) == 1 else "several infos fit it, and they differ"
         if not infos:
             problem = f"no camera info in the bag fits its {size[0]} x {size[1]} images"
-        self.notes.append(f"the lens of {name} is not known: {problem}; {READ_BY_HAND}")
+        self.notes.append(f"The lens of {name} is not known: {problem}; {READ_BY_HAND}.")
         return None
 
     def _infos_of(self, candidate: _Candidate, size: tuple[int, int]) -> list[CameraInfo]:
@@ -117,9 +117,9 @@ class _Search:
     def _place(self, candidate: _Candidate, name: str) -> np.ndarray | None:
         T_world_camera, frame = self.transforms.place(candidate.message.frame_id)
         if T_world_camera is not None:
-            self.notes.append(f"the pose of {name} is that of /tf_static, its world turned so that y is up")
+            self.notes.append(f"The pose of {name} is that of /tf_static, its world turned so that y is up.")
         elif not {"/tf", "/tf_static"}.isdisjoint(channel.topic for channel in self.bag.channels):
-            self.notes.append(f"/tf_static places {name} in {frame!r}, which is no fixed world: its pose is not known")
+            self.notes.append(f"/tf_static places {name} in {frame!r}, which is no fixed world: its pose is not known.")
         return T_world_camera
 
 
@@ -135,7 +135,7 @@ def find_streams(bag: BagFile, path: Path) -> Streams:
     for candidate in sorted(candidates, key=lambda candidate: (candidate.cost, candidate.channel.topic)):
         chosen = best.setdefault(candidate.camera, candidate)
         if chosen is not candidate:
-            notes.append(f"{candidate.channel.topic} is left out: {chosen.channel.topic} is the same camera's depth")
+            notes.append(f"{candidate.channel.topic} is left out: {chosen.channel.topic} is the same camera's depth.")
     topics = (channel.topic for channel in bag.channels if channel.kind == _INFO)
     infos = {topic: info for topic in topics if (info := first(bag, topic, read_camera_info)) is not None}
     search = _Search(bag, infos, StaticTransforms(bag), notes)
@@ -153,10 +153,10 @@ def _candidates(bag: BagFile, notes: list[str]) -> list[_Candidate]:
             candidates.append(_Candidate(channel, tuple(filter(None, re.split("[/_]+", channel.topic))), message))
         elif message is not None:
             encoding = message.encoding if isinstance(message, ImageMessage) else message.format
-            notes.append(f"{channel.topic} is left out: its encoding {encoding[:40]!r} is not read as depth")
+            notes.append(f"{channel.topic} is left out: its encoding {encoding[:40]!r} is not read as depth.")
     return candidates
 
 
 def _described(bag: BagFile, notes: list[str]) -> str:
     topics = [channel.topic for channel in bag.channels if channel.kind in (IMAGE, COMPRESSED)]
-    return "; ".join(notes) or "its images: " + (", ".join(topics[:5]) or "none")
+    return " ".join(notes).rstrip(".") or "its images: " + (", ".join(topics[:5]) or "none")
