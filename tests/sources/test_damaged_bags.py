@@ -143,6 +143,17 @@ def test_an_image_that_changes_its_size_is_left_out(tmp_path: Path, form: str) -
     assert notes[1:] == ("1 depth images of camera are damaged: left out.",)
 
 
+@pytest.mark.parametrize("encoding", ["32FC1", "bgr8", "16SC1"])
+def test_an_image_that_changes_its_encoding_is_left_out(tmp_path: Path, encoding: str) -> None:
+    """Its bytes are enough for the camera's size, so that they would pass for depth."""
+    other = image_of(depth_values(1).astype(np.float32), encoding, 6)
+    builds = (image_of(depth_values(0), "16UC1", 5), other, image_of(depth_values(2), "mono16", 7))
+    sent = [Sent("/camera/depth/image", IMAGE, k, build) for k, build in enumerate(builds)]
+    frames, notes = read_all(write_bag(tmp_path, "db3", sent))
+    assert [round(frame.time_s * 1e9) for frame in frames] == [5, 7]
+    assert notes[1:] == ("1 depth images of camera are damaged: left out.",)
+
+
 @pytest.mark.parametrize("form", ["ros1", "db3", "mcap"])
 def test_memory_does_not_grow_with_the_length(tmp_path: Path, form: str) -> None:
     peaks = []

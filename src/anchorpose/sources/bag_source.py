@@ -11,7 +11,7 @@ from anchorpose.errors import InputError
 from anchorpose.sources import orbbec_bags, realsense_bags
 from anchorpose.sources.bag_file import BagFile, DamagedBag, Message
 from anchorpose.sources.depth_stream import RECORD_AGAIN, Clock, DepthStream, Streams, read_any_image
-from anchorpose.sources.ros_depth import grey_of, grey_of_metres, metres_of
+from anchorpose.sources.ros_depth import METRES, encoding_of, grey_of, grey_of_metres, metres_of
 from anchorpose.sources.ros_messages import CompressedMessage, ImageMessage
 from anchorpose.sources.source import SourceCamera, SourceFrame
 
@@ -54,7 +54,8 @@ class BagSource:
             camera = images[topic] if topic in images else stamps[topic]
             try:
                 if topic in stamps:
-                    yield _stamped(camera, waiting.pop(camera, None), message)
+                    if camera in waiting:  # otherwise its image was damaged, and is counted
+                        yield _stamped(camera, *waiting.pop(camera), message)
                     continue
                 time_ns, depth = self._read(camera, message)
             except DamagedBag:
@@ -72,6 +73,9 @@ class BagSource:
         """Time in nanoseconds, and (height, width) uint16. Raises DamagedBag."""
         stream = self._streams[camera]
         image = read_any_image(message)
+        encoding = encoding_of(image)
+        if not encoding or (encoding == METRES) != stream.in_metres:
+            raise DamagedBag("an image has another encoding than the first one")
         depth = self._depth(camera, stream, image)
         if depth.shape != (stream.camera.height, stream.camera.width):
             raise DamagedBag("an image has another size than the first one")
@@ -95,12 +99,12 @@ class BagSource:
         return image.stamp_ns
 
 
-def _stamped(camera: int, waiting: tuple[int, np.ndarray] | None, message: Message) -> SourceFrame:
+def _stamped(camera: int, received_ns: int, depth: np.ndarray, message: Message) -> SourceFrame:
     """RealSense's image that waited for its time stamp, which is received with it. Raises DamagedBag."""
     time_ns = realsense_bags.device_time_ns(message)
-    if waiting is None or time_ns is None or waiting[0] != message.received_ns:
+    if time_ns is None or received_ns != message.received_ns:
         raise DamagedBag("an image and its time stamp do not belong together")
-    return SourceFrame(camera, time_ns / 1e9, waiting[1])
+    return SourceFrame(camera, time_ns / 1e9, depth)
 
 
 class _Tally:
