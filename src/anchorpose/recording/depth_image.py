@@ -88,6 +88,11 @@ def _chunk_problem(data: bytes) -> str:
     return "is truncated"
 
 
+def is_whole_png(data: bytes) -> bool:
+    """Whether data are a PNG file from its first to its last byte."""
+    return data.startswith(_SIGNATURE) and not _chunk_problem(data)
+
+
 class DepthFrames(Protocol):
     """Anything that gives the depth images of several cameras one by one."""
 

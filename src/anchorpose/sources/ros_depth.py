@@ -1,0 +1,114 @@
+"""Depth of image messages: grey values as they were recorded, or metres made grey values (REP 118, image_transport)."""
+
+from __future__ import annotations
+
+import struct
+from typing import Final
+
+import numpy as np
+
+from anchorpose.recording.depth_image import is_whole_png
+from anchorpose.sources.bag_file import DamagedBag
+from anchorpose.sources.ros_messages import CompressedMessage, ImageMessage
+
+INTEGERS: Final = frozenset({"16UC1", "mono16", "Z16", "z16"})
+METRES: Final = "32FC1"
+NO_READING: Final = 65535  # beside 0; the largest value is what sensors give for "too far" or "too near"
+_LARGEST: Final = NO_READING - 1
+_SCALES: Final = (0.00025, 0.0005, 0.001)  # metres; up to 16, 33 and 65 m. The first is finer than any depth camera
+_WHOLE_MM: Final = 0.01  # of a millimetre: float32 is that exact up to 65 m
+_SPARE: Final = 1.25  # how much farther than the first image later ones may see
+_PNG: Final = b"\x89PNG"
+_HEADER: Final = 12  # bytes of compressed_depth_image_transport's own header: format, two parameters
+
+
+def encoding_of(image: ImageMessage | CompressedMessage) -> str:
+    """The encoding, empty for what is no depth image without loss."""
+    if isinstance(image, ImageMessage):
+        return image.encoding if image.encoding in INTEGERS | {METRES} else ""
+    encoding, _, packing = image.format.partition(";")
+    lossless = ("compressedDepth" in packing and "rvl" not in packing) or "png" in packing
+    return encoding.strip() if lossless and encoding.strip() in INTEGERS | {METRES} else ""
+
+
+def size_of(image: ImageMessage | CompressedMessage) -> tuple[int, int]:
+    """Width and height. Raises DamagedBag."""
+    if isinstance(image, ImageMessage):
+        return image.width, image.height
+    png = _png_of(image)
+    if len(png) < 24:
+        raise DamagedBag("a compressed image is not complete")
+    width, height = struct.unpack(">II", png[16:24])
+    return int(width), int(height)
+
+
+def grey_of(image: ImageMessage | CompressedMessage) -> np.ndarray:
+    """(height, width) uint16 of an image whose values are whole numbers, 0 = no reading. Raises DamagedBag."""
+    grey = _plain(image, 2) if isinstance(image, ImageMessage) else _decode(_png_of(image))
+    grey = grey.astype(np.uint16)
+    grey[grey == NO_READING] = 0
+    return grey
+
+
+def metres_of(image: ImageMessage | CompressedMessage) -> np.ndarray:
+    """(height, width) float32 of an image in metres, NaN = no reading. Raises DamagedBag."""
+    if isinstance(image, ImageMessage):
+        metres = _plain(image, 4).astype(np.float32)
+    else:
+        # the transport packs 1/depth: png = a / depth + b
+        a, b = struct.unpack("<ff", bytes(image.data[4:_HEADER]).ljust(8, b"\0"))
+        packed = _decode(_png_of(image)).astype(np.float32)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            metres = np.where(packed > 0, np.float32(a) / (packed - np.float32(b)), np.float32(np.nan))
+    metres[~(np.isfinite(metres) & (metres > 0.0))] = np.nan
+    return metres
+
+
+def scale_of(metres: np.ndarray) -> float | None:
+    """Metres per grey value that keep an image: a millimetre where all are whole millimetres; None without a reading.
+
+    Otherwise the finest of a few that reaches a quarter farther than the image does.
+    """
+    given = metres[np.isfinite(metres)].astype(np.float64)
+    if given.size == 0:
+        return None
+    if np.abs(given * 1000.0 - np.round(given * 1000.0)).max() < _WHOLE_MM:
+        return 0.001
+    return next((scale for scale in _SCALES if given.max() * _SPARE <= _LARGEST * scale), _SCALES[-1])
+
+
+def grey_of_metres(metres: np.ndarray, scale: float) -> tuple[np.ndarray, int]:
+    """(height, width) uint16, 0 = no reading, and how many readings are too far for the scale: they are 0."""
+    with np.errstate(invalid="ignore"):
+        grey = np.round(metres.astype(np.float64) / scale)
+    too_far = grey > _LARGEST
+    grey[~np.isfinite(grey) | too_far] = 0.0
+    return grey.astype(np.uint16), int(too_far.sum())
+
+
+def _plain(image: ImageMessage, size: int) -> np.ndarray:
+    """(height, width) of values of ``size`` bytes, rows perhaps padded."""
+    row = image.width * size
+    step = image.step or row
+    if not 0 < row <= step or image.height == 0 or step * image.height > len(image.data):
+        raise DamagedBag("an image has fewer bytes than its size says")
+    order = ">" if image.big_endian else "<"
+    rows = np.frombuffer(image.data, np.uint8, step * image.height).reshape(image.height, step)
+    return np.ascontiguousarray(rows[:, :row]).view(f"{order}{'u' if size == 2 else 'f'}{size}")
+
+
+def _png_of(image: CompressedMessage) -> bytes:
+    data = bytes(image.data)
+    png = data if data.startswith(_PNG) else data[_HEADER:]
+    if not png.startswith(_PNG):
+        raise DamagedBag("a compressed image is not a PNG")
+    return png
+
+
+def _decode(png: bytes) -> np.ndarray:
+    import cv2
+
+    grey = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED) if is_whole_png(png) else None
+    if grey is None or grey.dtype != np.uint16 or grey.ndim != 2:
+        raise DamagedBag("a compressed image is not complete")
+    return np.asarray(grey)

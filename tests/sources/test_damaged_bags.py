@@ -1,0 +1,208 @@
+"""Damaged bags: one sentence, or the images before the damage with a note; never another error, never other depth."""
+
+from __future__ import annotations
+
+import sys
+import tracemalloc
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags")
+from bags_builder import (
+    FORMATS,
+    SIZE,
+    Info,
+    Sent,
+    depth_bag,
+    depth_values,
+    expected,
+    image_of,
+    stamp_ns,
+    transforms_of,
+    write_bag,
+)
+
+from anchorpose.errors import InputError, MissingPackage
+from anchorpose.sources.ros_bags import matches, open_source
+
+SINGLE = tuple(form for form in FORMATS if form != "db3-folder")
+CASES = 60  # damaged copies of each format here; ten thousand of each were read before a release
+IMAGE = "sensor_msgs/msg/Image"
+
+
+def read_all(path: Path) -> tuple[list[Any], tuple[str, ...]]:
+    source = open_source(path)
+    frames = list(source.frames([0] * len(source.cameras)))
+    return frames, source.notes
+
+
+def rich_bag(folder: Path, form: str) -> Path:
+    """Everything that a reader of ROS drivers' bags looks at."""
+    rows = [("map", "optical", (1.0, 0, 0, 0, 0, 0, 1.0))]
+    sent = [
+        Sent("/tf_static", "tf2_msgs/msg/TFMessage", 1, transforms_of(rows)),
+        Sent("/camera/depth/camera_info", "sensor_msgs/msg/CameraInfo", 2, Info()),
+    ]
+    for k in range(4):
+        image = image_of(depth_values(k), "16UC1", stamp_ns(k))
+        metres = image_of(depth_values(k).astype(np.float32) / 1000, "32FC1", stamp_ns(k))
+        sent.append(Sent("/camera/depth/image_raw", IMAGE, stamp_ns(k), image))
+        sent.append(Sent("/second/depth/image", IMAGE, stamp_ns(k), metres))
+    return write_bag(folder, form, sent)
+
+
+@pytest.mark.parametrize("form", SINGLE)
+def test_flipped_bytes_give_one_sentence_or_images(tmp_path: Path, form: str) -> None:
+    path = rich_bag(tmp_path, form)
+    whole, rng = path.read_bytes(), np.random.default_rng(19)
+    read, sentences = 0, set()
+    for _ in range(CASES):
+        data = bytearray(whole)
+        for place in rng.integers(0, len(data), rng.integers(1, 12)).tolist():
+            data[place] = int(rng.integers(256))
+        path.write_bytes(data)
+        try:
+            frames, notes = read_all(path)
+        except InputError as error:
+            sentences.add(str(error))
+            continue
+        read += 1
+        assert frames
+        for frame in frames:
+            assert frame.depth.dtype == np.uint16
+            assert np.isfinite(frame.time_s)
+        assert all(isinstance(note, str) for note in notes)
+    assert not any("\n" in sentence for sentence in sentences)
+    assert read  # otherwise every case was refused at once, and nothing was tried
+
+
+@pytest.mark.parametrize("form", SINGLE)
+def test_what_is_before_the_cut_is_read_bit_for_bit(tmp_path: Path, form: str) -> None:
+    path = depth_bag(tmp_path, form)
+    whole = path.read_bytes()
+    for share in np.linspace(0.0, 0.98, 30):
+        path.write_bytes(whole[: int(share * len(whole))])
+        try:
+            frames, notes = read_all(path)
+        except InputError:
+            continue
+        for k, frame in enumerate(frames):
+            assert np.array_equal(frame.depth, expected(depth_values(k)))
+        assert len(frames) == 4 or notes
+
+
+@pytest.mark.parametrize("form", ["ros1", "mcap"])
+def test_a_recorder_that_was_killed_leaves_what_it_wrote(tmp_path: Path, form: str) -> None:
+    """Without the index, and with the last image cut in half."""
+    path = depth_bag(tmp_path, form, count=6)
+    whole = path.read_bytes()
+    last = whole.rindex(depth_values(5).tobytes())
+    if form == "ros1":
+        path.write_bytes(whole[: last + 100])
+    else:
+        chunk = whole.index(b"\x06", whole.index(b"ros2"))  # MCAP's first chunk, which is the only one
+        path.write_bytes(whole[:chunk] + _loose_messages(whole, last))
+    frames, notes = read_all(path)
+    assert len(frames) == 5
+    assert all(np.array_equal(frame.depth, expected(depth_values(k))) for k, frame in enumerate(frames))
+    assert "no usable index" in notes[0]
+
+
+def _loose_messages(whole: bytes, last: int) -> bytes:
+    """The content of a chunk as if it had been recorded without chunks, cut in the last image."""
+    start = whole.index(b"\x06", whole.index(b"ros2"))
+    content = start + 9 + 8 + 8 + 8 + 4 + 4 + 8  # operation, length, times, size, checksum, no compression, length
+    return whole[content : last + 100]
+
+
+def test_a_broken_chunk_is_left_out_and_counted(tmp_path: Path) -> None:
+    """Images of a quarter of a megabyte, so that each megabyte chunk of rosbags' writer holds a few."""
+    values = np.random.default_rng(1).integers(500, 5000, (360, 400)).astype(np.uint16)
+    sent = [Sent("/depth/image", IMAGE, k, image_of(values + k, "16UC1", 5 + k)) for k in range(16)]
+    path = write_bag(tmp_path, "ros1", sent)
+    parts = path.read_bytes().split(b"compression=none")
+    assert len(parts) > 3
+    path.write_bytes(b"compression=none".join(parts[:3]) + b"compression=nope" + b"compression=none".join(parts[3:]))
+    frames, notes = read_all(path)
+    assert 8 <= len(frames) < 16
+    assert "1 of" in notes[-1]
+    assert "damaged" in notes[-1]
+
+
+@pytest.mark.parametrize("form", ["ros1", "db3", "mcap"])
+def test_an_image_that_changes_its_size_is_left_out(tmp_path: Path, form: str) -> None:
+    topic = "/camera/depth/image"
+    small = np.ones((SIZE[0] - 2, SIZE[1]), np.uint16)
+    values = (depth_values(0), small, depth_values(2))
+    sent = [Sent(topic, IMAGE, k, image_of(v, "16UC1", 5 + k)) for k, v in enumerate(values)]
+    frames, notes = read_all(write_bag(tmp_path, form, sent))
+    assert len(frames) == 2
+    assert notes[1:] == ("1 depth images of camera are damaged: left out.",)
+
+
+@pytest.mark.parametrize("encoding", ["32FC1", "bgr8", "16SC1"])
+def test_an_image_that_changes_its_encoding_is_left_out(tmp_path: Path, encoding: str) -> None:
+    """Its bytes are enough for the camera's size, so that they would pass for depth."""
+    other = image_of(depth_values(1).astype(np.float32), encoding, 6)
+    builds = (image_of(depth_values(0), "16UC1", 5), other, image_of(depth_values(2), "mono16", 7))
+    sent = [Sent("/camera/depth/image", IMAGE, k, build) for k, build in enumerate(builds)]
+    frames, notes = read_all(write_bag(tmp_path, "db3", sent))
+    assert [round(frame.time_s * 1e9) for frame in frames] == [5, 7]
+    assert notes[1:] == ("1 depth images of camera are damaged: left out.",)
+
+
+@pytest.mark.parametrize("form", ["ros1", "db3", "mcap"])
+def test_memory_does_not_grow_with_the_length(tmp_path: Path, form: str) -> None:
+    peaks = []
+    for count in (20, 80):
+        folder = tmp_path / str(count)
+        folder.mkdir()
+        values = np.full((240, 320), 1500, np.uint16)
+        sent = (Sent("/depth/image", IMAGE, k, image_of(values, "16UC1", 5 + k)) for k in range(count))
+        path = write_bag(folder, form, sent)
+        tracemalloc.start()
+        source = open_source(path)
+        assert sum(1 for _ in source.frames([0])) == count
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < peaks[0] + 150_000  # less than one of the images that came in addition
+
+
+@pytest.mark.parametrize(
+    ("form", "module", "package"), [("ros1-lz4", "lz4.frame", "lz4"), ("mcap-zstd", "backports.zstd", "zstd")]
+)
+def test_a_missing_library_is_named_with_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str, module: str, package: str
+) -> None:
+    path = depth_bag(tmp_path, form)
+    monkeypatch.setitem(sys.modules, module, None)
+    monkeypatch.delattr(f"{module.partition('.')[0]}.{module.partition('.')[2]}", raising=False)
+    with pytest.raises(MissingPackage, match=r"anchorpose\[ros\]"):
+        read_all(path)
+
+
+def test_other_files_and_folders_are_no_bags(tmp_path: Path) -> None:
+    other = tmp_path / "other.bag"
+    other.write_bytes(b"SQLite format 3\0" + bytes(4080))
+    assert not matches(other, other.read_bytes())
+    assert not matches(tmp_path, b"")
+    packed = tmp_path / "packed"
+    packed.mkdir()
+    (packed / "a_0.db3.zstd").write_bytes(b"\x28\xb5\x2f\xfd")
+    assert matches(packed, b"")
+    with pytest.raises(InputError, match="zstd -d"):
+        open_source(packed)
+
+
+def test_the_files_of_a_folder_are_read_by_their_numbers(tmp_path: Path) -> None:
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    for k in (2, 10, 9):
+        (tmp_path / str(k)).mkdir()
+        sent = [Sent("/depth/image", IMAGE, k, image_of(depth_values(k), "16UC1", 10**9 * k))]
+        write_bag(tmp_path / str(k), "db3", sent).rename(folder / f"bag_{k}.db3")
+    frames, _ = read_all(folder)
+    assert [frame.time_s for frame in frames] == [2.0, 9.0, 10.0]
