@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import tracemalloc
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ from anchorpose.errors import InputError, MissingPackage
 from anchorpose.sources.ros_bags import matches, open_source
 
 SINGLE = tuple(form for form in FORMATS if form != "db3-folder")
-CASES = 60  # damaged copies of each format here; ten thousand of each were read before a release
+CASES = 60  # damaged copies of each format; for a release set it to 10,000, which takes a minute each
 IMAGE = "sensor_msgs/msg/Image"
 
 
@@ -113,9 +114,28 @@ def test_a_recorder_that_was_killed_leaves_what_it_wrote(tmp_path: Path, form: s
 
 def _loose_messages(whole: bytes, last: int) -> bytes:
     """The content of a chunk as if it had been recorded without chunks, cut in the last image."""
+    return whole[_chunk(whole)[1] : last + 100]
+
+
+def _chunk(whole: bytes) -> tuple[int, int, int]:
+    """Where the checksum of MCAP's first chunk stands, and its uncompressed content begins and ends."""
     start = whole.index(b"\x06", whole.index(b"ros2"))
-    content = start + 9 + 8 + 8 + 8 + 4 + 4 + 8  # operation, length, times, size, checksum, no compression, length
-    return whole[content : last + 100]
+    checksum = start + 9 + 8 + 8 + 8  # after operation and length, two times, size
+    content = checksum + 4 + 4 + 8  # after no compression, and the length
+    return checksum, content, content + int.from_bytes(whole[content - 8 : content], "little")
+
+
+def test_a_wrong_checksum_leaves_a_chunk_out(tmp_path: Path) -> None:
+    path = depth_bag(tmp_path, "mcap")
+    data = bytearray(path.read_bytes())
+    place, begin, end = _chunk(bytes(data))
+    data[place : place + 4] = zlib.crc32(data[begin:end]).to_bytes(4, "little")
+    path.write_bytes(data)
+    assert len(read_all(path)[0]) == 4
+    data[data.index(depth_values(2).tobytes())] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(InputError):
+        read_all(path)
 
 
 def test_a_broken_chunk_is_left_out_and_counted(tmp_path: Path) -> None:

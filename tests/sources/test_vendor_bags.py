@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -66,7 +67,9 @@ def realsense_bag(
     return write_bag(folder, form, sent)
 
 
-def realsense_database(folder: Path, packing: str = "", *, without: int | None = None, units: bool = True) -> Path:
+def realsense_database(
+    folder: Path, packing: str = "", *, without: int | None = None, units: bool = True, broken: int | None = None
+) -> Path:
     """As librealsense 2.58 and 2.59 write it; packing: "zstd" packs each message, "png" the images."""
     lens = "width=32;height=24;fx=30;ppx=15.5;fy=31;ppy=11.5;model=Brown Conrady;coeffs=0,0,0,0,0"
     sent = [
@@ -77,7 +80,8 @@ def realsense_database(folder: Path, packing: str = "", *, without: int | None =
         sent.append(text(f"{SENSOR}/option/Depth_Units/value", "0.000250"))
     for k, time_ns in enumerate(TIMES_NS):
         received = 500 + k * 30_000_000
-        sent.append(_database_image(k, received, packing))
+        image = _database_image(k, received, packing)
+        sent.append(replace(image, value=bytes(8)) if k == broken else image)
         if k != without:
             stamp = f"Frame number={k};timestamp_domain=Hardware Clock;timestamp={time_ns / 1e6:.6f};"
             sent.append(text(f"{DEPTH}/image/metadata", stamp, received))
@@ -135,6 +139,11 @@ def test_an_image_without_its_time_stamp_is_left_out(tmp_path: Path, without: in
     kept = tuple(k for k in range(3) if k != without)
     source = check_realsense(realsense_database(tmp_path, without=without), kept)
     assert source.notes == ("1 depth images of realsense are damaged: left out.",)
+
+
+def test_an_image_never_takes_the_time_stamp_of_another(tmp_path: Path) -> None:
+    """The second image has lost its time stamp, and the third time stamp its image."""
+    check_realsense(realsense_database(tmp_path, without=1, broken=2), (0,))
 
 
 def test_realsense_without_a_depth_unit_is_refused(tmp_path: Path) -> None:

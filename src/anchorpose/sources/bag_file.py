@@ -77,8 +77,8 @@ def reading_notes(name: str, indexed: bool, unreadable: int, chunks: int) -> tup
     notes = []
     if not indexed:
         notes.append(
-            f"{name} has no usable index, because recording was cut off or the file is damaged; it was read from its "
-            "beginning as far as that goes."
+            f"{name} has no usable index, as where recording was cut off; it was read from its beginning as far as "
+            "that goes."
         )
     if unreadable:
         notes.append(f"{unreadable} of {chunks} chunks of {name} are damaged: left out.")
