@@ -52,15 +52,16 @@ class CameraWriter:
         self._rows.flush()
         self._last, self.written = stamp, self.written + 1
 
-    def note(self) -> str:
-        """How many images were left out for their times; empty for none. Raises InputError where it is too many."""
+    def note(self, source: Path) -> str:
+        """How many images were left out for their times; empty for none. Raises InputError, naming ``source``, where
+        these are too many."""
         left_out = self.given - self.written
         if left_out == 0:
             return ""
         sentence = f"{left_out} of {self.given} times are not later than the one before"
         if left_out > MOST_REPEATED * self.given:
             remedy = "the device's clock was set back or is too coarse: record again"
-            raise InputError(self._folder.name, sentence, remedy)
+            raise InputError(source, sentence, remedy)
         return f"{self._folder.name}: {sentence}; their images were left out."
 
 

@@ -158,7 +158,7 @@ def _write_images(
                 if not any(writer.written for writer in writers):
                     raise
                 notes.append(f"Only a part could be read: {error}")
-            notes += [note for writer in writers if (note := writer.note())]
+            notes += [note for writer in writers if (note := writer.note(source.path))]
         counts |= {own.camera.name: writer.written for own, writer in zip(cameras, writers, strict=True)}
         notes += _require_images(source, cameras, counts)
     return counts, tuple(notes)

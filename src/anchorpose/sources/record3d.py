@@ -5,8 +5,11 @@ K is written column by column and for the colour picture of w x h pixels; depth 
 
 from __future__ import annotations
 
+import errno
 import json
+import lzma
 import re
+import struct
 import zipfile
 import zlib
 from collections.abc import Iterator, Sequence
@@ -26,6 +29,12 @@ LARGEST_METADATA: Final = 100_000_000  # bytes; an hour at 60 per second has 30 
 
 LARGEST_IMAGE: Final = 16384 * 16384
 
+_DAMAGE: Final = (
+    zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, ArithmeticError, EOFError, LookupError, OSError,
+    RuntimeError, ValueError,
+)  # fmt: skip
+"""What the libraries raise for damaged zip files and damaged JSON."""
+
 _REMEDY: Final = "export it again from Record3D"
 
 
@@ -36,7 +45,7 @@ def matches(path: Path, head: bytes) -> bool:
     try:
         with zipfile.ZipFile(path) as archive:
             names = archive.namelist()
-    except (zipfile.BadZipFile, ValueError, NotImplementedError):
+    except _DAMAGE:
         return path.suffix.lower() == ".r3d"  # damaged: to be refused by its name
     return "metadata" in names and any(name.startswith("rgbd/") for name in names)
 
@@ -109,7 +118,7 @@ def _contents(path: Path) -> tuple[dict[str, Any], list[str]]:
                 raise ValueError
             values = json.loads(archive.read("metadata"))
             names = [name for name in archive.namelist() if re.fullmatch(r"rgbd/\d{1,9}\.depth", name)]
-    except (zipfile.BadZipFile, KeyError, ValueError, RecursionError, zlib.error, NotImplementedError, RuntimeError):
+    except _DAMAGE:
         raise InputError(path, "is damaged, or not finished", _REMEDY) from None
     if not isinstance(values, dict) or not names:
         raise InputError(path, "holds no depth images", _REMEDY)
@@ -156,7 +165,9 @@ def _decode(archive: zipfile.ZipFile, name: str, camera: SourceCamera) -> tuple[
         if archive.getinfo(name).file_size > wanted + 4096:  # LZFSE adds some bytes to what it cannot compress
             return None, "is larger than an image"
         data = lzfse.decompress(archive.read(name))
-    except (lzfse.error, zipfile.BadZipFile, zlib.error, ValueError, EOFError, NotImplementedError, RuntimeError):
+    except (lzfse.error, *_DAMAGE) as error:
+        if isinstance(error, OSError) and error.errno != errno.EINVAL:  # that one is a place before the file's start
+            raise
         return None, "is damaged inside"
     if len(data) != wanted:
         return None, f"holds {len(data)} bytes, an image has {wanted}"
