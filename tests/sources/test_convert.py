@@ -315,9 +315,15 @@ def test_a_verb_converts_once_and_again_where_the_file_changed(tmp_path):
     assert look_at(again.recording).recording == again.recording
     build.open3d(tmp_path / "walk", noise(seed=5, frames=3))
     (tmp_path / "walk.anchorpose" / "notes.txt").write_text("mine")
-    with pytest.raises(InputError, match=r"notes\.txt"):
+    with pytest.raises(InputError, match="rename or remove"):
         look_at(tmp_path / "walk")
     (tmp_path / "walk.anchorpose" / "notes.txt").unlink()
+    document = tmp_path / "walk.anchorpose" / "recording.json"
+    text = document.read_text()
+    document.write_text(text.replace("null", '{"height_m": 1.7}'))
+    with pytest.raises(InputError, match="rename or remove"):
+        look_at(tmp_path / "walk")
+    document.write_text(text)
     assert not look_at(tmp_path / "walk").ready
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -97,5 +98,8 @@ def as_recording(path: Path) -> Path:
     return direct.recording
 
 
-def _stopped(out: Path) -> AnchorposeError:
-    return AnchorposeError(f"Stopped; {out} is not a recording yet: give the same command again to go on.")
+def _stopped(out: Path) -> SystemExit:
+    from anchorpose.cli import EXIT_INTERRUPTED
+
+    print(f"Stopped; {out} is not a recording yet: give the same command again to go on.", file=sys.stderr)
+    return SystemExit(EXIT_INTERRUPTED)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -13,7 +14,7 @@ from typing import Any, Final
 from filelock import FileLock, Timeout
 
 from anchorpose import __version__
-from anchorpose.errors import InputError
+from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.results.folder import write_text_whole
 from anchorpose.sources.camera_writer import CameraWriter
 from anchorpose.sources.fingerprint import fingerprint
@@ -50,14 +51,18 @@ def convert(inputs: Sequence[Path], out: Path, options: ConvertOptions, progress
     sources = [open_source(path) for path in inputs]
     plan = make_plan(sources, options)
     begun = conversion_document(inputs, options)
+    refusal: AnchorposeError | None = None
     with one_thread(), _claimed(out, begun):
         try:
             counts, notes = _write_images(sources, plan, out, options, progress)
-        except InputError:  # by what the files hold, so that going on would not help
-            shutil.rmtree(out)
-            raise
-        notes = (*(note for source in sources for note in source.notes), *plan.notes, *notes)
-        _finish(out, begun, plan, counts, notes)
+        except AnchorposeError as error:
+            refusal = error
+        else:
+            notes = (*(note for source in sources for note in source.notes), *plan.notes, *notes)
+            _finish(out, begun, plan, counts, notes)
+    if refusal is not None:  # because of what the files hold: going on would not help
+        shutil.rmtree(out)
+        raise refusal
     return Converted(out, tuple((name, count) for name, count in counts.items() if count), notes)
 
 
@@ -91,6 +96,20 @@ def _identity(document: dict[str, Any]) -> tuple[Any, ...]:
     inputs = document.get("inputs")
     prints = [(one.get("bytes"), one.get("sha256")) for one in inputs] if isinstance(inputs, list) else None
     return prints, document.get("options"), document.get("anchorpose")
+
+
+def is_untouched(folder: Path) -> bool:
+    """Whether a folder with a conversion.json holds what was written into it and nothing else, as far as names and
+    recording.json tell: then it can be made again without losing anybody's work."""
+    for file in folder.iterdir():
+        of_camera = file.is_dir() and {inner.name for inner in file.iterdir()} <= {"depth", "timestamps.csv"}
+        if not of_camera and file.name not in (RECORDING_FILE, CONVERSION_FILE, LOCK_FILE):
+            return False
+    document = folder / RECORDING_FILE
+    if not document.exists():
+        return True
+    found = read_conversion(folder)
+    return found is not None and found.get(RECORDING_FILE) == hashlib.sha256(document.read_bytes()).hexdigest()
 
 
 def check_places(inputs: Sequence[Path], out: Path) -> None:
@@ -129,8 +148,9 @@ def _claimed(out: Path, begun: dict[str, Any]) -> Iterator[None]:
         write_text_whole(out / CONVERSION_FILE, _json(begun))
         yield
     finally:
-        (out / LOCK_FILE).unlink(missing_ok=True)
         lock.release()
+        with suppress(OSError):  # another anchorpose may hold it by now
+            (out / LOCK_FILE).unlink()
 
 
 def _write_images(
@@ -183,9 +203,10 @@ def _finish(out: Path, begun: dict[str, Any], plan: Plan, counts: dict[str, int]
     for name, count in counts.items():
         if not count:
             shutil.rmtree(out / name)
-    write_text_whole(out / CONVERSION_FILE, _json({**begun, "notes": list(notes)}))
-    document = {"format": "rgbd-recording", "version": 1, "cameras": cameras, "equipment": None}
-    write_text_whole(out / RECORDING_FILE, _json(document))
+    text = _json({"format": "rgbd-recording", "version": 1, "cameras": cameras, "equipment": None})
+    made = {"notes": list(notes), RECORDING_FILE: hashlib.sha256(text.encode()).hexdigest()}
+    write_text_whole(out / CONVERSION_FILE, _json({**begun, **made}))
+    write_text_whole(out / RECORDING_FILE, text)
 
 
 def _json(document: dict[str, Any]) -> str:

@@ -10,13 +10,12 @@ from typing import Final
 
 from anchorpose.errors import InputError
 from anchorpose.sources.convert import (
-    CONVERSION_FILE,
-    LOCK_FILE,
     RECORDING_FILE,
     Progress,
     conversion_document,
     convert,
     is_same,
+    is_untouched,
     read_conversion,
 )
 from anchorpose.sources.plan import ConvertOptions
@@ -51,7 +50,10 @@ def look_at(path: Path) -> DirectInput:
         )
     if is_same(found, conversion_document([path], ConvertOptions())):
         return DirectInput(path, recording, (recording / RECORDING_FILE).exists())
-    _remove_stale(recording, path)
+    if not is_untouched(recording):
+        problem = f"was made when {path.name} or anchorpose was another, and holds what was added or changed since"
+        raise InputError(recording, problem, "rename or remove it")
+    shutil.rmtree(recording)
     return DirectInput(path, recording, False)
 
 
@@ -61,14 +63,3 @@ def make_recording(direct: DirectInput, progress: Progress) -> tuple[str, ...]:
         remedy = f"make the recording elsewhere with 'anchorpose convert {direct.given.name} OUT'"
         raise InputError(direct.recording.parent, "cannot be written", remedy)
     return convert([direct.given], direct.recording, ConvertOptions(), progress).notes
-
-
-def _remove_stale(recording: Path, path: Path) -> None:
-    """Removes a recording of another content, made by an earlier run; raises InputError rather than lose anything."""
-    own = {RECORDING_FILE, CONVERSION_FILE, LOCK_FILE}
-    for file in recording.iterdir():
-        of_camera = file.is_dir() and {inner.name for inner in file.iterdir()} <= {"depth", "timestamps.csv"}
-        if file.name not in own and not of_camera:
-            problem = f"was made of another content of {path.name}, and holds {file.name}, which was added since"
-            raise InputError(recording, problem, "rename or remove it")
-    shutil.rmtree(recording)

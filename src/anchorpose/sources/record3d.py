@@ -53,7 +53,7 @@ def matches(path: Path, head: bytes) -> bool:
 def open_source(path: Path) -> Record3DFile:
     """Raises InputError where the file cannot be used, MissingPackage without lzfse."""
     try:
-        import lzfse  # type: ignore[import-not-found]  # noqa: F401
+        import lzfse  # noqa: F401
     except ImportError:
         raise MissingPackage(f"Reading {path.name}", "lzfse", "record3d") from None
     return Record3DFile(path)
