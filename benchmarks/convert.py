@@ -8,7 +8,6 @@ Prints seconds of one core and the most memory held; without INPUT for an array 
 
 from __future__ import annotations
 
-import resource
 import subprocess
 import sys
 import tempfile
@@ -24,6 +23,16 @@ from anchorpose.simulate.write import simulate_recording
 FRAMES, SIMULATED = 1800, 60
 
 GIVEN = ["--intrinsics", "504,504,320,288", "--depth-scale", "0.001", "--fps", "30"]
+
+SCRIPT = """
+import sys, time
+from anchorpose.cli import main
+code = main(sys.argv[1:])
+with open("/proc/self/status") as status:  # getrusage would count what the parent held when it forked
+    peak = next(line.split()[1] for line in status if line.startswith("VmHWM"))
+print(time.process_time(), peak)
+sys.exit(code)
+"""
 
 
 def minute_of_depth(folder: Path) -> tuple[Path, Path]:
@@ -43,18 +52,15 @@ def minute_of_depth(folder: Path) -> tuple[Path, Path]:
 
 
 def measure(source: Path, out: Path, options: list[str]) -> None:
-    """Converts in a process of its own, whose memory is then known."""
-    script = (
-        f"import sys; from anchorpose.cli import main; sys.exit(main({['convert', str(source), str(out), *options]}))"
-    )
-    before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-    subprocess.run([sys.executable, "-c", script], check=True, stdout=subprocess.DEVNULL)
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    seconds = used.ru_utime + used.ru_stime - before.ru_utime - before.ru_stime
+    """Converts in a process of its own, whose time and memory are then known."""
+    arguments = ["convert", str(source), str(out), *options]
+    start = time.perf_counter()
+    done = subprocess.run([sys.executable, "-c", SCRIPT, *arguments], check=True, stdout=subprocess.PIPE, text=True)
+    seconds, memory_kb = done.stdout.splitlines()[-1].split()
     size = sum(file.stat().st_size for file in out.rglob("*") if file.is_file())
     print(
-        f"{source.name}: {seconds:.1f} s of one core, {time.perf_counter() - start:.1f} s, at most "
-        f"{used.ru_maxrss / 1024:.0f} MB of memory so far, {size / 1e6:.0f} MB written"
+        f"{source.name}: {float(seconds):.1f} s of one core, {time.perf_counter() - start:.1f} s by the clock, at most "
+        f"{int(memory_kb) / 1024:.0f} MB of memory, {size / 1e6:.0f} MB written"
     )
 
 
