@@ -334,6 +334,18 @@ def test_a_file_in_a_folder_that_cannot_be_written(tmp_path, monkeypatch):
         make_recording(look_at(tmp_path / "walk"), nothing)
 
 
+def test_a_folder_marked_as_read_only_is_left_alone_even_by_an_administrator(tmp_path):
+    build.open3d(tmp_path / "archive" / "walk", noise())
+    before = content(tmp_path)
+    (tmp_path / "archive").chmod(0o555)
+    try:
+        with pytest.raises(InputError, match="cannot be written"):
+            make_recording(look_at(tmp_path / "archive" / "walk"), nothing)
+        assert content(tmp_path) == before
+    finally:
+        (tmp_path / "archive").chmod(0o755)
+
+
 def test_the_verbs_take_a_recorders_folder(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     build.plain_folder(tmp_path / "in", noise())

@@ -59,7 +59,13 @@ def look_at(path: Path) -> DirectInput:
 
 def make_recording(direct: DirectInput, progress: Progress) -> tuple[str, ...]:
     """Converts what is not ready and returns its notes; raises InputError with the way round where it cannot."""
-    if not os.access(direct.recording.parent, os.W_OK):
+    if not _may_write(direct.recording.parent):
         remedy = f"make the recording elsewhere with 'anchorpose convert {direct.given.name} OUT'"
         raise InputError(direct.recording.parent, "cannot be written", remedy)
     return convert([direct.given], direct.recording, ConvertOptions(), progress).notes
+
+
+def _may_write(folder: Path) -> bool:
+    """A folder that is marked as read-only stays so for an administrator too, to whom the system allows everything."""
+    marked = os.name == "posix" and not folder.stat().st_mode & 0o222
+    return not marked and os.access(folder, os.W_OK)
