@@ -22,10 +22,10 @@ FLOW = (
     "recording", "calibration", "isolation", "surface", "geodesics", "association", "tracking", "body", "results",
     "report",
 )  # fmt: skip
-VALUES = ("errors", "joints", "camera", "rotations", "versions", "settings")
+VALUES = ("errors", "joints", "camera", "lens", "rotations", "versions", "settings")
 BESIDE_THE_FLOW = (
     "simulate", "tracker", "pipeline", "calibrating", "inspecting", "collecting", "run_account", "threads",
-    "track_inputs", "cli", "research", "exports", "pages", "viewer", "viewing",
+    "track_inputs", "cli", "research", "exports", "pages", "viewer", "viewing", "sources",
 )  # fmt: skip
 PACKAGE_ITSELF = "anchorpose"  # `from anchorpose import __version__`
 
@@ -113,6 +113,10 @@ def test_nothing_of_the_product_imports_research_but_the_verb_that_runs_it() -> 
 
 def test_exports_read_results_and_reach_neither_tracker_nor_simulation() -> None:
     assert forbidden_imports("exports", {*FLOW, *VALUES, "exports", PACKAGE_ITSELF}) == []
+
+
+def test_what_reads_recorders_files_reaches_no_stage_but_the_recording() -> None:
+    assert forbidden_imports("sources", {*VALUES, "recording", "results", "threads", "sources", PACKAGE_ITSELF}) == []
 
 
 def test_the_simulation_uses_the_body_and_the_format_but_no_stage_that_is_judged_by_it() -> None:

@@ -12,6 +12,7 @@ from cyclopts import App, CycloptsError, Parameter
 
 from anchorpose import __version__
 from anchorpose.cli.calibrate import calibrate
+from anchorpose.cli.convert import convert
 from anchorpose.cli.demo import demo
 from anchorpose.cli.equipment import equipment
 from anchorpose.cli.evaluate import evaluate
@@ -39,7 +40,8 @@ app = App(
     suppress_keyboard_interrupt=False,
 )
 for _verb in (
-    demo, simulate, calibrate, track, evaluate, measure, report, view, export, inspect, equipment, motions, experiment,
+    demo, simulate, convert, calibrate, track, evaluate, measure, report, view, export, inspect, equipment, motions,
+    experiment,
 ):  # fmt: skip
     app.command(_verb)
 

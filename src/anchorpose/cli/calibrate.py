@@ -29,7 +29,8 @@ def calibrate(
     Parameters
     ----------
     recording
-        The folder with recording.json and the depth images of each camera; nothing is written into it.
+        The folder with recording.json and the depth images of each camera, or a recorder's file or folder, as for
+        'anchorpose track'; nothing is written into it.
     output
         The folder to write; by default beside the recording, named like it with '-calibration' at the end.
     overwrite
@@ -44,12 +45,15 @@ def calibrate(
     """
     from anchorpose.calibrating import calibrate_recording
     from anchorpose.cli.config_file import load_track_config
+    from anchorpose.cli.convert import as_recording
     from anchorpose.results.calibration_file import CALIBRATION_MARKS
-    from anchorpose.results.folder import new_results_folder
+    from anchorpose.results.folder import check_results_path, new_results_folder
 
     settings = load_track_config(config)
     source = recording.resolve()
     target = output if output is not None else source.with_name(f"{source.name}-calibration")
+    check_results_path(target, recording, overwrite, CALIBRATION_MARKS)
+    recording = as_recording(recording)
     with new_results_folder(target, recording, overwrite, CALIBRATION_MARKS) as folder:
         found = calibrate_recording(recording, folder, settings, ignore_given, markers)
     _print_poses(found)

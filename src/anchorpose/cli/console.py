@@ -8,8 +8,11 @@ from pathlib import Path
 
 
 @contextmanager
-def progress_bar(description: str) -> Iterator[Callable[[int, int], None]]:
-    """A bar on the error stream; what it yields is called with (done, total)."""
+def progress_bar(description: str, at_once: bool = True) -> Iterator[Callable[[int, int | None], None]]:
+    """A bar on the error stream; what it yields is called with (done, total), None where the total is unknown.
+
+    at_once: shown before the first call, which may take long, or not: then work that is refused shows no bar.
+    """
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -28,13 +31,20 @@ def progress_bar(description: str) -> Iterator[Callable[[int, int], None]]:
         TextColumn("left:"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=Console(stderr=True)) as progress:
-        task = progress.add_task(description, total=None)
+    progress = Progress(*columns, console=Console(stderr=True))
+    task = progress.add_task(description, total=None)
 
-        def advance(done: int, total: int) -> None:
-            progress.update(task, completed=done, total=total)
+    def advance(done: int, total: int | None) -> None:
+        progress.start()
+        progress.update(task, completed=done, total=total)
 
+    try:
+        if at_once:
+            progress.start()
         yield advance
+    finally:
+        if progress.live.is_started:
+            progress.stop()
 
 
 @contextmanager

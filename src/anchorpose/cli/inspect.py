@@ -45,7 +45,8 @@ def inspect(
     Parameters
     ----------
     recording
-        The folder with recording.json and the depth images of each camera.
+        The folder with recording.json and the depth images of each camera, or a recorder's file or folder, as for
+        'anchorpose track'.
     frame
         The number of the frame, as in the name of its depth image and in the results.
     out
@@ -53,10 +54,11 @@ def inspect(
     """
     from anchorpose.cli.config_file import load_track_config
     from anchorpose.cli.console import counter
+    from anchorpose.cli.convert import as_recording
     from anchorpose.cli.track import parse_patient
     from anchorpose.inspecting import inspect_recording
     from anchorpose.pages.inspection_page import FACTS_FILE, PAGE_FILE
-    from anchorpose.results.folder import new_results_folder
+    from anchorpose.results.folder import check_results_path, new_results_folder
 
     given = options or InspectOptions()
     settings = load_track_config(given.config)
@@ -64,6 +66,8 @@ def inspect(
         place, at = parse_patient(given.patient)
         settings = replace(settings, patient_xz_m=place, patient_frame=at)
     target, marks = out or Path(f"inspect-{frame}"), (FACTS_FILE, PAGE_FILE)
+    check_results_path(target, recording, given.overwrite, marks)
+    recording = as_recording(recording)
     with new_results_folder(target, recording, given.overwrite, marks) as folder, counter("frames read") as tick:
         inspection = inspect_recording(recording, folder, frame, settings, given.as_tracked, tick)
     for sentence in inspection.account:

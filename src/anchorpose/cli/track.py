@@ -90,17 +90,21 @@ def track(
     Parameters
     ----------
     recording
-        The folder with recording.json and the depth images of each camera.
+        The folder with recording.json and the depth images of each camera; or a recorder's file or folder, which is
+        first converted into INPUT.anchorpose beside it, as by 'anchorpose convert'.
     results
         The folder to write: tables of joints, angles and contacts, run.json, report.html and the data of the viewer. It
         appears when everything is done.
     """
     from anchorpose.cli.console import print_outcome, progress_bar
+    from anchorpose.cli.convert import as_recording
     from anchorpose.pipeline import track_recording
-    from anchorpose.results.folder import new_results_folder
+    from anchorpose.results.folder import check_results_path, new_results_folder
 
     given = options or TrackOptions()
     settings = given.settings()
+    check_results_path(results, recording, given.overwrite)
+    recording = as_recording(recording)
     with new_results_folder(results, recording, given.overwrite) as folder, progress_bar("Tracking") as progress:
         track_recording(recording, folder, settings, progress, given.calibration, given.corrections)
     print_outcome(results)

@@ -44,14 +44,17 @@ def view(results: Path, recording: Path | None = None, /, *, options: ViewOption
     results
         A results folder made by 'anchorpose track'.
     recording
-        The recording that the results were made from; without it only skeleton, body and curves are shown.
+        The recording, or the recorder's file, that the results were made from; without it only skeleton, body and
+        curves are shown.
     """
     from contextlib import nullcontext
 
+    from anchorpose.cli.convert import as_recording
     from anchorpose.viewer.server import is_loopback
     from anchorpose.viewing import open_viewer, opened_page
 
     given = options or ViewOptions()
+    recording = None if recording is None else as_recording(recording)
     with open_viewer(results, recording, given.corrections, given.who, given.host, given.port) as server:
         try:
             print(f"The viewer is at {server.address}", flush=True)

@@ -34,41 +34,57 @@ def read_depth_image(path: Path, camera: Camera) -> DepthImage:
 
     A damaged one is a result with its ``problem``, not an error.
     """
-    import cv2
-
     try:
         data = path.read_bytes()
     except OSError as error:
         return DepthImage(None, f"cannot be read ({error.strerror})")
-    problem = _header_problem(data[:_HEADER_BYTES], camera) or _chunk_problem(data)
-    if problem:
+    grey, problem = decode_grey_png(data, camera.width, camera.height)
+    if grey is None:
         return DepthImage(None, problem)
-    grey = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    if grey is None or grey.dtype != np.uint16 or grey.shape != (camera.height, camera.width):
-        return DepthImage(None, "is damaged inside")
     depth_m = grey.astype(np.float32) * np.float32(camera.depth_scale)
     depth_m[~camera.valid_pixels()] = 0.0
     return DepthImage(depth_m, "")
+
+
+def decode_grey_png(data: bytes, width: int, height: int) -> tuple[np.ndarray | None, str]:
+    """The grey values (height, width) uint16 of a PNG file; or None and what is wrong with it."""
+    import cv2
+
+    problem = _header_problem(data[:_HEADER_BYTES], width, height) or _chunk_problem(data)
+    if problem:
+        return None, problem
+    grey = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if grey is None or grey.dtype != np.uint16 or grey.shape != (height, width):
+        return None, "is damaged inside"
+    return grey, ""
+
+
+def grey_png_size(head: bytes) -> tuple[int, int] | None:
+    """Width and height of a PNG file by its first 33 bytes; None where it is not one of 16-bit grey."""
+    if len(head) < _HEADER_BYTES or not head.startswith(_SIGNATURE) or head[12:16] != b"IHDR":
+        return None
+    width, height, bits, colour = struct.unpack(">IIBB", head[16:26])
+    return (width, height) if (bits, colour) == (16, _GREY) else None
 
 
 def read_header_problem(path: Path, camera: Camera) -> str:
     """What is wrong with the first bytes of a depth image, which is not decoded; empty where nothing is."""
     try:
         with path.open("rb") as file:
-            return _header_problem(file.read(_HEADER_BYTES), camera)
+            return _header_problem(file.read(_HEADER_BYTES), camera.width, camera.height)
     except OSError as error:
         return f"cannot be read ({error.strerror})"
 
 
-def _header_problem(head: bytes, camera: Camera) -> str:
-    """What is wrong with the first 33 bytes; empty where they fit the camera."""
+def _header_problem(head: bytes, wide: int, high: int) -> str:
+    """What is wrong with the first 33 bytes; empty where they fit a camera's width and height."""
     if len(head) < _HEADER_BYTES or not head.startswith(_SIGNATURE) or head[12:16] != b"IHDR":
         return "is not a PNG file"
     width, height, bits, colour = struct.unpack(">IIBB", head[16:26])
     if (bits, colour) != (16, _GREY):
         return f"is not 16-bit grey ({bits} bits, colour type {colour})"
-    if (width, height) != (camera.width, camera.height):
-        return f"is {width} x {height}, the camera is {camera.width} x {camera.height} pixels"
+    if (width, height) != (wide, high):
+        return f"is {width} x {height}, the camera is {wide} x {high} pixels"
     return ""
 
 

@@ -29,7 +29,7 @@ def open_recording(folder: Path) -> Recording:
     if not folder.exists():
         raise InputError(folder, "there is no such folder", "check the path of the recording")
     if not folder.is_dir():
-        raise InputError(folder, "is a file", "give the folder that holds recording.json")
+        raise InputError(folder, "is a file", "make a recording of it with 'anchorpose convert'")
     path = folder / "recording.json"
     if not path.is_file():
         raise InputError(path, "there is no such file", "give the folder of a recording, the one with recording.json")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
@@ -78,6 +78,10 @@ class LensEntry(Entry):
     distortion: Distortion | None = None
     valid_radius: Radius | None = None
 
+    def lens(self) -> Intrinsics:
+        """The lens that is described."""
+        return Intrinsics(**self.model_dump(exclude_none=True))
+
     @model_validator(mode="after")
     def _require_all_coefficients(self) -> LensEntry:
         counts = COEFFICIENTS[self.model]
@@ -91,7 +95,8 @@ class LensEntry(Entry):
 
 
 class CameraEntry(Entry):
-    """A camera; ``camera_to_world`` is None where it is unknown, ``fps`` where timestamps.csv gives the times."""
+    """A camera; ``camera_to_world`` is None where it is unknown, ``fps`` where timestamps.csv gives the times, and the
+    device's ``model`` and ``serial`` number where nobody wrote them."""
 
     name: Annotated[str, AfterValidator(_require_folder_name)]
     width: Size
@@ -102,12 +107,13 @@ class CameraEntry(Entry):
     intrinsics: LensEntry
     camera_to_world: CameraPose | None = None
     fps: Rate | None = None
+    model: Text | None = None
+    serial: Text | None = None
 
     def camera(self) -> Camera:
         """The camera that is described."""
         same = self.model_dump(include={"name", "width", "height", "depth_scale"})
-        lens = Intrinsics(**self.intrinsics.model_dump(exclude_none=True))
-        return Camera(**same, intrinsics=lens, T_world_camera=self.camera_to_world)
+        return Camera(**same, intrinsics=self.intrinsics.lens(), T_world_camera=self.camera_to_world)
 
 
 class SubjectEntry(Entry):
@@ -138,6 +144,27 @@ class RecordingDocument(Entry):
             if folded.count(camera.name.casefold()) > 1:
                 raise Unfit(f"has two cameras named '{camera.name}'", "give each camera its own name", "cameras")
         return self
+
+
+def camera_document(camera: Camera) -> dict[str, Any]:
+    """A camera as recording.json has it."""
+    lens, pose = camera.intrinsics, camera.T_world_camera
+    return {
+        "name": camera.name,
+        "width": camera.width,
+        "height": camera.height,
+        "depth_scale": camera.depth_scale,
+        "intrinsics": {
+            "fx": lens.fx,
+            "fy": lens.fy,
+            "cx": lens.cx,
+            "cy": lens.cy,
+            **({} if lens.model is LensModel.BROWN_CONRADY else {"model": lens.model.value}),
+            "distortion": list(lens.distortion),
+            **({} if lens.valid_radius is None else {"valid_radius": lens.valid_radius}),
+        },
+        "camera_to_world": None if pose is None else pose.tolist(),
+    }
 
 
 def with_height(recording: Recording, height_m: float | None) -> Recording:

@@ -6,17 +6,16 @@ import json
 import shutil
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from anchorpose.camera import Camera
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
-from anchorpose.lens import LensModel
 from anchorpose.recording.equipment_file import write_equipment
+from anchorpose.recording.recording_file import camera_document
 from anchorpose.simulate.clinic import Clinic, Performance, draw_clinic, random_stream
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.render import PATIENT, Figure
@@ -86,37 +85,19 @@ def _write_all(work: Path, clinic: Clinic, progress: Callable[[int, int], None] 
 
 def _write_documents(recording: Path, clinic: Clinic) -> None:
     """recording.json and, where there is equipment, equipment.json."""
-    equipment = clinic.equipment
+    equipment, cameras = clinic.equipment, clinic.cameras
+    if not clinic.config.pose_known:
+        cameras = tuple(replace(camera, T_world_camera=None) for camera in cameras)
     document = {
         "format": "rgbd-recording",
         "version": 1,
-        "cameras": [_camera_entry(camera, clinic.config.pose_known) for camera in clinic.cameras],
+        "cameras": [camera_document(camera) for camera in cameras],
         "equipment": None if equipment is None else EQUIPMENT_FILE,
     }
     text = json.dumps(document, indent=1) + "\n"
     (recording / "recording.json").write_text(text, encoding="utf-8")
     if equipment is not None:
         write_equipment(recording / EQUIPMENT_FILE, equipment)
-
-
-def _camera_entry(camera: Camera, pose_known: bool) -> dict[str, Any]:
-    lens = camera.intrinsics
-    return {
-        "name": camera.name,
-        "width": camera.width,
-        "height": camera.height,
-        "depth_scale": camera.depth_scale,
-        "intrinsics": {
-            "fx": lens.fx,
-            "fy": lens.fy,
-            "cx": lens.cx,
-            "cy": lens.cy,
-            **({} if lens.model is LensModel.BROWN_CONRADY else {"model": lens.model.value}),
-            "distortion": list(lens.distortion),
-            **({} if lens.valid_radius is None else {"valid_radius": lens.valid_radius}),
-        },
-        "camera_to_world": camera.require_pose().tolist() if pose_known else None,
-    }
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,26 +16,29 @@ from anchorpose.lens import Intrinsics
 class SourceCamera:
     """One depth camera of a recorder's file, as far as the file tells.
 
-    name: suitable for a folder; depth_scale: metres per grey value; intrinsics: None where the file has no lens;
-    T_world_camera: (4, 4) where the file places the camera; model and serial: empty where not known; count: of its
-    depth images, None where only reading all of the file tells.
+    name: for a folder; depth_scale: metres per grey value, None where the file does not tell; intrinsics: None where
+    the file has no lens; T_world_camera: (4, 4) where the file places the camera; model and serial: empty where not
+    known; count: of its depth images, None where only reading all of the file tells; has_times: False where the file
+    only numbers its images.
     """
 
     name: str
     width: int
     height: int
-    depth_scale: float
+    depth_scale: float | None
     intrinsics: Intrinsics | None = None
     T_world_camera: np.ndarray | None = None
     model: str = ""
     serial: str = ""
     count: int | None = None
+    has_times: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SourceFrame:
-    """One depth image: time_s by the device's own clock, to the microsecond; depth (height, width) uint16, grey values
-    as the file has them, 0 = no reading (65535 and NaN are 0 already), native byte order."""
+    """One depth image: time_s by the device's own clock, to the microsecond, or, where the camera has no times, the
+    image's number; depth (height, width) uint16, grey values as the file has them, 0 = no reading (65535 and NaN are 0
+    already), native byte order."""
 
     camera: int
     time_s: float

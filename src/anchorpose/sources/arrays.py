@@ -1,0 +1,129 @@
+"""Depth images as one array: NumPy's .npy of (images, height, width), MATLAB's .mat of (height, width, images)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, BinaryIO, Final
+
+import numpy as np
+
+from anchorpose.errors import InputError
+from anchorpose.sources.grey_images import NO_READING
+from anchorpose.sources.metres import GREY_M, to_grey
+from anchorpose.sources.source import SourceCamera, SourceFrame
+
+NEAREST_M, FARTHEST_M = 0.1, 50.0
+"""Between these lies the median of depth in metres; depth in millimetres is far beyond."""
+
+LARGEST_SIDE: Final = 16384
+
+_NPY, _MAT, _MAT_73 = b"\x93NUMPY", b"MATLAB 5.0", b"MATLAB 7.3"
+
+ReadImage = Callable[[int], np.ndarray]
+
+
+def matches(path: Path, head: bytes) -> bool:
+    """Whether this is one of the two formats."""
+    return head.startswith((_NPY, _MAT, _MAT_73))
+
+
+def open_source(path: Path) -> DepthArray:
+    """Raises InputError where the array is not of depth images."""
+    with path.open("rb") as file:
+        head = file.read(len(_MAT))
+    if head.startswith(_MAT_73):
+        raise InputError(path, "is a MATLAB file of version 7.3", "save it again in MATLAB with '-v7'")
+    return _open_npy(path) if head.startswith(_NPY) else _open_mat(path)
+
+
+class DepthArray:
+    """An array of depth images; ``read`` gives the image at a position (height, width)."""
+
+    def __init__(self, path: Path, shape: tuple[int, int, int], kind: np.dtype[Any], read: ReadImage) -> None:
+        count, height, width = shape
+        if count < 1 or not (0 < height <= LARGEST_SIDE and 0 < width <= LARGEST_SIDE):
+            raise InputError(path, f"holds {count} images of {width} x {height} pixels", "save the array again")
+        self._metres = kind.kind == "f"
+        if not self._metres and (kind.kind != "u" or kind.itemsize != 2):
+            raise InputError(path, f"holds numbers of type {kind}", "save depth as uint16, or as metres in float32")
+        if self._metres:
+            _require_metres(path, read(0))
+        scale = GREY_M if self._metres else None
+        name = path.resolve().stem
+        self.path, self._read, self._count = path, read, count
+        self.cameras: tuple[SourceCamera, ...] = (
+            SourceCamera(name=name, width=width, height=height, depth_scale=scale, count=count, has_times=False),
+        )
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """None: an array has no damaged images."""
+        return ()
+
+    def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
+        """The depth images in order; raises InputError where the file ends early."""
+        for position in range(skip[0], self._count):
+            image = self._read(position)
+            grey = to_grey(image) if self._metres else image.astype(np.uint16)
+            grey[grey == NO_READING] = 0
+            yield SourceFrame(0, float(position), grey)
+
+
+def _require_metres(path: Path, image: np.ndarray) -> None:
+    """Raises InputError where the median of what was read cannot be in metres."""
+    seen = image[np.isfinite(image) & (image > 0)]
+    if len(seen) and not NEAREST_M < float(np.median(seen)) < FARTHEST_M:
+        problem = f"holds depth of {float(np.median(seen)):.4g} in the middle, which is no distance in metres"
+        raise InputError(path, problem, "save depth in metres, or as uint16 and give --depth-scale")
+
+
+def _open_npy(path: Path) -> DepthArray:
+    with path.open("rb") as file:
+        try:
+            shape, columns, kind = _npy_header(file)
+        except Exception:  # NumPy raises whatever a damaged header leads Python's own parser to
+            raise InputError(path, "is damaged in its header", "save the array again") from None
+        start = file.tell()
+    if len(shape) != 3 or columns or kind.hasobject:
+        problem = f"holds an array of shape {shape}" + (" in MATLAB's order" if columns else "")
+        raise InputError(path, problem, "save depth as (images, height, width), with numpy.ascontiguousarray")
+    pixels = shape[1] * shape[2]
+
+    def read(position: int) -> np.ndarray:
+        with path.open("rb") as file:
+            file.seek(start + position * pixels * kind.itemsize)
+            data = file.read(pixels * kind.itemsize)
+        if len(data) < pixels * kind.itemsize:
+            raise InputError(path, f"ends within image {position} of {shape[0]}", "copy or save it again")
+        return np.frombuffer(data, kind).reshape(shape[1:])
+
+    return DepthArray(path, shape, kind, read)
+
+
+def _npy_header(file: BinaryIO) -> tuple[Any, bool, np.dtype[Any]]:
+    version = np.lib.format.read_magic(file)
+    if version == (1, 0):
+        return np.lib.format.read_array_header_1_0(file)
+    return np.lib.format.read_array_header_2_0(file)
+
+
+def _open_mat(path: Path) -> DepthArray:
+    """MATLAB's files cannot be read in part: the array is held whole."""
+    import scipy.io
+
+    try:
+        candidates = [
+            name
+            for name, shape, kind in scipy.io.whosmat(path)
+            if len(shape) == 3 and kind in ("uint16", "single", "double")
+        ]
+        named = [name for name in candidates if "depth" in name.lower()] or candidates
+        array = np.asarray(scipy.io.loadmat(path, variable_names=named[:1])[named[0]]) if len(named) == 1 else None
+    except Exception:  # scipy raises whatever a damaged file leads its parser to
+        raise InputError(path, "is damaged, or of a kind that cannot be read", "save it again with '-v7'") from None
+    if array is None:
+        problem = f"holds {len(named)} arrays that could be depth images"
+        raise InputError(path, problem, "save one array 'depth' of (height, width, images), uint16 or metres")
+    height, width, count = array.shape
+    return DepthArray(path, (count, height, width), array.dtype, lambda position: array[:, :, position])

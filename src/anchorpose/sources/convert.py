@@ -1,0 +1,213 @@
+"""From recorders' files to a recording folder: streamed, interrupted and gone on with, complete or no recording."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from filelock import FileLock, Timeout
+
+from anchorpose import __version__
+from anchorpose.errors import AnchorposeError, InputError
+from anchorpose.results.folder import write_text_whole
+from anchorpose.sources.camera_writer import CameraWriter
+from anchorpose.sources.fingerprint import fingerprint
+from anchorpose.sources.plan import CameraPlan, ConvertOptions, Plan, make_plan
+from anchorpose.sources.readers import open_source
+from anchorpose.sources.source import Source
+from anchorpose.sources.turning import turn_image
+from anchorpose.threads import one_thread
+
+RECORDING_FILE: Final = "recording.json"
+CONVERSION_FILE: Final = "conversion.json"
+LOCK_FILE: Final = ".conversion.lock"
+
+Progress = Callable[[int, int | None], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Converted:
+    """cameras: name and number of depth images; notes: sentences for the user."""
+
+    folder: Path
+    cameras: tuple[tuple[str, int], ...]
+    notes: tuple[str, ...]
+
+
+def convert(inputs: Sequence[Path], out: Path, options: ConvertOptions, progress: Progress) -> Converted:
+    """Write the recording ``out`` from recorders' files and folders; recording.json comes last.
+
+    A stopped conversion of the same inputs with the same options is gone on with. Raises InputError before anything is
+    written where an input cannot be used, something is missing that only the user can give, or ``out`` holds anything
+    else.
+    """
+    check_places(inputs, out)
+    sources = [open_source(path) for path in inputs]
+    plan = make_plan(sources, options)
+    begun = conversion_document(inputs, options)
+    refusal: AnchorposeError | None = None
+    with one_thread(), _claimed(out, begun):
+        try:
+            counts, notes = _write_images(sources, plan, out, options, progress)
+        except AnchorposeError as error:
+            refusal = error
+        else:
+            notes = (*(note for source in sources for note in source.notes), *plan.notes, *notes)
+            _finish(out, begun, plan, counts, notes)
+    if refusal is not None:  # because of what the files hold: going on would not help
+        shutil.rmtree(out)
+        raise refusal
+    return Converted(out, tuple((name, count) for name, count in counts.items() if count), notes)
+
+
+def conversion_document(inputs: Sequence[Path], options: ConvertOptions) -> dict[str, Any]:
+    """What makes two conversions the same: the program's version, the inputs' content and the options."""
+    prints = [(path, fingerprint(path)) for path in inputs]
+    return {
+        "format": "conversion",
+        "version": 1,
+        "anchorpose": __version__,
+        "inputs": [{"name": path.resolve().name, "bytes": size, "sha256": sha256} for path, (size, sha256) in prints],
+        "options": json.loads(json.dumps(asdict(options))),
+    }
+
+
+def read_conversion(folder: Path) -> dict[str, Any] | None:
+    """The conversion.json of a folder; None where it has none that can be read."""
+    try:
+        values = json.loads((folder / CONVERSION_FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+    return values if isinstance(values, dict) and values.get("format") == "conversion" else None
+
+
+def is_same(found: dict[str, Any], begun: dict[str, Any]) -> bool:
+    """Whether a folder's conversion is of the same inputs, whatever their names now, with the same options."""
+    return _identity(found) == _identity(begun)
+
+
+def _identity(document: dict[str, Any]) -> tuple[Any, ...]:
+    inputs = document.get("inputs")
+    prints = [(one.get("bytes"), one.get("sha256")) for one in inputs] if isinstance(inputs, list) else None
+    return prints, document.get("options"), document.get("anchorpose")
+
+
+def is_untouched(folder: Path) -> bool:
+    """Whether a folder with a conversion.json holds what was written into it and nothing else, as far as names and
+    recording.json tell: then it can be made again without losing anybody's work."""
+    for file in folder.iterdir():
+        of_camera = file.is_dir() and {inner.name for inner in file.iterdir()} <= {"depth", "timestamps.csv"}
+        if not of_camera and file.name not in (RECORDING_FILE, CONVERSION_FILE, LOCK_FILE):
+            return False
+    document = folder / RECORDING_FILE
+    if not document.exists():
+        return True
+    found = read_conversion(folder)
+    return found is not None and found.get(RECORDING_FILE) == hashlib.sha256(document.read_bytes()).hexdigest()
+
+
+def check_places(inputs: Sequence[Path], out: Path) -> None:
+    """Raises InputError where ``out`` cannot be written, or an input would be given twice or overwritten."""
+    target, sources = out.resolve(), [path.resolve() for path in inputs]
+    for path, source in zip(inputs, sources, strict=True):
+        if sources.count(source) > 1:
+            raise InputError(path, "is given twice", "give every input once")
+        if target.is_relative_to(source) or source.is_relative_to(target):
+            raise InputError(out, f"and the input {path} lie in one another", "choose another folder to write")
+    if out.is_symlink() or (out.exists() and not out.is_dir()):
+        raise InputError(out, "is a file or a link", "choose another name for the recording")
+    if (out / RECORDING_FILE).exists():
+        raise InputError(out, "is a finished recording", "choose another name, or remove it first")
+
+
+@contextmanager
+def _claimed(out: Path, begun: dict[str, Any]) -> Iterator[None]:
+    """``out`` with its conversion.json, for this program alone; raises InputError where it holds something else."""
+    if out.is_dir() and any(file.name != LOCK_FILE for file in out.iterdir()):
+        found = read_conversion(out)
+        if found is None:
+            raise InputError(out, "exists and is not empty", "choose another name; nothing in it was touched")
+        if not is_same(found, begun):
+            problem = "was begun with other inputs, options or another version of anchorpose"
+            raise InputError(out, problem, "choose another name, or remove it first")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(out / LOCK_FILE)
+        lock.acquire(timeout=0)
+    except Timeout:
+        raise InputError(out, "is being written by another anchorpose", "wait until it has finished") from None
+    except OSError as error:
+        raise InputError(out, f"cannot be written ({error.strerror})", "choose a place that you may write to") from None
+    try:
+        write_text_whole(out / CONVERSION_FILE, _json(begun))
+        yield
+    finally:
+        lock.release()
+        with suppress(OSError):  # another anchorpose may hold it by now
+            (out / LOCK_FILE).unlink()
+
+
+def _write_images(
+    sources: Sequence[Source], plan: Plan, out: Path, options: ConvertOptions, progress: Progress
+) -> tuple[dict[str, int], tuple[str, ...]]:
+    """Images per camera name, and notes; raises InputError where no image at all can be read."""
+    counts, notes = dict[str, int](), list[str]()
+    expected = [one.count for own in plan.cameras for one in own]
+    total = None if None in expected else sum(count or 0 for count in expected)
+    done = 0
+    for source, cameras in zip(sources, plan.cameras, strict=True):
+        with ExitStack() as stack:
+            writers = [stack.enter_context(CameraWriter(out / own.camera.name, own)) for own in cameras]
+            done += sum(writer.given for writer in writers)
+            progress(done, total)
+            try:
+                for frame in source.frames([writer.given for writer in writers]):
+                    grey = (
+                        frame.depth if not _turned(options) else turn_image(frame.depth, options.rotate, options.mirror)
+                    )
+                    writers[frame.camera].write(frame.time_s, grey)
+                    done += 1
+                    progress(done, total)
+            except InputError as error:
+                if not any(writer.written for writer in writers):
+                    raise
+                notes.append(f"Only a part could be read: {error}")
+            notes += [note for writer in writers if (note := writer.note(source.path))]
+        counts |= {own.camera.name: writer.written for own, writer in zip(cameras, writers, strict=True)}
+        notes += _require_images(source, cameras, counts)
+    return counts, tuple(notes)
+
+
+def _require_images(source: Source, cameras: Sequence[CameraPlan], counts: dict[str, int]) -> list[str]:
+    """A note for each camera without an image; raises InputError where the source gave none at all."""
+    empty = [own.camera.name for own in cameras if not counts[own.camera.name]]
+    if len(empty) == len(cameras):
+        told = source.notes[-1].rstrip(".") if source.notes else "nothing says why"
+        raise InputError(source.path, f"holds no depth image that can be used ({told})", "record or export it again")
+    return [f"{name} has no depth image and was left out." for name in empty]
+
+
+def _turned(options: ConvertOptions) -> bool:
+    return options.rotate != 0 or options.mirror
+
+
+def _finish(out: Path, begun: dict[str, Any], plan: Plan, counts: dict[str, int], notes: tuple[str, ...]) -> None:
+    """recording.json last: without it the folder is no recording."""
+    cameras = [own.document() for group in plan.cameras for own in group if counts[own.camera.name]]
+    for name, count in counts.items():
+        if not count:
+            shutil.rmtree(out / name)
+    text = _json({"format": "rgbd-recording", "version": 1, "cameras": cameras, "equipment": None})
+    made = {"notes": list(notes), RECORDING_FILE: hashlib.sha256(text.encode()).hexdigest()}
+    write_text_whole(out / CONVERSION_FILE, _json({**begun, **made}))
+    write_text_whole(out / RECORDING_FILE, text)
+
+
+def _json(document: dict[str, Any]) -> str:
+    return json.dumps(document, indent=1, allow_nan=False) + "\n"

@@ -1,0 +1,148 @@
+"""Depth images that lie in files of their own: 16-bit grey PNG and PGM, and what their names say."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from anchorpose.errors import InputError
+from anchorpose.recording.depth_image import decode_grey_png, grey_png_size
+from anchorpose.sources.source import SourceCamera, SourceFrame
+
+NO_READING: Final = 65535  # what some recorders write instead of 0
+
+ENDINGS: Final = {".png", ".pgm"}
+
+Size = tuple[int, int]
+"""Width and height in pixels."""
+
+
+@dataclass(frozen=True, slots=True)
+class FrameFile:
+    """A depth image on the disk; time_s as in ``SourceFrame``."""
+
+    path: Path
+    time_s: float
+
+
+class ImageFiles:
+    """The source whose depth images of one camera are files of their own; ``read`` decodes one of them."""
+
+    def __init__(
+        self,
+        path: Path,
+        camera: SourceCamera,
+        files: Sequence[FrameFile],
+        notes: Sequence[str] = (),
+        read: Callable[[Path, SourceCamera], tuple[np.ndarray | None, str]] | None = None,
+    ) -> None:
+        if not files:
+            raise InputError(path, "holds no depth images", "give the folder with 16-bit PNG or PGM images")
+        self.path = path
+        self.cameras: tuple[SourceCamera, ...] = (camera,)
+        self._files, self._notes, self._read = files, tuple(notes), read or read_grey_image
+        self._left_out: dict[Path, str] = {}
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences for the user, complete once all frames were read."""
+        if not self._left_out:
+            return self._notes
+        first, problem = next(iter(self._left_out.items()))
+        count = len(self._left_out)
+        return (*self._notes, f"Damaged depth images that were left out: {count}; the first, {first.name}, {problem}.")
+
+    def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
+        """The depth images in order; those to skip are decoded as well: only so damaged ones are not counted."""
+        taken = 0
+        for file in self._files:
+            grey, problem = self._read(file.path, self.cameras[0])
+            if grey is None:
+                self._left_out[file.path] = problem
+                continue
+            taken += 1
+            if taken > skip[0]:
+                grey[grey == NO_READING] = 0
+                yield SourceFrame(0, file.time_s, grey)
+
+
+def read_grey_image(path: Path, camera: SourceCamera) -> tuple[np.ndarray | None, str]:
+    """The grey values (height, width) uint16 of a PNG or PGM file, or None and what is wrong with it.
+
+    Raises OSError: a disk that was unplugged is no damaged image, and the conversion can be gone on with.
+    """
+    data = path.read_bytes()
+    if data[:2] == b"P5":
+        return _decode_pgm(data, camera)
+    return decode_grey_png(data, camera.width, camera.height)
+
+
+def grey_size(path: Path) -> Size | None:
+    """The size of an image by its header; None where it is not 16-bit grey PNG or PGM."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(512)
+    except OSError:
+        return None
+    if head[:2] != b"P5":
+        size = grey_png_size(head)
+    else:
+        header = _pgm_header(head)
+        size = header[:2] if header is not None else None
+    return size if size is not None and min(size) > 0 else None
+
+
+def first_size(path: Path, files: Sequence[Path]) -> Size:
+    """The size of the first image that is 16-bit grey; raises InputError where none is."""
+    for file in files:
+        size = grey_size(file)
+        if size is not None:
+            return size
+    raise InputError(path, "holds no 16-bit grey PNG or PGM image", "save depth with 16 bits, without colour")
+
+
+def images_in(folder: Path) -> list[Path]:
+    """The PNG and PGM files of a folder, in the order of their names read as a person does: 2 before 10."""
+    if not folder.is_dir():
+        return []
+    files = [file for file in folder.iterdir() if file.suffix.lower() in ENDINGS and not file.name.startswith(".")]
+    return sorted(files, key=natural_order)
+
+
+def natural_order(path: Path) -> tuple[tuple[bool, int, str], ...]:
+    """A key that sorts names with numbers by the numbers."""
+    parts = re.findall(r"[0-9]+|[^0-9]+", path.name)
+    return tuple((part[0] in "0123456789", int(part[:18]) if part[0] in "0123456789" else 0, part) for part in parts)
+
+
+def number_of(path: Path) -> int | None:
+    """The only number in a file's name; None where there is none, several, or one too long to count images."""
+    numbers = re.findall(r"[0-9]+", path.stem)
+    return int(numbers[0]) if len(numbers) == 1 and len(numbers[0]) <= 9 else None
+
+
+def _pgm_header(data: bytes) -> tuple[int, int, int] | None:
+    """Width, height and where the pixels begin, of a PGM file with two bytes per pixel; None for any other."""
+    gap = rb"(?:\s|#[^\n]*\n)+"
+    match = re.match(rb"P5" + gap + rb"(\d{1,5})" + gap + rb"(\d{1,5})" + gap + rb"(\d{1,5})\s", data)
+    if match is None or not 255 < int(match[3]) < 65536:
+        return None
+    return int(match[1]), int(match[2]), match.end()
+
+
+def _decode_pgm(data: bytes, camera: SourceCamera) -> tuple[np.ndarray | None, str]:
+    header = _pgm_header(data[:512])
+    if header is None:
+        return None, "is not a PGM file with 16 bits per pixel"
+    width, height, start = header
+    if (width, height) != (camera.width, camera.height):
+        return None, f"is {width} x {height}, the others are {camera.width} x {camera.height} pixels"
+    pixels = data[start : start + 2 * width * height]
+    if len(pixels) < 2 * width * height:
+        return None, "is truncated"
+    return np.frombuffer(pixels, ">u2").reshape(height, width).astype(np.uint16), ""  # the format is big-endian

@@ -1,0 +1,173 @@
+"""What a conversion will write: the cameras of all inputs, with what the user adds to what the files say."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from anchorpose.camera import Camera
+from anchorpose.errors import AnchorposeError, InputError
+from anchorpose.lens import Intrinsics
+from anchorpose.recording.document import validate
+from anchorpose.recording.recording_file import RecordingDocument, camera_document
+from anchorpose.sources.source import Source, SourceCamera
+from anchorpose.sources.turning import QUARTERS, can_turn, turn_lens, turn_pose
+
+Degrees = Literal[0, 90, 180, 270]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConvertOptions:
+    """What the user adds to the files.
+
+    intrinsics: fx, fy, cx, cy of cameras without a lens; depth_scale: metres per grey value, instead of the file's;
+    fps: where there are no times; rotate: clockwise, degrees; mirror: after that, left to right.
+    """
+
+    intrinsics: tuple[float, float, float, float] | None = None
+    depth_scale: float | None = None
+    fps: float | None = None
+    rotate: Degrees = 0
+    mirror: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CameraPlan:
+    """A camera to write, upright. fps: None where the images have times; count: None where it is not known."""
+
+    camera: Camera
+    model: str
+    serial: str
+    fps: float | None
+    count: int | None
+
+    def document(self) -> dict[str, Any]:
+        """As recording.json has it."""
+        known = {key: value for key, value in (("model", self.model), ("serial", self.serial)) if value}
+        return {**camera_document(self.camera), **known}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """cameras: those of each source; notes: what was decided and what is missing, with the remedy."""
+
+    cameras: tuple[tuple[CameraPlan, ...], ...]
+    notes: tuple[str, ...]
+
+
+def make_plan(sources: Sequence[Source], options: ConvertOptions) -> Plan:
+    """Raises InputError where something is missing that only the user can give, or is given twice."""
+    all_cameras = [camera for source in sources for camera in source.cameras]
+    if options.intrinsics is not None and all(camera.intrinsics is not None for camera in all_cameras):
+        raise InputError(sources[0].path, "has its own lens", "leave --intrinsics out")
+    if options.fps is not None and all(camera.has_times for camera in all_cameras):
+        raise InputError(sources[0].path, "has its own times", "leave --fps out")
+    names = _names(sources)
+    cameras = tuple(
+        tuple(_plan_camera(source, k, names.pop(0), options) for k in range(len(source.cameras))) for source in sources
+    )
+    cameras, notes = _poses_of_one_world(cameras, options)
+    _require_valid(sources, cameras)
+    unplaced = [plan.camera.name for own in cameras for plan in own if plan.camera.T_world_camera is None]
+    if unplaced:
+        notes = (*notes, f"No pose is known of {', '.join(unplaced)}: 'anchorpose track' estimates it.")
+    return Plan(cameras, notes)
+
+
+def _plan_camera(source: Source, index: int, name: str, options: ConvertOptions) -> CameraPlan:
+    found = source.cameras[index]
+    scale = options.depth_scale if options.depth_scale is not None else found.depth_scale
+    lens, pose = _lens(found, options), found.T_world_camera
+    if scale is None or lens is None or (not found.has_times and options.fps is None):
+        raise _incomplete(source, found, options)
+    if not can_turn(lens, options.rotate):
+        remedy = "give --rotate 180 or leave it out, and turn the camera"
+        raise InputError(source.path, "has a lens with a tilted sensor, which a quarter turn cannot keep", remedy)
+    swapped = QUARTERS[options.rotate] % 2 == 1
+    camera = Camera(
+        name=name,
+        width=found.height if swapped else found.width,
+        height=found.width if swapped else found.height,
+        depth_scale=scale,
+        intrinsics=turn_lens(lens, (found.width, found.height), options.rotate, options.mirror),
+        T_world_camera=None if pose is None else turn_pose(pose, options.rotate),
+    )
+    fps = None if found.has_times else options.fps
+    return CameraPlan(camera=camera, model=found.model, serial=found.serial, fps=fps, count=found.count)
+
+
+def _lens(camera: SourceCamera, options: ConvertOptions) -> Intrinsics | None:
+    if camera.intrinsics is not None or options.intrinsics is None:
+        return camera.intrinsics
+    fx, fy, cx, cy = options.intrinsics
+    return Intrinsics(fx=fx, fy=fy, cx=cx, cy=cy)
+
+
+def _incomplete(source: Source, camera: SourceCamera, options: ConvertOptions) -> InputError:
+    """Everything that is missing at once, with the option for each."""
+    missing = list[tuple[str, str]]()
+    if _lens(camera, options) is None:
+        missing.append(("the lens", "--intrinsics fx,fy,cx,cy in pixels"))
+    if camera.depth_scale is None and options.depth_scale is None:
+        missing.append(("the unit of depth", "--depth-scale in metres per grey value (0.001 for millimetres)"))
+    if not camera.has_times and options.fps is None:
+        missing.append(("times", "--fps in images per second"))
+    whats, hows = (", ".join(words) for words in zip(*missing, strict=True))
+    which = f" for camera {camera.name}" if len(source.cameras) > 1 else ""
+    problem = f"does not state{which} ({camera.width} x {camera.height} pixels): {whats}"
+    return InputError(source.path, problem, f"give 'anchorpose convert' {hows}")
+
+
+def _names(sources: Sequence[Source]) -> list[str]:
+    """One folder name per camera, unique whatever the case: the camera's own, else with its input's name before it."""
+    own = [(folder_name(source.path.stem), folder_name(camera.name)) for source in sources for camera in source.cameras]
+    cameras = [camera.casefold() for _, camera in own]
+    wanted = [f"{i}-{c}" if cameras.count(c.casefold()) > 1 and i != c else c for i, c in own]
+    names, taken = list[str](), set[str]()
+    for name in wanted:
+        unique, number = name, 2
+        while unique.casefold() in taken:
+            unique, number = f"{name}-{number}", number + 1
+        taken.add(unique.casefold())
+        names.append(unique)
+    return names
+
+
+def folder_name(text: str) -> str:
+    """``text`` as recording.json allows a camera to be named."""
+    return re.sub(r"^[^\w]+|[ .]+$", "", re.sub(r"[^\w .+-]", "-", text))[:60].rstrip(" .") or "camera"
+
+
+def _poses_of_one_world(
+    cameras: tuple[tuple[CameraPlan, ...], ...], options: ConvertOptions
+) -> tuple[tuple[tuple[CameraPlan, ...], ...], tuple[str, ...]]:
+    """Without poses that cannot hold: inputs have worlds of their own, and a mirrored world is none."""
+    placed = [any(plan.camera.T_world_camera is not None for plan in own) for own in cameras]
+    whole = all(plan.camera.T_world_camera is not None for own in cameras for plan in own)
+    if not any(placed) or (whole and len(cameras) == 1 and not options.mirror):
+        return cameras, ()
+    why = "they are of mirrored images" if options.mirror else "they do not place all cameras in one world"
+    bare = tuple(
+        tuple(replace(plan, camera=replace(plan.camera, T_world_camera=None)) for plan in own) for own in cameras
+    )
+    return bare, (f"The poses in the file were left out: {why}.",)
+
+
+def _require_valid(sources: Sequence[Source], cameras: Sequence[Sequence[CameraPlan]]) -> None:
+    """Raises InputError where a file's numbers are none that a recording may have."""
+    for source, own in zip(sources, cameras, strict=True):
+        document = {"format": "rgbd-recording", "version": 1, "cameras": [plan.document() for plan in own]}
+        validate(source.path, RecordingDocument, document)
+
+
+def parse_intrinsics(text: str) -> tuple[float, float, float, float]:
+    """``fx,fy,cx,cy``; raises AnchorposeError otherwise."""
+    try:
+        fx, fy, cx, cy = (float(part) for part in text.split(","))
+    except ValueError:
+        fx = fy = cx = cy = -1.0
+    if not (0 < fx < 1e5 and 0 < fy < 1e5 and abs(cx) < 1e5 and abs(cy) < 1e5):
+        raise AnchorposeError(f"--intrinsics is '{text}'; write fx,fy,cx,cy in pixels, for example 504,504,320,288.")
+    return fx, fy, cx, cy

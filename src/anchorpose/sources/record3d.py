@@ -1,0 +1,174 @@
+"""Record3D's .r3d files (record3d.app): a zip with ``metadata`` (JSON) and rgbd/<n>.depth, metres as float32 in LZFSE.
+
+K is written column by column and for the colour picture of w x h pixels; depth has dw x dh.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import lzma
+import re
+import struct
+import zipfile
+import zlib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from anchorpose.errors import InputError, MissingPackage
+from anchorpose.sources.handheld import movement_note
+from anchorpose.sources.metres import GREY_M, to_grey
+from anchorpose.sources.numbers_in import finite, finite_list
+from anchorpose.sources.source import SourceCamera, SourceFrame
+from anchorpose.sources.stray_scanner import scaled_lens
+
+LARGEST_METADATA: Final = 100_000_000  # bytes; an hour at 60 per second has 30 MB
+
+LARGEST_IMAGE: Final = 16384 * 16384
+
+_DAMAGE: Final = (
+    zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, ArithmeticError, EOFError, LookupError, OSError,
+    RuntimeError, ValueError,
+)  # fmt: skip
+"""What the libraries raise for damaged zip files and damaged JSON."""
+
+_REMEDY: Final = "export it again from Record3D"
+
+
+def matches(path: Path, head: bytes) -> bool:
+    """Whether this is a zip with Record3D's files."""
+    if not head.startswith(b"PK\x03\x04"):
+        return False
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = archive.namelist()
+    except _DAMAGE:
+        return path.suffix.lower() == ".r3d"  # damaged: to be refused by its name
+    return "metadata" in names and any(name.startswith("rgbd/") for name in names)
+
+
+def open_source(path: Path) -> Record3DFile:
+    """Raises InputError where the file cannot be used, MissingPackage without lzfse."""
+    try:
+        import lzfse  # noqa: F401
+    except ImportError:
+        raise MissingPackage(f"Reading {path.name}", "lzfse", "record3d") from None
+    return Record3DFile(path)
+
+
+class Record3DFile:
+    """One device's recording."""
+
+    def __init__(self, path: Path) -> None:
+        values, self._names = _contents(path)
+        width, height = (_whole(path, values, name) for name in ("dw", "dh"))
+        picture = (_whole(path, values, "w"), _whole(path, values, "h"))
+        columns = finite_list(values.get("K"), 9)
+        if columns is None:
+            raise InputError(path, "K in its metadata is not nine numbers", _REMEDY)
+        matrix = np.array(columns).reshape(3, 3).T
+        self._times, timed = _times(path, values, [_number(name) for name in self._names])
+        self.path = path
+        self.cameras: tuple[SourceCamera, ...] = (
+            SourceCamera(
+                name=path.resolve().stem,
+                width=width,
+                height=height,
+                depth_scale=GREY_M,
+                intrinsics=scaled_lens(path, matrix, picture, (width, height)),
+                model="iPhone or iPad (Record3D)",
+                count=len(self._names),
+                has_times=timed,
+            ),
+        )
+        self._notes = movement_note(_positions(values))
+        self._left_out: dict[str, str] = {}
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences for the user, complete once all frames were read."""
+        if not self._left_out:
+            return self._notes
+        first, problem = next(iter(self._left_out.items()))
+        count = len(self._left_out)
+        return (*self._notes, f"Damaged depth images that were left out: {count}; the first, {first}, {problem}.")
+
+    def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
+        """The depth images in order; those to skip are decoded as well: only so damaged ones are not counted."""
+        taken, camera = 0, self.cameras[0]
+        with zipfile.ZipFile(self.path) as archive:
+            for name, time_s in zip(self._names, self._times, strict=True):
+                depth_m, problem = _decode(archive, name, camera)
+                if depth_m is None:
+                    self._left_out[name] = problem
+                    continue
+                taken += 1
+                if taken > skip[0]:
+                    yield SourceFrame(0, time_s, to_grey(depth_m))
+
+
+def _contents(path: Path) -> tuple[dict[str, Any], list[str]]:
+    """The metadata, and the names of the depth images in order."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            if archive.getinfo("metadata").file_size > LARGEST_METADATA:
+                raise ValueError
+            values = json.loads(archive.read("metadata"))
+            names = [name for name in archive.namelist() if re.fullmatch(r"rgbd/\d{1,9}\.depth", name)]
+    except _DAMAGE:
+        raise InputError(path, "is damaged, or not finished", _REMEDY) from None
+    if not isinstance(values, dict) or not names:
+        raise InputError(path, "holds no depth images", _REMEDY)
+    return values, sorted(names, key=_number)
+
+
+def _number(name: str) -> int:
+    return int(name.removeprefix("rgbd/").removesuffix(".depth"))
+
+
+def _whole(path: Path, values: dict[str, Any], key: str) -> int:
+    number = finite(values.get(key))
+    if number is None or number != int(number) or not 0 < number <= 16384:
+        raise InputError(path, f"{key} in its metadata is not a size in pixels", _REMEDY)
+    return int(number)
+
+
+def _times(path: Path, values: dict[str, Any], numbers: list[int]) -> tuple[list[float], bool]:
+    """The time of each image, else its number, and whether these are times: of the device, else by its frame rate."""
+    stamps = values.get("frameTimestamps")
+    if isinstance(stamps, list) and stamps and numbers[-1] < len(stamps):
+        times = finite_list(stamps, len(stamps))
+        if times is None:
+            raise InputError(path, "frameTimestamps in its metadata are not all numbers", _REMEDY)
+        return [times[number] for number in numbers], True
+    fps = finite(values.get("fps"))
+    if fps is not None and 0 < fps <= 1000:
+        return [number / fps for number in numbers], True
+    return [float(number) for number in numbers], False
+
+
+def _positions(values: dict[str, Any]) -> np.ndarray:
+    """(n, 3) metres of the device: a pose is a quaternion and a translation."""
+    poses = values.get("poses")
+    rows = [finite_list(pose, 7) for pose in poses] if isinstance(poses, list) else []
+    return np.array([row[4:] for row in rows if row is not None]).reshape(-1, 3)
+
+
+def _decode(archive: zipfile.ZipFile, name: str, camera: SourceCamera) -> tuple[np.ndarray | None, str]:
+    import lzfse
+
+    wanted = 4 * camera.width * camera.height
+    try:
+        if archive.getinfo(name).file_size > wanted + 4096:  # LZFSE adds some bytes to what it cannot compress
+            return None, "is larger than an image"
+        data = lzfse.decompress(archive.read(name))
+    except (lzfse.error, *_DAMAGE) as error:
+        if isinstance(error, OSError) and error.errno != errno.EINVAL:  # that one is a place before the file's start
+            raise
+        return None, "is damaged inside"
+    if len(data) != wanted:
+        return None, f"holds {len(data)} bytes, an image has {wanted}"
+    return np.frombuffer(data, "<f4").reshape(camera.height, camera.width), ""

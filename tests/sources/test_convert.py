@@ -1,0 +1,376 @@
+"""Conversion as a whole: stopped and gone on with, refused, turned, several inputs, and verbs that are given a file."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import sources_builder as build
+from sources_builder import GIVEN, HEIGHT, LENS, WIDTH, content, depth_of, expected, noise, nothing, run, times_of
+
+from anchorpose.cli import main
+from anchorpose.errors import AnchorposeError, InputError
+from anchorpose.lens import Intrinsics, LensModel, lens_array, project
+from anchorpose.recording.reader import open_recording
+from anchorpose.sources.convert import convert
+from anchorpose.sources.direct import look_at, make_recording
+from anchorpose.sources.plan import ConvertOptions, folder_name, make_plan, parse_intrinsics
+from anchorpose.sources.source import SourceCamera, SourceFrame
+from anchorpose.sources.turning import can_turn, turn_image, turn_lens, turn_pose
+
+GIVE = ["--intrinsics", ",".join(map(str, LENS)), "--depth-scale", "0.001", "--fps", "30"]
+
+
+class Killed(BaseException):
+    """What a kill is within a process: nothing catches it."""
+
+
+def stop_after(frames: int):
+    left = frames
+
+    def progress(done: int, total: int | None) -> None:
+        nonlocal left
+        left -= 1
+        if left < 0:
+            raise Killed
+
+    return progress
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """An input and what an undisturbed conversion makes of it."""
+    folder = tmp_path_factory.mktemp("whole")
+    build.plain_folder(folder / "in", noise(20))
+    run(folder / "in", folder / "out", GIVEN)
+    return folder
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_stopped_conversion_goes_on_to_the_same_bytes(whole, tmp_path, seed):
+    """Stopped at random points, also within the last image and within its row."""
+    chance, out = random.Random(seed), tmp_path / "out"
+    for _ in range(3):
+        with pytest.raises(Killed):
+            convert([whole / "in"], out, GIVEN, stop_after(chance.randrange(1, 7)))
+        with pytest.raises(InputError):
+            open_recording(out)
+        rows, images = out / "in" / "timestamps.csv", sorted((out / "in" / "depth").iterdir())
+        if images and chance.random() < 0.5:
+            images[-1].write_bytes(images[-1].read_bytes()[: chance.randrange(2000)])
+        if chance.random() < 0.5:
+            rows.write_bytes(rows.read_bytes()[: -chance.randrange(1, 9)])
+        if images and chance.random() < 0.3:
+            images[len(images) // 2].unlink()
+    run(whole / "in", out, GIVEN)
+    assert content(out) == content(whole / "out")
+
+
+def test_what_is_there_is_not_written_again(whole, tmp_path):
+    out = tmp_path / "out"
+    with pytest.raises(Killed):
+        convert([whole / "in"], out, GIVEN, stop_after(10))
+    before = {file: file.stat().st_mtime_ns for file in (out / "in" / "depth").iterdir()}
+    first = list[int]()
+    convert([whole / "in"], out, GIVEN, lambda done, total: first.append(done))
+    assert first[0] == len(before) == 10
+    assert {file: file.stat().st_mtime_ns for file in before} == before
+
+
+@pytest.mark.parametrize("stop", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
+def test_a_killed_process_leaves_no_recording_and_can_be_gone_on_with(tmp_path, stop):
+    build.plain_folder(tmp_path / "in", noise(400, 160, 120))
+    script = f"import sys; from anchorpose.cli import main; sys.exit(main({['convert', 'in', 'out', *GIVE]}))"
+    going = subprocess.Popen([sys.executable, "-c", script], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    depth = tmp_path / "out" / "in" / "depth"
+    until = time.monotonic() + 60
+    while time.monotonic() < until and not (depth.is_dir() and len(os.listdir(depth)) > 5):
+        time.sleep(0.002)
+    going.send_signal(stop)
+    _, said = going.communicate(timeout=60)
+    assert going.returncode != 0
+    assert not (tmp_path / "out" / "recording.json").exists()
+    if stop == signal.SIGINT:
+        assert "same command again" in said
+    run(tmp_path / "in", tmp_path / "out", GIVEN)
+    run(tmp_path / "in", tmp_path / "undisturbed", GIVEN)
+    assert content(tmp_path / "out") == content(tmp_path / "undisturbed")
+
+
+def test_another_input_or_other_options_are_refused(whole, tmp_path):
+    out = tmp_path / "out"
+    with pytest.raises(Killed):
+        convert([whole / "in"], out, GIVEN, stop_after(5))
+    build.plain_folder(tmp_path / "other", noise(20, seed=1))
+    for inputs, options in (
+        ([tmp_path / "other"], GIVEN),
+        ([whole / "in"], ConvertOptions(intrinsics=LENS, depth_scale=0.001, fps=15.0)),
+    ):
+        with pytest.raises(InputError, match="begun with other"):
+            convert(inputs, out, options, nothing)
+    run(whole / "in", out, GIVEN)
+    with pytest.raises(InputError, match="finished recording"):
+        run(whole / "in", out, GIVEN)
+
+
+def test_a_moved_input_is_still_the_same(whole, tmp_path):
+    out = tmp_path / "out"
+    with pytest.raises(Killed):
+        convert([whole / "in"], out, GIVEN, stop_after(5))
+    shutil.copytree(whole / "in", tmp_path / "moved" / "in")
+    run(tmp_path / "moved" / "in", out, GIVEN)
+    assert content(out) == content(whole / "out")
+
+
+@pytest.mark.parametrize("what", ["file", "folder", "inside", "around", "twice", "recording"])
+def test_places_that_cannot_be(whole, tmp_path, what):
+    out, inputs = tmp_path / "out", [whole / "in"]
+    if what == "file":
+        out.write_text("x")
+    elif what == "folder":
+        out.mkdir()
+        (out / "letter.txt").write_text("x")
+    elif what == "inside":
+        out = whole / "in" / "out"
+    elif what == "around":
+        out = whole
+    elif what == "twice":
+        inputs *= 2
+    else:
+        inputs = [whole / "out"]
+    before = content(tmp_path) | content(whole)
+    with pytest.raises(InputError):
+        convert(inputs, out, GIVEN, nothing)
+    assert content(tmp_path) | content(whole) == before
+
+
+def test_several_inputs_become_cameras_with_names_of_their_own(tmp_path):
+    for name, seed in (("a", 1), ("b", 2)):
+        build.tum(tmp_path / name / "cam", noise(seed=seed))
+    build.open3d(tmp_path / "side", noise(seed=3))
+    inputs = [tmp_path / "a" / "cam", tmp_path / "b" / "cam", tmp_path / "side"]
+    done = run(inputs, tmp_path / "out", ConvertOptions(intrinsics=LENS))
+    assert [name for name, _ in done.cameras] == ["cam", "cam-2", "side"]
+    for name, seed in (("cam", 1), ("cam-2", 2), ("side", 3)):
+        assert np.array_equal(depth_of(tmp_path / "out", name), expected(noise(seed=seed)))
+    assert len(open_recording(tmp_path / "out").cameras) == 3
+
+
+def test_options_that_the_file_contradicts_are_refused(tmp_path):
+    build.open3d(tmp_path / "o", noise())
+    for options in (ConvertOptions(intrinsics=LENS), ConvertOptions(fps=30.0)):
+        with pytest.raises(InputError, match="leave --"):
+            run(tmp_path / "o", tmp_path / "out", options)
+    run(tmp_path / "o", tmp_path / "out", ConvertOptions(depth_scale=0.002))
+    assert open_recording(tmp_path / "out").cameras[0].depth_scale == 0.002
+
+
+class MadeSource:
+    """A source with given times, in memory."""
+
+    def __init__(self, path, times, camera=None, grey=None):
+        self.path, self.notes = path, ()
+        self._times, self._grey = times, noise(len(times)) if grey is None else grey
+        lens = Intrinsics(fx=30.0, fy=30.0, cx=15.5, cy=11.5)
+        self.cameras = (
+            camera or SourceCamera(name="c", width=WIDTH, height=HEIGHT, depth_scale=0.001, intrinsics=lens),
+        )
+
+    def frames(self, skip):
+        for k in range(skip[0], len(self._times)):
+            yield SourceFrame(0, self._times[k], self._grey[k])
+
+
+def convert_made(monkeypatch, tmp_path, source, options=None):
+    source.path.write_bytes(b"x")
+    monkeypatch.setattr("anchorpose.sources.convert.open_source", lambda path: source)
+    return run(source.path, tmp_path / "out", options)
+
+
+def test_times_that_repeat_are_left_out_and_a_clock_set_back_is_refused(monkeypatch, tmp_path):
+    times = [1e9 + k / 30 for k in range(30)]
+    times[7] = times[6]
+    done = convert_made(monkeypatch, tmp_path, MadeSource(tmp_path / "f", times))
+    assert done.cameras == (("c", 29),)
+    assert any("1 of 30 times" in note for note in done.notes)
+    assert open_recording(tmp_path / "out").streams[0].frame.tolist() == [k for k in range(30) if k != 7]
+    shutil.rmtree(tmp_path / "out")
+    with pytest.raises(InputError, match="clock was set back"):
+        convert_made(monkeypatch, tmp_path, MadeSource(tmp_path / "f", [*times[15:], *times[:15]]))
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_file_that_ends_early_is_kept_as_far_as_it_goes(tmp_path):
+    grey = noise(10)
+    np.save(tmp_path / "a.npy", grey)
+    data = (tmp_path / "a.npy").read_bytes()
+    (tmp_path / "a.npy").write_bytes(data[:-1000])
+    done = run(tmp_path / "a.npy", tmp_path / "out", GIVEN)
+    assert any(note.startswith("Only a part could be read") for note in done.notes)
+    assert np.array_equal(depth_of(tmp_path / "out", "a"), expected(grey[:9]))
+
+
+def test_poses_of_several_inputs_are_left_out(monkeypatch, tmp_path):
+    lens = Intrinsics(fx=30.0, fy=30.0, cx=15.5, cy=11.5)
+    camera = SourceCamera(
+        name="c", width=WIDTH, height=HEIGHT, depth_scale=0.001, intrinsics=lens, T_world_camera=np.eye(4)
+    )
+    sources = [MadeSource(tmp_path / name, [0.0], camera) for name in "ab"]
+    alone, both = make_plan(sources[:1], ConvertOptions()), make_plan(sources, ConvertOptions())
+    mirrored = make_plan(sources[:1], ConvertOptions(mirror=True))
+    assert alone.cameras[0][0].camera.T_world_camera is not None
+    for plan in (both, mirrored):
+        assert all(own.camera.T_world_camera is None for group in plan.cameras for own in group)
+        assert any("left out" in note for note in plan.notes)
+    assert [own.camera.name for group in both.cameras for own in group] == ["a-c", "b-c"]
+
+
+LENSES = [
+    Intrinsics(fx=30, fy=31, cx=14, cy=12.5, distortion=(0.1, -0.05, 0.01, -0.02, 0.003)),
+    Intrinsics(
+        fx=30, fy=31, cx=14, cy=12.5, model=LensModel.RATIONAL, distortion=(0.5, 0.1, 1e-3, -2e-3, 0.01, 0.6, 0.2, 0.03)
+    ),
+    Intrinsics(
+        fx=30, fy=31, cx=14, cy=12.5, model=LensModel.RATIONAL,
+        distortion=(0.1, 0.1, 1e-3, -2e-3, 0.01, 0.2, 0.2, 0.03, 0.01, 0.02, -0.03, 0.04),
+    ),
+    Intrinsics(
+        fx=30, fy=31, cx=14, cy=12.5, model=LensModel.RATIONAL,
+        distortion=(0.1, 0.1, 1e-3, -2e-3, 0.01, 0.2, 0.2, 0.03, 0.01, 0.02, -0.03, 0.04, 0.05, -0.07),
+    ),
+    Intrinsics(fx=30, fy=31, cx=14, cy=12.5, model=LensModel.KANNALA_BRANDT, distortion=(0.1, 0.02, -0.01, 0.002)),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("mirror", [False, True])
+@pytest.mark.parametrize("degrees", [0, 90, 180, 270])
+@pytest.mark.parametrize("lens", LENSES)
+def test_a_turned_lens_sees_the_same_points_in_the_turned_image(lens, degrees, mirror):
+    """The law: where a point falls in the image, its pixel is turned; the turned lens puts the turned point there."""
+    if not can_turn(lens, degrees):
+        pytest.skip("refused: OpenCV's tilt has an order")
+    points = np.random.default_rng(0).uniform([-0.3, -0.3, 1], [0.3, 0.3, 2], (50, 3))
+    where = np.rint(project(points, lens_array(lens))).astype(int)
+    inside = (where >= 0).all(axis=1) & (where[:, 0] < WIDTH) & (where[:, 1] < HEIGHT)
+    assert inside.sum() > 20
+    pose = turn_pose(np.eye(4), degrees)
+    turned_points = points @ pose[:3, :3]
+    if mirror:
+        turned_points = turned_points * [-1, 1, 1]
+    seen = project(turned_points, lens_array(turn_lens(lens, (WIDTH, HEIGHT), degrees, mirror)))
+    exact = project(points, lens_array(lens))
+    for point in np.flatnonzero(inside):
+        mark = np.zeros((HEIGHT, WIDTH), np.uint16)
+        mark[where[point, 1], where[point, 0]] = 1
+        (row,), (column,) = np.nonzero(turn_image(mark, degrees, mirror))
+        off = np.abs(exact[point] - where[point])
+        assert np.abs(seen[point] - [column, row]) == pytest.approx(off[::-1] if degrees % 180 else off, abs=1e-9)
+
+
+def test_a_tilted_sensor_is_not_turned_by_a_quarter(monkeypatch, tmp_path):
+    camera = SourceCamera(name="c", width=WIDTH, height=HEIGHT, depth_scale=0.001, intrinsics=LENSES[3])
+    with pytest.raises(InputError, match="quarter turn"):
+        convert_made(monkeypatch, tmp_path, MadeSource(tmp_path / "f", [0.0], camera), ConvertOptions(rotate=90))
+
+
+def test_turned_images_are_written(tmp_path):
+    grey = noise()
+    build.open3d(tmp_path / "o", grey)
+    run(tmp_path / "o", tmp_path / "out", ConvertOptions(rotate=90, mirror=True))
+    turned = np.stack([np.fliplr(np.rot90(image, -1)) for image in expected(grey)])
+    assert np.array_equal(depth_of(tmp_path / "out", "o"), turned)
+    (camera,) = open_recording(tmp_path / "out").cameras
+    assert (camera.width, camera.height, camera.intrinsics.fx) == (HEIGHT, WIDTH, LENS[1])
+
+
+@pytest.mark.parametrize("text", ["", "1,2,3", "a,b,c,d", "0,1,2,3", "-5,5,1,1", "nan,1,1,1", "1,1,1,1,1"])
+def test_intrinsics_that_are_none(text):
+    with pytest.raises(AnchorposeError, match="fx,fy,cx,cy"):
+        parse_intrinsics(text)
+
+
+@pytest.mark.parametrize("text", ["front", "a/b", "..", "", "Kinect (2)", ".hidden", "x" * 300, "日本", "a. "])
+def test_any_name_becomes_one_that_a_recording_may_have(text):
+    from anchorpose.recording.recording_file import _require_folder_name
+
+    assert _require_folder_name(folder_name(text))
+
+
+def test_a_verb_converts_once_and_again_where_the_file_changed(tmp_path):
+    build.open3d(tmp_path / "walk", noise())
+    direct = look_at(tmp_path / "walk")
+    assert not direct.ready
+    make_recording(direct, nothing)
+    again = look_at(tmp_path / "walk")
+    assert again.ready
+    assert again.recording == tmp_path / "walk.anchorpose"
+    assert look_at(again.recording).recording == again.recording
+    build.open3d(tmp_path / "walk", noise(seed=5, frames=3))
+    (tmp_path / "walk.anchorpose" / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match="rename or remove"):
+        look_at(tmp_path / "walk")
+    (tmp_path / "walk.anchorpose" / "notes.txt").unlink()
+    document = tmp_path / "walk.anchorpose" / "recording.json"
+    text = document.read_text()
+    document.write_text(text.replace("null", '{"height_m": 1.7}'))
+    with pytest.raises(InputError, match="rename or remove"):
+        look_at(tmp_path / "walk")
+    document.write_text(text)
+    assert not look_at(tmp_path / "walk").ready
+
+
+def test_a_file_in_a_folder_that_cannot_be_written(tmp_path, monkeypatch):
+    build.open3d(tmp_path / "walk", noise())
+    monkeypatch.setattr("anchorpose.sources.direct.os.access", lambda path, mode: False)
+    with pytest.raises(InputError, match="anchorpose convert walk OUT"):
+        make_recording(look_at(tmp_path / "walk"), nothing)
+
+
+def test_a_folder_marked_as_read_only_is_left_alone_even_by_an_administrator(tmp_path):
+    build.open3d(tmp_path / "archive" / "walk", noise())
+    before = content(tmp_path)
+    (tmp_path / "archive").chmod(0o555)
+    try:
+        with pytest.raises(InputError, match="cannot be written"):
+            make_recording(look_at(tmp_path / "archive" / "walk"), nothing)
+        assert content(tmp_path) == before
+    finally:
+        (tmp_path / "archive").chmod(0o755)
+
+
+def test_the_verbs_take_a_recorders_folder(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    build.plain_folder(tmp_path / "in", noise())
+    assert main(["track", "in", "-o", "results"]) == 2
+    assert "--intrinsics" in capsys.readouterr().err
+    assert main(["convert", "in", "out", *GIVE]) == 0
+    assert "in with 7 depth images" in capsys.readouterr().out
+    build.open3d(tmp_path / "walk", noise())
+    for verb in (["calibrate", "walk"], ["inspect", "walk", "--frame", "99"], ["track", "walk", "-o", "results"]):
+        shutil.rmtree(tmp_path / "walk.anchorpose", ignore_errors=True)
+        main(verb)  # noise shows nobody
+        assert "Converting walk" in capsys.readouterr().err
+        assert (tmp_path / "walk.anchorpose" / "recording.json").is_file()
+    assert main(["view", "results", "other"]) == 2
+    assert main(["convert", "in"]) == 2
+    assert main(["convert", "missing", "o"]) == 2
+    assert "missing" in capsys.readouterr().err
+    assert main(["convert", "in", "o", "--fps", "0"]) == 2
+
+
+def test_what_a_conversion_was_made_of_stands_beside_it(tmp_path):
+    build.open3d(tmp_path / "o", noise())
+    done = run(tmp_path / "o", tmp_path / "out")
+    document = json.loads((tmp_path / "out" / "conversion.json").read_text())
+    assert [one["name"] for one in document["inputs"]] == ["o"]
+    assert document["notes"] == list(done.notes)
+    assert str(tmp_path) not in json.dumps(document)
+    assert times_of(tmp_path / "out", "o")[1] == pytest.approx(1 / 15, abs=1e-6)

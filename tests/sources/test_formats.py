@@ -1,0 +1,187 @@
+"""Each format, written by hand or by another library: the same pixels, times to the microsecond, the lens in place."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import sources_builder as build
+from sources_builder import FORMATS, FRAMES, GIVEN, HEIGHT, LENS, WIDTH, depth_of, expected, noise, run, times_of
+
+from anchorpose.errors import InputError
+from anchorpose.recording.reader import open_recording, read_frames
+from anchorpose.sources.plan import ConvertOptions
+from anchorpose.sources.readers import open_source
+
+THIRTIETHS = [round(k / 30, 6) for k in range(FRAMES)]
+
+TIMES = {
+    "tum": [round(1305031102.160407 + k / 30, 6) for k in range(FRAMES)],
+    "open3d": [round(k / 15, 6) for k in range(FRAMES)],
+    "redwood": [round(33369e-6 * k, 6) for k in range(FRAMES)],
+    "stray": [round(5.000001 + k / 60, 6) for k in range(FRAMES)],
+}
+SCALES = {"open3d": 1 / 4000, "tum": 1 / 5000, "icl": 1 / 5000}
+
+NEEDS = {
+    "plain_folder": GIVEN,
+    "pgm_folder": GIVEN,
+    "npy": GIVEN,
+    "mat": GIVEN,
+    "tum": ConvertOptions(intrinsics=LENS),
+    "icl": ConvertOptions(intrinsics=LENS, fps=30.0),
+    "redwood": ConvertOptions(intrinsics=LENS, depth_scale=0.001),
+    "scannet": ConvertOptions(fps=30.0),
+}
+"""What each format does not say."""
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_depth_times_and_lens_arrive_unchanged(tmp_path, name):
+    grey = noise()
+    FORMATS[name](tmp_path / name, grey)
+    done = run(tmp_path / name, tmp_path / "out", NEEDS.get(name))
+    assert done.cameras == ((name, FRAMES),)
+    assert np.array_equal(depth_of(tmp_path / "out", name), expected(grey))
+    assert times_of(tmp_path / "out", name) == TIMES.get(name, THIRTIETHS)
+    recording = open_recording(tmp_path / "out")
+    (camera,) = recording.cameras
+    assert camera.depth_scale == pytest.approx(SCALES.get(name, 0.001))
+    if name != "stray":
+        lens = camera.intrinsics
+        assert (lens.fx, lens.fy, lens.cx, lens.cy) == LENS
+    depths = [frame.depths_m[0] for frame in read_frames(recording)]
+    assert np.allclose(depths, expected(grey) * np.float32(camera.depth_scale), rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", NEEDS)
+def test_what_a_format_does_not_say_is_asked_for_in_one_sentence(tmp_path, name):
+    FORMATS[name](tmp_path / name, noise())
+    with pytest.raises(InputError) as refused:
+        run(tmp_path / name, tmp_path / "out")
+    given = NEEDS[name]
+    wanted = {"--intrinsics": given.intrinsics, "--depth-scale": given.depth_scale, "--fps": given.fps}
+    assert [option for option in wanted if option in str(refused.value)] == [
+        option for option, value in wanted.items() if value is not None
+    ]
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_stray_scanner_lens_is_scaled_about_the_corner_of_the_image(tmp_path):
+    build.stray(tmp_path / "s", noise())
+    run(tmp_path / "s", tmp_path / "out")
+    (camera,) = open_recording(tmp_path / "out").cameras
+    lens, scale = camera.intrinsics, WIDTH / 1920
+    assert (lens.fx, lens.fy) == pytest.approx((1600 * scale, 1601 * scale))
+    assert (lens.cx, lens.cy) == pytest.approx((961 * scale - 0.5, 720 * scale - 0.5))
+
+
+def test_a_camera_that_was_carried_is_named(tmp_path):
+    build.scannet(tmp_path / "s", noise())
+    notes = run(tmp_path / "s", tmp_path / "out", NEEDS["scannet"]).notes
+    assert any("moved by 0.30 m" in note for note in notes)
+    build.stray(tmp_path / "t", noise())
+    assert not any("moved" in note for note in run(tmp_path / "t", tmp_path / "o2").notes)
+
+
+def test_serial_number_and_model_are_kept(tmp_path):
+    build.open3d(tmp_path / "o", noise())
+    run(tmp_path / "o", tmp_path / "out")
+    (entry,) = json.loads((tmp_path / "out" / "recording.json").read_text())["cameras"]
+    assert (entry["model"], entry["serial"]) == ("Intel RealSense D435", "0123")
+
+
+@pytest.mark.parametrize("name", ["npy", "mat"])
+def test_metres_become_steps_of_a_quarter_millimetre(tmp_path, name):
+    depth_m = np.random.default_rng(1).uniform(0.3, 16.0, (3, HEIGHT, WIDTH)).astype(np.float32)
+    depth_m[:, 0], depth_m[:, 1], depth_m[:, 2], depth_m[:, 3] = np.nan, 0.0, np.inf, 20.0
+    FORMATS[name](tmp_path / "a", depth_m) if name == "mat" else np.save(tmp_path / "a.npy", depth_m)
+    source = tmp_path / ("a" if name == "mat" else "a.npy")
+    run(source, tmp_path / "out", ConvertOptions(intrinsics=LENS, fps=30.0))
+    (camera,) = open_recording(tmp_path / "out").cameras
+    back_m = depth_of(tmp_path / "out", "a") * camera.depth_scale
+    assert not back_m[:, :4].any()
+    assert np.abs(back_m[:, 4:] - depth_m[:, 4:]).max() <= 0.000126
+
+
+def test_an_array_in_unknown_units_is_refused(tmp_path):
+    np.save(tmp_path / "a.npy", np.full((2, HEIGHT, WIDTH), 2300.0))
+    with pytest.raises(InputError, match="no distance in metres"):
+        open_source(tmp_path / "a.npy")
+
+
+def test_a_record3d_file(tmp_path):
+    pytest.importorskip("lzfse")
+    depth_m = np.random.default_rng(1).uniform(0.3, 4.0, (4, 32, 24)).astype(np.float32)
+    depth_m[:, 0] = np.nan
+    build.r3d(tmp_path / "walk.r3d", depth_m)
+    done = run(tmp_path / "walk.r3d", tmp_path / "out")
+    assert any("moved" in note for note in done.notes)
+    (camera,) = open_recording(tmp_path / "out").cameras
+    lens = camera.intrinsics
+    assert (lens.fx, lens.fy, lens.cx, lens.cy) == pytest.approx((1000 / 30, 1001 / 30, 11.5, 15.5))
+    back_m = depth_of(tmp_path / "out", "walk") * camera.depth_scale
+    assert np.abs(back_m - np.nan_to_num(depth_m)).max() <= 0.000126
+    assert times_of(tmp_path / "out", "walk") == [round(100.000001 + k / 60, 6) for k in range(4)]
+
+
+def test_missing_numbers_are_missing_moments(tmp_path):
+    grey = noise()
+    build.plain_folder(tmp_path / "p", grey)
+    (tmp_path / "p" / "depth_3.png").unlink()
+    run(tmp_path / "p", tmp_path / "out", GIVEN)
+    assert times_of(tmp_path / "out", "p") == [*THIRTIETHS[:3], *THIRTIETHS[4:]]
+    assert np.array_equal(depth_of(tmp_path / "out", "p"), expected(np.delete(grey, 3, axis=0)))
+
+
+def test_images_are_in_the_order_of_their_numbers_and_colour_is_left_alone(tmp_path):
+    grey = noise(12)
+    build.plain_folder(tmp_path / "p", grey)
+    build.write_png(tmp_path / "p" / "color_1.png", np.zeros((HEIGHT, WIDTH, 3), np.uint8))
+    done = run(tmp_path / "p", tmp_path / "out", GIVEN)
+    assert np.array_equal(depth_of(tmp_path / "out", "p"), expected(grey))
+    assert any("not 16-bit grey" in note for note in done.notes)
+
+
+def test_a_damaged_image_is_left_out_and_named(tmp_path):
+    grey = noise()
+    build.tum(tmp_path / "t", grey)
+    damaged = sorted((tmp_path / "t" / "depth").iterdir())[2]
+    damaged.write_bytes(damaged.read_bytes()[:-30])
+    done = run(tmp_path / "t", tmp_path / "out", NEEDS["tum"])
+    assert any(damaged.name in note and "truncated" in note for note in done.notes)
+    assert np.array_equal(depth_of(tmp_path / "out", "t"), expected(np.delete(grey, 2, axis=0)))
+
+
+@pytest.mark.parametrize(
+    ("name", "head", "says"),
+    [
+        ("a.bin", b"EVENTS1\0\5\0\0\0", "Kinect Studio"),
+        ("a.bin", b"NI10\0\0", "OpenNI"),
+        ("a.mcap", b"\x89MCAP0\r\n\x01\x1a" + bytes(12) + b"libmcap stereolabs", "ZED"),
+        ("a.svo", b"anything", "ZED"),
+        ("a.bin", b"MATLAB 7.3 MAT-file", "-v7"),
+    ],
+)
+def test_formats_that_cannot_be_read_are_refused_with_the_way_round(tmp_path, name, head, says):
+    (tmp_path / name).write_bytes(head)
+    with pytest.raises(InputError, match=says):
+        open_source(tmp_path / name)
+
+
+def test_content_decides_not_the_ending(tmp_path):
+    build.npy(tmp_path / "depth.png", noise())
+    run(tmp_path / "depth.png", tmp_path / "out", GIVEN)
+    assert np.array_equal(depth_of(tmp_path / "out", "depth"), expected(noise()))
+
+
+def test_a_sidecar_that_does_not_fit_is_refused(tmp_path):
+    build.raw_folder(tmp_path / "r", noise())
+    build.sidecar(tmp_path / "r" / "depth.json", times_s=[0.0, 0.1])
+    with pytest.raises(InputError, match="2 times for 7"):
+        open_source(tmp_path / "r")
+    build.plain_folder(tmp_path / "p", noise())
+    build.sidecar(tmp_path / "p" / "depth.json", width=WIDTH + 1)
+    with pytest.raises(InputError, match="width is 33"):
+        open_source(tmp_path / "p")
