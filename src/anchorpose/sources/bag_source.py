@@ -11,7 +11,8 @@ from anchorpose.errors import InputError
 from anchorpose.sources import orbbec_bags, realsense_bags
 from anchorpose.sources.bag_file import BagFile, DamagedBag, Message
 from anchorpose.sources.depth_stream import RECORD_AGAIN, Clock, DepthStream, Streams, read_any_image
-from anchorpose.sources.ros_depth import METRES, encoding_of, grey_of, grey_of_metres, metres_of
+from anchorpose.sources.metres import grey_of_metres
+from anchorpose.sources.ros_depth import METRES, encoding_of, grey_of, metres_of
 from anchorpose.sources.ros_messages import CompressedMessage, ImageMessage
 from anchorpose.sources.source import SourceCamera, SourceFrame
 
@@ -84,6 +85,8 @@ class BagSource:
     def _depth(self, camera: int, stream: DepthStream, image: ImageMessage | CompressedMessage) -> np.ndarray:
         if not stream.in_metres:
             return grey_of(image)
+        if stream.camera.depth_scale is None:
+            raise DamagedBag("depth in metres has no grey values yet")
         depth, too_far = grey_of_metres(metres_of(image), stream.camera.depth_scale)
         self._tallies[camera].too_far += too_far
         return depth

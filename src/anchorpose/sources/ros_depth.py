@@ -14,10 +14,6 @@ from anchorpose.sources.ros_messages import CompressedMessage, ImageMessage
 INTEGERS: Final = frozenset({"16UC1", "mono16", "Z16", "z16"})
 METRES: Final = "32FC1"
 NO_READING: Final = 65535  # beside 0; the largest value is what sensors give for "too far" or "too near"
-_LARGEST: Final = NO_READING - 1
-_SCALES: Final = (0.00025, 0.0005, 0.001)  # metres; up to 16, 33 and 65 m. The first is finer than any depth camera
-_WHOLE_MM: Final = 0.01  # of a millimetre: float32 is that exact up to 65 m
-_SPARE: Final = 1.25  # how much farther than the first image later ones may see
 _PNG: Final = b"\x89PNG"
 _HEADER: Final = 12  # bytes of compressed_depth_image_transport's own header: format, two parameters
 
@@ -62,28 +58,6 @@ def metres_of(image: ImageMessage | CompressedMessage) -> np.ndarray:
             metres = np.where(packed > 0, np.float32(a) / (packed - np.float32(b)), np.float32(np.nan))
     metres[~(np.isfinite(metres) & (metres > 0.0))] = np.nan
     return metres
-
-
-def scale_of(metres: np.ndarray) -> float | None:
-    """Metres per grey value that keep an image: a millimetre where all are whole millimetres; None without a reading.
-
-    Otherwise the finest of a few that reaches a quarter farther than the image does.
-    """
-    given = metres[np.isfinite(metres)].astype(np.float64)
-    if given.size == 0:
-        return None
-    if np.abs(given * 1000.0 - np.round(given * 1000.0)).max() < _WHOLE_MM:
-        return 0.001
-    return next((scale for scale in _SCALES if given.max() * _SPARE <= _LARGEST * scale), _SCALES[-1])
-
-
-def grey_of_metres(metres: np.ndarray, scale: float) -> tuple[np.ndarray, int]:
-    """(height, width) uint16, 0 = no reading, and how many readings are too far for the scale: they are 0."""
-    with np.errstate(invalid="ignore"):
-        grey = np.round(metres.astype(np.float64) / scale)
-    too_far = grey > _LARGEST
-    grey[~np.isfinite(grey) | too_far] = 0.0
-    return grey.astype(np.uint16), int(too_far.sum())
 
 
 def _plain(image: ImageMessage, size: int) -> np.ndarray:

@@ -13,7 +13,8 @@ from anchorpose.errors import InputError
 from anchorpose.lens import Intrinsics
 from anchorpose.sources.bag_file import BagFile, Channel, DamagedBag
 from anchorpose.sources.depth_stream import COMPRESSED, IMAGE, READ_BY_HAND, DepthStream, Streams, first, read_any_image
-from anchorpose.sources.ros_depth import METRES, encoding_of, metres_of, scale_of, size_of
+from anchorpose.sources.metres import scale_of
+from anchorpose.sources.ros_depth import METRES, encoding_of, metres_of, size_of
 from anchorpose.sources.ros_lens import image_size, lens_of
 from anchorpose.sources.ros_messages import CameraInfo, CompressedMessage, ImageMessage, read_camera_info
 from anchorpose.sources.ros_places import StaticTransforms
