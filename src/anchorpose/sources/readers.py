@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Final, cast
 
@@ -56,9 +55,7 @@ def open_source(path: Path) -> Source:
 def _readers() -> Iterator[Reader]:
     """Imported one by one: a reader that is not asked costs nothing."""
     for name in READERS:
-        module = f"anchorpose.sources.{name}"
-        if find_spec(module) is not None:
-            yield cast(Reader, import_module(module))
+        yield cast(Reader, import_module(f"anchorpose.sources.{name}"))
 
 
 def _head(path: Path) -> bytes:
