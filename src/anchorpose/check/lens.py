@@ -119,9 +119,9 @@ def _size(material: Material) -> Finding:
     tall_m, usually_m = float(np.percentile(tops, 90)), float(np.median(tops))  # a raised hand is seldom up for long
     measured = f"the person is {tall_m:.2f} m tall, shoes and hair included"
     if usually_m > TOO_TALL_M or tall_m < TOO_SHORT_M:
-        return Finding("depth unit", Level.RED, measured, f"{CORRECT_UNIT}, and {COMPARE}")
+        return Finding("depth unit", Level.RED, measured, f"{CORRECT_UNIT}, or fx and fy")
     if tall_m < SHORT_M:
-        remedy = f"right where they sit all the time; otherwise {CORRECT_UNIT}, and {COMPARE}"
+        remedy = f"right where they sit all the time; otherwise {CORRECT_UNIT}, or fx and fy"
         return Finding("depth unit", Level.YELLOW, measured, remedy)
     return Finding("depth unit", Level.GREEN, measured)
 
