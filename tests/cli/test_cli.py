@@ -15,7 +15,7 @@ from results_builder import make_frame, standing_joints, write_results
 from anchorpose.cli import main
 from anchorpose.joints import JOINT_NAMES
 
-VERBS = ("demo", "simulate", "calibrate", "track", "evaluate", "measure", "report", "inspect", "motions")
+VERBS = ("demo", "simulate", "check", "calibrate", "track", "evaluate", "measure", "report", "inspect", "motions")
 
 
 @pytest.fixture(autouse=True)

@@ -12,6 +12,7 @@ from cyclopts import App, CycloptsError, Parameter
 
 from anchorpose import __version__
 from anchorpose.cli.calibrate import calibrate
+from anchorpose.cli.check import check
 from anchorpose.cli.convert import convert
 from anchorpose.cli.demo import demo
 from anchorpose.cli.equipment import equipment
@@ -40,8 +41,8 @@ app = App(
     suppress_keyboard_interrupt=False,
 )
 for _verb in (
-    demo, simulate, convert, calibrate, track, evaluate, measure, report, view, export, inspect, equipment, motions,
-    experiment,
+    demo, simulate, convert, check, calibrate, track, evaluate, measure, report, view, export, inspect, equipment,
+    motions, experiment,
 ):  # fmt: skip
     app.command(_verb)
 
@@ -50,7 +51,7 @@ def main(tokens: Sequence[str] | None = None) -> int:
     """Runs a command line (that of the process by default) and returns its exit code; 0 is success."""
     signal.signal(signal.SIGTERM, _terminate)
     try:
-        app(tokens, exit_on_error=False, result_action="return_value")
+        answer = app(tokens, exit_on_error=False, result_action="return_value")
     except CycloptsError:  # already printed, with the nearest known option
         return EXIT_CANNOT
     except AnchorposeError as error:
@@ -60,7 +61,7 @@ def main(tokens: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("Stopped; nothing was written.", file=sys.stderr)
         return EXIT_INTERRUPTED
-    return 0
+    return answer if isinstance(answer, int) else 0
 
 
 def _refuse(sentence: str) -> int:

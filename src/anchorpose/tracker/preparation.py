@@ -133,8 +133,7 @@ def furnish_room(settled: Settled, config: TrackConfig, review: Review) -> Room:
 
     Tracking does not begin in a frame that a reviewer marked as unusable, unless all are.
     """
-    recording, calibration, samples = settled.recording, settled.calibration, settled.samples
-    scenes = _scenes(settled)
+    recording, calibration, scenes = settled.recording, settled.calibration, _scenes(settled)
     if config.patient_frame is not None:
         initial = _frames_of_named(recording, scenes, config, config.patient_frame, review)
         if not initial:  # a person who never moves looks like furniture
@@ -143,15 +142,28 @@ def furnish_room(settled: Settled, config: TrackConfig, review: Review) -> Room:
         if not initial:
             raise _nobody_named(recording, scenes, config, config.patient_frame)
         return Room(recording, settled.clocks, calibration, scenes, initial, review)
+    look = look_for_patient(settled, config, review, scenes)
+    return Room(
+        recording, settled.clocks, calibration, look.scenes, look.initial_frames, review, look.why_nobody, look.notes
+    )
+
+
+def look_for_patient(
+    settled: Settled, config: TrackConfig, review: Review = NO_REVIEW, scenes: tuple[Scene, ...] | None = None
+) -> Look:
+    """Everybody who is seen in the sampled frames that a reviewer left usable, and who of them is the patient.
+
+    scenes: of every camera, where they are known already.
+    """
+    scenes = _scenes(settled) if scenes is None else scenes
+    samples = settled.samples
     usable = [k for k, frame_set in enumerate(samples) if review.why_unusable(frame_set.frame) is None]
     usable = usable or list(range(len(samples)))
     usable = [usable[k] for k in thin(len(usable), config.follow.samples)]  # samples of an empty room are more
     look = _look(settled, usable, scenes, config)
     if not look.initial_frames:  # who stands still all the time was taken for furniture
         look = _look_for_still_person(settled, usable, look, config) or look
-    return Room(
-        recording, settled.clocks, calibration, look.scenes, look.initial_frames, review, look.why_nobody, look.notes
-    )
+    return look
 
 
 def _look(

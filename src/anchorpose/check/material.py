@@ -1,0 +1,156 @@
+"""What the checks look at: the recording, its sampled frames, and who is seen in them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from anchorpose.body.constraints import thin
+from anchorpose.body.skin_points import body_points, pose_points
+from anchorpose.body.visibility import SkinReason, skin_reasons
+from anchorpose.camera import Camera
+from anchorpose.errors import InputError
+from anchorpose.isolation.people import PatientChoice, Person, find_people
+from anchorpose.isolation.scene import Scene, find_all_pieces
+from anchorpose.isolation.separation import separate_initial
+from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.recording.pairing import pair_frames
+from anchorpose.recording.reader import frame_range, read_frame
+from anchorpose.recording.recording import FrameSet, Recording
+from anchorpose.tracker.bystanders import ordinary_body, person_evidence, rough_body
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.look import Look
+from anchorpose.tracker.preparation import Settled, look_for_patient, sample_recording, settle
+from anchorpose.tracker.sighting import BORDER_PX
+
+LOOKS: Final = 6  # frames in which the patient is looked at closely, up to a second each
+PAIRS: Final = 6  # of successive frames, for readings that come and go
+REACH_M: Final = 0.10  # of a rough body from the skin that it stands for
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenPatient:
+    """The patient in one sampled frame: the column over the ground, and the labelled pixels of each camera (None
+    without a frame); hidden (cameras,): share of the skin turned to each camera that something else hides, NaN where no
+    body was fitted."""
+
+    person: Person
+    views: tuple[View | None, ...]
+    hidden: np.ndarray
+
+    @property
+    def cut_above(self) -> bool:
+        """Whether the upper border of each image that shows the patient cuts them off, so that the head is not seen."""
+        shown = [view.patient for view in self.views if view is not None and view.patient.any()]
+        return all(patient[:BORDER_PX].any() for patient in shown)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Material:
+    """recording: on one clock where clocks were settled; settled, look: None where ``refusal`` says why the cameras'
+    poses are unknown; successive: pairs of frames that follow each other, in which people hardly move; patient: in some
+    of the frames that show the patient, empty where nobody was found."""
+
+    recording: Recording
+    samples: tuple[FrameSet, ...]
+    settled: Settled | None
+    look: Look | None
+    refusal: InputError | None
+    successive: tuple[tuple[FrameSet, FrameSet], ...]
+    patient: tuple[SeenPatient, ...]
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """With the poses that are used, where they are known."""
+        return self.recording.cameras if self.settled is None else self.settled.calibration.cameras
+
+    @property
+    def scenes(self) -> tuple[Scene, ...]:
+        """One per camera; none where poses are unknown."""
+        return () if self.look is None else self.look.scenes
+
+    @property
+    def floor_scenes(self) -> list[Scene]:
+        """Of the cameras that see the floor."""
+        residuals = () if self.settled is None else self.settled.calibration.residuals
+        names = {floor.camera for floor in residuals}
+        return [scene for scene in self.scenes if scene.camera.name in names]
+
+    @property
+    def floor_m(self) -> float | None:
+        """Height of the floor in the world; None where no camera sees it."""
+        return None if self.settled is None else self.settled.calibration.floor_height_m
+
+    def by_camera(self) -> Iterator[tuple[Camera, list[np.ndarray]]]:
+        """Each camera with its sampled depth images (height, width), metres, 0 = no reading; none may be left."""
+        for index, camera in enumerate(self.cameras):
+            yield camera, [depth for sample in self.samples if (depth := sample.depths_m[index]) is not None]
+
+    def successive_of(self, index: int) -> list[tuple[np.ndarray, np.ndarray]]:
+        """One camera's depth images of ``successive``, where it has both."""
+        pairs = [(one.depths_m[index], other.depths_m[index]) for one, other in self.successive]
+        return [(one, other) for one, other in pairs if one is not None and other is not None]
+
+    def distance_m(self, index: int) -> float:
+        """Median depth of the patient's pixels in one camera; NaN where the patient is not seen."""
+        depths = [np.median(view.depth_m[view.patient]) for view in self.views_of(index) if view.patient.any()]
+        return float(np.median(depths)) if depths else float("nan")
+
+    def views_of(self, index: int) -> list[View]:
+        """One camera's labelled frames of ``patient``."""
+        return [view for seen in self.patient if (view := seen.views[index]) is not None]
+
+
+def gather_material(recording: Recording, config: TrackConfig) -> Material:
+    """Clocks, poses, the empty room and the patient from sampled frames; without poses, the frames alone.
+
+    Raises InputError where the cameras never overlap in time, or no depth image of one can be read.
+    """
+    pair_frames(recording)
+    try:
+        settled = settle(recording, config)
+    except InputError as refusal:
+        _, samples = sample_recording(recording, config)
+        return Material(recording, tuple(samples), None, None, refusal, _successive(recording), ())
+    look = look_for_patient(settled, config)
+    frames = dict(zip(settled.chosen, settled.samples, strict=True))
+    shown = sorted(look.initial_frames, key=lambda one: one.frame)
+    chosen = [shown[k] for k in thin(len(shown), LOOKS)]
+    patient = tuple(_look_closely(frames[one.frame], one.choice, look.scenes, config) for one in chosen)
+    return Material(settled.recording, settled.samples, settled, look, None, _successive(settled.recording), patient)
+
+
+def _successive(recording: Recording) -> tuple[tuple[FrameSet, FrameSet], ...]:
+    positions = frame_range(recording)[:-1]
+    chosen = [positions[k] for k in thin(len(positions), PAIRS)]
+    return tuple((read_frame(recording, k), read_frame(recording, k + 1)) for k in chosen)
+
+
+def _look_closely(
+    frame_set: FrameSet, choice: PatientChoice, scenes: Sequence[Scene], config: TrackConfig
+) -> SeenPatient:
+    pieces = find_all_pieces(frame_set.depths_m, scenes)
+    people = find_people(pieces, config.isolation, choice.group, faint=True)
+    person = min(people.people, key=lambda one: float(np.linalg.norm(one.ground_xz_m - choice.ground_xz_m)))
+    views = separate_initial(pieces, people, choice)
+    return SeenPatient(person, views, _hidden(views, [scene.camera for scene in scenes]))
+
+
+def _hidden(views: Sequence[View | None], cameras: Sequence[Camera]) -> np.ndarray:
+    """(cameras,) share of a rough body's skin turned to each camera that equipment or people hide; NaN without one."""
+    hidden = np.full(len(cameras), np.nan)
+    body = ordinary_body(body_points())
+    found = rough_body(body, person_evidence(views, cameras, PixelLabel.PATIENT))
+    if found is None:
+        return hidden
+    posed = pose_points(body, found.belief.pose)
+    for index, (view, camera) in enumerate(zip(views, cameras, strict=True)):
+        if view is not None:
+            reason, facing = skin_reasons(posed, view, camera, REACH_M)
+            turned = reason[facing & (reason != SkinReason.SELF)]
+            if len(turned):
+                hidden[index] = np.mean(np.isin(turned, (SkinReason.EQUIPMENT, SkinReason.PERSON)))
+    return hidden

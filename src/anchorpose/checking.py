@@ -1,0 +1,32 @@
+"""From a recording folder to what is good and bad about it, before anybody tracks it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from anchorpose.check.depth import check_depth
+from anchorpose.check.finding import Finding
+from anchorpose.check.frames import check_frames
+from anchorpose.check.lens import check_lens
+from anchorpose.check.material import gather_material
+from anchorpose.check.patient import check_patient
+from anchorpose.check.poses import check_poses
+from anchorpose.recording.reader import open_recording
+from anchorpose.threads import one_thread
+from anchorpose.tracker.config import TrackConfig
+
+
+def check_recording(recording: Path) -> list[Finding]:
+    """The findings in the order in which people read them; at most a few dozen depth images per camera are read.
+
+    Raises InputError where the recording cannot be used at all.
+    """
+    with one_thread():
+        material = gather_material(open_recording(recording), TrackConfig())
+        return [
+            *check_patient(material),
+            *check_depth(material),
+            *check_frames(material),
+            *check_lens(material),
+            *check_poses(material),
+        ]

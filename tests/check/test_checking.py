@@ -1,0 +1,195 @@
+"""A good recording is green; each fault makes its own check yellow or red."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from recording_builder import edit_json, write_picture, write_recording
+
+from anchorpose.check import material
+from anchorpose.check.finding import Finding, Level, OfCamera, level_of, of_cameras
+from anchorpose.checking import check_recording
+from anchorpose.cli import main
+from anchorpose.simulate.config import single
+from anchorpose.simulate.write import simulate_recording
+
+Findings = dict[str, Finding]
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("good")
+    simulate_recording(folder / "s", single(5, seconds=0.6, fps=15.0))
+    return folder / "s" / "recording"
+
+
+@pytest.fixture(autouse=True)
+def _fewer_bodies(monkeypatch):
+    monkeypatch.setattr(material, "LOOKS", 2)
+
+
+def checked(recording: Path) -> Findings:
+    return {finding.check: finding for finding in check_recording(recording)}
+
+
+def with_fault(good: Path, folder: Path, change: Callable[[Path], None]) -> Findings:
+    recording = folder / "recording"
+    shutil.copytree(good, recording)
+    change(recording)
+    return checked(recording)
+
+
+def change_camera(**values) -> Callable[[Path], None]:
+    return lambda recording: edit_json(recording / "recording.json", lambda d: d["cameras"][0].update(values))
+
+
+def change_images(change: Callable[[int, np.ndarray], np.ndarray]) -> Callable[[Path], None]:
+    """Every depth image, and that of the empty room, by ``change`` of its number and its grey values."""
+
+    def change_all(recording: Path) -> None:
+        images = sorted((recording / "front" / "depth").glob("*.png"))
+        for number, path in enumerate([*images, recording / "front" / "background.png"]):
+            write_picture(path, change(number, cv2.imread(str(path), cv2.IMREAD_UNCHANGED)))
+
+    return change_all
+
+
+def longer_focal_length(recording: Path) -> None:
+    def lengthen(document) -> None:
+        lens = document["cameras"][0]["intrinsics"]
+        lens.update(fx=1.5 * lens["fx"], fy=1.5 * lens["fy"])
+
+    edit_json(recording / "recording.json", lengthen)
+
+
+def drop_a_third(recording: Path) -> None:
+    stamps = recording / "front" / "timestamps.csv"
+    head, *rows = stamps.read_text().splitlines()
+    gone = [row for number, row in enumerate(rows) if number in (2, 3, 6)]
+    stamps.write_text("\n".join([head, *(row for row in rows if row not in gone)]) + "\n")
+    for row in gone:
+        (recording / "front" / "depth" / f"{int(row.split(',')[0]):06d}.png").unlink()
+
+
+def crop_below_the_knees(recording: Path) -> None:
+    height = 270
+    for path in [*(recording / "front" / "depth").glob("*.png"), recording / "front" / "background.png"]:
+        write_picture(path, cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[:height])
+    change_camera(height=height)(recording)
+
+
+def nobody(recording: Path) -> None:
+    empty = cv2.imread(str(recording / "front" / "background.png"), cv2.IMREAD_UNCHANGED)
+
+    def noisy(number: int, grey: np.ndarray) -> np.ndarray:
+        noise = np.random.default_rng(number).integers(-1, 2, empty.shape)
+        return np.where(empty > 0, empty + noise, 0).astype(np.uint16)
+
+    change_images(noisy)(recording)
+
+
+def smoothed(number: int, grey: np.ndarray) -> np.ndarray:
+    return cv2.blur(grey, (13, 13))
+
+
+def in_the_sun(number: int, grey: np.ndarray) -> np.ndarray:
+    return np.where(np.random.default_rng(number).random(grey.shape) < 0.5, grey, 0).astype(np.uint16)
+
+
+def with_another_cameras_light(number: int, grey: np.ndarray) -> np.ndarray:
+    if number % 4 != 1:
+        return grey
+    noisy = grey + np.random.default_rng(number).normal(0.0, 30.0, grey.shape)
+    return np.where(grey > 0, np.clip(noisy, 1, 65535), 0).astype(np.uint16)
+
+
+def noisier(number: int, grey: np.ndarray) -> np.ndarray:
+    noisy = grey + np.random.default_rng(number).normal(size=grey.shape) * 1e-5 * grey.astype(float) ** 2
+    return np.where(grey > 0, np.clip(noisy, 1, 65535), 0).astype(np.uint16)
+
+
+def test_a_good_recording_is_green_but_for_its_length(good):
+    found = checked(good)
+    unlike = {name: finding for name, finding in found.items() if finding.level > Level.GREEN}
+    assert list(unlike) == ["frames"], unlike
+    assert "4 s or more" in unlike["frames"].remedy
+    assert len(found) > 15
+    assert all(finding.measured for finding in found.values())
+
+
+@pytest.mark.parametrize(
+    ("change", "check", "least"),
+    [
+        (change_camera(depth_scale=0.002), "depth unit", Level.RED),
+        (longer_focal_length, "floor", Level.YELLOW),
+        (longer_focal_length, "room square", Level.YELLOW),
+        (drop_a_third, "frames", Level.RED),
+        (crop_below_the_knees, "whole in view", Level.RED),
+        (change_images(smoothed), "depth steps and edges", Level.YELLOW),
+        (change_images(in_the_sun), "readings in the room", Level.YELLOW),
+        (change_images(with_another_cameras_light), "steady readings", Level.YELLOW),
+        (change_images(noisier), "depth noise", Level.RED),
+        (nobody, "patient", Level.RED),
+        (lambda recording: (recording / "front" / "background.png").unlink(), "empty room", Level.YELLOW),
+    ],
+    ids=["scale", "focal", "sheared", "dropped", "feet", "filtered", "sun", "light", "noise", "nobody", "no picture"],
+)
+def test_a_fault_shows_in_its_check_with_a_remedy(good, tmp_path, change, check, least):
+    found = with_fault(good, tmp_path, change)[check]
+    assert found.level >= least, found
+    assert found.remedy
+
+
+def test_a_wrong_focal_length_shows_without_given_poses(good, tmp_path):
+    def change(recording: Path) -> None:
+        longer_focal_length(recording)
+        change_camera(camera_to_world=None)(recording)
+
+    found = with_fault(good, tmp_path, change)
+    assert found["depth unit"].level >= Level.YELLOW
+    assert found["room square"].level >= Level.YELLOW
+
+
+def test_poses_that_cannot_be_found_are_red_and_the_rest_is_checked(tmp_path):
+    recording = write_recording(tmp_path / "r", frames=6, cameras=("front", "left"))
+
+    def unplace(document) -> None:
+        document["equipment"] = None
+        for camera in document["cameras"]:
+            camera["camera_to_world"] = None
+
+    edit_json(recording / "recording.json", unplace)
+    found = checked(recording)
+    assert found["camera poses"].level is Level.RED
+    assert found["camera poses"].remedy
+    assert found["patient"].measured.startswith("not looked for")
+    assert "frames" in found
+
+
+def test_exit_codes_tell_good_red_and_unusable_apart(good, tmp_path, capsys):
+    assert main(["check", str(good)]) == 0
+    assert "green" in capsys.readouterr().out
+    recording = tmp_path / "recording"
+    shutil.copytree(good, recording)
+    nobody(recording)
+    assert main(["check", str(recording)]) == 1
+    assert "nobody was seen" in capsys.readouterr().out
+    assert main(["check", str(tmp_path / "none")]) == 2
+    assert "there is no such folder" in capsys.readouterr().err
+
+
+def test_levels_by_limits_and_what_is_not_known():
+    assert [level_of(value, 1.0, 2.0) for value in (1.0, 1.5, 2.5, np.nan)] == [
+        Level.GREEN, Level.YELLOW, Level.RED, Level.GREEN,
+    ]  # fmt: skip
+
+
+def test_the_worst_camera_decides_and_is_named():
+    good, poor = OfCamera("front", Level.GREEN, "3 mm", "a"), OfCamera("left", Level.RED, "60 mm", "b")
+    assert of_cameras("noise", [good, poor]) == Finding("noise", Level.RED, "left: 60 mm", "b")
+    assert of_cameras("noise", [good]) == Finding("noise", Level.GREEN, "3 mm", "")
