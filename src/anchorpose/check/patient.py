@@ -42,7 +42,10 @@ def _found(look: Look) -> Finding:
         )
         return Finding("patient", Level.RED, look.why_nobody, f"{remedy}the place with --patient when tracking")
     if shown < SELDOM * of:
-        remedy = "right where the patient comes late; otherwise record again without anybody between patient and camera"
+        remedy = (
+            "right where the patient comes late; otherwise somebody else may be taken for the patient: name the place "
+            "when tracking, --patient x,z@frame, or record again without people who stand in the way"
+        )
         return Finding("patient", Level.YELLOW, measured, remedy)
     return Finding("patient", Level.GREEN, measured)
 
