@@ -82,7 +82,7 @@ SENSORS = {
         noise_gain=1.2, lens="rational",
     ),
     # 50 mm between the imagers, 87 +- 3 degrees (data sheet of the D400 series); 0.08 pixels of disparity is what
-    # its makers reckon with for a calibrated unit (librealsense, issue 3904). It reads farther, ever worse
+    # its maker assumes for a calibrated unit (librealsense, issue 3904). It reads farther, ever worse
     "d435": SensorSpec(
         kind="stereo", width=848, height=480, focal_px=424.0, nearest_m=0.3, farthest_m=4.5, baseline_m=0.05,
         disparity_noise_px=0.08,
