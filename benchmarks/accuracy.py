@@ -19,7 +19,7 @@ from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Final
+from typing import Final, get_args
 
 from anchorpose.pipeline import TrackConfig, track_recording
 from anchorpose.results.evaluate import Evaluation, evaluate
@@ -40,11 +40,17 @@ def _through(seed: int, seconds: float, lens: presets.LensName) -> presets.Simul
     return replace(presets.single(seed, seconds), lens=lens)
 
 
+def _sensed(seed: int, seconds: float, sensor: presets.Sensor) -> presets.SimulationConfig:
+    return replace(presets.single(seed, seconds), sensor=sensor)
+
+
+SENSORS: Final[tuple[presets.Sensor, ...]] = get_args(presets.Sensor)
 LENSES: Final[tuple[presets.LensName, ...]] = ("brown-conrady", "rational", "kannala-brandt")
 SCENES: Final[dict[str, Callable[[int, float], presets.SimulationConfig]]] = {
     "single": presets.single,
     **{f"hole-{radius_m:.2f}": partial(_holes, radius_m=radius_m) for radius_m in HOLES_M},
     **{f"lens-{lens}": partial(_through, lens=lens) for lens in LENSES},
+    **{f"sensor-{sensor}": partial(_sensed, sensor=sensor) for sensor in SENSORS},
     "clinic": presets.clinic,
     "clinic-front": lambda seed, seconds: replace(presets.clinic(seed, seconds), cameras=1),
 }
@@ -53,6 +59,7 @@ TITLES: Final = {
     "single": "one camera, nobody else",
     **{f"hole-{radius_m:.2f}": f"the same with holes of {radius_m:.2f} m" for radius_m in HOLES_M},
     **{f"lens-{lens}": f"the same through a lens ({lens})" for lens in LENSES},
+    **{f"sensor-{sensor}": f"the same with another sensor ({sensor})" for sensor in SENSORS},
     "clinic": "clinic: three cameras, frame, two therapists",
     "clinic-front": "the same clinic, front camera alone",
 }

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from anchorpose.camera import Camera, invert_rigid, transform_points
-from anchorpose.lens import Intrinsics
+from anchorpose.lens import Intrinsics, LensModel, rays_of_pixels
 from anchorpose.recording.equipment import Box
 from anchorpose.simulate import config as presets
-from anchorpose.simulate.clinic import draw_clinic, look_at, random_stream
+from anchorpose.simulate.clinic import draw_clinic, look_at, place_cameras, random_stream
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.render import EQUIPMENT, NOTHING, PATIENT, Figure, draw_figures, render_still
 from anchorpose.simulate.sensor import LENSES, SENSORS, draw_wiggle, intrinsics_of, sense
@@ -140,6 +140,57 @@ def test_time_of_flight_noise_is_millimetres_and_grows_with_range(sensor, near_m
     assert spread[0] < spread[1] < spread[2] < far_mm
     assert spread[1] < near_mm * 1.2
     assert reading[reading > 0].mean() == pytest.approx(1000 * min(3.7, spec.farthest_m - 0.1), abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("sensor", "noise_mm"),  # of a flat surface at 2 m, by the sources named in sensor.py
+    [("azure-kinect-wfov", 3.2), ("femto-bolt", 2.05), ("d435", 15.1), ("xtion", 5.7), ("iphone-lidar", 1.3)],
+)
+def test_noise_at_two_metres_is_the_published_one(sensor, noise_mm):
+    reading = sense(np.random.default_rng(7), SENSORS[sensor], *flat(2.0), np.zeros((200, 200), np.float32))
+    assert reading[reading > 0].std() == pytest.approx(noise_mm, rel=0.1)
+    assert reading[reading > 0].mean() == pytest.approx(2000.0, abs=3.0)
+
+
+@pytest.mark.parametrize(
+    ("sensor", "across_deg", "down_deg"),  # as their makers state it
+    [("azure-kinect-wfov", 120, 120), ("femto-bolt", 75, 65), ("d435", 87, 58), ("xtion", 58, 45)],
+)
+def test_a_sensor_sees_as_wide_as_its_maker_states(sensor, across_deg, down_deg):
+    spec = SENSORS[sensor]
+    rays = rays_of_pixels(intrinsics_of(spec, None), spec.width, spec.height)
+    middle = rays[spec.height // 2, :, 0], rays[:, spec.width // 2, 1]
+    across, down = (np.degrees(np.ptp(np.arctan(line[np.isfinite(line)]))) for line in middle)
+    assert across == pytest.approx(across_deg, abs=3.0)  # makers allow themselves three degrees
+    assert down == pytest.approx(down_deg, abs=3.0)
+
+
+def test_a_wide_lens_has_no_corners():
+    camera = place_cameras(np.random.default_rng(1), "azure-kinect-wfov", 1)[0]
+    assert camera.intrinsics.valid_radius == 1.74
+    assert not camera.valid_pixels()[::511, ::511].any()
+    assert camera.valid_pixels()[256].mean() > 0.99
+
+
+def test_a_lens_that_is_asked_for_replaces_the_sensors_own():
+    own, asked = (place_cameras(np.random.default_rng(1), "femto-bolt", 1, lens)[0] for lens in (None, "pinhole"))
+    assert own.intrinsics.model is LensModel.RATIONAL
+    assert asked.intrinsics.model is LensModel.BROWN_CONRADY
+    assert np.array_equal(own.require_pose(), asked.require_pose())
+
+
+def test_depth_between_laser_points_is_smooth_within_a_surface_and_not_across_its_edge():
+    depth = np.full((192, 256), 2.6, np.float32)
+    depth[:, 100:150] = 2.0
+    depth[60:70, 110:120] = 1.96  # a bump as large as the spacing of the points
+    spec = SENSORS["iphone-lidar"]
+    reading = sense(np.random.default_rng(5), spec, depth, np.ones_like(depth), np.zeros_like(depth))
+    seen = np.where(reading > 0, reading.astype(float), np.nan)
+    near, far = seen[80:, 104:146], seen[80:, 156:]
+    assert np.nanmedian(seen[62:68, 112:118]) == pytest.approx(1980.0, abs=12.0), "half of the bump is left"
+    assert np.nanmax(np.abs(near - 2000.0)) < 12.0
+    assert np.nanmax(np.abs(far - 2600.0)) < 16.0
+    assert np.nanstd(np.diff(near, axis=1)) < 0.7 * np.nanstd(near), "neighbours err together"
 
 
 def test_stereo_noise_grows_with_the_square_of_range_in_blobs():

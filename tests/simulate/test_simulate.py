@@ -155,7 +155,7 @@ def test_progress_counts_to_the_end(tmp_path):
         {"fps": -1.0},
         {"cameras": 5},
         {"therapists": 4},
-        {"sensor": "xtion"},
+        {"sensor": "polaroid"},
         {"speed": "brisk"},
         {"motions": ("dance",)},
         {"motions": ()},

@@ -40,12 +40,19 @@ class SimulateOptions:
     cameras: int | None = None
     """How many cameras, 1 to 4, instead of the preset's."""
 
-    sensor: Literal["kinect-v2", "azure-kinect", "realsense", "kinect-v1", "realsense-filtered"] | None = None
-    """Which depth camera is imitated, instead of the preset's. kinect-v1 is coarse, at half resolution;
-    realsense-filtered smooths over space and time as librealsense does."""
+    sensor: (
+        Literal[
+            "kinect-v2", "azure-kinect", "realsense", "kinect-v1", "realsense-filtered",
+            "azure-kinect-wfov", "femto-bolt", "d435", "xtion", "iphone-lidar",
+        ]
+        | None
+    ) = None  # fmt: skip
+    """Which depth camera is imitated, instead of the preset's. realsense is a D455; kinect-v1 is coarse, at half
+    resolution; realsense-filtered smooths over space and time as librealsense does."""
 
     lens: Literal["pinhole", "brown-conrady", "rational", "kannala-brandt"] | None = None
-    """Which lens the cameras have: a pinhole, or one of OpenCV's models with coefficients as real cameras have them."""
+    """Which lens the cameras have, instead of the sensor's: a pinhole, or one of OpenCV's models with coefficients as
+    real cameras have them."""
 
     therapists: int | None = None
     """How many therapists come and go, 0 to 3, instead of the preset's."""

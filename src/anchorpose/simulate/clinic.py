@@ -144,7 +144,7 @@ def _in_room(config: SimulationConfig, room: RoomConfig) -> Clinic:
     )
 
 
-def place_cameras(rng: np.random.Generator, sensor: str, count: int, lens: str = "pinhole") -> tuple[Camera, ...]:
+def place_cameras(rng: np.random.Generator, sensor: str, count: int, lens: str | None = None) -> tuple[Camera, ...]:
     """Cameras on tripods around the patient, who stands at the origin and faces +X."""
     spec = SENSORS[sensor]
     cameras = []

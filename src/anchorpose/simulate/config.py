@@ -13,7 +13,10 @@ from anchorpose.settings import NotNegative, Positive, Share, settings
 from anchorpose.simulate.movement_file import MOVEMENTS, STEPPING, SUBJECTS, movement_of
 from anchorpose.simulate.rooms.plan import Posture, RoomConfig, draw_room_config, draw_sensor
 
-Sensor = Literal["kinect-v2", "azure-kinect", "realsense", "kinect-v1", "realsense-filtered"]
+Sensor = Literal[
+    "kinect-v2", "azure-kinect", "realsense", "kinect-v1", "realsense-filtered",
+    "azure-kinect-wfov", "femto-bolt", "d435", "xtion", "iphone-lidar",
+]  # fmt: skip
 LensName = Literal["pinhole", "brown-conrady", "rational", "kannala-brandt"]
 Speed = Literal["slow", "normal", "fast", "mixed"]
 Scene = Literal["enters-late", "leaves", "hidden", "sits"]
@@ -58,7 +61,7 @@ class SimulationConfig:
     fps: Positive = 30.0  # every sensor simulated here runs at 30 Hz
     cameras: Annotated[int, Field(ge=1, le=4)] = 3  # front, left, right, then behind
     sensor: Sensor = "kinect-v2"  # the paper's
-    lens: LensName = "pinhole"  # what the sensor looks through
+    lens: LensName | None = None  # what the sensor looks through; None: its own
     equipment: Equipment = "standing-frame"
     chest_pad: bool = False  # on the parallel bars, with straps beside the hips
     equipment_moves_at_s: float | None = None  # when the equipment is pushed; None: never

@@ -28,6 +28,9 @@ class SensorSpec:
     disparity_noise_px: float = 0.06  # standard deviation of subpixel matching
     disparity_steps: float = 32.0  # to which a pixel of disparity is quantised
     filtered: bool = False  # two pixels become one, then smoothing over space and time (librealsense.py)
+    wiggle_m: float = 0.0012  # amplitude of the smooth error that a time-of-flight camera keeps over a session
+    dots: int = 0  # laser points from which the maker's software draws the image; 0: every pixel measures
+    lens: str = "pinhole"  # of ``LENSES``
 
 
 SENSORS = {
@@ -66,7 +69,38 @@ SENSORS = {
         disparity_noise_px=0.15,
         filtered=True,
     ),
-}
+    # WFOV 2x2 binned, 120 x 120 degrees (behind this lens 117), 0.25 to 2.88 m (Microsoft's hardware specification).
+    # It reaches the random error at 2.88 m that NFOV unbinned reaches at 3.86 m: its noise is 1.6 times azure-kinect's
+    "azure-kinect-wfov": SensorSpec(
+        kind="time-of-flight", width=512, height=512, focal_px=252.0, nearest_m=0.25, farthest_m=2.88,
+        noise_gain=1.9, lens="rational",
+    ),
+    # NFOV unbinned, 75 x 65 degrees (behind this lens 73 x 65), 0.5 to 3.86 m; the sensor, the modes and the limits of
+    # error are Azure Kinect's (Orbbec's hardware specification of Femto Bolt)
+    "femto-bolt": SensorSpec(
+        kind="time-of-flight", width=640, height=576, focal_px=504.0, nearest_m=0.5, farthest_m=3.86,
+        noise_gain=1.2, lens="rational",
+    ),
+    # 50 mm between the imagers, 87 +- 3 degrees (data sheet of the D400 series); 0.08 pixels of disparity is what
+    # its maker assumes for a calibrated unit (librealsense, issue 3904). It reads farther, ever worse
+    "d435": SensorSpec(
+        kind="stereo", width=848, height=480, focal_px=424.0, nearest_m=0.3, farthest_m=4.5, baseline_m=0.05,
+        disparity_noise_px=0.08,
+    ),
+    # 58 x 45 degrees, 0.8 to 3.5 m (Asus's data sheet); 75 mm to the projector, steps of an eighth of a pixel, and a
+    # standard deviation of half a step, 5.7 mm at 2 m (Khoshelham and Oude Elberink 2012, doi:10.3390/s120201437)
+    "xtion": SensorSpec(
+        kind="stereo", width=640, height=480, focal_px=577.0, nearest_m=0.8, farthest_m=3.5, baseline_m=0.075,
+        disparity_noise_px=0.05, disparity_steps=8.0,
+    ),
+    # 576 points, spread by ARKit over 256 x 192 pixels (apple/ARKitScenes, issue 14), up to 5 m (Apple). What is left
+    # is smooth: 1 mm from a plane at 1 to 1.5 m (Teo and Yang 2023, doi:10.1016/j.dibe.2023.100169), which the gain is
+    # chosen for, and within 1 cm of the truth (Luetzenburg et al. 2021, doi:10.1038/s41598-021-01763-9)
+    "iphone-lidar": SensorSpec(
+        kind="time-of-flight", width=256, height=192, focal_px=212.0, nearest_m=0.3, farthest_m=5.0,
+        noise_gain=8.0, wiggle_m=0.005, dots=576,
+    ),
+}  # fmt: skip
 
 LENSES: dict[str, tuple[LensModel, tuple[float, ...], float | None]] = {
     "pinhole": (LensModel.BROWN_CONRADY, (0.0, 0.0, 0.0, 0.0, 0.0), None),
@@ -86,14 +120,14 @@ EDGE_JITTER = 0.35  # chance that an edge pixel looks one pixel aside
 FLYING = 0.22  # chance that an edge pixel mixes near and far
 EDGE_LOSS = 0.08  # chance that an edge pixel returns nothing
 GRAZING_COSINE = 0.10  # beyond 84 degrees of incidence nothing comes back
-WIGGLE_M = 0.0012  # amplitude of the smooth error that a time-of-flight camera keeps over a session
 BLOB_PX = 2.2  # standard deviation of the matching window
 SPECKLE_DEVIATIONS = 2.7  # matching fails where its noise field is beyond this
+JOINED_M = 0.1  # of depth: what ARKit smooths as one surface, for the colour image shows it where a body ends
 
 
-def intrinsics_of(spec: SensorSpec, lens: str) -> Intrinsics:
-    """A sensor's pinhole behind one of ``LENSES``."""
-    model, coefficients, radius = LENSES[lens]
+def intrinsics_of(spec: SensorSpec, lens: str | None) -> Intrinsics:
+    """A sensor behind one of ``LENSES``; None: its own."""
+    model, coefficients, radius = LENSES[spec.lens if lens is None else lens]
     return Intrinsics(
         fx=spec.focal_px,
         fy=spec.focal_px,
@@ -109,7 +143,7 @@ def draw_wiggle(rng: np.random.Generator, spec: SensorSpec) -> np.ndarray:
     """(height, width) float32 metres: the smooth error of one device, the same in all its images."""
     import cv2
 
-    coarse = rng.normal(0.0, WIGGLE_M, (6, 7)).astype(np.float32)
+    coarse = rng.normal(0.0, spec.wiggle_m, (6, 7)).astype(np.float32)
     return cv2.resize(coarse, (spec.width, spec.height), interpolation=cv2.INTER_CUBIC)
 
 
@@ -128,6 +162,8 @@ def sense(
         noise = rng.standard_normal(depth_m.shape, dtype=np.float32)
         sensed_m = np.zeros_like(depth_m)
         _sense_time_of_flight(depth_m, cosine, wiggle_m, chance, noise, spec.noise_gain, spec.focal_px, sensed_m)
+    if spec.dots:
+        sensed_m = _spread_dots(spec, sensed_m)
     kept = (sensed_m >= spec.nearest_m) & (sensed_m <= spec.farthest_m)
     return np.where(kept, np.rint(sensed_m * 1000.0), 0.0).astype(np.uint16)
 
@@ -173,6 +209,14 @@ def _sense_time_of_flight(
             slant = np.arccos(min(facing, np.float32(1.0)))
             sigma_mm = 1.5 - 0.5 * z + 0.3 * z * z + 0.1 * z**1.5 * slant**2 / (np.pi / 2.0 - slant) ** 2
             sensed_m[row, column] = z + wiggle_m[row, column] + gain * 0.001 * min(sigma_mm, 30.0) * noise[row, column]
+
+
+def _spread_dots(spec: SensorSpec, sensed_m: np.ndarray) -> np.ndarray:
+    """Smoothed within surfaces over half the spacing of the dots; pixels without a reading stay so."""
+    import cv2
+
+    half_spacing_px = 0.5 * float(np.sqrt(spec.width * spec.height / spec.dots))
+    return np.asarray(cv2.bilateralFilter(sensed_m, -1, JOINED_M, half_spacing_px))
 
 
 def _sense_stereo(rng: np.random.Generator, spec: SensorSpec, depth_m: np.ndarray) -> np.ndarray:

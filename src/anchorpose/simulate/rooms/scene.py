@@ -115,7 +115,7 @@ def draw_scene(config: SimulationConfig, room: RoomConfig) -> RoomScene:
     return _finished(draft, patient, person, seat)
 
 
-def room_camera(room: RoomConfig, sensor: str, lens: str) -> Camera:
+def room_camera(room: RoomConfig, sensor: str, lens: str | None) -> Camera:
     """The camera at its place, its optical axis in the vertical plane through the patient."""
     spec = SENSORS[sensor]
     return Camera(
