@@ -11,10 +11,16 @@ import numpy as np
 import pytest
 from recording_builder import edit_json, write_picture, write_recording
 
+from anchorpose.camera import Camera
 from anchorpose.check import material
 from anchorpose.check.finding import Finding, Level, OfCamera, level_of, of_cameras
+from anchorpose.check.material import SeenPatient
+from anchorpose.check.patient import _borders
 from anchorpose.checking import check_recording
 from anchorpose.cli import main
+from anchorpose.isolation.people import Person
+from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.lens import Intrinsics
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
 
@@ -191,6 +197,19 @@ def test_exit_codes_tell_good_red_and_unusable_apart(good, tmp_path, capsys):
     assert "nobody was seen" in capsys.readouterr().out
     assert main(["check", str(tmp_path / "none")]) == 2
     assert "there is no such folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("distance_m", "below"), [(3.0, False), (1.0, True)])
+def test_feet_are_out_of_view_where_the_floor_below_the_patient_is(distance_m, below):
+    """A bar may hide the legs, so that no pixel of the patient is at the lower border."""
+    pose = np.array([[0, 0, -1, distance_m], [0, -1, 0, 1.2], [-1, 0, 0, 0], [0, 0, 0, 1.0]])  # level, 1.2 m up
+    lens = Intrinsics(fx=200.0, fy=200.0, cx=159.5, cy=119.5)
+    camera = Camera(name="front", width=320, height=240, depth_scale=0.001, intrinsics=lens, T_world_camera=pose)
+    labels = np.zeros((240, 320), np.uint8)
+    labels[60:120, 140:180] = PixelLabel.PATIENT
+    view = View(np.full((240, 320), distance_m, np.float32), labels)
+    seen = SeenPatient(Person(np.zeros(2), 1.0, 1.7, 0.2, 2400), (view,), np.zeros(1))
+    assert _borders(seen, 0, camera, floor_m=0.0) == (False, below, False, False)
 
 
 def test_levels_by_limits_and_what_is_not_known():
