@@ -5,16 +5,24 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
 from recording_builder import edit_json, write_picture, write_recording
 
+from anchorpose.camera import Camera
 from anchorpose.check import material
 from anchorpose.check.finding import Finding, Level, OfCamera, level_of, of_cameras
+from anchorpose.check.material import SeenPatient
+from anchorpose.check.patient import _borders
+from anchorpose.check.poses import _apart
 from anchorpose.checking import check_recording
 from anchorpose.cli import main
+from anchorpose.isolation.people import Person
+from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.lens import Intrinsics
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
 
@@ -191,6 +199,34 @@ def test_exit_codes_tell_good_red_and_unusable_apart(good, tmp_path, capsys):
     assert "nobody was seen" in capsys.readouterr().out
     assert main(["check", str(tmp_path / "none")]) == 2
     assert "there is no such folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("distance_m", "below"), [(3.0, False), (1.0, True)])
+def test_feet_are_out_of_view_where_the_floor_below_the_patient_is(distance_m, below):
+    """A bar may hide the legs, so that no pixel of the patient is at the lower border."""
+    pose = np.array([[0, 0, -1, distance_m], [0, -1, 0, 1.2], [-1, 0, 0, 0], [0, 0, 0, 1.0]])  # level, 1.2 m up
+    lens = Intrinsics(fx=200.0, fy=200.0, cx=159.5, cy=119.5)
+    camera = Camera(name="front", width=320, height=240, depth_scale=0.001, intrinsics=lens, T_world_camera=pose)
+    labels = np.zeros((240, 320), np.uint8)
+    labels[60:120, 140:180] = PixelLabel.PATIENT
+    view = View(np.full((240, 320), distance_m, np.float32), labels)
+    seen = SeenPatient(Person(np.zeros(2), 1.0, 1.7, 0.2, 2400), (view,), np.zeros(1))
+    assert _borders(seen, 0, camera, floor_m=0.0) == (False, below, False, False)
+
+
+@pytest.mark.parametrize(("moved_m", "level"), [(0.0, Level.GREEN), (0.3, Level.RED)])
+def test_cameras_that_see_past_each_others_wall_do_not_agree(moved_m, level):
+    lens = Intrinsics(fx=200.0, fy=200.0, cx=159.5, cy=119.5)
+    wall = SimpleNamespace(depth_m=np.full((240, 320), 3.0, np.float32))
+    pose = np.eye(4)
+    pose[2, 3] = moved_m  # along the view: what it shows is 0.3 m beyond the other camera's wall
+    cameras = [
+        Camera(name=name, width=320, height=240, depth_scale=0.001, intrinsics=lens, T_world_camera=T)
+        for name, T in (("front", np.eye(4)), ("left", pose))
+    ]
+    found = _apart(*(SimpleNamespace(camera=camera, background=wall) for camera in cameras))
+    assert found is not None
+    assert found.level is level
 
 
 def test_levels_by_limits_and_what_is_not_known():

@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import combinations
 from typing import Final
 
+import cv2
 import numpy as np
 
 from anchorpose.calibration.calibration import FloorResidual, PoseSource
@@ -17,14 +18,14 @@ from anchorpose.isolation.scene import Scene
 SOURCES: Final = {PoseSource.FLOOR: "not given; found from floor and patient"}
 TILTED_RAD: Final = 0.035  # two degrees: a metre away a foot is 3.5 cm off the floor
 UNEVEN_M: Final = 0.02  # floors are flat to that; cameras that smooth make waves
-APART_M, FAR_APART_M = 0.03, 0.08  # between surfaces two cameras see: a limb is 0.08 m thick
-SAME_M: Final = 0.25  # readings that differ by more show different things
+SOME_PAST, MUCH_PAST = 0.08, 0.40  # 0.01 with right poses; a camera 5 cm too high 0.2, 10 cm 0.45
+SAME_M: Final = 0.08  # a limb's thickness, along the ray
 LEAST_SHARED: Final = 500  # pixels that both cameras see
 POINTS: Final = 20000
 
 
 def check_poses(material: Material) -> list[Finding]:
-    """Where poses come from, the floor, and how far the surfaces of two cameras are apart."""
+    """Where poses come from, the floor, and whether two cameras show one room."""
     if material.settled is None:
         assert material.refusal is not None
         return [Finding("camera poses", Level.RED, material.refusal.problem, material.refusal.remedy)]
@@ -62,28 +63,32 @@ def _one_floor(floor: FloorResidual) -> OfCamera:
 
 
 def _apart(one: Scene, other: Scene) -> OfCamera | None:
-    """Median distance between the empty rooms of two cameras where they see the same; None where they share little.
+    """How much of the empty room that one camera shows the other sees past; None where they share little.
 
-    From a point of the first to the nearest of what the second shows around it: along the ray, slanted surfaces such as
-    the floor would seem farther apart than they are.
+    What stands in between hides a surface; nothing lets a camera see through it but a wrong pose.
     """
+    shares = [_seen_past(one, other), _seen_past(other, one)]
+    if not np.isfinite(shares).any():
+        return None
+    past = float(np.nanmax(shares))
+    remedy = "a camera was moved: run 'anchorpose calibrate' with --ignore-given, and look at its pictures"
+    measured = f"see past {100 * past:.0f} % of what the other shows"
+    return OfCamera(
+        f"{one.camera.name} and {other.camera.name}", level_of(past, SOME_PAST, MUCH_PAST), measured, remedy
+    )
+
+
+def _seen_past(one: Scene, other: Scene) -> float:
+    """Share of one camera's surface points, of those in the other's view and not hidden there; NaN for few points."""
     points = one.camera.back_project(one.background.depth_m).reshape(-1, 3)
     points = points[np.isfinite(points[:, 2])].astype(np.float64)
     points = points[:: max(1, len(points) // POINTS)]
     world = transform_points(one.camera.require_pose(), points)
     seen = transform_points(invert_rigid(other.camera.require_pose()), world)
     column, row, inside = other.camera.pixel_of(seen)
-    shown = other.camera.back_project(other.background.depth_m)
-    away_m = np.full(len(seen), np.inf)
-    for down in (-2, 0, 2):
-        for right in (-2, 0, 2):
-            r = np.clip(row + down, 0, other.camera.height - 1)
-            c = np.clip(column + right, 0, other.camera.width - 1)
-            away_m = np.fmin(away_m, np.linalg.norm(shown[r, c] - seen, axis=1))
-    shared = away_m[inside & (away_m < SAME_M)]
-    if len(shared) < LEAST_SHARED:
-        return None
-    apart_m = float(np.median(shared))
-    remedy = "a camera was moved: run 'anchorpose calibrate' with --ignore-given, and look at its pictures"
-    names = f"{one.camera.name} and {other.camera.name}"
-    return OfCamera(names, level_of(apart_m, APART_M, FAR_APART_M), f"{100 * apart_m:.1f} cm apart", remedy)
+    read = np.where(other.background.depth_m > 0, other.background.depth_m, np.float32(1e3))
+    nearest_m = cv2.erode(read, np.ones((3, 3), np.uint8))[row, column]
+    known = inside & (nearest_m < 1e3) & (nearest_m > seen[:, 2] - SAME_M)
+    if np.count_nonzero(known) < LEAST_SHARED:
+        return float("nan")
+    return float(np.mean(nearest_m[known] > seen[known, 2] + SAME_M))
