@@ -83,7 +83,7 @@ def explain(error: ValidationError, kind: Any = None) -> tuple[str, str]:
         wanted = wanted.replace(words, plain)
     if not wanted:
         return f"cannot be used ({found['msg']})", "correct the file"
-    return f"{place} is {_shown(given)}", f"it must {wanted}" + (meaning and f": {meaning}")
+    return f"{place} is {shown(given)}", f"it must {wanted}" + (meaning and f": {meaning}")
 
 
 def sentence_of(error: ValueError) -> str:
@@ -151,6 +151,7 @@ def _join(place: str, key: str) -> str:
     return f"{place}.{key}" if place and key else place or key
 
 
-def _shown(value: Any) -> str:
+def shown(value: Any) -> str:
+    """A value as it stands in a file, cut where it is long."""
     text = json.dumps(value, default=repr)
     return text if len(text) <= 40 else text[:37] + "..."

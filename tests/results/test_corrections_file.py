@@ -193,7 +193,7 @@ def test_a_run_that_states_corrections_which_are_none_is_refused() -> None:
     run = {"recording": "ward", "inputs_sha256": dict(HASHES), "cameras": []}
     assert corrections_of_run(Path("run.json"), {**run, "corrections": None}).joints == ()
     told = {"file": "c.json", "sha256": "a", "unusable": [], "joints": [{**asdict(knee()), "joint": "Knee"}]}
-    with pytest.raises(InputError, match=r"run.json: corrections.joints\[0\].joint is 'Knee'"):
+    with pytest.raises(InputError, match=r"run.json: corrections.joints\[0\].joint is \"Knee\""):
         corrections_of_run(Path("run.json"), {**run, "corrections": as_json(told)})
 
 
@@ -210,7 +210,7 @@ def test_the_time_of_now_is_one_that_the_file_accepts(tmp_path: Path) -> None:
         (lambda d: d.update(version=2), "version is 2"),
         (lambda d: d.update(unuseable=[]), "did you mean 'unusable'"),
         (lambda d: d.pop("joints"), "the key 'joints' is missing"),
-        (lambda d: d["joints"][0].update(joint="Kneeleft"), r"\[0\].joint is 'Kneeleft'; did you mean 'KneeLeft'"),
+        (lambda d: d["joints"][0].update(joint="Kneeleft"), r"\[0\].joint is \"Kneeleft\"; did you mean 'KneeLeft'"),
         (lambda d: d["joints"][0].update(position_m=[1, 2]), r"joints\[0\].position_m is not a list of 3"),
         (lambda d: d["joints"][0].update(position_m=[100, 500, -101]), r"\[0\].position_m is more than 100 m"),
         (lambda d: d["joints"][0].update(sigma_m=0), r"joints\[0\].sigma_m is 0"),
@@ -223,7 +223,7 @@ def test_the_time_of_now_is_one_that_the_file_accepts(tmp_path: Path) -> None:
         (lambda d: d["patient"].update(position_m=[1, 2]), r"patient.position_m is not a list of 3"),
         (lambda d: d["patient"].update(joint="Head"), r"patient"),
         (lambda d: d["patient"].pop("who"), r"the key 'patient.who' is missing|patient.*'who'"),
-        (lambda d: d["withdrawn"][0]["entry"].update(joint="Hip"), r"withdrawn\[0\].entry.joint is 'Hip'"),
+        (lambda d: d["withdrawn"][0]["entry"].update(joint="Hip"), r"withdrawn\[0\].entry.joint is \"Hip\""),
     ],
 )  # fmt: skip
 def test_a_file_that_is_wrong_is_refused_with_the_place(

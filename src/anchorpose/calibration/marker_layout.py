@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import AfterValidator, ConfigDict, Field, model_validator
 
 from anchorpose.recording.document import Entry, Pose, Version, Whole, read_document
-from anchorpose.settings import STRICT, Unfit, nearest_key
+from anchorpose.settings import STRICT, Unfit, nearest_key, shown
 
 LARGEST_M: Final = 5.0  # a printed marker; anything larger was written in millimetres
 
@@ -61,7 +61,7 @@ class MarkerLayout:
 def _require_dictionary(name: str) -> str:
     known = [name for name in dir(cv2.aruco) if name.startswith("DICT_")]
     if name not in known:
-        raise Unfit(f"is '{name}'", f"did you mean {nearest_key(name, known) or 'DICT_APRILTAG_36h11'}")
+        raise Unfit(f"is {shown(name)}", f"did you mean {nearest_key(name, known) or 'DICT_APRILTAG_36h11'}")
     return name
 
 

@@ -24,7 +24,7 @@ from anchorpose.recording.document import (
     require_rigid,
 )
 from anchorpose.recording.recording import Recording
-from anchorpose.settings import Unfit
+from anchorpose.settings import Unfit, shown
 
 FARTHEST_CAMERA_M: Final = 100.0
 """A camera stands in the room of its world frame; a larger translation was written in millimetres."""
@@ -46,7 +46,7 @@ def _require_in_room(pose: np.ndarray) -> np.ndarray:
 
 def _require_folder_name(name: str) -> str:
     if not re.fullmatch(r"[\w][\w .+-]*", name) or name.endswith((".", " ")):
-        raise Unfit(f"is {name!r}", "it names a folder: use letters, digits, - and _")
+        raise Unfit(f"is {shown(name)}", "it names a folder: use letters, digits, - and _")
     return name
 
 

@@ -22,7 +22,7 @@ from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.recording.document import Text, Whole, numbers
 from anchorpose.recording.recording import Clock
-from anchorpose.settings import STRICT, Unfit, nearest_key
+from anchorpose.settings import STRICT, Unfit, nearest_key, shown
 
 SAME_WORLD_M: Final = 0.001
 """Camera poses closer than this, in every number of the matrix, are of the same world: a metre away from the camera
@@ -104,7 +104,7 @@ def _require_utc(when: str) -> str:
     except ValueError:
         utc = False
     if not utc:
-        raise Unfit(f"is '{when}'", "write the time in UTC, such as 2026-03-01T09:30:00Z")
+        raise Unfit(f"is {shown(when)}", "write the time in UTC, such as 2026-03-01T09:30:00Z")
     return when
 
 
@@ -112,7 +112,7 @@ def _require_joint(name: str) -> str:
     if name not in JOINT_NAMES:
         near = nearest_key(name, JOINT_NAMES)
         remedy = f"did you mean '{near}'" if near else f"name one of {', '.join(JOINT_NAMES)}"
-        raise Unfit(f"is '{name}'", remedy)
+        raise Unfit(f"is {shown(name)}", remedy)
     return name
 
 
