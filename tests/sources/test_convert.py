@@ -85,10 +85,21 @@ def test_what_is_there_is_not_written_again(whole, tmp_path):
     assert {file: file.stat().st_mtime_ns for file in before} == before
 
 
+SLOWLY = """
+import cv2, sys, time
+quick = cv2.imencode
+def slow(*given):
+    time.sleep(0.02)
+    return quick(*given)
+cv2.imencode = slow
+"""
+"""So that a busy machine does not come too late to stop it."""
+
+
 @pytest.mark.parametrize("stop", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
 def test_a_killed_process_leaves_no_recording_and_can_be_gone_on_with(tmp_path, stop):
     build.plain_folder(tmp_path / "in", noise(400, 160, 120))
-    script = f"import sys; from anchorpose.cli import main; sys.exit(main({['convert', 'in', 'out', *GIVE]}))"
+    script = f"{SLOWLY}from anchorpose.cli import main; sys.exit(main({['convert', 'in', 'out', *GIVE]}))"
     going = subprocess.Popen([sys.executable, "-c", script], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
     depth = tmp_path / "out" / "in" / "depth"
     until = time.monotonic() + 60
