@@ -86,7 +86,8 @@ def test_what_is_there_is_not_written_again(whole, tmp_path):
 
 
 SLOWLY = """
-import cv2, sys, time
+import cv2, signal, sys, time
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a program in the background is born deaf to it
 quick = cv2.imencode
 def slow(*given):
     time.sleep(0.02)
