@@ -43,7 +43,7 @@ def _found(look: Look) -> Finding:
         return Finding("patient", Level.RED, look.why_nobody, f"{remedy}the place with --patient when tracking")
     if shown < SELDOM * of:
         remedy = (
-            "right where the patient comes late; otherwise somebody else may be taken for the patient: name the place "
+            "right where the patient comes late; otherwise another person may be taken for the patient: name the place "
             "when tracking, --patient x,z@frame, or record again without people who stand in the way"
         )
         return Finding("patient", Level.YELLOW, measured, remedy)

@@ -13,7 +13,7 @@ TRIALS: Final = 200  # a plane with a fifth of the points is drawn once in 125
 VOTERS: Final = 5000  # points that vote on a plane
 TOLERANCE_M: Final = 0.02  # walls and floors are flat to that
 NOISE_GATE: Final = 3.0  # sigmas
-LEAST_SHARE: Final = 0.03  # of the image: a smaller plane is furniture, or somebody's back
+LEAST_SHARE: Final = 0.03  # of the image: a smaller plane is furniture, or a person's back
 MOST_BEYOND: Final = 0.02  # of the readings on the far side: nothing is behind a wall
 
 

@@ -156,7 +156,7 @@ class LostInterval:
 @dataclass(frozen=True, slots=True)
 class PatientRecord:
     """Who was taken to be the patient: the place (x, z, metres) in the initial frame, and why, as the end of a sentence
-    that begins with "who"; rival_xz_m: somebody else who may be the patient as well."""
+    that begins with "who"; rival_xz_m: another person who may be the patient."""
 
     frame: int
     xz_m: tuple[float, float]

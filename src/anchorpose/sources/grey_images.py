@@ -12,7 +12,7 @@ import numpy as np
 
 from anchorpose.errors import InputError
 from anchorpose.recording.depth_image import decode_grey_png, grey_png_size
-from anchorpose.sources.source import SourceCamera, SourceFrame
+from anchorpose.sources.source import SourceCamera, SourceFrame, damaged_notes
 
 NO_READING: Final = 65535  # what some recorders write instead of 0
 
@@ -46,16 +46,12 @@ class ImageFiles:
         self.path = path
         self.cameras: tuple[SourceCamera, ...] = (camera,)
         self._files, self._notes, self._read = files, tuple(notes), read or read_grey_image
-        self._left_out: dict[Path, str] = {}
+        self._left_out: dict[str, str] = {}
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Sentences for the user, complete once all frames were read."""
-        if not self._left_out:
-            return self._notes
-        first, problem = next(iter(self._left_out.items()))
-        count = len(self._left_out)
-        return (*self._notes, f"Damaged depth images that were left out: {count}; the first, {first.name}, {problem}.")
+        return (*self._notes, *damaged_notes(self._left_out))
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
         """The depth images in order; those to skip are decoded as well: only so damaged ones are not counted."""
@@ -63,7 +59,7 @@ class ImageFiles:
         for file in self._files:
             grey, problem = self._read(file.path, self.cameras[0])
             if grey is None:
-                self._left_out[file.path] = problem
+                self._left_out[file.path.name] = problem
                 continue
             taken += 1
             if taken > skip[0]:

@@ -22,7 +22,7 @@ from anchorpose.errors import InputError, MissingPackage
 from anchorpose.sources.handheld import movement_note
 from anchorpose.sources.metres import GREY_M, to_grey
 from anchorpose.sources.numbers_in import finite, finite_list
-from anchorpose.sources.source import SourceCamera, SourceFrame
+from anchorpose.sources.source import SourceCamera, SourceFrame, damaged_notes
 from anchorpose.sources.stray_scanner import scaled_lens
 
 LARGEST_METADATA: Final = 100_000_000  # bytes; an hour at 60 per second has 30 MB
@@ -90,11 +90,7 @@ class Record3DFile:
     @property
     def notes(self) -> tuple[str, ...]:
         """Sentences for the user, complete once all frames were read."""
-        if not self._left_out:
-            return self._notes
-        first, problem = next(iter(self._left_out.items()))
-        count = len(self._left_out)
-        return (*self._notes, f"Damaged depth images that were left out: {count}; the first, {first}, {problem}.")
+        return (*self._notes, *damaged_notes(self._left_out))
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
         """The depth images in order; those to skip are decoded as well: only so damaged ones are not counted."""

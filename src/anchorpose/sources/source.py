@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -77,3 +77,11 @@ class Reader(Protocol):
     def open_source(self, path: Path) -> Source:
         """Raises InputError where the header cannot be used, or an extra is not installed."""
         ...
+
+
+def damaged_notes(left_out: Mapping[str, str]) -> tuple[str, ...]:
+    """A sentence on depth images that were left out, by name and what is wrong with each; none where none was."""
+    if not left_out:
+        return ()
+    first, problem = next(iter(left_out.items()))
+    return (f"Damaged depth images that were left out: {len(left_out)}; the first, {first}, {problem}.",)

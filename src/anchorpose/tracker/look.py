@@ -47,7 +47,7 @@ def look_around(
 ) -> Look:
     """Who may be the patient in sampled frames; positions: theirs in the recording.
 
-    before: a look at the same frames that found nobody, so that whoever was seen in it is not the patient either.
+    before: a look at the same frames that found nobody, so that the people seen in it are not the patient either.
     Whom the user names or who stands in the equipment is trusted to be a person, and whoever stands out from a given
     picture of the empty room, or is all that a recorder kept.
     """

@@ -115,7 +115,7 @@ def _mirrors_in(wall: Wall, number: int, sightings: Sequence[Sighting], cameras:
 
 
 def _has_twin(image: SeenPerson, sighting: Sighting, wall: Wall, cameras: Sequence[Camera]) -> bool | None:
-    """Whether somebody stands where a mirror image would come from; None where nobody could be seen there."""
+    """Whether a person stands where a mirror image would come from; None where nobody could be seen there."""
     x, z = image.place_xz_m
     middle = wall.reflected(np.array([x, _middle(image)[1], z]))
     others = [one.place_xz_m for one in sighting.people if one is not image]

@@ -116,7 +116,7 @@ def body_of_chosen(
 
 
 def shows_limbs_alone(frame_set: FrameSet, scenes: Sequence[Scene]) -> bool:
-    """Whether the upper border of an image cuts somebody off below where trunks begin."""
+    """Whether the upper border of an image cuts a person off below where trunks begin."""
     for pixels in find_all_pieces(frame_set.depths_m, scenes):
         if pixels is None:
             continue
