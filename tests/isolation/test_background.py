@@ -175,3 +175,19 @@ def test_a_person_who_never_moves_is_no_room_where_the_user_says_so():
     assert foreground(still[0], room)[expected].mean() < 0.1
     named = learn_background(None, still, FRONT, 0.0, person_xz_m=(0.0, 0.5))
     assert foreground(still[0], named)[expected].mean() > 0.9
+
+
+def test_of_two_neighbouring_grey_values_neither_is_nearer():
+    """A camera of disparity with steps of 5 cm at 2.5 m, many times its noise."""
+
+    def stepped(*parts, seed: int) -> np.ndarray:
+        depth = picture(FRONT, *ROOM, *parts, seed=seed)
+        level = np.round(125.0 / np.where(depth > 0, depth, 1.0))
+        return np.where(depth > 0, 125.0 / level, 0.0).astype(np.float32)
+
+    model = learn_background(None, [stepped(seed=k) for k in range(12)], FRONT, 0.0)
+    seen = model.depth_m > 0
+    assert (model.sigma_m[seen] > 0.49 * model.depth_m[seen] ** 2 / 125.0).all()  # two sigma are a step
+    assert foreground(stepped(seed=20), model).mean() < 1e-4
+    expected = in_front(FRONT, *body(0.0, 0.0))
+    assert (foreground(stepped(*body(0.0, 0.0), seed=20), model) & expected).sum() > 0.95 * expected.sum()

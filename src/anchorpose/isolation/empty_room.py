@@ -66,7 +66,7 @@ def learn_background(
     noise, focal_px, step = noise_per_m(frames_m), camera.intrinsics.fx, step_per_m(frames_m)
     if empty_m is not None:
         depth = _fill_specks(empty_m.astype(np.float32))
-        sigma = _noise_behind(depth, frames_m, noise)
+        sigma = _at_least_a_step(_noise_behind(depth, frames_m, noise), depth, step)
         return BackgroundModel(depth, sigma, noise, focal_px, BackgroundSource.PICTURE, smear_px(frames_m), step)
     if all(people_only(frame) for frame in frames_m):
         nothing = np.zeros_like(frames_m[0], dtype=np.float32)
@@ -77,6 +77,7 @@ def learn_background(
         depth = np.where(people, depth_of_room(depth, camera, noise), depth)
     if person_xz_m is not None:
         depth = _without_person(depth, camera, floor_height_m, person_xz_m, noise)
+    sigma = _at_least_a_step(sigma, depth, step)
     return BackgroundModel(depth, sigma, noise, focal_px, BackgroundSource.RECORDING, smear_px(frames_m), step)
 
 
@@ -180,6 +181,14 @@ def _percentile_of_last(rising: np.ndarray, count: np.ndarray, percent: float) -
     """Percentile along the first axis of the last ``count`` sorted values of each pixel; 0 where count is 0."""
     place = len(rising) - count + np.rint((np.maximum(count, 1) - 1) * percent / 100.0).astype(np.int64)
     return np.take_along_axis(rising, np.minimum(place, len(rising) - 1)[None], axis=0)[0]
+
+
+def _at_least_a_step(sigma_m: np.ndarray, depth_m: np.ndarray, step_per_m: float) -> np.ndarray:
+    """Sigma by which a reading is before the room only when it is more than a step of the grey values nearer.
+
+    Room and reading are each rounded by half a step: of two neighbouring values neither is nearer.
+    """
+    return np.maximum(sigma_m, np.float32(0.5 * step_per_m) * depth_m**2)
 
 
 def _block_median(values: np.ndarray) -> np.ndarray:

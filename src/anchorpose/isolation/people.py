@@ -21,6 +21,8 @@ SADDLE_NEAR, SADDLE_FAR = 0.6, 0.8  # two peaks with more than this of the lower
 NEAR_M, FAR_M = 0.35, 0.50  # each other and far apart: arms carry less, the thighs of a seated person carry more
 
 ONE_BODY_M: Final = 0.47  # axes of one body's columns are at most so far apart: two thighs, two raised arms
+GAP_M: Final = 0.5  # in the heights of a person's surface: a table hides less of it
+HAND_M2: Final = 0.005  # half a hand, as large as a separate piece of a person must be; specks of floor are smaller
 LONG_CONTACT_M: Final = 0.50  # most of a trunk: of two people who stand half behind each other 0.4 m meet by chance
 
 
@@ -88,7 +90,8 @@ def find_people(
     Each person is a column of mass over the ground (Y is up). Columns whose surface goes on from one to the other
     without a crease are one person, whose arms are raised, or of whom something hides the middle, unless ``group``
     says which person each column belongs to. A connected piece that covers one column belongs to that person, one that
-    covers several is divided by the nearest axis, one that covers none goes to the nearest person within reach.
+    covers several is divided by the nearest axis, one that covers none and is as large as a hand goes to the nearest
+    person within reach.
     faint: columns as small as ``FAINT`` count too; they come after the others.
     """
     seen = [pixels for pixels in pieces if pixels is not None]
@@ -181,10 +184,20 @@ def _person_at(axis_xz: np.ndarray, points_m: np.ndarray, area_m2: np.ndarray, l
     area = float(area_m2[near].sum())
     if area < least.area_m2:
         return None
-    bottom, top = np.percentile(points_m[near, 1], [1, 99])
+    bottom, top = _extent(points_m[near, 1], area_m2[near])
     if top - bottom < least.height_m:
         return None
-    return Person(axis_xz.astype(np.float64), float(bottom), float(top), area, int(near.sum()))
+    return Person(axis_xz.astype(np.float64), bottom, top, area, int(near.sum()))
+
+
+def _extent(heights_m: np.ndarray, area_m2: np.ndarray) -> tuple[float, float]:
+    """From 1 to 99 % of the heights of the largest part without a gap of ``GAP_M``: specks of ceiling are no head."""
+    order = np.argsort(heights_m)
+    ordered = heights_m[order]
+    part = np.concatenate([[0], np.cumsum(np.diff(ordered) > GAP_M)])
+    largest = np.bincount(part, area_m2[order]).argmax()
+    bottom, top = np.percentile(ordered[part == largest], [1, 99])
+    return float(bottom), float(top)
 
 
 def ground_distance(points_m: np.ndarray, axes_xz: np.ndarray) -> np.ndarray:
@@ -205,18 +218,23 @@ def _saddle(mass: np.ndarray, start: np.ndarray, end: np.ndarray) -> float:
 
 
 def _owners(pixels: Pieces, people: Sequence[Person], config: IsolationConfig) -> np.ndarray:
-    """(n,) int32 person of each foreground pixel of one camera, -1 = nobody."""
+    """(n,) int32 person of each foreground pixel of one camera, -1 = nobody: out of reach of the axis, or a speck."""
     if not people or not len(pixels.row):
         return np.full(len(pixels.row), -1, dtype=np.int32)
     axes = np.array([person.ground_xz_m for person in people], dtype=np.float32)
     distance = np.linalg.norm(pixels.points_m[:, None, [0, 2]] - axes, axis=2)  # (n, people)
     nearest = distance.argmin(axis=1)
-    in_core = distance < PERSON_RADIUS_M
+    height = pixels.points_m[:, 1:2]
+    bottom, top = np.array([(person.bottom_m, person.top_m) for person in people], np.float32).T
+    beyond_m = np.abs(height - np.clip(height, bottom, top))
+    in_core = (distance < PERSON_RADIUS_M) & (beyond_m < GAP_M)
     covered = np.stack(
         [np.bincount(pixels.piece, pixels.area_m2 * core, pixels.piece_count + 1) for core in in_core.T], axis=1
     )  # (pieces, people)
     covers = covered > PERSON_AREA_M2 / 4
     only = np.where(covers.sum(axis=1) == 1, covers.argmax(axis=1), -1)[pixels.piece]
     owner = np.where(only >= 0, only, nearest)
-    out_of_reach = distance[np.arange(len(owner)), owner] > config.reach_m
-    return np.where(out_of_reach, -1, owner).astype(np.int32)
+    speck = ~covers.any(axis=1) & (np.bincount(pixels.piece, pixels.area_m2, pixels.piece_count + 1) < HAND_M2)
+    every = np.arange(len(owner))
+    away_m = np.hypot(distance[every, owner], beyond_m[every, owner])
+    return np.where((away_m > config.reach_m) | speck[pixels.piece], -1, owner).astype(np.int32)
