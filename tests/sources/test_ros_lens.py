@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from anchorpose.lens import LensModel, rays_of_pixels
-from anchorpose.sources.ros_lens import image_size, lens_of
+from anchorpose.sources.ros_camera import image_size, lens_of
 from anchorpose.sources.ros_messages import CameraInfo
 
 INFO = CameraInfo(

@@ -15,8 +15,8 @@ from typing import Final
 from anchorpose.errors import InputError
 from anchorpose.sources.bag_file import BagFile, DamagedBag, Message, Wire
 from anchorpose.sources.depth_stream import READ_BY_HAND, Clock, DepthStream, Streams, first, first_grey_image
+from anchorpose.sources.ros_camera import Lens, lens_with
 from anchorpose.sources.ros_depth import size_of
-from anchorpose.sources.ros_lens import Lens, lens_with
 from anchorpose.sources.ros_messages import CompressedMessage, ImageMessage, Reader, read_camera_info
 from anchorpose.sources.source import SourceCamera
 

@@ -19,10 +19,9 @@ from typing import Any, Final
 import numpy as np
 
 from anchorpose.errors import InputError, MissingPackage
-from anchorpose.sources.handheld import movement_note
 from anchorpose.sources.metres import GREY_M, to_grey
 from anchorpose.sources.numbers_in import finite, finite_list
-from anchorpose.sources.source import SourceCamera, SourceFrame, damaged_notes
+from anchorpose.sources.source import SourceCamera, SourceFrame, damaged_notes, movement_note
 from anchorpose.sources.stray_scanner import scaled_lens
 
 LARGEST_METADATA: Final = 100_000_000  # bytes; an hour at 60 per second has 30 MB
