@@ -1,10 +1,11 @@
 """Damaged files of every format that `anchorpose convert` reads: what becomes of each.
 
-    .venv/bin/python benchmarks/fuzz_readers.py [--files 10000] [--reader NAME] [--first NUMBER]
+    .venv/bin/python benchmarks/fuzz_readers.py [--files 10000] [--reader NAME...] [--first NUMBER]
 
-Each file is damaged anew (flipped bits, cut, zeroed, a piece doubled or put elsewhere, lengths exchanged) and converted.
-Counted are recordings, refusals in one sentence and faults, each with the number of its file, which --first repeats: another error, a crash of native code, more than 10 s or 1 GB for one file, a folder left half-written, an image
-written that cannot be read or, from a file that was only cut, one that was not recorded.
+Each file is damaged anew (flipped bits, cut, zeroed, a piece doubled or taken out, lengths exchanged) and converted.
+Counted are recordings, refusals in one sentence, and faults, each with the number of its file, which --first repeats:
+another error, a crash of native code, more than 10 s or 1 GB for one file, a folder left half-written, an image written
+that cannot be read or, from a file that was only cut, one that was not recorded.
 """
 
 from __future__ import annotations
@@ -14,11 +15,14 @@ import faulthandler
 import random
 import resource
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -32,6 +36,7 @@ import vendor_bags_builder
 
 from anchorpose.errors import InputError
 from anchorpose.recording.reader import open_recording
+from anchorpose.sources import convert as convert_module
 from anchorpose.sources.convert import Converted, convert
 from anchorpose.sources.plan import ConvertOptions
 from anchorpose.sources.readers import open_source
@@ -52,7 +57,10 @@ def bag(form: str) -> Callable[[Path], None]:
 
 
 def vendor(build: Callable[[Path], Path]) -> Callable[[Path], None]:
-    return lambda path: None if build(path.parent).rename(path) else None
+    def write(path: Path) -> None:
+        build(path.parent).rename(path)
+
+    return write
 
 
 def record3d(path: Path) -> None:
@@ -69,6 +77,7 @@ READERS: dict[str, Callable[[Path], None]] = {
     "realsense": vendor(vendor_bags_builder.realsense_bag),
     "realsense-db3": vendor(vendor_bags_builder.realsense_database),
     "orbbec": vendor(vendor_bags_builder.orbbec_bag),
+    "orbbec-2.3": vendor(partial(vendor_bags_builder.orbbec_bag, sdk="2.3")),
     "record3d": record3d,
     **{name: images(write) for name, write in sources_builder.FORMATS.items()},
 }
@@ -143,24 +152,32 @@ def depth_images(recording: Path) -> list[bytes]:
 
 
 def outcome(path: Path, out: Path, whole: list[bytes] | None) -> str:
-    """ "read" or "refused"; raises AssertionError where neither is right. whole: all images, of a file that was cut."""
+    """ "read" or "refused"; raises Fault where neither is right. whole: all images, of a file that was only cut."""
     try:
         done = converted(path, out)
     except InputError as error:
-        assert "\n" not in str(error), f"no sentence: {error}"
-        assert str(path.parent) in str(error), f"the file is not named: {error}"
-        assert not out.exists(), "a refusal has left a folder"
+        require("\n" not in str(error) and str(path.parent) in str(error), f"no sentence that names the file: {error}")
+        require(not out.exists(), "a refusal has left a folder")
         return "refused"
     found = depth_images(out)
-    assert found, "a recording without an image"
-    assert not any("\n" in note for note in done.notes), "a note of several lines"
-    if whole is not None:
-        assert set(found) <= set(whole), "an image that was not recorded"
+    require(bool(found), "a recording without an image")
+    require(not any("\n" in note for note in done.notes), "a note of several lines")
+    require(whole is None or set(found) <= set(whole), "an image that was not recorded")
     return "read"
+
+
+class Fault(Exception):
+    """What a conversion must not do."""
+
+
+def require(right: bool, otherwise: str) -> None:
+    if not right:
+        raise Fault(otherwise)
 
 
 def run_reader(name: str, files: range, folder: Path, at: Path) -> None:
     """at: a file that always holds the number of the case, for a crash to be found again."""
+    convert_module.one_thread = nullcontext  # to find the libraries takes longer than so small a conversion
     good, path, out = folder / "good", folder / "bad" / "in", folder / "out"
     good.mkdir()
     READERS[name](good / "in")
@@ -173,7 +190,7 @@ def run_reader(name: str, files: range, folder: Path, at: Path) -> None:
         shutil.rmtree(path.parent, ignore_errors=True)
         shutil.rmtree(out, ignore_errors=True)
         cut = damaged_copy(good, path.parent, random.Random(f"{name} {number}"))
-        faulthandler.dump_traceback_later(LONGEST_S, exit=True)
+        signal.alarm(LONGEST_S)
         start = time.perf_counter()
         try:
             counts[outcome(path, out, whole if cut else None)] += 1
@@ -181,7 +198,7 @@ def run_reader(name: str, files: range, folder: Path, at: Path) -> None:
             counts["faults"] += 1
             print(f"{name}: file {number}: {type(error).__name__}: {error}"[:500], flush=True)
         longest_s = max(longest_s, time.perf_counter() - start)
-        faulthandler.cancel_dump_traceback_later()
+        signal.alarm(0)
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     counted = ", ".join(f"{count} {what}" for what, count in counts.items())
     print(f"{name}: {counted}, longest {longest_s:.2f} s, {peak_mb:.0f} MB")
@@ -192,18 +209,19 @@ def main() -> None:
     """Each reader in a process of its own, so that a crash of one is seen and named."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--files", type=int, default=10000)
-    parser.add_argument("--reader", choices=READERS)
+    parser.add_argument("--reader", nargs="*", choices=READERS, default=list(READERS))
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--here", type=Path, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.here is not None:
         faulthandler.enable()
-        run_reader(given.reader, range(given.first, given.first + given.files), given.here, given.here / "number")
+        faulthandler.register(signal.SIGALRM, chain=True)  # then ends the process, also within native code
+        run_reader(given.reader[0], range(given.first, given.first + given.files), given.here, given.here / "number")
         return
     faults = 0
-    for name in [given.reader] if given.reader else READERS:
+    for name in given.reader:
         with tempfile.TemporaryDirectory() as folder:
-            again = [*sys.argv[1:], "--reader", name, "--here", folder]
+            again = ["--files", str(given.files), "--first", str(given.first), "--reader", name, "--here", folder]
             done = subprocess.run([sys.executable, __file__, *again], check=False)
             if done.returncode:
                 faults += 1

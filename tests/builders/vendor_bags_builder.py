@@ -104,13 +104,24 @@ def orbbec_property(number: int, data: bytes) -> Sent:
     return Sent("/cam/property", "custom_msg/msg/OBProperty", 2, value, "uint8 propertyId\n")
 
 
-def orbbec_bag(folder: Path, *more: Sent, model: int = 4, ended: bool = True) -> Path:
-    """After RosbagWriter.cpp of OrbbecSDK_v2; its embedded definitions are not what the messages have."""
-    sent = []
-    for k, time_ns in enumerate(TIMES_NS):
-        plain = ROS1.serialize_ros1(image_of(depth_values(k), "mono16", time_ns, frame="")(ROS1), IMAGE)
-        tail = struct.pack("<fQQQQ", 0.0, k, time_ns // 1000, 5, 6) + struct.pack("<I", 3) + b"abc" + b"\0\0\0\0\x10"
-        sent.append(Sent(ORBBEC_IMAGE, IMAGE, time_ns, bytes(plain) + tail))
+def _orbbec_image(k: int, time_ns: int) -> bytes:
+    plain = bytes(ROS1.serialize_ros1(image_of(depth_values(k), "mono16", time_ns, frame="")(ROS1), IMAGE))
+    return (
+        plain + struct.pack("<fQQQQ", 0.0, k, time_ns // 1000, 5, 6) + struct.pack("<I", 3) + b"abc" + b"\0\0\0\0\x10"
+    )
+
+
+def _orbbec_image_2_3(k: int, time_ns: int) -> bytes:
+    """As the sources of version 2.3.5 have it: metadata before the pixels, and their length before both."""
+    data = b"metadata" + depth_values(k).tobytes()
+    head = orbbec_header() + struct.pack("<II", *SIZE) + orbbec_texts("mono16") + struct.pack("<BI", 0, 2 * SIZE[1])
+    return head + struct.pack("<II", 8, len(data)) + data + struct.pack("<QQQQ", k, time_ns // 1000, 5, 6)
+
+
+def orbbec_bag(folder: Path, *more: Sent, model: int = 4, ended: bool = True, sdk: str = "2.4") -> Path:
+    """After RosbagWriter.cpp and Image.h of OrbbecSDK_v2; its embedded definitions are not what the messages have."""
+    image = _orbbec_image_2_3 if sdk == "2.3" else _orbbec_image
+    sent = [Sent(ORBBEC_IMAGE, IMAGE, time_ns, image(k, time_ns)) for k, time_ns in enumerate(TIMES_NS)]
     sent += more
     if ended:
         lens = orbbec_header() + struct.pack("<BB12f3H", 3, 28, *[0.0] * 12, SIZE[1], SIZE[0], 30)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rosbags")
-from bags_builder import SIZE, Sent, depth_values, expected
+from bags_builder import ROS1, SIZE, Sent, depth_values, expected, image_of, write_bag
 from vendor_bags_builder import (
     INVERSE,
     LENS,
@@ -84,8 +84,9 @@ def test_a_realsense_fisheye_has_four_coefficients(tmp_path: Path) -> None:
     assert source.cameras[0].intrinsics.distortion == INVERSE[:4]
 
 
-def test_an_orbbec_bag_has_its_device_s_times_lens_and_unit(tmp_path: Path) -> None:
-    source = open_source(orbbec_bag(tmp_path, orbbec_property(75, struct.pack("<i", 5))))
+@pytest.mark.parametrize("sdk", ["2.3", "2.4"])
+def test_an_orbbec_bag_has_its_device_s_times_lens_and_unit(tmp_path: Path, sdk: str) -> None:
+    source = open_source(orbbec_bag(tmp_path, orbbec_property(75, struct.pack("<i", 5)), sdk=sdk))
     camera = source.cameras[0]
     assert (camera.name, camera.model, camera.serial, camera.depth_scale) == ("orbbec", "Femto Bolt", "CL8H", 0.0005)
     k1, k2, k3, k4, k5, k6, p1, p2 = LENS
@@ -122,3 +123,12 @@ def test_an_orbbec_lens_of_another_model_is_named_and_not_taken(tmp_path: Path) 
     source = open_source(orbbec_bag(tmp_path, model=2))
     assert source.cameras[0].intrinsics is None
     assert "Orbbec's number 2" in source.notes[-1]
+
+
+def test_orbbec_s_first_sdk_is_refused_by_its_definitions(tmp_path: Path) -> None:
+    """Its images would pass for a ROS driver's in millimetres, which nothing in the file states."""
+    image = bytes(ROS1.serialize_ros1(image_of(depth_values(0), "mono16", 5)(ROS1), "sensor_msgs/msg/Image"))
+    definition = "Header header\nuint32 height\nuint32 width\nuint64_t timestamp_usec\n"
+    sent = Sent("/cam0/depth_raw", "sensor_msgs/msg/Image", 5, image, definition)
+    with pytest.raises(InputError, match=r"SDK 1, whose format is not published; .* 16-bit PNG"):
+        open_source(write_bag(tmp_path, "ros1", [sent]))

@@ -26,11 +26,16 @@ class Wire(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """A topic of the file; kind: the type of its messages as ROS 1 writes it, for example ``sensor_msgs/Image``."""
+    """A topic of the file.
+
+    kind: the type of its messages as ROS 1 writes it, for example ``sensor_msgs/Image``; definition: its text,
+    where a bag of ROS 1 embeds it.
+    """
 
     topic: str
     kind: str
     wire: Wire
+    definition: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,7 +14,7 @@ from typing import Final
 
 from anchorpose.errors import InputError
 from anchorpose.sources.bag_file import BagFile, DamagedBag, Message, Wire
-from anchorpose.sources.depth_stream import READ_BY_HAND, Clock, DepthStream, Streams, first, first_grey_image
+from anchorpose.sources.depth_stream import READ_BY_HAND, DepthStream, Streams, first, first_grey_image
 from anchorpose.sources.ros_camera import Lens, lens_with
 from anchorpose.sources.ros_depth import size_of
 from anchorpose.sources.ros_messages import CompressedMessage, ImageMessage, Reader, read_camera_info
@@ -74,8 +74,7 @@ def _stream(
         serial=about.get("Serial Number", ""),
         count=bag.count(topic),
     )
-    clock = Clock.METADATA if in_metadata else Clock.STAMP
-    return DepthStream(topic=topic, camera=camera, clock=clock, metadata_topic=metadata if in_metadata else ""), lens
+    return DepthStream(topic=topic, camera=camera, metadata_topic=metadata if in_metadata else ""), lens
 
 
 def _depth_unit(bag: BagFile, sensor: str, image: Image) -> float | None:

@@ -111,9 +111,10 @@ class Ros1File(ChunkedBag):
         self._counts = dict(Counter(self._counts) + Counter(counts))
 
     def _add_connection(self, record: _Record) -> None:
-        topic, kind = record.fields.get(b"topic", b""), _fields_of(record.data).get(b"type", b"")
-        channel = Channel(topic.decode("utf-8", "replace"), kind.decode("utf-8", "replace"), Wire.ROS1)
-        self._channels[record.number(b"conn")] = channel
+        about = _fields_of(record.data)
+        raw = (record.fields.get(b"topic", b""), about.get(b"type", b""), about.get(b"message_definition", b""))
+        topic, kind, definition = (text.decode("utf-8", "replace") for text in raw)
+        self._channels[record.number(b"conn")] = Channel(topic, kind, Wire.ROS1, definition)
 
 
 def _records_of(chunk: _Record | None) -> Iterator[_Record]:

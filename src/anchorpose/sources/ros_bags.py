@@ -10,7 +10,7 @@ import numpy as np
 from anchorpose.errors import InputError
 from anchorpose.sources import mcap_file, orbbec_bags, realsense_bags, ros1_file, ros2_database, ros_streams
 from anchorpose.sources.bag_file import ZSTD_MAGIC, BagFile, BagFolder, DamagedBag, Message, files_of
-from anchorpose.sources.depth_stream import RECORD_AGAIN, Clock, DepthStream, Streams, read_any_image
+from anchorpose.sources.depth_stream import RECORD_AGAIN, DepthStream, Streams
 from anchorpose.sources.metres import grey_of_metres
 from anchorpose.sources.ros_depth import METRES, encoding_of, grey_of, metres_of
 from anchorpose.sources.ros_messages import CompressedMessage, ImageMessage
@@ -107,7 +107,7 @@ class BagSource:
             except DamagedBag:
                 self._tallies[camera].damaged += 1
                 continue
-            if self._streams[camera].clock is Clock.METADATA:
+            if self._streams[camera].metadata_topic:
                 self._tallies[camera].damaged += camera in waiting
                 waiting[camera] = message.received_ns, depth
             else:
@@ -118,7 +118,7 @@ class BagSource:
     def _read(self, camera: int, message: Message) -> tuple[int, np.ndarray]:
         """Time in nanoseconds, and (height, width) uint16. Raises DamagedBag."""
         stream = self._streams[camera]
-        image = read_any_image(message)
+        image = stream.read(message)
         encoding = encoding_of(image)
         if not encoding or (encoding == METRES) != stream.in_metres:
             raise DamagedBag("an image has another encoding than the first one")
@@ -139,9 +139,7 @@ class BagSource:
     def _time_ns(
         self, camera: int, stream: DepthStream, image: ImageMessage | CompressedMessage, message: Message
     ) -> int:
-        if stream.clock is Clock.ORBBEC and isinstance(image, ImageMessage):
-            return orbbec_bags.device_time_ns(image)
-        if image.stamp_ns == 0 and stream.clock is Clock.STAMP:
+        if image.stamp_ns == 0 and not stream.metadata_topic:
             self._tallies[camera].without_stamp += 1
             return message.received_ns
         return image.stamp_ns
