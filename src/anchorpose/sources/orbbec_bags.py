@@ -16,7 +16,7 @@ from typing import Final
 from anchorpose.errors import InputError
 from anchorpose.sources.bag_file import BagFile, DamagedBag, Message
 from anchorpose.sources.depth_stream import READ_BY_HAND, DepthStream, Streams, first, first_grey_image
-from anchorpose.sources.ros_camera import Lens, lens_with
+from anchorpose.sources.ros_camera import Lens, lens_with, may_be_a_lens
 from anchorpose.sources.ros_depth import size_of
 from anchorpose.sources.ros_messages import ImageMessage, Reader
 from anchorpose.sources.source import SourceCamera
@@ -145,7 +145,7 @@ def _read_lens(message: Message) -> Lens:
     fx, fy, cx, cy = reader.numbers("f", 4).tolist()
     k1, k2, k3, k4, k5, k6, p1, p2 = reader.numbers("f", 8).tolist()
     model = reader.whole("B")
-    if not all(abs(value) < 1e6 for value in (fx, fy, cx, cy, k1, k2, k3, k4, k5, k6, p1, p2)) or min(fx, fy) <= 0.0:
+    if not may_be_a_lens((fx, fy, cx, cy), (k1, k2, k3, k4, k5, k6, p1, p2)):
         return Lens(None, "the camera was not calibrated")
     if model in (_BROWN_CONRADY, _RATIONAL):
         D = (k1, k2, p1, p2, k3, k4, k5, k6) if any((k4, k5, k6)) else (k1, k2, p1, p2, k3)

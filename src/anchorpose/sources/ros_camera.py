@@ -5,7 +5,6 @@ Only ``/tf_static`` places a camera: what ``/tf`` tells may move, and a frame of
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -21,6 +20,8 @@ _MODELS: Final = {
     "equidistant": LensModel.KANNALA_BRANDT,
     "fisheye": LensModel.KANNALA_BRANDT,
 }
+_LARGEST: Final = 1e6  # of any number of a lens
+_SHORTEST_PX: Final = 1.0
 _TOPIC: Final = "/tf_static"
 _WORLDS: Final = frozenset({"world", "map", "odom"})
 _FARTHEST_M: Final = 1e6
@@ -53,10 +54,15 @@ def lens_of(info: CameraInfo, rectified: bool) -> Lens:
         return Lens(None, "its images are rectified, but their projection P is missing")
     else:
         focal_centre = info.K[0], info.K[4], info.K[2], info.K[5]
-    if not all(map(math.isfinite, (*focal_centre, *info.D))) or min(focal_centre[:2]) <= 0.0:
+    if not may_be_a_lens(focal_centre, info.D):
         return Lens(None, "the camera was not calibrated")
     fx, fy, cx, cy = _of_part(info, *focal_centre)
     return lens_with((fx, fy, cx, cy), () if rectified else info.D, info.model)
+
+
+def may_be_a_lens(focal_centre: tuple[float, ...], D: tuple[float, ...]) -> bool:
+    """Whether focal lengths, centre and coefficients are numbers that a lens can have, and not damage or zeros."""
+    return all(abs(value) < _LARGEST for value in (*focal_centre, *D)) and min(focal_centre[:2]) >= _SHORTEST_PX
 
 
 def lens_with(focal_centre: tuple[float, float, float, float], D: tuple[float, ...], model: str) -> Lens:
