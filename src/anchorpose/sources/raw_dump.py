@@ -10,13 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.sources.grey_images import (
-    NO_READING,
-    ImageFiles,
-    natural_order,
-)
+from anchorpose.sources.grey_images import ImageFiles, natural_order
 from anchorpose.sources.image_folder import SIDECAR, SidecarDocument, camera_of, file_times, frame_files, times_of
-from anchorpose.sources.source import Source, SourceCamera, SourceFrame
+from anchorpose.sources.source import NO_READING, Source, SourceCamera, SourceFrame
 
 
 def matches(path: Path, head: bytes) -> bool:

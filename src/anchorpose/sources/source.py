@@ -11,6 +11,8 @@ import numpy as np
 
 from anchorpose.lens import Intrinsics
 
+NO_READING: Final = 65535  # beside 0; what sensors give for "too far" or "too near"
+
 STANDS_STILL_M: Final = 0.03  # a phone on a tripod; its own estimate of where it is wanders by some millimetres
 
 
