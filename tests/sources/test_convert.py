@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import random
 import shutil
 import signal
@@ -74,6 +73,47 @@ def test_a_stopped_conversion_goes_on_to_the_same_bytes(whole, tmp_path, seed):
     assert content(out) == content(whole / "out")
 
 
+def mkv(path, count):
+    """Azure Kinect's, with an image of the wrong size among the others."""
+    azure = pytest.importorskip("azure_builder")
+    whole = azure.mkv(
+        azure.images(count, "NFOV_2X2BINNED"), range(0, count * 33_333, 33_333), attached=azure.calibration()
+    )
+    place = whole.index(bytes.fromhex("1f43b675"), len(whole) // 3)
+    path.write_bytes(whole[:place] + azure.cluster(5, [(2, b"small")]) + whole[place:])
+
+
+def bag(form):
+    """A driver's, with an image of another size among the others."""
+
+    def write(path, count):
+        bags = pytest.importorskip("bags_builder")
+        sizes = [bags.SIZE if k != 2 else (10, 10) for k in range(count)]
+        sent = [bags.Sent("/depth/camera_info", "sensor_msgs/msg/CameraInfo", 1, bags.Info())]
+        for k, size in enumerate(sizes):
+            image = bags.image_of(np.full(size, 1000 + k, np.uint16), "16UC1", bags.stamp_ns(k))
+            sent.append(bags.Sent("/depth/image", "sensor_msgs/msg/Image", bags.stamp_ns(k), image))
+        bags.write_bag(path.parent, form, sent).rename(path)
+
+    return write
+
+
+RECORDERS = {"mkv": mkv, "ros1": bag("ros1"), "db3": bag("db3"), "mcap": bag("mcap")}
+
+
+@pytest.mark.parametrize("name", RECORDERS)
+def test_a_stopped_conversion_of_a_recorder_s_file_goes_on_to_the_same_bytes(tmp_path, name):
+    """A damaged image before the stop is not counted as one that was taken."""
+    RECORDERS[name](tmp_path / "in", 12)
+    whole = run(tmp_path / "in", tmp_path / "whole")
+    assert "damaged" in " ".join(whole.notes)
+    for stop in (1, 4, 3):
+        with pytest.raises(Killed):
+            convert([tmp_path / "in"], tmp_path / "out", ConvertOptions(), stop_after(stop))
+    assert run(tmp_path / "in", tmp_path / "out").notes == whole.notes
+    assert content(tmp_path / "out") == content(tmp_path / "whole")
+
+
 def test_what_is_there_is_not_written_again(whole, tmp_path):
     out = tmp_path / "out"
     with pytest.raises(Killed):
@@ -90,21 +130,29 @@ import cv2, signal, sys, time
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a program in the background is born deaf to it
 quick = cv2.imencode
 def slow(*given):
-    time.sleep(0.02)
+    time.sleep(0.05)
     return quick(*given)
 cv2.imencode = slow
 """
 """So that a busy machine does not come too late to stop it."""
 
 
-@pytest.mark.parametrize("stop", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
-def test_a_killed_process_leaves_no_recording_and_can_be_gone_on_with(tmp_path, stop):
-    build.plain_folder(tmp_path / "in", noise(400, 160, 120))
-    script = f"{SLOWLY}from anchorpose.cli import main; sys.exit(main({['convert', 'in', 'out', *GIVE]}))"
+def images_of(path, count):
+    build.plain_folder(path, noise(count, 160, 120))
+
+
+STOPPED = [(images_of, GIVEN, signal.SIGKILL), (images_of, GIVEN, signal.SIGINT), (images_of, GIVEN, signal.SIGTERM)]
+STOPPED += [(RECORDERS[name], ConvertOptions(), signal.SIGKILL) for name in ("mkv", "ros1")]
+
+
+@pytest.mark.parametrize(("write", "options", "stop"), STOPPED)
+def test_a_killed_process_leaves_no_recording_and_can_be_gone_on_with(tmp_path, write, options, stop):
+    write(tmp_path / "in", 80)
+    given = GIVE if options is GIVEN else []
+    script = f"{SLOWLY}from anchorpose.cli import main; sys.exit(main({['convert', 'in', 'out', *given]}))"
     going = subprocess.Popen([sys.executable, "-c", script], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
-    depth = tmp_path / "out" / "in" / "depth"
     until = time.monotonic() + 60
-    while time.monotonic() < until and not (depth.is_dir() and len(os.listdir(depth)) > 5):
+    while time.monotonic() < until and len(list(tmp_path.glob("out/*/depth/*"))) < 6:
         time.sleep(0.002)
     going.send_signal(stop)
     _, said = going.communicate(timeout=60)
@@ -112,8 +160,8 @@ def test_a_killed_process_leaves_no_recording_and_can_be_gone_on_with(tmp_path, 
     assert not (tmp_path / "out" / "recording.json").exists()
     if stop == signal.SIGINT:
         assert "same command again" in said
-    run(tmp_path / "in", tmp_path / "out", GIVEN)
-    run(tmp_path / "in", tmp_path / "undisturbed", GIVEN)
+    run(tmp_path / "in", tmp_path / "out", options)
+    run(tmp_path / "in", tmp_path / "undisturbed", options)
     assert content(tmp_path / "out") == content(tmp_path / "undisturbed")
 
 

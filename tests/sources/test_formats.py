@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -124,6 +125,22 @@ def test_a_record3d_file(tmp_path):
     back_m = depth_of(tmp_path / "out", "walk") * camera.depth_scale
     assert np.abs(back_m - np.nan_to_num(depth_m)).max() <= 0.000126
     assert times_of(tmp_path / "out", "walk") == [round(100.000001 + k / 60, 6) for k in range(4)]
+
+
+def test_a_record3d_file_that_states_gigabytes_costs_no_memory(tmp_path):
+    """A stored file's compressed size, which zipfile believes when it asks for memory."""
+    pytest.importorskip("lzfse")
+    build.r3d(tmp_path / "in", np.full((2, 16, 12), 1.5, np.float32))
+    data = bytearray((tmp_path / "in").read_bytes())
+    entry = data.rindex(b"PK\x01\x02")
+    data[entry + 20 : entry + 24] = (3 << 30).to_bytes(4, "little")
+    (tmp_path / "in").write_bytes(data)
+    tracemalloc.start()
+    done = run(tmp_path / "in", tmp_path / "out")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 50_000_000
+    assert any("rgbd/1.depth, is damaged inside" in note for note in done.notes)
 
 
 def test_missing_numbers_are_missing_moments(tmp_path):

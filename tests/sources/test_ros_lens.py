@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from anchorpose.lens import LensModel, rays_of_pixels
-from anchorpose.sources.ros_lens import image_size, lens_of
+from anchorpose.sources.ros_camera import image_size, lens_of
 from anchorpose.sources.ros_messages import CameraInfo
 
 INFO = CameraInfo(
@@ -71,6 +71,8 @@ def test_a_region_of_joined_pixels_sees_along_the_same_rays() -> None:
         (replace(INFO, K=(0.0,) * 9), False, "not calibrated"),
         (replace(INFO, K=(float("nan"), *INFO.K[1:])), False, "not calibrated"),
         (replace(INFO, P=(0.0,) * 12), True, "P is missing"),
+        (replace(INFO, K=(1e-30, *INFO.K[1:])), False, "not calibrated"),
+        (replace(INFO, D=(1e30, 0.0, 0.0, 0.0, 0.0)), False, "not calibrated"),
     ],
 )
 def test_a_lens_that_cannot_be_used_says_why(info: CameraInfo, rectified: bool, why: str) -> None:

@@ -9,9 +9,8 @@ from typing import Any, BinaryIO, Final
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.sources.grey_images import NO_READING
 from anchorpose.sources.metres import GREY_M, to_grey
-from anchorpose.sources.source import SourceCamera, SourceFrame
+from anchorpose.sources.source import NO_READING, SourceCamera, SourceFrame
 
 NEAREST_M, FARTHEST_M = 0.1, 50.0
 """Between these lies the median of depth in metres; depth in millimetres is far beyond."""

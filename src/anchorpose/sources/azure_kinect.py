@@ -20,7 +20,7 @@ import numpy as np
 from anchorpose.errors import InputError, MissingPackage
 from anchorpose.lens import Intrinsics
 from anchorpose.sources.azure_calibration import DepthMode, depth_mode, lens_of
-from anchorpose.sources.source import SourceCamera, SourceFrame
+from anchorpose.sources.source import NO_READING, SourceCamera, SourceFrame
 
 if TYPE_CHECKING:
     from av import Packet, VideoStream
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 EBML: Final = b"\x1a\x45\xdf\xa3"
 SEGMENT: Final = b"\x18\x53\x80\x67"
 DEPTH_SCALE: Final = 0.001  # the SDK's DEPTH16: millimetres
-NO_READING: Final = 65535
 AGAIN: Final = "copy it from the recording computer again"
 CALIBRATION: Final = "calibration.json"
 

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import BinaryIO, Final, NoReturn, Protocol
+from pathlib import Path
+from typing import BinaryIO, Final, NoReturn
 
 from anchorpose.errors import MissingPackage
 
 ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
 _LARGEST_BYTES: Final = 1 << 30  # of what is unpacked at once: a hundred times a usual chunk; damage can ask for more
+_ENDINGS: Final = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
 
 
 class Wire(StrEnum):
@@ -22,11 +26,16 @@ class Wire(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """A topic of the file; kind: the type of its messages as ROS 1 writes it, for example ``sensor_msgs/Image``."""
+    """A topic of the file.
+
+    kind: the type of its messages as ROS 1 writes it, for example ``sensor_msgs/Image``; definition: its text,
+    where a bag of ROS 1 embeds it.
+    """
 
     topic: str
     kind: str
     wire: Wire
+    definition: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,26 +51,116 @@ class DamagedBag(Exception):
     """Bytes that cannot be what the format says; the message completes "the file is damaged: ..."."""
 
 
-class BagFile(Protocol):
-    """An opened file of messages."""
+class BagFile(ABC):
+    """An opened file of messages, with its channels by their number in the file."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._channels: dict[int, Channel] = {}
+        self._counts: dict[int, int] | None = None  # messages of each channel, None where only reading all tells
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """All that the file has, as far as it can be read."""
-        ...
+        """All that the file has, as far as it can be read; two publishers on a topic are one channel."""
+        return tuple(dict.fromkeys(self._channels.values()))
 
     def count(self, topic: str) -> int | None:
         """How many messages a topic has; None where only reading all of the file tells."""
-        ...
+        return None if self._counts is None else sum(self._counts.get(number, 0) for number in self._on((topic,)))
 
+    @abstractmethod
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
         """Those of the topics, in the order of the file; what is damaged is left out and becomes a note."""
-        ...
+
+    @property
+    @abstractmethod
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on what could not be read, complete once all was read."""
+
+    def _on(self, topics: Collection[str]) -> set[int]:
+        return {number for number, channel in self._channels.items() if channel.topic in topics}
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """A part of a file: where it begins, and which channels it has messages of; None where not known."""
+
+    position: int
+    channels: frozenset[int] | None
+
+
+class ChunkedBag(BagFile):
+    """A file of chunks, with or without an index that says where they are and what they hold."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self._blocks: list[Block] = []
+        self._indexed = True
+        self._unreadable = 0
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences on what could not be read, complete once all was read."""
-        ...
+        """See ``BagFile``."""
+        notes, name = [], self._path.name
+        if not self._indexed:
+            notes.append(
+                f"{name} has no usable index, as where recording was cut off; it was read from its beginning as far as "
+                "that goes."
+            )
+        if self._unreadable:
+            notes.append(f"{self._unreadable} of {len(self._blocks)} chunks of {name} are damaged: left out.")
+        return tuple(notes)
+
+    def messages(self, topics: Collection[str]) -> Iterator[Message]:
+        """See ``BagFile``."""
+        wanted, self._unreadable = self._on(topics), 0
+        with self._path.open("rb") as file:
+            for block in self._blocks:
+                if block.channels is not None and wanted.isdisjoint(block.channels):
+                    continue
+                try:
+                    file.seek(block.position)
+                    yield from self._messages_of(file, wanted)
+                except DamagedBag:
+                    self._unreadable += 1
+
+    @abstractmethod
+    def _messages_of(self, file: BinaryIO, wanted: Collection[int]) -> Iterator[Message]:
+        """Those of the block at the place of the file. Raises DamagedBag."""
+
+
+class BagFolder(BagFile):
+    """Several files as one, one after the other."""
+
+    def __init__(self, path: Path, files: Sequence[BagFile]) -> None:
+        super().__init__(path)
+        self._files = files
+        self._channels = dict(enumerate(channel for file in files for channel in file.channels))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Those of all files."""
+        return tuple(note for file in self._files for note in file.notes)
+
+    def count(self, topic: str) -> int | None:
+        """Of all files."""
+        counts = [file.count(topic) for file in self._files]
+        return None if None in counts else sum(count or 0 for count in counts)
+
+    def messages(self, topics: Collection[str]) -> Iterator[Message]:
+        """File by file."""
+        for file in self._files:
+            yield from file.messages(topics)
+
+
+def files_of(folder: Path) -> tuple[Path, ...]:
+    """The bags of a ROS 2 folder in the order of their numbers, which rosbag2 writes without leading zeros."""
+    files = (path for path in folder.iterdir() if path.name.endswith(_ENDINGS) and path.is_file())
+
+    def order(path: Path) -> tuple[tuple[int, str], ...]:
+        return tuple((int(part) if part.isdecimal() else 0, part) for part in re.split(r"(\d+)", path.name))
+
+    return tuple(sorted(files, key=order))
 
 
 def read_at_most(file: BinaryIO, size: int) -> bytes:
@@ -70,19 +169,6 @@ def read_at_most(file: BinaryIO, size: int) -> bytes:
     end = file.seek(0, 2)
     file.seek(place)
     return file.read(min(size, end - place))
-
-
-def reading_notes(name: str, indexed: bool, unreadable: int, chunks: int) -> tuple[str, ...]:
-    """Sentences on a file of chunks without a usable index, or with chunks that could not be read."""
-    notes = []
-    if not indexed:
-        notes.append(
-            f"{name} has no usable index, as where recording was cut off; it was read from its beginning as far as "
-            "that goes."
-        )
-    if unreadable:
-        notes.append(f"{unreadable} of {chunks} chunks of {name} are damaged: left out.")
-    return tuple(notes)
 
 
 def kind_of(name: str) -> str:

@@ -1,10 +1,9 @@
-"""The depth images of one camera in a bag: their topic, what their values mean, and which clock stamps them."""
+"""The depth images of one camera in a bag: their topic, what their values mean, and where their times stand."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import Enum
 from typing import TypeVar
 
 from anchorpose.sources.bag_file import BagFile, DamagedBag, Message
@@ -13,6 +12,7 @@ from anchorpose.sources.ros_messages import CompressedMessage, ImageMessage, rea
 from anchorpose.sources.source import SourceCamera
 
 T = TypeVar("T")
+Image = ImageMessage | CompressedMessage
 
 IMAGE = "sensor_msgs/Image"
 COMPRESSED = "sensor_msgs/CompressedImage"
@@ -23,22 +23,23 @@ RECORD_AGAIN = "copy it again from where it was recorded, or record again"
 """The remedy where a file is damaged."""
 
 
-class Clock(Enum):
-    """Where the time of an image stands."""
-
-    STAMP = "in the image's header"
-    ORBBEC = "in Orbbec's own field behind the image"
-    METADATA = "in a message of RealSense's that follows the image"
+def read_any_image(message: Message) -> Image:
+    """An image message, plain or compressed. Raises DamagedBag."""
+    return read_compressed(message) if message.channel.kind == COMPRESSED else read_image(message)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DepthStream:
-    """One camera's images; in_metres: their values are metres, otherwise whole grey values."""
+    """One camera's images.
+
+    in_metres: their values are metres, otherwise whole grey values; read: the image of a message, with the device's
+    time; metadata_topic: where that time comes in a message that follows the image, and not in the image.
+    """
 
     topic: str
     camera: SourceCamera
     in_metres: bool = False
-    clock: Clock = Clock.STAMP
+    read: Callable[[Message], Image] = read_any_image
     metadata_topic: str = ""
 
 
@@ -48,11 +49,6 @@ class Streams:
 
     streams: tuple[DepthStream, ...]
     notes: tuple[str, ...]
-
-
-def read_any_image(message: Message) -> ImageMessage | CompressedMessage:
-    """An image message, plain or compressed. Raises DamagedBag."""
-    return read_compressed(message) if message.channel.kind == COMPRESSED else read_image(message)
 
 
 def first(bag: BagFile, topic: str, read: Callable[[Message], T]) -> T | None:
@@ -65,7 +61,7 @@ def first(bag: BagFile, topic: str, read: Callable[[Message], T]) -> T | None:
     return None
 
 
-def first_grey_image(bag: BagFile, topic: str) -> ImageMessage | CompressedMessage | None:
+def first_grey_image(bag: BagFile, topic: str, read: Callable[[Message], Image] = read_any_image) -> Image | None:
     """The first image of a topic, or None where its values are not whole numbers of depth."""
-    image = first(bag, topic, read_any_image)
+    image = first(bag, topic, read)
     return image if image is not None and encoding_of(image) in INTEGERS else None

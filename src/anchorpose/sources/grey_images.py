@@ -12,9 +12,7 @@ import numpy as np
 
 from anchorpose.errors import InputError
 from anchorpose.recording.depth_image import decode_grey_png, grey_png_size
-from anchorpose.sources.source import SourceCamera, SourceFrame, damaged_notes
-
-NO_READING: Final = 65535  # what some recorders write instead of 0
+from anchorpose.sources.source import NO_READING, SourceCamera, SourceFrame, damaged_notes
 
 ENDINGS: Final = {".png", ".pgm"}
 

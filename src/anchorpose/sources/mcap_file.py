@@ -10,18 +10,18 @@ import io
 import struct
 import zlib
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, Final
 
 from anchorpose.sources.bag_file import (
+    Block,
     Channel,
+    ChunkedBag,
     DamagedBag,
     Message,
     Wire,
     kind_of,
     read_at_most,
-    reading_notes,
     unpack,
     unpack_message,
 )
@@ -30,14 +30,6 @@ MAGIC: Final = b"\x89MCAP0\r\n"
 _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _CHUNK_INDEX, _STATISTICS, _DATA_END = 2, 3, 4, 5, 6, 8, 11, 15
 _FOOTER_BYTES: Final = 37  # operation, length, three numbers, magic
 _WIRES: Final = {"cdr": Wire.CDR, "ros1": Wire.ROS1}
-
-
-@dataclass(frozen=True, slots=True)
-class _Block:
-    """A chunk, or a message outside of chunks: where it begins, and which channels it has; None where not known."""
-
-    position: int
-    channels: frozenset[int] | None
 
 
 class _Fields:
@@ -62,57 +54,23 @@ class _Fields:
         return self._data[self._place :]
 
 
-class McapFile:
+class McapFile(ChunkedBag):
     """Raises DamagedBag where not even the beginning can be read."""
 
     def __init__(self, path: Path) -> None:
-        self._path = path
+        super().__init__(path)
         self._kinds: dict[int, str] = {}
-        self._channels: dict[int, Channel] = {}
-        self._blocks: list[_Block] = []
-        self._counts: dict[int, int] = {}
-        self._indexed = True
-        self._unreadable = 0
         with path.open("rb") as file:
             try:
                 self._read_summary(file)
             except DamagedBag:
                 self._indexed = False
             if not self._indexed or not self._blocks:
-                self._blocks, self._counts = [], {}
+                self._blocks, self._counts = [], None
                 self._scan(file)
 
-    @property
-    def channels(self) -> tuple[Channel, ...]:
-        """See ``BagFile``; two publishers on a topic are one channel."""
-        return tuple(dict.fromkeys(self._channels.values()))
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """See ``BagFile``."""
-        return reading_notes(self._path.name, self._indexed, self._unreadable, len(self._blocks))
-
-    def count(self, topic: str) -> int | None:
-        """See ``BagFile``."""
-        return sum(self._counts.get(number, 0) for number in self._on((topic,))) if self._counts else None
-
-    def messages(self, topics: Collection[str]) -> Iterator[Message]:
-        """See ``BagFile``."""
-        wanted, self._unreadable = self._on(topics), 0
-        with self._path.open("rb") as file:
-            for block in self._blocks:
-                if block.channels is not None and wanted.isdisjoint(block.channels):
-                    continue
-                try:
-                    file.seek(block.position)
-                    yield from self._messages_of(_read_record(file), wanted)
-                except DamagedBag:
-                    self._unreadable += 1
-
-    def _on(self, topics: Collection[str]) -> set[int]:
-        return {number for number, channel in self._channels.items() if channel.topic in topics}
-
-    def _messages_of(self, record: tuple[int, bytes] | None, wanted: set[int]) -> Iterator[Message]:
+    def _messages_of(self, file: BinaryIO, wanted: Collection[int]) -> Iterator[Message]:
+        record = _read_record(file)
         if record is None:
             raise DamagedBag("a chunk is cut off")
         for operation, data in _records_of(*record):
@@ -149,11 +107,12 @@ class McapFile:
             fields.take(8)
             offsets = _Fields(fields.take(fields.number(4))).rest()
             channels = frozenset(int(c) for c, _ in struct.iter_unpack("<HQ", offsets[: len(offsets) // 10 * 10]))
-            self._blocks.append(_Block(position, channels or None))
+            self._blocks.append(Block(position, channels or None))
         elif operation == _STATISTICS:
             fields.take(42)
             counts = fields.take(fields.number(4))
-            self._counts = {int(c): int(n) for c, n in struct.iter_unpack("<HQ", counts[: len(counts) // 10 * 10])}
+            pairs = struct.iter_unpack("<HQ", counts[: len(counts) // 10 * 10])
+            self._counts = {int(c): int(n) for c, n in pairs} or None
         else:
             self._add(operation, data)
 
@@ -167,7 +126,7 @@ class McapFile:
                 if record is None or record[0] == _DATA_END:
                     return
                 if record[0] in (_CHUNK, _MESSAGE):
-                    self._blocks.append(_Block(position, self._channels_of(*record)))
+                    self._blocks.append(Block(position, self._channels_of(*record)))
                 else:
                     self._add(*record)
             except DamagedBag:

@@ -1,7 +1,9 @@
 """Orbbec's own recordings: ROS 1 bags with messages of their own (OrbbecSDK_v2, public sources under MIT).
 
 The message definitions that the bag embeds lack fields which its images have, so that ROS's own tools refuse it. Lens
-and serial number are written when recording ends.
+and serial number are written when recording ends. SDK 2.3 orders an image's fields otherwise than 2.4 and later. SDK 1
+records with a library without sources: only that its definitions name a type that ROS has not is known (OrbbecSDK issue
+195), and that its lens is not to be trusted (pyorbbecsdk issue 176).
 """
 
 from __future__ import annotations
@@ -13,9 +15,9 @@ from typing import Final
 
 from anchorpose.errors import InputError
 from anchorpose.sources.bag_file import BagFile, DamagedBag, Message
-from anchorpose.sources.depth_stream import READ_BY_HAND, Clock, DepthStream, Streams, first, first_grey_image
+from anchorpose.sources.depth_stream import READ_BY_HAND, DepthStream, Streams, first, first_grey_image
+from anchorpose.sources.ros_camera import Lens, lens_with, may_be_a_lens
 from anchorpose.sources.ros_depth import size_of
-from anchorpose.sources.ros_lens import Lens, lens_with
 from anchorpose.sources.ros_messages import ImageMessage, Reader
 from anchorpose.sources.source import SourceCamera
 
@@ -24,6 +26,11 @@ _PROFILE: Final = "/cam/streamProfileType_3"  # OB_STREAM_DEPTH
 _ABOUT: Final = "/cam/deviceInfo"
 _PROPERTY: Final = "/cam/property"
 _DISPARITY: Final = "/cam/disparityParam"
+_OF_SDK_1: Final = "uint64_t"
+_PLAY_IT: Final = (
+    "record again with Orbbec Viewer 2, or play it with SDK 1 (ob::Playback), save its depth as 16-bit PNG and convert "
+    "their folder"
+)
 _PRECISION_LEVEL, _DISPARITY_TO_DEPTH, _UNIT_MM = 75, 85, 176  # OBPropertyID
 _UNITS_MM: Final = (1.0, 0.8, 0.4, 0.1, 0.2, 0.5, 0.05)  # by OBDepthPrecisionLevel
 _NONE, _BROWN_CONRADY, _RATIONAL, _KANNALA_BRANDT = 0, 3, 4, 5  # OBCameraDistortionModel
@@ -39,9 +46,11 @@ class _Unit:
 
 def find_streams(bag: BagFile, path: Path) -> Streams | None:
     """The depth images of a recording, None where it is not Orbbec's. Raises InputError where it has no depth."""
+    if any(_OF_SDK_1 in channel.definition for channel in bag.channels):
+        raise InputError(path, "it is of Orbbec Viewer or SDK 1, whose format is not published", _PLAY_IT)
     if _DEPTH not in {channel.topic for channel in bag.channels}:
         return None
-    image = first_grey_image(bag, _DEPTH)
+    image = first_grey_image(bag, _DEPTH, read_depth)
     if image is None:
         raise InputError(path, "its depth images are in a format that is not read", "record depth as Y16 or Z16")
     properties = _properties(bag)
@@ -59,14 +68,26 @@ def find_streams(bag: BagFile, path: Path) -> Streams | None:
         serial=about[1] if about else "",
         count=bag.count(_DEPTH),
     )
-    stream = DepthStream(topic=_DEPTH, camera=camera, clock=Clock.ORBBEC)
+    stream = DepthStream(topic=_DEPTH, camera=camera, read=read_depth)
     return Streams((stream,), _notes(lens, unit))
 
 
-def device_time_ns(image: ImageMessage) -> int:
-    """The device's time stamp behind the image. Raises DamagedBag."""
-    image.reader.take(4 + 8)  # the depth unit, which is not filled in, and the number of the image
-    return image.reader.whole("Q") * 1000
+def read_depth(message: Message) -> ImageMessage:
+    """An image with the device's time; SDK 2.3 has the length of metadata before the data, which begin with them.
+
+    Raises DamagedBag.
+    """
+    reader = Reader(message)
+    _, frame_id = reader.header()
+    height, width, encoding = reader.whole("I"), reader.whole("I"), reader.text()
+    big_endian, step, length = reader.whole("B") != 0, reader.whole("I"), reader.whole("I")
+    if length < 2 * width * height:
+        data = reader.take(reader.whole("I"))[length:]
+    else:
+        data = reader.take(length)
+        reader.take(4)  # the depth unit, which is not filled in
+    reader.take(8)  # the number of the image
+    return ImageMessage(reader.whole("Q") * 1000, frame_id, height, width, encoding, big_endian, step, data, reader)
 
 
 def _notes(lens: Lens | None, unit: _Unit) -> tuple[str, ...]:
@@ -124,7 +145,7 @@ def _read_lens(message: Message) -> Lens:
     fx, fy, cx, cy = reader.numbers("f", 4).tolist()
     k1, k2, k3, k4, k5, k6, p1, p2 = reader.numbers("f", 8).tolist()
     model = reader.whole("B")
-    if not all(abs(value) < 1e6 for value in (fx, fy, cx, cy, k1, k2, k3, k4, k5, k6, p1, p2)) or min(fx, fy) <= 0.0:
+    if not may_be_a_lens((fx, fy, cx, cy), (k1, k2, k3, k4, k5, k6, p1, p2)):
         return Lens(None, "the camera was not calibrated")
     if model in (_BROWN_CONRADY, _RATIONAL):
         D = (k1, k2, p1, p2, k3, k4, k5, k6) if any((k4, k5, k6)) else (k1, k2, p1, p2, k3)

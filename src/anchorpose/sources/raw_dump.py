@@ -1,5 +1,5 @@
 """Raw dumps of 16-bit grey values, one file for all images or a folder with one each, with a sidecar that describes
-them (``sidecar``)."""
+them (``image_folder``)."""
 
 from __future__ import annotations
 
@@ -10,14 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.sources.grey_images import (
-    NO_READING,
-    ImageFiles,
-    natural_order,
-)
-from anchorpose.sources.image_folder import frame_files
-from anchorpose.sources.sidecar import SIDECAR, SidecarDocument, camera_of, file_times, times_of
-from anchorpose.sources.source import Source, SourceCamera, SourceFrame
+from anchorpose.sources.grey_images import ImageFiles, natural_order
+from anchorpose.sources.image_folder import SIDECAR, SidecarDocument, camera_of, file_times, frame_files, times_of
+from anchorpose.sources.source import NO_READING, Source, SourceCamera, SourceFrame
 
 
 def matches(path: Path, head: bytes) -> bool:

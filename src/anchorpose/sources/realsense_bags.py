@@ -14,9 +14,9 @@ from typing import Final
 
 from anchorpose.errors import InputError
 from anchorpose.sources.bag_file import BagFile, DamagedBag, Message, Wire
-from anchorpose.sources.depth_stream import READ_BY_HAND, Clock, DepthStream, Streams, first, first_grey_image
+from anchorpose.sources.depth_stream import READ_BY_HAND, DepthStream, Streams, first, first_grey_image
+from anchorpose.sources.ros_camera import Lens, lens_with, may_be_a_lens
 from anchorpose.sources.ros_depth import size_of
-from anchorpose.sources.ros_lens import Lens, lens_with
 from anchorpose.sources.ros_messages import CompressedMessage, ImageMessage, Reader, read_camera_info
 from anchorpose.sources.source import SourceCamera
 
@@ -74,8 +74,7 @@ def _stream(
         serial=about.get("Serial Number", ""),
         count=bag.count(topic),
     )
-    clock = Clock.METADATA if in_metadata else Clock.STAMP
-    return DepthStream(topic=topic, camera=camera, clock=clock, metadata_topic=metadata if in_metadata else ""), lens
+    return DepthStream(topic=topic, camera=camera, metadata_topic=metadata if in_metadata else ""), lens
 
 
 def _depth_unit(bag: BagFile, sensor: str, image: Image) -> float | None:
@@ -109,7 +108,7 @@ def _lens(bag: BagFile, prefix: str) -> Lens:
 
 
 def _lens_with(fx: float, fy: float, cx: float, cy: float, D: tuple[float, ...], model: str) -> Lens:
-    if not all(map(math.isfinite, (fx, fy, cx, cy, *D))) or min(fx, fy) <= 0.0:
+    if not may_be_a_lens((fx, fy, cx, cy), D):
         return Lens(None, "the camera was not calibrated")
     if _MODELS.get(model) == "equidistant":
         D = D[:4]  # of the five places that every model has

@@ -19,10 +19,9 @@ from typing import Any, Final
 import numpy as np
 
 from anchorpose.errors import InputError, MissingPackage
-from anchorpose.sources.handheld import movement_note
 from anchorpose.sources.metres import GREY_M, to_grey
 from anchorpose.sources.numbers_in import finite, finite_list
-from anchorpose.sources.source import SourceCamera, SourceFrame, damaged_notes
+from anchorpose.sources.source import SourceCamera, SourceFrame, damaged_notes, movement_note
 from anchorpose.sources.stray_scanner import scaled_lens
 
 LARGEST_METADATA: Final = 100_000_000  # bytes; an hour at 60 per second has 30 MB
@@ -110,15 +109,21 @@ def _contents(path: Path) -> tuple[dict[str, Any], list[str]]:
     """The metadata, and the names of the depth images in order."""
     try:
         with zipfile.ZipFile(path) as archive:
-            if archive.getinfo("metadata").file_size > LARGEST_METADATA:
-                raise ValueError
-            values = json.loads(archive.read("metadata"))
+            values = json.loads(_read(archive, "metadata", LARGEST_METADATA))
             names = [name for name in archive.namelist() if re.fullmatch(r"rgbd/\d{1,9}\.depth", name)]
     except _DAMAGE:
         raise InputError(path, "is damaged, or not finished", _REMEDY) from None
     if not isinstance(values, dict) or not names:
         raise InputError(path, "holds no depth images", _REMEDY)
     return values, sorted(names, key=_number)
+
+
+def _read(archive: zipfile.ZipFile, name: str, most: int) -> bytes:
+    """Raises ValueError where damage states more bytes: zipfile asks for as much memory as is stated."""
+    info = archive.getinfo(name)
+    if max(info.file_size, info.compress_size) > most:
+        raise ValueError(f"{name} cannot be that large")
+    return archive.read(name)
 
 
 def _number(name: str) -> int:
@@ -158,9 +163,7 @@ def _decode(archive: zipfile.ZipFile, name: str, camera: SourceCamera) -> tuple[
 
     wanted = 4 * camera.width * camera.height
     try:
-        if archive.getinfo(name).file_size > wanted + 4096:  # LZFSE adds some bytes to what it cannot compress
-            return None, "is larger than an image"
-        data = lzfse.decompress(archive.read(name))
+        data = lzfse.decompress(_read(archive, name, wanted + 4096))  # it adds some bytes to what it cannot compress
     except (lzfse.error, *_DAMAGE) as error:
         if isinstance(error, OSError) and error.errno != errno.EINVAL:  # that one is a place before the file's start
             raise

@@ -7,23 +7,16 @@ from __future__ import annotations
 
 import io
 import struct
+from collections import Counter
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, Final
 
-from anchorpose.sources.bag_file import Channel, DamagedBag, Message, Wire, read_at_most, reading_notes, unpack
+from anchorpose.sources.bag_file import Block, Channel, ChunkedBag, DamagedBag, Message, Wire, read_at_most, unpack
 
 MAGIC: Final = b"#ROSBAG V2.0\n"
 _MESSAGE, _BAG, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 5, 6, 7  # values of the field "op"
-
-
-@dataclass(frozen=True, slots=True)
-class _Block:
-    """A chunk: where it begins, and how many messages of each connection it has."""
-
-    position: int
-    counts: dict[int, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,15 +36,11 @@ class _Record:
             raise DamagedBag(f"a record has no {name.decode()}") from error
 
 
-class Ros1File:
+class Ros1File(ChunkedBag):
     """Raises DamagedBag where not even the beginning can be read."""
 
     def __init__(self, path: Path) -> None:
-        self._path = path
-        self._connections: dict[int, Channel] = {}
-        self._blocks: list[_Block] = []
-        self._indexed = True
-        self._unreadable = 0
+        super().__init__(path)
         with path.open("rb") as file:
             file.seek(len(MAGIC))
             head = _read_record(file)
@@ -61,45 +50,15 @@ class Ros1File:
             try:
                 self._read_index(file, head.number(b"index_pos", "<Q"), first)
             except DamagedBag:
-                self._connections, self._blocks, self._indexed = {}, [], False
+                self._channels, self._counts, self._blocks, self._indexed = {}, None, [], False
                 self._scan(file, first)
 
-    @property
-    def channels(self) -> tuple[Channel, ...]:
-        """See ``BagFile``; two publishers on a topic are one channel."""
-        return tuple(dict.fromkeys(self._connections.values()))
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """See ``BagFile``."""
-        return reading_notes(self._path.name, self._indexed, self._unreadable, len(self._blocks))
-
-    def count(self, topic: str) -> int | None:
-        """See ``BagFile``."""
-        wanted = self._on((topic,))
-        return sum(count for block in self._blocks for c, count in block.counts.items() if c in wanted)
-
-    def messages(self, topics: Collection[str]) -> Iterator[Message]:
-        """See ``BagFile``."""
-        wanted, self._unreadable = self._on(topics), 0
-        with self._path.open("rb") as file:
-            for block in self._blocks:
-                if wanted.isdisjoint(block.counts):
-                    continue
-                try:
-                    file.seek(block.position)
-                    yield from self._messages_of(_read_record(file), wanted)
-                except DamagedBag:
-                    self._unreadable += 1
-
-    def _on(self, topics: Collection[str]) -> set[int]:
-        return {number for number, channel in self._connections.items() if channel.topic in topics}
-
-    def _messages_of(self, chunk: _Record | None, wanted: set[int]) -> Iterator[Message]:
+    def _messages_of(self, file: BinaryIO, wanted: Collection[int]) -> Iterator[Message]:
+        chunk = _read_record(file)
         for record in _records_of(chunk):
             if record.op == _MESSAGE and record.number(b"conn") in wanted:
                 seconds, nanoseconds = struct.unpack("<II", record.fields.get(b"time", b"").ljust(8, b"\0")[:8])
-                channel = self._connections[record.number(b"conn")]
+                channel = self._channels[record.number(b"conn")]
                 yield Message(channel, seconds * 1_000_000_000 + nanoseconds, record.data)
 
     def _read_index(self, file: BinaryIO, position: int, first: int) -> None:
@@ -115,9 +74,9 @@ class Ros1File:
             elif record.op == _CHUNK_INFO:
                 pairs = record.data[: len(record.data) // 8 * 8]
                 counts = {int(c): int(n) for c, n in struct.iter_unpack("<II", pairs)}
-                self._blocks.append(_Block(record.number(b"chunk_pos", "<Q"), counts))
+                self._add_block(record.number(b"chunk_pos", "<Q"), counts)
         self._blocks.sort(key=lambda block: block.position)
-        if not self._connections or any(not first <= block.position < position for block in self._blocks):
+        if not self._channels or any(not first <= block.position < position for block in self._blocks):
             raise DamagedBag("its index is damaged")
 
     def _scan(self, file: BinaryIO, first: int) -> None:
@@ -132,7 +91,7 @@ class Ros1File:
             if record is None:
                 return
             if record.op == _CHUNK:
-                self._blocks.append(_Block(position, self._counts_of(record)))
+                self._add_block(position, self._counts_of(record))
 
     def _counts_of(self, chunk: _Record) -> dict[int, int]:
         counts: dict[int, int] = {}
@@ -147,10 +106,15 @@ class Ros1File:
             pass  # counted when its messages are read
         return counts
 
+    def _add_block(self, position: int, counts: dict[int, int]) -> None:
+        self._blocks.append(Block(position, frozenset(counts)))
+        self._counts = dict(Counter(self._counts) + Counter(counts))
+
     def _add_connection(self, record: _Record) -> None:
-        topic, kind = record.fields.get(b"topic", b""), _fields_of(record.data).get(b"type", b"")
-        channel = Channel(topic.decode("utf-8", "replace"), kind.decode("utf-8", "replace"), Wire.ROS1)
-        self._connections[record.number(b"conn")] = channel
+        about = _fields_of(record.data)
+        raw = (record.fields.get(b"topic", b""), about.get(b"type", b""), about.get(b"message_definition", b""))
+        topic, kind, definition = (text.decode("utf-8", "replace") for text in raw)
+        self._channels[record.number(b"conn")] = Channel(topic, kind, Wire.ROS1, definition)
 
 
 def _records_of(chunk: _Record | None) -> Iterator[_Record]:

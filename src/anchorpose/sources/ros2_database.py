@@ -8,18 +8,16 @@ from contextlib import closing
 from pathlib import Path
 from typing import Final
 
-from anchorpose.sources.bag_file import Channel, DamagedBag, Message, Wire, kind_of, unpack_message
+from anchorpose.sources.bag_file import BagFile, Channel, DamagedBag, Message, Wire, kind_of, unpack_message
 
 MAGIC: Final = b"SQLite format 3\0"
 
 
-class Ros2Database:
+class Ros2Database(BagFile):
     """Raises DamagedBag where the end is missing, or the list of topics cannot be read."""
 
     def __init__(self, path: Path) -> None:
-        self._path = path
-        self._channels: dict[int, Channel] = {}
-        self._counts: dict[int, int] | None = None
+        super().__init__(path)
         self._unreadable = 0
         self._cut_off = False
         if _is_cut_off(path):
@@ -33,11 +31,6 @@ class Ros2Database:
         self._count()
 
     @property
-    def channels(self) -> tuple[Channel, ...]:
-        """See ``BagFile``."""
-        return tuple(dict.fromkeys(self._channels.values()))
-
-    @property
     def notes(self) -> tuple[str, ...]:
         """See ``BagFile``."""
         notes = []
@@ -46,10 +39,6 @@ class Ros2Database:
         if self._unreadable:
             notes.append(f"{self._unreadable} messages of {self._path.name} are damaged: left out.")
         return tuple(notes)
-
-    def count(self, topic: str) -> int | None:
-        """See ``BagFile``."""
-        return None if self._counts is None else sum(self._counts.get(number, 0) for number in self._on((topic,)))
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
         """See ``BagFile``."""
@@ -73,9 +62,6 @@ class Ros2Database:
                 pass
         self._unreadable += 1
         return None
-
-    def _on(self, topics: Collection[str]) -> set[int]:
-        return {number for number, channel in self._channels.items() if channel.topic in topics}
 
     def _count(self) -> None:
         try:

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+
+import numpy as np
 
 from anchorpose.errors import InputError
 from anchorpose.sources import mcap_file, orbbec_bags, realsense_bags, ros1_file, ros2_database, ros_streams
-from anchorpose.sources.bag_file import ZSTD_MAGIC, BagFile, DamagedBag
-from anchorpose.sources.bag_folder import BagFolder, files_of
-from anchorpose.sources.bag_source import BagSource
-from anchorpose.sources.depth_stream import RECORD_AGAIN
+from anchorpose.sources.bag_file import ZSTD_MAGIC, BagFile, BagFolder, DamagedBag, Message, files_of
+from anchorpose.sources.depth_stream import RECORD_AGAIN, DepthStream, Streams
+from anchorpose.sources.metres import grey_of_metres
+from anchorpose.sources.ros_depth import METRES, encoding_of, grey_of, metres_of
+from anchorpose.sources.ros_messages import CompressedMessage, ImageMessage
+from anchorpose.sources.source import SourceCamera, SourceFrame
 
 
 def matches(path: Path, head: bytes) -> bool:
@@ -39,7 +44,7 @@ def open_source(path: Path) -> BagSource:
 
 def _open_bag(path: Path) -> BagFile:
     if path.is_dir():
-        return BagFolder([_open_file(file) for file in files_of(path)])
+        return BagFolder(path, [_open_file(file) for file in files_of(path)])
     return _open_file(path)
 
 
@@ -55,3 +60,111 @@ def _open_file(path: Path) -> BagFile:
     if head.startswith(ZSTD_MAGIC):
         raise InputError(path, "it is packed as a whole", "unpack it first: zstd -d FILE")
     raise DamagedBag(f"{path.name} is no bag")
+
+
+class BagSource:
+    """See ``Source``. Only the image at hand is in memory."""
+
+    def __init__(self, path: Path, bag: BagFile, streams: Streams) -> None:
+        self.path = path
+        self.cameras: tuple[SourceCamera, ...] = tuple(stream.camera for stream in streams.streams)
+        self._bag, self._streams, self._said = bag, streams.streams, streams.notes
+        self._tallies = tuple(_Tally() for _ in self.cameras)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """See ``Source``."""
+        counted = (tally.notes(camera.name) for tally, camera in zip(self._tallies, self.cameras, strict=True))
+        return (*self._said, *self._bag.notes, *(note for notes in counted for note in notes))
+
+    def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
+        """See ``Source``; where a file is cut off, what it has up to there, with a note."""
+        self._tallies = tuple(_Tally() for _ in self.cameras)
+        given = [0] * len(self.cameras)
+        try:
+            for frame in self._all_frames():
+                given[frame.camera] += 1
+                if given[frame.camera] > skip[frame.camera]:
+                    yield frame
+        except OSError as error:
+            raise InputError(self.path, f"it cannot be read on ({error.strerror})", "check the disk") from error
+        if not any(given):
+            raise InputError(self.path, "none of its depth images can be read", RECORD_AGAIN)
+
+    def _all_frames(self) -> Iterator[SourceFrame]:
+        images = {stream.topic: camera for camera, stream in enumerate(self._streams)}
+        stamps = {stream.metadata_topic: camera for camera, stream in enumerate(self._streams) if stream.metadata_topic}
+        waiting: dict[int, tuple[int, np.ndarray]] = {}
+        for message in self._bag.messages({*images, *stamps}):
+            topic = message.channel.topic
+            camera = images[topic] if topic in images else stamps[topic]
+            try:
+                if topic in stamps:
+                    if camera in waiting:  # otherwise its image was damaged, and is counted
+                        yield _stamped(camera, *waiting.pop(camera), message)
+                    continue
+                time_ns, depth = self._read(camera, message)
+            except DamagedBag:
+                self._tallies[camera].damaged += 1
+                continue
+            if self._streams[camera].metadata_topic:
+                self._tallies[camera].damaged += camera in waiting
+                waiting[camera] = message.received_ns, depth
+            else:
+                yield SourceFrame(camera, time_ns / 1e9, depth)
+        for camera in waiting:
+            self._tallies[camera].damaged += 1
+
+    def _read(self, camera: int, message: Message) -> tuple[int, np.ndarray]:
+        """Time in nanoseconds, and (height, width) uint16. Raises DamagedBag."""
+        stream = self._streams[camera]
+        image = stream.read(message)
+        encoding = encoding_of(image)
+        if not encoding or (encoding == METRES) != stream.in_metres:
+            raise DamagedBag("an image has another encoding than the first one")
+        depth = self._depth(camera, stream, image)
+        if depth.shape != (stream.camera.height, stream.camera.width):
+            raise DamagedBag("an image has another size than the first one")
+        return self._time_ns(camera, stream, image, message), depth
+
+    def _depth(self, camera: int, stream: DepthStream, image: ImageMessage | CompressedMessage) -> np.ndarray:
+        if not stream.in_metres:
+            return grey_of(image)
+        if stream.camera.depth_scale is None:
+            raise DamagedBag("depth in metres has no grey values yet")
+        depth, too_far = grey_of_metres(metres_of(image), stream.camera.depth_scale)
+        self._tallies[camera].too_far += too_far
+        return depth
+
+    def _time_ns(
+        self, camera: int, stream: DepthStream, image: ImageMessage | CompressedMessage, message: Message
+    ) -> int:
+        if image.stamp_ns == 0 and not stream.metadata_topic:
+            self._tallies[camera].without_stamp += 1
+            return message.received_ns
+        return image.stamp_ns
+
+
+def _stamped(camera: int, received_ns: int, depth: np.ndarray, message: Message) -> SourceFrame:
+    """RealSense's image that waited for its time stamp, which is received with it. Raises DamagedBag."""
+    time_ns = realsense_bags.device_time_ns(message)
+    if time_ns is None or received_ns != message.received_ns:
+        raise DamagedBag("an image and its time stamp do not belong together")
+    return SourceFrame(camera, time_ns / 1e9, depth)
+
+
+class _Tally:
+    """What was counted of one camera's images while they were read."""
+
+    __slots__ = ("damaged", "too_far", "without_stamp")
+
+    def __init__(self) -> None:
+        self.damaged = self.too_far = self.without_stamp = 0
+
+    def notes(self, name: str) -> Iterator[str]:
+        if self.damaged:
+            yield f"{self.damaged} depth images of {name} are damaged: left out."
+        if self.without_stamp:
+            yield f"{self.without_stamp} depth images of {name} have no time stamp: the time of their receipt is taken."
+        if self.too_far:
+            yield f"{self.too_far} readings of {name} are farther than its grey values reach: no reading."

@@ -10,10 +10,10 @@ import numpy as np
 from anchorpose.recording.depth_image import is_whole_png
 from anchorpose.sources.bag_file import DamagedBag
 from anchorpose.sources.ros_messages import CompressedMessage, ImageMessage
+from anchorpose.sources.source import NO_READING
 
 INTEGERS: Final = frozenset({"16UC1", "mono16", "Z16", "z16"})
 METRES: Final = "32FC1"
-NO_READING: Final = 65535  # beside 0; the largest value is what sensors give for "too far" or "too near"
 _PNG: Final = b"\x89PNG"
 _HEADER: Final = 12  # bytes of compressed_depth_image_transport's own header: format, two parameters
 

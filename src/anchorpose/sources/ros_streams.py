@@ -14,10 +14,9 @@ from anchorpose.lens import Intrinsics
 from anchorpose.sources.bag_file import BagFile, Channel, DamagedBag
 from anchorpose.sources.depth_stream import COMPRESSED, IMAGE, READ_BY_HAND, DepthStream, Streams, first, read_any_image
 from anchorpose.sources.metres import scale_of
+from anchorpose.sources.ros_camera import StaticTransforms, image_size, lens_of
 from anchorpose.sources.ros_depth import METRES, encoding_of, metres_of, size_of
-from anchorpose.sources.ros_lens import image_size, lens_of
 from anchorpose.sources.ros_messages import CameraInfo, CompressedMessage, ImageMessage, read_camera_info
-from anchorpose.sources.ros_places import StaticTransforms
 from anchorpose.sources.source import SourceCamera
 
 _INFO: Final = "sensor_msgs/CameraInfo"

@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Final, Protocol
 
 import numpy as np
 
 from anchorpose.lens import Intrinsics
+
+NO_READING: Final = 65535  # beside 0; what sensors give for "too far" or "too near"
+
+STANDS_STILL_M: Final = 0.03  # a phone on a tripod; its own estimate of where it is wanders by some millimetres
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,3 +89,14 @@ def damaged_notes(left_out: Mapping[str, str]) -> tuple[str, ...]:
         return ()
     first, problem = next(iter(left_out.items()))
     return (f"Damaged depth images that were left out: {len(left_out)}; the first, {first}, {problem}.",)
+
+
+def movement_note(positions_m: np.ndarray) -> tuple[str, ...]:
+    """A sentence where a camera at ``positions_m`` (n, 3) was moved; NaN rows are unknown."""
+    known = positions_m[np.isfinite(positions_m).all(axis=1)]
+    if len(known) == 0:
+        return ()
+    moved_m = float(np.linalg.norm(known - np.median(known, axis=0), axis=1).max())
+    if moved_m <= STANDS_STILL_M:
+        return ()
+    return (f"The camera was moved by {moved_m:.2f} m while it recorded: tracking needs one that stands still.",)

@@ -15,9 +15,8 @@ from anchorpose.errors import InputError
 from anchorpose.lens import Intrinsics
 from anchorpose.recording.document import read_text
 from anchorpose.sources.grey_images import FrameFile, ImageFiles, Size, first_size, images_in, number_of
-from anchorpose.sources.handheld import movement_note
 from anchorpose.sources.numbers_in import read_matrix
-from anchorpose.sources.source import SourceCamera
+from anchorpose.sources.source import SourceCamera, movement_note
 
 DEPTH_SCALE_M: Final = 0.001
 

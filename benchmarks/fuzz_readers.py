@@ -1,0 +1,235 @@
+"""Damaged files of every format that `anchorpose convert` reads: what becomes of each.
+
+    .venv/bin/python benchmarks/fuzz_readers.py [--files 10000] [--reader NAME...] [--first NUMBER]
+
+Each file is damaged anew (flipped bits, cut, zeroed, a piece doubled or taken out, lengths exchanged) and converted.
+Counted are recordings, refusals in one sentence, and faults, each with the number of its file, which --first repeats:
+another error, a crash of native code, more than 10 s or 1 GB for one file, a folder left half-written, an image written
+that cannot be read or, from a file that was only cut, one that was not recorded.
+"""
+
+from __future__ import annotations
+
+import argparse
+import faulthandler
+import random
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from contextlib import nullcontext
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "builders"))
+import azure_builder
+import bags_builder
+import sources_builder
+import vendor_bags_builder
+
+from anchorpose.errors import InputError
+from anchorpose.recording.reader import open_recording
+from anchorpose.sources import convert as convert_module
+from anchorpose.sources.convert import Converted, convert
+from anchorpose.sources.plan import ConvertOptions
+from anchorpose.sources.readers import open_source
+
+LONGEST_S, MOST_BYTES = 10, 1 << 30
+PIECE = 64  # bytes: half of all damage is in the first or last pieces of a file, where headers and indices are
+
+
+def azure(path: Path) -> None:
+    path.write_bytes(azure_builder.recording(2))
+
+
+def bag(form: str) -> Callable[[Path], None]:
+    def write(path: Path) -> None:
+        bags_builder.depth_bag(path.parent, form).rename(path)
+
+    return write
+
+
+def vendor(build: Callable[[Path], Path]) -> Callable[[Path], None]:
+    def write(path: Path) -> None:
+        build(path.parent).rename(path)
+
+    return write
+
+
+def record3d(path: Path) -> None:
+    sources_builder.r3d(path, np.random.default_rng(0).uniform(0.3, 4.0, (3, 16, 12)).astype(np.float32))
+
+
+def images(write: Callable[[Path, np.ndarray], None]) -> Callable[[Path], None]:
+    return lambda path: write(path, sources_builder.noise(3))
+
+
+READERS: dict[str, Callable[[Path], None]] = {
+    "azure": azure,
+    **{form: bag(form) for form in bags_builder.FORMATS},
+    "realsense": vendor(vendor_bags_builder.realsense_bag),
+    "realsense-db3": vendor(vendor_bags_builder.realsense_database),
+    "orbbec": vendor(vendor_bags_builder.orbbec_bag),
+    "orbbec-2.3": vendor(partial(vendor_bags_builder.orbbec_bag, sdk="2.3")),
+    "record3d": record3d,
+    **{name: images(write) for name, write in sources_builder.FORMATS.items()},
+}
+
+
+def damage(data: bytes, chance: random.Random) -> tuple[bytes, bool]:
+    """The damaged bytes, and whether they were only cut."""
+    content = bytearray(data)
+    for _ in range(chance.choice([1, 1, 2, 5])):
+        place, other, length = _place(content, chance), _place(content, chance), chance.choice([1, 4, 8, 40, 2000])
+        match chance.randrange(7):
+            case 0:
+                return bytes(data[:place]), True
+            case 1:
+                for spot in [_place(content, chance) for _ in range(chance.choice([1, 8]))]:
+                    content[spot] ^= 1 << chance.randrange(8)
+            case 2:
+                content[place : place + 4] = chance.choice([0, 1, 2**31 - 1, 2**32 - 1]).to_bytes(4, "little")
+            case 3:
+                content[place : place + length] = bytes(len(content[place : place + length]))
+            case 4:
+                content[place:place] = content[other : other + length]
+            case 5:
+                del content[place : place + length]
+            case _:
+                size = chance.choice([4, 8])
+                here, there = content[place : place + size], content[other : other + size]
+                content[place : place + size], content[other : other + size] = there, here
+        content = content or bytearray(b"\0")
+    return bytes(content), False
+
+
+def _place(content: bytearray, chance: random.Random) -> int:
+    near = min(len(content), PIECE * chance.choice([1, 8, 64]))
+    return chance.choice(
+        [chance.randrange(near), len(content) - 1 - chance.randrange(near)] + 2 * [_any(content, chance)]
+    )
+
+
+def _any(content: bytearray, chance: random.Random) -> int:
+    return chance.randrange(len(content))
+
+
+def damaged_copy(good: Path, bad: Path, chance: random.Random) -> bool:
+    """Whether its files were only cut."""
+    shutil.copytree(good, bad)
+    files = sorted(file for file in bad.rglob("*") if file.is_file())
+    cuts = []
+    for file in chance.sample(files, min(len(files), chance.choice([1, 1, 2]))):
+        content, cut = damage(file.read_bytes(), chance)
+        file.write_bytes(content)
+        cuts.append(cut)
+    return all(cuts)
+
+
+def converted(path: Path, out: Path) -> Converted:
+    """With what the damaged file still lacks."""
+    cameras = open_source(path).cameras
+    options = ConvertOptions(
+        intrinsics=sources_builder.LENS if any(camera.intrinsics is None for camera in cameras) else None,
+        depth_scale=0.001 if any(camera.depth_scale is None for camera in cameras) else None,
+        fps=30.0 if any(not camera.has_times for camera in cameras) else None,
+    )
+    return convert([path], out, options, lambda done, total: None)
+
+
+def depth_images(recording: Path) -> list[bytes]:
+    """The grey values of all images of a recording that opens."""
+    open_recording(recording)
+    files = sorted(recording.glob("*/depth/*.png"))
+    return [cv2.imread(str(file), cv2.IMREAD_UNCHANGED).tobytes() for file in files]
+
+
+def outcome(path: Path, out: Path, whole: list[bytes] | None) -> str:
+    """ "read" or "refused"; raises Fault where neither is right. whole: all images, of a file that was only cut."""
+    try:
+        done = converted(path, out)
+    except InputError as error:
+        require("\n" not in str(error) and str(path.parent) in str(error), f"no sentence that names the file: {error}")
+        require(not out.exists(), "a refusal has left a folder")
+        return "refused"
+    found = depth_images(out)
+    require(bool(found), "a recording without an image")
+    require(not any("\n" in note for note in done.notes), "a note of several lines")
+    require(whole is None or set(found) <= set(whole), "an image that was not recorded")
+    return "read"
+
+
+class Fault(Exception):
+    """What a conversion must not do."""
+
+
+def require(right: bool, otherwise: str) -> None:
+    if not right:
+        raise Fault(otherwise)
+
+
+def run_reader(name: str, files: range, folder: Path, at: Path) -> None:
+    """at: a file that always holds the number of the case, for a crash to be found again."""
+    convert_module.one_thread = nullcontext  # to find the libraries takes longer than so small a conversion
+    good, path, out = folder / "good", folder / "bad" / "in", folder / "out"
+    good.mkdir()
+    READERS[name](good / "in")
+    converted(good / "in", out)
+    whole, counts, longest_s = depth_images(out), {"read": 0, "refused": 0, "faults": 0}, 0.0
+    limit = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() + MOST_BYTES
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+    for number in files:
+        at.write_text(str(number))
+        shutil.rmtree(path.parent, ignore_errors=True)
+        shutil.rmtree(out, ignore_errors=True)
+        cut = damaged_copy(good, path.parent, random.Random(f"{name} {number}"))
+        signal.alarm(LONGEST_S)
+        start = time.perf_counter()
+        try:
+            counts[outcome(path, out, whole if cut else None)] += 1
+        except Exception as error:
+            counts["faults"] += 1
+            print(f"{name}: file {number}: {type(error).__name__}: {error}"[:500], flush=True)
+        longest_s = max(longest_s, time.perf_counter() - start)
+        signal.alarm(0)
+    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    counted = ", ".join(f"{count} {what}" for what, count in counts.items())
+    print(f"{name}: {counted}, longest {longest_s:.2f} s, {peak_mb:.0f} MB")
+    sys.exit(counts["faults"] > 0)
+
+
+def main() -> None:
+    """Each reader in a process of its own, so that a crash of one is seen and named."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--files", type=int, default=10000)
+    parser.add_argument("--reader", nargs="*", choices=READERS, default=list(READERS))
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--here", type=Path, help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.here is not None:
+        faulthandler.enable()
+        faulthandler.register(signal.SIGALRM, chain=True)  # then ends the process, also within native code
+        run_reader(given.reader[0], range(given.first, given.first + given.files), given.here, given.here / "number")
+        return
+    faults = 0
+    for name in given.reader:
+        with tempfile.TemporaryDirectory() as folder:
+            again = ["--files", str(given.files), "--first", str(given.first), "--reader", name, "--here", folder]
+            done = subprocess.run([sys.executable, __file__, *again], check=False)
+            if done.returncode:
+                faults += 1
+                print(
+                    f"{name}: exit {done.returncode}, last at file {(Path(folder) / 'number').read_text()}", flush=True
+                )
+    sys.exit(faults > 0)
+
+
+if __name__ == "__main__":
+    main()
