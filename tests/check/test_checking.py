@@ -84,6 +84,14 @@ def drop_a_third(recording: Path) -> None:
         (recording / "front" / "depth" / f"{int(row.split(',')[0]):06d}.png").unlink()
 
 
+def drop_every_third(recording: Path) -> None:
+    stamps = recording / "front" / "timestamps.csv"
+    head, *rows = stamps.read_text().splitlines()
+    for row in rows[1::3]:
+        (recording / "front" / "depth" / f"{int(row.split(',')[0]):06d}.png").unlink()
+    stamps.write_text("\n".join([head, *(row for number, row in enumerate(rows) if number % 3 != 1)]) + "\n")
+
+
 def crop_below_the_knees(recording: Path) -> None:
     height = 270
     for path in [*(recording / "front" / "depth").glob("*.png"), recording / "front" / "background.png"]:
@@ -138,6 +146,7 @@ FAULTS = (
     pytest.param(change_camera(depth_scale=0.002), ("depth unit",), Level.RED, id="scale"),
     pytest.param(crop_below_the_knees, ("whole in view",), Level.RED, id="feet"),
     pytest.param(drop_a_third, ("frames",), Level.RED, id="dropped"),
+    pytest.param(drop_every_third, ("frames",), Level.RED, id="every third dropped"),
     pytest.param(nobody, ("patient",), Level.RED, id="nobody"),
     pytest.param(longer_focal_length, ("floor", "room square", "depth unit"), Level.YELLOW, id="focal length"),
     *(
