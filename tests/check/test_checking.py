@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -17,7 +16,6 @@ from anchorpose.check import material
 from anchorpose.check.finding import Finding, Level, OfCamera, level_of, of_cameras
 from anchorpose.check.material import SeenPatient
 from anchorpose.check.patient import _borders
-from anchorpose.check.poses import _apart
 from anchorpose.checking import check_recording
 from anchorpose.cli import main
 from anchorpose.isolation.people import Person
@@ -221,21 +219,6 @@ def test_feet_are_out_of_view_where_the_floor_below_the_patient_is(distance_m, b
     view = View(np.full((240, 320), distance_m, np.float32), labels)
     seen = SeenPatient(Person(np.zeros(2), 1.0, 1.7, 0.2, 2400), (view,), np.zeros(1))
     assert _borders(seen, 0, camera, floor_m=0.0) == (False, below, False, False)
-
-
-@pytest.mark.parametrize(("moved_m", "level"), [(0.0, Level.GREEN), (0.3, Level.RED)])
-def test_cameras_that_see_past_each_others_wall_do_not_agree(moved_m, level):
-    lens = Intrinsics(fx=200.0, fy=200.0, cx=159.5, cy=119.5)
-    wall = SimpleNamespace(depth_m=np.full((240, 320), 3.0, np.float32))
-    pose = np.eye(4)
-    pose[2, 3] = moved_m  # along the view: what it shows is 0.3 m beyond the other camera's wall
-    cameras = [
-        Camera(name=name, width=320, height=240, depth_scale=0.001, intrinsics=lens, T_world_camera=T)
-        for name, T in (("front", np.eye(4)), ("left", pose))
-    ]
-    found = _apart(*(SimpleNamespace(camera=camera, background=wall) for camera in cameras))
-    assert found is not None
-    assert found.level is level
 
 
 def test_levels_by_limits_and_what_is_not_known():
