@@ -13,7 +13,7 @@ from anchorpose.camera import Camera
 from anchorpose.check.agreement import check_agreement, seen_past
 from anchorpose.check.finding import Finding, Level
 from anchorpose.isolation.background import BackgroundModel, BackgroundSource
-from anchorpose.isolation.scene import Scene, set_scene
+from anchorpose.isolation.scene import Scene, find_all_pieces, set_scene
 from anchorpose.lens import Intrinsics
 from anchorpose.recording.recording import FrameSet
 
@@ -81,17 +81,15 @@ def test_cameras_that_share_nothing_have_no_finding():
     assert findings == []
 
 
-def test_noise_of_coarse_cameras_is_not_seen_past():
-    """Errors of stereo matching come in patches: the deviation over time has them, that between neighbours not."""
-
-    def of_room(sigma_per_m: float) -> float:
-        rng, coarse = np.random.default_rng(4), list[Scene]()
-        for one in (scene(camera("front", 0.0), camera("front", 0.0)), scene(camera("left", 0.5), camera("left", 0.5))):
-            patches = cv2.GaussianBlur(rng.normal(size=(240, 320)).astype(np.float32), (0, 0), 3.0)
-            room = one.background.depth_m * (1.0 + 0.012 * patches / patches.std())
-            model = replace(one.background, depth_m=room, sigma_m=sigma_per_m * room**2)
-            coarse.append(replace(one, background=model))
-        return seen_past(coarse, [])[0].of_room
-
-    assert of_room(0.001) > 0.08
-    assert of_room(0.006) < 0.02
+@pytest.mark.parametrize(("sigma_per_m", "low", "high"), [(0.001, 0.15, 1.0), (0.008, 0.0, 0.05)])
+def test_people_in_patches_of_error_are_not_seen_past(sigma_per_m, low, high):
+    """Stereo matching errs alike in neighbouring pixels: the deviation over time has it, that between pixels not."""
+    rng, scenes, depths = np.random.default_rng(4), list[Scene](), list[np.ndarray]()
+    for one in (camera("front", 0.0), camera("left", 0.5)):
+        of_one = scene(one, one)
+        model = replace(of_one.background, sigma_m=sigma_per_m * of_one.background.depth_m**2)
+        scenes.append(replace(of_one, background=model))
+        patches = cv2.GaussianBlur(rng.normal(size=(240, 320)).astype(np.float32), (0, 0), 3.0)
+        depths.append(picture(one, person=True) * (1.0 + 0.015 * patches / patches.std()))
+    [pair] = seen_past(scenes, [find_all_pieces(depths, scenes)])
+    assert low <= pair.of_people <= high
