@@ -21,6 +21,7 @@ from anchorpose.cli import main
 from anchorpose.isolation.people import Person
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.lens import Intrinsics
+from anchorpose.recording.recording import DepthStream
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
 
@@ -231,3 +232,14 @@ def test_the_worst_camera_decides_and_is_named():
     good, poor = OfCamera("front", Level.GREEN, "3 mm", "a"), OfCamera("left", Level.RED, "60 mm", "b")
     assert of_cameras("noise", [good, poor]) == Finding("noise", Level.RED, "left: 60 mm", "b")
     assert of_cameras("noise", [good]) == Finding("noise", Level.GREEN, "3 mm", "")
+
+
+@pytest.mark.parametrize(("hz", "kept_hz"), [(30.0, 15.0), (60.0, 15.0), (29.97, 14.985), (15.0, 15.0), (25.0, 25.0)])
+def test_clocks_and_poses_are_found_from_no_more_frames_than_they_need(hz, kept_hz):
+    files = tuple(Path(f"{k:06d}.png") for k in range(120))
+    duplicate = np.arange(120) % 7 == 0
+    every = DepthStream(files=files, time_s=np.arange(120) / hz, frame=np.arange(120), duplicate=duplicate)
+    thin = material._thinned_stream(every)
+    assert 1.0 / np.diff(thin.time_s) == pytest.approx(np.full(len(thin.files) - 1, kept_hz))
+    assert [int(file.stem) for file in thin.files] == thin.frame.tolist()
+    np.testing.assert_array_equal(thin.duplicate, duplicate[thin.frame])
