@@ -29,6 +29,7 @@ from anchorpose.tracker.sighting import BORDER_PX
 LOOKS: Final = 6  # frames in which the patient is looked at closely, up to a second each
 PAIRS: Final = 6  # of successive frames, for readings that come and go
 BODIES: Final = 8  # frames in which everybody gets a body, a second each for three people
+SHORT: Final = 300  # frames, ten seconds at 30 per second: reading them all takes little
 ENOUGH_HZ: Final = 14.5  # for clocks and poses: what the guide asks for, which recorders just miss
 REACH_M: Final = 0.10  # of a rough body from the skin that it stands for
 
@@ -127,7 +128,9 @@ def gather_material(recording: Recording, config: TrackConfig) -> Material:
 
 
 def _thinned(recording: Recording) -> Recording:
-    """Every so-manieth frame of cameras that are faster than clocks and poses need."""
+    """Every so-manieth frame of cameras that are faster than clocks and poses need; all of a short recording."""
+    if min(len(stream.files) for stream in recording.streams) < SHORT:
+        return recording
     return replace(recording, streams=tuple(_thinned_stream(stream) for stream in recording.streams))
 
 
