@@ -44,6 +44,14 @@ def _sensed(seed: int, seconds: float, sensor: presets.Sensor) -> presets.Simula
     return replace(presets.single(seed, seconds), sensor=sensor)
 
 
+def _mixed(seed: int, seconds: float) -> presets.SimulationConfig:
+    """Cameras of three makes: other images, lenses, noise and rates, and clocks that nobody set."""
+    same = presets.clinic(seed, seconds, fps=30.0)
+    return replace(
+        same, sensors=("femto-bolt", "realsense", "kinect-v2"), every=(1, 1, 2), clock_late_s=(0.0, 0.35, -0.6)
+    )
+
+
 SENSORS: Final[tuple[presets.Sensor, ...]] = get_args(presets.Sensor)
 LENSES: Final[tuple[presets.LensName, ...]] = ("brown-conrady", "rational", "kannala-brandt")
 SCENES: Final[dict[str, Callable[[int, float], presets.SimulationConfig]]] = {
@@ -52,6 +60,7 @@ SCENES: Final[dict[str, Callable[[int, float], presets.SimulationConfig]]] = {
     **{f"lens-{lens}": partial(_through, lens=lens) for lens in LENSES},
     **{f"sensor-{sensor}": partial(_sensed, sensor=sensor) for sensor in SENSORS},
     "clinic": presets.clinic,
+    "mixed": _mixed,
     "clinic-front": lambda seed, seconds: replace(presets.clinic(seed, seconds), cameras=1),
 }
 DEFAULT_SCENES: Final = ("single", "hole-0.15", "clinic", "clinic-front")
@@ -61,6 +70,7 @@ TITLES: Final = {
     **{f"lens-{lens}": f"the same through a lens ({lens})" for lens in LENSES},
     **{f"sensor-{sensor}": f"the same with another sensor ({sensor})" for sensor in SENSORS},
     "clinic": "clinic: three cameras, frame, two therapists",
+    "mixed": "the same with a Femto Bolt, a D455 and a Kinect v2, at 30, 30 and 15 pictures a second",
     "clinic-front": "the same clinic, front camera alone",
 }
 JUDGED_ANGLES: Final = ("knee_flexion", "hip_flexion", "elbow_flexion")

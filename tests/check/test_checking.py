@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -17,12 +16,12 @@ from anchorpose.check import material
 from anchorpose.check.finding import Finding, Level, OfCamera, level_of, of_cameras
 from anchorpose.check.material import SeenPatient
 from anchorpose.check.patient import _borders
-from anchorpose.check.poses import _apart
 from anchorpose.checking import check_recording
 from anchorpose.cli import main
 from anchorpose.isolation.people import Person
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.lens import Intrinsics
+from anchorpose.recording.recording import DepthStream
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
 
@@ -84,6 +83,14 @@ def drop_a_third(recording: Path) -> None:
         (recording / "front" / "depth" / f"{int(row.split(',')[0]):06d}.png").unlink()
 
 
+def drop_every_third(recording: Path) -> None:
+    stamps = recording / "front" / "timestamps.csv"
+    head, *rows = stamps.read_text().splitlines()
+    for row in rows[1::3]:
+        (recording / "front" / "depth" / f"{int(row.split(',')[0]):06d}.png").unlink()
+    stamps.write_text("\n".join([head, *(row for number, row in enumerate(rows) if number % 3 != 1)]) + "\n")
+
+
 def crop_below_the_knees(recording: Path) -> None:
     height = 270
     for path in [*(recording / "front" / "depth").glob("*.png"), recording / "front" / "background.png"]:
@@ -138,6 +145,7 @@ FAULTS = (
     pytest.param(change_camera(depth_scale=0.002), ("depth unit",), Level.RED, id="scale"),
     pytest.param(crop_below_the_knees, ("whole in view",), Level.RED, id="feet"),
     pytest.param(drop_a_third, ("frames",), Level.RED, id="dropped"),
+    pytest.param(drop_every_third, ("frames",), Level.RED, id="every third dropped"),
     pytest.param(nobody, ("patient",), Level.RED, id="nobody"),
     pytest.param(longer_focal_length, ("floor", "room square", "depth unit"), Level.YELLOW, id="focal length"),
     *(
@@ -214,21 +222,6 @@ def test_feet_are_out_of_view_where_the_floor_below_the_patient_is(distance_m, b
     assert _borders(seen, 0, camera, floor_m=0.0) == (False, below, False, False)
 
 
-@pytest.mark.parametrize(("moved_m", "level"), [(0.0, Level.GREEN), (0.3, Level.RED)])
-def test_cameras_that_see_past_each_others_wall_do_not_agree(moved_m, level):
-    lens = Intrinsics(fx=200.0, fy=200.0, cx=159.5, cy=119.5)
-    wall = SimpleNamespace(depth_m=np.full((240, 320), 3.0, np.float32))
-    pose = np.eye(4)
-    pose[2, 3] = moved_m  # along the view: what it shows is 0.3 m beyond the other camera's wall
-    cameras = [
-        Camera(name=name, width=320, height=240, depth_scale=0.001, intrinsics=lens, T_world_camera=T)
-        for name, T in (("front", np.eye(4)), ("left", pose))
-    ]
-    found = _apart(*(SimpleNamespace(camera=camera, background=wall) for camera in cameras))
-    assert found is not None
-    assert found.level is level
-
-
 def test_levels_by_limits_and_what_is_not_known():
     assert [level_of(value, 1.0, 2.0) for value in (1.0, 1.5, 2.5, np.nan)] == [
         Level.GREEN, Level.YELLOW, Level.RED, Level.GREEN,
@@ -239,3 +232,14 @@ def test_the_worst_camera_decides_and_is_named():
     good, poor = OfCamera("front", Level.GREEN, "3 mm", "a"), OfCamera("left", Level.RED, "60 mm", "b")
     assert of_cameras("noise", [good, poor]) == Finding("noise", Level.RED, "left: 60 mm", "b")
     assert of_cameras("noise", [good]) == Finding("noise", Level.GREEN, "3 mm", "")
+
+
+@pytest.mark.parametrize(("hz", "kept_hz"), [(30.0, 15.0), (60.0, 15.0), (29.97, 14.985), (15.0, 15.0), (25.0, 25.0)])
+def test_clocks_and_poses_are_found_from_no_more_frames_than_they_need(hz, kept_hz):
+    files = tuple(Path(f"{k:06d}.png") for k in range(120))
+    duplicate = np.arange(120) % 7 == 0
+    every = DepthStream(files=files, time_s=np.arange(120) / hz, frame=np.arange(120), duplicate=duplicate)
+    thin = material._thinned_stream(every)
+    assert 1.0 / np.diff(thin.time_s) == pytest.approx(np.full(len(thin.files) - 1, kept_hz))
+    assert [int(file.stem) for file in thin.files] == thin.frame.tolist()
+    np.testing.assert_array_equal(thin.duplicate, duplicate[thin.frame])

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from recording_builder import write_recording, write_timestamps
 
 from anchorpose.errors import InputError
-from anchorpose.recording.pairing import find_gaps, nearest_within, pair_frames
+from anchorpose.recording.pairing import find_gaps, nearest_within, nominal_period_s, pair_frames
 from anchorpose.recording.reader import open_recording, read_frames
-from anchorpose.recording.recording import Clock, align_clocks
+from anchorpose.recording.recording import Clock, DepthStream, align_clocks
 
 times = st.lists(st.integers(0, 400), min_size=1, max_size=30, unique=True).map(lambda t: np.sort(t) / 100.0)
 
@@ -127,3 +127,45 @@ def test_late_starts_early_ends_pauses_and_drops_are_said_once(tmp_path):
     assert left.pauses == (pytest.approx((2.7, 4.1)),)
     assert left.paired_share == pytest.approx(len(kept) / 60)
     assert "starts 1.5 s late; it ends 1.4 s early; it has no depth images from 2.7 to 4.1 s" in left.sentence
+
+
+def stream(time_s: np.ndarray, fps: float | None = None) -> DepthStream:
+    return DepthStream(files=(), time_s=time_s, frame=np.arange(len(time_s)), fps=fps)
+
+
+ALL = np.arange(240) / 30.0
+JITTER_S = np.random.default_rng(3).normal(0.0, 0.004, 240).clip(-0.008, 0.008)
+
+
+@pytest.mark.parametrize(
+    ("kept", "hz"),
+    [
+        pytest.param(np.arange(240) >= 0, 30.0, id="all"),
+        pytest.param(np.arange(240) % 3 > 0, 30.0, id="every third lost"),
+        pytest.param(np.arange(240) % 5 < 2, 30.0, id="three of five lost"),
+        pytest.param(np.arange(240) % 2 == 0, 15.0, id="half of them, which is another rate"),
+        pytest.param(np.arange(240) % 3 == 0, 10.0, id="a rate that no camera has"),
+        pytest.param(np.random.default_rng(1).random(240) < 0.4, 30.0, id="most lost at random"),
+    ],
+)
+@pytest.mark.parametrize("jitter_s", [0.0 * JITTER_S, JITTER_S], ids=["even", "jitter"])
+def test_the_period_is_that_of_a_camera_that_lost_nothing(kept, hz, jitter_s):
+    assert 1.0 / nominal_period_s(stream((ALL + jitter_s)[kept])) == pytest.approx(hz, rel=0.06)
+
+
+def test_stamps_of_a_computer_that_bunches_frames_are_no_higher_rate():
+    time_s = np.sort(np.concatenate([np.arange(40) / 10.0, np.arange(40) / 10.0 + 0.026, np.arange(40) / 10.0 + 0.06]))
+    assert nominal_period_s(stream(time_s)) == pytest.approx(0.034, abs=0.002)
+
+
+def test_the_stated_rate_finds_that_every_second_frame_is_lost():
+    assert nominal_period_s(stream(ALL[::2], fps=30.0)) == pytest.approx(1 / 30.0)
+    assert nominal_period_s(stream(ALL[:1])) == 0.0
+
+
+def test_a_regular_loss_is_counted(tmp_path):
+    folder = write_recording(tmp_path / "r", frames=30)
+    write_timestamps(folder / "front", [(k, k / 30.0) for k in range(30) if k % 3])
+    for k in range(0, 30, 3):
+        (folder / f"front/depth/{k:06d}.png").unlink()
+    assert find_gaps(open_recording(folder))[0].dropped == 9  # the tenth was before the first frame that is there

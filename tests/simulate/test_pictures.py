@@ -26,6 +26,10 @@ def camera() -> Camera:
     return Camera(name="front", width=200, height=160, depth_scale=0.001, intrinsics=lens, T_world_camera=pose)
 
 
+def one_camera(sensor: presets.Sensor, lens: presets.LensName | None = None) -> SimulationConfig:
+    return SimulationConfig(seed=1, cameras=1, equipment="none", therapists=0, sensor=sensor, lens=lens)
+
+
 def flat(depth_m: float, shape=(200, 200)):
     return np.full(shape, depth_m, np.float32), np.ones(shape, np.float32)
 
@@ -166,14 +170,16 @@ def test_a_sensor_sees_as_wide_as_its_maker_states(sensor, across_deg, down_deg)
 
 
 def test_a_wide_lens_has_no_corners():
-    camera = place_cameras(np.random.default_rng(1), "azure-kinect-wfov", 1)[0]
+    camera = place_cameras(np.random.default_rng(1), one_camera("azure-kinect-wfov"))[0]
     assert camera.intrinsics.valid_radius == 1.74
     assert not camera.valid_pixels()[::511, ::511].any()
     assert camera.valid_pixels()[256].mean() > 0.99
 
 
 def test_a_lens_that_is_asked_for_replaces_the_sensors_own():
-    own, asked = (place_cameras(np.random.default_rng(1), "femto-bolt", 1, lens)[0] for lens in (None, "pinhole"))
+    own, asked = (
+        place_cameras(np.random.default_rng(1), one_camera("femto-bolt", lens))[0] for lens in (None, "pinhole")
+    )
     assert own.intrinsics.model is LensModel.RATIONAL
     assert asked.intrinsics.model is LensModel.BROWN_CONRADY
     assert np.array_equal(own.require_pose(), asked.require_pose())

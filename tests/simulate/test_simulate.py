@@ -10,8 +10,10 @@ import cv2
 import numpy as np
 import pytest
 
+from anchorpose.calibration.noise import noise_per_m
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES
+from anchorpose.lens import LensModel
 from anchorpose.recording.reader import open_recording
 from anchorpose.simulate import config as presets
 from anchorpose.simulate.clinic import draw_clinic
@@ -223,3 +225,26 @@ def test_a_curtain_hides_the_patient_for_two_seconds_and_no_longer(tmp_path):
 def test_a_scene_that_cannot_be_is_refused(wrong):
     with pytest.raises(ValueError, match=r"away|curtain|walk out"):
         SimulationConfig(seed=1, **wrong)
+
+
+def test_cameras_of_different_models_have_their_own_images_lenses_rates_and_noise(tmp_path):
+    config = SimulationConfig(
+        seed=31, seconds=1.0, fps=4.0, cameras=2, therapists=0, sensors=("femto-bolt", "d435"), every=(1, 2)
+    )
+    simulate_recording(tmp_path / "mixed", config)
+    front, left = (recording := open_recording(tmp_path / "mixed" / "recording")).cameras
+    assert ((front.width, front.height), (left.width, left.height)) == ((640, 576), (848, 480))
+    assert (front.intrinsics.model, left.intrinsics.model) == (LensModel.RATIONAL, LensModel.BROWN_CONRADY)
+    assert recording.streams[1].time_s == pytest.approx([0.0, 0.5])
+    noise = [noise_per_m([room]) for room in recording.backgrounds_m if room is not None]
+    assert noise[1] > 2 * noise[0]
+    one_model = [camera.T_world_camera for camera in draw_clinic(dataclasses.replace(config, sensors=())).cameras]
+    np.testing.assert_array_equal([front.T_world_camera, left.T_world_camera], one_model)
+
+
+@pytest.mark.parametrize(
+    ("given", "problem"), [({"sensors": ("d435",)}, "one value per camera"), ({"every": (2, 1)}, "every must be 1")]
+)
+def test_models_and_rates_need_one_value_per_camera_and_the_first_camera_all_frames(given, problem):
+    with pytest.raises(ValueError, match=problem):
+        SimulationConfig(seed=1, cameras=2, **given)

@@ -9,14 +9,13 @@ import numpy as np
 from anchorpose.calibration.clocks import clock_notes
 from anchorpose.check.finding import Finding, Level, OfCamera, level_of, of_cameras
 from anchorpose.check.material import Material
-from anchorpose.recording.pairing import CameraGaps, find_gaps
+from anchorpose.recording.pairing import OFF_BEAT, CameraGaps, find_gaps, off_beat
 from anchorpose.recording.recording import DepthStream
 
 SLOW_HZ, TOO_SLOW_HZ = 14.5, 5.0  # the guide asks for 15 to 30, which recorders just miss; at 5 people move by a step
 SOME_MISSING, MANY_MISSING = 0.05, 0.25  # gaps of single frames are bridged; a quarter lost halves the rate in places
 SHORT_S: Final = 4.0  # the patient's body is learnt from so much
-OFF_BEAT: Final = 0.25  # of the usual time between frames: a hand at 2 m/s is then 2 cm elsewhere at 30 Hz
-SOME_UNEVEN, MANY_UNEVEN = 0.05, 0.5
+SOME_UNEVEN, MANY_UNEVEN = 0.05, 0.5  # off the beat: a hand at 2 m/s is then 2 cm elsewhere at 30 Hz
 
 
 def check_frames(material: Material) -> list[Finding]:
@@ -37,14 +36,16 @@ def check_frames(material: Material) -> list[Finding]:
 
 
 def _frames(gaps: CameraGaps, stream: DepthStream) -> OfCamera:
-    rate_hz, span_s = _rate_hz(stream.time_s), float(stream.time_s[-1] - stream.time_s[0])
+    rate_hz = 1.0 / gaps.period_s if gaps.period_s else float("nan")
+    span_s = float(stream.time_s[-1] - stream.time_s[0])
     total = gaps.usable + gaps.dropped + gaps.duplicates
     lost = level_of((gaps.dropped + gaps.duplicates) / total, SOME_MISSING, MANY_MISSING)
     slow = level_of(-rate_hz, -SLOW_HZ, -TOO_SLOW_HZ)
     short = Level.YELLOW if span_s < SHORT_S else Level.GREEN
-    measured = (
-        f"{gaps.usable} in {span_s:.1f} s, {rate_hz:.0f} per second" if len(stream.time_s) > 1 else "a single one"
-    )
+    measured = "a single one"
+    if len(stream.time_s) > 1:
+        stated = "" if stream.fps is None else " by recording.json"
+        measured = f"{gaps.usable} in {span_s:.1f} s, {rate_hz:.0f} per second{stated}"
     if gaps.dropped:
         measured += f", {100 * gaps.dropped / total:.0f} % missing"
     if gaps.duplicates:
@@ -58,16 +59,10 @@ def _frames(gaps: CameraGaps, stream: DepthStream) -> OfCamera:
     return OfCamera(gaps.camera, max(lost, slow, short), measured, remedy)
 
 
-def _rate_hz(time_s: np.ndarray) -> float:
-    """Frames per second without dropped frames; NaN of a single frame."""
-    return 1.0 / float(np.median(np.diff(time_s))) if len(time_s) > 1 else float("nan")
-
-
 def _stamps(gaps: CameraGaps, stream: DepthStream) -> OfCamera:
-    """Steps between frames that are no multiple of the usual one, and what is missing at the ends."""
+    """Steps between frames that are no multiple of the camera's period, and what is missing at the ends."""
     steps = np.diff(stream.time_s)
-    beats = steps / np.median(steps) if len(steps) else np.ones(1)
-    uneven = float(np.mean(np.abs(beats - np.maximum(np.rint(beats), 1.0)) > OFF_BEAT))
+    uneven = float(np.mean(off_beat(steps, gaps.period_s) > OFF_BEAT)) if len(steps) else 0.0
     level = level_of(uneven, SOME_UNEVEN, MANY_UNEVEN)
     parts, remedies = ["even"], list[str]()
     if level > Level.GREEN:

@@ -24,6 +24,7 @@ LEAST_READINGS: Final = 300  # of one ring, for its median
 LEANS_DEG, LEANS_MUCH_DEG = 5.0, 15.0  # rooms have right angles; planes of 3 % of the image are measured to 1 degree
 UPRIGHT_DEG: Final = 35.0  # from upright: beyond this it is a ramp or a sloping ceiling, no wall
 FACING: Final = 0.5  # cosine between a wall and the view: the corner of others with the floor stays right anyway
+PARALLEL: Final = 0.996  # the same, 5 degrees: what is cut off at the sensor's range is within 2
 SHORT_M, TOO_SHORT_M, TOO_TALL_M = 1.4, 1.0, 2.2  # adults stand 1.4 to 2.1 m tall, sit 1.1 to 1.4
 COMPARE: Final = "compare fx, fy, cx, cy and distortion in recording.json with the camera's own calibration"
 CORRECT_UNIT: Final = "correct depth_scale in recording.json (metres per grey value, 0.001 for millimetres)"
@@ -98,10 +99,12 @@ def _bend_m(room_m: np.ndarray, camera: Camera, floor: FloorPlane) -> float:
 def _lean_deg(room: BackgroundModel, camera: Camera, floor: FloorPlane) -> float:
     """How far the most upright of the walls that face the camera is from a right angle with the floor; NaN without.
 
-    A wrong focal length shears a room that is seen from above; furniture may lean, so that one wall is enough.
+    A wrong focal length shears a room that is seen from above; furniture may lean, so that one wall is enough. A wall
+    parallel to the image stays so whatever the lens is, and where the sensor's range cuts a wall off, the strip that is
+    left of it looks like one.
     """
     planes = find_planes(room.depth_m, camera, room.noise_per_m, most_beyond=1.0)
-    facing = [plane[:3] for plane in planes if plane[2] > FACING]
+    facing = [plane[:3] for plane in planes if FACING < plane[2] < PARALLEL]
     leans = [abs(float(np.degrees(np.arcsin(np.clip(normal @ floor.up, -1.0, 1.0))))) for normal in facing]
     return min((lean for lean in leans if lean < UPRIGHT_DEG), default=float("nan"))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -17,9 +17,9 @@ from anchorpose.isolation.people import PatientChoice, Person, find_people
 from anchorpose.isolation.scene import Scene, find_all_pieces
 from anchorpose.isolation.separation import separate_initial
 from anchorpose.isolation.view import PixelLabel, View
-from anchorpose.recording.pairing import pair_frames
+from anchorpose.recording.pairing import nominal_period_s, pair_frames
 from anchorpose.recording.reader import frame_range, read_frame
-from anchorpose.recording.recording import FrameSet, Recording
+from anchorpose.recording.recording import DepthStream, FrameSet, Recording, align_clocks
 from anchorpose.tracker.bystanders import ordinary_body, person_evidence, rough_body
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.look import Look
@@ -28,6 +28,9 @@ from anchorpose.tracker.sighting import BORDER_PX
 
 LOOKS: Final = 6  # frames in which the patient is looked at closely, up to a second each
 PAIRS: Final = 6  # of successive frames, for readings that come and go
+BODIES: Final = 8  # frames in which everybody gets a body, a second each for three people
+SHORT: Final = 300  # frames, ten seconds at 30 per second: reading them all takes little
+ENOUGH_HZ: Final = 14.5  # for clocks and poses: what the guide asks for, which recorders just miss
 REACH_M: Final = 0.10  # of a rough body from the skin that it stands for
 
 
@@ -111,16 +114,33 @@ def gather_material(recording: Recording, config: TrackConfig) -> Material:
     """
     pair_frames(recording)
     try:
-        settled = settle(recording, config)
+        settled = settle(_thinned(recording), config)
     except InputError as refusal:
         _, samples = sample_recording(recording, config)
         return Material(recording, tuple(samples), None, None, refusal, _successive(recording), ())
-    look = look_for_patient(settled, config)
+    timed = align_clocks(recording, settled.clocks.clocks)
+    look = look_for_patient(settled, replace(config, follow=replace(config.follow, samples=BODIES)))
     frames = dict(zip(settled.chosen, settled.samples, strict=True))
     shown = sorted(look.initial_frames, key=lambda one: one.frame)
     chosen = [shown[k] for k in thin(len(shown), LOOKS)]
     patient = tuple(_look_closely(frames[one.frame], one.choice, look.scenes, config) for one in chosen)
-    return Material(settled.recording, settled.samples, settled, look, None, _successive(settled.recording), patient)
+    return Material(timed, settled.samples, settled, look, None, _successive(timed), patient)
+
+
+def _thinned(recording: Recording) -> Recording:
+    """Every so-manieth frame of cameras that are faster than clocks and poses need; all of a short recording."""
+    if min(len(stream.files) for stream in recording.streams) < SHORT:
+        return recording
+    return replace(recording, streams=tuple(_thinned_stream(stream) for stream in recording.streams))
+
+
+def _thinned_stream(stream: DepthStream) -> DepthStream:
+    period_s = nominal_period_s(stream)
+    nth = max(1, int(1.0 / (ENOUGH_HZ * period_s))) if period_s else 1
+    duplicate = None if stream.duplicate is None else stream.duplicate[::nth]
+    return replace(
+        stream, files=stream.files[::nth], time_s=stream.time_s[::nth], frame=stream.frame[::nth], duplicate=duplicate
+    )
 
 
 def _successive(recording: Recording) -> tuple[tuple[FrameSet, FrameSet], ...]:

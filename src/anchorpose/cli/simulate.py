@@ -40,15 +40,19 @@ class SimulateOptions:
     cameras: int | None = None
     """How many cameras, 1 to 4, instead of the preset's."""
 
-    sensor: (
-        Literal[
-            "kinect-v2", "azure-kinect", "realsense", "kinect-v1", "realsense-filtered",
-            "azure-kinect-wfov", "femto-bolt", "d435", "xtion", "iphone-lidar",
+    sensor: Annotated[
+        tuple[
+            Literal[
+                "kinect-v2", "azure-kinect", "realsense", "kinect-v1", "realsense-filtered",
+                "azure-kinect-wfov", "femto-bolt", "d435", "xtion", "iphone-lidar",
+            ],
+            ...,
         ]
-        | None
-    ) = None  # fmt: skip
-    """Which depth camera is imitated, instead of the preset's. realsense is a D455; kinect-v1 is coarse, at half
-    resolution; realsense-filtered smooths over space and time as librealsense does."""
+        | None,
+        Parameter(consume_multiple=True),
+    ] = None  # fmt: skip
+    """Which depth camera is imitated, instead of the preset's: one for all, or one per camera. realsense is a D455;
+    kinect-v1 is coarse, at half resolution; realsense-filtered smooths over space and time as librealsense does."""
 
     lens: Literal["pinhole", "brown-conrady", "rational", "kannala-brandt"] | None = None
     """Which lens the cameras have, instead of the sensor's: a pinhole, or one of OpenCV's models with coefficients as
@@ -99,8 +103,10 @@ class SimulateOptions:
         from anchorpose.settings import sentence_of
         from anchorpose.simulate import config as presets
 
-        names = ("cameras", "sensor", "lens", "therapists", "motions", "speed")
+        names = ("cameras", "lens", "therapists", "motions", "speed")
         given: dict[str, Any] = {name: getattr(self, name) for name in names}
+        one_each = self.sensor is not None and len(self.sensor) > 1
+        given |= {"sensors": self.sensor} if one_each else {"sensor": self.sensor[0] if self.sensor else None}
         given |= {"equipment": self.equipment, "passers_by": 1 if self.passer_by else None}
         given |= {"height_m": self.height, "pose_known": False if self.pose_unknown else None}
         try:

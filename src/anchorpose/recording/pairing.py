@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.recording.recording import Recording
+from anchorpose.recording.recording import DepthStream, Recording
 
 USUAL_PERIOD_S: Final = 1.0 / 30.0
 """Of a depth camera: used where the first camera has a single frame."""
@@ -79,6 +79,42 @@ def _span(time_s: np.ndarray) -> str:
     return f"{time_s[0]:.3f} to {time_s[-1]:.3f} s"
 
 
+USUAL_RATES_HZ: Final = (5.0, 6.0, 15.0, 25.0, 30.0, 60.0, 90.0)
+"""Of depth cameras."""
+
+LONGER_SHARE: Final = 0.6  # of the steps: where every third frame is lost, half are one period and half two
+SHORTER: Final = 0.75  # of such a step: a period is 0.5 or less of it, and 25 and 30 Hz are 0.83 apart
+LEAST_SHORT: Final = 0.1  # of the steps are one period; fewer are stamps that come too early
+OFF_BEAT: Final = 0.25  # of a period, between a step and the nearest whole number of periods
+LEAST_ON_BEAT: Final = 0.8  # of the steps
+
+
+def nominal_period_s(stream: DepthStream) -> float:
+    """The time between frames when none is lost: as recording.json states, else the median step, or that of a usual
+    rate of which some steps are one period and the others several; 0 for a single frame without a stated rate.
+
+    Frames that are lost in a regular pattern change the median. A recording that lost every second frame has even
+    steps: only recording.json can tell it from one of half the rate.
+    """
+    steps = np.diff(stream.time_s)
+    if stream.fps is not None or not len(steps):
+        return 0.0 if stream.fps is None else 1.0 / stream.fps
+    median_s = float(np.median(steps))
+    longest_s = SHORTER * float(np.quantile(steps, LONGER_SHARE))
+    for period_s in (1.0 / hz for hz in USUAL_RATES_HZ if 1.0 / hz < longest_s):
+        on_beat = off_beat(steps, period_s) <= OFF_BEAT
+        single = on_beat & (np.rint(steps / period_s) <= 1.0)
+        if on_beat.mean() >= LEAST_ON_BEAT and single.mean() >= LEAST_SHORT:
+            return period_s
+    return median_s
+
+
+def off_beat(steps_s: np.ndarray, period_s: float) -> np.ndarray:
+    """(n,) how far each step is from a whole number of periods, one or more, in periods."""
+    beats = steps_s / period_s
+    return np.asarray(np.abs(beats - np.maximum(np.rint(beats), 1.0)))
+
+
 PAUSE_S: Final = 1.0
 """A longer stretch without depth images is a pause, not dropped frames."""
 
@@ -87,7 +123,8 @@ PAUSE_S: Final = 1.0
 class CameraGaps:
     """What one camera's stream lacks, on the reference clock.
 
-    usable: depth images; dropped: missing between its first and last, by its own usual period, without pauses;
+    usable: depth images; period_s: ``nominal_period_s``; dropped: missing between its first and last, by that period,
+    without pauses;
     duplicates, repeated: left out because the image or the time is that of the file before; late_s, early_s: how much
     later it starts and earlier it ends than the first camera (0 where it does not); pauses: (from, to) without depth
     images; paired_share: of the first camera's frames that have a depth image of this one.
@@ -95,6 +132,7 @@ class CameraGaps:
 
     camera: str
     usable: int
+    period_s: float
     dropped: int
     duplicates: int
     repeated: int
@@ -131,7 +169,7 @@ def _of_camera(recording: Recording, index: int, pair: np.ndarray, reference_s: 
     stream = recording.streams[index]
     time_s = stream.time_s
     steps = np.diff(time_s)
-    period_s = float(np.median(steps)) if len(steps) else 0.0
+    period_s = nominal_period_s(stream)
     paused = steps > max(PAUSE_S, 3.0 * period_s)
     missing = np.rint(steps / period_s) - 1.0 if len(steps) else np.zeros(0)
     duplicates = 0 if stream.duplicate is None else int(stream.duplicate.sum())
@@ -139,6 +177,7 @@ def _of_camera(recording: Recording, index: int, pair: np.ndarray, reference_s: 
     return CameraGaps(
         camera=recording.cameras[index].name,
         usable=len(time_s) - duplicates,
+        period_s=period_s,
         dropped=int(np.maximum(missing, 0.0)[~paused].sum()),
         duplicates=duplicates,
         repeated=stream.repeated,

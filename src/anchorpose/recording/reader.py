@@ -111,7 +111,8 @@ def _open_stream(folder: Path, fps: float | None) -> DepthStream:
     else:
         raise InputError(path, "there is no such file", 'add it, or write the camera\'s "fps" into recording.json')
     kept = tuple(files[number] for number in numbers.tolist())
-    return DepthStream(files=kept, time_s=time_s, frame=numbers, duplicate=find_duplicates(kept), repeated=repeated)
+    duplicate = find_duplicates(kept)
+    return DepthStream(files=kept, time_s=time_s, frame=numbers, duplicate=duplicate, repeated=repeated, fps=fps)
 
 
 def _number_files(folder: Path) -> dict[int, Path]:

@@ -21,6 +21,7 @@ class DepthStream:
     frame: np.ndarray  # (n,) int64, the number in the file's name
     duplicate: np.ndarray | None = None  # (n,) bool, equal to the image before; None where this was not checked
     repeated: int = 0  # files left out because their time is that of the file before
+    fps: float | None = None  # as recording.json states it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

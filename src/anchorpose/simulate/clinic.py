@@ -111,7 +111,7 @@ def draw_clinic(config: SimulationConfig) -> Clinic:
         return _in_room(config, config.room)
     person = draw_person(random_stream(config, "patient"), config.clothing_m, config.height_m)
     scenery = random_stream(config, "room")
-    cameras = place_cameras(random_stream(config, "cameras"), config.sensor, config.cameras, config.lens)
+    cameras = place_cameras(random_stream(config, "cameras"), config)
     patient: Actor | CapturedActor
     if config.movement_file is None:
         held = fit_held(scenery, config, person)
@@ -144,11 +144,11 @@ def _in_room(config: SimulationConfig, room: RoomConfig) -> Clinic:
     )
 
 
-def place_cameras(rng: np.random.Generator, sensor: str, count: int, lens: str | None = None) -> tuple[Camera, ...]:
+def place_cameras(rng: np.random.Generator, config: SimulationConfig) -> tuple[Camera, ...]:
     """Cameras on tripods around the patient, who stands at the origin and faces +X."""
-    spec = SENSORS[sensor]
     cameras = []
-    for index in range(count):
+    for index in range(config.cameras):
+        spec = SENSORS[config.sensor_of(index)]
         azimuth = AZIMUTH_RAD[index] + rng.uniform(-1.0, 1.0) * AZIMUTH_SPREAD_RAD[index]
         distance_m = rng.uniform(2.25, 2.85)
         position = np.array([distance_m * np.cos(azimuth), rng.uniform(1.1, 1.5), -distance_m * np.sin(azimuth)])
@@ -159,7 +159,7 @@ def place_cameras(rng: np.random.Generator, sensor: str, count: int, lens: str |
                 width=spec.width,
                 height=spec.height,
                 depth_scale=0.001,
-                intrinsics=intrinsics_of(spec, lens),
+                intrinsics=intrinsics_of(spec, config.lens),
                 T_world_camera=look_at(position, target),
             )
         )

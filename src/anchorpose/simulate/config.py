@@ -9,7 +9,7 @@ from typing import Annotated, Final, Literal
 import numpy as np
 from pydantic import Field
 
-from anchorpose.settings import NotNegative, Positive, Share, settings
+from anchorpose.settings import Count, NotNegative, Positive, Share, settings
 from anchorpose.simulate.movement_file import MOVEMENTS, STEPPING, SUBJECTS, movement_of
 from anchorpose.simulate.rooms.plan import Posture, RoomConfig, draw_room_config, draw_sensor
 
@@ -61,6 +61,7 @@ class SimulationConfig:
     fps: Positive = 30.0  # every sensor simulated here runs at 30 Hz
     cameras: Annotated[int, Field(ge=1, le=4)] = 3  # front, left, right, then behind
     sensor: Sensor = "kinect-v2"  # the paper's
+    sensors: tuple[Sensor, ...] = ()  # one per camera, where they are of different models
     lens: LensName | None = None  # what the sensor looks through; None: its own
     equipment: Equipment = "standing-frame"
     chest_pad: bool = False  # on the parallel bars, with straps beside the hips
@@ -91,6 +92,7 @@ class SimulationConfig:
     doubled_share: ProperShare = 0.0  # of the files of every camera that hold the previous depth image once more
     starts_late_s: tuple[NotNegative, ...] = ()  # one per camera, the first 0: seconds without images at the start
     ends_early_s: tuple[NotNegative, ...] = ()  # one per camera, the first 0: seconds without images at the end
+    every: tuple[Count, ...] = ()  # one per camera, the first 1: of its images it records each so-manieth, a lower rate
     room: RoomConfig | None = None  # a real room seen by one camera instead of a place of training
 
     def __post_init__(self) -> None:
@@ -102,6 +104,10 @@ class SimulationConfig:
     def frames(self) -> int:
         """Depth images of each camera."""
         return max(1, round(self.seconds * self.fps))
+
+    def sensor_of(self, camera: int) -> Sensor:
+        """What one camera imitates."""
+        return self.sensors[camera] if self.sensors else self.sensor
 
 
 def _check_equipment(config: SimulationConfig) -> None:
@@ -132,12 +138,13 @@ def _check_equipment(config: SimulationConfig) -> None:
 
 def _check_cameras(config: SimulationConfig) -> None:
     """Raises ValueError where what is given per camera does not fit the cameras."""
-    for name in ("clock_late_s", "clock_drift", "clock_epoch_s", "starts_late_s", "ends_early_s"):
+    for name in ("sensors", "clock_late_s", "clock_drift", "clock_epoch_s", "starts_late_s", "ends_early_s", "every"):
         values = getattr(config, name)
         _require(len(values) in (0, config.cameras), f"{name} needs one value per camera, got {len(values)}")
     for name in ("starts_late_s", "ends_early_s"):
         values = getattr(config, name)
         _require(not values or values[0] == 0, f"{name} must be 0 for the first camera: its frames number the truth")
+    _require(config.every[:1] in ((), (1,)), "every must be 1 for the first camera: its frames number the truth")
     missing_s = np.add(config.starts_late_s or [0.0], config.ends_early_s or [0.0])
     _require(bool((missing_s < config.seconds).all()), "a camera must run for some time of the recording")
 
@@ -148,7 +155,7 @@ def _check_scene(config: SimulationConfig) -> None:
     _require(times == sorted(times), f"away_s must be spans in the order of time, got {config.away_s}")
     held = config.equipment != "none" or config.movement_file is not None
     _require(not (times and held), "a patient in equipment or with a captured movement cannot walk out")
-    bare = config.cameras == 1 and config.equipment == "none" and config.therapists == 0
+    bare = config.cameras == 1 and not config.sensors and config.equipment == "none" and config.therapists == 0
     _require(config.room is None or bare, "a room needs one camera, no equipment and no therapists")
     late_only = config.curtain_s is None and all(span[0] <= 0.0 for span in config.away_s)
     _require(config.room is None or late_only, "in a room the patient can come late, but not leave or hide")

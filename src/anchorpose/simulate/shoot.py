@@ -133,7 +133,7 @@ def set_up(clinic: Clinic) -> Studio:
 
 
 def _reader(clinic: Clinic, index: int, picture: RoomPicture | None) -> Reader:
-    spec = SENSORS[clinic.config.sensor]
+    spec = SENSORS[clinic.config.sensor_of(index)]
     wiggle_m = draw_wiggle(random_stream(clinic.config, "sensor", index), spec)
     if clinic.scene is None or picture is None:
         return Reader(spec, wiggle_m)

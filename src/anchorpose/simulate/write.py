@@ -217,6 +217,7 @@ def _kept(clinic: Clinic, index: int, nominal_s: np.ndarray) -> np.ndarray:
     starts = config.starts_late_s[index] if config.starts_late_s else 0.0
     ends = config.ends_early_s[index] if config.ends_early_s else 0.0
     running = (nominal_s >= starts) & (nominal_s <= nominal_s[-1] - ends)
+    running &= np.arange(config.frames) % (config.every[index] if config.every else 1) == 0
     kept[int(np.flatnonzero(running)[0])] = True
     return (kept | (index == 0)) & running
 

@@ -1,0 +1,95 @@
+"""Two cameras that show one wall and one person: right poses agree, and a camera that slid along the wall does not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from anchorpose.camera import Camera
+from anchorpose.check.agreement import check_agreement, seen_past
+from anchorpose.check.finding import Finding, Level
+from anchorpose.isolation.background import BackgroundModel, BackgroundSource
+from anchorpose.isolation.scene import Scene, find_all_pieces, set_scene
+from anchorpose.lens import Intrinsics
+from anchorpose.recording.recording import FrameSet
+
+WALL_M, PERSON_M, RADIUS_M, HALF_TALL_M = 3.0, 2.2, 0.2, 0.6
+NOISE_PER_M = 0.001
+LENS = Intrinsics(fx=200.0, fy=200.0, cx=159.5, cy=119.5)
+
+
+def camera(name: str, x_m: float, z_m: float = 0.0) -> Camera:
+    pose = np.eye(4)
+    pose[:3, 3] = (x_m, 0.0, z_m)
+    return Camera(name=name, width=320, height=240, depth_scale=0.001, intrinsics=LENS, T_world_camera=pose)
+
+
+def picture(seen_from: Camera, person: bool) -> np.ndarray:
+    """A wall and, before it, an upright cylinder."""
+    rays, x_m = seen_from.pixel_rays().astype(np.float64), seen_from.position_m[0]
+    a, b = rays[..., 0] ** 2 + 1.0, rays[..., 0] * x_m - PERSON_M
+    root = b**2 - a * (x_m**2 + PERSON_M**2 - RADIUS_M**2)
+    depth = (-b - np.sqrt(np.maximum(root, 0.0))) / a
+    on_person = (root > 0) & (np.abs(rays[..., 1] * depth) < HALF_TALL_M) & person
+    return np.where(on_person, depth, WALL_M).astype(np.float32)
+
+
+def scene(given: Camera, true: Camera, smear_px: int = 0) -> Scene:
+    """A camera that was somewhere (``true``) and is said to be elsewhere (``given``)."""
+    room = picture(true, person=False)
+    sigma = np.full_like(room, NOISE_PER_M) * room**2
+    model = BackgroundModel(room, sigma, NOISE_PER_M, LENS.fx, BackgroundSource.PICTURE, smear_px)
+    return set_scene(given, model, None)
+
+
+def agree(given: Sequence[Camera], smear_px: int = 0) -> tuple[list[Scene], list[Finding], FrameSet]:
+    true = [camera("front", 0.0), camera("left", 0.5)]
+    scenes = [scene(one, other, smear_px) for one, other in zip(given, true, strict=True)]
+    sample = FrameSet(frame=0, time_s=0.0, depths_m=tuple(picture(one, person=True) for one in true))
+    return scenes, check_agreement(scenes, [sample]), sample
+
+
+@pytest.mark.parametrize(
+    ("x_m", "z_m", "level", "what"),
+    [
+        pytest.param(0.5, 0.0, Level.GREEN, "past 0 % of the room and 0 % of the people", id="right"),
+        pytest.param(0.53, 0.0, Level.YELLOW, "past 0 % of the room and ", id="3 cm along the wall"),
+        pytest.param(0.7, 0.0, Level.RED, "past 0 % of the room and 83 %", id="20 cm along the wall"),
+        pytest.param(0.5, 0.3, Level.RED, "past 100 % of the room", id="30 cm towards it"),
+    ],
+)
+def test_a_camera_that_is_elsewhere_sees_past_what_the_other_shows(x_m, z_m, level, what):
+    _, findings, _ = agree([camera("front", 0.0), camera("left", x_m, z_m)])
+    assert [finding.level for finding in findings] == [level]
+    assert what in findings[0].measured
+    assert bool(findings[0].remedy) == (level > Level.GREEN)
+
+
+def test_people_are_no_evidence_where_a_camera_draws_their_outlines_out():
+    scenes, findings, _ = agree([camera("front", 0.0), camera("left", 0.7)], smear_px=10)
+    assert findings[0].measured == "see past 0 % of the room"
+    assert all(one.background.detail.filtered for one in scenes)
+
+
+def test_cameras_that_share_nothing_have_no_finding():
+    away = camera("left", 50.0)
+    _, findings, _ = agree([camera("front", 0.0), away])
+    assert findings == []
+
+
+@pytest.mark.parametrize(("sigma_per_m", "low", "high"), [(0.001, 0.15, 1.0), (0.008, 0.0, 0.05)])
+def test_people_in_patches_of_error_are_not_seen_past(sigma_per_m, low, high):
+    """Stereo matching errs alike in neighbouring pixels: the deviation over time has it, that between pixels not."""
+    rng, scenes, depths = np.random.default_rng(4), list[Scene](), list[np.ndarray]()
+    for one in (camera("front", 0.0), camera("left", 0.5)):
+        of_one = scene(one, one)
+        model = replace(of_one.background, sigma_m=sigma_per_m * of_one.background.depth_m**2)
+        scenes.append(replace(of_one, background=model))
+        patches = cv2.GaussianBlur(rng.normal(size=(240, 320)).astype(np.float32), (0, 0), 3.0)
+        depths.append(picture(one, person=True) * (1.0 + 0.015 * patches / patches.std()))
+    [pair] = seen_past(scenes, [find_all_pieces(depths, scenes)])
+    assert low <= pair.of_people <= high
