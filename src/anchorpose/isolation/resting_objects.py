@@ -125,7 +125,7 @@ def _until_the_end(
         if _sway_ratio(piece, still, seen, samples, model) > (SWAYS_TIMES if flat else 1.0):
             continue
         if _whole_share(piece, still, seen, samples, model) > WHOLE:
-            yield RestingObject(piece, _layer(piece, still.depth_m, model, seen.time_s[samples[0]]), samples, flat)
+            yield RestingObject(piece, _layer(piece, still, seen, samples, model), samples, flat)
 
 
 def _what_is_still(seen: Recorded, noise_per_m: float) -> _Still:
@@ -245,12 +245,14 @@ def _whole_share(
     return float(np.percentile(shares, OFTEN)) if shares else 0.0
 
 
-def _layer(piece: np.ndarray, depth_m: np.ndarray, model: BackgroundModel, from_s: float) -> RestingLayer:
-    """A piece with its rim; its readings deviate as those of the room do where it is known."""
-    depth = np.where(piece, depth_m, np.float32(0.0))
-    rim = cv2.dilate(depth, np.ones((2 * RIM_PX + 1,) * 2, np.uint8))
-    depth = np.where(piece, depth, rim)
-    square = np.where(model.depth_m > 0, model.depth_m, 1.0) ** 2
-    of_room = np.where(model.depth_m > 0, model.sigma_m / square, 0.0)
-    sigma = np.maximum(of_room, model.noise_per_m) * depth**2
-    return RestingLayer(depth, sigma.astype(np.float32), float(from_s), np.inf)
+def _layer(
+    piece: np.ndarray, still: _Still, seen: Recorded, samples: np.ndarray, model: BackgroundModel
+) -> RestingLayer:
+    """A piece with its rim from its first sample on; the deviation is that of its own readings, with the z^2 law."""
+    readings = np.where(still.agrees[samples][:, piece], seen.frames_m[samples][:, piece], np.nan)
+    read = np.isfinite(readings).any(axis=0)
+    factor = np.nanstd(readings[:, read], axis=0) / still.depth_m[piece][read] ** 2
+    sigma_per_m = max(float(np.median(factor)), model.noise_per_m)
+    own = np.where(piece, still.depth_m, np.float32(0.0))
+    depth = np.where(piece, own, cv2.dilate(own, np.ones((2 * RIM_PX + 1,) * 2, np.uint8)))
+    return RestingLayer(depth, np.float32(sigma_per_m) * depth**2, float(seen.time_s[samples[0]]), np.inf)
