@@ -79,8 +79,8 @@ def room_at(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None) -
     That is the room, or a layer that holds then where the reading is not behind it. time_s None: the room.
     """
     room, sigma = model.depth_m, model.sigma_m
-    for layer in model.layers if time_s is not None else ():
-        if layer.from_s <= time_s <= layer.until_s:
+    for layer in model.layers:
+        if time_s is not None and layer.from_s <= time_s <= layer.until_s:
             here = (layer.depth_m > 0) & (depth_m < layer.depth_m + JUMP_GATE * layer.sigma_m)
             room, sigma = np.where(here, layer.depth_m, room), np.where(here, layer.sigma_m, sigma)
     return room, sigma

@@ -154,9 +154,7 @@ def _samples_of(piece: np.ndarray, still: _Still, time_s: np.ndarray) -> np.ndar
     return samples[SETTLING:] if enough else samples[:0]
 
 
-def _sway_ratio(
-    piece: np.ndarray, still: _Still, seen: Recorded, samples: np.ndarray, model: BackgroundModel
-) -> float:
+def _sway_ratio(piece: np.ndarray, still: _Still, seen: Recorded, samples: np.ndarray, model: BackgroundModel) -> float:
     """How many times as much as those of most of the room the readings of a piece change over time; inf if unknown."""
     there = np.where(still.depth_m > 0, still.depth_m, model.depth_m)
     swaying = sway(seen.frames_m[samples], there, model.noise_per_m)
@@ -216,9 +214,7 @@ def _covered_share(piece: np.ndarray, depth_m: np.ndarray, frame_m: np.ndarray) 
     return float((covered | (top < max(ABOVE_PX))).mean())
 
 
-def _area_above(
-    piece: np.ndarray, own_m: np.ndarray, frame_m: np.ndarray, nearer: np.ndarray, camera: Camera
-) -> float:
+def _area_above(piece: np.ndarray, own_m: np.ndarray, frame_m: np.ndarray, nearer: np.ndarray, camera: Camera) -> float:
     """Square metres of other foreground, higher than a piece with points own_m (n, 3), where a person's trunk is."""
     rim = cv2.dilate(piece.astype(np.uint8), np.ones((2 * RIM_PX + 1,) * 2, np.uint8)) > 0
     others = nearer & ~rim

@@ -22,6 +22,7 @@ from anchorpose.tracker.bystanders import ordinary_body, person_evidence, rough_
 from anchorpose.tracker.sighting import ONE_PERSON
 
 CHECKED: Final = 3  # samples with a body each
+BELOW_FLOOR_M: Final = 0.3  # of a rough body's lowest joint; a body that explains a stool has it at a metre
 MOST_SHARED: Final = 0.1  # of an object, within the equipment or about the place that the user named
 
 
@@ -48,7 +49,7 @@ def with_resting_objects(
         for one in resting_objects(frames, times, model, camera, floor_height_m)
         if not _is_named(one, scene, named_xz_m)
         and not _is_in_equipment(one, scene, equipment, floor_height_m)
-        and (one.flat or not _is_person(one, frames, scene))
+        and (one.flat or not _is_person(one, frames, scene, floor_height_m))
     ]
     return replace(scene, background=replace(model, layers=tuple(one.layer for one in found)))
 
@@ -70,15 +71,21 @@ def _is_in_equipment(
     return bool(inside[one.piece].mean() > MOST_SHARED)
 
 
-def _is_person(one: RestingObject, frames_m: Sequence[np.ndarray], scene: Scene) -> bool:
-    """Whether a body explains an object in most of some samples, or too little of it is seen to find one."""
+def _is_person(one: RestingObject, frames_m: Sequence[np.ndarray], scene: Scene, floor_height_m: float | None) -> bool:
+    """Whether a body on the floor explains an object in most of some samples, or too little is seen to find one."""
     chosen = [int(one.samples[k]) for k in thin(len(one.samples), CHECKED)]
-    return 2 * sum(_body_explains(one, frames_m[k], scene) for k in chosen) > len(chosen)
+    return 2 * sum(_body_explains(one, frames_m[k], scene, floor_height_m) for k in chosen) > len(chosen)
 
 
-def _body_explains(one: RestingObject, frame_m: np.ndarray, scene: Scene) -> bool:
+def _body_explains(one: RestingObject, frame_m: np.ndarray, scene: Scene, floor_height_m: float | None) -> bool:
+    """A body that explains a stool has its legs below the floor."""
     pieces = find_pieces(frame_m, scene)
     labels = np.where(one.piece & (pieces.depth_m > 0), np.uint8(PixelLabel.PATIENT), pieces.labels)
     evidence = person_evidence((View(pieces.depth_m, labels),), (scene.camera,), PixelLabel.PATIENT)
-    found = rough_body(ordinary_body(body_points()), evidence)
-    return found is None or found.explained >= ONE_PERSON
+    body = ordinary_body(body_points())
+    found = rough_body(body, evidence)
+    if found is None:
+        return True
+    lowest_m = float(body.joints(found.belief.pose)[:, 1].min())
+    on_floor = floor_height_m is None or lowest_m > floor_height_m - BELOW_FLOOR_M
+    return found.explained >= ONE_PERSON and on_floor
