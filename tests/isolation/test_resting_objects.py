@@ -131,6 +131,18 @@ def test_a_person_who_comes_and_keeps_still_is_no_object(moving):
     assert not backward
 
 
+def test_what_is_as_low_as_a_stool_and_sways_is_no_object():
+    """A child who squats."""
+    still = stool_pushed(COUNT)
+
+    def swaying(k: int) -> list[Box]:
+        shift = np.array([0.02 * np.sin(1.7 * k), 0.0, 0.15 * max(MOVES - k, 0)])
+        return [replace(part, center_m=part.center_m + shift) for part in still]
+
+    assert len(learnt(stool_pushed)[1]) == 1
+    assert not learnt(swaying)[1]
+
+
 @pytest.mark.parametrize("moving", [stander, sitter])
 def test_nor_is_a_person_who_does_not_even_sway(moving):
     """A camera that smooths over time shows no sway: the shape decides."""
