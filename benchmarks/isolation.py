@@ -103,7 +103,7 @@ def untracked_views(
         memory, before_s = empty_memory(), None
         for position in positions:
             frame = read_frame(recording, position)
-            pieces = find_all_pieces(frame.depths_m, room.scenes)
+            pieces = find_all_pieces(frame, room.scenes)
             elapsed_s = 0.0 if before_s is None else abs(frame.time_s - before_s)
             if before_s is None:
                 people = find_people(pieces, config.isolation)
@@ -123,7 +123,7 @@ def milliseconds(recording: Recording, room: Room, config: TrackConfig) -> float
     memory, spent = empty_memory(), []
     for number, frame in enumerate(frames):
         start = time.process_time()
-        pieces = find_all_pieces(frame.depths_m, room.scenes)
+        pieces = find_all_pieces(frame, room.scenes)
         if number == 0:
             views = separate_initial(pieces, find_people(pieces, config.isolation), room.initial_frame.choice)
         else:

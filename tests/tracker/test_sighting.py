@@ -95,7 +95,7 @@ def test_bodies_give_back_what_grew_over_people_who_touch(away_m):
     """Somebody beside the patient reaches across the patient's chest; more pixels are right than without bodies."""
     reaching = stepped(standing(Hips=(0, 90, 0), LeftArm=(0, 0, 70), RightArm=(0, 0, 70)), 0.05, 0.0, away_m)
     depths, truth = photographed(standing(), reaching)
-    pieces = find_all_pieces(depths, SCENES)
+    pieces = find_all_pieces(FrameSet(frame=0, time_s=0.0, depths_m=tuple(depths)), SCENES)
     first = separate_initial(pieces, find_people(pieces, ISOLATION), PatientChoice(np.zeros(2), "", sure=True))
     others = follow_bystanders(Bystanders(), first, CAMERAS, body_points(), 0.0)
     assert others.followed

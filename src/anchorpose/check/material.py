@@ -152,7 +152,7 @@ def _successive(recording: Recording) -> tuple[tuple[FrameSet, FrameSet], ...]:
 def _look_closely(
     frame_set: FrameSet, choice: PatientChoice, scenes: Sequence[Scene], config: TrackConfig
 ) -> SeenPatient:
-    pieces = find_all_pieces(frame_set.depths_m, scenes)
+    pieces = find_all_pieces(frame_set, scenes)
     people = find_people(pieces, config.isolation, choice.group, faint=True)
     person = min(people.people, key=lambda one: float(np.linalg.norm(one.ground_xz_m - choice.ground_xz_m)))
     views = separate_initial(pieces, people, choice)

@@ -32,6 +32,19 @@ class BackgroundSource(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class RestingLayer:
+    """An object before the room, at rest from from_s until until_s (reference clock): later or earlier it is elsewhere.
+
+    depth_m (height, width) float32 metres, 0 = not here; sigma_m (height, width) float32: deviation of a reading of it.
+    """
+
+    depth_m: np.ndarray
+    sigma_m: np.ndarray
+    from_s: float
+    until_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class BackgroundModel:
     """One camera's empty room.
 
@@ -39,6 +52,7 @@ class BackgroundModel:
     reading from depth_m where nobody stands. noise_per_m: between neighbouring readings, sigma = noise_per_m z^2: what
     one surface's depth may jump by. noise: of a reading by itself. smear_px: how wide the camera's filters make depth
     edges, 0 = sharp. step_per_m: the step between readings is step_per_m z^2.
+    layers: objects that are moved, each while it rests.
     """
 
     depth_m: np.ndarray
@@ -49,6 +63,7 @@ class BackgroundModel:
     noise: DepthNoise
     smear_px: int = 0
     step_per_m: float = 0.0
+    layers: tuple[RestingLayer, ...] = ()
 
     @property
     def jump_limit(self) -> JumpLimit:
@@ -61,15 +76,30 @@ class BackgroundModel:
         return DepthDetail(max(self.smear_px, SHARP_EDGE_PX), self.focal_px, self.step_per_m)
 
 
-def foreground(depth_m: np.ndarray, model: BackgroundModel) -> np.ndarray:
+def room_at(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None) -> tuple[np.ndarray, np.ndarray]:
+    """(depth_m, sigma_m), (height, width) float32 each, of what each reading is compared with at a time.
+
+    That is the room, or a layer that holds then where the reading is not behind it. time_s None: the room.
+    """
+    room, sigma = model.depth_m, model.sigma_m
+    for layer in model.layers:
+        if time_s is not None and layer.from_s <= time_s <= layer.until_s:
+            here = (layer.depth_m > 0) & (depth_m < layer.depth_m + JUMP_GATE * layer.sigma_m)
+            room, sigma = np.where(here, layer.depth_m, room), np.where(here, layer.sigma_m, sigma)
+    return room, sigma
+
+
+def foreground(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None = None) -> np.ndarray:
     """(height, width) bool: pixels nearer than the room by more than the noise explains, flying pixels left out.
+
+    time_s: of the frame, reference clock; None: nothing rests before the room.
 
     The test is on the 3x3 median of the difference in sigmas, so it reaches down to a sole on the floor: the margin is
     two sigmas along the ray, at grazing incidence a centimetre of height. A pixel that is clearly nearer needs no
     median: fingers and corners of the outline are smaller than that. Where the background is unknown, a reading counts
     as foreground; what belongs to no person is removed later.
     """
-    nearer = _sigmas_nearer(depth_m, model.depth_m, model.sigma_m)
+    nearer = _sigmas_nearer(depth_m, *room_at(depth_m, model, time_s))
     mask = ((cv2.medianBlur(nearer, 3) > BACKGROUND_GATE) & (nearer > 0)) | (nearer > JUMP_GATE)
     return without_flying_pixels(depth_m, mask, model.jump_limit)
 

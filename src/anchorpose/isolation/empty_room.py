@@ -98,7 +98,7 @@ def _from_recording(
     walls, room = depth_of_room(depth, camera, noise), depth
     if equipment is not None:
         drawn = equipment_depth(camera, equipment)
-        standing = _in_equipment(depth, camera, equipment, floor_height_m, noise)
+        standing = in_equipment(depth, camera, equipment, floor_height_m, noise)
         margin = EQUIPMENT_TOLERANCE_M + EQUIPMENT_GATE * np.maximum(sigma, noise * drawn**2)
         standing &= ~((drawn > 0) & (depth > drawn - margin))
         depth = depth.copy()
@@ -122,7 +122,7 @@ def _without_person(
     return np.where(standing, depth_of_room(room_m, camera, noise), room_m).astype(np.float32)
 
 
-def _in_equipment(
+def in_equipment(
     room_m: np.ndarray, camera: Camera, equipment: EquipmentModel, floor_height_m: float | None, noise_per_m: float
 ) -> np.ndarray:
     """(height, width) bool: what is above the floor and within the equipment's outline, itself included."""

@@ -72,20 +72,20 @@ def swaying_people(
     points = transform_points(camera.require_pose(), camera.back_project(room_m))
     pieces, area = _upright_pieces(room_m, points, camera, floor_height_m, noise_per_m)
     bodies = _of_body_size(pieces, area, points, floor_height_m)
-    sway = _sway(frames_m, room_m, noise_per_m)
-    rest = np.isfinite(sway) & ~np.any([np.zeros(room_m.shape, bool), *bodies], axis=0)
+    swaying = sway(frames_m, room_m, noise_per_m)
+    rest = np.isfinite(swaying) & ~np.any([np.zeros(room_m.shape, bool), *bodies], axis=0)
     mask = np.zeros(room_m.shape, bool)
     if not rest.any():
         return mask
-    least = SWAYS_TIMES * float(np.percentile(sway[rest], MOST_OF_ROOM))
+    least = SWAYS_TIMES * float(np.percentile(swaying[rest], MOST_OF_ROOM))
     for body in bodies:
-        own = sway[body & np.isfinite(sway)]
+        own = swaying[body & np.isfinite(swaying)]
         if own.size and np.median(own) > least:
             mask |= body
     return mask
 
 
-def _sway(frames_m: Sequence[np.ndarray], room_m: np.ndarray, noise_per_m: float) -> np.ndarray:
+def sway(frames_m: Sequence[np.ndarray], room_m: np.ndarray, noise_per_m: float) -> np.ndarray:
     """(height, width) deviation over time of the mean reading around each pixel, divided by the squared depth.
 
     The mean over ``PATCH_PX`` leaves little of the sensor's noise, and all of a body's sway. NaN where the room is not

@@ -19,6 +19,7 @@ from anchorpose.isolation.background import (
     equipment_mask,
     expect_equipment,
     foreground,
+    room_at,
 )
 from anchorpose.isolation.components import JUMP_GATE, JumpLimit, label_components
 from anchorpose.isolation.depth_noise import DepthNoise
@@ -26,6 +27,7 @@ from anchorpose.isolation.detail import DepthDetail
 from anchorpose.isolation.smear import smeared
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.recording.equipment import EquipmentModel
+from anchorpose.recording.recording import FrameSet
 
 SMALLEST_PIECE_M2: Final = 0.0005  # a piece smaller than a fingertip is not a person
 FEET_M: Final = 0.3  # an ankle's height, and what a removed floor takes with it
@@ -129,21 +131,27 @@ def set_scene(camera: Camera, background: BackgroundModel, equipment: EquipmentM
     return Scene(camera, rays, background, expect_equipment(equipment_depth(camera, equipment), background))
 
 
-def find_all_pieces(depths_m: Sequence[np.ndarray | None], scenes: Sequence[Scene]) -> list[Pieces | None]:
+def find_all_pieces(frame_set: FrameSet, scenes: Sequence[Scene]) -> list[Pieces | None]:
     """The pieces of all cameras at one moment; None where a camera has no frame."""
-    return [None if depth is None else find_pieces(depth, scene) for depth, scene in zip(depths_m, scenes, strict=True)]
+    return [
+        None if depth is None else find_pieces(depth, scene, frame_set.time_s)
+        for depth, scene in zip(frame_set.depths_m, scenes, strict=True)
+    ]
 
 
-def find_pieces(depth_m: np.ndarray, scene: Scene) -> Pieces:
-    """Take room and equipment away from one frame and cut the rest at its depth jumps; ramps have no reading."""
+def find_pieces(depth_m: np.ndarray, scene: Scene, time_s: float | None = None) -> Pieces:
+    """Take room and equipment away from one frame and cut the rest at its depth jumps; ramps have no reading.
+
+    time_s: of the frame, reference clock; None: no object that rests for a time is part of the room.
+    """
     model, camera = scene.background, scene.camera
     if model.smear_px:
         depth_m = np.where(smeared(depth_m, model.smear_px), np.float32(0.0), depth_m)
-    people = foreground(depth_m, model)
+    people = foreground(depth_m, model, time_s)
     equipment = None if scene.equipment is None else equipment_mask(depth_m, people, scene.equipment)
     if equipment is not None:
         people &= ~equipment
-    labels = _first_labels(depth_m, people, scene, equipment)
+    labels = _first_labels(depth_m, time_s, people, scene, equipment)
     limit = model.jump_limit
     piece_of, count = label_components(depth_m, people, limit)
     focal = camera.intrinsics.fx * camera.intrinsics.fy
@@ -171,10 +179,12 @@ def find_pieces(depth_m: np.ndarray, scene: Scene) -> Pieces:
     return found.only(~flat) if flat.any() else found
 
 
-def _first_labels(depth_m: np.ndarray, people: np.ndarray, scene: Scene, equipment: np.ndarray | None) -> np.ndarray:
+def _first_labels(
+    depth_m: np.ndarray, time_s: float | None, people: np.ndarray, scene: Scene, equipment: np.ndarray | None
+) -> np.ndarray:
     """(height, width) uint8 of ``PixelLabel`` before people are separated."""
     model = scene.background
-    labels = _nearness(depth_m, model.depth_m, model.sigma_m, JUMP_GATE)
+    labels = _nearness(depth_m, *room_at(depth_m, model, time_s), JUMP_GATE)
     if equipment is not None:
         labels[equipment] = PixelLabel.EQUIPMENT
     labels[people] = PixelLabel.CLUTTER

@@ -75,7 +75,7 @@ def draw_background(one: InspectedCamera) -> np.ndarray:
 
 def draw_foreground(one: InspectedCamera) -> np.ndarray:
     """The foreground: pixels in front of the empty room."""
-    mask = foreground(one.depth_m, one.scene.background)
+    mask = foreground(one.depth_m, one.scene.background, one.time_s)
     return draw_layers(one.depth_m, one.camera, [Layer(mask, SKY)])
 
 
@@ -84,7 +84,7 @@ def draw_equipment(one: InspectedCamera) -> np.ndarray | None:
     expected = one.scene.equipment
     if expected is None:
         return None
-    nearer = foreground(one.depth_m, one.scene.background)
+    nearer = foreground(one.depth_m, one.scene.background, one.time_s)
     removed = equipment_mask(one.depth_m, nearer, expected)
     layers = [Layer(removed, EQUIPMENT), Layer(removed & (expected.depth_m > 0), BLUE, hatched=True)]
     picture = draw_layers(one.depth_m, one.camera, layers)
@@ -242,4 +242,4 @@ def person_name(label: int) -> str:
 def _labels(one: InspectedCamera) -> np.ndarray:
     observation = one.inspection.observation
     view = None if observation is None else observation.evidence.views[one.number]
-    return find_pieces(one.depth_m, one.scene).labels if view is None else view.labels
+    return find_pieces(one.depth_m, one.scene, one.time_s).labels if view is None else view.labels

@@ -75,6 +75,11 @@ class InspectedCamera:
         return self.inspection.room.cameras[self.number]
 
     @property
+    def time_s(self) -> float:
+        """When the depth image was taken, reference clock."""
+        return self.inspection.frame_set.time_s
+
+    @property
     def scene(self) -> Scene:
         """What isolation knew of the camera beforehand."""
         return self.inspection.room.scenes[self.number]

@@ -42,7 +42,7 @@ def observe_first(frame_set: FrameSet, choice: PatientChoice, height_m: float, r
 def isolate_first(frame_set: FrameSet, choice: PatientChoice, run: Run) -> Isolated:
     """Who is who where nothing is known but where the patient stands."""
     with run.stage("isolation"):
-        pieces = find_all_pieces(frame_set.depths_m, run.room.scenes)
+        pieces = find_all_pieces(frame_set, run.room.scenes)
         group = choice.group if choice.frame == frame_set.frame else None
         views = separate_initial(
             pieces, find_people(pieces, run.config.isolation, group, faint=group is not None), choice
@@ -57,7 +57,7 @@ def isolate_first(frame_set: FrameSet, choice: PatientChoice, run: Run) -> Isola
 def isolate(frame_set: FrameSet, expected: Expectation, before: Observation, run: Run) -> Isolated:
     """Who is who where the patient is expected at a place, and the bystanders where they were in the frame before."""
     with run.stage("isolation"):
-        pieces = find_all_pieces(frame_set.depths_m, run.room.scenes)
+        pieces = find_all_pieces(frame_set, run.room.scenes)
         memory = walked(before, pieces, run)
     elapsed_s = frame_set.time_s - before.frame_set.time_s  # negative in a backward pass
     expected = placed(expected, memory, pieces, run)

@@ -31,6 +31,7 @@ from anchorpose.tracker.initial_frame import ranked_by_view, with_best_initial_f
 from anchorpose.tracker.isolating import observe_first
 from anchorpose.tracker.look import Look, look_around
 from anchorpose.tracker.patient_choice import GIVEN_M, named_patient
+from anchorpose.tracker.resting_objects import with_resting_objects
 from anchorpose.tracker.room import NO_REVIEW, InitialFrame, Review, Room
 from anchorpose.tracker.run import Run
 from anchorpose.tracker.sighting import sight_people
@@ -133,11 +134,11 @@ def furnish_room(settled: Settled, config: TrackConfig, review: Review) -> Room:
 
     Tracking does not begin in a frame that a reviewer marked as unusable, unless all are.
     """
-    recording, calibration, scenes = settled.recording, settled.calibration, _scenes(settled)
+    recording, calibration, scenes = settled.recording, settled.calibration, _scenes(settled, config)
     if config.patient_frame is not None:
         initial = _frames_of_named(recording, scenes, config, config.patient_frame, review)
         if not initial:  # a person who never moves looks like furniture
-            scenes = _scenes(settled, config.patient_xz_m)
+            scenes = _scenes(settled, config, config.patient_xz_m)
             initial = _frames_of_named(recording, scenes, config, config.patient_frame, review)
         if not initial:
             raise _nobody_named(recording, scenes, config, config.patient_frame)
@@ -155,7 +156,7 @@ def look_for_patient(
 
     scenes: of every camera, where they are known already.
     """
-    scenes = _scenes(settled) if scenes is None else scenes
+    scenes = _scenes(settled, config) if scenes is None else scenes
     samples = settled.samples
     usable = [k for k, frame_set in enumerate(samples) if review.why_unusable(frame_set.frame) is None]
     usable = usable or list(range(len(samples)))
@@ -176,7 +177,7 @@ def _look(
 def _look_for_still_person(settled: Settled, usable: Sequence[int], before: Look, config: TrackConfig) -> Look | None:
     """The person at the place that the user gave or, without one, who sways as no furniture does; None: nobody."""
     named = config.patient_xz_m is not None
-    look = _look(settled, usable, _scenes(settled, config.patient_xz_m, swaying=not named), config, before)
+    look = _look(settled, usable, _scenes(settled, config, config.patient_xz_m, swaying=not named), config, before)
     if not look.initial_frames:
         return None
     return look if named else replace(look, notes=(*look.notes, HARDLY_MOVES))
@@ -218,13 +219,16 @@ def _nobody_named(recording: Recording, scenes: Sequence[Scene], config: TrackCo
 
 
 def _scenes(
-    settled: Settled, person_xz_m: tuple[float, float] | None = None, swaying: bool = False
+    settled: Settled, config: TrackConfig, person_xz_m: tuple[float, float] | None = None, swaying: bool = False
 ) -> tuple[Scene, ...]:
     """Every camera's empty room; person_xz_m, swaying: as for ``learn_background``."""
-    return tuple(
-        set_scene(camera, _background(settled, number, person_xz_m, swaying), settled.recording.equipment)
-        for number, camera in enumerate(settled.calibration.cameras)
-    )
+    equipment, floor_m = settled.recording.equipment, settled.calibration.floor_height_m
+
+    def scene_of(number: int, camera: Camera) -> Scene:
+        empty = set_scene(camera, _background(settled, number, person_xz_m, swaying), equipment)
+        return with_resting_objects(empty, number, settled.samples, floor_m, equipment, config.patient_xz_m)
+
+    return tuple(scene_of(number, camera) for number, camera in enumerate(settled.calibration.cameras))
 
 
 def _background(

@@ -72,7 +72,7 @@ class Search:
         there before. It is the patient in the equipment, or if everybody else who was met is in view. Who comes in just
         after the patient has left is another person.
         """
-        pieces, config = find_all_pieces(frame_set.depths_m, run.room.scenes), run.config
+        pieces, config = find_all_pieces(frame_set, run.room.scenes), run.config
         elapsed_s = frame_set.time_s - self._time_s
         views = separate(pieces, self._memory, None, elapsed_s, config.isolation)
         self._memory = update_memory(self._memory, pieces, views, run.room.cameras, elapsed_s)

@@ -77,7 +77,7 @@ def sight_people(frame_set: FrameSet, scenes: Sequence[Scene], config: TrackConf
     split where several columns were taken for one; two whose bodies are in the same place are joined where one body
     explains both.
     """
-    pieces = find_all_pieces(frame_set.depths_m, scenes)
+    pieces = find_all_pieces(frame_set, scenes)
 
     def sighting_of(people: People) -> Sighting:
         seen = _with_bodies(people, pieces, scenes)
@@ -106,7 +106,7 @@ def body_of_chosen(
     frame_set: FrameSet, choice: PatientChoice, scenes: Sequence[Scene], config: TrackConfig
 ) -> RoughBody | None:
     """The rough body of the person who was chosen in a frame, also of one who is alone; None as in SeenPerson."""
-    pieces = find_all_pieces(frame_set.depths_m, scenes)
+    pieces = find_all_pieces(frame_set, scenes)
     people = find_people(pieces, config.isolation, choice.group, faint=True)
     away_m = [float(np.linalg.norm(one.ground_xz_m - choice.ground_xz_m)) for one in people.people]
     views = label_people(pieces, people, np.arange(len(people.people)))
@@ -117,7 +117,7 @@ def body_of_chosen(
 
 def shows_limbs_alone(frame_set: FrameSet, scenes: Sequence[Scene]) -> bool:
     """Whether the upper border of an image cuts a person off below where trunks begin."""
-    for pixels in find_all_pieces(frame_set.depths_m, scenes):
+    for pixels in find_all_pieces(frame_set, scenes):
         if pixels is None:
             continue
         for piece in np.unique(pixels.piece[pixels.row < BORDER_PX]):

@@ -39,5 +39,5 @@ def labelled_views(frame_set: FrameSet, images: tuple[LabelImage, ...], room: Ro
         None
         if pixels is None or camera.name not in labels
         else view_of(pixels, labels[camera.name][pixels.row, pixels.column])
-        for camera, pixels in zip(room.cameras, find_all_pieces(frame_set.depths_m, room.scenes), strict=True)
+        for camera, pixels in zip(room.cameras, find_all_pieces(frame_set, room.scenes), strict=True)
     )
