@@ -143,6 +143,18 @@ def test_a_record3d_file_that_states_gigabytes_costs_no_memory(tmp_path):
     assert any("rgbd/1.depth, is damaged inside" in note for note in done.notes)
 
 
+def test_an_array_that_states_gigabytes_costs_no_memory(tmp_path):
+    with (tmp_path / "in").open("wb") as file:
+        np.lib.format.write_array_header_1_0(file, {"shape": (1, 16384, 16384), "fortran_order": False, "descr": "<f8"})
+        file.write(bytes(1000))
+    tracemalloc.start()
+    with pytest.raises(InputError, match="ends within image 0"):
+        run(tmp_path / "in", tmp_path / "out", GIVEN)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 50_000_000
+
+
 def test_missing_numbers_are_missing_moments(tmp_path):
     grey = noise()
     build.plain_folder(tmp_path / "p", grey)

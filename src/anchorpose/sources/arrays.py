@@ -9,6 +9,7 @@ from typing import Any, BinaryIO, Final
 import numpy as np
 
 from anchorpose.errors import InputError
+from anchorpose.sources.bag_file import read_at_most
 from anchorpose.sources.metres import GREY_M, to_grey
 from anchorpose.sources.source import NO_READING, SourceCamera, SourceFrame
 
@@ -92,7 +93,7 @@ def _open_npy(path: Path) -> DepthArray:
     def read(position: int) -> np.ndarray:
         with path.open("rb") as file:
             file.seek(start + position * pixels * kind.itemsize)
-            data = file.read(pixels * kind.itemsize)
+            data = read_at_most(file, pixels * kind.itemsize)
         if len(data) < pixels * kind.itemsize:
             raise InputError(path, f"ends within image {position} of {shape[0]}", "copy or save it again")
         return np.frombuffer(data, kind).reshape(shape[1:])
