@@ -155,6 +155,25 @@ def test_an_array_that_states_gigabytes_costs_no_memory(tmp_path):
     assert peak < 50_000_000
 
 
+@pytest.mark.parametrize("compressed", [False, True])
+@pytest.mark.parametrize("kind", ["<u2", "<f4", "<f8", ">u2"])
+def test_an_array_of_matlab_s_beside_others(tmp_path, compressed, kind):
+    """Written by scipy: another name, another number of dimensions, text and a cell stand beside it."""
+    import scipy.io
+
+    grey = noise(4)
+    depth = np.moveaxis(grey if kind.endswith("u2") else grey / 1000.0, 0, 2).astype(kind)
+    others = {"flat": np.eye(3), "text": "depth", "cells": np.array([1, "a"], object), "other": depth + 1, "empty": []}
+    with (tmp_path / "in").open("wb") as file:
+        scipy.io.savemat(file, {**others, "my_depth": depth}, do_compression=compressed)
+    given = GIVEN if kind.endswith("u2") else ConvertOptions(intrinsics=LENS, fps=30.0)
+    run(tmp_path / "in", tmp_path / "out", given)
+    found, wanted = depth_of(tmp_path / "out", "in"), expected(grey)
+    if not kind.endswith("u2"):
+        wanted = np.where(grey / 1000.0 < 16.38, np.round(grey / 1000.0 / 0.00025), 0)
+    assert np.abs(found.astype(float) - wanted).max() <= (0 if kind.endswith("u2") else 1)
+
+
 def test_missing_numbers_are_missing_moments(tmp_path):
     grey = noise()
     build.plain_folder(tmp_path / "p", grey)
