@@ -31,20 +31,24 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.preparation import settle
 
 SENSORS: Final[tuple[presets.Sensor, ...]] = (
-    "kinect-v2", "femto-bolt", "realsense", "azure-kinect", "xtion", "d435", "realsense-filtered", "iphone-lidar",
+    "kinect-v2", "femto-bolt", "realsense", "kinect-v2", "azure-kinect", "xtion",
+    "kinect-v2", "d435", "kinect-v2", "realsense-filtered", "kinect-v2", "iphone-lidar",
 )  # fmt: skip
-EQUIPMENT: Final[tuple[presets.Equipment, ...]] = ("standing-frame", "none", "parallel-bars", "walker", "wheelchair")
+EQUIPMENT: Final[tuple[presets.Equipment, ...]] = (
+    "standing-frame", "parallel-bars", "standing-frame", "none", "none", "parallel-bars",
+    "walker", "standing-frame", "wheelchair", "none", "none", "standing-frame",
+)  # fmt: skip
 MIXED: Final[tuple[presets.Sensor, ...]] = ("femto-bolt", "realsense", "kinect-v2")
 MOVED: Final = 1  # the camera that is off
 SHIFTS_M, TURNS_DEG = (0.01, 0.02, 0.05, 0.20), (1.0, 3.0, 5.0)
 
 
 def clinic(seed: int, number: int) -> presets.SimulationConfig:
-    """Other cameras, equipment and therapists for each number; every third has clocks that nobody set."""
-    config = presets.clinic(seed, 6.0, fps=5.0)
-    models = {"sensors": MIXED} if number % 6 == 1 else {"sensor": SENSORS[number % len(SENSORS)]}
-    config = replace(config, equipment=EQUIPMENT[number % len(EQUIPMENT)], therapists=number % 3, **models)
-    return replace(config, stamp_jitter_s=0.01) if number % 3 == 2 else config
+    """Other cameras, equipment and therapists for each of twelve; in two the cameras are of different models."""
+    kind = number % len(SENSORS)
+    config = replace(presets.clinic(seed, 6.0, fps=3.0), sensor=SENSORS[kind], equipment=EQUIPMENT[kind])
+    config = replace(config, therapists=number % 3, stool=number % 2 == 0)
+    return replace(config, sensors=MIXED) if kind in (1, 6) else config
 
 
 def poses(T_world_camera: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
