@@ -108,6 +108,7 @@ def account_of(
             *clock_notes(room.clocks),
             *(camera.sentence for camera in gaps if camera.sentence),
             *_coarse_cameras(room),
+            *_unmeasured_cameras(room),
             *room.notes,
             *_notes(room, learnt),
             *written.association.sentences,
@@ -128,7 +129,7 @@ def _cameras(room: Room, source: PoseSource | None) -> tuple[CameraRecord, ...]:
 
 def _depth(scene: Scene) -> DepthRecord:
     model = scene.background
-    return DepthRecord(model.noise_per_m, model.step_per_m, model.detail.edge_px)
+    return DepthRecord(model.noise, model.step_per_m, model.detail.edge_px)
 
 
 def _pose_residuals(calibration: Calibration) -> list[Residual]:
@@ -170,6 +171,16 @@ def _coarse_cameras(room: Room) -> list[str]:
         f"{detail.limbs_until_m:.1f} m from it an arm cannot be told from what is beside it"
         for scene in room.scenes
         if (detail := scene.background.detail).filtered
+    ]
+
+
+def _unmeasured_cameras(room: Room) -> list[str]:
+    """A sentence on each camera that shows no still background."""
+    return [
+        f"camera {scene.camera.name}: no still background is seen to measure its noise on; what neighbouring readings "
+        "differ by is used, without the errors that they share, so sigma may be too small"
+        for scene in room.scenes
+        if not scene.background.noise.measured
     ]
 
 

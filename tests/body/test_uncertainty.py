@@ -43,6 +43,15 @@ def test_a_root_that_strays_takes_every_joint_with_it():
     np.testing.assert_allclose(sigma(np.diag(variance), floor_m=0.005), np.hypot(least_m(0.005), 0.02), rtol=1e-12)
 
 
+def test_noise_and_coarse_pixels_add_to_what_is_known_exactly():
+    """A root that strays by 20 mm with the noise takes every joint with it; two edges within 48 mm leave 9.8 mm."""
+    nothing, noise = np.zeros((POSE_SIZE, POSE_SIZE)), np.zeros((POSE_SIZE, POSE_SIZE))
+    noise[-3:, -3:] = 0.02**2 * np.eye(3)
+    posed, config = pose_points(BODY, POSE), UncertaintyConfig(floor_m=0.005, inflation=0.5)
+    found = joint_sigma(BODY, posed, nothing, config, noise, 0.048)
+    np.testing.assert_allclose(found, np.hypot(np.hypot(least_m(0.005), 0.02), 0.0098), rtol=1e-3)
+
+
 def test_skin_is_as_sure_as_the_part_it_moves_with():
     posed = pose_points(BODY, POSE)
     knee = list(points().moving).index(points().asset.bone("RightLeg"))

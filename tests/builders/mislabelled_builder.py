@@ -10,6 +10,7 @@ from body_builder import FRONT, LEFT, adult_body, asset, before_wall, evidence_o
 from anchorpose.body.pose import Pose
 from anchorpose.camera import Camera, transform_points
 from anchorpose.isolation.components import JumpLimit
+from anchorpose.isolation.depth_noise import neighbour_noise
 from anchorpose.isolation.detail import DepthDetail
 from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel, View
@@ -28,7 +29,7 @@ def pieces_of(view: View, camera: Camera) -> Pieces:
     return Pieces(
         view.depth_m, view.labels, index, row.astype(np.int32), column.astype(np.int32), np.ones(len(row), np.int32), 1,
         world.astype(np.float32), area.astype(np.float32), JumpLimit(0.01, 0.02), 0.0012,
-        DepthDetail(2.0, camera.intrinsics.fx),
+        neighbour_noise(0.0012), DepthDetail(2.0, camera.intrinsics.fx),
     )  # fmt: skip
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, JointState
 from anchorpose.results.explained import EXPLAINED_FILE, PART_NAMES, ExplainedFrame, write_explained
 from anchorpose.results.kinematics.joint_angles import joint_angles
@@ -20,6 +21,8 @@ from anchorpose.results.run_record import (
     write_run_record,
 )
 from anchorpose.results.tables import ANGLES_FILE, JOINTS_FILE, JointFrame, read_joints, write_angles, write_joints
+
+NOISE = DepthNoise((2.0, 3.0), (0.0064, 0.0144), (1.26, None), 49.0, holes=0.0123)
 
 
 def standing_joints() -> np.ndarray:
@@ -63,7 +66,7 @@ def write_results(folder: Path, frames: list[JointFrame], pictures: tuple[Pictur
         recording="<ward> & garden",
         config={"gate_m": 0.05},
         inputs_sha256=(("recording.json", "0" * 64),),
-        cameras=(CameraRecord("front", np.eye(4), "given", depth=DepthRecord(0.0016, 0.0008, 2.0)),),
+        cameras=(CameraRecord("front", np.eye(4), "given", depth=DepthRecord(NOISE, 0.0008, 2.0)),),
         frame_count=len(frames),
         dropped=(DroppedFrame(3, 0.3, "front/depth/000003.png is truncated"),),
         pictures=pictures,

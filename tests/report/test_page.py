@@ -19,6 +19,7 @@ from results_builder import make_frame, standing_joints
 from table_reader import taken_again
 
 from anchorpose.errors import InputError
+from anchorpose.isolation.depth_noise import neighbour_noise
 from anchorpose.joints import JOINT_NAMES, JointState
 from anchorpose.pages.frame_pictures import FramePicture, save_pictures
 from anchorpose.report.curves import step_path
@@ -29,6 +30,7 @@ from anchorpose.report.provenance import _depth
 from anchorpose.report.session import MOST_BINS, make_bins
 from anchorpose.results.measuring import write_measured
 from anchorpose.results.processing.process import ProcessingConfig
+from anchorpose.results.run_record import as_json
 from anchorpose.results.stand_training.measure import MeasureConfig
 
 FRAMES = 120
@@ -410,8 +412,22 @@ def test_a_measure_that_this_version_does_not_know_is_shown_by_its_own_name(tmp_
 
 
 def test_the_page_says_how_good_a_cameras_depth_was(page):
-    """0.0016 x 2.5 squared is 10 mm."""
-    assert "± 10 mm (one sigma), steps of 5 mm, edges 2 pixels wide" in text_of(page, "body")
+    """0.0016 x 2.5 squared is 10 mm; 49 pixels are 7 by 7."""
+    text = text_of(page, "body")
+    assert "± 10 mm (one sigma), measured on the still room; 1.3 times as much on slanted surfaces" in text
+    assert "neighbours have their error in common over 7 pixels; 1.2 % of the readings on surfaces" in text
+    assert "steps of 5 mm, edges 2 pixels wide" in text
+    assert "steep" not in text
+
+
+def test_the_page_says_where_a_cameras_noise_could_not_be_measured():
+    depth = {"noise": as_json(neighbour_noise(0.0016)), "step_per_m": 0.0008, "edge_px": 2.0}
+    assert _depth({"name": "front", "depth": depth}).startswith("± 10 mm (one sigma) between neighbouring readings; no")
+
+
+def test_older_results_show_the_noise_between_neighbouring_readings():
+    depth = {"noise_per_m": 0.0016, "step_per_m": 0.0008, "edge_px": 2.0}
+    assert _depth({"name": "front", "depth": depth}).startswith("± 10 mm (one sigma) between neighbouring readings, st")
 
 
 def test_older_results_do_not_say_how_good_the_depth_was():

@@ -71,17 +71,26 @@ def surface_constraints(
     doi:10.1145/3306346.3323037). A node that no skin covers pulls straight: planes alone let limbs slide along
     themselves.
     """
+    return rows_of_nodes(posed, surface, cameras, reach_m, config)[0]
+
+
+def rows_of_nodes(
+    posed: PosedPoints, surface: Surface, cameras: Sequence[Camera], reach_m: float, config: RegistrationConfig
+) -> tuple[Constraints, np.ndarray]:
+    """The rows of ``surface_constraints`` and the node (n,) of the surface that each belongs to."""
     chosen = thin(len(surface), config.node_count)
-    point, target, direction = facing_rows(
+    nodes = Oriented(surface.points_m[chosen].astype(np.float64), surface.normals[chosen].astype(np.float64))
+    point, node, direction = facing_rows(
         Oriented(posed.points_m, posed.normals),
-        Oriented(surface.points_m[chosen].astype(np.float64), surface.normals[chosen].astype(np.float64)),
+        nodes,
         surface.camera[chosen].astype(np.int64),
         np.array([camera.position_m for camera in cameras]),
         reach_m,
         NORMAL_WEIGHT_M,
         UNCOVERED_M,
     )
-    return Constraints.alike(point, target, direction, config.surface_sigma_m, reach_m / 3.0)
+    rows = Constraints.alike(point, nodes.places_m[node], direction, config.surface_sigma_m, reach_m / 3.0)
+    return rows, chosen[node]
 
 
 def place_constraints(point: np.ndarray, target_m: np.ndarray, sigma_m: float, scale_m: float) -> Constraints:

@@ -72,20 +72,20 @@ def facing_rows(
     normal_weight: float,
     uncovered: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Skin point (m,), node (m, 3) and unit direction (m, 3) of every node that has a nearest point.
+    """Skin point (m,), node (m,) and unit direction (m, 3) of every node that has a nearest point.
 
     The direction is the mean of both normals, and straight to the node where it is farther off than ``uncovered``.
     """
     nearest = nearest_facing(skin, nodes, seen_from, eyes, reach, normal_weight)
-    point, count = np.empty(len(nearest), np.int64), 0
-    target, direction, offset = np.empty((len(nearest), 3)), np.empty((len(nearest), 3)), np.empty(3)
+    point, found, count = np.empty(len(nearest), np.int64), np.empty(len(nearest), np.int64), 0
+    direction, offset = np.empty((len(nearest), 3)), np.empty(3)
     for node in range(len(nearest)):
         p = nearest[node]
         if p < 0:
             continue
         away, squared = 0.0, 0.0
         for i in range(3):
-            target[count, i], offset[i] = nodes.places_m[node, i], skin.places_m[p, i] - nodes.places_m[node, i]
+            offset[i] = skin.places_m[p, i] - nodes.places_m[node, i]
             direction[count, i] = nodes.normals[node, i] + skin.normals[p, i]
             away += offset[i] ** 2
             squared += direction[count, i] ** 2
@@ -93,9 +93,9 @@ def facing_rows(
         length = max(np.sqrt(away if straight else squared), 1e-9)
         for i in range(3):  # no slices, which take seconds to compile
             direction[count, i] = (offset[i] if straight else direction[count, i]) / length
-        point[count] = p
+        point[count], found[count] = p, node
         count += 1
-    return point[:count].copy(), target[:count].copy(), direction[:count].copy()
+    return point[:count].copy(), found[:count].copy(), direction[:count].copy()
 
 
 @njit(cache=True)

@@ -40,14 +40,24 @@ def systematic_m() -> np.ndarray:
     return np.array([_SYSTEMATIC_MM[name] for name in names]) / 1000.0
 
 
-def joint_sigma(body: Body, posed: PosedPoints, covariance: np.ndarray, config: UncertaintyConfig) -> np.ndarray:
+def joint_sigma(
+    body: Body,
+    posed: PosedPoints,
+    covariance: np.ndarray,
+    config: UncertaintyConfig,
+    noise: np.ndarray | None = None,
+    patch_m: float = 0.0,
+) -> np.ndarray:
     """(21,) one standard deviation of the position error per axis, metres.
 
-    covariance (POSE_SIZE, POSE_SIZE): of the pose, inverse of the normal equations' hessian.
+    covariance (POSE_SIZE, POSE_SIZE): of the pose, inverse of the normal equations' hessian; noise, of the same shape:
+    ``noise_covariance``, None where the cameras' noise is unknown. patch_m: ``finest_patch_m``: a limb lies midway
+    between two edges, each equally likely anywhere within such a patch.
     """
     places = body.mesh.joints(posed.transforms)
-    variance = _variance(body, posed, covariance, joint_bones(body.points.asset), places)
-    return np.sqrt(config.floor_m**2 + systematic_m() ** 2 + config.inflation**2 * variance)
+    every = config.inflation**2 * covariance + (0.0 if noise is None else noise)
+    variance = _variance(body, posed, every, joint_bones(body.points.asset), places)
+    return np.sqrt(config.floor_m**2 + systematic_m() ** 2 + patch_m**2 / 24.0 + variance)
 
 
 def skin_sigma(body: Body, posed: PosedPoints, covariance: np.ndarray, config: UncertaintyConfig) -> np.ndarray:

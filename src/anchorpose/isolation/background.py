@@ -13,6 +13,7 @@ from numba import njit
 from anchorpose.calibration.equipment_render import EquipmentCaster
 from anchorpose.camera import Camera, invert_rigid
 from anchorpose.isolation.components import JUMP_GATE, JumpLimit, jump_limit, without_flying_pixels
+from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.isolation.detail import SHARP_EDGE_PX, DepthDetail
 from anchorpose.recording.equipment import EquipmentModel
 
@@ -35,8 +36,9 @@ class BackgroundModel:
     """One camera's empty room.
 
     depth_m (height, width) float32 metres, 0 = nothing known. sigma_m (height, width) float32: deviation of a live
-    reading from depth_m where nobody stands. noise_per_m: the sensor's own law sigma = noise_per_m z^2. smear_px: how
-    wide the camera's filters make depth edges, 0 = sharp. step_per_m: the step between readings is step_per_m z^2.
+    reading from depth_m where nobody stands. noise_per_m: between neighbouring readings, sigma = noise_per_m z^2: what
+    one surface's depth may jump by. noise: of a reading by itself. smear_px: how wide the camera's filters make depth
+    edges, 0 = sharp. step_per_m: the step between readings is step_per_m z^2.
     """
 
     depth_m: np.ndarray
@@ -44,6 +46,7 @@ class BackgroundModel:
     noise_per_m: float
     focal_px: float
     source: BackgroundSource
+    noise: DepthNoise
     smear_px: int = 0
     step_per_m: float = 0.0
 
@@ -115,7 +118,7 @@ def expect_equipment(drawn_m: np.ndarray, background: BackgroundModel) -> Expect
 
     drawn_m: ``equipment_depth``. The silhouette is one pixel wider than drawn: a pixel that is half bar reads as bar.
     """
-    sigma = background.noise_per_m * drawn_m**2
+    sigma = background.noise.sigma_m(drawn_m)
     reach = EQUIPMENT_TOLERANCE_M + EQUIPMENT_GATE * np.maximum(background.sigma_m, sigma)
     measured = (drawn_m > 0) & (background.depth_m > 0) & (np.abs(background.depth_m - drawn_m) < reach)
     margin = EQUIPMENT_GATE * sigma + np.where(measured, 0.0, EQUIPMENT_TOLERANCE_M)

@@ -24,6 +24,7 @@ from anchorpose.isolation.background import (
     equipment_depth,
 )
 from anchorpose.isolation.components import JUMP_GATE
+from anchorpose.isolation.depth_noise import measure_noise, neighbour_noise
 from anchorpose.isolation.resting import resting_people, swaying_people
 from anchorpose.isolation.room_planes import depth_of_room
 from anchorpose.isolation.smear import smear_px
@@ -67,10 +68,12 @@ def learn_background(
     if empty_m is not None:
         depth = _fill_specks(empty_m.astype(np.float32))
         sigma = _at_least_a_step(_noise_behind(depth, frames_m, noise), depth, step)
-        return BackgroundModel(depth, sigma, noise, focal_px, BackgroundSource.PICTURE, smear_px(frames_m), step)
+        law = measure_noise(depth, sigma, frames_m, camera, noise)
+        return BackgroundModel(depth, sigma, noise, focal_px, BackgroundSource.PICTURE, law, smear_px(frames_m), step)
     if all(people_only(frame) for frame in frames_m):
         nothing = np.zeros_like(frames_m[0], dtype=np.float32)
-        return BackgroundModel(nothing, nothing, noise, focal_px, BackgroundSource.REMOVED, step_per_m=step)
+        law = neighbour_noise(noise)
+        return BackgroundModel(nothing, nothing, noise, focal_px, BackgroundSource.REMOVED, law, step_per_m=step)
     depth, sigma = _from_recording(frames_m, camera, floor_height_m, equipment, noise)
     if swaying and len(frames_m) >= FRAMES_NEEDED:
         people = swaying_people(depth, frames_m, camera, floor_height_m, noise)
@@ -78,7 +81,8 @@ def learn_background(
     if person_xz_m is not None:
         depth = _without_person(depth, camera, floor_height_m, person_xz_m, noise)
     sigma = _at_least_a_step(sigma, depth, step)
-    return BackgroundModel(depth, sigma, noise, focal_px, BackgroundSource.RECORDING, smear_px(frames_m), step)
+    law = measure_noise(depth, sigma, frames_m, camera, noise)
+    return BackgroundModel(depth, sigma, noise, focal_px, BackgroundSource.RECORDING, law, smear_px(frames_m), step)
 
 
 def _from_recording(

@@ -87,5 +87,5 @@ def with_wall(scene: Scene, wall: Wall, gap: np.ndarray) -> Scene:
     """The scene with the wall where the gap (height, width) is: nobody is seen beyond it."""
     model = scene.background
     depth_m = np.where(gap, wall.depth_m, model.depth_m)
-    sigma_m = np.where(gap, np.float32(model.noise_per_m) * wall.depth_m**2, model.sigma_m)
+    sigma_m = np.where(gap, model.noise.sigma_m(wall.depth_m).astype(np.float32), model.sigma_m)
     return replace(scene, background=replace(model, depth_m=depth_m, sigma_m=sigma_m))

@@ -21,6 +21,7 @@ from anchorpose.isolation.background import (
     foreground,
 )
 from anchorpose.isolation.components import JUMP_GATE, JumpLimit, label_components
+from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.isolation.detail import DepthDetail
 from anchorpose.isolation.smear import smeared
 from anchorpose.isolation.view import PixelLabel
@@ -85,7 +86,8 @@ class Pieces:
     index (height, width) int32: which foreground pixel this is, -1 = none; row, column, piece (n,) int32: the
     foreground pixels and the connected piece (from 1) each belongs to; points_m (n, 3) float32 world; area_m2 (n,)
     float32: surface a pixel covers if it faces the camera; limit: how far neighbours of one surface may differ in
-    depth; noise_per_m: deviation of a reading at one metre; detail: how finely this camera resolves its depth frames.
+    depth; noise_per_m: deviation between neighbouring readings at one metre; noise: of a reading by itself;
+    detail: how finely this camera resolves its depth frames.
     """
 
     depth_m: np.ndarray
@@ -99,6 +101,7 @@ class Pieces:
     area_m2: np.ndarray
     limit: JumpLimit
     noise_per_m: float
+    noise: DepthNoise
     detail: DepthDetail
 
     def only(self, kept: np.ndarray) -> Pieces:
@@ -161,6 +164,7 @@ def find_pieces(depth_m: np.ndarray, scene: Scene) -> Pieces:
         area,
         limit,
         model.noise_per_m,
+        model.noise,
         model.detail,
     )
     flat = flat_pieces(points, depth_m[row, column], piece, area, model.noise_per_m)

@@ -7,6 +7,9 @@ import json
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
+import numpy as np
+
+from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.report.session import Session
 from anchorpose.report.words import counted, named_part, spaced
 from anchorpose.results.run_record import RUN_FILE
@@ -15,6 +18,7 @@ MOST_LINES: Final = 60
 """More are counted and left to run.json: a page full of them is of no use to a reader."""
 
 
+ALIKE_PX: Final = 1.5  # pixels across: less is hardly more than each its own
 AWAY_M: Final = 2.5  # as far as cameras are set up from a patient
 
 
@@ -160,8 +164,25 @@ def _depth(camera: dict[str, Any]) -> str:
     depth = camera.get("depth")
     if depth is None:
         return "not known"
-    noise_mm, step_mm = (1000 * AWAY_M**2 * depth[key] for key in ("noise_per_m", "step_per_m"))
-    return f"± {noise_mm:.0f} mm (one sigma), steps of {step_mm:.0f} mm, edges {depth['edge_px']:.0f} pixels wide"
+    step_mm = 1000 * AWAY_M**2 * depth["step_per_m"]
+    rest = f"steps of {step_mm:.0f} mm, edges {depth['edge_px']:.0f} pixels wide"
+    if "noise" not in depth:
+        return f"± {1000 * AWAY_M**2 * depth['noise_per_m']:.0f} mm (one sigma) between neighbouring readings, {rest}"
+    return f"{_noise(DepthNoise(**depth['noise']))}; {rest}"
+
+
+def _noise(noise: DepthNoise) -> str:
+    """The random error of a camera in words."""
+    at_m = f"± {1000 * float(noise.sigma_m(np.array(AWAY_M))):.0f} mm (one sigma)"
+    if not noise.measured:
+        return f"{at_m} between neighbouring readings; no still background is seen to measure all of the noise on"
+    known = zip(noise.slants, ("slanted", "steep"), strict=True)
+    more = [f"{times:.1f} times as much on {kind} surfaces" for times, kind in known if times is not None]
+    shared = np.sqrt(noise.shared_px)
+    alike = f"neighbours have their error in common over {shared:.0f} pixels" if shared >= ALIKE_PX else ""
+    lost = "" if noise.holes is None else f"{100 * noise.holes:.1f} % of the readings on surfaces of the room are lost"
+    between = "" if noise.flying is None else f"{100 * noise.flying:.0f} % of those at depth edges show neither side"
+    return "; ".join(part for part in (f"{at_m}, measured on the still room", *more, alike, lost, between) if part)
 
 
 def _body(body: dict[str, Any] | None) -> list[tuple[str, Sequence[str]]]:

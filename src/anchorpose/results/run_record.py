@@ -17,6 +17,7 @@ import numpy as np
 from anchorpose.body.asset import BodyAsset
 from anchorpose.body.learning import ShapeBelief, bone_lengths, standing_height
 from anchorpose.errors import InputError
+from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.recording.document import read_json
 from anchorpose.recording.recording import Clock
 from anchorpose.results.corrections import JointCorrection, NamedPatient, UnusableInterval
@@ -71,10 +72,10 @@ def record_body(asset: BodyAsset, belief: ShapeBelief, first: ShapeBelief, secon
 
 @dataclass(frozen=True, slots=True)
 class DepthRecord:
-    """What the recording itself shows of a camera's depth at a distance z, metres: the noise of a reading (one sigma)
-    is noise_per_m z^2, the step between readings step_per_m z^2, and an edge is edge_px pixels wide."""
+    """What the recording itself shows of a camera's depth: its noise; the step between readings, ``step_per_m z^2``
+    at a distance z in metres; how wide edges are."""
 
-    noise_per_m: float
+    noise: DepthNoise  # older results have noise_per_m, the noise between neighbouring readings over z^2
     step_per_m: float
     edge_px: float
 

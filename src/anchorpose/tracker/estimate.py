@@ -15,6 +15,7 @@ from anchorpose.body.inverse_kinematics import CorrectedJoints
 from anchorpose.body.poor_depth import PoorDepth, distance_of, poor_depth
 from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration
+from anchorpose.body.sensor_noise import finest_patch_m, noise_covariance
 from anchorpose.body.skin_points import Body, FittedShape, PosedPoints, pose_points
 from anchorpose.body.uncertainty import joint_sigma, smeared_sigma, unexplained_sigma
 from anchorpose.body.visibility import joint_states
@@ -92,7 +93,10 @@ def estimate_of(
     joints = body.mesh.joints(posed.transforms)
     evidence = observation.evidence
     explanation = explain(body.points, posed, evidence)
-    sigma = joint_sigma(body, posed, belief.covariance, config.uncertainty)
+    noises = [None if pieces is None else pieces.noise for pieces in observation.pieces]
+    noise = noise_covariance(body, belief, evidence, noises, config.registration)
+    patch_m = finest_patch_m(evidence, noises)
+    sigma = joint_sigma(body, posed, belief.covariance, config.uncertainty, noise, patch_m)
     sigma = with_rivals(body, joints, sigma, rivals) if rivals else sigma
     sigma = unexplained_sigma(body, posed, evidence, explanation, sigma)
     sigma = contested_sigma(body, belief.pose, observation.pieces, evidence.views, sigma)

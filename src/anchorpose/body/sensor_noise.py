@@ -1,0 +1,83 @@
+"""What the noise of the cameras, as measured on their background, does to a pose that was fitted to their readings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from anchorpose.body.belief import PoseBelief
+from anchorpose.body.config import RegistrationConfig
+from anchorpose.body.constraints import rows_of_nodes
+from anchorpose.body.evidence import Evidence
+from anchorpose.body.poor_depth import distance_of
+from anchorpose.body.skin_points import Body, pose_jacobian, pose_points
+from anchorpose.isolation.depth_noise import DepthNoise
+
+
+def noise_covariance(
+    body: Body,
+    belief: PoseBelief,
+    evidence: Evidence,
+    noises: Sequence[DepthNoise | None],
+    config: RegistrationConfig,
+) -> np.ndarray:
+    """(POSE_SIZE, POSE_SIZE) covariance of the pose by the noise of this frame's readings alone.
+
+    noises: of each camera, None where it has no depth image. The fit weighs all rows alike; a change n of the readings
+    changes the pose by ``C J^T W n`` (C the belief's covariance), so that noise of covariance N gives
+    ``C J^T W N W J C``. In N, nodes of one patch of ``shared_px`` pixels have one error in common, others none.
+    """
+    posed = pose_points(body, belief.pose)
+    rows, node = rows_of_nodes(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], config)
+    if not len(rows):
+        return np.zeros_like(belief.covariance)
+    thinned = min(1.0, config.node_count / len(evidence.surface))
+    noise_m, patch = node_noise(evidence, noises, thinned)
+    weight = rows.weights(rows.residuals(posed)) / config.rows_per_observation
+    felt = pose_jacobian(body, posed, rows.point, rows.direction) * (weight * noise_m[node])[:, None]
+    number = np.unique(patch[node], return_inverse=True)[1]
+    together = csr_array((np.ones(len(node)), (number, np.arange(len(node))))) @ felt
+    change = together @ belief.covariance
+    return np.asarray(change.T @ change)
+
+
+def node_noise(
+    evidence: Evidence, noises: Sequence[DepthNoise | None], thinned: float = 1.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) one sigma of each node along its normal, metres, and (n,) the patch whose error it has in common.
+
+    thinned: share of the nodes that are used. Where a used node stands for more pixels than have an error in common,
+    denoising averages them: it is then a patch by itself, with less noise. 0 where the camera's noise is unknown.
+    """
+    surface, noise_m = evidence.surface, np.zeros(len(evidence.surface))
+    patch = np.arange(len(surface))
+    for number, (view, camera, noise) in enumerate(zip(evidence.views, evidence.cameras, noises, strict=True)):
+        mine = np.flatnonzero(surface.camera == number)
+        if view is None or noise is None or not len(mine):
+            continue
+        ray = surface.points_m[mine] - camera.position_m
+        depth_m = ray @ camera.require_pose()[:3, 2]
+        cosine = np.abs((ray * surface.normals[mine]).sum(axis=1)) / np.linalg.norm(ray, axis=1)
+        cosine = np.minimum(cosine, 1.0)
+        sharing = noise.shared_px * thinned * len(mine) / max(int(view.patient.sum()), 1)
+        along_m = cosine * noise.sigma_m(depth_m, np.degrees(np.arccos(cosine)))
+        noise_m[mine] = along_m * min(1.0, np.sqrt(sharing))
+        if sharing > 1.0:
+            row, column = (surface.pixel[mine] / np.sqrt(noise.shared_px)).astype(np.int64).T
+            patch[mine] = len(surface) + (row * camera.width + column) * len(noises) + number
+    return noise_m, patch
+
+
+def finest_patch_m(evidence: Evidence, noises: Sequence[DepthNoise | None]) -> float:
+    """Side of the patch of pixels with one error in common at the patient, metres, in the camera where it is smallest.
+
+    0 where no camera shows the patient. Matching windows and smoothing move the edges of a limb by a part of it.
+    """
+    found = [
+        np.sqrt(noise.shared_px) * distance_m / camera.intrinsics.fx
+        for view, camera, noise in zip(evidence.views, evidence.cameras, noises, strict=True)
+        if view is not None and noise is not None and (distance_m := distance_of(view)) is not None
+    ]
+    return float(min(found, default=0.0))

@@ -1,0 +1,201 @@
+"""How noisy one camera's depth is, measured on the still background of its own recording.
+
+A pixel that shows the empty room in two sampled frames differs between them by noise alone. Second differences along a
+row (``calibration.noise``) leave out what neighbouring pixels have in common: a stereo camera's error comes in patches
+as wide as its matching window, so it hardly averages out over a limb.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import cv2
+import numpy as np
+
+from anchorpose.camera import Camera
+
+CHANGES: Final = 6  # pairs of frames that are compared: half a million pixels or more
+STILL_GATE: Final = 6.0  # sigmas: readings nearer to the background show it; people stand farther off
+OUTLIER_GATE: Final = 4.0  # sigmas: of a normal distribution, 1 in 16,000 is beyond
+ROUNDS: Final = 3  # of leaving outliers out
+EDGE_PX: Final = 2  # beside a depth edge readings fly; they are counted by themselves
+EDGE_M: Final = 0.10  # from the nearest to the farthest of 5x5 pixels: less is a slanted surface
+BIN_M: Final = 0.5  # of depth
+SLANTS_DEG: Final = (35.0, 60.0)  # between ray and surface normal: facing, slanted, steep
+LEAST_READINGS: Final = 2000  # of one depth and slant: their deviation is then known to a tenth if 40 share an error
+LONGEST_PX: Final = 24  # to which errors of neighbours are compared
+UNRELATED: Final = 0.05  # correlation: less is chance
+SMOOTH_PX: Final = 9  # over which a surface normal is taken
+
+
+@dataclass(frozen=True, slots=True)
+class DepthNoise:
+    """The random error of one camera's readings along its optical axis.
+
+    at_m, sigma_at_m: one sigma (metres) of a reading on a surface that faces the camera, at depths in rising order.
+    slants: times as much on a slanted (35 to 60 degrees between ray and normal) and on a steep surface, None where not
+    measured. shared_px: how many pixels, on average, have one error in common; 1 = each its own. flying: share of the
+    readings beside depth edges that show neither side; holes: of the pixels on surfaces of the room, how many have no
+    reading; None where not measured. measured is False where no still background was seen: sigma is then that between
+    neighbouring readings, the smallest that it can be.
+    """
+
+    at_m: tuple[float, ...]
+    sigma_at_m: tuple[float, ...]
+    slants: tuple[float | None, float | None] = (None, None)
+    shared_px: float = 1.0
+    flying: float | None = None
+    holes: float | None = None
+    measured: bool = True
+
+    def sigma_m(self, depth_m: np.ndarray, slant_deg: np.ndarray | None = None) -> np.ndarray:
+        """One sigma, metres, at depths of any shape; slant_deg of the same shape, None: of facing surfaces.
+
+        sigma / z^2 is linear between measured depths and stays as it is beyond them.
+        """
+        depth = np.asarray(depth_m, np.float64)
+        per_square = np.interp(depth, self.at_m, np.divide(self.sigma_at_m, np.square(self.at_m)))
+        return np.asarray(per_square * depth**2 * (1.0 if slant_deg is None else self._times(slant_deg)))
+
+    def _times(self, slant_deg: np.ndarray) -> np.ndarray:
+        """What was not measured at a slant is taken from the next smaller one."""
+        times = [1.0]
+        for slant in self.slants:
+            times.append(times[-1] if slant is None else slant)
+        return np.array(times)[np.digitize(slant_deg, SLANTS_DEG)]
+
+
+def neighbour_noise(noise_per_m: float) -> DepthNoise:
+    """Where no still background is seen: ``noise_per_m z^2`` of ``calibration.noise``, every pixel by itself."""
+    return DepthNoise((1.0,), (noise_per_m,), measured=False)
+
+
+def measure_noise(
+    room_m: np.ndarray, sigma_m: np.ndarray, frames_m: Sequence[np.ndarray], camera: Camera, noise_per_m: float
+) -> DepthNoise:
+    """The noise of a camera from frames (height, width) of one recording, 0 = no reading.
+
+    room_m, sigma_m (height, width): the empty room, 0 = unknown, and the deviation of readings from it
+    (``BackgroundModel``). noise_per_m: for where too little of the room is seen twice (``neighbour_noise``).
+    """
+    chosen = np.unique(np.linspace(0, len(frames_m) - 1, CHANGES + 1).astype(int))
+    frames = [frames_m[k] for k in chosen]
+    near, far = _around(room_m)
+    surface, edge = (room_m > 0) & (far - near < EDGE_M), (near > 0) & (far - near > EDGE_M)
+    still = [surface & (frame > 0) & (np.abs(frame - room_m) < STILL_GATE * sigma_m) for frame in frames]
+    pairs = pairwise(zip(frames, still, strict=True))
+    change = [np.where(a & b, (after - before) / np.sqrt(2.0), np.nan) for (before, a), (after, b) in pairs]
+    slant_deg = _slant_deg(room_m, camera)
+    law = _law(np.stack(change), room_m, np.digitize(slant_deg, SLANTS_DEG)) if change else None
+    if law is None:
+        return neighbour_noise(noise_per_m)
+    in_sigmas = np.stack(change) / np.where(surface, law.sigma_m(room_m, slant_deg), 1.0)
+    return DepthNoise(
+        law.at_m,
+        law.sigma_at_m,
+        law.slants,
+        _shared(in_sigmas) * _shared(in_sigmas.swapaxes(1, 2)),
+        _flying(frames, near, far, STILL_GATE * sigma_m, edge),
+        _holes(frames, still, surface),
+    )
+
+
+def _around(room_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(height, width) each: nearest and farthest of the room around a pixel; 0 and inf where not all of it is known."""
+    square = np.ones((2 * EDGE_PX + 1, 2 * EDGE_PX + 1), np.uint8)
+    near, far = cv2.erode(room_m, square), cv2.dilate(room_m, square)
+    return near, np.where(near > 0, far, np.float32(np.inf))
+
+
+def _slant_deg(room_m: np.ndarray, camera: Camera) -> np.ndarray:
+    """(height, width) degrees between ray and surface normal of the smoothed room; 0 where that is unknown."""
+    size = (SMOOTH_PX, SMOOTH_PX)
+    share = cv2.blur((room_m > 0).astype(np.float32), size)
+    smooth_m = np.where(room_m > 0, cv2.blur(room_m, size) / np.maximum(share, 1e-6), np.float32(0.0))
+    points = np.nan_to_num(camera.back_project(smooth_m).astype(np.float64))
+    normal = np.cross(np.gradient(points, axis=1), np.gradient(points, axis=0))
+    length = np.linalg.norm(normal, axis=-1) * np.linalg.norm(points, axis=-1)
+    cosine = np.abs((normal * points).sum(axis=-1)) / np.where(length > 0, length, np.inf)
+    return np.where(length > 0, np.degrees(np.arccos(np.minimum(cosine, 1.0))), 0.0)
+
+
+def _law(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> DepthNoise | None:
+    """Sigma by depth times a factor by slant, fitted to the logarithms of all cells; None without one.
+
+    change_m (n, height, width) with NaN: a reading's noise; slant (height, width): 0 facing, 1 slanted, 2 steep.
+    """
+    cells = _cells(change_m, room_m, slant)
+    if not cells:
+        return None
+    levels, slants = sorted({level for level, _ in cells}), sorted({slant for _, slant in cells})
+    matrix = np.zeros((len(cells), len(levels) + len(slants)))
+    for row, (level, kind) in zip(matrix, cells, strict=True):
+        row[levels.index(level)] = row[len(levels) + slants.index(kind)] = 1.0
+    logs, depth_m = np.log(np.array(list(cells.values()))).T
+    found = np.linalg.lstsq(matrix, logs, rcond=None)[0]
+    by_level, by_slant = found[: len(levels)], dict(zip(slants, found[len(levels) :], strict=True))
+    reference = by_slant[slants[0]]  # facing or, without such surfaces, the least slanted: sigma is then too large
+    at_m = [float(np.exp(np.mean([d for d, (at, _) in zip(depth_m, cells, strict=True) if at == k]))) for k in levels]
+    times = [float(np.exp(by_slant[k] - reference)) if k in by_slant else None for k in (1, 2)]
+    return DepthNoise(tuple(at_m), tuple(np.exp(by_level + reference).tolist()), (times[0], times[1]))
+
+
+def _cells(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> dict[tuple[int, int], tuple[float, float]]:
+    """Sigma and median depth, metres, of each depth bin and slant that has enough readings and any noise."""
+    _, row, column = np.nonzero(np.isfinite(change_m))
+    value, depth_m = change_m[np.isfinite(change_m)], room_m[row, column]
+    level, kind = (depth_m / BIN_M).astype(np.int64), slant[row, column]
+    found = {}
+    for key in np.unique(3 * level + kind).tolist():
+        here = 3 * level + kind == key
+        sigma = _deviation(value[here])
+        if np.count_nonzero(here) >= LEAST_READINGS and sigma > 0:
+            found[divmod(key, 3)] = (sigma, float(np.median(depth_m[here])))
+    return found
+
+
+def _deviation(values: np.ndarray) -> float:
+    """Root mean square without outliers. Medians would be 0 where most readings of a coarse scale repeat."""
+    sigma = float(np.sqrt(np.mean(values**2)))
+    for _ in range(ROUNDS):
+        sigma = float(np.sqrt(np.mean(values[np.abs(values) <= OUTLIER_GATE * sigma] ** 2)))
+    return sigma
+
+
+def _shared(in_sigmas: np.ndarray) -> float:
+    """Pixels along a row that have one error in common: the sum of the correlations with all neighbours.
+
+    in_sigmas (n, height, width): noise in its own sigmas, NaN where unknown.
+    """
+    seen = np.abs(in_sigmas) < OUTLIER_GATE
+    value = np.where(seen, in_sigmas, 0.0).astype(np.float32)
+    power, shared = float(np.sum(value**2)) / int(np.count_nonzero(seen)), 1.0
+    for lag in range(1, min(LONGEST_PX, value.shape[2] - 1)):
+        both = int(np.count_nonzero(seen[:, :, lag:] & seen[:, :, :-lag]))
+        related = float(np.sum(value[:, :, lag:] * value[:, :, :-lag])) / max(both, 1) / power
+        if related < UNRELATED:
+            break
+        shared += 2.0 * related
+    return shared
+
+
+def _flying(
+    frames_m: Sequence[np.ndarray], near_m: np.ndarray, far_m: np.ndarray, gate_m: np.ndarray, edge: np.ndarray
+) -> float | None:
+    """Share of the readings beside edges of the room, from its near to its far side, that show neither."""
+    beside = edge & np.isfinite(far_m) & (far_m - near_m > 2.0 * gate_m + EDGE_M)
+    read = [beside & (frame > near_m - gate_m) & (frame < far_m + gate_m) for frame in frames_m]
+    between = [(frame > near_m + gate_m) & (frame < far_m - gate_m) for frame in frames_m]
+    count = sum(int(np.count_nonzero(one)) for one in read)
+    flying = sum(int(np.count_nonzero(one & other)) for one, other in zip(read, between, strict=True))
+    return flying / count if count >= LEAST_READINGS else None
+
+
+def _holes(frames_m: Sequence[np.ndarray], still: Sequence[np.ndarray], surface: np.ndarray) -> float | None:
+    """Share of the pixels on surfaces of the room without a reading; people in front of them do not count."""
+    lost = sum(int(np.count_nonzero(surface & (frame <= 0))) for frame in frames_m)
+    count = lost + sum(int(np.count_nonzero(one)) for one in still)
+    return lost / count if count >= LEAST_READINGS else None

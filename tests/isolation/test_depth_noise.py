@@ -1,0 +1,138 @@
+"""The noise of a camera, measured on the still background of its own recording."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from anchorpose.camera import Camera
+from anchorpose.isolation.background import BackgroundSource
+from anchorpose.isolation.depth_noise import DepthNoise, measure_noise, neighbour_noise
+from anchorpose.isolation.empty_room import learn_background
+from anchorpose.lens import Intrinsics
+
+CAMERA = Camera(
+    name="front",
+    width=320,
+    height=240,
+    depth_scale=0.001,
+    intrinsics=Intrinsics(fx=260.0, fy=260.0, cx=160.0, cy=120.0),
+    T_world_camera=np.eye(4),
+)
+SIGMA_M = 0.010
+
+
+def wall(angle_deg: float = 0.0, distance_m: float = 2.5) -> np.ndarray:
+    """(240, 320) depth of a plane that meets the optical axis at a distance, turned about the vertical."""
+    across = CAMERA.pixel_rays()[..., 0]
+    return (distance_m / (1.0 - np.tan(np.radians(angle_deg)) * across)).astype(np.float32)
+
+
+def errors(seed: int, patch_px: float = 0.0) -> np.ndarray:
+    """(240, 320) normal errors of one sigma; patch_px: sigma of the Gaussian window that neighbours share."""
+    white = np.random.default_rng(seed).standard_normal((240, 320)).astype(np.float32)
+    if not patch_px:
+        return white
+    return cv2.GaussianBlur(white, (0, 0), patch_px) * np.float32(2.0 * np.sqrt(np.pi) * patch_px)
+
+
+def measured(room_m: np.ndarray, frames_m: list[np.ndarray], sigma_m: float = SIGMA_M) -> DepthNoise:
+    return measure_noise(room_m, np.full_like(room_m, sigma_m), frames_m, CAMERA, 0.001)
+
+
+def test_independent_noise_of_a_wall_is_found():
+    frames = [wall() + SIGMA_M * errors(k) for k in range(7)]
+    found = measured(wall(), frames)
+    assert found.measured
+    assert float(found.sigma_m(np.array(2.5))) == pytest.approx(SIGMA_M, rel=0.03)
+    assert found.shared_px == pytest.approx(1.0, abs=0.1)
+    assert found.holes == 0.0
+
+
+@pytest.mark.parametrize("patch_px", [1.0, 2.2, 4.0])
+def test_how_many_pixels_share_an_error_is_found_and_does_not_change_sigma(patch_px):
+    """The autocorrelation of a Gaussian window is a Gaussian sqrt(2) as wide: its integral is 4 pi patch_px^2."""
+    frames = [wall() + SIGMA_M * errors(k, patch_px) for k in range(7)]
+    found = measured(wall(), frames)
+    assert float(found.sigma_m(np.array(2.5))) == pytest.approx(SIGMA_M, rel=0.1)
+    assert found.shared_px == pytest.approx(4.0 * np.pi * patch_px**2, rel=0.15)
+
+
+def test_the_mean_of_a_patch_is_as_uncertain_as_the_shared_pixels_say():
+    """The oracle of ``shared_px``: patches of 40x40 pixels, far larger than what is shared."""
+    found = measured(wall(), [wall() + SIGMA_M * errors(k, 2.2) for k in range(7)])
+    patches = [SIGMA_M * errors(k, 2.2).reshape(6, 40, 8, 40).mean(axis=(1, 3)) for k in range(100, 160)]
+    assert np.std(patches) == pytest.approx(SIGMA_M * np.sqrt(found.shared_px) / 40.0, rel=0.15)
+
+
+def test_noise_that_grows_with_distance_is_found_at_each_depth_and_keeps_its_power_beyond():
+    room = np.concatenate([wall(0.0, distance)[:80] for distance in (1.25, 2.25, 3.25)])
+    frames = [(room + 0.002 * room**2 * errors(k)).astype(np.float32) for k in range(7)]
+    found = measured(room, frames, 0.03)
+    depth_m = np.array([1.25, 1.8, 2.25, 3.25, 6.5])
+    np.testing.assert_allclose(found.sigma_m(depth_m), 0.002 * depth_m**2, rtol=0.1)
+
+
+def test_a_slanted_and_a_steep_surface_have_their_own_noise():
+    """Half of the image faces the camera, at the same depths the other half is slanted, with 1.5 times the noise."""
+    room = np.concatenate([wall()[:120], wall(50.0)[:120]])
+    slanted = np.zeros(room.shape, bool)
+    slanted[120:] = True
+    frames = [(room + SIGMA_M * np.where(slanted, 1.5, 1.0) * errors(k)).astype(np.float32) for k in range(7)]
+    found = measured(room, frames, 0.03)
+    at = np.array(2.5)
+    assert float(found.sigma_m(at)) == pytest.approx(SIGMA_M, rel=0.15)
+    assert float(found.sigma_m(at, np.array(50.0))) == pytest.approx(1.5 * SIGMA_M, rel=0.15)
+
+
+def test_people_who_pass_and_pixels_that_are_lost_are_no_noise():
+    rng, frames = np.random.default_rng(5), []
+    for k in range(7):
+        frame = wall() + SIGMA_M * errors(k)
+        frame[60:200, 30 * k : 30 * k + 80] = 1.8
+        frame[rng.random(frame.shape) < 0.05] = 0.0
+        frames.append(frame)
+    found = measured(wall(), frames)
+    assert float(found.sigma_m(np.array(2.5))) == pytest.approx(SIGMA_M, rel=0.03)
+    assert found.holes == pytest.approx(0.05, abs=0.01)
+
+
+def test_a_coarse_scale_on_which_most_readings_repeat_is_not_without_noise():
+    """Steps of 20 mm and noise of 5 mm: two readings of three are alike, so a median would find nothing."""
+    step = 0.020
+    room = wall() + np.linspace(0.0, 0.2, 240, dtype=np.float32)[:, None]
+    frames = [np.round((room + 0.005 * errors(k)) / step) * step for k in range(7)]
+    expected = np.std([frame - room for frame in frames])
+    found = measured(room, [frame.astype(np.float32) for frame in frames], 0.01)
+    assert 0.5 * expected < float(found.sigma_m(np.array(2.6))) < 1.1 * expected
+
+
+def test_readings_between_the_two_sides_of_an_edge_are_flying():
+    room = wall()
+    room[:, 160:] += 1.0
+    frames = []
+    for k in range(7):
+        frame = room + np.float32(0.005) * errors(k)
+        frame[::4, 160] = 3.0  # one row in four reads half way, in one of the four columns beside the edge
+        frames.append(frame)
+    assert measured(room, frames, 0.01).flying == pytest.approx(1.0 / 16.0, rel=0.05)
+
+
+def test_what_was_seen_once_is_not_measured_but_stated():
+    found = measured(wall(), [wall()])
+    assert found == neighbour_noise(0.001)
+    assert not found.measured
+    assert float(found.sigma_m(np.array(2.0))) == pytest.approx(0.004)
+
+
+def test_a_recording_of_people_alone_has_no_background_to_measure_on():
+    frames = []
+    for k in range(6):
+        frame = np.zeros((240, 320), np.float32)
+        frame[40:220, 120:200] = 2.5 + SIGMA_M * errors(k)[40:220, 120:200]
+        frames.append(frame)
+    model = learn_background(None, frames, CAMERA, None)
+    assert model.source is BackgroundSource.REMOVED
+    assert model.noise == neighbour_noise(model.noise_per_m)
+    assert not model.noise.measured
