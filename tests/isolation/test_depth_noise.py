@@ -59,6 +59,14 @@ def test_how_many_pixels_share_an_error_is_found_and_does_not_change_sigma(patch
     assert found.shared_px == pytest.approx(4.0 * np.pi * patch_px**2, rel=0.15)
 
 
+def test_what_is_shared_is_found_beneath_noise_of_each_pixel():
+    """Half of the variance is each pixel's own: its peak counts 1, the hill 4 pi 3^2."""
+    frames = [wall() + SIGMA_M * np.sqrt(0.5) * (errors(k) + errors(k + 50, 3.0)) for k in range(7)]
+    found = measured(wall(), [frame.astype(np.float32) for frame in frames])
+    assert float(found.sigma_m(np.array(2.5))) == pytest.approx(SIGMA_M, rel=0.1)
+    assert found.shared_px == pytest.approx(0.5 + 0.5 * 4.0 * np.pi * 9.0, rel=0.15)
+
+
 def test_the_mean_of_a_patch_is_as_uncertain_as_the_shared_pixels_say():
     """The oracle of ``shared_px``: patches of 40x40 pixels, far larger than what is shared."""
     found = measured(wall(), [wall() + SIGMA_M * errors(k, 2.2) for k in range(7)])

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -14,6 +16,8 @@ from anchorpose.body.evidence import Evidence
 from anchorpose.body.poor_depth import distance_of
 from anchorpose.body.skin_points import Body, pose_jacobian, pose_points
 from anchorpose.isolation.depth_noise import DepthNoise
+
+NODES: Final = 1200  # each stands for two of the fit: sigma is the same to a tenth, in half of the time
 
 
 def noise_covariance(
@@ -30,12 +34,13 @@ def noise_covariance(
     ``C J^T W N W J C``. In N, nodes of one patch of ``shared_px`` pixels have one error in common, others none.
     """
     posed = pose_points(body, belief.pose)
-    rows, node = rows_of_nodes(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], config)
+    few = replace(config, node_count=min(config.node_count, NODES))
+    rows, node = rows_of_nodes(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], few)
     if not len(rows):
         return np.zeros_like(belief.covariance)
-    thinned = min(1.0, config.node_count / len(evidence.surface))
-    noise_m, patch = node_noise(evidence, noises, thinned)
-    weight = rows.weights(rows.residuals(posed)) / config.rows_per_observation
+    used, count = min(few.node_count, len(evidence.surface)), min(config.node_count, len(evidence.surface))
+    noise_m, patch = node_noise(evidence, noises, used / len(evidence.surface))
+    weight = count / used * rows.weights(rows.residuals(posed)) / config.rows_per_observation
     felt = pose_jacobian(body, posed, rows.point, rows.direction) * (weight * noise_m[node])[:, None]
     number = np.unique(patch[node], return_inverse=True)[1]
     together = csr_array((np.ones(len(node)), (number, np.arange(len(node))))) @ felt

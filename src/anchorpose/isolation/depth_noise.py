@@ -97,7 +97,7 @@ def measure_noise(
         law.at_m,
         law.sigma_at_m,
         law.slants,
-        _shared(in_sigmas) * _shared(in_sigmas.swapaxes(1, 2)),
+        _shared(in_sigmas),
         _flying(frames, near, far, STILL_GATE * sigma_m, edge),
         _holes(frames, still, surface),
     )
@@ -166,20 +166,29 @@ def _deviation(values: np.ndarray) -> float:
 
 
 def _shared(in_sigmas: np.ndarray) -> float:
-    """Pixels along a row that have one error in common: the sum of the correlations with all neighbours.
+    """How many pixels have one error in common: the sum of a pixel's correlations with all around it, itself included.
 
-    in_sigmas (n, height, width): noise in its own sigmas, NaN where unknown.
+    in_sigmas (n, height, width): noise in its own sigmas, NaN where unknown. Summed ring by ring until a ring is
+    ``UNRELATED``; by Fourier transforms, since the correlation may be a narrow peak on a broad hill.
     """
     seen = np.abs(in_sigmas) < OUTLIER_GATE
     value = np.where(seen, in_sigmas, 0.0).astype(np.float32)
-    power, shared = float(np.sum(value**2)) / int(np.count_nonzero(seen)), 1.0
-    for lag in range(1, min(LONGEST_PX, value.shape[2] - 1)):
-        both = int(np.count_nonzero(seen[:, :, lag:] & seen[:, :, :-lag]))
-        related = float(np.sum(value[:, :, lag:] * value[:, :, :-lag])) / max(both, 1) / power
-        if related < UNRELATED:
-            break
-        shared += 2.0 * related
-    return shared
+    related = _at_lags(value) / np.maximum(np.rint(_at_lags(seen.astype(np.float32))), 1.0)
+    rows, columns = np.ogrid[: related.shape[0], -LONGEST_PX : LONGEST_PX + 1]
+    ring = np.rint(np.hypot(rows, columns)).astype(np.int64)
+    twice = np.where((rows > 0) | (columns > 0), 1.0, 0.5) * ((rows > 0) | (columns >= 0))  # of each pair one lag
+    weight = np.bincount(ring.ravel(), twice.ravel())[: LONGEST_PX + 1]
+    total = np.bincount(ring.ravel(), (twice * related).ravel())[: LONGEST_PX + 1] / related[0, LONGEST_PX]
+    unrelated = np.flatnonzero(total < UNRELATED * weight)
+    return float(2.0 * total[: unrelated[0] if len(unrelated) else None].sum())
+
+
+def _at_lags(images: np.ndarray) -> np.ndarray:
+    """(LONGEST_PX + 1, 2 LONGEST_PX + 1) sums of products of pixels so many rows and columns (from minus) apart."""
+    size = tuple(cv2.getOptimalDFTSize(side + LONGEST_PX) for side in images.shape[1:])
+    power = sum(np.abs(np.fft.rfft2(image, size)) ** 2 for image in images)
+    lags = np.fft.irfft2(power, size)
+    return np.roll(lags, LONGEST_PX, axis=1)[: LONGEST_PX + 1, : 2 * LONGEST_PX + 1]
 
 
 def _flying(
