@@ -98,7 +98,7 @@ def empty_rooms_and_people(recording: Path) -> tuple[list[Scene], list[list[Piec
     ):
         frames = [depth for sample in settled.samples if (depth := sample.depths_m[index]) is not None]
         scenes.append(set_scene(camera, learn_background(room_m, frames, camera, floor_m, equipment), equipment))
-    return scenes, [find_all_pieces(sample.depths_m, scenes) for sample in settled.samples[::2]]
+    return scenes, [find_all_pieces(sample, scenes) for sample in settled.samples[::2]]
 
 
 def measure(seed: int, number: int) -> dict[str, list[SeenPast]]:

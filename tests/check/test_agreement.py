@@ -91,5 +91,6 @@ def test_people_in_patches_of_error_are_not_seen_past(sigma_per_m, low, high):
         scenes.append(replace(of_one, background=model))
         patches = cv2.GaussianBlur(rng.normal(size=(240, 320)).astype(np.float32), (0, 0), 3.0)
         depths.append(picture(one, person=True) * (1.0 + 0.015 * patches / patches.std()))
-    [pair] = seen_past(scenes, [find_all_pieces(depths, scenes)])
+    sample = FrameSet(frame=0, time_s=0.0, depths_m=tuple(depths))
+    [pair] = seen_past(scenes, [find_all_pieces(sample, scenes)])
     assert low <= pair.of_people <= high

@@ -48,7 +48,7 @@ def check_agreement(scenes: Sequence[Scene], samples: Sequence[FrameSet]) -> lis
     """One finding over all pairs of cameras; none where no pair shares enough. samples: frames of all cameras."""
     if len(scenes) < 2:
         return []
-    moments = [find_all_pieces(samples[k].depths_m, scenes) for k in thin(len(samples), FRAMES)]
+    moments = [find_all_pieces(samples[k], scenes) for k in thin(len(samples), FRAMES)]
     parts = [part for pair in seen_past(scenes, moments) if (part := agreement_of(pair)) is not None]
     return [of_cameras("cameras agree", parts)] if parts else []
 
