@@ -13,6 +13,7 @@ from anchorpose.camera import Camera
 from anchorpose.check.agreement import check_agreement, seen_past
 from anchorpose.check.finding import Finding, Level
 from anchorpose.isolation.background import BackgroundModel, BackgroundSource
+from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.isolation.scene import Scene, find_all_pieces, set_scene
 from anchorpose.lens import Intrinsics
 from anchorpose.recording.recording import FrameSet
@@ -42,7 +43,8 @@ def scene(given: Camera, true: Camera, smear_px: int = 0) -> Scene:
     """A camera that was somewhere (``true``) and is said to be elsewhere (``given``)."""
     room = picture(true, person=False)
     sigma = np.full_like(room, NOISE_PER_M) * room**2
-    model = BackgroundModel(room, sigma, NOISE_PER_M, LENS.fx, BackgroundSource.PICTURE, smear_px)
+    noise = DepthNoise((WALL_M,), (NOISE_PER_M * WALL_M**2,))
+    model = BackgroundModel(room, sigma, NOISE_PER_M, LENS.fx, BackgroundSource.PICTURE, noise, smear_px=smear_px)
     return set_scene(given, model, None)
 
 
