@@ -13,7 +13,7 @@ from anchorpose.camera import Camera
 from anchorpose.check.agreement import check_agreement, seen_past
 from anchorpose.check.finding import Finding, Level
 from anchorpose.isolation.background import BackgroundModel, BackgroundSource
-from anchorpose.isolation.depth_noise import neighbour_noise
+from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.isolation.scene import Scene, find_all_pieces, set_scene
 from anchorpose.lens import Intrinsics
 from anchorpose.recording.recording import FrameSet
@@ -43,9 +43,8 @@ def scene(given: Camera, true: Camera, smear_px: int = 0) -> Scene:
     """A camera that was somewhere (``true``) and is said to be elsewhere (``given``)."""
     room = picture(true, person=False)
     sigma = np.full_like(room, NOISE_PER_M) * room**2
-    model = BackgroundModel(
-        room, sigma, NOISE_PER_M, LENS.fx, BackgroundSource.PICTURE, neighbour_noise(NOISE_PER_M), smear_px
-    )
+    noise = DepthNoise((WALL_M,), (NOISE_PER_M * WALL_M**2,))
+    model = BackgroundModel(room, sigma, NOISE_PER_M, LENS.fx, BackgroundSource.PICTURE, noise, smear_px=smear_px)
     return set_scene(given, model, None)
 
 
@@ -94,5 +93,6 @@ def test_people_in_patches_of_error_are_not_seen_past(sigma_per_m, low, high):
         scenes.append(replace(of_one, background=model))
         patches = cv2.GaussianBlur(rng.normal(size=(240, 320)).astype(np.float32), (0, 0), 3.0)
         depths.append(picture(one, person=True) * (1.0 + 0.015 * patches / patches.std()))
-    [pair] = seen_past(scenes, [find_all_pieces(FrameSet(frame=0, time_s=0.0, depths_m=tuple(depths)), scenes)])
+    sample = FrameSet(frame=0, time_s=0.0, depths_m=tuple(depths))
+    [pair] = seen_past(scenes, [find_all_pieces(sample, scenes)])
     assert low <= pair.of_people <= high
