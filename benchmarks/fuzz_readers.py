@@ -2,7 +2,8 @@
 
     .venv/bin/python benchmarks/fuzz_readers.py [--files 10000] [--reader NAME...] [--first NUMBER]
 
-Each file is damaged in its own way (flipped bits, cut, zeroed, a piece doubled or taken out, lengths exchanged) and converted.
+Each file is damaged in its own way (flipped bits, cut, zeroed, a piece doubled or taken out, lengths exchanged) and
+converted.
 Counted are recordings, refusals in one sentence, and faults, each with the number of its file, which --first repeats:
 another error, a crash of native code, more than 10 s or 1 GB for one file, a folder left half-written, an image written
 that cannot be read or, from a file that was only cut, one that was not recorded.
