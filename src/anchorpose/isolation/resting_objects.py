@@ -205,7 +205,7 @@ def _is_low_and_complete(
 
 
 def _covered_share(piece: np.ndarray, depth_m: np.ndarray, frame_m: np.ndarray) -> float:
-    """Of the columns of a piece the share above which the image ends or is not farther; no reading is no cover."""
+    """Share of the columns of a piece above which the image ends or something as near is read."""
     column = np.flatnonzero(piece.any(axis=0))
     top = piece.argmax(axis=0)[column]
     above = np.stack([frame_m[np.maximum(top - up, 0), column] for up in ABOVE_PX])

@@ -1,6 +1,6 @@
 """Lens and place of a camera: ROS's ``CameraInfo`` (docs.ros.org, sensor_msgs/CameraInfo), transforms (REP 103, 105).
 
-Only ``/tf_static`` places a camera: what ``/tf`` tells may move, and a frame of a robot is no world.
+Only ``/tf_static`` places a camera: poses in ``/tf`` may change, and a robot's frame is not a world.
 """
 
 from __future__ import annotations
