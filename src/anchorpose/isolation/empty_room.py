@@ -80,7 +80,7 @@ def learn_background(
         depth = np.where(people, depth_of_room(depth, camera, noise), depth)
     if person_xz_m is not None:
         depth = _without_person(depth, camera, floor_height_m, person_xz_m, noise)
-    if len(frames_m) >= FRAMES_NEEDED:  # of one frame, room and reading are the same reading, rounded once
+    if len(frames_m) > 1:  # of one frame, room and reading are the same reading, rounded once
         sigma = _at_least_a_step(sigma, depth, step)
     law = measure_noise(depth, sigma, frames_m, camera, noise)
     return BackgroundModel(depth, sigma, noise, focal_px, BackgroundSource.RECORDING, law, smear_px(frames_m), step)
