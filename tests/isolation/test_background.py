@@ -191,3 +191,15 @@ def test_of_two_neighbouring_grey_values_neither_is_nearer():
     assert foreground(stepped(seed=20), model).mean() < 1e-4
     expected = in_front(FRONT, *body(0.0, 0.0))
     assert (foreground(stepped(*body(0.0, 0.0), seed=20), model) & expected).sum() > 0.95 * expected.sum()
+
+
+def test_a_single_frame_needs_no_allowance_for_grey_steps():
+    """Of one frame, room and reading are the same reading; the allowance took away people close before a wall."""
+    depth = picture(FRONT, *ROOM, seed=1)
+    level = np.round(125.0 / np.where(depth > 0, depth, 1.0))
+    stepped = np.where(depth > 0, 125.0 / level, 0.0).astype(np.float32)
+    one, several = (learn_background(None, [stepped] * count, FRONT, 0.0) for count in (1, 12))
+    seen = (one.depth_m > 0) & (several.depth_m > 0)
+    half_step_m = 0.49 * several.depth_m[seen] ** 2 / 125.0
+    assert (several.sigma_m[seen] > half_step_m).all()
+    assert (one.sigma_m[seen] < half_step_m).mean() > 0.9
