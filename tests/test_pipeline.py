@@ -15,8 +15,8 @@ import pyarrow.parquet as pq
 import pytest
 from recording_builder import DATA
 
-from anchorpose.body.asset import load_body_asset
 from anchorpose.body.kinematics import shape_body
+from anchorpose.body.segments import load_body_asset
 from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_INDEX, LIMBS, STATE_CODE, JointState

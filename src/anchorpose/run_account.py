@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from anchorpose.body.inverse_kinematics import CONTRADICTED
-from anchorpose.body.skin_points import body_points
+from anchorpose.body.skin_points import CLOTHES, body_points
 from anchorpose.calibration.calibration import Calibration, PoseSource
 from anchorpose.calibration.clocks import Clocks, clock_notes
 from anchorpose.isolation.scene import Scene
@@ -211,5 +211,9 @@ def _notes(room: Room, learnt: LearntPatient | None) -> list[str]:
     if learnt is None:
         notes.append("no body could be fitted to this person, so no joint could be tracked")
     else:
-        notes.append(f"the learnt clothes are {1000 * learnt.shape.clothing_m:.0f} mm thick")
+        thick = ", ".join(
+            f"{piece} {1000 * thickness_m:.0f} mm"
+            for piece, thickness_m in zip(CLOTHES, learnt.shape.offset_m.tolist(), strict=False)
+        )
+        notes.append(f"thickness of the learnt clothes: {thick}")
     return notes

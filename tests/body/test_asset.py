@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from anchorpose.body.asset import joint_bones
 from anchorpose.body.kinematics import BodyMesh, shape_body
-from anchorpose.body.learning import shape_of_height
+from anchorpose.body.shape_prior import shape_of_height
 from anchorpose.camera import transform_points
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, LIMBS
 

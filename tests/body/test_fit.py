@@ -18,8 +18,9 @@ from anchorpose.body.fit import (
     range_information,
     solve_damped,
 )
-from anchorpose.body.learning import ShapeBelief, ShapeFrame, learn_shape_step
+from anchorpose.body.learning import ShapeFrame, learn_shape_step
 from anchorpose.body.pose import DEGREE, MOVING_BONES, POSE_SIZE, Pose, hinge_axes, joint_range
+from anchorpose.body.shape_prior import ShapeBelief
 from anchorpose.body.skin_points import FittedShape, build_body, pose_points
 
 BODY = adult_body()

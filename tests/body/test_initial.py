@@ -11,8 +11,8 @@ from body_builder import FRONT, adult, adult_body, asset, joint_errors_m, joints
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.explained import seen_past
 from anchorpose.body.initial import FirstPose, FirstShape, find_first_pose, find_rough_pose
-from anchorpose.body.learning import adult_belief
 from anchorpose.body.pose import Pose
+from anchorpose.body.shape_prior import adult_belief
 from anchorpose.body.skin_points import build_body, pose_points
 from anchorpose.body.tips import anchor_constraints, anchor_points
 from anchorpose.geodesics.anchors import ANCHOR_NAMES, Anchors, no_anchors

@@ -21,8 +21,9 @@ from body_builder import (
 
 from anchorpose.body.config import LearningConfig, RegistrationConfig
 from anchorpose.body.evidence import Evidence
-from anchorpose.body.learning import LearnedBody, ShapeBelief, adult_belief, bone_lengths, learn_body, shape_of_height
+from anchorpose.body.learning import LearnedBody, bone_lengths, learn_body
 from anchorpose.body.pose import Pose
+from anchorpose.body.shape_prior import ShapeBelief, adult_belief, shape_of_height
 from anchorpose.body.skin_points import FittedShape, build_body
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from body_builder import asset
 
-from anchorpose.body.learning import BONES, MOST_DEVIATIONS, ShapeBelief, adult_belief, bone_lengths, standing_height
+from anchorpose.body.learning import BONES, MOST_DEVIATIONS, bone_lengths
+from anchorpose.body.shape_prior import ShapeBelief, adult_belief, standing_height
 from anchorpose.body.skin_points import FittedShape
 from anchorpose.joints import JOINT_INDEX
 

@@ -9,12 +9,22 @@ from functools import cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from anchorpose.body.asset import BodyAsset, load_body_asset
+from anchorpose.body.asset import BodyAsset
 from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence, gather_evidence
-from anchorpose.body.learning import shape_of_height
 from anchorpose.body.pose import DEGREE, MOVING_BONES, POSE_SIZE, Pose, joint_range
-from anchorpose.body.skin_points import Body, FittedShape, SkinPoints, build_body, pose_points, skin_points
+from anchorpose.body.segments import load_body_asset
+from anchorpose.body.shape_prior import shape_of_height
+from anchorpose.body.skin_points import (
+    CLOTHES,
+    Body,
+    FittedShape,
+    SkinPoints,
+    build_body,
+    even_clothes,
+    pose_points,
+    skin_points,
+)
 from anchorpose.camera import Camera, transform_points
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.lens import Intrinsics
@@ -39,7 +49,7 @@ def points() -> SkinPoints:
 
 @cache
 def adult(height_m: float = 1.72, clothing_m: float = 0.0) -> FittedShape:
-    return FittedShape(shape_of_height(asset(), height_m).coefficients, clothing_m)
+    return FittedShape(shape_of_height(asset(), height_m).coefficients, even_clothes(clothing_m))
 
 
 @cache
@@ -137,10 +147,10 @@ def skin_in(pose: Pose, body: Body) -> np.ndarray:
 def dressed_in(pose: Pose, shape: FittedShape) -> np.ndarray:
     """(v, 3) skin in the world with clothes of even thickness on the covered parts."""
     body = shape.mesh(asset())
-    covered = np.zeros(len(asset().bone_names))
+    covered = np.zeros((len(asset().bone_names), len(CLOTHES)))
     covered[points().part] = points().covered
     cover = covered[asset().main_bone()]
-    dressed = body.vertices + shape.clothing_m * cover[:, None] * vertex_normals(body.vertices, asset().faces)
+    dressed = body.vertices + (cover @ shape.clothing_m)[:, None] * vertex_normals(body.vertices, asset().faces)
     return replace(body, vertices=dressed).skin(body.bone_transforms(pose.rotations, pose.root_m))
 
 

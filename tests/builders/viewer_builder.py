@@ -15,8 +15,8 @@ from recording_builder import write_picture, write_timestamps
 from results_builder import make_frame, standing_joints, write_explained_frames
 from scipy.spatial.transform import Rotation
 
-from anchorpose.body.asset import load_body_asset
 from anchorpose.body.pose import MOVING_BONES
+from anchorpose.body.segments import load_body_asset
 from anchorpose.joints import JOINT_INDEX, JointState
 from anchorpose.recording.reader import input_files, open_recording
 from anchorpose.recording.recording import Clock

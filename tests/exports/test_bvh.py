@@ -10,9 +10,9 @@ from bvh_reader import Bvh, read_bvh
 from exports_builder import times, true_joints, write_true_results
 from scipy.spatial.transform import Rotation
 
-from anchorpose.body.asset import load_body_asset
 from anchorpose.body.kinematics import shape_body
 from anchorpose.body.pose import MOVING_BONES, Pose, moving_bones
+from anchorpose.body.segments import load_body_asset
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.exports.bvh_skeleton import skeleton_of_joints
 from anchorpose.exports.formats import ExportConfig, Format

@@ -14,9 +14,9 @@ import pytest
 from exports_builder import angle_names, angle_of, column, times, true_joints, write_true_results
 from scipy.spatial.transform import Rotation
 
-from anchorpose.body.asset import load_body_asset
 from anchorpose.body.kinematics import shape_body
 from anchorpose.body.pose import hinge_axes, moving_bones
+from anchorpose.body.segments import load_body_asset
 from anchorpose.cli import main
 from anchorpose.errors import AnchorposeError
 from anchorpose.exports.formats import CoordinateModel, ExportConfig, Format

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from session_builder import RATE, measured, squatting_joints, table, value
 
-from anchorpose.body.asset import joint_bones, load_body_asset
+from anchorpose.body.asset import joint_bones
+from anchorpose.body.segments import load_body_asset
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
 from anchorpose.results.frame_table import UNKNOWN
 from anchorpose.results.frame_time import frame_seconds, recorded_seconds, unbroken_runs

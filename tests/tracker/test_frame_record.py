@@ -9,8 +9,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from anchorpose.body.asset import load_body_asset
 from anchorpose.body.pose import MOVING_BONES, POSE_SIZE, Pose, moving_bones
+from anchorpose.body.segments import load_body_asset
 from anchorpose.body.skin_points import FittedShape, body_points, build_body
 from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel, View

@@ -11,7 +11,8 @@ import pytest
 from body_builder import asset
 
 from anchorpose.body.config import LearningConfig
-from anchorpose.body.learning import LearnedBody, ShapeBelief, adult_belief
+from anchorpose.body.learning import LearnedBody
+from anchorpose.body.shape_prior import ShapeBelief, adult_belief
 from anchorpose.body.skin_points import FittedShape
 from anchorpose.tracker import learning
 from anchorpose.tracker.config import TrackConfig

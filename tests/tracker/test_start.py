@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from anchorpose.body.learning import shape_of_height, standing_height
 from anchorpose.body.pose import Pose
+from anchorpose.body.shape_prior import shape_of_height, standing_height
 from anchorpose.body.skin_points import FittedShape, PosedPoints, body_points, build_body, pose_points
 from anchorpose.tracker.start import hangs, is_human
 

@@ -20,9 +20,9 @@ from viewer_builder import (
     write_small_results,
 )
 
-from anchorpose.body.asset import load_body_asset
 from anchorpose.body.kinematics import shape_body
 from anchorpose.body.pose import MOVING_BONES
+from anchorpose.body.segments import load_body_asset
 from anchorpose.camera import Camera, transform_points
 from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel

@@ -10,7 +10,7 @@ import numpy as np
 from viewer_builder import BODY_SHIFT_M, BODY_TURN, viewer_of, write_small_recording, write_small_results
 from viewer_page import bluish, is_bluish, opened, scene_picture, until
 
-from anchorpose.body.asset import load_body_asset
+from anchorpose.body.segments import load_body_asset
 from anchorpose.camera import transform_points
 from anchorpose.viewer.server import ViewerServer
 

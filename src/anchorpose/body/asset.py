@@ -42,11 +42,17 @@ class BodyAsset:
     skin_bones: np.ndarray
     skin_weights: np.ndarray
     faces: np.ndarray
+    own_names: tuple[str, ...] = ()  # of the last directions: single segments (``segments``)
 
     @property
     def shape_count(self) -> int:
         """Number of shape coefficients."""
         return len(self.vertex_basis)
+
+    @property
+    def common_count(self) -> int:
+        """Number of statistical components: they come first, and move the whole body, left equal to right."""
+        return len(self.vertex_basis) - len(self.own_names)
 
     def bone(self, name: str) -> int:
         """Index of a bone."""
@@ -58,8 +64,8 @@ class BodyAsset:
 
 
 @cache
-def load_body_asset() -> BodyAsset:
-    """The asset that ships with the package."""
+def stored_asset() -> BodyAsset:
+    """The asset that ships with the package: its statistical components alone."""
     with resources.files("anchorpose.body").joinpath("data/body.npz").open("rb") as stream, np.load(stream) as stored:
         weights = stored["skin_weights"].astype(np.float64)
         return BodyAsset(

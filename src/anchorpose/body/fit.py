@@ -12,13 +12,12 @@ from scipy.linalg.lapack import dposv
 from anchorpose.body.constraints import Constraints
 from anchorpose.body.pose import DEGREE, POSE_SIZE, JointRange, Pose, joint_range
 from anchorpose.body.pose_accumulation import accumulate_pose
+from anchorpose.body.shape_rows import FreeShape, accumulate_shape
 from anchorpose.body.skin_points import (
     Body,
     PosedPoints,
     SkinPoints,
-    pose_jacobian,
     pose_points,
-    shape_jacobian,
 )
 from anchorpose.rotations import inverse_left_jacobian
 
@@ -45,35 +44,25 @@ def pose_equations(
     constraints: Constraints,
     predicted: Predicted | None,
     rows_per_observation: float,
-    shape_count: int = 0,
+    free: FreeShape | None = None,
 ) -> NormalEquations:
     """Normal equations of one frame: data, joint range, hinge limits, prediction; shape columns where asked for."""
-    size = POSE_SIZE + (shape_count + 1 if shape_count else 0)
+    size = POSE_SIZE + (0 if free is None else sum(free))
     hessian, gradient = np.zeros((size, size)), np.zeros(size)
     prior = prior_equations(body.points, pose, predicted)
     hessian[:POSE_SIZE, :POSE_SIZE], gradient[:POSE_SIZE] = prior.hessian, prior.gradient
     residual = constraints.residuals(posed)
     weight = constraints.weights(residual) / rows_per_observation
-    if shape_count:
-        jacobian = _full_jacobian(body, posed, constraints, shape_count)
-        weighted = jacobian * weight[:, None]
-        hessian += weighted.T @ jacobian
-        gradient += weighted.T @ residual
-    else:
+    if free is None:
         of_rows = accumulate_pose(body, posed, constraints.point, constraints.direction, residual, weight)
-        hessian += of_rows[0]
-        gradient += of_rows[1]
+    else:
+        of_rows = accumulate_shape(body, posed, constraints, residual, weight, free)
+    hessian += of_rows[0]
+    gradient += of_rows[1]
     scaled = (residual / constraints.scale_m) ** 2
     robust = (constraints.scale_m / constraints.sigma_m) ** 2 * scaled / (1.0 + scaled)
     cost = float(robust.sum()) / rows_per_observation
     return NormalEquations(hessian, gradient, cost + prior.cost)
-
-
-def _full_jacobian(body: Body, posed: PosedPoints, constraints: Constraints, shape_count: int) -> np.ndarray:
-    """(n, POSE_SIZE + shape_count + 1): rows by pose and shape."""
-    index, direction = constraints.point, constraints.direction
-    by_pose = pose_jacobian(body, posed, index, direction)
-    return np.hstack([by_pose, shape_jacobian(body, posed, index, direction, shape_count)])
 
 
 def prior_equations(points: SkinPoints, pose: Pose, predicted: Predicted | None) -> NormalEquations:

@@ -8,23 +8,24 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.body.asset import BodyAsset, load_body_asset
+from anchorpose.body.asset import BodyAsset
 from anchorpose.body.kinematics import BodyMesh, joint_derivative, joint_frames, shape_body, skin
 from anchorpose.body.pose import MOVING_BONES, POSE_SIZE, Pose, descendants, moving_bones
+from anchorpose.body.segments import load_body_asset
 
 POINT_COUNT: Final = 2400  # about 28 mm apart on an adult: half of the narrowest limb's width
-COVERED_BONES: Final = (
-    "Hips",
-    "LowerBack",
-    "Spine",
-    "Spine1",
-    "UpLeg",
-    "Leg",
-    "Arm",
-    "ForeArm",
-    "Shoulder",
-    "HipJoint",
-)
+CLOTHES: Final = {
+    "trunk": ("Hips", "LHipJoint", "RHipJoint", "LowerBack", "Spine", "Spine1", "LeftShoulder", "RightShoulder"),
+    "sleeves": ("LeftArm", "LeftForeArm", "RightArm", "RightForeArm"),
+    "trousers": ("LeftUpLeg", "LeftLeg", "RightUpLeg", "RightLeg"),
+    "shoes": ("LeftFoot", "LeftToeBase", "RightFoot", "RightToeBase"),
+}  # fmt: skip
+"""Pieces of clothing, each of its own thickness, and the bones whose skin they cover."""
+
+PATCHES: Final = 96  # of skin, some 14 cm apart: a muscle, a fold or the rim of a brace is as large
+PATCH_M: Final = 0.07  # standard deviation of a patch's bell
+OFFSETS: Final = len(CLOTHES) + PATCHES
+"""Directions in which what is seen stands off the skin of the body: pieces of clothing, then patches."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,9 +33,9 @@ class SkinPoints:
     """The skin points of an asset, whatever the shape.
 
     vertex (p,): index into the asset's skin. weights (p, b): dense skinning weights; bones, influence (p, w): the same,
-    heaviest first, 0 where there are no more. part (p,): bone that moves the point most. covered (p,) float64: 1 where
-    clothes may lie on the skin. below (m, b): see ``descendants``. moving (m,): bones. faces_of (p, f): faces around
-    each point, padded by repeating the first.
+    heaviest first, 0 where there are no more. part (p,): bone that moves the point most. covered (p, c): 0 to 1, how
+    far each of ``OFFSETS`` moves a point. below (m, b): see ``descendants``. moving (m,): bones. faces_of (p, f): faces
+    around each point, padded by repeating the first.
     """
 
     asset: BodyAsset
@@ -51,14 +52,19 @@ class SkinPoints:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedShape:
-    """The patient's shape: coefficients (k,) of the asset, and the thickness of the clothes in metres."""
+    """The patient's shape: coefficients (k,) of the asset; offset_m (c,): how far clothes and patches stand off it."""
 
     coefficients: np.ndarray
-    clothing_m: float
+    offset_m: np.ndarray
 
     def mesh(self, asset: BodyAsset) -> BodyMesh:
         """Skin and skeleton without clothes."""
         return shape_body(asset, self.coefficients)
+
+
+def even_clothes(thickness_m: float) -> np.ndarray:
+    """(c,) offsets of clothes of one thickness everywhere."""
+    return np.where(np.arange(OFFSETS) < len(CLOTHES), thickness_m, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,7 +108,7 @@ def skin_points(asset: BodyAsset) -> SkinPoints:
     part = weights.argmax(axis=1)
     bones = np.argsort(-weights, axis=1, kind="stable")[:, : (weights > 0.0).sum(axis=1).max()]
     names = [asset.bone_names[bone] for bone in part]
-    covered = np.array([name.endswith(COVERED_BONES) and "Hand" not in name for name in names])
+    clothed = np.array([[name in bones for bones in CLOTHES.values()] for name in names], dtype=np.float64)
     return SkinPoints(
         asset=asset,
         vertex=vertex,
@@ -110,7 +116,7 @@ def skin_points(asset: BodyAsset) -> SkinPoints:
         bones=np.ascontiguousarray(bones),
         influence=np.take_along_axis(weights, bones, axis=1),
         part=part,
-        covered=covered.astype(np.float64),
+        covered=np.hstack([clothed, _patches(asset, vertex)]),
         below=descendants(asset),
         moving=moving_bones(asset),
         faces_of=_faces_around(asset, vertex),
@@ -146,6 +152,21 @@ def _spread_out(asset: BodyAsset, count: int) -> np.ndarray:
     return candidates[np.sort(chosen)]
 
 
+def _patches(asset: BodyAsset, vertex: np.ndarray) -> np.ndarray:
+    """(p, PATCHES) how far each patch moves each point: a bell around its middle, on skin that faces the same way."""
+    place = asset.vertices[vertex]
+    normals = _normals(asset.vertices, asset.faces[_faces_around(asset, vertex)])
+    middles = np.zeros(PATCHES, dtype=np.int64)
+    away = np.linalg.norm(place - place.mean(axis=0), axis=1)
+    nearest = np.full(len(place), np.inf)
+    for patch in range(PATCHES):
+        middles[patch] = away.argmax() if patch == 0 else nearest.argmax()
+        nearest = np.minimum(nearest, ((place - place[middles[patch]]) ** 2).sum(axis=1))
+    distance2 = ((place[:, None] - place[middles]) ** 2).sum(axis=2)
+    same_way = np.clip(normals @ normals[middles].T, 0.0, 1.0)
+    return np.asarray(np.exp(-0.5 * distance2 / PATCH_M**2) * same_way * (distance2 < (3.0 * PATCH_M) ** 2))
+
+
 def _faces_around(asset: BodyAsset, vertex: np.ndarray) -> np.ndarray:
     corner = asset.faces.ravel()
     order = np.argsort(corner, kind="stable")
@@ -159,11 +180,16 @@ def _faces_around(asset: BodyAsset, vertex: np.ndarray) -> np.ndarray:
 def build_body(points: SkinPoints, shape: FittedShape) -> Body:
     """The body of a shape, with its skin points and their normals in the rest pose."""
     mesh = shape.mesh(points.asset)
-    corners = mesh.vertices[points.asset.faces[points.faces_of]]  # (p, f, 3, 3)
-    normals = np.cross(corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0]).sum(axis=1)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    rest_m = mesh.vertices[points.vertex] + shape.clothing_m * points.covered[:, None] * normals
+    normals = _normals(mesh.vertices, points.asset.faces[points.faces_of])
+    rest_m = mesh.vertices[points.vertex] + (points.covered @ shape.offset_m)[:, None] * normals
     return Body(points, shape, mesh, rest_m, normals)
+
+
+def _normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(p, 3) outward unit normals from the faces (p, f, 3) around each point."""
+    corners = vertices[faces]  # (p, f, 3, 3)
+    normals = np.cross(corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0]).sum(axis=1)
+    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
 
 def pose_points(body: Body, pose: Pose) -> PosedPoints:
@@ -195,23 +221,29 @@ def pose_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction: 
 
 
 def shape_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction: np.ndarray, count: int) -> np.ndarray:
-    """How far each point moves along its direction with each shape coefficient and the clothing: (n, count + 1)."""
+    """How far each point moves along its direction with each coefficient, then each offset: (n, count + c)."""
     asset, transforms = body.points.asset, posed.transforms
-    head_basis = asset.bone_head_basis[:count]
+    offset = shape_offsets(asset, posed, count)
+    weights = body.points.weights[index]
+    blended = (weights @ transforms[:, :3, :3].reshape(-1, 9)).reshape(-1, 3, 3)
+    local = np.einsum("nij,ni->nj", blended, direction)
+    jacobian = np.empty((len(index), count + OFFSETS))
+    jacobian[:, :count] = np.einsum("nj,knj->nk", local, asset.vertex_basis[:count, body.points.vertex[index]])
+    jacobian[:, :count] += np.einsum("nki,ni->nk", np.einsum("nb,bki->nki", weights, offset), direction)
+    outward = (posed.normals[index] * direction).sum(axis=1)
+    jacobian[:, count:] = body.points.covered[index] * outward[:, None]
+    return jacobian
+
+
+def shape_offsets(asset: BodyAsset, posed: PosedPoints, count: int) -> np.ndarray:
+    """(b, count, 3) how far each coefficient moves what is fixed to a bone, beside its move in the rest pose."""
+    transforms, head_basis = posed.transforms, asset.bone_head_basis[:count]
     shift = np.zeros((len(transforms), count, 3))  # of each bone's head in the world
     for bone, parent in enumerate(asset.bone_parents):
         if parent >= 0:
             step = head_basis[:, bone] - head_basis[:, parent]
             shift[bone] = shift[parent] + step @ transforms[parent, :3, :3].T
-    offset = shift - np.einsum("bij,kbj->bki", transforms[:, :3, :3], head_basis)
-    weights = body.points.weights[index]
-    blended = (weights @ transforms[:, :3, :3].reshape(-1, 9)).reshape(-1, 3, 3)
-    local = np.einsum("nij,ni->nj", blended, direction)
-    jacobian = np.empty((len(index), count + 1))
-    jacobian[:, :count] = np.einsum("nj,knj->nk", local, asset.vertex_basis[:count, body.points.vertex[index]])
-    jacobian[:, :count] += np.einsum("nki,ni->nk", np.einsum("nb,bki->nki", weights, offset), direction)
-    jacobian[:, count] = body.points.covered[index] * (posed.normals[index] * direction).sum(axis=1)
-    return jacobian
+    return shift - np.einsum("bij,kbj->bki", transforms[:, :3, :3], head_basis)
 
 
 def joint_jacobian(body: Body, transforms: np.ndarray, bones: np.ndarray, joints_m: np.ndarray) -> np.ndarray:

@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from anchorpose.body.asset import load_body_asset
 from anchorpose.body.kinematics import shape_body
 from anchorpose.body.pose import MOVING_BONES
+from anchorpose.body.segments import load_body_asset
 from anchorpose.errors import InputError
 from anchorpose.exports.formats import Samples
 from anchorpose.exports.opensim_coordinates import joint, pelvis_axes, torso_axes

@@ -13,8 +13,8 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from anchorpose.body.asset import load_body_asset
 from anchorpose.body.pose import MOVING_BONES, hinge_axes
+from anchorpose.body.segments import load_body_asset
 from anchorpose.errors import InputError
 from anchorpose.exports.formats import CoordinateModel
 from anchorpose.joints import JOINT_INDEX

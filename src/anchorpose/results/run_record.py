@@ -15,7 +15,9 @@ from typing import Any, Final
 import numpy as np
 
 from anchorpose.body.asset import BodyAsset
-from anchorpose.body.learning import ShapeBelief, bone_lengths, standing_height
+from anchorpose.body.learning import bone_lengths
+from anchorpose.body.shape_prior import ShapeBelief, standing_height
+from anchorpose.body.skin_points import CLOTHES
 from anchorpose.errors import InputError
 from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.recording.document import read_json
@@ -49,7 +51,7 @@ class BodyRecord:
     learnt_from_s: float
     height_m: float  # standing, without clothes and shoes
     height_sigma_m: float
-    clothing_m: float
+    clothes_m: dict[str, float]  # thickness of each piece
     bones: tuple[BoneRecord, ...]
     coefficients: tuple[float, ...]  # of the body asset's shape space
 
@@ -61,7 +63,7 @@ def record_body(asset: BodyAsset, belief: ShapeBelief, first: ShapeBelief, secon
         learnt_from_s=seconds,
         height_m=height_m,
         height_sigma_m=float(np.sqrt(belief.variance(row[None])[0])),
-        clothing_m=belief.shape.clothing_m,
+        clothes_m=dict(zip(CLOTHES, belief.shape.offset_m.tolist(), strict=False)),
         bones=tuple(
             BoneRecord(now.bone, now.length_m, now.sigma_m, now.length_m - before.length_m)
             for now, before in zip(bone_lengths(asset, belief), bone_lengths(asset, first), strict=True)

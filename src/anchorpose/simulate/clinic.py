@@ -12,7 +12,7 @@ from anchorpose.simulate.captured_patient import draw_captured
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.equip import fit_around, fit_held
 from anchorpose.simulate.patient import Actor, draw_patient
-from anchorpose.simulate.person import Person, draw_person
+from anchorpose.simulate.person import Person, draw_patient_person
 from anchorpose.simulate.render import PATIENT, Figure
 from anchorpose.simulate.retarget import CapturedActor
 from anchorpose.simulate.rooms.plan import RoomConfig
@@ -109,7 +109,7 @@ def draw_clinic(config: SimulationConfig) -> Clinic:
     """People, room and cameras from ``config.seed``."""
     if config.room is not None:
         return _in_room(config, config.room)
-    person = draw_person(random_stream(config, "patient"), config.clothing_m, config.height_m)
+    person = draw_patient_person(random_stream(config, "patient"), config)
     scenery = random_stream(config, "room")
     cameras = place_cameras(random_stream(config, "cameras"), config)
     patient: Actor | CapturedActor

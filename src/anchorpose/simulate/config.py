@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from anchorpose.settings import Count, NotNegative, Positive, Share, settings
+from anchorpose.simulate.bodies import OtherBody
 from anchorpose.simulate.movement_file import MOVEMENTS, STEPPING, SUBJECTS, movement_of
 from anchorpose.simulate.rooms.plan import Posture, RoomConfig, draw_room_config, draw_sensor
 
@@ -83,6 +84,7 @@ class SimulationConfig:
     hole_radius_m: float = 0.0  # 0: no holes
     hole_share: Share = 0.5  # of the frames
     height_m: Annotated[float, Field(ge=1.45, le=2.0)] | None = None  # within the shape space; None: 1.5 to 1.9, drawn
+    body: OtherBody = OtherBody()  # of the patient; as it stands: drawn from the body asset
     pose_known: bool = True  # False: camera_to_world is null
     clock_late_s: tuple[float, ...] = ()  # one per camera: how much later than its stamps say it looked
     clock_drift: tuple[float, ...] = ()  # one per camera: seconds of further lateness per second

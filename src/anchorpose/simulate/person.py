@@ -2,20 +2,37 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numba as nb
 import numpy as np
 
-from anchorpose.body.asset import BodyAsset, load_body_asset
+from anchorpose.body.asset import BodyAsset, stored_asset
 from anchorpose.body.kinematics import BodyMesh, shape_body
 from anchorpose.rotations import unit
+from anchorpose.simulate.bodies import (
+    BELLY_M,
+    BRACE_M,
+    BRACED,
+    SHOD_SHARE,
+    SHOE_M,
+    SOLE_M,
+    OtherBody,
+    draw_scales,
+    rescale,
+    to_height,
+    with_belly,
+    with_brace,
+    with_shoes,
+)
+from anchorpose.simulate.config import SimulationConfig
 
 SHORTEST_M, TALLEST_M = 1.5, 1.9
 COEFFICIENT_SPREAD = 0.8  # of the shape space's standard deviations; below 1, for all sixteen vary at once
 BUMPS = 14
 FOLDS = 7
+LOOSE_SHIRT, LOOSE_TROUSERS = (0.4, 1.2), (0.5, 2.0)  # times the drawn height of folds
 BARE = ("Head", "Neck1", "Hand", "Thumb", "Finger", "Foot", "Toe")  # parts of the names of undressed bones
 
 
@@ -69,7 +86,7 @@ class Person:
 
 def draw_person(rng: np.random.Generator, clothing_m: float, height_m: float | None = None) -> Person:
     """A random adult of the given height (drawn where None), with every shape coefficient in use."""
-    asset = load_body_asset()
+    asset = stored_asset()
     height_m = float(rng.uniform(SHORTEST_M, TALLEST_M)) if height_m is None else height_m
     coefficients = rng.normal(0.0, COEFFICIENT_SPREAD, asset.shape_count).clip(-1.8, 1.8)
     coefficients[0] = 0.0
@@ -80,6 +97,46 @@ def draw_person(rng: np.random.Generator, clothing_m: float, height_m: float | N
     drop = np.array([0.0, bumpy[:, 1].min(), 0.0])
     body = BodyMesh(asset, bumpy - drop, plain.bone_heads - drop, plain.bone_tails - drop)
     return Person(body, coefficients, height_m, _draw_clothes(rng, asset, clothing_m), normals)
+
+
+def draw_patient_person(rng: np.random.Generator, config: SimulationConfig) -> Person:
+    """The patient of a recording."""
+    if config.body == OtherBody():
+        return draw_person(rng, config.clothing_m, config.height_m)
+    return draw_other_person(rng, config.body, config.clothing_m, config.height_m)
+
+
+def draw_other_person(
+    rng: np.random.Generator, config: OtherBody, clothing_m: float, height_m: float | None = None
+) -> Person:
+    """A random person whose body is not of the asset's shape space, in trousers of other cloth than the shirt."""
+    plain = draw_person(rng, clothing_m, height_m)
+    scales = draw_scales(rng, plain.body.asset.bone_names, config.build)
+    body = to_height(rescale(plain.body, scales), plain.height_m)
+    normals, asset = vertex_normals(body.vertices, body.asset.faces), body.asset
+    if config.build == "heavy":
+        body = with_belly(body, normals, rng.uniform(*BELLY_M))
+    braced = np.zeros(len(normals))
+    for name in config.braces:
+        body, covered = with_brace(body, BRACED[name], rng.uniform(*BRACE_M))
+        braced = np.maximum(braced, covered)
+    shod = config.build != "ordinary" and rng.random() < SHOD_SHARE
+    upper_m, sole_m = rng.uniform(*SHOE_M), rng.uniform(*SOLE_M)
+    if shod:
+        body = with_shoes(body, normals, upper_m, sole_m)
+    drop = np.array([0.0, body.vertices[:, 1].min(), 0.0])
+    body = BodyMesh(asset, body.vertices - drop, body.bone_heads - drop, body.bone_tails - drop)
+    cover = plain.clothes.cover * (1.0 - braced) * _looseness(rng, asset)
+    dressed = replace(plain.clothes, cover=cover)
+    return Person(body, plain.coefficients, plain.height_m, dressed, vertex_normals(body.vertices, asset.faces))
+
+
+def _looseness(rng: np.random.Generator, asset: BodyAsset) -> np.ndarray:
+    """(v,) how many times as loose as the drawn clothes shirt and trousers are, each by itself."""
+    shirt, trousers = rng.uniform(*LOOSE_SHIRT), rng.uniform(*LOOSE_TROUSERS)
+    legs = np.array([name.endswith(("UpLeg", "Leg")) for name in asset.bone_names])
+    share = (asset.skin_weights * legs[asset.skin_bones]).sum(axis=1)
+    return np.asarray(shirt + share * (trousers - shirt))
 
 
 def skin_points(person: Person, bones: np.ndarray, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

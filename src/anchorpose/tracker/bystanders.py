@@ -20,10 +20,10 @@ from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence
 from anchorpose.body.explained import seen_past
 from anchorpose.body.initial import find_rough_pose
-from anchorpose.body.learning import shape_of_height
 from anchorpose.body.limb_search import search_limbs
 from anchorpose.body.pose import DEGREE, POSE_SIZE, TRUNK, Pose
 from anchorpose.body.registration import Registration, posterior, register
+from anchorpose.body.shape_prior import shape_of_height
 from anchorpose.body.skin_points import Body, SkinPoints, body_points, build_body, pose_points
 from anchorpose.camera import Camera
 from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory, update_memory

@@ -1,4 +1,4 @@
-"""Learning the patient's body on a first pass, for as long as it is not known well."""
+"""Learning the patient's body on a first pass, from all that it shows."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from anchorpose.body.learning import ShapeBelief, bone_lengths, learn_body
+from anchorpose.body.learning import REACHES_M, REFINING_M, learn_body, most_different
+from anchorpose.body.shape_prior import ShapeBelief
 from anchorpose.body.skin_points import FittedShape, body_points
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.estimate import Estimate
@@ -14,7 +15,7 @@ from anchorpose.tracker.following import follow_openly
 from anchorpose.tracker.run import Run
 from anchorpose.tracker.start import LEAST_EXPLAINED, known_shape
 
-SURE_M: Final = 0.004  # of each bone's length: one camera and nothing in the way leave 3.4 mm after a window
+CANDIDATES: Final = 2  # times as many frames are kept of a window as it is learnt from: those with different poses are
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,11 +35,11 @@ class LearntPatient:
 def learn_patient(run: Run, frames: Iterable[FrameSet]) -> LearntPatient | None:
     """The patient's shape, or None where the patient is never found.
 
-    The first window begins with the first frame in which the patient is found. Where bones are not known well at the
-    end of a window, because they were hidden or nothing moved, tracking goes on with what was learnt so far, and the
-    next window's frames add what they show. Only frames that take part in learning are kept, and those of one window.
+    The first window begins with the first frame in which the patient is found. Tracking goes on with what was learnt so
+    far, and each window's frames add what they show. Only the frames of one window are kept.
     """
     room, learning, known = run.room, run.config.learning, known_shape(run.room.recording, run.config)
+    interval_s = learning.window_s / learning.frame_count / CANDIDATES
     learnt: LearntPatient | None = None
     kept, began_s = list[Estimate](), None
     choice = room.initial_frame.choice if room.initial_frame else None
@@ -51,16 +52,14 @@ def learn_patient(run: Run, frames: Iterable[FrameSet]) -> LearntPatient | None:
         if room.review.why_unusable(estimate.frame_set.frame) is not None:
             continue
         if not learning.own_shape:
-            fixed = ShapeBelief(estimate.shape, known.information)
+            fixed = ShapeBelief(estimate.shape, known.information, known.free)
             return LearntPatient(fixed, fixed, 0.0)
         began_s = time_s if began_s is None else began_s
         if kept and _apart_s(kept[0], estimate) > learning.window_s:
             learnt, kept = _learn_more(learnt, known, began_s, kept, run), []
-            if _is_sure(learnt.belief):
-                return learnt
             if tracker is not None:
                 tracker.use_shape(learnt.shape)
-        if not kept or _apart_s(kept[-1], estimate) >= learning.window_s / learning.frame_count - 1e-6:
+        if not kept or _apart_s(kept[-1], estimate) >= interval_s - 1e-6:
             kept.append(estimate)
     return learnt if began_s is None or not kept else _learn_more(learnt, known, began_s, kept, run)
 
@@ -74,7 +73,11 @@ def _learn_more(
     learnt: LearntPatient | None, known: ShapeBelief, began_s: float, kept: Sequence[Estimate], run: Run
 ) -> LearntPatient:
     """What is known after one more window."""
+    last_s = kept[-1].frame_set.time_s
+    count = run.config.learning.frame_count if learnt is None else run.config.learning.frame_count // 2
+    poses = [estimate.belief.pose for estimate in kept if estimate.belief]
     with run.stage("body shape"):
+        kept = [kept[place] for place in most_different(body_points(), poses, count)]
         belief = learn_body(
             body_points(),
             next(estimate.shape for estimate in kept if estimate.shape),
@@ -82,11 +85,7 @@ def _learn_more(
             [estimate.observation.evidence for estimate in kept if estimate.observation],
             known if learnt is None else learnt.belief,
             run.config.registration,
+            REACHES_M if learnt is None else REFINING_M,
         ).belief
     first = belief if learnt is None else learnt.first
-    return LearntPatient(belief, first, abs(kept[-1].frame_set.time_s - began_s))
-
-
-def _is_sure(belief: ShapeBelief) -> bool:
-    """Whether the length of every bone is known well enough."""
-    return all(bone.sigma_m <= SURE_M for bone in bone_lengths(body_points().asset, belief))
+    return LearntPatient(belief, first, abs(last_s - began_s))

@@ -13,7 +13,7 @@ import numpy as np
 
 from anchorpose.body.constraints import thin
 from anchorpose.body.initial import FirstShape, find_first_pose
-from anchorpose.body.learning import shape_of_height
+from anchorpose.body.shape_prior import shape_of_height
 from anchorpose.body.skin_points import body_points
 from anchorpose.calibration.calibration import Calibration, PoseRecord, PoseSource
 from anchorpose.calibration.clocks import Clocks, clocks_of_results, settle_clocks
@@ -278,7 +278,7 @@ def _costs(
     if len(seen.surface) < config.registration.least_nodes:
         return None
     shapes = [shape_of_height(body_points().asset, height) for height in first_heights(seen.surface, room)]
-    shape = FirstShape(shapes, known_shape(room.recording, config), may_change=True)
+    shape = FirstShape(shapes, known_shape(room.recording, config).common(body_points().asset), may_change=True)
     angles = [(float(np.arctan2(-heading[2], heading[0])),) for heading in headings]
     # anchors are named by a heading, so they are left out
     return [find_first_pose(seen.evidence, no_anchors(), shape, config.registration, angle).cost for angle in angles]

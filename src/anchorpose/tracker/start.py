@@ -11,10 +11,10 @@ import numpy as np
 from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.body.explained import explain
 from anchorpose.body.initial import FirstPose, FirstShape, find_first_pose, likely_headings
-from anchorpose.body.learning import MOST_DEVIATIONS, ShapeBelief, adult_belief, shape_of_height, standing_height
 from anchorpose.body.limb_search import rarity
 from anchorpose.body.pose import LIMB_OF_BONES, TRUNK
 from anchorpose.body.registration import posterior
+from anchorpose.body.shape_prior import ShapeBelief, adult_belief, shape_of_height, standing_height
 from anchorpose.body.skin_points import FittedShape, PosedPoints, body_points, build_body, pose_points
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.joints import JOINT_INDEX
@@ -34,6 +34,7 @@ USUAL = 60.0  # squared deviations of all joint ranges: right first poses have 1
 LEAST_QUALITY = 0.25  # where no equipment says that a person is there: right ones have 0.35, one in a crowd had less
 HEADINGS = 2  # that are tried: rough bodies mistake a back for a front in one of ten
 LEAST_TRUNK = 0.05  # of the skin of trunk and head: a face, or what is seen of a chest between others
+MOST_DEVIATIONS = 3.0  # of a statistical component: one adult in a thousand
 LEAST_EXPLAINED = 0.55  # share of the surface that a first pose must account for
 ADULT_HEIGHTS_M = (1.45, 2.0)
 HANGS_M = 0.35  # above the floor: who sits on a high bed, or stands on a treadmill, has the feet lower
@@ -77,12 +78,14 @@ def find_start(frame_set: FrameSet, run: Run, choice: PatientChoice, known: Fitt
     if len(observation.surface) < config.registration.least_nodes:
         return NoStart.TOO_LITTLE_SEEN
     shapes = [known] if known else [shape_of_height(points.asset, h) for h in first_heights(observation.surface, room)]
-    shape = FirstShape(shapes, known_shape(room.recording, config), known is None and config.learning.own_shape)
+    shape = FirstShape(
+        shapes, known_shape(room.recording, config).common(points.asset), known is None and config.learning.own_shape
+    )
     with run.stage("first pose"):
         first = _first_pose(observation, shape, run)
     if known is None and not (room.recording.subject_height_m or is_human(first.shape)):
         return NoStart.NOT_HUMAN
-    if known is None and np.abs(first.shape.coefficients).max() >= MOST_DEVIATIONS:
+    if known is None and np.abs(first.shape.coefficients[: points.asset.common_count]).max() >= MOST_DEVIATIONS:
         return NoStart.NOT_HUMAN
     body = build_body(points, first.shape)
     found = posterior(body, first.pose, vague_belief(first.pose), observation.evidence, config.registration)

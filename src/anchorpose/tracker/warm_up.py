@@ -13,9 +13,10 @@ from anchorpose.body.config import RegistrationConfig, UncertaintyConfig, Visibi
 from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence, gather_evidence
 from anchorpose.body.explained import explain
-from anchorpose.body.learning import adult_belief, learn_body, shape_of_height
+from anchorpose.body.learning import learn_body
 from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration, register
+from anchorpose.body.shape_prior import adult_belief, shape_of_height
 from anchorpose.body.skin_points import PosedPoints, body_points, build_body, pose_points
 from anchorpose.body.uncertainty import joint_sigma, skin_sigma
 from anchorpose.body.visibility import joint_states

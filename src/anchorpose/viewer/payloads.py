@@ -13,9 +13,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from anchorpose.body.asset import BodyAsset, load_body_asset
+from anchorpose.body.asset import BodyAsset
 from anchorpose.body.kinematics import shape_body
 from anchorpose.body.pose import MOVING_BONES
+from anchorpose.body.segments import load_body_asset
 from anchorpose.errors import InputError
 from anchorpose.results.explained import unexplained
 from anchorpose.viewer.depth_frames import DepthFrames

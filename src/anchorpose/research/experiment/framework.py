@@ -169,7 +169,7 @@ def to_arrays(reference: Reference) -> dict[str, np.ndarray]:
     return {
         "T_world_camera": reference.T_world_camera,
         "coefficients": reference.shape.coefficients,
-        "clothing_m": np.array(reference.shape.clothing_m),
+        "offset_m": reference.shape.offset_m,
         "rotations": reference.rotations,
         "root_m": reference.root_m,
         "joints_m": reference.joints_m,
@@ -179,6 +179,6 @@ def to_arrays(reference: Reference) -> dict[str, np.ndarray]:
 
 def from_arrays(arrays: Mapping[str, np.ndarray]) -> Reference:
     """The reference that ``to_arrays`` took apart."""
-    shape = FittedShape(arrays["coefficients"], float(arrays["clothing_m"]))
+    shape = FittedShape(arrays["coefficients"], arrays["offset_m"])
     names = ("rotations", "root_m", "joints_m", "centre_m")
     return Reference(arrays["T_world_camera"], shape, *(arrays[name] for name in names))

@@ -10,7 +10,7 @@ import numpy as np
 from anchorpose.camera import Camera
 from anchorpose.rotations import UP, turns_about
 from anchorpose.simulate.patient import Actor
-from anchorpose.simulate.person import Person, draw_person
+from anchorpose.simulate.person import Person, draw_patient_person
 from anchorpose.simulate.retarget import CapturedActor
 from anchorpose.simulate.rooms.keep_out import Lane, disc, is_free
 from anchorpose.simulate.rooms.layout import first_lanes, lay_out, stand_before
@@ -99,7 +99,7 @@ def room_stream(config: SimulationConfig, name: str) -> np.random.Generator:
 
 def draw_scene(config: SimulationConfig, room: RoomConfig) -> RoomScene:
     """The room of a configuration."""
-    person = draw_person(room_stream(config, "patient"), config.clothing_m, config.height_m)
+    person = draw_patient_person(room_stream(config, "patient"), config)
     patient = draw_room_patient(room_stream(config, "programme"), config, person)
     draft = _draw_empty_room(room_stream(config, "walls"), config, room)
     rng = room_stream(config, "people")

@@ -1,0 +1,201 @@
+"""Shape directions of a person's own: length and girth of each limb segment, left and right apart, and of the trunk.
+
+The statistical components of the asset move all segments together, left equal to right. Each direction here changes
+one segment of the mean adult: a length stretches the segment along its axis and carries what hangs on its end; a girth
+moves the skin away from the axis. One unit is one standard deviation among people of the same height (``shape_prior``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from anchorpose.body.asset import BodyAsset, stored_asset
+
+SIDES: Final = ("left", "right")
+LENGTH_SIGMA: Final = {"upper_arm": 0.032, "forearm": 0.042, "thigh": 0.050, "shank": 0.037}
+"""Of the logarithm of each segment's length among people of one height and sex: 6,068 adults of ANSUR II (Gordon et al.
+2014, NATICK/TR-15/007, public data), regressed on the logarithm of stature: acromion-radiale, radiale-stylion,
+trochanterion to lateral femoral epicondyle, epicondyle to lateral malleolus."""
+
+END_SIGMA: Final = {"hand": 0.039, "foot": 0.034, "head": 0.035}
+"""The same of hand, foot and head; these grow as a whole about the wrist, the ankle and the joint of the head."""
+
+GIRTH_SIGMA: Final = {"upper_arm": 0.08, "forearm": 0.08, "thigh": 0.12, "shank": 0.12}
+"""Of each segment's girth. ANSUR II has 0.035 to 0.050 at one height and weight; paralysed legs lose a third to a half
+of their muscle (Giangregorio and McCartney 2006, doi:10.1080/10790268.2006.11753898), which no healthy sample has."""
+
+_BONES: Final = {
+    "upper_arm": ("Arm", "ForeArm"), "forearm": ("ForeArm", "Hand"),
+    "thigh": ("UpLeg", "Leg"), "shank": ("Leg", "Foot"),
+}  # fmt: skip
+"""The bones whose heads are both ends of each segment."""
+
+
+TRUNK: Final = ("Hips", "LHipJoint", "RHipJoint", "LowerBack", "Spine", "Spine1")
+
+_TRUNK_LENGTHS: Final = {
+    "trunk_length": ((("LowerBack", "Neck"),), 0.035),
+    "neck_length": ((("Neck", "Head"),), 0.08),
+    "shoulder_breadth": ((("LeftShoulder", "LeftArm"), ("RightShoulder", "RightArm")), 0.040),
+    "hip_breadth": ((("LHipJoint", "LeftUpLeg"), ("RHipJoint", "RightUpLeg")), 0.062),
+}  # fmt: skip
+"""The spans that grow together, and by which share: sitting height, biacromial and bicristal breadth of ANSUR II."""
+
+
+class _Bulge(NamedTuple):
+    """Skin of the trunk that moves along an axis (0 forward, 2 sideways); towards 0: both ways, apart."""
+
+    axis: int
+    towards: int
+    height_m: float
+    spread_m: float
+    sigma_m: float
+
+
+_BULGES: Final = {
+    "belly_depth": _Bulge(0, 1, 1.02, 0.09, 0.025),
+    "waist_breadth": _Bulge(2, 0, 1.06, 0.08, 0.012),
+    "chest_depth": _Bulge(0, 1, 1.27, 0.08, 0.014),
+    "back_depth": _Bulge(0, -1, 1.22, 0.12, 0.012),
+    "chest_breadth": _Bulge(2, 0, 1.26, 0.09, 0.010),
+    "seat_depth": _Bulge(0, -1, 0.88, 0.08, 0.014),
+    "seat_breadth": _Bulge(2, 0, 0.88, 0.07, 0.010),
+}  # fmt: skip
+"""Heights on the mean adult. ANSUR II at one height and weight: 5 to 7 % of depths (0.22 to 0.25 m) and breadths; a
+belly varies more in patients who sit."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Direction:
+    """One direction of shape: its name, and what a unit adds to skin (v, 3), bone heads and tails (b, 3), metres."""
+
+    name: str
+    vertices: np.ndarray
+    heads: np.ndarray
+    tails: np.ndarray
+
+
+@cache
+def load_body_asset() -> BodyAsset:
+    """The body that is fitted to patients: the asset that ships with the package, and each segment's own directions."""
+    return with_own_segments(stored_asset())
+
+
+def with_own_segments(asset: BodyAsset) -> BodyAsset:
+    """The asset with the directions of this module behind its own components."""
+    found = tuple(_directions(asset))
+    return replace(
+        asset,
+        vertex_basis=np.concatenate([asset.vertex_basis, [own.vertices for own in found]]),
+        bone_head_basis=np.concatenate([asset.bone_head_basis, [own.heads for own in found]]),
+        bone_tail_basis=np.concatenate([asset.bone_tail_basis, [own.tails for own in found]]),
+        own_names=tuple(own.name for own in found),
+    )
+
+
+def _directions(asset: BodyAsset) -> Iterator[Direction]:
+    for side in SIDES:
+        for name, sigma in LENGTH_SIGMA.items():
+            yield _stretched(asset, f"{name}_length_{side}", [_bones_of(name, side)], sigma)
+        for name, sigma in GIRTH_SIGMA.items():
+            yield _widened(asset, f"{name}_girth_{side}", *_bones_of(name, side), sigma)
+        for name in ("hand", "foot"):
+            yield _larger(asset, f"{name}_size_{side}", f"{side.capitalize()}{name.capitalize()}", END_SIGMA[name])
+    for name, (spans, sigma) in _TRUNK_LENGTHS.items():
+        yield _stretched(asset, name, spans, sigma)
+    for name, bulge in _BULGES.items():
+        yield _bulging(asset, name, bulge)
+    yield _larger(asset, "head_size", "Head", END_SIGMA["head"])
+
+
+def _bones_of(segment: str, side: str) -> tuple[str, str]:
+    start, end = _BONES[segment]
+    return f"{side.capitalize()}{start}", f"{side.capitalize()}{end}"
+
+
+def _stretched(asset: BodyAsset, name: str, spans: Sequence[tuple[str, str]], sigma: float) -> Direction:
+    """Each span, from the head of one bone to that of another, longer by a share ``sigma``; both sides in one."""
+    total = [np.zeros_like(asset.vertices), np.zeros_like(asset.bone_heads), np.zeros_like(asset.bone_tails)]
+    for start, end in spans:
+        first, last = asset.bone(start), asset.bone(end)
+        step = asset.bone_heads[last] - asset.bone_heads[first]
+        along = _shares_along(asset, first, last)
+        of_vertex = asset.vertices @ along[:, :3].T + along[:, 3]  # (v, b): as part of each bone
+        share = (asset.skin_weights * np.take_along_axis(of_vertex, asset.skin_bones, axis=1)).sum(axis=1)
+        total[0] += share[:, None] * step
+        for kept, points in ((total[1], asset.bone_heads), (total[2], asset.bone_tails)):
+            kept += ((points * along[:, :3]).sum(axis=1) + along[:, 3])[:, None] * step
+    vertices, heads, tails = (sigma * part for part in total)
+    return Direction(name, vertices, heads, tails)
+
+
+def _shares_along(asset: BodyAsset, first: int, last: int) -> np.ndarray:
+    """(b, 4) by bone: share of the span's growth by which a point of it moves, affine in its place at rest.
+
+    Points of the span itself move by as much as lies before them; what hangs on the span moves as a whole.
+    """
+    heads, parents = asset.bone_heads, asset.bone_parents.tolist()
+    step = heads[last] - heads[first]
+    linear = np.append(step, -heads[first] @ step) / (step @ step)
+    chain, bone = {first}, parents[last]
+    while bone != first:
+        chain.add(bone)
+        bone = parents[bone]
+    along = np.zeros((len(parents), 4))
+    for bone, parent in enumerate(parents):  # parents stand before children
+        if bone in chain:
+            along[bone] = linear
+        elif parent in chain:
+            along[bone, 3] = linear[:3] @ heads[bone] + linear[3]
+        elif parent >= 0:
+            along[bone] = along[parent]
+    return along
+
+
+def _widened(asset: BodyAsset, name: str, start: str, end: str, sigma: float) -> Direction:
+    """The skin of a segment farther from its axis by a share ``sigma`` of its distance; bones stay."""
+    first, last = asset.bone(start), asset.bone(end)
+    axis = asset.bone_heads[last] - asset.bone_heads[first]
+    away = asset.vertices - asset.bone_heads[first]
+    away -= np.outer(away @ axis / (axis @ axis), axis)
+    return _skin_only(asset, name, sigma * share_of_bones(asset, (start,))[:, None] * away)
+
+
+def share_of_bones(asset: BodyAsset, names: Sequence[str]) -> np.ndarray:
+    """(v,) 0 to 1: the share of each vertex's skinning weights that the named bones have."""
+    chosen = np.isin(asset.bone_names, names).astype(np.float64)
+    return np.asarray((asset.skin_weights * chosen[asset.skin_bones]).sum(axis=1))
+
+
+def _bulging(asset: BodyAsset, name: str, bulge: _Bulge) -> Direction:
+    """Skin of the trunk moved out along one axis around a height, less the less it faces that way."""
+    facing = asset.vertices[:, bulge.axis] - np.median(asset.bone_heads[[asset.bone(b) for b in TRUNK]][:, bulge.axis])
+    facing /= np.abs(facing).max()
+    facing = np.where(facing * bulge.towards >= 0.0, facing, 0.0) if bulge.towards else facing
+    near = np.exp(-0.5 * ((asset.vertices[:, 1] - bulge.height_m) / bulge.spread_m) ** 2)
+    moved = np.zeros_like(asset.vertices)
+    moved[:, bulge.axis] = bulge.sigma_m * near * np.clip(2.0 * facing, -1.0, 1.0) * share_of_bones(asset, TRUNK)
+    return _skin_only(asset, name, moved)
+
+
+def _larger(asset: BodyAsset, name: str, end: str, sigma: float) -> Direction:
+    """A bone and all that hangs on it larger about its head by a share ``sigma``."""
+    bone, below = asset.bone(end), np.zeros(len(asset.bone_names))
+    below[bone] = 1.0
+    for other, parent in enumerate(asset.bone_parents.tolist()):  # parents stand before children
+        below[other] = max(below[other], below[parent] if parent >= 0 else 0.0)
+    joint = asset.bone_heads[bone]
+    share = (asset.skin_weights * below[asset.skin_bones]).sum(axis=1)
+    vertices = sigma * share[:, None] * (asset.vertices - joint)
+    heads, tails = (sigma * below[:, None] * (ends - joint) for ends in (asset.bone_heads, asset.bone_tails))
+    return Direction(name, vertices, heads, tails)
+
+
+def _skin_only(asset: BodyAsset, name: str, vertices: np.ndarray) -> Direction:
+    still = np.zeros_like(asset.bone_heads)
+    return Direction(name, vertices, still, still)

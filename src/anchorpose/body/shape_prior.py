@@ -1,0 +1,139 @@
+"""What is known of a person's shape before anything is seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from anchorpose.body.asset import BodyAsset
+from anchorpose.body.segments import END_SIGMA, GIRTH_SIGMA, LENGTH_SIGMA, SIDES
+from anchorpose.body.shape_rows import FreeShape
+from anchorpose.body.skin_points import CLOTHES, OFFSETS, PATCHES, FittedShape, even_clothes
+
+CLOTHING_MEAN_M: Final = 0.006  # clothes are some millimetres thick
+CLOTHING_SIGMA_M: Final = 0.004
+PATCH_SIGMA_M: Final = 0.005  # muscles, fat and folds that no direction of shape has
+THICKEST_M: Final = 0.03  # clothes
+_HEIGHT_STEPS: Final = 3  # the highest and the lowest vertex may change with the shape
+
+_ALIKE_LENGTHS: Final = np.array([
+    [1.00, 0.34, 0.18, 0.35],
+    [0.34, 1.00, 0.25, 0.43],
+    [0.18, 0.25, 1.00, 0.04],
+    [0.35, 0.43, 0.04, 1.00],
+])  # fmt: skip
+"""Correlations of the lengths of ``LENGTH_SIGMA`` among people of one height and sex, from the same data."""
+
+_ALIKE_GIRTHS: Final = np.array([
+    [1.0, 0.6, 0.0, 0.0],
+    [0.6, 1.0, 0.0, 0.0],
+    [0.0, 0.0, 1.0, 0.6],
+    [0.0, 0.0, 0.6, 1.0],
+])  # fmt: skip
+"""Of ``GIRTH_SIGMA``: upper arm and forearm as in ANSUR II; paralysis wastes thigh and shank together."""
+
+_ALIKE_SIDES: Final = {"length": 0.90, "girth": 0.80, "size": 0.95}
+"""Left and right. Lengths then differ by 2 % in the median person who is as asymmetric as one in twenty (Knutson 2005,
+doi:10.1186/1746-1340-13-11: legs differ by 5 mm on the average, 20 mm in one of a thousand, more with contractures)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShapeBelief:
+    """The most likely shape, and information (s, s): inverse covariance of its first coefficients, then first offsets.
+
+    free: how many of each; the others are not in question.
+    """
+
+    shape: FittedShape
+    information: np.ndarray
+    free: FreeShape
+
+    def vector(self, shape: FittedShape) -> np.ndarray:
+        """(s,) the coefficients in question, then the offsets."""
+        return np.append(shape.coefficients[: self.free.coefficients], shape.offset_m[: self.free.offsets])
+
+    def deviation(self, shape: FittedShape) -> np.ndarray:
+        """(s,) how far a shape is from the most likely one."""
+        return self.vector(shape) - self.vector(self.shape)
+
+    def moved(self, shape: FittedShape, change: np.ndarray) -> FittedShape:
+        """A shape after a change (s,); clothes stay between nothing and ``THICKEST_M``."""
+        coefficients, offset_m = shape.coefficients.copy(), shape.offset_m.copy()
+        coefficients[: self.free.coefficients] += change[: self.free.coefficients]
+        offset_m[: self.free.offsets] += change[self.free.coefficients :]
+        offset_m[: len(CLOTHES)] = np.clip(offset_m[: len(CLOTHES)], 0.0, THICKEST_M)
+        return FittedShape(coefficients, offset_m)
+
+    def cost(self, shape: FittedShape) -> float:
+        """How unlikely a shape is, in units of one observation."""
+        away = self.deviation(shape)
+        return float(away @ self.information @ away)
+
+    def variance(self, rows: np.ndarray) -> np.ndarray:
+        """(m,) variances of quantities that change with the coefficients by rows (m, n), all of which are free."""
+        count = self.free.coefficients
+        covariance = np.linalg.inv(self.information)[:count, :count]
+        return np.asarray(((rows @ covariance) * rows).sum(axis=1))
+
+    def common(self, asset: BodyAsset) -> ShapeBelief:
+        """The belief in the asset's statistical components and the clothes alone."""
+        free = FreeShape(asset.common_count, len(CLOTHES))
+        kept = np.r_[: free.coefficients, self.free.coefficients : self.free.coefficients + free.offsets]
+        return ShapeBelief(self.shape, np.linalg.inv(np.linalg.inv(self.information)[np.ix_(kept, kept)]), free)
+
+    def standing(self, asset: BodyAsset, height_m: float, sigma_m: float) -> ShapeBelief:
+        """The belief after the patient's standing height was measured (a Kalman update, linearised at each step)."""
+        shape, information = self.shape, self.information
+        for _ in range(_HEIGHT_STEPS):
+            own_m, row = standing_height(asset, shape)
+            row = np.append(row[: self.free.coefficients], np.zeros(self.free.offsets)) / sigma_m
+            miss = (height_m - own_m) / sigma_m + row @ self.deviation(shape)
+            information = self.information + np.outer(row, row)
+            change = np.linalg.solve(information, row * miss) - self.deviation(shape)
+            shape = self.moved(shape, change)
+        return ShapeBelief(shape, information, self.free)
+
+
+def adult_belief(asset: BodyAsset) -> ShapeBelief:
+    """What is known of an adult before anything is seen; every coefficient has a standard deviation of one."""
+    mean = FittedShape(np.zeros(asset.shape_count), even_clothes(CLOTHING_MEAN_M))
+    free = FreeShape(asset.shape_count, OFFSETS)
+    offset_sigma_m = np.r_[np.full(len(CLOTHES), CLOTHING_SIGMA_M), np.full(PATCHES, PATCH_SIGMA_M)]
+    information = block_diag(np.linalg.inv(_correlations(asset)), np.diag(1.0 / offset_sigma_m**2))
+    return ShapeBelief(mean, information, free)
+
+
+def _correlations(asset: BodyAsset) -> np.ndarray:
+    """(k, k) of the coefficients: the statistical components are independent, segments of one person are not."""
+    found = np.eye(asset.shape_count)
+    sizes = tuple(name for name in END_SIGMA if name != "head")
+    for kind, segments, alike in (
+        ("length", tuple(LENGTH_SIGMA), _ALIKE_LENGTHS),
+        ("girth", tuple(GIRTH_SIGMA), _ALIKE_GIRTHS),
+        ("size", sizes, np.eye(len(sizes))),
+    ):
+        names = [f"{segment}_{kind}_{side}" for side in SIDES for segment in segments]
+        rows = [asset.common_count + asset.own_names.index(name) for name in names]
+        sides = np.array([[1.0, _ALIKE_SIDES[kind]], [_ALIKE_SIDES[kind], 1.0]])
+        found[np.ix_(rows, rows)] = np.kron(sides, alike)
+    return found
+
+
+def standing_height(asset: BodyAsset, shape: FittedShape) -> tuple[float, np.ndarray]:
+    """Height in metres of the body at rest, without clothes, and its derivative (k,) by the coefficients."""
+    up = shape.mesh(asset).vertices[:, 1]
+    top, bottom = up.argmax(), up.argmin()
+    count = len(shape.coefficients)
+    row = asset.vertex_basis[:count, top, 1] - asset.vertex_basis[:count, bottom, 1]
+    return float(up[top] - up[bottom]), row
+
+
+def shape_of_height(asset: BodyAsset, height_m: float) -> FittedShape:
+    """The most likely adult of a height: along the coefficient that changes it, clothes of ordinary thickness."""
+    coefficients = np.zeros(asset.shape_count)
+    per_unit = np.ptp(asset.vertices[:, 1] + asset.vertex_basis[0, :, 1]) - np.ptp(asset.vertices[:, 1])
+    coefficients[0] = np.clip((height_m - np.ptp(asset.vertices[:, 1])) / per_unit, -2.5, 2.5)
+    return FittedShape(coefficients, even_clothes(CLOTHING_MEAN_M))

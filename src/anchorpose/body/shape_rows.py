@@ -1,0 +1,144 @@
+"""Rows with respect to pose, shape and clothes together, compiled: learning needs them for every node of many frames.
+
+``skin_points.pose_jacobian`` and ``skin_points.shape_jacobian`` are the reference implementation.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from scipy.linalg.blas import dsyrk
+
+from anchorpose.body.constraints import Constraints
+from anchorpose.body.kinematics import joint_frames
+from anchorpose.body.pose import POSE_SIZE
+from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, shape_offsets
+
+
+class FreeShape(NamedTuple):
+    """How many of the shape's first coefficients and first offsets are free."""
+
+    coefficients: int
+    offsets: int
+
+
+def accumulate_shape(
+    body: Body, posed: PosedPoints, rows: Constraints, residual_m: np.ndarray, weight: np.ndarray, free: FreeShape
+) -> tuple[np.ndarray, np.ndarray]:
+    """``J^T W J`` (s, s) and ``J^T W r`` (s,) of the pose's parameters, then those of the free shape.
+
+    residual_m, weight (n,): of each row.
+    """
+    jacobian = full_jacobian(body, posed, rows.point, rows.direction, free)
+    lower = dsyrk(1.0, (jacobian * np.sqrt(weight)[:, None]).T)
+    return lower + np.triu(lower, 1).T, jacobian.T @ (weight * residual_m)
+
+
+def full_jacobian(
+    body: Body, posed: PosedPoints, index: np.ndarray, direction: np.ndarray, free: FreeShape
+) -> np.ndarray:
+    """(n, s) how far each point moves along its direction with each parameter of the pose and the free shape."""
+    points = body.points
+    pivot, frame = joint_frames(posed.transforms, body.mesh.bone_heads, points.asset.bone_parents, points.moving)
+    bones = _Bones(
+        posed.transforms, pivot, frame, _chains(points), shape_offsets(points.asset, posed, free.coefficients)
+    )
+    skin = _Skin(points.bones, points.influence, body.rest_m, _point_basis(points), points.covered[:, : free.offsets])
+    jacobian = np.zeros((len(index), POSE_SIZE + sum(free)))
+    _fill(skin, bones, index, direction, posed.normals, jacobian)
+    return jacobian
+
+
+class _Skin(NamedTuple):
+    """Of every point: bones, influence (p, w), heaviest first; rest_m (p, 3); basis (p, k, 3); covered (p, c)."""
+
+    bones: np.ndarray
+    influence: np.ndarray
+    rest_m: np.ndarray
+    basis: np.ndarray
+    covered: np.ndarray
+
+
+class _Bones(NamedTuple):
+    """transforms (b, 4, 4); pivot (m, 3), frame (m, 3, 3) of moving bones; chain (b, d): the moving bones that
+    carry each bone, -1 where there are no more; offset (b, count, 3): how far a coefficient moves a bone."""
+
+    transforms: np.ndarray
+    pivot: np.ndarray
+    frame: np.ndarray
+    chain: np.ndarray
+    offset: np.ndarray
+
+
+@cache
+def _point_basis(points: SkinPoints) -> np.ndarray:
+    return np.ascontiguousarray(points.asset.vertex_basis[:, points.vertex].transpose(1, 0, 2))
+
+
+@cache
+def _chains(points: SkinPoints) -> np.ndarray:
+    """(b, d) rows of ``MOVING_BONES`` above and at each bone, padded with -1."""
+    carried = [np.flatnonzero(column) for column in points.below.T]
+    chains = np.full((len(carried), max(map(len, carried))), -1)
+    for bone, rows in enumerate(carried):
+        chains[bone, : len(rows)] = rows
+    return chains
+
+
+@njit(cache=True)
+def _fill(
+    skin: _Skin, bones: _Bones, index: np.ndarray, direction: np.ndarray, normals: np.ndarray, jacobian: np.ndarray
+) -> None:
+    moving, count = len(bones.pivot), bones.offset.shape[1]
+    carried, share = np.empty((moving, 3)), np.empty(moving)
+    local, place = np.empty(3), np.empty(3)
+    for row in range(len(index)):
+        p, d, out = index[row], direction[row], jacobian[row]
+        carried[:], share[:], local[:] = 0.0, 0.0, 0.0
+        for w in range(skin.bones.shape[1]):
+            weight = skin.influence[p, w]
+            if weight == 0.0:
+                break
+            bone = skin.bones[p, w]
+            T = bones.transforms[bone]
+            for i in range(3):
+                place[i] = T[i, 3]
+                for j in range(3):
+                    place[i] += T[i, j] * skin.rest_m[p, j]
+                    local[j] += weight * T[i, j] * d[i]
+            for step in range(bones.chain.shape[1]):
+                m = bones.chain[bone, step]
+                if m < 0:
+                    break
+                share[m] += weight
+                for i in range(3):
+                    carried[m, i] += weight * place[i]
+            for k in range(count):
+                offset = bones.offset[bone, k]
+                out[POSE_SIZE + k] += weight * (offset[0] * d[0] + offset[1] * d[1] + offset[2] * d[2])
+        _turns(bones, carried, share, d, out)
+        for k in range(count):
+            add = skin.basis[p, k]
+            out[POSE_SIZE + k] += local[0] * add[0] + local[1] * add[1] + local[2] * add[2]
+        outward = normals[p, 0] * d[0] + normals[p, 1] * d[1] + normals[p, 2] * d[2]
+        for c in range(skin.covered.shape[1]):
+            out[POSE_SIZE + count + c] = skin.covered[p, c] * outward
+
+
+@njit(cache=True)
+def _turns(bones: _Bones, carried: np.ndarray, share: np.ndarray, d: np.ndarray, out: np.ndarray) -> None:
+    """Fills the columns of the pose: each moving bone's turn in the parent's frame, then the root."""
+    for m in range(len(share)):
+        if share[m] == 0.0:
+            continue
+        x = carried[m, 0] - share[m] * bones.pivot[m, 0]
+        y = carried[m, 1] - share[m] * bones.pivot[m, 1]
+        z = carried[m, 2] - share[m] * bones.pivot[m, 2]
+        tx, ty, tz = y * d[2] - z * d[1], z * d[0] - x * d[2], x * d[1] - y * d[0]
+        for j in range(3):
+            out[3 * m + j] = tx * bones.frame[m, 0, j] + ty * bones.frame[m, 1, j] + tz * bones.frame[m, 2, j]
+    for j in range(3):
+        out[POSE_SIZE - 3 + j] = d[j]

@@ -1,0 +1,158 @@
+"""Bodies that no shape space was made from: segments of any length and girth within human ranges, shoes, braces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final, Literal, get_args
+
+import numpy as np
+
+from anchorpose.body.kinematics import BodyMesh
+from anchorpose.settings import settings
+
+Build = Literal["ordinary", "varied", "wasted-legs", "heavy"]
+"""ordinary: of the body asset. varied: every segment by itself. wasted-legs: the same, with thin legs under a strong
+upper body, as after years of paralysis. heavy: the same with a belly, and more on all limbs."""
+BUILDS: Final[tuple[Build, ...]] = get_args(Build)
+BraceName = Literal["left shank", "right shank", "left thigh", "right thigh", "trunk"]
+
+LENGTH_SPREAD: Final = {"UpLeg": 0.05, "Leg": 0.04, "Arm": 0.04, "ForeArm": 0.045, "Hand": 0.04, "Foot": 0.05}
+GIRTH_SPREAD: Final = {"UpLeg": 0.06, "Leg": 0.06, "Arm": 0.07, "ForeArm": 0.06, "Hand": 0.04, "Foot": 0.04}
+TRUNK: Final = ("LowerBack", "Spine", "Spine1")
+TRUNK_SPREAD: Final = (0.06, 0.035, 0.04)  # depth, height, breadth
+MOST_ASYMMETRIC: Final = 0.04  # between the two sides' lengths
+WASTED: Final = (0.75, 0.90)  # of the girth of thighs and shanks
+STRONGER: Final = (1.02, 1.10)  # of the girth of arms
+BELLY_M: Final = (0.03, 0.08)
+FATTER: Final = (1.05, 1.20)
+SHOE_M: Final = (0.003, 0.008)  # upper; bare feet have none
+SOLE_M: Final = (0.010, 0.030)
+SHOD_SHARE: Final = 0.75  # of the people
+BRACE_M: Final = (0.008, 0.018)  # how far a brace stands off the widest part of what it covers
+BRACED: Final[dict[BraceName, tuple[str, ...]]] = {
+    "left shank": ("LeftLeg",), "right shank": ("RightLeg",), "left thigh": ("LeftUpLeg",),
+    "right thigh": ("RightUpLeg",), "trunk": ("LowerBack", "Spine"),
+}  # fmt: skip
+
+
+@settings
+class OtherBody:
+    """How the patient's body differs from those of the asset."""
+
+    build: Build = "ordinary"
+    braces: tuple[BraceName, ...] = ()  # stiff orthoses over these segments
+
+
+@dataclass(frozen=True, slots=True)
+class Scales:
+    """How many times as long (b,) and as thick (b, 2) each bone's segment is as in the body it was made from.
+
+    Thickness of limbs is one number; of the trunk depth and breadth.
+    """
+
+    length: np.ndarray
+    girth: np.ndarray
+
+
+def draw_scales(rng: np.random.Generator, names: tuple[str, ...], build: Build) -> Scales:
+    """Independent of each other, the two sides nearly alike."""
+    length, girth = np.ones(len(names)), np.ones((len(names), 2))
+    for part, spread in LENGTH_SPREAD.items():
+        both = np.exp(rng.normal(0.0, spread)), np.exp(rng.normal(0.0, GIRTH_SPREAD[part]))
+        if part in ("UpLeg", "Leg") and build == "wasted-legs":
+            both = both[0], rng.uniform(*WASTED)
+        if part in ("Arm", "ForeArm") and build == "wasted-legs":
+            both = both[0], rng.uniform(*STRONGER)
+        if build == "heavy":
+            both = both[0], both[1] * rng.uniform(*FATTER)
+        apart = rng.uniform(-0.5, 0.5) * MOST_ASYMMETRIC, rng.uniform(-0.5, 0.5) * MOST_ASYMMETRIC
+        for side, sign in (("Left", 1.0), ("Right", -1.0)):
+            bone = names.index(f"{side}{part}")
+            length[bone] = both[0] * (1.0 + sign * apart[0])
+            girth[bone] = both[1] * (1.0 + sign * apart[1])
+    depth, height, breadth = np.exp(rng.normal(0.0, TRUNK_SPREAD))
+    trunk = np.isin(names, TRUNK)
+    length[trunk], girth[trunk] = height, (depth, breadth)
+    return Scales(length, girth)
+
+
+def rescale(body: BodyMesh, scales: Scales) -> BodyMesh:
+    """The body with every bone's segment scaled along and across itself, joined again by its skinning weights."""
+    asset, heads = body.asset, body.bone_heads
+    stretch = np.tile(np.eye(3), (len(heads), 1, 1))
+    for bone, name in enumerate(asset.bone_names):
+        if name in TRUNK:
+            stretch[bone] = np.diag([scales.girth[bone, 0], scales.length[bone], scales.girth[bone, 1]])
+        else:
+            along = body.bone_tails[bone] - heads[bone]
+            along /= np.linalg.norm(along)
+            across = np.eye(3) - np.outer(along, along)
+            stretch[bone] = scales.length[bone] * np.outer(along, along) + scales.girth[bone, 0] * across
+    _carry_to_ends(asset.bone_names, asset.bone_parents, stretch)
+    moved = heads.copy()
+    for bone, parent in enumerate(asset.bone_parents.tolist()):
+        if parent >= 0:
+            moved[bone] = moved[parent] + stretch[parent] @ (heads[bone] - heads[parent])
+    tails = moved + np.einsum("bij,bj->bi", stretch, body.bone_tails - heads)
+    skin = np.zeros_like(body.vertices)
+    for influence in range(asset.skin_bones.shape[1]):
+        bones = asset.skin_bones[:, influence]
+        place = moved[bones] + np.einsum("vij,vj->vi", stretch[bones], body.vertices - heads[bones])
+        skin += asset.skin_weights[:, influence, None] * place
+    return BodyMesh(asset, skin, moved, tails)
+
+
+def _carry_to_ends(names: tuple[str, ...], parents: np.ndarray, stretch: np.ndarray) -> None:
+    """Fingers and toes grow with hand and foot, in place."""
+    for bone, name in enumerate(names):
+        if name.endswith(("FingerBase", "HandFinger1", "Thumb", "ToeBase")):
+            stretch[bone] = np.eye(3) * np.cbrt(np.linalg.det(stretch[parents[bone]]))
+
+
+def to_height(body: BodyMesh, height_m: float) -> BodyMesh:
+    """The whole body larger or smaller, its feet on the floor."""
+    factor = height_m / float(np.ptp(body.vertices[:, 1]))
+    drop = np.array([0.0, body.vertices[:, 1].min(), 0.0])
+    return BodyMesh(body.asset, *(factor * (part - drop) for part in (body.vertices, body.bone_heads, body.bone_tails)))
+
+
+def with_belly(body: BodyMesh, normals: np.ndarray, out_m: float) -> BodyMesh:
+    """A bulge of fat in front of the lower trunk."""
+    asset = body.asset
+    trunk = np.isin(asset.main_bone(), [asset.bone(name) for name in ("Hips", "LowerBack", "Spine")])
+    waist_m = float(body.bone_heads[asset.bone("LowerBack"), 1] + 0.05)
+    front = body.vertices[trunk & (np.abs(body.vertices[:, 1] - waist_m) < 0.05), 0].max()
+    away = (body.vertices - [front - 0.03, waist_m, 0.0]) / [0.16, 0.13, 0.15]
+    bulge = np.exp(-0.5 * (away**2).sum(axis=1)) * trunk
+    return replace(body, vertices=body.vertices + out_m * bulge[:, None] * normals)
+
+
+def with_shoes(body: BodyMesh, normals: np.ndarray, upper_m: float, sole_m: float) -> BodyMesh:
+    """Skin of the feet off by the upper of a shoe all round, and by its sole below."""
+    asset = body.asset
+    foot = np.isin(asset.bone_names, [f"{side}{end}" for side in ("Left", "Right") for end in ("Foot", "ToeBase")])
+    share = (asset.skin_weights * foot[asset.skin_bones]).sum(axis=1)
+    low = np.clip(1.0 - (body.vertices[:, 1] - body.vertices[:, 1].min()) / 0.03, 0.0, 1.0)
+    moved = body.vertices + (share * upper_m)[:, None] * normals
+    moved[:, 1] -= share * low * sole_m
+    return replace(body, vertices=moved)
+
+
+def with_brace(body: BodyMesh, bones: tuple[str, ...], off_m: float) -> tuple[BodyMesh, np.ndarray]:
+    """A stiff shell around the segments of some bones, and which vertices (v,) it covers, 0 to 1.
+
+    The shell is as wide as nine tenths of the skin beneath it and as much as ``off_m`` wider.
+    """
+    asset, vertices, covered = body.asset, body.vertices.copy(), np.zeros(len(body.vertices))
+    for name in bones:
+        bone = asset.bone(name)
+        along = body.bone_tails[bone] - body.bone_heads[bone]
+        along /= np.linalg.norm(along)
+        share = (asset.skin_weights * (asset.skin_bones == bone)).sum(axis=1)
+        out = body.vertices - body.bone_heads[bone]
+        out -= np.outer(out @ along, along)
+        radius = np.linalg.norm(out, axis=1)
+        shell = np.maximum(np.percentile(radius[share > 0.9], 90), radius) if name.endswith("Leg") else radius
+        vertices += (share * (shell + off_m - radius) / np.maximum(radius, 1e-6))[:, None] * out
+        covered = np.maximum(covered, share)
+    return replace(body, vertices=vertices), covered
