@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Final
 
@@ -50,7 +50,7 @@ def learn_body(
     """
     if not poses:
         raise ValueError("a body needs at least one frame to be learnt from")
-    current, learned = list(poses), ShapeBelief(shape, known.information, known.free)
+    current, learned = list(poses), replace(known, shape=shape)
     for reach_m in reaches_m:
         body = build_body(points, learned.shape)
         frames = [
@@ -97,7 +97,7 @@ def learn_shape_step(
     known: what is known without these frames. Returns what is known with them, linearised at ``shape``, and the poses.
     """
     body, count = build_body(points, shape), known.free.coefficients
-    schur, right = known.information.copy(), known.information @ known.deviation(shape)
+    seen, slope = np.zeros_like(known.seen), np.zeros_like(known.pull)
     eliminated = []
     for frame in frames:
         posed = pose_points(body, frame.pose)
@@ -106,16 +106,17 @@ def learn_shape_step(
         factor = cho_factor(h[:POSE_SIZE, :POSE_SIZE] + 1e-3 * np.diag(np.diag(h)[:POSE_SIZE]))
         cross = cho_solve(factor, h[:POSE_SIZE, POSE_SIZE:])
         alone = cho_solve(factor, g[:POSE_SIZE])
-        schur += h[POSE_SIZE:, POSE_SIZE:] - h[POSE_SIZE:, :POSE_SIZE] @ cross
-        right += g[POSE_SIZE:] - h[POSE_SIZE:, :POSE_SIZE] @ alone
+        seen += h[POSE_SIZE:, POSE_SIZE:] - h[POSE_SIZE:, :POSE_SIZE] @ cross
+        slope += g[POSE_SIZE:] - h[POSE_SIZE:, :POSE_SIZE] @ alone
         eliminated.append((cross, alone))
-    change = -np.linalg.solve(schur, right)
+    hessian, gradient = known.equations(shape)
+    change = -np.linalg.solve(hessian + seen, gradient + slope)
     change *= min(1.0, LARGEST_STEP / float(np.abs(change[:count]).max()))
     poses = [
         frame.pose.moved(limited(-alone - cross @ change), points.moving)
         for frame, (cross, alone) in zip(frames, eliminated, strict=True)
     ]
-    return ShapeBelief(known.moved(shape, change), schur, known.free), poses
+    return known.having_seen(known.moved(shape, change), seen, seen @ known.vector(shape) - slope), poses
 
 
 BONES: Final = tuple(

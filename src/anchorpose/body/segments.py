@@ -25,7 +25,7 @@ trochanterion to lateral femoral epicondyle, epicondyle to lateral malleolus."""
 END_SIGMA: Final = {"hand": 0.039, "foot": 0.034, "head": 0.035}
 """The same of hand, foot and head; these grow as a whole about the wrist, the ankle and the joint of the head."""
 
-GIRTH_SIGMA: Final = {"upper_arm": 0.08, "forearm": 0.08, "thigh": 0.12, "shank": 0.12}
+GIRTH_SIGMA: Final = {"upper_arm": 0.06, "forearm": 0.06, "thigh": 0.09, "shank": 0.09}
 """Of each segment's girth. ANSUR II has 0.035 to 0.050 at one height and weight; paralysed legs lose a third to a half
 of their muscle (Giangregorio and McCartney 2006, doi:10.1080/10790268.2006.11753898), which no healthy sample has."""
 
@@ -58,13 +58,13 @@ class _Bulge(NamedTuple):
 
 
 _BULGES: Final = {
-    "belly_depth": _Bulge(0, 1, 1.02, 0.09, 0.025),
-    "waist_breadth": _Bulge(2, 0, 1.06, 0.08, 0.012),
-    "chest_depth": _Bulge(0, 1, 1.27, 0.08, 0.014),
-    "back_depth": _Bulge(0, -1, 1.22, 0.12, 0.012),
-    "chest_breadth": _Bulge(2, 0, 1.26, 0.09, 0.010),
-    "seat_depth": _Bulge(0, -1, 0.88, 0.08, 0.014),
-    "seat_breadth": _Bulge(2, 0, 0.88, 0.07, 0.010),
+    "belly_depth": _Bulge(0, 1, 1.02, 0.09, 0.0125),
+    "waist_breadth": _Bulge(2, 0, 1.06, 0.08, 0.006),
+    "chest_depth": _Bulge(0, 1, 1.27, 0.08, 0.007),
+    "back_depth": _Bulge(0, -1, 1.22, 0.12, 0.006),
+    "chest_breadth": _Bulge(2, 0, 1.26, 0.09, 0.005),
+    "seat_depth": _Bulge(0, -1, 0.88, 0.08, 0.007),
+    "seat_breadth": _Bulge(2, 0, 0.88, 0.07, 0.005),
 }  # fmt: skip
 """Heights on the mean adult. ANSUR II at one height and weight: 5 to 7 % of depths (0.22 to 0.25 m) and breadths; a
 belly varies more in patients who sit."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -14,9 +14,10 @@ from anchorpose.body.shape_rows import FreeShape
 from anchorpose.body.skin_points import CLOTHES, OFFSETS, PATCHES, FittedShape, even_clothes
 
 CLOTHING_MEAN_M: Final = 0.006  # clothes are some millimetres thick
-CLOTHING_SIGMA_M: Final = 0.004
-PATCH_SIGMA_M: Final = 0.005  # muscles, fat and folds that no direction of shape has
+CLOTHING_SIGMA_M: Final = 0.003
+PATCH_SIGMA_M: Final = 0.0035  # muscles, fat and folds that no direction of shape has
 THICKEST_M: Final = 0.03  # clothes
+TAILS: Final = 4.0  # degrees of freedom of Student's t: one segment in twenty beyond 2.8 deviations
 _HEIGHT_STEPS: Final = 3  # the highest and the lowest vertex may change with the shape
 
 _ALIKE_LENGTHS: Final = np.array([
@@ -42,22 +43,41 @@ doi:10.1186/1746-1340-13-11: legs differ by 5 mm on the average, 20 mm in one of
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShapeBelief:
-    """The most likely shape, and information (s, s): inverse covariance of its first coefficients, then first offsets.
+    """The most likely shape, and what it rests on: a prior, and what was seen.
 
-    free: how many of each; the others are not in question.
+    mean, prior (s,), (s, s): of the prior's parameters, the shape's first coefficients and then its first offsets, as
+    many as are ``free``, and its information (inverse covariance); the others are not in question. soft (s,) bool:
+    parameters whose prior has the tails of Student's t: a segment that is unlike those of others costs little more the
+    more it is. seen (s, s): information of what was seen; pull (s,): the same times the shape that would fit it best.
     """
 
     shape: FittedShape
-    information: np.ndarray
     free: FreeShape
+    mean: np.ndarray
+    prior: np.ndarray
+    soft: np.ndarray
+    seen: np.ndarray
+    pull: np.ndarray
+
+    @property
+    def information(self) -> np.ndarray:
+        """(s, s) inverse covariance of the parameters, at the most likely shape."""
+        return self._prior_at(self.shape) + self.seen
+
+    def equations(self, shape: FittedShape) -> tuple[np.ndarray, np.ndarray]:
+        """Hessian (s, s) and gradient (s,) at a shape of half its squared deviations from all that is known."""
+        prior, at = self._prior_at(shape), self.vector(shape)
+        return prior + self.seen, prior @ (at - self.mean) + self.seen @ at - self.pull
+
+    def _prior_at(self, shape: FittedShape) -> np.ndarray:
+        """(s, s) the prior's information, weighted for its tails (Lange et al. 1989, doi:10.2307/2290063)."""
+        away2 = (self.vector(shape) - self.mean) ** 2 / np.diag(np.linalg.inv(self.prior))
+        weight = np.where(self.soft, np.sqrt((TAILS + 1.0) / (TAILS + away2)), 1.0)
+        return self.prior * np.outer(weight, weight)
 
     def vector(self, shape: FittedShape) -> np.ndarray:
         """(s,) the coefficients in question, then the offsets."""
         return np.append(shape.coefficients[: self.free.coefficients], shape.offset_m[: self.free.offsets])
-
-    def deviation(self, shape: FittedShape) -> np.ndarray:
-        """(s,) how far a shape is from the most likely one."""
-        return self.vector(shape) - self.vector(self.shape)
 
     def moved(self, shape: FittedShape, change: np.ndarray) -> FittedShape:
         """A shape after a change (s,); clothes stay between nothing and ``THICKEST_M``."""
@@ -67,9 +87,13 @@ class ShapeBelief:
         offset_m[: len(CLOTHES)] = np.clip(offset_m[: len(CLOTHES)], 0.0, THICKEST_M)
         return FittedShape(coefficients, offset_m)
 
+    def having_seen(self, shape: FittedShape, information: np.ndarray, pull: np.ndarray) -> ShapeBelief:
+        """The belief in a shape after more was seen: information (s, s), and that times where it is met best."""
+        return replace(self, shape=shape, seen=self.seen + information, pull=self.pull + pull)
+
     def cost(self, shape: FittedShape) -> float:
         """How unlikely a shape is, in units of one observation."""
-        away = self.deviation(shape)
+        away = self.vector(shape) - self.vector(self.shape)
         return float(away @ self.information @ away)
 
     def variance(self, rows: np.ndarray) -> np.ndarray:
@@ -79,22 +103,29 @@ class ShapeBelief:
         return np.asarray(((rows @ covariance) * rows).sum(axis=1))
 
     def common(self, asset: BodyAsset) -> ShapeBelief:
-        """The belief in the asset's statistical components and the clothes alone."""
+        """The belief in the asset's statistical components and the clothes alone, as a prior."""
         free = FreeShape(asset.common_count, len(CLOTHES))
         kept = np.r_[: free.coefficients, self.free.coefficients : self.free.coefficients + free.offsets]
-        return ShapeBelief(self.shape, np.linalg.inv(np.linalg.inv(self.information)[np.ix_(kept, kept)]), free)
+        information = np.linalg.inv(np.linalg.inv(self.information)[np.ix_(kept, kept)])
+        return _only_prior(self.shape, free, self.vector(self.shape)[kept], information)
 
     def standing(self, asset: BodyAsset, height_m: float, sigma_m: float) -> ShapeBelief:
-        """The belief after the patient's standing height was measured (a Kalman update, linearised at each step)."""
-        shape, information = self.shape, self.information
+        """The belief after the patient's standing height was measured, linearised at the shape that has it."""
+        belief = self
         for _ in range(_HEIGHT_STEPS):
+            shape = belief.shape
             own_m, row = standing_height(asset, shape)
             row = np.append(row[: self.free.coefficients], np.zeros(self.free.offsets)) / sigma_m
-            miss = (height_m - own_m) / sigma_m + row @ self.deviation(shape)
-            information = self.information + np.outer(row, row)
-            change = np.linalg.solve(information, row * miss) - self.deviation(shape)
-            shape = self.moved(shape, change)
-        return ShapeBelief(shape, information, self.free)
+            target = (height_m - own_m) / sigma_m + row @ self.vector(shape)
+            belief = self.having_seen(shape, np.outer(row, row), row * target)
+            hessian, gradient = belief.equations(shape)
+            belief = replace(belief, shape=self.moved(shape, -np.linalg.solve(hessian, gradient)))
+        return belief
+
+
+def _only_prior(shape: FittedShape, free: FreeShape, mean: np.ndarray, information: np.ndarray) -> ShapeBelief:
+    nothing = np.zeros_like(information)
+    return ShapeBelief(shape, free, mean, information, np.zeros(len(mean), bool), nothing, nothing[0])
 
 
 def adult_belief(asset: BodyAsset) -> ShapeBelief:
@@ -103,7 +134,8 @@ def adult_belief(asset: BodyAsset) -> ShapeBelief:
     free = FreeShape(asset.shape_count, OFFSETS)
     offset_sigma_m = np.r_[np.full(len(CLOTHES), CLOTHING_SIGMA_M), np.full(PATCHES, PATCH_SIGMA_M)]
     information = block_diag(np.linalg.inv(_correlations(asset)), np.diag(1.0 / offset_sigma_m**2))
-    return ShapeBelief(mean, information, free)
+    belief = _only_prior(mean, free, np.append(mean.coefficients, mean.offset_m), information)
+    return replace(belief, soft=np.arange(len(information)) >= asset.common_count)
 
 
 def _correlations(asset: BodyAsset) -> np.ndarray:

@@ -22,7 +22,6 @@ NEAR_M, FAR_M = 0.35, 0.50  # each other and far apart: arms carry less, the thi
 
 ONE_BODY_M: Final = 0.47  # axes of one body's columns are at most so far apart: two thighs, two raised arms
 GAP_M: Final = 0.5  # in the heights of a person's surface: a table hides less of it
-HAND_M2: Final = 0.005  # half a hand, as large as a separate piece of a person must be; specks of floor are smaller
 LONG_CONTACT_M: Final = 0.50  # most of a trunk: of two people who stand half behind each other 0.4 m meet by chance
 
 
@@ -90,7 +89,7 @@ def find_people(
     Each person is a column of mass over the ground (Y is up). Columns whose surface goes on from one to the other
     without a crease are one person, whose arms are raised, or of whom something hides the middle, unless ``group``
     says which person each column belongs to. A connected piece that covers one column belongs to that person, one that
-    covers several is divided by the nearest axis, one that covers none and is as large as a hand goes to the nearest
+    covers several is divided by the nearest axis, one that covers none goes to the nearest
     person within reach.
     faint: columns as small as ``FAINT`` count too; they come after the others.
     """
@@ -218,7 +217,7 @@ def _saddle(mass: np.ndarray, start: np.ndarray, end: np.ndarray) -> float:
 
 
 def _owners(pixels: Pieces, people: Sequence[Person], config: IsolationConfig) -> np.ndarray:
-    """(n,) int32 person of each foreground pixel of one camera, -1 = nobody: out of reach of the axis, or a speck."""
+    """(n,) int32 person of each foreground pixel of one camera, -1 = nobody: out of reach of the axis."""
     if not people or not len(pixels.row):
         return np.full(len(pixels.row), -1, dtype=np.int32)
     axes = np.array([person.ground_xz_m for person in people], dtype=np.float32)
@@ -234,7 +233,6 @@ def _owners(pixels: Pieces, people: Sequence[Person], config: IsolationConfig) -
     covers = covered > PERSON_AREA_M2 / 4
     only = np.where(covers.sum(axis=1) == 1, covers.argmax(axis=1), -1)[pixels.piece]
     owner = np.where(only >= 0, only, nearest)
-    speck = ~covers.any(axis=1) & (np.bincount(pixels.piece, pixels.area_m2, pixels.piece_count + 1) < HAND_M2)
     every = np.arange(len(owner))
     away_m = np.hypot(distance[every, owner], beyond_m[every, owner])
-    return np.where((away_m > config.reach_m) | speck[pixels.piece], -1, owner).astype(np.int32)
+    return np.where(away_m > config.reach_m, -1, owner).astype(np.int32)

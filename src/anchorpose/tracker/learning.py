@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from anchorpose.body.learning import REACHES_M, REFINING_M, learn_body, most_different
@@ -52,7 +52,7 @@ def learn_patient(run: Run, frames: Iterable[FrameSet]) -> LearntPatient | None:
         if room.review.why_unusable(estimate.frame_set.frame) is not None:
             continue
         if not learning.own_shape:
-            fixed = ShapeBelief(estimate.shape, known.information, known.free)
+            fixed = replace(known, shape=estimate.shape)
             return LearntPatient(fixed, fixed, 0.0)
         began_s = time_s if began_s is None else began_s
         if kept and _apart_s(kept[0], estimate) > learning.window_s:
