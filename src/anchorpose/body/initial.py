@@ -68,21 +68,25 @@ class FirstPose:
     """The best of several starts; cost is per constraint, comparable between frames."""
 
     pose: Pose
-    shape: FittedShape
+    belief: ShapeBelief
     start: str
     cost: float
+
+    @property
+    def shape(self) -> FittedShape:
+        """The body that was fitted."""
+        return self.belief.shape
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FirstShape:
     """What is known of the shape before the first pose.
 
-    tried: the patient's learnt shape, or guesses (``shape_of_height``) that may still change where ``may_change``,
-    within what is ``known`` of it.
+    tried: the patient's learnt shape, or guesses that may still change where ``may_change``, each with what is known of
+    it beforehand: of an adult, or of a child.
     """
 
-    tried: Sequence[FittedShape]
-    known: ShapeBelief
+    tried: Sequence[ShapeBelief]
     may_change: bool
 
 
@@ -102,13 +106,16 @@ def find_first_pose(
     """
     trial = replace(config, node_count=min(config.node_count, _TRIAL_NODES))
     starts = [
-        _settle(start, evidence, held, shape, _ANNEALING_M[:_TRIAL_STEPS], trial)
+        _settle(start, evidence, held, shape.may_change, _ANNEALING_M[:_TRIAL_STEPS], trial)
         for start, held in _starts(evidence, anchors, shape, headings, seen)
     ]
     ranked = sorted(starts, key=lambda first: first.cost)
     own = [first for first in ranked if first.start == _OWN]
     best = [first for first in ranked if first.start != _OWN][:_FINALISTS] + own[:1]  # a place each: none displaces one
-    found = [_settle(first, evidence, no_constraints(), shape, _ANNEALING_M[_TRIAL_STEPS:], config) for first in best]
+    found = [
+        _settle(first, evidence, no_constraints(), shape.may_change, _ANNEALING_M[_TRIAL_STEPS:], config)
+        for first in best
+    ]
     return min(found, key=lambda first: first.cost)
 
 
@@ -121,12 +128,12 @@ def _starts(
     for tried in shape.tried:
         for heading in headings:
             for name, turns in _STARTS.items():
-                start = _placed(tried, _start(points.asset, heading, turns), evidence.surface)
+                start = _placed(tried.shape, _start(points.asset, heading, turns), evidence.surface)
                 named = len(rows) > 0 and heading == 0.0  # left and right hand are told apart as of who faces X
                 for held in (rows, no_constraints()) if named else (no_constraints(),):
                     yield FirstPose(start, tried, name, np.inf), held
         if seen is not None:
-            for start in poses_of_own_surface(build_body(points, tried), seen):
+            for start in poses_of_own_surface(build_body(points, tried.shape), seen):
                 yield FirstPose(start, tried, _OWN, np.inf), no_constraints()
 
 
@@ -134,7 +141,7 @@ def _settle(
     first: FirstPose,
     evidence: Evidence,
     held: Constraints,
-    known: FirstShape,
+    may_change: bool,
     reaches_m: Sequence[float],
     config: RegistrationConfig,
 ) -> FirstPose:
@@ -145,15 +152,15 @@ def _settle(
         pose = damped_step(body, pose, held, None, rows_per_observation)
     for reach_m in reaches_m:
         rows = join([evidence_rows(body, pose, evidence, reach_m, config), held])
-        if known.may_change and reach_m <= _RIGID_SHAPE_REACH_M:
+        if may_change and reach_m <= _RIGID_SHAPE_REACH_M:
             frame = ShapeFrame(pose, rows)
-            learned, (pose,) = learn_shape_step(body.points, shape, [frame], known.known, rows_per_observation)
+            learned, (pose,) = learn_shape_step(body.points, shape, [frame], first.belief, rows_per_observation)
             shape = learned.shape
             body = build_body(body.points, shape)
         else:
             pose = damped_step(body, pose, rows, None, rows_per_observation)
-    cost = evidence_cost(body, pose, evidence, reaches_m[-1], config) + known.known.cost(shape)
-    return FirstPose(pose, shape, first.start, cost)
+    cost = evidence_cost(body, pose, evidence, reaches_m[-1], config) + first.belief.cost(shape)
+    return FirstPose(pose, replace(first.belief, shape=shape), first.start, cost)
 
 
 def _placed(shape: FittedShape, pose: Pose, surface: Surface) -> Pose:

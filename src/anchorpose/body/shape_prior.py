@@ -92,9 +92,13 @@ class ShapeBelief:
         return replace(self, shape=shape, seen=self.seen + information, pull=self.pull + pull)
 
     def cost(self, shape: FittedShape) -> float:
-        """How unlikely a shape is, in units of one observation."""
-        away = self.vector(shape) - self.vector(self.shape)
-        return float(away @ self.information @ away)
+        """How unlikely a shape is by the prior, in units of one observation."""
+        away = self.vector(shape) - self.mean
+        return float(away @ self._prior_at(shape) @ away)
+
+    def deviations(self, shape: FittedShape) -> np.ndarray:
+        """(s,) how many standard deviations of the prior each parameter of a shape is from its mean."""
+        return np.abs(self.vector(shape) - self.mean) / np.sqrt(np.diag(np.linalg.inv(self.prior)))
 
     def variance(self, rows: np.ndarray) -> np.ndarray:
         """(m,) variances of quantities that change with the coefficients by rows (m, n), all of which are free."""
@@ -129,18 +133,31 @@ def _only_prior(shape: FittedShape, free: FreeShape, mean: np.ndarray, informati
 
 
 def adult_belief(asset: BodyAsset) -> ShapeBelief:
-    """What is known of an adult before anything is seen; every coefficient has a standard deviation of one."""
-    mean = FittedShape(np.zeros(asset.shape_count), even_clothes(CLOTHING_MEAN_M))
+    """What is known of an adult before anything is seen."""
+    return _belief(asset, np.zeros(asset.common_count), np.diag(asset.adult_sigma**2))
+
+
+def child_belief(asset: BodyAsset) -> ShapeBelief:
+    """What is known of a child of 0.95 to 1.60 m before anything is seen."""
+    return _belief(asset, asset.child_mean, asset.child_covariance)
+
+
+def _belief(asset: BodyAsset, common: np.ndarray, covariance: np.ndarray) -> ShapeBelief:
+    """Statistical coefficients (c,), (c, c) of a group of people; what is a person's own has a deviation of one."""
+    coefficients = np.append(common, np.zeros(len(asset.own_names)))
+    mean = FittedShape(coefficients, even_clothes(CLOTHING_MEAN_M))
     free = FreeShape(asset.shape_count, OFFSETS)
     offset_sigma_m = np.r_[np.full(len(CLOTHES), CLOTHING_SIGMA_M), np.full(PATCHES, PATCH_SIGMA_M)]
-    information = block_diag(np.linalg.inv(_correlations(asset)), np.diag(1.0 / offset_sigma_m**2))
+    information = block_diag(
+        np.linalg.inv(covariance), np.linalg.inv(_correlations(asset)), np.diag(1.0 / offset_sigma_m**2)
+    )
     belief = _only_prior(mean, free, np.append(mean.coefficients, mean.offset_m), information)
     return replace(belief, soft=np.arange(len(information)) >= asset.common_count)
 
 
 def _correlations(asset: BodyAsset) -> np.ndarray:
-    """(k, k) of the coefficients: the statistical components are independent, segments of one person are not."""
-    found = np.eye(asset.shape_count)
+    """(k, k) of the person's own coefficients."""
+    found = np.eye(len(asset.own_names))
     sizes = tuple(name for name in END_SIGMA if name != "head")
     for kind, segments, alike in (
         ("length", tuple(LENGTH_SIGMA), _ALIKE_LENGTHS),
@@ -148,7 +165,7 @@ def _correlations(asset: BodyAsset) -> np.ndarray:
         ("size", sizes, np.eye(len(sizes))),
     ):
         names = [f"{segment}_{kind}_{side}" for side in SIDES for segment in segments]
-        rows = [asset.common_count + asset.own_names.index(name) for name in names]
+        rows = [asset.own_names.index(name) for name in names]
         sides = np.array([[1.0, _ALIKE_SIDES[kind]], [_ALIKE_SIDES[kind], 1.0]])
         found[np.ix_(rows, rows)] = np.kron(sides, alike)
     return found

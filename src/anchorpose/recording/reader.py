@@ -16,6 +16,7 @@ from anchorpose.recording.equipment_file import equipment_files, read_equipment
 from anchorpose.recording.pairing import pair_frames
 from anchorpose.recording.recording import DepthStream, FrameSet, Recording
 from anchorpose.recording.recording_file import RecordingDocument
+from anchorpose.recording.subject import UNKNOWN
 from anchorpose.recording.timestamps import find_duplicates, read_timestamps, times_from_rate
 
 
@@ -44,7 +45,7 @@ def open_recording(folder: Path) -> Recording:
         streams=streams,
         backgrounds_m=tuple(_read_background(folder, camera) for camera in cameras),
         equipment=read_equipment(folder / document.equipment) if document.equipment else None,
-        subject_height_m=document.subject.height_m if document.subject else None,
+        subject=document.subject.subject() if document.subject else UNKNOWN,
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from anchorpose.camera import Camera
 from anchorpose.recording.equipment import EquipmentModel
+from anchorpose.recording.subject import UNKNOWN, Subject
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,7 +34,7 @@ class Recording:
     streams: tuple[DepthStream, ...]  # one per camera
     backgrounds_m: tuple[np.ndarray | None, ...]  # one per camera: (height, width) float32, 0 = no reading
     equipment: EquipmentModel | None
-    subject_height_m: float | None
+    subject: Subject = UNKNOWN  # what is stated about the patient
 
     @property
     def rate_hz(self) -> float:

@@ -24,6 +24,7 @@ from anchorpose.recording.document import (
     require_rigid,
 )
 from anchorpose.recording.recording import Recording
+from anchorpose.recording.subject import CoveredPart, MissingPart, Subject
 from anchorpose.settings import Unfit, shown
 
 FARTHEST_CAMERA_M: Final = 100.0
@@ -33,6 +34,7 @@ COARSEST_DEPTH_SCALE_M: Final = 0.1
 """A step of 10 cm resolves no limb; a larger scale means that the unit was mistaken."""
 
 SHORTEST_SUBJECT_M, TALLEST_SUBJECT_M = 0.4, 2.8
+OLDEST_YEARS: Final = 120.0
 
 SAME_HEIGHT_M: Final = 0.03  # shoes and the time of day; more is another person, or a mistake
 
@@ -59,6 +61,8 @@ Rate = Annotated[float, Field(gt=0, le=1000, description="depth images per secon
 Height = Annotated[
     float, Field(gt=SHORTEST_SUBJECT_M, le=TALLEST_SUBJECT_M, description="the patient's height in metres")
 ]
+Age = Annotated[float, Field(ge=0, le=OLDEST_YEARS, description="the patient's age in years")]
+BirthYear = Annotated[Whole, Field(ge=1900, le=2100, description="the year the patient was born in")]
 CameraPose = Annotated[
     np.ndarray,
     numbers(4, 4, meaning="four rows of four numbers, or null where the pose is unknown"),
@@ -120,6 +124,15 @@ class SubjectEntry(Entry):
     """What is known of the patient."""
 
     height_m: Height | None = None
+    age_years: Age | None = None
+    birth_year: BirthYear | None = None
+    sex: Literal["female", "male"] | None = None
+    missing: tuple[MissingPart, ...] = ()
+    covered: tuple[CoveredPart, ...] = ()
+
+    def subject(self) -> Subject:
+        """The patient who is described."""
+        return Subject(**self.model_dump())
 
 
 class RecordingDocument(Entry):
@@ -172,7 +185,7 @@ def with_height(recording: Recording, height_m: float | None) -> Recording:
 
     Raises InputError where the two contradict each other: nobody can know which one is wrong.
     """
-    own_m = recording.subject_height_m
+    own_m = recording.subject.height_m
     if height_m is None:
         return recording
     if own_m is not None and abs(own_m - height_m) > SAME_HEIGHT_M:
@@ -181,7 +194,7 @@ def with_height(recording: Recording, height_m: float | None) -> Recording:
             f"says that the patient is {own_m:.2f} m tall, and the given height is {height_m:.2f} m",
             "measure again, and correct the one or leave the other out",
         )
-    return replace(recording, subject_height_m=height_m)
+    return replace(recording, subject=replace(recording.subject, height_m=height_m))
 
 
 CALIBRATION_FORMAT: Final = "camera-calibration"

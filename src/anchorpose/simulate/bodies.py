@@ -10,9 +10,10 @@ import numpy as np
 from anchorpose.body.kinematics import BodyMesh
 from anchorpose.settings import settings
 
-Build = Literal["ordinary", "varied", "wasted-legs", "heavy"]
+Build = Literal["ordinary", "varied", "wasted-legs", "heavy", "child"]
 """ordinary: of the body asset. varied: every segment by itself. wasted-legs: the same, with thin legs under a strong
-upper body, as after years of paralysis. heavy: the same with a belly, and more on all limbs."""
+upper body, as after years of paralysis. heavy: the same with a belly, and more on all limbs. child: of 1.0 to
+1.5 m, every segment by itself."""
 BUILDS: Final[tuple[Build, ...]] = get_args(Build)
 BraceName = Literal["left shank", "right shank", "left thigh", "right thigh", "trunk"]
 

@@ -83,7 +83,7 @@ class SimulationConfig:
     curtain_s: tuple[float, float] | None = None  # from when to when a curtain hides the patient from all cameras
     hole_radius_m: float = 0.0  # 0: no holes
     hole_share: Share = 0.5  # of the frames
-    height_m: Annotated[float, Field(ge=1.45, le=2.0)] | None = None  # within the shape space; None: 1.5 to 1.9, drawn
+    height_m: Annotated[float, Field(ge=1.0, le=2.0)] | None = None  # None: drawn, adults from 1.5 to 1.9
     body: OtherBody = OtherBody()  # of the patient; as it stands: drawn from the body asset
     pose_known: bool = True  # False: camera_to_world is null
     clock_late_s: tuple[float, ...] = ()  # one per camera: how much later than its stamps say it looked
@@ -131,6 +131,8 @@ def _check_equipment(config: SimulationConfig) -> None:
     _require(
         not (name in STEPPING and in_the_way), f"{name} needs room: choose none, sling or parallel-bars without pad"
     )
+    shortest_m = 1.0 if config.body.build == "child" else 1.45
+    _require(config.height_m is None or config.height_m >= shortest_m, f"an adult is at least {shortest_m} m tall")
     _require(len(config.therapist_tasks) <= config.therapists, "therapist_tasks needs a therapist for each task")
     _require(
         config.hole_radius_m == 0 or SMALLEST_HOLE_M <= config.hole_radius_m <= LARGEST_HOLE_M,

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numba as nb
 import numpy as np
 
-from anchorpose.body.asset import BodyAsset, stored_asset
+from anchorpose.body.asset import ADULT_COMPONENTS, BodyAsset, stored_asset
 from anchorpose.body.kinematics import BodyMesh, shape_body
 from anchorpose.rotations import unit
 from anchorpose.simulate.bodies import (
@@ -32,6 +32,8 @@ SHORTEST_M, TALLEST_M = 1.5, 1.9
 COEFFICIENT_SPREAD = 0.8  # of the shape space's standard deviations; below 1, for all sixteen vary at once
 BUMPS = 14
 FOLDS = 7
+CHILD_HEIGHTS_M = (1.0, 1.5)
+CHILD_SPREAD = 0.9  # of the asset's covariance of children
 LOOSE_SHIRT, LOOSE_TROUSERS = (0.4, 1.2), (0.5, 2.0)  # times the drawn height of folds
 BARE = ("Head", "Neck1", "Hand", "Thumb", "Finger", "Foot", "Toe")  # parts of the names of undressed bones
 
@@ -88,7 +90,8 @@ def draw_person(rng: np.random.Generator, clothing_m: float, height_m: float | N
     """A random adult of the given height (drawn where None), with every shape coefficient in use."""
     asset = stored_asset()
     height_m = float(rng.uniform(SHORTEST_M, TALLEST_M)) if height_m is None else height_m
-    coefficients = rng.normal(0.0, COEFFICIENT_SPREAD, asset.shape_count).clip(-1.8, 1.8)
+    coefficients = np.zeros(asset.shape_count)
+    coefficients[:ADULT_COMPONENTS] = rng.normal(0.0, COEFFICIENT_SPREAD, ADULT_COMPONENTS).clip(-1.8, 1.8)
     coefficients[0] = 0.0
     coefficients[0] = (height_m - _stature_m(asset, coefficients)) / _stature_gain_m(asset)
     plain = shape_body(asset, coefficients)
@@ -97,6 +100,18 @@ def draw_person(rng: np.random.Generator, clothing_m: float, height_m: float | N
     drop = np.array([0.0, bumpy[:, 1].min(), 0.0])
     body = BodyMesh(asset, bumpy - drop, plain.bone_heads - drop, plain.bone_tails - drop)
     return Person(body, coefficients, height_m, _draw_clothes(rng, asset, clothing_m), normals)
+
+
+def draw_child(rng: np.random.Generator, clothing_m: float, height_m: float | None = None) -> Person:
+    """A random child of the given height (drawn where None); the asset's children, with less spread."""
+    asset = stored_asset()
+    height_m = float(rng.uniform(*CHILD_HEIGHTS_M)) if height_m is None else height_m
+    drawn = rng.multivariate_normal(asset.child_mean, CHILD_SPREAD**2 * asset.child_covariance, 200)
+    heights_m = np.array([_stature_m(asset, coefficients) for coefficients in drawn])
+    coefficients = drawn[np.abs(heights_m - height_m).argmin()]
+    plain = to_height(shape_body(asset, coefficients), height_m)
+    normals = vertex_normals(plain.vertices, asset.faces)
+    return Person(plain, coefficients, height_m, _draw_clothes(rng, asset, clothing_m), normals)
 
 
 def draw_patient_person(rng: np.random.Generator, config: SimulationConfig) -> Person:
@@ -110,7 +125,7 @@ def draw_other_person(
     rng: np.random.Generator, config: OtherBody, clothing_m: float, height_m: float | None = None
 ) -> Person:
     """A random person whose body is not of the asset's shape space, in trousers of other cloth than the shirt."""
-    plain = draw_person(rng, clothing_m, height_m)
+    plain = draw_child(rng, clothing_m, height_m) if config.build == "child" else draw_person(rng, clothing_m, height_m)
     scales = draw_scales(rng, plain.body.asset.bone_names, config.build)
     body = to_height(rescale(plain.body, scales), plain.height_m)
     normals, asset = vertex_normals(body.vertices, body.asset.faces), body.asset

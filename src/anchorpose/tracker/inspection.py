@@ -23,10 +23,10 @@ from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.passes import Route, learn_on, plan_route
 from anchorpose.tracker.patient import PatientTracker
 from anchorpose.tracker.preparation import prepare_room
+from anchorpose.tracker.prior_shape import ORDINARY_HEIGHT_M, ordinary_height_m
 from anchorpose.tracker.room import InitialFrame, Room
 from anchorpose.tracker.run import Run
 from anchorpose.tracker.sighting import sight_people
-from anchorpose.tracker.start import ORDINARY_HEIGHT_M
 from anchorpose.tracking.motion_file import load_motions
 
 MOST_FOLLOWED = 60  # frames, half a minute of work, from the recording's initial frame; farther away one nearby is used
@@ -129,7 +129,7 @@ def inspect_frame(
         return Inspection(
             room, frame_set, reached.estimate.observation, reached.estimate, reached.next, reached.height_m, account
         )
-    height_m = recording.subject_height_m or ORDINARY_HEIGHT_M
+    height_m = ordinary_height_m(recording)
     here = _choose(route, [position], room, config)
     choice = here[0].choice if here else room.initial_frame.choice
     seen = observe_first(frame_set, choice, height_m, run)

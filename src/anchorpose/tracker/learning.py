@@ -12,8 +12,9 @@ from anchorpose.body.skin_points import FittedShape, body_points
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import follow_openly
+from anchorpose.tracker.prior_shape import known_beliefs, likeliest
 from anchorpose.tracker.run import Run
-from anchorpose.tracker.start import LEAST_EXPLAINED, known_shape
+from anchorpose.tracker.start import LEAST_EXPLAINED
 
 CANDIDATES: Final = 2  # times as many frames are kept of a window as it is learnt from: those with different poses are
 
@@ -38,7 +39,7 @@ def learn_patient(run: Run, frames: Iterable[FrameSet]) -> LearntPatient | None:
     The first window begins with the first frame in which the patient is found. Tracking goes on with what was learnt so
     far, and each window's frames add what they show. Only the frames of one window are kept.
     """
-    room, learning, known = run.room, run.config.learning, known_shape(run.room.recording, run.config)
+    room, learning, beliefs = run.room, run.config.learning, known_beliefs(run.room.recording, run.config)
     interval_s = learning.window_s / learning.frame_count / CANDIDATES
     learnt: LearntPatient | None = None
     kept, began_s = list[Estimate](), None
@@ -52,16 +53,16 @@ def learn_patient(run: Run, frames: Iterable[FrameSet]) -> LearntPatient | None:
         if room.review.why_unusable(estimate.frame_set.frame) is not None:
             continue
         if not learning.own_shape:
-            fixed = replace(known, shape=estimate.shape)
+            fixed = replace(likeliest(beliefs, estimate.shape), shape=estimate.shape)
             return LearntPatient(fixed, fixed, 0.0)
         began_s = time_s if began_s is None else began_s
         if kept and _apart_s(kept[0], estimate) > learning.window_s:
-            learnt, kept = _learn_more(learnt, known, began_s, kept, run), []
+            learnt, kept = _learn_more(learnt, beliefs, began_s, kept, run), []
             if tracker is not None:
                 tracker.use_shape(learnt.shape)
         if not kept or _apart_s(kept[-1], estimate) >= interval_s - 1e-6:
             kept.append(estimate)
-    return learnt if began_s is None or not kept else _learn_more(learnt, known, began_s, kept, run)
+    return learnt if began_s is None or not kept else _learn_more(learnt, beliefs, began_s, kept, run)
 
 
 def _apart_s(one: Estimate, other: Estimate) -> float:
@@ -70,20 +71,21 @@ def _apart_s(one: Estimate, other: Estimate) -> float:
 
 
 def _learn_more(
-    learnt: LearntPatient | None, known: ShapeBelief, began_s: float, kept: Sequence[Estimate], run: Run
+    learnt: LearntPatient | None, beliefs: Sequence[ShapeBelief], began_s: float, kept: Sequence[Estimate], run: Run
 ) -> LearntPatient:
     """What is known after one more window."""
     last_s = kept[-1].frame_set.time_s
     count = run.config.learning.frame_count if learnt is None else run.config.learning.frame_count // 2
     poses = [estimate.belief.pose for estimate in kept if estimate.belief]
     with run.stage("body shape"):
+        shape = next(estimate.shape for estimate in kept if estimate.shape)
         kept = [kept[place] for place in most_different(body_points(), poses, count)]
         belief = learn_body(
             body_points(),
-            next(estimate.shape for estimate in kept if estimate.shape),
+            shape,
             [estimate.belief.pose for estimate in kept if estimate.belief],
             [estimate.observation.evidence for estimate in kept if estimate.observation],
-            known if learnt is None else learnt.belief,
+            likeliest(beliefs, shape) if learnt is None else learnt.belief,
             run.config.registration,
             REACHES_M if learnt is None else REFINING_M,
         ).belief

@@ -12,9 +12,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.body.constraints import thin
-from anchorpose.body.initial import FirstShape, find_first_pose
-from anchorpose.body.shape_prior import shape_of_height
-from anchorpose.body.skin_points import body_points
+from anchorpose.body.initial import find_first_pose
 from anchorpose.calibration.calibration import Calibration, PoseRecord, PoseSource
 from anchorpose.calibration.clocks import Clocks, clocks_of_results, settle_clocks
 from anchorpose.calibration.world import find_world
@@ -31,11 +29,11 @@ from anchorpose.tracker.initial_frame import ranked_by_view, with_best_initial_f
 from anchorpose.tracker.isolating import observe_first
 from anchorpose.tracker.look import Look, look_around
 from anchorpose.tracker.patient_choice import GIVEN_M, named_patient
+from anchorpose.tracker.prior_shape import ordinary_height_m, shapes_to_try
 from anchorpose.tracker.resting_objects import with_resting_objects
 from anchorpose.tracker.room import NO_REVIEW, InitialFrame, Review, Room
 from anchorpose.tracker.run import Run
 from anchorpose.tracker.sighting import sight_people
-from anchorpose.tracker.start import ORDINARY_HEIGHT_M, first_heights, known_shape
 
 BLIND_SAMPLES = 3  # times as many where the empty room has to be put together from moments in which it is free
 AROUND: Final = 6  # frames before and after the one in which the user named the patient: half a step each
@@ -273,12 +271,10 @@ def _costs(
     room: Room, frame_set: FrameSet, look: InitialFrame, headings: Sequence[np.ndarray], config: TrackConfig
 ) -> list[float] | None:
     """Cost of the best body facing each way in one frame; None where too little of the patient is seen."""
-    height_m = room.recording.subject_height_m or ORDINARY_HEIGHT_M
-    seen = observe_first(frame_set, look.choice, height_m, Run(room, config))
+    seen = observe_first(frame_set, look.choice, ordinary_height_m(room.recording), Run(room, config))
     if len(seen.surface) < config.registration.least_nodes:
         return None
-    shapes = [shape_of_height(body_points().asset, height) for height in first_heights(seen.surface, room)]
-    shape = FirstShape(shapes, known_shape(room.recording, config).common(body_points().asset), may_change=True)
+    shape = replace(shapes_to_try(seen.surface, room, config), may_change=True)
     angles = [(float(np.arctan2(-heading[2], heading[0])),) for heading in headings]
     # anchors are named by a heading, so they are left out
     return [find_first_pose(seen.evidence, no_anchors(), shape, config.registration, angle).cost for angle in angles]

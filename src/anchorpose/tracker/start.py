@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -14,19 +13,17 @@ from anchorpose.body.initial import FirstPose, FirstShape, find_first_pose, like
 from anchorpose.body.limb_search import rarity
 from anchorpose.body.pose import LIMB_OF_BONES, TRUNK
 from anchorpose.body.registration import posterior
-from anchorpose.body.shape_prior import ShapeBelief, adult_belief, shape_of_height, standing_height
 from anchorpose.body.skin_points import FittedShape, PosedPoints, body_points, build_body, pose_points
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.recording.recording import FrameSet, Recording
+from anchorpose.recording.recording import FrameSet
 from anchorpose.rotations import unit
-from anchorpose.surface.surface import Surface
 from anchorpose.tracker.bystanders import MOST_TRUNK_PAST
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.isolating import observe_first
 from anchorpose.tracker.observation import Observation
-from anchorpose.tracker.room import Room
+from anchorpose.tracker.prior_shape import is_human, known_beliefs, likeliest, ordinary_height_m, shapes_to_try
 from anchorpose.tracker.run import Run
 
 SEEN = 0.3  # of the skin of a forearm or shank: half of it faces a camera
@@ -36,15 +33,9 @@ HEADINGS = 2  # that are tried: rough bodies mistake a back for a front in one o
 LEAST_TRUNK = 0.05  # of the skin of trunk and head: a face, or what is seen of a chest between others
 MOST_DEVIATIONS = 3.0  # of a statistical component: one adult in a thousand
 LEAST_EXPLAINED = 0.55  # share of the surface that a first pose must account for
-ADULT_HEIGHTS_M = (1.45, 2.0)
 HANGS_M = 0.35  # above the floor: who sits on a high bed, or stands on a treadmill, has the feet lower
 UPRIGHT = 0.7  # cosine between trunk and the vertical: who lies has no feet near the floor
-HUMAN_M = (1.35, 2.15)  # one adult in a thousand is shorter or taller, with the error of one frame
 _ENDS = ("LeftForeArm", "RightForeArm", "LeftLeg", "RightLeg")
-CUT_OFF = 1.08  # feet cut off by the image border or lost on the floor are a twelfth of the height
-SEATED_BELOW_M = 1.35  # a person seen no taller sits or is half hidden: then the extent says nothing about the height
-ORDINARY_HEIGHT_M = 1.70  # of an adult whose height is not given
-ORDINARY_HEIGHTS_M = (1.60, 1.75)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,19 +64,18 @@ class NoStart(StrEnum):
 def find_start(frame_set: FrameSet, run: Run, choice: PatientChoice, known: FittedShape | None) -> Start | NoStart:
     """The patient in this frame, or why there is none. known: the learnt shape, if there is one already."""
     points, room, config = body_points(), run.room, run.config
-    height_m = room.recording.subject_height_m or ORDINARY_HEIGHT_M
-    observation = observe_first(frame_set, choice, height_m, run)
+    observation = observe_first(frame_set, choice, ordinary_height_m(room.recording), run)
     if len(observation.surface) < config.registration.least_nodes:
         return NoStart.TOO_LITTLE_SEEN
-    shapes = [known] if known else [shape_of_height(points.asset, h) for h in first_heights(observation.surface, room)]
-    shape = FirstShape(
-        shapes, known_shape(room.recording, config).common(points.asset), known is None and config.learning.own_shape
-    )
+    shape = shapes_to_try(observation.surface, room, config)
+    if known is not None:
+        belief = likeliest(known_beliefs(room.recording, config), known)
+        shape = FirstShape((replace(belief, shape=known),), may_change=False)
     with run.stage("first pose"):
         first = _first_pose(observation, shape, run)
-    if known is None and not (room.recording.subject_height_m or is_human(first.shape)):
+    if known is None and not (room.recording.subject.height_m or is_human(first.shape)):
         return NoStart.NOT_HUMAN
-    if known is None and np.abs(first.shape.coefficients[: points.asset.common_count]).max() >= MOST_DEVIATIONS:
+    if known is None and first.belief.deviations(first.shape)[: points.asset.common_count].max() >= MOST_DEVIATIONS:
         return NoStart.NOT_HUMAN
     body = build_body(points, first.shape)
     found = posterior(body, first.pose, vague_belief(first.pose), observation.evidence, config.registration)
@@ -125,17 +115,11 @@ def hangs(posed: PosedPoints, joints_m: np.ndarray, floor_m: float) -> bool:
     return bool(trunk[1] > UPRIGHT and posed.points_m[:, 1].min() > floor_m + HANGS_M)
 
 
-def is_human(shape: FittedShape) -> bool:
-    """Whether an adult may be as short or as tall: the model cannot be fitted to a child, or to half a person."""
-    shortest, tallest = HUMAN_M
-    return shortest < standing_height(body_points().asset, shape)[0] < tallest
-
-
 def _headings(seen: Observation, shape: FirstShape, run: Run) -> tuple[float, ...]:
     """Which way the patient may face: along X in the equipment, elsewhere as rough bodies find it."""
     if run.room.recording.equipment is not None:
         return (0.0,)
-    body = build_body(body_points(), shape.tried[0])
+    body = build_body(body_points(), shape.tried[0].shape)
     return likely_headings(body, seen.evidence, run.config.registration, HEADINGS)
 
 
@@ -166,22 +150,3 @@ def turn_round(estimate: Estimate, config: TrackConfig) -> Start | None:
     body = build_body(points, shape)
     found = posterior(body, belief.pose, vague_belief(belief.pose), seen.evidence, config.registration)
     return Start(seen, shape, found.belief, found.explained)
-
-
-def known_shape(recording: Recording, config: TrackConfig) -> ShapeBelief:
-    """What is known of the patient's shape beforehand: an adult, perhaps of a measured height."""
-    asset, height_m = body_points().asset, recording.subject_height_m
-    adult = adult_belief(asset)
-    return adult if height_m is None else adult.standing(asset, height_m, config.learning.height_sigma_m)
-
-
-def first_heights(surface: Surface, room: Room) -> Sequence[float]:
-    """Standing heights to try: the given one, else what is seen and a little more."""
-    if room.recording.subject_height_m is not None:
-        return (room.recording.subject_height_m,)
-    top, bottom = np.percentile(surface.points_m[:, 1], [99.9, 0.1])
-    floor = room.calibration.floor_height_m
-    extent = float(top - (bottom if floor is None else min(floor, bottom)))
-    if extent < SEATED_BELOW_M:
-        return ORDINARY_HEIGHTS_M
-    return tuple(float(np.clip(extent * factor, *ADULT_HEIGHTS_M)) for factor in (1.0, CUT_OFF))

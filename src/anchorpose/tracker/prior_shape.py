@@ -1,0 +1,97 @@
+"""What is known of the patient's shape beforehand, and the bodies that a first pose is tried with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from anchorpose.body.initial import FirstShape
+from anchorpose.body.shape_prior import ShapeBelief, adult_belief, child_belief, shape_of_height, standing_height
+from anchorpose.body.skin_points import FittedShape, body_points
+from anchorpose.body.stature import stature_m
+from anchorpose.recording.recording import Recording
+from anchorpose.surface.surface import Surface
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.room import Room
+
+ADULT_HEIGHTS_M = (1.45, 2.0)
+CHILD_HEIGHTS_M = (0.95, 1.55)
+HUMAN_M = (0.90, 2.15)  # one person in a thousand is shorter or taller, with the error of one frame
+CUT_OFF = 1.08  # feet cut off by the image border or lost on the floor are a twelfth of the height
+SEATED_BELOW_M = 1.35  # an adult seen no taller sits or is half hidden: then the extent says nothing about the height
+ORDINARY_HEIGHT_M = 1.70  # of an adult whose height is not given
+ORDINARY_HEIGHTS_M = (1.60, 1.75)
+TRIED_SIGMA_M = 0.01  # of a height that a body is tried with
+
+
+def ordinary_height_m(recording: Recording) -> float:
+    """The patient's height as given, else that of people of the given age and sex."""
+    subject = recording.subject
+    if subject.height_m is not None:
+        return subject.height_m
+    return ORDINARY_HEIGHT_M if subject.age_years is None else stature_m(subject.age_years, subject.sex)[0]
+
+
+def known_beliefs(recording: Recording, config: TrackConfig) -> tuple[ShapeBelief, ...]:
+    """What is known of the patient's shape: of an adult, of a child, or of either, the adult first.
+
+    A measured height is one more observation. Without one, height follows from age and sex where these are given.
+    """
+    asset, subject = body_points().asset, recording.subject
+    groups = {True: (adult_belief,), False: (child_belief,), None: (adult_belief, child_belief)}[subject.grown]
+    beliefs = tuple(group(asset) for group in groups)
+    if subject.height_m is not None:
+        return tuple(belief.standing(asset, subject.height_m, config.learning.height_sigma_m) for belief in beliefs)
+    if subject.grown is None or (subject.age_years is None and subject.sex is None):
+        return beliefs
+    return tuple(belief.standing(asset, *stature_m(subject.age_years, subject.sex)) for belief in beliefs)
+
+
+def likeliest(beliefs: Sequence[ShapeBelief], shape: FittedShape) -> ShapeBelief:
+    """The group of people that a shape most likely belongs to, by the statistical components."""
+    asset = body_points().asset
+    return min(beliefs, key=lambda belief: belief.common(asset).cost(shape))
+
+
+def shapes_to_try(surface: Surface, room: Room, config: TrackConfig) -> FirstShape:
+    """Bodies to begin with, of the heights that the surface may have."""
+    asset, subject = body_points().asset, room.recording.subject
+    beliefs = known_beliefs(room.recording, config)
+    tried = list[ShapeBelief]()
+    for belief in beliefs:
+        child = belief.mean[0] != 0.0
+        heights_m = _child_heights(surface, room) if child else adult_heights(surface, room)
+        for height_m in heights_m if subject.height_m is None else (subject.height_m,):
+            shape = belief.standing(asset, height_m, TRIED_SIGMA_M).shape if child else shape_of_height(asset, height_m)
+            tried.append(replace(belief.common(asset), shape=shape))
+    return FirstShape(tried, config.learning.own_shape)
+
+
+def adult_heights(surface: Surface, room: Room) -> Sequence[float]:
+    """Standing heights of adults to try: what is seen and a little more."""
+    extent = _extent_m(surface, room)
+    if extent < SEATED_BELOW_M:
+        return ORDINARY_HEIGHTS_M
+    return tuple(float(np.clip(extent * factor, *ADULT_HEIGHTS_M)) for factor in (1.0, CUT_OFF))
+
+
+def _child_heights(surface: Surface, room: Room) -> Sequence[float]:
+    """The same of children: none where an adult is seen, or where no child would be so small standing."""
+    extent, (shortest, tallest), subject = _extent_m(surface, room), CHILD_HEIGHTS_M, room.recording.subject
+    standing = tuple(extent * factor for factor in (1.0, CUT_OFF) if shortest <= extent * factor <= tallest)
+    return standing if standing or subject.age_years is None else (stature_m(subject.age_years, subject.sex)[0],)
+
+
+def _extent_m(surface: Surface, room: Room) -> float:
+    """From the top of what is seen to its bottom, or to the floor."""
+    top, bottom = np.percentile(surface.points_m[:, 1], [99.9, 0.1])
+    floor = room.calibration.floor_height_m
+    return float(top - (bottom if floor is None else min(floor, bottom)))
+
+
+def is_human(shape: FittedShape) -> bool:
+    """Whether a person may be as short or as tall: the model cannot be fitted to half a person."""
+    shortest, tallest = HUMAN_M
+    return shortest < standing_height(body_points().asset, shape)[0] < tallest
