@@ -11,6 +11,7 @@ from scipy.sparse.csgraph import dijkstra
 from anchorpose.body.skin_points import Body
 from anchorpose.surface.surface import BodyMap
 
+LEAST_EDGE_M: Final = 1e-6  # of a missing limb; a graph has no edge of length 0
 LANDMARKS: Final = 24  # one every 30 cm: enough to resolve the distances of an adult's skin points
 
 
@@ -23,7 +24,7 @@ def map_body(body: Body) -> BodyMap:
     points, vertices = body.points, body.mesh.vertices
     faces = points.asset.faces
     edges = np.unique(np.sort(np.concatenate([faces[:, :2], faces[:, 1:], faces[:, ::2]]), axis=1), axis=0)
-    length = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
+    length = np.maximum(np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1), LEAST_EDGE_M)
     mesh = csr_array((length, edges.T), shape=(len(vertices), len(vertices)))
     skin = vertices[points.vertex]
     pairs, via = _second_neighbours(_neighbours(mesh, edges, points.vertex), skin)

@@ -13,6 +13,7 @@ from numba import njit
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import Constraints, join, surface_constraints
 from anchorpose.body.fit import pose_equations
+from anchorpose.body.missing import missing_points
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, pose_points
 from anchorpose.body.visibility import Projection, pixels_of, projection_of
@@ -60,7 +61,7 @@ def evidence_rows(
     """Every node to the skin, skin that should be seen to the outline, limbs out of the trunk and above the floor."""
     posed = pose_points(body, pose)
     rows = [surface_constraints(posed, evidence.surface, evidence.cameras, reach_m, config)]
-    rows.append(separation_rows(body.points, posed))
+    rows.append(separation_rows(body, posed))
     if evidence.floor_m is not None:
         rows.append(floor_rows(posed, evidence.floor_m))
     for view, outline, camera in zip(evidence.views, evidence.outlines, evidence.cameras, strict=True):
@@ -196,9 +197,11 @@ def trunk_and_arms(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
     return trunk, arms
 
 
-def separation_rows(points: SkinPoints, posed: PosedPoints) -> Constraints:
+def separation_rows(body: Body, posed: PosedPoints) -> Constraints:
     """One row for each point of a forearm or hand that lies inside the trunk, towards the nearest skin of the trunk."""
-    trunk, arms = trunk_and_arms(points)
+    trunk, arms = trunk_and_arms(body.points)
+    if body.shape.missing:
+        arms = arms[~missing_points(body.points.asset, body.points.part[arms], body.shape.missing)]
     near, nearest = _nearest(posed.points_m, arms, trunk)
     limb, skin = arms[near], trunk[nearest]
     depth = ((posed.points_m[skin] - posed.points_m[limb]) * posed.normals[skin]).sum(axis=1)

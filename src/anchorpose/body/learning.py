@@ -15,6 +15,7 @@ from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import Constraints
 from anchorpose.body.evidence import Evidence, evidence_rows
 from anchorpose.body.fit import limited, pose_equations
+from anchorpose.body.missing import missing_joints
 from anchorpose.body.pose import MOVING_BONES, POSE_SIZE, Pose
 from anchorpose.body.shape_prior import ShapeBelief
 from anchorpose.body.skin_points import FittedShape, SkinPoints, build_body, pose_points
@@ -130,6 +131,12 @@ BONES: Final = tuple(
 """Name, and the joints at both ends, which are heads of bones in a row: the length is the same in every pose."""
 
 
+LEAST_BONE_M: Final = 1e-6  # a missing one has no length
+SYSTEMATIC_M: Final = {"upper_arm": 0.002, "forearm": 0.006, "thigh": 0.009, "shank": 0.006}
+"""What clothes, folds and bodies unlike the model add to a bone's sigma, the same however many frames were seen; set on
+``benchmarks/bodies.py --use tuning``."""
+
+
 @dataclass(frozen=True, slots=True)
 class BoneLength:
     """Length of a bone from joint to joint, with one standard deviation."""
@@ -140,17 +147,20 @@ class BoneLength:
 
 
 def bone_lengths(asset: BodyAsset, belief: ShapeBelief) -> tuple[BoneLength, ...]:
-    """Every bone of ``BONES`` on the most likely body; sigma by the information on the shape."""
+    """Every bone of ``BONES`` that the most likely body has; sigma by the information on the shape."""
     span = _spans(asset, belief.shape)
     length_m = np.linalg.norm(span, axis=1)
     start, end = _ends(asset)
     count = belief.free.coefficients
     basis = asset.bone_head_basis[:count, end] - asset.bone_head_basis[:count, start]  # (k, n, 3)
-    rows = np.einsum("kni,ni->nk", basis, span / length_m[:, None])
-    sigma_m = np.sqrt(belief.variance(rows))
+    rows = np.einsum("kni,ni->nk", basis, span / np.maximum(length_m, LEAST_BONE_M)[:, None])
+    systematic_m = np.array([SYSTEMATIC_M[name.rsplit("_", 1)[0]] for name, _, _ in BONES])
+    sigma_m = np.hypot(np.sqrt(belief.variance(rows)), systematic_m)
+    missing = missing_joints(asset, belief.shape.missing)
     return tuple(
         BoneLength(name, float(length), float(sigma))
-        for (name, _, _), length, sigma in zip(BONES, length_m, sigma_m, strict=True)
+        for (name, _, last), length, sigma in zip(BONES, length_m, sigma_m, strict=True)
+        if not missing[JOINT_INDEX[last]]
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -18,6 +19,7 @@ CLOTHING_SIGMA_M: Final = 0.003
 PATCH_SIGMA_M: Final = 0.0035  # muscles, fat and folds that no direction of shape has
 THICKEST_M: Final = 0.03  # clothes
 TAILS: Final = 4.0  # degrees of freedom of Student's t: one segment in twenty beyond 2.8 deviations
+COVERED: Final = 4.0  # times the ordinary deviation of a segment's thickness under an orthosis or a helmet
 _HEIGHT_STEPS: Final = 3  # the highest and the lowest vertex may change with the shape
 
 _ALIKE_LENGTHS: Final = np.array([
@@ -85,7 +87,7 @@ class ShapeBelief:
         coefficients[: self.free.coefficients] += change[: self.free.coefficients]
         offset_m[: self.free.offsets] += change[self.free.coefficients :]
         offset_m[: len(CLOTHES)] = np.clip(offset_m[: len(CLOTHES)], 0.0, THICKEST_M)
-        return FittedShape(coefficients, offset_m)
+        return replace(shape, coefficients=coefficients, offset_m=offset_m)
 
     def having_seen(self, shape: FittedShape, information: np.ndarray, pull: np.ndarray) -> ShapeBelief:
         """The belief in a shape after more was seen: information (s, s), and that times where it is met best."""
@@ -106,6 +108,20 @@ class ShapeBelief:
         covariance = np.linalg.inv(self.information)[:count, :count]
         return np.asarray(((rows @ covariance) * rows).sum(axis=1))
 
+    def lacking(self, parts: tuple[str, ...]) -> ShapeBelief:
+        """The same of a body that lacks some parts."""
+        return replace(self, shape=replace(self.shape, missing=parts))
+
+    def covering(self, asset: BodyAsset, parts: Sequence[str]) -> ShapeBelief:
+        """The same where orthoses or other equipment of unknown thickness cover some segments."""
+        names = [name for part in parts for name in _directions_of(part)]
+        rows = np.array([asset.common_count + asset.own_names.index(name) for name in names], dtype=np.int64)
+        wider = np.ones(len(self.mean))
+        wider[rows] = COVERED
+        shoes = [part for part in parts if part.startswith("foot")]
+        wider[self.free.coefficients + list(CLOTHES).index("shoes")] = COVERED if shoes else 1.0
+        return replace(self, prior=self.prior / np.outer(wider, wider))
+
     def common(self, asset: BodyAsset) -> ShapeBelief:
         """The belief in the asset's statistical components and the clothes alone, as a prior."""
         free = FreeShape(asset.common_count, len(CLOTHES))
@@ -125,6 +141,16 @@ class ShapeBelief:
             hessian, gradient = belief.equations(shape)
             belief = replace(belief, shape=self.moved(shape, -np.linalg.solve(hessian, gradient)))
         return belief
+
+
+def _directions_of(part: str) -> tuple[str, ...]:
+    """The coefficients that make a covered segment thicker."""
+    if part == "head":
+        return ("head_size",)
+    if part == "trunk":
+        return ("belly_depth", "waist_breadth", "chest_depth", "back_depth", "chest_breadth")
+    name, side = part.rsplit("_", 1)
+    return (f"{name}_size_{side}",) if name in ("hand", "foot") else (f"{name}_girth_{side}",)
 
 
 def _only_prior(shape: FittedShape, free: FreeShape, mean: np.ndarray, information: np.ndarray) -> ShapeBelief:

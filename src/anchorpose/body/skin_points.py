@@ -10,6 +10,7 @@ import numpy as np
 
 from anchorpose.body.asset import BodyAsset
 from anchorpose.body.kinematics import BodyMesh, joint_derivative, joint_frames, shape_body, skin
+from anchorpose.body.missing import missing_points, without_parts
 from anchorpose.body.pose import MOVING_BONES, POSE_SIZE, Pose, descendants, moving_bones
 from anchorpose.body.segments import load_body_asset
 
@@ -52,14 +53,19 @@ class SkinPoints:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedShape:
-    """The patient's shape: coefficients (k,) of the asset; offset_m (c,): how far clothes and patches stand off it."""
+    """The patient's shape: coefficients (k,) of the asset; offset_m (c,): how far clothes and patches stand off it.
+
+    missing: parts that the body lacks (``missing``).
+    """
 
     coefficients: np.ndarray
     offset_m: np.ndarray
+    missing: tuple[str, ...] = ()
 
     def mesh(self, asset: BodyAsset) -> BodyMesh:
         """Skin and skeleton without clothes."""
-        return shape_body(asset, self.coefficients)
+        whole = shape_body(asset, self.coefficients)
+        return without_parts(whole, self.missing) if self.missing else whole
 
 
 def even_clothes(thickness_m: float) -> np.ndarray:
@@ -180,8 +186,14 @@ def _faces_around(asset: BodyAsset, vertex: np.ndarray) -> np.ndarray:
 def build_body(points: SkinPoints, shape: FittedShape) -> Body:
     """The body of a shape, with its skin points and their normals in the rest pose."""
     mesh = shape.mesh(points.asset)
-    normals = _normals(mesh.vertices, points.asset.faces[points.faces_of])
-    rest_m = mesh.vertices[points.vertex] + (points.covered @ shape.offset_m)[:, None] * normals
+    whole = (
+        shape_body(points.asset, shape.coefficients) if shape.missing else mesh
+    )  # a part in one place has no normals
+    normals = _normals(whole.vertices, points.asset.faces[points.faces_of])
+    offset_m = points.covered @ shape.offset_m
+    if shape.missing:
+        offset_m[missing_points(points.asset, points.part, shape.missing)] = 0.0
+    rest_m = mesh.vertices[points.vertex] + offset_m[:, None] * normals
     return Body(points, shape, mesh, rest_m, normals)
 
 

@@ -65,15 +65,16 @@ def find_anchors(
     cut: np.ndarray | None = None,
     predicted_m: np.ndarray | None = None,
     config: AnchorConfig | None = None,
+    missing: np.ndarray | None = None,
 ) -> Anchors:
     """The identified anchors: which extremum is the head, which the hands and feet, and which is none of them.
 
     up, facing (3,) unit, world: against gravity, and the way the patient faces; height_m: the subject's. cut (n,) bool:
     nodes at an edge that something else cut (``surface.border``); an extremum there is a stump, not an anchor, unless
     another camera sees its end. predicted_m (5, 3) world: where each anchor is expected, NaN for one without
-    expectation, None for none. The names are the assignment of least total cost, of which the prediction is a bounded
-    part (``naming``); an anchor is missed where every extremum costs too much, and so are all anchors of a surface
-    without seen nodes.
+    expectation, None for none. missing (5,) bool: anchors of limbs that the patient lacks. The names are the assignment
+    of least total cost, of which the prediction is a bounded part (``naming``); an anchor is missed where every
+    extremum costs too much, and so are all anchors of a surface without seen nodes.
 
     Left and right are those of ``facing``, whatever the prediction says of single hands or feet. Where facing is wrong
     by half a turn, they are exchanged consistently, with nothing in the anchors to show it.
@@ -90,6 +91,7 @@ def find_anchors(
     no_end = _no_end_of_a_limb(surface, center, caps)
     away = _off_prediction(caps, predicted_m) / height_m
     excluded = no_end & ~(away < END_GATE)  # a hand on a rail ends at a cut, just where its end is expected
+    excluded |= False if missing is None else missing
     away /= np.array([HEAD_GATE, *[config.gate] * LIMBS])
     chosen = name_extrema(*place_costs(surface, center, caps, frame), away, excluded)
     free = tuple(cap for number, cap in enumerate(caps) if number not in chosen and not no_end[number, -1])

@@ -8,6 +8,8 @@ from typing import Final, Literal, get_args
 import numpy as np
 
 from anchorpose.body.kinematics import BodyMesh
+from anchorpose.body.missing import below, stump_of
+from anchorpose.recording.subject import MissingPart
 from anchorpose.settings import settings
 
 Build = Literal["ordinary", "varied", "wasted-legs", "heavy", "child"]
@@ -42,6 +44,7 @@ class OtherBody:
 
     build: Build = "ordinary"
     braces: tuple[BraceName, ...] = ()  # stiff orthoses over these segments
+    missing: tuple[MissingPart, ...] = ()  # limbs or parts that the patient lacks; recording.json states them
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,3 +160,16 @@ def with_brace(body: BodyMesh, bones: tuple[str, ...], off_m: float) -> tuple[Bo
         vertices += (share * (shell + off_m - radius) / np.maximum(radius, 1e-6))[:, None] * out
         covered = np.maximum(covered, share)
     return replace(body, vertices=vertices), covered
+
+
+def amputated(body: BodyMesh, parts: tuple[MissingPart, ...]) -> BodyMesh:
+    """The body whose missing parts are a point at the stump, and move with what it hangs on; the bones stay."""
+    asset, vertices = body.asset, body.vertices.copy()
+    bones, weights = asset.skin_bones.copy(), asset.skin_weights.copy()
+    for part in parts:
+        stump = stump_of(asset, part)
+        gone = np.isin(asset.main_bone(), np.flatnonzero(below(asset, stump)))
+        vertices[gone] = body.bone_heads[stump]
+        bones[gone], weights[gone] = asset.bone_parents[stump], 0.0
+        weights[gone, 0] = 1.0
+    return replace(body, asset=replace(asset, skin_bones=bones, skin_weights=weights), vertices=vertices)

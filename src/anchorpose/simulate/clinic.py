@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from anchorpose.body.missing import missing_joints
 from anchorpose.camera import Camera
 from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.simulate.captured_patient import draw_captured
@@ -79,10 +80,11 @@ class Performance:
         )
 
     def joints_m(self) -> np.ndarray:
-        """(t, 21, 3) the patient's joints, NaN while they are away."""
+        """(t, 21, 3) the patient's joints, NaN while they are away, and of missing limbs."""
         body = self.clinic.patient.person.body
         joints = np.array([body.joints(bones) for bones in self.bones[0]])
         joints[self.away] = np.nan
+        joints[:, missing_joints(body.asset, self.clinic.config.body.missing)] = np.nan
         return joints
 
     @property

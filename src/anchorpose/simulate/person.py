@@ -19,6 +19,7 @@ from anchorpose.simulate.bodies import (
     SHOE_M,
     SOLE_M,
     OtherBody,
+    amputated,
     draw_scales,
     rescale,
     to_height,
@@ -143,6 +144,8 @@ def draw_other_person(
     body = BodyMesh(asset, body.vertices - drop, body.bone_heads - drop, body.bone_tails - drop)
     cover = plain.clothes.cover * (1.0 - braced) * _looseness(rng, asset)
     dressed = replace(plain.clothes, cover=cover)
+    if config.missing:
+        body = amputated(body, config.missing)
     return Person(body, plain.coefficients, plain.height_m, dressed, vertex_normals(body.vertices, asset.faces))
 
 

@@ -85,7 +85,7 @@ def _write_all(work: Path, clinic: Clinic, progress: Callable[[int, int], None] 
 
 def _write_documents(recording: Path, clinic: Clinic) -> None:
     """recording.json and, where there is equipment, equipment.json."""
-    equipment, cameras = clinic.equipment, clinic.cameras
+    equipment, cameras, missing = clinic.equipment, clinic.cameras, clinic.config.body.missing
     if not clinic.config.pose_known:
         cameras = tuple(replace(camera, T_world_camera=None) for camera in cameras)
     document = {
@@ -93,6 +93,7 @@ def _write_documents(recording: Path, clinic: Clinic) -> None:
         "version": 1,
         "cameras": [camera_document(camera) for camera in cameras],
         "equipment": None if equipment is None else EQUIPMENT_FILE,
+        **({"subject": {"missing": list(missing)}} if missing else {}),
     }
     text = json.dumps(document, indent=1) + "\n"
     (recording / "recording.json").write_text(text, encoding="utf-8")

@@ -12,6 +12,7 @@ from anchorpose.body.belief import PoseBelief
 from anchorpose.body.evidence import Evidence
 from anchorpose.body.explained import Explanation, explain
 from anchorpose.body.inverse_kinematics import CorrectedJoints
+from anchorpose.body.missing import missing_joints
 from anchorpose.body.poor_depth import PoorDepth, distance_of, poor_depth
 from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration
@@ -111,6 +112,7 @@ def estimate_of(
         away_m = np.linalg.norm(joints[corrected.joint] - corrected.position_m, axis=1)
         sigma[corrected.joint] = np.maximum(sigma[corrected.joint], away_m / np.sqrt(3.0))
     lost = (sigma > config.follow.lost_sigma_m) | np.array([state is JointState.LOST for state in states])
+    lost |= missing_joints(body.points.asset, body.shape.missing)
     return Estimate(
         observation.frame_set,
         observation,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from anchorpose.body.evidence import Evidence, gather_evidence
+from anchorpose.body.missing import missing_anchors
 from anchorpose.geodesics.anchors import Anchors, anchor_descriptor, find_anchors
 from anchorpose.geodesics.seen import SeenGeodesics
 from anchorpose.geodesics.trusted_anchors import trusted_anchors
@@ -131,7 +132,8 @@ def see_anchors(surface: SeenSurface, expected: Expectation | None, height_m: fl
     with run.stage("geodesics"):
         facing, places = (FACING, None) if expected is None else (expected.facing, expected.anchors_m)
         cut = surface.border == Border.CUT
-        return find_anchors(surface.whole, UP, facing, height_m, cut, places, run.config.anchors)
+        missing = missing_anchors(run.room.recording.subject.missing)
+        return find_anchors(surface.whole, UP, facing, height_m, cut, places, run.config.anchors, missing)
 
 
 class AnchorDistances:

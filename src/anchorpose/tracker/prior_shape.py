@@ -41,7 +41,7 @@ def known_beliefs(recording: Recording, config: TrackConfig) -> tuple[ShapeBelie
     """
     asset, subject = body_points().asset, recording.subject
     groups = {True: (adult_belief,), False: (child_belief,), None: (adult_belief, child_belief)}[subject.grown]
-    beliefs = tuple(group(asset) for group in groups)
+    beliefs = tuple(group(asset).covering(asset, subject.covered).lacking(tuple(subject.missing)) for group in groups)
     if subject.height_m is not None:
         return tuple(belief.standing(asset, subject.height_m, config.learning.height_sigma_m) for belief in beliefs)
     if subject.grown is None or (subject.age_years is None and subject.sex is None):
@@ -65,6 +65,7 @@ def shapes_to_try(surface: Surface, room: Room, config: TrackConfig) -> FirstSha
         heights_m = _child_heights(surface, room) if child else adult_heights(surface, room)
         for height_m in heights_m if subject.height_m is None else (subject.height_m,):
             shape = belief.standing(asset, height_m, TRIED_SIGMA_M).shape if child else shape_of_height(asset, height_m)
+            shape = replace(shape, missing=belief.shape.missing)
             tried.append(replace(belief.common(asset), shape=shape))
     return FirstShape(tried, config.learning.own_shape)
 
