@@ -216,4 +216,6 @@ def _notes(room: Room, learnt: LearntPatient | None) -> list[str]:
             for piece, thickness_m in zip(CLOTHES, learnt.shape.offset_m.tolist(), strict=False)
         )
         notes.append(f"thickness of the learnt clothes: {thick}")
+        if learnt.contradiction:
+            notes.append(learnt.contradiction)
     return notes

@@ -30,7 +30,7 @@ def map_body(body: Body) -> BodyMap:
     pairs, via = _second_neighbours(_neighbours(mesh, edges, points.vertex), skin)
     path_m = np.where(via == pairs[:, 0], 0.0, np.linalg.norm(skin[via] - skin[pairs[:, 0]], axis=1))
     path_m += np.linalg.norm(skin[via] - skin[pairs[:, 1]], axis=1)
-    straight = np.linalg.norm(skin[pairs[:, 0]] - skin[pairs[:, 1]], axis=1) / path_m
+    straight = np.linalg.norm(skin[pairs[:, 0]] - skin[pairs[:, 1]], axis=1) / np.maximum(path_m, LEAST_EDGE_M)
     return BodyMap(
         landmarks_m=_landmark_distances(mesh, points.vertex, int(np.argmax(skin[:, 1]))),
         pairs=pairs.astype(np.int32),

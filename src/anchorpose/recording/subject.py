@@ -33,6 +33,11 @@ class Subject:
     covered: tuple[CoveredPart, ...] = ()
 
     @property
+    def unmeasured(self) -> Subject:
+        """The same without what the pictures can contradict: height, age and sex."""
+        return Subject(missing=self.missing, covered=self.covered)
+
+    @property
     def grown(self) -> bool | None:
         """Whether the patient is an adult, None where that is unknown.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
@@ -23,6 +24,8 @@ from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.run import Run
 from anchorpose.tracker.smoothing import PassResult
+
+LEAST_BONE_M: Final = 1e-6  # a missing one has no length
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,7 +141,11 @@ def axial_sigma(body: Body, pose: Pose, covariance: np.ndarray, inflation: float
     """
     mesh, moving = body.mesh, body.points.moving
     along = mesh.bone_tails[moving] - mesh.bone_heads[moving]
-    axis = np.einsum("mij,mj->mi", pose.rotations[moving], along / np.linalg.norm(along, axis=1, keepdims=True))
+    axis = np.einsum(
+        "mij,mj->mi",
+        pose.rotations[moving],
+        along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), LEAST_BONE_M),
+    )
     blocks = np.stack([covariance[k : k + 3, k : k + 3] for k in range(0, 3 * len(moving), 3)])
     return inflation * np.sqrt(np.einsum("mi,mij,mj->m", axis, blocks, axis))
 

@@ -274,7 +274,7 @@ def _costs(
     seen = observe_first(frame_set, look.choice, ordinary_height_m(room.recording), Run(room, config))
     if len(seen.surface) < config.registration.least_nodes:
         return None
-    shape = replace(shapes_to_try(seen.surface, room, config), may_change=True)
+    shape = replace(shapes_to_try(seen.surface, room, room.recording.subject, config), may_change=True)
     angles = [(float(np.arctan2(-heading[2], heading[0])),) for heading in headings]
     # anchors are named by a heading, so they are left out
     return [find_first_pose(seen.evidence, no_anchors(), shape, config.registration, angle).cost for angle in angles]

@@ -12,6 +12,7 @@ from anchorpose.body.shape_prior import ShapeBelief, adult_belief, child_belief,
 from anchorpose.body.skin_points import FittedShape, body_points
 from anchorpose.body.stature import stature_m
 from anchorpose.recording.recording import Recording
+from anchorpose.recording.subject import Subject
 from anchorpose.surface.surface import Surface
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.room import Room
@@ -23,6 +24,8 @@ CUT_OFF = 1.08  # feet cut off by the image border or lost on the floor are a tw
 SEATED_BELOW_M = 1.35  # an adult seen no taller sits or is half hidden: then the extent says nothing about the height
 ORDINARY_HEIGHT_M = 1.70  # of an adult whose height is not given
 ORDINARY_HEIGHTS_M = (1.60, 1.75)
+CONTRADICTS = 3.0  # standard deviations by which a stated height and the images may differ
+SYSTEMATIC_M = 0.02  # of a height by the images: shoes, hair and a body unlike the model
 TRIED_SIGMA_M = 0.01  # of a height that a body is tried with
 
 
@@ -34,19 +37,19 @@ def ordinary_height_m(recording: Recording) -> float:
     return ORDINARY_HEIGHT_M if subject.age_years is None else stature_m(subject.age_years, subject.sex)[0]
 
 
-def known_beliefs(recording: Recording, config: TrackConfig) -> tuple[ShapeBelief, ...]:
-    """What is known of the patient's shape: of an adult, of a child, or of either, the adult first.
+def known_beliefs(subject: Subject, config: TrackConfig) -> tuple[ShapeBelief, ...]:
+    """What is known of the patient's shape: of an adult and, unless the patient is grown, of a child, the adult first.
 
     A measured height is one more observation. Without one, height follows from age and sex where these are given.
     """
-    asset, subject = body_points().asset, recording.subject
-    groups = {True: (adult_belief,), False: (child_belief,), None: (adult_belief, child_belief)}[subject.grown]
-    beliefs = tuple(group(asset).covering(asset, subject.covered).lacking(tuple(subject.missing)) for group in groups)
+    asset = body_points().asset
+    groups = (adult_belief,) if subject.grown else (adult_belief, child_belief)
+    beliefs = [group(asset).covering(asset, subject.covered).lacking(tuple(subject.missing)) for group in groups]
     if subject.height_m is not None:
         return tuple(belief.standing(asset, subject.height_m, config.learning.height_sigma_m) for belief in beliefs)
-    if subject.grown is None or (subject.age_years is None and subject.sex is None):
-        return beliefs
-    return tuple(belief.standing(asset, *stature_m(subject.age_years, subject.sex)) for belief in beliefs)
+    if subject.grown is not None and (subject.age_years is not None or subject.sex is not None):
+        beliefs[-1] = beliefs[-1].standing(asset, *stature_m(subject.age_years, subject.sex))
+    return tuple(beliefs)
 
 
 def likeliest(beliefs: Sequence[ShapeBelief], shape: FittedShape) -> ShapeBelief:
@@ -55,14 +58,14 @@ def likeliest(beliefs: Sequence[ShapeBelief], shape: FittedShape) -> ShapeBelief
     return min(beliefs, key=lambda belief: belief.common(asset).cost(shape))
 
 
-def shapes_to_try(surface: Surface, room: Room, config: TrackConfig) -> FirstShape:
-    """Bodies to begin with, of the heights that the surface may have."""
-    asset, subject = body_points().asset, room.recording.subject
-    beliefs = known_beliefs(room.recording, config)
+def shapes_to_try(surface: Surface, room: Room, subject: Subject, config: TrackConfig) -> FirstShape:
+    """Bodies to begin with, of the heights that the surface may have, and of what is stated about the patient."""
+    asset = body_points().asset
+    beliefs = known_beliefs(subject, config)
     tried = list[ShapeBelief]()
     for belief in beliefs:
         child = belief.mean[0] != 0.0
-        heights_m = _child_heights(surface, room) if child else adult_heights(surface, room)
+        heights_m = _child_heights(surface, room, subject) if child else adult_heights(surface, room)
         for height_m in heights_m if subject.height_m is None else (subject.height_m,):
             shape = belief.standing(asset, height_m, TRIED_SIGMA_M).shape if child else shape_of_height(asset, height_m)
             shape = replace(shape, missing=belief.shape.missing)
@@ -78,9 +81,9 @@ def adult_heights(surface: Surface, room: Room) -> Sequence[float]:
     return tuple(float(np.clip(extent * factor, *ADULT_HEIGHTS_M)) for factor in (1.0, CUT_OFF))
 
 
-def _child_heights(surface: Surface, room: Room) -> Sequence[float]:
+def _child_heights(surface: Surface, room: Room, subject: Subject) -> Sequence[float]:
     """The same of children: none where an adult is seen, or where no child would be so small standing."""
-    extent, (shortest, tallest), subject = _extent_m(surface, room), CHILD_HEIGHTS_M, room.recording.subject
+    extent, (shortest, tallest) = _extent_m(surface, room), CHILD_HEIGHTS_M
     standing = tuple(extent * factor for factor in (1.0, CUT_OFF) if shortest <= extent * factor <= tallest)
     return standing if standing or subject.age_years is None else (stature_m(subject.age_years, subject.sex)[0],)
 
@@ -90,6 +93,27 @@ def _extent_m(surface: Surface, room: Room) -> float:
     top, bottom = np.percentile(surface.points_m[:, 1], [99.9, 0.1])
     floor = room.calibration.floor_height_m
     return float(top - (bottom if floor is None else min(floor, bottom)))
+
+
+def contradiction(subject: Subject, seen: ShapeBelief, config: TrackConfig) -> str:
+    """How what is stated about the patient contradicts a body that was learnt without it; empty where it does not."""
+    if subject == subject.unmeasured or (
+        subject.height_m is None and subject.age_years is None and subject.sex is None
+    ):
+        return ""
+    seen_m, row = standing_height(body_points().asset, seen.shape)
+    spread_m = float(np.sqrt(seen.variance(row[None])[0]))
+    if subject.height_m is not None:
+        stated_m, sigma_m, what = subject.height_m, config.learning.height_sigma_m, "height"
+    else:
+        stated_m, sigma_m = stature_m(subject.age_years, subject.sex)
+        what = "age or sex"
+    if abs(seen_m - stated_m) <= CONTRADICTS * np.hypot(np.hypot(spread_m, sigma_m), SYSTEMATIC_M):
+        return ""
+    return (
+        f"the stated {what} of the patient ({stated_m:.2f} m tall) contradicts the images, which show a person of "
+        f"{seen_m:.2f} m; it was not used: correct recording.json"
+    )
 
 
 def is_human(shape: FittedShape) -> bool:

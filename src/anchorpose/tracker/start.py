@@ -17,6 +17,7 @@ from anchorpose.body.skin_points import FittedShape, PosedPoints, body_points, b
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.recording import FrameSet
+from anchorpose.recording.subject import Subject
 from anchorpose.rotations import unit
 from anchorpose.tracker.bystanders import MOST_TRUNK_PAST
 from anchorpose.tracker.config import TrackConfig
@@ -67,15 +68,8 @@ def find_start(frame_set: FrameSet, run: Run, choice: PatientChoice, known: Fitt
     observation = observe_first(frame_set, choice, ordinary_height_m(room.recording), run)
     if len(observation.surface) < config.registration.least_nodes:
         return NoStart.TOO_LITTLE_SEEN
-    shape = shapes_to_try(observation.surface, room, config)
-    if known is not None:
-        belief = likeliest(known_beliefs(room.recording, config), known)
-        shape = FirstShape((replace(belief, shape=known),), may_change=False)
-    with run.stage("first pose"):
-        first = _first_pose(observation, shape, run)
-    if known is None and not (room.recording.subject.height_m or is_human(first.shape)):
-        return NoStart.NOT_HUMAN
-    if known is None and first.belief.deviations(first.shape)[: points.asset.common_count].max() >= MOST_DEVIATIONS:
+    first = _first_body(observation, run, known)
+    if known is None and not _is_likely(first, room.recording.subject):
         return NoStart.NOT_HUMAN
     body = build_body(points, first.shape)
     found = posterior(body, first.pose, vague_belief(first.pose), observation.evidence, config.registration)
@@ -85,9 +79,31 @@ def find_start(frame_set: FrameSet, run: Run, choice: PatientChoice, known: Fitt
     return _why_not(start, run) or start
 
 
+def _first_body(seen: Observation, run: Run, known: FittedShape | None) -> FirstPose:
+    """The first pose with the learnt body, else with one that may still change.
+
+    Where what is stated about the patient allows no likely body, the images decide without it.
+    """
+    subject, config = run.room.recording.subject, run.config
+    if known is not None:
+        belief = likeliest(known_beliefs(subject, config), known)
+        return _first_pose(seen, FirstShape((replace(belief, shape=known),), may_change=False), run)
+    first = _first_pose(seen, shapes_to_try(seen.surface, run.room, subject, config), run)
+    if _is_likely(first, subject) or subject == subject.unmeasured:
+        return first
+    return _first_pose(seen, shapes_to_try(seen.surface, run.room, subject.unmeasured, config), run)
+
+
+def _is_likely(first: FirstPose, subject: Subject) -> bool:
+    """Whether people have such a height and such a build; a height that was measured is believed."""
+    deviations = first.belief.deviations(first.shape)[: body_points().asset.common_count]
+    return (subject.height_m is not None or is_human(first.shape)) and bool(deviations.max() < MOST_DEVIATIONS)
+
+
 def _first_pose(seen: Observation, shape: FirstShape, run: Run) -> FirstPose:
     headings, config = _headings(seen, shape, run), run.config.registration
-    return find_first_pose(seen.evidence, seen.anchors, shape, config, headings, seen.geodesics)
+    with run.stage("first pose"):
+        return find_first_pose(seen.evidence, seen.anchors, shape, config, headings, seen.geodesics)
 
 
 def _why_not(start: Start, run: Run) -> NoStart | None:
