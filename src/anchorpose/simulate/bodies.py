@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Final, Literal, get_args
 
 import numpy as np
@@ -44,6 +45,7 @@ class OtherBody:
 
     build: Build = "ordinary"
     braces: tuple[BraceName, ...] = ()  # stiff orthoses over these segments
+    file: Path | None = None  # a body of another source (``rigged_body``), instead of one drawn from the asset
     missing: tuple[MissingPart, ...] = ()  # limbs or parts that the patient lacks; recording.json states them
 
 

@@ -28,6 +28,7 @@ from anchorpose.simulate.bodies import (
     with_shoes,
 )
 from anchorpose.simulate.config import SimulationConfig
+from anchorpose.simulate.rigged_body import read_rigged_body
 
 SHORTEST_M, TALLEST_M = 1.5, 1.9
 COEFFICIENT_SPREAD = 0.8  # of the shape space's standard deviations; below 1, for all sixteen vary at once
@@ -126,9 +127,10 @@ def draw_other_person(
     rng: np.random.Generator, config: OtherBody, clothing_m: float, height_m: float | None = None
 ) -> Person:
     """A random person whose body is not of the asset's shape space, in trousers of other cloth than the shirt."""
-    plain = draw_child(rng, clothing_m, height_m) if config.build == "child" else draw_person(rng, clothing_m, height_m)
-    scales = draw_scales(rng, plain.body.asset.bone_names, config.build)
-    body = to_height(rescale(plain.body, scales), plain.height_m)
+    plain = _draw_plain(rng, config, clothing_m, height_m)
+    body = plain.body
+    if config.file is None:
+        body = to_height(rescale(body, draw_scales(rng, body.asset.bone_names, config.build)), plain.height_m)
     normals, asset = vertex_normals(body.vertices, body.asset.faces), body.asset
     if config.build == "heavy":
         body = with_belly(body, normals, rng.uniform(*BELLY_M))
@@ -147,6 +149,19 @@ def draw_other_person(
     if config.missing:
         body = amputated(body, config.missing)
     return Person(body, plain.coefficients, plain.height_m, dressed, vertex_normals(body.vertices, asset.faces))
+
+
+def _draw_plain(rng: np.random.Generator, config: OtherBody, clothing_m: float, height_m: float | None) -> Person:
+    """The body before its segments are changed."""
+    if config.file is not None:
+        body = read_rigged_body(config.file)
+        body = body if height_m is None else to_height(body, height_m)
+        normals = vertex_normals(body.vertices, body.asset.faces)
+        clothes = _draw_clothes(rng, body.asset, clothing_m)
+        return Person(body, np.zeros(0), float(np.ptp(body.vertices[:, 1])), clothes, normals)
+    if config.build == "child":
+        return draw_child(rng, clothing_m, height_m)
+    return draw_person(rng, clothing_m, height_m)
 
 
 def _looseness(rng: np.random.Generator, asset: BodyAsset) -> np.ndarray:

@@ -18,6 +18,7 @@ from anchorpose.simulate.librealsense import MEMORY
 from anchorpose.simulate.person import Person
 from anchorpose.simulate.reading import Reader
 from anchorpose.simulate.render import PATIENT, Figure, TrueImage, draw_figures, render_still
+from anchorpose.simulate.rigged_body import sampled_vertices
 from anchorpose.simulate.rooms.reflections import RoomPicture, take_picture
 from anchorpose.simulate.sensor import SENSORS, draw_wiggle
 
@@ -211,8 +212,9 @@ def seen_shares(person: Person, bones: np.ndarray, skin_m: np.ndarray, camera: C
     around the joint faces the camera. bones (b, 4, 4), skin_m (v, 3): the patient when the image was taken.
     """
     points = _points()
-    place = skin_m[points.vertex].astype(np.float64)
-    normals = rotate(bones[points.part, :3, :3], person.normals[points.vertex])
+    vertex = sampled_vertices(person.body.asset)
+    place = skin_m[vertex].astype(np.float64)
+    normals = rotate(bones[points.part, :3, :3], person.normals[vertex])
     towards = camera.position_m - place
     facing = (normals * towards).sum(axis=1) > GRAZING * np.linalg.norm(towards, axis=1)
     seen = facing & _unhidden(transform_points(invert_rigid(camera.require_pose()), place), camera, image)
