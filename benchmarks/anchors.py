@@ -24,7 +24,7 @@ from true_body import TrueBody
 from anchorpose.body.body_map import map_body
 from anchorpose.body.kinematics import BodyMesh
 from anchorpose.body.pose import MOVING_BONES, descendants
-from anchorpose.body.skin_points import FittedShape, body_points, build_body
+from anchorpose.body.skin_points import FittedShape, body_points, build_body, even_clothes
 from anchorpose.body.tips import anchor_points
 from anchorpose.geodesics.anchors import ANCHOR_NAMES, Anchors, find_anchors
 from anchorpose.isolation.view import PixelLabel, View
@@ -91,7 +91,7 @@ def cases(config: SimulationConfig, every: int) -> Iterator[Case]:
     """Every few frames of a recording with each prediction; of a recording with holes, only frames that have one."""
     studio = set_up(draw_clinic(config))
     person, act = studio.clinic.patient.person, studio.performances[0]
-    body_map = map_body(build_body(body_points(), FittedShape(person.coefficients, 0.0)))
+    body_map = map_body(build_body(body_points(), FittedShape(person.coefficients, even_clothes(0.0))))
     joints = act.joints_m()[:, [JOINT_INDEX[name] for name in ANCHOR_NAMES]]
     empty_m = [
         (studio.background_mm(index) * camera.depth_scale).astype(np.float32)

@@ -19,7 +19,7 @@ from anchorpose.association.hypotheses import anchor_subsets, match_hypotheses
 from anchorpose.body.body_map import map_body
 from anchorpose.body.kinematics import shape_body
 from anchorpose.body.segments import load_body_asset
-from anchorpose.body.skin_points import FittedShape, build_body, skin_points
+from anchorpose.body.skin_points import FittedShape, build_body, even_clothes, skin_points
 from anchorpose.camera import Camera
 from anchorpose.geodesics.anchors import Anchors, anchor_descriptor, find_anchors
 from anchorpose.geodesics.center import center_field
@@ -228,7 +228,7 @@ def test_find_anchors(benchmark, frames):
 
 def expected_skin() -> ExpectedSkin:
     """The figure as a tracker would predict it."""
-    points, shape = skin_points(load_body_asset()), FittedShape(np.zeros(0), 0.0)
+    points, shape = skin_points(load_body_asset()), FittedShape(np.zeros(0), even_clothes(0.0))
     body = build_body(points, shape)
     place = body.rest_m - [0.0, body.mesh.vertices[:, 1].min(), 0.0]
     return ExpectedSkin(place.astype(np.float32), body.rest_normals.astype(np.float32), map_body(body))

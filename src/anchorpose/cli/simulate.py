@@ -11,6 +11,7 @@ from cyclopts import Parameter
 from anchorpose.errors import AnchorposeError, InputError
 
 if TYPE_CHECKING:
+    from anchorpose.simulate.bodies import OtherBody
     from anchorpose.simulate.config import SimulationConfig
 
 
@@ -85,6 +86,23 @@ class SimulateOptions:
     height: float | None = None
     """The patient's height in metres; drawn at random where not given."""
 
+    build: Literal["ordinary", "varied", "wasted-legs", "heavy", "child"] | None = None
+    """The patient's body. ordinary: like those that the tracker knows. varied: every segment longer or shorter, thicker
+    or thinner by itself, in shoes or barefoot. wasted-legs: the same with thin legs and strong arms. heavy: the same
+    with a belly. child: of 1.0 to 1.5 m."""
+
+    brace: Annotated[
+        tuple[Literal["left shank", "right shank", "left thigh", "right thigh", "trunk"], ...] | None,
+        Parameter(consume_multiple=True),
+    ] = None
+    """Segments of the patient that a stiff orthosis covers."""
+
+    missing: Annotated[tuple[str, ...] | None, Parameter(consume_multiple=True)] = None
+    """Limbs that the patient lacks, such as shank_left; recording.json states them."""
+
+    body: Path | None = None
+    """A body of another source instead of a drawn one: an .npz as docs/simulate.md describes it."""
+
     scene: Literal["enters-late", "leaves", "hidden", "sits"] | None = None
     """Something that makes a tracker lose the patient. enters-late: the therapists are there first, the patient walks
     in later. leaves: the patient walks out and comes back. hidden: a curtain hides the patient from all cameras for two
@@ -98,6 +116,18 @@ class SimulateOptions:
     """Record as imperfectly as real recorders do: the cameras' clocks are up to 2 s apart and drift, time stamps vary
     by 4 ms, and 3 of 100 depth images are missing or stored twice."""
 
+    def _body(self) -> OtherBody | None:
+        """How the patient's body differs from those of the asset, None where it does not."""
+        from anchorpose.settings import sentence_of
+        from anchorpose.simulate.bodies import OtherBody
+
+        given = {"build": self.build, "braces": self.brace, "missing": self.missing, "file": self.body}
+        chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+        try:
+            return OtherBody(**chosen) if chosen else None
+        except ValueError as problem:
+            raise AnchorposeError(f"{sentence_of(problem)}; see 'anchorpose simulate --help'") from problem
+
     def settings(self) -> SimulationConfig:
         """The preset with the options on top; raises AnchorposeError where they do not fit together."""
         from anchorpose.settings import sentence_of
@@ -108,7 +138,7 @@ class SimulateOptions:
         one_each = self.sensor is not None and len(self.sensor) > 1
         given |= {"sensors": self.sensor} if one_each else {"sensor": self.sensor[0] if self.sensor else None}
         given |= {"equipment": self.equipment, "passers_by": 1 if self.passer_by else None}
-        given |= {"height_m": self.height, "pose_known": False if self.pose_unknown else None}
+        given |= {"body": self._body(), "height_m": self.height, "pose_known": False if self.pose_unknown else None}
         try:
             if self.preset == "holes":
                 settings = presets.holes(self.seed, self.hole_radius, self.seconds, self.fps)
