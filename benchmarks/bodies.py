@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -37,6 +37,7 @@ SKIP_S: Final = 1.0
 SEEDS: Final = {"tuning": 61000, "held-out": 62000}
 SCENES: Final = ("one", "clinic", "front")
 JUDGED: Final = ("Knee", "Hip", "Elbow", "Ankle")
+TITLES: Final = {"one": "one camera", "clinic": "clinic, three cameras", "front": "clinic, front alone"}
 LEAST_SIGMA_M: Final = 1e-9
 
 
@@ -44,10 +45,20 @@ def _people() -> dict[str, Callable[[SimulationConfig], SimulationConfig]]:
     """Each kind of person, as a change of a recording's settings."""
     from anchorpose.simulate.bodies import BUILDS, OtherBody
 
-    def built(config: SimulationConfig, build: str) -> SimulationConfig:
-        return replace(config, body=OtherBody(build=build))
+    def changed(config: SimulationConfig, build: str = "varied", body: dict[str, Any] | None = None, **settings: Any):
+        return replace(config, body=OtherBody(build=build, **(body or {})), **settings)
 
-    return {build: partial(built, build=build) for build in BUILDS}
+    return {
+        **{build: partial(changed, build=build) for build in BUILDS},
+        "small": partial(changed, height_m=1.47),
+        "tall": partial(changed, height_m=1.93),
+        "tight-clothes": partial(changed, clothing_m=0.002),
+        "loose-clothes": partial(changed, clothing_m=0.015),
+        "braces": partial(changed, body={"braces": ("left shank", "right thigh")}),
+        "corset": partial(changed, body={"braces": ("trunk",)}),
+        "no-left-shank": partial(changed, body={"missing": ("shank_left",)}),
+        "no-right-forearm": partial(changed, body={"missing": ("forearm_right",)}),
+    }
 
 
 def make(job: tuple[str, str, int], folder: Path, seconds: float) -> Path:
@@ -95,9 +106,11 @@ def score(job: tuple[str, str, int], folder: Path, results: Path, seconds: float
     inside = np.where(known, (np.abs(away) < 1.96 * sigma[..., None]).mean(axis=2), np.nan)
     bones = np.full((len(BONES), 2), np.nan)
     if run["body"] is not None:
-        for row, (bone, (_, start, end)) in enumerate(zip(run["body"]["bones"], BONES, strict=True)):
+        learnt = {bone["bone"]: (bone["length_m"], bone["sigma_m"]) for bone in run["body"]["bones"]}
+        for row, (name, start, end) in enumerate(BONES):
             true_m = np.linalg.norm(truth_m[0, JOINT_INDEX[end]] - truth_m[0, JOINT_INDEX[start]])
-            bones[row] = bone["length_m"] - true_m, bone["sigma_m"]
+            if name in learnt:
+                bones[row] = learnt[name][0] - true_m, learnt[name][1]
     return Row(*job, np.linalg.norm(away, axis=2), inside, bones, tuple(run.get("notes", ())))
 
 
@@ -123,15 +136,38 @@ def _line(person: str, scene: str, rows: Sequence[Row]) -> str:
     every = list(range(len(JOINT_INDEX)))
     judged = [mean_mm([JOINT_INDEX[f"{joint}{side}"] for side in ("Left", "Right")]) for joint in JUDGED]
     worst = max(1000 * float(np.nanmean(row.off_m)) for row in rows)
-    lost = 100 * float(np.mean([np.isnan(row.off_m).mean() for row in rows]))
+    lost = 100 * float(np.mean([np.isnan(row.off_m)[:, ~np.isnan(row.off_m).all(axis=0)].mean() for row in rows]))
     inside = 100 * float(np.mean([np.nanmean(row.inside) for row in rows]))
     bones = np.concatenate([row.bones for row in rows])
     off, sigma = np.abs(bones[:, 0]), np.maximum(bones[:, 1], LEAST_SIGMA_M)
     cells = [person, scene, str(len(rows))]
     cells += [f"{value:.1f}" for value in (mean_mm(every), *judged, worst, lost, inside)]
     cells += [f"{1000 * value:.1f}" for value in (np.nanmedian(off), np.nanmax(off))]
-    cells.append(f"{100 * np.mean(off < 1.96 * sigma):.0f}")
+    cells.append(f"{100 * np.mean(off[np.isfinite(off)] < 1.96 * sigma[np.isfinite(off)]):.0f}")
     return "| " + " | ".join(cells) + " |"
+
+
+def draw(rows: Sequence[Row], path: Path) -> None:
+    """A picture: one line per kind of person, one dot per person and scene at the mean error."""
+    import matplotlib.pyplot as plt
+
+    people, scenes = (
+        list(dict.fromkeys(row.person for row in rows)),
+        [s for s in SCENES if s in {r.scene for r in rows}],
+    )
+    figure, axes = plt.subplots(figsize=(7.0, 0.8 + 0.32 * len(people)), layout="constrained")
+    for number, scene in enumerate(scenes):
+        of_scene = [row for row in rows if row.scene == scene]
+        off_mm = [1000 * float(np.nanmean(row.off_m)) for row in of_scene]
+        line = [people.index(row.person) + 0.2 * (number - 0.5) for row in of_scene]
+        axes.scatter(off_mm, line, s=18, label=TITLES[scene])
+    axes.set_yticks(range(len(people)), people)
+    axes.invert_yaxis()
+    axes.set_xlim(0.0)
+    axes.grid(axis="x", alpha=0.4)
+    axes.set_xlabel("mean joint error of one person, mm")
+    axes.legend(fontsize="small")
+    figure.savefig(path, metadata={"Date": None} if path.suffix == ".svg" else None)
 
 
 def main() -> None:
@@ -139,6 +175,7 @@ def main() -> None:
     parser.add_argument("people", type=Path)
     parser.add_argument("--results", type=Path, required=True)
     parser.add_argument("--use", choices=list(SEEDS), default="tuning")
+    parser.add_argument("--picture", type=Path, help="draw every person's mean error")
     parser.add_argument("--persons", nargs="+", default=["ordinary", "varied", "wasted-legs", "heavy"])
     parser.add_argument("--scenes", nargs="+", choices=SCENES, default=list(SCENES))
     parser.add_argument("--seeds", type=int, default=4, help="people of each kind")
@@ -158,6 +195,8 @@ def main() -> None:
                 continue
             print(_line(f"{job[0]} {job[2]}", job[1], rows[-1:]), file=sys.stderr)
     print(table(rows))
+    if chosen.picture:
+        draw(rows, chosen.picture)
 
 
 if __name__ == "__main__":

@@ -11,11 +11,11 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
+from body_builder import true_shape
 from kidnapping import SEEN_AGAIN, Past, fork, kidnap
 from spoilt_poses import Kind, Spoil, depth_in_trunk_m
 from ways import Way
 
-from anchorpose.body.skin_points import FittedShape
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.reader import open_recording
 from anchorpose.simulate.config import single
@@ -47,7 +47,7 @@ def here(tmp_path_factory) -> MidRecording:
     simulate_recording(out, single(5, seconds=FRAMES / 10.0, fps=10.0))
     room = prepare_room(open_recording(out / "recording"), CONFIG)
     with np.load(out / "truth/truth.npz") as truth:
-        shape = FittedShape(truth["shape_coefficients"], 0.007)  # the body is known: here only the state is tested
+        shape = true_shape(truth["shape_coefficients"], 0.007)  # known: here only the state is tested
     way, past = Way("forward", Run(room, CONFIG), shape, range(FRAMES)), None
     for read, tracker, _ in way.trackers():
         past = Past.of(tracker) if past is None else past

@@ -18,19 +18,20 @@ from anchorpose.body.fit import (
     range_information,
     solve_damped,
 )
-from anchorpose.body.learning import ShapeFrame, learn_shape_step
+from anchorpose.body.learning import LARGEST_STEP, ShapeFrame, learn_shape_step
 from anchorpose.body.pose import DEGREE, MOVING_BONES, POSE_SIZE, Pose, hinge_axes, joint_range
 from anchorpose.body.shape_prior import ShapeBelief
-from anchorpose.body.skin_points import FittedShape, build_body, pose_points
+from anchorpose.body.shape_rows import FreeShape
+from anchorpose.body.skin_points import FittedShape, build_body, even_clothes, pose_points
 
 BODY = adult_body()
 ROWS = RegistrationConfig().rows_per_observation
 STEP = 1e-5
 
 
-def equations_at(pose: Pose, constraints, shape_count: int = 0) -> NormalEquations:
+def equations_at(pose: Pose, constraints, free: FreeShape | None = None) -> NormalEquations:
     posed = pose_points(BODY, pose)
-    return pose_equations(BODY, pose, posed, constraints, None, ROWS, shape_count)
+    return pose_equations(BODY, pose, posed, constraints, None, ROWS, free)
 
 
 def slope(cost, pose: Pose) -> np.ndarray:
@@ -125,8 +126,8 @@ def test_a_strong_prediction_is_obeyed():
 def test_shape_columns_leave_the_equations_of_the_pose_as_they_are():
     pose = random_pose(6)
     rows = evidence_rows(BODY, pose, seen_body(pose, BODY), 0.1, RegistrationConfig(node_count=400))
-    plain, shaped = equations_at(pose, rows), equations_at(pose, rows, 5)
-    assert shaped.hessian.shape == (POSE_SIZE + 6, POSE_SIZE + 6)
+    plain, shaped = equations_at(pose, rows), equations_at(pose, rows, FreeShape(5, 3))
+    assert shaped.hessian.shape == (POSE_SIZE + 8, POSE_SIZE + 8)
     np.testing.assert_allclose(shaped.hessian[:POSE_SIZE, :POSE_SIZE], plain.hessian, rtol=1e-9, atol=1e-6)
     np.testing.assert_allclose(shaped.gradient[:POSE_SIZE], plain.gradient, rtol=1e-9, atol=1e-6)
     assert shaped.cost == pytest.approx(plain.cost)
@@ -160,37 +161,79 @@ def test_a_step_is_shortened_to_the_largest_turn_and_not_lengthened():
     np.testing.assert_array_equal(limited(shift), shift)
 
 
-def test_the_step_on_the_shape_is_the_step_of_the_whole_system():
-    """The Schur complement against one dense solve over shape and all poses."""
-    shape, size = FittedShape(adult().coefficients[:4], 0.006), 5
-    spread = np.random.default_rng(3).normal(size=(size, size))
-    information = spread @ spread.T + np.diag([1.0, 1.0, 1.0, 1.0, 1.0 / 0.004**2])
-    known = ShapeBelief(FittedShape(np.full(4, 0.3), 0.008), information)
-    body = build_body(points(), shape)
-    truths = [random_pose(seed) for seed in (8, 9)]
-    poses = [shaken(truth, 3, 2.0, 0.01) for truth in truths]
-    frames = [
-        ShapeFrame(pose, evidence_rows(body, pose, seen_body(truth, BODY), 0.1, RegistrationConfig(node_count=500)))
+FREE = FreeShape(4, 3)
+SIZE = sum(FREE)
+
+
+def some_belief(away: float = 0.2) -> ShapeBelief:
+    """A prior and something seen, both of no particular shape; ``away``: how far the two are from the shape's zero."""
+    rng = np.random.default_rng(3)
+    unit = np.array([1.0] * FREE.coefficients + [0.004] * FREE.offsets)
+
+    def information() -> np.ndarray:
+        square = rng.normal(size=(SIZE, SIZE))
+        return (square @ square.T + np.eye(SIZE)) / np.outer(unit, unit)
+
+    prior, seen = information(), information()
+    mean, met = away * unit, -away * unit
+    shape = FittedShape(np.full(FREE.coefficients, 0.3), even_clothes(0.008))
+    return ShapeBelief(shape, FREE, mean, prior, np.zeros(SIZE, bool), seen, seen @ met)
+
+
+def frames_for(shape: FittedShape, poses: list[Pose], truths: list[Pose]) -> list[ShapeFrame]:
+    body, config = build_body(points(), shape), RegistrationConfig(node_count=500)
+    return [
+        ShapeFrame(pose, evidence_rows(body, pose, seen_body(truth, BODY), 0.1, config))
         for pose, truth in zip(poses, truths, strict=True)
     ]
-    whole, right = np.zeros((2 * POSE_SIZE + size,) * 2), np.zeros(2 * POSE_SIZE + size)
-    whole[-size:, -size:] = known.information
-    right[-size:] = known.information @ known.deviation(shape)
+
+
+def test_the_step_on_the_shape_is_the_step_of_the_whole_system():
+    """The Schur complement against one dense solve over shape and all poses."""
+    shape, known = FittedShape(adult().coefficients[:4], even_clothes(0.015)), some_belief()
+    truths = [random_pose(seed) for seed in (8, 9)]
+    poses = [shaken(truth, 3, 2.0, 0.01) for truth in truths]
+    frames, body = frames_for(shape, poses, truths), build_body(points(), shape)
+    at = np.append(shape.coefficients, shape.offset_m[: FREE.offsets])
+    whole, right = np.zeros((2 * POSE_SIZE + SIZE,) * 2), np.zeros(2 * POSE_SIZE + SIZE)
+    whole[-SIZE:, -SIZE:] = known.prior + known.seen
+    right[-SIZE:] = known.prior @ (at - known.mean) + known.seen @ at - known.pull
     for number, frame in enumerate(frames):
         posed = pose_points(body, frame.pose)
-        own = pose_equations(body, frame.pose, posed, frame.constraints, None, ROWS, 4)
-        place = [*range(number * POSE_SIZE, (number + 1) * POSE_SIZE), *range(2 * POSE_SIZE, 2 * POSE_SIZE + size)]
-        damped = own.hessian + 1e-3 * np.diag(np.append(np.diag(own.hessian)[:POSE_SIZE], np.zeros(size)))
+        own = pose_equations(body, frame.pose, posed, frame.constraints, None, ROWS, FREE)
+        place = [*range(number * POSE_SIZE, (number + 1) * POSE_SIZE), *range(2 * POSE_SIZE, 2 * POSE_SIZE + SIZE)]
+        damped = own.hessian + 1e-3 * np.diag(np.append(np.diag(own.hessian)[:POSE_SIZE], np.zeros(SIZE)))
         whole[np.ix_(place, place)] += damped
         right[place] += own.gradient
     change = -np.linalg.solve(whole, right)
     belief, moved = learn_shape_step(points(), shape, frames, known, ROWS)
     found = belief.shape
-    np.testing.assert_allclose(found.coefficients - shape.coefficients, change[-size:-1], atol=1e-7)
-    assert found.clothing_m - shape.clothing_m == pytest.approx(change[-1], abs=1e-9)
-    marginal = np.linalg.inv(np.linalg.inv(whole)[-size:, -size:])  # of the shape, whatever the poses are
+    assert 0.05 < np.abs(change[-SIZE:-3]).max() < LARGEST_STEP
+    np.testing.assert_allclose(found.coefficients - shape.coefficients, change[-SIZE:-3], atol=1e-7)
+    np.testing.assert_allclose((found.offset_m - shape.offset_m)[:3], change[-3:], atol=1e-9)
+    np.testing.assert_array_equal(found.offset_m[3:], shape.offset_m[3:])  # these were not free
+    marginal = np.linalg.inv(np.linalg.inv(whole)[-SIZE:, -SIZE:])  # of the shape, whatever the poses are
     np.testing.assert_allclose(belief.information, marginal, rtol=1e-4, atol=1e-6 * np.abs(marginal).max())
     for number, pose in enumerate(poses):
         expected = pose.moved(limited(change[number * POSE_SIZE : (number + 1) * POSE_SIZE]), points().moving)
         np.testing.assert_allclose(moved[number].rotations, expected.rotations, atol=1e-7)
         np.testing.assert_allclose(moved[number].root_m, expected.root_m, atol=1e-7)
+
+
+def test_what_was_seen_is_met_where_it_was_linearised():
+    """The belief after a step has its least cost where the undamped step leads: nothing is lost between windows."""
+    shape, known = FittedShape(adult().coefficients[:4], even_clothes(0.015)), some_belief()
+    truth = random_pose(8)
+    (frame,) = frames_for(shape, [shaken(truth, 3, 2.0, 0.01)], [truth])
+    belief, _ = learn_shape_step(points(), shape, [frame], known, ROWS)
+    pull = belief.equations(belief.shape)[1]
+    before = known.equations(shape)[1]
+    unit = 1.0 / np.sqrt(np.diag(belief.information))
+    assert np.abs(pull * unit).max() < 1e-6 * np.abs(before * unit).max()
+
+
+def test_a_step_on_the_shape_is_shortened_to_the_largest():
+    shape, known, truth = FittedShape(np.zeros(4), even_clothes(0.006)), some_belief(40.0), random_pose(8)
+    (frame,) = frames_for(shape, [truth], [truth])
+    found = learn_shape_step(points(), shape, [frame], known, ROWS)[0].shape
+    assert np.abs(found.coefficients).max() == pytest.approx(LARGEST_STEP)

@@ -37,7 +37,7 @@ def tips_of(pose: Pose) -> Anchors:
 def first_pose(truth: Pose, anchors: Anchors, height_m: float | None = None) -> FirstPose:
     shape = adult() if height_m is None else adult(height_m)
     evidence = seen_body(truth, BODY)
-    guess = FirstShape([shape], adult_belief(asset()), may_change=height_m is not None)
+    guess = FirstShape([replace(adult_belief(asset()), shape=shape)], may_change=height_m is not None)
     return find_first_pose(evidence, anchors, guess, RegistrationConfig())
 
 

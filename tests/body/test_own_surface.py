@@ -210,7 +210,7 @@ def test_a_patient_thought_to_face_the_other_way_is_found_with_the_names_exchang
 def test_the_first_pose_of_who_faces_the_other_way_is_found():
     truth = turned_about_y(180.0, (0.0, 0.0, 0.0)).of_pose(STEPPING)
     evidence, seen = seen_body(truth, BODY, (FRONT, LEFT)), seen_of(truth)
-    known = FirstShape([adult()], adult_belief(asset()), may_change=False)
+    known = FirstShape([replace(adult_belief(asset()), shape=adult())], may_change=False)
     one = find_first_pose(evidence, seen.anchors, known, RegistrationConfig())
     other = find_first_pose(evidence, seen.anchors, known, RegistrationConfig(), seen=seen)
     assert joint_errors_m(BODY, one.pose, truth).mean() > 0.1

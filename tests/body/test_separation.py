@@ -19,7 +19,7 @@ INSIDE = standing(RightArm=(55.0, 0.0, 0.0), RightForeArm=(30.0, 0.0, 0.0))  # t
 
 
 def rows_of(pose: Pose):
-    return separation_rows(points(), pose_points(BODY, pose))
+    return separation_rows(BODY, pose_points(BODY, pose))
 
 
 def bones_of(index: np.ndarray) -> set[str]:

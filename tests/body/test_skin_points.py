@@ -11,10 +11,15 @@ from anchorpose.body.asset import joint_bones
 from anchorpose.body.pose import POSE_SIZE, Pose
 from anchorpose.body.pose_accumulation import accumulate_pose
 from anchorpose.body.skin_points import (
+    CLOTHES,
+    OFFSETS,
+    PATCH_M,
+    PATCHES,
     POINT_COUNT,
     Body,
     FittedShape,
     build_body,
+    even_clothes,
     joint_jacobian,
     pose_jacobian,
     pose_points,
@@ -56,12 +61,10 @@ def test_the_pose_jacobian_is_the_derivative_of_the_skin(pose):
 @pytest.mark.parametrize("pose", POSES, ids=["random", "wide", "standing"])
 def test_the_shape_jacobian_is_the_derivative_of_the_naked_skin(pose):
     index, direction = rows(2)
-    count, shape = 9, adult(1.66)
+    count, shape = asset().shape_count, adult(1.66)
 
     def along(change: np.ndarray) -> np.ndarray:
-        coefficients = shape.coefficients.copy()
-        coefficients[:count] += change
-        body = build_body(points(), FittedShape(coefficients, 0.0))
+        body = build_body(points(), FittedShape(shape.coefficients + change, even_clothes(0.0)))
         return (pose_points(body, pose).points_m[index] * direction).sum(axis=1)
 
     body = build_body(points(), shape)
@@ -70,19 +73,20 @@ def test_the_shape_jacobian_is_the_derivative_of_the_naked_skin(pose):
     np.testing.assert_allclose(jacobian[:, :count], numeric, atol=1e-7)
 
 
-def test_the_last_column_of_the_shape_jacobian_is_the_clothing():
+def test_the_last_columns_of_the_shape_jacobian_are_the_pieces_of_clothing_and_the_patches():
     index, direction = rows(3)
     pose, shape = POSES[0], adult(1.72, 0.008)
 
-    def along(clothing_m: float) -> np.ndarray:
-        body = build_body(points(), FittedShape(shape.coefficients, clothing_m))
+    def along(change: np.ndarray) -> np.ndarray:
+        body = build_body(points(), FittedShape(shape.coefficients, shape.offset_m + change))
         return (pose_points(body, pose).points_m[index] * direction).sum(axis=1)
 
     jacobian = shape_jacobian(CLOTHED, pose_points(CLOTHED, pose), index, direction, 3)
-    numeric = (along(0.008 + STEP) - along(0.008 - STEP)) / (2 * STEP)
+    numeric = np.stack([(along(d) - along(-d)) / (2 * STEP) for d in STEP * np.eye(OFFSETS)], axis=1)
+    assert jacobian.shape == (len(index), 3 + OFFSETS)
     # linear blending shortens the offset at bent joints by up to a tenth, which the normal does not follow
-    np.testing.assert_allclose(jacobian[:, -1], numeric, atol=0.1)
-    assert np.abs(jacobian[:, -1] - numeric).mean() < 0.002
+    np.testing.assert_allclose(jacobian[:, 3:], numeric, atol=0.1)
+    assert np.abs(jacobian[:, 3:] - numeric).mean(axis=0).max() < 0.002
 
 
 @pytest.mark.parametrize("pose", POSES, ids=["random", "wide", "standing"])
@@ -159,12 +163,40 @@ def test_normals_are_unit_and_point_out_of_the_body():
 def test_clothes_stand_off_covered_skin_and_off_nothing_else():
     naked, dressed = adult_body(1.72, 0.0), CLOTHED
     off = np.linalg.norm(dressed.rest_m - naked.rest_m, axis=1)
-    np.testing.assert_allclose(off, 0.008 * points().covered, atol=1e-12)
-    names = {asset().bone_names[part] for part in points().part[points().covered == 0.0]}
-    assert {"Head", "LeftHand", "RightHand", "LeftFoot", "RightFoot"} <= names
-    worn = {asset().bone_names[part] for part in points().part[points().covered == 1.0]}
-    assert {"Spine1", "Hips", "LeftLeg", "RightForeArm", "LeftUpLeg", "RightArm"} <= worn
+    covered = points().covered[:, : len(CLOTHES)].sum(axis=1)
+    np.testing.assert_allclose(off, 0.008 * covered, atol=1e-12)
+    names = {asset().bone_names[part] for part in points().part[covered == 0.0]}
+    assert {"Head", "LeftHand", "RightHand"} <= names
+    worn = {asset().bone_names[part] for part in points().part[covered == 1.0]}
+    # shoes are clothes too
+    assert {"Spine1", "Hips", "LeftLeg", "RightForeArm", "LeftUpLeg", "RightArm", "LeftFoot", "RightToeBase"} <= worn
     assert not names & worn
+
+
+def test_each_piece_of_clothing_covers_its_own_bones_and_no_other_piece_does():
+    names = np.array(asset().bone_names)[points().part]
+    for column, (piece, bones) in enumerate(CLOTHES.items()):
+        shape = FittedShape(adult().coefficients, 0.01 * (np.arange(OFFSETS) == column))
+        off = np.linalg.norm(build_body(points(), shape).rest_m - adult_body().rest_m, axis=1)
+        np.testing.assert_allclose(off, np.where(np.isin(names, bones), 0.01, 0.0), atol=1e-12, err_msg=piece)
+    assert even_clothes(0.01).tolist() == [0.01] * len(CLOTHES) + [0.0] * PATCHES
+
+
+def test_patches_lie_all_over_the_skin_and_move_only_what_is_near_and_faces_the_same_way():
+    patches = points().covered[:, len(CLOTHES) :]
+    assert patches.shape == (POINT_COUNT, PATCHES)
+    assert patches.min() == 0.0
+    np.testing.assert_allclose(patches.max(axis=0), 1.0)  # in its middle
+    middles = patches.argmax(axis=0)
+    assert len(set(middles.tolist())) == PATCHES
+    normals = build_body(points(), FittedShape(np.zeros(0), even_clothes(0.0))).rest_normals
+    place = asset().vertices[points().vertex]
+    away = np.linalg.norm(place[:, None] - place[middles], axis=2)
+    assert away[patches > 0.0].max() < 3.0 * PATCH_M
+    assert (normals @ normals[middles].T)[patches > 0.0].min() > 0.0
+    assert away.min(axis=1).max() < 2.0 * PATCH_M  # no skin is far from all of them
+    # some skin of hands and feet faces away from all middles near it
+    assert (patches.max(axis=1) > 0.2).mean() > 0.9
 
 
 def test_a_rigid_motion_of_the_pose_moves_points_and_turns_normals():

@@ -47,6 +47,12 @@ def points() -> SkinPoints:
     return skin_points(asset())
 
 
+def true_shape(coefficients: np.ndarray, clothing_m: float) -> FittedShape:
+    """The shape of a simulated person: statistical coefficients, nothing of their own, clothes of one thickness."""
+    own = np.zeros(asset().shape_count - len(coefficients))
+    return FittedShape(np.append(coefficients, own), even_clothes(clothing_m))
+
+
 @cache
 def adult(height_m: float = 1.72, clothing_m: float = 0.0) -> FittedShape:
     return FittedShape(shape_of_height(asset(), height_m).coefficients, even_clothes(clothing_m))
@@ -145,12 +151,12 @@ def skin_in(pose: Pose, body: Body) -> np.ndarray:
 
 
 def dressed_in(pose: Pose, shape: FittedShape) -> np.ndarray:
-    """(v, 3) skin in the world with clothes of even thickness on the covered parts."""
-    body = shape.mesh(asset())
-    covered = np.zeros((len(asset().bone_names), len(CLOTHES)))
-    covered[points().part] = points().covered
-    cover = covered[asset().main_bone()]
-    dressed = body.vertices + (cover @ shape.clothing_m)[:, None] * vertex_normals(body.vertices, asset().faces)
+    """(v, 3) skin in the world with each piece of clothing as thick as the shape's; its patches are left out."""
+    body, main = shape.mesh(asset()), np.array(asset().bone_names)[asset().main_bone()]
+    thick_m = np.zeros(len(main))
+    for thickness_m, bones in zip(shape.offset_m, CLOTHES.values(), strict=False):
+        thick_m[np.isin(main, bones)] = thickness_m
+    dressed = body.vertices + thick_m[:, None] * vertex_normals(body.vertices, asset().faces)
     return replace(body, vertices=dressed).skin(body.bone_transforms(pose.rotations, pose.root_m))
 
 

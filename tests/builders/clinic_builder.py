@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from anchorpose.recording.recording import FrameSet, Recording
+from anchorpose.recording.subject import UNKNOWN
 from anchorpose.simulate.clinic import Clinic, draw_clinic
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.shoot import set_up
@@ -33,7 +34,7 @@ def shoot(config: SimulationConfig, samples: int = 8) -> tuple[Clinic, Recording
         streams=(),
         backgrounds_m=empty,
         equipment=clinic.equipment,
-        subject_height_m=None,
+        subject=UNKNOWN,
     )
     return clinic, recording, frames
 

@@ -17,13 +17,14 @@ from anchorpose.errors import InputError
 from anchorpose.recording.equipment import Box, EquipmentModel
 from anchorpose.recording.reader import open_recording, read_frame
 from anchorpose.recording.recording import FrameSet, Recording
+from anchorpose.recording.subject import UNKNOWN
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 
 
 def recording(*cameras, backgrounds=None, equipment=None) -> Recording:
     return Recording(
-        folder=Path("built"), cameras=cameras, streams=(), equipment=equipment, subject_height_m=None,
+        folder=Path("built"), cameras=cameras, streams=(), equipment=equipment, subject=UNKNOWN,
         backgrounds_m=backgrounds or (None,) * len(cameras),
     )  # fmt: skip
 

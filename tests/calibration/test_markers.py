@@ -18,6 +18,7 @@ from anchorpose.calibration.marker_pose import MarkerPose, NoMarkers, place_by_m
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import Recording
+from anchorpose.recording.subject import UNKNOWN
 
 DICTIONARY = "DICT_APRILTAG_36h11"
 FACING_X = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])  # a tag that is read from +X: its x is -Z, its z is X
@@ -265,9 +266,7 @@ def recording_with(folder, *cameras: Camera) -> Recording:
     for camera in cameras:
         (folder / camera.name).mkdir()
     nothing = (None,) * len(cameras)
-    return Recording(
-        folder=folder, cameras=cameras, streams=(), backgrounds_m=nothing, equipment=None, subject_height_m=None
-    )
+    return Recording(folder=folder, cameras=cameras, streams=(), backgrounds_m=nothing, equipment=None, subject=UNKNOWN)
 
 
 def test_a_camera_with_a_picture_of_the_markers_is_placed_and_the_others_keep_what_they_have(tmp_path):

@@ -150,18 +150,6 @@ def test_the_board_is_apart_from_the_man_who_holds_it():
     assert (owner[:22, 160:240] == man).sum() > 200
 
 
-def test_specks_near_a_person_are_nobodys_and_a_hand_is_the_persons():
-    def owned(size_m: float) -> float:
-        piece = Box("piece", np.array([-0.3, 1.2, 0.6]), np.full(3, size_m), np.eye(3))
-        pieces = find_pieces(picture(FRONT, *ROOM, *body(0, 0), piece, seed=3), built_scene())
-        shown = picture(FRONT, *ROOM, *body(0, 0), piece) < picture(FRONT, *ROOM, *body(0, 0)) - 1e-3
-        of = find_people([pieces], CONFIG).of[0]
-        return float((of[pieces.index[shown & (pieces.index >= 0)]] == 0).mean())
-
-    assert owned(0.04) == 0.0
-    assert owned(0.12) > 0.95
-
-
 def test_what_hangs_over_a_head_is_no_part_of_the_person():
     lamp = Box("lamp", np.array([0.0, 2.3, 0.0]), np.array([0.3, 0.02, 0.3]), np.eye(3))
     seated = Cylinder("seated", np.array([0.0, 0.6, 0.0]), np.array([0.0, 1.0, 0.0]), 0.18, 1.2)

@@ -27,7 +27,7 @@ def test_a_recording_comes_back_as_it_was_written(tmp_path):
     assert (camera.name, camera.width, camera.height, camera.depth_scale) == ("left", WIDTH, HEIGHT, 0.001)
     assert camera.intrinsics.fy == 31.0
     np.testing.assert_array_equal(camera.T_world_camera[:3, 3], [2.5, 1.2, 0.1])
-    assert recording.subject_height_m == 1.72
+    assert recording.subject.height_m == 1.72
     assert [part.name for part in recording.equipment.parts] == ["bar", "post"]
     np.testing.assert_allclose(recording.streams[0].time_s, [0, 0.1, 0.2])
     assert recording.backgrounds_m[0].dtype == np.float32
@@ -80,7 +80,7 @@ def test_what_may_be_unknown_may_be_null_or_absent(tmp_path, absent):
         recording = open_recording(folder)
         unknown = {
             "equipment": recording.equipment,
-            "subject": recording.subject_height_m,
+            "subject": recording.subject.height_m,
             "camera_to_world": recording.cameras[0].T_world_camera,
         }
         assert unknown[absent] is None

@@ -5,27 +5,35 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from recording_builder import edit_json, write_recording
 
 from anchorpose.errors import InputError
+from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording import Recording
 from anchorpose.recording.recording_file import with_height
+from anchorpose.recording.subject import UNKNOWN, Subject
 from anchorpose.tracker.config import TrackConfig
 
 
 def recording(height_m: float | None) -> Recording:
     return Recording(
-        folder=Path("visit"), cameras=(), streams=(), backgrounds_m=(), equipment=None, subject_height_m=height_m
+        folder=Path("visit"),
+        cameras=(),
+        streams=(),
+        backgrounds_m=(),
+        equipment=None,
+        subject=Subject(height_m=height_m),
     )
 
 
 def test_the_given_height_is_used_where_the_recording_has_none_or_nearly_the_same():
-    assert with_height(recording(None), 1.72).subject_height_m == 1.72
-    assert with_height(recording(1.70), 1.72).subject_height_m == 1.72
+    assert with_height(recording(None), 1.72).subject.height_m == 1.72
+    assert with_height(recording(1.70), 1.72).subject.height_m == 1.72
 
 
 def test_without_a_given_height_the_recordings_own_stays():
-    assert with_height(recording(1.70), None).subject_height_m == 1.70
-    assert with_height(recording(None), None).subject_height_m is None
+    assert with_height(recording(1.70), None).subject.height_m == 1.70
+    assert with_height(recording(None), None).subject.height_m is None
 
 
 def test_two_heights_of_two_people_are_refused():
@@ -42,3 +50,48 @@ def test_a_height_that_no_adult_has_is_refused(height_m):
 def test_a_height_that_is_not_a_number_is_refused():
     with pytest.raises(ValueError, match="height_m"):
         TrackConfig(height_m=float("nan"))
+
+
+def stated(tmp_path: Path, subject: dict[str, object]) -> Subject:
+    folder = write_recording(tmp_path / "visit")
+    edit_json(folder / "recording.json", lambda document: document.update(subject=subject))
+    return open_recording(folder).subject
+
+
+def test_what_is_stated_about_the_patient_comes_back(tmp_path):
+    given = {
+        "height_m": 1.5,
+        "age_years": 12.0,
+        "sex": "female",
+        "missing": ["hand_left"],
+        "covered": ["trunk", "head"],
+    }
+    read = stated(tmp_path, given)
+    assert (read.height_m, read.age_years, read.sex) == (1.5, 12.0, "female")
+    assert (read.missing, read.covered) == (("hand_left",), ("trunk", "head"))
+    assert read.grown is False
+
+
+@pytest.mark.parametrize(
+    ("subject", "why"),
+    [
+        ({"height_m": 17.2}, r"recording\.json: subject\.height_m is 17\.2; it must be at most 2\.8"),
+        ({"age_years": -3}, r"subject\.age_years is -3; it must be at least 0"),
+        ({"birth_year": 1066}, r"subject\.birth_year is 1066; it must be at least 1900"),
+        ({"sex": "m"}, r"subject\.sex is \"m\"; it must be 'female' or 'male'"),
+        ({"missing": ["tail"]}, r"subject\.missing\[0\] is \"tail\"; it must be 'arm_left'"),
+        ({"covered": ["hair"]}, r"subject\.covered\[0\] is \"hair\"; it must be 'head'"),
+        ({"weight_kg": 70}, "weight_kg"),
+    ],
+)
+def test_an_impossible_statement_is_refused_in_one_sentence(tmp_path, subject, why):
+    with pytest.raises(InputError, match=why) as refused:
+        stated(tmp_path, subject)
+    assert "\n" not in str(refused.value)
+
+
+def test_who_is_grown_does_not_depend_on_todays_date():
+    assert Subject(birth_year=1980).grown is True
+    assert Subject(birth_year=2012).grown is None
+    assert Subject(age_years=15.0).grown is False
+    assert UNKNOWN.grown is None

@@ -12,7 +12,7 @@ import pytest
 from anchorpose.body.belief import PoseBelief
 from anchorpose.body.inverse_kinematics import CorrectedJoints, apply_corrections, contradicted
 from anchorpose.body.pose import POSE_SIZE, Pose
-from anchorpose.body.skin_points import FittedShape, body_points, build_body
+from anchorpose.body.skin_points import FittedShape, body_points, build_body, even_clothes
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.pipeline import TrackConfig, track_recording
@@ -217,7 +217,7 @@ def belief(sigma: float) -> PoseBelief:
 @pytest.mark.parametrize("sigma_m", [0.002, 0.02])
 def test_the_surer_the_reviewer_the_nearer_the_joint(sigma_m):
     points = body_points()
-    body = build_body(points, FittedShape(np.zeros(5), 0.01))
+    body = build_body(points, FittedShape(np.zeros(5), even_clothes(0.01)))
     at = body.joints(belief(0.1).pose)[WRIST]
     told = CorrectedJoints(np.array([WRIST]), at[None] + [0.0, 0.1, 0.05], np.array([sigma_m]))
     found = apply_corrections(body, belief(0.1), told)

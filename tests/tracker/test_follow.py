@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from body_builder import true_shape
 
 from anchorpose.association.hypotheses import HypothesisConfig
 from anchorpose.body.pose import MOVING_BONES, POSE_SIZE, Pose
@@ -64,7 +65,7 @@ def course(tmp_path_factory) -> Course:
     room = prepare_room(open_recording(out / "recording"), CONFIG)
     with np.load(out / "truth/truth.npz") as truth:
         # the body is known: here it is the following that is tested; clothes as thick as simulated ones on average
-        shape, joints = FittedShape(truth["shape_coefficients"], 0.007), truth["joints"]
+        shape, joints = true_shape(truth["shape_coefficients"], 0.007), truth["joints"]
     estimates = list(follow_patient(Run(room, CONFIG), read_frames(room.recording), shape))
     return Course(room, shape, joints, estimates)
 

@@ -11,7 +11,7 @@ import pytest
 
 from anchorpose.body.pose import MOVING_BONES, POSE_SIZE, Pose, moving_bones
 from anchorpose.body.segments import load_body_asset
-from anchorpose.body.skin_points import FittedShape, body_points, build_body
+from anchorpose.body.skin_points import FittedShape, body_points, build_body, even_clothes
 from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.results.people_labels import (
@@ -28,7 +28,7 @@ from anchorpose.results.tables import AnchorFrame, read_anchors, write_anchors
 from anchorpose.tracker.frame_record import axial_sigma, body_pose
 
 POINTS = body_points()
-BODY = build_body(POINTS, FittedShape(np.array([1.0, -0.5, 0.3]), 0.008))
+BODY = build_body(POINTS, FittedShape(np.array([1.0, -0.5, 0.3]), even_clothes(0.008)))
 
 
 def any_pose(seed: int) -> Pose:
