@@ -306,6 +306,5 @@ def test_of_fewer_poses_than_asked_for_all_are_taken(count):
     assert most_different(points(), [bent(10.0), bent(80.0), bent(40.0)], count) == [0, 1, 2]
 
 
-@pytest.mark.xfail(reason="the first of equal poses is taken again and again")
 def test_poses_that_are_all_the_same_are_each_taken_once():
     assert most_different(points(), [bent(10.0)] * 4, 4) == [0, 1, 2, 3]

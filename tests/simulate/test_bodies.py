@@ -468,12 +468,7 @@ def test_a_braced_segment_stands_off_and_nothing_else_changes(brace):
     np.testing.assert_array_equal(braced.body.bone_heads, bare.body.bone_heads)
 
 
-TWO_BONES = pytest.mark.xfail(reason="a trunk brace covers skin as much as its heaviest bone moves it, not both")
-
-
-@pytest.mark.parametrize(
-    "brace", [pytest.param(brace, marks=TWO_BONES if brace == "trunk" else ()) for brace in BRACED]
-)
+@pytest.mark.parametrize("brace", BRACED)
 def test_no_clothes_hang_over_a_brace(brace):
     braced = other(8, "ordinary", 1.7, braces=(brace,))
     share = share_of(braced.body, *BRACED[brace])

@@ -73,6 +73,7 @@ def most_different(points: SkinPoints, poses: Sequence[Pose], count: int) -> lis
     chosen = [int(np.linalg.norm(turns - turns.mean(axis=0), axis=1).argmax())]
     away = np.linalg.norm(turns - turns[chosen[0]], axis=1)
     while len(chosen) < min(count, len(poses)):
+        away[chosen] = -1.0
         chosen.append(int(away.argmax()))
         away = np.minimum(away, np.linalg.norm(turns - turns[chosen[-1]], axis=1))
     return sorted(chosen)

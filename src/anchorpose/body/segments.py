@@ -58,16 +58,16 @@ class _Bulge(NamedTuple):
 
 
 _BULGES: Final = {
-    "belly_depth": _Bulge(0, 1, 1.02, 0.09, 0.0125),
-    "waist_breadth": _Bulge(2, 0, 1.06, 0.08, 0.006),
-    "chest_depth": _Bulge(0, 1, 1.27, 0.08, 0.007),
-    "back_depth": _Bulge(0, -1, 1.22, 0.12, 0.006),
-    "chest_breadth": _Bulge(2, 0, 1.26, 0.09, 0.005),
-    "seat_depth": _Bulge(0, -1, 0.88, 0.08, 0.007),
-    "seat_breadth": _Bulge(2, 0, 0.88, 0.07, 0.005),
+    "belly_depth": _Bulge(0, 1, 1.02, 0.09, 0.010),
+    "waist_breadth": _Bulge(2, 0, 1.06, 0.08, 0.004),
+    "chest_depth": _Bulge(0, 1, 1.27, 0.08, 0.006),
+    "back_depth": _Bulge(0, -1, 1.22, 0.12, 0.004),
+    "chest_breadth": _Bulge(2, 0, 1.26, 0.09, 0.004),
+    "seat_depth": _Bulge(0, -1, 0.88, 0.08, 0.005),
+    "seat_breadth": _Bulge(2, 0, 0.88, 0.07, 0.003),
 }  # fmt: skip
-"""Heights on the mean adult. ANSUR II at one height and weight: 5 to 7 % of depths (0.22 to 0.25 m) and breadths; a
-belly varies more in patients who sit."""
+"""Heights on the mean adult. Less than the 5 to 7 % by which depths and breadths differ in ANSUR II at one height and
+weight: the statistical components differ by most of it, and the heavy tails of the prior leave a belly free."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -174,12 +174,13 @@ def share_of_bones(asset: BodyAsset, names: Sequence[str]) -> np.ndarray:
 
 def _bulging(asset: BodyAsset, name: str, bulge: _Bulge) -> Direction:
     """Skin of the trunk moved out along one axis around a height, less the less it faces that way."""
+    share = share_of_bones(asset, TRUNK)
     facing = asset.vertices[:, bulge.axis] - np.median(asset.bone_heads[[asset.bone(b) for b in TRUNK]][:, bulge.axis])
-    facing /= np.abs(facing).max()
+    facing /= np.abs(facing[share > 0.5]).max()
     facing = np.where(facing * bulge.towards >= 0.0, facing, 0.0) if bulge.towards else facing
     near = np.exp(-0.5 * ((asset.vertices[:, 1] - bulge.height_m) / bulge.spread_m) ** 2)
     moved = np.zeros_like(asset.vertices)
-    moved[:, bulge.axis] = bulge.sigma_m * near * np.clip(2.0 * facing, -1.0, 1.0) * share_of_bones(asset, TRUNK)
+    moved[:, bulge.axis] = bulge.sigma_m * near * np.clip(facing, -1.0, 1.0) * share
     return _skin_only(asset, name, moved)
 
 

@@ -199,11 +199,12 @@ def _correlations(asset: BodyAsset) -> np.ndarray:
 
 def standing_height(asset: BodyAsset, shape: FittedShape) -> tuple[float, np.ndarray]:
     """Height in metres of the body at rest, without clothes, and its derivative (k,) by the coefficients."""
-    up = shape.mesh(asset).vertices[:, 1]
-    top, bottom = up.argmax(), up.argmin()
-    count = len(shape.coefficients)
-    row = asset.vertex_basis[:count, top, 1] - asset.vertex_basis[:count, bottom, 1]
-    return float(up[top] - up[bottom]), row
+    vertices = shape.mesh(asset).vertices
+    up, left = vertices[:, 1], vertices[:, 2] < 0.0
+    top, count = up.argmax(), len(shape.coefficients)
+    soles = [int(np.where(side, up, np.inf).argmin()) for side in (left, ~left)]  # a measured person stands on both
+    row = asset.vertex_basis[:count, top, 1] - asset.vertex_basis[:count, soles, 1].mean(axis=1)
+    return float(up[top] - up[soles].mean()), row
 
 
 def shape_of_height(asset: BodyAsset, height_m: float) -> FittedShape:

@@ -63,6 +63,8 @@ class Scales:
 def draw_scales(rng: np.random.Generator, names: tuple[str, ...], build: Build) -> Scales:
     """Independent of each other, the two sides nearly alike."""
     length, girth = np.ones(len(names)), np.ones((len(names), 2))
+    if build == "ordinary":
+        return Scales(length, girth)
     for part, spread in LENGTH_SPREAD.items():
         both = np.exp(rng.normal(0.0, spread)), np.exp(rng.normal(0.0, GIRTH_SPREAD[part]))
         if part in ("UpLeg", "Leg") and build == "wasted-legs":
@@ -129,7 +131,7 @@ def with_belly(body: BodyMesh, normals: np.ndarray, out_m: float) -> BodyMesh:
     waist_m = float(body.bone_heads[asset.bone("LowerBack"), 1] + 0.05)
     front = body.vertices[trunk & (np.abs(body.vertices[:, 1] - waist_m) < 0.05), 0].max()
     away = (body.vertices - [front - 0.03, waist_m, 0.0]) / [0.16, 0.13, 0.15]
-    bulge = np.exp(-0.5 * (away**2).sum(axis=1)) * trunk
+    bulge = np.exp(-0.5 * (away**2).sum(axis=1)) * trunk * np.clip(normals[:, 0], 0.0, 1.0)
     return replace(body, vertices=body.vertices + out_m * bulge[:, None] * normals)
 
 
@@ -160,7 +162,7 @@ def with_brace(body: BodyMesh, bones: tuple[str, ...], off_m: float) -> tuple[Bo
         radius = np.linalg.norm(out, axis=1)
         shell = np.maximum(np.percentile(radius[share > 0.9], 90), radius) if name.endswith("Leg") else radius
         vertices += (share * (shell + off_m - radius) / np.maximum(radius, 1e-6))[:, None] * out
-        covered = np.maximum(covered, share)
+        covered = np.minimum(covered + share, 1.0)
     return replace(body, vertices=vertices), covered
 
 
