@@ -49,8 +49,10 @@ def test_in_every_pose_all_of_a_missing_part_lies_in_the_joint_where_it_would_be
         posed = pose_points(body, pose)
         T = posed.transforms[stump]
         place = T[:3, :3] @ body.mesh.bone_heads[stump] + T[:3, 3]
-        # a few points at the stump also follow the bone above the parent
-        assert np.linalg.norm(posed.points_m[gone] - place, axis=1).max() < 0.005
+        # a few points at the stump also follow bones above the parent, from which the joint moves a little
+        away_m = np.linalg.norm(posed.points_m[gone] - place, axis=1)
+        assert away_m.max() < 0.03
+        assert np.median(away_m) < 1e-6
         assert np.isfinite(posed.normals).all()
 
 

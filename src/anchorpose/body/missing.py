@@ -39,8 +39,7 @@ def without_parts(mesh: BodyMesh, parts: Sequence[str]) -> BodyMesh:
     for part in parts:
         stump = stump_of(mesh.asset, part)
         bones = below(mesh.asset, stump)
-        share = (mesh.asset.skin_weights * bones[mesh.asset.skin_bones]).sum(axis=1)[:, None]
-        vertices = np.where(share > 0.5, heads[stump], vertices)
+        vertices[bones[mesh.asset.main_bone()]] = heads[stump]
         heads[bones], tails[bones] = heads[stump], heads[stump]
     return replace(mesh, vertices=vertices, bone_heads=heads, bone_tails=tails)
 
