@@ -191,7 +191,10 @@ def _body(body: dict[str, Any] | None) -> list[tuple[str, Sequence[str]]]:
     height = f"{body['height_m']:.3f} ± {body['height_sigma_m']:.3f} m (one sigma)"
     return [
         ("height without shoes", (height,)),
-        *((f"thickness of the {piece}", (f"{1000 * at_m:.0f} mm",)) for piece, at_m in body.get("clothes_m", {}).items()),
+        *(
+            (f"thickness of the {piece}", (f"{1000 * thick_m:.0f} mm",))
+            for piece, thick_m in body.get("clothes_m", {}).items()
+        ),
         *(
             (spaced(bone["bone"]), (f"{1000 * bone['length_m']:.0f} ± {1000 * bone['sigma_m']:.0f} mm (one sigma)",))
             for bone in body["bones"]
