@@ -89,6 +89,7 @@ def account_of(
         recording=room.recording.folder.resolve().name,
         config=config if config.motions is None else replace(config, motions=Path(config.motions).name),
         inputs_sha256=inputs.sha256,
+        identity=inputs.identity,
         patient=_patient(room),
         corrections=corrections,
         cameras=_cameras(room, inputs.pose_source),

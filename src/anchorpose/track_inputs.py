@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -15,9 +17,10 @@ from anchorpose.recording.recording import Recording
 from anchorpose.recording.recording_file import with_height, with_poses
 from anchorpose.results.corrections import Corrections, NamedPatient, poses_of, require_recording, reviewed_recording
 from anchorpose.results.corrections_file import read_corrections
-from anchorpose.results.run_record import hash_files
+from anchorpose.results.run_record import as_json, hash_files
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.room import NO_REVIEW, Review, require_frames, review_of
+from anchorpose.versions import code_digest, versions
 
 SAME_PLACE_M: Final = 0.01  # places are printed to the centimetre
 
@@ -50,6 +53,15 @@ class TrackInputs:
     sha256: tuple[tuple[str, str], ...]
     review_file: ReviewFile | None
     pose_source: PoseSource | None
+
+    @property
+    def identity(self) -> str:
+        """SHA-256 in hex over all that decides the joints: inputs, settings, poses, corrections, code and libraries."""
+        review = "" if self.review_file is None else self.review_file.sha256
+        poses = [camera.T_world_camera for camera in self.recording.cameras]
+        settings = replace(self.config, motions=None)  # the file of movements counts by its hash
+        parts = as_json((self.sha256, poses, review, settings, versions(), code_digest()))
+        return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
     @property
     def review(self) -> Review:

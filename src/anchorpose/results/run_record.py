@@ -212,6 +212,7 @@ class RunRecord:
     patient: PatientRecord | None = None  # None where nobody was tracked
     corrections: CorrectionsRecord | None = None
     pictures: tuple[PictureRecord, ...] = ()
+    identity: str = ""  # SHA-256 over inputs, settings, code and libraries: the same one means the same joints
     notes: tuple[str, ...] = ()  # sentences for people: what was assumed, what needs care
 
 
@@ -243,6 +244,7 @@ def write_run_record(path: Path, record: RunRecord) -> None:
         "version": 1,
         "versions": versions(),
         "code": code_digest(),
+        "identity": record.identity,
         "recording": record.recording,
         "frame_count": record.frame_count,
         "cameras": as_json(record.cameras),
