@@ -7,7 +7,8 @@ recording -> calibration -> isolation -> surface -> geodesics -> association -> 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 
 from anchorpose.body.contact_regions import area_of_point, region_of_points
@@ -18,7 +19,7 @@ from anchorpose.report.page import write_report
 from anchorpose.results.contact_intervals import ContactIntervals
 from anchorpose.results.explained import EXPLAINED_FILE, read_explained, summarise, write_explained
 from anchorpose.results.measuring import write_measured
-from anchorpose.results.people_labels import PEOPLE_FILE, LabelImage, write_people
+from anchorpose.results.people_labels import PEOPLE_FILE, write_people
 from anchorpose.results.poor_intervals import PoorInterval, note_poor
 from anchorpose.results.poses import POSES_FILE, write_poses
 from anchorpose.results.processing.process import ProcessingConfig
@@ -33,11 +34,13 @@ from anchorpose.results.run_record import (
 )
 from anchorpose.results.stand_training.measure import MeasureConfig
 from anchorpose.results.tables import ANCHORS_FILE, JOINTS_FILE, read_joints, write_anchors, write_joints
+from anchorpose.results.unfinished import begin_journal, end_journal
 from anchorpose.run_account import Written, account_of, outcome_of
 from anchorpose.threads import one_thread
 from anchorpose.track_inputs import UserInputs, read_inputs
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.passes import FrameRecord, learn_on, plan_route, track_on
+from anchorpose.tracker.journal import Journal
+from anchorpose.tracker.passes import TrackedFrame, learn_on, plan_route, track_on
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.prior_shape import is_human
 from anchorpose.tracker.run import Run, Stopwatch
@@ -57,7 +60,10 @@ def track_recording(
     calibration: Path | None = None,
     corrections: Path | None = None,
 ) -> None:
-    """Track the patient through a recording and write everything into an existing, empty results folder.
+    """Track the patient through a recording and write everything into an existing results folder.
+
+    It is empty, or holds the journal of a run that was stopped: then tracking goes on where that one ended, and ends
+    with the same tables.
 
     progress is called with frames done and frames to do; the frames the body is learnt from count twice. calibration: a
     calibration.json whose poses replace given or found ones. corrections: a reviewer's corrections of earlier results.
@@ -72,6 +78,7 @@ def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress,
     # recording: everything is read and checked before any work is done
     inputs = read_inputs(folder, config, user)
     recording, config = inputs.recording, inputs.config
+    begun = begin_journal(results, inputs.identity, dict(inputs.sha256))
     motions = load_motions(config.motion_file, recording.rate_hz, config.motion)
     total, first_pass = _frame_counts(recording, config)
     work = first_pass + total * (3 if config.smooth else 1)
@@ -81,15 +88,17 @@ def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress,
     with stopwatch.stage("calibration and background"):
         room = prepare_room(recording, config, inputs.review)
     run, route = Run(room, config, motions, stopwatch), plan_route(room, config, _counter(progress, work))
+    journal = Journal(begun, {"run": run, "room": room, "points": body_points(), "asset": body_points().asset})
 
     # body: the patient's own shape, from a first pass over the first seconds
-    learnt = learn_on(route, run)
+    learnt = journal.once("learnt", lambda: learn_on(route, run))
     if learnt is not None and not (recording.subject.height_m or is_human(learnt.shape)):
         learnt, run = None, run.without_patient(NoStart.NOT_HUMAN)
+        journal = replace(journal, shared={**journal.shared, "run": run, "room": run.room})
     shape = None if learnt is None else learnt.shape
 
     # every frame: isolation, surface, geodesics, association, tracking, body
-    written = _write_frames(results, lambda keep: track_on(route, run, shape, keep), config)
+    written = _write_frames(results, track_on(route, run, shape, journal), config)
 
     # results and report
     with stopwatch.stage("results"):
@@ -100,6 +109,7 @@ def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress,
         account = account_of(run, written, pictures, learnt, inputs, outcome)
         write_run_record(results / RUN_FILE, account)
         write_report(results)
+    end_journal(results)
     progress(work, work)
 
 
@@ -121,9 +131,7 @@ def _counter(progress: Progress, total: int) -> Callable[[], None]:
     return tick
 
 
-def _write_frames(
-    results: Path, track: Callable[[Callable[[LabelImage], None]], Iterator[FrameRecord]], config: TrackConfig
-) -> Written:
+def _write_frames(results: Path, frames: Iterable[TrackedFrame], config: TrackConfig) -> Written:
     """Stream joints, poses, what they explain, anchors, labels and contacts to their tables; collect problems."""
     dropped, lost, shares = list[DroppedFrame](), list[LostInterval](), list[float | None]()
     poor = list[PoorInterval]()
@@ -137,7 +145,10 @@ def _write_frames(
         write_people(results / PEOPLE_FILE) as people,
         write_contacts(results / CONTACTS_FILE) as contacts,
     ):
-        for record in track(people.append):
+        for tracked in frames:
+            record = tracked.record
+            for labels in tracked.labels:
+                people.append(labels)
             table.append(record.joints)
             poses.append(record.body)
             explained.append(record.explained)

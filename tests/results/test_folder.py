@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from anchorpose.errors import InputError
-from anchorpose.results.folder import RESULTS_MARKS, new_results_folder, write_text_whole
+from anchorpose.results.folder import RESULTS, new_results_folder, write_text_whole
 
 
 @pytest.fixture
@@ -18,7 +18,7 @@ def recording(tmp_path) -> Path:
 
 
 def _fill(folder: Path, text: str) -> None:
-    for name in RESULTS_MARKS:
+    for name in RESULTS.marks:
         (folder / name).write_text(text)
 
 
@@ -30,7 +30,7 @@ def test_a_folder_appears_only_when_it_is_complete(tmp_path, recording):
     with new_results_folder(tmp_path / "out", recording) as folder:
         _fill(folder, "new")
         assert not (tmp_path / "out").exists()
-    assert _names(tmp_path / "out") == set(RESULTS_MARKS)
+    assert _names(tmp_path / "out") == set(RESULTS.marks)
     assert _names(tmp_path) == {"recording", "out"}
 
 
@@ -99,7 +99,7 @@ def test_an_empty_folder_may_be_filled(tmp_path, recording):
     (tmp_path / "out").mkdir()
     with new_results_folder(tmp_path / "out", recording) as folder:
         _fill(folder, "new")
-    assert _names(tmp_path / "out") == set(RESULTS_MARKS)
+    assert _names(tmp_path / "out") == set(RESULTS.marks)
 
 
 def test_a_text_file_is_replaced_whole_or_kept(tmp_path):
@@ -109,3 +109,56 @@ def test_a_text_file_is_replaced_whole_or_kept(tmp_path):
         write_text_whole(path, "half \udc80")
     assert path.read_text() == "old"
     assert _names(tmp_path) == {"report.html"}
+
+
+def _replace(path: Path, recording: Path) -> None:
+    with new_results_folder(path, recording, overwrite=True) as folder:
+        _fill(folder, "new")
+
+
+def test_files_of_the_user_survive_a_replacement(tmp_path, recording):
+    (tmp_path / "out" / "exports").mkdir(parents=True)
+    _fill(tmp_path / "out", "old")
+    (tmp_path / "out" / "notes.txt").write_text("mine")
+    (tmp_path / "out" / "exports" / "a.trc").write_text("of the old results")
+    _replace(tmp_path / "out", recording)
+    assert _names(tmp_path / "out") == set(RESULTS.marks)
+    assert (tmp_path / "out.kept" / "notes.txt").read_text() == "mine"
+    assert _names(tmp_path / "out.kept") == {"notes.txt", "exports"}
+    assert _names(tmp_path) == {"recording", "out", "out.kept"}
+
+
+def test_a_folder_that_appears_meanwhile_is_not_touched_and_the_results_are_kept(tmp_path, recording):
+    def make() -> None:
+        with new_results_folder(tmp_path / "out", recording) as folder:
+            _fill(folder, "new")
+            (tmp_path / "out").mkdir()
+            (tmp_path / "out" / "thesis.txt").write_text("years of work")
+
+    with pytest.raises(InputError, match="the results are in .*out-2"):
+        make()
+    assert (tmp_path / "out" / "thesis.txt").read_text() == "years of work"
+    assert (tmp_path / "out-2" / "run.json").read_text() == "new"
+    assert _names(tmp_path) == {"recording", "out", "out-2"}
+
+
+def test_a_replacement_that_was_killed_half_way_is_undone(tmp_path, recording):
+    (tmp_path / ".out.replaced").mkdir()
+    _fill(tmp_path / ".out.replaced", "old")
+    with pytest.raises(InputError, match="--overwrite"), new_results_folder(tmp_path / "out", recording):
+        pass
+    assert (tmp_path / "out" / "run.json").read_text() == "old"
+
+
+def test_a_place_where_a_disk_is_mounted_is_refused_before_any_work(tmp_path, recording, monkeypatch):
+    (tmp_path / "disk").mkdir()
+    monkeypatch.setattr("os.path.ismount", lambda path: Path(path).name == "disk")
+    with pytest.raises(InputError, match="choose a folder in it"), new_results_folder(tmp_path / "disk", recording):
+        pass
+
+
+def test_what_a_killed_run_left_behind_blocks_no_later_one(tmp_path, recording):
+    (tmp_path / ".out.partial-2").mkdir()
+    with new_results_folder(tmp_path / "out", recording) as folder:
+        _fill(folder, "new")
+    assert (tmp_path / "out" / "run.json").read_text() == "new"

@@ -12,7 +12,7 @@ from anchorpose.body.pose import Pose
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, LIMBS, JointState
 from anchorpose.results.people_labels import LabelImage
 from anchorpose.tracker.config import FollowConfig
-from anchorpose.tracker.smoothing import PassResult, smooth, smooth_in_time
+from anchorpose.tracker.smoothing import PassResult, course_of, smooth, smooth_in_time, smoothed_result
 
 BODY, LOST_SIGMA_M = adult_body(), FollowConfig().lost_sigma_m
 FRAMES, FPS = 16, 15.0
@@ -40,7 +40,9 @@ def nobody() -> PassResult:
 
 def smoothed(there: list[PassResult], back: list[PassResult], held: np.ndarray | None = None) -> list[PassResult]:
     held = np.zeros((len(there), 21), bool) if held is None else held
-    return smooth(BODY, TIME_S, there, back, held, LOST_SIGMA_M)
+    both = smooth(TIME_S, course_of(there, len(there)), course_of(back, len(back)), held, LOST_SIGMA_M)
+    pairs = enumerate(zip(there, back, strict=True))
+    return [smoothed_result(BODY, one, other, both, row) for row, (one, other) in pairs]
 
 
 def off_m(found: list[PassResult], truth: list[PassResult]) -> np.ndarray:

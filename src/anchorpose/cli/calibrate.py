@@ -46,15 +46,15 @@ def calibrate(
     from anchorpose.calibrating import calibrate_recording
     from anchorpose.cli.config_file import load_track_config
     from anchorpose.cli.convert import as_recording
-    from anchorpose.results.calibration_file import CALIBRATION_MARKS
+    from anchorpose.results.calibration_file import CALIBRATION
     from anchorpose.results.folder import check_results_path, new_results_folder
 
     settings = load_track_config(config)
     source = recording.resolve()
     target = output if output is not None else source.with_name(f"{source.name}-calibration")
-    check_results_path(target, recording, overwrite, CALIBRATION_MARKS)
+    check_results_path(target, recording, overwrite, CALIBRATION)
     recording = as_recording(recording)
-    with new_results_folder(target, recording, overwrite, CALIBRATION_MARKS) as folder:
+    with new_results_folder(target, recording, overwrite, CALIBRATION) as folder:
         found = calibrate_recording(recording, folder, settings, ignore_given, markers)
     _print_poses(found)
     print(f"The calibration is in {target}; look at its pictures before you use it.")

@@ -57,7 +57,7 @@ def inspect(
     from anchorpose.cli.convert import as_recording
     from anchorpose.cli.track import parse_patient
     from anchorpose.inspecting import inspect_recording
-    from anchorpose.pages.inspection_page import FACTS_FILE, PAGE_FILE
+    from anchorpose.pages.inspection_page import INSPECTION, PAGE_FILE
     from anchorpose.results.folder import check_results_path, new_results_folder
 
     given = options or InspectOptions()
@@ -65,10 +65,10 @@ def inspect(
     if given.patient is not None:
         place, at = parse_patient(given.patient)
         settings = replace(settings, patient_xz_m=place, patient_frame=at)
-    target, marks = out or Path(f"inspect-{frame}"), (FACTS_FILE, PAGE_FILE)
-    check_results_path(target, recording, given.overwrite, marks)
+    target = out or Path(f"inspect-{frame}")
+    check_results_path(target, recording, given.overwrite, INSPECTION)
     recording = as_recording(recording)
-    with new_results_folder(target, recording, given.overwrite, marks) as folder, counter("frames read") as tick:
+    with new_results_folder(target, recording, given.overwrite, INSPECTION) as folder, counter("frames read") as tick:
         inspection = inspect_recording(recording, folder, frame, settings, given.as_tracked, tick)
     for sentence in inspection.account:
         print(sentence)

@@ -50,6 +50,10 @@ class TrackOptions:
     overwrite: bool = False
     """Replace an existing results folder."""
 
+    resume: bool = False
+    """Go on with a run into the same folder that was stopped or killed; it ends with the same tables. Where there is
+    none, tracking begins."""
+
     start: int | None = None
     """First frame to track, counted from 0; the default is the beginning."""
 
@@ -99,13 +103,15 @@ def track(
     from anchorpose.cli.console import print_outcome, progress_bar
     from anchorpose.cli.convert import as_recording
     from anchorpose.pipeline import track_recording
-    from anchorpose.results.folder import check_results_path, new_results_folder
+    from anchorpose.results.folder import check_results_path
+    from anchorpose.results.unfinished import unfinished_results
 
     given = options or TrackOptions()
     settings = given.settings()
     check_results_path(results, recording, given.overwrite)
     recording = as_recording(recording)
-    with new_results_folder(results, recording, given.overwrite) as folder, progress_bar("Tracking") as progress:
+    work = unfinished_results(results, recording, given.overwrite, given.resume)
+    with work as folder, progress_bar("Tracking") as progress:
         track_recording(recording, folder, settings, progress, given.calibration, given.corrections)
     print_outcome(results)
 

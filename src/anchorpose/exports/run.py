@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from glob import escape
 from importlib import metadata
 from pathlib import Path
 from typing import Any, Final
@@ -18,6 +19,7 @@ from anchorpose.exports.csv_tables import write_csv
 from anchorpose.exports.formats import ExportConfig, Format, Product, Source, read_source
 from anchorpose.exports.mot import write_mot
 from anchorpose.exports.trc import write_trc
+from anchorpose.recording.document import read_json
 from anchorpose.results.folder import whole_or_nothing
 
 RECORD_FILE: Final = "export.json"
@@ -48,7 +50,7 @@ def export_results(
     done = []
     with ExitStack() as places:
         for kind in formats:
-            folder = places.enter_context(whole_or_nothing(target / kind))
+            folder = places.enter_context(whole_or_nothing(target / kind, _own_files(target / kind)))
             product = _WRITERS[kind](folder, source, config)
             _write_record(folder, kind, source, product)
             done.append((target / kind, product))
@@ -79,6 +81,13 @@ def _check_place(folder: Path, results: Path, overwrite: bool) -> None:
         )
     if not overwrite:
         raise InputError(folder, "exists already", "choose another folder with -o, or give --overwrite to replace it")
+
+
+def _own_files(folder: Path) -> tuple[str, ...]:
+    """The files of an earlier export in this folder, which may be replaced; none where there is none."""
+    record = folder / RECORD_FILE
+    files = read_json(record).get("files", []) if record.is_file() else []
+    return (RECORD_FILE, *(escape(str(file)) for file in files)) if files else ()
 
 
 def _write_record(folder: Path, kind: Format, source: Source, product: Product) -> None:

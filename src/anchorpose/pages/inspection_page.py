@@ -16,14 +16,16 @@ from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.pages import canvas, inspection_drawing
 from anchorpose.pages.canvas import as_hex, as_png
-from anchorpose.results.folder import write_text_whole
+from anchorpose.results.folder import FolderKind, write_text_whole
 from anchorpose.results.web_page import render_page
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.inspection import InspectedCamera, Inspection
 
 PAGE_FILE: Final = "index.html"
 FACTS_FILE: Final = "inspect.json"
-"""The same in numbers; also the mark by which a folder is known to be ours."""
+"""The same in numbers."""
+
+INSPECTION: Final = FolderKind((FACTS_FILE, PAGE_FILE), (FACTS_FILE, PAGE_FILE, "*/*.png"))
 
 
 @dataclass(frozen=True, slots=True)

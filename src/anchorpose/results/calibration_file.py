@@ -11,8 +11,9 @@ import numpy as np
 from anchorpose import __version__
 from anchorpose.calibration.calibration import Calibration
 from anchorpose.recording.recording_file import CALIBRATION_FILE, CALIBRATION_FORMAT
+from anchorpose.results.folder import FolderKind
 
-CALIBRATION_MARKS: Final = (CALIBRATION_FILE,)
+CALIBRATION: Final = FolderKind((CALIBRATION_FILE,), (CALIBRATION_FILE, "*.png"))
 
 
 def write_calibration(folder: Path, recording: str, calibration: Calibration) -> None:

@@ -3,58 +3,133 @@
 from __future__ import annotations
 
 import os
+import secrets
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import Final
 
 from anchorpose.errors import InputError
 
-RESULTS_MARKS: Final = ("run.json", "joints.parquet")
-"""The files by which a results folder of this program is recognised, so that it may be replaced."""
+
+@dataclass(frozen=True, slots=True)
+class FolderKind:
+    """How a folder that a verb writes is recognised, and which files in it are the verb's own.
+
+    marks: files by which it is known, so that it may be replaced; own: patterns of paths in it, as of ``fnmatch``.
+    Files that match none of them are the user's: they are kept when the folder is replaced.
+    """
+
+    marks: tuple[str, ...]
+    own: tuple[str, ...]
+
+
+RESULTS: Final = FolderKind(
+    ("run.json", "joints.parquet"), ("run.json", "*.parquet", "report.html", "pictures/*", "log.jsonl")
+)
 
 
 @contextmanager
 def new_results_folder(
-    path: Path, recording: Path, overwrite: bool = False, marks: tuple[str, ...] = RESULTS_MARKS
+    path: Path, recording: Path, overwrite: bool = False, kind: FolderKind = RESULTS
 ) -> Iterator[Path]:
     """A folder to write results of ``recording`` into that becomes ``path`` at the end; see ``whole_or_nothing``.
 
-    An existing result, known by the files ``marks``, is replaced only with ``overwrite``; any other folder that
-    is not empty is never touched. Raises InputError before anything is written where results may not go to ``path``.
+    An existing result, known by its kind's marks, is replaced only with ``overwrite``; any other folder that is not
+    empty is never touched. Raises InputError before anything is written where results may not go to ``path``.
     """
-    check_results_path(path, recording, overwrite, marks)
-    with whole_or_nothing(path) as partial:
+    check_results_path(path, recording, overwrite, kind)
+    with whole_or_nothing(path, kind.own if overwrite else ()) as partial:
         yield partial
 
 
 @contextmanager
-def whole_or_nothing(path: Path) -> Iterator[Path]:
+def whole_or_nothing(path: Path, own: Sequence[str] = ()) -> Iterator[Path]:
     """A folder beside ``path`` that takes its place when the block ends without an error, and vanishes otherwise.
 
-    What stood at ``path`` is replaced: the caller has made sure that it may be. Raises InputError where nothing can be
-    written there.
+    own: patterns of the files that may be replaced; see ``publish``. Raises InputError where nothing can be written
+    there.
     """
     target = path.resolve()
     made = [folder for folder in target.parents if not folder.exists()]
-    partial = target.parent / f".{target.name}.partial-{os.getpid()}"
-    try:
-        partial.mkdir(parents=True)
-    except OSError as error:
-        raise InputError(path, f"cannot be made ({error.strerror})", "choose a place that you may write to") from None
+    partial = target.parent / f".{target.name}.partial-{secrets.token_hex(4)}"
+    make_folder(partial, path)
     try:
         yield partial
-        _replace(target, partial)
+        publish(partial, path, own)
     except BaseException:
         shutil.rmtree(partial, ignore_errors=True)
         _remove_empty(made)
         raise
 
 
+def make_folder(folder: Path, path: Path) -> None:
+    """Makes a folder and its parents; raises InputError about ``path``, which the user named, where that fails."""
+    try:
+        folder.mkdir(parents=True)
+    except OSError as error:
+        raise InputError(path, f"cannot be made ({error.strerror})", "choose a place that you may write to") from None
+
+
+def publish(made: Path, path: Path, own: Sequence[str] = ()) -> None:
+    """Puts the finished folder ``made`` in the place of ``path``; what stands there is replaced where it is own.
+
+    own: patterns of the files that may be deleted, as of ``fnmatch``; none: only an empty folder is replaced. Files of
+    ``path`` that match none stay, in a folder ``NAME.kept`` beside it. Raises InputError, with all of ``made`` in a
+    folder of another name, where something has appeared at ``path`` that may not be replaced.
+    """
+    target = path.resolve()
+    if not own or not target.exists():
+        try:
+            os.rename(made, target)  # atomic; replaces an empty folder, and no other
+        except OSError:
+            other = free_name(target)
+            os.rename(made, other)
+            problem = "appeared while its results were made, and was not touched"
+            raise InputError(path, problem, f"the results are in {other}") from None
+        return
+    old = free_name(_replaced(target))
+    target.rename(old)
+    made.rename(target)
+    _keep_foreign(old, own, free_name(target.with_name(f"{target.name}.kept")))
+
+
+def _replaced(target: Path) -> Path:
+    return target.with_name(f".{target.name}.replaced")
+
+
+def _restore_replaced(target: Path) -> None:
+    """Undoes a replacement that was killed half-way: the old folder was moved away, the new one is not there yet."""
+    if not target.exists() and _replaced(target).is_dir():
+        _replaced(target).rename(target)
+
+
+def free_name(path: Path) -> Path:
+    """``path``, or ``path`` with the first number behind it that is not taken."""
+    names = (path if number == 1 else path.with_name(f"{path.name}-{number}") for number in range(1, 10**6))
+    return next(name for name in names if not name.exists())
+
+
+def _keep_foreign(old: Path, own: Sequence[str], kept: Path) -> None:
+    """Deletes the own files of ``old`` and moves the folder to ``kept`` if others are left."""
+    for file in [file for file in old.rglob("*") if not file.is_dir() or file.is_symlink()]:
+        if any(fnmatch(file.relative_to(old).as_posix(), pattern) for pattern in own):
+            file.unlink()
+    for folder in sorted((folder for folder in old.rglob("*") if folder.is_dir()), reverse=True):
+        with suppress(OSError):  # not empty
+            folder.rmdir()
+    with suppress(OSError):
+        old.rmdir()
+    if old.exists():
+        old.rename(kept)
+
+
 def write_text_whole(path: Path, text: str) -> None:
     """Writes a text file in UTF-8 so that ``path`` holds all of it, or what it held before."""
-    partial = path.with_name(f".{path.name}.partial-{os.getpid()}")
+    partial = path.with_name(f".{path.name}.partial-{secrets.token_hex(4)}")
     try:
         partial.write_text(text, encoding="utf-8")
         partial.replace(path)
@@ -63,18 +138,21 @@ def write_text_whole(path: Path, text: str) -> None:
         raise
 
 
-def check_results_path(path: Path, recording: Path, overwrite: bool, marks: tuple[str, ...] = RESULTS_MARKS) -> None:
-    """Raises InputError unless results of ``recording`` may be written to ``path``; marks: files of such results."""
+def check_results_path(path: Path, recording: Path, overwrite: bool, kind: FolderKind = RESULTS) -> None:
+    """Raises InputError unless results of ``recording`` may be written to ``path``."""
     target, source = path.resolve(), recording.resolve()
+    _restore_replaced(target)
     if target.is_relative_to(source):
         raise InputError(path, "lies inside the recording", "choose a results folder outside of it")
     if source.is_relative_to(target):
         raise InputError(path, "holds the recording itself", "choose another results folder")
     if path.is_symlink() or (path.exists() and not path.is_dir()):
         raise InputError(path, "is a file or a link", "choose another name for the results folder")
+    if os.path.ismount(target):
+        raise InputError(path, "is where a disk is mounted", "choose a folder in it")
     if not path.exists() or not any(path.iterdir()):
         return
-    if not all((path / mark).is_file() for mark in marks):
+    if not all((path / mark).is_file() for mark in kind.marks):
         raise InputError(path, "exists and is not a results folder", "choose another name; nothing in it was touched")
     if not overwrite:
         raise InputError(path, "exists already", "choose another name, or give --overwrite to replace it")
@@ -84,14 +162,3 @@ def _remove_empty(folders: list[Path]) -> None:
     with suppress(OSError):  # someone else has put something there: then it stays
         for folder in folders:
             folder.rmdir()
-
-
-def _replace(target: Path, partial: Path) -> None:
-    """Puts ``partial`` in the place of ``target``, which is ours or empty; the old one goes last."""
-    if not target.exists():
-        partial.rename(target)
-        return
-    old = target.parent / f".{target.name}.old-{os.getpid()}"
-    target.rename(old)
-    partial.rename(target)
-    shutil.rmtree(old, ignore_errors=True)

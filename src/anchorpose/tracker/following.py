@@ -44,37 +44,66 @@ def follow_openly(
 
     choice: where the patient stands in the first frame, None where nobody is to be looked for.
     """
-    tracker: PatientTracker | None = None
-    search: Search | None = None  # once the patient was followed and lost
-    wait, pause, found = 0, FIRST_PAUSE, run.room.why_nobody
+    follower = Follower(run, choice, known, begin)
     for frame_set in frames:
-        if tracker is not None:
-            if (estimate := tracker.step(frame_set)) is not None:
-                yield estimate, tracker
-            if tracker.has_left or tracker.last.gone_s > run.config.follow.lost_after_s:
-                search, known = tracker.search(), tracker.shape
-                yield from ((nobody_found(seen.frame_set, UNSEEN, seen), None) for seen in list(tracker.window)[1:])
-                tracker = None
-            continue
-        wait -= 1
-        if search is not None:
-            with run.stage("isolation"):
-                looked = search.look(frame_set, run)
-            choice, found = (None, looked.value) if isinstance(looked, NoStart) else (looked, found)
-        if choice is not None and wait < 0:
-            start, begin = begin or find_start(frame_set, run, choice, known), None
+        yield from ((estimate, follower.tracker) for estimate in follower.step(frame_set))
+    yield from ((estimate, follower.tracker) for estimate in follower.finish())
+
+
+class Follower:
+    """The patient through all frames, one frame at a time; between two frames it can be stored (``tracker.journal``).
+
+    tracker: of the patient, None where nobody is followed; the other arguments are those of ``follow_openly``.
+    """
+
+    def __init__(
+        self, run: Run, choice: PatientChoice | None, known: FittedShape | None, begin: Start | None = None
+    ) -> None:
+        self.run = run
+        self.tracker: PatientTracker | None = None
+        self._choice, self._known, self._begin = choice, known, begin
+        self._search: Search | None = None  # once the patient was followed and lost
+        self._wait, self._pause, self._found = 0, FIRST_PAUSE, run.room.why_nobody
+
+    def step(self, frame_set: FrameSet) -> Iterator[Estimate]:
+        """The estimates that are known once this frame was seen: of it or of frames before it."""
+        if self.tracker is not None:
+            yield from self._follow(self.tracker, frame_set)
+        else:
+            yield self._look(frame_set)
+
+    def finish(self) -> Iterator[Estimate]:
+        """The estimates of the last frames, which wait for frames that do not come."""
+        if self.tracker is not None:
+            yield from self.tracker.finish()
+
+    def _follow(self, tracker: PatientTracker, frame_set: FrameSet) -> Iterator[Estimate]:
+        if (estimate := tracker.step(frame_set)) is not None:
+            yield estimate
+        if tracker.has_left or tracker.last.gone_s > self.run.config.follow.lost_after_s:
+            self._search, self._known, self.tracker = tracker.search(), tracker.shape, None
+            yield from (nobody_found(seen.frame_set, UNSEEN, seen) for seen in list(tracker.window)[1:])
+
+    def _look(self, frame_set: FrameSet) -> Estimate:
+        """The first estimate of the patient where the patient is found in this frame, else a lost frame."""
+        self._wait -= 1
+        if self._search is not None:
+            with self.run.stage("isolation"):
+                looked = self._search.look(frame_set, self.run)
+            if isinstance(looked, NoStart):
+                self._choice, self._found = None, looked.value
+            else:
+                self._choice = looked
+        if self._choice is not None and self._wait < 0:
+            start, self._begin = self._begin or find_start(frame_set, self.run, self._choice, self._known), None
             if isinstance(start, Start):
-                tracker, search = PatientTracker(run, start), None
-                wait, pause = 0, FIRST_PAUSE
-                yield tracker.first, tracker
-                continue
-            found = start.value
+                self.tracker, self._search = PatientTracker(self.run, start), None
+                self._wait, self._pause = 0, FIRST_PAUSE
+                return self.tracker.first
+            self._found = start.value
             if start is NoStart.NO_BODY_FITS:
-                wait, pause = pause, min(2 * pause, LONGEST_PAUSE)
-        yield nobody_found(frame_set, found, poor=_poor_at(choice, frame_set, run)), None
-    if tracker is not None:
-        for estimate in tracker.finish():
-            yield estimate, tracker
+                self._wait, self._pause = self._pause, min(2 * self._pause, LONGEST_PAUSE)
+        return nobody_found(frame_set, self._found, poor=_poor_at(self._choice, frame_set, self.run))
 
 
 def _poor_at(choice: PatientChoice | None, frame_set: FrameSet, run: Run) -> tuple[PoorDepth, ...]:

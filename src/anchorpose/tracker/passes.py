@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import islice
+from typing import Any, Final
 
 import numpy as np
 
@@ -13,14 +15,25 @@ from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.results.people_labels import LabelImage
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
-from anchorpose.tracker.following import follow_patient
+from anchorpose.tracker.following import Follower
 from anchorpose.tracker.frame_record import FrameRecord, label_pictures, record_of, smoothed_record
+from anchorpose.tracker.journal import Blocks, Journal
 from anchorpose.tracker.learning import LearntPatient, learn_patient
 from anchorpose.tracker.room import Room, held_joints
 from anchorpose.tracker.run import Run
 from anchorpose.tracker.smoothed_explanation import explain_smoothed
-from anchorpose.tracker.smoothing import PassResult, pass_result, smooth
+from anchorpose.tracker.smoothing import (
+    PassResult,
+    Smoothing,
+    course_of,
+    pass_result,
+    smooth,
+    smoothed_result,
+)
 from anchorpose.tracker.start import Start, find_start, turn_round
+
+BLOCK: Final = 48
+"""Frames that are stored at once: two to six seconds of work. What goes on from there is ten to fifty megabytes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,6 +49,11 @@ class Route:
         """The frames, decoded one at a time."""
         for position in positions:
             yield read_frame(self.recording, position)
+            self.tick()
+
+    def skip(self, count: int) -> None:
+        """That many frames were tracked before the run was stopped."""
+        for _ in range(count):
             self.tick()
 
 
@@ -55,95 +73,172 @@ def learn_on(route: Route, run: Run) -> LearntPatient | None:
     return learn_patient(run, route.frames(max(route.forward, route.backward, key=len)))
 
 
-def track_on(
-    route: Route, run: Run, shape: FittedShape | None, keep_labels: Callable[[LabelImage], None]
-) -> Iterator[FrameRecord]:
-    """A record of every frame in the order of time.
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackedFrame:
+    """What is stored of a frame: its record, and the person label of each pixel."""
 
-    keep_labels: receives the person label of each pixel as soon as it is known, those before the initial frame first.
+    record: FrameRecord
+    labels: tuple[LabelImage, ...]
+
+
+def track_on(route: Route, run: Run, shape: FittedShape | None, journal: Journal) -> Iterator[TrackedFrame]:
+    """Tracks every frame, then yields them in the order of time.
+
+    All is stored in the journal while it is done: where that has frames already, tracking goes on behind them.
     """
-    kept = set[tuple[int, str]]()
-
-    def keep_once(picture: LabelImage) -> None:  # the initial frame stands on both sides
-        if (picture.frame, picture.camera) not in kept:
-            kept.add((picture.frame, picture.camera))
-            keep_labels(picture)
-
-    body = None if shape is None else build_body(body_points(), shape)
-    passes = _Passes(route, run, shape, body, keep_once, _start_of(route, run, shape))
-    before = list(passes.side(route.backward))[1:] if len(route.backward) > 1 else []
-    yield from reversed(before)
-    yield from passes.side(route.forward)
+    passes = _Passes(route, run, shape, None if shape is None else build_body(body_points(), shape), journal)
+    if len(route.backward) > 1:
+        passes.side("backward", route.backward)
+    passes.side("forward", route.forward)
+    if len(route.backward) > 1:
+        yield from islice(passes.stored("backward", backward=True), len(route.backward) - 1)  # the initial frame once
+    yield from passes.stored("forward")
 
 
-def _start_of(route: Route, run: Run, shape: FittedShape | None) -> Start | None:
-    """The patient in the initial frame, where both sides begin; None where nobody is found in it."""
-    initial = run.room.initial_frame
-    if initial is None or not len(route.forward):
-        return None
-    found = find_start(read_frame(route.recording, route.forward[0]), run, initial.choice, shape)
-    return found if isinstance(found, Start) else None
+@dataclass(frozen=True, slots=True, eq=False)
+class _PassState:
+    """How far a pass has come: frames read, blocks stored, and what goes on from there, None at the end of the pass.
+
+    turned: where a pass the other way begins, once this one has ended; seconds: spent in each stage so far.
+    """
+
+    frames: int
+    blocks: int
+    follower: Follower | None
+    turned: Start | None
+    seconds: dict[str, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Passes:
-    """What the passes over both sides of the initial frame share."""
+    """What the passes over both sides of the initial frame share; each is stored in a folder of its own."""
 
     route: Route
     run: Run
     shape: FittedShape | None
     body: Body | None
-    keep_labels: Callable[[LabelImage], None]
-    start: Start | None
+    journal: Journal
 
-    def side(self, positions: Sequence[int]) -> Iterator[FrameRecord]:
+    def side(self, name: str, positions: Sequence[int]) -> None:
         """All frames from the initial frame to one end, in this order."""
         if self.run.config.smooth and self.body is not None:
-            return self._both_ways(positions, self.body)
-        return (
-            self._record(estimate, label_pictures(estimate.frame_set, estimate.observation))
-            for estimate in self._follow(positions, self.start)
-        )
+            self._both_ways(name, positions, self.body)
+        else:
+            self._follow(name, positions, self._start, self._tracked)
 
-    def _both_ways(self, positions: Sequence[int], body: Body) -> Iterator[FrameRecord]:
+    def stored(self, name: str, backward: bool = False) -> Iterator[TrackedFrame]:
+        """The frames of a side, once it is done, in the order of the pass or against it."""
+        yield from self._blocks(name).read(backward=backward)
+
+    def _both_ways(self, name: str, positions: Sequence[int], body: Body) -> None:
         """To one end and back to the initial frame, both passes combined.
 
-        Until the two have met, joints, pose, person labels and contacts of every frame are kept, some kilobytes each.
-        The frames are then read again, to state how well the smoothed poses explain them.
+        The frames are read a third time, to state how well the smoothed poses explain them.
         """
-        there, records, last = list[PassResult](), list[FrameRecord](), None
-        for estimate in self._follow(positions, self.start):
+        usable = self.run.room.review.why_unusable
+
+        def passed(estimate: Estimate) -> PassResult:
             labels = label_pictures(estimate.frame_set, estimate.observation)
-            there.append(self._passed(body, estimate, labels))
-            records.append(self._record(estimate, labels))
-            last = estimate
-        begin = None if last is None else turn_round(last, self.run.config)
-        back = [
-            self._passed(body, estimate, label_pictures(estimate.frame_set, estimate.observation))
-            for estimate in self._follow(positions[::-1], begin)
-        ][::-1]
+            return pass_result(body, estimate, labels, usable(estimate.frame_set.frame) is None)
+
+        def both(estimate: Estimate) -> tuple[TrackedFrame, PassResult]:
+            return self._tracked(estimate), passed(estimate)
+
+        there, back = f"{name}-there", f"{name}-back"
+        turned = self._follow(there, positions, self._start, both)
+        self._follow(back, positions[::-1], lambda: turned, passed)
         with self.run.stage("smoothing"):
-            smoothed = smooth(
-                body,
-                np.array([record.joints.time_s for record in records]),
-                there,
-                back,
-                held_joints(self.run.room.review, [record.joints.frame for record in records]),
-                self.run.config.follow.lost_sigma_m,
-            )
-        for record, answer, frame_set in zip(records, smoothed, self.route.frames(positions), strict=True):
-            with self.run.stage("smoothing"):
-                explanation = explain_smoothed(frame_set, answer, body, self.run)
-            yield smoothed_record(record, answer, body, explanation)
+            smoothing = self._smoothing(there, back, len(positions))
+        pairs = zip(self._blocks(there).read(), self._blocks(back).read(backward=True), strict=True)
+        smoothed = self._blocks(name)
+        for number, first in enumerate(range(0, len(positions), BLOCK)):
+            frames, some = self.route.frames(positions[first : first + BLOCK]), list(islice(pairs, BLOCK))
+            if smoothed.has(number):
+                self.route.skip(len(some))
+                continue
+            rows = enumerate(zip(some, frames, strict=True), first)
+            smoothed.write(number, [self._smoothed(row, *pair, frame, smoothing) for row, (pair, frame) in rows])
 
-    def _follow(self, positions: Sequence[int], begin: Start | None) -> Iterator[Estimate]:
-        return follow_patient(self.run, self.route.frames(positions), self.shape, begin)
+    def _smoothing(self, there: str, back: str, count: int) -> Smoothing:
+        """How both passes are combined in all frames; few of them are in memory as a whole."""
+        time_s, frame = np.zeros(count), np.zeros(count, np.int64)
+        for row, (tracked, _) in enumerate(self._blocks(there).read()):
+            time_s[row], frame[row] = tracked.record.joints.time_s, tracked.record.joints.frame
+        return smooth(
+            time_s,
+            course_of((passed for _, passed in self._blocks(there).read()), count),
+            course_of(self._blocks(back).read(backward=True), count),
+            held_joints(self.run.room.review, frame.tolist()),
+            self.run.config.follow.lost_sigma_m,
+        )
 
-    def _passed(self, body: Body, estimate: Estimate, labels: tuple[LabelImage, ...]) -> PassResult:
-        usable = self.run.room.review.why_unusable(estimate.frame_set.frame) is None
-        return pass_result(body, estimate, labels, usable)
+    def _smoothed(
+        self,
+        row: int,
+        forth: tuple[TrackedFrame, PassResult],
+        back: PassResult,
+        frame_set: FrameSet,
+        smoothing: Smoothing,
+    ) -> TrackedFrame:
+        tracked, there = forth
+        if self.body is None:
+            raise ValueError("only the passes of a body can be combined")
+        with self.run.stage("smoothing"):
+            answer = smoothed_result(self.body, there, back, smoothing, row)
+            explanation = explain_smoothed(frame_set, answer, self.body, self.run)
+            return replace(tracked, record=smoothed_record(tracked.record, answer, self.body, explanation))
 
-    def _record(self, estimate: Estimate, labels: tuple[LabelImage, ...]) -> FrameRecord:
-        for picture in labels:
-            self.keep_labels(picture)
-        return record_of(estimate, self.body, self.run)
+    def _follow(
+        self,
+        name: str,
+        positions: Sequence[int],
+        begin: Callable[[], Start | None],
+        keep: Callable[[Estimate], Any],
+    ) -> Start | None:
+        """One pass, from where the journal has it to its end; returns the start of a pass the other way."""
+        journal, blocks = self.journal.inside(name), self._blocks(name)
+        initial = self.run.room.initial_frame
+        try:
+            state: _PassState = journal.read("state")
+            self.run.stopwatch.seconds.update(state.seconds)
+            self.route.skip(state.frames)
+        except KeyError:
+            choice = None if initial is None else initial.choice
+            state = _PassState(0, 0, Follower(self.run, choice, self.shape, begin()), None, {})
+        while state.follower is not None:
+            some = positions[state.frames : state.frames + BLOCK]
+            frames, ends = state.frames + len(some), state.frames + len(some) == len(positions)
+            kept, last = list[Any](), None
+            for last in self._estimates(state.follower, some, ends):
+                kept.append(keep(last))
+            turned = turn_round(last, self.run.config) if ends and last is not None else None
+            blocks.write(state.blocks, kept)
+            follower = None if ends else state.follower
+            journal.write("state", _PassState(frames, state.blocks + 1, follower, turned, self.run.stopwatch.seconds))
+            state = journal.read("state")
+        return state.turned
+
+    def _estimates(self, follower: Follower, positions: Sequence[int], ends: bool) -> Iterator[Estimate]:
+        for frame_set in self.route.frames(positions):
+            yield from follower.step(frame_set)
+        if ends:
+            yield from follower.finish()
+
+    def _start(self) -> Start | None:
+        """The patient in the initial frame, where both sides begin; None where nobody is found in it."""
+        return self.journal.once("start", lambda: _start_of(self.route, self.run, self.shape))
+
+    def _blocks(self, name: str) -> Blocks[Any]:
+        return Blocks(self.journal.inside(name))
+
+    def _tracked(self, estimate: Estimate) -> TrackedFrame:
+        labels = label_pictures(estimate.frame_set, estimate.observation)
+        return TrackedFrame(record_of(estimate, self.body, self.run), labels)
+
+
+def _start_of(route: Route, run: Run, shape: FittedShape | None) -> Start | None:
+    initial = run.room.initial_frame
+    if initial is None or not len(route.forward):
+        return None
+    found = find_start(read_frame(route.recording, route.forward[0]), run, initial.choice, shape)
+    return found if isinstance(found, Start) else None

@@ -7,7 +7,7 @@ by a Kalman smoother (Rauch, Tung and Striebel 1965, doi:10.2514/3.3166).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -16,7 +16,7 @@ import numpy as np
 from anchorpose.body.inverse_kinematics import pose_from_joints
 from anchorpose.body.pose import LIMB_OF_BONES, LIMB_OF_JOINTS, PARTS, Pose
 from anchorpose.body.skin_points import Body, SkinPoints
-from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JointState
+from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, LOST, STATE_CODE, JointState
 from anchorpose.results.people_labels import LabelImage
 from anchorpose.tracker.estimate import Estimate
 
@@ -28,6 +28,7 @@ HIDDEN_COST: Final = 0.5  # of a joint that is not seen, per frame; of one that 
 LOST_COST: Final = 2.0  # of a joint where the cameras see past it: it is not there
 SWITCH_COST: Final = 0.2  # of changing from one pass to the other: less than a hidden joint in one frame
 SWITCH_COST_PER_M: Final = 10.0  # a jump of 0.2 m has to save one lost joint
+AT_ONCE: Final = 3  # joints that are smoothed together: all of an hour's would fill the memory
 ACCELERATION: Final = 2.0  # m/s per square root of a second: 1 m/s in the quarter of a second that a reach starts in
 
 
@@ -80,6 +81,12 @@ def _random_walk(step_s: float) -> np.ndarray:
     return np.array([[step_s**3 / 3.0, step_s**2 / 2.0], [step_s**2 / 2.0, step_s]])
 
 
+_STATES: Final = tuple(JointState)
+_JOINT_COST: Final = np.array(
+    [{JointState.OBSERVED: 0.0, JointState.LOST: LOST_COST}.get(state, HIDDEN_COST) for state in _STATES]
+)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PassResult:
     """What one pass, or both together, answer for a frame, and the person labels that it was seen by: some kilobytes.
@@ -104,54 +111,91 @@ def pass_result(body: Body, estimate: Estimate, labels: tuple[LabelImage, ...], 
     return PassResult(pose, body.joints(pose), estimate.sigma_m, estimate.states, labels)
 
 
-def smooth(
-    body: Body,
-    time_s: np.ndarray,
-    there: Sequence[PassResult],
-    back: Sequence[PassResult],
-    held: np.ndarray,
-    lost_sigma_m: float,
-) -> list[PassResult]:
+@dataclass(frozen=True, slots=True, eq=False)
+class PassCourse:
+    """All frames of a pass, or of both together, but for poses and labels.
+
+    joints_m (t, 21, 3), sigma_m (t, 21), NaN where lost; state_code (t, 21) int8; found (t,) bool: there is a pose.
+    """
+
+    joints_m: np.ndarray
+    sigma_m: np.ndarray
+    state_code: np.ndarray
+    found: np.ndarray
+
+
+def course_of(frames: Iterable[PassResult], count: int) -> PassCourse:
+    """The course of ``count`` frames, read one at a time."""
+    joints, sigma = np.full((count, JOINT_COUNT, 3), np.nan), np.full((count, JOINT_COUNT), np.nan)
+    code, found = np.full((count, JOINT_COUNT), LOST, np.int8), np.zeros(count, bool)
+    for row, frame in enumerate(frames):
+        joints[row], sigma[row], found[row] = frame.joints_m, frame.sigma_m, frame.pose is not None
+        code[row] = [STATE_CODE[state] for state in frame.states]
+    return PassCourse(joints, sigma, code, found)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Smoothing:
+    """Both passes together. weight (t, PARTS): share of the second pass in trunk and limbs; course: all frames, their
+    joints smoothed over time; the body is then posed to meet them."""
+
+    weight: np.ndarray
+    course: PassCourse
+
+
+def smooth(time_s: np.ndarray, there: PassCourse, back: PassCourse, held: np.ndarray, lost_sigma_m: float) -> Smoothing:
     """The frames (t,) of two passes, both in the order of the first, as one.
 
     held (t, 21) bool: joints whose place a reviewer gave, and their limbs: they stay, and move no other frame.
-    Joints are put together, smoothed over each stretch without a gap, and the body is posed to meet them: bones keep
-    their lengths, joints their ranges, and frames in which both passes lost the patient stay lost.
+    Joints are put together and smoothed over each stretch without a gap; frames in which both passes lost the patient
+    stay lost.
     """
     weight = _weights_of_back(there, back, lost_sigma_m)
-    mixed = [_mixed(*frame) for frame in zip(there, back, weight[:, LIMB_OF_JOINTS], strict=True)]
-    joints = _smoothed_stretches(time_s, mixed, held, lost_sigma_m)
-    answers = []
-    for one, other, answer, wanted, share in zip(there, back, mixed, joints, weight, strict=True):
-        start = _nearer_pose(one.pose, other.pose, body.points, share)
-        pose = None if start is None else pose_from_joints(body, start, wanted)
-        answers.append(replace(answer, pose=pose, joints_m=wanted if pose is None else body.joints(pose)))
-    return answers
+    mixed = _mixed(there, back, weight[:, LIMB_OF_JOINTS])
+    return Smoothing(weight, replace(mixed, joints_m=_smoothed_stretches(time_s, mixed, held, lost_sigma_m)))
 
 
-def _smoothed_stretches(
-    time_s: np.ndarray, frames: Sequence[PassResult], held: np.ndarray, lost_sigma_m: float
-) -> np.ndarray:
+def smoothed_result(body: Body, there: PassResult, back: PassResult, smoothing: Smoothing, row: int) -> PassResult:
+    """The answer of both passes in a frame, posed to meet the smoothed joints: bones keep their lengths, joints their
+    ranges. Labels are those of the pass that the trunk is taken from."""
+    weight, course = smoothing.weight[row], smoothing.course
+    start, joints_m = _nearer_pose(there.pose, back.pose, body.points, weight), course.joints_m[row]
+    pose = None if start is None else pose_from_joints(body, start, joints_m)
+    if there.pose is None or back.pose is None:
+        labels = there.labels if back.pose is None else back.labels
+    else:
+        labels = back.labels if weight[LIMB_OF_JOINTS[SPINE_BASE]] > 0.5 else there.labels
+    return PassResult(
+        pose=pose,
+        joints_m=joints_m if pose is None else body.joints(pose),
+        sigma_m=course.sigma_m[row],
+        states=tuple(_STATES[code] for code in course.state_code[row].tolist()),
+        labels=labels,
+    )
+
+
+def _smoothed_stretches(time_s: np.ndarray, mixed: PassCourse, held: np.ndarray, lost_sigma_m: float) -> np.ndarray:
     """(t, 21, 3) joints, NaN where the patient is lost."""
-    before = np.array([frame.joints_m for frame in frames])
-    joints = before.copy()
-    sigma = np.where(held, lost_sigma_m, [_known_sigma(frame, lost_sigma_m) for frame in frames])
+    joints = mixed.joints_m.copy()
+    sigma = np.where(held, lost_sigma_m, _known_sigma(mixed, lost_sigma_m))
     followed = np.isfinite(joints).all(axis=(1, 2))
     edges = np.flatnonzero(np.diff(followed.astype(np.int64), prepend=0, append=0)).reshape(-1, 2)
     for start, stop in edges.tolist():
         own = slice(start, stop)
-        joints[own] = smooth_in_time(time_s[own], joints[own], sigma[own], ACCELERATION)
-    return np.where(held[..., None], before, joints)
+        for first in range(0, JOINT_COUNT, AT_ONCE):
+            some = slice(first, first + AT_ONCE)
+            joints[own, some] = smooth_in_time(time_s[own], joints[own, some], sigma[own, some], ACCELERATION)
+    joints[held] = mixed.joints_m[held]
+    return joints
 
 
-def _weights_of_back(there: Sequence[PassResult], back: Sequence[PassResult], lost_sigma_m: float) -> np.ndarray:
+def _weights_of_back(there: PassCourse, back: PassCourse, lost_sigma_m: float) -> np.ndarray:
     """(t, PARTS) share of the second pass in trunk and limbs: by information where the two agree, else 0 or 1."""
-    apart_m = np.linalg.norm([f.joints_m - s.joints_m for f, s in zip(there, back, strict=True)], axis=2)
-    apart_m = np.nan_to_num(apart_m).reshape(-1, JOINT_COUNT)
-    costs = np.array([[_joint_costs(frame.states) for frame in way] for way in (there, back)])
-    variance = np.array([[_known_sigma(frame, lost_sigma_m) ** 2 for frame in way] for way in (there, back)])
-    weight = np.zeros((len(there), PARTS))
-    split = np.zeros(len(there), dtype=bool)
+    apart_m = np.nan_to_num(np.linalg.norm(there.joints_m - back.joints_m, axis=2))
+    costs = np.array([_JOINT_COST[way.state_code] for way in (there, back)])
+    variance = np.array([_known_sigma(way, lost_sigma_m) ** 2 for way in (there, back)])
+    weight = np.zeros((len(apart_m), PARTS))
+    split = np.zeros(len(apart_m), dtype=bool)
     for part in range(PARTS):
         own = np.isin(LIMB_OF_JOINTS, part)
         distance, cost = apart_m[:, own].max(axis=1), costs[:, :, own].sum(axis=2)
@@ -165,13 +209,8 @@ def _weights_of_back(there: Sequence[PassResult], back: Sequence[PassResult], lo
     return weight
 
 
-def _joint_costs(states: Sequence[JointState]) -> list[float]:
-    known = {JointState.OBSERVED: 0.0, JointState.LOST: LOST_COST}
-    return [known.get(state, HIDDEN_COST) for state in states]
-
-
-def _known_sigma(frame: PassResult, lost_sigma_m: float) -> np.ndarray:
-    return np.where(np.isnan(frame.sigma_m), lost_sigma_m, frame.sigma_m)
+def _known_sigma(course: PassCourse, lost_sigma_m: float) -> np.ndarray:
+    return np.where(np.isnan(course.sigma_m), lost_sigma_m, course.sigma_m)
 
 
 def _course(cost: np.ndarray, distance_m: np.ndarray) -> np.ndarray:
@@ -193,27 +232,23 @@ def _course(cost: np.ndarray, distance_m: np.ndarray) -> np.ndarray:
     return course
 
 
-def _mixed(there: PassResult, back: PassResult, weight: np.ndarray) -> PassResult:
-    """Joints, sigma and states of both; weight (21,): share of the second pass.
-
-    The pose is the first pass', the labels those of the pass that the trunk is taken from.
-    """
-    if there.pose is None or back.pose is None:
-        return there if back.pose is None else back
-    states = tuple(b if w > 0.5 else a for a, b, w in zip(there.states, back.states, weight, strict=True))
-    lost = np.array([state is JointState.LOST for state in states])
-    joints = there.joints_m + weight[:, None] * (back.joints_m - there.joints_m)
-    sigma = np.where(lost, np.nan, _mixed_sigma(there, back, weight))
-    labels = (back if weight[SPINE_BASE] > 0.5 else there).labels
-    return PassResult(there.pose, joints, sigma, states, labels)
+def _mixed(there: PassCourse, back: PassCourse, weight: np.ndarray) -> PassCourse:
+    """Joints, sigma and states of both; weight (t, 21): share of the second pass where both found the patient."""
+    share = np.where((there.found & back.found)[:, None], weight, back.found[:, None].astype(np.float64))
+    code = np.where(share > 0.5, back.state_code, there.state_code)
+    joints = there.joints_m + share[..., None] * (back.joints_m - there.joints_m)
+    one = np.where(there.found[:, None, None], there.joints_m, back.joints_m)
+    joints = np.where(np.isnan(joints), one, joints)
+    sigma = np.where(code == LOST, np.nan, _mixed_sigma(there, back, share))
+    return PassCourse(joints, sigma, code, there.found | back.found)
 
 
-def _mixed_sigma(there: PassResult, back: PassResult, weight: np.ndarray) -> np.ndarray:
-    """(21,) of the mixture of both answers. Both saw the same images: agreement does not reduce sigma, disagreement
+def _mixed_sigma(there: PassCourse, back: PassCourse, weight: np.ndarray) -> np.ndarray:
+    """(t, 21) of the mixture of both answers. Both saw the same images: agreement does not reduce sigma, disagreement
     increases it."""
     a = np.where(np.isnan(there.sigma_m), back.sigma_m, there.sigma_m)
     b = np.where(np.isnan(back.sigma_m), there.sigma_m, back.sigma_m)
-    apart2 = ((there.joints_m - back.joints_m) ** 2).sum(axis=1) / 3.0
+    apart2 = np.nan_to_num(((there.joints_m - back.joints_m) ** 2).sum(axis=2) / 3.0)
     return np.asarray(np.sqrt((1.0 - weight) * a**2 + weight * b**2 + weight * (1.0 - weight) * apart2))
 
 

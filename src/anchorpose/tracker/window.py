@@ -20,6 +20,10 @@ class Window:
         self.frames = deque(frames)
         self._matchers = deque[Matcher | None]([None] * (len(frames) - 1))
 
+    def __getstate__(self) -> dict[str, object]:
+        """Without matches, which are found again where they are asked for."""
+        return {**self.__dict__, "_matchers": deque([None] * len(self._matchers))}
+
     def __len__(self) -> int:
         return len(self.frames)
 

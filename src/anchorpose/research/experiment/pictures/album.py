@@ -176,7 +176,7 @@ def show(out: Path, spec: PlanSpec, trainers: Sequence[Clip]) -> tuple[PaperTime
     The last training recording is taken, whose movements are the fastest; if that fails, the one before.
     """
     plan, times, failed = spec.plan(), None, list[str]()
-    with whole_or_nothing(out / "pictures") as folder, one_thread():
+    with whole_or_nothing(out / "pictures", ("*",)) as folder, one_thread():
         for clip in reversed(trainers):
             try:
                 times = _show_one(folder.parent / folder.name, plan, clip)
