@@ -16,6 +16,7 @@ from anchorpose.isolation.separation import separate_initial
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.patient import PatientTracker
 from anchorpose.tracker.run import Run
 from anchorpose.tracker.search import WALK_M_S, LastSeen, Search, seen_as_strip
 from anchorpose.tracker.start import NoStart
@@ -152,3 +153,15 @@ def test_an_arm_seen_between_others_is_no_strip_and_another_camera_may_see_more(
     assert not seen_as_strip((inside,), (FRONT,))
     assert not seen_as_strip((strip, at_left_border(0.25, 1.5)), (FRONT, FRONT))
     assert not seen_as_strip((None, view_of(strip.depth_m, np.zeros_like(strip.patient))), (FRONT, FRONT))
+
+
+@pytest.mark.parametrize(("root_x_m", "seen", "left"), [(3.0, False, True), (3.0, True, False), (0.0, False, False)])
+def test_who_is_neither_seen_nor_in_view_has_left(root_x_m, seen, left):
+    """Near a camera people walk out of its image from one frame to the next; in view, something may hide them."""
+    inside = at_left_border(0.6, 1.5) if seen else view_of(np.full((424, 512), 3.0), np.zeros((424, 512), bool))
+    tracker = PatientTracker.__new__(PatientTracker)
+    tracker.run = SimpleNamespace(room=SimpleNamespace(cameras=(FRONT,)))
+    tracker.window = [SimpleNamespace(evidence=SimpleNamespace(views=(inside,)))]
+    aside_m = FRONT.require_pose() @ np.array([root_x_m, 0.0, 2.0, 1.0])
+    tracker.belief = SimpleNamespace(pose=SimpleNamespace(root_m=aside_m[:3]))
+    assert tracker.has_left == left

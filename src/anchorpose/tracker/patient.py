@@ -99,13 +99,19 @@ class PatientTracker:
 
     def search(self) -> Search:
         """The search that begins where the patient was lost."""
-        seen = any(camera.shows(self.belief.pose.root_m) for camera in self.run.room.cameras)
-        return Search(self.window[-1], self.last, left=self.has_left or not seen)
+        return Search(self.window[-1], self.last, left=self.has_left or not self._in_view)
 
     @property
     def has_left(self) -> bool:
-        """Whether the patient is leaving the picture, so that the next who comes in there may be another person."""
-        return seen_as_strip(self.window[0].evidence.views, self.run.room.cameras)
+        """Whether the patient is leaving the picture, or has left it within a frame, so that the next who comes in there
+        may be another person."""
+        views = self.window[0].evidence.views
+        gone = not self._in_view and not any(view.patient.any() for view in views if view is not None)
+        return gone or seen_as_strip(views, self.run.room.cameras)
+
+    @property
+    def _in_view(self) -> bool:
+        return any(camera.shows(self.belief.pose.root_m) for camera in self.run.room.cameras)
 
     @property
     def height_m(self) -> float:
