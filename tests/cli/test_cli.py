@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -91,7 +94,26 @@ def test_an_interrupt_leaves_nothing_and_exits_with_130(tmp_path, monkeypatch, c
     monkeypatch.setattr(stand_in_pipeline, "track_recording", interrupted)
     assert main(["track", str(recording), "-o", str(tmp_path / "out")]) == 130
     assert {path.name for path in tmp_path.iterdir()} == {"r"}
-    assert "nothing was written" in capsys.readouterr().err
+    assert "Nothing was written" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
+def test_a_signal_leaves_nothing_or_says_how_to_go_on(tmp_path, monkeypatch, capsys, number, code):
+    recording = write_recording(tmp_path / "r", frames=3)
+
+    def stopped(path, results, config, progress, calibration, corrections):
+        (results / "journal").mkdir()
+        (results / "journal" / "learnt").write_bytes(b"1")
+        try:
+            os.kill(os.getpid(), number)
+            time.sleep(1.0)
+        except KeyboardInterrupt as error:
+            raise SystemError("a kernel returned a result with an exception set") from error
+
+    monkeypatch.setattr(stand_in_pipeline, "track_recording", stopped)
+    assert main(["track", str(recording), "-o", str(tmp_path / "out")]) == code
+    assert capsys.readouterr().err.endswith("Stopped. What was done is kept: the same command with --resume goes on.\n")
+    assert {path.name for path in tmp_path.iterdir()} == {"r", ".out.unfinished"}
 
 
 def test_a_full_disk_is_one_sentence(tmp_path, monkeypatch, capsys):

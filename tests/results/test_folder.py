@@ -135,7 +135,7 @@ def test_a_folder_that_appears_meanwhile_is_not_touched_and_the_results_are_kept
             (tmp_path / "out").mkdir()
             (tmp_path / "out" / "thesis.txt").write_text("years of work")
 
-    with pytest.raises(InputError, match="the results are in .*out-2"):
+    with pytest.raises(InputError, match=r"the results are in .*out-2"):
         make()
     assert (tmp_path / "out" / "thesis.txt").read_text() == "years of work"
     assert (tmp_path / "out-2" / "run.json").read_text() == "new"

@@ -92,6 +92,6 @@ def test_a_full_disk_is_reported_with_the_place_and_leaves_what_was_there(tmp_pa
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("os.fsync", full)
-    with pytest.raises(InputError, match="No space left on device.*--resume"):
+    with pytest.raises(InputError, match=r"No space left on device.*--resume"):
         journal.write("value", 2)
     assert journal.read("value") == 1

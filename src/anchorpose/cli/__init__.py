@@ -6,7 +6,7 @@ import signal
 import sys
 from collections.abc import Sequence
 from types import FrameType
-from typing import NoReturn
+from typing import Final, NoReturn
 
 from cyclopts import App, CycloptsError, Parameter
 
@@ -28,7 +28,18 @@ from anchorpose.cli.track import track
 from anchorpose.cli.view import view
 from anchorpose.errors import AnchorposeError
 
-EXIT_CANNOT, EXIT_INTERRUPTED, EXIT_TERMINATED = 2, 130, 143
+EXIT_CANNOT: Final = 2
+EXIT_SIGNAL: Final = 128  # and the signal's number: 130 for Ctrl+C, 143 where the system ends the process
+STOPPING: Final = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+
+class Stopped(KeyboardInterrupt):
+    """A signal that ends the process; it unwinds, so that half-written folders are removed or kept to go on with."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
+        self.number = number
+
 
 app = App(
     name="anchorpose",
@@ -49,25 +60,45 @@ for _verb in (
 
 def main(tokens: Sequence[str] | None = None) -> int:
     """Runs a command line (that of the process by default) and returns its exit code; 0 is success."""
-    signal.signal(signal.SIGTERM, _terminate)
+    for number in STOPPING:
+        signal.signal(number, _stop)
     try:
         answer = app(tokens, exit_on_error=False, result_action="return_value")
     except CycloptsError:  # already printed, with the nearest known option
         return EXIT_CANNOT
     except AnchorposeError as error:
-        return _refuse(str(error))
+        return _refuse(str(error), error)
     except OSError as error:
-        return _refuse(f"{error.filename or 'a file'}: {error.strerror or error}; check the disk and its permissions.")
-    except KeyboardInterrupt:
-        print("Stopped; nothing was written.", file=sys.stderr)
-        return EXIT_INTERRUPTED
+        sentence = f"{error.filename or 'a file'}: {error.strerror or error}; check the disk and its permissions."
+        return _refuse(sentence, error)
+    except (KeyboardInterrupt, SystemError) as error:
+        number = _signal_of(error)
+        if number is None:
+            raise
+        print(" ".join(("Stopped.", *(_notes(error) or ("Nothing was written.",)))), file=sys.stderr)
+        return EXIT_SIGNAL + number
     return answer if isinstance(answer, int) else 0
 
 
-def _refuse(sentence: str) -> int:
-    print(sentence, file=sys.stderr)
+def _refuse(sentence: str, error: Exception) -> int:
+    print(" ".join((sentence, *_notes(error))), file=sys.stderr)
     return EXIT_CANNOT
 
 
-def _terminate(number: int, frame: FrameType | None) -> NoReturn:
-    raise SystemExit(EXIT_TERMINATED)  # unwinds, so that half-written folders are removed
+def _notes(error: BaseException) -> tuple[str, ...]:
+    """What is left behind and how to go on (``unfinished_results``)."""
+    return tuple(getattr(error, "__notes__", ()))
+
+
+def _signal_of(error: BaseException | None) -> int | None:
+    """The number of the signal behind an error, None where there is none.
+
+    A signal that arrives in a compiled kernel comes out of it as a SystemError.
+    """
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return None if error is None else getattr(error, "number", int(signal.SIGINT))
+
+
+def _stop(number: int, frame: FrameType | None) -> NoReturn:
+    raise Stopped(number)

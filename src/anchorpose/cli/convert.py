@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -69,11 +70,8 @@ def convert(*paths: Path, options: ConvertFlags | None = None) -> None:
         raise AnchorposeError("Give one or more files or folders of a recorder, and last the folder to write.")
     *inputs, out = paths
     settings = (options or ConvertFlags()).options()
-    try:
-        with progress_bar("Converting", at_once=False) as progress:
-            done = convert_files(inputs, out, settings, progress)
-    except KeyboardInterrupt:
-        raise _stopped(out) from None
+    with _noting_how_to_go_on(out), progress_bar("Converting", at_once=False) as progress:
+        done = convert_files(inputs, out, settings, progress)
     for note in done.notes:
         print(f"- {note}")
     counts = ", ".join(f"{name} with {count} depth images" for name, count in done.cameras)
@@ -88,18 +86,17 @@ def as_recording(path: Path) -> Path:
     direct = look_at(path)
     if direct.ready:
         return direct.recording
-    try:
-        with progress_bar(f"Converting {path.name}", at_once=False) as progress:
-            notes = make_recording(direct, progress)
-    except KeyboardInterrupt:
-        raise _stopped(direct.recording) from None
+    with _noting_how_to_go_on(direct.recording), progress_bar(f"Converting {path.name}", at_once=False) as progress:
+        notes = make_recording(direct, progress)
     for note in notes:
         print(f"- {note}")
     return direct.recording
 
 
-def _stopped(out: Path) -> SystemExit:
-    from anchorpose.cli import EXIT_INTERRUPTED
-
-    print(f"Stopped; {out} is not a recording yet: give the same command again to go on.", file=sys.stderr)
-    return SystemExit(EXIT_INTERRUPTED)
+@contextmanager
+def _noting_how_to_go_on(out: Path) -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt as stopped:
+        stopped.add_note(f"{out} is not a recording yet: give the same command again to go on.")
+        raise

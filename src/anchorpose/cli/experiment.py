@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +11,6 @@ from anchorpose.errors import InputError
 if TYPE_CHECKING:
     from anchorpose.research.experiment.config import ExperimentConfig
 
-EXIT_INTERRUPTED = 130
 THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
@@ -50,9 +48,9 @@ def experiment(
         os.environ.setdefault(name, "1")  # one core per process; a new process reads it before it loads a library
     try:
         _run(out, settings, real, processes or os.cpu_count() or 1)
-    except KeyboardInterrupt:
-        print("Stopped; the same command continues from here.", file=sys.stderr)
-        raise SystemExit(EXIT_INTERRUPTED) from None
+    except KeyboardInterrupt as stopped:
+        stopped.add_note("The same command goes on from here.")
+        raise
     print(f"Open {out / 'index.html'}; the tables are in {out / 'tables'}.")
 
 

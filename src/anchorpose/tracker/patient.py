@@ -103,8 +103,8 @@ class PatientTracker:
 
     @property
     def has_left(self) -> bool:
-        """Whether the patient is leaving the picture, or has left it within a frame, so that the next who comes in there
-        may be another person."""
+        """Whether the patient is leaving the picture, or left it within a frame: the next who comes in there may be
+        another person."""
         views = self.window[0].evidence.views
         gone = not self._in_view and not any(view.patient.any() for view in views if view is not None)
         return gone or seen_as_strip(views, self.run.room.cameras)
