@@ -16,7 +16,7 @@ from anchorpose.cli import main
 from anchorpose.inspecting import inspect_recording
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.pages.canvas import EQUIPMENT, PATIENT, SKY, enlarge, scale_of, shade
-from anchorpose.pages.inspection_page import FACTS_FILE, Section, StagePicture, write_inspection
+from anchorpose.pages.inspection_page import FACTS_FILE, INSPECTION, Section, StagePicture, write_inspection
 from anchorpose.pages.stage_drawing import Layer, draw_layers, draw_values
 from anchorpose.pipeline import TrackConfig, track_recording
 from anchorpose.results.folder import new_results_folder
@@ -167,7 +167,7 @@ def test_a_results_folder_of_track_is_no_inspection(tmp_path):
         (tmp_path / "r" / name).write_text("x")
     with (
         pytest.raises(Exception, match="is not a results folder"),
-        new_results_folder(tmp_path / "r", tmp_path / "x", True, (FACTS_FILE,)),
+        new_results_folder(tmp_path / "r", tmp_path / "x", True, INSPECTION),
     ):
         pass
 
