@@ -119,7 +119,7 @@ CASES = {
     "not a number": (_replace("30.0", "NaN"), "recording.json", "NaN"),
     "infinity": (_replace("30.0", "-Infinity"), "recording.json", "-Infinity"),
     "larger than any number": (_replace("30.0", "1e999"), "recording.json", "finite number"),
-    "a whole number beyond floats": (_replace("30.0", "1" + "0" * 400), "recording.json", "finite number"),
+    "a whole number beyond floats": (_replace("30.0", "1" + "0" * 400), "recording.json", "64 bits"),
     "a key twice": (_replace('"width"', '"name": "x", "width"'), "recording.json", "'name' is given twice"),
     "another format": (_document(lambda d: d.update(format="equipment-model")), "recording.json", "rgbd-recording"),
     "another version": (_document(lambda d: d.update(version=2)), "recording.json", "version is 2; it must be 1"),

@@ -85,6 +85,9 @@ def test_toml_and_json_give_the_same(tmp_path):
         ("names = [1]", "names[0] is 1"),
         ("inner = 3", "inner is 3; it must be an object or a table"),
         ("inner = ", "is not TOML"),
+        ("[inner]\ncount = 1" + "0" * 400, "64 bits"),
+        ("inner = " + "[" * 100_000, "is not TOML"),
+        ('names = ["a\\u0000b"]', "no meaning"),
     ],
 )
 def test_what_does_not_fit_is_refused_by_place(tmp_path, text, sentence):

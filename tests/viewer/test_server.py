@@ -46,7 +46,7 @@ def ask(
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
     sent = {"Host": f"127.0.0.1:{port}", **{name.replace("_", "-"): value for name, value in headers.items()}}
     target = path if path.startswith("/") else f"/{token}/{path}"
-    connection.request(method, target, None if body is None else json.dumps(body), sent)
+    connection.request(method, target, body if body is None or isinstance(body, str) else json.dumps(body), sent)
     answer = connection.getresponse()
     content = answer.read()
     connection.close()
@@ -153,6 +153,10 @@ def test_requests_that_make_no_sense_get_a_sentence(server: ViewerServer) -> Non
         assert json.loads(content)["error"]
     assert ask(server, "points?first=0")[0] == 404
     assert tell(server, "corrections/add", ["no object"])[0] == 400
+    for body in ("[" * 50_000, '{"a":' * 10_000, '{"position": 1' + "0" * 400 + "}"):
+        status, answer = tell(server, "hypotheses/start", body)
+        assert status == 400
+        assert re.search("levels deep|64 bits", answer["error"])
     assert tell(server, "hypotheses/start", {"position": 10**6})[0] == 400
     own = f"http://127.0.0.1:{server.guard.port}"
     big = {"reason": "x" * 70_000}

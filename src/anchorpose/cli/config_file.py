@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar, get_type_hints
 
 from anchorpose.errors import InputError
 from anchorpose.recording.document import read_json, read_text, validate
+from anchorpose.recording.json_text import require_plain
+from anchorpose.settings import Unfit
 
 if TYPE_CHECKING:
     from anchorpose.pipeline import TrackConfig
@@ -56,9 +58,13 @@ def _read_toml(path: Path) -> dict[str, Any]:
     if path.suffix != ".toml":
         raise InputError(path, "is neither .toml nor .json", "give a configuration file of one of the two")
     try:
-        return tomllib.loads(read_text(path))
+        values = tomllib.loads(read_text(path))
+        require_plain(values)
+    except Unfit as error:
+        raise InputError(path, error.problem, error.remedy) from None
     except (ValueError, RecursionError) as error:
         raise InputError(path, f"is not TOML ({error})", "correct the file") from None
+    return values
 
 
 def _names_given(values: dict[str, Any], prefix: str = "") -> Iterator[str]:

@@ -20,6 +20,7 @@ from pydantic import (
 )
 
 from anchorpose.errors import InputError
+from anchorpose.recording.json_text import LARGEST_BYTES, parse_json
 from anchorpose.settings import STRICT, Unfit, explain
 
 ROTATION_TOLERANCE: Final = 5e-4
@@ -116,23 +117,12 @@ def read_text(path: Path) -> str:
         raise InputError(path, "is not text in UTF-8", "save it again as UTF-8") from None
 
 
-def read_json(path: Path) -> dict[str, Any]:
-    """The object that a JSON file holds; raises InputError unless it is one with unique keys."""
+def read_json(path: Path, largest_bytes: int = LARGEST_BYTES) -> dict[str, Any]:
+    """The object that a JSON file holds; raises InputError unless it is one that ``parse_json`` accepts."""
     try:
-        values = json.loads(read_text(path), object_pairs_hook=_unique_pairs)
-    except json.JSONDecodeError as error:
-        raise InputError(path, f"is not JSON (line {error.lineno}: {error.msg})", "correct that line") from None
-    except (ValueError, RecursionError) as error:
-        raise InputError(path, f"cannot be used ({error})", "correct the file") from None
+        values = parse_json(read_text(path), largest_bytes)
+    except Unfit as error:
+        raise InputError(path, error.problem, error.remedy) from None
     if not isinstance(values, dict):
         raise InputError(path, "is not a JSON object", "it must start with a curly bracket")
-    return values
-
-
-def _unique_pairs(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    values = dict(pairs)
-    if len(values) != len(pairs):
-        names = [key for key, _ in pairs]
-        twice = next(key for key in names if names.count(key) > 1)
-        raise ValueError(f"the key '{twice}' is given twice")
     return values

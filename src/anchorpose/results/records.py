@@ -15,6 +15,7 @@ from anchorpose import __version__
 from anchorpose.body.contact_regions import REGIONS
 from anchorpose.errors import InputError
 from anchorpose.joints import JointState
+from anchorpose.recording.json_text import parse_json
 from anchorpose.results.parquet import MEASURE_AGAIN, TRACK_AGAIN, RecordTable, required
 
 SEEN, INFERRED = "seen", "inferred"
@@ -186,6 +187,6 @@ def read_definition(path: Path) -> Definition | None:
     if text is None:
         return None
     try:
-        return Definition(**json.loads(text))
+        return Definition(**parse_json(text))
     except (ValueError, TypeError):
         raise InputError(path, "its definition of the measures cannot be read", MEASURE_AGAIN) from None

@@ -8,13 +8,13 @@ Orbbec's wrapper for Femto (github.com/orbbec/OrbbecSDK-K4A-Wrapper) has the sam
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from anchorpose.lens import Intrinsics, LensModel
+from anchorpose.recording.json_text import parse_json
 
 DEPTH_CAMERA: Final = "CALIBRATION_CameraLocationD0"
 MODEL: Final = "CALIBRATION_LensDistortionModelBrownConrady"
@@ -77,11 +77,11 @@ def lens_of(calibration: bytes, mode: DepthMode) -> Intrinsics:
 def _depth_camera(calibration: bytes) -> dict:
     """The entry of the depth camera."""
     try:
-        document = json.loads(calibration.rstrip(b"\0"))
+        document = parse_json(calibration.rstrip(b"\0"))
         cameras = document["CalibrationInformation"]["Cameras"]
         camera = next(entry for entry in cameras if entry["Location"] == DEPTH_CAMERA)
         size = (camera["SensorWidth"], camera["SensorHeight"])
-    except (ValueError, LookupError, TypeError, StopIteration, RecursionError):
+    except (ValueError, LookupError, TypeError, StopIteration):
         raise ValueError("is damaged or has no depth camera") from None
     if size != (SENSOR_PX, SENSOR_PX):
         raise ValueError(f"is not of a sensor of {SENSOR_PX} x {SENSOR_PX} pixels")

@@ -15,6 +15,7 @@ from filelock import FileLock, Timeout
 
 from anchorpose import __version__
 from anchorpose.errors import AnchorposeError, InputError
+from anchorpose.recording.json_text import parse_json
 from anchorpose.results.folder import write_text_whole
 from anchorpose.sources.camera_writer import CameraWriter
 from anchorpose.sources.fingerprint import fingerprint
@@ -81,8 +82,8 @@ def conversion_document(inputs: Sequence[Path], options: ConvertOptions) -> dict
 def read_conversion(folder: Path) -> dict[str, Any] | None:
     """The conversion.json of a folder; None where it has none that can be read."""
     try:
-        values = json.loads((folder / CONVERSION_FILE).read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
+        values = parse_json((folder / CONVERSION_FILE).read_bytes())
+    except (OSError, ValueError):
         return None
     return values if isinstance(values, dict) and values.get("format") == "conversion" else None
 

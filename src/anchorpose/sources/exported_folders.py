@@ -7,7 +7,6 @@ poses in a world of their own that changes with a camera that is carried. Times 
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -17,6 +16,7 @@ import numpy as np
 from anchorpose.errors import InputError
 from anchorpose.lens import Intrinsics
 from anchorpose.recording.document import read_json
+from anchorpose.recording.json_text import parse_json
 from anchorpose.sources.grey_images import FrameFile, ImageFiles, Size, first_size, images_in, natural_order
 from anchorpose.sources.image_folder import frame_files
 from anchorpose.sources.numbers_in import finite, finite_list, read_matrix
@@ -108,8 +108,8 @@ def _camera_file(path: Path) -> Path | None:
     for file in sorted(path.glob("*.json")):
         if file.is_file() and file.stat().st_size < LARGEST_JSON:
             try:
-                values = json.loads(file.read_bytes())
-            except (ValueError, RecursionError):
+                values = parse_json(file.read_bytes(), LARGEST_JSON)
+            except ValueError:
                 continue
             if isinstance(values, dict) and "intrinsic_matrix" in values:
                 return file

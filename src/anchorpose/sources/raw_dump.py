@@ -3,13 +3,13 @@ them (``image_folder``)."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from anchorpose.errors import InputError
+from anchorpose.recording.json_text import parse_json
 from anchorpose.sources.grey_images import ImageFiles, natural_order
 from anchorpose.sources.image_folder import SIDECAR, SidecarDocument, camera_of, file_times, frame_files, times_of
 from anchorpose.sources.source import NO_READING, Source, SourceCamera, SourceFrame
@@ -21,8 +21,8 @@ def matches(path: Path, head: bytes) -> bool:
     if sidecar == path or not sidecar.is_file():
         return False
     try:
-        values = json.loads(sidecar.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError):
+        values = parse_json(sidecar.read_bytes())
+    except ValueError:
         return False
     return isinstance(values, dict) and values.get("format") == "depth-sidecar" and (path.is_file() or _is_raw(path))
 

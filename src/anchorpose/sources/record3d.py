@@ -6,7 +6,6 @@ K is written column by column and for the colour picture of w x h pixels; depth 
 from __future__ import annotations
 
 import errno
-import json
 import lzma
 import re
 import struct
@@ -19,6 +18,7 @@ from typing import Any, Final
 import numpy as np
 
 from anchorpose.errors import InputError, MissingPackage
+from anchorpose.recording.json_text import parse_json
 from anchorpose.sources.metres import GREY_M, to_grey
 from anchorpose.sources.numbers_in import finite, finite_list
 from anchorpose.sources.source import SourceCamera, SourceFrame, damaged_notes, movement_note
@@ -109,7 +109,7 @@ def _contents(path: Path) -> tuple[dict[str, Any], list[str]]:
     """The metadata, and the names of the depth images in order."""
     try:
         with zipfile.ZipFile(path) as archive:
-            values = json.loads(_read(archive, "metadata", LARGEST_METADATA))
+            values = parse_json(_read(archive, "metadata", LARGEST_METADATA), LARGEST_METADATA)
             names = [name for name in archive.namelist() if re.fullmatch(r"rgbd/\d{1,9}\.depth", name)]
     except _DAMAGE:
         raise InputError(path, "is damaged, or not finished", _REMEDY) from None

@@ -27,6 +27,7 @@ from typing import Any, Final
 from urllib.parse import parse_qsl, urlsplit
 
 from anchorpose.errors import AnchorposeError
+from anchorpose.recording.json_text import parse_json
 from anchorpose.viewer.api import JSON, Response, ViewerApi
 from anchorpose.viewer.payloads import describe_error
 
@@ -237,7 +238,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def _object(text: bytes) -> dict[str, Any]:
-    value = json.loads(text)
+    value = parse_json(text)
     if not isinstance(value, dict):
         raise ValueError("this is not a JSON object")
     return value
