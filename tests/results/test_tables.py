@@ -53,6 +53,30 @@ def test_frames_come_back_as_they_were_written(tmp_path_factory, frames):
     np.testing.assert_array_equal(table.state_code, [[STATE_CODE[state] for state in frame.state] for frame in frames])
 
 
+SAME = ("frame", "time_s", "position_m", "state_code", "sigma_m")
+
+
+def test_a_flipped_bit_is_refused_or_changes_no_number(tmp_path):
+    rng, refused = np.random.default_rng(3), 0
+    frames = [make_frame(n, n / 30, standing_joints() + rng.normal(scale=1e-3, size=(21, 3))) for n in range(30)]
+    path = _write(tmp_path / "joints.parquet", frames)
+    table, content = read_joints(path), path.read_bytes()
+    footer = len(content) - 8 - int.from_bytes(content[-8:-4], "little")  # names and places of the columns
+    bits = [*rng.integers(8 * len(content), size=800).tolist(), *range(8 * footer, 8 * len(content), 11)]
+    for bit in bits:
+        flipped = bytearray(content)
+        flipped[bit // 8] ^= 1 << bit % 8
+        path.write_bytes(flipped)
+        try:
+            found = read_joints(path)
+        except InputError:  # and nothing else
+            refused += 1
+            continue
+        for name in SAME:
+            np.testing.assert_array_equal(getattr(found, name), getattr(table, name), f"bit {bit}")
+    assert refused > len(bits) / 2
+
+
 def test_the_columns_are_those_of_the_format_and_lost_joints_are_null(tmp_path):
     path = _write(tmp_path / "joints.parquet", [make_frame(5, 0.5, standing_joints(), lost=("WristLeft",))])
     table = pq.read_table(path)

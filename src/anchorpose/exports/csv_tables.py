@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
-from anchorpose.errors import InputError
 from anchorpose.exports.formats import STATES, ExportConfig, Product, Source, number_text
 from anchorpose.joints import JOINT_NAMES
+from anchorpose.results.parquet import read_any_parquet, read_parquet_schema
 
 _STATE_MEANING: Final = f"how it is known: {', '.join(STATES)}; or, of intervals, seen or inferred"
 
@@ -108,10 +107,10 @@ def write_csv(folder: Path, source: Source, config: ExportConfig) -> Product:
     """A CSV for each table without images, joints_wide.csv, angles_wide.csv and data_dictionary.csv."""
     dictionary, notes, rows = list[tuple[str, ...]](), list[str](), 0
     for path in sorted(source.folder.glob("*.parquet")):
-        kinds = _readable(path, pq.read_schema).types
+        kinds = read_parquet_schema(path).types
         if any(pa.types.is_binary(kind) or pa.types.is_large_binary(kind) for kind in kinds):
             continue  # images of person labels for the viewer; there may be more than fit in memory
-        table = _readable(path, pq.read_table)
+        table = read_any_parquet(path)
         name = f"{path.stem}.csv"
         rows += len(table)
         _write(folder / name, table.schema.names, zip(*(_cells(column) for column in table.columns), strict=True))
@@ -145,14 +144,6 @@ def _metadata(name: str, schema: pa.Schema) -> list[str]:
     """The metadata of the table, such as how it was smoothed, for which a CSV has no place."""
     texts = {key.decode(): value.decode(errors="replace") for key, value in (schema.metadata or {}).items()}
     return [f"{name}, {key}: {value}" for key, value in texts.items() if key != "pandas"]
-
-
-def _readable(path: Path, read: Callable[[Path], Any]) -> Any:
-    """The result of ``read`` for a table; raises InputError where it cannot be read."""
-    try:
-        return read(path)
-    except (pa.ArrowException, OSError):
-        raise InputError(path, "is not a parquet table", "track the recording again") from None
 
 
 def _kind(kind: pa.DataType) -> str:

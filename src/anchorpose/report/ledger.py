@@ -14,10 +14,10 @@ from typing import Any, Final
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 from markupsafe import Markup
 
 from anchorpose.report.words import MISSING, number
+from anchorpose.results.parquet import read_any_parquet
 
 ON_ARC: Final = " on the arc"
 """Of angles in degrees, which may pass from 180 to -180: see ``on_shortest_arc``."""
@@ -183,7 +183,7 @@ class Ledger:
 
     def _table(self, rows: Rows) -> pa.Table:
         if rows not in self._tables:
-            table = self._table(Rows(rows.file)) if rows.where else pq.read_table(self._folder / rows.file)
+            table = self._table(Rows(rows.file)) if rows.where else read_any_parquet(self._folder / rows.file)
             for name, value in rows.where:
                 column = table[name]
                 wanted = pa.scalar(value).cast(column.type)

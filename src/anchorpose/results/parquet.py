@@ -1,4 +1,7 @@
-"""Parquet files of the results, and how a table of records is declared: the same values always give the same bytes."""
+"""Parquet files of the results, and how a table of records is declared: the same values always give the same bytes.
+
+Nothing else opens a parquet file, since every page is written with a checksum and compared with it when it is read.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +43,9 @@ class RowGroups(Generic[Row]):
 
 def open_parquet(path: Path, schema: pa.Schema) -> Any:
     """A parquet writer with everything fixed that decides the bytes."""
-    return pq.ParquetWriter(path, schema, version="2.6", compression="zstd", compression_level=3)
+    return pq.ParquetWriter(
+        path, schema, version="2.6", compression="zstd", compression_level=3, write_page_checksum=True
+    )
 
 
 def read_parquet(path: Path, schema: pa.Schema, rows: Any = None) -> pa.Table:
@@ -48,10 +53,44 @@ def read_parquet(path: Path, schema: pa.Schema, rows: Any = None) -> pa.Table:
 
     rows: a pyarrow expression that selects the rows to read; None for all.
     """
-    with refuse_unreadable(path):
-        table = pq.read_table(path, filters=rows)
+    table = read_any_parquet(path, rows)
     require_columns(path, table.schema, schema)
     return table
+
+
+def read_any_parquet(path: Path, rows: Any = None, columns: list[str] | None = None) -> pa.Table:
+    """A table whatever its columns are, or those named; raises InputError where it is damaged or lacks one of them.
+
+    rows: as of ``read_parquet``.
+    """
+    with refuse_unreadable(path):
+        table = pq.read_table(path, filters=rows, columns=columns, page_checksum_verification=True)
+        _require_names(table.schema)
+    return table
+
+
+def read_parquet_schema(path: Path) -> pa.Schema:
+    """The names, types and metadata of a table, without reading it; raises InputError where it is damaged."""
+    with refuse_unreadable(path):
+        schema = pq.read_schema(path)
+        _require_names(schema)
+    return schema
+
+
+def _require_names(schema: pa.Schema) -> list[str]:
+    """The names of the columns, which pyarrow decodes only here; raises UnicodeDecodeError where they are damaged."""
+    return list(schema.names)
+
+
+@contextmanager
+def opened_parquet(path: Path, schema: pa.Schema) -> Iterator[Any]:
+    """An open file, of which row groups can be read, with the columns of ``schema``.
+
+    Raises InputError where it has others, or proves in the block to be damaged.
+    """
+    with refuse_unreadable(path), pq.ParquetFile(path, page_checksum_verification=True) as file:
+        require_columns(path, file.schema_arrow, schema)
+        yield file
 
 
 def required(**types: pa.DataType) -> list[pa.Field]:
@@ -66,7 +105,10 @@ def refuse_unreadable(path: Path) -> Iterator[None]:
         yield
     except FileNotFoundError:
         raise InputError(path, "there is no such file", "give a results folder made by 'anchorpose track'") from None
-    except (pa.ArrowException, OSError) as error:
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
+        if "CRC" in str(error):
+            remedy = f"copy it again, or {TRACK_AGAIN}"
+            raise InputError(path, "is damaged: its checksum does not fit its content", remedy) from None
         raise InputError(path, f"is not a parquet table ({str(error).splitlines()[0][:80]})", TRACK_AGAIN) from None
 
 

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import cv2
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from anchorpose.errors import InputError
 from anchorpose.isolation.view import PixelLabel, View
-from anchorpose.results.parquet import TRACK_AGAIN, RecordTable, refuse_unreadable, require_columns, required
+from anchorpose.results.parquet import TRACK_AGAIN, RecordTable, opened_parquet, read_any_parquet, required
 
 GROUPS_KEPT: Final = 4
 """Row groups read last that stay in memory: some seconds of three cameras, a few megabytes."""
@@ -77,7 +75,7 @@ def read_people(path: Path, frames: Sequence[int] | None = None) -> dict[tuple[i
 
 def frames_of_people(path: Path) -> np.ndarray:
     """(k,) int32, increasing: the frames of which there is an image, without reading the images."""
-    frames: np.ndarray = np.unique(pq.read_table(path, columns=["frame"])["frame"].to_numpy())
+    frames: np.ndarray = np.unique(read_any_parquet(path, columns=["frame"])["frame"].to_numpy())
     return frames
 
 
@@ -114,21 +112,14 @@ class StoredPeople:
 
     def _read_keys(self) -> tuple[pa.Table, np.ndarray]:
         """Frame and camera of each row, and (n,) int32 the row group that it is in."""
-        with self._opened() as file:
+        with opened_parquet(self._path, PEOPLE.schema) as file:
             rows = [file.metadata.row_group(number).num_rows for number in range(file.num_row_groups)]
             return file.read(["frame", "camera"]), np.repeat(np.arange(len(rows), dtype=np.int32), rows)
 
     def _read_group(self, number: int) -> dict[tuple[int, str], LabelImage]:
-        with self._opened() as file:
+        with opened_parquet(self._path, PEOPLE.schema) as file:
             rows = PEOPLE.records(self._path, file.read_row_group(number)) if number < file.num_row_groups else ()
         return {(row.frame, row.camera): row for row in rows}
-
-    @contextmanager
-    def _opened(self) -> Iterator[Any]:
-        """The open file; raises InputError where it is not such a table or cannot be read in the block."""
-        with refuse_unreadable(self._path), pq.ParquetFile(self._path) as file:
-            require_columns(self._path, file.schema_arrow, PEOPLE.schema)
-            yield file
 
 
 def _two_of_one(path: Path) -> InputError:

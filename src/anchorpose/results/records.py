@@ -9,14 +9,13 @@ from pathlib import Path
 from typing import Any, Final
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from anchorpose import __version__
 from anchorpose.body.contact_regions import REGIONS
 from anchorpose.errors import InputError
 from anchorpose.joints import JointState
 from anchorpose.recording.json_text import parse_json
-from anchorpose.results.parquet import MEASURE_AGAIN, TRACK_AGAIN, RecordTable, required
+from anchorpose.results.parquet import MEASURE_AGAIN, TRACK_AGAIN, RecordTable, read_parquet_schema, required
 
 SEEN, INFERRED = "seen", "inferred"
 
@@ -183,7 +182,7 @@ def read_definition(path: Path) -> Definition | None:
 
     Raises InputError where the record cannot be read.
     """
-    text = (pq.read_schema(path).metadata or {}).get(DEFINITION_KEY.encode())
+    text = (read_parquet_schema(path).metadata or {}).get(DEFINITION_KEY.encode())
     if text is None:
         return None
     try:
