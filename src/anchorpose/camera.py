@@ -32,9 +32,10 @@ class Camera:
             raise ValueError(f"the pose of camera {self.name} is unknown")
         return self.T_world_camera
 
-    def shows(self, place_m: np.ndarray) -> bool:
-        """Whether a place (3,) in the world lies within this camera's image; raises as ``require_pose``."""
-        return bool(self.pixel_of(transform_points(invert_rigid(self.require_pose()), place_m[None]))[2][0])
+    def share_in_image(self, places_m: np.ndarray) -> float:
+        """How many of some places (n, 3) in the world lie within this camera's image, 0 to 1; raises as
+        ``require_pose``."""
+        return float(self.pixel_of(transform_points(invert_rigid(self.require_pose()), places_m))[2].mean())
 
     def pixel_rays(self) -> np.ndarray:
         """(height, width, 2) float32, read only: x/z and y/z of each pixel's ray; NaN where it has none."""

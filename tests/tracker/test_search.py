@@ -155,13 +155,17 @@ def test_an_arm_seen_between_others_is_no_strip_and_another_camera_may_see_more(
     assert not seen_as_strip((None, view_of(strip.depth_m, np.zeros_like(strip.patient))), (FRONT, FRONT))
 
 
-@pytest.mark.parametrize(("root_x_m", "seen", "left"), [(3.0, False, True), (3.0, True, False), (0.0, False, False)])
-def test_who_is_neither_seen_nor_in_view_has_left(root_x_m, seen, left):
+@pytest.mark.parametrize(
+    ("aside_m", "seen", "left"),
+    [((3.0, 3.2, 3.4), False, True), ((3.0, 3.2, 3.4), True, False), ((0.0, 0.2, 0.4), False, False)]
+    + [((-1.39, -1.5, -1.7, -1.8, -1.9), False, True)],  # a hip is in the image, by a few pixels
+)
+def test_who_is_neither_seen_nor_in_view_has_left(aside_m, seen, left):
     """Near a camera people walk out of its image from one frame to the next; in view, something may hide them."""
     inside = at_left_border(0.6, 1.5) if seen else view_of(np.full((424, 512), 3.0), np.zeros((424, 512), bool))
     tracker = PatientTracker.__new__(PatientTracker)
     tracker.run = SimpleNamespace(room=SimpleNamespace(cameras=(FRONT,)))
     tracker.window = [SimpleNamespace(evidence=SimpleNamespace(views=(inside,)))]
-    aside_m = FRONT.require_pose() @ np.array([root_x_m, 0.0, 2.0, 1.0])
-    tracker.belief = SimpleNamespace(pose=SimpleNamespace(root_m=aside_m[:3]))
+    places_m = np.array([(FRONT.require_pose() @ np.array([x_m, 0.0, 2.0, 1.0]))[:3] for x_m in aside_m])
+    tracker.belief, tracker.body = SimpleNamespace(pose=None), SimpleNamespace(joints=lambda pose: places_m)
     assert tracker.has_left == left

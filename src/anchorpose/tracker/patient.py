@@ -42,6 +42,9 @@ from anchorpose.tracker.start import Start
 from anchorpose.tracker.window import Window
 from anchorpose.tracking.motion import predict_joints
 
+IN_VIEW: Final = (
+    0.25  # of the joints within an image: of who walks out of it past the camera, a hip is there the longest
+)
 SEE_AGAIN_M: Final = 0.03  # skin expected this far from where it was when the frame came in: half a forearm's width
 
 
@@ -111,7 +114,8 @@ class PatientTracker:
 
     @property
     def _in_view(self) -> bool:
-        return any(camera.shows(self.belief.pose.root_m) for camera in self.run.room.cameras)
+        joints_m = self.body.joints(self.belief.pose)
+        return any(camera.share_in_image(joints_m) >= IN_VIEW for camera in self.run.room.cameras)
 
     @property
     def height_m(self) -> float:
