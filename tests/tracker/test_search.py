@@ -157,8 +157,12 @@ def test_an_arm_seen_between_others_is_no_strip_and_another_camera_may_see_more(
 
 @pytest.mark.parametrize(
     ("aside_m", "seen", "left"),
-    [((3.0, 3.2, 3.4), False, True), ((3.0, 3.2, 3.4), True, False), ((0.0, 0.2, 0.4), False, False)]
-    + [((-1.39, -1.5, -1.7, -1.8, -1.9), False, True)],  # a hip is in the image, by a few pixels
+    [
+        ((3.0, 3.2, 3.4), False, True),
+        ((3.0, 3.2, 3.4), True, False),
+        ((0.0, 0.2, 0.4), False, False),
+        ((-1.39, -1.5, -1.7, -1.8, -1.9), False, True),  # a hip is in the image, by a few pixels
+    ],
 )
 def test_who_is_neither_seen_nor_in_view_has_left(aside_m, seen, left):
     """Near a camera people walk out of its image from one frame to the next; in view, something may hide them."""
