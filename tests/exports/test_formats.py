@@ -16,8 +16,8 @@ import pytest
 from exports_builder import angle_names, angle_of, column, times, true_joints, write_true_results
 
 from anchorpose.errors import InputError, MissingPackage
-from anchorpose.exports import c3d
-from anchorpose.exports.formats import STATES, ExportConfig, Format
+from anchorpose.exports import c3d, csv_tables
+from anchorpose.exports.formats import STATES, ExportConfig, Format, rounded_text
 from anchorpose.exports.run import export_results
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.results.records import CONTACTS_FILE, Contact, write_contacts
@@ -149,8 +149,8 @@ def test_pictures_are_not_even_read_for_csv(results, tmp_path, monkeypatch):
     other = tmp_path / "other"
     shutil.copytree(results, other)
     pq.write_table(pa.table({"frame": [1], "labels": [b"picture"]}), other / "people.parquet")
-    read, whole = [], pq.read_table
-    monkeypatch.setattr(pq, "read_table", lambda path, **more: read.append(Path(path).name) or whole(path, **more))
+    read, whole = [], csv_tables._rows
+    monkeypatch.setattr(csv_tables, "_rows", lambda path: read.append(path.name) or whole(path))
     folder = export(other, tmp_path / "out", Format.CSV)
     assert "joints.parquet" in read
     assert "people.parquet" not in read  # an hour of three cameras is more than a gigabyte
@@ -158,6 +158,26 @@ def test_pictures_are_not_even_read_for_csv(results, tmp_path, monkeypatch):
     (other / "people.parquet").write_bytes(b"no table")
     with pytest.raises(InputError, match=r"people\.parquet: is not a parquet table"):
         export(other, tmp_path / "again", Format.CSV)
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [(0.0, 0, "0"), (10.0, 0, "10"), (-0.4, 0, "0"), (6, 0, "6"), (10.0, 2, "10"), (-0.001, 2, "0"), (0.5, 2, "0.5")],
+)
+def test_only_zeros_after_the_point_are_needless(value, digits, text):
+    assert rounded_text(value, digits, "n/a") == text
+
+
+def test_bids_writes_the_state_of_a_joint_that_was_seen(results, tmp_path):
+    folder = export(results, tmp_path, Format.BIDS)
+    (path,) = folder.rglob("*_motion.tsv")
+    (names,) = folder.rglob("*_channels.tsv")
+    column = [row["name"] for row in rows_of(names, "\t")].index("Head_state")
+    written = [line.split("\t")[column] for line in path.read_text(encoding="utf-8").splitlines()]
+    assert written == [
+        str(code) for code in read_joints(results / "joints.parquet").state_code[:, JOINT_NAMES.index("Head")]
+    ]
+    assert "0" in written
 
 
 def test_a_table_that_is_not_known_yet_is_exported_too(results, tmp_path):

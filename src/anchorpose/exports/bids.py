@@ -6,6 +6,7 @@ Each column of motion.tsv is a channel; contacts and episodes are BIDS events be
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -13,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from anchorpose import __version__
-from anchorpose.exports.formats import STATES, ExportConfig, Product, Samples, Source, rounded_text, rows_text
+from anchorpose.exports.formats import STATES, ExportConfig, Product, Samples, Source, blocks, rounded_text, write_rows
 from anchorpose.exports.regular_time import nominal_rate_hz, without_gaps
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.results.records import CONTACTS_FILE, EPISODES_FILE, read_contacts, read_episodes
@@ -80,10 +81,22 @@ def _quality(names: tuple[str, ...], units: str, sigma: np.ndarray, state_code: 
             Channel(f"{name}_sigma", "n/a", "MISC", name, units, meaning, sigma[:, number], 6),
             Channel(
                 f"{name}_state", "n/a", "MISC", name, "n/a", f"how it is known: {_STATE_CODES}",
-                state_code[:, number].astype(np.float64), 0,
+                state_code[:, number], 0,
             ),
         )
     ]  # fmt: skip
+
+
+def motion_rows(channels: Sequence[Channel]) -> Iterator[tuple[str, ...]]:
+    """The lines of motion.tsv: a cell per channel."""
+    for rows in blocks(len(channels[0].values)):
+        yield from zip(
+            *(
+                [rounded_text(value, channel.digits, MISSING) for value in channel.values[rows].tolist()]
+                for channel in channels
+            ),
+            strict=True,
+        )
 
 
 EVENT_COLUMNS: Final = ("onset", "duration", "trial_type", "part", "person", "state")
@@ -148,12 +161,8 @@ def write_bids(folder: Path, source: Source, config: ExportConfig) -> Product:
     recording = "_".join([*entities, f"task-{config.task}"])
     _events(motion / f"{recording}_events", source)
     stem = f"{recording}_tracksys-{TRACKING_SYSTEM}"
-    columns = ([rounded_text(value, channel.digits, MISSING) for value in channel.values] for channel in channels)
-    (motion / f"{stem}_motion.tsv").write_text(
-        rows_text(zip(*columns, strict=True), "\t"), encoding="utf-8", newline="\n"
-    )
-    rows = [CHANNEL_COLUMNS, *(channel.row for channel in channels)]
-    (motion / f"{stem}_channels.tsv").write_text(rows_text(rows, "\t"), encoding="utf-8", newline="\n")
+    write_rows(motion / f"{stem}_motion.tsv", "\t", motion_rows(channels))
+    write_rows(motion / f"{stem}_channels.tsv", "\t", [CHANNEL_COLUMNS], (channel.row for channel in channels))
     _write_json(motion / f"{stem}_channels.json", _channels_sidecar())
     sidecar = _motion_sidecar(source.samples.time_s, channels, config)
     _write_json(motion / f"{stem}_motion.json", sidecar)
@@ -175,7 +184,7 @@ def _events(stem: Path, source: Source) -> None:
     """Writes no file where there are no events, as BIDS requires."""
     events = events_of(source.folder, float(source.samples.time_s[0]), MISSING)
     if events:
-        stem.with_suffix(".tsv").write_text(rows_text([EVENT_COLUMNS, *events], "\t"), encoding="utf-8", newline="\n")
+        write_rows(stem.with_suffix(".tsv"), "\t", [EVENT_COLUMNS], events)
         _write_json(stem.with_suffix(".json"), events_sidecar())
 
 

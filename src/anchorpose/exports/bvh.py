@@ -9,7 +9,7 @@ import numpy as np
 
 from anchorpose.errors import AnchorposeError
 from anchorpose.exports.bvh_skeleton import Node, skeleton_of_joints, skeleton_of_poses
-from anchorpose.exports.formats import ExportConfig, Product, Source, rounded_text, rows_text
+from anchorpose.exports.formats import ExportConfig, Product, Source, blocks, rounded_text, write_rows
 from anchorpose.exports.opensim_coordinates import joint, rotations_deg
 from anchorpose.exports.regular_time import RegularSamples, regular_samples, stretch_name, stretches_of
 from anchorpose.results.poses import POSES_FILE
@@ -25,17 +25,18 @@ def write_bvh(folder: Path, source: Source, config: ExportConfig) -> Product:
     regular = regular_samples(source.samples)
     from_poses = (source.folder / POSES_FILE).exists()
     nodes, root_m = _skeleton(source, regular, from_poses)
-    known = np.stack([np.isfinite(node.axes).all(axis=(1, 2)) for node in nodes], axis=1)
-    known &= np.isfinite(root_m).all(axis=1)[:, None]
+    known = np.empty((len(root_m), len(nodes)), dtype=bool)
+    for rows in blocks(len(root_m)):
+        placed = np.isfinite(root_m[rows]).all(axis=1)
+        for place, node in enumerate(nodes):
+            known[rows, place] = np.isfinite(node.axes(rows)).all(axis=(1, 2)) & placed
     stretches = stretches_of(known)
     if not stretches.runs or not stretches.kept[0]:
         raise AnchorposeError("No two frames in a row have the joints that a BVH needs; export with --to csv instead.")
     kept = [place for place, keep in enumerate(stretches.kept) if keep]
     for number, (first, last) in enumerate(stretches.runs):
-        text = bvh_text(nodes, kept, root_m[first:last], slice(first, last), regular.rate_hz)
-        (folder / stretch_name(STEM, ".bvh", number, len(stretches.runs))).write_text(
-            text, encoding="utf-8", newline="\n"
-        )
+        path = folder / stretch_name(STEM, ".bvh", number, len(stretches.runs))
+        write_bvh_file(path, nodes, kept, root_m, slice(first, last), regular.rate_hz)
     frames = sum(last - first for first, last in stretches.runs)
     left_out = [node.name for place, node in enumerate(nodes) if place not in kept]
     return Product(
@@ -58,20 +59,34 @@ def write_bvh(folder: Path, source: Source, config: ExportConfig) -> Product:
     )  # fmt: skip
 
 
-def bvh_text(nodes: list[Node], kept: list[int], root_m: np.ndarray, rows: slice, rate_hz: float) -> str:
-    """The file's text; kept: indices of the nodes to write, the root first; root_m (r, 3) of the ``rows``."""
+def write_bvh_file(
+    path: Path, nodes: list[Node], kept: list[int], root_m: np.ndarray, rows: slice, rate_hz: float
+) -> None:
+    """Writes the file of some ``rows``; kept: indices of the nodes to write, the root first; root_m (n, 3)."""
     order, lines = _hierarchy(nodes, kept)
-    columns = [root_m * CM_PER_M]
-    for place in order:
-        node = nodes[place]
-        axes = node.axes[rows]
-        if node.parent >= 0:
-            axes = np.einsum("nji,njk->nik", nodes[node.parent].axes[rows], axes)
-        columns.append(np.unwrap(np.stack(rotations_deg(axes), axis=1), period=360.0, axis=0))
-    values = np.concatenate(columns, axis=1)
+    values = np.empty((rows.stop - rows.start, 3 + 3 * len(order)))
+    values[:, :3] = root_m[rows] * CM_PER_M
+    for number, place in enumerate(order, 1):
+        values[:, 3 * number : 3 * number + 3] = _turns_deg(nodes, place, rows)
     head = ["HIERARCHY", *lines, "MOTION", f"Frames: {len(values)}", f"Frame Time: {1.0 / rate_hz:.9f}"]
-    body = ([rounded_text(value, DIGITS, "") for value in row] for row in values.tolist())
-    return rows_text(([line] for line in head), " ") + rows_text(body, " ")
+    body = (
+        [rounded_text(value, DIGITS, "") for value in row]
+        for some in blocks(len(values))
+        for row in values[some].tolist()
+    )
+    write_rows(path, " ", ([line] for line in head), body)
+
+
+def _turns_deg(nodes: list[Node], place: int, rows: slice) -> np.ndarray:
+    """(r, 3) about Z, X and Y, in the axes of the parent, without jumps by 360 degrees."""
+    turns = np.empty((rows.stop - rows.start, 3))
+    for some in blocks(len(turns)):
+        chosen, node = slice(rows.start + some.start, rows.start + some.stop), nodes[place]
+        axes = node.axes(chosen)
+        if node.parent >= 0:
+            axes = np.einsum("nji,njk->nik", nodes[node.parent].axes(chosen), axes)
+        turns[some] = np.stack(rotations_deg(axes), axis=1)
+    return np.unwrap(turns, period=360.0, axis=0)
 
 
 def _skeleton(source: Source, regular: RegularSamples, from_poses: bool) -> tuple[list[Node], np.ndarray]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -48,18 +50,19 @@ _TREE: Final = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Node:
-    """A node of the hierarchy over all frames; NaN where it is unknown.
+    """A node of the hierarchy over all frames.
 
     parent: its index in the list of nodes, -1 for the root. offset_m (3,) from the parent's node in the parent's axes;
-    end_m (3,): what the node points to, in its own axes. axes (n, 3, 3): its rotation in the world; the identity is the
-    rest pose of the body asset.
+    end_m (3,): what the node points to, in its own axes. axes: gives (r, 3, 3), its rotation in the world in some rows
+    of the n frames, NaN where it is unknown; the identity is the rest pose of the body asset. All of all nodes would
+    fill the memory in an hour.
     """
 
     name: str
     parent: int
     offset_m: np.ndarray
     end_m: np.ndarray
-    axes: np.ndarray
+    axes: Callable[[slice], np.ndarray]
 
 
 def skeleton_of_joints(position_m: np.ndarray) -> list[Node]:
@@ -70,16 +73,23 @@ def skeleton_of_joints(position_m: np.ndarray) -> list[Node]:
     """
     rest = shape_body(load_body_asset(), np.zeros(0)).rest_joints()[None]
     nodes, index = list[Node](), dict[str, int]()
-    nodes.append(Node(ROOT, -1, np.zeros(3), np.zeros(3), pelvis_axes(position_m)))
+    nodes.append(Node(ROOT, -1, np.zeros(3), np.zeros(3), lambda rows: pelvis_axes(position_m[rows])))
     index[ROOT] = 0
     for name, (above, at, to) in _TREE.items():
-        parent = nodes[index[above]]
-        start = torso_axes(position_m) if name == "SpineMid" else parent.axes
-        points = _along(rest, at, to)[0]
-        axes = _swing(start @ points, _along(position_m, at, to)) @ start
+        parent, points = nodes[index[above]], _along(rest, at, to)[0]
+        axes = partial(_swung, position_m, (at, to), points, None if name == "SpineMid" else parent)
         nodes.append(Node(name, index[above], parent.end_m, points * _length(position_m, at, to), axes))
         index[name] = len(index)
     return nodes
+
+
+def _swung(
+    position_m: np.ndarray, bone: tuple[str, str], points: np.ndarray, parent: Node | None, rows: slice
+) -> np.ndarray:
+    """(r, 3, 3) axes in which the bone points along ``points`` (3,), by the shortest way from the parent's; None: from
+    those of the torso."""
+    start = torso_axes(position_m[rows]) if parent is None else parent.axes(rows)
+    return _swing(start @ points, _along(position_m[rows], *bone)) @ start
 
 
 def _along(position_m: np.ndarray, start: str, end: str) -> np.ndarray:
@@ -120,16 +130,22 @@ def skeleton_of_poses(
     poses = read_poses(path)
     if not np.array_equal(poses.frame, frame):
         raise InputError(path, "has other frames than joints.parquet", "track the recording again")
-    head_m, quaternion = poses.head_m.astype(np.float64), poses.quaternion.astype(np.float64)
-    then, now = _matrices(quaternion), _matrices(_mixed(quaternion, interpolation))
     nodes = list[Node]()
     for row, name in enumerate(MOVING_BONES):
-        parent, end = _parent(name), np.zeros(3)
-        offset = np.zeros(3) if parent < 0 else _middle(then[:, parent], head_m[:, row] - head_m[:, parent])
+        parent, head_m = _parent(name), poses.head_m[:, row].astype(np.float64)
+        offset, end = np.zeros(3), np.zeros(3)
+        if parent >= 0:
+            offset = _middle(poses.quaternion[:, parent], head_m - poses.head_m[:, parent].astype(np.float64))
         if name in _ENDS:
-            end = _middle(then[:, row], joint(recorded.position_m, _ENDS[name]) - head_m[:, row])
-        nodes.append(Node(name, parent, offset, end, now[:, row]))
-    return nodes, interpolation.values(head_m[:, 0])
+            end = _middle(poses.quaternion[:, row], joint(recorded.position_m, _ENDS[name]) - head_m)
+        axes = partial(_turned, poses.quaternion[:, row], interpolation)
+        nodes.append(Node(name, parent, offset, end, axes))
+    return nodes, interpolation.values(poses.head_m[:, 0].astype(np.float64))
+
+
+def _turned(quaternion: np.ndarray, interpolation: Interpolation, rows: slice) -> np.ndarray:
+    """(r, 3, 3) a bone's axes at some of the grid times, from its quaternions (n, 4)."""
+    return _matrices(_mixed(quaternion, interpolation.rows(rows)))
 
 
 def _parent(name: str) -> int:
@@ -142,26 +158,26 @@ def _parent(name: str) -> int:
 
 
 def _mixed(quaternion: np.ndarray, interpolation: Interpolation) -> np.ndarray:
-    """(g, bones, 4) of quaternions (n, bones, 4); NaN where lost or in a gap."""
-    left, right = quaternion[interpolation.before], quaternion[interpolation.before + 1]
+    """(g, 4) of quaternions (n, 4); NaN where lost or in a gap."""
+    left, right = (quaternion[interpolation.before + step].astype(np.float64) for step in (0, 1))
     same_side = np.where(np.sum(left * right, axis=-1, keepdims=True) < 0, -1.0, 1.0)
-    share = interpolation.share[:, None, None]
+    share = interpolation.share[:, None]
     mixed = np.where(
         share == 0.0, left, np.where(share == 1.0, right, (1.0 - share) * left + share * same_side * right)
     )
-    return unit(np.where(interpolation.bridged[:, None, None], mixed, np.nan))
+    return unit(np.where(interpolation.bridged[:, None], mixed, np.nan))
 
 
 def _matrices(quaternion: np.ndarray) -> np.ndarray:
-    """(n, bones, 3, 3) of quaternions (n, bones, 4) with the real part first; NaN stays NaN."""
-    axes = np.full((*quaternion.shape[:2], 3, 3), np.nan)
+    """(n, 3, 3) of quaternions (n, 4) with the real part first; NaN stays NaN."""
+    axes = np.full((len(quaternion), 3, 3), np.nan)
     known = np.isfinite(quaternion).all(axis=-1)
     axes[known] = Rotation.from_quat(quaternion[known], scalar_first=True).as_matrix()
     return axes
 
 
-def _middle(axes: np.ndarray, vector_m: np.ndarray) -> np.ndarray:
-    """(3,) median over the frames of a world vector in the axes; NaN where there is no frame."""
-    inside = np.einsum("nji,nj->ni", axes, vector_m)
+def _middle(quaternion: np.ndarray, vector_m: np.ndarray) -> np.ndarray:
+    """(3,) median over the frames (n) of a world vector in the axes of a bone; NaN where there is no frame."""
+    inside = np.einsum("nji,nj->ni", _matrices(quaternion.astype(np.float64)), vector_m)
     known = inside[np.isfinite(inside).all(axis=1)]
     return np.median(known, axis=0) if len(known) else np.full(3, np.nan)

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
 
-from anchorpose.exports.formats import STATES, ExportConfig, Product, Source, number_text
+from anchorpose.exports.formats import STATES, ExportConfig, Product, Source, blocks, number_text
 from anchorpose.joints import JOINT_NAMES
-from anchorpose.results.parquet import read_any_parquet, read_parquet_schema
+from anchorpose.results.parquet import opened_parquet, pieces
 
 _STATE_MEANING: Final = f"how it is known: {', '.join(STATES)}; or, of intervals, seen or inferred"
 
@@ -100,26 +100,26 @@ def describe_wide_column(name: str) -> tuple[str, str, str, str, str]:
 DICTIONARY_FILE: Final = "data_dictionary.csv"
 DICTIONARY_HEAD: Final = ("file", "column", "type", "unit", "meaning", "missing")
 
-Column = tuple[str, np.ndarray | Sequence[str]]
+Column = tuple[str, np.ndarray]
 
 
 def write_csv(folder: Path, source: Source, config: ExportConfig) -> Product:
     """A CSV for each table without images, joints_wide.csv, angles_wide.csv and data_dictionary.csv."""
     dictionary, notes, rows = list[tuple[str, ...]](), list[str](), 0
     for path in sorted(source.folder.glob("*.parquet")):
-        kinds = read_parquet_schema(path).types
-        if any(pa.types.is_binary(kind) or pa.types.is_large_binary(kind) for kind in kinds):
-            continue  # images of person labels for the viewer; there may be more than fit in memory
-        table = read_any_parquet(path)
+        with opened_parquet(path) as file:
+            schema, count = file.schema_arrow, file.metadata.num_rows
+        if any(pa.types.is_binary(kind) or pa.types.is_large_binary(kind) for kind in schema.types):
+            continue  # images of person labels for the viewer
         name = f"{path.stem}.csv"
-        rows += len(table)
-        _write(folder / name, table.schema.names, zip(*(_cells(column) for column in table.columns), strict=True))
-        dictionary += [(name, *describe_column(field.name, _kind(field.type))) for field in table.schema]
-        notes += _metadata(name, table.schema)
+        rows += count
+        _write(folder / name, schema.names, _rows(path))
+        dictionary += [(name, *describe_column(field.name, _kind(field.type))) for field in schema]
+        notes += _metadata(name, schema)
     for name, columns in (("joints_wide.csv", _wide_joints(source)), ("angles_wide.csv", _wide_angles(source))):
         if columns:
             names = [column for column, _ in columns]
-            _write(folder / name, names, zip(*(_wide_cells(values) for _, values in columns), strict=True))
+            _write(folder / name, names, _wide_rows([values for _, values in columns]))
             dictionary += [(name, *describe_wide_column(column)) for column in names]
     _write(folder / DICTIONARY_FILE, DICTIONARY_HEAD, dictionary)
     return _product(len(source.frame), rows, notes)
@@ -168,8 +168,21 @@ def _cell(value: Any) -> str:
     return number_text(value) if isinstance(value, float) else str(value)
 
 
-def _wide_cells(values: np.ndarray | Sequence[str]) -> list[str]:
-    return [_cell(value) for value in (values.tolist() if isinstance(values, np.ndarray) else values)]
+def _rows(path: Path) -> Iterator[tuple[str, ...]]:
+    """The rows of a table; raises InputError where it cannot be read."""
+    with opened_parquet(path) as file:
+        for piece in pieces(file):
+            yield from zip(*(_cells(column) for column in piece.columns), strict=True)
+
+
+def _wide_rows(columns: Sequence[np.ndarray]) -> Iterator[tuple[str, ...]]:
+    """Of columns (n,): numbers, and state codes (int8), which become their texts."""
+    for rows in blocks(len(columns[0])):
+        yield from zip(*(_wide_cells(values[rows]) for values in columns), strict=True)
+
+
+def _wide_cells(values: np.ndarray) -> list[str]:
+    return [STATES[value] if values.dtype == np.int8 else _cell(value) for value in values.tolist()]
 
 
 def _wide_joints(source: Source) -> list[Column]:
@@ -178,7 +191,7 @@ def _wide_joints(source: Source) -> list[Column]:
     for number, name in enumerate(JOINT_NAMES):
         columns += [(f"{name}_{axis}_m", samples.position_m[:, number, place]) for place, axis in enumerate("xyz")]
         columns.append((f"{name}_sigma_m", samples.joint_sigma_m[:, number]))
-        columns.append((f"{name}_state", [STATES[code] for code in samples.joint_state_code[:, number]]))
+        columns.append((f"{name}_state", samples.joint_state_code[:, number]))
     return columns
 
 
@@ -190,7 +203,7 @@ def _wide_angles(source: Source) -> list[Column]:
     for number, name in enumerate(samples.angles):
         columns.append((f"{name}_deg", samples.degrees[:, number]))
         columns.append((f"{name}_sigma_deg", samples.sigma_deg[:, number]))
-        columns.append((f"{name}_state", [STATES[code] for code in samples.angle_state_code[:, number]]))
+        columns.append((f"{name}_state", samples.angle_state_code[:, number]))
     return columns
 
 

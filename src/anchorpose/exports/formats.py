@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -18,6 +18,10 @@ from anchorpose.results.tables import ANGLES_FILE, JOINTS_FILE, JointTable, read
 
 STATES: Final = tuple(str(state) for state in JointState)
 """In the order of the state codes 0 (observed) to 6 (lost) that formats without texts write."""
+
+
+FRAMES_AT_ONCE: Final = 4096
+"""As Python numbers and text, a few megabytes."""
 
 
 class Format(StrEnum):
@@ -112,6 +116,8 @@ def _angles(path: Path, joints: JointTable) -> tuple[tuple[str, ...], np.ndarray
         raise InputError(
             path, f"has frames that are not in {JOINTS_FILE}", "run 'anchorpose measure' on its folder again"
         )
+    if len(row) == len(joints.frame):
+        return angles.names, angles.degrees, angles.sigma_deg, angles.state_code
     shape = (len(joints.frame), len(angles.names))
     degrees, sigma_deg, state_code = np.full(shape, np.nan), np.full(shape, np.nan), np.full(shape, LOST, np.int8)
     degrees[row], sigma_deg[row], state_code[row] = angles.degrees, angles.sigma_deg, angles.state_code
@@ -146,10 +152,20 @@ def rounded_text(value: float, digits: int, missing: str) -> str:
     """With so many digits after the point, without needless zeros; ``missing`` for NaN."""
     if math.isnan(value):
         return missing
-    text = f"{value:.{digits}f}".rstrip("0").rstrip(".")
+    text = f"{value:.{digits}f}"
+    if digits:
+        text = text.rstrip("0").rstrip(".")
     return "0" if text == "-0" else text
 
 
-def rows_text(rows: Iterable[Iterable[str]], separator: str) -> str:
-    """Lines of cells, each ended by a line feed."""
-    return "".join(separator.join(row) + "\n" for row in rows)
+def write_rows(path: Path, separator: str, *parts: Iterable[Iterable[str]]) -> None:
+    """Writes the rows of all parts as lines of cells, each ended by a line feed, as they come."""
+    with path.open("w", encoding="utf-8", newline="\n") as stream:
+        for rows in parts:
+            stream.writelines(separator.join(row) + "\n" for row in rows)
+
+
+def blocks(frames: int) -> Iterator[slice]:
+    """All rows from 0 to ``frames``, ``FRAMES_AT_ONCE`` at a time: what is made of a block must fit in memory."""
+    for first in range(0, frames, FRAMES_AT_ONCE):
+        yield slice(first, min(first + FRAMES_AT_ONCE, frames))

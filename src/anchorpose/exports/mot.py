@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import AnchorposeError
-from anchorpose.exports.formats import ExportConfig, Product, Source, rounded_text, rows_text
+from anchorpose.exports.formats import ExportConfig, Product, Source, blocks, rounded_text, write_rows
 from anchorpose.exports.opensim_coordinates import SHIFTS, Coordinates, opensim_coordinates, read_hinge_axes
 from anchorpose.exports.regular_time import near_in_time, stretch_name, stretches_of
 from anchorpose.results.poses import POSES_FILE
@@ -31,8 +31,7 @@ def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
     for number, (first, last) in enumerate(stretches.runs):
         name = stretch_name(STEM, ".mot", number, len(stretches.runs))
         values = _unwrapped(kept.names, kept.values[first:last])
-        text = mot_text(Path(name).stem, source.samples.time_s[first:last], kept.names, values)
-        (folder / name).write_text(text, encoding="utf-8", newline="\n")
+        write_mot_file(folder / name, source.samples.time_s[first:last], kept.names, values)
     frames = sum(last - first for first, last in stretches.runs)
     left_out = [name for name in coordinates.names if name not in kept.names]
     return Product(
@@ -59,11 +58,12 @@ def _unwrapped(names: tuple[str, ...], values: np.ndarray) -> np.ndarray:
     return np.where(np.isin(names, SHIFTS), values, np.unwrap(values, period=360.0, axis=0))
 
 
-def mot_text(name: str, time_s: np.ndarray, names: tuple[str, ...], values: np.ndarray) -> str:
-    """The file's text; values (n, c) without NaN."""
-    head = [name, "version=1", f"nRows={len(time_s)}", f"nColumns={len(names) + 1}", "inDegrees=yes", "endheader"]
+def write_mot_file(path: Path, time_s: np.ndarray, names: tuple[str, ...], values: np.ndarray) -> None:
+    """Writes the file; values (n, c) without NaN."""
+    head = [path.stem, "version=1", f"nRows={len(time_s)}", f"nColumns={len(names) + 1}", "inDegrees=yes", "endheader"]
     body = (
         [repr(float(time)), *(rounded_text(value, DIGITS, "") for value in row)]
-        for time, row in zip(time_s, values.tolist(), strict=True)
+        for rows in blocks(len(time_s))
+        for time, row in zip(time_s[rows], values[rows].tolist(), strict=True)
     )
-    return rows_text(([line] for line in head), "\t") + rows_text([["time", *names]], "\t") + rows_text(body, "\t")
+    write_rows(path, "\t", ([line] for line in head), [["time", *names]], body)

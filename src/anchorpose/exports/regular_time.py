@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import AnchorposeError
-from anchorpose.exports.formats import Samples
+from anchorpose.exports.formats import Samples, blocks
 from anchorpose.joints import LOST
 
 NEAR_SHARE: Final = 0.01
@@ -56,13 +56,20 @@ class Interpolation:
 
         turn: a full turn, where values are angles: these go the short way round.
         """
-        fit = (slice(None), *[None] * (values.ndim - 1))
-        share, left, right = self.share[fit], values[self.before], values[self.before + 1]
-        change = right - left
-        if np.isfinite(turn):
-            change = (change + turn / 2.0) % turn - turn / 2.0
-        mixed = np.where(share == 0.0, left, np.where(share == 1.0, right, left + share * change))
-        return np.where(self.bridged[fit], mixed, np.nan)
+        fit, found = (slice(None), *[None] * (values.ndim - 1)), np.empty((len(self.before), *values.shape[1:]))
+        for rows in blocks(len(found)):
+            share, before = self.share[rows][fit], self.before[rows]
+            left, right = values[before], values[before + 1]
+            change = right - left
+            if np.isfinite(turn):
+                change = (change + turn / 2.0) % turn - turn / 2.0
+            mixed = np.where(share == 0.0, left, np.where(share == 1.0, right, left + share * change))
+            found[rows] = np.where(self.bridged[rows][fit], mixed, np.nan)
+        return found
+
+    def rows(self, rows: slice) -> Interpolation:
+        """That of some grid times."""
+        return Interpolation(self.before[rows], self.share[rows], self.bridged[rows])
 
     def worse_state(self, state_code: np.ndarray) -> np.ndarray:
         """(g, ...) the worse state of the two ends; lost in a gap."""
@@ -97,8 +104,9 @@ def regular_samples(samples: Samples) -> RegularSamples:
         grid_s, interpolation = _resampling(time_s, rate_hz)
         return RegularSamples(_at(samples, grid_s, interpolation), rate_hz, TimeBase.RESAMPLED, interpolation)
     grid_s, interpolation = _placing(time_s, rate_hz, slot)
-    base = TimeBase.AS_RECORDED if interpolation.recorded.all() else TimeBase.GAPS_FILLED_UP
-    return RegularSamples(_at(samples, grid_s, interpolation), rate_hz, base, interpolation)
+    if interpolation.recorded.all():
+        return RegularSamples(samples, rate_hz, TimeBase.AS_RECORDED, interpolation)
+    return RegularSamples(_at(samples, grid_s, interpolation), rate_hz, TimeBase.GAPS_FILLED_UP, interpolation)
 
 
 def nominal_rate_hz(time_s: np.ndarray) -> float:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from anchorpose.exports.formats import ExportConfig, Product, Source, number_text, rounded_text, rows_text
+from anchorpose.exports.formats import ExportConfig, Product, Source, blocks, number_text, rounded_text, write_rows
 from anchorpose.exports.osim_folder import write_osim_files
 from anchorpose.exports.regular_time import RegularSamples, regular_samples
 from anchorpose.joints import JOINT_NAMES
@@ -24,7 +25,7 @@ MICROMETRES: Final = 6  # digits after the point, in metres
 def write_trc(folder: Path, source: Source, config: ExportConfig) -> Product:
     """joints.trc, and beside it the files with which OpenSim works on it."""
     regular = regular_samples(source.samples)
-    (folder / TRC_FILE).write_text(trc_text(regular), encoding="utf-8", newline="\n")
+    write_rows(folder / TRC_FILE, "\t", trc_head(regular), trc_body(regular))
     notes = write_osim_files(folder, TRC_FILE, regular.samples, config.model)
     return Product(
         axes="OpenSim's and ours: X forward, Y up, Z to the patient's right",
@@ -41,12 +42,11 @@ def write_trc(folder: Path, source: Source, config: ExportConfig) -> Product:
     )
 
 
-def trc_text(regular: RegularSamples) -> str:
-    """The file's text; one line per frame, times as recorded where they are regular."""
-    samples, count = regular.samples, len(regular.samples.time_s)
-    rate = number_text(regular.rate_hz)
+def trc_head(regular: RegularSamples) -> list[list[str]]:
+    """The lines before the frames."""
+    rate, count = number_text(regular.rate_hz), len(regular.samples.time_s)
     markers = range(1, len(JOINT_NAMES) + 1)
-    head = [
+    return [
         ["PathFileType", "4", "(X/Y/Z)", TRC_FILE],
         ["DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", "OrigDataRate", "OrigDataStartFrame",
          "OrigNumFrames"],
@@ -55,8 +55,12 @@ def trc_text(regular: RegularSamples) -> str:
         ["", "", *(f"{axis}{marker}" for marker in markers for axis in "XYZ")],
         [""],
     ]  # fmt: skip
-    body = (
-        [str(row + 1), repr(float(samples.time_s[row])), *(rounded_text(x, MICROMETRES, MISSING) for x in place)]
-        for row, place in enumerate(samples.position_m.reshape(count, -1).tolist())
-    )
-    return rows_text(head, "\t") + rows_text(body, "\t")
+
+
+def trc_body(regular: RegularSamples) -> Iterator[list[str]]:
+    """One line per frame, times as recorded where they are regular."""
+    samples = regular.samples
+    for rows in blocks(len(samples.time_s)):
+        places = samples.position_m[rows].reshape(rows.stop - rows.start, -1).tolist()
+        for row, time_s, place in zip(range(rows.start, rows.stop), samples.time_s[rows].tolist(), places, strict=True):
+            yield [str(row + 1), repr(time_s), *(rounded_text(x, MICROMETRES, MISSING) for x in place)]

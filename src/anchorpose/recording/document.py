@@ -27,6 +27,10 @@ ROTATION_TOLERANCE: Final = 5e-4
 """Largest entry of R^T R - I that rounding to four decimals explains; more is a scale, a shear or a mistake."""
 
 
+LARGEST_WITH_HASHES: Final = 128 * 2**20
+"""Bytes of a document that has the hash of each depth image, about 100 bytes: 32 MB in an hour of three cameras."""
+
+
 class Entry(BaseModel):
     """An object of a JSON file; its fields say which keys it has and what they may hold."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 
 from anchorpose.errors import InputError
-from anchorpose.results.parquet import RowGroups, open_parquet, read_parquet
+from anchorpose.results.parquet import RowGroups, open_parquet, opened_parquet, pieces
 
 Frames = TypeVar("Frames")
 
@@ -63,7 +63,7 @@ class Codes:
 
     def to_numpy(self, path: Path, table: pa.Table) -> np.ndarray:
         """(rows,) int8; raises InputError for a text that is not one of ``texts``."""
-        return _codes(path, table[self.name], self.name, self.texts, self.remedy)[1].astype(np.int8)
+        return _codes(path, table[self.name], self.name, self.texts, self.remedy).astype(np.int8)
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,29 +145,58 @@ class FrameTable(Generic[Frames]):
             groups.flush()
 
     def read(self, path: Path) -> Frames:
-        """The table, whichever order its rows are in; raises InputError unless every frame has each thing once."""
-        table = read_parquet(path, self.schema())
-        frame = table["frame"].to_numpy()
-        names, codes = self._things(path, table)
-        order, count = np.lexsort((codes, frame)), max(len(names), 1)
-        complete = len(frame) > 0 and len(frame) % count == 0
-        if complete:
-            by_frame, things = frame[order].reshape(-1, count), codes[order].reshape(-1, count)
-            complete = bool((things == np.arange(count)).all() and (by_frame == by_frame[:, :1]).all())
-            complete &= bool((np.diff(by_frame[:, 0]) > 0).all())
-        if not complete:
-            rows = f"{len(names)} {self.thing}s" if self.thing else "one row"
-            raise InputError(path, f"has no frames, or frames without exactly {rows}", self.remedy)
+        """The table, whichever order its rows are in; raises InputError unless every frame has each thing once.
+
+        The file is read in pieces: memory holds little more than the arrays.
+        """
+        with opened_parquet(path, self.schema()) as file:
+            metadata = file.schema_arrow.metadata
+            names, columns = self._read_columns(path, file)
+        count = max(len(names), 1)
+        order = self._order(path, columns, names)
+        arrays = {name: columns[name] if order is None else columns[name][order] for name in self.columns}
+        first = slice(None, None, count) if order is None else order[::count]
         shape = (-1, count) if self.thing else (-1,)
-        arrays = {name: column.to_numpy(path, table)[order] for name, column in self.columns.items()}
-        first = order[::count]
         return self.arrays(
-            frame=frame[first],
-            time_s=table["time_s"].to_numpy()[first],
+            frame=columns["frame"][first].copy(),
+            time_s=columns["time_s"][first].copy(),
             **{name: array.reshape(*shape, *array.shape[1:]) for name, array in arrays.items()},
             **({"names": names} if self.thing and self.names is None else {}),
-            **self._text(path, table.schema),
+            **self._text(path, metadata),
         )
+
+    def _read_columns(self, path: Path, file: Any) -> tuple[tuple[str, ...], dict[str, np.ndarray]]:
+        """The things' names, and (rows, ...) frame, time_s, thing (its index in the names) and the columns' values."""
+        names, found = dict.fromkeys(self.names or ()), dict[str, list[np.ndarray]]()
+        for piece in pieces(file):
+            if self.names is None and self.thing is not None:  # in the order in which they first appear
+                names |= dict.fromkeys(piece[self.thing].unique().to_pylist())
+            part = {"frame": piece["frame"].to_numpy(), "time_s": piece["time_s"].to_numpy()}
+            if self.thing is not None:
+                codes = _codes(path, piece[self.thing], self.thing, names, self.remedy)
+                part["thing"] = codes.astype(np.int32)
+            part |= {name: column.to_numpy(path, piece) for name, column in self.columns.items()}
+            for name, array in part.items():
+                found.setdefault(name, []).append(array)
+        columns = dict[str, np.ndarray]()
+        while found:  # one by one, so that no more than one is in memory twice
+            name, parts = found.popitem()
+            columns[name] = np.concatenate(parts)
+        return tuple(names), columns
+
+    def _order(self, path: Path, columns: dict[str, np.ndarray], names: Sequence[str]) -> np.ndarray | None:
+        """(rows,) the rows by frame, then by thing; None where they have this order already. Raises InputError unless
+        every frame has each thing once."""
+        frame, count = columns.get("frame", np.empty(0, np.int32)), max(len(names), 1)
+        thing = columns.get("thing", np.zeros(len(frame), np.int32))
+        if len(frame) and len(frame) % count == 0:
+            if _complete(frame, thing, count):
+                return None
+            order = np.lexsort((thing, frame))
+            if _complete(frame[order], thing[order], count):
+                return order
+        rows = f"{len(names)} {self.thing}s" if self.thing else "one row"
+        raise InputError(path, f"has no frames, or frames without exactly {rows}", self.remedy)
 
     def _arrays(self, frames: Any) -> dict[str, np.ndarray]:
         return {name: np.asarray(getattr(frames, name)) for name in ("frame", "time_s", *self.columns)}
@@ -183,29 +212,31 @@ class FrameTable(Generic[Frames]):
             columns += column.to_arrow(arrays[name])
         return pa.Table.from_arrays(columns, schema=schema)
 
-    def _things(self, path: Path, table: pa.Table) -> tuple[tuple[str, ...], np.ndarray]:
-        if self.thing is None:
-            return (), np.zeros(len(table), dtype=np.int64)
-        return _codes(path, table[self.thing], self.thing, self.names, self.remedy)
-
-    def _text(self, path: Path, schema: pa.Schema) -> dict[str, str]:
+    def _text(self, path: Path, metadata: dict[bytes, bytes] | None) -> dict[str, str]:
         if self.text is None:
             return {}
         name, key = self.text
-        text = (schema.metadata or {}).get(key.encode())
+        text = (metadata or {}).get(key.encode())
         if text is None:
             raise InputError(path, f"has no '{key}' in its metadata", self.remedy)
         return {name: text.decode()}
 
 
-def _codes(
-    path: Path, column: pa.ChunkedArray, what: str, texts: tuple[str, ...] | None, remedy: str
-) -> tuple[tuple[str, ...], np.ndarray]:
-    """The texts, those of the column where None are given, and (n,) int64 the index of each row's text."""
+def _complete(frame: np.ndarray, thing: np.ndarray, count: int) -> bool:
+    """Whether rows (r,) are frames one after another, each with the things 0 to ``count`` - 1 in this order."""
+    by_frame, things = frame.reshape(-1, count), thing.reshape(-1, count)
+    return bool(
+        (things == np.arange(count)).all()
+        and (by_frame == by_frame[:, :1]).all()
+        and (np.diff(by_frame[:, 0]) > 0).all()
+    )
+
+
+def _codes(path: Path, column: pa.ChunkedArray, what: str, texts: Iterable[str], remedy: str) -> np.ndarray:
+    """(n,) int64: the index of each row's text in ``texts``; raises InputError for a text that is not one of them."""
     encoded = column.combine_chunks().dictionary_encode()
-    found = encoded.dictionary.to_pylist()
-    known = texts if texts is not None else tuple(found)
+    found, index = encoded.dictionary.to_pylist(), {text: number for number, text in enumerate(texts)}
     for text in found:
-        if text not in known:
+        if text not in index:
             raise InputError(path, f"holds the unknown {what} '{text}'", remedy)
-    return known, np.array([known.index(text) for text in found], dtype=np.int64)[encoded.indices.to_numpy()]
+    return np.array([index[text] for text in found], dtype=np.int64)[encoded.indices.to_numpy()]

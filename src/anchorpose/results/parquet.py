@@ -18,6 +18,9 @@ from anchorpose.errors import InputError
 
 Row = TypeVar("Row")
 
+ROWS_AT_ONCE: Final = 1 << 15
+"""Of a table that is read piece by piece: some megabytes."""
+
 TRACK_AGAIN: Final = "track the recording again"
 MEASURE_AGAIN: Final = "run 'anchorpose measure' on its folder again"
 
@@ -83,14 +86,22 @@ def _require_names(schema: pa.Schema) -> list[str]:
 
 
 @contextmanager
-def opened_parquet(path: Path, schema: pa.Schema) -> Iterator[Any]:
-    """An open file, of which row groups can be read, with the columns of ``schema``.
+def opened_parquet(path: Path, schema: pa.Schema | None = None) -> Iterator[Any]:
+    """An open file, of which row groups and ``pieces`` can be read, with the columns of ``schema``; None: with any.
 
     Raises InputError where it has others, or proves in the block to be damaged.
     """
     with refuse_unreadable(path), pq.ParquetFile(path, page_checksum_verification=True) as file:
-        require_columns(path, file.schema_arrow, schema)
+        _require_names(file.schema_arrow)
+        if schema is not None:
+            require_columns(path, file.schema_arrow, schema)
         yield file
+
+
+def pieces(file: Any, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
+    """The rows of an open file in their order, at most ``ROWS_AT_ONCE`` at a time; columns: None for all."""
+    for batch in file.iter_batches(ROWS_AT_ONCE, columns=columns, use_threads=False):
+        yield pa.Table.from_batches([batch])
 
 
 def required(**types: pa.DataType) -> list[pa.Field]:

@@ -12,7 +12,7 @@ from typing import Final
 from filelock import FileLock, Timeout
 
 from anchorpose.errors import InputError
-from anchorpose.recording.document import read_json
+from anchorpose.recording.document import LARGEST_WITH_HASHES, read_json
 from anchorpose.results.folder import RESULTS, check_results_path, make_folder, publish, write_text_whole
 
 JOURNAL: Final = "journal"
@@ -90,7 +90,7 @@ def begin_journal(results: Path, identity: str, inputs: dict[str, str]) -> Path:
     journal = results / JOURNAL
     path = journal / BEGUN_FILE
     if path.is_file():
-        begun = read_json(path)
+        begun = read_json(path, LARGEST_WITH_HASHES)
         if begun.get("identity") != identity:
             raise InputError(results, _what_changed(begun.get("inputs_sha256"), inputs), "begin again with --overwrite")
         return journal

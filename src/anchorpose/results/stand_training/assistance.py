@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from itertools import product
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -12,41 +13,48 @@ from anchorpose.results.records import Contact, Measure
 from anchorpose.results.stand_training.session import Session
 
 
-def touched_frames(frame: np.ndarray, contacts: Sequence[Contact]) -> np.ndarray:
-    """(c, n) bool: whether each contact holds in each frame, its first and last included."""
-    first = np.array([contact.first_frame for contact in contacts], dtype=np.int64)
-    last = np.array([contact.last_frame for contact in contacts], dtype=np.int64)
-    held: np.ndarray = (frame >= first[:, None]) & (frame <= last[:, None])
-    return held
+class Touch(NamedTuple):
+    """at_once (n,) int32: how many contacts hold in each frame; seen (n,): the greatest seen share of these, 0 where
+    none does."""
+
+    at_once: np.ndarray
+    seen: np.ndarray
+
+    def where(self, frames: np.ndarray) -> Touch:
+        """Nothing in the other frames; frames (n,) bool."""
+        return Touch(np.where(frames, self.at_once, 0), np.where(frames, self.seen, 0.0))
 
 
-def time_with_sigma(
-    held: np.ndarray, contacts: Sequence[Contact], seconds: np.ndarray, time_s: np.ndarray
-) -> tuple[float, float | None]:
-    """Time with any of the contacts, and its sigma; held (c, n) of ``touched_frames``.
+def touch_of(frame: np.ndarray, contacts: Sequence[Contact]) -> Touch:
+    """In each frame, (n,) increasing; a contact's first and last belong to it."""
+    count, seen = np.zeros(len(frame), dtype=np.int32), np.zeros(len(frame))
+    starts = np.searchsorted(frame, [contact.first_frame for contact in contacts], side="left")
+    ends = np.searchsorted(frame, [contact.last_frame for contact in contacts], side="right")
+    for contact, start, end in zip(contacts, starts.tolist(), ends.tolist(), strict=True):
+        count[start:end] += 1
+        np.maximum(seen[start:end], contact.seen_share, out=seen[start:end])
+    return Touch(count, seen)
+
+
+def time_with_sigma(touch: Touch, seconds: np.ndarray, time_s: np.ndarray) -> tuple[float, float | None]:
+    """Time with any contact, and its sigma.
 
     No sigma without contacts: how many were missed is unknown here. Each beginning and each end may be a frame off; the
     unseen part of a contact may or may not have been there.
     """
-    any_of, seen = _any_and_seen(held, contacts)
-    edges = 2 * len(unbroken_runs(any_of, time_s))
-    usual = float(np.median(seconds)) if len(seconds) else 0.0
-    unsure = float(((1.0 - seen) * seconds)[any_of].sum())
+    any_of = touch.at_once > 0
     if not any_of.any():
         return 0.0, None
+    edges = 2 * len(unbroken_runs(any_of, time_s))
+    usual = float(np.median(seconds))
+    unsure = float(((1.0 - touch.seen) * seconds)[any_of].sum())
     return float(seconds[any_of].sum()), float(np.hypot(np.sqrt(edges) * usual, unsure / np.sqrt(12.0)))
 
 
-def inferred_touch_share(held: np.ndarray, contacts: Sequence[Contact]) -> float | None:
-    """Share of the frames with any of the contacts in which none was seen; None for no frames."""
-    any_of, seen = _any_and_seen(held, contacts)
-    return float(np.mean(1.0 - seen[any_of])) if any_of.any() else None
-
-
-def _any_and_seen(held: np.ndarray, contacts: Sequence[Contact]) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) bool: frames with a contact; (n,): the greatest seen share of those that hold, 0 where none does."""
-    shares = np.array([contact.seen_share for contact in contacts], dtype=np.float64)
-    return np.any(held, axis=0, keepdims=True)[0], np.max(held * shares[:, None], axis=0, initial=0.0)
+def inferred_touch_share(touch: Touch) -> float | None:
+    """Share of the frames with any contact in which none was seen; None for no frames."""
+    any_of = touch.at_once > 0
+    return float(np.mean(1.0 - touch.seen[any_of])) if any_of.any() else None
 
 
 NO_CONTACTS: Final = "the results folder has no contacts.parquet; track the recording again"
@@ -73,24 +81,24 @@ def assistance_measures(session: Session) -> list[Measure]:
     if contacts is None or not session.found.any():
         why = NO_CONTACTS if contacts is None else NEVER_FOUND
         return [Measure(measure=name, value=None, unit=unit, frames=0, why=why) for name, unit in CONTACT_MEASURES]
+    groups: dict[tuple[str | None, str | None], list[Contact]] = {(None, None): list(contacts)}
     parts, persons = sorted({c.part for c in contacts}), sorted({c.person for c in contacts})
-    groups = [(None, None), *((None, who) for who in persons), *((part, None) for part in parts)]
-    groups += [(part, who) for part in parts for who in persons]
-    held = touched_frames(session.joints.frame, contacts) & session.found
+    for key in (*((None, who) for who in persons), *((part, None) for part in parts), *product(parts, persons)):
+        groups[key] = []
+    for contact in contacts:
+        for key in ((None, contact.person), (contact.part, None), (contact.part, contact.person)):
+            groups[key].append(contact)
     rows = list[Measure]()
-    for part, person in groups:
-        chosen = [part in (None, c.part) and person in (None, c.person) for c in contacts]
-        some = [contact for contact, one in zip(contacts, chosen, strict=True) if one]
+    for (part, person), some in groups.items():
         if some or (part, person) == (None, None):
-            rows += _of_group(session, held[np.array(chosen, dtype=bool)], some, part, person)
-    return rows + _while_upright(session, held, contacts)
+            rows += _of_group(session, some, part, person)
+    return rows + _while_upright(session, contacts)
 
 
-def _of_group(
-    session: Session, held: np.ndarray, contacts: Sequence[Contact], part: str | None, person: str | None
-) -> list[Measure]:
-    time_s, sigma_s = time_with_sigma(held, contacts, session.seconds, session.joints.time_s)
-    frames, shared = int(held.any(axis=0).sum()), inferred_touch_share(held, contacts)
+def _of_group(session: Session, contacts: Sequence[Contact], part: str | None, person: str | None) -> list[Measure]:
+    touch = touch_of(session.joints.frame, contacts).where(session.found)
+    time_s, sigma_s = time_with_sigma(touch, session.seconds, session.joints.time_s)
+    frames, shared = int((touch.at_once > 0).sum()), inferred_touch_share(touch)
     side = next((end for end in ("left", "right") if part is not None and part.endswith(f"_{end}")), None)
     rows = [("assistance_time", time_s, "s", sigma_s), ("contacts", float(len(contacts)), "count", None)]
     return [
@@ -100,7 +108,7 @@ def _of_group(
     ]  # fmt: skip
 
 
-def _while_upright(session: Session, held: np.ndarray, contacts: Sequence[Contact]) -> list[Measure]:
+def _while_upright(session: Session, contacts: Sequence[Contact]) -> list[Measure]:
     """Shares of the upright time, with hands on and without, and how many contacts there were at once."""
     standing = session.upright
     frames, upright_s = int(standing.sum()), float(session.seconds[standing].sum())
@@ -109,10 +117,11 @@ def _while_upright(session: Session, held: np.ndarray, contacts: Sequence[Contac
             Measure(measure=name, value=None, unit=unit, frames=0, why=NO_UPRIGHT)
             for name, unit in CONTACT_MEASURES[2:]
         ]
-    helped, at_once = held & standing, held[:, standing].sum(axis=0)
-    helped_s, sigma_s = time_with_sigma(helped, contacts, session.seconds, session.joints.time_s)
+    helped = touch_of(session.joints.frame, contacts).where(session.found & standing)
+    at_once = helped.at_once[standing]
+    helped_s, sigma_s = time_with_sigma(helped, session.seconds, session.joints.time_s)
     mean = float(np.average(at_once, weights=session.seconds[standing]))
-    shared = inferred_touch_share(helped, contacts)
+    shared = inferred_touch_share(helped)
     of_help = (shared, None, None, shared, shared)  # time without any contact rests on none that was inferred
     values = (helped_s / upright_s, upright_s - helped_s, 1.0 - helped_s / upright_s, mean, float(at_once.max()))
     share_sigma = None if sigma_s is None else sigma_s / upright_s
