@@ -25,7 +25,7 @@ FLOW = (
 VALUES = ("errors", "joints", "camera", "lens", "rotations", "versions", "settings")
 BESIDE_THE_FLOW = (
     "simulate", "tracker", "pipeline", "calibrating", "inspecting", "collecting", "run_account", "threads", "writing",
-    "track_inputs", "cli", "check", "checking", "research", "exports", "pages", "viewer", "viewing", "sources",
+    "track_inputs", "cli", "live", "check", "checking", "research", "exports", "pages", "viewer", "viewing", "sources",
 )  # fmt: skip
 PACKAGE_ITSELF = "anchorpose"  # `from anchorpose import __version__`
 

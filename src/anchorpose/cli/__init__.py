@@ -20,8 +20,10 @@ from anchorpose.cli.evaluate import evaluate
 from anchorpose.cli.experiment import experiment
 from anchorpose.cli.export import export
 from anchorpose.cli.inspect import inspect
+from anchorpose.cli.live import live
 from anchorpose.cli.measure import measure
 from anchorpose.cli.motions import motions
+from anchorpose.cli.record import record
 from anchorpose.cli.report import report
 from anchorpose.cli.simulate import simulate
 from anchorpose.cli.track import track
@@ -53,7 +55,7 @@ app = App(
 )
 for _verb in (
     demo, simulate, convert, check, calibrate, track, evaluate, measure, report, view, export, inspect, equipment,
-    motions, experiment,
+    motions, record, live, experiment,
 ):  # fmt: skip
     app.command(_verb)
 

@@ -112,8 +112,10 @@ def draw_chosen(results: Path, room: Room, shape: FittedShape | None, sheet: Sur
         return
     joints, anchors = read_joints(results / JOINTS_FILE), read_anchors(results / ANCHORS_FILE)
     found = _Results(joints, read_poses(results / POSES_FILE), anchors, shape)
-    segmented = np.isin(joints.frame, frames_of_people(results / PEOPLE_FILE))
+    recorded = np.isin(joints.frame, room.recording.streams[0].frame)  # a live run may have recorded its start only
+    segmented = recorded & np.isin(joints.frame, frames_of_people(results / PEOPLE_FILE))
     chosen = choose_frames(joints, read_episodes(results / EPISODES_FILE), segmented)
+    chosen = [frame for frame in chosen if recorded[frame.row]]
     people = read_people(results / PEOPLE_FILE, [int(joints.frame[frame.row]) for frame in chosen])
     for frame in chosen:
         number = int(joints.frame[frame.row])

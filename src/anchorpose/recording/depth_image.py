@@ -41,9 +41,15 @@ def read_depth_image(path: Path, camera: Camera) -> DepthImage:
     grey, problem = decode_grey_png(data, camera.width, camera.height)
     if grey is None:
         return DepthImage(None, problem)
+    return DepthImage(depth_of_grey(grey, camera), "")
+
+
+def depth_of_grey(grey: np.ndarray, camera: Camera) -> np.ndarray:
+    """(height, width) float32 metres of grey values (height, width) uint16; 0 = no reading, also beyond the lens's
+    valid radius."""
     depth_m = grey.astype(np.float32) * np.float32(camera.depth_scale)
     depth_m[~camera.valid_pixels()] = 0.0
-    return DepthImage(depth_m, "")
+    return depth_m
 
 
 def decode_grey_png(data: bytes, width: int, height: int) -> tuple[np.ndarray | None, str]:

@@ -22,7 +22,7 @@ class CameraWriter:
     """Goes on where an earlier run was stopped. An image's number is its place among those that the source gave."""
 
     def __init__(self, folder: Path, plan: CameraPlan) -> None:
-        self._folder, self._plan = folder, plan
+        self.folder, self._plan = folder, plan
         (folder / "depth").mkdir(parents=True, exist_ok=True)
         rows = _complete_rows(folder, plan)
         self.given = rows[-1][0] + 1 if rows else 0
@@ -40,17 +40,22 @@ class CameraWriter:
     ) -> None:
         self._rows.close()
 
-    def write(self, time_s: float, grey: np.ndarray) -> None:
-        """time_s as in ``SourceFrame``. An image that is not later than the one before is left out."""
-        number = self.given
-        self.given += 1
+    def write(self, time_s: float, grey: np.ndarray, number: int | None = None) -> Path | None:
+        """Writes an image and returns its file; None where it is not later than the one before and is left out.
+
+        time_s as in ``SourceFrame``; number: larger than the last one, where the source knows of images that it lost.
+        """
+        number = self.given if number is None else number
+        self.given = number + 1
         stamp = f"{time_s if self._plan.fps is None else time_s / self._plan.fps:.6f}"
         if not math.isfinite(float(stamp)) or (self._last and float(stamp) <= float(self._last)):
-            return
-        (self._folder / "depth" / f"{number:06d}.png").write_bytes(_png(grey))
+            return None
+        path = self.folder / "depth" / f"{number:06d}.png"
+        path.write_bytes(encode_grey(grey))
         self._rows.write(f"{number},{stamp}\n")
         self._rows.flush()
         self._last, self.written = stamp, self.written + 1
+        return path
 
     def note(self, source: Path) -> str:
         """How many images were left out for their times; empty for none. Raises InputError, naming ``source``, where
@@ -62,11 +67,14 @@ class CameraWriter:
         if left_out > MOST_REPEATED * self.given:
             remedy = "the device's clock was set back or is too coarse: record again"
             raise InputError(source, sentence, remedy)
-        return f"{self._folder.name}: {sentence}; their images were left out."
+        return f"{self.folder.name}: {sentence}; their images were left out."
 
 
-def _png(grey: np.ndarray) -> bytes:
-    """Run lengths beside Huffman coding: noise has no longer repetitions, and looking for them doubles the time."""
+def encode_grey(grey: np.ndarray) -> bytes:
+    """A PNG file of grey values (height, width) uint16.
+
+    Run lengths beside Huffman coding: noise has no longer repetitions, and looking for them doubles the time.
+    """
     import cv2
 
     how = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE)

@@ -51,6 +51,10 @@ class Route:
             yield read_frame(self.recording, position)
             self.tick()
 
+    def longer_side(self) -> Iterator[FrameSet]:
+        """The frames from the initial one to the end that is farther away."""
+        return self.frames(max(self.forward, self.backward, key=len))
+
     def skip(self, count: int) -> None:
         """That many frames were tracked before the run was stopped."""
         for _ in range(count):
@@ -70,7 +74,7 @@ def learn_on(route: Route, run: Run) -> LearntPatient | None:
 
     It is learnt before anything is tracked: both sides then have one body, whose bones keep their length.
     """
-    return learn_patient(run, route.frames(max(route.forward, route.backward, key=len)))
+    return learn_patient(run, route.longer_side())
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,0 +1,93 @@
+"""``anchorpose live``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class LiveGiven:
+    """The options of ``anchorpose live``."""
+
+    wait_frames: Literal[0, 1] = 0
+    """Later frames to wait for before a frame is answered; 1 is a little more accurate and one frame later."""
+
+    start_seconds: float = 6.0
+    """How long room and patient are looked at before the body is learnt; the patient should move a little meanwhile."""
+
+    seconds: float | None = None
+    """Track for so long; the default is until Ctrl+C, or until the source ends."""
+
+    patient: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None
+    """Where the patient stands at the start, as x,z in metres on the floor; needed only where there are several people
+    and the wrong one is tracked."""
+
+    height: float | None = None
+    """The patient's standing height in metres, for example 1.72."""
+
+    calibration: Path | None = None
+    """A calibration.json made by 'anchorpose calibrate' of the same cameras; without it, poses are found in the first
+    seconds."""
+
+    like: Path | None = None
+    """An earlier recording of the same cameras in the same place: its equipment and its pictures of the empty room hold
+    now, too. Of a recording that is played, its own hold."""
+
+    record: Path | None = None
+    """A folder to keep all depth images in, as a recording."""
+
+    config: Path | None = None
+    """A TOML or JSON file with settings that differ from the defaults."""
+
+    lsl: bool = False
+    """Send joints and angles as Lab Streaming Layer streams."""
+
+    osc: str | None = None
+    """Send joints and angles as OSC messages to this HOST:PORT."""
+
+    overwrite: bool = False
+    """Replace an existing results folder."""
+
+
+def live(
+    *sources: str,
+    results: Annotated[Path, Parameter(name=["--output", "-o"])],
+    options: LiveGiven | None = None,
+) -> int:
+    """Find the patient's joints while the patient stands there, and send them to other programs.
+
+    Ctrl+C ends it with a finished results folder, as 'anchorpose track' makes one.
+
+    Parameters
+    ----------
+    sources
+        Where depth images come from: 'realsense' or 'realsense:SERIAL', 'orbbec' or 'orbbec:SERIAL', several of them;
+        or the folder of a recording, which is played at its own pace.
+    results
+        The folder to write.
+    """
+    from anchorpose.cli.live_setup import make_outputs, open_sources, stop_on_signals
+    from anchorpose.cli.track import TrackOptions
+    from anchorpose.live.session import LiveOptions, track_live
+    from anchorpose.results.unfinished import unfinished_results
+
+    given = options or LiveGiven()
+    config = TrackOptions(patient=given.patient, height=given.height, config=given.config).settings()
+    chosen = LiveOptions(
+        config=config,
+        wait_frames=given.wait_frames,
+        start_s=given.start_seconds,
+        calibration=given.calibration,
+        record=given.record,
+        seconds=given.seconds,
+    )
+    opened = open_sources(sources, given.like)
+    with stop_on_signals() as stop, unfinished_results(results, Path("."), given.overwrite) as folder:
+        summary = track_live(opened, folder, chosen, make_outputs(given.lsl, given.osc), print, stop)
+    print(f"{summary.sentence}. The results are in {results}.")
+    return 0

@@ -1,0 +1,1 @@
+"""Depth images while they are taken: cameras, recording them, and joints at once."""

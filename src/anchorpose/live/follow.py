@@ -1,0 +1,87 @@
+"""The patient followed live: every newest frame to joints, sent at once and stored in blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+from anchorpose.body.skin_points import Body
+from anchorpose.camera import Camera
+from anchorpose.live.feed import LiveSet
+from anchorpose.live.latency import LatencyMeter
+from anchorpose.live.output import Outputs, live_frame
+from anchorpose.recording.recording import Clock, FrameSet
+from anchorpose.tracker.estimate import Estimate
+from anchorpose.tracker.following import Follower
+from anchorpose.tracker.frame_record import label_pictures, record_of
+from anchorpose.tracker.journal import Blocks
+from anchorpose.tracker.passes import TrackedFrame
+from anchorpose.tracker.run import Run
+
+BLOCK: Final = 48  # frames that are stored at once
+ROUNDING_S: Final = 1e-5  # recorded times have six decimals
+
+
+@dataclass(slots=True, eq=False)
+class LiveFollower:
+    """Takes sets in the order of time. blocks: where tracked frames are stored; with_labels: with the person label of
+    each pixel, of use only beside a recording of the depth images."""
+
+    run: Run
+    body: Body | None
+    follower: Follower
+    outputs: Outputs
+    blocks: Blocks[TrackedFrame]
+    with_labels: bool
+    latency: LatencyMeter = field(default_factory=LatencyMeter)
+    _taken_s: dict[int, float] = field(default_factory=dict)  # by frame number, of frames still in the look-ahead
+    _kept: list[TrackedFrame] = field(default_factory=list)
+    _stored: int = 0
+    _last_s: float = float("-inf")  # time of the last frame
+
+    def take(self, live_set: LiveSet, live: bool) -> None:
+        """One more frame; live: it is the newest one, so that its latency counts."""
+        frame_set = live_set.frame_set(self._cameras, self._clocks)
+        if frame_set.time_s <= self._last_s + ROUNDING_S:  # the last of the first seconds is in the feed, too
+            return
+        self._last_s = frame_set.time_s
+        self._taken_s[frame_set.frame] = live_set.taken_s
+        self._pass_on(self.follower.step(frame_set), live, live_set.skipped if live else 0)
+
+    def take_recorded(self, frame_set: FrameSet) -> None:
+        """One more frame of the first seconds, which were recorded."""
+        self._last_s = frame_set.time_s
+        self._taken_s[frame_set.frame] = float("nan")
+        self._pass_on(self.follower.step(frame_set), live=False)
+
+    def finish(self) -> None:
+        """The frames that still wait in the look-ahead; then everything is stored."""
+        self._pass_on(self.follower.finish(), live=False)
+        self._store()
+
+    @property
+    def _cameras(self) -> Sequence[Camera]:
+        return self.run.room.recording.cameras
+
+    @property
+    def _clocks(self) -> Sequence[Clock]:
+        return self.run.room.clocks.clocks
+
+    def _pass_on(self, estimates: Iterator[Estimate], live: bool, dropped: int = 0) -> None:
+        for estimate in estimates:
+            taken_s = self._taken_s.pop(estimate.frame_set.frame)
+            frame = live_frame(estimate, taken_s)
+            if live:
+                self.outputs.send(frame)
+                self.latency.add(frame.latency_s, dropped)
+                dropped = 0
+            labels = label_pictures(estimate.frame_set, estimate.observation) if self.with_labels else ()
+            self._kept.append(TrackedFrame(record_of(estimate, self.body, self.run), labels))
+            if len(self._kept) == BLOCK:
+                self._store()
+
+    def _store(self) -> None:
+        if self._kept:
+            self.blocks.write(self._stored, self._kept)
+            self._kept, self._stored = [], self._stored + 1

@@ -1,0 +1,78 @@
+"""The threads that take images from the sources and hand them to the feed and to whoever records."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from threading import Event, Lock, Thread
+
+from anchorpose.errors import AnchorposeError
+from anchorpose.live.feed import Feed
+from anchorpose.live.source import LiveCamera, LiveImage, LiveSource
+
+Taker = Callable[[LiveImage], None]
+
+
+class Intake:
+    """One thread per source. A source that fails ends alone, with its sentence in ``failed``.
+
+    cameras: of all sources, in their order; feed: their images; add and remove: who else is given every image.
+    """
+
+    def __init__(self, sources: Sequence[LiveSource]) -> None:
+        self.cameras: tuple[LiveCamera, ...] = tuple(camera for source in sources for camera in source.cameras)
+        self.feed = Feed(len(self.cameras))
+        self.failed: list[str] = []
+        self._sources, self._stop = tuple(sources), Event()
+        self._takers: tuple[Taker, ...] = (self.feed.put,)
+        self._threads: list[Thread] = []
+        self._left, self._counting = len(self._sources), Lock()
+
+    def start(self) -> None:
+        """Begins to take images."""
+        first = 0
+        for source in self._sources:
+            self._threads.append(Thread(target=self._run, args=(source, first), daemon=True))
+            first += len(source.cameras)
+        for thread in self._threads:
+            thread.start()
+
+    def add(self, taker: Taker) -> None:
+        """From now on ``taker`` is given every image, in the threads of the sources."""
+        self._takers = (*self._takers, taker)
+
+    def remove(self, taker: Taker) -> None:
+        """``taker`` is given no more images; one may still be under way."""
+        self._takers = tuple(one for one in self._takers if one != taker)
+
+    @property
+    def running(self) -> bool:
+        """Whether any source still gives images."""
+        return self._left > 0
+
+    def stop(self) -> None:
+        """Ends all sources and waits for them."""
+        self._stop.set()
+        for thread in self._threads:
+            thread.join(timeout=5.0)
+
+    def _run(self, source: LiveSource, first: int) -> None:
+        try:
+            for image in source.images(self._stop):
+                self._hand_on(replace(image, camera=first + image.camera))
+        except (AnchorposeError, OSError) as error:
+            self.failed.append(f"{source.name}: {error}")
+        finally:
+            with self._counting:
+                self._left -= 1
+            if self._left == 0:
+                self.feed.close()
+
+    def _hand_on(self, image: LiveImage) -> None:
+        """A taker that fails, for instance because the disk is full, is given no more images; the others are."""
+        for taker in self._takers:
+            try:
+                taker(image)
+            except (AnchorposeError, OSError) as error:
+                self.remove(taker)
+                self.failed.append(str(error))

@@ -1,0 +1,78 @@
+"""Reads one Orbbec camera and writes its depth images to standard output, in a process of its own (``live.orbbec``).
+
+pyorbbecsdk2 brings packages that clash with ours, so this file imports nothing of anchorpose, and runs in whatever
+Python has it: python orbbec_process.py [SERIAL]. First comes one line of JSON with the lens, then for each image a
+header (number, device time in microseconds, host time in microseconds, metres per grey value, bytes) and the grey
+values. Errors are one line on standard error, and exit code 2.
+"""
+
+import json
+import struct
+import sys
+import time
+
+HEADER = struct.Struct("<qqqdq")
+WAIT_MS = 200
+STALL_S = 5.0
+
+
+def main() -> int:
+    """Until standard output is closed."""
+    import pyorbbecsdk as ob
+
+    serial = sys.argv[1] if len(sys.argv) > 1 else ""
+    devices = ob.Context().query_devices()
+    if devices.get_count() == 0:
+        return refuse("no Orbbec camera is connected; check its cable and the udev rules of its maker")
+    try:
+        device = devices.get_device_by_serial_number(serial) if serial else devices.get_device_by_index(0)
+    except ob.OBError as error:
+        return refuse(f"there is no Orbbec camera with the serial number {serial} ({error})")
+    pipeline, config = ob.Pipeline(device), ob.Config()
+    profile = pipeline.get_stream_profile_list(ob.OBSensorType.DEPTH_SENSOR).get_default_video_stream_profile()
+    config.enable_stream(profile)
+    pipeline.start(config)
+    try:
+        return stream(pipeline, profile, device.get_device_info())
+    except BrokenPipeError:
+        return 0
+    finally:
+        pipeline.stop()
+
+
+def stream(pipeline, profile, info) -> int:  # type: ignore[no-untyped-def]
+    """Writes the lens, then images; 2 where the camera gives no more."""
+    out = sys.stdout.buffer
+    lens, bent = profile.get_intrinsic(), profile.get_distortion()
+    about = {
+        "name": info.get_name(),
+        "serial": info.get_serial_number(),
+        "width": profile.get_width(),
+        "height": profile.get_height(),
+        "intrinsics": [lens.fx, lens.fy, lens.cx, lens.cy],
+        "distortion": [bent.k1, bent.k2, bent.p1, bent.p2, bent.k3, bent.k4, bent.k5, bent.k6],
+    }
+    out.write(json.dumps(about).encode() + b"\n")
+    out.flush()
+    last_s = time.monotonic()
+    while time.monotonic() - last_s < STALL_S:
+        frames = pipeline.wait_for_frames(WAIT_MS)
+        depth = None if frames is None else frames.get_depth_frame()
+        if depth is None:
+            continue
+        last_s = time.monotonic()
+        data = bytes(depth.get_data())
+        times = depth.get_timestamp_us(), depth.get_system_timestamp_us()
+        out.write(HEADER.pack(depth.get_index(), *times, depth.get_depth_scale() / 1000.0, len(data)) + data)
+        out.flush()
+    return refuse(f"no image came for {STALL_S:.0f} s; check the camera's cable")
+
+
+def refuse(sentence: str) -> int:
+    """Says why there is nothing to read."""
+    print(sentence, file=sys.stderr)
+    return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,158 @@
+"""A recording folder that is written while the cameras run: at a power cut, the last second is lost and no more."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from threading import Event, Thread
+from typing import Any, Final
+
+import numpy as np
+
+from anchorpose.errors import AnchorposeError, InputError
+from anchorpose.live.source import LiveCamera, LiveImage
+from anchorpose.recording.document import read_json
+from anchorpose.recording.equipment_file import equipment_files
+from anchorpose.recording.recording_file import CameraEntry
+from anchorpose.results.folder import write_text_whole
+from anchorpose.sources.camera_writer import CameraWriter, encode_grey
+from anchorpose.sources.plan import CameraPlan
+
+RECORDING_FILE: Final = "recording.json"
+UNFINISHED_FILE: Final = "recording.unfinished.json"
+"""What recording.json will be; while it has this name, the folder cannot be taken for a whole recording."""
+
+EMPTY_ROOM_FILE: Final = "background.png"
+SYNC_S: Final = 1.0  # what a power cut may cost
+ROOM_EVERY: Final = 100  # images between two looks at the free space
+LEAST_FREE_BYTES: Final = 500_000_000  # the system and the results need some room, too
+
+
+class Recorder:
+    """Writes every image that it is given; ``finish`` makes the folder a recording."""
+
+    def __init__(self, folder: Path, cameras: Sequence[LiveCamera], about: Path | None = None) -> None:
+        """folder: absent or empty; about: a recording folder whose equipment, pictures of the empty room and patient
+        hold here, too. Raises InputError where it cannot be written to."""
+        self.folder, self._stack = folder, ExitStack()
+        _make_room(folder)
+        document = {"format": "rgbd-recording", "version": 1, "cameras": [camera.document() for camera in cameras]}
+        self._writers = [self._stack.enter_context(_writer(folder, one.camera.name, one)) for one in cameras]
+        if about is not None:
+            document |= _copy_about(about, folder)
+        write_text_whole(folder / UNFINISHED_FILE, json.dumps(document, indent=1) + "\n")
+        self.images, self.finished = 0, False  # written so far
+        self._unsynced: list[Path] = []
+        self._done = Event()
+        self._syncing = Thread(target=self._sync_often, daemon=True)
+        self._syncing.start()
+
+    def put(self, image: LiveImage) -> None:
+        """One more image; raises AnchorposeError where less than half a gigabyte is free on the disk."""
+        path = self._writers[image.camera].write(image.time_s, image.grey, image.number)
+        if path is not None:
+            self.images += 1
+            self._unsynced.append(path)
+        if self.images % ROOM_EVERY == 0:
+            self._require_free()
+
+    def write_empty_room(self, camera: int, grey: np.ndarray) -> None:
+        """The picture of the empty room (height, width) uint16 of one camera."""
+        folder = self._writers[camera].folder
+        partial = folder / ".background.partial"
+        partial.write_bytes(encode_grey(grey))
+        partial.replace(folder / EMPTY_ROOM_FILE)
+
+    def finish(self) -> Path:
+        """The recording, whole and on disk."""
+        self.abandon()
+        self._sync()
+        self.finished = True
+        return finish_recording(self.folder)
+
+    def abandon(self) -> None:
+        """Writes no more; the folder stays as it is."""
+        self._done.set()
+        self._syncing.join()
+        self._stack.close()
+
+    def _require_free(self) -> None:
+        if shutil.disk_usage(self.folder).free < LEAST_FREE_BYTES:
+            raise AnchorposeError(f"{self.folder}: the disk is nearly full; what was recorded is kept. Make room.")
+
+    def _sync_often(self) -> None:
+        while not self._done.wait(SYNC_S):
+            self._sync()
+
+    def _sync(self) -> None:
+        paths, self._unsynced = self._unsynced, []
+        for path in (*paths, *(writer.folder / "timestamps.csv" for writer in self._writers)):
+            with path.open("rb") as file:
+                os.fsync(file.fileno())
+
+
+def finish_recording(folder: Path) -> Path:
+    """Makes a recording of a folder that ``Recorder`` has written; where it was cut off, of all that is whole in it.
+
+    Raises InputError where the folder is none of these, or no camera has an image.
+    """
+    path = folder / UNFINISHED_FILE
+    if not path.is_file():
+        problem = "is a finished recording" if (folder / RECORDING_FILE).is_file() else "holds no unfinished recording"
+        raise InputError(folder, problem, "give a folder that 'anchorpose record' was writing when it was cut off")
+    document = read_json(path)
+    for entry in document["cameras"]:
+        with _writer(folder, entry["name"], _camera_of(entry)) as writer:
+            if writer.written == 0:
+                raise InputError(folder / entry["name"], "holds no depth image", "record again with this camera")
+        _remove_without_row(folder / entry["name"])
+    path.replace(folder / RECORDING_FILE)
+    return folder
+
+
+def _make_room(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if any(folder.iterdir()):
+            remedy = "choose another name, or finish a recording that was cut off with 'anchorpose record --finish'"
+            raise InputError(folder, "exists and is not empty", remedy)
+    except OSError as error:
+        raise InputError(
+            folder, f"cannot be written ({error.strerror})", "choose a place that you may write to"
+        ) from None
+
+
+def _copy_about(about: Path, folder: Path) -> dict[str, Any]:
+    """Copies equipment and empty rooms of a recording; returns what recording.json says about equipment and patient."""
+    found = read_json(about / RECORDING_FILE)
+    if equipment := found.get("equipment"):
+        for path in equipment_files(about / equipment):
+            target = folder / path.relative_to(about)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(path, target)
+    for room in about.glob(f"*/{EMPTY_ROOM_FILE}"):
+        if (folder / room.parent.name).is_dir():
+            shutil.copyfile(room, folder / room.parent.name / EMPTY_ROOM_FILE)
+    return {key: found[key] for key in ("equipment", "subject") if found.get(key)}
+
+
+def _writer(folder: Path, name: str, camera: LiveCamera) -> CameraWriter:
+    plan = CameraPlan(camera=camera.camera, model=camera.model, serial=camera.serial, fps=None, count=None)
+    return CameraWriter(folder / name, plan)
+
+
+def _camera_of(entry: dict[str, Any]) -> LiveCamera:
+    return LiveCamera(camera=CameraEntry.model_validate(entry).camera())
+
+
+def _remove_without_row(folder: Path) -> None:
+    """The images that were cut off before their row was written."""
+    lines = (folder / "timestamps.csv").read_text(encoding="utf-8").split()[1:]
+    known = {f"{int(line.partition(',')[0]):06d}.png" for line in lines}
+    for file in (folder / "depth").iterdir():
+        if file.name not in known:
+            file.unlink()

@@ -1,0 +1,107 @@
+"""Cameras of two makers, by what their libraries can do without one."""
+
+import sys
+import time
+from threading import Event
+
+import numpy as np
+import pytest
+
+from anchorpose.errors import AnchorposeError
+from anchorpose.live.orbbec import open_orbbec
+
+STAND_IN = """
+import json, sys, time
+sys.path.insert(0, {folder!r})
+from orbbec_process import HEADER
+out = sys.stdout.buffer
+about = dict(name="Stand-in", serial="A1", width=4, height=3, intrinsics=[5.0, 5.0, 2.0, 1.5], distortion=[0.0] * 8)
+out.write(json.dumps(about).encode() + b"\\n")
+for number in range(3):
+    data = bytes(range(24))
+    out.write(HEADER.pack(number, 1000000 + 33000 * number, int(1e6 * time.time()), 0.001, len(data)) + data)
+out.flush()
+print("no image came for 5 s; check the camera's cable", file=sys.stderr)
+sys.exit(2)
+"""
+
+
+def test_an_orbbec_camera_is_read_from_another_process_until_it_is_unplugged():
+    from anchorpose.live import orbbec_process
+
+    folder = orbbec_process.__file__.rpartition("/")[0]
+    source = open_orbbec("", None, (sys.executable, "-c", STAND_IN.format(folder=folder)))
+    found = source.cameras[0]
+    assert (found.camera.width, found.camera.height, found.camera.depth_scale) == (4, 3, 0.001)
+    assert (found.model, found.serial, found.camera.name) == ("Stand-in", "A1", "orbbec-A1")
+    images = []
+    with pytest.raises(AnchorposeError, match="check the camera's cable"):
+        images.extend(source.images(Event()))
+    assert [image.number for image in images] == [0, 1, 2]
+    assert images[1].time_s == pytest.approx(1.033)
+    assert abs(images[1].taken_s - time.monotonic()) < 5.0
+    assert images[0].grey.tolist() == np.frombuffer(bytes(range(24)), np.uint16).reshape(3, 4).tolist()
+
+
+def test_without_the_makers_package_the_sentence_says_how_to_get_it():
+    with pytest.raises(AnchorposeError, match="pyorbbecsdk2 in a Python of its own"):
+        open_orbbec("", None, (sys.executable, "-c", "import pyorbbecsdk"))
+
+
+def test_a_realsense_is_read_through_its_own_library(tmp_path):
+    rs = pytest.importorskip("pyrealsense2", exc_type=ImportError)
+    from anchorpose.live.realsense import start
+
+    path = tmp_path / "camera.db3"
+    record_stand_in(rs, path)
+    config = rs.config()
+    config.enable_device_from_file(str(path), repeat_playback=False)
+    source = start(rs, config, None)
+    found = source.cameras[0]
+    assert (found.model, found.serial) == ("Stand-in D435", "1234")
+    assert (found.camera.width, found.camera.height) == (128, 96)
+    assert found.camera.depth_scale == pytest.approx(0.001)
+    stop, images = Event(), []
+    for image in source.images(stop):
+        images.append(image)
+        if len(images) == 5:
+            stop.set()
+    assert [int(image.grey.mean()) for image in images] == [999 + image.number for image in images]
+    assert np.all(np.diff([image.time_s for image in images]) > 0.03)
+
+
+def test_no_realsense_is_one_sentence():
+    pytest.importorskip("pyrealsense2", exc_type=ImportError)
+    from anchorpose.live.realsense import open_realsense
+
+    with pytest.raises(AnchorposeError, match="No RealSense camera 77 can be started"):
+        open_realsense("77", None)
+
+
+def record_stand_in(rs, path):
+    """A file that librealsense records from its software device."""
+    device = rs.software_device()
+    device.register_info(rs.camera_info.serial_number, "1234")
+    device.register_info(rs.camera_info.name, "Stand-in D435")
+    sensor = device.add_sensor("Stereo Module")
+    lens = rs.intrinsics()
+    lens.width, lens.height, lens.fx, lens.fy, lens.ppx, lens.ppy = 128, 96, 100.0, 100.0, 64.0, 48.0
+    lens.model, lens.coeffs = rs.distortion.brown_conrady, [0.0] * 5
+    stream = rs.video_stream()
+    stream.type, stream.index, stream.uid, stream.fmt = rs.stream.depth, 0, 1, rs.format.z16
+    stream.width, stream.height, stream.fps, stream.bpp, stream.intrinsics = 128, 96, 30, 2, lens
+    profile = sensor.add_video_stream(stream)
+    sensor.add_read_only_option(rs.option.depth_units, 0.001)
+    recorder = rs.recorder(str(path), device)
+    recorded, queue = recorder.query_sensors()[0], rs.frame_queue(50)
+    recorded.open(profile)
+    recorded.start(queue)
+    for number in range(20):
+        frame = rs.software_video_frame()
+        frame.stride, frame.bpp, frame.timestamp, frame.frame_number = 256, 2, 1000.0 + 33.4 * number, number + 1
+        frame.domain, frame.profile = rs.timestamp_domain.hardware_clock, profile.as_video_stream_profile()
+        frame.pixels = np.full((96, 128), 1000 + number, np.uint16)
+        sensor.on_video_frame(frame)
+        time.sleep(0.01)
+    recorded.stop()
+    recorded.close()

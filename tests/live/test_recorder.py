@@ -1,0 +1,78 @@
+"""A recording that is written while the cameras run is whole at the end, and can be finished after a power cut."""
+
+import shutil
+import time
+
+import numpy as np
+import pytest
+
+from anchorpose.camera import Camera
+from anchorpose.errors import AnchorposeError, InputError
+from anchorpose.lens import Intrinsics
+from anchorpose.live import recorder as module
+from anchorpose.live.recorder import UNFINISHED_FILE, Recorder, finish_recording
+from anchorpose.live.source import LiveCamera, LiveImage
+from anchorpose.recording.reader import open_recording, read_frame
+
+LENS = Intrinsics(fx=60.0, fy=60.0, cx=32.0, cy=24.0)
+CAMERA = LiveCamera(
+    camera=Camera(name="left", width=64, height=48, depth_scale=0.001, intrinsics=LENS), model="Stand-in", serial="7"
+)
+
+
+def image(number: int) -> LiveImage:
+    grey = np.full((48, 64), 1000 + number, np.uint16)
+    return LiveImage(0, number, 5.0 + number / 30.0, time.monotonic(), grey)
+
+
+def test_what_was_given_is_what_is_recorded_with_its_numbers_and_times(tmp_path):
+    recorder = Recorder(tmp_path / "out", [CAMERA])
+    for number in (3, 4, 6):
+        recorder.put(image(number))
+    assert not (tmp_path / "out" / "recording.json").exists()
+    recording = open_recording(recorder.finish())
+    assert recording.streams[0].frame.tolist() == [3, 4, 6]
+    assert recording.streams[0].time_s == pytest.approx([5.1, 5.0 + 4 / 30, 5.2], abs=1e-6)
+    assert np.all(read_frame(recording, 2).depths_m[0] == np.float32(1006) * np.float32(0.001))
+
+
+def cut_off(folder):
+    """As a power cut leaves it: an image without its row, another without its end, half a row."""
+    recorder = Recorder(folder, [CAMERA])
+    for number in range(4):
+        recorder.put(image(number))
+    recorder.abandon()
+    depth, rows = folder / "left" / "depth", folder / "left" / "timestamps.csv"
+    shutil.copyfile(depth / "000003.png", depth / "000009.png")
+    (depth / "000003.png").write_bytes((depth / "000003.png").read_bytes()[:-20])
+    rows.write_text(rows.read_text() + "4,5.")
+
+
+def test_after_a_power_cut_all_that_is_whole_is_kept(tmp_path):
+    cut_off(tmp_path / "out")
+    with pytest.raises(InputError, match=r"recording\.json"):
+        open_recording(tmp_path / "out")
+    recording = open_recording(finish_recording(tmp_path / "out"))
+    assert recording.streams[0].frame.tolist() == [0, 1, 2]
+    assert not (tmp_path / "out" / UNFINISHED_FILE).exists()
+
+
+def test_only_a_recording_that_was_cut_off_can_be_finished(tmp_path):
+    with pytest.raises(InputError, match="no unfinished recording"):
+        finish_recording(tmp_path)
+    cut_off(tmp_path / "out")
+    finish_recording(tmp_path / "out")
+    with pytest.raises(InputError, match="is a finished recording"):
+        finish_recording(tmp_path / "out")
+    with pytest.raises(InputError, match="not empty"):
+        Recorder(tmp_path / "out", [CAMERA])
+
+
+def test_a_disk_that_is_nearly_full_is_said_before_it_is_full(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "ROOM_EVERY", 2)
+    monkeypatch.setattr(module, "LEAST_FREE_BYTES", shutil.disk_usage(tmp_path).total * 2)
+    recorder = Recorder(tmp_path / "out", [CAMERA])
+    recorder.put(image(0))
+    with pytest.raises(AnchorposeError, match="nearly full"):
+        recorder.put(image(1))
+    assert len(open_recording(recorder.finish()).streams[0].files) == 2

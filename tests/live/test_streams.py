@@ -1,0 +1,105 @@
+"""What is sent arrives at a program that reads Lab Streaming Layer or OSC."""
+
+import socket
+import time
+
+import numpy as np
+import pytest
+
+from anchorpose.errors import MissingPackage
+from anchorpose.joints import JOINT_COUNT, JOINT_NAMES, LOST
+from anchorpose.live.output import LiveFrame, Outputs
+from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES
+
+
+def frame_sent() -> LiveFrame:
+    joints = np.arange(3.0 * JOINT_COUNT).reshape(-1, 3)
+    sigma, state = np.full(JOINT_COUNT, 0.01), np.zeros(JOINT_COUNT, np.int8)
+    joints[2], sigma[2], state[2] = np.nan, np.nan, LOST
+    degrees = np.linspace(0.0, 90.0, len(ANGLE_NAMES))
+    codes = np.zeros(len(ANGLE_NAMES), np.int8)
+    return LiveFrame(12, 0.8, time.monotonic() - 0.05, joints, sigma, state, degrees, degrees / 30.0, codes, "")
+
+
+def test_a_lab_streaming_layer_client_reads_joints_with_capture_time_and_metadata():
+    pylsl = pytest.importorskip("pylsl")
+    from anchorpose.live.lsl import LslOutput
+
+    output = LslOutput()
+    try:
+        (found,) = pylsl.resolve_bypred("name='anchorpose' and type='Mocap'", timeout=5.0)
+        inlet = pylsl.StreamInlet(found)
+        inlet.open_stream(timeout=5.0)
+        sent, frame = None, frame_sent()
+        for _ in range(50):
+            sent = pylsl.local_clock() - (time.monotonic() - frame.taken_s)
+            output.send(frame)
+            sample, stamp = inlet.pull_sample(timeout=0.2)
+            if sample is not None:
+                break
+        values = np.array(sample).reshape(JOINT_COUNT, 5)
+        assert values[5].tolist() == pytest.approx([15.0, 16.0, 17.0, 0.01, 0.0])
+        assert np.isnan(values[2, :4]).all()
+        assert values[2, 4] == LOST
+        assert stamp + inlet.time_correction(timeout=5.0) == pytest.approx(sent, abs=0.02)
+        channel = inlet.info(timeout=5.0).desc().child("channels").child("channel")
+        assert channel.child_value("label") == f"{JOINT_NAMES[0]}_X"
+        assert channel.child_value("type") == "PositionX"
+        assert channel.child_value("unit") == "meters"
+    finally:
+        output.close()
+
+
+def test_an_osc_receiver_gets_one_bundle_per_frame():
+    pytest.importorskip("pythonosc")
+    from pythonosc.osc_bundle import OscBundle
+
+    from anchorpose.live.osc import OscOutput
+
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(("127.0.0.1", 0))
+        receiver.settimeout(5.0)
+        OscOutput("127.0.0.1", receiver.getsockname()[1]).send(frame_sent())
+        messages = list(OscBundle(receiver.recv(65536)))
+    assert messages[0].address == "/anchorpose/frame"
+    assert messages[0].params[0] == 12
+    assert messages[6].params[1:5] == pytest.approx([15.0, 16.0, 17.0, 0.01])
+    assert (messages[6].params[0], messages[6].params[5]) == (JOINT_NAMES[5], "observed")
+    assert messages[3].params == [JOINT_NAMES[2], "lost"]
+    assert len(messages) == 1 + JOINT_COUNT + len(ANGLE_NAMES)
+
+
+def test_an_output_that_fails_is_left_out_and_the_others_go_on():
+    class Broken:
+        name = "a client"
+
+        def send(self, frame):
+            raise ConnectionResetError("reset by peer")
+
+        def close(self):
+            raise AssertionError("it was left out")
+
+    class Counting:
+        name, count = "counting", 0
+
+        def send(self, frame):
+            self.count += 1
+
+        def close(self):
+            self.count += 100
+
+    counting = Counting()
+    outputs = Outputs([Broken(), counting])
+    outputs.send(frame_sent())
+    outputs.send(frame_sent())
+    outputs.close()
+    assert counting.count == 102
+    assert outputs.failed == ["a client was left out from frame 12 on: reset by peer"]
+
+
+def test_without_the_package_the_sentence_names_the_extra(monkeypatch):
+    from anchorpose.live.lsl import LslOutput
+
+    monkeypatch.setitem(__import__("sys").modules, "pylsl", None)
+    with pytest.raises(MissingPackage, match=r"anchorpose\[live\]"):
+        LslOutput()
