@@ -26,10 +26,11 @@ VALUES = ("errors", "joints", "camera", "lens", "rotations", "versions", "settin
 BESIDE_THE_FLOW = (
     "simulate", "tracker", "pipeline", "calibrating", "inspecting", "collecting", "run_account", "threads", "writing",
     "track_inputs", "cli", "live", "check", "checking", "research", "exports", "pages", "viewer", "viewing", "sources",
+    "batch",
 )  # fmt: skip
 PACKAGE_ITSELF = "anchorpose"  # `from anchorpose import __version__`
 
-HEAVY = {"numpy", "scipy", "numba", "cv2", "pyarrow", "embreex", "pydantic", "jinja2"}
+HEAVY = {"numpy", "scipy", "numba", "cv2", "pyarrow", "embreex", "pydantic", "jinja2", "dask", "distributed"}
 
 # Put together from pieces, so that this file does not hold what it forbids.
 MACHINE_PATH = re.compile(r"(?<![\w.~/])/(?:" + "|".join(("work", "root", "home", "Users", "opt", "tmp/lab")) + r")/")

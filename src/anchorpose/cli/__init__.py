@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from types import FrameType
 from typing import Final, NoReturn
 
 from cyclopts import App, CycloptsError, Parameter
 
 from anchorpose import __version__
+from anchorpose.cli.batch import batch
 from anchorpose.cli.calibrate import calibrate
 from anchorpose.cli.check import check
 from anchorpose.cli.convert import convert
@@ -55,17 +56,22 @@ app = App(
 )
 for _verb in (
     demo, simulate, convert, check, calibrate, track, evaluate, measure, report, view, export, inspect, equipment,
-    motions, record, live, experiment,
+    motions, record, live, batch, experiment,
 ):  # fmt: skip
     app.command(_verb)
 
 
 def main(tokens: Sequence[str] | None = None) -> int:
     """Runs a command line (that of the process by default) and returns its exit code; 0 is success."""
+    return exit_code_of(lambda: app(tokens, exit_on_error=False, result_action="return_value"))
+
+
+def exit_code_of(work: Callable[[], object]) -> int:
+    """Does the work and returns the exit code of the process; what ends it early is a sentence on the error stream."""
     for number in STOPPING:
         signal.signal(number, _stop)
     try:
-        answer = app(tokens, exit_on_error=False, result_action="return_value")
+        answer = work()
     except CycloptsError:  # already printed, with the nearest known option
         return EXIT_CANNOT
     except AnchorposeError as error:

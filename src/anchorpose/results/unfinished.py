@@ -31,8 +31,7 @@ def unfinished_results(path: Path, recording: Path, overwrite: bool = False, res
     to ``path`` or an unfinished run is there and neither ``resume`` nor ``overwrite`` is given.
     """
     check_results_path(path, recording, overwrite)
-    target = path.resolve()
-    work = target.parent / f".{target.name}.unfinished"
+    work = _work_of(path)
     if not work.is_dir():
         make_folder(work, path)
     with _locked(work, path):
@@ -48,6 +47,29 @@ def unfinished_results(path: Path, recording: Path, overwrite: bool = False, res
         except BaseException as error:
             _leave(work, error)
             raise
+
+
+def begun_identity(path: Path) -> str | None:
+    """The identity of the unfinished run into ``path``; None where there is none, or it cannot be read."""
+    begun = _work_of(path) / JOURNAL / BEGUN_FILE
+    try:
+        identity = read_json(begun).get("identity") if begun.is_file() else None
+    except InputError:
+        return None
+    return identity if isinstance(identity, str) else None
+
+
+def wait_until_free(path: Path, timeout_s: float) -> None:
+    """Waits while another run writes into ``path``, at most ``timeout_s``; a killed one takes a moment to end."""
+    work = _work_of(path)
+    if work.is_dir():
+        with suppress(Timeout), FileLock(work / LOCK_FILE, timeout=timeout_s):
+            pass
+
+
+def _work_of(path: Path) -> Path:
+    target = path.resolve()
+    return target.parent / f".{target.name}.unfinished"
 
 
 @contextmanager

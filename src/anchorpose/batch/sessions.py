@@ -1,0 +1,136 @@
+"""The sessions of a batch: recordings named one by one, by folder, by pattern, or in a table with one row each."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, fields, replace
+from difflib import get_close_matches
+from glob import glob, has_magic
+from io import StringIO
+from pathlib import Path
+from typing import Any, Final
+
+from anchorpose.cli.track import TrackOptions
+from anchorpose.errors import InputError
+from anchorpose.recording.document import read_text
+
+RECORDING_FILE: Final = "recording.json"
+TABLE_ENDING: Final = ".csv"
+FILES: Final = ("calibration", "corrections", "motions", "config")
+NUMBERS: Final = {"height": float, "start": int, "stop": int}
+YES_OR_NO: Final = {"yes": True, "true": True, "1": True, "no": False, "false": False, "0": False}
+SETTINGS: Final = tuple(each.name for each in fields(TrackOptions) if each.name not in ("overwrite", "resume"))
+COLUMNS: Final = ("recording", "session", "subject", *SETTINGS)
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """One recording to track. name: of its results folder; subject: who, as the table says; options: of its run."""
+
+    recording: Path
+    name: str = ""
+    subject: str = ""
+    options: TrackOptions = field(default_factory=TrackOptions)
+
+    def absolute(self) -> Session:
+        """The same with paths that hold in any folder, for a worker that runs elsewhere."""
+        paths = {name: getattr(self.options, name) for name in FILES}
+        known: dict[str, Any] = {name: path.resolve() for name, path in paths.items() if path is not None}
+        options = replace(self.options, **known)
+        return replace(self, recording=self.recording.resolve(), options=options)
+
+
+def find_sessions(given: Sequence[str], options: TrackOptions) -> tuple[Session, ...]:
+    """The sessions that a user names, each with a name of its own, in the order given.
+
+    given: recordings (folders, or files of a recorder), folders that contain recordings, patterns such as
+    ``clinic/*/recording``, and tables (``.csv``). options: for all of them; a row of a table overrides them. Raises
+    InputError where one leads to no recording, a table cannot be used, or two sessions have the same name.
+    """
+    found = [session for text in given for session in _sessions_of(text, options)]
+    unique = list({(session.name, session.recording, repr(session)): session for session in found}.values())
+    named = tuple(_named(unique))
+    for name, count in Counter(session.name for session in named).items():
+        if count > 1:
+            recordings = [session.recording for session in named if session.name == name]
+            problem = f"and {recordings[1]} are both called {name}"
+            raise InputError(recordings[0], problem, "name them in a table with a column 'session'")
+    return named
+
+
+def _sessions_of(text: str, options: TrackOptions) -> Iterator[Session]:
+    path = Path(text)
+    if path.suffix.lower() == TABLE_ENDING:
+        yield from _read_table(path, options)
+    elif path.exists():
+        yield from (Session(recording, options=options) for recording in _recordings_in(path))
+    elif has_magic(text):
+        matches = [recording for name in sorted(glob(text, recursive=True)) for recording in _recordings_in(Path(name))]
+        if not matches:
+            raise InputError(text, "matches no recording", "check the pattern; ** stands for any number of folders")
+        yield from (Session(recording, options=options) for recording in matches)
+    else:
+        raise InputError(text, "is not there", "give recordings, folders of recordings, patterns or a .csv table")
+
+
+def _recordings_in(path: Path) -> list[Path]:
+    """The recording itself, or all recordings below a folder; a file is left to the readers of recorders' files."""
+    if not path.is_dir() or (path / RECORDING_FILE).is_file():
+        return [path]
+    below = sorted(file.parent for file in path.rglob(RECORDING_FILE))
+    return below or [path]
+
+
+def _read_table(path: Path, options: TrackOptions) -> Iterator[Session]:
+    rows = csv.DictReader(StringIO(read_text(path)))
+    names = [name.strip() for name in rows.fieldnames or ()]
+    if "recording" not in names:
+        raise InputError(path, "has no column 'recording'", "begin with a line of column names, recording among them")
+    for name in names:
+        if name not in COLUMNS:
+            near = get_close_matches(name, COLUMNS, 1)
+            remedy = f"is '{near[0]}' meant?" if near else f"the columns may be {', '.join(COLUMNS)}"
+            raise InputError(path, f"has a column '{name}', which is unknown", remedy)
+    for number, cells in enumerate(rows, 2):
+        row = {str(key).strip(): (value or "").strip() for key, value in cells.items() if key is not None}
+        if None in cells:
+            raise InputError(path, f"line {number} has more cells than columns", "put quotes around cells with commas")
+        if any(row.values()):
+            yield _session_of(row, path, number, options)
+
+
+def _session_of(row: dict[str, str], path: Path, number: int, options: TrackOptions) -> Session:
+    if not row["recording"]:
+        raise InputError(path, f"line {number} names no recording", "fill in the column 'recording'")
+    given: dict[str, Any] = {name: _value(name, row[name], path, number) for name in SETTINGS if row.get(name)}
+    recording = path.parent / row["recording"]
+    return Session(recording, row.get("session", ""), row.get("subject", ""), replace(options, **given))
+
+
+def _value(name: str, text: str, path: Path, number: int) -> object:
+    if name in FILES:
+        return path.parent / text
+    if name in NUMBERS:
+        try:
+            return NUMBERS[name](text)
+        except ValueError:
+            raise InputError(path, f"line {number} has the {name} '{text}'", "write a number") from None
+    if name == "smooth":
+        if text.lower() not in YES_OR_NO:
+            raise InputError(path, f"line {number} has '{text}' under smooth", "write yes or no")
+        return YES_OR_NO[text.lower()]
+    return text
+
+
+def _named(sessions: Sequence[Session]) -> Iterator[Session]:
+    """The name of the recording's folder, with as many of the folders above it as it takes to have one each."""
+    own = [session.recording.resolve() for session in sessions]
+    for session, path in zip(sessions, own, strict=True):
+        parts = [part for part in path.parts if part != path.anchor]
+        ends = ["-".join(parts[-count:]) for count in range(1, len(parts) + 1)]
+        counts = (sum(other.parts[-k:] == path.parts[-k:] for other in own) for k in range(1, len(parts) + 1))
+        short = next((end for end, count in zip(ends, counts, strict=True) if count == 1), ends[0])
+        yield replace(session, name=re.sub(r"[^\w.+-]+", "_", session.name or short).strip(".") or "session")

@@ -1,0 +1,171 @@
+"""sessions.parquet and measures.parquet: what became of every session, and its measures, each also as CSV."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv
+import pyarrow.parquet as pq
+
+from anchorpose.batch.sessions import Session
+from anchorpose.batch.worker import Outcome
+from anchorpose.errors import InputError
+from anchorpose.joints import JointState
+from anchorpose.recording.document import read_json
+from anchorpose.results.folder import write_text_whole
+from anchorpose.results.parquet import RecordTable, refuse_unreadable
+from anchorpose.results.records import MEASURES_FILE, Measure, read_measures
+from anchorpose.results.run_record import RUN_FILE, read_run_document
+from anchorpose.results.tables import JOINTS_FILE
+
+DONE, FAILED, OPEN = "done", "failed", "open"
+STATES: Final = (DONE, FAILED, OPEN)
+RESULTS_FOLDER, LOGS_FOLDER = "sessions", "logs"
+AGAIN: Final = "write it again with 'anchorpose batch --summary'"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SessionRow:
+    """One session. state: one of ``STATES``; why: the sentence of one that failed. The rest is None unless it is done.
+
+    length_s: from the first frame to the last; the shares are of all joints in all frames; work_s: the time that
+    tracking took, by run.json.
+    """
+
+    session: str
+    recording: str
+    subject: str
+    state: str
+    why: str | None = None
+    frames: int | None = None
+    length_s: float | None = None
+    seen_share: float | None = None
+    inferred_share: float | None = None
+    lost_share: float | None = None
+    work_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeasureRow:
+    """One measure of one session; see ``Measure``."""
+
+    session: str
+    subject: str
+    measure: str
+    side: str | None
+    part: str | None
+    value: float | None
+    unit: str
+    sigma: float | None
+    why: str | None
+
+
+def _schema(**types: Any) -> pa.Schema:
+    return pa.schema(list(types.items()))
+
+
+_TEXT, _NUMBER = pa.string(), pa.float64()
+SESSIONS: Final = RecordTable(
+    file="sessions.parquet",
+    record=SessionRow,
+    schema=_schema(
+        session=_TEXT, recording=_TEXT, subject=_TEXT, state=_TEXT, why=_TEXT, frames=pa.int64(), length_s=_NUMBER,
+        seen_share=_NUMBER, inferred_share=_NUMBER, lost_share=_NUMBER, work_s=_NUMBER,
+    ),
+    known={"state": STATES},
+    remedy=AGAIN,
+)  # fmt: skip
+MEASURES: Final = RecordTable(
+    file="measures.parquet",
+    record=MeasureRow,
+    schema=_schema(
+        session=_TEXT, subject=_TEXT, measure=_TEXT, side=_TEXT, part=_TEXT, value=_NUMBER, unit=_TEXT, sigma=_NUMBER,
+        why=_TEXT,
+    ),
+    remedy=AGAIN,
+)  # fmt: skip
+
+
+def note_outcome(out: Path, outcome: Outcome) -> None:
+    """Keeps why a session failed beside its log, for a summary that is written later."""
+    path = _outcome_file(out, outcome.name)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_text_whole(path, json.dumps({"why": outcome.why, "seconds": round(outcome.seconds, 1)}) + "\n")
+
+
+def _outcome_file(out: Path, name: str) -> Path:
+    return out / LOGS_FOLDER / f"{name}.json"
+
+
+def row_of(out: Path, session: Session) -> SessionRow:
+    """What the folder of a batch holds on a session; one that failed in its last run is failed, whatever is there."""
+    results, noted = out / RESULTS_FOLDER / session.name, _outcome_file(out, session.name)
+    why = read_json(noted).get("why") if noted.is_file() else None
+    who: dict[str, Any] = {"session": session.name, "recording": str(session.recording), "subject": session.subject}
+    if why is not None:
+        return SessionRow(**who, state=FAILED, why=str(why))
+    if not (results / RUN_FILE).is_file():
+        return SessionRow(**who, state=OPEN)
+    try:
+        return SessionRow(**who, state=DONE, **_figures(results))
+    except InputError as error:
+        return SessionRow(**who, state=FAILED, why=str(error))
+
+
+def _figures(results: Path) -> dict[str, Any]:
+    """Read in row groups: the joints of many hours do not stand in memory together."""
+    path, counts, first_s, last_s, frames = results / JOINTS_FILE, dict[str, int](), None, None, 0
+    with refuse_unreadable(path), pq.ParquetFile(path, page_checksum_verification=True) as file:
+        for batch in file.iter_batches(columns=["frame", "time_s", "state"]):
+            for entry in pc.value_counts(batch["state"]).to_pylist():
+                counts[entry["values"]] = counts.get(entry["values"], 0) + entry["counts"]
+            span = pc.min_max(batch["time_s"]).as_py()
+            first_s = span["min"] if first_s is None else min(first_s, span["min"])
+            last_s = span["max"] if last_s is None else max(last_s, span["max"])
+    run = read_run_document(results / RUN_FILE)
+    joints, frames = sum(counts.values()), int(run.get("frame_count", 0))
+    if not joints:
+        raise InputError(path, "holds no joint", "run the batch again")
+    seen, lost = counts.get(JointState.OBSERVED, 0), counts.get(JointState.LOST, 0)
+    return {
+        "frames": frames,
+        "length_s": float(last_s) - float(first_s),  # type: ignore[arg-type]
+        "seen_share": seen / joints,
+        "inferred_share": (joints - seen - lost) / joints,
+        "lost_share": lost / joints,
+        "work_s": sum(stage["seconds"] for stage in run.get("timings", [])),
+    }
+
+
+def measures_of(out: Path, row: SessionRow) -> tuple[Measure, ...]:
+    """The measures of a session that are not about a single person; none where it is not done or not measured."""
+    path = out / RESULTS_FOLDER / row.session / MEASURES_FILE
+    if row.state != DONE or not path.is_file():
+        return ()
+    return tuple(measure for measure in read_measures(path) if measure.person is None)
+
+
+def write_tables(out: Path, rows: Sequence[SessionRow], measures: Iterable[tuple[SessionRow, Measure]]) -> None:
+    """Writes both tables, each whole or not at all."""
+    _write(out, SESSIONS, rows)
+    names = ("measure", "side", "part", "value", "unit", "sigma", "why")
+    _write(out, MEASURES, [
+        MeasureRow(session=row.session, subject=row.subject, **{name: getattr(one, name) for name in names})
+        for row, one in measures
+    ])  # fmt: skip
+
+
+def _write(out: Path, table: RecordTable[Any], rows: Sequence[Any]) -> None:
+    path = out / table.file
+    partial = path.with_name(f".{path.name}.partial")
+    table.write(partial, rows)
+    in_csv = partial.with_suffix(".csv")
+    pyarrow.csv.write_csv(pq.read_table(partial), in_csv)
+    partial.replace(path)
+    in_csv.replace(path.with_suffix(".csv"))

@@ -1,0 +1,109 @@
+"""What a worker of the scheduler does with a job: it starts a child process and waits for it.
+
+Nothing of the work happens in the worker: a crash, a leak or a killed child leaves it as it was, and a worker that is
+killed takes its child with it. It returns a few bytes, so that no result is lost with it.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final
+
+KERNELS: Final = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+ONE_THREAD: Final = dict.fromkeys(KERNELS, "1")
+"""One core per child: as many run at once as there are workers."""
+
+STOP_S: Final = 15.0  # for a child to end by itself; longer than ``child.STOP_S``
+TAIL_BYTES: Final = 4096
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a job ended: why not, None where it was done; its small return value; how long it took."""
+
+    name: str
+    why: str | None = None
+    value: Any = None
+    seconds: float = 0.0
+
+
+_running: dict[str, list[subprocess.Popen[bytes]]] = {}
+_stopped: set[str] = set()
+
+
+def run_apart(name: str, work: bytes, log: str | None, group: str) -> Outcome:
+    """Does a pickled call in a child process with one thread.
+
+    log: the file that its output is added to, None to keep none. group: of the jobs that are stopped together.
+    """
+    begin = time.monotonic()
+    with TemporaryDirectory(prefix="anchorpose-") as folder:
+        answer, output = Path(folder) / "answer", Path(log or Path(folder) / "output")
+        output.parent.mkdir(parents=True, exist_ok=True)
+        with output.open("ab") as stream, _child(answer, stream, group) as process:
+            if process is None:
+                return Outcome(name, "was stopped before it began.")
+            with suppress(BrokenPipeError):
+                process.stdin.write(work)  # type: ignore[union-attr]
+                process.stdin.flush()  # type: ignore[union-attr]
+            code = process.wait()
+        value = pickle.loads(answer.read_bytes()) if code == 0 and answer.is_file() else None
+        why = None if code == 0 else _why(code, output)
+    return replace(Outcome(name, why, value), seconds=time.monotonic() - begin)
+
+
+@contextmanager
+def _child(answer: Path, output: Any, group: str) -> Iterator[subprocess.Popen[bytes] | None]:
+    """The started process, in a session of its own: Ctrl+C in a terminal reaches the first process only."""
+    if group in _stopped:
+        yield None
+        return
+    command = [sys.executable, "-m", "anchorpose.batch.child", str(answer)]
+    process = subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=output, stderr=output, env={**os.environ, **ONE_THREAD},
+        start_new_session=True,
+    )  # fmt: skip
+    _running.setdefault(group, []).append(process)
+    try:
+        yield process
+    finally:
+        _running[group].remove(process)
+        with suppress(BrokenPipeError):
+            process.stdin.close()  # type: ignore[union-attr]
+
+
+def stop_children(group: str) -> None:
+    """Stops the children of a group on this worker and waits for them; none of it starts here any more."""
+    _stopped.add(group)
+    children = tuple(_running.get(group, ()))
+    for process in children:
+        process.terminate()
+    deadline = time.monotonic() + STOP_S
+    for process in children:
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(max(deadline - time.monotonic(), 0.0))
+
+
+def _why(code: int, output: Path) -> str:
+    if code < 0:
+        often = ", as where memory is short" if code == -signal.SIGKILL else ""
+        return f"was killed by signal {-code}{often}; run it alone to see why."
+    return _last_line(output) or f"ended with exit code {code}."
+
+
+def _last_line(output: Path) -> str:
+    """The last line with text, which is the sentence that a refused piece of work ends with."""
+    with output.open("rb") as stream:
+        stream.seek(max(output.stat().st_size - TAIL_BYTES, 0))
+        lines = stream.read().decode("utf-8", errors="replace").splitlines()
+    return next((line.strip() for line in reversed(lines) if line.strip()), "")

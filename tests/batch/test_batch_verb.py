@@ -1,0 +1,102 @@
+"""``anchorpose batch``: what it writes, what it repeats, and how it ends."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+from recording_builder import write_recording
+from report_builder import squats, write_session
+
+from anchorpose.batch.table import MEASURES, SESSIONS
+from anchorpose.cli import main
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+@pytest.fixture
+def three(tmp_path: Path) -> Path:
+    """One session done, one that failed, one open."""
+    for name in ("one", "two", "three"):
+        write_recording(tmp_path / "in" / name, frames=2)
+    write_session(tmp_path / "out" / "sessions" / "one", squats(30))
+    (tmp_path / "out" / "batch.json").write_text('{"format": "anchorpose-batch"}')
+    (tmp_path / "out" / "logs").mkdir()
+    (tmp_path / "out" / "logs" / "two.json").write_text(json.dumps({"why": "two: is <broken>; mend it."}))
+    return tmp_path
+
+
+def test_a_summary_has_every_session_its_shares_and_its_measures(three: Path, capsys) -> None:
+    assert main(["batch", str(three / "in"), "-o", str(three / "out"), "--summary"]) == 1
+    printed = capsys.readouterr().out
+    assert "two: is <broken>; mend it." in printed
+    assert "1 done" in printed
+    found = {row.session: row for row in SESSIONS.read(three / "out" / SESSIONS.file)}
+    assert {name: row.state for name, row in found.items()} == {"one": "done", "two": "failed", "three": "open"}
+    one = found["one"]
+    assert one.frames == 30
+    assert one.length_s == pytest.approx(29 / 30)
+    assert one.seen_share + one.inferred_share + one.lost_share == pytest.approx(1)
+    assert one.lost_share == pytest.approx(3 / 30 / 21)  # the head, at the end
+    assert found["three"].seen_share is None
+    assert {row["session"]: row["state"] for row in rows(three / "out" / "sessions.csv")} == {
+        name: row.state for name, row in found.items()
+    }
+    measures = MEASURES.read(three / "out" / MEASURES.file)
+    assert {row.session for row in measures} == {"one"}
+    assert len(rows(three / "out" / "measures.csv")) == len(measures) == 11  # without the one of a single person
+
+
+def test_the_page_shows_sessions_failures_and_measures_and_escapes_what_it_is_given(three: Path) -> None:
+    main(["batch", str(three / "in"), "-o", str(three / "out"), "--summary"])
+    page = (three / "out" / "index.html").read_text(encoding="utf-8")
+    assert "not a medical device" in page
+    assert "two: is &lt;broken&gt;; mend it." in page
+    assert 'href="sessions/one/report.html"' in page
+    assert "1 done, 1 failed, 1 open" in page
+    assert "3.25" in page or "3.2" in page  # upright_time
+    assert "the right knee is lost &lt;always&gt;" in page
+
+
+def test_what_cannot_be_tracked_is_a_row_with_its_sentence_and_exit_code_1(tmp_path: Path, capsys) -> None:
+    write_recording(tmp_path / "in" / "a", frames=2)
+    (tmp_path / "in" / "a" / "recording.json").write_text("{")
+    command = ["batch", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--workers", "1"]
+    assert main(command) == 1
+    assert "a: " in capsys.readouterr().out
+    (row,) = SESSIONS.read(tmp_path / "out" / SESSIONS.file)
+    assert row.state == "failed"
+    assert "recording.json" in str(row.why)
+    assert main([*command, "--index", "0"]) == 1
+    assert "is not JSON" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("more", "sentence"),
+    [
+        (["--index", "7"], "--index is 7"),
+        (["--workers", "0"], "--workers is 0"),
+        (["--scheduler", "fast"], "--scheduler is 'fast'"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_before_anything_is_written(tmp_path: Path, capsys, more, sentence) -> None:
+    write_recording(tmp_path / "a", frames=2)
+    assert main(["batch", str(tmp_path / "a"), "-o", str(tmp_path / "out"), *more]) == 2
+    assert sentence in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_of_something_else_and_one_inside_a_recording_are_not_touched(tmp_path: Path, capsys) -> None:
+    write_recording(tmp_path / "a", frames=2)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.txt").write_text("1")
+    assert main(["batch", str(tmp_path / "a"), "-o", str(tmp_path / "mine")]) == 2
+    assert "not the folder of a batch" in capsys.readouterr().err
+    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["thesis.txt"]
+    assert main(["batch", str(tmp_path / "a"), "-o", str(tmp_path / "a" / "out")]) == 2
+    assert "lies inside the recording" in capsys.readouterr().err

@@ -1,0 +1,157 @@
+"""Jobs on workers: a failure stays alone, a killed worker repeats one job, and what is stopped ends."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from threading import Thread
+
+import batch_stub
+import pytest
+from distributed import Client, LocalCluster
+
+from anchorpose.batch import cluster as place_of_work
+from anchorpose.batch import engine
+from anchorpose.batch.cluster import Place, connected
+from anchorpose.batch.engine import Job, run_jobs
+from anchorpose.errors import AnchorposeError
+
+BUILDERS = str(Path(batch_stub.__file__).parent)
+
+
+@pytest.fixture(autouse=True)
+def _children_find_the_stubs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, (BUILDERS, os.environ.get("PYTHONPATH")))))
+
+
+def lines(path: Path) -> list[str]:
+    return path.read_text().split() if path.exists() else []
+
+
+def wait_until(true, timeout_s: float = 30.0) -> None:
+    deadline = time.monotonic() + timeout_s
+    while not true():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+@contextmanager
+def known_client(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Client]]:
+    """The client that the engine uses, for the test to look at."""
+    seen: list[Client] = []
+
+    @contextmanager
+    def noted(place: Place, jobs: int) -> Iterator[Client]:
+        with connected(place, jobs) as client:
+            seen.append(client)
+            yield client
+
+    monkeypatch.setattr(engine, "connected", noted)
+    yield seen
+
+
+def test_what_fails_fails_alone_with_its_sentence(tmp_path: Path) -> None:
+    jobs = [
+        Job("good", partial(batch_stub.note, tmp_path, "good"), tmp_path / "logs" / "good.log"),
+        Job("bad", partial(batch_stub.refuse, tmp_path, "bad"), tmp_path / "logs" / "bad.log"),
+        Job("short", partial(batch_stub.be_killed, tmp_path, "short")),
+        Job("alone", batch_stub.threads),
+    ]
+    outcomes = {outcome.name: outcome for outcome in run_jobs(jobs, Place(workers=2))}
+    assert set(outcomes) == {"good", "bad", "short", "alone"}
+    assert (outcomes["good"].why, outcomes["good"].value) == (None, 1)
+    assert outcomes["bad"].why == f"{tmp_path / 'bad'}: is not a recording; give another."
+    assert outcomes["bad"].why in (tmp_path / "logs" / "bad.log").read_text()
+    assert "memory" in str(outcomes["short"].why)
+    assert lines(tmp_path / "short")[1:] == []  # a killed child is no killed worker: not repeated
+    assert outcomes["alone"].value == ("1", "1")
+
+
+def test_a_worker_killed_twice_repeats_its_own_session_only(tmp_path: Path, monkeypatch) -> None:
+    go = tmp_path / "go"
+    names = ["a", "b", "c", "d"]
+    jobs = [Job(name, partial(batch_stub.wait_for, tmp_path, name, go)) for name in names]
+
+    def kill_a_worker(client: Client, name: str) -> None:
+        """The one that holds this job, before it is done."""
+        wait_until(lambda: lines(tmp_path / name))
+        for address, keys in client.processing().items():
+            if any(key.startswith(f"{name}-") for key in keys):
+                os.kill(client.run(os.getpid, workers=[address])[address], signal.SIGKILL)
+                return
+        raise AssertionError(f"no worker holds {name}")
+
+    def disturb(clients: list[Client]) -> None:
+        wait_until(lambda: clients and lines(tmp_path / "a") and lines(tmp_path / "b"))
+        kill_a_worker(clients[0], "a")
+        wait_until(lambda: len(lines(tmp_path / "a")) == 2)
+        kill_a_worker(clients[0], "b")
+        wait_until(lambda: len(lines(tmp_path / "b")) == 2)
+        go.touch()
+
+    with known_client(monkeypatch) as clients:
+        thread = Thread(target=disturb, args=(clients,), daemon=True)
+        thread.start()
+        outcomes = []
+        for outcome in run_jobs(jobs, Place(workers=2)):
+            outcomes.append(outcome)
+        thread.join()
+    assert sorted(outcome.name for outcome in outcomes if outcome.why is None) == names
+    assert {name: len(lines(tmp_path / name)) for name in names} == {"a": 2, "b": 2, "c": 1, "d": 1}
+    assert (tmp_path / "a.stopped").exists()  # the child of a killed worker ends, as by a signal
+
+
+def test_workers_hold_no_results(tmp_path: Path, monkeypatch) -> None:
+    jobs = [Job(str(number), partial(batch_stub.note, tmp_path, "done")) for number in range(3)]
+    with known_client(monkeypatch) as clients:
+        for number, _ in enumerate(run_jobs(jobs, Place(workers=1)), 1):
+            ended = len(lines(tmp_path / "done"))
+            wait_until(lambda most=ended - number: sum(map(len, clients[0].has_what().values())) <= most, 5.0)
+
+
+def test_what_stops_the_caller_stops_the_children_first(tmp_path: Path) -> None:
+    never = tmp_path / "never"
+    jobs = [
+        Job("quick", partial(batch_stub.note, tmp_path, "quick")),
+        Job("long", partial(batch_stub.wait_for, tmp_path, "long", never)),
+        Job("later", partial(batch_stub.wait_for, tmp_path, "later", never)),
+    ]
+
+    def stopped_after_one() -> None:
+        for _ in run_jobs(jobs, Place(workers=2)):
+            wait_until(lambda: lines(tmp_path / "long"))
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        stopped_after_one()
+    assert (tmp_path / "long.stopped").exists()
+    assert not (tmp_path / "later").exists()
+
+
+def test_a_scheduler_that_runs_is_used_and_left_running(tmp_path: Path) -> None:
+    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None, processes=True) as cluster:
+        place = Place(scheduler=cluster.scheduler_address)
+        for _ in range(2):
+            assert [outcome.why for outcome in run_jobs([Job("a", batch_stub.threads)], place)] == [None]
+
+
+def test_a_scheduler_that_does_not_answer_is_one_sentence(monkeypatch) -> None:
+    monkeypatch.setattr(place_of_work, "CONNECT_S", 1.0)
+    with pytest.raises(AnchorposeError, match=r"No scheduler answers at tcp://127\.0\.0\.1:9"):
+        list(run_jobs([Job("a", batch_stub.threads)], Place(scheduler="tcp://127.0.0.1:9")))
+
+
+@pytest.mark.parametrize("wrong", [{"workers": 0}, {"scheduler": "fast"}])
+def test_places_that_make_no_sense_are_refused(wrong) -> None:
+    with pytest.raises(AnchorposeError, match="--"):
+        Place(**wrong)
+
+
+def test_without_jobs_nothing_is_started(monkeypatch) -> None:
+    monkeypatch.setattr(engine, "connected", None)
+    assert list(run_jobs([], Place())) == []
