@@ -28,7 +28,9 @@ def sigma(observation) -> np.ndarray:
     return contested_sigma(BODY, TRUTH, observation.pieces, observation.evidence.views, SIGMA_M)
 
 
-def test_a_leg_of_the_patient_alone_continues_nobody_else():
+def test_a_leg_of_the_patient_alone_continues_nobody_else(monkeypatch):
+    assert borders(seen(TRUTH, ()))["HipLeft"] == Borders(0.0, 0.0)  # not measured: no limb can be doubtful
+    monkeypatch.setattr("anchorpose.tracker.continuity.LEAST_BORDER_M", -1.0)
     found = borders(seen(TRUTH, ()))["HipLeft"]
     assert found.to_others_m == 0.0
     assert found.to_patient_m > 0.1

@@ -14,7 +14,8 @@ from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import rows_of_nodes
 from anchorpose.body.evidence import Evidence
 from anchorpose.body.poor_depth import distance_of
-from anchorpose.body.skin_points import Body, pose_jacobian, pose_points
+from anchorpose.body.pose_accumulation import accumulate_pose
+from anchorpose.body.skin_points import Body, PosedPoints, pose_jacobian, pose_points
 from anchorpose.isolation.depth_noise import DepthNoise
 
 NODES: Final = 1200  # each stands for two of the fit: sigma is the same to a tenth, in half of the time
@@ -41,11 +42,23 @@ def noise_covariance(
     used, count = min(few.node_count, len(evidence.surface)), min(config.node_count, len(evidence.surface))
     noise_m, patch = node_noise(evidence, noises, used / len(evidence.surface))
     weight = count / used * rows.weights(rows.residuals(posed)) / config.rows_per_observation
-    felt = pose_jacobian(body, posed, rows.point, rows.direction) * (weight * noise_m[node])[:, None]
-    number = np.unique(patch[node], return_inverse=True)[1]
-    together = csr_array((np.ones(len(node)), (number, np.arange(len(node))))) @ felt
-    change = together @ belief.covariance
-    return np.asarray(change.T @ change)
+    felt = _felt(body, posed, rows.point, rows.direction, weight * noise_m[node], patch[node] - len(evidence.surface))
+    return np.asarray(belief.covariance @ felt @ belief.covariance)
+
+
+def _felt(
+    body: Body, posed: PosedPoints, point: np.ndarray, direction: np.ndarray, strength: np.ndarray, patch: np.ndarray
+) -> np.ndarray:
+    """``J^T S N S J`` (POSE_SIZE, POSE_SIZE), S the strength of each row; rows of negative patches share no error."""
+    alone, shared = patch < 0, patch >= 0
+    none = np.zeros(int(alone.sum()))
+    felt, _ = accumulate_pose(body, posed, point[alone], direction[alone], none, strength[alone] ** 2)
+    if not shared.any():
+        return felt
+    rows = pose_jacobian(body, posed, point[shared], direction[shared]) * strength[shared, None]
+    number = np.unique(patch[shared], return_inverse=True)[1]
+    together = csr_array((np.ones(len(rows)), (number, np.arange(len(rows))))) @ rows
+    return np.asarray(felt + together.T @ together)
 
 
 def node_noise(

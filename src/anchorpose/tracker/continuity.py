@@ -56,7 +56,13 @@ class Borders:
 def limb_borders(
     body: Body, pose: Pose, pieces: Sequence[Pieces | None], views: Sequence[View | None]
 ) -> dict[Chain, Borders]:
-    """Whom the patient's pixels on each limb beyond its elbow or knee continue."""
+    """Whom the patient's pixels on each limb beyond its elbow or knee continue.
+
+    Both 0 of every limb where the patient's pixels border on other people's for less than ``LEAST_BORDER_M`` in all:
+    no limb can be doubtful then.
+    """
+    if _border_to_others_m(pieces, views) < LEAST_BORDER_M:
+        return dict.fromkeys(CHAINS, Borders(0.0, 0.0))
     length = np.zeros((_OTHERS + 1, _OTHERS + 1))
     for pixels, which in _limbs_of_pixels(body, pose, pieces, views):
         length += smooth_contact_m(pixels, which, _OTHERS + 1)
@@ -83,6 +89,17 @@ def contested_sigma(
             end, middle = joints[own[1]], joints[own[2]]
             sigma[own] = np.hypot(sigma[own], np.linalg.norm(end - middle) / 2.0)
     return sigma
+
+
+def _border_to_others_m(pieces: Sequence[Pieces | None], views: Sequence[View | None]) -> float:
+    """How long the patient's pixels go on as other people's, all cameras together."""
+    length_m = 0.0
+    for pixels, view in zip(pieces, views, strict=True):
+        if pixels is not None and view is not None:
+            label = view.labels[pixels.row, pixels.column]
+            owner = np.where(label >= PixelLabel.OTHER_PERSON, 1, np.where(label == PixelLabel.PATIENT, 0, -1))
+            length_m += float(smooth_contact_m(pixels, owner, 2)[0, 1])
+    return length_m
 
 
 def _limbs_of_pixels(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from itertools import compress
 
 import numpy as np
@@ -80,7 +81,12 @@ def _not_in(bystanders: Bystanders, place_m: np.ndarray) -> Bystanders:
 
 def walked(before: Observation, pieces: Sequence[Pieces | None], run: Run) -> BystanderMemory:
     """The memory of a frame with everybody where the next one's pixels (``pieces``) show them to have walked."""
-    return before.memory.moved(find_steps(before.memory.seen_last, pieces, run.room.cameras))
+    return _walked(before.memory, tuple(pieces), run)
+
+
+@lru_cache(maxsize=2)  # the same pair of frames is asked for when one comes in, is estimated, and is isolated again
+def _walked(memory: BystanderMemory, pieces: tuple[Pieces | None, ...], run: Run) -> BystanderMemory:
+    return memory.moved(find_steps(memory.seen_last, pieces, run.room.cameras))
 
 
 def placed(expected: Expectation, memory: BystanderMemory, pieces: Sequence[Pieces | None], run: Run) -> Expectation:
