@@ -74,6 +74,6 @@ def measure(results: Path, /, *, options: MeasureOptions | None = None) -> None:
         table.add_row(*row)
     Console().print(table)
     print(f"Everything is in {results / 'measures.parquet'}; docs/measures.md explains each number.")
-    if measured.processed is not None:
+    if measured.policy is not None:
         print(f"Processed angles are in {results / 'angles_processed.parquet'}.")
-        print(processing_sentence(measured.processed.policy))
+        print(processing_sentence(measured.policy))

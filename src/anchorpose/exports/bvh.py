@@ -9,9 +9,10 @@ import numpy as np
 
 from anchorpose.errors import AnchorposeError
 from anchorpose.exports.bvh_skeleton import Node, skeleton_of_joints, skeleton_of_poses
-from anchorpose.exports.formats import ExportConfig, Product, Source, blocks, rounded_text, write_rows
+from anchorpose.exports.formats import ExportConfig, Product, Source, rounded_text, write_rows
 from anchorpose.exports.opensim_coordinates import joint, rotations_deg
 from anchorpose.exports.regular_time import RegularSamples, regular_samples, stretch_name, stretches_of
+from anchorpose.results.frame_time import blocks
 from anchorpose.results.poses import POSES_FILE
 
 STEM: Final = "motion"

@@ -10,8 +10,9 @@ from typing import Any, Final
 import numpy as np
 import pyarrow as pa
 
-from anchorpose.exports.formats import STATES, ExportConfig, Product, Source, blocks, number_text
+from anchorpose.exports.formats import STATES, ExportConfig, Product, Source, number_text
 from anchorpose.joints import JOINT_NAMES
+from anchorpose.results.frame_time import blocks
 from anchorpose.results.parquet import opened_parquet, pieces
 
 _STATE_MEANING: Final = f"how it is known: {', '.join(STATES)}; or, of intervals, seen or inferred"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -18,10 +18,6 @@ from anchorpose.results.tables import ANGLES_FILE, JOINTS_FILE, JointTable, read
 
 STATES: Final = tuple(str(state) for state in JointState)
 """In the order of the state codes 0 (observed) to 6 (lost) that formats without texts write."""
-
-
-FRAMES_AT_ONCE: Final = 4096
-"""As Python numbers and text, a few megabytes."""
 
 
 class Format(StrEnum):
@@ -163,9 +159,3 @@ def write_rows(path: Path, separator: str, *parts: Iterable[Iterable[str]]) -> N
     with path.open("w", encoding="utf-8", newline="\n") as stream:
         for rows in parts:
             stream.writelines(separator.join(row) + "\n" for row in rows)
-
-
-def blocks(frames: int) -> Iterator[slice]:
-    """All rows from 0 to ``frames``, ``FRAMES_AT_ONCE`` at a time: what is made of a block must fit in memory."""
-    for first in range(0, frames, FRAMES_AT_ONCE):
-        yield slice(first, min(first + FRAMES_AT_ONCE, frames))

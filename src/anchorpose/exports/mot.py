@@ -8,9 +8,10 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import AnchorposeError
-from anchorpose.exports.formats import ExportConfig, Product, Source, blocks, rounded_text, write_rows
+from anchorpose.exports.formats import ExportConfig, Product, Source, rounded_text, write_rows
 from anchorpose.exports.opensim_coordinates import SHIFTS, Coordinates, opensim_coordinates, read_hinge_axes
 from anchorpose.exports.regular_time import near_in_time, stretch_name, stretches_of
+from anchorpose.results.frame_time import blocks
 from anchorpose.results.poses import POSES_FILE
 
 STEM: Final = "motion"

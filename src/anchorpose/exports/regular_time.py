@@ -12,8 +12,9 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import AnchorposeError
-from anchorpose.exports.formats import Samples, blocks
+from anchorpose.exports.formats import Samples
 from anchorpose.joints import LOST
+from anchorpose.results.frame_time import blocks
 
 NEAR_SHARE: Final = 0.01
 """Share of the time between frames: a sample so near to its place on the grid is used there as it is. At 30 frames per

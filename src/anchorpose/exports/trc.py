@@ -8,10 +8,11 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.exports.formats import ExportConfig, Product, Source, blocks, number_text, rounded_text, write_rows
+from anchorpose.exports.formats import ExportConfig, Product, Source, number_text, rounded_text, write_rows
 from anchorpose.exports.osim_folder import write_osim_files
 from anchorpose.exports.regular_time import RegularSamples, regular_samples
 from anchorpose.joints import JOINT_NAMES
+from anchorpose.results.frame_time import blocks
 
 TRC_FILE: Final = "joints.trc"
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -14,12 +14,14 @@ from anchorpose.recording.pairing import half_period_s, nearest_within
 from anchorpose.results.evaluate_confidence import (
     WrongInView,
     confident_errors,
+    distance_m,
     longest_run,
     seen_joints,
     wrong_in_view,
 )
 from anchorpose.results.evaluate_contacts import ContactEvaluation, evaluate_contacts
-from anchorpose.results.kinematics.joint_angles import joint_angles
+from anchorpose.results.frame_time import blocks
+from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES, joint_angles
 from anchorpose.results.records import CONTACTS_FILE, read_contacts
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 from anchorpose.results.truth import TrueTouch, Truth, read_true_touch, read_truth
@@ -43,7 +45,7 @@ def longest_off(joints: JointTable, truth_m: np.ndarray) -> LongestError:
 
     A frame in which the joint is lost ends it. A frame counts for one period of the recording.
     """
-    off = np.linalg.norm(joints.position_m - truth_m, axis=2) > OFF_M  # False where either is NaN
+    off = distance_m(joints, truth_m) > OFF_M  # False where either is NaN
     longest = LongestError(joint=None, start_s=None, seconds=0.0)
     for column, name in enumerate(JOINT_NAMES):
         start_s, seconds = longest_run(off[:, column], joints.time_s)
@@ -64,13 +66,17 @@ class AngleError:
 
 def angle_errors(joints: JointTable, truth_m: np.ndarray) -> tuple[tuple[str, AngleError], ...]:
     """Each angle's error; truth_m (n, 21, 3) true joints, metres, of the frames of ``joints``, NaN where unknown."""
-    found = joint_angles(joints)
-    exact = np.zeros_like(joints.sigma_m)
-    true = joint_angles(JointTable(joints.frame, joints.time_s, truth_m, joints.state_code, exact))
-    away = np.radians(found.degrees - true.degrees)
-    error = np.degrees(np.abs(np.arctan2(np.sin(away), np.cos(away))))
-    within = error <= NORMAL_95 * found.sigma_deg
-    return tuple((name, _angle_summary(error[:, column], within[:, column])) for column, name in enumerate(found.names))
+    shape = (len(joints.frame), len(ANGLE_NAMES))
+    error, within = np.empty(shape), np.empty(shape, dtype=bool)
+    for rows in blocks(len(joints.frame)):
+        some = joints.frames(rows)
+        found = joint_angles(some)
+        exact = np.zeros_like(some.sigma_m)
+        true = joint_angles(JointTable(some.frame, some.time_s, truth_m[rows], some.state_code, exact))
+        away = np.radians(found.degrees - true.degrees)
+        error[rows] = np.degrees(np.abs(np.arctan2(np.sin(away), np.cos(away))))
+        within[rows] = error[rows] <= NORMAL_95 * found.sigma_deg
+    return tuple((name, _angle_summary(error[:, column], within[:, column])) for column, name in enumerate(ANGLE_NAMES))
 
 
 def _angle_summary(error_deg: np.ndarray, within: np.ndarray) -> AngleError:
@@ -135,63 +141,79 @@ def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
     kept = known.time_s >= known.time_s[0] + skip_s
     if not kept.any():
         raise InputError(truth, f"ends before the {skip_s:g} s to be skipped", "skip less")
-    known = known.frames(kept)
+    known = known.frames(_as_slice(np.flatnonzero(kept)))
     match = nearest_within(known.time_s, joints.time_s, half_period_s(known.time_s))
     if (match < 0).all():
         raise InputError(truth, f"shares no time with {results / JOINTS_FILE}", "give the truth of that recording")
-    evaluation = compare(_frames(joints, match[match >= 0]), known.frames(match >= 0), truth_frames=len(match))
+    joints = joints.frames(_as_slice(match[match >= 0]))
+    known = known.frames(_as_slice(np.flatnonzero(match >= 0)))
+    evaluation = compare(joints, known, truth_frames=len(match))
     touch = read_true_touch(truth)
     if touch is None or not (results / CONTACTS_FILE).exists():
         return evaluation
     touch = TrueTouch(touch.bones[kept][match >= 0], touch.names)
-    contacts = evaluate_contacts(read_contacts(results / CONTACTS_FILE), joints.frame[match[match >= 0]], touch)
+    contacts = evaluate_contacts(read_contacts(results / CONTACTS_FILE), joints.frame, touch)
     return replace(evaluation, contacts=contacts)
 
 
 def compare(joints: JointTable, truth: Truth, truth_frames: int) -> Evaluation:
     """The evaluation of frames (n) that are matched row by row, out of ``truth_frames``."""
-    everything = np.ones(joints.state_code.shape, dtype=bool)
+    everything, errors = np.ones(joints.state_code.shape, dtype=bool), _errors(joints, truth.position_m)
     occluded = np.repeat(truth.occluded[:, None], JOINT_COUNT, axis=1)
     seen = seen_joints(truth)
     half = len(joints.frame) // 2
     first, second = (
-        _summary(joints, truth, _rows(everything, 0, half)),
-        _summary(joints, truth, _rows(everything, half)),
+        _summary(errors, _rows(everything, 0, half)),
+        _summary(errors, _rows(everything, half)),
     )
     return Evaluation(
         matched_frames=len(joints.frame),
         truth_frames=truth_frames,
         missing_frames=truth_frames - len(joints.frame),
-        overall=_summary(joints, truth, everything),
+        overall=_summary(errors, everything),
         per_joint=tuple(
-            (name, _summary(joints, truth, everything & (np.arange(JOINT_COUNT) == index)))
+            (name, _summary(errors, everything & (np.arange(JOINT_COUNT) == index)))
             for index, name in enumerate(JOINT_NAMES)
         ),
-        per_state=tuple(
-            (str(state), _summary(joints, truth, joints.state_code == STATE_CODE[state])) for state in JointState
-        ),
-        observed=_summary(joints, truth, joints.state_code == STATE_CODE[JointState.OBSERVED]),
-        hidden=_summary(joints, truth, np.isin(joints.state_code, [STATE_CODE[state] for state in HIDDEN])),
-        truly_seen=None if seen is None else _summary(joints, truth, seen),
-        truly_hidden=None if seen is None else _summary(joints, truth, ~seen),
-        confident_errors=_confident_share(joints, truth),
+        per_state=tuple((str(state), _summary(errors, joints.state_code == STATE_CODE[state])) for state in JointState),
+        observed=_summary(errors, joints.state_code == STATE_CODE[JointState.OBSERVED]),
+        hidden=_summary(errors, np.isin(joints.state_code, [STATE_CODE[state] for state in HIDDEN])),
+        truly_seen=None if seen is None else _summary(errors, seen),
+        truly_hidden=None if seen is None else _summary(errors, ~seen),
+        confident_errors=_confident_share(joints, truth, errors.known),
         angles=angle_errors(joints, truth.position_m),
         wrong_in_view=wrong_in_view(joints, truth),
         view_known=seen is not None,
         longest_off=longest_off(joints, truth.position_m),
-        occluded_frames=_summary(joints, truth, occluded),
-        clear_frames=_summary(joints, truth, ~occluded),
+        occluded_frames=_summary(errors, occluded),
+        clear_frames=_summary(errors, ~occluded),
         drift_ratio=second.mean_mm / first.mean_mm if first.mean_mm and second.mean_mm is not None else None,
     )
 
 
-def _summary(joints: JointTable, truth: Truth, chosen: np.ndarray) -> ErrorSummary:
+class _Errors(NamedTuple):
+    """error_mm (n, 21); within (n, 21, 3) bool: axes with the truth in 1.96 sigma; known, found (n, 21) bool: joints
+    with a true place, and those that are not lost as well."""
+
+    error_mm: np.ndarray
+    within: np.ndarray
+    known: np.ndarray
+    found: np.ndarray
+
+
+def _errors(joints: JointTable, truth_m: np.ndarray) -> _Errors:
+    within, known = np.empty(truth_m.shape, dtype=bool), np.empty(truth_m.shape[:2], dtype=bool)
+    for rows in blocks(len(truth_m)):
+        away_m = np.abs(joints.position_m[rows] - truth_m[rows])
+        within[rows] = away_m <= NORMAL_95 * joints.sigma_m[rows][..., None]
+        known[rows] = np.isfinite(truth_m[rows]).all(axis=-1)
+    return _Errors(1000.0 * distance_m(joints, truth_m), within, known, known & ~joints.lost)
+
+
+def _summary(errors: _Errors, chosen: np.ndarray) -> ErrorSummary:
     """The errors of the joint-frames where ``chosen`` (n, 21)."""
-    chosen = chosen & np.isfinite(truth.position_m).all(axis=-1)
-    found = chosen & ~joints.lost
-    offset_m = joints.position_m[found] - truth.position_m[found]
-    error_mm = 1000.0 * np.linalg.norm(offset_m, axis=-1)
-    within = np.abs(offset_m) <= NORMAL_95 * joints.sigma_m[found][:, None]
+    chosen, found = chosen & errors.known, chosen & errors.found
+    error_mm, within = errors.error_mm[found], errors.within[found]
     some = len(error_mm) > 0
     return ErrorSummary(
         joint_frames=int(chosen.sum()),
@@ -203,9 +225,8 @@ def _summary(joints: JointTable, truth: Truth, chosen: np.ndarray) -> ErrorSumma
     )
 
 
-def _confident_share(joints: JointTable, truth: Truth) -> float | None:
+def _confident_share(joints: JointTable, truth: Truth, known: np.ndarray) -> float | None:
     """Share of the joint-frames with a known truth; None where there are none."""
-    known = np.isfinite(truth.position_m).all(axis=2)
     return float(confident_errors(joints, truth.position_m)[known].mean()) if known.any() else None
 
 
@@ -215,5 +236,8 @@ def _rows(chosen: np.ndarray, start: int, stop: int | None = None) -> np.ndarray
     return rows
 
 
-def _frames(joints: JointTable, index: np.ndarray) -> JointTable:
-    return JointTable(*(getattr(joints, field.name)[index] for field in fields(joints)))
+def _as_slice(index: np.ndarray) -> slice | np.ndarray:
+    """Rows (k,) that follow each other as a slice, which copies nothing."""
+    if not len(index) or (np.diff(index) != 1).any():
+        return index
+    return slice(int(index[0]), int(index[-1]) + 1)

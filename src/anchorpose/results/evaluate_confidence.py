@@ -10,6 +10,7 @@ import numpy as np
 
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 from anchorpose.recording.pairing import half_period_s
+from anchorpose.results.frame_time import blocks
 from anchorpose.results.tables import JointTable
 from anchorpose.results.truth import Truth
 
@@ -53,14 +54,24 @@ class WrongInView:
     seconds: float
 
 
+def distance_m(joints: JointTable, truth_m: np.ndarray) -> np.ndarray:
+    """(n, 21) from each joint to its true place, truth_m (n, 21, 3); NaN where either is."""
+    distance = np.empty(joints.sigma_m.shape)
+    for rows in blocks(len(distance)):
+        distance[rows] = np.linalg.norm(joints.position_m[rows] - truth_m[rows], axis=2)
+    return distance
+
+
 def confident_errors(joints: JointTable, truth_m: np.ndarray) -> np.ndarray:
     """(n, 21) bool: joints over ``FAR_M`` off and outside ``CONFIDENT_SIGMAS`` of their own sigma on some axis.
 
     truth_m (n, 21, 3) metres, NaN where unknown. A lost joint, or one without a known truth, is not among them.
     """
-    offset_m = joints.position_m - truth_m
-    far = np.linalg.norm(offset_m, axis=2) > FAR_M  # False where either is NaN
-    return far & (np.abs(offset_m).max(axis=2) > CONFIDENT_SIGMAS * joints.sigma_m)
+    wrong = distance_m(joints, truth_m) > FAR_M  # False where either is NaN
+    for rows in blocks(len(wrong)):
+        farthest = np.abs(joints.position_m[rows] - truth_m[rows]).max(axis=2)
+        wrong[rows] &= farthest > CONFIDENT_SIGMAS * joints.sigma_m[rows]
+    return wrong
 
 
 def seen_joints(truth: Truth) -> np.ndarray | None:
@@ -85,7 +96,7 @@ def wrong_in_view(joints: JointTable, truth: Truth) -> tuple[tuple[str, WrongInV
 
     joints, truth: frames matched row by row. A lost joint is not off; a frame counts for one period of the recording.
     """
-    off = np.linalg.norm(joints.position_m - truth.position_m, axis=2) > WRONG_M
+    off = distance_m(joints, truth.position_m) > WRONG_M
     visible = in_plain_view(truth)
     return tuple(
         (name, WrongInView(start_s=start_s, seconds=seconds))

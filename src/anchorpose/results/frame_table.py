@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 
 from anchorpose.errors import InputError
-from anchorpose.results.parquet import RowGroups, open_parquet, opened_parquet, pieces
+from anchorpose.results.parquet import TRACK_AGAIN, RowGroups, open_parquet, opened_parquet, pieces
 
 Frames = TypeVar("Frames")
 
@@ -154,42 +154,53 @@ class FrameTable(Generic[Frames]):
             names, columns = self._read_columns(path, file)
         count = max(len(names), 1)
         order = self._order(path, columns, names)
-        arrays = {name: columns[name] if order is None else columns[name][order] for name in self.columns}
         first = slice(None, None, count) if order is None else order[::count]
+        index = {name: columns.pop(name)[first].copy() for name in ("frame", "time_s")}
+        del columns["thing"]
         shape = (-1, count) if self.thing else (-1,)
-        return self.arrays(
-            frame=columns["frame"][first].copy(),
-            time_s=columns["time_s"][first].copy(),
-            **{name: array.reshape(*shape, *array.shape[1:]) for name, array in arrays.items()},
-            **({"names": names} if self.thing and self.names is None else {}),
-            **self._text(path, metadata),
-        )
+        for name, array in columns.items():
+            columns[name] = (array if order is None else array[order]).reshape(*shape, *array.shape[1:])
+        own_names = {"names": names} if self.thing and self.names is None else {}
+        return self.arrays(**index, **columns, **own_names, **self._text(path, metadata))
 
     def _read_columns(self, path: Path, file: Any) -> tuple[tuple[str, ...], dict[str, np.ndarray]]:
-        """The things' names, and (rows, ...) frame, time_s, thing (its index in the names) and the columns' values."""
-        names, found = dict.fromkeys(self.names or ()), dict[str, list[np.ndarray]]()
+        """The things' names, and (rows, ...) frame, time_s, thing (its index in the names) and the columns' values.
+
+        Space is taken at once for as many rows as the file states: growing arrays would leave holes in the memory.
+        """
+        rows, names, start = file.metadata.num_rows, dict.fromkeys(self.names or ()), 0
+        columns = dict[str, np.ndarray]()
         for piece in pieces(file):
             if self.names is None and self.thing is not None:  # in the order in which they first appear
                 names |= dict.fromkeys(piece[self.thing].unique().to_pylist())
-            part = {"frame": piece["frame"].to_numpy(), "time_s": piece["time_s"].to_numpy()}
-            if self.thing is not None:
-                codes = _codes(path, piece[self.thing], self.thing, names, self.remedy)
-                part["thing"] = codes.astype(np.int32)
-            part |= {name: column.to_numpy(path, piece) for name, column in self.columns.items()}
-            for name, array in part.items():
-                found.setdefault(name, []).append(array)
-        columns = dict[str, np.ndarray]()
-        while found:  # one by one, so that no more than one is in memory twice
-            name, parts = found.popitem()
-            columns[name] = np.concatenate(parts)
+            for name, part in self._parts(path, piece, names):
+                if name not in columns:
+                    columns[name] = _space(path, rows, part)
+                if start + len(part) > rows:
+                    raise _damaged(path)
+                columns[name][start : start + len(part)] = part
+            start += len(piece)
+        if start != rows:
+            raise _damaged(path)
         return tuple(names), columns
+
+    def _parts(self, path: Path, piece: pa.Table, names: Iterable[str]) -> Iterator[tuple[str, np.ndarray]]:
+        """Each array of a piece, one after the other."""
+        yield "frame", piece["frame"].to_numpy()
+        yield "time_s", piece["time_s"].to_numpy()
+        if self.thing is None:
+            yield "thing", np.zeros(len(piece), np.int32)
+        else:
+            yield "thing", _codes(path, piece[self.thing], self.thing, names, self.remedy).astype(np.int32)
+        for name, column in self.columns.items():
+            yield name, column.to_numpy(path, piece)
 
     def _order(self, path: Path, columns: dict[str, np.ndarray], names: Sequence[str]) -> np.ndarray | None:
         """(rows,) the rows by frame, then by thing; None where they have this order already. Raises InputError unless
         every frame has each thing once."""
-        frame, count = columns.get("frame", np.empty(0, np.int32)), max(len(names), 1)
-        thing = columns.get("thing", np.zeros(len(frame), np.int32))
-        if len(frame) and len(frame) % count == 0:
+        count = max(len(names), 1)
+        if columns and len(columns["frame"]) % count == 0:
+            frame, thing = columns["frame"], columns["thing"]
             if _complete(frame, thing, count):
                 return None
             order = np.lexsort((thing, frame))
@@ -220,6 +231,18 @@ class FrameTable(Generic[Frames]):
         if text is None:
             raise InputError(path, f"has no '{key}' in its metadata", self.remedy)
         return {name: text.decode()}
+
+
+def _space(path: Path, rows: int, like: np.ndarray) -> np.ndarray:
+    """(rows, ...) of the type of an array; raises InputError where a damaged file states more than any memory holds."""
+    try:
+        return np.empty((rows, *like.shape[1:]), like.dtype)
+    except (MemoryError, ValueError):
+        raise _damaged(path) from None
+
+
+def _damaged(path: Path) -> InputError:
+    return InputError(path, "is damaged: it does not have as many rows as it states", TRACK_AGAIN)
 
 
 def _complete(frame: np.ndarray, thing: np.ndarray, count: int) -> bool:

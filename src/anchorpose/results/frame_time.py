@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
@@ -12,6 +13,16 @@ LONGEST_STEP: Final = 1.5
 LONGEST_GAP_S: Final = 0.5
 """A patient neither sits down nor stands up within this time, so a posture before and after a shorter gap continued in
 it. What happened in a longer gap is unknown."""
+
+
+FRAMES_AT_ONCE: Final = 4096
+"""What is made of their numbers on the way, also as text, takes some megabytes."""
+
+
+def blocks(frames: int) -> Iterator[slice]:
+    """All rows from 0 to ``frames``, ``FRAMES_AT_ONCE`` at a time, for what needs much more memory than its result."""
+    for first in range(0, frames, FRAMES_AT_ONCE):
+        yield slice(first, min(first + FRAMES_AT_ONCE, frames))
 
 
 def usual_step_s(time_s: np.ndarray) -> float:

@@ -28,7 +28,7 @@ from anchorpose.results.tables import (
     POSTURE_FILE,
     PROCESSED_FILE,
     PROCESSING,
-    ProcessedAngles,
+    JointTable,
     read_joints,
     write_angles,
     write_posture,
@@ -39,10 +39,10 @@ from anchorpose.results.uncertainty import NORMAL_95
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasureResult:
-    """All measures; processed: the smoothed or filled angles, None without processing."""
+    """All measures; policy: that of ``ProcessedAngles``, None without processing."""
 
     measures: tuple[Measure, ...]
-    processed: ProcessedAngles | None
+    policy: str | None
 
 
 def write_measured(results: Path, processing: ProcessingConfig, config: MeasureConfig) -> MeasureResult:
@@ -55,24 +55,29 @@ def write_measured(results: Path, processing: ProcessingConfig, config: MeasureC
     """
     joints = read_joints(results / JOINTS_FILE)
     contacts = read_contacts(results / CONTACTS_FILE) if (results / CONTACTS_FILE).exists() else None
-    angles = joint_angles(joints)
-    processed = process_angles(joints, processing) if processing.active else None
-    session, measures = measure_session(joints, angles, contacts, config)
     work = Path(tempfile.mkdtemp(prefix=".measuring-", dir=results))
     try:
+        policy = _write_processed(work, joints, processing) if processing.active else None
+        angles = joint_angles(joints)
+        session, measures = measure_session(joints, angles, contacts, config)
         write_angles(work / ANGLES_FILE, angles)
         write_posture(work / POSTURE_FILE, session.posture)
         write_episodes(work / EPISODES_FILE, session.episodes)
         write_measures(work / MEASURES_FILE, measures, asdict(config))
-        if processed is not None:
-            write_processed_angles(work / PROCESSED_FILE, processed)
         for written in sorted(work.iterdir()):
             written.replace(results / written.name)
-        if processed is None:
+        if policy is None:
             (results / PROCESSED_FILE).unlink(missing_ok=True)
     finally:
         shutil.rmtree(work, ignore_errors=True)
-    return MeasureResult(tuple(measures), processed)
+    return MeasureResult(tuple(measures), policy)
+
+
+def _write_processed(folder: Path, joints: JointTable, processing: ProcessingConfig) -> str:
+    """Writes angles_processed.parquet and returns its policy: an hour's angles are not kept beside those as tracked."""
+    processed = process_angles(joints, processing)
+    write_processed_angles(folder / PROCESSED_FILE, processed)
+    return processed.policy
 
 
 _SHOWN: Final = {

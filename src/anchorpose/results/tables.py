@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Final
 
 import numpy as np
@@ -67,6 +67,10 @@ class JointTable:
     def lost(self) -> np.ndarray:
         """(n, 21) bool."""
         return self.state_code == LOST
+
+    def frames(self, chosen: slice | np.ndarray) -> JointTable:
+        """Some of the frames."""
+        return JointTable(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
 
 JOINTS: Final = FrameTable(

@@ -28,8 +28,8 @@ class Truth:
     occluded: np.ndarray
     seen_share: np.ndarray | None = None
 
-    def frames(self, chosen: np.ndarray) -> Truth:
-        """The frames where ``chosen`` (t,) bool."""
+    def frames(self, chosen: slice | np.ndarray) -> Truth:
+        """Some of the frames."""
         seen = None if self.seen_share is None else self.seen_share[chosen]
         return Truth(self.time_s[chosen], self.position_m[chosen], self.occluded[chosen], seen)
 
@@ -88,6 +88,8 @@ def _order(path: Path, names: list[str]) -> list[int]:
 
 def _ordered(columns: np.ndarray, order: list[int], missing: float) -> np.ndarray:
     """(t, 21, k) in the order of ``JOINT_NAMES`` from (t, n, k); ``missing`` where there is no column."""
+    if order == list(range(JOINT_COUNT)):
+        return columns.astype(np.float64, copy=False)
     found = np.full((len(columns), JOINT_COUNT, columns.shape[2]), missing)
     found[:, order] = columns
     return found

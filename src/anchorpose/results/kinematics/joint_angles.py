@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.joints import JOINT_INDEX
+from anchorpose.results.frame_time import blocks
 from anchorpose.results.kinematics.definition import LEAST_LEVER, AngleGroup
 from anchorpose.results.kinematics.limbs import ARMS, LEGS
 from anchorpose.results.kinematics.trunk import NECK, PELVIS, TRUNK
@@ -56,20 +57,17 @@ def joint_angles(joints: JointTable) -> AngleTable:
     No value where one of them is lost (then the state is ``lost`` too) and where the pose leaves the angle undetermined
     (then the state is that of the joints; docs/angles.md says for each angle when that is).
     """
-    position_m = np.ascontiguousarray(joints.position_m.transpose(1, 2, 0))
-    sigma_m = np.ascontiguousarray(joints.sigma_m.T)
-    angle, sigma, state_code = list[np.ndarray](), list[np.ndarray](), list[np.ndarray]()
-    for group in ANGLE_GROUPS:
-        value, spread = angles_with_sigma(group, position_m, sigma_m)
-        worst = joints.state_code[:, [JOINT_INDEX[name] for name in group.joints]].max(axis=1)
-        angle.extend(value)
-        sigma.extend(spread)
-        state_code.extend([worst] * len(group.names))
-    return AngleTable(
-        frame=joints.frame,
-        time_s=joints.time_s,
-        names=ANGLE_NAMES,
-        degrees=np.degrees(np.stack(angle, axis=1)),
-        state_code=np.stack(state_code, axis=1).astype(np.int8),
-        sigma_deg=np.degrees(np.stack(sigma, axis=1)),
-    )
+    shape = (len(joints.frame), len(ANGLE_NAMES))
+    degrees, sigma_deg, state_code = np.empty(shape), np.empty(shape), np.empty(shape, dtype=np.int8)
+    for rows in blocks(len(joints.frame)):
+        position_m = np.ascontiguousarray(joints.position_m[rows].transpose(1, 2, 0))
+        sigma_m = np.ascontiguousarray(joints.sigma_m[rows].T)
+        column = 0
+        for group in ANGLE_GROUPS:
+            own = slice(column, column + len(group.names))
+            value, spread = angles_with_sigma(group, position_m, sigma_m)
+            worst = joints.state_code[rows][:, [JOINT_INDEX[name] for name in group.joints]].max(axis=1)
+            degrees[rows, own], sigma_deg[rows, own] = np.degrees(value).T, np.degrees(spread).T
+            state_code[rows, own] = worst[:, None]
+            column = own.stop
+    return AngleTable(joints.frame, joints.time_s, ANGLE_NAMES, degrees, state_code, sigma_deg)
