@@ -26,7 +26,7 @@ VALUES = ("errors", "joints", "camera", "lens", "rotations", "versions", "settin
 BESIDE_THE_FLOW = (
     "simulate", "tracker", "pipeline", "calibrating", "inspecting", "collecting", "run_account", "threads", "writing",
     "track_inputs", "cli", "live", "check", "checking", "research", "exports", "pages", "viewer", "viewing", "sources",
-    "batch",
+    "batch", "agreement",
 )  # fmt: skip
 PACKAGE_ITSELF = "anchorpose"  # `from anchorpose import __version__`
 
@@ -116,6 +116,10 @@ def test_nothing_of_the_product_imports_research_but_the_verb_that_runs_it() -> 
 
 def test_exports_read_results_and_reach_neither_tracker_nor_simulation() -> None:
     assert forbidden_imports("exports", {*FLOW, *VALUES, "exports", PACKAGE_ITSELF}) == []
+
+
+def test_the_comparison_with_other_systems_reads_results_and_reaches_neither_tracker_nor_simulation() -> None:
+    assert forbidden_imports("agreement", {*FLOW, *VALUES, "agreement", PACKAGE_ITSELF}) == []
 
 
 def test_what_reads_recorders_files_reaches_no_stage_but_the_recording() -> None:

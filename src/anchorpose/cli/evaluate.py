@@ -2,38 +2,166 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
+from anchorpose.errors import AnchorposeError, InputError
+
 if TYPE_CHECKING:
+    from anchorpose.agreement.evaluating import Comparison
+    from anchorpose.agreement.image_labels import ImageErrors
     from anchorpose.results.evaluate import Evaluation
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class ReferenceOptions:
+    """The options of ``anchorpose evaluate`` for another motion capture system, and for labels in images."""
+
+    reference: list[Path] | None = None
+    """Markers, joint centres or angles of another system: .c3d, .trc, .csv, .mot or .sto; once for each results folder.
+    Clock and position are found from the movement."""
+
+    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None
+    """With --reference: the folder to write tables, methods sentences and agreement.html to."""
+
+    overwrite: bool = False
+    """Replace an earlier comparison in that folder."""
+
+    subject: list[str] | None = None
+    """With --reference: who was recorded, once for each results folder; by default each folder is another person."""
+
+    unit: Literal["mm", "cm", "m"] | None = None
+    """The unit of the reference's lengths, where its file does not state it."""
+
+    names: Path | None = None
+    """A CSV with the columns joint,label: which labels of the reference are which joint."""
+
+    hip: Literal["harrington", "functional"] = "harrington"
+    """Hip centres from pelvis markers: by the regression of Harrington et al. 2007, or from the thigh's movement."""
+
+    transform: Path | None = None
+    """A JSON file with reference_to_world, if the position of the reference's axes is known."""
+
+    exchange_sides: bool = False
+    """The reference has left and right the wrong way round."""
+
+    labels: Path | None = None
+    """A CSV with the columns camera,frame,joint,u,v: joints labelled in depth images; needs --recording."""
+
+    recording: Path | None = None
+    """With --labels: the recording folder."""
 
 
 def evaluate(
     results: Path,
     /,
-    *,
-    truth: Path,
+    *others: Path,
+    truth: Path | None = None,
     json: Path | None = None,
     skip: Annotated[float, Parameter(name="--skip-s")] = 0.0,
+    options: ReferenceOptions | None = None,
 ) -> None:
-    """Compare results with the true joints: position errors, whether the stated uncertainty is right, and which
-    contacts were found.
+    """Compare results with the true joints, with another motion capture system, or with labels in images.
+
+    Give one of --truth, --reference and --labels. With --truth: position errors, whether the stated uncertainty is
+    right, and which contacts were found. With --reference: bias, limits of agreement and more, of joints and angles.
 
     Parameters
     ----------
     results
         A results folder made by 'anchorpose track'.
+    others
+        With --reference: further results folders, compared all together.
     truth
         The truth.npz that belongs to the recording (simulated recordings have one in truth/).
     json
-        Write all figures to this JSON file as well.
+        With --truth: write all figures to this JSON file as well.
     skip
-        Leave out this many seconds at the start.
+        With --truth: leave out this many seconds at the start.
     """
-    from anchorpose.errors import AnchorposeError
+    chosen = options or ReferenceOptions()
+    given = [name for name in ("reference", "labels") if getattr(chosen, name)] + (["truth"] if truth else [])
+    if len(given) != 1:
+        raise InputError(results, "can be compared with one thing at a time", "give --truth, --reference or --labels")
+    if given != ["reference"] and others:
+        raise InputError(others[0], "is a second results folder", "give several folders with --reference only")
+    if truth is not None:
+        _with_truth(results, truth, json, skip)
+    elif chosen.labels is not None:
+        _with_labels(results, chosen.labels, chosen.recording)
+    else:
+        _with_reference((results, *others), chosen)
+
+
+def _with_reference(results: tuple[Path, ...], options: ReferenceOptions) -> None:
+    from anchorpose.agreement.evaluating import ReferenceSettings, compare_with_reference
+    from anchorpose.agreement.joint_centres import HipCentre
+    from anchorpose.agreement.writing import check_place, write_comparison
+
+    if options.output is not None:
+        check_place(options.output, options.overwrite)
+    settings = ReferenceSettings(
+        unit=options.unit,
+        names=options.names,
+        hip=HipCentre(options.hip),
+        transform=options.transform,
+        exchange_sides=options.exchange_sides,
+    )
+    comparison = compare_with_reference(results, options.reference or [], options.subject or [], settings)
+    if options.output is not None:
+        write_comparison(options.output, comparison, options.overwrite)
+    print_comparison(comparison)
+    if options.output is not None:
+        print(f"Open {options.output / 'agreement.html'} in a browser; the tables and methods.txt are beside it.")
+
+
+def _with_labels(results: Path, labels: Path, recording: Path | None) -> None:
+    from anchorpose.agreement.image_labels import evaluate_labels
+
+    if recording is None:
+        raise InputError(labels, "needs the cameras of the recording", "add --recording FOLDER")
+    print_image_errors(evaluate_labels(results, recording, labels))
+
+
+def print_comparison(comparison: Comparison) -> None:
+    """How the recordings lie, and the main figures as a table."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from anchorpose.agreement.page import DIFFERENCE_HEAD, DISTANCE_HEAD, angle_rows, distance_rows
+    from anchorpose.agreement.writing import alignment_sentences
+
+    console = Console()
+    for match in comparison.matches:
+        for sentence in alignment_sentences(match):
+            console.print(sentence, highlight=False)
+    for head, rows in ((DISTANCE_HEAD, distance_rows(comparison)), (DIFFERENCE_HEAD, angle_rows(comparison))):
+        table = Table(*head)
+        for title, cells in rows:
+            table.add_row(title, *cells)
+        if rows:
+            console.print(table)
+
+
+def print_image_errors(errors: tuple[ImageErrors, ...]) -> None:
+    """A table, a row per joint and for all."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("", "labels", "lost", "median px", "median mm", "95 % mm", "within 50 mm %", "within 100 mm %")
+    for row in errors:
+        lengths = (row.median_px, row.median_mm, row.p95_mm)
+        shares = [None if share is None else 100 * share for share in (row.within_50, row.within_100)]
+        cells = ["–" if number is None else f"{number:.1f}" for number in (*lengths, *shares)]
+        table.add_row(row.name, str(row.labelled), str(row.lost), *cells)
+    Console().print(table)
+
+
+def _with_truth(results: Path, truth: Path, json: Path | None, skip: float) -> None:
     from anchorpose.results.evaluate import evaluate as evaluate_results
     from anchorpose.results.evaluation_file import write_evaluation
 

@@ -1,0 +1,202 @@
+"""How the clock of another system runs against ours, found from the movement that both recorded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.signal import correlate
+
+from anchorpose.agreement.signals import GRID_HZ, Signals
+from anchorpose.calibration.clock_fit import DRIFT_SIGMA
+from anchorpose.errors import AnchorposeError
+
+COARSE: Final = 4
+"""The first search takes every fourth time of the grid."""
+
+LEAST_OVERLAP: Final = 0.4
+"""Share of the shorter recording that the two must have in common: over less, chance looks like agreement."""
+
+LEAST_OVERLAP_S: Final = 3.0
+
+LEAST_CORRELATION: Final = 0.6
+
+RIVAL_DISTANCE_S: Final = 0.5
+RIVAL_FACTOR: Final = 1.5
+"""Another offset, farther away than the first, that leaves less than this many times the unexplained movement is as
+good: the movement repeats itself."""
+
+ITERATIONS: Final = 20
+BLOCKS: Final = 10
+HUBER: Final = 2.5  # residuals beyond so many standard deviations weigh less
+
+
+class NoCommonMovement(AnchorposeError):
+    """The two recordings do not show the same movement, or do not determine how their clocks differ."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Clock:
+    """The other clock: ``t + offset_s + drift * (t - middle_s)`` at our time t. Sigmas: one standard deviation.
+
+    correlation: of all signals at the best offset. overlap_s: our times of the first and the last common sample.
+    """
+
+    offset_s: float
+    offset_sigma_s: float
+    drift: float
+    drift_sigma: float
+    middle_s: float
+    correlation: float
+    overlap_s: tuple[float, float]
+
+    def reference_time_s(self, time_s: np.ndarray) -> np.ndarray:
+        """(n,) times of the other clock."""
+        return time_s + self.offset_s + self.drift * (time_s - self.middle_s)
+
+
+def find_clock(ours: Signals, theirs: Signals) -> Clock:
+    """Offset and drift with their uncertainty, from the same signals of both systems.
+
+    Raises NoCommonMovement where the best offset explains too little, or another explains as much.
+    """
+    offset_s, correlation = _coarse_offset(ours, theirs)
+    return _refined(ours, theirs, offset_s, 0.0, 0.0, correlation)
+
+
+def refine_clock(ours: Signals, theirs: Signals, clock: Clock) -> Clock:
+    """The clock from other signals, near the one that is known; raises NoCommonMovement as ``find_clock``."""
+    return _refined(ours, theirs, clock.offset_s, clock.drift, clock.middle_s, clock.correlation)
+
+
+def _refined(
+    ours: Signals, theirs: Signals, offset_s: float, drift: float, middle_s: float, correlation: float
+) -> Clock:
+    """Least squares from a start that is right within a fraction of a movement."""
+    for _ in range(ITERATIONS):
+        blocks = _normal_equations(ours, theirs, offset_s, drift, middle_s)
+        if blocks is None:
+            raise NoCommonMovement("the two recordings have too little in common")
+        matrix, right, known_s, centre_s = blocks
+        offset_s, middle_s = offset_s + drift * (centre_s - middle_s), centre_s
+        step = np.linalg.solve(matrix.sum(axis=0), right.sum(axis=0))
+        offset_s, drift = offset_s + float(step[0]), drift + float(step[1])
+        if abs(step[0]) < 1e-7 and abs(step[1]) < 1e-9:
+            break
+    sigma = _jackknife(matrix, right)
+    # clocks are accurate to DRIFT_SIGMA before anything is measured
+    share = DRIFT_SIGMA**2 / (DRIFT_SIGMA**2 + sigma[1] ** 2)
+    return Clock(
+        offset_s=offset_s,
+        offset_sigma_s=float(sigma[0]),
+        drift=share * drift,
+        drift_sigma=float(np.sqrt(share) * sigma[1]),
+        middle_s=middle_s,
+        correlation=correlation,
+        overlap_s=(float(known_s[0]), float(known_s[-1])),
+    )
+
+
+def _coarse_offset(ours: Signals, theirs: Signals) -> tuple[float, float]:
+    """Offset in seconds of the best correlation, and that correlation."""
+    a, b = ours.values[::COARSE], theirs.values[::COARSE]
+    r, overlap = _correlations(a, b)
+    least = max(LEAST_OVERLAP * min(len(a), len(b)), LEAST_OVERLAP_S * GRID_HZ / COARSE)
+    r = np.where(overlap >= least, r, -1.0)
+    best = int(np.argmax(r))
+    if r[best] < LEAST_CORRELATION:
+        raise NoCommonMovement(f"the best correlation of their movements is {max(r[best], 0.0):.2f}")
+    lag_s = (np.arange(len(r)) - (len(a) - 1)) * COARSE / GRID_HZ
+    peaks = np.flatnonzero((r[1:-1] >= r[:-2]) & (r[1:-1] >= r[2:])) + 1
+    far = peaks[np.abs(lag_s[peaks] - lag_s[best]) > RIVAL_DISTANCE_S]
+    rivals = far[1.0 - np.maximum(r[far], 0.0) ** 2 < RIVAL_FACTOR * (1.0 - r[best] ** 2)]
+    offset_s = theirs.time_s[0] - ours.time_s[0] + lag_s
+    if len(rivals):
+        other = rivals[np.argmax(r[rivals])]
+        raise NoCommonMovement(
+            f"the movement repeats itself, so that offsets of {offset_s[best]:.2f} and {offset_s[other]:.2f} s explain "
+            "it equally well"
+        )
+    return float(offset_s[best]), float(r[best])
+
+
+def _correlations(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of all signals together, at each lag of b behind a: the correlation, and how many samples it rests on.
+
+    a (n, k), b (m, k), NaN where missing. Lag index i means that a[j] goes with b[j + i - (n - 1)].
+    """
+    covariance, of_a, of_b, count = (np.zeros(len(a) + len(b) - 1) for _ in range(4))
+    for column in range(a.shape[1]):
+        x, y = a[:, column], b[:, column]
+        seen_x, seen_y = np.isfinite(x).astype(float), np.isfinite(y).astype(float)
+        centre = np.mean(x[seen_x > 0]) if seen_x.any() else 0.0
+        x, y = np.nan_to_num(x - centre), np.nan_to_num(y - centre)
+        n, sum_x, sum_y, xx, yy, xy = (
+            correlate(second, first, method="fft")
+            for first, second in (
+                (seen_x, seen_y), (x, seen_y), (seen_x, y), (x * x, seen_y), (seen_x, y * y), (x, y),
+            )
+        )  # fmt: skip
+        n = np.rint(n)
+        some = np.maximum(n, 1.0)
+        covariance += xy - sum_x * sum_y / some
+        of_a += np.maximum(xx - sum_x**2 / some, 0.0)
+        of_b += np.maximum(yy - sum_y**2 / some, 0.0)
+        count += n
+    scale = np.sqrt(of_a * of_b)
+    floor = 1e-6 * max(float(scale.max()), 1e-12)
+    return np.where(scale > floor, covariance / np.where(scale > floor, scale, 1.0), -1.0), count / a.shape[1]
+
+
+def _normal_equations(
+    ours: Signals, theirs: Signals, offset_s: float, drift: float, middle_s: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float] | None:
+    """Of a step in offset and drift about the overlap's centre, for ``BLOCKS`` stretches of equal time.
+
+    Matrices (b, 2, 2) and right sides (b, 2); the times of common samples; their centre. None where nothing is common.
+    """
+    at_s = ours.time_s + offset_s + drift * (ours.time_s - middle_s)
+    place = (at_s - theirs.time_s[0]) * GRID_HZ
+    inside = (place >= 1) & (place < len(theirs.time_s) - 2)
+    if inside.sum() < 2 * BLOCKS:
+        return None
+    base, share = np.floor(place[inside]).astype(int), (place[inside] % 1.0)[:, None]
+    before, after = theirs.values[base], theirs.values[base + 1]
+    y, slope = before + share * (after - before), (after - before) * GRID_HZ
+    error = ours.values[inside] - y
+    weight = np.isfinite(error).astype(float)
+    seen = weight.sum(axis=0)
+    used = seen > 2 * BLOCKS
+    if not used.any():
+        return None
+    error, slope, weight = error[:, used], np.nan_to_num(slope[:, used]), weight[:, used]
+    centred = np.nan_to_num(error - np.nanmedian(error, axis=0))
+    spread = 1.4826 * np.median(np.abs(centred), axis=0) + 1e-3
+    weight = weight / spread**2 * np.minimum(1.0, HUBER * spread / np.maximum(np.abs(centred), 1e-12))
+    time_s = ours.time_s[inside]
+    rows = weight.sum(axis=1)
+    known_s, centre_s = time_s[rows > 0], float((rows * time_s).sum() / rows.sum())
+    since = (time_s - centre_s)[:, None]
+    parts = [_without_mean(each, weight) for each in (np.nan_to_num(error), slope, slope * since)]
+    block = np.minimum((BLOCKS * (time_s - time_s[0]) / (time_s[-1] - time_s[0] + 1e-9)).astype(int), BLOCKS - 1)
+    products = np.stack([(weight * parts[i] * parts[j]).sum(axis=1) for i in range(3) for j in range(3)], axis=1)
+    summed = np.stack([np.bincount(block, column, BLOCKS) for column in products.T], axis=1).reshape(BLOCKS, 3, 3)
+    return summed[:, 1:, 1:], summed[:, 1:, 0], known_s, centre_s
+
+
+def _without_mean(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Each signal (column) may differ by a constant: the two systems define joints differently."""
+    return np.where(weight > 0, values - (weight * values).sum(axis=0) / weight.sum(axis=0), 0.0)
+
+
+def _jackknife(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """(2,) standard deviations of offset and drift: how they change when one stretch of the movement is left out.
+
+    Errors of neighbouring frames are alike, so that residuals of frames would give far too little.
+    """
+    total, side = matrix.sum(axis=0), right.sum(axis=0)
+    kept = [k for k in range(len(matrix)) if matrix[k].any() and np.linalg.cond(total - matrix[k]) < 1e12]
+    steps = np.array([np.linalg.solve(total - matrix[k], side - right[k]) for k in kept])
+    count = len(kept)
+    return np.sqrt((count - 1.0) / count * ((steps - steps.mean(axis=0)) ** 2).sum(axis=0))

@@ -1,0 +1,83 @@
+"""``anchorpose evaluate --reference``: results folders against the recordings of another system."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from anchorpose.agreement.distances import distance_rows
+from anchorpose.agreement.joint_centres import HipCentre
+from anchorpose.agreement.matching import Match, match_results
+from anchorpose.agreement.reference import exchanged, read_reference
+from anchorpose.agreement.rows import Agreement, agreement_rows
+from anchorpose.errors import AnchorposeError, InputError
+from anchorpose.recording.document import read_json, require_rigid
+from anchorpose.settings import Unfit
+
+TRANSFORM_REMEDY: Final = 'write {"reference_to_world": four rows of four numbers}, in metres'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReferenceSettings:
+    """How to read the other system's files. unit: of lengths; names: a table joint,label; transform: a JSON file."""
+
+    unit: str | None = None
+    names: Path | None = None
+    hip: HipCentre = HipCentre.HARRINGTON
+    transform: Path | None = None
+    exchange_sides: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparison:
+    """Recordings side by side and what follows from all of them; subjects: of each match."""
+
+    matches: tuple[Match, ...]
+    subjects: tuple[str, ...]
+    rows: tuple[Agreement, ...]
+
+
+def compare_with_reference(
+    results: Sequence[Path], references: Sequence[Path], subjects: Sequence[str], settings: ReferenceSettings
+) -> Comparison:
+    """One reference per results folder, in the same order; subjects: one per folder, or none: each is a person.
+
+    Raises InputError or AnchorposeError where they do not belong together or cannot be used.
+    """
+    if len(references) != len(results):
+        raise AnchorposeError(
+            f"{len(results)} results and {len(references)} references were given; give --reference once per folder."
+        )
+    if subjects and len(subjects) != len(results):
+        raise AnchorposeError(
+            f"{len(results)} results and {len(subjects)} subjects were given; give --subject once per folder, or never."
+        )
+    given = None if settings.transform is None else read_transform(settings.transform)
+    matches = []
+    for folder, path in zip(results, references, strict=True):
+        reference = read_reference(path, settings.unit, settings.names, settings.hip)
+        reference = exchanged(reference) if settings.exchange_sides else reference
+        matches.append(match_results(folder, reference, given))
+    named = tuple(subjects) or tuple(str(folder) for folder in results)
+    rows = (*agreement_rows(matches, named), *distance_rows(matches, named))
+    return Comparison(tuple(matches), named, rows)
+
+
+def read_transform(path: Path) -> np.ndarray:
+    """T_world_reference (4, 4) from a JSON file; raises InputError where it holds none."""
+    document: Any = read_json(path)
+    rows = document.get("reference_to_world") if isinstance(document, dict) else None
+    try:
+        matrix = np.array(rows, dtype=np.float64)
+    except (TypeError, ValueError):
+        matrix = np.empty(0)
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+        raise InputError(path, "has no reference_to_world of four rows of four numbers", TRANSFORM_REMEDY)
+    try:
+        return require_rigid(matrix)
+    except Unfit as error:
+        raise InputError(path, f"its reference_to_world {error}", TRANSFORM_REMEDY) from None

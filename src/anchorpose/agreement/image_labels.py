@@ -1,0 +1,155 @@
+"""Joints labelled in depth images against tracked joints, in the plane of the image."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from anchorpose.agreement.text_files import read_lines
+from anchorpose.camera import Camera, invert_rigid, transform_points
+from anchorpose.errors import InputError
+from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, LOST, JointState
+from anchorpose.recording.pairing import half_period_s, nearest_within
+from anchorpose.recording.reader import open_recording
+from anchorpose.recording.recording import Clock, Recording
+from anchorpose.results.run_record import RUN_FILE, read_run_document
+from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
+
+HEAD: Final = ["camera", "frame", "joint", "u", "v"]
+REMEDY: Final = "give rows camera,frame,joint,u,v with the column u and the row v of the joint in the image"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImageErrors:
+    """Distances in the plane of the image, of the joints of one name, or of all; None where none is known.
+
+    labelled: labels of frames in the results; lost: of these, joints that were lost. Millimetres are pixels at the
+    distance of the tracked joint. within_50, within_100: share of ``labelled``, lost joints count as outside.
+    """
+
+    name: str
+    labelled: int
+    lost: int
+    median_px: float | None
+    median_mm: float | None
+    p95_mm: float | None
+    within_50: float | None
+    within_100: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Label:
+    camera: str
+    frame: int
+    joint: str
+    pixel: tuple[float, float]
+
+
+def evaluate_labels(results: Path, recording: Path, labels: Path) -> tuple[ImageErrors, ...]:
+    """All joints, observed and inferred ones, and each joint that was labelled.
+
+    Raises InputError where a file cannot be used, or no labelled frame is among the results.
+    """
+    rows, joints = _read_labels(labels), read_joints(results / JOINTS_FILE)
+    views = _views(results, open_recording(recording))
+    found = list[_Distance]()
+    for label in rows:
+        if label.camera not in views:
+            remedy = f"the results have poses of {', '.join(sorted(views)) or 'no camera of this recording'}"
+            raise InputError(labels, f"names camera '{label.camera}', which has no pose in {results}", remedy)
+        view = views[label.camera]
+        image = np.flatnonzero(view.frame == label.frame)
+        row = nearest_within(view.time_s[image], joints.time_s, half_period_s(joints.time_s)) if len(image) else image
+        if len(row) and row[0] >= 0:
+            found.append(_distance(view, joints, int(row[0]), label))
+    if not found:
+        raise InputError(labels, "labels no frame of these results", "give the labels of that recording")
+    return _groups(found)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _View:
+    """A camera with its pose as used; time_s (n,) of its images by the results' clock; frame (n,) their numbers."""
+
+    camera: Camera
+    time_s: np.ndarray
+    frame: np.ndarray
+
+
+class _Distance(NamedTuple):
+    """Of one label; pixels and millimetres are NaN where the joint was lost or is not in the camera's view."""
+
+    joint: str
+    state: int
+    pixels: float
+    mm: float
+
+
+def _views(results: Path, recording: Recording) -> dict[str, _View]:
+    """By name of the camera; those without a pose in run.json are left out."""
+    records = {str(each["name"]): each for each in read_run_document(results / RUN_FILE).get("cameras", [])}
+    found = {}
+    for camera, stream in zip(recording.cameras, recording.streams, strict=True):
+        record = records.get(camera.name, {})
+        if record.get("camera_to_world") is not None:
+            placed = replace(camera, T_world_camera=np.array(record["camera_to_world"], dtype=np.float64))
+            clock = Clock(**record.get("clock", {}))
+            found[camera.name] = _View(placed, clock.reference_s(stream.time_s), stream.frame)
+    return found
+
+
+def _distance(view: _View, joints: JointTable, row: int, label: _Label) -> _Distance:
+    column = JOINT_INDEX[label.joint]
+    point = transform_points(invert_rigid(view.camera.require_pose()), joints.position_m[row, column])
+    pixels = float(np.linalg.norm(view.camera.project(point[None])[0] - label.pixel))
+    focal = 0.5 * float(view.camera.intrinsics.matrix[0, 0] + view.camera.intrinsics.matrix[1, 1])
+    return _Distance(
+        label.joint, int(joints.state_code[row, column]), pixels, 1000.0 * pixels * float(point[2]) / focal
+    )
+
+
+def _groups(found: list[_Distance]) -> tuple[ImageErrors, ...]:
+    seen = [row for row in found if row.state == 0]
+    inferred = [row for row in found if 0 < row.state < LOST]
+    named = [(name, [row for row in found if row.joint == name]) for name in JOINT_NAMES]
+    groups = [("all joints", found), (str(JointState.OBSERVED), seen), ("inferred", inferred), *named]
+    return tuple(_summary(name, rows) for name, rows in groups if rows)
+
+
+def _summary(name: str, rows: list[_Distance]) -> ImageErrors:
+    numbers = np.array([row[2:] for row in rows])
+    known = numbers[np.isfinite(numbers[:, 0])]
+    some = len(known) > 0
+    return ImageErrors(
+        name=name,
+        labelled=len(rows),
+        lost=len(rows) - len(known),
+        median_px=float(np.median(known[:, 0])) if some else None,
+        median_mm=float(np.median(known[:, 1])) if some else None,
+        p95_mm=float(np.percentile(known[:, 1], 95)) if some else None,
+        within_50=float((known[:, 1] <= 50.0).sum() / len(rows)),
+        within_100=float((known[:, 1] <= 100.0).sum() / len(rows)),
+    )
+
+
+def _read_labels(path: Path) -> list[_Label]:
+    rows = [row for row in csv.reader(read_lines(path)) if any(row)]
+    if not rows or [cell.strip().lower() for cell in rows[0]] != HEAD:
+        raise InputError(path, f"does not begin with the line {','.join(HEAD)}", REMEDY)
+    found = []
+    for number, row in enumerate(rows[1:], 2):
+        try:
+            camera, frame, joint, u, v = (cell.strip() for cell in row)
+            label = _Label(camera, int(frame), joint, (float(u), float(v)))
+        except ValueError:
+            raise InputError(path, f"line {number} is not camera,frame,joint,u,v", REMEDY) from None
+        if joint not in JOINT_INDEX or not np.isfinite(label.pixel).all():
+            raise InputError(path, f"line {number} names the joint '{joint}' at {u}, {v}", REMEDY)
+        found.append(label)
+    if not found:
+        raise InputError(path, "holds no labels", REMEDY)
+    return found

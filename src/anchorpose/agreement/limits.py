@@ -1,0 +1,129 @@
+"""Bias and limits of agreement of repeated measurements, with intervals.
+
+Bland and Altman 2007 (doi:10.1080/10543400701329422), pairs whose true value changes: the variance of a difference is
+that within a unit plus that between units, both from a one-way analysis of variance. A unit is a subject, or, where
+only one recording is at hand, a stretch of it. Intervals by the method of variance estimates recovery: Zou 2013
+(doi:10.1177/0962280211402548).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy import stats
+
+from anchorpose.results.uncertainty import NORMAL_95
+
+LEAST_UNITS: Final = 3
+"""With fewer, an interval would be wider than anything it is compared with."""
+
+CONFIDENCE: Final = 0.95
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A number with its 95 % interval; low and high are None where there are too few units for one."""
+
+    value: float
+    low: float | None = None
+    high: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """Bias (mean difference) and limits of agreement, within which 95 of 100 differences lie; units of the data."""
+
+    count: int  # differences
+    units: int
+    bias: Estimate
+    lower: Estimate
+    upper: Estimate
+    within_sd: float | None  # of differences in the same unit; None where no unit has two
+    between_sd: float | None  # of the units' own means, sampling error taken out; None for a single unit
+    sd: float  # of a single difference
+
+
+def limits_of_agreement(difference: np.ndarray, unit: np.ndarray) -> Limits:
+    """difference (n,) finite; unit (n,) integers or texts: differences with the same value belong together.
+
+    Raises ValueError for fewer than two differences.
+    """
+    if len(difference) < 2:
+        raise ValueError(f"{len(difference)} differences have no limits of agreement")
+    _, index = np.unique(unit, return_inverse=True)
+    size = np.bincount(index).astype(np.float64)
+    mean = np.bincount(index, difference) / size
+    units, count, bias = len(size), len(difference), float(difference.mean())
+    if units == 1:
+        return _of_one_unit(difference, bias)
+    within = _within_variance(difference, mean[index], count - units)
+    pairs = (count**2 - (size**2).sum()) / ((units - 1) * count)
+    between_square = float((size * (mean - bias) ** 2).sum() / (units - 1))
+    between = max((between_square - (within or 0.0)) / pairs, 0.0)
+    sd = float(np.sqrt(between + (within or 0.0)))
+    if units < LEAST_UNITS:
+        ends = (Estimate(bias), Estimate(bias - NORMAL_95 * sd), Estimate(bias + NORMAL_95 * sd))
+    else:
+        ends = _intervals(bias, sd, mean, size, (within or 0.0, count - units))
+    return Limits(
+        count=count,
+        units=units,
+        bias=ends[0],
+        lower=ends[1],
+        upper=ends[2],
+        within_sd=None if within is None else float(np.sqrt(within)),
+        between_sd=float(np.sqrt(between)),
+        sd=sd,
+    )
+
+
+def _of_one_unit(difference: np.ndarray, bias: float) -> Limits:
+    sd = float(difference.std(ddof=1))
+    lower, upper = Estimate(bias - NORMAL_95 * sd), Estimate(bias + NORMAL_95 * sd)
+    return Limits(
+        count=len(difference), units=1, bias=Estimate(bias), lower=lower, upper=upper, within_sd=sd, between_sd=None,
+        sd=sd,
+    )  # fmt: skip
+
+
+def _within_variance(difference: np.ndarray, own_mean: np.ndarray, freedom: int) -> float | None:
+    return float(((difference - own_mean) ** 2).sum() / freedom) if freedom > 0 else None
+
+
+def _intervals(
+    bias: float, sd: float, mean: np.ndarray, size: np.ndarray, within: tuple[float, int]
+) -> tuple[Estimate, Estimate, Estimate]:
+    """Of bias, lower and upper limit; within: variance in a unit and its degrees of freedom."""
+    units, (variance, freedom) = len(mean), within
+    bias_half = float(stats.t.ppf(0.5 + CONFIDENCE / 2.0, units - 1) * _sigma_of_bias(mean, size, bias))
+    harmonic = units / (1.0 / size).sum()
+    parts = [(float(mean.var(ddof=1)), units - 1), ((1.0 - 1.0 / harmonic) * variance, freedom)]
+    low, high = _variance_interval(sd**2, parts)
+    shorter, longer = NORMAL_95 * (sd - np.sqrt(low)), NORMAL_95 * (np.sqrt(high) - sd)
+    inner, outer = float(np.hypot(bias_half, shorter)), float(np.hypot(bias_half, longer))
+    below, above = bias - NORMAL_95 * sd, bias + NORMAL_95 * sd
+    return (
+        Estimate(bias, bias - bias_half, bias + bias_half),
+        Estimate(below, below - outer, below + inner),
+        Estimate(above, above - inner, above + outer),
+    )
+
+
+def _sigma_of_bias(mean: np.ndarray, size: np.ndarray, bias: float) -> float:
+    """Standard error of the mean of all differences: units are independent, their differences are not."""
+    share = size / size.sum()
+    units = len(mean)
+    return float(np.sqrt(units / (units - 1.0) * (share**2 * (mean - bias) ** 2).sum()))
+
+
+def _variance_interval(variance: float, parts: list[tuple[float, int]]) -> tuple[float, float]:
+    """Of a sum of independent variances (variance, degrees of freedom), by recovering it from those of the parts."""
+    below, above = 0.0, 0.0
+    for part, freedom in parts:
+        if freedom > 0:
+            low, high = stats.chi2.ppf([0.5 - CONFIDENCE / 2.0, 0.5 + CONFIDENCE / 2.0], freedom)
+            below += (part * (1.0 - freedom / high)) ** 2
+            above += (part * (freedom / low - 1.0)) ** 2
+    return max(variance - float(np.sqrt(below)), 0.0), variance + float(np.sqrt(above))

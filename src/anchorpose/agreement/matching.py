@@ -1,0 +1,172 @@
+"""The frames of a results folder beside those of another system: one clock, one frame, the same joints and angles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from anchorpose.agreement.clock import Clock, NoCommonMovement, find_clock, refine_clock
+from anchorpose.agreement.placement import Placement, moved, place, residual, segment_axes
+from anchorpose.agreement.reference import Reference, exchanged
+from anchorpose.agreement.signals import at_times, common_signals, position_signals
+from anchorpose.errors import DegenerateGeometry, InputError
+from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
+from anchorpose.results.kinematics.joint_angles import joint_angles
+from anchorpose.results.tables import JOINTS_FILE, AngleTable, JointTable, read_joints
+
+LARGEST_SCALE: Final = 1.3
+"""Bodies are as large in both systems; definitions change distances between joints by less than this factor."""
+
+EXCHANGE_FACTOR: Final = 0.7
+"""With left and right exchanged, joints this much nearer mean that the file has them the wrong way round."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Match:
+    """A results folder and a reference at the same times: all arrays have a row per frame of ``joints``.
+
+    theirs_m (n, 21, 3) the reference's joints in our world, NaN where missing; axes (n, 21, 3, 3) of the segments.
+    theirs: angles of the reference's joints by our formulas, None where it has no joints. given_names, given_deg
+    (n, a): angles as the other system computes them. placement: None where it has angles only.
+    """
+
+    results: Path
+    reference: Reference
+    clock: Clock
+    placement: Placement | None
+    joints: JointTable
+    theirs_m: np.ndarray
+    axes: np.ndarray
+    ours: AngleTable
+    theirs: AngleTable | None
+    given_deg: np.ndarray
+
+    @property
+    def given_names(self) -> tuple[str, ...]:
+        """Names of the angles that the other system computed."""
+        return self.reference.angles
+
+
+def match_results(results: Path, reference: Reference, given: np.ndarray | None = None) -> Match:
+    """Finds clock and frame. given: T_world_reference (4, 4) where it is known.
+
+    Raises InputError where lengths have another unit, left and right are exchanged, or no common movement is found.
+    """
+    joints = read_joints(results / JOINTS_FILE)
+    ours = joint_angles(joints)
+    _require_scale(joints, reference)
+    try:
+        match: Match | None = _match(results, joints, ours, reference, given)
+        problem = ""
+    except NoCommonMovement as error:
+        match, problem = None, str(error)
+    if _sides_exchanged(results, joints, ours, reference, given, match):
+        what = "left and right are exchanged: with them the other way round it fits"
+        raise InputError(reference.path, what, "correct the labels in the other system, or give --exchange-sides")
+    if match is None:
+        remedy = "give the reference of this recording, with at least ten seconds of the same movement"
+        raise InputError(reference.path, f"shares no movement with {results / JOINTS_FILE}: {problem}", remedy)
+    return match
+
+
+def _match(
+    results: Path, joints: JointTable, ours: AngleTable, reference: Reference, given: np.ndarray | None
+) -> Match:
+    columns = [ours.column(name) for name in reference.angles]
+    signals = common_signals(
+        (joints.time_s, joints.position_m, ours.degrees[:, columns]),
+        (reference.time_s, reference.centres.position_m, reference.degrees),
+    )
+    if signals is None:
+        raise NoCommonMovement("no joint that both have moves against another by more than noise")
+    clock, axes = find_clock(*signals), segment_axes(joints.position_m)
+    at_s = clock.reference_time_s(joints.time_s)
+    theirs_m = _resampled(reference.time_s, reference.centres.position_m, at_s)
+    if not reference.centres.joints:
+        given_deg = _resampled(reference.time_s, reference.degrees, at_s)
+        return Match(results, reference, clock, None, joints, theirs_m, axes, ours, None, given_deg)
+    try:
+        placement = place(joints.position_m, theirs_m, axes, given)
+        clock = _clock_of_positions(joints, axes, reference, placement, clock)
+        at_s = clock.reference_time_s(joints.time_s)
+        theirs_m = _resampled(reference.time_s, reference.centres.position_m, at_s)
+        placement = place(joints.position_m, theirs_m, axes, given)
+    except DegenerateGeometry:
+        raise NoCommonMovement("the joints that both have do not determine a frame") from None
+    theirs_m = moved(placement.T_world_reference, theirs_m)
+    given_deg = _resampled(reference.time_s, reference.degrees, at_s)
+    theirs = _angles_of(joints, theirs_m)
+    return Match(results, reference, clock, placement, joints, theirs_m, axes, ours, theirs, given_deg)
+
+
+def _clock_of_positions(
+    joints: JointTable, axes: np.ndarray, reference: Reference, placement: Placement, clock: Clock
+) -> Clock:
+    """The clock again, now that the frame is known: positions say more about time than distances between them."""
+    nothing = np.zeros_like(joints.position_m)
+    ours = position_signals(joints.time_s, residual(joints.position_m, nothing, axes, placement.offset_m))
+    theirs = position_signals(reference.time_s, moved(placement.T_world_reference, reference.centres.position_m))
+    return refine_clock(ours, theirs, clock)
+
+
+def _resampled(time_s: np.ndarray, values: np.ndarray, at_s: np.ndarray) -> np.ndarray:
+    flat = values.reshape(len(time_s), -1)
+    found = np.full((len(at_s), flat.shape[1]), np.nan)
+    for column in np.flatnonzero(np.isfinite(flat).any(axis=0)):
+        found[:, column] = at_times(time_s, flat[:, column], at_s)
+    return found.reshape(len(at_s), *values.shape[1:])
+
+
+def _angles_of(joints: JointTable, position_m: np.ndarray) -> AngleTable:
+    """Angles of the other system's joints by our formulas; their sigma is not known and not used."""
+    return joint_angles(
+        JointTable(
+            joints.frame, joints.time_s, position_m, joints.state_code, np.zeros((len(joints.frame), JOINT_COUNT))
+        )
+    )
+
+
+def _require_scale(joints: JointTable, reference: Reference) -> None:
+    common = [JOINT_INDEX[name] for name in reference.centres.joints]
+    ratios = [
+        _median_distance(reference.centres.position_m, a, b) / _median_distance(joints.position_m, a, b)
+        for a, b in combinations(common, 2)
+    ]
+    known = [ratio for ratio in ratios if np.isfinite(ratio)]
+    if not known:
+        return
+    scale = float(np.median(known))
+    if not 1.0 / LARGEST_SCALE <= scale <= LARGEST_SCALE:
+        problem = f"has a body {scale:.3g} times as large as the results: its lengths are in another unit"
+        raise InputError(reference.path, problem, "give the unit of its lengths with --unit mm, --unit cm or --unit m")
+
+
+def _median_distance(position_m: np.ndarray, a: int, b: int) -> float:
+    distance = np.linalg.norm(position_m[:, a] - position_m[:, b], axis=1)
+    known = distance[np.isfinite(distance)]
+    return float(np.median(known)) if len(known) else float("nan")
+
+
+def _sides_exchanged(
+    results: Path,
+    joints: JointTable,
+    ours: AngleTable,
+    reference: Reference,
+    given: np.ndarray | None,
+    match: Match | None,
+) -> bool:
+    """Whether the reference fits with left and right exchanged and does not, or much worse, as it is."""
+    try:
+        other = _match(results, joints, ours, exchanged(reference), given)
+    except NoCommonMovement:
+        return False
+    if match is None:
+        return True
+    if match.placement is None or other.placement is None:
+        better = 1.0 - other.clock.correlation**2 < EXCHANGE_FACTOR * (1.0 - match.clock.correlation**2)
+        return better and match.placement is None
+    return other.placement.typical_m < EXCHANGE_FACTOR * match.placement.typical_m

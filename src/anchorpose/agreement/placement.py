@@ -1,0 +1,204 @@
+"""Where another system's frame lies in ours, and how far its joints are other points of the body by definition.
+
+Two systems that both measure without error still differ: one takes the knee's centre midway between two markers, the
+other from the body's surface. Such a difference moves with the segment. It is a constant in the segment's axes, and is
+separated here from errors, which are not. An offset that all joints share looks like another position of the frame
+unless the person turns; it is counted to the frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from anchorpose.body.part_registration import fit_rigid_transform
+from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
+from anchorpose.results.kinematics.definition import Axes, pelvis_axes, trunk_axes
+from anchorpose.rotations import rotation_matrices, rotation_vectors, unit
+
+ROUNDS: Final = 15
+LEAST_FRAMES: Final = 10
+"""Common frames of a joint, at least, for its offset to be found."""
+
+FARTHEST: Final = 4.0
+"""Distances beyond so many times the typical one weigh less: there one of the two systems has lost the joint."""
+
+PRIOR_FRAMES: Final = 200.0
+"""How strongly offsets are held to zero, in frames (of ``MOST_FRAMES``). Markers slide with the posture, which looks
+like another frame: simulated laboratories (benchmarks/laboratory.py) were 4 mm off with 30, and 2 mm with 200."""
+
+MOST_FRAMES: Final = 1000
+"""Neighbouring frames say the same, so that a long recording is thinned to about so many."""
+
+_LIMBS: Final = {
+    "Knee": ("Hip", "Knee", "pelvis"), "Ankle": ("Knee", "Ankle", "pelvis"), "Foot": ("Ankle", "Foot", "pelvis"),
+    "Elbow": ("Shoulder", "Elbow", "trunk"), "Wrist": ("Elbow", "Wrist", "trunk"), "Hand": ("Elbow", "Wrist", "trunk"),
+}  # fmt: skip
+"""The limb in whose axes a joint's offset is constant, from its upper end to its lower, and where its axes start."""
+
+_ON_PELVIS: Final = ("SpineBase", "HipLeft", "HipRight")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placement:
+    """T_world_reference (4, 4); offset_m (21, 3) of our joints against the reference's, in the segment's axes.
+
+    x forward, y up, z to the right when the person stands with limbs hanging; NaN for joints that are not common.
+    translation_sigma_m, rotation_sigma_deg: one standard deviation, by how much the frame changes when a joint is left
+    out; NaN where it was given. typical_m: median distance of joints after both were taken out.
+    """
+
+    T_world_reference: np.ndarray
+    offset_m: np.ndarray
+    translation_sigma_m: float
+    rotation_sigma_deg: float
+    typical_m: float
+
+
+def segment_axes(position_m: np.ndarray) -> np.ndarray:
+    """(n, 21, 3, 3) columns x, y, z of the segment of each joint; position_m (n, 21, 3), NaN where not known.
+
+    A limb's axes are those of pelvis or trunk, turned the shortest way until they are in line with the limb.
+    """
+    points = {name: position_m[:, index].T for name, index in JOINT_INDEX.items()}
+    base = {"pelvis": _columns(pelvis_axes(points)), "trunk": _columns(trunk_axes(points))}
+    axes = np.repeat(base["trunk"][:, None], JOINT_COUNT, axis=1)
+    for name in _ON_PELVIS:
+        axes[:, JOINT_INDEX[name]] = base["pelvis"]
+    for joint, (upper, lower, root) in _LIMBS.items():
+        for side in ("Left", "Right"):
+            along = unit((points[f"{lower}{side}"] - points[f"{upper}{side}"]).T)
+            hanging = -base[root][:, :, 1]
+            if joint == "Foot":  # it points forward when the leg hangs
+                hanging = base[root][:, :, 0]
+            axes[:, JOINT_INDEX[f"{joint}{side}"]] = _shortest_turn(hanging, along) @ base[root]
+    return axes
+
+
+def place(ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, given: np.ndarray | None = None) -> Placement:
+    """The reference's frame and the offsets of its definitions, from joints (n, 21, 3) of the same times.
+
+    axes (n, 21, 3, 3): ``segment_axes`` of ours. given: T_world_reference where it is known; only the offsets are found
+    then. Raises DegenerateGeometry where the common joints do not determine a frame.
+    """
+    both = np.isfinite(ours_m).all(axis=2) & np.isfinite(theirs_m).all(axis=2)
+    both[:, both.sum(axis=0) < LEAST_FRAMES] = False
+    T, offset = _fit(ours_m, theirs_m, axes, both, given)
+    joints = np.flatnonzero(both.any(axis=0))
+    left = residual(ours_m, moved(T, theirs_m), axes, offset)[both]
+    typical = float(np.median(np.linalg.norm(left[np.isfinite(left).all(axis=1)], axis=1)))
+    sigma = (np.nan, np.nan)
+    if given is None and len(joints) > 3:
+        others = [_fit(ours_m, theirs_m, axes, both & (np.arange(JOINT_COUNT) != joint), None)[0] for joint in joints]
+        sigma = _spread(T, others, ours_m[both].mean(axis=0))
+    return Placement(T, offset, *sigma, typical)
+
+
+def moved(T_target_source: np.ndarray, position_m: np.ndarray) -> np.ndarray:
+    """Positions (..., 3) in the target frame."""
+    return position_m @ T_target_source[:3, :3].T + T_target_source[:3, 3]
+
+
+def residual(ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, offset_m: np.ndarray) -> np.ndarray:
+    """(n, 21, 3) ours minus theirs minus the offset of the definition; all in the world."""
+    return ours_m - theirs_m - np.einsum("njik,jk->nji", axes, offset_m)
+
+
+def _fit(
+    ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, both: np.ndarray, given: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Frame and offsets together, by Gauss-Newton: where a person turns, the two are distinct."""
+    known = both & np.isfinite(axes).all(axis=(2, 3))
+    every = max(1, len(known) // MOST_FRAMES)
+    known[np.arange(len(known)) % every != 0] = False
+    frame, joint = np.nonzero(known)
+    joints, column = np.unique(joint, return_inverse=True)
+    source, target, own = theirs_m[frame, joint], ours_m[frame, joint], axes[frame, joint]
+    T = fit_rigid_transform(source, target) if given is None else given
+    offset = np.zeros((len(joints), 3))
+    for _ in range(ROUNDS):
+        placed = moved(T, source)
+        left = target - placed - np.einsum("kij,kj->ki", own, offset[column])
+        far = np.linalg.norm(left, axis=1)
+        weight = np.minimum(1.0, FARTHEST * np.median(far) / np.maximum(far, 1e-9)) ** 2
+        centre = placed.mean(axis=0)
+        turn, shift, change = _step(left, placed - centre, own, (column, weight), offset, given is None)
+        offset += change
+        T = _turned(T, turn, shift, centre)
+        if max(np.abs(turn).max(), np.abs(shift).max(), np.abs(change).max()) < 1e-6:
+            break
+    found = np.full((JOINT_COUNT, 3), np.nan)
+    found[joints] = offset
+    return T, found
+
+
+def _step(
+    left: np.ndarray,
+    lever: np.ndarray,
+    own: np.ndarray,
+    use: tuple[np.ndarray, np.ndarray],
+    offset: np.ndarray,
+    frame_too: bool,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rotation vector and shift of the frame, and change of the offsets (j, 3).
+
+    left (k, 3): what is unexplained; lever (k, 3): the reference's points about their centre; own (k, 3, 3): segment
+    axes; use: which offset each point belongs to, and its weight.
+    """
+    (column, weight), count = use, len(offset)
+    jacobian = np.zeros((len(left), 3, 6))
+    x, y, z = lever.T
+    jacobian[:, 0, 1], jacobian[:, 0, 2], jacobian[:, 1, 0] = z, -y, -z
+    jacobian[:, 1, 2], jacobian[:, 2, 0], jacobian[:, 2, 1] = x, y, -x
+    jacobian[:, :, 3:] = np.eye(3)
+    matrix, right = np.zeros((6 + 3 * count, 6 + 3 * count)), np.zeros(6 + 3 * count)
+    weighted = weight[:, None, None] * jacobian
+    matrix[:6, :6] = np.einsum("kia,kib->ab", weighted, jacobian)
+    right[:6] = np.einsum("kia,ki->a", weighted, left)
+    # an offset is expected to be about as large as an error, and neighbouring frames have the same errors
+    prior = PRIOR_FRAMES * np.bincount(column, weight, count) / np.bincount(column, None, count)
+    for j in range(count):
+        mine, at = column == j, slice(6 + 3 * j, 9 + 3 * j)
+        cross = np.einsum("kia,kib->ab", weighted[mine], own[mine])
+        matrix[:6, at], matrix[at, :6] = cross, cross.T
+        matrix[at, at] = (weight[mine].sum() + prior[j]) * np.eye(3)
+        right[at] = np.einsum("kib,ki->b", weight[mine][:, None, None] * own[mine], left[mine]) - prior[j] * offset[j]
+    free = slice(None) if frame_too else slice(6, None)
+    step = np.zeros(len(right))
+    step[free] = np.linalg.solve(matrix[free, free], right[free])
+    return step[:3], step[3:6], step[6:].reshape(count, 3)
+
+
+def _turned(T: np.ndarray, turn: np.ndarray, shift: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
+    """T followed by a small rotation about a point and a shift."""
+    step = np.eye(4)
+    step[:3, :3] = rotation_matrices(turn[None])[0]
+    step[:3, 3] = centre_m - step[:3, :3] @ centre_m + shift
+    return np.asarray(step @ T)
+
+
+def _spread(T: np.ndarray, others: list[np.ndarray], centre_m: np.ndarray) -> tuple[float, float]:
+    """Jackknife over joints: of where the middle of the body is put, and of the rotation, per axis."""
+    source = np.linalg.inv(T) @ np.append(centre_m, 1.0)
+    shift = np.array([(other @ source)[:3] - centre_m for other in others])
+    turn = rotation_vectors(np.array([other[:3, :3] @ T[:3, :3].T for other in others]))
+    factor = (len(others) - 1.0) / len(others)
+    metres, radians = (np.sqrt(factor * ((each - each.mean(axis=0)) ** 2).sum() / 3.0) for each in (shift, turn))
+    return float(metres), float(np.degrees(radians))
+
+
+def _columns(axes: Axes) -> np.ndarray:
+    """(n, 3, 3)."""
+    return np.stack([axes.x, axes.y, axes.z], axis=-1).transpose(1, 0, 2)
+
+
+def _shortest_turn(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """(n, 3, 3) rotations of unit vectors (n, 3) onto others; NaN where they are opposite."""
+    axis, cosine = np.cross(start, end), (start * end).sum(axis=1)
+    zero = np.zeros(len(axis))
+    x, y, z = axis.T
+    skew = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
+    scale = np.where(cosine > -0.999, 1.0 / np.where(cosine > -0.999, 1.0 + cosine, 1.0), np.nan)
+    return np.eye(3) + skew + scale[:, None, None] * (skew @ skew)

@@ -1,0 +1,93 @@
+"""Joint centres from markers against known answers; files against another library."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from anchorpose.agreement.joint_centres import functional_centre, harrington_hip, other_side, pelvis_frame
+from anchorpose.agreement.labels import known_marking
+from anchorpose.agreement.reading import read_captured
+from anchorpose.agreement.reference import read_reference
+
+
+def test_the_hip_is_where_harrington_puts_it_in_any_pose():
+    """Pelvis 240 mm wide and 130 mm deep: -41.1, -82.9, 86.5 mm by the published equations."""
+    assert 1000 * harrington_hip(0.240, 0.130) == pytest.approx([-41.1, -82.9, 86.5])
+    rest = np.array([[0, 0, -0.12], [0, 0, 0.12], [-0.13, 0, -0.045], [-0.13, 0, 0.045]])
+    turn, shift = Rotation.from_rotvec([0.3, 1.2, -0.5]), np.array([1.0, 0.5, -2.0])
+    axes, middle, width, depth = pelvis_frame(*(turn.apply(marker)[None] + shift for marker in rest))
+    assert (width, depth) == pytest.approx((0.24, 0.13))
+    found = middle + axes[0] @ harrington_hip(width, depth)
+    assert found[0] == pytest.approx(turn.apply([-0.0411, -0.0829, 0.0865]) + shift)
+
+
+def test_a_functional_centre_is_the_point_that_markers_turn_about_and_a_plane_does_not_determine_it():
+    rng, centre = np.random.default_rng(3), np.array([0.05, -0.02, 0.09])
+    turns = Rotation.from_rotvec(rng.uniform(-0.6, 0.6, (300, 3)))
+    markers = [centre + turns.apply(place) for place in ([0.05, -0.3, 0.04], [0.0, -0.4, 0.06])]
+    found, swing = functional_centre(markers)
+    assert found == pytest.approx(centre, abs=1e-9)
+    assert swing > 0.1
+    flat = Rotation.from_euler("z", rng.uniform(-0.6, 0.6, (300, 1)))
+    assert functional_centre([centre + flat.apply([0.05, -0.3, 0.04])])[1] < 1e-6
+
+
+def test_labels_in_common_use_are_understood():
+    marking = known_marking(("LKNE", "LKNM", "RHJC", "left_ankle", "LASI", "RASI", "LPSI", "RPSI", "LTHI", "C7"))
+    assert marking.midpoints == {"KneeLeft": ("LKNE", "LKNM")}
+    assert marking.centres == {"AnkleLeft": "left_ankle", "HipRight": "RHJC"}
+    assert marking.pelvis == ("LASI", "RASI", "LPSI", "RPSI")
+    assert marking.thighs["Left"] == ("LTHI", "LKNE", "LKNM")
+    assert known_marking(("C7", "T10")).empty
+    assert [other_side(name) for name in ("KneeLeft", "hip_flexion_right", "Head")] == [
+        "KneeRight",
+        "hip_flexion_left",
+        "Head",
+    ]
+
+
+def test_a_c3d_written_by_ezc3d_is_read_with_its_gaps_units_and_angles(tmp_path: Path):
+    ezc3d = pytest.importorskip("ezc3d")
+    file = ezc3d.c3d()
+    points = np.ones((4, 3, 5))
+    points[:3, 0] = np.arange(15).reshape(3, 5)
+    points[:3, 0, 2] = np.nan
+    points[0, 2] = np.arange(5) * 10.0
+    for name, value in {
+        "LABELS": ["Anna:LKJC", "*1", "Anna:LKneeAngles"], "UNITS": ["cm"], "RATE": [50.0],
+        "DESCRIPTIONS": ["", "", ""],
+    }.items():  # fmt: skip
+        file["parameters"]["POINT"][name]["value"] = value
+    file.add_parameter("POINT", "ANGLES", ["Anna:LKneeAngles"])
+    file["data"]["points"] = points
+    file.write(str(tmp_path / "a.c3d"))
+    found = read_captured(tmp_path / "a.c3d")
+    assert (found.points, found.angles) == (("LKJC",), ("LKneeAngles",))
+    assert found.point_m[:, 0] == pytest.approx(0.01 * points[:3, 0].T, nan_ok=True)
+    assert np.isnan(found.point_m[2]).all()
+    assert np.diff(found.time_s) == pytest.approx(0.02)
+    assert found.degrees[:, 0] == pytest.approx(np.arange(5) * 10.0)
+    assert read_reference(tmp_path / "a.c3d").angles == ("knee_flexion_left",)
+
+
+def test_a_mot_in_radians_gives_degrees_and_a_knee_that_bends_backwards_is_turned_round(tmp_path: Path):
+    rows = "\n".join(f"{t / 10}\t{-t / 10}\t0.9" for t in range(12))
+    text = f"m\nversion=1\ninDegrees=no\nendheader\ntime\tknee_angle_r\tpelvis_ty\n{rows}\n"
+    (tmp_path / "a.mot").write_text(text, encoding="utf-8")
+    found = read_reference(tmp_path / "a.mot")
+    assert found.angles == ("knee_flexion_right",)
+    assert found.degrees[:, 0] == pytest.approx(np.degrees(np.arange(12) / 10))
+    assert any("opposite sign" in note for note in found.notes)
+
+
+def test_a_csv_has_points_and_angles_with_empty_cells(tmp_path: Path):
+    text = "time_s,LKJC_x_mm,LKJC_y_mm,LKJC_z_mm,knee_flexion_left_deg\n0,1,2,3,10\n1,,,,11\n"
+    (tmp_path / "a.csv").write_text(text, encoding="utf-8")
+    found = read_captured(tmp_path / "a.csv")
+    assert found.point_m[0, 0] == pytest.approx([0.001, 0.002, 0.003])
+    assert np.isnan(found.point_m[1]).all()
+    assert found.degrees[:, 0] == pytest.approx([10.0, 11.0])
