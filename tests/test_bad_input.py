@@ -58,6 +58,11 @@ def _timestamps(text: str):
     return lambda folder: (folder / "front" / "timestamps.csv").write_text(text)
 
 
+def _times(times: float, epoch: float = 0.0):
+    """Of images 0.1 s apart, in another unit."""
+    return _timestamps("frame,time_s\n" + "".join(f"{k},{epoch + 0.1 * times * k!r}\n" for k in range(4)))
+
+
 def _every_picture(grey: np.ndarray):
     def change(folder):
         for path in (folder / "front" / "depth").iterdir():
@@ -152,7 +157,33 @@ CASES = {
     "names twice": (_document(lambda d: d["cameras"].append(camera_entry("Front"))), "recording.json", "two cameras"),
     "intrinsic text": (_intrinsics(fx="wide"), "recording.json", 'fx is "wide"; it must be a number: the focal length'),
     "intrinsic null": (_intrinsics(cx=None), "recording.json", "cx is null; it must be a number"),
-    "intrinsic zero": (_intrinsics(fy=0), "recording.json", "more than 0"),
+    "intrinsic zero": (_intrinsics(fy=0), "recording.json", "at least 1"),
+    "intrinsic next to nothing": (_intrinsics(fx=1e-300), "recording.json", "fx is 1e-300; it must be at least 1"),
+    "principal point nowhere": (_intrinsics(cx=1e308), "recording.json", "cx is 1e+308; it must be at most 100000"),
+    "distortion without limits": (_intrinsics(distortion=[1e308] * 5), "recording.json", "at most 10000"),
+    "images larger than any": (
+        _camera(lambda c: c.update(width=16384, height=16384)),
+        "recording.json",
+        "16384 x 16384",
+    ),
+    "thousands of cameras": (
+        _document(lambda d: d.update(cameras=[camera_entry(f"c{k}") for k in range(5000)])),
+        "recording.json",
+        "5000 cameras; list 16 at most",
+    ),
+    "a name too long for a folder": (_camera(lambda c: c.update(name="x" * 5000)), "recording.json", "names a file"),
+    "a name too long for a file": (
+        _document(lambda d: d.update(equipment="x" * 5000)),
+        "recording.json",
+        "names a file",
+    ),
+    "a line break in a file's name": (
+        _document(lambda d: d.update(equipment="a\nb")),
+        "recording.json",
+        "names a file",
+    ),
+    "a null character in a name": (_document(lambda d: d.update(equipment="a\0b")), "recording.json", "character"),
+    "a frame in a minute": (_document(lambda d: d.update(fps=1e-300)), "recording.json", "at least 0.1"),
     "four distortions": (_intrinsics(distortion=[0, 0, 0, 0]), "recording.json", '"model": "kannala-brandt"'),
     "three distortions": (_intrinsics(distortion=[0, 0, 0]), "recording.json", "k1, k2, p1, p2, k3"),
     "seven of eight": (_intrinsics(model="rational", distortion=[0] * 7), "recording.json", "8 or 12 or 14"),
@@ -165,7 +196,7 @@ CASES = {
     "pose last row": (_pose(_bad_last_row), "recording.json", "not a rigid motion"),
     "pose in millimetres": (_pose(_millimetres), "recording.json", "metres"),
     "height in centimetres": (_document(lambda d: d["subject"].update(height_m=172)), "recording.json", "in metres"),
-    "fps none": (_document(lambda d: d.update(fps=0)), "recording.json", "more than 0"),
+    "fps none": (_document(lambda d: d.update(fps=0)), "recording.json", "at least 0.1"),
     "equipment outside": (_document(lambda d: d.update(equipment="../e.json")), "recording.json", "leads out"),
     "equipment missing": (_remove("equipment.json"), "equipment.json", "no such file"),
     "no camera folder": (_remove("front"), "front/depth", "no such folder"),
@@ -186,6 +217,17 @@ CASES = {
     "time no number": (_timestamps("frame,time_s\n0,soon\n"), "timestamps.csv", "line 2"),
     "time not finite": (_timestamps("frame,time_s\n0,nan\n"), "timestamps.csv", "line 2"),
     "time missing": (_timestamps("frame,time_s\n0\n"), "timestamps.csv", "line 2"),
+    "times in milliseconds": (_times(1e3), "timestamps.csv", "milliseconds; write seconds: divide the times by 1,000."),
+    "times in microseconds": (_times(1e6), "timestamps.csv", "microseconds; write seconds: divide"),
+    "times in nanoseconds since 1970": (_times(1e9, 1.7e18), "timestamps.csv", "nanoseconds; write seconds: divide"),
+    "times too small": (_times(1e-11), "timestamps.csv", "not 0.1 ms later"),
+    "times too large": (_times(1e308), "timestamps.csv", "write when each image was taken, in seconds"),
+    "times from nowhere": (_times(1.0, 1e14), "timestamps.csv", "write seconds"),
+    "times at both ends of numbers": (
+        _timestamps("frame,time_s\n0,-1e308\n1,0\n2,0.1\n3,1e308\n"),
+        "timestamps.csv",
+        "in seconds",
+    ),
     "time standing still": (_timestamps("frame,time_s\n0,0\n1,0\n"), "timestamps.csv", "frame 1 is not later"),
     "frames out of order": (_timestamps("frame,time_s\n1,0\n0,1\n"), "timestamps.csv", "sort the rows"),
     "every picture 8-bit": (_every_picture(np.zeros((HEIGHT, WIDTH), np.uint8)), "000000.png", "16-bit grey"),

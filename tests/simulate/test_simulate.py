@@ -154,6 +154,8 @@ def test_progress_counts_to_the_end(tmp_path):
     [
         {"seed": -1},
         {"seconds": 0.0},
+        *({"seconds": value} for value in (-1.0, 1e9, 1e300, float("inf"), float("nan"))),
+        *({"fps": value} for value in (0.0, 1e300, float("inf"), float("nan"))),
         {"fps": -1.0},
         {"cameras": 5},
         {"therapists": 4},

@@ -137,9 +137,13 @@ def _thinned(recording: Recording) -> Recording:
 def _thinned_stream(stream: DepthStream) -> DepthStream:
     period_s = nominal_period_s(stream)
     nth = max(1, int(1.0 / (ENOUGH_HZ * period_s))) if period_s else 1
-    duplicate = None if stream.duplicate is None else stream.duplicate[::nth]
     return replace(
-        stream, files=stream.files[::nth], time_s=stream.time_s[::nth], frame=stream.frame[::nth], duplicate=duplicate
+        stream,
+        files=stream.files[::nth],
+        time_s=stream.time_s[::nth],
+        frame=stream.frame[::nth],
+        duplicate=None if stream.duplicate is None else stream.duplicate[::nth],
+        listed=None if stream.listed is None else stream.listed[::nth],
     )
 
 

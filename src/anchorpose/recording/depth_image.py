@@ -14,11 +14,15 @@ from typing import Final, Protocol
 import numpy as np
 
 from anchorpose.camera import Camera
+from anchorpose.recording.image_content import content_problem, measured_m
 from anchorpose.recording.recording import Recording
+from anchorpose.recording.regular_file import FileStamp, Unreadable, read_bounded
 
 _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
 _HEADER_BYTES: Final = 33  # signature and the IHDR chunk
 _GREY: Final = 0  # PNG's colour type
+_DECODED: Final = (b"IHDR", b"IDAT", b"IEND")  # all that a grey image is made of
+_OTHER_BYTES: Final = 1 << 20  # for chunks of notes, and for compression that compresses nothing
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,36 +34,69 @@ class DepthImage:
 
 
 def read_depth_image(path: Path, camera: Camera) -> DepthImage:
-    """The depth image of a file in metres, without what lies beyond the lens's valid radius.
+    """The depth image of a file in metres, without what lies beyond the lens's valid radius, and without readings that
+    are no measurement (``measured_m``).
 
     A damaged one is a result with its ``problem``, not an error.
     """
+    return _read(path, camera, None, judged=False)
+
+
+def read_measured_image(path: Path, camera: Camera) -> DepthImage:
+    """As ``read_depth_image``; one whose content is not a measurement (``content_problem``) has a ``problem`` too."""
+    return _read(path, camera, None, judged=True)
+
+
+def read_stream_image(recording: Recording, camera: int, position: int) -> DepthImage:
+    """A camera's depth image at a position in its stream, as by ``read_measured_image``.
+
+    Raises InputError where the file was replaced since the recording was opened.
+    """
+    stream = recording.streams[camera]
+    listed = None if stream.listed is None else stream.listed[position]
+    return _read(stream.files[position], recording.cameras[camera], listed, judged=True)
+
+
+def _read(path: Path, camera: Camera, listed: FileStamp | None, judged: bool) -> DepthImage:
     try:
-        data = path.read_bytes()
-    except OSError as error:
-        return DepthImage(None, f"cannot be read ({error.strerror})")
+        data = read_bounded(path, largest_png(camera.width, camera.height), listed)
+    except Unreadable as error:
+        return DepthImage(None, str(error))
     grey, problem = decode_grey_png(data, camera.width, camera.height)
     if grey is None:
         return DepthImage(None, problem)
-    return DepthImage(depth_of_grey(grey, camera), "")
+    depth_m = depth_of_grey(grey, camera)
+    problem = content_problem(grey, depth_m) if judged else ""
+    return DepthImage(None, problem) if problem else DepthImage(depth_m, "")
 
 
 def depth_of_grey(grey: np.ndarray, camera: Camera) -> np.ndarray:
     """(height, width) float32 metres of grey values (height, width) uint16; 0 = no reading, also beyond the lens's
-    valid radius."""
-    depth_m = grey.astype(np.float32) * np.float32(camera.depth_scale)
+    valid radius, and where the value is no measurement (``measured_m``)."""
+    depth_m = measured_m(grey, camera.depth_scale)
     depth_m[~camera.valid_pixels()] = 0.0
     return depth_m
 
 
+def largest_png(width: int, height: int) -> int:
+    """Bytes that the file of a 16-bit grey image may have, also of one that cannot be compressed."""
+    return 4 * width * height + _OTHER_BYTES
+
+
 def decode_grey_png(data: bytes, width: int, height: int) -> tuple[np.ndarray | None, str]:
-    """The grey values (height, width) uint16 of a PNG file; or None and what is wrong with it."""
+    """The grey values (height, width) uint16 of a PNG file; or None and what is wrong with it.
+
+    Only the chunks of the image itself reach the decoder, which would mix the frames of an animation into it.
+    """
     import cv2
 
-    problem = _header_problem(data[:_HEADER_BYTES], width, height) or _chunk_problem(data)
+    problem = _header_problem(data[:_HEADER_BYTES], width, height)
+    image = b""
+    if not problem:
+        image, problem = image_chunks(data)
     if problem:
         return None, problem
-    grey = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    grey = cv2.imdecode(np.frombuffer(image, np.uint8), cv2.IMREAD_UNCHANGED)
     if grey is None or grey.dtype != np.uint16 or grey.shape != (height, width):
         return None, "is damaged inside"
     return grey, ""
@@ -71,15 +108,6 @@ def grey_png_size(head: bytes) -> tuple[int, int] | None:
         return None
     width, height, bits, colour = struct.unpack(">IIBB", head[16:26])
     return (width, height) if (bits, colour) == (16, _GREY) else None
-
-
-def read_header_problem(path: Path, camera: Camera) -> str:
-    """What is wrong with the first bytes of a depth image, which is not decoded; empty where nothing is."""
-    try:
-        with path.open("rb") as file:
-            return _header_problem(file.read(_HEADER_BYTES), camera.width, camera.height)
-    except OSError as error:
-        return f"cannot be read ({error.strerror})"
 
 
 def _header_problem(head: bytes, wide: int, high: int) -> str:
@@ -94,25 +122,30 @@ def _header_problem(head: bytes, wide: int, high: int) -> str:
     return ""
 
 
-def _chunk_problem(data: bytes) -> str:
-    """What is wrong with any chunk up to the end: decoders may return half an image for a truncated file."""
-    place = len(_SIGNATURE)
+def image_chunks(data: bytes) -> tuple[bytes, str]:
+    """A PNG file with nothing but the chunks that its image needs, and what is wrong with it, empty where nothing is.
+
+    Every chunk is checked up to the end: decoders may return half an image for a truncated file. What may be left out
+    (PNG, Section 5.4: names that begin with a small letter) is left out; what may not be, and is unknown, is a problem.
+    """
+    place, kept, others = len(_SIGNATURE), [data[: len(_SIGNATURE)]], False
     while place + 12 <= len(data):
         (length,) = struct.unpack_from(">I", data, place)
         end = place + 8 + length
         if end + 4 > len(data):
             break
         if zlib.crc32(data[place + 4 : end]) != struct.unpack_from(">I", data, end)[0]:
-            return "is damaged inside (its checksum is wrong)"
-        if data[place + 4 : place + 8] == b"IEND":
-            return ""
+            return b"", "is damaged inside (its checksum is wrong)"
+        name = data[place + 4 : place + 8]
+        if name in _DECODED:
+            kept.append(data[place : end + 4])
+        elif name[:1].isupper():
+            return b"", f"needs a chunk {name.decode('ascii', 'replace')!r} that grey images do not have"
+        others |= name not in _DECODED
+        if name == b"IEND":
+            return b"".join(kept) if others else data, ""
         place = end + 4
-    return "is truncated"
-
-
-def is_whole_png(data: bytes) -> bool:
-    """Whether data are a PNG file from its first to its last byte."""
-    return data.startswith(_SIGNATURE) and not _chunk_problem(data)
+    return b"", "is truncated"
 
 
 class DepthFrames(Protocol):
@@ -147,4 +180,4 @@ class RecordedFrames:
         stream = self.recording.streams[camera]
         if stream.duplicate is not None and stream.duplicate[position]:
             return None
-        return read_depth_image(stream.files[position], self.recording.cameras[camera]).depth_m
+        return read_stream_image(self.recording, camera, position).depth_m

@@ -21,10 +21,14 @@ from pydantic import (
 
 from anchorpose.errors import InputError
 from anchorpose.recording.json_text import LARGEST_BYTES, parse_json
-from anchorpose.settings import STRICT, Unfit, explain
+from anchorpose.recording.regular_file import is_there, read_whole
+from anchorpose.settings import STRICT, Unfit, explain, shown
 
 ROTATION_TOLERANCE: Final = 5e-4
 """Largest entry of R^T R - I that rounding to four decimals explains; more is a scale, a shear or a mistake."""
+
+LONGEST_NAME: Final = 200
+"""Bytes in a file's name: file systems allow 255 or fewer."""
 
 
 LARGEST_WITH_HASHES: Final = 128 * 2**20
@@ -67,7 +71,14 @@ def require_rigid(pose: np.ndarray, instead: str = "") -> np.ndarray:
 def _require_inside(name: str) -> str:
     path = PurePosixPath(name.replace("\\", "/"))
     if path.is_absolute() or ".." in path.parts or ":" in name:
-        raise Unfit(f"leads out of the recording folder ('{name}')", "put the file into the folder")
+        raise Unfit(f"leads out of the recording folder ({shown(name)})", "put the file into the folder")
+    return require_file_name(name)
+
+
+def require_file_name(name: str) -> str:
+    """The name; raises Unfit where no file can have it: it is too long, or has characters that names cannot hold."""
+    if not name.isprintable() or len(name.encode()) > LONGEST_NAME:
+        raise Unfit(f"is {shown(name)}", "it names a file: use letters, digits, - and _, no more than 50 of them")
     return name
 
 
@@ -109,14 +120,12 @@ def _adapter(kind: Any) -> TypeAdapter[Any]:
     return TypeAdapter(kind)
 
 
-def read_text(path: Path) -> str:
+def read_text(path: Path, largest_bytes: int = LARGEST_BYTES) -> str:
     """The text of a file in UTF-8; raises InputError."""
+    if not is_there(path):
+        raise InputError(path, "there is no such file", "check the path")
     try:
-        return path.read_bytes().decode("utf-8-sig")
-    except FileNotFoundError:
-        raise InputError(path, "there is no such file", "check the path") from None
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})", "check the file and its permissions") from None
+        return read_whole(path, largest_bytes, "give the right file, and check its permissions").decode("utf-8-sig")
     except UnicodeDecodeError:
         raise InputError(path, "is not text in UTF-8", "save it again as UTF-8") from None
 
@@ -124,7 +133,7 @@ def read_text(path: Path) -> str:
 def read_json(path: Path, largest_bytes: int = LARGEST_BYTES) -> dict[str, Any]:
     """The object that a JSON file holds; raises InputError unless it is one that ``parse_json`` accepts."""
     try:
-        values = parse_json(read_text(path), largest_bytes)
+        values = parse_json(read_text(path, largest_bytes), largest_bytes)
     except Unfit as error:
         raise InputError(path, error.problem, error.remedy) from None
     if not isinstance(values, dict):

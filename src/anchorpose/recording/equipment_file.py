@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
@@ -13,10 +14,15 @@ from pydantic import AfterValidator, Field, model_validator
 from anchorpose.errors import InputError
 from anchorpose.recording.document import Entry, FileInFolder, Text, Version, is_rotation, numbers, read_document
 from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel, EquipmentPart, Mesh
+from anchorpose.recording.regular_file import read_whole
 from anchorpose.settings import Unfit
 
 LARGEST_M: Final = 20.0
 """Equipment fits into a room; anything larger was written in millimetres."""
+
+MOST_PARTS: Final = 1000
+MOST_PLY_BYTES, MOST_ELEMENTS = 64 << 20, 500_000
+"""Of a mesh: a scan of a millimetre's detail has as much; tracking needs a hundredth of it."""
 
 
 def _require_rotation(matrix: np.ndarray) -> np.ndarray:
@@ -74,9 +80,11 @@ class EquipmentDocument(Entry):
         names = [part.name for part in self.parts]
         if not names:
             raise Unfit("is empty", 'list at least one part or write "equipment": null in recording.json', "parts")
-        for name in names:
-            if names.count(name) > 1:
+        for name, count in Counter(names).items():
+            if count > 1:
                 raise Unfit(f"has two parts named '{name}'", "give each part its own name", "parts")
+        if len(names) > MOST_PARTS:
+            raise Unfit(f"has {len(names)} parts", f"list {MOST_PARTS} at most, or make a mesh of them", "parts")
         return self
 
 
@@ -152,10 +160,7 @@ def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
     Raises InputError where the file cannot be read, is cut short, or a face names a vertex that is not there.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})", "check the path of the mesh") from None
+    data = read_whole(path, MOST_PLY_BYTES, "check the path of the mesh")
     try:
         order, elements, start = _parse_header(data)
         vertices, polygons = _parse_body(data[start:], order, elements)
@@ -195,8 +200,10 @@ def _parse_body(body: bytes, order: str, elements: list[_Element]) -> tuple[np.n
     values = _Values(body, order)
     vertices, polygons = None, list[list[int]]()
     for element in elements:
-        if element.count > len(body):
+        if element.count > len(body) or not element.properties:
             raise ValueError("it is cut short")
+        if element.count > MOST_ELEMENTS:
+            raise ValueError(f"it has {element.count:,} of {element.name}, more than {MOST_ELEMENTS:,}")
         rows = [{p.name: values.of(p) for p in element.properties} for _ in range(element.count)]
         if element.name == "vertex":
             vertices = np.array([[row[axis][0] for axis in "xyz"] for row in rows], dtype=np.float64).reshape(-1, 3)

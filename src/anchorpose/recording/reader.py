@@ -10,14 +10,15 @@ import numpy as np
 
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
-from anchorpose.recording.depth_image import read_depth_image, read_header_problem
+from anchorpose.recording.depth_image import read_depth_image, read_measured_image, read_stream_image
 from anchorpose.recording.document import read_document
 from anchorpose.recording.equipment_file import equipment_files, read_equipment
 from anchorpose.recording.pairing import pair_frames
 from anchorpose.recording.recording import DepthStream, FrameSet, Recording
 from anchorpose.recording.recording_file import RecordingDocument
+from anchorpose.recording.regular_file import is_there, list_file
 from anchorpose.recording.subject import UNKNOWN
-from anchorpose.recording.timestamps import find_duplicates, read_timestamps, times_from_rate
+from anchorpose.recording.timestamps import SHORTEST_STEP_S, find_duplicates, read_timestamps, times_from_rate
 
 
 def open_recording(folder: Path) -> Recording:
@@ -32,7 +33,7 @@ def open_recording(folder: Path) -> Recording:
     if not folder.is_dir():
         raise InputError(folder, "is a file", "make a recording of it with 'anchorpose convert'")
     path = folder / "recording.json"
-    if not path.is_file():
+    if not is_there(path):
         raise InputError(path, "there is no such file", "give the folder of a recording, the one with recording.json")
     document = read_document(path, RecordingDocument)
     cameras = tuple(entry.camera() for entry in document.cameras)
@@ -77,12 +78,12 @@ def frame_range(recording: Recording, start: int = 0, stop: int | None = None) -
 
 def _read_set(recording: Recording, pair: np.ndarray, position: int) -> FrameSet:
     depths, taken, problems = list[np.ndarray | None](), list[float | None](), list[str]()
-    for camera, stream, index in zip(recording.cameras, recording.streams, pair, strict=True):
+    for number, (stream, index) in enumerate(zip(recording.streams, pair, strict=True)):
         if index < 0:
             depths.append(None)
             taken.append(None)
             continue
-        image = read_depth_image(stream.files[index], camera)
+        image = read_stream_image(recording, number, int(index))
         depths.append(image.depth_m)
         taken.append(None if image.depth_m is None else float(stream.time_s[index]))
         if image.problem:
@@ -101,19 +102,27 @@ def _open_stream(folder: Path, fps: float | None) -> DepthStream:
     files = _number_files(folder / "depth")
     numbers, repeated = np.array(sorted(files), dtype=np.int64), 0
     path = folder / "timestamps.csv"
-    if path.exists():
+    if is_there(path):
         times = read_timestamps(path)
         _check_same_frames(folder, path, files, times)
         time_s = np.array([times[number] for number in numbers.tolist()])
-        later = np.append(True, np.diff(time_s) > 0)
+        later = np.append(True, np.diff(time_s) > SHORTEST_STEP_S)
         repeated, numbers, time_s = int((~later).sum()), numbers[later], time_s[later]
     elif fps is not None:
         time_s = times_from_rate(numbers, fps)
     else:
         raise InputError(path, "there is no such file", 'add it, or write the camera\'s "fps" into recording.json')
     kept = tuple(files[number] for number in numbers.tolist())
-    duplicate = find_duplicates(kept)
-    return DepthStream(files=kept, time_s=time_s, frame=numbers, duplicate=duplicate, repeated=repeated, fps=fps)
+    listed = tuple(list_file(file) for file in kept)
+    return DepthStream(
+        files=kept,
+        time_s=time_s,
+        frame=numbers,
+        duplicate=find_duplicates(kept, [stamp.size for stamp in listed]),
+        repeated=repeated,
+        fps=fps,
+        listed=listed,
+    )
 
 
 def _number_files(folder: Path) -> dict[int, Path]:
@@ -148,7 +157,7 @@ def _require_usable(camera: Camera, stream: DepthStream) -> None:
     """Raises InputError where no depth image can be used: then the camera is wrong, not a single image."""
     first_problem = ""
     for file in stream.files:
-        problem = read_header_problem(file, camera) or read_depth_image(file, camera).problem
+        problem = read_depth_image(file, camera).problem
         if not problem:
             return
         first_problem = first_problem or problem
@@ -158,9 +167,9 @@ def _require_usable(camera: Camera, stream: DepthStream) -> None:
 
 def _read_background(folder: Path, camera: Camera) -> np.ndarray | None:
     path = folder / camera.name / "background.png"
-    if not path.exists():
+    if not is_there(path):
         return None
-    image = read_depth_image(path, camera)
+    image = read_measured_image(path, camera)
     if image.depth_m is None:
         raise InputError(path, image.problem, "record the empty room again, or remove the file to do without it")
     return image.depth_m
@@ -175,6 +184,6 @@ def input_files(recording: Recording) -> tuple[Path, ...]:
         files += equipment_files(recording.folder / equipment)
     for camera, stream in zip(recording.cameras, recording.streams, strict=True):
         beside = (recording.folder / camera.name / name for name in ("timestamps.csv", "background.png"))
-        files += [path for path in beside if path.exists()]
+        files += [path for path in beside if is_there(path)]
         files += stream.files
     return tuple(files)

@@ -10,6 +10,7 @@ import numpy as np
 
 from anchorpose.camera import Camera
 from anchorpose.recording.equipment import EquipmentModel
+from anchorpose.recording.regular_file import FileStamp
 from anchorpose.recording.subject import UNKNOWN, Subject
 
 
@@ -23,6 +24,7 @@ class DepthStream:
     duplicate: np.ndarray | None = None  # (n,) bool, equal to the image before; None where this was not checked
     repeated: int = 0  # files left out because their time is that of the file before
     fps: float | None = None  # as recording.json states it
+    listed: tuple[FileStamp, ...] | None = None  # of each file when it was listed; None where this was not kept
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -35,6 +37,7 @@ class Recording:
     backgrounds_m: tuple[np.ndarray | None, ...]  # one per camera: (height, width) float32, 0 = no reading
     equipment: EquipmentModel | None
     subject: Subject = UNKNOWN  # what is stated about the patient
+    notes: tuple[str, ...] = ()  # sentences on what of the folder is not used
 
     @property
     def rate_hz(self) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
@@ -21,6 +22,7 @@ from anchorpose.recording.document import (
     Whole,
     numbers,
     read_document,
+    require_file_name,
     require_rigid,
 )
 from anchorpose.recording.recording import Recording
@@ -32,6 +34,17 @@ FARTHEST_CAMERA_M: Final = 100.0
 
 COARSEST_DEPTH_SCALE_M: Final = 0.1
 """A step of 10 cm resolves no limb; a larger scale means that the unit was mistaken."""
+
+FOCAL_PX: Final = (1.0, 1e5)
+"""A lens of 1 pixel would see everything in one of them, and one of a hundred thousand a coin at 20 m."""
+
+FARTHEST_PRINCIPAL_PX: Final = 1e5
+LARGEST_COEFFICIENT: Final = 1e4  # those of the rational model nearly cancel each other, and are some hundreds at most
+MOST_PIXELS: Final = 1 << 23
+"""Of an image: the depth cameras with the most have five million."""
+
+MOST_CAMERAS: Final = 16
+SLOWEST_HZ: Final = 0.1  # at one image in ten seconds nobody is followed
 
 SHORTEST_SUBJECT_M, TALLEST_SUBJECT_M = 0.4, 2.8
 OLDEST_YEARS: Final = 120.0
@@ -49,15 +62,18 @@ def _require_in_room(pose: np.ndarray) -> np.ndarray:
 def _require_folder_name(name: str) -> str:
     if not re.fullmatch(r"[\w][\w .+-]*", name) or name.endswith((".", " ")):
         raise Unfit(f"is {shown(name)}", "it names a folder: use letters, digits, - and _")
-    return name
+    return require_file_name(name)
 
 
-Focal = Annotated[float, Field(gt=0, description="the focal length in pixels")]
-Principal = Annotated[float, Field(description="the principal point in pixels")]
-Distortion = Annotated[tuple[float, ...], Field(description="the coefficients of the lens, in OpenCV's order")]
+Focal = Annotated[float, Field(ge=FOCAL_PX[0], le=FOCAL_PX[1], description="the focal length in pixels")]
+Principal = Annotated[
+    float, Field(ge=-FARTHEST_PRINCIPAL_PX, le=FARTHEST_PRINCIPAL_PX, description="the principal point in pixels")
+]
+Coefficient = Annotated[float, Field(ge=-LARGEST_COEFFICIENT, le=LARGEST_COEFFICIENT)]
+Distortion = Annotated[tuple[Coefficient, ...], Field(description="the coefficients of the lens, in OpenCV's order")]
 Radius = Annotated[float, Field(gt=0, description="how far from the axis the lens is valid, in units of z")]
 Size = Annotated[Whole, Field(gt=0, le=16384, description="the size of the depth images in pixels")]
-Rate = Annotated[float, Field(gt=0, le=1000, description="depth images per second")]
+Rate = Annotated[float, Field(ge=SLOWEST_HZ, le=1000, description="depth images per second")]
 Height = Annotated[
     float, Field(gt=SHORTEST_SUBJECT_M, le=TALLEST_SUBJECT_M, description="the patient's height in metres")
 ]
@@ -114,6 +130,13 @@ class CameraEntry(Entry):
     model: Text | None = None
     serial: Text | None = None
 
+    @model_validator(mode="after")
+    def _require_depth_camera(self) -> CameraEntry:
+        if self.width * self.height > MOST_PIXELS:
+            problem = f"are {self.width} x {self.height} pixels"
+            raise Unfit(problem, "give the size of the depth images, not of colour images", "width and height")
+        return self
+
     def camera(self) -> Camera:
         """The camera that is described."""
         same = self.model_dump(include={"name", "width", "height", "depth_scale"})
@@ -152,6 +175,8 @@ class RecordingDocument(Entry):
     def _require_named_cameras(self) -> RecordingDocument:
         if not self.cameras:
             raise Unfit("is empty", "list at least one camera", "cameras")
+        if len(self.cameras) > MOST_CAMERAS:
+            raise Unfit(f"has {len(self.cameras)} cameras", f"list {MOST_CAMERAS} at most", "cameras")
         folded = [camera.name.casefold() for camera in self.cameras]  # on some disks either case is the same folder
         for camera in self.cameras:
             if folded.count(camera.name.casefold()) > 1:
@@ -222,8 +247,8 @@ def read_calibration(path: Path) -> dict[str, np.ndarray]:
     cameras = read_document(file, CalibrationDocument).cameras
     poses = {camera.name: camera.camera_to_world for camera in cameras}
     if len(poses) < len(cameras):
-        names = [camera.name for camera in cameras]
-        twice = next(name for name in names if names.count(name) > 1)
+        counts = Counter(camera.name for camera in cameras)
+        twice = next(name for name, count in counts.items() if count > 1)
         raise InputError(file, f"cameras names '{twice}' twice", "keep one of the two")
     return poses
 

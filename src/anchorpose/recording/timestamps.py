@@ -14,9 +14,22 @@ import numpy as np
 
 from anchorpose.errors import InputError
 from anchorpose.recording.document import read_text
+from anchorpose.recording.regular_file import Unreadable, read_bounded
 
 MOST_REPEATED: Final = 0.1
 """Share of the times of a camera that may equal the one before; with more, its clock is too coarse."""
+
+SHORTEST_STEP_S: Final = 1e-4
+"""No camera takes two depth images so soon after each other: times that differ by less are one time, rounded."""
+
+LONGEST_STEP_S: Final = 5.0
+"""Half of the images may not be farther apart: nobody is followed over that, and the unit of the times is another."""
+
+FARTHEST_TIME_S: Final = 1e11
+"""From an epoch to today, in seconds, it is a fifth of that at most."""
+
+_UNITS: Final = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
+_USUAL_STEP_S: Final = 1.0 / 30.0
 
 
 def read_timestamps(path: Path) -> dict[int, float]:
@@ -33,12 +46,13 @@ def read_timestamps(path: Path) -> dict[int, float]:
         frame, time_s = _parse_row(path, line, cells)
         if frame <= last_frame:
             raise InputError(path, f"line {line}: frame {frame} does not come after {last_frame}", "sort the rows")
-        problem = f"line {line}: time {time_s:.15g} s of frame {frame} is not later than {last_time:.15g} s"
+        later = "later" if time_s <= last_time else f"{1e3 * SHORTEST_STEP_S:g} ms later"
+        problem = f"line {line}: time {time_s:.15g} s of frame {frame} is not {later} than {last_time:.15g} s"
         if time_s < last_time:
             raise InputError(
                 path, problem, "times must increase: sort the rows, or correct the clock that was set back"
             )
-        if time_s == last_time:
+        if time_s - last_time <= SHORTEST_STEP_S:
             repeated.append(problem)
         times[frame] = time_s
         last_frame, last_time = frame, time_s
@@ -47,7 +61,24 @@ def read_timestamps(path: Path) -> dict[int, float]:
     if len(repeated) > MOST_REPEATED * len(times):
         remedy = "write times with more decimals, or remove the depth images that were stored twice"
         raise InputError(path, f"{repeated[0]}, and so for {len(repeated)} of {len(times)} frames", remedy)
+    _require_seconds(path, np.array(list(times.values())))
     return times
+
+
+def _require_seconds(path: Path, time_s: np.ndarray) -> None:
+    """Raises InputError where the times (n,) can only be of another unit, or of none."""
+    with np.errstate(over="ignore"):
+        step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
+    if step > LONGEST_STEP_S:
+        problem = f"has times that are {step:.6g} s apart"
+        unit = min(_UNITS, key=lambda name: abs(np.log(step / _UNITS[name] / _USUAL_STEP_S)))
+        if SHORTEST_STEP_S < step / _UNITS[unit] <= LONGEST_STEP_S:
+            problem += f", as if they were {unit}"
+            raise InputError(path, problem, f"write seconds: divide the times by {_UNITS[unit]:,.0f}")
+        raise InputError(path, problem, "write when each image was taken, in seconds")
+    if np.abs(time_s).max() > FARTHEST_TIME_S:
+        problem = f"has the time {time_s[np.abs(time_s).argmax()]:.6g} s"
+        raise InputError(path, problem, "write seconds, from the start of the recording or since 1970")
 
 
 def times_from_rate(frames: np.ndarray, fps: float) -> np.ndarray:
@@ -79,28 +110,20 @@ MOST_DUPLICATES: Final = 0.5
 """Share of images that may equal the one before; with more, the images have no noise and equality means nothing."""
 
 
-def find_duplicates(files: Sequence[Path]) -> np.ndarray:
-    """(n,) bool: which files are equal, byte for byte, to the file before.
+def find_duplicates(files: Sequence[Path], sizes: Sequence[int]) -> np.ndarray:
+    """(n,) bool: which files, regular ones of so many bytes, are equal, byte for byte, to the file before.
 
     The noise of a depth sensor makes two images of the same scene differ, so equal files are one image. Files of
     different sizes are not opened. All False where most files are equal: such images have no noise.
     """
-    sizes = [_size(file) for file in files]
     duplicate = np.zeros(len(files), dtype=bool)
     for k in range(1, len(files)):
-        duplicate[k] = sizes[k] == sizes[k - 1] and sizes[k] > 0 and _same(files[k - 1], files[k])
+        duplicate[k] = 0 < sizes[k] == sizes[k - 1] and _same(files[k - 1], files[k], sizes[k])
     return duplicate if duplicate.sum() <= MOST_DUPLICATES * len(files) else np.zeros(len(files), dtype=bool)
 
 
-def _size(file: Path) -> int:
+def _same(one: Path, other: Path, size: int) -> bool:
     try:
-        return file.stat().st_size
-    except OSError:
-        return 0
-
-
-def _same(one: Path, other: Path) -> bool:
-    try:
-        return one.read_bytes() == other.read_bytes()
-    except OSError:
+        return read_bounded(one, size) == read_bounded(other, size)
+    except Unreadable:
         return False  # reported when the file is read

@@ -9,7 +9,7 @@ from typing import Annotated, Final, Literal
 import numpy as np
 from pydantic import Field
 
-from anchorpose.settings import Count, NotNegative, Positive, Share, settings
+from anchorpose.settings import Count, NotNegative, Share, settings
 from anchorpose.simulate.bodies import OtherBody
 from anchorpose.simulate.movement_file import MOVEMENTS, STEPPING, SUBJECTS, movement_of
 from anchorpose.simulate.rooms.plan import Posture, RoomConfig, draw_room_config, draw_sensor
@@ -48,6 +48,7 @@ ROOM_MOVEMENTS: Final = tuple(name for name in MOVEMENTS if name != "sit-to-stan
 CAPTURED_SHARE: Final = 0.6  # of the standing patients in rooms, where there is a file of captured movements
 ABSENT_SHARE: Final = 0.15  # of the recording, before a patient who is late comes into view
 HIDDEN_S: Final = 2.0  # behind a curtain
+LONGEST_S, HIGHEST_HZ = 24 * 3600.0, 1000.0
 THICKEST_CLOTHING_M: Final = 0.015  # beyond this the skin says little about the body
 
 ProperShare = Annotated[float, Field(ge=0, lt=1)]
@@ -58,8 +59,8 @@ class SimulationConfig:
     """One simulated recording. The same values give the same bytes."""
 
     seed: Annotated[int, Field(ge=0)]
-    seconds: Positive = 10.0
-    fps: Positive = 30.0  # every sensor simulated here runs at 30 Hz
+    seconds: Annotated[float, Field(gt=0, le=LONGEST_S)] = 10.0
+    fps: Annotated[float, Field(gt=0, le=HIGHEST_HZ)] = 30.0  # every sensor simulated here runs at 30 Hz
     cameras: Annotated[int, Field(ge=1, le=4)] = 3  # front, left, right, then behind
     sensor: Sensor = "kinect-v2"  # the paper's
     sensors: tuple[Sensor, ...] = ()  # one per camera, where they are of different models

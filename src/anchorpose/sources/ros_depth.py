@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.recording.depth_image import is_whole_png
+from anchorpose.recording.depth_image import image_chunks
 from anchorpose.sources.bag_file import DamagedBag
 from anchorpose.sources.ros_messages import CompressedMessage, ImageMessage
 from anchorpose.sources.source import NO_READING
@@ -82,7 +82,8 @@ def _png_of(image: CompressedMessage) -> bytes:
 def _decode(png: bytes) -> np.ndarray:
     import cv2
 
-    grey = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED) if is_whole_png(png) else None
+    image, problem = image_chunks(png)
+    grey = None if problem else cv2.imdecode(np.frombuffer(image, np.uint8), cv2.IMREAD_UNCHANGED)
     if grey is None or grey.dtype != np.uint16 or grey.ndim != 2:
         raise DamagedBag("a compressed image is not complete")
     return np.asarray(grey)
