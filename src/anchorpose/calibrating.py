@@ -38,7 +38,7 @@ def calibrate_recording(
         settled = settle(opened, config)
         found, samples = settled.calibration, settled.samples
         records = tuple(by_marker.get(pose.camera, pose) for pose in found.poses)
-        calibration = replace(found, poses=records)
+        calibration = replace(found, poses=records, notes=(*opened.notes, *found.notes))
         write_calibration(folder, opened.folder.resolve().name, calibration)
         for index, camera in enumerate(calibration.cameras):
             seen = [depth for sample in samples if (depth := sample.depths_m[index]) is not None]

@@ -18,10 +18,9 @@ def inspect_recording(
 ) -> Inspection:
     """Write pictures of every stage of one frame into an existing, empty folder; see ``inspect_frame``."""
     with one_thread():
-        inspection = inspect_frame(
-            with_height(open_recording(recording), config.height_m), frame, config, as_tracked, tick
-        )
+        opened = open_recording(recording)
+        inspection = inspect_frame(with_height(opened, config.height_m), frame, config, as_tracked, tick)
         title = f"{recording.resolve().name}: frame {frame}, {inspection.frame_set.time_s:.2f} s"
-        account = (*inspection.account, *inspection.frame_set.problems)
+        account = (*opened.notes, *inspection.account, *inspection.frame_set.problems)
         write_inspection(out, title, inspection_sections(inspection, config), account, inspection_facts(inspection))
     return inspection

@@ -105,6 +105,7 @@ def account_of(
         body=None if learnt is None else record_body(body_points().asset, learnt.belief, learnt.first, learnt.seconds),
         pictures=pictures,
         notes=(
+            *room.recording.notes,
             *room.calibration.notes,
             *clock_notes(room.clocks),
             *(camera.sentence for camera in gaps if camera.sentence),

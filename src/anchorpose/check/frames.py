@@ -32,6 +32,9 @@ def check_frames(material: Material) -> list[Finding]:
     if damaged:
         measured = f"{len(damaged)} of the sampled ones cannot be used: {damaged[0]}"
         found.append(Finding("damaged images", Level.YELLOW, measured, "copy the recording again"))
+    if material.recording.notes:
+        measured, remedy = "; ".join(material.recording.notes), "look at this camera's images, its lens and its cable"
+        found.append(Finding("cameras left out", Level.RED, measured, remedy))
     return found if len(streams) == 1 else [*found, _clocks(material)]
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from anchorpose.camera import Camera
 from anchorpose.live.source import LiveImage
-from anchorpose.recording.depth_image import depth_of_grey
+from anchorpose.recording.depth_image import image_of_grey
 from anchorpose.recording.recording import Clock, FrameSet
 
 KEPT: Final = 4  # images of a camera: a partner is at most one period older than the newest
@@ -44,7 +44,7 @@ class LiveSet:
             frame=main.number,
             time_s=main_s,
             depths_m=tuple(
-                None if image is None else depth_of_grey(image.grey, camera)
+                None if image is None else image_of_grey(image.grey, camera).depth_m
                 for image, camera in zip(self.images, cameras, strict=True)
             ),
             taken_s=tuple(times),

@@ -65,17 +65,16 @@ def _read(path: Path, camera: Camera, listed: FileStamp | None, judged: bool) ->
     grey, problem = decode_grey_png(data, camera.width, camera.height)
     if grey is None:
         return DepthImage(None, problem)
-    depth_m = depth_of_grey(grey, camera)
-    problem = content_problem(grey, depth_m) if judged else ""
-    return DepthImage(None, problem) if problem else DepthImage(depth_m, "")
+    return image_of_grey(grey, camera, judged)
 
 
-def depth_of_grey(grey: np.ndarray, camera: Camera) -> np.ndarray:
-    """(height, width) float32 metres of grey values (height, width) uint16; 0 = no reading, also beyond the lens's
-    valid radius, and where the value is no measurement (``measured_m``)."""
+def image_of_grey(grey: np.ndarray, camera: Camera, judged: bool = True) -> DepthImage:
+    """The depth image of grey values (height, width) uint16, without what is beyond the lens's valid radius or is no
+    measurement (``measured_m``). judged: one whose content is not a measurement is only a ``problem``."""
     depth_m = measured_m(grey, camera.depth_scale)
     depth_m[~camera.valid_pixels()] = 0.0
-    return depth_m
+    problem = content_problem(grey, depth_m) if judged else ""
+    return DepthImage(None, problem) if problem else DepthImage(depth_m, "")
 
 
 def largest_png(width: int, height: int) -> int:

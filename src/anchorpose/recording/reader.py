@@ -19,10 +19,12 @@ from anchorpose.recording.recording_file import RecordingDocument
 from anchorpose.recording.regular_file import is_there, list_file
 from anchorpose.recording.subject import UNKNOWN
 from anchorpose.recording.timestamps import SHORTEST_STEP_S, find_duplicates, read_timestamps, times_from_rate
+from anchorpose.recording.usable_cameras import without_dead_cameras
 
 
 def open_recording(folder: Path) -> Recording:
-    """A checked recording; of the depth images, one usable one per camera is decoded.
+    """A checked recording; of the depth images, a few of each camera are decoded. Cameras that were dead throughout are
+    left out, with a note.
 
     Times come from timestamps.csv; where that is absent, from ``fps`` and the numbers of the depth images.
     Raises InputError naming the file and the remedy. A damaged depth image among usable ones of the same camera is not
@@ -40,7 +42,7 @@ def open_recording(folder: Path) -> Recording:
     streams = tuple(_open_stream(folder / entry.name, entry.fps or document.fps) for entry in document.cameras)
     for camera, stream in zip(cameras, streams, strict=True):
         _require_usable(camera, stream)
-    return Recording(
+    recording = Recording(
         folder=folder,
         cameras=cameras,
         streams=streams,
@@ -48,6 +50,7 @@ def open_recording(folder: Path) -> Recording:
         equipment=read_equipment(folder / document.equipment) if document.equipment else None,
         subject=document.subject.subject() if document.subject else UNKNOWN,
     )
+    return without_dead_cameras(recording)
 
 
 def read_frames(recording: Recording, start: int = 0, stop: int | None = None) -> Iterator[FrameSet]:
