@@ -34,7 +34,8 @@ from anchorpose.camera import Camera
 from anchorpose.pipeline import TrackConfig, track_recording
 from anchorpose.recording.reader import open_recording, read_frame
 from anchorpose.recording.recording import Recording
-from anchorpose.results.run_record import RUN_FILE, read_run_document
+from anchorpose.results.run_document import read_run
+from anchorpose.results.run_record import RUN_FILE
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 from anchorpose.threads import one_thread
 from anchorpose.tracker.preparation import settle
@@ -138,7 +139,7 @@ def _named(person: str, frames: Frames, recording: Recording, camera: Camera) ->
 
 
 def _compared(person: str, frames: Frames, recording: Recording, results: Path) -> Outcome:
-    table, run = read_joints(results / JOINTS_FILE), read_run_document(results / RUN_FILE)
+    table, run = read_joints(results / JOINTS_FILE), read_run(results / RUN_FILE)
     pose = np.array(run["cameras"][0]["camera_to_world"])
     camera = replace(recording.cameras[0], T_world_camera=pose)
     outcome = Outcome()

@@ -27,7 +27,8 @@ from anchorpose.errors import AnchorposeError
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.pipeline import TrackConfig, track_recording
 from anchorpose.recording.reader import open_recording
-from anchorpose.results.run_record import RUN_FILE, read_run_document
+from anchorpose.results.run_document import read_run
+from anchorpose.results.run_record import RUN_FILE
 from anchorpose.results.tables import JOINTS_FILE, read_joints
 from anchorpose.threads import one_thread
 from anchorpose.tracker.preparation import settle
@@ -98,7 +99,7 @@ def track_room(room: Path, results: Path) -> Row | None:
                 track_recording(room / "recording", out, config, lambda _done, _total: None)
     except AnchorposeError as error:
         return Row(room.name, 0, 0, 1.0, *nothing, why=str(error)[-80:])
-    table, run = read_joints(out / JOINTS_FILE), read_run_document(out / RUN_FILE)
+    table, run = read_joints(out / JOINTS_FILE), read_run(out / RUN_FILE)
     T_world_camera = np.array(run["cameras"][0]["camera_to_world"])
     own_m = transform_points(invert_rigid(T_world_camera), table.position_m)
     off_m = np.linalg.norm(own_m - truth_m[table.frame], axis=2)

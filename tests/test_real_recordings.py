@@ -14,7 +14,8 @@ import pytest
 
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES
 from anchorpose.pipeline import TrackConfig, track_recording
-from anchorpose.results.run_record import RUN_FILE, read_run_document
+from anchorpose.results.run_document import read_run
+from anchorpose.results.run_record import RUN_FILE
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
@@ -64,7 +65,7 @@ class Tracked:
     @property
     def notes(self) -> str:
         """All sentences of run.json's notes."""
-        return "\n".join(read_run_document(self.results / RUN_FILE)["notes"])
+        return "\n".join(read_run(self.results / RUN_FILE)["notes"])
 
 
 @pytest.fixture(scope="module", params=EXCERPTS, ids=lambda excerpt: excerpt.folder)
@@ -157,7 +158,7 @@ def _from_reference_m(joints: JointTable, results: Path, skeleton: Path, *names:
     with np.load(skeleton) as file:
         of = [list(file["names"]).index(name) for name in names]
         camera_m = file["xyz"][joints.frame][:, of, :3].mean(axis=1) * [1.0, -1.0, 1.0]
-    T_world_camera = np.array(read_run_document(results / RUN_FILE)["cameras"][0]["camera_to_world"])
+    T_world_camera = np.array(read_run(results / RUN_FILE)["cameras"][0]["camera_to_world"])
     world_m = camera_m @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
     own_m = joints.position_m[:, [JOINT_INDEX[name] for name in names]].mean(axis=1)
     return np.linalg.norm(own_m - world_m, axis=1)

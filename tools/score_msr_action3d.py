@@ -36,7 +36,8 @@ from anchorpose.pipeline import TrackConfig, track_recording
 from anchorpose.recording.reader import open_recording, read_frames
 from anchorpose.recording.recording import Recording
 from anchorpose.results.folder import new_results_folder
-from anchorpose.results.run_record import RUN_FILE, read_run_document
+from anchorpose.results.run_document import read_run
+from anchorpose.results.run_record import RUN_FILE
 from anchorpose.results.tables import JOINTS_FILE, read_joints
 
 WITHIN_MM = 100.0  # the reference's own error at its worst
@@ -134,7 +135,7 @@ def compare(sequence: str, data: Path, out: Path, own_m: np.ndarray, lag: int = 
     lag: so many frames later the reference is read; where it has ended, it is not sure.
     """
     table = read_joints(out / sequence / JOINTS_FILE)
-    pose = read_run_document(out / sequence / RUN_FILE)["cameras"][0]["camera_to_world"]
+    pose = read_run(out / sequence / RUN_FILE)["cameras"][0]["camera_to_world"]
     if pose is None:
         raise AnchorposeError(f"{sequence}: the run gives no camera pose, so nothing can be compared.")
     T_world_camera = np.array(pose)

@@ -20,7 +20,9 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> str:
 def comparison(tmp_path_factory: pytest.TempPathFactory) -> str:
     folder = tmp_path_factory.mktemp("comparison")
     sessions = [
-        write_session(folder / f"r{n}", squats(60 + 30 * n, seed=n), inputs_sha256={"a": str(n)}, recording=f"week {n}")
+        write_session(
+            folder / f"r{n}", squats(60 + 30 * n, seed=n), inputs_sha256={"a": f"{n}" * 64}, recording=f"week {n}"
+        )
         for n in (1, 2)
     ]
     return write_comparison(sessions, folder / "c.html").as_uri()

@@ -157,7 +157,7 @@ def write_small_results(
             "reason": "was seen in place in 9 of 9 frames, of 2 people",
             "rival_xz_m": [0.4, -0.9],
         },
-        "body": {"coefficients": [0.0] * 16},
+        "body": {"height_m": 1.7, "height_sigma_m": 0.01, "bones": [], "coefficients": [0.0] * 16},
         "notes": [],
         "inputs_sha256": dict(hash_files(input_files(opened), recording)),
     }

@@ -24,7 +24,7 @@ from anchorpose.results.stand_training.extension import ExtensionConfig
 from anchorpose.results.stand_training.measure import MeasureConfig
 
 UPRIGHT = Measure(measure="upright_time", value=10.0, unit="s", sigma=3.0, frames=300)
-BODY = {"learnt_from_s": 4.0, "height_m": 1.72, "height_sigma_m": 0.01, "clothes_m": {"trunk": 0.005}, "bones": []}
+BODY = {"height_m": 1.72, "height_sigma_m": 0.01, "clothes_m": {"trunk": 0.005}, "bones": [], "coefficients": []}
 
 
 def session(

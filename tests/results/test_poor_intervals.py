@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from anchorpose.body.poor_depth import PoorDepth, PoorKind
 from anchorpose.results.poor_intervals import PoorInterval, note_poor
-from anchorpose.results.run_record import RUN_FILE, RunRecord, read_run_document, write_run_record
+from anchorpose.results.run_document import read_run
+from anchorpose.results.run_record import RUN_FILE, RunRecord, write_run_record
 
 
 def edges(amount_m: float, camera: str = "front") -> PoorDepth:
@@ -58,5 +59,5 @@ def test_run_json_has_the_intervals(tmp_path):
         recording="r", config=None, inputs_sha256=(), cameras=(), poor_depth=tuple(intervals((edges(0.09),)))
     )
     write_run_record(tmp_path / RUN_FILE, record)
-    (entry,) = read_run_document(tmp_path / RUN_FILE)["poor_depth"]
+    (entry,) = read_run(tmp_path / RUN_FILE)["poor_depth"]
     assert (entry["camera"], entry["kind"], entry["first_frame"], entry["worst"]) == ("front", "edges", 0, 0.09)

@@ -22,7 +22,7 @@ from anchorpose.results.explained import read_explained
 from anchorpose.results.people_labels import read_people
 from anchorpose.results.poses import read_poses
 from anchorpose.results.records import read_contacts
-from anchorpose.results.run_record import read_run_document
+from anchorpose.results.run_document import read_run
 from anchorpose.results.tables import JointTable, read_joints
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
@@ -69,7 +69,7 @@ def review(tmp_path_factory) -> Review:
     track_recording(recording, first, TrackConfig(), lambda *_: None)
     before = read_joints(first / "joints.parquet")
     place_m = before.position_m[MOVED, WRIST] + [0.12, 0.10, 0.0]  # the picture says otherwise
-    about = recording_of_run(read_run_document(first / "run.json"))
+    about = recording_of_run(read_run(first / "run.json"))
     file = folder / "corrections.json"
     write_corrections(file, Corrections(about, (unusable(*GONE),), (moved(MOVED, "WristLeft", place_m),)))
     track_recording(recording, second, TrackConfig(), lambda *_: None, corrections=file)
@@ -102,7 +102,7 @@ def test_unusable_frames_have_no_joints_and_say_why(review):
     np.testing.assert_array_equal(review.after.lost.all(axis=1), gone)
     assert np.isnan(read_poses(review.results / "poses.parquet").head_m[gone]).all()
     np.testing.assert_array_equal(blank_explanations(review.results), gone)
-    dropped = read_run_document(review.results / "run.json")["dropped"]
+    dropped = read_run(review.results / "run.json")["dropped"]
     assert [(drop["frame"], drop["why"]) for drop in dropped] == [
         (frame, "marked as unusable by AB on 2026-03-01: curtain") for frame in range(GONE[0], GONE[1] + 1)
     ]
@@ -117,7 +117,7 @@ def blank_explanations(results: Path) -> np.ndarray:
 
 
 def test_the_record_names_the_file_and_what_it_says(review):
-    record = read_run_document(review.results / "run.json")["corrections"]
+    record = read_run(review.results / "run.json")["corrections"]
     assert record["file"] == "corrections.json"
     assert len(record["sha256"]) == 64
     assert record["joints"][0]["joint"] == "WristLeft"
@@ -147,7 +147,7 @@ def test_what_could_not_be_honoured_is_said(review, tmp_path):
     write_corrections(file, replace(given, joints=(*given.joints, too_far, in_a_gap, never_tracked)))
     results.mkdir()
     track_recording(review.recording, results, TrackConfig(stop=8), lambda *_: None, corrections=file)
-    document, joints = read_run_document(results / "run.json"), read_joints(results / "joints.parquet")
+    document, joints = read_run(results / "run.json"), read_joints(results / "joints.parquet")
     assert [sentence.split(" was not")[0] for sentence in document["corrections"]["not_honoured"]] == [
         "HandLeft in frame 2", f"Head in frame {GONE[0]}", "Head in frame 8",
     ]  # fmt: skip

@@ -19,7 +19,7 @@ from anchorpose.pipeline import TrackConfig, track_recording
 from anchorpose.recording.recording import Clock
 from anchorpose.results.corrections import Corrections, NamedPatient, UnusableInterval, recording_of_run
 from anchorpose.results.corrections_file import read_corrections, write_corrections
-from anchorpose.results.run_record import read_run_document
+from anchorpose.results.run_document import read_run
 from anchorpose.results.tables import read_joints
 from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.write import simulate_recording
@@ -56,7 +56,7 @@ class Reviewed:
 @pytest.fixture
 def reviewed(tmp_path: Path) -> Reviewed:
     recording = write_small_recording(tmp_path / "recording")
-    run = read_run_document(write_small_results(tmp_path / "results", recording) / "run.json")
+    run = read_run(write_small_results(tmp_path / "results", recording) / "run.json")
     file = tmp_path / "c.json"
     write_corrections(file, Corrections(recording_of_run(run)).added(named(7, np.array([0.12, 1.0, -0.31]))))
     return Reviewed(recording, file)
@@ -152,7 +152,7 @@ def test_who_is_named_is_tracked_and_the_world_stays(tmp_path: Path) -> None:
     for results in (first, second):
         results.mkdir()
     track_recording(recording, first, TrackConfig(), lambda *_: None)
-    run, before = read_run_document(first / "run.json"), read_joints(first / "joints.parquet")
+    run, before = read_run(first / "run.json"), read_joints(first / "joints.parquet")
     frames = open_depth_frames(recording, first, run, before.frame)
     row, column = middle_of(frames.labels(FRAME, 0) == PixelLabel.OTHER_PERSON)  # who walks by
     place_m, _ = frames.place_of_person(FRAME, "front", column, row)
@@ -162,7 +162,7 @@ def test_who_is_named_is_tracked_and_the_world_stays(tmp_path: Path) -> None:
     write_corrections(file, Corrections(recording_of_run(run)).added(named(FRAME, place_m)))
 
     track_recording(recording, second, TrackConfig(), lambda *_: None, corrections=file)
-    again, after = read_run_document(second / "run.json"), read_joints(second / "joints.parquet")
+    again, after = read_run(second / "run.json"), read_joints(second / "joints.parquet")
     assert not after.lost[:, PELVIS].any()
     assert ground_m(after.position_m[FRAME, PELVIS], place_m) < NEAR_M
     assert again["corrections"]["patient"]["who"] == "AB"

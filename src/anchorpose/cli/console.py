@@ -69,7 +69,8 @@ def print_outcome(results: Path) -> None:
 
     from anchorpose.joints import LOST
     from anchorpose.report.page import REPORT_FILE
-    from anchorpose.results.run_record import RUN_FILE, read_run_document
+    from anchorpose.results.run_document import read_run
+    from anchorpose.results.run_record import RUN_FILE
     from anchorpose.results.tables import JOINTS_FILE, read_joints
 
     joints = read_joints(results / JOINTS_FILE)
@@ -78,7 +79,7 @@ def print_outcome(results: Path) -> None:
         f"{len(joints.frame)} frames: {100 * seen:.1f} % of the joints seen, {100 * (1 - seen - lost):.1f} % inferred, "
         f"{100 * lost:.1f} % lost."
     )
-    dropped = read_run_document(results / RUN_FILE).get("dropped", [])
+    dropped = read_run(results / RUN_FILE).get("dropped", [])
     if dropped:
         count, first = len({drop["frame"] for drop in dropped}), dropped[0]
         print(f"Frames with problems: {count}; the first is frame {first['frame']}: {first['why']}.")

@@ -78,11 +78,10 @@ def _thinned(session: Session) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figure:
-    """A picture for the page. size: (width, height) in pixels, None where it cannot be decoded; data: base64."""
+    """A picture for the page. size: (width, height) in pixels; data: WebP in base64, empty where it is damaged."""
 
     caption: str
-    size: tuple[int, int] | None
-    kind: str
+    size: tuple[int, int]
     data: str
 
 
@@ -112,19 +111,17 @@ def _kept_frame(session: Session, frame: int, pictures: Sequence[dict[str, Any]]
 
 
 def _figure(folder: Path, picture: dict[str, Any]) -> Figure:
-    """As WebP; as it is where it cannot be decoded."""
-    png, caption = (folder / picture["file"]).read_bytes(), f"Camera {picture['camera']}. {picture['caption']}"
-    pixels = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
-    done, webp = False, png
-    if pixels is not None:
-        done, encoded = cv2.imencode(".webp", pixels, [cv2.IMWRITE_WEBP_QUALITY, WEBP_QUALITY])
-        webp = encoded.tobytes()
-    return Figure(
-        caption=caption,
-        size=None if pixels is None else (pixels.shape[1], pixels.shape[0]),
-        kind="webp" if done else "png",
-        data=base64.b64encode(webp if done else png).decode("ascii"),
-    )
+    """Decoded and encoded again, so that no other content of a file gets into the page."""
+    data, caption = (folder / picture["file"]).read_bytes(), f"Camera {picture['camera']}. {picture['caption']}"
+    try:
+        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    except cv2.error:  # no bytes, or more pixels than it decodes
+        pixels = None
+    if pixels is None:
+        return Figure(caption=f"{caption} This picture is damaged.", size=(0, 0), data="")
+    webp = cv2.imencode(".webp", pixels, [cv2.IMWRITE_WEBP_QUALITY, WEBP_QUALITY])[1].tobytes()
+    size = (pixels.shape[1], pixels.shape[0])
+    return Figure(caption=caption, size=size, data=base64.b64encode(webp).decode("ascii"))
 
 
 def _seen_then(session: Session, frame: int) -> str:

@@ -109,9 +109,7 @@ def provenance(session: Session) -> list[Facts]:
     run = session.run
     measured = session.definition.anchorpose if session.definition else "measures.parquet does not say"
     versions = [*run.get("versions", {}).items(), ("the measures: anchorpose", measured)]
-    residuals = [
-        (r["camera"], (r["what"], f"{r['value']:.4g} {r['unit']}".replace(" 1", ""))) for r in run.get("residuals", [])
-    ]
+    residuals = [(r["camera"], (r["what"], _residual(r))) for r in run.get("residuals", [])]
     return [
         Facts("Versions", ("program", "version"), [(program, (version,)) for program, version in versions]),
         Facts(
@@ -152,6 +150,12 @@ def _inputs(hashes: dict[str, str]) -> list[tuple[str, Sequence[str]]]:
         )
         for folder, digests in pictures.items()
     ]
+
+
+def _residual(residual: dict[str, Any]) -> str:
+    if residual["value"] is None:
+        return "not known"
+    return f"{residual['value']:.4g} {residual['unit']}".replace(" 1", "")
 
 
 def _position(camera: dict[str, Any]) -> str:

@@ -31,7 +31,8 @@ from anchorpose.results.records import (
     read_episodes,
     read_measures,
 )
-from anchorpose.results.run_record import RUN_FILE, read_run_document
+from anchorpose.results.run_document import read_run
+from anchorpose.results.run_record import RUN_FILE
 from anchorpose.results.stand_training.stance import stance
 from anchorpose.results.tables import (
     ANGLES_FILE,
@@ -168,7 +169,7 @@ def read_session(folder: Path, name: str = "") -> Session:
 
     Raises InputError where one (but contacts and explained) is missing, damaged, or does not fit the joints.
     """
-    joints, run = read_joints(folder / JOINTS_FILE), read_run_document(folder / RUN_FILE)
+    joints, run = read_joints(folder / JOINTS_FILE), read_run(folder / RUN_FILE)
     for file in MEASURED:
         if not (folder / file).is_file():
             problem = "is missing: the folder was written by an older version, or by hand"

@@ -65,7 +65,7 @@ def reviewed_recording(
 
 
 def recording_of_run(run: dict[str, Any]) -> ReviewedRecording:
-    """The recording and the world of a run.json (``read_run_document``)."""
+    """The recording and the world of a run.json (``read_run``)."""
     poses = {
         camera["name"]: None if camera["camera_to_world"] is None else np.array(camera["camera_to_world"])
         for camera in run["cameras"]

@@ -18,9 +18,7 @@ from anchorpose.body.asset import BodyAsset
 from anchorpose.body.learning import bone_lengths
 from anchorpose.body.shape_prior import ShapeBelief, standing_height
 from anchorpose.body.skin_points import CLOTHES
-from anchorpose.errors import InputError
 from anchorpose.isolation.depth_noise import DepthNoise
-from anchorpose.recording.document import LARGEST_WITH_HASHES, read_json
 from anchorpose.recording.recording import Clock
 from anchorpose.results.corrections import JointCorrection, NamedPatient, UnusableInterval
 from anchorpose.results.explained import ExplainedSummary
@@ -265,14 +263,6 @@ def write_run_record(path: Path, record: RunRecord) -> None:
         "inputs_sha256": dict(record.inputs_sha256),
     }
     path.write_text(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def read_run_document(path: Path) -> dict[str, Any]:
-    """The content of a run.json; raises InputError for another file."""
-    run = read_json(path, LARGEST_WITH_HASHES)
-    if run.get("format") != "anchorpose-run":
-        raise InputError(path, "is not a run.json of anchorpose", "give a results folder made by 'anchorpose track'")
-    return run
 
 
 def as_json(value: Any) -> Any:

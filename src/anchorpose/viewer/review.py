@@ -16,7 +16,8 @@ from anchorpose.results.explained import EXPLAINED_FILE, ExplainedTable, read_ex
 from anchorpose.results.frame_time import worst_rows
 from anchorpose.results.poses import POSES_FILE, PoseTable, read_poses
 from anchorpose.results.records import CONTACTS_FILE, Contact, read_contacts
-from anchorpose.results.run_record import RUN_FILE, as_json, read_run_document
+from anchorpose.results.run_document import read_run
+from anchorpose.results.run_record import RUN_FILE, as_json
 from anchorpose.results.tables import (
     ANCHORS_FILE,
     ANGLES_FILE,
@@ -59,7 +60,7 @@ class Review:
 def open_review(results: Path, recording: Path | None) -> Review:
     """Raises InputError where the results cannot be read, or the recording is not the one they were made of."""
     joints = read_joints(results / JOINTS_FILE)
-    run = read_run_document(results / RUN_FILE)
+    run = read_run(results / RUN_FILE)
     poses = read_poses(results / POSES_FILE) if (results / POSES_FILE).exists() else None
     anchors = read_anchors(results / ANCHORS_FILE) if (results / ANCHORS_FILE).exists() else None
     explained = read_explained(results / EXPLAINED_FILE) if (results / EXPLAINED_FILE).exists() else None
