@@ -15,7 +15,8 @@ from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT
 from anchorpose.results.parquet import ROWS_AT_ONCE
 from anchorpose.results.records import Contact
-from anchorpose.results.run_record import RUN_FILE, read_run_document
+from anchorpose.results.run_document import read_run
+from anchorpose.results.run_record import RUN_FILE
 from anchorpose.results.stand_training.assistance import touch_of
 from anchorpose.results.tables import ANGLES, JOINTS, AngleTable, JointTable
 from anchorpose.results.unfinished import begin_journal
@@ -107,9 +108,12 @@ def contact(first: int, last: int, seen: float) -> Contact:
     )  # fmt: skip
 
 
+RUN = {"format": "anchorpose-run", "version": 1, "recording": "ward 3", "cameras": []}
+
+
 def test_a_run_of_an_hour_can_be_read_and_continued(tmp_path: Path):
-    (tmp_path / RUN_FILE).write_text(json.dumps({"format": "anchorpose-run", "inputs_sha256": INPUTS}))
-    assert read_run_document(tmp_path / RUN_FILE)["inputs_sha256"] == INPUTS
+    (tmp_path / RUN_FILE).write_text(json.dumps(RUN | {"inputs_sha256": INPUTS}))
+    assert read_run(tmp_path / RUN_FILE)["inputs_sha256"] == INPUTS
     begin_journal(tmp_path, "one", INPUTS)
     begin_journal(tmp_path, "one", INPUTS)  # goes on
     with pytest.raises(InputError, match="was begun"):
