@@ -16,7 +16,8 @@ from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, LOST, JointState
 from anchorpose.recording.pairing import half_period_s, nearest_within
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording import Clock, Recording
-from anchorpose.results.run_record import RUN_FILE, read_run_document
+from anchorpose.results.run_document import read_run
+from anchorpose.results.run_record import RUN_FILE
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 
 HEAD: Final = ["camera", "frame", "joint", "u", "v"]
@@ -91,7 +92,7 @@ class _Distance(NamedTuple):
 
 def _views(results: Path, recording: Recording) -> dict[str, _View]:
     """By name of the camera; those without a pose in run.json are left out."""
-    records = {str(each["name"]): each for each in read_run_document(results / RUN_FILE).get("cameras", [])}
+    records = {str(each["name"]): each for each in read_run(results / RUN_FILE).get("cameras", [])}
     found = {}
     for camera, stream in zip(recording.cameras, recording.streams, strict=True):
         record = records.get(camera.name, {})

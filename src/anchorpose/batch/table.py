@@ -21,7 +21,8 @@ from anchorpose.recording.document import read_json
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.parquet import RecordTable, refuse_unreadable
 from anchorpose.results.records import MEASURES_FILE, Measure, read_measures
-from anchorpose.results.run_record import RUN_FILE, read_run_document
+from anchorpose.results.run_document import read_run
+from anchorpose.results.run_record import RUN_FILE
 from anchorpose.results.tables import JOINTS_FILE
 
 DONE, FAILED, OPEN = "done", "failed", "open"
@@ -128,7 +129,7 @@ def _figures(results: Path) -> dict[str, Any]:
             span = pc.min_max(batch["time_s"]).as_py()
             first_s = span["min"] if first_s is None else min(first_s, span["min"])
             last_s = span["max"] if last_s is None else max(last_s, span["max"])
-    run = read_run_document(results / RUN_FILE)
+    run = read_run(results / RUN_FILE)
     joints, frames = sum(counts.values()), int(run.get("frame_count", 0))
     if not joints:
         raise InputError(path, "holds no joint", "run the batch again")

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Final
 
 from anchorpose.batch.sessions import Session
-from anchorpose.results.run_record import RUN_FILE, read_run_document
+from anchorpose.results.run_document import read_run
+from anchorpose.results.run_record import RUN_FILE
 from anchorpose.results.unfinished import begun_identity, wait_until_free
 
 ENDING_S: Final = 30.0  # for the child of a killed worker to end
@@ -39,7 +40,7 @@ def track_session(session: Session, results: Path) -> bool:
 def done_identity(results: Path) -> str | None:
     """The identity in the run.json of a results folder; None where there is none."""
     path = results / RUN_FILE
-    return read_run_document(path).get("identity") if path.is_file() else None
+    return read_run(path).get("identity") if path.is_file() else None
 
 
 def _identity(session: Session, recording: Path) -> str:
