@@ -52,7 +52,8 @@ class BackgroundModel:
     reading from depth_m where nobody stands. noise_per_m: between neighbouring readings, sigma = noise_per_m z^2: what
     one surface's depth may jump by. noise: of a reading by itself. smear_px: how wide the camera's filters make depth
     edges, 0 = sharp. step_per_m: the step between readings is step_per_m z^2.
-    layers: objects that are moved, each while it rests.
+    layers: objects that are moved, each while it rests. usual_share: of the known pixels that read the room in a usual
+    frame (``other_place``); 0 where that is not known.
     """
 
     depth_m: np.ndarray
@@ -64,6 +65,7 @@ class BackgroundModel:
     smear_px: int = 0
     step_per_m: float = 0.0
     layers: tuple[RestingLayer, ...] = ()
+    usual_share: float = 0.0
 
     @property
     def jump_limit(self) -> JumpLimit:

@@ -8,6 +8,7 @@ from typing import Final
 
 from anchorpose.body.skin_points import Body
 from anchorpose.camera import Camera
+from anchorpose.isolation.other_place import without_other_places
 from anchorpose.live.feed import LiveSet
 from anchorpose.live.latency import LatencyMeter
 from anchorpose.live.output import Outputs, live_frame
@@ -42,7 +43,7 @@ class LiveFollower:
 
     def take(self, live_set: LiveSet, live: bool) -> None:
         """One more frame; live: it is the newest one, so that its latency counts."""
-        frame_set = live_set.frame_set(self._cameras, self._clocks)
+        frame_set = without_other_places(live_set.frame_set(self._cameras, self._clocks), self.run.room.scenes)
         if frame_set.time_s <= self._last_s + ROUNDING_S:  # the last of the first seconds is in the feed, too
             return
         self._last_s = frame_set.time_s

@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from anchorpose.camera import Camera
+from anchorpose.isolation.other_place import without_other_places
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.recording.reader import read_frame
@@ -99,7 +100,7 @@ def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:
         return room
 
     def explained(candidate: InitialFrame) -> float:
-        frame_set = read_frame(room.recording, candidate.frame)
+        frame_set = without_other_places(read_frame(room.recording, candidate.frame), room.scenes)
         start = find_start(frame_set, Run(room, config), candidate.choice, None)
         return 0.0 if isinstance(start, NoStart) else quality(start)
 

@@ -10,8 +10,9 @@ from typing import Any, Final
 import numpy as np
 
 from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body
+from anchorpose.isolation.other_place import without_other_places
 from anchorpose.recording.reader import read_frame
-from anchorpose.recording.recording import FrameSet, Recording
+from anchorpose.recording.recording import FrameSet
 from anchorpose.results.people_labels import LabelImage
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
@@ -40,7 +41,7 @@ BLOCK: Final = 48
 class Route:
     """Positions of the frames to track; forward and backward both begin with the initial frame."""
 
-    recording: Recording
+    room: Room
     forward: Sequence[int]
     backward: Sequence[int]
     tick: Callable[[], None]  # called for every frame that is read
@@ -48,8 +49,12 @@ class Route:
     def frames(self, positions: Sequence[int]) -> Iterator[FrameSet]:
         """The frames, decoded one at a time."""
         for position in positions:
-            yield read_frame(self.recording, position)
+            yield self.frame(position)
             self.tick()
+
+    def frame(self, position: int) -> FrameSet:
+        """One frame, without depth images that show another place than the room."""
+        return without_other_places(read_frame(self.room.recording, position), self.room.scenes)
 
     def longer_side(self) -> Iterator[FrameSet]:
         """The frames from the initial one to the end that is farther away."""
@@ -66,7 +71,7 @@ def plan_route(room: Room, config: TrackConfig, tick: Callable[[], None]) -> Rou
     recording = room.recording
     positions = range(*slice(config.start, config.stop).indices(len(recording.streams[0].files)))
     initial = room.initial_frame.frame if room.initial_frame else positions.start
-    return Route(recording, range(initial, positions.stop), range(initial, positions.start - 1, -1), tick)
+    return Route(room, range(initial, positions.stop), range(initial, positions.start - 1, -1), tick)
 
 
 def learn_on(route: Route, run: Run) -> LearntPatient | None:
@@ -244,5 +249,5 @@ def _start_of(route: Route, run: Run, shape: FittedShape | None) -> Start | None
     initial = run.room.initial_frame
     if initial is None or not len(route.forward):
         return None
-    found = find_start(read_frame(route.recording, route.forward[0]), run, initial.choice, shape)
+    found = find_start(route.frame(route.forward[0]), run, initial.choice, shape)
     return found if isinstance(found, Start) else None

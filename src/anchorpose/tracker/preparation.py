@@ -21,6 +21,7 @@ from anchorpose.errors import InputError
 from anchorpose.geodesics.anchors import no_anchors
 from anchorpose.isolation.background import BackgroundModel
 from anchorpose.isolation.empty_room import learn_background
+from anchorpose.isolation.other_place import usual_share, without_other_places
 from anchorpose.isolation.scene import Scene, set_scene
 from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import FrameSet, Recording, align_clocks
@@ -168,7 +169,8 @@ def look_for_patient(
 def _look(
     settled: Settled, usable: Sequence[int], scenes: tuple[Scene, ...], config: TrackConfig, before: Look | None = None
 ) -> Look:
-    positions, samples = [settled.chosen[k] for k in usable], [settled.samples[k] for k in usable]
+    positions = [settled.chosen[k] for k in usable]
+    samples = [without_other_places(settled.samples[k], scenes) for k in usable]
     return look_around(positions, samples, scenes, settled.recording.equipment, config, before)
 
 
@@ -190,7 +192,9 @@ def _frames_of_named(
     """
     here, last = _position(recording, frame), len(recording.streams[0].files)
     positions = range(max(here - AROUND, 0), min(here + AROUND + 1, last))
-    sightings = [sight_people(read_frame(recording, k), scenes, config) for k in positions]
+    sightings = [
+        sight_people(without_other_places(read_frame(recording, k), scenes), scenes, config) for k in positions
+    ]
     named = named_patient(sightings, here - positions.start, np.array(config.patient_xz_m))
     if named is None:
         return ()
@@ -237,7 +241,7 @@ def _background(
     if not frames:
         where = recording.folder / camera.name
         raise InputError(where, "none of the sampled depth images can be read", "record or copy this camera again")
-    return learn_background(
+    model = learn_background(
         recording.backgrounds_m[number],
         frames,
         camera,
@@ -246,6 +250,7 @@ def _background(
         person_xz_m,
         swaying,
     )
+    return replace(model, usual_share=usual_share(model.depth_m, model.sigma_m, frames))
 
 
 def heading_of_patient(

@@ -1,0 +1,81 @@
+"""Depth images that show another place than the camera's room: it was covered, or knocked over, for a moment.
+
+Such an image is whole and shows surfaces. Yet nobody can stand behind the room, and nobody hides all of it: a camera
+that is where it was sees some of its room in every image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from anchorpose.isolation.background import BackgroundModel
+from anchorpose.isolation.scene import Scene
+from anchorpose.recording.recording import FrameSet
+
+SENTENCE: Final = "shows another place than usual: it was covered, or moved, for a moment"
+STEP_PX: Final = 4  # every fourth pixel of every fourth row
+SAME_M, SAME_SIGMAS = 0.05, 6.0  # a reading of the room is nearer to it; the room may have been learnt a step off
+FRAMES_NEEDED: Final = 3  # to know how much of the room a usual image shows
+LEAST_KNOWN: Final = 0.2  # of the image: recorders that remove the room leave objects at most
+LEAST_USUAL: Final = 0.2  # of the room's pixels: a camera that sees less of it is not judged by it
+COVERED: Final = 0.05  # of the usual share: a passer-by who fills most of the image leaves half of it
+MOVED: Final = 0.6  # of the usual share, where something is also behind the room
+MOST_BEHIND: Final = 0.05  # of the room's pixels: 0.002 where people walk, 0.04 where furniture is moved
+
+
+def usual_share(room_m: np.ndarray, sigma_m: np.ndarray, frames_m: Sequence[np.ndarray]) -> float:
+    """The median share of the room's pixels that read the room, of frames (height, width) float32; 0: not known.
+
+    room_m, sigma_m (height, width) float32: as in ``BackgroundModel``.
+    """
+    if len(frames_m) < FRAMES_NEEDED or np.count_nonzero(room_m) < LEAST_KNOWN * room_m.size:
+        return 0.0
+    return float(np.median([_shares(frame, room_m, sigma_m)[0] for frame in frames_m]))
+
+
+def is_of_other_place(depth_m: np.ndarray, model: BackgroundModel) -> bool:
+    """Whether a depth image (height, width) float32 cannot be of the room that the camera saw all the time.
+
+    False where too little of the room is known, as where a recorder has removed it.
+    """
+    if model.usual_share < LEAST_USUAL:
+        return False
+    same, behind = _shares(depth_m, model.depth_m, model.sigma_m)
+    if same < COVERED * model.usual_share:
+        return True
+    return same < MOVED * model.usual_share and behind > MOST_BEHIND
+
+
+def without_other_places(frame_set: FrameSet, scenes: Sequence[Scene]) -> FrameSet:
+    """The frame set without images of another place, each with a sentence in its problems; scenes: one per camera."""
+    other = [
+        depth is not None and is_of_other_place(depth, scene.background)
+        for depth, scene in zip(frame_set.depths_m, scenes, strict=True)
+    ]
+    if not any(other):
+        return frame_set
+    sentences = (f"camera {scene.camera.name} {SENTENCE}" for scene, out in zip(scenes, other, strict=True) if out)
+    return replace(
+        frame_set,
+        depths_m=tuple(None if out else depth for depth, out in zip(frame_set.depths_m, other, strict=True)),
+        taken_s=tuple(None if out else time_s for time_s, out in zip(frame_set.taken_s, other, strict=False)),
+        problems=(*frame_set.problems, *sentences),
+    )
+
+
+def _shares(depth_m: np.ndarray, room_m: np.ndarray, sigma_m: np.ndarray) -> tuple[float, float]:
+    """Of the pixels at which the room is known: how many read it, and how many read what is behind it."""
+    depth, room, sigma = (image[::STEP_PX, ::STEP_PX] for image in (depth_m, room_m, sigma_m))
+    known = room > 0
+    count = int(np.count_nonzero(known))
+    if not count:
+        return 0.0, 0.0
+    beyond = (depth - room)[known]
+    gate = np.maximum(SAME_M, SAME_SIGMAS * sigma)[known]
+    read = depth[known] > 0
+    same, behind = read & (np.abs(beyond) <= gate), read & (beyond > gate)
+    return float(np.count_nonzero(same)) / count, float(np.count_nonzero(behind)) / count
