@@ -20,6 +20,8 @@ Count = Annotated[int, Field(gt=0, strict=True)]
 STRICT: Final = ConfigDict(extra="forbid", allow_inf_nan=False)
 """Unknown names and numbers that are not finite are refused."""
 
+LONGEST_KEY: Final = 60  # characters of an unknown key in a sentence
+
 Class = TypeVar("Class")
 
 
@@ -116,7 +118,7 @@ def _follow(kind: Any, location: tuple[int | str, ...]) -> tuple[str, str, list[
         if step not in declared and tagged:  # the tag of a union is not a part of the place
             owners = tagged
             continue
-        place, known = _join(place, step), list(declared)
+        place, known = _join(place, step if len(step) <= LONGEST_KEY else step[:LONGEST_KEY] + "..."), list(declared)
         if step in declared:
             meaning, owners = _stated(declared[step], "description"), _classes_in(declared[step])
     return place, meaning, known

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import shutil
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +13,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from recording_builder import HEIGHT, WIDTH, depth_grey, write_recording
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
+from fuzz_recordings import outcome
+from spoil_recording import spoil
 
 from anchorpose.calibration.marker_layout import read_marker_layout
 from anchorpose.cli.config_file import load_config
@@ -158,3 +164,12 @@ def test_a_damaged_picture_is_never_taken_for_another(folder, data):
     else:
         np.testing.assert_allclose(picture.depth_m, depth_grey(1) * 0.001, atol=1e-6)
         assert picture.depth_m.shape == (HEIGHT, WIDTH)
+
+
+@settings(max_examples=200, deadline=None)
+@given(number=st.integers(0, 2**32))
+def test_a_recording_spoilt_in_any_way_is_read_or_refused_in_one_sentence(tmp_path_factory, folder, number):
+    bad = tmp_path_factory.mktemp("spoilt") / "bad"
+    shutil.copytree(folder, bad)
+    spoil(bad, number)
+    assert outcome(bad) in ("read", "refused")

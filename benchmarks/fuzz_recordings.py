@@ -1,0 +1,154 @@
+"""Recording folders spoilt in every way that was thought of: each is read, or refused in one sentence.
+
+    .venv/bin/python benchmarks/fuzz_recordings.py [--cases 10000] [--first NUMBER] [--state FILE]
+
+A case is a small recording with damaged bytes, extreme or foreign values, pipes, devices and links in place of files,
+times of other units, images and meshes that lie about their size, thousands of cameras. It is opened, and everything
+that a run reads first is read. Counted are recordings, refusals in one sentence, and faults, each with the number of
+its case, which --first repeats: another error, a crash of native code, more than 30 s or 2 GB. With --state, a run that
+was stopped goes on where it ended, and counts add up.
+"""
+
+from __future__ import annotations
+
+import argparse
+import faulthandler
+import json
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "builders"))
+from recording_builder import write_recording
+from spoil_recording import spoil
+
+from anchorpose.calibration.noise import noise_per_m
+from anchorpose.errors import InputError
+from anchorpose.recording.pairing import find_gaps
+from anchorpose.recording.reader import input_files, open_recording, read_frames
+
+LONGEST_S, MOST_BYTES = 30, 2 << 30
+SAVED_EVERY = 500  # cases
+
+
+@dataclass
+class State:
+    """How far a run has come. next: the number of the first case that was not tried."""
+
+    next: int = 0
+    read: int = 0
+    refused: int = 0
+    faults: list[str] = field(default_factory=list)
+    longest_s: float = 0.0
+    largest_mb: float = 0.0
+
+    def save(self, path: Path) -> None:
+        """Whole or not at all."""
+        partial = path.with_suffix(".partial")
+        partial.write_text(json.dumps(asdict(self), indent=1) + "\n")
+        partial.replace(path)
+
+
+def load_state(path: Path) -> State:
+    """The state of a run that was stopped, or of one that begins."""
+    return State(**json.loads(path.read_text())) if path.exists() else State()
+
+
+def outcome(folder: Path) -> str:
+    """ "read" or "refused"; whatever else happens is an error, or a refusal of another form (ValueError)."""
+    try:
+        recording = open_recording(folder)
+        find_gaps(recording)
+        for frame_set in read_frames(recording):
+            for depth_m in frame_set.depths_m:
+                if depth_m is not None:
+                    noise_per_m([depth_m])
+        for path in input_files(recording):
+            path.stat()
+    except InputError as error:
+        if "\n" in str(error) or str(folder) not in str(error) or len(str(error)) > len(str(error.path)) + 1000:
+            raise ValueError(f"not one sentence that names the file: {error}") from error
+        return "refused"
+    return "read"
+
+
+def run_cases(state: State, stop: int, folder: Path, path: Path) -> None:
+    """Cases up to ``stop`` in this process; path: where the state is kept."""
+    good, bad = folder / "good", folder / "bad"
+    if not good.exists():
+        write_recording(good, frames=3, cameras=("front", "left"))
+    limit = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() + MOST_BYTES
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+    while state.next < stop:
+        number = state.next
+        shutil.rmtree(bad, ignore_errors=True)
+        shutil.copytree(good, bad)
+        ways = spoil(bad, number)
+        (folder / "number").write_text(f"{number} {ways}")
+        signal.alarm(LONGEST_S)
+        start = time.perf_counter()
+        try:
+            found = outcome(bad)
+            state.read += found == "read"
+            state.refused += found == "refused"
+        except Exception as error:
+            state.faults.append(f"case {number} ({ways}): {type(error).__name__}: {error}"[:500])
+            print(state.faults[-1], flush=True)
+        signal.alarm(0)
+        state.longest_s = max(state.longest_s, round(time.perf_counter() - start, 3))
+        state.largest_mb = max(state.largest_mb, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
+        state.next += 1
+        if state.next % SAVED_EVERY == 0:
+            state.save(path)
+    state.save(path)
+
+
+def run_apart(path: Path, stop: int) -> State:
+    """All cases in processes of their own: one that crashes or hangs ends at its case, which is a fault."""
+    with tempfile.TemporaryDirectory() as folder:
+        while (state := load_state(path)).next < stop:
+            again = [sys.executable, __file__, "--cases", str(stop), "--state", str(path), "--here", folder]
+            code = subprocess.run(again, check=False).returncode
+            if code:
+                number, _, ways = (Path(folder) / "number").read_text().partition(" ")
+                state = load_state(path)
+                state.faults.append(f"case {number} ({ways}): the process ended with {code}")
+                state.next = int(number) + 1  # what it did since the state was last saved is not counted
+                state.save(path)
+    return load_state(path)
+
+
+def main() -> None:
+    """Prints the counts; exit code 1 where there are faults."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--cases", type=int, default=10000)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--state", type=Path)
+    parser.add_argument("--here", type=Path, help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.here is not None:
+        faulthandler.enable()
+        faulthandler.register(signal.SIGALRM, chain=True)  # then ends the process, also within native code
+        run_cases(load_state(given.state), given.cases, given.here, given.state)
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        path = given.state or Path(folder) / "state.json"
+        if not path.exists():
+            State(next=given.first).save(path)
+        state = run_apart(path, given.first + given.cases)
+    print(*state.faults, sep="\n")
+    print(
+        f"{state.next} cases: {state.read} read, {state.refused} refused, {len(state.faults)} faults; "
+        f"longest {state.longest_s:.2f} s, {state.largest_mb:.0f} MB"
+    )
+    sys.exit(bool(state.faults))
+
+
+if __name__ == "__main__":
+    main()
