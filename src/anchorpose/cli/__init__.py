@@ -25,6 +25,7 @@ from anchorpose.cli.live import live
 from anchorpose.cli.measure import measure
 from anchorpose.cli.motions import motions
 from anchorpose.cli.record import record
+from anchorpose.cli.reliability import reliability
 from anchorpose.cli.report import report
 from anchorpose.cli.simulate import simulate
 from anchorpose.cli.track import track
@@ -55,8 +56,8 @@ app = App(
     suppress_keyboard_interrupt=False,
 )
 for _verb in (
-    demo, simulate, convert, check, calibrate, track, evaluate, measure, report, view, export, inspect, equipment,
-    motions, record, live, batch, experiment,
+    demo, simulate, convert, check, calibrate, track, evaluate, measure, report, reliability, view, export, inspect,
+    equipment, motions, record, live, batch, experiment,
 ):  # fmt: skip
     app.command(_verb)
 

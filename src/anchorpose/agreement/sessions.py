@@ -1,0 +1,109 @@
+"""The table of sessions of ``anchorpose reliability``, and the table that it writes."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from anchorpose.agreement.reliability import COLUMNS, Reliability, reliability_of
+from anchorpose.agreement.text_files import read_lines
+from anchorpose.errors import InputError
+from anchorpose.results.records import MEASURES_FILE, read_definition, read_measures
+
+REPEATED: Final = ("session", "rater", "device")
+REMEDY: Final = (
+    "give the columns subject, session (or rater, or device) and results, or in place of results measure, value, and "
+    "if wanted side and unit"
+)
+
+Key = tuple[str, str | None, str]  # measure, side, unit
+
+
+def session_reliability(path: Path) -> tuple[Reliability, ...]:
+    """Every measure in a table of sessions, in the order in which measures first occur.
+
+    Raises InputError where the table or a results folder cannot be used, or measures are defined differently.
+    """
+    rows = _read(path)
+    repeated = next(name for name in REPEATED if name in rows[0])
+    subjects = list(dict.fromkeys(row["subject"] for row in rows))
+    repeats = list(dict.fromkeys(row[repeated] for row in rows))
+    values = _of_folders(path, rows, repeated) if "results" in rows[0] else _of_numbers(path, rows, repeated)
+    found = []
+    for key in dict.fromkeys(key for each in values.values() for key in each):
+        grid = np.array([[values.get((s, r), {}).get(key, np.nan) for r in repeats] for s in subjects])
+        found.append(reliability_of(key[0], key[1], key[2], grid))
+    return tuple(found)
+
+
+def reliability_text(rows: Sequence[Reliability]) -> str:
+    """As CSV; empty cells where there is no value."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for row in rows:
+        cells = [getattr(row, name) for name in COLUMNS]
+        writer.writerow(["" if cell is None else repr(cell) if isinstance(cell, float) else cell for cell in cells])
+    return text.getvalue()
+
+
+def _read(path: Path) -> list[dict[str, str]]:
+    lines = [line for line in csv.reader(read_lines(path)) if any(line)]
+    head = [cell.strip().lower() for cell in lines[0]] if lines else []
+    whole = {"results"} <= set(head) or {"measure", "value"} <= set(head)
+    if "subject" not in head or not any(name in head for name in REPEATED) or not whole:
+        raise InputError(path, "does not have the columns of a table of sessions", REMEDY)
+    for number, line in enumerate(lines[1:], 2):
+        if len(line) != len(head):
+            raise InputError(path, f"line {number} has {len(line)} cells, not {len(head)}", REMEDY)
+    if len(lines) < 2:
+        raise InputError(path, "holds no sessions", REMEDY)
+    return [dict(zip(head, (cell.strip() for cell in line), strict=True)) for line in lines[1:]]
+
+
+def _of_folders(path: Path, rows: list[dict[str, str]], repeated: str) -> dict[tuple[str, str], dict[Key, float]]:
+    found = dict[tuple[str, str], dict[Key, float]]()
+    first = None
+    for row in rows:
+        file = path.parent / row["results"] / MEASURES_FILE
+        definition = read_definition(file) if file.is_file() else None
+        first = first or definition
+        measures = read_measures(file)
+        if definition != first:
+            raise InputError(file, "has measures of another version or definition", "run 'anchorpose measure' on all")
+        key = _own_key(path, found, row, repeated)
+        found[key] = {
+            (m.measure, m.side, m.unit): float("nan") if m.value is None else m.value
+            for m in measures
+            if m.part is None and m.person is None
+        }
+    return found
+
+
+def _own_key(
+    path: Path, found: dict[tuple[str, str], dict[Key, float]], row: dict[str, str], repeated: str
+) -> tuple[str, str]:
+    key = (row["subject"], row[repeated])
+    if key in found:
+        raise InputError(path, f"has subject '{key[0]}' with {repeated} '{key[1]}' twice", "name each session once")
+    return key
+
+
+def _of_numbers(path: Path, rows: list[dict[str, str]], repeated: str) -> dict[tuple[str, str], dict[Key, float]]:
+    found = dict[tuple[str, str], dict[Key, float]]()
+    for row in rows:
+        key = (row["measure"], row.get("side") or None, row.get("unit", ""))
+        try:
+            value = float(row["value"]) if row["value"] else float("nan")
+        except ValueError:
+            raise InputError(path, f"has the value '{row['value']}', which is not a number", REMEDY) from None
+        values = found.setdefault((row["subject"], row[repeated]), {})
+        if key in values:
+            raise InputError(path, f"has {key[0]} of {row['subject']} twice in {row[repeated]}", "give each value once")
+        values[key] = value
+    return found

@@ -1,0 +1,129 @@
+"""Intraclass correlations against Shrout and Fleiss 1979 to the printed digit; laws and refusals."""
+
+from __future__ import annotations
+
+import csv
+import importlib
+
+import numpy as np
+import pytest
+
+from anchorpose.agreement.reliability import MeanSquares, absolute_agreement, consistency, mean_squares, reliability_of
+from anchorpose.agreement.sessions import session_reliability
+from anchorpose.cli import main
+from anchorpose.errors import InputError
+
+pytest.importorskip("statsmodels")
+
+RATINGS = np.array([[9, 2, 5, 8], [6, 1, 3, 2], [8, 4, 6, 8], [7, 1, 2, 6], [10, 5, 6, 9], [6, 2, 4, 7]], float)
+"""Four judges on six targets: Shrout and Fleiss 1979 (doi:10.1037/0033-2909.86.2.420), Table 2."""
+
+
+def test_correlations_are_those_of_shrout_and_fleiss_to_the_printed_digit():
+    ms = mean_squares(RATINGS)
+    assert (f"{ms.subjects:.2f}", f"{ms.repeats:.2f}", f"{ms.rest:.2f}") == ("11.24", "32.49", "1.02")
+    two, three = absolute_agreement(ms, 6, 4), consistency(ms, 6, 4)
+    assert (f"{two.value:.2f}", f"{three.value:.2f}") == ("0.29", "0.71")
+    # the intervals that R's psych and irr give for these data
+    assert (f"{two.low:.3f}", f"{two.high:.3f}") == ("0.019", "0.761")
+    assert (f"{three.low:.3f}", f"{three.high:.3f}") == ("0.342", "0.946")
+
+
+def _by_hand(values):
+    """The sums of squares that statsmodels takes a tenth of a second for."""
+    n, k = values.shape
+    rows, columns = values.mean(axis=1, keepdims=True), values.mean(axis=0, keepdims=True)
+    rest = values - rows - columns + values.mean()
+    return MeanSquares(
+        k * float(rows.var(ddof=1)), n * float(columns.var(ddof=1)), float((rest**2).sum() / ((n - 1) * (k - 1)))
+    )
+
+
+def test_the_analysis_of_variance_is_that_by_hand():
+    found, known = mean_squares(RATINGS), _by_hand(RATINGS)
+    assert (found.subjects, found.repeats, found.rest) == pytest.approx((known.subjects, known.repeats, known.rest))
+
+
+def test_intervals_hold_the_true_correlation_95_times_in_100():
+    """Subjects spread by 2, sessions by 0.5, errors by 1: ICC(2,1) is 4 / 5.25, ICC(3,1) is 4 / 5."""
+    rng, inside, repeats = np.random.default_rng(5), np.zeros(2), 400
+    for _ in range(repeats):
+        sessions = 0.5 * rng.normal(size=(1, 5))
+        values = 2.0 * rng.normal(size=(20, 1)) + sessions + rng.normal(size=(20, 5))
+        two, three = (each(_by_hand(values), 20, 5) for each in (absolute_agreement, consistency))
+        inside += [two.low < 4.0 / 5.25 < two.high, three.low < 4.0 / 5.0 < three.high]
+    assert (inside / repeats > 0.9).all(), inside / repeats
+
+
+def test_the_minimal_detectable_change_is_exceeded_by_chance_5_times_in_100():
+    rng = np.random.default_rng(8)
+    found = reliability_of("a", None, "s", 10.0 * rng.normal(size=(300, 1)) + 3.0 * rng.normal(size=(300, 2)))
+    assert found.sem == pytest.approx(3.0, rel=0.1)
+    change = 3.0 * (rng.normal(size=20000) - rng.normal(size=20000))
+    assert np.mean(np.abs(change) > found.mdc95) == pytest.approx(0.05, abs=0.03)
+
+
+def test_a_constant_shift_between_sessions_lowers_agreement_and_not_consistency():
+    shifted = RATINGS + np.array([0.0, 5.0, 0.0, 0.0])
+    before, after = reliability_of("a", None, "1", RATINGS), reliability_of("a", None, "1", shifted)
+    assert after.icc_3_1 == pytest.approx(before.icc_3_1)
+    assert after.icc_2_1 != pytest.approx(before.icc_2_1, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("values", "why"),
+    [
+        (RATINGS[:2], "2 subjects"),
+        (RATINGS[:, :1], "only one session"),
+        (np.ones((5, 2)), "never differs"),
+        (np.arange(5.0)[:, None] + np.array([0.0, 1.0]), "equal but for a constant"),
+    ],
+)
+def test_what_cannot_be_judged_has_a_reason_and_no_value(values, why):
+    found = reliability_of("a", "left", "s", values)
+    assert found.icc_2_1 is None
+    assert why in found.why
+
+
+def test_subjects_without_a_value_in_every_session_are_left_out():
+    holes = np.vstack([RATINGS, [[1.0, np.nan, 2.0, 3.0]]])
+    found = reliability_of("a", None, "1", holes)
+    assert (found.subjects, found.icc_2_1) == (6, reliability_of("a", None, "1", RATINGS).icc_2_1)
+
+
+def _sessions(path, rows):
+    with path.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows(rows)
+    return path
+
+
+def test_the_verb_reads_numbers_and_writes_its_table(tmp_path, capsys):
+    rows = [["subject", "rater", "measure", "value", "unit"]]
+    rows += [[f"p{s}", r, "score", RATINGS[s, r], "1"] for s in range(6) for r in range(4)]
+    path = _sessions(tmp_path / "sessions.csv", rows)
+    assert main(["reliability", str(path), "-o", str(tmp_path / "reliability.csv")]) == 0
+    assert "0.29" in capsys.readouterr().out
+    table = list(csv.DictReader((tmp_path / "reliability.csv").open(encoding="utf-8")))
+    assert f"{float(table[0]['icc_3_1']):.2f}" == "0.71"
+
+
+@pytest.mark.parametrize(
+    ("rows", "problem"),
+    [
+        ([["subject", "value"]], "columns"),
+        ([["subject", "session", "measure", "value"]], "holds no sessions"),
+        ([["subject", "session", "measure", "value"], ["a", "1", "m", "x"]], "not a number"),
+        ([["subject", "session", "measure", "value"], ["a", "1", "m", "1"], ["a", "1", "m", "2"]], "twice"),
+        ([["subject", "session", "results"], ["a", "1", "nowhere"]], "no such file"),
+    ],
+)
+def test_a_table_that_cannot_be_used_is_refused(tmp_path, rows, problem):
+    with pytest.raises(InputError, match=problem):
+        session_reliability(_sessions(tmp_path / "sessions.csv", rows))
+
+
+def test_without_statsmodels_the_user_is_told_what_to_install(monkeypatch):
+    module = importlib.import_module("anchorpose.agreement.reliability")
+    monkeypatch.setitem(__import__("sys").modules, "statsmodels.formula.api", None)
+    with pytest.raises(Exception, match=r"anchorpose\[reliability\]"):
+        module.mean_squares(RATINGS)
