@@ -17,6 +17,7 @@ from anchorpose.cli import main
 from anchorpose.errors import InputError
 from anchorpose.report.comparable import grows_with_time
 from anchorpose.report.comparison import change_between, write_comparison
+from anchorpose.report.detectable import read_detectable
 from anchorpose.results.measuring import write_measured
 from anchorpose.results.processing.process import ProcessingConfig
 from anchorpose.results.records import Measure, write_measures
@@ -110,7 +111,7 @@ def test_the_page_shows_all_sessions_in_the_order_given_and_marks_what_exceeds(t
     assert heads[:6] == ["measure", "week 1", "week 2", "week 3", "change to week 2", "change to week 3"]
     told = row_of(page, "time upright")
     assert "3.25 s ± 0.24 s" in told
-    assert "+0.06 swithin the errors (± 0.33 s)" in told
+    assert "+0.06 snot shown: within the errors (± 0.33 s)" in told
     assert "▲ +1.62 smore than the errors (± 0.33 s)" in told
     assert "no error is stated" in row_of(page, "standing up: how often")
     assert "not comparable" in row_of(page, "knee flexion while upright, mean, right")
@@ -283,3 +284,29 @@ def test_the_verb_makes_either_page_and_refuses_half_a_request(tmp_path, capsys)
         error = capsys.readouterr().err
         assert sentence in error
         assert error.count("\n") == 1
+
+
+RELIABILITY = "measure,side,unit,subjects,mdc95\nupright_time,,s,20,5.0\nsway_path,,mm,2,\n"
+
+
+def test_repeated_sessions_decide_where_their_minimal_detectable_change_is_known(tmp_path):
+    """A change of 1.62 s is more than the stated errors, and less than sessions differ by without a reason."""
+    (tmp_path / "reliability.csv").write_text(RELIABILITY, encoding="utf-8")
+    folders = [session(tmp_path, 1), session(tmp_path, 2, larger(1.5))]
+    page = PageReader(write_comparison(folders, tmp_path / "c.html", (), tmp_path / "reliability.csv"))
+    assert "not shown: below the minimal detectable change (± 5.00 s)" in row_of(page, "time upright")
+    assert "no error is stated" in row_of(page, "standing up: how often")
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("a,b\n1,2\n", "does not have the columns"),
+        ("measure,side,unit,mdc95\nupright_time,,s,often\n", "'often'"),
+        ("measure,side,unit,mdc95\n", "holds no minimal"),
+    ],
+)
+def test_another_table_of_reliability_is_refused(tmp_path, text, problem):
+    (tmp_path / "reliability.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=problem):
+        read_detectable(tmp_path / "reliability.csv")

@@ -16,6 +16,7 @@ def report(
     *others: Path,
     out: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
     label: Annotated[list[str] | None, Parameter(negative=())] = None,
+    reliability: Path | None = None,
 ) -> None:
     """Make report.html of a results folder again, or compare several sessions of one patient on one page.
 
@@ -32,6 +33,8 @@ def report(
         The page to write for several sessions, for example comparison.html.
     label
         The name of a session on that page, for example --label before --label after; once for each session.
+    reliability
+        A table that 'anchorpose reliability' wrote: changes below its minimal detectable change are marked as not shown.
     """
     from anchorpose.report.comparison import write_comparison
     from anchorpose.report.page import write_report
@@ -40,10 +43,12 @@ def report(
         if out is None:
             remedy = "give the page to write their comparison to, with -o FILE.html"
             raise InputError(results, "is one of several sessions", remedy)
-        print(f"Open {write_comparison((results, *others), out, label or ())} in a browser.")
-    elif out is not None or label:
+        print(f"Open {write_comparison((results, *others), out, label or (), reliability)} in a browser.")
+    elif out is not None or label or reliability is not None:
         raise InputError(
-            results, "is the only session", "give another one to compare it with, or leave out -o and --label"
+            results,
+            "is the only session",
+            "give another one to compare it with, or leave out -o, --label and --reliability",
         )
     else:
         print(f"Open {write_report(results)} in a browser.")

@@ -3,7 +3,7 @@
 A change is more than the errors where |b - a| > 1.96 sqrt(sigma_a^2 + sigma_b^2): the smallest change that errors of
 measurement alone, normal and independent between the sessions, would exceed only 5 times in 100 (the smallest
 detectable change; Weir 2005, doi:10.1519/15184.1). It does not cover how a patient differs from day to day, so that a
-larger change may still not be a change in the patient.
+larger change may still not be a change in the patient. A table of ``anchorpose reliability`` has thresholds that do.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from markupsafe import Markup
 
 from anchorpose.errors import InputError
 from anchorpose.report.comparable import differences, require_comparable, unlike_time
+from anchorpose.report.detectable import Detectable, read_detectable
 from anchorpose.report.ledger import Aggregation, Form, Rows
 from anchorpose.report.measure_section import (
     grouped_measures,
@@ -39,17 +40,21 @@ from anchorpose.results.tables import ANGLES_FILE
 from anchorpose.results.web_page import render_page
 
 
-def write_comparison(folders: Sequence[Path], page: Path, labels: Sequence[str] = ()) -> Path:
+def write_comparison(
+    folders: Sequence[Path], page: Path, labels: Sequence[str] = (), reliability: Path | None = None
+) -> Path:
     """Writes one page on two or more results folders, in the order given; the others are compared with the first.
 
     labels: one per session; by default the name of its recording, or of its folder where two recordings share a name.
+    reliability: a table of ``anchorpose reliability``, whose minimal detectable changes then decide.
     Raises InputError where a folder is unusable or they cannot be compared; nothing is written then.
     """
     if len(folders) < 2:
         raise InputError(page, "needs two or more sessions", "give their results folders in order of time")
     sessions = [read_session(folder, f"s{number}") for number, folder in enumerate(folders, 1)]
     require_comparable(sessions)
-    write_text_whole(page, _page(sessions, _labels(sessions, labels)))
+    detectable = {} if reliability is None else read_detectable(reliability)
+    write_text_whole(page, _page(sessions, _labels(sessions, labels), detectable))
     return page
 
 
@@ -65,11 +70,11 @@ def _labels(sessions: Sequence[Session], labels: Sequence[str]) -> list[str]:
     return next((names for names in (recordings, folders) if len(set(names)) == len(names)), paths)
 
 
-def _page(sessions: Sequence[Session], labels: Sequence[str]) -> str:
+def _page(sessions: Sequence[Session], labels: Sequence[str], detectable: Detectable) -> str:
     named = list(zip(sessions, labels, strict=True))
     parts = {  # in this order the sources are numbered
         "sessions": [(label, summary(session), short_timeline(session, label)) for session, label in named],
-        "changes": change_groups(sessions),
+        "changes": change_groups(sessions, detectable),
         "angles": angle_rows(sessions),
     }
     return render_page(
@@ -77,6 +82,7 @@ def _page(sessions: Sequence[Session], labels: Sequence[str]) -> str:
         "templates/comparison.html",
         title="Comparison of sessions",
         labels=labels,
+        repeated=bool(detectable),
         change_titles=["measure", *labels, *(f"change to {label}" for label in labels[1:])],
         angle_titles=["angle", *labels],
         differences=differences(sessions, labels),
@@ -87,10 +93,14 @@ def _page(sessions: Sequence[Session], labels: Sequence[str]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """difference: later minus first; detectable: the least that exceeds the errors, None where no error is stated."""
+    """difference: later minus first; detectable: the least that exceeds the errors, None where no error is stated.
+
+    repeated: detectable is of repeated sessions (MDC95), not of the stated errors.
+    """
 
     difference: float
     detectable: float | None
+    repeated: bool = False
 
     @property
     def exceeds(self) -> bool | None:
@@ -98,13 +108,18 @@ class Change:
         return None if self.detectable is None else abs(self.difference) > self.detectable
 
 
-def change_between(first: Measure, later: Measure) -> Change | None:
-    """None where one of them has no value. Raises ValueError for different measures or units."""
+def change_between(first: Measure, later: Measure, repeated: float | None = None) -> Change | None:
+    """None where one of them has no value; repeated: the measure's MDC95, in its unit, where it is known.
+
+    Raises ValueError for different measures or units.
+    """
     if (first.measure, first.side, first.part, first.unit) != (later.measure, later.side, later.part, later.unit):
         raise ValueError(f"{first} and {later} are not the same measure")
     if first.value is None or later.value is None:
         return None
     difference = later.value - first.value
+    if repeated is not None:
+        return Change(difference, repeated, repeated=True)
     if not first.sigma or not later.sigma:  # without an error nothing follows, and an error of 0 was not measured
         return Change(difference, None)
     return Change(difference, COVERAGE * math.hypot(first.sigma, later.sigma))
@@ -114,8 +129,12 @@ Key = tuple[str, str | None, str | None]
 
 VERDICTS: Final = {
     True: ("more than the errors", "exceeds"),
-    False: ("within the errors", "within"),
+    False: ("not shown: within the errors", "within"),
     None: ("no error is stated", "untested"),
+}
+REPEATED_VERDICTS: Final = {
+    True: ("more than the minimal detectable change", "exceeds"),
+    False: ("not shown: below the minimal detectable change", "within"),
 }
 
 
@@ -126,26 +145,30 @@ class ChangeGroup(NamedTuple):
     rows: list[tuple[str, str, list[Markup]]]
 
 
-def change_groups(sessions: Sequence[Session]) -> list[ChangeGroup]:
-    """The measures of all sessions side by side.
+def change_groups(sessions: Sequence[Session], detectable: Detectable | None = None) -> list[ChangeGroup]:
+    """The measures of all sessions side by side; detectable: minimal detectable changes of ``read_detectable``.
 
     Measures of one person are left out: people have no names that persist from session to session.
     """
+    limits = detectable or {}
     found = [{(m.measure, m.side, m.part): m for m in session.measures if m.person is None} for session in sessions]
     groups = grouped_measures(list({key: m for each in found for key, m in each.items()}.values()))
     return [
-        ChangeGroup(heading, [_change_row(sessions, found, measure) for measure in members])
+        ChangeGroup(
+            heading,
+            [_change_row(sessions, found, m, limits.get((m.measure, m.side, m.unit))) for m in members],
+        )
         for heading, members in groups.items()
     ]
 
 
 def _change_row(
-    sessions: Sequence[Session], found: Sequence[dict[Key, Measure]], like: Measure
+    sessions: Sequence[Session], found: Sequence[dict[Key, Measure]], like: Measure, repeated: float | None
 ) -> tuple[str, str, list[Markup]]:
     measures = [each.get((like.measure, like.side, like.part)) for each in found]
     values = [_value(session, measure) for session, measure in zip(sessions, measures, strict=True)]
     changes = [
-        _change(measures[0], measure, unlike_time(like, sessions[0].measures, later.measures))
+        _change(measures[0], measure, unlike_time(like, sessions[0].measures, later.measures), repeated)
         for later, measure in zip(sessions[1:], measures[1:], strict=True)
     ]
     return title_of(like), words_of(like.measure).meaning, [*values, *changes]
@@ -161,14 +184,16 @@ def _value(session: Session, measure: Measure | None) -> Markup:
     return Markup("{} {}<br>{}").format(value_and_error(ledger, measure), source(rows_of(measure)), inferred)
 
 
-def _change(first: Measure | None, later: Measure | None, unlike: str | None) -> Markup:
-    """unlike: why the change is shown but not tested; None where it is tested."""
-    change = None if first is None or later is None else change_between(first, later)
+def _change(first: Measure | None, later: Measure | None, unlike: str | None, repeated: float | None) -> Markup:
+    """unlike: why the change is shown but not tested; None where it is tested. repeated: as in ``change_between``."""
+    limit = repeated if later is not None and later.part is None else None
+    change = None if first is None or later is None else change_between(first, later, limit)
     if change is None or later is None:
         return UNKNOWN.format("not comparable")
     if unlike is not None:
         change = Change(change.difference, None)
-    words, kind = VERDICTS[change.exceeds]
+    verdicts = REPEATED_VERDICTS if change.repeated else VERDICTS
+    words, kind = verdicts[change.exceeds]
     needed = "" if change.detectable is None else f" (± {value_form(later).write(change.detectable)})"
     cell = Markup('<span class="change {}"><b>{}</b><br>{}{}</span>')
     return cell.format(kind, _signed(change, later), unlike or words, needed)
