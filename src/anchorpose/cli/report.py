@@ -34,7 +34,7 @@ def report(
     label
         The name of a session on that page, for example --label before --label after; once for each session.
     reliability
-        A table that 'anchorpose reliability' wrote: changes below its minimal detectable change are marked as not shown.
+        A table that 'anchorpose reliability' wrote: smaller changes than its MDC95 are marked as not shown.
     """
     from anchorpose.report.comparison import write_comparison
     from anchorpose.report.page import write_report
