@@ -127,12 +127,12 @@ def change_between(first: Measure, later: Measure, repeated: float | None = None
 
 Key = tuple[str, str | None, str | None]
 
-VERDICTS: Final = {
+VERDICTS: Final[dict[bool | None, tuple[str, str]]] = {
     True: ("more than the errors", "exceeds"),
     False: ("not shown: within the errors", "within"),
     None: ("no error is stated", "untested"),
 }
-REPEATED_VERDICTS: Final = {
+REPEATED_VERDICTS: Final[dict[bool | None, tuple[str, str]]] = {
     True: ("more than the minimal detectable change", "exceeds"),
     False: ("not shown: below the minimal detectable change", "within"),
 }
