@@ -29,6 +29,7 @@ from anchorpose.cli.reliability import reliability
 from anchorpose.cli.report import report
 from anchorpose.cli.simulate import simulate
 from anchorpose.cli.track import track
+from anchorpose.cli.verify import verify
 from anchorpose.cli.view import view
 from anchorpose.errors import AnchorposeError
 
@@ -56,8 +57,8 @@ app = App(
     suppress_keyboard_interrupt=False,
 )
 for _verb in (
-    demo, simulate, convert, check, calibrate, track, evaluate, measure, report, reliability, view, export, inspect,
-    equipment, motions, record, live, batch, experiment,
+    demo, simulate, convert, check, calibrate, track, evaluate, measure, verify, report, reliability, view, export,
+    inspect, equipment, motions, record, live, batch, experiment,
 ):  # fmt: skip
     app.command(_verb)
 

@@ -169,6 +169,7 @@ class RunDocument(Entry, extra="ignore"):
     notes: tuple[str, ...] = ()
     config: dict[str, Any] | None = None
     inputs_sha256: dict[str, Sha256]
+    outputs_sha256: dict[str, Sha256] = Field(default_factory=dict)
 
 
 def read_run(path: Path) -> dict[str, Any]:

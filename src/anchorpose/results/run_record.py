@@ -235,8 +235,13 @@ def hash_files(files: Iterable[Path], folder: Path) -> tuple[tuple[str, str], ..
     return tuple(hashes)
 
 
+def output_files(results: Path) -> list[Path]:
+    """Tables and pictures of a results folder, in a fixed order."""
+    return sorted((*results.glob("*.parquet"), *results.glob("pictures/*.png")))
+
+
 def write_run_record(path: Path, record: RunRecord) -> None:
-    """Writes run.json."""
+    """Writes run.json, with the hashes of all tables and pictures, which are there already."""
     document = {
         "format": "anchorpose-run",
         "version": 1,
@@ -261,6 +266,7 @@ def write_run_record(path: Path, record: RunRecord) -> None:
         "notes": as_json(record.notes),
         "config": as_json(record.config),
         "inputs_sha256": dict(record.inputs_sha256),
+        "outputs_sha256": dict(hash_files(output_files(path.parent), path.parent)),
     }
     path.write_text(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
 
