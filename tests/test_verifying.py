@@ -81,6 +81,7 @@ def test_who_corrected_what_and_what_no_longer_fits_is_said(made):
         "time_s": 0.1,
         "position_m": [0.0, 0.5, 0.0],
         "sigma_m": 0.02,
+        "reason": "seen",
         "who": "AB",
     }
     when = "2026-03-04T10:00:00+00:00"
@@ -89,7 +90,7 @@ def test_who_corrected_what_and_what_no_longer_fits_is_said(made):
         "sha256": "0" * 64,
         "patient": None,
         "unusable": [],
-        "joints": [joint | {"when": when}] * 2,
+        "joints": [joint | {"when": when, "frame": frame} for frame in (2, 3)],
     }
 
     def change(run):
