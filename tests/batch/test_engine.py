@@ -134,7 +134,7 @@ def test_what_stops_the_caller_stops_the_children_first(tmp_path: Path) -> None:
 
 
 def test_a_scheduler_that_runs_is_used_and_left_running(tmp_path: Path) -> None:
-    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None, processes=True) as cluster:
+    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0", processes=True) as cluster:
         place = Place(scheduler=cluster.scheduler_address)
         for _ in range(2):
             assert [outcome.why for outcome in run_jobs([Job("a", batch_stub.threads)], place)] == [None]

@@ -94,7 +94,7 @@ def _local(workers: int) -> Any:
         threads_per_worker=1,
         processes=True,
         host="127.0.0.1",
-        dashboard_address=None,
+        dashboard_address="127.0.0.1:0",  # any free port: several batches at once
         memory_limit=0,  # the worker itself holds nothing
         silence_logs=logging.CRITICAL,
         preload=[IGNORE_CTRL_C],

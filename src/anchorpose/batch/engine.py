@@ -33,9 +33,10 @@ class Job:
     log: Path | None = None
 
 
-def run_jobs(jobs: Sequence[Job], place: Place) -> Iterator[Outcome]:
+def run_jobs(jobs: Sequence[Job], place: Place, tick: Callable[[], None] = lambda: None) -> Iterator[Outcome]:
     """Runs all jobs, those listed first begin first, and gives the outcome of each as it ends.
 
+    tick: called about twice a second while jobs run, for progress that can be seen from outside of them.
     An exception in the caller's loop, such as that of a signal, stops the jobs that run; their processes have ended
     when it comes out. Raises AnchorposeError where the scheduler cannot be used.
     """
@@ -44,14 +45,14 @@ def run_jobs(jobs: Sequence[Job], place: Place) -> Iterator[Outcome]:
     group = secrets.token_hex(4)
     with connected(place, len(jobs)) as client:
         try:
-            yield from _run(client, jobs, group)
+            yield from _run(client, jobs, group, tick)
         except BaseException:
             with suppress(Exception):  # whatever keeps it from stopping, the first error counts
                 client.run(stop_children, group)
             raise
 
 
-def _run(client: Client, jobs: Sequence[Job], group: str) -> Iterator[Outcome]:
+def _run(client: Client, jobs: Sequence[Job], group: str, tick: Callable[[], None]) -> Iterator[Outcome]:
     """No more jobs are handed over than there are threads: one that waits on a worker would share in its death.
 
     A future is let go with its outcome. The scheduler forgets the job then, so that no death of a worker repeats it.
@@ -64,6 +65,7 @@ def _run(client: Client, jobs: Sequence[Job], group: str) -> Iterator[Outcome]:
             running[_submit(client, job, number, group)] = job.name
         with suppress(TimeoutError):
             wait(list(running), timeout=POLL_S, return_when="FIRST_COMPLETED")
+        tick()
         for future in [future for future in running if future.done()]:
             name, why = running.pop(future), _why(future)
             outcome = Outcome(name, why) if why else future.result()

@@ -81,7 +81,7 @@ def open_folder(out: Path, sessions: Sequence[Session]) -> None:
         raise InputError(mark, "is not of a batch", "choose another folder")
     if not mark.is_file() and out.is_dir() and any(out.iterdir()):
         raise InputError(out, "exists and is not the folder of a batch", "choose another name; nothing was changed")
-    inside = [session for session in sessions if out.resolve().is_relative_to(session.recording.resolve())]
+    inside = [one for one in sessions if one.place is not None and out.resolve().is_relative_to(one.place)]
     if inside:
         raise InputError(out, f"lies inside the recording {inside[0].recording}", "choose a folder outside of it")
     try:

@@ -16,6 +16,7 @@ from typing import Any, Final
 from anchorpose.cli.track import TrackOptions
 from anchorpose.errors import InputError
 from anchorpose.recording.document import read_text
+from anchorpose.remote import is_address
 
 RECORDING_FILE: Final = "recording.json"
 TABLE_ENDING: Final = ".csv"
@@ -28,25 +29,31 @@ COLUMNS: Final = ("recording", "session", "subject", *SETTINGS)
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """One recording to track. name: of its results folder; subject: who, as the table says; options: of its run."""
+    """One recording to track: a path, or an address as text. name: of its results folder; subject: who, as the table
+    says; options: of its run."""
 
-    recording: Path
+    recording: Path | str
     name: str = ""
     subject: str = ""
     options: TrackOptions = field(default_factory=TrackOptions)
+
+    @property
+    def place(self) -> Path | None:
+        """The whole path of the recording; None where it is at an address."""
+        return None if isinstance(self.recording, str) else self.recording.resolve()
 
     def absolute(self) -> Session:
         """The same with paths that hold in any folder, for a worker that runs elsewhere."""
         paths = {name: getattr(self.options, name) for name in FILES}
         known: dict[str, Any] = {name: path.resolve() for name, path in paths.items() if path is not None}
         options = replace(self.options, **known)
-        return replace(self, recording=self.recording.resolve(), options=options)
+        return replace(self, recording=self.place or self.recording, options=options)
 
 
 def find_sessions(given: Sequence[str], options: TrackOptions) -> tuple[Session, ...]:
     """The sessions that a user names, each with a name of its own, in the order given.
 
-    given: recordings (folders, or files of a recorder), folders that contain recordings, patterns such as
+    given: recordings (folders, or files of a recorder), folders that contain recordings, addresses, patterns such as
     ``clinic/*/recording``, and tables (``.csv``). options: for all of them; a row of a table overrides them. Raises
     InputError where one leads to no recording, a table cannot be used, or two sessions have the same name.
     """
@@ -63,7 +70,9 @@ def find_sessions(given: Sequence[str], options: TrackOptions) -> tuple[Session,
 
 def _sessions_of(text: str, options: TrackOptions) -> Iterator[Session]:
     path = Path(text)
-    if path.suffix.lower() == TABLE_ENDING:
+    if is_address(text):
+        yield Session(text, options=options)
+    elif path.suffix.lower() == TABLE_ENDING:
         yield from _read_table(path, options)
     elif path.exists():
         yield from (Session(recording, options=options) for recording in _recordings_in(path))
@@ -106,7 +115,8 @@ def _session_of(row: dict[str, str], path: Path, number: int, options: TrackOpti
     if not row["recording"]:
         raise InputError(path, f"line {number} names no recording", "fill in the column 'recording'")
     given: dict[str, Any] = {name: _value(name, row[name], path, number) for name in SETTINGS if row.get(name)}
-    recording = path.parent / row["recording"]
+    named = row["recording"]
+    recording = named if is_address(named) else path.parent / named
     return Session(recording, row.get("session", ""), row.get("subject", ""), replace(options, **given))
 
 
@@ -127,7 +137,7 @@ def _value(name: str, text: str, path: Path, number: int) -> object:
 
 def _named(sessions: Sequence[Session]) -> Iterator[Session]:
     """The name of the recording's folder, with as many of the folders above it as it takes to have one each."""
-    own = [session.recording.resolve() for session in sessions]
+    own = [session.place or Path(str(session.recording).partition("://")[2]) for session in sessions]
     for session, path in zip(sessions, own, strict=True):
         parts = [part for part in path.parts if part != path.anchor]
         ends = ["-".join(parts[-count:]) for count in range(1, len(parts) + 1)]

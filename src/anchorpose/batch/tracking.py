@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from anchorpose.batch.sessions import Session
+from anchorpose.remote import local_copy
 from anchorpose.results.run_document import read_run
 from anchorpose.results.run_record import RUN_FILE
 from anchorpose.results.unfinished import begun_identity, wait_until_free
@@ -22,18 +23,19 @@ def track_session(session: Session, results: Path) -> bool:
     ``anchorpose track`` raises.
     """
     from anchorpose.cli.convert import as_recording
-    from anchorpose.cli.track import track
+    from anchorpose.cli.track import track_locally
 
     results.parent.mkdir(parents=True, exist_ok=True)
     wait_until_free(results, ENDING_S)
-    recording, begun = as_recording(session.recording), begun_identity(results)
-    resume = False
-    if begun is not None or (results / RUN_FILE).is_file():
-        identity = _identity(session, recording)
-        if done_identity(results) == identity:
-            return False
-        resume = begun == identity
-    track(recording, results=results, options=replace(session.options, overwrite=True, resume=resume))
+    with local_copy(session.recording) as source:
+        recording, begun = as_recording(source), begun_identity(results)
+        resume = False
+        if begun is not None or (results / RUN_FILE).is_file():
+            identity = _identity(session, recording)
+            if done_identity(results) == identity:
+                return False
+            resume = begun == identity
+        track_locally(recording, results, replace(session.options, overwrite=True, resume=resume))
     return True
 
 

@@ -36,9 +36,9 @@ def batch(
     Parameters
     ----------
     recordings
-        Recordings, folders that contain recordings, patterns in quotes ('clinic/*/recording'), or a .csv table with one
-        row per session: a column 'recording', and if you like 'session', 'subject', 'height' and other options of
-        'anchorpose track', such as 'patient' or 'smooth'.
+        Recordings, folders that contain recordings, addresses (sftp://, s3://, gs://), patterns in quotes
+        ('clinic/*/recording'), or a .csv table with one row per session: a column 'recording', and if you like
+        'session', 'subject', 'height' and other options of 'anchorpose track', such as 'patient' or 'smooth'.
     out
         The folder to write: a results folder for each session in 'sessions', tables, and index.html.
     workers
@@ -63,7 +63,10 @@ def batch(
     from anchorpose.batch.sessions import find_sessions
     from anchorpose.cli.console import progress_bar
     from anchorpose.cli.track import TrackOptions
+    from anchorpose.remote import is_address
 
+    if is_address(str(out).replace(":/", "://", 1)):
+        raise InputError(out, "is an address", "write the batch to a local folder, and copy it when it is done")
     if not recordings:
         raise InputError(out, "is to hold no session", "give recordings, folders, patterns or a .csv table")
     place = Place(workers, scheduler, {} if slurm is None else _read_toml(slurm))

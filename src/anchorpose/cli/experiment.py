@@ -6,12 +6,11 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from anchorpose.batch.worker import KERNELS
 from anchorpose.errors import InputError
 
 if TYPE_CHECKING:
     from anchorpose.research.experiment.config import ExperimentConfig
-
-THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
 def experiment(
@@ -44,8 +43,8 @@ def experiment(
     if processes is not None and processes < 1:
         raise InputError(out, f"cannot be worked on by {processes} processes", "give --processes 1 or more")
     settings = _settings(quick, config)
-    for name in THREADS:
-        os.environ.setdefault(name, "1")  # one core per process; a new process reads it before it loads a library
+    for name in KERNELS:
+        os.environ.setdefault(name, "1")  # the movements made here have the same bytes as on one core
     try:
         _run(out, settings, real, processes or os.cpu_count() or 1)
     except KeyboardInterrupt as stopped:

@@ -83,10 +83,10 @@ class TrackOptions:
 
 
 def track(
-    recording: Path,
+    recording: str,
     /,
     *,
-    results: Annotated[Path, Parameter(name=["--output", "-o"])],
+    results: Annotated[str, Parameter(name=["--output", "-o"])],
     options: TrackOptions | None = None,
 ) -> None:
     """Find the patient's 21 joints in every frame of a recording, and state which were seen and how accurate they are.
@@ -95,18 +95,31 @@ def track(
     ----------
     recording
         The folder with recording.json and the depth images of each camera; or a recorder's file or folder, which is
-        first converted into INPUT.anchorpose beside it, as by 'anchorpose convert'.
+        first converted into INPUT.anchorpose beside it, as by 'anchorpose convert'. Also an address (sftp://, s3://,
+        gs://), from which it is copied.
     results
         The folder to write: tables of joints, angles and contacts, run.json, report.html and the data of the viewer. It
-        appears when everything is done.
+        appears when everything is done. Also an address, to which it is copied then.
     """
+    from anchorpose.remote import is_address, local_copy, local_results
+
+    given = options or TrackOptions()
+    if given.resume and is_address(results):
+        raise AnchorposeError("--resume needs results in a local folder; copy them to the address when they are done.")
+    with local_results(results, given.overwrite) as folder, local_copy(recording) as source:
+        track_locally(source, folder, given)
+        if is_address(results):
+            print(f"They go to {results}.")
+
+
+def track_locally(recording: Path, results: Path, given: TrackOptions) -> None:
+    """Tracks a recording on this machine into a results folder on it, with progress, and prints what came out."""
     from anchorpose.cli.console import print_outcome, progress_bar
     from anchorpose.cli.convert import as_recording
     from anchorpose.pipeline import track_recording
     from anchorpose.results.folder import check_results_path
     from anchorpose.results.unfinished import unfinished_results
 
-    given = options or TrackOptions()
     settings = given.settings()
     check_results_path(results, recording, given.overwrite)
     recording = as_recording(recording)

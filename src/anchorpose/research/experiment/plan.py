@@ -24,6 +24,7 @@ from anchorpose.research.experiment.methods.references import ABLATED
 from anchorpose.versions import code_digest, versions
 
 PRESENTING: Final = (
+    "batch/",
     "cli/",
     "exports/",
     "pages/",
@@ -31,7 +32,7 @@ PRESENTING: Final = (
     "research/experiment/results.py",
     "research/experiment/page/",
     "research/experiment/pictures/",
-    "research/experiment/pool.py",
+    "research/experiment/clip_jobs.py",
     "research/experiment/run.py",
     "viewer/",
     "viewing.py",

@@ -16,6 +16,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import InputError
+from anchorpose.research.experiment.clip_jobs import Part, Progress, do
 from anchorpose.research.experiment.clips import Clip, plan_clips, simulation_of
 from anchorpose.research.experiment.config import ExperimentConfig, Scene
 from anchorpose.research.experiment.method import Method, load_methods
@@ -24,7 +25,6 @@ from anchorpose.research.experiment.page.page import write_results
 from anchorpose.research.experiment.pictures.album import show
 from anchorpose.research.experiment.pictures.canvas import default_style
 from anchorpose.research.experiment.plan import Kind, PlanSpec, Task, experiment_code, read
-from anchorpose.research.experiment.pool import Job, Progress, do
 from anchorpose.research.experiment.results import (
     ExperimentResults,
     Matched,
@@ -106,13 +106,13 @@ def run_experiment(
         raise InputError(real, "contains no recording folder with a skeleton.npz", "check the folder")
     trainers = tuple(training_clips(config))
     spec = _untuned_plan(out / CACHE, trainers, config)
-    training = Job(replace(spec, training=True), trainers if config.tuned else ())
-    testing = Job(replace(spec, chosen=_chosen(_tried(training, methods))), tuple(clips))
+    training = Part(replace(spec, training=True), trainers if config.tuned else ())
+    testing = Part(replace(spec, chosen=_chosen(_tried(training, methods))), tuple(clips))
     left_s = training.left_s() + testing.left_s()
     report(f"About {_duration(left_s / processes)} on {processes} cores.")
     failed, _ = do(training, processes, progress, testing.left_s())
     tried = _tried(training, methods)
-    testing = Job(replace(spec, chosen=_chosen(tried)), tuple(clips))
+    testing = Part(replace(spec, chosen=_chosen(tried)), tuple(clips))
     more, shown = do(testing, processes, progress, 0.0, partial(show, out, testing.spec, trainers))
     report("Writing tables, figures and the page.")
     tracked, matched = _collect(testing.tasks())
@@ -134,7 +134,7 @@ def _chosen(tried: AllTried) -> tuple[tuple[str, int], ...]:
     return tuple((key, next(n for n, one in enumerate(rows) if one.chosen)) for key, rows in tried)
 
 
-def _undone(job: Job) -> list[str]:
+def _undone(job: Part) -> list[str]:
     """A sentence for each clip with missing results, whatever the reason."""
     missing = Counter(task.clip.name for task in job.tasks() if not task.done)
     return [f"{name}: {count} results are missing." for name, count in missing.items()]
@@ -169,7 +169,7 @@ def _untuned_plan(cache: Path, trainers: Sequence[Clip], config: ExperimentConfi
     )
 
 
-def _tried(training: Job, methods: Sequence[Method]) -> AllTried:
+def _tried(training: Part, methods: Sequence[Method]) -> AllTried:
     """The settings of every method with several, and their scores on the training recordings."""
     windows: dict[tuple[str, object], list[np.ndarray]] = {}
     for task in training.tasks():

@@ -1,0 +1,137 @@
+"""Recordings and results at addresses that fsspec knows (sftp://, s3://, gs://): copied whole, worked on locally.
+
+Tracking reads every image more than once and writes tables as it goes on, so a local copy is faster than any stream.
+"""
+
+from __future__ import annotations
+
+import posixpath
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
+from typing import Any, Final
+
+from anchorpose.errors import InputError, MissingPackage
+
+EXTRAS: Final = {
+    "sftp": ("sshfs", "sftp"),
+    "ssh": ("sshfs", "sftp"),
+    "s3": ("s3fs", "s3"),
+    "gs": ("gcsfs", "gs"),
+    "gcs": ("gcsfs", "gs"),
+}
+"""Package and extra by the kind of address."""
+
+OBJECT_STORES: Final = frozenset(("s3", "s3a", "gs", "gcs"))
+
+
+def is_address(text: object) -> bool:
+    """Whether it is an address rather than a path."""
+    return isinstance(text, str) and "://" in text
+
+
+def name_of(address: str) -> str:
+    """The last part of an address."""
+    return posixpath.basename(address.partition("://")[2].rstrip("/"))
+
+
+@contextmanager
+def local_copy(given: str | Path) -> Iterator[Path]:
+    """The path itself, or a copy of what lies at an address, of the same name, which ends with the block.
+
+    Raises InputError where there is nothing or it cannot be read, MissingPackage without the package for it.
+    """
+    if not is_address(given):
+        yield Path(given)
+        return
+    address = str(given)
+    with TemporaryDirectory(prefix="anchorpose-") as folder:
+        copy = Path(folder) / name_of(address)
+        with _connected(address, "read") as (system, place):
+            if not system.exists(place):
+                raise InputError(address, "is not there", "check the address")
+            files = system.find(place)
+            local = [copy.joinpath(*_inside(address, file, place)) for file in files]
+            for parent in {file.parent for file in local}:
+                parent.mkdir(parents=True, exist_ok=True)
+            system.get(files, [str(file) for file in local])
+        yield copy
+
+
+def _inside(address: str, file: str, place: str) -> tuple[str, ...]:
+    """The parts of a file's name below a place; raises InputError where the server leads out of it."""
+    parts = PurePosixPath(file).relative_to(place).parts
+    if ".." in parts or any("\\" in part for part in parts):
+        raise InputError(address, f"holds a file with the name {file}", "rename it")
+    return parts
+
+
+@contextmanager
+def local_results(given: str | Path, overwrite: bool = False) -> Iterator[Path]:
+    """The path itself, or a folder to make what then goes to an address, when the block ends without an error.
+
+    It is copied under a temporary name and then renamed. ``overwrite`` replaces what is at the address; without it an
+    existing one is refused before any work. Raises InputError and MissingPackage, as ``local_copy``.
+    """
+    if not is_address(given):
+        yield Path(given)
+        return
+    address = str(given)
+    with _connected(address, "written") as (system, place):
+        if system.exists(place) and not overwrite:
+            raise InputError(address, "exists already", "choose another name, or give --overwrite to replace it")
+    with TemporaryDirectory(prefix="anchorpose-") as folder:
+        made = Path(folder) / name_of(address)
+        yield made
+        _publish(made, address)
+
+
+def _publish(made: Path, address: str) -> None:
+    with _connected(address, "written") as (system, place):
+        mark = secrets.token_hex(4)
+        partial, replaced = (f"{place}.{kind}-{mark}" for kind in ("partial", "replaced"))
+        try:
+            system.put(f"{made}/", f"{partial}/", recursive=True)
+        except BaseException:
+            with suppress(Exception):  # the first error counts
+                system.rm(partial, recursive=True)
+            raise
+        existed = system.exists(place)
+        if existed:
+            _rename(system, place, replaced)
+        _rename(system, partial, place)
+        if existed:
+            system.rm(replaced, recursive=True)
+
+
+def _rename(system: Any, source: str, target: str) -> None:
+    """At once where there are folders; an object store has none, there every file is copied."""
+    if OBJECT_STORES.isdisjoint((system.protocol,) if isinstance(system.protocol, str) else system.protocol):
+        system.mv(source, target, recursive=True)
+        return
+    files = system.find(source)
+    system.copy(files, [target + file.removeprefix(source) for file in files])
+    system.rm(source, recursive=True)
+
+
+@contextmanager
+def _connected(address: str, use: str) -> Iterator[tuple[Any, str]]:
+    """The file system of an address and the place in it; whatever it raises becomes one sentence."""
+    kind = address.partition("://")[0]
+    try:
+        from fsspec.core import url_to_fs
+
+        system, place = url_to_fs(address)
+        system.invalidate_cache()
+        yield system, place.rstrip("/")
+    except InputError:
+        raise
+    except ImportError:
+        package, extra = EXTRAS.get(kind, (f"that serves {kind}://", "sftp,s3,gs"))
+        raise MissingPackage(f"An address that begins with {kind}://", package, extra) from None
+    except Exception as error:  # each file system has errors of its own
+        why = str(error).splitlines()[0][:200] if str(error) else type(error).__name__
+        remedy = "check the address, your access to it, and the connection"
+        raise InputError(address, f"cannot be {use} ({why})", remedy) from error

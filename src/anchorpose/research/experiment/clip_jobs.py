@@ -1,0 +1,78 @@
+"""The recordings of an experiment as jobs of the engine that also tracks many sessions, with progress."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Final
+
+from anchorpose.batch.cluster import Place
+from anchorpose.batch.engine import Job, run_jobs
+from anchorpose.research.experiment.clips import Clip
+from anchorpose.research.experiment.plan import PlanSpec, Task
+from anchorpose.research.experiment.work import work_on
+
+MAKING_S: Final = 0.35  # on one core per frame and camera: to simulate it and to track the reference
+BESIDE: Final = "pictures"
+
+Progress = Callable[[float, float], None]
+"""Called with the approximate seconds on one core, done and in total."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """Part of an experiment: clips, and the plan of their tasks."""
+
+    spec: PlanSpec
+    clips: tuple[Clip, ...]
+
+    def tasks(self) -> list[Task]:
+        """The tasks of all clips."""
+        plan = self.spec.plan()
+        return [task for clip in self.clips for task in plan.tasks(clip)]
+
+    def left_s(self) -> float:
+        """Seconds on one core for the open tasks and the recordings that they need."""
+        return _left_s(self.tasks())
+
+
+def do(
+    part: Part, processes: int, progress: Progress, after_s: float, beside: Callable[[], Any] | None = None
+) -> tuple[list[str], Any]:
+    """Do all tasks, clips in parallel; returns a sentence for each clip with a task that could not be done.
+
+    after_s: seconds of work after this part, for the time left. beside: other work, done in one of the processes; its
+    return value, None where it fails, is the second result.
+    """
+    tasks = part.tasks()
+    left_s = _left_s(tasks)
+    open_clips = {task.clip.name for task in tasks if not task.done}
+    clips = sorted((c for c in part.clips if c.name in open_clips), key=_making_s, reverse=True)
+    logs = part.spec.cache / "logs"
+    jobs = [Job(clip.name, partial(_work, clip, part.spec), logs / f"{clip.name}.log") for clip in clips]
+    if beside is not None:
+        jobs.insert(0, Job(BESIDE, beside, logs / f"{BESIDE}.log"))
+    failed, shown = list[str](), None
+    for outcome in run_jobs(jobs, Place(processes), lambda: progress(left_s - _left_s(tasks), left_s + after_s)):
+        if outcome.why is not None:
+            failed.append(f"{outcome.name}: {outcome.why}")
+        elif outcome.name == BESIDE:
+            shown = outcome.value
+    return failed, shown
+
+
+def _work(clip: Clip, spec: PlanSpec) -> None:
+    work_on(clip, spec.plan())
+
+
+def _left_s(tasks: list[Task]) -> float:
+    by_clip: dict[str, float] = {}
+    for task in tasks:
+        if not task.done:
+            by_clip[task.clip.name] = by_clip.get(task.clip.name, _making_s(task.clip)) + task.cost_s
+    return sum(by_clip.values())
+
+
+def _making_s(clip: Clip) -> float:
+    return 10.0 if clip.simulation is None else 5.0 + MAKING_S * clip.simulation.frames * clip.simulation.cameras
