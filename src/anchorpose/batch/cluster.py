@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
@@ -59,19 +59,36 @@ def connected(place: Place, jobs: int) -> Iterator[Client]:
     jobs: no more workers than that are started. Raises AnchorposeError where the scheduler cannot be reached.
     """
     import dask
-    from distributed import Client
 
     with dask.config.set(SCHEDULING):
         logging.getLogger("distributed").setLevel(logging.ERROR)  # what matters comes back with the outcomes
         if place.scheduler is None:
-            with _local(min(place.workers or cores(), jobs)) as cluster, Client(cluster) as client:
+            with _client_of(_local(min(place.workers or cores(), jobs))) as client:
                 yield client
         elif place.scheduler == SLURM:
-            with _slurm(place, jobs) as cluster, Client(cluster) as client:
+            with _client_of(_slurm(place, jobs)) as client:
                 yield client
         else:
             with _running(place.scheduler) as client:
                 yield client
+
+
+@contextmanager
+def _client_of(cluster: Any) -> Iterator[Client]:
+    """A client of a cluster that was started here, and closed at the end.
+
+    A worker that is being started again may keep the cluster from closing in time. That is no error of the work: all
+    outcomes are known by then, and the workers end with this process.
+    """
+    from distributed import Client
+
+    client = Client(cluster)
+    try:
+        yield client
+    finally:
+        for each in (client, cluster):
+            with suppress(TimeoutError):
+                each.close()
 
 
 @contextmanager
