@@ -25,7 +25,8 @@ FLOW = (
 VALUES = ("errors", "joints", "camera", "lens", "rotations", "versions", "settings")
 BESIDE_THE_FLOW = (
     "simulate", "tracker", "pipeline", "calibrating", "inspecting", "collecting", "run_account", "threads", "writing",
-    "track_inputs", "cli", "live", "check", "checking", "verifying", "research", "exports", "pages", "viewer", "viewing", "sources", "batch", "agreement", "remote",
+    "track_inputs", "cli", "live", "check", "checking", "verifying", "research", "exports", "pages", "viewer",
+    "viewing", "sources", "batch", "agreement", "remote",
 )  # fmt: skip
 PACKAGE_ITSELF = "anchorpose"  # `from anchorpose import __version__`
 
