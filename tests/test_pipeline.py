@@ -90,8 +90,9 @@ def test_every_frame_is_in_the_tables(run):
     np.testing.assert_array_equal(run.joints.frame, np.arange(FRAMES))
     np.testing.assert_allclose(run.joints.time_s, np.arange(FRAMES) / FPS, atol=1e-6)
     assert sorted(path.name for path in run.results.iterdir() if path.is_file()) == [
-        "anchors.parquet", "angles.parquet", "contacts.parquet", "episodes.parquet", "explained.parquet",
-        "joints.parquet", "measures.parquet", "people.parquet", "poses.parquet", "posture.parquet", "report.html",
+        ".log.jsonl.lock", "anchors.parquet", "angles.parquet", "contacts.parquet", "episodes.parquet",
+        "explained.parquet", "joints.parquet", "log.jsonl", "measures.parquet", "people.parquet", "poses.parquet",
+        "posture.parquet", "report.html",
         "run.json",
     ]  # fmt: skip
 

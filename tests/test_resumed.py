@@ -50,9 +50,12 @@ def stop_after(monkeypatch: pytest.MonkeyPatch, writes: int) -> None:
     monkeypatch.setattr(journal, "write_whole", write)
 
 
+TIMED = ("report.html", "run.json", "log.jsonl")
+
+
 def content(results: Path) -> dict[str, bytes]:
     files = {path.relative_to(results).as_posix(): path for path in results.rglob("*") if path.is_file()}
-    found = {name: path.read_bytes() for name, path in files.items() if name not in ("report.html", "run.json")}
+    found = {name: path.read_bytes() for name, path in files.items() if name not in TIMED}
     run = json.loads((results / "run.json").read_text())
     del run["timings"]
     return found | {"run.json": json.dumps(run).encode()}

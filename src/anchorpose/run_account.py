@@ -92,6 +92,7 @@ def account_of(
         identity=inputs.identity,
         patient=_patient(room),
         corrections=corrections,
+        calibration=inputs.calibration,
         cameras=_cameras(room, inputs.pose_source),
         floor_height_m=room.calibration.floor_height_m,
         residuals=(*_pose_residuals(room.calibration), *_clock_residuals(room.clocks, gaps)),

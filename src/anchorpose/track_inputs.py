@@ -14,7 +14,8 @@ from anchorpose.calibration.calibration import PoseSource
 from anchorpose.errors import InputError
 from anchorpose.recording.reader import frame_range, input_files, open_recording
 from anchorpose.recording.recording import Recording
-from anchorpose.recording.recording_file import with_height, with_poses
+from anchorpose.recording.recording_file import CALIBRATION_FILE, with_height, with_poses
+from anchorpose.results.calibration_file import CalibrationUsed
 from anchorpose.results.corrections import Corrections, NamedPatient, poses_of, require_recording, reviewed_recording
 from anchorpose.results.corrections_file import read_corrections
 from anchorpose.results.run_record import as_json, hash_files
@@ -53,6 +54,7 @@ class TrackInputs:
     sha256: tuple[tuple[str, str], ...]
     review_file: ReviewFile | None
     pose_source: PoseSource | None
+    calibration: CalibrationUsed | None = None
 
     @property
     def identity(self) -> str:
@@ -71,9 +73,10 @@ class TrackInputs:
 
 def read_inputs(folder: Path, config: TrackConfig, user: UserInputs) -> TrackInputs:
     """Raises InputError where the recording cannot be used, or a file of the user does not belong to it."""
-    recording, source = with_height(open_recording(folder), config.height_m), None
+    recording, source, calibration = with_height(open_recording(folder), config.height_m), None, None
     if user.calibration is not None:
         recording, source = with_poses(recording, user.calibration), PoseSource.FILE
+        calibration = _calibration_record(user.calibration)
     frame_range(recording, config.start, config.stop)
     given = None if user.corrections is None else _read_review(user.corrections)
     hashes = _hash_inputs(recording, config)
@@ -82,7 +85,13 @@ def read_inputs(folder: Path, config: TrackConfig, user: UserInputs) -> TrackInp
             recording, source = _in_world_of(given.corrections, recording), PoseSource.RESULTS
         _require_about(given, recording, hashes)
         config = _with_named_patient(config, given)
-    return TrackInputs(recording, config, hashes, given, source)
+    return TrackInputs(recording, config, hashes, given, source, calibration)
+
+
+def _calibration_record(path: Path) -> CalibrationUsed:
+    file = path / CALIBRATION_FILE if path.is_dir() else path
+    ((name, digest),) = hash_files([file], file.parent)
+    return CalibrationUsed(name, digest)
 
 
 def _read_review(path: Path) -> ReviewFile:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from anchorpose.errors import InputError
 from anchorpose.recording.reader import input_files, open_recording
+from anchorpose.results.event_log import Event, Log, read_log
 from anchorpose.results.records import EPISODES_FILE, MEASURES_FILE
 from anchorpose.results.run_document import read_run
 from anchorpose.results.run_record import RUN_FILE, hash_files, output_files
@@ -38,35 +39,66 @@ class Fits(StrEnum):
 @dataclass(frozen=True, slots=True)
 class Verified:
     """results, recording: what became of each file, the recording's None where none is given; program: whether version,
-    code or libraries differ from today's, as sentences; corrected: who corrected what, as sentences."""
+    code or libraries differ from today's, as sentences; corrected: who corrected what, as sentences; log: what was done
+    with the results, None where they have no log; broken: what is wrong with the log, as sentences."""
 
     results: Mapping[str, Fits]
     recording: Mapping[str, Fits] | None
     program: tuple[str, ...]
     corrected: tuple[str, ...]
+    log: tuple[Event, ...] | None
+    broken: tuple[str, ...]
 
     @property
     def is_right(self) -> bool:
         """Whether all files are as they were; another version of the program is no fault of the results."""
-        return all(fits.is_right for files in (self.results, self.recording or {}) for fits in files.values())
+        files = (*self.results.values(), *(self.recording or {}).values())
+        return not self.broken and all(fits.is_right for fits in files)
 
 
 def verify(results: Path, recording: Path | None) -> Verified:
-    """Compares every table and picture, and every file of the recording, with the hashes in run.json.
+    """Compares every table and picture, and every file of the recording, with the hashes in run.json and in the log.
 
-    Raises InputError where run.json cannot be read, or has no hashes because an older version wrote it.
+    Raises InputError where run.json or a line of the log cannot be read, or run.json has no hashes because an older
+    version wrote it.
     """
     path = results / RUN_FILE
     run = read_run(path)
     written = run.get("outputs_sha256")
     if not written:
         raise InputError(path, "has no hashes of the tables: an older version wrote it", "track the recording again")
-    found = dict(hash_files(output_files(results), results))
-    outputs = _compare(written, found)
-    for name in MEASURED & outputs.keys():
-        if outputs[name] in (Fits.CHANGED, Fits.ADDED):
+    log = read_log(results)
+    outputs = _compare(written, _hashes(results, written)) if log is None else _by_log(results, written, log)
+    if log is None:
+        for name in MEASURED & outputs.keys():
+            if outputs[name] in (Fits.CHANGED, Fits.ADDED):
+                outputs[name] = Fits.MEASURED
+    events, broken = (None, ()) if log is None else (log.events, log.broken)
+    return Verified(outputs, _inputs(run, recording), _program(run), _corrections(run), events, broken)
+
+
+def _by_log(results: Path, written: Mapping[str, str], log: Log) -> dict[str, Fits]:
+    """The last entry about a file says what it must be; an export may have been moved elsewhere."""
+    logged: dict[str, tuple[str, str | None]] = {
+        name: (event.what, digest) for event in log.events for name, digest in event.files.items()
+    }
+    wanted = {**written, **{name: digest for name, (_, digest) in logged.items() if digest is not None}}
+    wanted = {name: digest for name, digest in wanted.items() if name not in logged or logged[name][1] is not None}
+    found = _hashes(results, wanted)
+    outputs = _compare(wanted, found)
+    for name, (what, _) in logged.items():
+        if what == "export" and outputs.get(name) is Fits.MISSING:
+            del outputs[name]
+        elif what == "measure" and outputs.get(name) is Fits.SAME:
             outputs[name] = Fits.MEASURED
-    return Verified(outputs, _inputs(run, recording), _program(run), _corrections(run))
+    return outputs
+
+
+def _hashes(results: Path, wanted: Iterable[str]) -> dict[str, str]:
+    """Of all tables and pictures, and of what is wanted and in the folder: a log may name files anywhere."""
+    inside = [results / name for name in wanted if (results / name).resolve().is_relative_to(results.resolve())]
+    files = {*output_files(results), *(path for path in inside if path.is_file())}
+    return dict(hash_files(sorted(files), results))
 
 
 def _compare(before: Mapping[str, str], now: Mapping[str, str]) -> dict[str, Fits]:

@@ -22,6 +22,12 @@ def versions() -> dict[str, str]:
 
 
 @cache
+def machine() -> dict[str, str]:
+    """System and processor, on which the last digits of results depend."""
+    return {"system": platform.platform(), "processor": platform.machine()}
+
+
+@cache
 def code_digest(leave_out: tuple[str, ...] = ()) -> str:
     """SHA-256 in hex over the package's modules and .npz files, except those whose path starts with ``leave_out``.
 

@@ -8,8 +8,9 @@ from pathlib import Path
 from anchorpose.body.contact_regions import area_of_point, region_of_points
 from anchorpose.body.skin_points import body_points
 from anchorpose.pages.frame_pictures import draw_chosen, save_pictures
-from anchorpose.report.page import write_report
+from anchorpose.report.page import REPORT_FILE, write_report
 from anchorpose.results.contact_intervals import ContactIntervals
+from anchorpose.results.event_log import add_event
 from anchorpose.results.explained import EXPLAINED_FILE, read_explained, summarise, write_explained
 from anchorpose.results.measuring import write_measured
 from anchorpose.results.people_labels import PEOPLE_FILE, write_people
@@ -52,6 +53,7 @@ def write_results(
         account = account_of(run, written, pictures, learnt, inputs, outcome)
         write_run_record(results / RUN_FILE, account)
         write_report(results)
+        add_event(results, "track", (RUN_FILE, REPORT_FILE), about={"recording": account.recording})
 
 
 def _write_frames(results: Path, frames: Iterable[TrackedFrame], config: TrackConfig) -> Written:

@@ -18,7 +18,19 @@ from results_builder import make_frame, standing_joints, write_results
 from anchorpose.cli import main
 from anchorpose.joints import JOINT_NAMES
 
-VERBS = ("demo", "simulate", "check", "calibrate", "track", "evaluate", "measure", "report", "inspect", "motions")
+VERBS = (
+    "demo",
+    "simulate",
+    "check",
+    "calibrate",
+    "track",
+    "evaluate",
+    "measure",
+    "report",
+    "inspect",
+    "motions",
+    "verify",
+)
 
 
 @pytest.fixture(autouse=True)

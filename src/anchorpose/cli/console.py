@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import sys
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 
 @contextmanager
@@ -61,6 +63,16 @@ def counter(what: str) -> Iterator[Callable[[], None]]:
             status.update(f"Working: {count} {what}")
 
         yield tick
+
+
+def log_event(results: Path, what: str, files: Iterable[str], by: str, about: dict[str, Any] | None = None) -> None:
+    """Adds a line to the results' log; where that fails, as on a disk that is read-only, a sentence says so."""
+    from anchorpose.results.event_log import LOG_FILE, add_event
+
+    try:
+        add_event(results, what, files, by, about)
+    except OSError as error:
+        print(f"{results / LOG_FILE}: cannot be written ({error.strerror}): this is not logged.", file=sys.stderr)
 
 
 def print_outcome(results: Path) -> None:

@@ -54,6 +54,7 @@ def export(
     to: str,
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
     overwrite: bool = False,
+    by: str = "",
     options: ExportOptions | None = None,
 ) -> None:
     """Write results in the formats of other programs: OpenSim, C3D, Excel, R, MATLAB, Blender, BIDS.
@@ -72,11 +73,17 @@ def export(
         The folder to write into; by default 'exports' in the results folder.
     overwrite
         Replace earlier exports of these formats.
+    by
+        Who does this, for the log of the results that 'anchorpose verify' reads: your initials or pseudonym.
     """
-    from anchorpose.exports.run import export_results, parse_formats
+    from anchorpose.cli.console import log_event
+    from anchorpose.exports.run import EXPORTS_FOLDER, RECORD_FILE, export_results, parse_formats
 
     settings = (options or ExportOptions()).settings()
-    for folder, product in export_results(results, parse_formats(to), settings, output, overwrite):
+    exported = export_results(results, parse_formats(to), settings, output, overwrite)
+    inside = [f"{EXPORTS_FOLDER}/{folder.name}/{RECORD_FILE}" for folder, _ in exported] if output is None else []
+    log_event(results, "export", inside, by, {"to": ",".join(folder.name for folder, _ in exported)})
+    for folder, product in exported:
         print(f"{folder}: {product.units}; time {product.time}.")
         for note in product.notes:
             print(f"- {note}")

@@ -49,7 +49,7 @@ class MeasureOptions:
             raise AnchorposeError(f"{sentence_of(error)}; correct --cutoff or --longest-gap.") from None
 
 
-def measure(results: Path, /, *, options: MeasureOptions | None = None) -> None:
+def measure(results: Path, /, *, by: str = "", options: MeasureOptions | None = None) -> None:
     """Measure a session again: joint angles, time upright, standing up, extension, sway, symmetry and assistance.
 
     Reads joints.parquet and contacts.parquet of the folder and replaces angles, posture, episodes and measures. These
@@ -61,14 +61,19 @@ def measure(results: Path, /, *, options: MeasureOptions | None = None) -> None:
     ----------
     results
         A results folder made by 'anchorpose track'.
+    by
+        Who does this, for the log of the results that 'anchorpose verify' reads: your initials or pseudonym.
     """
     from rich.console import Console
     from rich.table import Table
 
-    from anchorpose.results.measuring import measure_rows, processing_sentence, write_measured
+    from anchorpose.cli.console import log_event
+    from anchorpose.results.measuring import WRITTEN, measure_rows, processing_sentence, write_measured
     from anchorpose.results.stand_training.measure import MeasureConfig
 
-    measured = write_measured(results, (options or MeasureOptions()).settings(), MeasureConfig())
+    given = options or MeasureOptions()
+    measured = write_measured(results, given.settings(), MeasureConfig())
+    log_event(results, "measure", WRITTEN, by, {"smooth": given.smooth, "fill": given.fill})
     table = Table("", "value ± 95 %", "inferred", "why not")
     for row in measure_rows(measured.measures):
         table.add_row(*row)

@@ -17,6 +17,7 @@ def report(
     out: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
     label: Annotated[list[str] | None, Parameter(negative=())] = None,
     reliability: Path | None = None,
+    by: str = "",
 ) -> None:
     """Make report.html of a results folder again, or compare several sessions of one patient on one page.
 
@@ -35,7 +36,10 @@ def report(
         The name of a session on that page, for example --label before --label after; once for each session.
     reliability
         A table that 'anchorpose reliability' wrote: smaller changes than its MDC95 are marked as not shown.
+    by
+        Who makes the page of one session again, for the log that 'anchorpose verify' reads: your initials or pseudonym.
     """
+    from anchorpose.cli.console import log_event
     from anchorpose.report.comparison import write_comparison
     from anchorpose.report.page import write_report
 
@@ -51,4 +55,6 @@ def report(
             "give another one to compare it with, or leave out -o, --label and --reliability",
         )
     else:
-        print(f"Open {write_report(results)} in a browser.")
+        page = write_report(results)
+        log_event(results, "report", (page.name,), by)
+        print(f"Open {page} in a browser.")

@@ -12,10 +12,11 @@ if TYPE_CHECKING:
 
 
 def verify(results: Path, recording: Path | None = None, /) -> int:
-    """See whether results are as they were written, and of this recording: by the hashes in run.json.
+    """See whether results are as they were written, and of this recording: by the hashes in run.json and log.jsonl.
 
-    Says which tables, pictures and files of the recording were changed, who corrected what, and whether program and
-    libraries are still the same. The exit code is 0 where every file fits, 1 where one does not.
+    Says which tables, pictures and files of the recording were changed, who corrected what, what was measured and
+    exported since and by whom, and whether program and libraries are still the same. The exit code is 0 where every
+    file fits, 1 where one does not, and 2 where run.json or the log cannot be read.
 
     Parameters
     ----------
@@ -30,7 +31,10 @@ def verify(results: Path, recording: Path | None = None, /) -> int:
     _print_files("results", found.results)
     if found.recording is not None:
         _print_files("recording", found.recording)
-    for sentence in (*found.program, *found.corrected):
+    if found.log is None:
+        print("There is no log.jsonl: what was done with the results is not known.")
+    done = (event.sentence for event in found.log or ())
+    for sentence in (*found.broken, *found.program, *found.corrected, *done):
         print(f"{sentence}.")
     print("Every file is as it was." if found.is_right else "Not every file is as it was.")
     return int(not found.is_right)

@@ -28,7 +28,8 @@ class FolderKind:
 
 
 RESULTS: Final = FolderKind(
-    ("run.json", "joints.parquet"), ("run.json", "*.parquet", "report.html", "pictures/*", "log.jsonl")
+    ("run.json", "joints.parquet"),
+    ("run.json", "*.parquet", "report.html", "pictures/*", "log.jsonl", ".log.jsonl.lock"),
 )
 
 

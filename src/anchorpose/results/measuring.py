@@ -36,6 +36,9 @@ from anchorpose.results.tables import (
 )
 from anchorpose.results.uncertainty import NORMAL_95
 
+WRITTEN: Final = (ANGLES_FILE, POSTURE_FILE, EPISODES_FILE, MEASURES_FILE, PROCESSED_FILE)
+"""What ``write_measured`` writes, or removes."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasureResult:

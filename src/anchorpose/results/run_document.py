@@ -130,6 +130,11 @@ class PatientOfRun(Entry, extra="ignore"):
     rival_xz_m: tuple[float, float] | None = None
 
 
+class FileOfRun(Entry, extra="ignore"):
+    file: str
+    sha256: Sha256
+
+
 class CorrectionsOfRun(HeldByRun):
     file: str
     sha256: Sha256
@@ -168,6 +173,7 @@ class RunDocument(Entry, extra="ignore"):
     pictures: tuple[PictureOfRun, ...] = ()
     notes: tuple[str, ...] = ()
     config: dict[str, Any] | None = None
+    calibration: FileOfRun | None = None
     inputs_sha256: dict[str, Sha256]
     outputs_sha256: dict[str, Sha256] = Field(default_factory=dict)
 

@@ -20,10 +20,11 @@ from anchorpose.body.shape_prior import ShapeBelief, standing_height
 from anchorpose.body.skin_points import CLOTHES
 from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.recording.recording import Clock
+from anchorpose.results.calibration_file import CalibrationUsed
 from anchorpose.results.corrections import JointCorrection, NamedPatient, UnusableInterval
 from anchorpose.results.explained import ExplainedSummary
 from anchorpose.results.poor_intervals import PoorInterval
-from anchorpose.versions import code_digest, versions
+from anchorpose.versions import code_digest, machine, versions
 
 RUN_FILE: Final = "run.json"
 
@@ -210,6 +211,7 @@ class RunRecord:
     patient: PatientRecord | None = None  # None where nobody was tracked
     corrections: CorrectionsRecord | None = None
     pictures: tuple[PictureRecord, ...] = ()
+    calibration: CalibrationUsed | None = None  # None where poses are the recording's, or were found
     identity: str = ""  # SHA-256 over inputs, settings, code and libraries: the same one means the same joints
     notes: tuple[str, ...] = ()  # sentences for people: what was assumed, what needs care
 
@@ -246,6 +248,7 @@ def write_run_record(path: Path, record: RunRecord) -> None:
         "format": "anchorpose-run",
         "version": 1,
         "versions": versions(),
+        "machine": machine(),
         "code": code_digest(),
         "identity": record.identity,
         "recording": record.recording,
@@ -262,6 +265,7 @@ def write_run_record(path: Path, record: RunRecord) -> None:
         "body": as_json(record.body),
         "patient": as_json(record.patient),
         "corrections": as_json(record.corrections),
+        "calibration": as_json(record.calibration),
         "pictures": as_json(record.pictures),
         "notes": as_json(record.notes),
         "config": as_json(record.config),
