@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from anchorpose.errors import MissingPackage
+from anchorpose.exports.c3d_events import MOST_EVENTS, add_events, read_events
 from anchorpose.exports.formats import STATES, ExportConfig, Product, Source
 from anchorpose.exports.regular_time import RegularSamples, regular_samples, stretch_name
 from anchorpose.joints import JOINT_NAMES
@@ -31,12 +32,14 @@ def write_c3d(folder: Path, source: Source, config: ExportConfig) -> Product:
         raise MissingPackage("export --to c3d", "ezc3d", "c3d") from None
     regular = regular_samples(source.samples)
     starts = range(0, len(regular.samples.time_s), LARGEST_FRAMES)
+    events, held = read_events(source.folder), 0
     for number, start in enumerate(starts):
         part = replace(regular, samples=regular.samples.rows(slice(start, start + LARGEST_FRAMES)))
         file = ezc3d.c3d()
         _points(file, part)
         _analogs(file, part)
         _about(file, part)
+        held += add_events(file, events, part.samples.time_s)
         file.write(str(folder / stretch_name(STEM, ".c3d", number, len(starts))))
     return Product(
         axes="X forward, Y up, Z to the patient's right; POINT:X_SCREEN +X, POINT:Y_SCREEN +Y",
@@ -48,6 +51,7 @@ def write_c3d(folder: Path, source: Source, config: ExportConfig) -> Product:
             ("frames", len(regular.samples.time_s)),
             ("rate_hz", regular.rate_hz),
             ("recorded_frames", int(regular.interpolation.recorded.sum())),
+            ("events", held),
             ("missing_points", int(np.isnan(regular.samples.position_m[..., 0]).sum())),
         ),
         notes=(
@@ -57,6 +61,9 @@ def write_c3d(folder: Path, source: Source, config: ExportConfig) -> Product:
             "The analog channels NAME.state are codes: "
             + ", ".join(f"{code} {state}" for code, state in enumerate(STATES))
             + ".",
+            "Events are in the group EVENT: Foot Off and Foot Strike (Left, Right), and in the context General the "
+            "beginnings and ends of standing up, sitting down, being upright and contacts; "
+            f"{len(events) - held} of {len(events)} did not fit into a file, which holds {MOST_EVENTS}.",
             f"The first frame is at {float(regular.samples.time_s[0])!r} s; each file says when it begins in "
             "ANCHORPOSE:START_TIME.",
         ),

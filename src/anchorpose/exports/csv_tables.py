@@ -58,7 +58,7 @@ _MEANING: Final = {
     "com_z_m": ("m", "estimated centre of mass of the body, to the patient's right"),
     "com_sigma_m": ("m", "one standard deviation of the centre of mass along each axis"),
     "upright": ("", "whether the patient stands upright"),
-    "kind": ("", "what the interval is: upright, sit_to_stand or stand_to_sit"),
+    "kind": ("", "what the interval is: upright, sit_to_stand, stand_to_sit, step_left or step_right"),
     "measure": ("", "name of the measure; docs/measures.md of anchorpose defines it"),
     "side": ("", "left or right, the patient's"),
     "value": ("see column unit", "the measure"),

@@ -22,9 +22,11 @@ ALIKE: Final = 0.05
 
 _SWAY: Final = ("sway_path", "sway_path_noise")
 
+_LARGEST: Final = ("functional_reach", "single_leg_stance")  # the best of all tries
+
 _AVERAGED: Final = ("hands_on_at_once_mean",)  # the only count that is a mean
 
-_EXTREMES: Final = ("_shortest", "_longest", "_most")  # the more there are, the more extreme one of them is
+_EXTREMES: Final = ("_shortest", "_longest", "_most", "_range")  # the more there are, the more extreme one of them is
 
 
 class Span(NamedTuple):
@@ -38,7 +40,7 @@ def grows_with_time(measure: Measure) -> bool:
     """Whether twice the time of the same training would give a larger (or more extreme) number."""
     name = measure.measure
     grows = name.endswith(("_time", *_EXTREMES)) or name.startswith("longest_") or measure.unit == "count"
-    return (grows or name in _SWAY) and name not in _AVERAGED
+    return (grows or name in (*_SWAY, *_LARGEST)) and name not in _AVERAGED
 
 
 def unlike_time(measure: Measure, first: Sequence[Measure], later: Sequence[Measure]) -> str | None:

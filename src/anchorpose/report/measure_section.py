@@ -15,6 +15,7 @@ from anchorpose.report.ledger import Aggregation, Form, Ledger, Rows
 from anchorpose.report.session import Session
 from anchorpose.report.words import COVERAGE, decimals_for, named_part, spaced
 from anchorpose.results.records import MEASURES_FILE, Measure
+from anchorpose.results.stand_training.ranges import SIDED, UNSIDED
 
 
 class Words(NamedTuple):
@@ -87,6 +88,28 @@ _SYMMETRY: Final = {
     ),
 }
 
+_RANGES: Final = {
+    f"{angle}_range": Words(
+        f"range of motion, {spaced(angle)}", "From its lowest to its highest angle, each held for a tenth of a second."
+    )
+    for angle in (*SIDED, *UNSIDED)
+}
+
+_TASKS: Final = {
+    "five_times_sit_to_stand": Words(
+        "five times sit to stand", "From leaving the seat first to standing for the fifth time, without a pause."
+    ),
+    "functional_reach": Words("functional reach", "How far the wrist of a raised arm went forward, feet in place."),
+    "single_leg_stance": Words("standing on one leg", "The longest time with the other foot off the floor."),
+}
+
+_STEPS: Final = {
+    "step_count": Words("steps", "Steps seen from foot off to foot strike while upright."),
+    "swing_time_mean": Words("swing time, mean", "From foot off to foot strike."),
+    "step_length_mean": Words("step length, mean", "Between both ankles at foot strike, in the direction of the step."),
+    "step_time_mean": Words("step time, mean", "From one foot strike to that of the other foot."),
+}
+
 _HELP: Final = {
     "assistance_time": Words("time with hands on", "Time in which anybody touches the patient, or the part named."),
     "contacts": Words("contacts", "How many contacts there were."),
@@ -107,6 +130,9 @@ GROUPS: Final = {
     "Knees and hips while upright": _EXTENSION,
     "Balance: sway of the body's centre of mass": _BALANCE,
     "Left and right while upright": _SYMMETRY,
+    "Range of motion": _RANGES,
+    "Tests that the recording shows": _TASKS,
+    "Steps": _STEPS,
     "Help by others": _HELP,
 }
 

@@ -61,12 +61,14 @@ CONTACTS_FILE, read_contacts, write_contacts = CONTACTS.file, CONTACTS.read, CON
 
 UPRIGHT_EPISODE, SIT_TO_STAND, STAND_TO_SIT = "upright", "sit_to_stand", "stand_to_sit"
 
-EPISODE_KINDS: Final = (UPRIGHT_EPISODE, SIT_TO_STAND, STAND_TO_SIT)
+STEP_LEFT, STEP_RIGHT = "step_left", "step_right"
+
+EPISODE_KINDS: Final = (UPRIGHT_EPISODE, SIT_TO_STAND, STAND_TO_SIT, STEP_LEFT, STEP_RIGHT)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Episode:
-    """A stretch of time without a break in which the patient was upright, stood up or sat down.
+    """A stretch of time without a break in which the patient was upright, stood up, sat down, or swung a foot.
 
     kind: one of ``EPISODE_KINDS``. first_frame, last_frame and start_s, end_s: both included. state: the worst of the
     joints that it was recognised by, in any of its frames.

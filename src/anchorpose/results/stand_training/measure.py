@@ -11,9 +11,12 @@ from anchorpose.results.records import Contact, Measure
 from anchorpose.results.stand_training.assistance import assistance_measures
 from anchorpose.results.stand_training.centre_of_mass import centre_of_mass
 from anchorpose.results.stand_training.extension import ExtensionConfig, extension_measures, symmetry_measures
+from anchorpose.results.stand_training.ranges import range_measures
 from anchorpose.results.stand_training.session import Session
 from anchorpose.results.stand_training.stance import UprightConfig, stance, upright
+from anchorpose.results.stand_training.steps import find_steps, step_episodes, step_measures
 from anchorpose.results.stand_training.sway import SwayConfig, sway_measures
+from anchorpose.results.stand_training.tasks import task_measures
 from anchorpose.results.stand_training.upright import (
     TransitionConfig,
     time_measures,
@@ -22,7 +25,7 @@ from anchorpose.results.stand_training.upright import (
     transitions,
     upright_episodes,
 )
-from anchorpose.results.tables import AngleTable, JointTable, PostureTable
+from anchorpose.results.tables import UPRIGHT, AngleTable, JointTable, PostureTable
 from anchorpose.settings import settings
 
 
@@ -46,7 +49,7 @@ def measure_session(
     found, body = stance(joints), centre_of_mass(joints)
     state = upright(found, config.upright)
     moves = transitions(joints, found, state, config.transitions)
-    bouts = upright_episodes(joints, found, state)
+    bouts, steps = upright_episodes(joints, found, state), find_steps(joints, state == UPRIGHT)
     session = Session(
         joints=joints,
         angles=angles,
@@ -60,7 +63,7 @@ def measure_session(
         ),
         stance=found,
         seconds=frame_seconds(joints.time_s),
-        episodes=(*bouts, *transition_episodes(joints, found, moves)),
+        episodes=(*bouts, *transition_episodes(joints, found, moves), *step_episodes(joints, steps)),
         contacts=contacts,
     )
     return session, [
@@ -69,5 +72,8 @@ def measure_session(
         *extension_measures(session, config.extension),
         *sway_measures(session, config.sway),
         *symmetry_measures(session),
+        *range_measures(session),
+        *task_measures(session, config.transitions),
+        *step_measures(session, steps),
         *assistance_measures(session),
     ]

@@ -1,0 +1,182 @@
+"""Steps: when each foot leaves the floor and comes down again, and what follows from that.
+
+A foot swings while its ankle moves over the floor and the other ankle rests. By joints alone, foot off and foot strike
+are the moments at which a movement begins and ends, not a force: they are some hundredths of a second off.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from anchorpose.joints import JOINT_INDEX, LOST
+from anchorpose.results.frame_time import unbroken_runs, usual_step_s
+from anchorpose.results.records import STEP_LEFT, STEP_RIGHT, Episode, Measure
+from anchorpose.results.stand_training.session import Session, inferred_share
+from anchorpose.results.stand_training.upright import episode
+from anchorpose.results.tables import JointTable
+
+SMOOTHING_S: Final = 0.06
+"""Standard deviation of the kernel on the ankles' paths: a swing lasts 0.3 s and more."""
+
+MOVES_M_PER_S: Final = 0.20
+RESTS_M_PER_S: Final = 0.10
+"""A resting ankle is slower than the second, noise included; a swinging one passes the first."""
+
+SHORTEST_M: Final = 0.06
+AWAY_M: Final = 0.02
+"""A swing begins when the ankle is so far from where it rested, and ends when it is so near to where it will rest."""
+
+LONGEST_S: Final = 2.0
+EVENT_SIGMA_S: Final = 0.06
+"""One standard deviation of a foot off or foot strike, found on simulated steps (docs/measures.md)."""
+
+LONGEST_PAUSE_S: Final = 2.0
+"""Steps farther apart are not one after the other."""
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """frames: of the swing, from foot off to foot strike; length_m: between both ankles at foot
+    strike, in the direction of the step; None for a step in place.
+    """
+
+    side: str
+    frames: slice
+    length_m: float | None
+
+
+def find_steps(joints: JointTable, upright: np.ndarray) -> list[Step]:
+    """All steps of an upright patient with both ankles known, in the order of time; upright (n,) bool."""
+    step_s = usual_step_s(joints.time_s)
+    if not np.isfinite(step_s):
+        return []
+    ankles = {side: joints.position_m[:, JOINT_INDEX[f"Ankle{side.capitalize()}"]] for side in ("left", "right")}
+    known = upright & np.isfinite(ankles["left"] + ankles["right"]).all(axis=1)
+    found = list[Step]()
+    for run in unbroken_runs(known, joints.time_s, 2.0 * step_s):
+        if run.stop - run.start > 3:
+            paths = {side: _smooth(place[run], SMOOTHING_S / step_s) for side, place in ankles.items()}
+            found += _in_run(paths, joints.time_s[run], run.start)
+    return sorted(found, key=lambda step: step.frames.start)
+
+
+def _smooth(place_m: np.ndarray, width: float) -> np.ndarray:
+    return np.asarray(gaussian_filter1d(place_m, width, axis=0, mode="nearest"))
+
+
+def _in_run(paths: dict[str, np.ndarray], time_s: np.ndarray, first: int) -> list[Step]:
+    speed = {side: np.linalg.norm(np.gradient(path, time_s, axis=0), axis=1) for side, path in paths.items()}
+    found = []
+    for side, other in (("left", "right"), ("right", "left")):
+        for run in unbroken_runs(speed[side] > RESTS_M_PER_S, time_s):
+            inside = run.start > 0 and run.stop < len(time_s)  # foot off and strike were both seen
+            fast = speed[side][run].max() >= MOVES_M_PER_S
+            rests = np.median(speed[other][run]) < np.median(speed[side][run]) / 2.0
+            swing = _swing(paths[side], _until_at_rest(speed[side], run)) if inside and fast and rests else None
+            if swing is not None and time_s[swing.stop - 1] - time_s[swing.start] <= LONGEST_S:
+                length_m = _length(paths[side], paths[other], swing)
+                found.append(Step(side, slice(first + swing.start, first + swing.stop), length_m))
+    return found
+
+
+def _length(path_m: np.ndarray, other_m: np.ndarray, swing: slice) -> float | None:
+    """Between both ankles at foot strike in the direction of the step; None for a step in place."""
+    way = (path_m[swing.stop - 1] - path_m[swing.start])[[0, 2]]
+    moved_m = float(np.linalg.norm(way))
+    if moved_m < SHORTEST_M:
+        return None
+    return abs(float((path_m[swing.stop - 1] - other_m[swing.stop - 1])[[0, 2]] @ way)) / moved_m
+
+
+def _until_at_rest(speed: np.ndarray, run: slice) -> slice:
+    """The run with the slow beginning and end of its movement: as long as the speed falls outwards."""
+    start, stop = run.start, run.stop
+    while start > 1 and speed[start - 1] < speed[start]:
+        start -= 1
+    while stop < len(speed) - 1 and speed[stop] < speed[stop - 1]:
+        stop += 1
+    return slice(start, stop)
+
+
+def _swing(path_m: np.ndarray, run: slice) -> slice | None:
+    """While the ankle is away from both of its places of rest; None for less than a step. path_m (n, 3)."""
+    path = path_m[run.start - 1 : run.stop + 1]
+    left, reached = (np.linalg.norm(path - place, axis=1) for place in (path[0], path[-1]))
+    if left.max() < SHORTEST_M:
+        return None
+    before, behind = np.flatnonzero(left > AWAY_M), np.flatnonzero(reached > AWAY_M)
+    if not len(behind):
+        return None
+    return slice(run.start - 1 + int(before[0]), run.start + int(behind[-1]) + 1)
+
+
+def step_episodes(joints: JointTable, steps: list[Step]) -> tuple[Episode, ...]:
+    """Swings as rows of episodes.parquet: they begin at foot off and end at foot strike."""
+    ankles = joints.state_code[:, [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]].max(axis=1)
+    kinds = {"left": STEP_LEFT, "right": STEP_RIGHT}
+    return tuple(episode(kinds[step.side], joints, ankles, step.frames) for step in steps)
+
+
+def step_measures(session: Session, steps: list[Step]) -> list[Measure]:
+    """Count, swing time and step length per side, and the time from one foot strike to that of the other foot."""
+    rows = [measure for side in ("left", "right") for measure in _of_side(session, steps, side)]
+    time_s = session.joints.time_s
+    between = [
+        (float(time_s[later.frames.stop - 1] - time_s[before.frames.stop - 1]), later)
+        for before, later in pairwise(steps)
+        if later.side != before.side
+    ]
+    between = [each for each in between if each[0] <= LONGEST_PAUSE_S]
+    sigma = np.sqrt(2.0) * EVENT_SIGMA_S
+    return [*rows, _mean(session, "step_time_mean", None, "s", between, sigma, _NO_PAIR)]
+
+
+_NO_STEP: Final = "no step of this foot was seen from foot off to foot strike while upright"
+_NO_PAIR: Final = "no step was followed by one of the other foot"
+_NEVER: Final = "the ankles were never both known while upright"
+
+
+def _of_side(session: Session, steps: list[Step], side: str) -> list[Measure]:
+    own, time_s = [step for step in steps if step.side == side], session.joints.time_s
+    ankles = [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]
+    known = session.upright & (session.joints.state_code[:, ankles] < LOST).all(axis=1)
+    frames = int(known.sum())
+    count = Measure(
+        measure="step_count", side=side, value=float(len(own)) if frames else None, unit="count", frames=frames,
+        why=None if frames else _NEVER,
+    )  # fmt: skip
+    swings = [(float(time_s[step.frames.stop - 1] - time_s[step.frames.start]), step) for step in own]
+    lengths = [(1000.0 * step.length_m, step) for step in own if step.length_m is not None]
+    error = session.joints.sigma_m[known][:, ankles]
+    spread = 1000.0 * float(np.sqrt((error**2).sum(axis=1).mean())) if frames else 0.0
+    return [
+        count,
+        _mean(session, "swing_time_mean", side, "s", swings, float(np.sqrt(2.0)) * EVENT_SIGMA_S, _NO_STEP),
+        _mean(session, "step_length_mean", side, "mm", lengths, spread, _NO_STEP),
+    ]
+
+
+def _mean(
+    session: Session,
+    name: str,
+    side: str | None,
+    unit: str,
+    found: list[tuple[float, Step]],
+    sigma: float,
+    why: str,
+) -> Measure:
+    """Mean of the values; a half of the variance of one value's error is taken to be common to all."""
+    if not found:
+        return Measure(measure=name, side=side, value=None, unit=unit, frames=0, why=why)
+    ankles = [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]
+    state_code = np.concatenate([session.joints.state_code[step.frames][:, ankles].max(axis=1) for _, step in found])
+    return Measure(
+        measure=name, side=side, value=float(np.mean([value for value, _ in found])), unit=unit,
+        sigma=float(sigma * np.sqrt(0.5 + 0.5 / len(found))), frames=len(state_code),
+        inferred_share=inferred_share(state_code),
+    )  # fmt: skip

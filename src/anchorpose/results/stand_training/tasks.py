@@ -1,0 +1,201 @@
+"""Tests that clinics name, where the recording shows them: five times sit to stand, functional reach, one-leg stance.
+
+Nobody states what the patient was asked to do, so each is recognised by what it takes, and has no value otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+
+from anchorpose.joints import JOINT_INDEX
+from anchorpose.results.frame_time import unbroken_runs, usual_step_s
+from anchorpose.results.records import SIT_TO_STAND, Measure
+from anchorpose.results.stand_training.session import Session, inferred_share
+from anchorpose.results.stand_training.upright import Transition, TransitionConfig, transitions
+from anchorpose.results.uncertainty import NORMAL_95, systematic_sigma
+from anchorpose.rotations import unit
+
+SIDES: Final = ("left", "right")
+
+TIMES: Final = 5
+LONGEST_PAUSE_S: Final = 2.0
+TOUCH_S: Final = 0.1
+"""In the test people touch the seat and rise again, so that sitting and standing need not last."""
+
+
+def five_times_sit_to_stand(session: Session, config: TransitionConfig) -> Measure:
+    """Seconds from leaving the seat for the first time to standing for the fifth."""
+    name = "five_times_sit_to_stand"
+    quick = replace(config, rest_s=TOUCH_S)
+    moves = transitions(session.joints, session.stance, session.posture.upright, quick)
+    series = _longest_series(moves, session.joints.time_s)
+    rises = [move for move in series if move.kind == SIT_TO_STAND][:TIMES]
+    if len(rises) < TIMES:
+        why = (
+            f"{TIMES} rises with no more than {LONGEST_PAUSE_S:g} s between sitting down and rising were not seen "
+            f"({len(rises)} were)"
+        )
+        return Measure(measure=name, value=None, unit="s", frames=0, why=why)
+    first, last = rises[0], rises[-1]
+    rows = slice(first.frames.start, last.frames.stop)
+    time_s, state_code = session.joints.time_s[rows], session.stance.state_code[rows]
+    sigma = float(np.hypot(first.sigma_s, last.sigma_s) / np.sqrt(2.0))  # one end of each
+    return Measure(
+        measure=name, value=float(time_s[-1] - time_s[0]), unit="s", sigma=sigma, frames=len(time_s),
+        inferred_share=inferred_share(state_code),
+    )  # fmt: skip
+
+
+def _longest_series(moves: Sequence[Transition], time_s: np.ndarray) -> list[Transition]:
+    """The first of the longest series of rising and sitting down in turn without a pause, from a rise on."""
+    best, current = list[Transition](), list[Transition]()
+    for before, move in pairwise([None, *moves]):
+        assert move is not None
+        pause_s = np.inf if before is None else time_s[move.frames.start] - time_s[before.frames.stop - 1]
+        goes_on = before is not None and current and move.kind != before.kind and pause_s <= LONGEST_PAUSE_S
+        current = [*current, move] if goes_on else [move] if move.kind == SIT_TO_STAND else []
+        best = current if len(current) > len(best) else best
+    return best
+
+
+LEVEL_DEG: Final = 10.0
+STILL_LEVEL_DEG: Final = 35.0
+"""An arm counts as raised forward from within the first of the horizontal, and until it is farther than the second."""
+
+STRAIGHT: Final = 0.92
+"""Shoulder to wrist, in lengths of the arm: the elbow is bent by less than 45 degrees."""
+
+FORWARD: Final = 0.85
+"""Least share of the arm's length that points forward: 32 degrees to a side."""
+
+BASE_M: Final = 0.05
+START_S: Final = 0.5
+LEAST_REACH_S: Final = 1.0
+
+
+def functional_reach(session: Session, side: str) -> Measure:
+    """Millimetres that the wrist of the raised arm goes forward with the feet in place, while upright."""
+    measure = "functional_reach"
+    position, sigma, time_s = session.joints.position_m, session.joints.sigma_m, session.joints.time_s
+    forward = _forward(position)
+    raised, begins = _raised_arm(position, forward, side, session.upright)
+    wrist = JOINT_INDEX[f"Wrist{side.capitalize()}"]
+    best: tuple[float, float, slice] | None = None
+    for run in unbroken_runs(raised, time_s, 2.0 * usual_step_s(time_s)):
+        rows = np.arange(run.start, run.stop)
+        rows = rows[np.argmax(begins[run]) :] if begins[run].any() else rows[:0]
+        rows = rows[: _feet_stay(position, rows)]
+        if len(rows) < 2 or time_s[rows[-1]] - time_s[rows[0]] < LEAST_REACH_S:
+            continue
+        ahead = np.median(forward[rows], axis=0)
+        gone = (position[rows, wrist][:, [0, 2]] @ ahead) / np.linalg.norm(ahead)
+        start = time_s[rows] <= time_s[rows[0]] + START_S
+        reach, farthest = float(gone.max() - np.median(gone[start])), int(np.argmax(gone))
+        if best is None or reach > best[0]:
+            spread = float(np.hypot(sigma[rows[0], wrist], sigma[rows[farthest], wrist]))
+            best = reach, spread, slice(int(rows[0]), int(rows[-1]) + 1)
+    if best is None or best[0] <= NORMAL_95 * best[1]:
+        why = "no arm was raised forward, straight, while upright with the feet in place" if best is None else _SHORT
+        return Measure(measure=measure, side=side, value=None, unit="mm", frames=0, why=why)
+    used = session.joints.state_code[best[2], wrist]
+    return Measure(
+        measure=measure, side=side, value=1000.0 * best[0], unit="mm", sigma=1000.0 * best[1], frames=len(used),
+        inferred_share=inferred_share(used),
+    )  # fmt: skip
+
+
+_SHORT: Final = "the raised arm went forward by no more than the errors of the wrist"
+
+
+def _forward(position_m: np.ndarray) -> np.ndarray:
+    """(n, 2) x and z of the direction that the patient faces, by the line of the hips."""
+    across = position_m[:, JOINT_INDEX["HipRight"]] - position_m[:, JOINT_INDEX["HipLeft"]]
+    return unit(np.stack([across[:, 2], -across[:, 0]], axis=1))
+
+
+def _raised_arm(
+    position_m: np.ndarray, forward: np.ndarray, side: str, upright: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Two (n,) bool: the arm is forward, straight and about level; and it is level well enough to begin."""
+    shoulder, elbow, wrist = (position_m[:, JOINT_INDEX[f"{n}{side.capitalize()}"]] for n in _ARM)
+    arm = wrist - shoulder
+    length = np.linalg.norm(elbow - shoulder, axis=1) + np.linalg.norm(wrist - elbow, axis=1)
+    reach = np.linalg.norm(arm, axis=1)
+    along = unit(arm)
+    ahead = (along[:, [0, 2]] * forward).sum(axis=1)
+    level = np.abs(np.degrees(np.arcsin(np.clip(along[:, 1], -1.0, 1.0))))
+    straight = upright & (reach >= STRAIGHT * length)
+    raised = straight & (level <= STILL_LEVEL_DEG) & (ahead >= FORWARD * np.cos(np.radians(STILL_LEVEL_DEG)))
+    return raised, raised & (level <= LEVEL_DEG) & (ahead >= FORWARD)
+
+
+_ARM: Final = ("Shoulder", "Elbow", "Wrist")
+
+
+def _feet_stay(position_m: np.ndarray, rows: np.ndarray) -> int:
+    """How many of the rows have both ankles within ``BASE_M`` of where they were in the first; 0 where unknown."""
+    if not len(rows):
+        return 0
+    ankles = position_m[rows][:, [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]]
+    away = np.linalg.norm(ankles - ankles[0], axis=2).max(axis=1)
+    left = np.flatnonzero(~(away <= BASE_M))
+    return int(left[0]) if len(left) else len(rows)
+
+
+LIFTED_M: Final = 0.06
+LOWERED_M: Final = 0.04
+"""An ankle is off the floor from so far above the other on, until it is lower than the second."""
+
+LEAST_STANCE_S: Final = 1.0
+"""Less is a step."""
+
+
+def single_leg_stance(session: Session, side: str) -> Measure:
+    """Longest time in seconds on the leg of this side, the other foot off the floor, while upright and in place."""
+    measure, time_s = "single_leg_stance", session.joints.time_s
+    stands, lifted = (JOINT_INDEX[f"Ankle{name.capitalize()}"] for name in (side, _OTHER[side]))
+    height = session.joints.position_m[:, lifted, 1] - session.joints.position_m[:, stands, 1]
+    error = systematic_sigma(np.hypot(session.joints.sigma_m[:, lifted], session.joints.sigma_m[:, stands]))
+    runs = [
+        _longest_on_one_leg(session, height + shift * error, stands) for shift in (0.0, -1.0, 1.0)
+    ]  # as measured, and with a lasting error of one sigma either way
+    run, seconds = runs[0]
+    if run is None or seconds < LEAST_STANCE_S:
+        why = f"the other foot was never seen off the floor for {LEAST_STANCE_S:g} s while upright on a foot in place"
+        return Measure(measure=measure, side=side, value=None, unit="s", frames=0, why=why)
+    sigma = float(np.hypot(0.5 * (runs[2][1] - runs[1][1]), usual_step_s(time_s) / np.sqrt(6.0)))
+    state_code = session.joints.state_code[run][:, [stands, lifted]].max(axis=1)
+    return Measure(
+        measure=measure, side=side, value=seconds, unit="s", sigma=sigma, frames=len(state_code),
+        inferred_share=inferred_share(state_code),
+    )  # fmt: skip
+
+
+_OTHER: Final = {"left": "right", "right": "left"}
+
+
+def _longest_on_one_leg(session: Session, height_m: np.ndarray, stands: int) -> tuple[slice | None, float]:
+    """The longest run with the other ankle lifted and the standing one in place, and its seconds."""
+    time_s = session.joints.time_s
+    best: tuple[slice | None, float] = (None, 0.0)
+    for run in unbroken_runs(session.upright & (height_m > LOWERED_M), time_s, 2.0 * usual_step_s(time_s)):
+        place = session.joints.position_m[run, stands]
+        still = np.linalg.norm(place - np.median(place, axis=0), axis=1).max() <= 2.0 * BASE_M
+        seconds = float(time_s[run.stop - 1] - time_s[run.start])
+        if (height_m[run] >= LIFTED_M).any() and still and seconds > best[1]:
+            best = (run, seconds)
+    return best
+
+
+def task_measures(session: Session, config: TransitionConfig) -> list[Measure]:
+    """All three, reach and stance per side."""
+    return [
+        five_times_sit_to_stand(session, config),
+        *(functional_reach(session, side) for side in SIDES),
+        *(single_leg_stance(session, side) for side in SIDES),
+    ]

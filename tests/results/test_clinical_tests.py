@@ -1,0 +1,145 @@
+"""Range of motion, five times sit to stand, functional reach, one-leg stance and steps, against what was simulated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from results_builder import standing_joints
+from session_builder import RATE, measured, squatting_joints, table, value
+
+from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
+from anchorpose.results.tables import JointTable
+from anchorpose.simulate.config import single
+from anchorpose.simulate.patient import draw_patient
+from anchorpose.simulate.person import draw_person
+
+
+def cycles(times: int, seated_s: float, move_s: float = 0.8, stood_s: float = 0.4) -> np.ndarray:
+    """Joints of so many rises from a seat and as many sittings, thighs at 85 degrees when seated."""
+    rise = 85.0 * (0.5 + 0.5 * np.cos(np.linspace(0.0, np.pi, round(move_s * RATE))))
+    one = np.concatenate([rise, np.zeros(round(stood_s * RATE)), rise[::-1], np.full(round(seated_s * RATE), 85.0)])
+    return squatting_joints(np.concatenate([np.full(60, 85.0), np.tile(one, times), np.full(40, 85.0)]))
+
+
+def why(found, name: str, side: str | None = None) -> str:
+    row = found[name, side, None, None]
+    assert row.value is None
+    return str(row.why)
+
+
+def test_five_rises_are_timed_from_leaving_the_seat_to_standing():
+    """Four cycles of 2.3 s and a rise of 0.8 s, less the 0.15 s in which its first and its last 5 % are slow."""
+    found = measured(table(cycles(6, seated_s=0.3)))[1]
+    assert value(found, "five_times_sit_to_stand") == pytest.approx(4 * 2.3 + 0.8 - 2 * 0.15, abs=0.1)
+    row = found["five_times_sit_to_stand", None, None, None]
+    assert 0 < row.sigma < 0.3
+
+
+def test_four_rises_or_rises_with_pauses_are_no_such_test():
+    assert "4 were" in why(measured(table(cycles(4, seated_s=0.3)))[1], "five_times_sit_to_stand")
+    assert "were not seen" in why(measured(table(cycles(6, seated_s=4.0)))[1], "five_times_sit_to_stand")
+    standing = np.repeat(standing_joints()[None], 100, axis=0)
+    assert "0 were" in why(measured(table(standing))[1], "five_times_sit_to_stand")
+
+
+def test_a_range_of_motion_is_that_of_the_movement_and_a_single_jump_does_not_count():
+    thighs = 20.0 + 15.0 * np.sin(np.linspace(0, 4 * np.pi, 200))
+    joints = squatting_joints(thighs)
+    joints[50, JOINT_INDEX["KneeLeft"], 0] += 0.2
+    found = measured(table(joints))[1]
+    assert value(found, "knee_flexion_range", "right") == pytest.approx(30.0, abs=1.0)
+    assert value(found, "knee_flexion_range", "left") == pytest.approx(30.0, abs=1.0)
+    assert "no more than the errors" in why(found, "elbow_flexion_range", "left")
+    lost = measured(table(joints, lost={"KneeLeft": slice(0, None)}))[1]
+    assert "never known" in why(lost, "knee_flexion_range", "left")
+
+
+def reaching(reach_m: float, step_m: float = 0.0) -> np.ndarray:
+    """The right arm is raised forward, then the trunk leans so that the arm goes forward; the feet stay, or do not."""
+    rest, arm = standing_joints(), {"ElbowRight": 0.3, "WristRight": 0.55, "HandRight": 0.63}
+    for name, along in arm.items():
+        rest[JOINT_INDEX[name]] = rest[JOINT_INDEX["ShoulderRight"]] + [along, 0.0, 0.0]
+    gone = reach_m * np.concatenate([np.zeros(20), 0.5 - 0.5 * np.cos(np.linspace(0, np.pi, 40)), np.ones(20)])
+    joints = np.repeat(rest[None], len(gone), axis=0)
+    for row, name in enumerate(JOINT_NAMES):
+        if name.startswith(("Shoulder", "Elbow", "Wrist", "Hand", "SpineShoulder", "Neck", "Head")):
+            joints[:, row, 0] += gone
+    for name in ("AnkleLeft", "AnkleRight"):
+        joints[:, JOINT_INDEX[name], 0] += step_m * np.linspace(0, 1, len(gone))
+    return joints
+
+
+def test_a_reach_is_how_far_the_wrist_goes_with_the_feet_in_place():
+    found = measured(table(reaching(0.30)))[1]
+    assert value(found, "functional_reach", "right") == pytest.approx(300.0, abs=2.0)
+    assert "no arm was raised" in why(found, "functional_reach", "left")
+    turned = reaching(0.30) @ np.array([[0, 0, 1.0], [0, 1, 0], [-1, 0, 0]])
+    assert value(measured(table(turned))[1], "functional_reach", "right") == pytest.approx(300.0, abs=2.0)
+    assert "no more than the errors" in why(measured(table(reaching(0.005)))[1], "functional_reach", "right")
+
+
+def test_a_reach_ends_where_a_foot_moves():
+    found = measured(table(reaching(0.30, step_m=0.4)))[1]["functional_reach", "right", None, None]
+    assert found.value is None or found.value < 50.0
+
+
+def on_one_leg(seconds: float, lift_m: float = 0.12) -> np.ndarray:
+    """The left foot is lifted for so long while the patient stands on the right one."""
+    joints = np.repeat(standing_joints()[None], round((4.0 + seconds) * RATE), axis=0)
+    lifted = slice(round(2.0 * RATE), round((2.0 + seconds) * RATE))
+    for name in ("AnkleLeft", "FootLeft"):
+        joints[lifted, JOINT_INDEX[name], 1] += lift_m
+    joints[lifted, JOINT_INDEX["KneeLeft"]] += [0.15, 0.08, 0.0]
+    return joints
+
+
+def test_standing_on_one_leg_is_timed_and_a_foot_hardly_lifted_is_not():
+    found = measured(table(on_one_leg(5.0)))[1]
+    assert value(found, "single_leg_stance", "right") == pytest.approx(5.0, abs=0.1)
+    assert "off the floor" in why(found, "single_leg_stance", "left")
+    assert "off the floor" in why(measured(table(on_one_leg(5.0, lift_m=0.03)))[1], "single_leg_stance", "right")
+    assert "off the floor" in why(measured(table(on_one_leg(0.5)))[1], "single_leg_stance", "right")
+
+
+def stepping(seed: int, noise_m: float = 0.0) -> tuple[JointTable, list[tuple[str, float, float]]]:
+    """A simulated patient who steps for 20 s, and each step: side, start and end of the programmed movement."""
+    rng, times_s = np.random.default_rng(seed), np.arange(600) / 30.0
+    config = replace(single(seed, seconds=20.0, fps=30.0), motions=("steps",))
+    person = draw_person(rng, 0.0)
+    actor = draw_patient(rng, config, person, None)
+    joints = np.array([person.body.joints(bones) for bones in actor.bones(times_s)])
+    joints = joints + noise_m * rng.normal(size=joints.shape)
+    steps = [(("left", "right")[s.side], s.start_s, s.start_s + s.duration_s) for s in actor.footwork.steps]
+    done = [step for step in steps if step[2] < 19.5]
+    shape = joints.shape[:2]
+    found = JointTable(np.arange(600, dtype=np.int32), times_s, joints, np.zeros(shape, np.int8), np.full(shape, 0.006))
+    return found, done
+
+
+@pytest.mark.parametrize(("seed", "noise_m"), [(0, 0.0), (1, 0.004), (2, 0.004)])
+def test_steps_are_those_of_the_simulated_patient(seed, noise_m):
+    """The programme begins and ends slowly: a foot is 2 cm away from rest a tenth of a second later and earlier."""
+    joints, steps = stepping(seed, noise_m)
+    session, found = measured(joints)
+    events = [each for each in session.episodes if each.kind.startswith("step_") and each.end_s < 19.5]
+    assert [each.kind.removeprefix("step_") for each in events] == [side for side, _, _ in steps]
+    late = np.array([[e.start_s - s[1], s[2] - e.end_s] for e, s in zip(events, steps, strict=True)])
+    assert late.mean(axis=0) == pytest.approx([0.12, 0.18], abs=0.05)
+    assert (late.std(axis=0) < 0.12).all()
+    swings = [e.end_s - e.start_s for e in events if e.kind == "step_left"]
+    assert value(found, "swing_time_mean", "left") == pytest.approx(np.mean(swings), abs=0.15)
+    assert value(found, "step_count", "left") >= len(swings)
+
+
+def test_who_stands_or_sways_takes_no_step():
+    time_s = np.arange(200) / RATE
+    joints = np.repeat(standing_joints()[None], 200, axis=0)
+    joints[:, 3:, 0] += 0.03 * np.sin(2 * np.pi * 0.3 * time_s)[:, None]
+    found = measured(table(joints))[1]
+    assert value(found, "step_count", "left") == 0.0
+    assert "no step" in why(found, "swing_time_mean", "left")
+    assert "no step was followed" in why(found, "step_time_mean")
+    lost = measured(table(joints, lost={"AnkleLeft": slice(0, None)}))[1]
+    assert "never both known" in why(lost, "step_count", "left")
