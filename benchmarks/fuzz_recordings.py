@@ -87,6 +87,7 @@ def run_cases(state: State, stop: int, folder: Path, path: Path) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     while state.next < stop:
         number = state.next
+        (folder / "number").write_text(f"{number} not spoilt yet")
         shutil.rmtree(bad, ignore_errors=True)
         shutil.copytree(good, bad)
         ways = spoil(bad, number)

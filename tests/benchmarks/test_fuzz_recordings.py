@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -13,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 import fuzz_recordings
 from fuzz_recordings import State, load_state, outcome
 from recording_builder import write_recording
-from spoil_recording import spoil
+from spoil_recording import own_files, spoil
 
 from anchorpose.errors import InputError
 
@@ -78,6 +79,33 @@ def test_a_case_that_hangs_or_crashes_ends_the_process_and_is_named(tmp_path):
     for strange, code in (("time.sleep(9)", -14), ("os.abort()", -6)):
         assert run_apart(tmp_path, strange, 9).returncode == code
         assert (tmp_path / "number").read_text().startswith("0 ")
+
+
+def test_nothing_outside_of_the_folder_is_touched(tmp_path):
+    """A link may lead anywhere: to another recording, or to the whole disk."""
+    outside = write_recording(tmp_path / "outside", frames=2)
+    (outside / "seat.ply").write_bytes(b"ply")
+    before = {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in outside.rglob("*") if path.is_file()}
+    for number in range(300):
+        folder = tmp_path / "bad"
+        shutil.rmtree(folder, ignore_errors=True)
+        write_recording(folder, frames=1, cameras=("front", "left"))
+        for name in ("front", "left/depth", "recording.json", "equipment.json", "seat.ply"):
+            if number % 5 != len(name) % 5 or name == "front":
+                path = folder / name
+                shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
+                path.symlink_to(outside / name.replace("left", "front"))
+        spoil(folder, number)
+    after = {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in outside.rglob("*") if path.is_file()}
+    assert after == before
+
+
+def test_what_was_made_huge_is_not_read_to_be_spoilt_once_more(tmp_path):
+    folder = write_recording(tmp_path / "r", frames=1)
+    for path in own_files(folder):
+        with path.open("r+b") as file:
+            file.truncate(1 << 40)
+    assert own_files(folder) == []
 
 
 def test_the_state_is_whole_or_not_there(tmp_path):

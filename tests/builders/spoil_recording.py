@@ -1,4 +1,7 @@
-"""One way to spoil a recording folder per number: the same number does the same."""
+"""One way to spoil a recording folder per number: the same number does the same.
+
+Nothing outside of the folder is ever written to: files are looked for without following links.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +9,11 @@ import json
 import os
 import random
 import shutil
+import stat
 import struct
 import zlib
 from collections.abc import Callable
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +28,7 @@ EXTREME: tuple[Any, ...] = (
 )  # fmt: skip
 NUMBERS = ("0", "-0", "1e308", "-1e308", "1e-12", "nan", "inf", "-inf", "1e999", "9" * 400, "0x10", "", " ", "١", "1_0")
 MOST_FRAMES = 1 << 12
+LARGEST_BYTES = 1 << 24
 
 
 def spoil(folder: Path, number: int) -> str:
@@ -36,8 +42,20 @@ def spoil(folder: Path, number: int) -> str:
     return ", ".join(done)
 
 
-def _any_file(folder: Path, chance: random.Random, pattern: str = "**/*") -> Path | None:
-    files = sorted(path for path in folder.glob(pattern) if path.is_file())
+def own_files(folder: Path) -> list[Path]:
+    """Files that are in the folder itself: never what a link leads to, which is not ours to spoil."""
+    found = [Path(place) / name for place, _, names in os.walk(folder, followlinks=False) for name in names]
+    return sorted(path for path in found if is_own(path))
+
+
+def is_own(path: Path) -> bool:
+    """Whether this is a regular file, not a link to one, and of an ordinary size; its folder is no link either."""
+    status = path.lstat() if os.path.lexists(path) else None
+    return status is not None and stat.S_ISREG(status.st_mode) and status.st_size < LARGEST_BYTES
+
+
+def _any_file(folder: Path, chance: random.Random, pattern: str = "*") -> Path | None:
+    files = [path for path in own_files(folder) if fnmatch(path.relative_to(folder).as_posix(), pattern)]
     return chance.choice(files) if files else None
 
 
@@ -102,7 +120,8 @@ def _places(value: Any) -> list[tuple[Any, Any]]:
 
 def other_kind_of_file(folder: Path, chance: random.Random) -> None:
     """A pipe, a device, a folder or a link in place of a file or a folder."""
-    paths = sorted(folder.rglob("*"))
+    walked = os.walk(folder, followlinks=False)
+    paths = sorted(Path(place) / name for place, folders, files in walked for name in (*folders, *files))
     if not paths:
         return
     path = chance.choice(paths)
@@ -115,7 +134,7 @@ def other_kind_of_file(folder: Path, chance: random.Random) -> None:
         case 2:
             path.symlink_to(chance.choice(["/dev/zero", "/dev/null", "/dev/full", "/proc/self/mem"]))
         case 3:
-            path.symlink_to(chance.choice(["nowhere", path.name, "..", "/"]))
+            path.symlink_to(chance.choice(["nowhere", path.name, ".."]))
         case 4:
             path.touch()
         case 5:
@@ -148,7 +167,7 @@ def odd_times(folder: Path, chance: random.Random) -> None:
 
 def odd_image(folder: Path, chance: random.Random) -> None:
     """An image of another size or kind, one that holds no measurement, or a header that lies."""
-    path = _any_file(folder, chance, "*/**/*.png")
+    path = _any_file(folder, chance, "*/*.png")
     if path is None:
         return
     noise = np.random.default_rng(chance.randrange(1000)).integers(0, 65536, (HEIGHT, WIDTH)).astype(np.uint16)
@@ -168,7 +187,7 @@ def odd_image(folder: Path, chance: random.Random) -> None:
 
 def bomb(folder: Path, chance: random.Random) -> None:
     """An image that is much larger when it is decompressed than its header says, or than its file."""
-    path = _any_file(folder, chance, "*/**/*.png")
+    path = _any_file(folder, chance, "*/*.png")
     if path is None:
         return
     size = chance.choice([(WIDTH, HEIGHT), (16384, 16384), (2**31 - 1, 2**31 - 1), (1, 2**31 - 1)])
@@ -185,7 +204,7 @@ def bomb(folder: Path, chance: random.Random) -> None:
 def many_cameras(folder: Path, chance: random.Random) -> None:
     """Up to thousands of cameras, most without a folder, some of huge images."""
     path = folder / "recording.json"
-    document = _document(path) if path.is_file() else None
+    document = _document(path) if is_own(path) else None
     if document is None:
         return
     names = [f"c{k}" for k in range(chance.choice([1, 17, 3000]))]
@@ -203,10 +222,10 @@ def lying_mesh(folder: Path, chance: random.Random) -> None:
     head += "".join(f"property {chance.choice(['float', 'double', 'list uchar int', 'x'])} {axis}\n" for axis in "xyz")
     head += f"element face {chance.choice([1, 10**9])}\nproperty list uchar int vertex_indices\nend_header\n"
     body = chance.choice([b"0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", bytes(60), b"3 " * 200_000, b"nan inf 1e308\n" * 3])
-    (folder / "seat.ply").write_bytes(head.encode() + body)
-    part = {"name": "seat", "shape": "mesh", "file": "seat.ply"}
-    path = folder / "equipment.json"
-    if not path.is_dir() and not path.is_symlink() and not path.is_fifo():
+    mesh, path = folder / "seat.ply", folder / "equipment.json"
+    part = {"name": "seat", "shape": "mesh", "file": mesh.name}
+    if is_own(path) and (is_own(mesh) or not os.path.lexists(mesh)):
+        mesh.write_bytes(head.encode() + body)
         path.write_text(json.dumps({"format": "equipment-model", "version": 1, "parts": [part]}))
 
 
