@@ -146,15 +146,14 @@ def _units(session: Session) -> dict[str, str]:
 
 
 def _require_different(sessions: Sequence[Session]) -> None:
-    seen: dict[str, Session] = {}
+    seen: dict[Any, Session] = {}
     for session in sessions:
-        inputs = repr(sorted(session.run.get("inputs_sha256", {}).items()))
         if session.folder.resolve() in {other.folder.resolve() for other in seen.values()}:
             raise InputError(session.folder, "is given twice", "give each session once")
-        if inputs != "[]" and inputs in seen:
-            problem = f"was made from the same recording as {seen[inputs].folder}"
+        if session.inputs and session.inputs in seen:
+            problem = f"was made from the same recording as {seen[session.inputs].folder}"
             raise InputError(session.folder / JOINTS_FILE, problem, "compare results of different recordings")
-        seen[inputs if inputs != "[]" else str(session.folder.resolve())] = session
+        seen[session.inputs or session.folder.resolve()] = session
 
 
 def _versions(first: dict[str, Any], later: dict[str, Any]) -> list[str]:

@@ -7,7 +7,9 @@ the end of the page), the column and the operation, so that a reader, or a test,
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,8 +18,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from markupsafe import Markup
 
+from anchorpose.report.frame_columns import FrameColumns
 from anchorpose.report.words import MISSING, number
-from anchorpose.results.parquet import read_any_parquet
+from anchorpose.results.parquet import opened_parquet, pieces
 
 ON_ARC: Final = " on the arc"
 """Of angles in degrees, which may pass from 180 to -180: see ``on_shortest_arc``."""
@@ -39,6 +42,10 @@ HOW_WORDS: Final = {
     "frames": "of the frames, the share in which not all of these rows have {column} {among}",
 }
 """The operations on rows, in the words of the list of sources. An unknown value never counts as a no."""
+
+
+COLUMNS_KEPT: Final = 4
+"""Columns read last that stay in memory: what the sections of a page take from one table, one after the other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,12 +114,13 @@ class Source:
 class Ledger:
     """The tables of a results folder, the numbers taken from them and the list of their sources.
 
-    name: of the session, where a page shows several.
+    name: of the session, where a page shows several. read: tables, by file, that are in memory already.
     """
 
-    def __init__(self, folder: Path, name: str = "") -> None:
-        self._folder, self._name = folder, name
-        self._tables: dict[Rows, pa.Table] = {}
+    def __init__(self, folder: Path, name: str = "", read: Mapping[str, FrameColumns] | None = None) -> None:
+        self._folder, self._name, self._read = folder, name, read or {}
+        self._column = lru_cache(COLUMNS_KEPT)(self._read_column)
+        self._places: dict[Rows, pa.Array] = {}
         self._uses: dict[Rows, list[Aggregation]] = {}
 
     @property
@@ -122,9 +130,9 @@ class Ledger:
 
     def take(self, rows: Rows, aggregation: Aggregation) -> float | None:
         """The number; None where the rows hold no value."""
+        column = self._values(rows, aggregation.column)
         if aggregation.how == "frames":
-            return _frames_beyond(self._table(rows), aggregation)
-        column = self._table(rows)[aggregation.column]
+            return _frames_beyond(self._values(rows, "frame"), column, aggregation.among)
         if aggregation.how == "count":
             return float(len(column))
         known = column.drop_null()
@@ -181,36 +189,66 @@ class Ledger:
         if aggregation is not None and aggregation not in uses:
             uses.append(aggregation)
 
-    def _table(self, rows: Rows) -> pa.Table:
-        if rows not in self._tables:
-            table = self._table(Rows(rows.file)) if rows.where else read_any_parquet(self._folder / rows.file)
-            for name, value in rows.where:
-                column = table[name]
-                wanted = pa.scalar(value).cast(column.type)
-                table = table.filter(pc.is_null(column) if value is None else pc.equal(column, wanted))
-            self._tables[rows] = table
-        return self._tables[rows]
+    def _values(self, rows: Rows, name: str) -> pa.Array:
+        """A column of the rows."""
+        found = self._read[rows.file].values(name, rows.where) if rows.file in self._read else None
+        if found is not None:
+            return found
+        column = self._column(rows.file, name)
+        if not rows.where:
+            return column
+        if rows not in self._places:
+            chosen = np.logical_and.reduce([_equal(self._column(rows.file, each), value) for each, value in rows.where])
+            self._places[rows] = pa.array(np.flatnonzero(chosen).astype(np.int32))
+        return column.take(self._places[rows])
+
+    def _read_column(self, file: str, name: str) -> pa.Array:
+        """All of a column, texts as a dictionary: whole tables of an hour would not fit beside each other."""
+        with opened_parquet(self._folder / file) as opened:
+            kind = opened.schema_arrow.field(name).type
+            parts = [piece[name].combine_chunks() for piece in pieces(opened, [name])]
+        if pa.types.is_string(kind):
+            kind, parts = pa.dictionary(pa.int32(), kind), [part.dictionary_encode() for part in parts]
+        return pa.chunked_array(parts, kind).unify_dictionaries().combine_chunks()
 
 
-def _count_among(known: pa.ChunkedArray, among: tuple[str, ...]) -> int:
-    return int(pc.sum(pc.is_in(known.cast(pa.string()), pa.array(among))).as_py() or 0)
+def _equal(column: pa.Array, value: str | None) -> np.ndarray:
+    """(rows,) bool; None: empty."""
+    if value is None:
+        found = column.is_null()
+    elif pa.types.is_dictionary(column.type):
+        found = pc.equal(column.indices, column.dictionary.index(value)).fill_null(False)
+    else:
+        found = pc.equal(column, pa.scalar(value).cast(column.type)).fill_null(False)
+    return np.asarray(found.to_numpy(zero_copy_only=False), dtype=bool)
 
 
-def _share_at_least(known: pa.ChunkedArray, least: float) -> float:
-    return float((known.to_numpy() >= least).mean())
+def _is_among(column: pa.Array, among: tuple[str, ...]) -> pa.Array:
+    if pa.types.is_dictionary(column.type):
+        places = [place for place, text in enumerate(column.dictionary.to_pylist()) if text in among]
+        return pc.is_in(column.indices, pa.array(places, pa.int32()))
+    return pc.is_in(column.cast(pa.string()), pa.array(among))
 
 
-def _frames_beyond(table: pa.Table, aggregation: Aggregation) -> float | None:
+def _count_among(known: pa.Array, among: tuple[str, ...]) -> int:
+    return int(pc.sum(_is_among(known, among)).as_py() or 0)
+
+
+def _share_at_least(known: pa.Array, least: float) -> float:
+    return float((known.to_numpy(zero_copy_only=False) >= least).mean())
+
+
+def _frames_beyond(frame: pa.Array, column: pa.Array, among: tuple[str, ...]) -> float | None:
     """Share of the frames that have a row with another value."""
-    others = table.filter(pc.invert(pc.is_in(table[aggregation.column], pa.array(aggregation.among))))
-    frames, beyond = (pc.count_distinct(each["frame"]).as_py() for each in (table, others))
+    others = frame.filter(pc.invert(_is_among(column, among)))
+    frames, beyond = (pc.count_distinct(each).as_py() for each in (frame, others))
     return beyond / frames if frames else None
 
 
-def _reduced(known: pa.ChunkedArray, how: str) -> float:
+def _reduced(known: pa.Array, how: str) -> float:
     if how == "distinct":
-        return float(pc.count_distinct(known).as_py())
-    values = known.to_numpy().astype(np.float64)
+        return float(len(known.unique()))
+    values = known.to_numpy(zero_copy_only=False).astype(np.float64, copy=False)
     if how == "extent":
         return float(values.max() - values.min())
     if how.endswith(ON_ARC):

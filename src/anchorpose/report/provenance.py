@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
@@ -124,32 +123,13 @@ def provenance(session: Session) -> list[Facts]:
             ("stage", "seconds"),
             [(timing["stage"], (f"{timing['seconds']:.1f}",)) for timing in run.get("timings", [])],
         ),
-        Facts("Input files", ("file", "SHA-256"), _inputs(run.get("inputs_sha256", {}))),
+        Facts("Input files", ("file", "SHA-256"), session.inputs),
     ]
 
 
 def settings(session: Session) -> str:
     """The settings of the run as JSON."""
     return json.dumps(session.run.get("config"), indent=1, ensure_ascii=False)
-
-
-def _inputs(hashes: dict[str, str]) -> list[tuple[str, Sequence[str]]]:
-    """Every file but the numbered pictures; those of a camera are covered by one hash of all their hashes."""
-    pictures: dict[str, list[str]] = {}
-    named: list[tuple[str, Sequence[str]]] = []
-    for file, digest in sorted(hashes.items()):
-        folder, _, name = file.rpartition("/")
-        if name.split(".")[0].isdigit():
-            pictures.setdefault(folder, []).append(digest)
-        else:
-            named.append((file, (digest,)))
-    return named + [
-        (
-            f"{folder}: {counted(len(digests), 'picture')}, the hash of their hashes in run.json, in order of names",
-            (hashlib.sha256("\n".join(digests).encode("ascii")).hexdigest(),),
-        )
-        for folder, digests in pictures.items()
-    ]
 
 
 def _residual(residual: dict[str, Any]) -> str:

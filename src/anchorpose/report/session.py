@@ -7,6 +7,7 @@ through all frames would cover, so peaks keep their place and height.
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -15,7 +16,9 @@ import numpy as np
 
 from anchorpose.errors import InputError
 from anchorpose.joints import STATE_CODE, JointState
+from anchorpose.report.frame_columns import FrameColumns
 from anchorpose.report.ledger import Ledger
+from anchorpose.report.words import counted
 from anchorpose.results.explained import EXPLAINED_FILE, ExplainedTable, read_explained
 from anchorpose.results.parquet import TRACK_AGAIN
 from anchorpose.results.records import (
@@ -35,7 +38,9 @@ from anchorpose.results.run_document import read_run
 from anchorpose.results.run_record import RUN_FILE
 from anchorpose.results.stand_training.stance import stance
 from anchorpose.results.tables import (
+    ANGLES,
     ANGLES_FILE,
+    JOINTS,
     JOINTS_FILE,
     POSTURE_FILE,
     AngleTable,
@@ -141,11 +146,13 @@ class Session:
     posture_seen (n,) bool: whether all joints that determine posture were seen; the state in posture.parquet is that of
     the centre of mass. definition: how the measures were computed, None where their file does not say. contacts: None
     where the folder has no table of them, so that touch is not known. explained: how well each pose explains its frame,
-    None in results of a release that did not keep it.
+    None in results of a release that did not keep it. run: the content of run.json without the hashes of the inputs, of
+    which ``inputs`` has one for all images of a camera: (file, (hash,)).
     """
 
     folder: Path
     run: dict[str, Any]
+    inputs: tuple[tuple[str, tuple[str]], ...]
     joints: JointTable
     angles: AngleTable
     posture: PostureTable
@@ -169,7 +176,11 @@ def read_session(folder: Path, name: str = "") -> Session:
 
     Raises InputError where one (but contacts and explained) is missing, damaged, or does not fit the joints.
     """
-    joints, run = read_joints(folder / JOINTS_FILE), read_run(folder / RUN_FILE)
+    run = read_run(folder / RUN_FILE)
+    inputs = input_hashes(
+        run.pop("inputs_sha256", None) or {}
+    )  # first: an hour has 324,000, which then leave the memory
+    joints = read_joints(folder / JOINTS_FILE)
     for file in MEASURED:
         if not (folder / file).is_file():
             problem = "is missing: the folder was written by an older version, or by hand"
@@ -185,6 +196,7 @@ def read_session(folder: Path, name: str = "") -> Session:
             raise InputError(folder / file, "has other frames than joints.parquet", remedy)
     return Session(
         folder=folder,
+        inputs=inputs,
         run=run,
         joints=joints,
         angles=angles,
@@ -196,5 +208,27 @@ def read_session(folder: Path, name: str = "") -> Session:
         contacts=read_contacts(folder / CONTACTS_FILE) if (folder / CONTACTS_FILE).is_file() else None,
         explained=explained,
         bins=make_bins(joints.frame, joints.time_s, name),
-        ledger=Ledger(folder, name),
+        ledger=Ledger(
+            folder, name, {JOINTS_FILE: FrameColumns(JOINTS, joints), ANGLES_FILE: FrameColumns(ANGLES, angles)}
+        ),
     )
+
+
+def input_hashes(hashes: dict[str, str]) -> tuple[tuple[str, tuple[str]], ...]:
+    """Every file but the numbered pictures; those of a camera are covered by one hash of all their hashes."""
+    pictures: dict[str, list[str]] = {}
+    named = list[tuple[str, tuple[str]]]()
+    for file, digest in sorted(hashes.items()):
+        folder, _, name = file.rpartition("/")
+        if name.split(".")[0].isdigit():
+            pictures.setdefault(folder, []).append(digest)
+        else:
+            named.append((file, (digest,)))
+    grouped = [
+        (
+            f"{folder}: {counted(len(digests), 'picture')}, the hash of their hashes in run.json, in order of names",
+            (hashlib.sha256("\n".join(digests).encode("ascii")).hexdigest(),),
+        )
+        for folder, digests in pictures.items()
+    ]
+    return (*named, *grouped)

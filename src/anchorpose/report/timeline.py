@@ -21,6 +21,7 @@ from anchorpose.report.timeline_rows import (
 )
 from anchorpose.report.words import COVERAGE, STATE_WORDS
 from anchorpose.results.explained import EXPLAINED_FILE, unexplained
+from anchorpose.results.frame_time import blocks
 from anchorpose.results.records import CONTACTS_FILE, EPISODES_FILE
 from anchorpose.results.tables import JOINTS_FILE, POSTURE_FILE
 
@@ -78,10 +79,13 @@ def _event_files(session: Session) -> tuple[str, ...]:
 
 def joint_confidence_mm(session: Session) -> tuple[np.ndarray, np.ndarray]:
     """(n,) 1.96 sigma of the median and of the worst joint that is not lost, NaN in frames without any."""
-    reach_mm = 1000.0 * COVERAGE * session.joints.sigma_m
-    known = np.isfinite(reach_mm).any(axis=1)
-    median, highest = np.full(len(reach_mm), np.nan), np.full(len(reach_mm), np.nan)
-    median[known], highest[known] = np.nanmedian(reach_mm[known], axis=1), np.nanmax(reach_mm[known], axis=1)
+    sigma_m = session.joints.sigma_m
+    median, highest = np.full(len(sigma_m), np.nan), np.full(len(sigma_m), np.nan)
+    for rows in blocks(len(sigma_m)):
+        reach_mm = 1000.0 * COVERAGE * sigma_m[rows]
+        known = np.isfinite(reach_mm).any(axis=1)
+        median[rows][known] = np.nanmedian(reach_mm[known], axis=1)
+        highest[rows][known] = np.nanmax(reach_mm[known], axis=1)
     return median, highest
 
 

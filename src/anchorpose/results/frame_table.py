@@ -191,9 +191,12 @@ class FrameTable(Generic[Frames]):
         if self.thing is None:
             yield "thing", np.zeros(len(piece), np.int32)
         else:
-            yield "thing", _codes(path, piece[self.thing], self.thing, names, self.remedy).astype(np.int32)
+            yield "thing", _codes(path, piece[self.thing], self.thing, names, self.remedy).astype(self._code_type())
         for name, column in self.columns.items():
             yield name, column.to_numpy(path, piece)
+
+    def _code_type(self) -> type[np.signedinteger[Any]]:
+        return np.int32 if self.names is None else np.int8
 
     def _order(self, path: Path, columns: dict[str, np.ndarray], names: Sequence[str]) -> np.ndarray | None:
         """(rows,) the rows by frame, then by thing; None where they have this order already. Raises InputError unless
