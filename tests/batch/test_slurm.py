@@ -1,0 +1,45 @@
+"""``--scheduler slurm`` with stand-ins for the programs of SLURM, which run a job on this machine."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import batch_stub
+import pytest
+
+from anchorpose.batch.cluster import SLURM, Place
+from anchorpose.batch.engine import Job, run_jobs
+from anchorpose.errors import AnchorposeError
+
+SBATCH = """#!/bin/sh
+cp "$1" "{folder}/job.sh"  # the caller removes its own when this ends
+setsid sh "{folder}/job.sh" > "{folder}/worker.log" 2>&1 &
+echo $! >> "{folder}/started"
+echo "Submitted batch job $!"
+"""
+SCANCEL = '#!/bin/sh\nfor job in "$@"; do kill -TERM -- "-$job"; done\n'
+
+
+def test_jobs_run_on_workers_that_slurm_started(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("dask_jobqueue", reason="slurm needs the package dask-jobqueue")
+    for name, text in (("sbatch", SBATCH.format(folder=tmp_path)), ("scancel", SCANCEL)):
+        (tmp_path / name).write_text(text)
+        (tmp_path / name).chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
+    builders = str(Path(batch_stub.__file__).parent)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, (builders, os.environ.get("PYTHONPATH")))))
+    place = Place(
+        workers=1,
+        scheduler=SLURM,
+        slurm={"queue": "clinic", "walltime": "00:10:00", "interface": "lo", "local_directory": str(tmp_path)},
+    )
+    (outcome,) = run_jobs([Job("a", batch_stub.threads)], place)
+    assert (outcome.why, outcome.value) == (None, ("1", "1"))
+    assert len((tmp_path / "started").read_text().split()) == 1
+
+
+def test_settings_that_slurm_does_not_know_are_one_sentence() -> None:
+    pytest.importorskip("dask_jobqueue", reason="slurm needs the package dask-jobqueue")
+    with pytest.raises(AnchorposeError, match="settings for SLURM cannot be used"):
+        list(run_jobs([Job("a", batch_stub.threads)], Place(scheduler=SLURM, slurm={"quue": "clinic"})))
