@@ -8,10 +8,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from anchorpose.agreement.joint_centres import functional_centre, harrington_hip, other_side, pelvis_frame
+from anchorpose.agreement.joint_centres import (
+    HipCentre,
+    functional_centre,
+    harrington_hip,
+    other_side,
+    pelvis_frame,
+)
 from anchorpose.agreement.labels import known_marking
 from anchorpose.agreement.reading import read_captured
 from anchorpose.agreement.reference import read_reference
+from anchorpose.errors import InputError
+from anchorpose.joints import JOINT_INDEX
 
 
 def test_the_hip_is_where_harrington_puts_it_in_any_pose():
@@ -91,3 +99,28 @@ def test_a_csv_has_points_and_angles_with_empty_cells(tmp_path: Path):
     assert found.point_m[0, 0] == pytest.approx([0.001, 0.002, 0.003])
     assert np.isnan(found.point_m[1]).all()
     assert found.degrees[:, 0] == pytest.approx([10.0, 11.0])
+
+
+def test_a_functional_hip_that_walking_does_not_determine_is_refused_and_a_good_one_is_used(tmp_path: Path):
+    """The thigh turns about Harrington's hip, once in all directions, once with a knee that slides as it swings."""
+    rng, times = np.random.default_rng(6), 400
+    bones = {"LASI": (0, 0, -0.12), "RASI": (0, 0, 0.12), "LPSI": (-0.15, 0, -0.05), "RPSI": (-0.15, 0, 0.05)}
+    hip = harrington_hip(0.24, 0.15) * [1.0, 1.0, -1.0]
+    turns = Rotation.from_rotvec(rng.uniform(-0.7, 0.7, (times, 3)) * [0.6, 0.2, 1.0])
+    for slide_m, works in ((0.0, True), (0.15, False)):
+        points = {name: np.repeat(np.array([place]), times, axis=0) for name, place in bones.items()}
+        for name, place in (("LKNE", (0.0, -0.4, -0.05)), ("LKNM", (0.0, -0.4, 0.05)), ("LTHI", (0.05, -0.2, -0.06))):
+            points[name] = hip + turns.apply(place)
+            points[name][:, 1] += slide_m * np.abs(points[name][:, 0])
+            points[f"R{name[1:]}"] = points[name] * [1.0, 1.0, -1.0]
+        head = ["time_s", *(f"{name}_{axis}_m" for name in points for axis in "xyz")]
+        rows = np.concatenate([np.arange(times)[:, None] / 50, *points.values()], axis=1)
+        text = "\n".join([",".join(head), *(",".join(map(repr, row)) for row in rows.tolist())])
+        (tmp_path / "a.csv").write_text(text, encoding="utf-8")
+        if works:
+            centres = read_reference(tmp_path / "a.csv", hip=HipCentre.FUNCTIONAL).centres
+            assert centres.position_m[5, JOINT_INDEX["HipLeft"]] == pytest.approx(hip, abs=1e-6)
+            assert "functional" in centres.origin[JOINT_INDEX["HipLeft"]]
+        else:
+            with pytest.raises(InputError, match="too little movement of the left thigh"):
+                read_reference(tmp_path / "a.csv", hip=HipCentre.FUNCTIONAL)

@@ -28,6 +28,11 @@ LEAST_SWING: Final = 0.02
 plane or hardly at all, and the centre is not determined along one direction."""
 
 
+FARTHEST_M: Final = 0.04
+"""From the hip of the regression, which is good to 15 mm: a fit farther away followed skin that slid over the bone. In
+a recording of walking (ezc3d's example of Qualisys) both hips were 67 mm away."""
+
+
 class HipCentre(StrEnum):
     """Where hip centres come from if the other system gives none."""
 
@@ -67,11 +72,10 @@ def joint_centres(captured: Captured, marking: Marking, hip: HipCentre) -> Centr
         for side, sign in (("Left", -1.0), ("Right", 1.0)):
             if f"Hip{side}" in marking.centres or f"Hip{side}" in marking.midpoints:
                 continue
+            local = harrington_hip(width_m, depth_m) * [1.0, 1.0, sign]
             if hip is HipCentre.FUNCTIONAL:
                 thigh = [captured.point(label) for label in marking.thighs[side]]
-                local = _functional_centre(captured, side, thigh, axes, middle_m)
-            else:
-                local = harrington_hip(width_m, depth_m) * [1.0, 1.0, sign]
+                local = _functional_centre(captured, side, thigh, (axes, middle_m), local)
             put(f"Hip{side}", middle_m + np.einsum("tij,j->ti", axes, local), _HOW[hip])
     elif hip is HipCentre.FUNCTIONAL:
         raise InputError(captured.path, "has no four markers of the pelvis", "leave out --hip functional")
@@ -127,14 +131,19 @@ def functional_centre(markers_m: Sequence[np.ndarray]) -> tuple[np.ndarray, floa
 
 
 def _functional_centre(
-    captured: Captured, side: str, markers: list[np.ndarray], axes: np.ndarray, origin_m: np.ndarray
+    captured: Captured,
+    side: str,
+    markers: list[np.ndarray],
+    pelvis: tuple[np.ndarray, np.ndarray],
+    regression_m: np.ndarray,
 ) -> np.ndarray:
     """In the pelvis; raises InputError where the thigh has no markers or its movement does not determine it."""
+    axes, origin_m = pelvis
     if not markers:
         raise InputError(captured.path, f"has no markers on the {side.lower()} thigh", "leave out --hip functional")
     local = [np.einsum("tij,ti->tj", axes, marker - origin_m) for marker in markers]
     centre, swing = functional_centre(local)
-    if swing < LEAST_SWING:
+    if swing < LEAST_SWING or np.linalg.norm(centre - regression_m) > FARTHEST_M:
         problem = f"shows too little movement of the {side.lower()} thigh in several planes for a functional fit"
         raise InputError(captured.path, problem, "leave out --hip functional, or record a movement of the hip")
     return centre
