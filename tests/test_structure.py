@@ -208,6 +208,19 @@ def test_every_dependency_is_locked_with_hashes(lock: str, extra: tuple[str, ...
     assert [name for name, entry in locked.items() if "--hash=sha256:" not in entry] == []
 
 
+@pytest.mark.parametrize("lock", ["requirements.lock", "requirements-dev.lock"])
+def test_what_builds_the_package_is_locked_and_nothing_else_is_fetched_for_it(lock: str) -> None:
+    build = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["build-system"]["requires"]
+    entries = (ROOT / lock).read_text(encoding="utf-8").splitlines()
+    locked = {line.split("==")[0] for line in entries if "==" in line}
+    editable = {"editables"} if lock == "requirements-dev.lock" else set()  # what hatchling needs for pip install -e
+    assert {re.split(r"[\[<>=~]", line)[0] for line in build} | editable <= locked
+    for page in ("README.md", "CONTRIBUTING.md", "docs/index.md", ".ci/run"):
+        commands = [line for line in (ROOT / page).read_text(encoding="utf-8").splitlines() if "--no-deps" in line]
+        assert commands
+        assert [line for line in commands if "--no-build-isolation" not in line] == []
+
+
 def test_both_locks_agree_on_what_runs() -> None:
     dev = set((ROOT / "requirements-dev.lock").read_text(encoding="utf-8").splitlines())
     run = set((ROOT / "requirements.lock").read_text(encoding="utf-8").splitlines())

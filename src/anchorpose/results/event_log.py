@@ -1,7 +1,7 @@
 """log.jsonl: what made a results folder and what was done with it since, one line each, only ever added to.
 
 Each line holds the hash of itself with the line before, so that a line that is changed, removed or inserted shows. It
-does not protect against somebody who computes all hashes again; a copy of the last hash kept elsewhere does.
+is not a signature: all hashes can be computed again, which only a copy of the last one, kept elsewhere, reveals.
 """
 
 from __future__ import annotations
