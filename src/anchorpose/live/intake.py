@@ -29,7 +29,9 @@ class Intake:
         self._left, self._counting = len(self._sources), Lock()
 
     def start(self) -> None:
-        """Begins to take images."""
+        """Begins to take images; does nothing where that has begun."""
+        if self._threads:
+            return
         first = 0
         for source in self._sources:
             self._threads.append(Thread(target=self._run, args=(source, first), daemon=True))

@@ -35,11 +35,12 @@ def record_live(
     intake = Intake(sources)
     about = next((source.about.folder for source in sources if source.about is not None), None)
     recorder = Recorder(out, intake.cameras, about)
-    intake.start()
     try:
         if empty_room_s > 0.0:
+            intake.start()
             _record_empty_room(intake, recorder, empty_room_s, say, stop)
         intake.add(recorder.put)
+        intake.start()
         say("Recording. Stop with Ctrl+C.")
         _wait(intake, recorder, seconds, say, stop)
     finally:
