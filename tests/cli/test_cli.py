@@ -178,7 +178,7 @@ def test_report_makes_the_page_again(tmp_path, capsys):
         (["simulate", "out", "--preset", "room", "--scene", "hidden"], "another seed"),
         (["simulate", "out", "--preset", "room", "--movements", "m.npz"], "m.npz"),
         (["evaluate", "out", "--truth", "t.npz"], "joints.parquet"),
-        (["report", "out"], "joints.parquet"),
+        (["report", "out"], "run.json"),
         (["evaluate", "out", "--truth", "t.npz", "--skip-s", "-1"], "--skip-s"),
     ],
 )
