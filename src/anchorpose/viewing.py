@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from html import escape
 from pathlib import Path
 
-from anchorpose.errors import AnchorposeError, InputError
+from anchorpose.errors import InputError
 from anchorpose.results.corrections_file import corrections_beside, corrections_of_run
 from anchorpose.results.run_record import RUN_FILE
 from anchorpose.viewer.api import ViewerApi
@@ -33,12 +33,7 @@ def open_viewer(
     path = corrections if corrections is not None else corrections_beside(results)
     initial = corrections_of_run(results / RUN_FILE, review.run)
     api = ViewerApi(review, CorrectionFile(path, initial, review.joints), who)
-    try:
-        return ViewerServer(api, host, port)
-    except (OSError, OverflowError) as error:
-        why = getattr(error, "strerror", None) or error
-        sentence = f"Cannot listen on {host}, port {port} ({why}); choose another --host or --port."
-        raise AnchorposeError(sentence) from None
+    return ViewerServer(api, host, port)
 
 
 @contextmanager
@@ -48,7 +43,7 @@ def opened_page(address: str) -> Iterator[None]:
     Every user of the computer can list the arguments of programs, so the secret address must not be one of them.
     """
     with tempfile.TemporaryDirectory(prefix="anchorpose-") as folder:  # only this user may enter it
-        page = Path(folder) / "viewer.html"
+        page = Path(folder) / "page.html"
         page.touch(mode=0o600)
         page.write_text(_forwarding(address), encoding="utf-8")
         webbrowser.open(page.as_uri())
@@ -60,5 +55,5 @@ def _forwarding(address: str) -> str:
     return (
         '<!DOCTYPE html>\n<html lang="en"><meta charset="utf-8"><meta name="referrer" content="no-referrer">\n'
         f'<meta http-equiv="refresh" content="0; url={place}"><title>anchorpose</title>\n'
-        f'<p><a href="{place}">Open the viewer</a></p></html>\n'
+        f'<p><a href="{place}">Open the page</a></p></html>\n'
     )

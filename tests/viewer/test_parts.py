@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import posixpath
 import re
 from importlib import resources
 from pathlib import Path
 
 import pytest
 
-from anchorpose.viewer.server import PAGE, load_assets
+from anchorpose.viewer.page_files import LIVE_PAGE, VIEWER_PAGE, load_assets
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -35,7 +36,7 @@ def test_the_library_has_its_licence_and_is_named() -> None:
 def test_our_own_files_name_no_address_and_import_only_what_is_there() -> None:
     assets = load_assets()
     own = {name: asset.content.decode() for name, asset in assets.items() if not name.startswith("three/")}
-    assert PAGE in own
+    assert {VIEWER_PAGE, LIVE_PAGE} <= set(own)
     assert [name for name, text in own.items() if re.search(r"https?://(?!www\.w3\.org/2000/svg)", text)] == []
     imports = [
         (name, target)
@@ -44,12 +45,14 @@ def test_our_own_files_name_no_address_and_import_only_what_is_there() -> None:
         if target != "three"
     ]
     assert len(imports) > 30
-    folder = {"./": "view/", "../": ""}
     for name, target in imports:
-        start, rest = re.fullmatch(r"(\.\.?/)(.+)", target).groups()  # type: ignore[union-attr]
-        assert folder[start] + rest in assets, f"{name} imports {target}"
+        assert posixpath.normpath(posixpath.join(posixpath.dirname(name), target)) in assets, f"{name} imports {target}"
 
 
 def test_every_module_of_the_page_is_small() -> None:
-    long = {name: len(asset.content.splitlines()) for name, asset in load_assets().items() if name.startswith("view/")}
+    long = {
+        name: len(asset.content.splitlines())
+        for name, asset in load_assets().items()
+        if name.startswith(("view/", "live/"))
+    }
     assert [name for name, lines in long.items() if lines > 300] == []

@@ -27,8 +27,9 @@ from anchorpose.cli import main
 from anchorpose.results.corrections_file import corrections_beside, read_corrections
 from anchorpose.results.run_record import CorrectionsRecord, as_json
 from anchorpose.viewer import correction_file
+from anchorpose.viewer.access import Guard, is_loopback
 from anchorpose.viewer.payloads import unpack
-from anchorpose.viewer.server import Guard, ViewerServer, is_loopback
+from anchorpose.viewer.server import ViewerServer
 from anchorpose.viewing import opened_page
 
 INTERVAL = {"first_frame": 2, "last_frame": 8, "reason": "a curtain", "who": "AB"}

@@ -50,6 +50,19 @@ class LiveGiven:
     osc: str | None = None
     """Send joints and angles as OSC messages to this HOST:PORT."""
 
+    page: bool = False
+    """Show skeleton and angles in the browser, for patient and therapist."""
+
+    host: str = "127.0.0.1"
+    """The network address that the page listens on. Any other than the default lets other computers see the patient:
+    they need the whole printed address, which holds a secret."""
+
+    port: int = 8470
+    """The port of the page, always the same, so that the browser remembers the chosen angles; 0 takes a free one."""
+
+    no_browser: bool = False
+    """Print the address of the page only."""
+
     overwrite: bool = False
     """Replace an existing results folder."""
 
@@ -71,7 +84,7 @@ def live(
     results
         The folder to write.
     """
-    from anchorpose.cli.live_setup import make_outputs, open_sources, stop_on_signals
+    from anchorpose.cli.live_setup import make_outputs, open_sources, page_output, stop_on_signals, teller
     from anchorpose.cli.track import TrackOptions
     from anchorpose.live.session import LiveOptions, track_live
     from anchorpose.results.unfinished import unfinished_results
@@ -87,7 +100,12 @@ def live(
         seconds=given.seconds,
     )
     opened = open_sources(sources, given.like)
-    with stop_on_signals() as stop, unfinished_results(results, Path("."), given.overwrite) as folder:
-        summary = track_live(opened, folder, chosen, make_outputs(given.lsl, given.osc), print, stop)
+    with (
+        stop_on_signals() as stop,
+        unfinished_results(results, Path("."), given.overwrite) as folder,
+        page_output(given) as page,
+    ):
+        outputs = [*make_outputs(given.lsl, given.osc), *page]
+        summary = track_live(opened, folder, chosen, outputs, teller(page), stop)
     print(f"{summary.sentence}. The results are in {results}.")
     return 0

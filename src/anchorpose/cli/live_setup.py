@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from threading import Event
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from anchorpose.errors import AnchorposeError
 from anchorpose.live.output import Output
 from anchorpose.live.playback import Playback
 from anchorpose.live.source import LiveSource
 from anchorpose.recording.reader import open_recording
+
+if TYPE_CHECKING:
+    from anchorpose.cli.live import LiveGiven
+    from anchorpose.live.page_server import PageOutput
 
 
 def open_sources(names: Sequence[str], like: Path | None) -> list[LiveSource]:
@@ -55,6 +59,39 @@ def make_outputs(lsl: bool, osc: str | None) -> list[Output]:
             raise AnchorposeError(f"--osc is '{osc}'; write host and port, for example 127.0.0.1:9000.")
         outputs.append(OscOutput(host, int(port)))
     return outputs
+
+
+@contextmanager
+def page_output(given: LiveGiven) -> Iterator[list[PageOutput]]:
+    """The page, opened in the browser; none where it is not asked for. Raises AnchorposeError where nothing can listen
+    there."""
+    if not given.page:
+        yield []
+        return
+    from anchorpose.live.page_server import PageOutput
+    from anchorpose.viewer.access import is_loopback
+    from anchorpose.viewing import opened_page
+
+    page = PageOutput(given.host, given.port)
+    try:
+        print(f"The page is at {page.address}", flush=True)
+        if not is_loopback(given.host):
+            print("Anyone with this address can see the patient; it is not encrypted.", flush=True)
+        with nullcontext() if given.no_browser else opened_page(page.address):
+            yield [page]
+    finally:
+        page.close()
+
+
+def teller(pages: Sequence[PageOutput]) -> Callable[[str], None]:
+    """What gives the user a sentence: printed, and shown on the pages."""
+
+    def say(sentence: str) -> None:
+        print(sentence, flush=True)
+        for page in pages:
+            page.say(sentence)
+
+    return say
 
 
 @contextmanager

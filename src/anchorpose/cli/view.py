@@ -50,7 +50,7 @@ def view(results: Path, recording: Path | None = None, /, *, options: ViewOption
     from contextlib import nullcontext
 
     from anchorpose.cli.convert import as_recording
-    from anchorpose.viewer.server import is_loopback
+    from anchorpose.viewer.access import is_loopback
     from anchorpose.viewing import open_viewer, opened_page
 
     given = options or ViewOptions()

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from anchorpose.body.skin_points import Body
+from anchorpose.body.contact_regions import area_of_point, region_of_points
+from anchorpose.body.skin_points import Body, body_points
 from anchorpose.camera import Camera
 from anchorpose.isolation.other_place import without_other_places
 from anchorpose.live.feed import LiveSet
 from anchorpose.live.latency import LatencyMeter
 from anchorpose.live.output import Outputs, live_frame
 from anchorpose.recording.recording import Clock, FrameSet
+from anchorpose.results.contact_intervals import ContactIntervals
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import Follower
-from anchorpose.tracker.frame_record import label_pictures, record_of
+from anchorpose.tracker.frame_record import FrameRecord, label_pictures, record_of
 from anchorpose.tracker.journal import Blocks
 from anchorpose.tracker.passes import TrackedFrame
 from anchorpose.tracker.run import Run
@@ -40,6 +42,9 @@ class LiveFollower:
     _kept: list[TrackedFrame] = field(default_factory=list)
     _stored: int = 0
     _last_s: float = float("-inf")  # time of the last frame
+    _dropped: int = 0
+    _contacts: ContactIntervals | None = None
+    _touched: Mapping[str, bool] | None = None
 
     def take(self, live_set: LiveSet, live: bool) -> None:
         """One more frame; live: it is the newest one, so that its latency counts."""
@@ -57,9 +62,10 @@ class LiveFollower:
         self._pass_on(self.follower.step(frame_set), live=False)
 
     def finish(self) -> None:
-        """The frames that still wait in the look-ahead; then everything is stored."""
+        """The frames that still wait in the look-ahead; then everything is stored, and no more is sent."""
         self._pass_on(self.follower.finish(), live=False)
         self._store()
+        self.outputs.close()
 
     @property
     def _cameras(self) -> Sequence[Camera]:
@@ -72,15 +78,28 @@ class LiveFollower:
     def _pass_on(self, estimates: Iterator[Estimate], live: bool, dropped: int = 0) -> None:
         for estimate in estimates:
             taken_s = self._taken_s.pop(estimate.frame_set.frame)
-            frame = live_frame(estimate, taken_s)
             if live:
+                self._dropped += dropped
+                frame = live_frame(estimate, taken_s, self._touched, self._dropped)
                 self.outputs.send(frame)
                 self.latency.add(frame.latency_s, dropped)
                 dropped = 0
             labels = label_pictures(estimate.frame_set, estimate.observation) if self.with_labels else ()
-            self._kept.append(TrackedFrame(record_of(estimate, self.body, self.run), labels))
+            record = record_of(estimate, self.body, self.run)
+            self._touch(record)
+            self._kept.append(TrackedFrame(record, labels))
             if len(self._kept) == BLOCK:
                 self._store()
+
+    def _touch(self, record: FrameRecord) -> None:
+        """What others touch now, sent with the next frame: a search for it would delay this one."""
+        if self._contacts is None:
+            points = body_points()
+            region, area_m2 = region_of_points(points), area_of_point(points)
+            self._contacts = ContactIntervals(region, area_m2, self.run.config.contacts)
+        for _ in self._contacts.push(record.joints.frame, record.joints.time_s, record.near):
+            pass  # the results have those that ended
+        self._touched = None if record.near is None else self._contacts.touched_now
 
     def _store(self) -> None:
         if self._kept:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Protocol
 
@@ -23,7 +23,9 @@ class LiveFrame:
 
     frame, time_s: of the first camera; taken_s: when its images were taken, by ``time.monotonic``. joints_m (21, 3)
     world, sigma_m (21,), state_code (21,) index into ``JointState``; degrees, sigma_deg, angle_state (a,): the angles
-    of ``ANGLE_NAMES``. why_lost: why every joint is lost, empty where one is not.
+    of ``ANGLE_NAMES``. why_lost: why every joint is lost, empty where one is not. touched: parts of the patient
+    (``REGIONS``) that other people touched in the frame before, and whether that was seen; None where it is not known.
+    dropped: images that were not tracked, since tracking live began.
     """
 
     frame: int
@@ -36,11 +38,18 @@ class LiveFrame:
     sigma_deg: np.ndarray
     angle_state: np.ndarray
     why_lost: str
+    touched: Mapping[str, bool] | None = None
+    dropped: int = 0
 
     @property
     def latency_s(self) -> float:
         """From the images to now."""
         return time.monotonic() - self.taken_s
+
+    @property
+    def joint_table(self) -> JointTable:
+        """A table of this frame alone."""
+        return _one_row(self.frame, self.time_s, self.joints_m, self.state_code, self.sigma_m)
 
 
 class Output(Protocol):
@@ -57,18 +66,11 @@ class Output(Protocol):
         ...
 
 
-def live_frame(estimate: Estimate, taken_s: float) -> LiveFrame:
-    """What is sent of an estimate."""
+def live_frame(estimate: Estimate, taken_s: float, touched: Mapping[str, bool] | None, dropped: int) -> LiveFrame:
+    """What is sent of an estimate; taken_s, touched and dropped as in ``LiveFrame``."""
     frame_set = estimate.frame_set
     codes = np.array([_CODES[state] for state in estimate.states], np.int8)
-    table = JointTable(
-        frame=np.array([frame_set.frame], np.int32),
-        time_s=np.array([frame_set.time_s]),
-        position_m=estimate.joints_m[None],
-        state_code=codes[None],
-        sigma_m=estimate.sigma_m[None],
-    )
-    angles = joint_angles(table)
+    angles = joint_angles(_one_row(frame_set.frame, frame_set.time_s, estimate.joints_m, codes, estimate.sigma_m))
     return LiveFrame(
         frame_set.frame,
         frame_set.time_s,
@@ -80,6 +82,20 @@ def live_frame(estimate: Estimate, taken_s: float) -> LiveFrame:
         angles.sigma_deg[0],
         angles.state_code[0],
         estimate.why_lost if (codes == LOST).all() else "",
+        touched,
+        dropped,
+    )
+
+
+def _one_row(
+    frame: int, time_s: float, joints_m: np.ndarray, state_code: np.ndarray, sigma_m: np.ndarray
+) -> JointTable:
+    return JointTable(
+        frame=np.array([frame], np.int32),
+        time_s=np.array([time_s]),
+        position_m=joints_m[None],
+        state_code=state_code[None],
+        sigma_m=sigma_m[None],
     )
 
 

@@ -41,7 +41,7 @@ class _Open:
     """A contact that has not ended, or a touch too small to be one yet (not ``begun``).
 
     first, last: frame and time. skin: points last touched. frames, area_m2, seen_frames: sums over frames with skin in
-    reach. hidden: frames in which it continued unseen, up to ``last``.
+    reach. hidden: frames in which it continued unseen, up to ``last``. seen: in the last frame.
     """
 
     first: tuple[int, float]
@@ -50,6 +50,7 @@ class _Open:
     begun: bool = False
     frames: int = 0
     hidden: int = 0
+    seen: bool = False
     area_m2: float = 0.0
     seen_frames: float = 0.0
     gap_m: float = np.inf
@@ -85,8 +86,19 @@ class ContactIntervals:
         """Ends every contact that is still open."""
         yield from self._close(list(self._open))
 
+    @property
+    def touched_now(self) -> dict[str, bool]:
+        """The parts of the patient (``REGIONS``) that are touched, and whether the touch is seen in the last frame."""
+        parts: dict[str, bool] = {}
+        for (_, region), kept in self._open.items():
+            if kept.begun and kept.last[1] - kept.first[1] >= self._config.begin_s:
+                parts[REGIONS[region]] = parts.get(REGIONS[region], False) or kept.seen
+        return parts
+
     def _extend(self, now: tuple[int, float], near: Nearness) -> None:
         config = self._config
+        for kept in self._open.values():
+            kept.seen = False
         touched = np.flatnonzero(near.distance_m < config.reach_m)
         keys = near.person[touched].astype(np.int64) * len(REGIONS) + self._region[near.point[touched]]
         for key in np.unique(keys).tolist():
@@ -99,6 +111,7 @@ class ContactIntervals:
             kept.last, kept.skin = now, near.point[pairs]
             kept.frames += 1
             kept.area_m2 += area_m2
+            kept.seen = bool((~near.remembered[pairs]).any())
             kept.seen_frames += float(np.mean(~near.remembered[pairs]))
             kept.gap_m = min(kept.gap_m, float(near.distance_m[pairs].min()))
 

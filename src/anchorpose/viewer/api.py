@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -16,18 +14,8 @@ from anchorpose.viewer.correction_file import CorrectionFile, valid_corrections
 from anchorpose.viewer.depth_frames import DepthFrames
 from anchorpose.viewer.hypotheses import HypothesisWorker
 from anchorpose.viewer.payloads import body_skin, motion_payload, pack, points_payload, rays_payload, surface_payload
+from anchorpose.viewer.responses import BYTES, Response, json_response
 from anchorpose.viewer.review import Review, describe
-
-BYTES: Final = "application/octet-stream"
-JSON: Final = "application/json"
-
-
-@dataclass(frozen=True, slots=True)
-class Response:
-    """What is sent back: bytes and their media type."""
-
-    content: bytes
-    kind: str
 
 
 class ViewerApi:
@@ -41,7 +29,7 @@ class ViewerApi:
         self.worker = HypothesisWorker()
         self._compiling = threading.Lock()
         self._get: dict[str, Callable[[Mapping[str, str]], Response]] = {
-            "description": lambda query: _json(
+            "description": lambda query: json_response(
                 {**describe(self.review), "who": self.who, "corrections_file": self.corrections.path.name}
             ),
             "motion": lambda query: Response(motion_payload(self.review), BYTES),
@@ -50,13 +38,13 @@ class ViewerApi:
             "points": self._points,
             "surface": self._surface,
             "place": self._place,
-            "corrections": lambda query: _json(valid_corrections(self.corrections.current())),
-            "hypotheses": lambda query: _json(as_json(self.worker.status)),
+            "corrections": lambda query: json_response(valid_corrections(self.corrections.current())),
+            "hypotheses": lambda query: json_response(as_json(self.worker.status)),
             "hypotheses/found": lambda query: self._hypotheses(),
         }
         self._post: dict[str, Callable[[dict[str, Any]], Response]] = {
-            "corrections/add": lambda body: _json(valid_corrections(self.corrections.add(body))),
-            "corrections/take-back": lambda body: _json(valid_corrections(self.corrections.take_back(body))),
+            "corrections/add": lambda body: json_response(valid_corrections(self.corrections.add(body))),
+            "corrections/take-back": lambda body: json_response(valid_corrections(self.corrections.take_back(body))),
             "hypotheses/start": self._start,
             "hypotheses/cancel": lambda body: self._cancel(),
         }
@@ -87,7 +75,7 @@ class ViewerApi:
         if not 0 <= position < len(frames.frame):
             raise ValueError(f"there is no frame {position}")
         place_m, why = frames.place_of_person(position, query["camera"], int(query["column"]), int(query["row"]))
-        return _json({"position_m": None if place_m is None else place_m.round(4).tolist(), "why": why})
+        return json_response({"position_m": None if place_m is None else place_m.round(4).tolist(), "why": why})
 
     def _body(self) -> Response:
         arrays = body_skin(self.review.run)
@@ -102,17 +90,13 @@ class ViewerApi:
         place = self.review.joints.position_m[position, JOINT_INDEX["SpineBase"]]
         xz_m = (float(place[0]), float(place[2])) if np.isfinite(place).all() else None
         self.worker.start(position, frames.recording, int(frames.frame[position]), xz_m)
-        return _json(as_json(self.worker.status))
+        return json_response(as_json(self.worker.status))
 
     def _cancel(self) -> Response:
         self.worker.cancel()
-        return _json(as_json(self.worker.status))
+        return json_response(as_json(self.worker.status))
 
     def _hypotheses(self) -> Response:
         if not self.worker.data:
             raise ValueError("there are no hypotheses yet")
         return Response(self.worker.data, BYTES)
-
-
-def _json(value: Any) -> Response:
-    return Response(json.dumps(value, allow_nan=False).encode(), JSON)

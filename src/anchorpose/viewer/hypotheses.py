@@ -18,7 +18,8 @@ from anchorpose.recording.recording import Recording
 from anchorpose.threads import one_thread
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.inspection import inspect_frame
-from anchorpose.viewer.payloads import describe_error, pack
+from anchorpose.viewer.payloads import pack
+from anchorpose.viewer.responses import describe_error
 
 FIRST_GUESS = (
     "With a first estimate of the body, from this frame on; 'anchorpose inspect --as-tracked' repeats the tracking."

@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -17,7 +16,6 @@ from anchorpose.body.asset import BodyAsset
 from anchorpose.body.kinematics import shape_body
 from anchorpose.body.pose import MOVING_BONES
 from anchorpose.body.segments import load_body_asset
-from anchorpose.errors import InputError
 from anchorpose.results.explained import unexplained
 from anchorpose.viewer.depth_frames import DepthFrames
 from anchorpose.viewer.review import Review
@@ -198,13 +196,3 @@ def _normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
         np.add.at(summed, faces[:, corner], across)
     length = np.linalg.norm(summed, axis=1, keepdims=True)
     return summed / np.where(length > 0, length, 1.0)
-
-
-def describe_error(error: Exception) -> str:
-    """What the page may know of an error: the name of a file without its folder, which may name the patient."""
-    if isinstance(error, InputError):
-        return str(InputError(error.path.name, error.problem, error.remedy))
-    if isinstance(error, OSError):
-        name = Path(str(error.filename)).name if error.filename else "The computer"
-        return f"{name}: {error.strerror or 'cannot be used'}."
-    return str(error)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Final
+from typing import Annotated, Final, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.results.records import Measure
+from anchorpose.results.stand_training.centre_of_mass import CentreOfMass
 from anchorpose.results.stand_training.session import Session, inferred_share
+from anchorpose.results.tables import JointTable
 from anchorpose.results.uncertainty import sigma_of_mean, systematic_sigma
 from anchorpose.settings import settings
 
@@ -125,27 +127,47 @@ def _difference(session: Session, angle: str) -> Measure:
     )
 
 
-def _load_shares(session: Session) -> list[Measure]:
-    """Where the centre of mass lies between the ankles, seen from above: 0.5 is the middle, for either foot.
+class FeetLoad(NamedTuple):
+    """Of every frame: rightwards (n,), by how much the right foot's share of the load of a patient who stands still is
+    more than one half, and the left foot's less; sigma (n,); state_code (n,), the worst of the joints.
 
-    Frames with the centre beyond an ankle are left out: two feet alone would not carry a patient who stands still.
+    NaN where a joint is lost or the feet are closer than ``LEAST_STANCE_M``, and where the centre of mass lies beyond
+    an ankle: two feet alone would not carry a patient who stands still.
     """
+
+    rightwards: np.ndarray
+    sigma: np.ndarray
+    state_code: np.ndarray
+
+
+def feet_load(joints: JointTable, com: CentreOfMass) -> FeetLoad:
+    """Where the centre of mass lies between the ankles, seen from above: 0.5 is the middle, for either foot."""
     ankles = [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]
-    left, right = (session.joints.position_m[:, joint][:, [0, 2]] for joint in ankles)
-    com = session.posture.com_m[:, [0, 2]]
+    left, right = (joints.position_m[:, joint][:, [0, 2]] for joint in ankles)
     width = np.linalg.norm(right - left, axis=1)
-    along = np.einsum("nk,nk->n", com - 0.5 * (left + right), right - left) / np.where(width > 0, width, np.nan) ** 2
-    used = session.standing & (np.abs(along) <= 0.5) & (width >= LEAST_STANCE_M)  # NaN where any of them is lost
+    width = np.where(width >= LEAST_STANCE_M, width, np.nan)
+    off = com.position_m[:, [0, 2]] - 0.5 * (left + right)
+    along = np.einsum("nk,nk->n", off, right - left) / width**2
+    along = np.where(np.abs(along) <= 0.5, along, np.nan)
+    feet = joints.sigma_m[:, ankles]
+    sigma = np.hypot(com.sigma_m, 0.5 * np.hypot(feet[:, 0], feet[:, 1])) / width
+    state_code = np.maximum(com.state_code, joints.state_code[:, ankles].max(axis=1))
+    return FeetLoad(along, np.where(np.isnan(along), np.nan, sigma), state_code)
+
+
+def _load_shares(session: Session) -> list[Measure]:
+    """The mean over all standing frames in which it is known."""
+    com = CentreOfMass(session.posture.com_m, session.posture.com_sigma_m, session.posture.state_code)
+    load = feet_load(session.joints, com)
+    used = session.standing & np.isfinite(load.rightwards)
     names = (("left", -1.0), ("right", 1.0))
     if not used.any():
         return [Measure(measure="load_share", side=side, value=None, unit="1", frames=0, why=NO_STANCE)
                 for side, _ in names]  # fmt: skip
-    feet = session.joints.sigma_m[used][:, ankles]
-    sigma = np.hypot(session.posture.com_sigma_m[used], 0.5 * np.hypot(feet[:, 0], feet[:, 1])) / width[used]
-    state_code = np.maximum(session.posture.state_code[used], session.joints.state_code[used][:, ankles].max(axis=1))
+    along = load.rightwards[used]
     return [
-        Measure(measure="load_share", side=side, value=0.5 + sign * float(along[used].mean()), unit="1",
-                sigma=sigma_of_mean(sigma, float(session.seconds[used].sum())), frames=int(used.sum()),
-                inferred_share=inferred_share(state_code))
+        Measure(measure="load_share", side=side, value=0.5 + sign * float(along.mean()), unit="1",
+                sigma=sigma_of_mean(load.sigma[used], float(session.seconds[used].sum())), frames=int(used.sum()),
+                inferred_share=inferred_share(load.state_code[used]))
         for side, sign in names
     ]  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -116,11 +116,17 @@ class UprightConfig:
             raise ValueError("height_leave must not exceed height_enter")
 
 
-def upright(stance: Stance, config: UprightConfig, shift: float = 0.0) -> np.ndarray:
-    """(n,) int8: ``UPRIGHT``, ``NOT_UPRIGHT``, or ``UNKNOWN``: a joint is lost, or neither limit was met since then.
+class Limits(NamedTuple):
+    """Of every frame (n,) bool: all limits for being upright are met; one of the wider ones is passed; nothing needed
+    for it is lost."""
 
-    shift: moves every value by so many sigma towards standing, to see what errors may change.
-    """
+    begins: np.ndarray
+    ends: np.ndarray
+    known: np.ndarray
+
+
+def upright_limits(stance: Stance, config: UprightConfig, shift: float = 0.0) -> Limits:
+    """shift: moves every value by so many sigma towards standing, to see what errors may change."""
     thigh = stance.thigh_deg - shift * stance.thigh_sigma_deg
     trunk = stance.trunk_deg - shift * stance.trunk_sigma_deg
     height = stance.height + shift * stance.height_sigma
@@ -128,7 +134,15 @@ def upright(stance: Stance, config: UprightConfig, shift: float = 0.0) -> np.nda
         (thigh <= config.thigh_enter_deg) & (trunk <= config.trunk_enter_deg) & (height >= config.height_enter)
     )  # fmt: skip
     ends = (thigh > config.thigh_leave_deg) | (trunk > config.trunk_leave_deg) | (height < config.height_leave)
-    return hold(begins, ends, np.isfinite(thigh + trunk + height))
+    return Limits(begins, ends, np.isfinite(thigh + trunk + height))
+
+
+def upright(stance: Stance, config: UprightConfig, shift: float = 0.0) -> np.ndarray:
+    """(n,) int8: ``UPRIGHT``, ``NOT_UPRIGHT``, or ``UNKNOWN``: a joint is lost, or neither limit was met since then.
+
+    shift: as in ``upright_limits``.
+    """
+    return hold(*upright_limits(stance, config, shift))
 
 
 def hold(begins: np.ndarray, ends: np.ndarray, known: np.ndarray) -> np.ndarray:

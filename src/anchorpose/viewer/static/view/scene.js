@@ -33,7 +33,7 @@ export class View {
       this.scene.background = new Color(css("scene"));
       this.scene.remove(this.grid);
       this.grid = new GridHelper(4, 8, new Color(css("room")), new Color(css("edge")));
-      this.grid.position.set(middle[0], floor, middle[2]);
+      this.grid.position.set(this.middle.x, floor, this.middle.z);
       this.scene.add(this.grid);
       this.invalidate();
     });
@@ -62,6 +62,17 @@ export class View {
     const narrow = Math.min(1, this.camera.aspect);
     this.camera.position.copy(this.middle).addScaledVector(away, 3.3 / narrow);
     this.controls.target.copy(this.middle);
+    this.controls.update();
+    this.invalidate();
+  }
+
+  /** Keeps direction and distance, and looks at another middle. */
+  moveTo(middle) {
+    const step = new Vector3(...middle).sub(this.middle);
+    this.middle.add(step);
+    this.controls.target.add(step);
+    this.camera.position.add(step);
+    this.grid.position.add(step);
     this.controls.update();
     this.invalidate();
   }

@@ -96,7 +96,8 @@ export class DotLayer {
 const NOWHERE = [0, 0, 0]; // a limb of no length is not drawn
 
 class LimbLayer {
-  constructor(limbs, view) {
+  constructor(limbs, view, size) {
+    this.size = size;
     const count = 4 * limbs.length, corner = new Float32Array(3 * count), index = [];
     this.limbs = limbs;
     this.view = view;
@@ -134,17 +135,19 @@ class LimbLayer {
     });
     this.from.needsUpdate = this.to.needsUpdate = this.corner.needsUpdate = true;
     this.view.renderer.getDrawingBufferSize(this.uniforms.screen.value);
-    this.uniforms.width.value = 3 * this.view.renderer.getPixelRatio();
+    this.uniforms.width.value = 3 * this.size * this.view.renderer.getPixelRatio();
   }
 }
 
 export class SkeletonLayer {
-  constructor({ joints, limbs, states }, motion, view) {
+  /** size: of dots and limbs on the screen, 1 as in the viewer. */
+  constructor({ joints, limbs, states }, motion, view, size = 1) {
+    this.size = size;
     this.count = joints.length;
     this.lost = states.indexOf("lost");
     this.motion = motion;
     this.chosen = null;
-    this.limbs = new LimbLayer(limbs, view);
+    this.limbs = new LimbLayer(limbs, view, size);
     this.dots = new DotLayer(this.count, view, "joint", 10);
     this.group = new Group();
     this.group.add(this.limbs.mesh, this.dots.points);
@@ -163,7 +166,7 @@ export class SkeletonLayer {
     const { joints, sigma, states } = this.at(position);
     this.limbs.set(joints, states);
     this.dots.set(Array.from(states, (state, i) => state === this.lost ? null : {
-      place: joints.subarray(3 * i, 3 * i + 3), shape: state === 0 ? 0 : 1, radius: 5.5, halo: 1.96 * sigma[i], chosen: i === this.chosen,
+      place: joints.subarray(3 * i, 3 * i + 3), shape: state === 0 ? 0 : 1, radius: 5.5 * this.size, halo: 1.96 * sigma[i], chosen: i === this.chosen,
     }));
   }
 }

@@ -1,0 +1,193 @@
+"""Every newest frame for browsers: a page, and the events that it reads.
+
+Each client has a thread of its own, which takes the newest frame when the one before has been sent: who reads slowly
+misses frames, and who never reads is left out after some seconds. The tracker only puts a frame down.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import socket
+from collections.abc import Iterable
+from http import HTTPStatus
+from threading import Condition, Thread
+from typing import Any, Final
+
+from anchorpose.joints import JOINT_NAMES, LIMBS, JointState
+from anchorpose.live.output import LiveFrame
+from anchorpose.live.standing import Standing, UprightClock
+from anchorpose.results.frame_table import UNKNOWN
+from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES
+from anchorpose.results.stand_training.stance import UprightConfig
+from anchorpose.results.tables import UPRIGHT
+from anchorpose.viewer.guarded_server import GuardedHandler, GuardedServer
+from anchorpose.viewer.page_files import LIVE_PAGE
+from anchorpose.viewer.responses import json_response
+
+EVENTS: Final = "events"
+STREAM: Final = "text/event-stream"
+SIGN_OF_LIFE_S: Final = 1.0  # something is sent at least so often: the page must know that the program still runs
+CLIENT_PATIENCE_S: Final = 5.0  # a client that takes nothing for so long is left out
+BUFFER_BYTES: Final = 32 * 1024  # of the socket, some frames: in a large one they would be seconds old on arrival
+EXACT: Final = 4  # decimals: a tenth of a millimetre
+
+
+class PageOutput:
+    """Serves the page from now on, in threads of its own; see ``Output``. address: what to open, token included.
+
+    Raises AnchorposeError where it cannot listen on ``host`` and ``port``.
+    """
+
+    name = "the page"
+
+    def __init__(self, host: str, port: int) -> None:
+        self._newest = _Newest()
+        self._clock = UprightClock(UprightConfig())
+        self._server = _LiveServer(self._newest, host, port)
+        self._thread = Thread(target=self._server.serve_forever, kwargs={"poll_interval": 0.1}, daemon=True)
+        self._thread.start()
+
+    @property
+    def address(self) -> str:
+        """With the token, which every request must carry."""
+        return self._server.address
+
+    def send(self, frame: LiveFrame) -> None:
+        """See ``Output``."""
+        self._newest.put_frame(frame, self._clock.push(frame.joint_table))
+
+    def say(self, sentence: str) -> None:
+        """A sentence about the session, shown until the next one."""
+        self._newest.put_sentence(sentence)
+
+    def close(self) -> None:
+        """The page says that the session has ended; the server ends. May be called twice."""
+        self._newest.end()
+        self._server.shutdown()
+        self._server.server_close()
+        self._thread.join()
+
+
+def describe_live() -> dict[str, Any]:
+    """What the page must know before it shows a frame, as values for JSON."""
+    return {
+        "joints": list(JOINT_NAMES),
+        "limbs": [list(limb) for limb in LIMBS],
+        "states": [str(state) for state in JointState],
+        "angles": list(ANGLE_NAMES),
+    }
+
+
+def frame_message(frame: LiveFrame, standing: Standing) -> dict[str, Any]:
+    """A frame as values for JSON: metres, degrees, seconds; states as places in ``JointState``; None is not known."""
+    return {
+        "frame": frame.frame,
+        "time_s": frame.time_s,
+        "latency_ms": round(1000.0 * frame.latency_s, 1),
+        "dropped": frame.dropped,
+        "joints_m": [_numbers(place) for place in frame.joints_m],
+        "sigma_m": _numbers(frame.sigma_m),
+        "state": frame.state_code.tolist(),
+        "degrees": _numbers(frame.degrees),
+        "sigma_deg": _numbers(frame.sigma_deg),
+        "angle_state": frame.angle_state.tolist(),
+        "why_lost": frame.why_lost,
+        "upright": None if standing.upright == UNKNOWN else standing.upright == UPRIGHT,
+        "upright_s": round(standing.upright_s, 2),
+        "upright_inferred": standing.inferred,
+        "load_left": standing.load_left,
+        "load_sigma": standing.load_sigma,
+        "load_inferred": standing.load_inferred,
+        "touched": None if frame.touched is None else dict(frame.touched),
+    }
+
+
+def _numbers(values: Iterable[float]) -> list[float | None]:
+    return [round(float(value), EXACT) if math.isfinite(value) else None for value in values]
+
+
+class _Newest:
+    """The newest frame and the newest sentence, for any number of clients; nothing older is kept."""
+
+    def __init__(self) -> None:
+        self._changed, self.ended = Condition(), False
+        self._frame: tuple[int, LiveFrame, Standing] | None = None
+        self._sentence = (0, "")
+        self._count = 0
+
+    def put_frame(self, frame: LiveFrame, standing: Standing) -> None:
+        with self._changed:
+            self._count += 1
+            self._frame = (self._count, frame, standing)
+            self._changed.notify_all()
+
+    def put_sentence(self, sentence: str) -> None:
+        with self._changed:
+            self._count += 1
+            self._sentence = (self._count, sentence)
+            self._changed.notify_all()
+
+    def end(self) -> None:
+        with self._changed:
+            self.ended = True
+            self._changed.notify_all()
+
+    def begin(self) -> tuple[int, bytes]:
+        """For a new client: the number to take from, and the sentence as an event; a frame may be old by now."""
+        with self._changed:
+            return self._count, _event("sentence", self._sentence[1])
+
+    def take(self, after: int, patience_s: float) -> tuple[int, bytes]:
+        """What is newer than ``after``, as events, and its number; no events where nothing is in time."""
+        with self._changed:
+            self._changed.wait_for(lambda: self.ended or self._count > after, patience_s)
+            count, frame, sentence = self._count, self._frame, self._sentence
+        events = b""
+        if sentence[0] > after:
+            events += _event("sentence", sentence[1])
+        if frame is not None and frame[0] > after:
+            events += _event("frame", frame_message(frame[1], frame[2]))
+        return count, events
+
+
+def _event(name: str, value: Any) -> bytes:
+    return f"event: {name}\ndata: {json.dumps(value, allow_nan=False)}\n\n".encode()
+
+
+class _LiveServer(GuardedServer):
+    page, program = LIVE_PAGE, "anchorpose live"
+
+    def __init__(self, newest: _Newest, host: str, port: int) -> None:
+        self.newest = newest
+        super().__init__(host, port, _Handler)
+
+
+class _Handler(GuardedHandler):
+    server: _LiveServer
+
+    def answer_get(self, name: str) -> None:
+        if name == EVENTS:
+            self._send_events()
+        elif name == "description":
+            self.answer(lambda: json_response(describe_live()))
+        else:
+            self.refuse(HTTPStatus.NOT_FOUND, "There is nothing of this name here.")
+
+    def _send_events(self) -> None:
+        """Until the session ends, or the client goes away or takes nothing."""
+        self.connection.settimeout(CLIENT_PATIENCE_S)
+        self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
+        self.connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self.close_connection = True  # the end of the stream is the end of the connection
+        self.send_head(HTTPStatus.OK, STREAM, {})
+        newest = self.server.newest
+        seen, events = newest.begin()
+        try:
+            self.wfile.write(events)
+            while not newest.ended:
+                seen, events = newest.take(seen, SIGN_OF_LIFE_S)
+                self.wfile.write(events or b": still here\n\n")
+            self.wfile.write(_event("end", ""))
+        except (ConnectionError, TimeoutError):
+            pass

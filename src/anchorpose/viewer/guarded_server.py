@@ -1,0 +1,158 @@
+"""A small web server for one page of this program: HTTP, access and the files of the page."""
+
+from __future__ import annotations
+
+import json
+import socket
+import sys
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any, ClassVar, Final
+
+from anchorpose.errors import AnchorposeError
+from anchorpose.recording.json_text import parse_json
+from anchorpose.viewer.access import Guard, is_loopback, new_token
+from anchorpose.viewer.page_files import content_policy, load_assets
+from anchorpose.viewer.responses import JSON, Response, describe_error
+
+MOST_BYTES: Final = 64 * 1024  # of a request's body: a correction has some hundred
+PATIENCE_S: Final = 120.0  # a browser that sends nothing for this long is gone
+
+
+class GuardedServer(ThreadingHTTPServer):
+    """Listens once it is made; ``serve_forever`` answers. ``address`` is what to open.
+
+    page: the name of the page that the address shows; program: what printed the address, for refusals. Raises
+    AnchorposeError where it cannot listen on ``host`` and ``port``.
+    """
+
+    daemon_threads = True
+    page: ClassVar[str]
+    program: ClassVar[str]
+
+    def __init__(self, host: str, port: int, handler: type[GuardedHandler]) -> None:
+        self.host = host
+        self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        try:
+            super().__init__((host, port), handler)
+        except (OSError, OverflowError) as error:
+            why = getattr(error, "strerror", None) or error
+            sentence = f"Cannot listen on {host}, port {port} ({why}); choose another --host or --port."
+            raise AnchorposeError(sentence) from None
+        self.guard = Guard(new_token(), self.server_address[1], is_loopback(host))
+
+    @property
+    def address(self) -> str:
+        """With the token, which every request must carry."""
+        everywhere = self.host in ("", "0.0.0.0", "::")  # none of which can be opened
+        name = socket.gethostname() if everywhere else self.host
+        return f"http://{f'[{name}]' if ':' in name else name}:{self.guard.port}/{self.guard.token}/"
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Silent about a browser that disconnects (a tab was closed)."""
+        if not isinstance(sys.exception(), ConnectionError | TimeoutError):
+            super().handle_error(request, client_address)
+
+
+class GuardedHandler(BaseHTTPRequestHandler):
+    """Sends the files of the page to those who have the token; everything else is up to ``answer_get``."""
+
+    protocol_version = "HTTP/1.1"
+    timeout = PATIENCE_S
+    server: GuardedServer
+
+    def do_GET(self) -> None:
+        """A file of the page, or what ``answer_get`` has of this name."""
+        name = self.admitted()
+        if name is None:
+            return
+        asset = load_assets().get(name or self.server.page)
+        if asset is not None:
+            self.send(HTTPStatus.OK, Response(asset.content, asset.kind))
+        else:
+            self.answer_get(name)
+
+    def answer_get(self, name: str) -> None:
+        """Answers a request for what is not a file."""
+        raise NotImplementedError
+
+    def do_POST(self) -> None:
+        """What changes something: only the page itself may, with a JSON object."""
+        name = self.admitted()
+        if name is None:
+            return
+        if not self.server.guard.comes_from_the_page(self.plain_headers()):
+            self.refuse(HTTPStatus.FORBIDDEN, "Only the page itself may change something.")
+            return
+        length = self.headers.get("Content-Length", "")
+        if not length.isdecimal() or int(length) > MOST_BYTES:
+            self.refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "This is too long.")
+            return
+        text = self.rfile.read(int(length))
+        self.answer(lambda: self.answer_post(name, _object(text)))
+
+    def answer_post(self, name: str, body: dict[str, Any]) -> Response:
+        """What is sent after a change; raises as ``answer`` says."""
+        raise KeyError(name)
+
+    def answer(self, make: Callable[[], Response]) -> None:
+        """Sends what ``make`` returns; a refusal where it raises KeyError, or AnchorposeError, ValueError, TypeError or
+        OSError with a sentence."""
+        try:
+            response = make()
+        except KeyError:
+            self.refuse(HTTPStatus.NOT_FOUND, "There is nothing of this name here.")
+        except (AnchorposeError, ValueError, TypeError, OSError) as error:
+            self.refuse(HTTPStatus.BAD_REQUEST, describe_error(error))
+        else:
+            self.send(HTTPStatus.OK, response)
+
+    def admitted(self) -> str | None:
+        """The requested name where token and host are right; otherwise None, and a refusal has been sent."""
+        name = self.server.guard.path_within(self.path)
+        if name is None or not self.server.guard.host_is_ours(self.plain_headers()):
+            self.refuse(HTTPStatus.FORBIDDEN, f"Open the address that '{self.server.program}' printed.")
+            return None
+        return name
+
+    def refuse(self, status: HTTPStatus, sentence: str) -> None:
+        """Ends the connection after a sentence."""
+        self.close_connection = True  # a body may not have been read
+        self.send(status, Response(json.dumps({"error": sentence}).encode(), JSON))
+
+    def send(self, status: HTTPStatus, response: Response) -> None:
+        """The whole answer."""
+        with suppress(ConnectionError):
+            self.send_head(status, response.kind, {"Content-Length": str(len(response.content))})
+            self.wfile.write(response.content)
+
+    def send_head(self, status: HTTPStatus, kind: str, more: Mapping[str, str]) -> None:
+        """Status and headers; more: beside those that every answer has."""
+        self.send_response(status)
+        self.send_header("Content-Type", kind)
+        for name, value in more.items():
+            self.send_header(name, value)
+        self.send_header("Cache-Control", "no-store")  # no data of a patient stays in the browser
+        self.send_header("Content-Security-Policy", content_policy(self.server.page))
+        self.send_header("Referrer-Policy", "no-referrer")
+        self.send_header("X-Content-Type-Options", "nosniff")
+        self.send_header("Cross-Origin-Resource-Policy", "same-origin")
+        if self.close_connection:
+            self.send_header("Connection", "close")
+        self.end_headers()
+
+    def plain_headers(self) -> dict[str, str]:
+        """Those that decide who is let in."""
+        return {key: self.headers.get(key, "") for key in ("Host", "Origin", "Content-Type")}
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Silent: the address, with its token, must not be logged."""
+
+
+def _object(text: bytes) -> dict[str, Any]:
+    value = parse_json(text)
+    if not isinstance(value, dict):
+        raise ValueError("this is not a JSON object")
+    return value

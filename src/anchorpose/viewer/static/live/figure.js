@@ -1,0 +1,47 @@
+// The skeleton of the newest frame, by the viewer's own drawing.
+
+import { View } from "../view/scene.js";
+import { SkeletonLayer } from "../view/skeleton.js";
+
+const SIZE = 2; // of dots and limbs, against the viewer's: this is looked at from afar
+const FAR_M = 1.2; // from the middle of the view: then the view follows
+
+export class Figure {
+  constructor(canvas, description) {
+    Object.assign(this, { canvas, description, view: null });
+    this.count = description.joints.length;
+    this.base = description.joints.indexOf("SpineBase");
+    this.motion = { joints: new Float32Array(3 * this.count), sigma: new Float32Array(this.count), state: new Uint8Array(this.count) };
+    const draw = () => { this.view?.draw(); requestAnimationFrame(draw); };
+    draw();
+  }
+
+  /** message: of a frame; null where nothing is known. */
+  set(message) {
+    if (message) this.take(message);
+    if (!this.view) return;
+    this.skeleton.group.visible = message !== null;
+    this.skeleton.set(0);
+    this.view.invalidate();
+  }
+
+  take({ joints_m: joints, sigma_m: sigma, state }) {
+    joints.forEach((place, i) => this.motion.joints.set(place.map((value) => value ?? NaN), 3 * i));
+    this.motion.sigma.set(sigma.map((value) => value ?? NaN));
+    this.motion.state.set(state);
+    const place = joints[this.base];
+    if (place.includes(null)) return;
+    if (!this.view) this.begin(place, joints);
+    const { target } = this.view.controls, [x, , z] = place;
+    if (Math.hypot(target.x - x, target.z - z) > FAR_M) this.view.moveTo([x, this.view.middle.y, z]);
+  }
+
+  begin([x, y, z], joints) {
+    const floor = Math.min(...joints.map((place) => place[1] ?? Infinity)) - 0.03; // the sole below the foot's joint
+    this.view = new View(this.canvas, [x, Math.max(y, floor + 0.9), z], floor);
+    this.skeleton = new SkeletonLayer(this.description, this.motion, this.view, SIZE);
+    this.view.scene.add(this.skeleton.group);
+  }
+
+  look(name) { this.view?.look(name); }
+}

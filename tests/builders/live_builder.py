@@ -1,0 +1,89 @@
+"""Frames as a live session sends them, and a page that serves them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+
+import numpy as np
+from results_builder import make_frame, standing_joints
+
+from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, STATE_CODE, JointState
+from anchorpose.live.output import LiveFrame
+from anchorpose.live.page_server import PageOutput
+from anchorpose.results.kinematics.joint_angles import joint_angles
+from anchorpose.results.tables import JointTable
+
+LATENCY_S = 0.05
+
+
+def standing_frame(
+    frame: int,
+    time_s: float,
+    lost: tuple[str, ...] = (),
+    states: Mapping[str, JointState] | None = None,
+    knee_deg: float = 0.0,
+    lean_m: float = 0.0,
+    touched: Mapping[str, bool] | None = None,
+    dropped: int = 0,
+) -> LiveFrame:
+    """A patient who stands upright, the left knee bent by knee_deg, all above the ankles moved by lean_m to the
+    right."""
+    place = standing_joints()
+    for name in JOINT_NAMES:
+        if not name.startswith(("Ankle", "Foot")):
+            place[JOINT_INDEX[name], 2] += lean_m
+    sine, cosine = np.sin(np.radians(knee_deg)), np.cos(np.radians(knee_deg))
+    back = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    knee = place[JOINT_INDEX["KneeLeft"]]
+    for name in ("AnkleLeft", "FootLeft"):
+        place[JOINT_INDEX[name]] = knee + back @ (place[JOINT_INDEX[name]] - knee)
+    made = make_frame(frame, time_s, place, lost, 0.01, states)
+    return live_frame_of(frame, time_s, made.position_m, made.state, touched=touched, dropped=dropped)
+
+
+def live_frame_of(
+    frame: int,
+    time_s: float,
+    joints_m: np.ndarray,
+    states: tuple[JointState, ...] = (JointState.LOST,) * len(JOINT_NAMES),
+    why_lost: str = "",
+    touched: Mapping[str, bool] | None = None,
+    dropped: int = 0,
+) -> LiveFrame:
+    """A frame with these joints (21, 3), sigma 1 cm."""
+    sigma_m = np.where(np.isnan(joints_m[:, 0]), np.nan, 0.01)
+    codes = np.array([STATE_CODE[state] for state in states], np.int8)
+    table = JointTable(
+        frame=np.array([frame], np.int32),
+        time_s=np.array([time_s]),
+        position_m=joints_m[None],
+        state_code=codes[None],
+        sigma_m=sigma_m[None],
+    )
+    angles = joint_angles(table)
+    return LiveFrame(
+        frame,
+        time_s,
+        time.monotonic() - LATENCY_S,
+        joints_m,
+        sigma_m,
+        codes,
+        angles.degrees[0],
+        angles.sigma_deg[0],
+        angles.state_code[0],
+        why_lost,
+        touched,
+        dropped,
+    )
+
+
+@contextmanager
+def page_running() -> Iterator[PageOutput]:
+    """On a free port of this machine."""
+    output = PageOutput("127.0.0.1", 0)
+    try:
+        yield output
+    finally:
+        output.close()

@@ -1,0 +1,193 @@
+"""The live page in Chromium: what patient and therapist see of frames, of lost joints and of silence."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from threading import Event, Thread
+from typing import Any
+
+import numpy as np
+import pytest
+from live_builder import live_frame_of, page_running, standing_frame
+from viewer_page import until
+
+from anchorpose.joints import JointState
+from anchorpose.live.output import LiveFrame
+from anchorpose.live.page_server import PageOutput
+
+
+class Playing:
+    """Sends a frame again and again, as a session does; another one where ``show`` is called."""
+
+    def __init__(self, output: PageOutput) -> None:
+        self.output, self._make, self._stop = output, None, Event()
+        self._thread = Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def show(self, make: Callable[[int, float], LiveFrame] | None) -> None:
+        self._make = make
+
+    def close(self) -> None:
+        self._stop.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        number = 0
+        while not self._stop.wait(0.05):
+            make = self._make
+            if make is not None:
+                self.output.send(make(number, 0.05 * number))
+                number += 1
+
+
+@pytest.fixture
+def playing():
+    with page_running() as output:
+        running = Playing(output)
+        yield running
+        running.close()
+
+
+@pytest.fixture
+def live(page: Any, playing: Playing) -> Any:
+    page.goto(playing.output.address)
+    page.wait_for_selector("html[data-ready]", timeout=20_000)
+    return page
+
+
+def reading(page: Any, dial: int = 0) -> str:
+    return page.locator(".dial .reading").nth(dial).text_content()
+
+
+def test_a_dial_shows_the_angle_and_its_target(live, playing):
+    playing.show(lambda number, time_s: standing_frame(number, time_s, knee_deg=42.0, dropped=3))
+    until(live, lambda: reading(live) == "42°")
+    assert reading(live, 1) == "0°"
+    left, right = live.locator(".dial").all()
+    assert "± " in left.locator(".spread").text_content()
+    assert "reached" not in left.get_attribute("class")
+    assert "reached" in right.get_attribute("class")
+    assert right.locator(".verdict").text_content() == "✓ target"
+    assert live.locator("#message").is_hidden()
+    assert "3 images dropped" in live.locator("#pace").inner_text()
+    assert live.evaluate("parseInt(document.querySelector('#pace').textContent)") >= 50
+    assert live.evaluate("anchorpose.figure.view.drawn") > 0
+
+
+def test_numbers_are_large_enough_for_three_metres(live, playing):
+    playing.show(lambda number, time_s: standing_frame(number, time_s, knee_deg=42.0))
+    until(live, lambda: reading(live) == "42°")
+    # on a screen of 53 by 30 cm shown as 1280 by 800: 2 cm, the height that is read from 3 m without effort
+    assert live.locator(".dial .reading").first.bounding_box()["height"] > 50
+    assert live.evaluate("parseFloat(getComputedStyle(document.querySelector('#upright')).fontSize)") > 50
+    assert live.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    for name in ("#stage", "#facts", ".dial"):
+        box = live.locator(name).first.bounding_box()
+        assert box["y"] + box["height"] <= 800
+
+
+def test_what_is_inferred_looks_inferred(live, playing):
+    hidden = {"KneeLeft": JointState.HIDDEN_BY_EQUIPMENT}
+    playing.show(lambda number, time_s: standing_frame(number, time_s, states=hidden, touched={"knee_left": False}))
+    until(live, lambda: reading(live) == "~0°")
+    dial = live.locator(".dial").first
+    assert "inferred" in dial.get_attribute("class")
+    assert dial.locator(".reading").evaluate("e => getComputedStyle(e).fill") == "none"
+    assert dial.locator(".hand").evaluate("e => getComputedStyle(e).strokeDasharray") != "none"
+    assert "inferred" in dial.locator(".spread").text_content()
+    assert live.locator("#load-left").inner_text() == "~50"
+    assert live.locator("#touched").inner_text() == "~left knee"
+    assert reading(live, 1) == "0°"
+
+
+def test_what_is_lost_is_a_dash_and_never_the_last_value(live, playing):
+    playing.show(lambda number, time_s: standing_frame(number, time_s, touched={"hand_left": True}))
+    until(live, lambda: reading(live) == "0°")
+    assert live.locator("#touched").inner_text() == "left hand"
+    playing.show(lambda number, time_s: standing_frame(number, time_s, lost=("AnkleLeft",), touched={}))
+    until(live, lambda: reading(live) == "–")
+    assert (reading(live, 1), live.locator("#load-left").inner_text()) == ("0°", "–")
+    assert live.locator("#touched").inner_text() == "nobody"
+    assert live.locator(".dial .hand").first.get_attribute("visibility") == "hidden"
+    nothing = np.full((21, 3), np.nan)
+    playing.show(lambda number, time_s: live_frame_of(number, time_s, nothing, why_lost="nobody is seen"))
+    until(live, lambda: "The patient is lost: nobody is seen." in live.locator("#message").inner_text())
+    assert {reading(live, 0), reading(live, 1), live.locator("#touched").inner_text()} == {"–"}
+    assert "now: –" in live.locator("#upright-now").inner_text()
+
+
+def test_silence_is_reported_and_no_value_stays(live, playing):
+    playing.output.say("Looking at the room.")
+    until(live, lambda: live.locator("#message").inner_text() == "Looking at the room.")
+    playing.show(standing_frame)
+    until(live, lambda: reading(live) == "0°")
+    playing.show(None)
+    until(live, lambda: live.locator("#message").inner_text() == "No image for 2 s")
+    assert reading(live) == "–"
+    assert not live.evaluate("anchorpose.figure.skeleton.group.visible")
+    playing.show(standing_frame)
+    until(live, lambda: reading(live) == "0°" and live.locator("#message").is_hidden())
+    playing.close()
+    playing.output.close()
+    until(live, lambda: live.locator("#message").inner_text() == "The session has ended.")
+    assert reading(live) == "–"
+
+
+def test_a_connection_that_is_lost_is_reported(live, playing):
+    playing.show(standing_frame)
+    until(live, lambda: reading(live) == "0°")
+    live.evaluate("anchorpose.stream.source.close(); anchorpose.stream.source.dispatchEvent(new Event('error'))")
+    assert live.locator("#message").inner_text() == "The connection is lost. Trying again."
+    assert reading(live) == "–"
+
+
+def test_angles_and_targets_are_remembered(live, playing):
+    live.locator("#add").click()
+    third = live.locator(".dial").nth(2)
+    third.locator("select").select_option("trunk_flexion")
+    third.get_by_label("Target from, degrees").fill("-10")
+    third.get_by_label("Target to, degrees").fill("20")
+    third.get_by_label("Target to, degrees").press("Tab")
+    live.locator(".dial").nth(1).get_by_label("Remove this angle").click()
+    live.reload()
+    live.wait_for_selector("html[data-ready]")
+    assert live.evaluate("anchorpose.choices") == [
+        {"angle": "knee_flexion_left", "from": 0, "to": 10}, {"angle": "trunk_flexion", "from": -10, "to": 20},
+    ]  # fmt: skip
+    assert live.locator(".dial h2").all_inner_texts() == ["Left knee flexion", "Trunk flexion"]
+
+
+def test_a_sound_on_request_when_a_target_is_reached(live, playing):
+    def bent(number: int, time_s: float) -> LiveFrame:
+        return standing_frame(number, time_s, knee_deg=42.0)
+
+    playing.show(bent)
+    until(live, lambda: reading(live) == "42°")
+    playing.show(standing_frame)
+    until(live, lambda: reading(live) == "0°")
+    assert live.evaluate("anchorpose.sound.played") == 0
+    live.locator("#sound").click()
+    assert live.locator("#sound").get_attribute("aria-pressed") == "true"
+    playing.show(bent)
+    until(live, lambda: reading(live) == "42°")
+    assert live.evaluate("anchorpose.sound.played") == 0
+    playing.show(standing_frame)
+    until(live, lambda: reading(live) == "0°")
+    assert live.evaluate("anchorpose.sound.played") == 1
+
+
+def test_everything_has_a_name(live, playing):
+    nameless = live.evaluate(
+        "[...document.querySelectorAll('button, input, select, canvas')].filter((e) => !(e.textContent.trim()"
+        " || e.getAttribute('aria-label') || e.labels?.length)).map((e) => e.outerHTML)"
+    )
+    assert nameless == []
+
+
+def test_sending_costs_the_tracker_little(playing):
+    frame = standing_frame(0, 0.0)
+    began_s = time.perf_counter()
+    for _ in range(50):
+        playing.output.send(frame)
+    assert (time.perf_counter() - began_s) / 50 < 0.02

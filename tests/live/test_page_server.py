@@ -1,0 +1,195 @@
+"""The page's server: who is let in, what arrives, and clients that do not behave."""
+
+import http.client
+import json
+import socket
+import time
+from threading import Thread
+from urllib.parse import urlsplit
+
+import numpy as np
+import pytest
+from live_builder import live_frame_of, page_running, standing_frame
+
+from anchorpose.cli import main
+from anchorpose.errors import AnchorposeError
+from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, LOST
+from anchorpose.live.page_server import BUFFER_BYTES, PageOutput
+from anchorpose.results.kinematics.joint_angles import ANGLE_NAMES
+
+
+@pytest.fixture
+def output():
+    with page_running() as running:
+        yield running
+
+
+class Client:
+    """Reads the events of a page's server."""
+
+    def __init__(self, output: PageOutput, name: str = "events") -> None:
+        place = urlsplit(output.address)
+        self._connection = http.client.HTTPConnection(place.hostname, place.port, timeout=10)
+        self._connection.request("GET", f"{place.path}{name}")
+        self.answer = self._connection.getresponse()
+
+    def event(self) -> tuple[str, object]:
+        """The next event; comments are skipped."""
+        while True:
+            line = self.answer.readline().decode()
+            assert line, "the stream has ended"
+            if line.startswith("event: "):
+                return line[7:].strip(), json.loads(self.answer.readline().decode()[6:])
+
+    def until(self, frame: int) -> None:
+        while self.next("frame")["frame"] < frame:
+            pass
+
+    def next(self, name: str) -> object:
+        while (event := self.event())[0] != name:
+            pass
+        return event[1]
+
+    def close(self) -> None:
+        self._connection.close()
+        self.answer.close()
+
+
+def status_of(output: PageOutput, path: str, **headers: str) -> int:
+    place = urlsplit(output.address)
+    connection = http.client.HTTPConnection("127.0.0.1", place.port, timeout=10)
+    connection.request("GET", path, headers=headers)
+    status = connection.getresponse().status
+    connection.close()
+    return status
+
+
+def test_nobody_gets_in_without_the_token_or_by_another_name(output):
+    path = urlsplit(output.address).path
+    for wrong in ("/", "/events", f"{path[:-2]}/events", f"/x{path}events", "/description"):
+        assert status_of(output, wrong) == 403
+    assert status_of(output, f"{path}events", Host="evil.example") == 403
+    assert status_of(output, f"{path}description", Host="localhost:9000") == 200
+    for there, status in (("", 200), ("live/main.js", 200), ("three/three.module.min.js", 200), ("points", 404)):
+        assert status_of(output, f"{path}{there}") == status
+
+
+def test_nothing_can_be_changed(output):
+    place = urlsplit(output.address)
+    connection = http.client.HTTPConnection("127.0.0.1", place.port, timeout=10)
+    host = f"127.0.0.1:{place.port}"
+    headers = {"Host": host, "Origin": f"http://{host}", "Content-Type": "application/json"}
+    connection.request("POST", f"{place.path}patient", "{}", headers)
+    assert connection.getresponse().status == 404
+    connection.close()
+
+
+def test_two_clients_read_joints_and_angles_with_sigma_and_state(output):
+    clients = [Client(output), Client(output)]
+    assert [client.event() for client in clients] == [("sentence", "")] * 2
+    frame = standing_frame(12, 0.8, lost=("HandLeft",))
+    output.say("Tracking live.")
+    output.send(frame)
+    for client in clients:
+        assert client.next("sentence") == "Tracking live."
+        found = client.next("frame")
+        assert (found["frame"], found["time_s"], found["why_lost"]) == (12, 0.8, "")
+        assert 0.0 < found["latency_ms"] < 5000.0
+        for name, place in zip(JOINT_NAMES, frame.joints_m, strict=True):
+            expected = [None] * 3 if name == "HandLeft" else pytest.approx(place.tolist(), abs=1e-4)
+            assert found["joints_m"][JOINT_INDEX[name]] == expected
+        assert found["sigma_m"][JOINT_INDEX["HandLeft"]] is None
+        assert found["state"][JOINT_INDEX["HandLeft"]] == LOST
+        knee = ANGLE_NAMES.index("knee_flexion_left")
+        assert found["degrees"][knee] == pytest.approx(frame.degrees[knee], abs=1e-3)
+        assert found["sigma_deg"][knee] == pytest.approx(frame.sigma_deg[knee], abs=1e-3)
+        client.close()
+
+
+def test_a_new_client_is_given_the_sentence_but_no_frame_of_before(output):
+    output.say("Looking at the room.")
+    output.send(standing_frame(1, 0.1))
+    client = Client(output)
+    assert client.event() == ("sentence", "Looking at the room.")
+    output.send(standing_frame(2, 0.2))
+    assert client.next("frame")["frame"] == 2
+    client.close()
+
+
+def test_a_client_that_never_reads_delays_nobody_and_is_left_out(output, monkeypatch):
+    monkeypatch.setattr("anchorpose.live.page_server.CLIENT_PATIENCE_S", 2.0)
+    place = urlsplit(output.address)
+    with socket.socket() as silent:
+        silent.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+        silent.connect((place.hostname, place.port))
+        silent.sendall(f"GET {place.path}events HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode())
+        reader = Client(output)
+        reader.event()
+        last = Thread(target=lambda: reader.until(199))
+        last.start()
+        longest_s = 0.0
+        for number in range(200):
+            began_s = time.monotonic()
+            output.send(standing_frame(number, number / 30.0))
+            longest_s = max(longest_s, time.monotonic() - began_s)
+            time.sleep(0.003)
+        assert longest_s < 1.5  # a send that waited for the silent client would take two seconds
+        last.join(timeout=10.0)
+        assert not last.is_alive()  # the last frame arrived
+        reader.close()
+        time.sleep(2.5)
+        silent.settimeout(5.0)
+        received = 0
+        while content := silent.recv(65536):  # what was in the buffers, then the end: it was left out
+            received += len(content)
+        assert received < 100 * 3000
+
+
+def test_the_end_is_an_event_and_closing_twice_does_nothing(output):
+    client = Client(output)
+    output.close()
+    output.close()
+    assert client.next("end") == ""
+
+
+def test_a_port_in_use_is_one_sentence(output):
+    port = urlsplit(output.address).port
+    with pytest.raises(AnchorposeError, match=rf"Cannot listen on 127\.0\.0\.1, port {port} .*choose another"):
+        PageOutput("127.0.0.1", port)
+
+
+def test_the_verb_refuses_a_port_in_use_and_leaves_nothing(output, tmp_path, capsys):
+    from recording_builder import write_recording
+
+    recording, results = write_recording(tmp_path / "recording"), tmp_path / "results"
+    port = str(urlsplit(output.address).port)
+    assert main(["live", str(recording), "-o", str(results), "--page", "--no-browser", "--port", port]) == 2
+    assert "choose another --host or --port" in capsys.readouterr().err
+    assert not results.exists()
+
+
+def test_time_upright_counts_between_upright_frames_and_not_over_a_gap(output):
+    client = Client(output)
+    seconds = []
+    for number, time_s in enumerate((0.0, 0.1, 0.2, 5.0, 5.1)):
+        output.send(standing_frame(number, time_s))
+        seconds.append(client.next("frame")["upright_s"])
+    assert seconds == pytest.approx([0.0, 0.1, 0.2, 0.2, 0.3])
+    output.send(live_frame_of(6, 5.2, np.full((21, 3), np.nan), why_lost="nobody is seen"))
+    lost = client.next("frame")
+    assert (lost["upright"], lost["load_left"], lost["touched"]) == (None, None, None)
+    assert lost["upright_s"] == pytest.approx(0.3)
+    client.close()
+
+
+def test_the_load_moves_to_the_foot_that_the_body_leans_over(output):
+    client = Client(output)
+    shares = []
+    for number, lean_m in enumerate((0.0, -0.05, 0.05)):  # the patient's right is +Z
+        frame = standing_frame(number, number / 10.0, lean_m=lean_m)
+        output.send(frame)
+        shares.append(client.next("frame")["load_left"])
+    assert shares[0] == pytest.approx(0.5, abs=0.02)
+    assert shares[1] > 0.6
+    assert shares[2] < 0.4
+    client.close()
