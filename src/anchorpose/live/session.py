@@ -180,11 +180,13 @@ class _Session:
         recorder = Recorder(folder, self.intake.cameras, self.about)
         self.intake.add(recorder.put)
         self.say(f"Looking at the room and the patient for {self.options.start_s:.0f} s.")
-        self._wait(FIRST_WAIT_S, until=lambda: recorder.images > 0)
-        self._wait(self.options.start_s, until=lambda: False)
-        self.intake.remove(recorder.put)
-        if recorder.images == 0:
+        try:
+            self._wait(FIRST_WAIT_S, until=lambda: recorder.images > 0)
+            self._wait(self.options.start_s, until=lambda: False)
+        finally:
+            self.intake.remove(recorder.put)
             recorder.abandon()
+        if recorder.images == 0:
             why = " ".join(self.intake.failed) or "no camera gives depth images."
             raise AnchorposeError(f"Nothing can be tracked: {why}")
         return open_recording(recorder.finish())
