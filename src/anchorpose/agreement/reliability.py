@@ -98,7 +98,7 @@ def absolute_agreement(ms: MeanSquares, subjects: int, repeats: int) -> Correlat
 
 
 def consistency(ms: MeanSquares, subjects: int, repeats: int) -> Correlation:
-    """ICC(3,1): a constant difference between repeats is no error."""
+    """ICC(3,1): a constant difference between repeats does not count as error."""
     n, k = subjects, repeats
     ratio, freedom = ms.subjects / ms.rest, (n - 1) * (k - 1)
     low, high = ratio / stats.f.ppf(TAIL, n - 1, freedom), ratio * stats.f.ppf(TAIL, freedom, n - 1)
