@@ -18,7 +18,7 @@ from anchorpose.body.skin_points import FittedShape, even_clothes
 from anchorpose.recording.subject import UNKNOWN
 from anchorpose.tracker import learning
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.learning import LearntPatient, learn_patient
+from anchorpose.tracker.learning import LearntPatient, Stretch, learn_patient
 from anchorpose.tracker.room import NO_REVIEW, Review
 from anchorpose.tracker.run import Run
 
@@ -44,8 +44,13 @@ class Pass:
     known: list[ShapeBelief] = field(default_factory=list)  # before each of them
     reaches_m: list[float] = field(default_factory=list)  # the first of each
     worn: list[FittedShape] = field(default_factory=list)
+    begun: list[FittedShape | None] = field(default_factory=list)  # with which body each stretch began
+    found: tuple[bool, ...] = (True,) * 3  # whether the patient is found in each stretch
 
-    def follow(self, *_: object) -> Iterator[tuple[SimpleNamespace, SimpleNamespace]]:
+    def follow(self, *given: object) -> Iterator[tuple[SimpleNamespace, SimpleNamespace]]:
+        *_, known = given
+        self.begun.append(known)
+        there = self.found[len(self.begun) - 1]
         for number in range(1000):
             self.read = number + 1
             time_s = 50.0 + number * self.step_s
@@ -53,7 +58,7 @@ class Pass:
             yield (
                 SimpleNamespace(
                     frame_set=SimpleNamespace(frame=number, time_s=time_s),
-                    belief=SimpleNamespace(pose=self.pose(number)),
+                    belief=SimpleNamespace(pose=self.pose(number)) if there else None,
                     shape=START, explained=self.explained, observation=seen,
                 ),
                 SimpleNamespace(use_shape=self.worn.append),
@@ -75,11 +80,16 @@ class Pass:
         return round((time_s - 50.0) / self.step_s)
 
     def run(
-        self, monkeypatch: pytest.MonkeyPatch, config: LearningConfig | None = None, room: SimpleNamespace = ROOM
+        self,
+        monkeypatch: pytest.MonkeyPatch,
+        config: LearningConfig | None = None,
+        room: SimpleNamespace = ROOM,
+        stretches: int = 1,
     ) -> LearntPatient | None:
         monkeypatch.setattr(learning, "follow_openly", self.follow)
         monkeypatch.setattr(learning, "learn_body", self.learn)
-        return learn_patient(Run(room, replace(TrackConfig(), learning=config or LearningConfig())), [])
+        run = Run(room, replace(TrackConfig(), learning=config or LearningConfig()))
+        return learn_patient(run, [Stretch(None, [])] * stretches)
 
 
 @pytest.mark.parametrize("step_s", [0.1, -0.1])
@@ -124,6 +134,32 @@ def test_each_window_adds_its_frames_to_what_is_known(monkeypatch):
     np.testing.assert_allclose(learnt.first.seen, 10.0 * np.eye(len(ADULT.seen)))
     assert learnt.shape is learnt.belief.shape
     assert learnt.shape.coefficients[0] == pytest.approx(0.03)
+
+
+def test_each_stretch_of_the_recording_has_its_share_and_begins_with_what_is_known(monkeypatch):
+    tried = Pass()
+    learnt = tried.run(monkeypatch, LearningConfig(longest_s=12.0), stretches=3)
+    assert learnt is not None
+    assert [len(window) for window in tried.windows] == [12, 6, 6]
+    assert learnt.seconds == pytest.approx(12.0, abs=0.4)
+    assert tried.begun[0] is None
+    assert [shape.coefficients[0] for shape in tried.begun[1:]] == pytest.approx([0.01, 0.02])
+    np.testing.assert_allclose(learnt.belief.seen, 30.0 * np.eye(len(ADULT.seen)))
+
+
+def test_who_is_not_found_in_a_later_stretch_is_not_waited_for(monkeypatch):
+    tried = Pass(found=(True, False))
+    learnt = tried.run(monkeypatch, LearningConfig(longest_s=8.0), stretches=2)
+    assert learnt is not None
+    assert len(tried.windows) == 1
+    assert tried.read == 42
+
+
+def test_who_is_found_only_in_a_later_stretch_is_learnt_there(monkeypatch):
+    tried = Pass(found=(False, True))
+    learnt = tried.run(monkeypatch, LearningConfig(longest_s=8.0), stretches=2)
+    assert learnt is not None
+    assert len(tried.windows) == 1
 
 
 def test_the_patient_is_followed_on_with_what_is_known_so_far(monkeypatch):

@@ -31,7 +31,7 @@ class LearningConfig:
 
     own_shape: bool = True  # False: nothing is learnt, everybody is the mean adult of the given or seen height
     window_s: Positive = 4.0  # a patient moves enough in it to show where the limbs turn
-    longest_s: Positive = 30.0  # a leg that was hidden so long will stay hidden, and every second is tracked twice
+    longest_s: Positive = 30.0  # of all stretches together: more makes no difference, and every second is tracked twice
     frame_count: Count = 12  # spread over the window; more frames show the same again
     height_sigma_m: Positive = 0.01  # of a measured height: with or without shoes, in the morning or the evening
 

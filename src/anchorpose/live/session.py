@@ -204,9 +204,7 @@ class _Session:
         room = prepare_room(inputs.recording, config, inputs.review)
         motions = load_motions(config.motion_file, room.recording.rate_hz, config.motion)
         run = Run(room, config, motions)
-        learnt = (
-            learn_patient(run, plan_route(room, config, lambda: None).longer_side()) if room.initial_frames else None
-        )
+        learnt = learn_patient(run, plan_route(room, config, lambda: None).stretches()) if room.initial_frames else None
         if learnt is not None and (room.recording.subject.height_m or is_human(learnt.shape)):
             self.say(f"The patient was found: who {room.initial_frames[0].choice.reason}.")
             return Prepared(inputs, run, learnt)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 from anchorpose.body.learning import REACHES_M, REFINING_M, learn_body, most_different
 from anchorpose.body.shape_prior import ShapeBelief
 from anchorpose.body.skin_points import FittedShape, body_points
+from anchorpose.isolation.people import PatientChoice
 from anchorpose.recording.recording import FrameSet
 from anchorpose.recording.subject import Subject
 from anchorpose.tracker.estimate import Estimate
@@ -38,37 +39,70 @@ class LearntPatient:
         return self.belief.shape
 
 
-def learn_patient(run: Run, frames: Iterable[FrameSet]) -> LearntPatient | None:
+class Stretch(NamedTuple):
+    """A part of the recording that the body is learnt from: where the patient is in its first frame, and its frames.
+
+    choice: None where nobody is to be looked for. frames: in the order of time or against it.
+    """
+
+    choice: PatientChoice | None
+    frames: Iterable[FrameSet]
+
+
+def learn_patient(run: Run, stretches: Sequence[Stretch]) -> LearntPatient | None:
     """The patient's shape, or None where the patient is never found.
 
-    The first window begins with the first frame in which the patient is found. Tracking goes on with what was learnt so
-    far, and each window's frames add what they show. Only the frames of one window are kept.
+    Each stretch is followed for its share of ``learning.longest_s``, from the first frame in which the patient is
+    found. Tracking goes on with what was learnt so far, and each window's frames add what they show. Only the frames of
+    one window are kept.
     """
-    room, learning = run.room, run.config.learning
-    interval_s = learning.window_s / learning.frame_count / CANDIDATES
     learnt: LearntPatient | None = None
+    for stretch in stretches:
+        learnt = _learn_on(stretch, learnt, run.config.learning.longest_s / len(stretches), run)
+    return learnt
+
+
+def _learn_on(stretch: Stretch, before: LearntPatient | None, longest_s: float, run: Run) -> LearntPatient | None:
+    """What is known after one more stretch; before: after those before it."""
+    learning, learnt = run.config.learning, before
+    interval_s = learning.window_s / learning.frame_count / CANDIDATES
     kept, began_s = list[Estimate](), None
-    choice = room.initial_frame.choice if room.initial_frame else None
-    for estimate, tracker in follow_openly(run, frames, choice, None):
+    known, so_far_s = (None, 0.0) if before is None else (before.shape, before.seconds)
+    for estimate, tracker in follow_openly(run, stretch.frames, stretch.choice, known):
         time_s = estimate.frame_set.time_s
-        if began_s is not None and abs(time_s - began_s) > learning.longest_s:
+        began_s = time_s if began_s is None and before is not None else began_s  # who is not found is not waited for
+        if began_s is not None and abs(time_s - began_s) > longest_s:
             break
-        if estimate.belief is None or estimate.shape is None or estimate.explained < LEAST_EXPLAINED:
-            continue
-        if room.review.why_unusable(estimate.frame_set.frame) is not None:
+        if not _shows_body(estimate, run):
             continue
         if not learning.own_shape:
-            beliefs = known_beliefs(room.recording.subject, run.config)
-            fixed = replace(likeliest(beliefs, estimate.shape), shape=estimate.shape)
-            return LearntPatient(fixed, fixed, 0.0)
+            return before or _fixed(estimate, run)
         began_s = time_s if began_s is None else began_s
         if kept and _apart_s(kept[0], estimate) > learning.window_s:
-            learnt, kept = _learn_more(learnt, began_s, kept, run), []
+            learnt, kept = _learn_more(learnt, kept, so_far_s + abs(kept[-1].frame_set.time_s - began_s), run), []
             if tracker is not None:
                 tracker.use_shape(learnt.shape)
         if not kept or _apart_s(kept[-1], estimate) >= interval_s - 1e-6:
             kept.append(estimate)
-    return learnt if began_s is None or not kept else _learn_more(learnt, began_s, kept, run)
+    if began_s is None or not kept:
+        return learnt
+    return _learn_more(learnt, kept, so_far_s + abs(kept[-1].frame_set.time_s - began_s), run)
+
+
+def _shows_body(estimate: Estimate, run: Run) -> bool:
+    """Whether a frame may be learnt from: a body explains it, and no reviewer has marked it as unusable."""
+    if estimate.belief is None or estimate.shape is None or estimate.explained < LEAST_EXPLAINED:
+        return False
+    return run.room.review.why_unusable(estimate.frame_set.frame) is None
+
+
+def _fixed(estimate: Estimate, run: Run) -> LearntPatient:
+    """The body of the first pose, where nothing is to be learnt."""
+    if estimate.shape is None:
+        raise ValueError("the frame has no body")
+    beliefs = known_beliefs(run.room.recording.subject, run.config)
+    fixed = replace(likeliest(beliefs, estimate.shape), shape=estimate.shape)
+    return LearntPatient(fixed, fixed, 0.0)
 
 
 def _apart_s(one: Estimate, other: Estimate) -> float:
@@ -76,9 +110,8 @@ def _apart_s(one: Estimate, other: Estimate) -> float:
     return abs(other.frame_set.time_s - one.frame_set.time_s)
 
 
-def _learn_more(learnt: LearntPatient | None, began_s: float, kept: Sequence[Estimate], run: Run) -> LearntPatient:
-    """What is known after one more window."""
-    seconds = abs(kept[-1].frame_set.time_s - began_s)
+def _learn_more(learnt: LearntPatient | None, kept: Sequence[Estimate], seconds: float, run: Run) -> LearntPatient:
+    """What is known after one more window; seconds: how long the patient was followed for it, from the beginning."""
     with run.stage("body shape"):
         if learnt is None:
             return _learn_first(seconds, kept, run)

@@ -19,7 +19,7 @@ from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import Follower
 from anchorpose.tracker.frame_record import FrameRecord, label_pictures, record_of, smoothed_record
 from anchorpose.tracker.journal import Blocks, Journal
-from anchorpose.tracker.learning import LearntPatient, learn_patient
+from anchorpose.tracker.learning import LearntPatient, Stretch, learn_patient
 from anchorpose.tracker.room import Room, held_joints
 from anchorpose.tracker.run import Run
 from anchorpose.tracker.smoothed_explanation import explain_smoothed
@@ -35,6 +35,9 @@ from anchorpose.tracker.start import Start, find_start, turn_round
 
 BLOCK: Final = 48
 """Frames that are stored at once: two to six seconds of work. What goes on from there is ten to fifty megabytes."""
+
+STRETCHES: Final = 3  # that the body is learnt from at most: each costs a first pose
+STRETCHES_APART_S: Final = 60.0  # patients sit or stand for a minute
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,9 +59,27 @@ class Route:
         """One frame, without depth images that show another place than the room."""
         return without_other_places(read_frame(self.room.recording, position), self.room.scenes)
 
-    def longer_side(self) -> Iterator[FrameSet]:
-        """The frames from the initial one to the end that is farther away."""
-        return self.frames(max(self.forward, self.backward, key=len))
+    def stretches(self) -> tuple[Stretch, ...]:
+        """The parts of the recording to learn the body from: one begins at the initial frame, up to two more where the
+        patient is seen best minutes away. What is hidden in one part may be in view in another."""
+        chosen = list(self.room.initial_frames[:1])
+        for other in self.room.initial_frames[1:]:
+            away_s = [abs(self._time_s(other.frame) - self._time_s(one.frame)) for one in chosen]
+            tracked = self.backward[-1] <= other.frame <= self.forward[-1]
+            if tracked and len(chosen) < STRETCHES and min(away_s) > STRETCHES_APART_S:
+                chosen.append(other)
+        if not chosen:
+            return (Stretch(None, self.frames(max(self.forward, self.backward, key=len))),)
+        return tuple(Stretch(one.choice, self.frames(self._longer_side(one.frame))) for one in chosen)
+
+    def _longer_side(self, position: int) -> Sequence[int]:
+        """Positions from one to the end that is farther away."""
+        last, first = self.forward[-1], self.backward[-1]
+        forward, backward = range(position, last + 1), range(position, first - 1, -1)
+        return max(forward, backward, key=len)
+
+    def _time_s(self, position: int) -> float:
+        return float(self.room.recording.streams[0].time_s[position])
 
     def skip(self, count: int) -> None:
         """That many frames were tracked before the run was stopped."""
@@ -75,11 +96,11 @@ def plan_route(room: Room, config: TrackConfig, tick: Callable[[], None]) -> Rou
 
 
 def learn_on(route: Route, run: Run) -> LearntPatient | None:
-    """The patient's shape from the frames on the longer side of the initial frame.
+    """The patient's shape, from stretches spread over the recording.
 
-    It is learnt before anything is tracked: both sides then have one body, whose bones keep their length.
+    It is learnt before anything is tracked: all frames then have one body, whose bones keep their length.
     """
-    return learn_patient(run, route.longer_side())
+    return learn_patient(run, route.stretches())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
