@@ -10,11 +10,13 @@ import numpy as np
 
 from anchorpose.body.inverse_kinematics import CONTRADICTED
 from anchorpose.body.skin_points import CLOTHES, body_points
+from anchorpose.body.standing_off import standing_off
 from anchorpose.calibration.calibration import Calibration, PoseSource
 from anchorpose.calibration.clocks import Clocks, clock_notes
 from anchorpose.isolation.scene import Scene
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.pairing import CameraGaps, find_gaps
+from anchorpose.recording.subject import CoveredPart
 from anchorpose.results.corrections import JointCorrection
 from anchorpose.results.explained import ExplainedSummary
 from anchorpose.results.poor_intervals import PoorInterval
@@ -221,4 +223,19 @@ def _notes(room: Room, learnt: LearntPatient | None) -> list[str]:
         notes.append(f"thickness of the learnt clothes: {thick}")
         if learnt.contradiction:
             notes.append(learnt.contradiction)
+        notes += [_standing_off_note(part, away_m) for part, away_m in _unstated(room, learnt).items()]
     return notes
+
+
+def _unstated(room: Room, learnt: LearntPatient) -> dict[CoveredPart, float]:
+    """Segments that stand off the learnt body although nothing is stated to cover them."""
+    found = standing_off(body_points(), learnt.shape)
+    return {part: away_m for part, away_m in found.items() if part not in room.recording.subject.covered}
+
+
+def _standing_off_note(part: CoveredPart, away_m: float) -> str:
+    where, off_mm = part.replace("_", " "), 1000 * away_m
+    return (
+        f"what is seen of the patient's {where} stands {off_mm:.0f} mm off the learnt body, more than clothes do, so "
+        f'joints there are less certain: if a brace covers it, add "covered": ["{part}"] to "subject" in recording.json'
+    )

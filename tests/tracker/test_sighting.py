@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from body_builder import adult_body, photograph, skin_in, standing, stepped
+from body_builder import adult_body, asset, photograph, skin_in, standing, stepped
 from room_builder import FRONT, ROOM, built_scene, camera_at, picture
 
-from anchorpose.body.skin_points import body_points
+from anchorpose.body.shape_prior import child_belief, standing_height
+from anchorpose.body.skin_points import Body, body_points, build_body, even_clothes
 from anchorpose.isolation.config import IsolationConfig
 from anchorpose.isolation.people import PERSON_AREA_M2, PatientChoice, find_people
 from anchorpose.isolation.scene import find_all_pieces
 from anchorpose.isolation.separation import separate_initial
+from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker import sighting as stage
-from anchorpose.tracker.bystanders import Bystanders, follow_bystanders, label_by_bodies
+from anchorpose.tracker.bystanders import Bystanders, follow_bystanders, label_by_bodies, person_evidence, rough_person
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.sighting import sight_people
 
@@ -24,14 +29,24 @@ SCENES = [built_scene(camera=camera) for camera in CAMERAS]
 CONFIG, ISOLATION = TrackConfig(), IsolationConfig()
 
 
-def photographed(*poses) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Depth images of naked adults in a room with a wall and a floor, and who is in each pixel, numbered from 1."""
+def child_body(height_m: float) -> Body:
+    """A naked child of ordinary shape."""
+    shape = child_belief(asset()).standing(asset(), height_m, 0.01).shape
+    return build_body(body_points(), replace(shape, offset_m=even_clothes(0.0)))
+
+
+def photographed(*poses, bodies: Sequence[Body] | None = None) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Depth images of naked people in a room with a wall and a floor, and who is in each pixel, numbered from 1.
+
+    bodies: of each; adults where None.
+    """
     depths, truth = [], []
     for camera in CAMERAS:
         depth = picture(camera, *ROOM, seed=5)
         who = np.zeros(depth.shape, int)
         for number, pose in enumerate(poses, 1):
-            person = photograph(skin_in(pose, adult_body()), camera).depth_m
+            body = adult_body() if bodies is None else bodies[number - 1]
+            person = photograph(skin_in(pose, body), camera).depth_m
             nearer = (person > 0) & (person < depth)
             depth, who[nearer] = np.where(nearer, person, depth), number
         depths.append(depth)
@@ -58,8 +73,30 @@ def test_each_has_a_body_where_it_stands_and_faces_where_it_faces():
         assert person.body.facing_xz @ facing > 0.9
 
 
+@pytest.mark.parametrize("height_m", [1.05, 1.3])
+def test_a_child_has_the_body_of_a_child_and_an_adult_beside_it_that_of_an_adult(height_m):
+    """An adult's body that crouches may fit a child, but not as well."""
+    child = child_body(height_m)
+    hips = asset().bone("Hips")
+    lower_m = float(adult_body().mesh.bone_heads[hips, 1] - child.mesh.bone_heads[hips, 1])
+    small = stepped(standing(), 0.0, -lower_m, 0.7)
+    depths, truth = photographed(small, turned(0.0, 0.0, -0.7), bodies=[child, adult_body()])
+    heights = []
+    for number in (1, 2):
+        views = [
+            View(d, np.where(who == number, PixelLabel.PATIENT, 0).astype(np.uint8))
+            for d, who in zip(depths, truth, strict=True)
+        ]
+        person = rough_person(person_evidence(views, CAMERAS, PixelLabel.PATIENT), thorough=True)
+        assert person is not None
+        assert person.found.explained > 0.9
+        heights.append(standing_height(asset(), person.body.shape)[0])
+    assert heights[0] == pytest.approx(height_m, abs=0.1)
+    assert heights[1] > 1.6
+
+
 def test_somebody_alone_costs_no_body(monkeypatch):
-    monkeypatch.setattr(stage, "rough_body", lambda *_: pytest.fail("a body was fitted"))
+    monkeypatch.setattr(stage, "rough_person", lambda *_: pytest.fail("a body was fitted"))
     (person,) = seen(turned(0.0, 0.0, 0.0)).people
     assert person.body is None
     assert person.place_xz_m == pytest.approx((0.0, 0.0), abs=0.2)

@@ -18,7 +18,8 @@ from anchorpose.body.fit import limited, pose_equations
 from anchorpose.body.missing import missing_joints
 from anchorpose.body.pose import MOVING_BONES, POSE_SIZE, Pose
 from anchorpose.body.shape_prior import ShapeBelief
-from anchorpose.body.skin_points import FittedShape, SkinPoints, build_body, pose_points
+from anchorpose.body.skin_points import FittedShape, SkinPoints, build_body, pose_points, skin_points
+from anchorpose.body.standing_off import BONE_SHARE, standing_off
 from anchorpose.joints import JOINT_INDEX
 
 REACHES_M: Final = (0.12, 0.10, 0.10, 0.08, 0.08, 0.06, 0.06, 0.06)  # of each step
@@ -156,7 +157,9 @@ def bone_lengths(asset: BodyAsset, belief: ShapeBelief) -> tuple[BoneLength, ...
     basis = asset.bone_head_basis[:count, end] - asset.bone_head_basis[:count, start]  # (k, n, 3)
     rows = np.einsum("kni,ni->nk", basis, span / np.maximum(length_m, LEAST_BONE_M)[:, None])
     systematic_m = np.array([SYSTEMATIC_M[name.rsplit("_", 1)[0]] for name, _, _ in BONES])
-    sigma_m = np.hypot(np.sqrt(belief.variance(rows)), systematic_m)
+    off_m = standing_off(skin_points(asset), belief.shape)
+    unlike_m = np.array([BONE_SHARE * off_m.get(name, 0.0) for name, _, _ in BONES])  # type: ignore[call-overload]
+    sigma_m = np.sqrt(belief.variance(rows) + systematic_m**2 + unlike_m**2)
     missing = missing_joints(asset, belief.shape.missing)
     return tuple(
         BoneLength(name, float(length), float(sigma))

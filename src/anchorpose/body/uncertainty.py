@@ -18,6 +18,7 @@ from anchorpose.body.fit import pose_equations
 from anchorpose.body.limb_proposals import uncovered_paths
 from anchorpose.body.pose import LIMB_OF_JOINTS, TRUNK, Pose
 from anchorpose.body.skin_points import Body, PosedPoints, joint_jacobian, pose_points
+from anchorpose.body.standing_off import standing_off_sigma_m
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 
 WORTH_M2: Final = 0.004  # of uncovered skin: clothes and holds leave as much
@@ -57,7 +58,8 @@ def joint_sigma(
     places = body.mesh.joints(posed.transforms)
     every = config.inflation**2 * covariance + (0.0 if noise is None else noise)
     variance = _variance(body, posed, every, joint_bones(body.points.asset), places)
-    return np.sqrt(config.floor_m**2 + systematic_m() ** 2 + patch_m**2 / 24.0 + variance)
+    unlike_m = standing_off_sigma_m(body.points, body.shape)
+    return np.sqrt(config.floor_m**2 + systematic_m() ** 2 + unlike_m**2 + patch_m**2 / 24.0 + variance)
 
 
 def skin_sigma(body: Body, posed: PosedPoints, covariance: np.ndarray, config: UncertaintyConfig) -> np.ndarray:

@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from functools import cache
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -17,13 +18,13 @@ from numba import njit
 from anchorpose.body.belief import Pace, PoseBelief, vague_belief
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import no_constraints
-from anchorpose.body.evidence import Evidence
+from anchorpose.body.evidence import Evidence, evidence_cost
 from anchorpose.body.explained import seen_past
 from anchorpose.body.initial import find_rough_pose
 from anchorpose.body.limb_search import search_limbs
 from anchorpose.body.pose import DEGREE, POSE_SIZE, TRUNK, Pose
 from anchorpose.body.registration import Registration, posterior, register
-from anchorpose.body.shape_prior import shape_of_height
+from anchorpose.body.shape_prior import child_belief, shape_of_height
 from anchorpose.body.skin_points import Body, SkinPoints, body_points, build_body, pose_points
 from anchorpose.camera import Camera
 from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory, update_memory
@@ -77,6 +78,8 @@ ROUGHLY: Final = RegistrationConfig(
 WALKING: Final = Pace(turn_sigma=40.0 * DEGREE, root_sigma_m=0.3)  # a person who walks
 
 HEIGHT_M: Final = 1.72  # of an adult of whom nothing else is known
+SHORTEST_CHILD_M, TALLEST_CHILD_M = 1.0, 1.5  # standing: a child whose legs are hidden is seen as shorter
+HEIGHT_SIGMA_M: Final = 0.01  # of a child's height: to a decimetre it is as given
 LEAST_EXPLAINED: Final = 0.75  # share of a person's nodes that the body must account for; otherwise there is no body
 MOST_TRUNK_PAST: Final = 0.25  # share of the trunk that a camera sees past; rough bodies are a few centimetres off
 MOST_LIMB_PAST: Final = 0.5  # the same of a limb, of which one may be elsewhere
@@ -183,13 +186,11 @@ def label_by_bodies(
 
     Arms and legs that grew over the surface of people who touch go back to the body that has them.
     """
-    points = body_points()
-    body = ordinary_body(points)
-    patient = rough_body(body, person_evidence(views, cameras, PixelLabel.PATIENT))
+    patient = rough_person(person_evidence(views, cameras, PixelLabel.PATIENT), thorough=True)
     if patient is None:
         return views
-    posed = Bystander(PixelLabel.PATIENT, body, patient.belief, np.zeros(POSE_SIZE), 1.0)
-    likelihood = bystander_likelihood(Bystanders((posed, *bystanders.followed)), points, 0.0)
+    posed = Bystander(PixelLabel.PATIENT, patient.body, patient.found.belief, np.zeros(POSE_SIZE), 1.0)
+    likelihood = bystander_likelihood(Bystanders((posed, *bystanders.followed)), body_points(), 0.0)
     return separate(pieces, update_memory(empty_memory(), pieces, views, cameras, 0.0), likelihood, 0.0, config)
 
 
@@ -247,6 +248,52 @@ def rough_body(body: Body, evidence: Evidence) -> Registration | None:
     pose = find_rough_pose(body, evidence, ROUGHLY)
     found = posterior(body, pose, vague_belief(pose), evidence, ROUGHLY)
     return found if found.found else None
+
+
+class RoughPerson(NamedTuple):
+    """A person's body of ordinary shape, and how it lies on what is seen."""
+
+    body: Body
+    found: Registration
+
+
+def rough_person(evidence: Evidence, thorough: bool = False) -> RoughPerson | None:
+    """An adult where one person is seen, or a child as tall as what is seen; None as ``rough_body``.
+
+    A child is tried where no adult fits; thorough: also where one does, since an adult who crouches may fit a child,
+    and the one that explains more is taken.
+    """
+    points = body_points()
+    adult = _rough_person(ordinary_body(points), evidence)
+    if adult is None or (_fits(adult, evidence) and not thorough):
+        return adult
+    bottom_m, top_m = np.percentile(evidence.surface.points_m[:, 1], [0.1, 99.9])
+    height_m = float(top_m - min(bottom_m, 0.0))  # the world's origin is on the floor, or near it
+    if height_m > TALLEST_CHILD_M:
+        return adult
+    child = _rough_person(_child_body(points, round(max(height_m, SHORTEST_CHILD_M), 1)), evidence)
+    if child is None or not _fits(child, evidence):
+        return adult
+    return min((adult, child), key=lambda one: _cost(one, evidence)) if _fits(adult, evidence) else child
+
+
+def _cost(one: RoughPerson, evidence: Evidence) -> float:
+    return evidence_cost(one.body, one.found.belief.pose, evidence, ROUGHLY.reaches_m[-1], ROUGHLY)
+
+
+def _rough_person(body: Body, evidence: Evidence) -> RoughPerson | None:
+    found = rough_body(body, evidence)
+    return None if found is None else RoughPerson(body, found)
+
+
+def _fits(one: RoughPerson, evidence: Evidence) -> bool:
+    return one.found.explained >= LEAST_EXPLAINED and _is_person(one.body, one.found.belief.pose, evidence)
+
+
+@cache
+def _child_body(points: SkinPoints, height_m: float) -> Body:
+    """The body of a child of whom nothing but the height is known."""
+    return build_body(points, child_belief(points.asset).standing(points.asset, height_m, HEIGHT_SIGMA_M).shape)
 
 
 def _find(label: int, evidence: Evidence, points: SkinPoints) -> Bystander | None:

@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 from anchorpose.body.learning import REACHES_M, REFINING_M, learn_body, most_different
 from anchorpose.body.shape_prior import ShapeBelief
 from anchorpose.body.skin_points import FittedShape, body_points
+from anchorpose.body.standing_off import standing_off
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.recording.recording import FrameSet
 from anchorpose.recording.subject import Subject
@@ -126,7 +127,9 @@ def _learn_first(seconds: float, kept: Sequence[Estimate], run: Run) -> LearntPa
 
     def learnt(stated: Subject) -> ShapeBelief:
         prior = likeliest(known_beliefs(stated, config), shape)
-        return _learn(replace(prior, shape=shape), kept, config.learning.frame_count, REACHES_M, run)
+        belief = _learn(replace(prior, shape=shape), kept, config.learning.frame_count, REACHES_M, run)
+        worn = tuple(part for part in standing_off(body_points(), belief.shape) if part not in stated.covered)
+        return learnt(replace(stated, covered=(*stated.covered, *worn))) if worn else belief
 
     belief, why = learnt(subject), ""
     if subject != subject.unmeasured:

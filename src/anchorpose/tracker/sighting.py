@@ -15,7 +15,7 @@ import numpy as np
 from anchorpose.body.evidence import Evidence
 from anchorpose.body.explained import seen_past
 from anchorpose.body.pose import TRUNK
-from anchorpose.body.skin_points import Body, body_points, pose_points
+from anchorpose.body.skin_points import pose_points
 from anchorpose.isolation.people import FAINT, PatientChoice, People, Person, find_people
 from anchorpose.isolation.scene import Pieces, Scene, find_all_pieces
 from anchorpose.isolation.separation import label_people
@@ -23,7 +23,7 @@ from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.recording import FrameSet
 from anchorpose.rotations import UP, unit
-from anchorpose.tracker.bystanders import MOST_TRUNK_PAST, ordinary_body, person_evidence, rough_body
+from anchorpose.tracker.bystanders import MOST_TRUNK_PAST, person_evidence, rough_person
 from anchorpose.tracker.config import TrackConfig
 
 ONE_PERSON: Final = 0.75  # of a person's nodes explained by a rough body: 0.5 to 0.7 where two people are taken for one
@@ -112,7 +112,7 @@ def body_of_chosen(
     views = label_people(pieces, people, np.arange(len(people.people)))
     label = PixelLabel.PATIENT + int(np.argmin(away_m))
     evidence = person_evidence(views, [scene.camera for scene in scenes], label)
-    return _rough_body(ordinary_body(body_points()), evidence)
+    return _rough_body(evidence)
 
 
 def shows_limbs_alone(frame_set: FrameSet, scenes: Sequence[Scene]) -> bool:
@@ -175,17 +175,18 @@ def _with_bodies(people: People, pieces: Sequence[Pieces | None], scenes: Sequen
     if len(set(people.group) - {-1}) < 2 and people.group.count(0) < 2:
         return tuple(SeenPerson(person, None) for person in people.people)
     views = label_people(pieces, people, np.arange(len(people.people)))
-    cameras, body = [scene.camera for scene in scenes], ordinary_body(body_points())
+    cameras = [scene.camera for scene in scenes]
     return tuple(
-        SeenPerson(person, _rough_body(body, person_evidence(views, cameras, PixelLabel.PATIENT + number)))
+        SeenPerson(person, _rough_body(person_evidence(views, cameras, PixelLabel.PATIENT + number)))
         for number, person in enumerate(people.people)
     )
 
 
-def _rough_body(body: Body, evidence: Evidence) -> RoughBody | None:
-    found = rough_body(body, evidence)
-    if found is None:
+def _rough_body(evidence: Evidence) -> RoughBody | None:
+    person = rough_person(evidence)
+    if person is None:
         return None
+    body, found = person
     joints = body.joints(found.belief.pose)
     across = sum(unit(joints[JOINT_INDEX[right]] - joints[JOINT_INDEX[left]]) for left, right in _ACROSS)
     past = seen_past(body.points, pose_points(body, found.belief.pose), evidence.views, evidence.cameras)
