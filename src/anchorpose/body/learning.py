@@ -22,8 +22,8 @@ from anchorpose.body.skin_points import FittedShape, SkinPoints, build_body, pos
 from anchorpose.body.standing_off import BONE_SHARE, standing_off
 from anchorpose.joints import JOINT_INDEX
 
-REACHES_M: Final = (0.12, 0.10, 0.10, 0.08, 0.08, 0.06, 0.06, 0.06)  # of each step
-REFINING_M: Final = (0.08, 0.06, 0.06)  # the same where the shape is known from earlier frames
+REACHES_M: Final = (0.12, 0.10, 0.08, 0.06, 0.06)  # of each step; three more left the bones as they were
+REFINING_M: Final = (0.07, 0.06)  # the same where the shape is known from earlier frames
 LARGEST_STEP: Final = 1.0  # of a coefficient in one step of the solver
 
 
