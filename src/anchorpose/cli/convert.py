@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
+from anchorpose.cli.limits import FASTEST_HZ, positive
 from anchorpose.errors import AnchorposeError
 
 if TYPE_CHECKING:
@@ -24,10 +25,10 @@ class ConvertFlags:
     intrinsics: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None
     """The lens as fx,fy,cx,cy in pixels of the depth image, for files that have none."""
 
-    depth_scale: float | None = None
+    depth_scale: Annotated[float | None, positive(1.0)] = None
     """Metres per grey value, for example 0.001 where depth is in millimetres; where given, it replaces the file's."""
 
-    fps: float | None = None
+    fps: Annotated[float | None, positive(FASTEST_HZ)] = None
     """Depth images per second, for files that have no times."""
 
     rotate: Literal["0", "90", "180", "270"] = "0"

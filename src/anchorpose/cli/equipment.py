@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
+from anchorpose.cli.limits import positive
 from anchorpose.errors import AnchorposeError, InputError
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ def fit(
     out: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("equipment.json"),
     camera: str | None = None,
     around: Annotated[str, Parameter(allow_leading_hyphen=True)] = "0,0",
-    radius: float = 1.0,
+    radius: Annotated[float, positive(20.0)] = 1.0,
     overwrite: bool = False,
 ) -> None:
     """Propose equipment.json: the posts, rails and bars in the depth images of the empty room, as boxes and tubes.

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
+from anchorpose.cli.limits import DAY_S, between
 from anchorpose.errors import AnchorposeError, InputError
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ def evaluate(
     *others: Path,
     truth: Path | None = None,
     json: Path | None = None,
-    skip: Annotated[float, Parameter(name="--skip-s")] = 0.0,
+    skip: Annotated[float, Parameter(name="--skip-s"), between(0.0, DAY_S)] = 0.0,
     options: ReferenceOptions | None = None,
 ) -> None:
     """Compare results with the true joints, with another motion capture system, or with labels in images.

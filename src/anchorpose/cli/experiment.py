@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 from anchorpose.batch.worker import KERNELS
+from anchorpose.cli.limits import MOST_PROCESSES, between
 from anchorpose.errors import InputError
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ def experiment(
     quick: bool = False,
     real: Path | None = None,
     config: Path | None = None,
-    processes: int | None = None,
+    processes: Annotated[int | None, between(1, MOST_PROCESSES)] = None,
 ) -> None:
     """Repeat the paper's comparison: every method in one tracking framework, with tables, figures and a page.
 

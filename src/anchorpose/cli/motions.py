@@ -7,6 +7,7 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
+from anchorpose.cli.limits import FASTEST_HZ, positive
 from anchorpose.errors import AnchorposeError
 
 motions = App(name="motions", help="Reference movements, from which tracking predicts the next frames.")
@@ -17,7 +18,7 @@ def build(
     out: Path,
     /,
     *sources: Path,
-    rate_hz: Annotated[float | None, Parameter(name="--rate")] = None,
+    rate_hz: Annotated[float | None, Parameter(name="--rate"), positive(FASTEST_HZ)] = None,
     overwrite: bool = False,
 ) -> None:
     """Make a file of reference movements from earlier results and from skeletons of other trackers.

@@ -23,6 +23,7 @@ from anchorpose.isolation.scene import Scene
 from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.tracker.pose_agreement import SOME_OF_ROOM, CameraPair, compare_cameras, doubt_of, seen_past
 
+AMONG_OTHERS: Final = 0.5  # of its error: a camera that is off moves what others see as well by a part of it
 REMEDY: Final = (
     "find the poses with 'anchorpose calibrate RECORDING --ignore-given' and track with --calibration, or correct "
     "camera_to_world"
@@ -38,11 +39,6 @@ class PosesAsked:
     pairs: tuple[CameraPair, ...]
     doubts: tuple[PoseDoubt, ...]
 
-    @property
-    def displaced_m(self) -> float:
-        """How far the doubts displace what is seen, at most; 0 without any."""
-        return float(max((doubt.off_m for doubt in self.doubts if np.isfinite(doubt.off_m)), default=0.0))
-
 
 def agreeing_poses(
     recording: Recording,
@@ -55,7 +51,9 @@ def agreeing_poses(
     asked = ask_poses(recording, calibration, clocks, scenes, samples)
     _refuse_contradicted(recording, asked, scenes)
     notes = (*calibration.notes, *(f"{doubt.sentence}; the given pose is used" for doubt in asked.doubts))
-    return replace(calibration, notes=notes, doubts=asked.doubts, displaced_m=asked.displaced_m)
+    off_m = max((doubt.off_m for doubt in asked.doubts if np.isfinite(doubt.off_m)), default=0.0)
+    displaced_m = float(off_m) * (1.0 if len(scenes) == 1 else AMONG_OTHERS)
+    return replace(calibration, notes=notes, doubts=asked.doubts, displaced_m=displaced_m)
 
 
 def ask_poses(

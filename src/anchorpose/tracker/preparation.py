@@ -64,7 +64,7 @@ def prepare_room(recording: Recording, config: TrackConfig, review: Review = NO_
     Raises InputError where poses cannot be found, or given ones cannot be right (``given_poses``).
     """
     settled = settle(recording, config, review)
-    scenes = _scenes(settled, config)
+    scenes = scenes_of(settled, config)
     poses = agreeing_poses(settled.recording, settled.calibration, settled.clocks, scenes, settled.samples)
     settled = replace(settled, calibration=poses)
     return with_best_initial_frame(furnish_room(settled, config, review, scenes), config)
@@ -145,11 +145,11 @@ def furnish_room(
     unusable, unless all are.
     """
     recording, calibration = settled.recording, settled.calibration
-    scenes = _scenes(settled, config) if scenes is None else scenes
+    scenes = scenes_of(settled, config) if scenes is None else scenes
     if config.patient_frame is not None:
         initial = _frames_of_named(recording, scenes, config, config.patient_frame, review)
         if not initial:  # a person who never moves looks like furniture
-            scenes = _scenes(settled, config, config.patient_xz_m)
+            scenes = scenes_of(settled, config, config.patient_xz_m)
             initial = _frames_of_named(recording, scenes, config, config.patient_frame, review)
         if not initial:
             raise _nobody_named(recording, scenes, config, config.patient_frame)
@@ -167,7 +167,7 @@ def look_for_patient(
 
     scenes: of every camera, where they are known already.
     """
-    scenes = _scenes(settled, config) if scenes is None else scenes
+    scenes = scenes_of(settled, config) if scenes is None else scenes
     samples = settled.samples
     usable = [k for k, frame_set in enumerate(samples) if review.why_unusable(frame_set.frame) is None]
     usable = usable or list(range(len(samples)))
@@ -189,7 +189,7 @@ def _look(
 def _look_for_still_person(settled: Settled, usable: Sequence[int], before: Look, config: TrackConfig) -> Look | None:
     """The person at the place that the user gave or, without one, who sways as no furniture does; None: nobody."""
     named = config.patient_xz_m is not None
-    look = _look(settled, usable, _scenes(settled, config, config.patient_xz_m, swaying=not named), config, before)
+    look = _look(settled, usable, scenes_of(settled, config, config.patient_xz_m, swaying=not named), config, before)
     if not look.initial_frames:
         return None
     return look if named else replace(look, notes=(*look.notes, HARDLY_MOVES))
@@ -232,7 +232,7 @@ def _nobody_named(recording: Recording, scenes: Sequence[Scene], config: TrackCo
     return InputError(recording.folder, problem, "give another place or another frame")
 
 
-def _scenes(
+def scenes_of(
     settled: Settled, config: TrackConfig, person_xz_m: tuple[float, float] | None = None, swaying: bool = False
 ) -> tuple[Scene, ...]:
     """Every camera's empty room; person_xz_m, swaying: as for ``learn_background``."""
