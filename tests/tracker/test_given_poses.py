@@ -29,7 +29,7 @@ BESIDE_M = np.array([0.1, 0.0, 0.08])
 @pytest.fixture(scope="module")
 def clinic() -> Clinic:
     """Three cameras with their true poses, a standing frame and a therapist."""
-    true, recording, frames = shoot(SimulationConfig(seed=33, seconds=6.0, fps=10.0, therapists=1), samples=6)
+    true, recording, frames = shoot(SimulationConfig(seed=33, seconds=6.0, fps=10.0, therapists=1))
     return replace(recording, cameras=true.cameras), frames
 
 

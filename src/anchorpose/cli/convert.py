@@ -96,8 +96,11 @@ def as_recording(path: Path) -> Path:
 
 @contextmanager
 def _noting_how_to_go_on(out: Path) -> Iterator[None]:
+    from anchorpose.results.folder import naming_place
+
     try:
-        yield
+        with naming_place(out):
+            yield
     except KeyboardInterrupt as stopped:
         stopped.add_note(f"{out} is not a recording yet: give the same command again to go on.")
         raise

@@ -53,15 +53,17 @@ def fit(
     from anchorpose.pages.stage_drawing import draw_model
     from anchorpose.recording.equipment_file import read_equipment, write_equipment
     from anchorpose.recording.reader import open_recording
+    from anchorpose.results.folder import naming_place
 
     if out.exists() and not overwrite:
         raise InputError(out, "exists already", "choose another name, or give --overwrite to replace it")
     fitted = fit_equipment(open_recording(recording), camera, _region(around, radius))
     out.parent.mkdir(parents=True, exist_ok=True)
-    write_equipment(out, fitted.proposal.model)
-    model = read_equipment(out)
-    for view, room in zip(fitted.cameras, fitted.rooms_m, strict=True):
-        out.with_name(f"{out.stem}_{view.name}.png").write_bytes(as_png(draw_model(view, room, model)))
+    with naming_place(out):
+        write_equipment(out, fitted.proposal.model)
+        model = read_equipment(out)
+        for view, room in zip(fitted.cameras, fitted.rooms_m, strict=True):
+            out.with_name(f"{out.stem}_{view.name}.png").write_bytes(as_png(draw_model(view, room, model)))
     _print_parts(fitted)
     print(f"{out} is a proposal: compare it with {out.stem}_<camera>.png beside it before you use it.")
 

@@ -69,11 +69,13 @@ def measure(results: Path, /, *, by: str = "", options: MeasureOptions | None = 
     from rich.table import Table
 
     from anchorpose.cli.console import log_event
+    from anchorpose.results.folder import naming_place
     from anchorpose.results.measuring import WRITTEN, measure_rows, processing_sentence, write_measured
     from anchorpose.results.stand_training.measure import MeasureConfig
 
     given = options or MeasureOptions()
-    measured = write_measured(results, given.settings(), MeasureConfig())
+    with naming_place(results):
+        measured = write_measured(results, given.settings(), MeasureConfig())
     log_event(results, "measure", WRITTEN, by, {"smooth": given.smooth, "fill": given.fill})
     table = Table("", "value ± 95 %", "inferred", "why not")
     for row in measure_rows(measured.measures):

@@ -189,9 +189,10 @@ def simulate(out: Path, /, *, options: SimulateOptions | None = None) -> None:
         The folder to write: a recording in recording/ and the true joints in truth/truth.npz.
     """
     from anchorpose.cli.console import progress_bar
+    from anchorpose.results.folder import naming_place
     from anchorpose.simulate.write import simulate_recording
 
     settings = (options or SimulateOptions()).settings()
-    with progress_bar("Simulating") as progress:
+    with naming_place(out), progress_bar("Simulating") as progress:
         simulate_recording(out, settings, progress)
     print(f"The recording is {out / 'recording'}, its true joints are {out / 'truth' / 'truth.npz'}.")
