@@ -1,6 +1,7 @@
-"""What becomes of recordings with wrong poses: python benchmarks/given_poses.py --clinics 12 --first-seed 61000.
+"""What becomes of recordings with wrong poses: python benchmarks/given_poses.py --clinics 12 --first-seed 61200.
 
-Simulated clinics of different cameras and equipment, given their true poses and then spoilt: one camera shifted or
+Simulated clinics of different cameras and equipment (``camera_agreement.clinic``), or with --recordings recordings of
+three cameras with right poses, spoilt: one camera shifted or
 turned, two cameras' folders exchanged, one camera upside down, the equipment elsewhere than equipment.json has it. Each
 is asked as ``anchorpose track`` asks it, once with all its cameras and once with the spoilt camera alone. The table has
 in how many it is refused, noted or not noticed, and the displacement that was measured, in mm.
@@ -16,13 +17,14 @@ import json
 import shutil
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import cv2
 import numpy as np
+from camera_agreement import clinic
 from scipy.spatial.transform import Rotation
 
 from anchorpose.calibration.clocks import Clocks, settle_clocks
@@ -38,26 +40,9 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.given_poses import agreeing_poses
 from anchorpose.tracker.preparation import Settled, calibrate, sample_recording, scenes_of
 
-SENSORS: Final[tuple[presets.Sensor, ...]] = (
-    "kinect-v2", "femto-bolt", "realsense", "kinect-v2", "azure-kinect", "xtion",
-    "kinect-v2", "d435", "kinect-v2", "realsense-filtered", "kinect-v2", "iphone-lidar",
-)  # fmt: skip
-EQUIPMENT: Final[tuple[presets.Equipment, ...]] = (
-    "standing-frame", "parallel-bars", "standing-frame", "none", "none", "parallel-bars",
-    "walker", "standing-frame", "wheelchair", "none", "none", "standing-frame",
-)  # fmt: skip
-MIXED: Final[tuple[presets.Sensor, ...]] = ("femto-bolt", "realsense", "kinect-v2")
 SPOILT: Final = 1  # the camera that is off
 BLIND: Final = range(20, 30)  # frames
 BESIDE: Final = np.array([0.10, 0.0, 0.08])  # metres, from where equipment.json has the equipment to where it stands
-
-
-def clinic(seed: int, number: int) -> presets.SimulationConfig:
-    """Other cameras, equipment and therapists for each of twelve; in two the cameras are of different models."""
-    kind = number % len(SENSORS)
-    config = replace(presets.clinic(seed, 6.0, fps=3.0), sensor=SENSORS[kind], equipment=EQUIPMENT[kind])
-    config = replace(config, therapists=number % 3, stool=number % 2 == 0)
-    return replace(config, sensors=MIXED) if kind in (1, 6) else config
 
 
 Spoil = Callable[[Path, dict[str, Any]], None]
@@ -208,8 +193,12 @@ def ask(folder: Path, clocks: Clocks) -> Answer:
 
 def ask_clinic(config: presets.SimulationConfig, work: Path) -> dict[tuple[str, bool], Answer]:
     """One clinic, spoilt in every way; True: with the spoilt camera alone."""
-    recording = work / "s" / "recording"
     simulate_recording(work / "s", config)
+    return ask_spoilt(work / "s" / "recording", work)
+
+
+def ask_spoilt(recording: Path, work: Path) -> dict[tuple[str, bool], Answer]:
+    """The same of a recording of three cameras, which is not changed."""
     opened, found = open_recording(recording), {}
     clocks = settle_clocks(opened, opened.cameras, TrackConfig().clocks)[1]
     for name, spoil in ASKED.items():
@@ -254,12 +243,17 @@ def tracked_rows(seed: int, work: Path) -> Iterable[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--clinics", type=int, default=12)
-    parser.add_argument("--first-seed", type=int, default=61000)
+    parser.add_argument("--recordings", type=Path, nargs="*", default=[])
+    parser.add_argument("--clinics", type=int, default=0)
+    parser.add_argument("--first-seed", type=int, default=61200)
     parser.add_argument("--track", action="store_true")
     chosen = parser.parse_args()
     clinics = []
     with one_thread():
+        for recording in chosen.recordings:
+            with TemporaryDirectory() as work:
+                clinics.append(ask_spoilt(recording, Path(work)))
+            print(f"{recording}: {clinics[-1]}", file=sys.stderr, flush=True)
         for number in range(chosen.clinics):
             with TemporaryDirectory() as work:
                 clinics.append(ask_clinic(clinic(chosen.first_seed + number, number), Path(work)))

@@ -40,7 +40,7 @@ VERBS = {
     "export": ["{results}", "--to", "csv", "-o", "{out}"],
     "measure": ["{results}"],
     "evaluate": ["{results}", "--truth", "{truth}", "--json", "{out}"],
-    "motions": ["build", "{out}", "{results}"],
+    "motions": ["build", "{out}.npz", "{results}"],
     "experiment": ["{out}", "--quick"],
 }
 WRITES_INTO_RESULTS = {"report", "measure"}
@@ -51,6 +51,7 @@ def places(tmp_path_factory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("given")
     joints = standing_joints()
     write_results(folder / "session-17", [make_frame(k, k / 15, joints) for k in range(40)])
+    assert main(["measure", str(folder / "session-17")]) == 0
     np.savez(
         folder / "truth.npz",
         joints=np.repeat(joints[None], 40, 0),
