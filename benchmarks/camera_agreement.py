@@ -1,6 +1,6 @@
 """What cameras see past each other: python benchmarks/camera_agreement.py --clinics 12 --first-seed 61000.
 
-Where too little of the people is in common view, this decides whether "cameras agree" (``anchorpose check``, ``track``).
+Where too little of the people is in common view, this decides whether "cameras agree" (``check`` and ``track``).
 Simulated clinics of different cameras and equipment, with right poses and with one camera off by a known amount:
 towards the patient, to its side, up, or turned about the vertical (yaw), the horizontal across its view (pitch) or its
 view (roll). For each, the table has in how many clinics the finding is green, yellow and red, and the shares seen past.

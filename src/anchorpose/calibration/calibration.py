@@ -54,6 +54,7 @@ class DoubtSource(StrEnum):
     """What contradicts a pose."""
 
     FLOOR = "floor"
+    UPSIDE_DOWN = "people on a floor above the camera"
     EQUIPMENT = "equipment"
     CAMERAS = "cameras"  # another camera, which sees the same surfaces
 

@@ -88,7 +88,7 @@ def is_upside_down(
 
     floor: by ``floor_of_room``, of the same frames. False where nobody moves or no plane is seen: nothing tells then.
     """
-    if not frames_m:
+    if not frames_m or floor is NoFloor.NO_READINGS:
         return False
     room = _room(background_m, frames_m)
     people = _before(room, frames_m, camera)

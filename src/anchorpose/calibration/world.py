@@ -115,7 +115,7 @@ def _upside_down(
         if is_upside_down(floor, camera, recording.backgrounds_m[index], _frames_of(sample_frames, index)):
             by = "its images" if camera.T_world_camera is None else "its given pose"
             sentence = f"camera {camera.name} is upside down: by {by}, people stand on a floor above it"
-            found.append(PoseDoubt(DoubtSource.FLOOR, (camera.name,), sentence, float("nan"), True))
+            found.append(PoseDoubt(DoubtSource.UPSIDE_DOWN, (camera.name,), sentence, float("nan"), True))
     return tuple(found)
 
 

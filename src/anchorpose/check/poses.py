@@ -10,7 +10,7 @@ from anchorpose.calibration.calibration import Calibration, DoubtSource, FloorRe
 from anchorpose.calibration.world import TILTED_RAD, WORST_FLOOR_TILT_RAD
 from anchorpose.check.finding import Finding, Level, OfCamera, level_of, of_cameras
 from anchorpose.check.material import Material
-from anchorpose.tracker.given_poses import REMEDY, PosesAsked, ask_poses
+from anchorpose.tracker.given_poses import REMEDY, PosesAsked, ask_poses, remedy_of
 
 SOURCES: Final = {PoseSource.FLOOR: "not given; found from floor and patient"}
 UNEVEN_M: Final = 0.02  # floors are flat to that; cameras that smooth make waves
@@ -29,17 +29,20 @@ def check_poses(material: Material) -> list[Finding]:
 
 
 def _poses(calibration: Calibration, asked: PosesAsked) -> Finding:
-    """Where each pose comes from, and what contradicts it but the floor's tilt and other cameras."""
+    """Where each pose comes from, or what contradicts it but other cameras."""
     own = [doubt for doubt in asked.doubts if doubt.source is not DoubtSource.CAMERAS]
     parts = []
     for pose in calibration.poses:
         doubt = max((one for one in own if pose.camera in one.cameras), key=lambda one: one.refuted, default=None)
-        source = SOURCES.get(pose.source, str(pose.source))
-        parts.append(OfCamera(pose.camera, _level(doubt), doubt.sentence if doubt else source, REMEDY))
+        if doubt is None:
+            parts.append(OfCamera(pose.camera, Level.GREEN, SOURCES.get(pose.source, str(pose.source))))
+        else:
+            parts.append(OfCamera(pose.camera, _level(doubt), doubt.sentence, remedy_of(doubt)))
     return of_cameras("camera poses", parts)
 
 
 def _level(doubt: PoseDoubt | None) -> Level:
+    """As serious as what tracking does about it."""
     return Level.GREEN if doubt is None else Level.RED if doubt.refuted else Level.YELLOW
 
 

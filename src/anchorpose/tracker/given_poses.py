@@ -101,8 +101,12 @@ def _refuse_contradicted(recording: Recording, asked: PosesAsked, scenes: Sequen
     named = Counter(camera for doubt in refuted for camera in doubt.cameras)
     most = named.most_common(1)[0][0]
     worst = next(doubt for doubt in refuted if most in doubt.cameras)
-    upside_down = "upside down" in worst.sentence
-    raise InputError(recording.folder / "recording.json", worst.sentence, TURN if upside_down else REMEDY)
+    raise InputError(recording.folder / "recording.json", worst.sentence, remedy_of(worst))
+
+
+def remedy_of(doubt: PoseDoubt) -> str:
+    """What the user can do about it."""
+    return TURN if doubt.source is DoubtSource.UPSIDE_DOWN else REMEDY
 
 
 def exchanged_cameras(scenes: Sequence[Scene]) -> tuple[str, str] | None:
