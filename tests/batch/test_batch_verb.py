@@ -80,7 +80,6 @@ def test_what_cannot_be_tracked_is_a_row_with_its_sentence_and_exit_code_1(tmp_p
     ("more", "sentence"),
     [
         (["--index", "7"], "--index is 7"),
-        (["--workers", "0"], "--workers is 0"),
         (["--scheduler", "fast"], "--scheduler is 'fast'"),
     ],
 )

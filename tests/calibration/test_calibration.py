@@ -114,7 +114,7 @@ def test_a_floor_that_contradicts_the_given_pose_is_reported_and_not_used():
     )
     world = find_world(recording(leaning), frames(picture(FRONT, *ROOM, seed=5)))
     assert world.floor_height_m is None
-    assert any("tilted by 12." in note for note in world.notes)
+    assert [(doubt.refuted, "tilted by 12." in doubt.sentence) for doubt in world.doubts] == [(True, True)]
 
 
 def test_a_camera_without_a_pose_gets_the_world_of_floor_and_patient():

@@ -244,13 +244,17 @@ def test_another_clinics_equipment_is_refused_with_a_remedy(clinic):
 def test_given_poses_that_contradict_the_equipment_are_reported(clinic):
     true, recording, frames = clinic
     right = replace(recording, cameras=true.cameras)
-    assert not any("given pose of" in note or "moved" in note for note in find_world(right, frames).notes)
+    known = find_world(right, frames)
+    assert known.doubts == ()
+    assert not any("moved" in note for note in known.notes)
     wrong = true.cameras[1].T_world_camera.copy()
     wrong[0, 3] += 0.04
     off = replace(right, cameras=(true.cameras[0], replace(true.cameras[1], T_world_camera=wrong), true.cameras[2]))
-    notes = [note for note in find_world(off, frames).notes if "given pose of camera left" in note]
-    assert len(notes) == 1
-    assert "40 mm" in notes[0] or "39 mm" in notes[0] or "41 mm" in notes[0]
+    [doubt] = find_world(off, frames).doubts
+    assert doubt.cameras == ("left",)
+    assert doubt.off_m == pytest.approx(0.04, abs=0.002)
+    assert f"{1000 * doubt.off_m:.0f} mm" in doubt.sentence
+    assert not doubt.refuted
 
 
 @pytest.mark.parametrize(("shift_m", "background"), [((0.03, 0.0), True), pytest.param((0.1, 0.15), False, marks=SLOW)])

@@ -151,7 +151,6 @@ def test_the_verb_refuses_in_one_sentence_and_leaves_what_is_there(tmp_path, cap
         (str(tmp_path / "n.npz"),): "No sources are given",
         (str(tmp_path / "n.npz"), str(tmp_path)): "there is no such file",
         (str(tmp_path / "n.npz"), str(tmp_path / "text.npz")): "not a readable .npz file",
-        (str(tmp_path / "n.npz"), str(run), "--rate", "-1"): "--rate is -1",
     }
     for arguments, sentence in refusals.items():
         assert main(["motions", "build", *arguments]) == 2

@@ -38,8 +38,6 @@ class Place:
     slurm: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if self.workers is not None and self.workers < 1:
-            raise AnchorposeError(f"--workers is {self.workers}; give 1 or more.")
         if self.scheduler not in (None, SLURM) and not str(self.scheduler).startswith(ADDRESSES):
             raise AnchorposeError(
                 f"--scheduler is '{self.scheduler}'; give {SLURM}, or the address of a running scheduler, for example "

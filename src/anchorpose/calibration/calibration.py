@@ -50,13 +50,37 @@ class FloorResidual:
     tilt_rad: float
 
 
+class DoubtSource(StrEnum):
+    """What contradicts a pose."""
+
+    FLOOR = "floor"
+    UPSIDE_DOWN = "people on a floor above the camera"
+    EQUIPMENT = "equipment"
+    CAMERAS = "cameras"  # another camera, which sees the same surfaces
+
+
+@dataclass(frozen=True, slots=True)
+class PoseDoubt:
+    """What contradicts the poses of cameras, as one sentence; off_m: how far they displace what is seen, NaN where
+    that is not known; refuted: by far more than noise and tapes explain, so that nothing may be tracked with them."""
+
+    source: DoubtSource
+    cameras: tuple[str, ...]
+    sentence: str
+    off_m: float
+    refuted: bool
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
     """cameras: all with a pose; floor_height_m: Y of the floor in the world, None where no camera sees it; notes: what
-    was assumed, one sentence each, for the run's report; poses: one record per camera."""
+    was assumed, one sentence each, for the run's report; poses: one record per camera; doubts: what contradicts them;
+    displaced_m: how far cameras are known to displace the patient, a part of every joint's error."""
 
     cameras: tuple[Camera, ...]
     floor_height_m: float | None
     residuals: tuple[FloorResidual, ...]
     notes: tuple[str, ...]
     poses: tuple[PoseRecord, ...]
+    doubts: tuple[PoseDoubt, ...] = ()
+    displaced_m: float = 0.0

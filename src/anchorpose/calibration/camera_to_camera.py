@@ -169,6 +169,11 @@ def _place(first: LevelView, second: LevelView, rough_clocks: bool) -> SurfaceFi
     return NoCameraToCamera.AMBIGUOUS if others else best
 
 
+def is_credible(fit: SurfaceFit) -> bool:
+    """Whether a fit between cameras with known clocks shows enough in common, and fixes their placement accurately."""
+    return fit.common >= LEAST_COMMON and fit.impossible <= WORST_IMPOSSIBLE and _is_accurate(fit, rough_clocks=False)
+
+
 def _is_accurate(fit: SurfaceFit, rough_clocks: bool) -> bool:
     residual, sigma = (ROUGH_RESIDUAL, ROUGH_SIGMA) if rough_clocks else (1.0, 1.0)
     return (

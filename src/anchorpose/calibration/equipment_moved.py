@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from anchorpose.calibration.calibration import DoubtSource, PoseDoubt
 from anchorpose.calibration.equipment_agreement import EquipmentInputs
 from anchorpose.calibration.equipment_model import Equipment, prepare_equipment
 from anchorpose.calibration.equipment_pose import (
@@ -19,7 +20,7 @@ from anchorpose.calibration.equipment_pose import (
 )
 from anchorpose.calibration.equipment_refine import FloorPrior, standing_prior
 from anchorpose.calibration.equipment_residuals import NOISE_GATE, StillView, see_still
-from anchorpose.calibration.floor import NoFloor, floor_of_room
+from anchorpose.calibration.floor import FloorPlane, NoFloor
 from anchorpose.calibration.noise import noise_per_m, what_stays
 from anchorpose.camera import invert_rigid, transform_points
 from anchorpose.recording.recording import FrameSet, Recording
@@ -31,6 +32,7 @@ LEAST_SHIFT_M: Final = 0.008  # twice the accuracy required of a calibration
 LEAST_TURN_RAD: Final = 0.0105  # 0.6 degrees
 DOUBT_SHARE: Final = 0.2  # of what is not hidden, seen through: worth a search of the whole floor
 GONE_SHARE: Final = 0.4  # of what is not hidden, seen through: it is not there
+REFUTED_M, REFUTED_RAD = 0.05, 0.052  # 3 degrees: a tape and a knock leave less between a pose and the equipment
 LEAST_PIXELS: Final = 100  # of a frame that show the equipment or what is behind it
 
 
@@ -46,37 +48,54 @@ class Moved:
 
 
 def check_given_poses(
-    recording: Recording, sample_frames: Sequence[FrameSet], floor_height_m: float, config: EquipmentPoseConfig
-) -> list[str]:
-    """Notes on cameras whose given pose puts the equipment where it is not seen; given poses are used all the same."""
+    recording: Recording,
+    sample_frames: Sequence[FrameSet],
+    floors: Sequence[FloorPlane | NoFloor],
+    floor_height_m: float,
+    config: EquipmentPoseConfig,
+) -> tuple[list[PoseDoubt], list[str]]:
+    """Doubts about given poses that put the equipment where it is not seen, and notes on equipment that was moved.
+
+    floors: one per camera.
+    """
+    doubts, notes = list[PoseDoubt](), list[str]()
     if recording.equipment is None:
-        return []
+        return doubts, notes
     inputs = EquipmentInputs(recording, sample_frames, prepare_equipment(recording.equipment), config)
     prior = standing_prior(floor_height_m)
-    return [note for index in range(len(recording.cameras)) if (note := _check_given_pose(inputs, index, prior))]
+    for index, (camera, floor) in enumerate(zip(recording.cameras, floors, strict=True)):
+        moved = None if isinstance(floor, NoFloor) else _where_given_pose_has_none(inputs, index, floor, prior)
+        if moved is None:
+            continue
+        if moved.first > 0:
+            notes.append(moved_note(camera.name, moved, inputs.frames_of(index)[1]))
+        else:
+            doubts.append(_doubt(camera.name, moved))
+    return doubts, notes
 
 
-def _check_given_pose(inputs: EquipmentInputs, index: int, prior: FloorPrior) -> str | None:
-    frames, times = inputs.frames_of(index)
+def _where_given_pose_has_none(
+    inputs: EquipmentInputs, index: int, floor: FloorPlane, prior: FloorPrior
+) -> Moved | None:
+    """Where the equipment is instead; None where a camera with a given pose sees it in its place."""
+    frames, _ = inputs.frames_of(index)
     if not frames:
         return None
     camera, background = inputs.recording.cameras[index], inputs.recording.backgrounds_m[index]
-    floor = floor_of_room(camera, background, frames)
-    if isinstance(floor, NoFloor):
-        return None
     view = see_still(replace(camera, T_world_camera=None), frames, background, noise_per_m(frames), floor)
-    start = invert_rigid(camera.require_pose())
-    moved = notice_movement(view, frames, start, inputs.equipment, prior, inputs.config)
-    if moved is None:
-        return None
-    if moved.first > 0:
-        return moved_note(camera.name, moved, times)
+    return notice_movement(view, frames, invert_rigid(camera.require_pose()), inputs.equipment, prior, inputs.config)
+
+
+def _doubt(camera: str, moved: Moved) -> PoseDoubt:
     if moved.shift_m is None or moved.turn_rad is None:
-        return f"the given pose of camera {camera.name} puts the equipment where this camera sees through it"
-    return (
-        f"the given pose of camera {camera.name} puts the equipment {1000 * moved.shift_m:.0f} mm and "
-        f"{np.degrees(moved.turn_rad):.1f} degrees from where this camera sees it; the given pose is used"
+        sentence = f"the given pose of camera {camera} puts the equipment where this camera sees through it"
+        return PoseDoubt(DoubtSource.EQUIPMENT, (camera,), sentence, float("nan"), False)
+    sentence = (
+        f"the given pose of camera {camera} puts the equipment {1000 * moved.shift_m:.0f} mm and "
+        f"{np.degrees(moved.turn_rad):.1f} degrees from where this camera sees it"
     )
+    refuted = moved.shift_m > REFUTED_M or moved.turn_rad > REFUTED_RAD
+    return PoseDoubt(DoubtSource.EQUIPMENT, (camera,), sentence, moved.shift_m, refuted)
 
 
 def moved_note(camera: str, moved: Moved, times_s: Sequence[float]) -> str:

@@ -18,6 +18,8 @@ FLATNESS_M: Final = 0.003  # of a hard floor; keeps near pixels from outvoting a
 TOLERANCES_M: Final = (0.02, 0.08)  # floors are flat to 2 cm; cameras that smooth make waves of 8
 NOISE_GATE: Final = 3.0  # sigmas of the sensor's noise
 WORST_TILT_RAD: Final = 0.87  # 50 degrees between the camera's up and the floor's: cameras look down, hardly roll
+IMAGE_UP: Final = np.array([0.0, -1.0, 0.0])  # of a camera whose pose is not known
+STANDS_M, LEAST_STANDING = 0.2, 0.02  # who stands on a floor: of what moves, a share within a shoe's and shin's height
 LEAST_HEIGHT_M: Final = 0.3  # of the camera above its floor; nearer planes are tables
 MOST_BELOW: Final = 0.1  # points below the floor, as a share of those on it: mirrors and flying pixels
 MOST_SUNK: Final = 0.05  # share of what moves that may lie below: legs beside a table top are a third of a person
@@ -60,12 +62,45 @@ def floor_of_room(
     """
     if background_m is None and not frames_m:
         return NoFloor.NO_READINGS
-    room = background_m if background_m is not None else np.median(np.stack(frames_m), axis=0).astype(np.float32)
+    room = _room(background_m, frames_m)
     try:
         noise = noise_per_m(frames_m or [room])
     except ValueError:
         return NoFloor.NO_READINGS
-    return find_floor(room, camera, noise, _before(room, frames_m, camera))
+    return find_floor(room, camera, noise, _before(room, frames_m, camera), up_of(camera))
+
+
+def _room(background_m: np.ndarray | None, frames_m: Sequence[np.ndarray]) -> np.ndarray:
+    if background_m is not None:
+        return background_m
+    return np.median(np.stack(frames_m), axis=0).astype(np.float32)
+
+
+def up_of(camera: Camera) -> np.ndarray:
+    """(3,) where up is in the camera frame, by its pose; without one the image's upper border is up."""
+    return IMAGE_UP if camera.T_world_camera is None else np.asarray(camera.T_world_camera[1, :3], np.float64)
+
+
+def is_upside_down(
+    floor: FloorPlane | NoFloor, camera: Camera, background_m: np.ndarray | None, frames_m: Sequence[np.ndarray]
+) -> bool:
+    """Whether people stand on a plane that lies above the camera by its pose, and on none below it.
+
+    floor: by ``floor_of_room``, of the same frames. False where nobody moves or no plane is seen: nothing tells then.
+    """
+    if not frames_m or floor is NoFloor.NO_READINGS:
+        return False
+    room = _room(background_m, frames_m)
+    people = _before(room, frames_m, camera)
+    if len(people) < LEAST_READINGS or _is_stood_on(floor, people):
+        return False
+    return _is_stood_on(find_floor(room, camera, noise_per_m(frames_m), people, -up_of(camera)), people)
+
+
+def _is_stood_on(floor: FloorPlane | NoFloor, people_m: np.ndarray) -> bool:
+    if isinstance(floor, NoFloor):
+        return False
+    return bool(np.mean(np.abs(people_m @ floor.up + floor.height_m) < STANDS_M) >= LEAST_STANDING)
 
 
 def _before(room_m: np.ndarray, frames_m: Sequence[np.ndarray], camera: Camera) -> np.ndarray:
@@ -77,14 +112,18 @@ def _before(room_m: np.ndarray, frames_m: Sequence[np.ndarray], camera: Camera) 
 
 
 def find_floor(
-    depth_m: np.ndarray, camera: Camera, noise_per_m: float, standing_m: np.ndarray | None = None
+    depth_m: np.ndarray,
+    camera: Camera,
+    noise_per_m: float,
+    standing_m: np.ndarray | None = None,
+    up: np.ndarray = IMAGE_UP,
 ) -> FloorPlane | NoFloor:
-    """The largest plane that faces the camera's up, with next to nothing below it.
+    """The largest plane that faces up, with next to nothing below it.
 
     depth_m (height, width) float32, best without people; noise_per_m: ``calibration.noise``; standing_m (n, 3) camera
-    points of what stands on the floor. RANSAC on a sample, first with the strict tolerance; then weighted least
-    squares on the inliers, whose gate shrinks to three of their own deviations: the foot of a wall within the first
-    gate would tilt the plane.
+    points of what stands on the floor; up (3,): about, in the camera frame. RANSAC on a sample, first with the strict
+    tolerance; then weighted least squares on the inliers, whose gate shrinks to three of their own deviations: the foot
+    of a wall within the first gate would tilt the plane.
     """
     points = camera.back_project(depth_m).reshape(-1, 3).astype(np.float64)
     points = points[np.isfinite(points[:, 2])]
@@ -94,7 +133,7 @@ def find_floor(
     voters = points[rng.choice(len(points), min(SAMPLE, len(points)), replace=False)]
     standing = np.zeros((0, 3)) if standing_m is None else standing_m
     for tolerance in TOLERANCES_M:
-        plane = _vote(voters, standing, tolerance, noise_per_m, rng)
+        plane = _vote(voters, standing, tolerance, noise_per_m, rng, up)
         if plane is not None:
             return _refined(plane, points, tolerance, noise_per_m)
     return NoFloor.NO_PLANE
@@ -106,6 +145,7 @@ def _vote(
     tolerance_m: float,
     noise_per_m: float,
     rng: np.random.Generator,
+    up: np.ndarray,
 ) -> np.ndarray | None:
     """(4,) plane (up, height) with the most votes, less those of points below it; None where none is a floor.
 
@@ -115,9 +155,9 @@ def _vote(
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normals, axis=1)
     normals = normals / np.maximum(length, 1e-12)[:, None]
-    normals *= -np.sign(normals[:, 1:2])  # the camera's up is -y
+    normals *= np.where(normals @ up < 0.0, -1.0, 1.0)[:, None]
     heights = -np.einsum("ij,ij->i", normals, corners[:, 0])
-    possible = (-normals[:, 1] > np.cos(WORST_TILT_RAD)) & (heights > LEAST_HEIGHT_M) & (length > 1e-6)
+    possible = (normals @ up > np.cos(WORST_TILT_RAD)) & (heights > LEAST_HEIGHT_M) & (length > 1e-6)
     best, best_votes = None, LEAST_SHARE * len(points_m)
     for normal, height in zip(normals[possible], heights[possible], strict=True):
         distance = points_m @ normal + height
@@ -138,7 +178,7 @@ def _refined(plane: np.ndarray, points_m: np.ndarray, tolerance_m: float, noise_
         distance = points_m @ plane[:3] + plane[3]
         sigma = FLATNESS_M + noise_per_m * plane[3] * points_m[:, 2]
         on_it = np.abs(distance) < scale * (tolerance_m + NOISE_GATE * noise_per_m * plane[3] * points_m[:, 2])
-        fitted = _fit_plane(points_m[on_it], sigma[on_it])
+        fitted = _fit_plane(points_m[on_it], sigma[on_it], plane[:3])
         if fitted is None:
             return NoFloor.NARROW
         spread = np.median(np.abs(distance[on_it]) / sigma[on_it]) / MAD_OF_NORMAL
@@ -149,8 +189,11 @@ def _refined(plane: np.ndarray, points_m: np.ndarray, tolerance_m: float, noise_
     return FloorPlane(plane[:3], float(plane[3]), residual, float(on_it.mean()))
 
 
-def _fit_plane(points_m: np.ndarray, sigma_m: np.ndarray) -> np.ndarray | None:
-    """(4,) weighted least squares plane (up, height), centred for conditioning; None where the patch is narrow."""
+def _fit_plane(points_m: np.ndarray, sigma_m: np.ndarray, up: np.ndarray) -> np.ndarray | None:
+    """(4,) weighted least squares plane (up, height), centred for conditioning; None where the patch is narrow.
+
+    up (3,): about.
+    """
     if len(points_m) < 3:
         return None
     weight = 1.0 / sigma_m**2
@@ -158,5 +201,5 @@ def _fit_plane(points_m: np.ndarray, sigma_m: np.ndarray) -> np.ndarray | None:
     spread, axes = np.linalg.eigh(((points_m - centre) * weight[:, None]).T @ (points_m - centre) / weight.sum())
     if np.sqrt(12.0 * spread[1]) < LEAST_EXTENT_M:  # a uniform strip of width w has variance w^2 / 12
         return None
-    up = axes[:, 0] * -np.sign(axes[1, 0])
-    return np.append(up, -up @ centre)
+    normal = axes[:, 0] if axes[:, 0] @ up >= 0.0 else -axes[:, 0]
+    return np.append(normal, -normal @ centre)

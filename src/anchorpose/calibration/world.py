@@ -2,25 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
-from anchorpose.calibration.calibration import Calibration, FloorResidual, PoseRecord, PoseSource
+from anchorpose.calibration.calibration import (
+    Calibration,
+    DoubtSource,
+    FloorResidual,
+    PoseDoubt,
+    PoseRecord,
+    PoseSource,
+)
 from anchorpose.calibration.camera_to_camera import NoCameraToCamera, PlacingConfig, find_camera_to_camera
 from anchorpose.calibration.equipment_agreement import ChooseHeading
 from anchorpose.calibration.equipment_moved import check_given_poses
 from anchorpose.calibration.equipment_pose import EquipmentPoseConfig
 from anchorpose.calibration.equipment_world import world_from_equipment
-from anchorpose.calibration.floor import FloorPlane, NoFloor, floor_of_room
-from anchorpose.calibration.origin import start_of_patient
+from anchorpose.calibration.floor import FloorPlane, NoFloor, floor_of_room, is_upside_down
+from anchorpose.calibration.origin import USUAL_DISTANCE_M, start_of_patient
 from anchorpose.camera import Camera, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import FrameSet, Recording
 
-WORST_FLOOR_TILT_RAD: Final = 0.09  # five degrees between a measured floor and a given world's: one of them is wrong
+TILTED_RAD: Final = 0.035  # two degrees between a measured floor and the world's: a metre away a foot is 3.5 cm off
+WORST_FLOOR_TILT_RAD: Final = 0.07  # four degrees: floors are level to one, lenses bend them by one; the pose is wrong
+UNEVEN_M, WORST_UNEVEN_M = 0.03, 0.10  # between the heights of one floor in two cameras, which are known to 1 or 2 cm
 
 
 def find_world(
@@ -52,7 +61,8 @@ def find_world(
             "give every camera_to_world, or none",
         )
     floors = _floors(recording, sample_frames)
-    world = _from_one_camera(recording, sample_frames, floors[0])
+    upside_down = _upside_down(recording, sample_frames, floors)
+    world = replace(_from_one_camera(recording, sample_frames, floors[0]), doubts=upside_down)
     if len(recording.cameras) == 1:
         return world
     return _with_other_cameras(recording, world, floors, placing or PlacingConfig(), rough_clocks)
@@ -62,10 +72,11 @@ def _given_world(recording: Recording, sample_frames: Sequence[FrameSet], config
     """The given poses, with notes where the floor or the equipment contradicts them."""
     floors = _floors(recording, sample_frames)
     world = _checked(recording.cameras, floors, "the cameras' given poses are used")
+    upside_down = _upside_down(recording, sample_frames, floors)
     if world.floor_height_m is None:
-        return world
-    contradictions = check_given_poses(recording, sample_frames, world.floor_height_m, config)
-    return replace(world, notes=(*world.notes, *contradictions))
+        return replace(world, doubts=(*upside_down, *world.doubts))
+    doubts, notes = check_given_poses(recording, sample_frames, floors, world.floor_height_m, config)
+    return replace(world, notes=(*world.notes, *notes), doubts=(*upside_down, *doubts, *world.doubts))
 
 
 def _equipment_world(
@@ -78,24 +89,39 @@ def _equipment_world(
     found = world_from_equipment(recording, sample_frames, config, choose_heading)
     note = f"the poses of {', '.join(missing)} were found from the equipment"
     checked = _checked(found.cameras, _floors(recording, sample_frames), note)
-    return replace(checked, floor_height_m=found.floor_height_m, poses=found.poses, notes=checked.notes + found.notes)
+    given = [doubt for doubt in checked.doubts if not set(missing) & set(doubt.cameras)]
+    notes = (*checked.notes, *found.notes, *(doubt.sentence for doubt in checked.doubts if doubt not in given))
+    return replace(checked, floor_height_m=found.floor_height_m, poses=found.poses, notes=notes, doubts=tuple(given))
 
 
 def _floors(recording: Recording, sample_frames: Sequence[FrameSet]) -> list[FloorPlane | NoFloor]:
     """The floor that each camera sees in its empty room or, without one, in the sampled frames."""
     return [
-        floor_of_room(
-            camera,
-            recording.backgrounds_m[index],
-            [depth for frame in sample_frames if (depth := frame.depths_m[index]) is not None],
-        )
+        floor_of_room(camera, recording.backgrounds_m[index], _frames_of(sample_frames, index))
         for index, camera in enumerate(recording.cameras)
     ]
 
 
+def _frames_of(sample_frames: Sequence[FrameSet], index: int) -> list[np.ndarray]:
+    return [depth for frame in sample_frames if (depth := frame.depths_m[index]) is not None]
+
+
+def _upside_down(
+    recording: Recording, sample_frames: Sequence[FrameSet], floors: Sequence[FloorPlane | NoFloor]
+) -> tuple[PoseDoubt, ...]:
+    """A doubt about each camera that shows people on a floor above their heads."""
+    found = []
+    for index, (camera, floor) in enumerate(zip(recording.cameras, floors, strict=True)):
+        if is_upside_down(floor, camera, recording.backgrounds_m[index], _frames_of(sample_frames, index)):
+            by = "its images" if camera.T_world_camera is None else "its given pose"
+            sentence = f"camera {camera.name} is upside down: by {by}, people stand on a floor above it"
+            found.append(PoseDoubt(DoubtSource.UPSIDE_DOWN, (camera.name,), sentence, float("nan"), True))
+    return tuple(found)
+
+
 def _checked(cameras: tuple[Camera, ...], floors: Sequence[FloorPlane | NoFloor], first_note: str) -> Calibration:
     """Cameras with poses, and how well the floors they see agree with these poses."""
-    residuals, heights, notes = [], [], [first_note]
+    residuals, heights, notes, doubts = [], dict[str, float](), [first_note], list[PoseDoubt]()
     for camera, floor in zip(cameras, floors, strict=True):
         if isinstance(floor, NoFloor):
             notes.append(f"camera {camera.name} sees no floor: {floor.value}")
@@ -104,16 +130,40 @@ def _checked(cameras: tuple[Camera, ...], floors: Sequence[FloorPlane | NoFloor]
         up = T_world_camera[:3, :3] @ floor.up
         tilt = float(np.arccos(np.clip(up[1], -1.0, 1.0)))
         residuals.append(FloorResidual(camera.name, floor.residual_m, floor.inlier_share, tilt))
+        if tilt > TILTED_RAD:
+            doubts.append(_tilted(camera.name, tilt))
         if tilt > WORST_FLOOR_TILT_RAD:
-            notes.append(f"the floor camera {camera.name} sees is tilted by {np.degrees(tilt):.1f} degrees: not used")
             continue
         # The floor's height where the camera looks: below the camera a small tilt would be a lever.
         ahead = floor.height_m / max(0.2, float(-floor.up @ [0.0, 0.0, 1.0])) * np.array([0.0, 0.0, 1.0])
         on_floor = ahead - (floor.up @ ahead + floor.height_m) * floor.up
-        heights.append(float(transform_points(T_world_camera, on_floor)[1]))
+        heights[camera.name] = float(transform_points(T_world_camera, on_floor)[1])
     records = tuple(PoseRecord(camera.name, PoseSource.GIVEN) for camera in cameras)
-    height = float(np.median(heights)) if heights else None
-    return Calibration(cameras, height, tuple(residuals), tuple(notes), records)
+    height = float(np.median(list(heights.values()))) if heights else None
+    doubts += _uneven(heights)
+    return Calibration(cameras, height, tuple(residuals), tuple(notes), records, tuple(doubts))
+
+
+def _tilted(camera: str, tilt_rad: float) -> PoseDoubt:
+    sentence = f"the floor that camera {camera} sees is tilted by {np.degrees(tilt_rad):.1f} degrees by its pose"
+    off_m = USUAL_DISTANCE_M * tilt_rad
+    return PoseDoubt(DoubtSource.FLOOR, (camera,), sentence, off_m, tilt_rad > WORST_FLOOR_TILT_RAD)
+
+
+def _uneven(heights_m: Mapping[str, float]) -> list[PoseDoubt]:
+    """A doubt where cameras have one floor at different heights: about the one that is farthest from the others."""
+    if len(heights_m) < 2:
+        return []
+    values = np.array(list(heights_m.values()))
+    off_m = float(np.ptp(values))
+    if off_m <= UNEVEN_M:
+        return []
+    names = list(heights_m)
+    away_m = np.abs(values - np.median(values))
+    odd = tuple(names) if len(names) == 2 else (names[int(away_m.argmax())],)
+    sentence = f"cameras see one floor at heights that differ by {1000 * off_m:.0f} mm by their poses"
+    sentence += "" if len(odd) > 1 else f"; {odd[0]} is the odd one"
+    return [PoseDoubt(DoubtSource.FLOOR, odd, sentence, off_m, off_m > WORST_UNEVEN_M)]
 
 
 def _from_one_camera(

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.calibration.floor import FloorPlane, find_floor
+from anchorpose.calibration.floor import FloorPlane, find_floor, up_of
 from anchorpose.camera import Camera
 from anchorpose.check.finding import Finding, Level, OfCamera, level_of, of_cameras
 from anchorpose.check.material import Material
@@ -64,7 +64,7 @@ def _room_through_lens(material: Material) -> list[Finding]:
     flat, upright = list[OfCamera](), list[OfCamera]()
     for scene in material.floor_scenes:
         room, camera = scene.background, scene.camera
-        floor = find_floor(room.depth_m, camera, room.noise_per_m)
+        floor = find_floor(room.depth_m, camera, room.noise_per_m, up=up_of(camera))
         if not isinstance(floor, FloorPlane):
             continue
         bend_m, lean_deg = _bend_m(room.depth_m, camera, floor), _lean_deg(room, camera, floor)

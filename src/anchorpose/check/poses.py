@@ -6,14 +6,13 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.calibration.calibration import FloorResidual, PoseSource
-from anchorpose.calibration.world import WORST_FLOOR_TILT_RAD
-from anchorpose.check.agreement import check_agreement
+from anchorpose.calibration.calibration import Calibration, DoubtSource, FloorResidual, PoseDoubt, PoseSource
+from anchorpose.calibration.world import TILTED_RAD, WORST_FLOOR_TILT_RAD
 from anchorpose.check.finding import Finding, Level, OfCamera, level_of, of_cameras
 from anchorpose.check.material import Material
+from anchorpose.tracker.given_poses import REMEDY, PosesAsked, ask_poses, remedy_of
 
 SOURCES: Final = {PoseSource.FLOOR: "not given; found from floor and patient"}
-TILTED_RAD: Final = 0.035  # two degrees: a metre away a foot is 3.5 cm off the floor
 UNEVEN_M: Final = 0.02  # floors are flat to that; cameras that smooth make waves
 
 
@@ -23,11 +22,39 @@ def check_poses(material: Material) -> list[Finding]:
         assert material.refusal is not None
         return [Finding("camera poses", Level.RED, material.refusal.problem, material.refusal.remedy)]
     calibration = material.settled.calibration
-    poses = [
-        OfCamera(pose.camera, Level.GREEN, SOURCES.get(pose.source, str(pose.source))) for pose in calibration.poses
+    asked = ask_poses(
+        material.recording, calibration, material.settled.clocks, material.scenes, material.settled.samples
+    )
+    return [_poses(calibration, asked), _floor(material), *_agreement(asked)]
+
+
+def _poses(calibration: Calibration, asked: PosesAsked) -> Finding:
+    """Where each pose comes from, or what contradicts it but other cameras."""
+    own = [doubt for doubt in asked.doubts if doubt.source is not DoubtSource.CAMERAS]
+    parts = []
+    for pose in calibration.poses:
+        doubt = max((one for one in own if pose.camera in one.cameras), key=lambda one: one.refuted, default=None)
+        if doubt is None:
+            parts.append(OfCamera(pose.camera, Level.GREEN, SOURCES.get(pose.source, str(pose.source))))
+        else:
+            parts.append(OfCamera(pose.camera, _level(doubt), doubt.sentence, remedy_of(doubt)))
+    return of_cameras("camera poses", parts)
+
+
+def _level(doubt: PoseDoubt | None) -> Level:
+    """As serious as what tracking does about it."""
+    return Level.GREEN if doubt is None else Level.RED if doubt.refuted else Level.YELLOW
+
+
+def _agreement(asked: PosesAsked) -> list[Finding]:
+    """One finding over all pairs of cameras; none where no pair shares enough."""
+    between = {doubt.cameras: doubt for doubt in asked.doubts if doubt.source is DoubtSource.CAMERAS}
+    parts = [
+        OfCamera(" and ".join(names := pair.past.cameras), _level(between.get(names)), pair.measured, REMEDY)
+        for pair in asked.pairs
+        if pair.measured
     ]
-    agree = check_agreement(material.scenes, material.samples)
-    return [of_cameras("camera poses", poses), _floor(material), *agree]
+    return [of_cameras("cameras agree", parts)] if parts else []
 
 
 def _floor(material: Material) -> Finding:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from anchorpose.cli.limits import MOST_FRAMES, MOST_PROCESSES, between
 from anchorpose.errors import InputError
 
 if TYPE_CHECKING:
@@ -20,10 +21,10 @@ EXIT_FAILED = 1
 def batch(
     *recordings: str,
     out: Annotated[Path, Parameter(name=["--output", "-o"])],
-    workers: int | None = None,
+    workers: Annotated[int | None, between(1, MOST_PROCESSES)] = None,
     scheduler: str | None = None,
     slurm: Path | None = None,
-    index: int | None = None,
+    index: Annotated[int | None, between(0, MOST_FRAMES)] = None,
     summary: bool = False,
     config: Path | None = None,
     smooth: bool = False,

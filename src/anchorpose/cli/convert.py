@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
+from anchorpose.cli.limits import FASTEST_HZ, positive
 from anchorpose.errors import AnchorposeError
 
 if TYPE_CHECKING:
@@ -24,10 +25,10 @@ class ConvertFlags:
     intrinsics: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None
     """The lens as fx,fy,cx,cy in pixels of the depth image, for files that have none."""
 
-    depth_scale: float | None = None
+    depth_scale: Annotated[float | None, positive(1.0)] = None
     """Metres per grey value, for example 0.001 where depth is in millimetres; where given, it replaces the file's."""
 
-    fps: float | None = None
+    fps: Annotated[float | None, positive(FASTEST_HZ)] = None
     """Depth images per second, for files that have no times."""
 
     rotate: Literal["0", "90", "180", "270"] = "0"
@@ -95,8 +96,11 @@ def as_recording(path: Path) -> Path:
 
 @contextmanager
 def _noting_how_to_go_on(out: Path) -> Iterator[None]:
+    from anchorpose.results.folder import naming_place
+
     try:
-        yield
+        with naming_place(out):
+            yield
     except KeyboardInterrupt as stopped:
         stopped.add_note(f"{out} is not a recording yet: give the same command again to go on.")
         raise

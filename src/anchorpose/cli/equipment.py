@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
+from anchorpose.cli.limits import positive
 from anchorpose.errors import AnchorposeError, InputError
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ def fit(
     out: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("equipment.json"),
     camera: str | None = None,
     around: Annotated[str, Parameter(allow_leading_hyphen=True)] = "0,0",
-    radius: float = 1.0,
+    radius: Annotated[float, positive(20.0)] = 1.0,
     overwrite: bool = False,
 ) -> None:
     """Propose equipment.json: the posts, rails and bars in the depth images of the empty room, as boxes and tubes.
@@ -52,15 +53,17 @@ def fit(
     from anchorpose.pages.stage_drawing import draw_model
     from anchorpose.recording.equipment_file import read_equipment, write_equipment
     from anchorpose.recording.reader import open_recording
+    from anchorpose.results.folder import naming_place
 
     if out.exists() and not overwrite:
         raise InputError(out, "exists already", "choose another name, or give --overwrite to replace it")
     fitted = fit_equipment(open_recording(recording), camera, _region(around, radius))
     out.parent.mkdir(parents=True, exist_ok=True)
-    write_equipment(out, fitted.proposal.model)
-    model = read_equipment(out)
-    for view, room in zip(fitted.cameras, fitted.rooms_m, strict=True):
-        out.with_name(f"{out.stem}_{view.name}.png").write_bytes(as_png(draw_model(view, room, model)))
+    with naming_place(out):
+        write_equipment(out, fitted.proposal.model)
+        model = read_equipment(out)
+        for view, room in zip(fitted.cameras, fitted.rooms_m, strict=True):
+            out.with_name(f"{out.stem}_{view.name}.png").write_bytes(as_png(draw_model(view, room, model)))
     _print_parts(fitted)
     print(f"{out} is a proposal: compare it with {out.stem}_<camera>.png beside it before you use it.")
 

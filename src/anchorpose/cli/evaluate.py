@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from anchorpose.errors import AnchorposeError, InputError
+from anchorpose.cli.limits import DAY_S, between
+from anchorpose.errors import InputError
 
 if TYPE_CHECKING:
     from anchorpose.agreement.evaluating import Comparison
@@ -62,7 +63,7 @@ def evaluate(
     *others: Path,
     truth: Path | None = None,
     json: Path | None = None,
-    skip: Annotated[float, Parameter(name="--skip-s")] = 0.0,
+    skip: Annotated[float, Parameter(name="--skip-s"), between(0.0, DAY_S)] = 0.0,
     options: ReferenceOptions | None = None,
 ) -> None:
     """Compare results with the true joints, with another motion capture system, or with labels in images.
@@ -165,8 +166,6 @@ def _with_truth(results: Path, truth: Path, json: Path | None, skip: float) -> N
     from anchorpose.results.evaluate import evaluate as evaluate_results
     from anchorpose.results.evaluation_file import write_evaluation
 
-    if not 0.0 <= skip < float("inf"):
-        raise AnchorposeError(f"--skip-s is {skip:g}; give a number of seconds, 0 or more.")
     evaluation = evaluate_results(results, truth, skip)
     if json is not None:
         write_evaluation(json, evaluation)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 from anchorpose.batch.worker import KERNELS
+from anchorpose.cli.limits import MOST_PROCESSES, between
 from anchorpose.errors import InputError
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ def experiment(
     quick: bool = False,
     real: Path | None = None,
     config: Path | None = None,
-    processes: int | None = None,
+    processes: Annotated[int | None, between(1, MOST_PROCESSES)] = None,
 ) -> None:
     """Repeat the paper's comparison: every method in one tracking framework, with tables, figures and a page.
 
@@ -40,8 +41,6 @@ def experiment(
     processes
         How many recordings are processed at once; by default as many as there are cores.
     """
-    if processes is not None and processes < 1:
-        raise InputError(out, f"cannot be worked on by {processes} processes", "give --processes 1 or more")
     settings = _settings(quick, config)
     for name in KERNELS:
         os.environ.setdefault(name, "1")  # the movements made here have the same bytes as on one core
@@ -67,8 +66,9 @@ def _settings(quick: bool, config: Path | None) -> ExperimentConfig:
 def _run(out: Path, settings: ExperimentConfig, real: Path | None, processes: int) -> None:
     from anchorpose.cli.console import progress_bar
     from anchorpose.research.experiment.run import run_experiment
+    from anchorpose.results.folder import naming_place
 
-    with progress_bar("Comparing") as progress:
+    with naming_place(out), progress_bar("Comparing") as progress:
         run_experiment(
             out,
             settings,

@@ -8,6 +8,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from anchorpose.cli.limits import MOST_FRAMES, between
+
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +35,7 @@ def inspect(
     recording: Path,
     /,
     *,
-    frame: int,
+    frame: Annotated[int, between(0, MOST_FRAMES)],
     out: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
     options: InspectOptions | None = None,
 ) -> None:

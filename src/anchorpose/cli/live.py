@@ -8,6 +8,8 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from anchorpose.cli.limits import DAY_S, LARGEST_PORT, TALLEST_M, between, positive
+
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
@@ -17,17 +19,17 @@ class LiveGiven:
     wait_frames: Literal[0, 1] = 0
     """Later frames to wait for before a frame is answered; 1 is a little more accurate and one frame later."""
 
-    start_seconds: float = 6.0
+    start_seconds: Annotated[float, positive(DAY_S)] = 6.0
     """How long room and patient are looked at before the body is learnt; the patient should move a little meanwhile."""
 
-    seconds: float | None = None
+    seconds: Annotated[float | None, positive(DAY_S)] = None
     """Track for so long; the default is until Ctrl+C, or until the source ends."""
 
     patient: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None
     """Where the patient stands at the start, as x,z in metres on the floor; needed only where there are several people
     and the wrong one is tracked."""
 
-    height: float | None = None
+    height: Annotated[float | None, positive(TALLEST_M)] = None
     """The patient's standing height in metres, for example 1.72."""
 
     calibration: Path | None = None
@@ -57,7 +59,7 @@ class LiveGiven:
     """The network address that the page listens on. Any other than the default lets other computers see the patient:
     they need the whole printed address, which holds a secret."""
 
-    port: int = 8470
+    port: Annotated[int, between(0, LARGEST_PORT)] = 8470
     """The port of the page, always the same, so that the browser remembers the chosen angles; 0 takes a free one."""
 
     no_browser: bool = False

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
+from anchorpose.cli.limits import DAY_S, FASTEST_HZ, between, positive
 from anchorpose.errors import AnchorposeError
 
 if TYPE_CHECKING:
@@ -23,13 +24,13 @@ class MeasureOptions:
     """Smooth the joints before angles are computed: 'butterworth' is the usual filter of movement laboratories, without
     delay; 'kalman' also uses the uncertainty of each joint and works with uneven time stamps."""
 
-    cutoff: float | None = None
+    cutoff: Annotated[float | None, positive(FASTEST_HZ)] = None
     """For butterworth: movements faster than this, in Hz, are filtered out; 6 by default."""
 
     fill: Literal["none", "linear", "spline"] = "none"
     """Fill short gaps of a joint along a straight line or a curve; a longer gap stays a gap."""
 
-    longest_gap: float | None = None
+    longest_gap: Annotated[float | None, between(0.0, DAY_S)] = None
     """For --fill: the longest gap to be filled, in seconds; 0.2 by default."""
 
     def settings(self) -> ProcessingConfig:
@@ -68,11 +69,13 @@ def measure(results: Path, /, *, by: str = "", options: MeasureOptions | None = 
     from rich.table import Table
 
     from anchorpose.cli.console import log_event
+    from anchorpose.results.folder import naming_place
     from anchorpose.results.measuring import WRITTEN, measure_rows, processing_sentence, write_measured
     from anchorpose.results.stand_training.measure import MeasureConfig
 
     given = options or MeasureOptions()
-    measured = write_measured(results, given.settings(), MeasureConfig())
+    with naming_place(results):
+        measured = write_measured(results, given.settings(), MeasureConfig())
     log_event(results, "measure", WRITTEN, by, {"smooth": given.smooth, "fill": given.fill})
     table = Table("", "value ± 95 %", "inferred", "why not")
     for row in measure_rows(measured.measures):

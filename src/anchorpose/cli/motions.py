@@ -7,6 +7,7 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
+from anchorpose.cli.limits import FASTEST_HZ, positive
 from anchorpose.errors import AnchorposeError
 
 motions = App(name="motions", help="Reference movements, from which tracking predicts the next frames.")
@@ -17,7 +18,7 @@ def build(
     out: Path,
     /,
     *sources: Path,
-    rate_hz: Annotated[float | None, Parameter(name="--rate")] = None,
+    rate_hz: Annotated[float | None, Parameter(name="--rate"), positive(FASTEST_HZ)] = None,
     overwrite: bool = False,
 ) -> None:
     """Make a file of reference movements from earlier results and from skeletons of other trackers.
@@ -39,12 +40,12 @@ def build(
         Replace an existing file.
     """
     from anchorpose.collecting import build_motions
+    from anchorpose.results.folder import naming_place
 
     if not sources:
         raise AnchorposeError("No sources are given; name results folders or skeleton files after the file's name.")
-    if rate_hz is not None and not 0 < rate_hz < float("inf"):
-        raise AnchorposeError(f"--rate is {rate_hz:g}; give the frames per second, above 0.")
-    clips = build_motions(out, sources, rate_hz, overwrite)
+    with naming_place(out):
+        clips = build_motions(out, sources, rate_hz, overwrite)
     for note in clips.notes:
         print(f"{note}.")
     print(f"{out}: {len(clips.names)} clips, {clips.frame_count} frames. Use it with: anchorpose track --motions {out}")

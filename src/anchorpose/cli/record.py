@@ -7,12 +7,14 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from anchorpose.cli.limits import DAY_S, between, positive
+
 
 def record(
     *sources: str,
     recording: Annotated[Path, Parameter(name=["--output", "-o"])],
-    seconds: float | None = None,
-    empty_room: float = 0.0,
+    seconds: Annotated[float | None, positive(DAY_S)] = None,
+    empty_room: Annotated[float, between(0.0, DAY_S)] = 0.0,
     like: Path | None = None,
     finish: bool = False,
 ) -> None:

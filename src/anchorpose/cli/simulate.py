@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
+from anchorpose.cli.limits import DAY_S, FASTEST_HZ, LARGEST_SEED, TALLEST_M, between, positive
 from anchorpose.errors import AnchorposeError, InputError
 
 if TYPE_CHECKING:
@@ -26,19 +27,19 @@ class SimulateOptions:
     therapists, and a patient who does a captured movement; it needs --movements. room: one camera at an unknown place
     in a cluttered room, with other people, a mirror or moved furniture, whatever its seed draws."""
 
-    seed: int = 1
+    seed: Annotated[int, between(0, LARGEST_SEED)] = 1
     """Another number makes another patient and other movements; the same number makes the same files."""
 
-    seconds: float = 10.0
+    seconds: Annotated[float, positive(DAY_S)] = 10.0
     """Length of the recording."""
 
-    fps: float = 15.0
+    fps: Annotated[float, positive(FASTEST_HZ)] = 15.0
     """Frames per second."""
 
-    hole_radius: float = 0.12
+    hole_radius: Annotated[float, positive(1.0)] = 0.12
     """Radius of the hole of the preset 'holes', in metres."""
 
-    cameras: int | None = None
+    cameras: Annotated[int | None, between(1, 100)] = None
     """How many cameras, 1 to 4, instead of the preset's."""
 
     sensor: Annotated[
@@ -59,7 +60,7 @@ class SimulateOptions:
     """Which lens the cameras have, instead of the sensor's: a pinhole, or one of OpenCV's models with coefficients as
     real cameras have them."""
 
-    therapists: int | None = None
+    therapists: Annotated[int | None, between(0, 100)] = None
     """How many therapists come and go, 0 to 3, instead of the preset's."""
 
     motions: Annotated[tuple[str, ...] | None, Parameter(consume_multiple=True)] = None
@@ -83,7 +84,7 @@ class SimulateOptions:
     speed: Literal["slow", "normal", "fast", "mixed"] | None = None
     """How fast the patient moves, instead of the preset's."""
 
-    height: float | None = None
+    height: Annotated[float | None, positive(TALLEST_M)] = None
     """The patient's height in metres; drawn at random where not given."""
 
     build: Literal["ordinary", "varied", "wasted-legs", "heavy", "child"] | None = None
@@ -188,9 +189,10 @@ def simulate(out: Path, /, *, options: SimulateOptions | None = None) -> None:
         The folder to write: a recording in recording/ and the true joints in truth/truth.npz.
     """
     from anchorpose.cli.console import progress_bar
+    from anchorpose.results.folder import naming_place
     from anchorpose.simulate.write import simulate_recording
 
     settings = (options or SimulateOptions()).settings()
-    with progress_bar("Simulating") as progress:
+    with naming_place(out), progress_bar("Simulating") as progress:
         simulate_recording(out, settings, progress)
     print(f"The recording is {out / 'recording'}, its true joints are {out / 'truth' / 'truth.npz'}.")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from anchorpose.cli.limits import MOST_FRAMES, TALLEST_M, between, positive
 from anchorpose.errors import AnchorposeError
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ class TrackOptions:
     """Where the patient stands at the start, as x,z in metres on the floor (x forward, z to the patient's right), or in
     frame 47 as x,z@47; needed only where there are several people and the wrong one is tracked."""
 
-    height: float | None = None
+    height: Annotated[float | None, positive(TALLEST_M)] = None
     """The patient's standing height in metres, for example 1.72; it makes the lengths of the limbs more accurate. With
     or without shoes does not matter: a centimetre is allowed for. Not needed where recording.json has it."""
 
@@ -54,10 +55,10 @@ class TrackOptions:
     """Go on with a run into the same folder that was stopped or killed; it ends with the same tables. Where there is
     none, tracking begins."""
 
-    start: int | None = None
+    start: Annotated[int | None, between(0, MOST_FRAMES)] = None
     """First frame to track, counted from 0; the default is the beginning."""
 
-    stop: int | None = None
+    stop: Annotated[int | None, between(0, MOST_FRAMES)] = None
     """Frame to stop before; the default is the end."""
 
     def settings(self) -> TrackConfig:

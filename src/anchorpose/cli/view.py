@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 from cyclopts import Parameter
+
+from anchorpose.cli.limits import LARGEST_PORT, between
 
 
 @Parameter(name="*")
@@ -24,7 +27,7 @@ class ViewOptions:
     """The network address to listen on. Any other address than the default lets other computers see the patient: they
     need the whole printed address, which holds a secret."""
 
-    port: int = 0
+    port: Annotated[int, between(0, LARGEST_PORT)] = 0
     """The port to listen on; the default is a free one."""
 
     no_browser: bool = False

@@ -18,7 +18,7 @@ from anchorpose.live.source import LiveCamera, LiveImage
 from anchorpose.recording.document import read_json
 from anchorpose.recording.equipment_file import equipment_files
 from anchorpose.recording.recording_file import CameraEntry
-from anchorpose.results.folder import write_text_whole
+from anchorpose.results.folder import naming_place, write_text_whole
 from anchorpose.sources.camera_writer import CameraWriter, encode_grey
 from anchorpose.sources.plan import CameraPlan
 
@@ -53,7 +53,8 @@ class Recorder:
 
     def put(self, image: LiveImage) -> None:
         """One more image; raises AnchorposeError where less than half a gigabyte is free on the disk."""
-        path = self._writers[image.camera].write(image.time_s, image.grey, image.number)
+        with naming_place(self.folder):
+            path = self._writers[image.camera].write(image.time_s, image.grey, image.number)
         if path is not None:
             self.images += 1
             self._unsynced.append(path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import secrets
 import shutil
@@ -26,6 +27,8 @@ class FolderKind:
     marks: tuple[str, ...]
     own: tuple[str, ...]
 
+
+DISK_ERRORS: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
 
 RESULTS: Final = FolderKind(
     ("run.json", "joints.parquet"),
@@ -59,11 +62,24 @@ def whole_or_nothing(path: Path, own: Sequence[str] = ()) -> Iterator[Path]:
     partial = target.parent / f".{target.name}.partial-{secrets.token_hex(4)}"
     make_folder(partial, path)
     try:
-        yield partial
-        publish(partial, path, own)
+        with naming_place(path):
+            yield partial
+            publish(partial, path, own)
     except BaseException:
         shutil.rmtree(partial, ignore_errors=True)
         _remove_empty(made)
+        raise
+
+
+@contextmanager
+def naming_place(place: Path) -> Iterator[None]:
+    """Gives an error of the disk the place that was written to, where the system names none: a write that fails, as on
+    a full disk, knows only its number."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None and error.errno in DISK_ERRORS:
+            error.filename = str(place)
         raise
 
 
@@ -132,8 +148,9 @@ def write_text_whole(path: Path, text: str) -> None:
     """Writes a text file in UTF-8 so that ``path`` holds all of it, or what it held before."""
     partial = path.with_name(f".{path.name}.partial-{secrets.token_hex(4)}")
     try:
-        partial.write_text(text, encoding="utf-8")
-        partial.replace(path)
+        with naming_place(path):
+            partial.write_text(text, encoding="utf-8")
+            partial.replace(path)
     except BaseException:
         partial.unlink(missing_ok=True)
         raise

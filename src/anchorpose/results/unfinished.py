@@ -13,7 +13,7 @@ from filelock import FileLock, Timeout
 
 from anchorpose.errors import InputError
 from anchorpose.recording.document import LARGEST_WITH_HASHES, read_json
-from anchorpose.results.folder import RESULTS, check_results_path, make_folder, publish, write_text_whole
+from anchorpose.results.folder import RESULTS, check_results_path, make_folder, naming_place, publish, write_text_whole
 
 JOURNAL: Final = "journal"
 """The folder in an unfinished results folder that holds what the run has done so far."""
@@ -41,9 +41,10 @@ def unfinished_results(path: Path, recording: Path, overwrite: bool = False, res
             raise InputError(path, f"has an unfinished run, in {work}", remedy)
         _clear(work, keep=(LOCK_FILE, JOURNAL) if stored and resume else (LOCK_FILE,))
         try:
-            yield work
-            (work / LOCK_FILE).unlink()
-            publish(work, path, RESULTS.own if overwrite else ())
+            with naming_place(path):
+                yield work
+                (work / LOCK_FILE).unlink()
+                publish(work, path, RESULTS.own if overwrite else ())
         except BaseException as error:
             _leave(work, error)
             raise

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -127,6 +127,13 @@ def estimate_of(
         TOO_UNCERTAIN if lost.all() else "",
         tuple(one for one in poor if one is not None),
     )
+
+
+def displaced(estimate: Estimate, displaced_m: float) -> Estimate:
+    """The estimate with a sigma that includes how far cameras are known to displace the patient, in any direction."""
+    if not displaced_m:
+        return estimate
+    return replace(estimate, sigma_m=np.hypot(estimate.sigma_m, displaced_m / np.sqrt(3.0)))
 
 
 def _details(observation: Observation) -> list[DepthDetail | None]:

@@ -30,7 +30,7 @@ from anchorpose.surface.surface import ExpectedSkin
 from anchorpose.tracker.association import GlobalHypothesis, global_hypothesis, held_by, part_motion, parts_by_icp
 from anchorpose.tracker.bystanders import WALKING
 from anchorpose.tracker.config import Method
-from anchorpose.tracker.estimate import Estimate, estimate_of
+from anchorpose.tracker.estimate import Estimate, displaced, estimate_of
 from anchorpose.tracker.isolating import isolate, isolate_again, step_of, walked
 from anchorpose.tracker.limb_watch import LimbWatch, cheaper, explained_by, is_doubtful
 from anchorpose.tracker.observation import Expectation, Isolated, Observation, gather, observe, see_anchors, see_surface
@@ -147,6 +147,7 @@ class PatientTracker:
             if corrected is not None and contradicted(self.body, registration.belief, corrected):
                 honoured = None
             estimate = estimate_of(self.body, registration, seen, share, self.config, honoured, self.rivals)
+            estimate = displaced(estimate, self.run.room.calibration.displaced_m)
             posed = pose_points(self.body, self.belief.pose)
             self.skin_sigma_m = skin_sigma(self.body, posed, self.belief.covariance, self.config.uncertainty)
             self.feet.note(posed.points_m, estimate.joints_m, estimate.states, estimate.frame_set.time_s)

@@ -26,6 +26,7 @@ from anchorpose.isolation.scene import Scene, set_scene
 from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import FrameSet, Recording, align_clocks
 from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.given_poses import agreeing_poses
 from anchorpose.tracker.initial_frame import ranked_by_view, with_best_initial_frame
 from anchorpose.tracker.isolating import observe_first
 from anchorpose.tracker.look import Look, look_around
@@ -58,8 +59,15 @@ class Settled:
 
 
 def prepare_room(recording: Recording, config: TrackConfig, review: Review = NO_REVIEW) -> Room:
-    """Everything that is known before the first frame is followed."""
-    return with_best_initial_frame(furnish_room(settle(recording, config, review), config, review), config)
+    """Everything that is known before the first frame is followed.
+
+    Raises InputError where poses cannot be found, or given ones cannot be right (``given_poses``).
+    """
+    settled = settle(recording, config, review)
+    scenes = scenes_of(settled, config)
+    poses = agreeing_poses(settled.recording, settled.calibration, settled.clocks, scenes, settled.samples)
+    settled = replace(settled, calibration=poses)
+    return with_best_initial_frame(furnish_room(settled, config, review, scenes), config)
 
 
 def settle(recording: Recording, config: TrackConfig, review: Review = NO_REVIEW) -> Settled:
@@ -128,16 +136,20 @@ def sample_recording(recording: Recording, config: TrackConfig) -> tuple[list[in
     return chosen, [read_frame(recording, k) for k in chosen]
 
 
-def furnish_room(settled: Settled, config: TrackConfig, review: Review) -> Room:
+def furnish_room(
+    settled: Settled, config: TrackConfig, review: Review, scenes: tuple[Scene, ...] | None = None
+) -> Room:
     """Background of every camera, and who is the patient, from the settled recording's sampled frames.
 
-    Tracking does not begin in a frame that a reviewer marked as unusable, unless all are.
+    scenes: of every camera, where they are known already. Tracking does not begin in a frame that a reviewer marked as
+    unusable, unless all are.
     """
-    recording, calibration, scenes = settled.recording, settled.calibration, _scenes(settled, config)
+    recording, calibration = settled.recording, settled.calibration
+    scenes = scenes_of(settled, config) if scenes is None else scenes
     if config.patient_frame is not None:
         initial = _frames_of_named(recording, scenes, config, config.patient_frame, review)
         if not initial:  # a person who never moves looks like furniture
-            scenes = _scenes(settled, config, config.patient_xz_m)
+            scenes = scenes_of(settled, config, config.patient_xz_m)
             initial = _frames_of_named(recording, scenes, config, config.patient_frame, review)
         if not initial:
             raise _nobody_named(recording, scenes, config, config.patient_frame)
@@ -155,7 +167,7 @@ def look_for_patient(
 
     scenes: of every camera, where they are known already.
     """
-    scenes = _scenes(settled, config) if scenes is None else scenes
+    scenes = scenes_of(settled, config) if scenes is None else scenes
     samples = settled.samples
     usable = [k for k, frame_set in enumerate(samples) if review.why_unusable(frame_set.frame) is None]
     usable = usable or list(range(len(samples)))
@@ -177,7 +189,7 @@ def _look(
 def _look_for_still_person(settled: Settled, usable: Sequence[int], before: Look, config: TrackConfig) -> Look | None:
     """The person at the place that the user gave or, without one, who sways as no furniture does; None: nobody."""
     named = config.patient_xz_m is not None
-    look = _look(settled, usable, _scenes(settled, config, config.patient_xz_m, swaying=not named), config, before)
+    look = _look(settled, usable, scenes_of(settled, config, config.patient_xz_m, swaying=not named), config, before)
     if not look.initial_frames:
         return None
     return look if named else replace(look, notes=(*look.notes, HARDLY_MOVES))
@@ -220,7 +232,7 @@ def _nobody_named(recording: Recording, scenes: Sequence[Scene], config: TrackCo
     return InputError(recording.folder, problem, "give another place or another frame")
 
 
-def _scenes(
+def scenes_of(
     settled: Settled, config: TrackConfig, person_xz_m: tuple[float, float] | None = None, swaying: bool = False
 ) -> tuple[Scene, ...]:
     """Every camera's empty room; person_xz_m, swaying: as for ``learn_background``."""

@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 
 from anchorpose.camera import Camera
-from anchorpose.check.agreement import check_agreement, seen_past
-from anchorpose.check.finding import Finding, Level
 from anchorpose.isolation.background import BackgroundModel, BackgroundSource
 from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.isolation.scene import Scene, find_all_pieces, set_scene
 from anchorpose.lens import Intrinsics
 from anchorpose.recording.recording import FrameSet
+from anchorpose.tracker.pose_agreement import CameraPair, SeenPast, compare_cameras, doubt_of, seen_past
 
 WALL_M, PERSON_M, RADIUS_M, HALF_TALL_M = 3.0, 2.2, 0.2, 0.6
 NOISE_PER_M = 0.001
@@ -48,39 +47,62 @@ def scene(given: Camera, true: Camera, smear_px: int = 0) -> Scene:
     return set_scene(given, model, None)
 
 
-def agree(given: Sequence[Camera], smear_px: int = 0) -> tuple[list[Scene], list[Finding], FrameSet]:
+def agree(given: Sequence[Camera], smear_px: int = 0) -> tuple[list[Scene], CameraPair]:
     true = [camera("front", 0.0), camera("left", 0.5)]
     scenes = [scene(one, other, smear_px) for one, other in zip(given, true, strict=True)]
     sample = FrameSet(frame=0, time_s=0.0, depths_m=tuple(picture(one, person=True) for one in true))
-    return scenes, check_agreement(scenes, [sample]), sample
+    [pair] = compare_cameras(scenes, [one.background.depth_m for one in scenes], [sample])
+    return scenes, pair
 
 
 @pytest.mark.parametrize(
-    ("x_m", "z_m", "level", "what"),
+    ("x_m", "z_m", "refuted", "what"),
     [
-        pytest.param(0.5, 0.0, Level.GREEN, "past 0 % of the room and 0 % of the people", id="right"),
-        pytest.param(0.53, 0.0, Level.YELLOW, "past 0 % of the room and ", id="3 cm along the wall"),
-        pytest.param(0.7, 0.0, Level.RED, "past 0 % of the room and 83 %", id="20 cm along the wall"),
-        pytest.param(0.5, 0.3, Level.RED, "past 100 % of the room", id="30 cm towards it"),
+        pytest.param(0.5, 0.0, None, "past 0 % of the room and 0 % of the people", id="right"),
+        pytest.param(0.53, 0.0, False, "past 0 % of the room and ", id="3 cm along the wall"),
+        pytest.param(0.7, 0.0, True, "past 0 % of the room and 83 %", id="20 cm along the wall"),
+        pytest.param(0.5, 0.3, True, "past 100 % of the room", id="30 cm towards it"),
     ],
 )
-def test_a_camera_that_is_elsewhere_sees_past_what_the_other_shows(x_m, z_m, level, what):
-    _, findings, _ = agree([camera("front", 0.0), camera("left", x_m, z_m)])
-    assert [finding.level for finding in findings] == [level]
-    assert what in findings[0].measured
-    assert bool(findings[0].remedy) == (level > Level.GREEN)
+def test_a_camera_that_is_elsewhere_sees_past_what_the_other_shows(x_m, z_m, refuted, what):
+    _, pair = agree([camera("front", 0.0), camera("left", x_m, z_m)])
+    doubt = doubt_of(pair, clocks_known=True)
+    assert what in pair.measured
+    assert (None if doubt is None else doubt.refuted) == refuted
+
+
+@pytest.mark.parametrize(
+    ("of_room", "of_people", "off_m", "clocks_known", "refuted"),
+    [
+        pytest.param(0.02, 0.9, None, True, True, id="people elsewhere"),
+        pytest.param(0.02, 0.9, None, False, False, id="people elsewhere, perhaps at another time"),
+        pytest.param(0.9, 0.02, None, False, True, id="room elsewhere"),
+        pytest.param(np.nan, 0.3, None, True, False, id="a little"),
+        pytest.param(np.nan, np.nan, None, True, None, id="nothing in common"),
+        pytest.param(0.9, 0.9, 0.004, True, None, id="surfaces agree: the picture of the room is an old one"),
+        pytest.param(0.02, 0.02, 0.02, True, False, id="surfaces 2 cm apart"),
+        pytest.param(0.02, 0.02, 0.09, True, True, id="surfaces 9 cm apart"),
+    ],
+)
+def test_surfaces_in_common_view_decide_and_without_them_what_is_seen_past(
+    of_room, of_people, off_m, clocks_known, refuted
+):
+    doubt = doubt_of(CameraPair(SeenPast(("front", "left"), of_room, of_people), off_m), clocks_known)
+    assert (None if doubt is None else doubt.refuted) == refuted
+    if doubt is not None:
+        assert doubt.off_m == (0.05 if off_m is None else off_m)
 
 
 def test_people_are_no_evidence_where_a_camera_draws_their_outlines_out():
-    scenes, findings, _ = agree([camera("front", 0.0), camera("left", 0.7)], smear_px=10)
-    assert findings[0].measured == "see past 0 % of the room"
+    scenes, pair = agree([camera("front", 0.0), camera("left", 0.7)], smear_px=10)
+    assert pair.past.measured == "see past 0 % of the room"
     assert all(one.background.detail.filtered for one in scenes)
 
 
-def test_cameras_that_share_nothing_have_no_finding():
-    away = camera("left", 50.0)
-    _, findings, _ = agree([camera("front", 0.0), away])
-    assert findings == []
+def test_cameras_that_share_nothing_are_not_judged():
+    _, pair = agree([camera("front", 0.0), camera("left", 50.0)])
+    assert pair.measured == ""
+    assert doubt_of(pair, clocks_known=True) is None
 
 
 @pytest.mark.parametrize(("sigma_per_m", "low", "high"), [(0.001, 0.15, 1.0), (0.008, 0.0, 0.05)])

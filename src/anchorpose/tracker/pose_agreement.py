@@ -16,8 +16,11 @@ import cv2
 import numpy as np
 
 from anchorpose.body.constraints import thin
+from anchorpose.calibration.calibration import DoubtSource, PoseDoubt
+from anchorpose.calibration.camera_to_camera import is_credible
+from anchorpose.calibration.common_view import LevelView, fit_people, level_view
+from anchorpose.calibration.floor import FloorPlane, up_of
 from anchorpose.camera import invert_rigid, transform_points
-from anchorpose.check.finding import Finding, OfCamera, level_of, of_cameras
 from anchorpose.isolation.background import BackgroundModel
 from anchorpose.isolation.scene import Pieces, Scene, find_all_pieces
 from anchorpose.recording.recording import FrameSet
@@ -32,6 +35,9 @@ LEAST_SHARED: Final = 500  # points that both cameras see
 POINTS: Final = 20000  # of the room
 POINTS_OF_PEOPLE: Final = 3000  # of one frame
 FRAMES: Final = 8
+EVERY_PX: Final = 3  # pixel of every third row, for surfaces in common view
+OFF_M: Final = 0.010  # right poses have at most 0.004, a device's steady error of depth is as much
+REFUTED_M: Final = 0.05  # a good calibration is within 0.02; more than a forearm's width, limbs do not meet
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,14 +49,60 @@ class SeenPast:
     of_room: float
     of_people: float
 
+    @property
+    def measured(self) -> str:
+        """The shares that are known, for people; empty where none is."""
+        shares = (("room", self.of_room), ("people", self.of_people))
+        known = [f"{100 * share:.0f} % of the {what}" for what, share in shares if np.isfinite(share)]
+        return f"see past {' and '.join(known)}" if known else ""
 
-def check_agreement(scenes: Sequence[Scene], samples: Sequence[FrameSet]) -> list[Finding]:
-    """One finding over all pairs of cameras; none where no pair shares enough. samples: frames of all cameras."""
-    if len(scenes) < 2:
-        return []
-    moments = [find_all_pieces(samples[k], scenes) for k in thin(len(samples), FRAMES)]
-    parts = [part for pair in seen_past(scenes, moments) if (part := agreement_of(pair)) is not None]
-    return [of_cameras("cameras agree", parts)] if parts else []
+
+@dataclass(frozen=True, slots=True)
+class CameraPair:
+    """off_m: by the surfaces of the people in common view, how far the cameras have them apart; None where not known
+    accurately."""
+
+    past: SeenPast
+    off_m: float | None
+
+    @property
+    def measured(self) -> str:
+        """All that is known, for people; empty where nothing is."""
+        apart = [] if self.off_m is None else [f"have people {1000 * self.off_m:.0f} mm apart"]
+        return ", ".join([*([self.past.measured] if self.past.measured else []), *apart])
+
+
+def compare_cameras(
+    scenes: Sequence[Scene], backgrounds_m: Sequence[np.ndarray | None], samples: Sequence[FrameSet]
+) -> list[CameraPair]:
+    """Every pair of cameras; samples: frames of all cameras, spread over the recording."""
+    chosen = [samples[k] for k in thin(len(samples), FRAMES)]
+    whole = [frame for frame in chosen if all(depth is not None for depth in frame.depths_m)]
+    views = [_level_view(k, scenes, backgrounds_m, whole) for k in range(len(scenes))] if whole else []
+    past = seen_past(scenes, [find_all_pieces(frame, scenes) for frame in chosen])
+    pairs = combinations(range(len(scenes)), 2)
+    return [
+        CameraPair(one, _off_m(views[a], views[b]) if views else None) for one, (a, b) in zip(past, pairs, strict=True)
+    ]
+
+
+def _off_m(first: LevelView, second: LevelView) -> float | None:
+    """How far two cameras have the people whom both see from each other; None where that is not known accurately."""
+    T_first_second = invert_rigid(first.camera.require_pose()) @ second.camera.require_pose()
+    fit = fit_people(first, second, T_first_second)
+    if fit is None or not is_credible(fit):
+        return None
+    people = np.concatenate([seen.points_m[seen.person] for seen in second.seen]).mean(axis=0, keepdims=True)
+    moved = transform_points(fit.T_first_second, people) - transform_points(T_first_second, people)
+    return float(np.linalg.norm(moved))
+
+
+def _level_view(
+    index: int, scenes: Sequence[Scene], backgrounds_m: Sequence[np.ndarray | None], frames: Sequence[FrameSet]
+) -> LevelView:
+    camera, depths = scenes[index].camera, [depth for frame in frames if (depth := frame.depths_m[index]) is not None]
+    level = FloorPlane(up_of(camera), float(camera.position_m[1]), 0.0, 0.0)  # a frame that stands on Y = 0
+    return level_view(camera, level, backgrounds_m[index], depths, EVERY_PX)
 
 
 def seen_past(scenes: Sequence[Scene], moments: Sequence[Sequence[Pieces | None]]) -> list[SeenPast]:
@@ -58,16 +110,23 @@ def seen_past(scenes: Sequence[Scene], moments: Sequence[Sequence[Pieces | None]
     return [_of_pair(one, other, scenes, moments) for one, other in combinations(range(len(scenes)), 2)]
 
 
-def agreement_of(pair: SeenPast) -> OfCamera | None:
-    """What two cameras' shares mean; None where nothing is known."""
-    shares = (("room", pair.of_room), ("people", pair.of_people))
-    known = [f"{100 * share:.0f} % of the {what}" for what, share in shares if np.isfinite(share)]
-    if not known:
+def doubt_of(pair: CameraPair, clocks_known: bool) -> PoseDoubt | None:
+    """What a pair of cameras says against their poses.
+
+    The people's surfaces decide where both cameras see enough of them; else what is seen past, and of that the room
+    where their clocks are not known: people are elsewhere at another time.
+    """
+    past, names = pair.past, " and ".join(pair.past.cameras)
+    if pair.off_m is not None:
+        sentence = f"cameras {names} have the people whom both see {1000 * pair.off_m:.0f} mm from each other"
+        refuted = pair.off_m > REFUTED_M
+        return (
+            PoseDoubt(DoubtSource.CAMERAS, past.cameras, sentence, pair.off_m, refuted) if pair.off_m > OFF_M else None
+        )
+    if not (past.of_room > SOME_OF_ROOM or past.of_people > SOME_OF_PEOPLE):
         return None
-    room = level_of(pair.of_room, SOME_OF_ROOM, MUCH_OF_ROOM)
-    people = level_of(pair.of_people, SOME_OF_PEOPLE, MUCH_OF_PEOPLE)
-    remedy = "a camera was moved: run 'anchorpose calibrate' with --ignore-given, and look at its pictures"
-    return OfCamera(" and ".join(pair.cameras), max(room, people), f"see past {' and '.join(known)}", remedy)
+    refuted = past.of_room > MUCH_OF_ROOM or (clocks_known and past.of_people > MUCH_OF_PEOPLE)
+    return PoseDoubt(DoubtSource.CAMERAS, past.cameras, f"cameras {names} {past.measured}", ROOM_M, refuted)
 
 
 def _of_pair(one: int, other: int, scenes: Sequence[Scene], moments: Sequence[Sequence[Pieces | None]]) -> SeenPast:

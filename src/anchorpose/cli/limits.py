@@ -1,0 +1,26 @@
+"""What a number on the command line may be; the parser refuses any other, with the option's name, before any work."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+DAY_S: Final = 86_400.0
+TALLEST_M: Final = 3.0
+FASTEST_HZ: Final = 1000.0
+MOST_FRAMES: Final = 10**9
+MOST_PROCESSES: Final = 1024
+LARGEST_SEED: Final = 2**63 - 1
+LARGEST_PORT: Final = 65535
+
+
+def positive(most: float) -> Parameter:
+    """Above zero, up to ``most``; not a number is refused as well."""
+    return Parameter(validator=Number(gt=0, lte=most))
+
+
+def between(least: float, most: float) -> Parameter:
+    """From ``least`` to ``most``, both allowed."""
+    return Parameter(validator=Number(gte=least, lte=most))

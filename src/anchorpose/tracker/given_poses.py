@@ -1,0 +1,124 @@
+"""Whether the poses that a recording gives can be right, before anybody is tracked: by floor, equipment and cameras.
+
+What contradicts a pose by far more than noise refuses the recording; less is noted, and widens every sigma. One camera
+can be asked for its floor and its equipment only: where it sees neither, a wrong pose moves all joints alike and does
+not show.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Final
+
+import numpy as np
+
+from anchorpose.calibration.calibration import Calibration, DoubtSource, PoseDoubt, PoseSource
+from anchorpose.calibration.clocks import Clocks, NoClock
+from anchorpose.errors import InputError
+from anchorpose.isolation.other_place import without_other_places
+from anchorpose.isolation.scene import Scene
+from anchorpose.recording.recording import FrameSet, Recording
+from anchorpose.tracker.pose_agreement import SOME_OF_ROOM, CameraPair, compare_cameras, doubt_of, seen_past
+
+AMONG_OTHERS: Final = 0.5  # of its error: a camera that is off moves what others see as well by a part of it
+REMEDY: Final = (
+    "find the poses with 'anchorpose calibrate RECORDING --ignore-given' and track with --calibration, or correct "
+    "camera_to_world"
+)
+TURN: Final = "turn its images by 180 degrees, or give camera_to_world as the camera stands"
+MOVED: Final = "the cameras agree with each other, so it stands elsewhere than equipment.json has it"
+
+
+@dataclass(frozen=True, slots=True)
+class PosesAsked:
+    """pairs: what every two cameras show of each other, none where no pose is given; doubts: all that contradicts."""
+
+    pairs: tuple[CameraPair, ...]
+    doubts: tuple[PoseDoubt, ...]
+
+
+def agreeing_poses(
+    recording: Recording,
+    calibration: Calibration,
+    clocks: Clocks,
+    scenes: Sequence[Scene],
+    samples: Sequence[FrameSet],
+) -> Calibration:
+    """The calibration with what little speaks against it; raises InputError where it cannot be right."""
+    asked = ask_poses(recording, calibration, clocks, scenes, samples)
+    _refuse_contradicted(recording, asked, scenes)
+    notes = (*calibration.notes, *(f"{doubt.sentence}; the given pose is used" for doubt in asked.doubts))
+    off_m = max((doubt.off_m for doubt in asked.doubts if np.isfinite(doubt.off_m)), default=0.0)
+    displaced_m = float(off_m) * (1.0 if len(scenes) == 1 else AMONG_OTHERS)
+    return replace(calibration, notes=notes, doubts=asked.doubts, displaced_m=displaced_m)
+
+
+def ask_poses(
+    recording: Recording,
+    calibration: Calibration,
+    clocks: Clocks,
+    scenes: Sequence[Scene],
+    samples: Sequence[FrameSet],
+) -> PosesAsked:
+    """The doubts of calibration and those that the cameras raise about each other.
+
+    scenes: one per camera, with the poses that are used; samples: frames of all cameras, on one clock. Poses that were
+    found are judged where they are found.
+    """
+    found = calibration.doubts
+    if len(scenes) < 2 or not any(pose.source is PoseSource.GIVEN for pose in calibration.poses):
+        return PosesAsked((), found)
+    usual = [without_other_places(sample, scenes) for sample in samples]
+    pairs = compare_cameras(scenes, recording.backgrounds_m, usual)
+    known = all(camera.doubt in (None, NoClock.SWITCHED_OFF, NoClock.NO_MOTION) for camera in clocks.cameras)
+    between = [doubt for pair in pairs if (doubt := doubt_of(pair, known)) is not None]
+    agree = not between and all(pair.measured for pair in pairs)
+    return PosesAsked(tuple(pairs), (*(_excused(doubt) if agree else doubt for doubt in found), *between))
+
+
+def _excused(doubt: PoseDoubt) -> PoseDoubt:
+    """A doubt by the equipment where all cameras agree with each other: then it was moved, not they."""
+    if doubt.source is not DoubtSource.EQUIPMENT:
+        return doubt
+    return replace(doubt, sentence=f"{doubt.sentence}; {MOVED}", off_m=float("nan"), refuted=False)
+
+
+def _refuse_contradicted(recording: Recording, asked: PosesAsked, scenes: Sequence[Scene]) -> None:
+    """Raises InputError where poses are contradicted by far more than noise: by what, by how much, and what to do."""
+    refuted = [doubt for doubt in asked.doubts if doubt.refuted]
+    if not refuted:
+        return
+    exchanged = exchanged_cameras(scenes)
+    if exchanged:
+        one, other = exchanged
+        problem = f"cameras {one} and {other} seem to be exchanged: with each other's poses they show one room"
+        raise InputError(
+            recording.folder / "recording.json", problem, "exchange their folders, or their entries camera_to_world"
+        )
+    named = Counter(camera for doubt in refuted for camera in doubt.cameras)
+    most = named.most_common(1)[0][0]
+    worst = next(doubt for doubt in refuted if most in doubt.cameras)
+    raise InputError(recording.folder / "recording.json", worst.sentence, remedy_of(worst))
+
+
+def remedy_of(doubt: PoseDoubt) -> str:
+    """What the user can do about it."""
+    return TURN if doubt.source is DoubtSource.UPSIDE_DOWN else REMEDY
+
+
+def exchanged_cameras(scenes: Sequence[Scene]) -> tuple[str, str] | None:
+    """Two cameras whose rooms fit all others' once their poses and lenses are exchanged; None without such."""
+    for a, b in combinations(range(len(scenes)), 2):
+        first, second = scenes[a].camera, scenes[b].camera
+        if (first.width, first.height) != (second.width, second.height):
+            continue
+        swapped = list(scenes)
+        swapped[a] = replace(scenes[a], camera=replace(second, name=first.name))
+        swapped[b] = replace(scenes[b], camera=replace(first, name=second.name))
+        shares = np.array([pair.of_room for pair in seen_past(swapped, ())])
+        if np.isfinite(shares).any() and np.nanmax(shares) <= SOME_OF_ROOM:
+            return first.name, second.name
+    return None

@@ -1,0 +1,56 @@
+"""No number of any option is too absurd for one sentence: every numeric option that a verb declares is tried."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import Any, get_args
+
+import pytest
+
+from anchorpose.cli import app, main
+
+ABSURD = ("inf", "-inf", "nan", "1e308", "-1", "9" * 400, "0x", "")
+ZERO_IS_FINE = {
+    "--seed", "--therapists", "--skip-s", "--frame", "--start", "--stop", "--index", "--port", "--empty-room",
+    "--longest-gap",
+}  # fmt: skip
+NEED_OUTPUT = {"batch", "live", "record", "track"}
+
+
+def numeric_options(verb: Any = app, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], str]]:
+    """(verb, option) of every parameter that is a number, by what the command line itself declares."""
+    for name in verb:
+        if name.startswith("-"):
+            continue
+        command = verb[name]
+        yield from numeric_options(command, (*path, name))
+        if command.default_command is None:
+            continue
+        for argument in command.assemble_argument_collection():
+            kinds = {argument.hint, *get_args(argument.hint)}
+            if kinds & {int, float}:
+                yield (*path, name), argument.name
+
+
+OPTIONS = sorted(set(numeric_options()))
+
+
+def test_every_verb_with_a_number_is_among_them():
+    assert len(OPTIONS) >= 28
+    assert {verb[0] for verb, _ in OPTIONS} >= {"simulate", "track", "live", "record", "inspect", "measure", "convert"}
+
+
+@pytest.mark.parametrize(("verb", "option"), OPTIONS, ids=lambda value: value if isinstance(value, str) else value[-1])
+@pytest.mark.parametrize("value", [*ABSURD, "0"], ids=lambda value: value[:6] or "empty")
+def test_an_absurd_number_is_one_sentence_that_names_its_option(verb, option, value, capsys):
+    if value == "0" and option in ZERO_IS_FINE:
+        return
+    begin = time.monotonic()
+    output = ["-o", "out"] if verb[0] in NEED_OUTPUT else []
+    assert main([*verb, "somewhere", "elsewhere", *output, f"{option}={value}"]) == 2
+    said = " ".join("".join(capsys.readouterr()).replace("│", " ").split())
+    assert option.strip("-").upper() in said.upper()
+    assert "Traceback" not in said
+    assert len(said) < 700 + len(value)
+    assert time.monotonic() - begin < 20.0

@@ -1,0 +1,78 @@
+"""A disk that takes no more bytes: every verb that writes names the place, and leaves nothing half-written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from recording_builder import write_recording
+from results_builder import make_frame, standing_joints, write_results
+from sources_builder import noise, tum
+
+from anchorpose.cli import main
+from anchorpose.joints import JOINT_NAMES
+
+resource = pytest.importorskip("resource", reason="limits of a process exist on POSIX only")
+
+
+@contextmanager
+def full_disk() -> Iterator[None]:
+    """The system refuses to write more than 64 bytes into a file as it does on a full disk: by a number, without the
+    file's name."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (64, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+VERBS = {
+    "simulate": ["{out}", "--seconds", "0.1", "--preset", "single"],
+    "convert": ["{tum}", "{out}", "--intrinsics", "30,30,15.5,11.5"],
+    "calibrate": ["{recording}", "-o", "{out}"],
+    "track": ["{recording}", "-o", "{out}"],
+    "batch": ["{recording}", "-o", "{out}"],
+    "report": ["{results}"],
+    "export": ["{results}", "--to", "csv", "-o", "{out}"],
+    "measure": ["{results}"],
+    "evaluate": ["{results}", "--truth", "{truth}", "--json", "{out}"],
+    "motions": ["build", "{out}.npz", "{results}"],
+    "experiment": ["{out}", "--quick"],
+}
+WRITES_INTO_RESULTS = {"report", "measure"}
+
+
+@pytest.fixture(scope="module")
+def places(tmp_path_factory) -> dict[str, Path]:
+    folder = tmp_path_factory.mktemp("given")
+    joints = standing_joints()
+    write_results(folder / "session-17", [make_frame(k, k / 15, joints) for k in range(40)])
+    assert main(["measure", str(folder / "session-17")]) == 0
+    np.savez(
+        folder / "truth.npz",
+        joints=np.repeat(joints[None], 40, 0),
+        names=np.array(JOINT_NAMES),
+        time=np.arange(40) / 15,
+    )
+    write_recording(folder / "recording", frames=6)
+    tum(folder / "tum", noise())
+    given = {name: folder / name for name in ("recording", "tum")}
+    return given | {"results": folder / "session-17", "truth": folder / "truth.npz"}
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_a_full_disk_is_reported_with_the_place(verb, places, tmp_path, capsys):
+    out = tmp_path / "ward-north"
+    given = [one.format(out=out, **places) for one in VERBS[verb]]
+    before = sorted(path.name for path in places["results"].iterdir())
+    with full_disk():
+        code = main([verb, *given])
+    said = " ".join(capsys.readouterr().err.split())
+    assert code == 2, said
+    assert (places["results"] if verb in WRITES_INTO_RESULTS else out).name in said, said
+    assert "File too large" in said, said  # what this limit is called; on a full disk: no space left
+    assert sorted(path.name for path in places["results"].iterdir()) == before
