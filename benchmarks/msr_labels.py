@@ -1,15 +1,16 @@
 """Tracked joints and the reference skeletons of MSR Action3D against the same labels by eye.
 
-    python benchmarks/msr_labels.py DATA --results TRACKS [--pictures OUT]
+    python benchmarks/msr_labels.py DATA [--results TRACKS] [--pictures OUT]
 
 DATA holds the sequences, TRACKS what ``tools/score_msr_action3d.py DATA TRACKS`` tracked of them; sequences that are
-not tracked are left out, and named. All distances are across the line of sight, in millimetres at the depth of the
-skin that a label was set on. *Clearly seen* is a joint that both labellers set and neither called unclear. Joints are
-compared with the middle of the two labels. Hips are left out: no image shows them under clothes. A joint of ours that
-is lost, and any joint before the skin or far behind it, is outside of every distance. Of the reference only joints of
-confidence 1 are compared, most hands and all feet are not. A hand was labelled at its knuckles, and the project's is
-the head of the rig's finger base, 3 cm from the wrist: hands are compared at the knuckles of our body, and once as
-reported. ``--pictures`` draws the frames of the worst twenty joints.
+not tracked are left out, and named. The first table has how far the two labellers are apart. All distances are across
+the line of sight, in millimetres at the depth of the skin that a label was set on. *Clearly seen* is a joint that both
+labellers set and neither called unclear. Joints are compared with the middle of the two labels. Hips are left out: no
+image shows them under clothes. A joint of ours that is lost, and any joint before the skin or far behind it, is
+outside of every distance. Of the reference only joints of confidence 1 are compared, most hands and all feet are not.
+A hand was labelled at its knuckles, and the project's is the head of the rig's finger base, 3 cm from the wrist: hands
+are compared at the knuckles of our body, and once as reported. ``--pictures`` draws the frames of the worst twenty
+joints.
 """
 
 from __future__ import annotations
@@ -82,25 +83,28 @@ class Row:
     theirs_shift_mm: tuple[float, float]
 
 
-def read_frames(data: Path, tracks: Path) -> Iterator[Frame]:
-    """The labelled frames that were tracked."""
+def read_frames(data: Path, tracks: Path | None) -> Iterator[Frame]:
+    """All labelled frames; our joints are NaN where a sequence was not tracked."""
     first, second = (read_label_set(NAME, labeller) for labeller in LABELLERS)
     for sequence, frames in first.items():
-        if not (tracks / sequence / RUN_FILE).is_file():
-            print(f"{sequence} is not tracked: left out")
-            continue
         recording = open_recording(data / sequence)
         camera = replace(recording.cameras[0], T_world_camera=np.eye(4))
-        table, run = read_joints(tracks / sequence / JOINTS_FILE), read_run(tracks / sequence / RUN_FILE)
-        T_camera_world = invert_rigid(np.array(run["cameras"][0]["camera_to_world"]))
         for number, people in frames.items():
-            reported_m = transform_points(
-                T_camera_world, table.position_m[int(np.flatnonzero(table.frame == number)[0])]
-            )
+            reported_m = _tracked_m(tracks / sequence, number) if tracks else np.full((JOINT_COUNT, 3), np.nan)
             theirs_m = _reference_m(data / sequence / "skeleton.npz", number)
             both = (people[0], second[sequence][number][0])
             yield Frame(sequence, number, camera, depth_of(recording, number), both,
                         _with_knuckles(reported_m), reported_m, theirs_m)  # fmt: skip
+
+
+def _tracked_m(results: Path, frame: int) -> np.ndarray:
+    """(21, 3) camera, all NaN where the sequence was not tracked."""
+    if not (results / RUN_FILE).is_file():
+        print(f"{results.name} is not tracked: left out")
+        return np.full((JOINT_COUNT, 3), np.nan)
+    table, run = read_joints(results / JOINTS_FILE), read_run(results / RUN_FILE)
+    T_camera_world = invert_rigid(np.array(run["cameras"][0]["camera_to_world"]))
+    return transform_points(T_camera_world, table.position_m[int(np.flatnonzero(table.frame == frame)[0])])
 
 
 def _with_knuckles(joints_m: np.ndarray) -> np.ndarray:
@@ -142,13 +146,33 @@ def _mm(right_down_m: np.ndarray) -> tuple[float, float]:
     return float(1e3 * right_down_m[0]), float(1e3 * right_down_m[1])
 
 
+def print_labellers(rows: list[Row]) -> None:
+    """How far the two are apart, where both are sure and where one is not."""
+    print("| joints | clear: number | median, 95 % | unclear: number | median, 95 % |\n|---|--:|--:|--:|--:|")
+    for name, own in {**_kinds(rows), "all": rows}.items():
+        clear, unclear = ([row.labellers for row in own if row.clear == which] for which in (True, False))
+        print(f"| {name} | {len(clear)} | {_spread(clear)} | {len(unclear)} | {_spread(unclear)} |")
+    print()
+
+
+def _spread(values: list[float]) -> str:
+    return f"{np.median(values):.0f}, {np.percentile(values, 95):.0f}" if values else ""
+
+
+def _kinds(rows: list[Row]) -> dict[str, list[Row]]:
+    """Left and right together, in the order of the joints."""
+    names = dict.fromkeys(_kind(name) for name in JOINT_NAMES)
+    kinds = {name: [row for row in rows if _kind(row.joint) == name] for name in names}
+    return {name: own for name, own in kinds.items() if own}
+
+
 def print_table(rows: list[Row], as_reported: list[Row]) -> None:
     """Per joint, sides together, and overall; as_reported: the same with hands as the results have them."""
     each = "median, 60 mm, 100 mm | right, down"
     print(f"| joints | number | labellers: median, 95 % | ours: {each} | reference: number, {each} |")
     print("|---|--:|--:|--:|--:|--:|--:|")
     clear = [row for row in rows if row.clear]
-    groups = {_kind(name): [row for row in clear if _kind(row.joint) == _kind(name)] for name in JOINT_NAMES}
+    groups = _kinds(clear)
     groups["**clearly seen**"] = clear
     groups[f"labellers within {1e3 * AGREED_M:.0f} mm"] = [row for row in clear if row.labellers < 1e3 * AGREED_M]
     groups["unclear to one or both"] = [row for row in rows if not row.clear]
@@ -166,8 +190,7 @@ def _kind(joint: str) -> str:
 
 
 def _print_row(name: str, rows: list[Row]) -> None:
-    apart = np.array([row.labellers for row in rows])
-    cells = [name, str(len(rows)), f"{np.median(apart):.0f}, {np.percentile(apart, 95):.0f}"]
+    cells = [name, str(len(rows)), _spread([row.labellers for row in rows])]
     cells += _shares([row.ours for row in rows], [row.shift_mm for row in rows])
     known = [row for row in rows if not np.isnan(row.theirs)]
     theirs = _shares([row.theirs for row in known], [row.theirs_shift_mm for row in known]) if known else ["", ""]
@@ -218,14 +241,16 @@ def main() -> None:
     """Prints the table and the worst joints."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("data", type=Path)
-    parser.add_argument("--results", type=Path, required=True)
+    parser.add_argument("--results", type=Path)
     parser.add_argument("--pictures", type=Path)
     chosen = parser.parse_args()
     frames = list(read_frames(chosen.data, chosen.results))
-    if not frames:
-        parser.error(f"{chosen.results} holds no tracked sequence: run tools/score_msr_action3d.py first")
-    rows = [row for frame in frames for row in rows_of(frame, frame.ours_m)]
-    print_table(rows, [row for frame in frames for row in rows_of(frame, frame.reported_m)])
+    print_labellers([row for frame in frames for row in rows_of(frame, frame.ours_m)])
+    tracked = [frame for frame in frames if np.isfinite(frame.reported_m).any()]
+    if not tracked:
+        return
+    rows = [row for frame in tracked for row in rows_of(frame, frame.ours_m)]
+    print_table(rows, [row for frame in tracked for row in rows_of(frame, frame.reported_m)])
     worst = print_worst(rows)
     if chosen.pictures:
         chosen.pictures.mkdir(parents=True, exist_ok=True)
