@@ -26,12 +26,14 @@ DEEP_M: Final = 0.10  # from the skin of a trunk to its axis
 @dataclass(frozen=True, slots=True)
 class LabelledPerson:
     """One person in one frame. box: first and last column and row; joints: name to (column, row), only those that are
-    clearly seen; plain: head and more than half of the trunk are in view."""
+    seen; plain: head and more than half of the trunk are in view; unclear: joints that the labeller was less sure of.
+    """
 
     person: str
     plain: bool
     box: tuple[float, float, float, float]
     joints: dict[str, tuple[float, float]]
+    unclear: frozenset[str] = frozenset()
 
 
 Frames = dict[int, tuple[LabelledPerson, ...]]
@@ -39,14 +41,28 @@ Frames = dict[int, tuple[LabelledPerson, ...]]
 
 def read_labels(recording: str, labeller: str) -> Frames:
     """Frame number to the people in it, as one of ``LABELLERS`` saw them."""
-    document = json.loads((FOLDER / f"{recording}.{labeller}.json").read_text(encoding="utf-8"))
-    return {int(frame): tuple(_person(entry) for entry in entries) for frame, entries in document["frames"].items()}
+    return _frames(_document(recording, labeller)["frames"])
+
+
+def read_label_set(name: str, labeller: str) -> dict[str, Frames]:
+    """Recording to its labelled frames, from a file that holds several recordings."""
+    return {recording: _frames(frames) for recording, frames in _document(name, labeller)["recordings"].items()}
+
+
+def _document(name: str, labeller: str) -> dict[str, Any]:
+    document: dict[str, Any] = json.loads((FOLDER / f"{name}.{labeller}.json").read_text(encoding="utf-8"))
+    return document
+
+
+def _frames(frames: dict[str, Any]) -> Frames:
+    return {int(frame): tuple(_person(entry) for entry in entries) for frame, entries in frames.items()}
 
 
 def _person(entry: dict[str, Any]) -> LabelledPerson:
     joints = {name: (float(c), float(r)) for name, (c, r) in entry.get("joints", {}).items()}
     c0, r0, c1, r1 = entry["box"]
-    return LabelledPerson(entry["person"], bool(entry.get("plain")), (c0, r0, c1, r1), joints)
+    unclear = frozenset(entry.get("unclear", ()))
+    return LabelledPerson(entry["person"], bool(entry.get("plain")), (c0, r0, c1, r1), joints, unclear)
 
 
 def skin_depth_m(depth_m: np.ndarray, place: tuple[float, float]) -> float:
@@ -69,24 +85,33 @@ def place_of(person: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> np.
     return np.mean(found, axis=0) if found else None
 
 
-def off_m(person: LabelledPerson, table: JointTable, row: int, depth_m: np.ndarray, camera: Camera) -> dict[str, float]:
-    """How far each labelled joint that can be seen is from the tracked one across the line of sight.
+def off_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, camera: Camera) -> dict[str, float]:
+    """How far each labelled joint that can be seen is from a tracked one, (21, 3) world, across the line of sight.
 
     inf where it is lost, or before or far behind the skin that the label was set on; left out where nothing was read.
     """
-    T_camera_world, lens = invert_rigid(camera.require_pose()), camera.intrinsics
     distances = {}
-    for name, (column, image_row) in person.joints.items():
-        skin_m = skin_depth_m(depth_m, (column, image_row))
+    for name, (right, down, behind) in shift_m(person, joints_m, depth_m, camera).items():
+        near = np.isfinite(behind) and -IN_FRONT_M < behind < BEHIND_M
+        distances[name] = float(np.hypot(right, down)) if near else float("inf")
+    return distances
+
+
+def shift_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, camera: Camera) -> dict[str, np.ndarray]:
+    """Joint to (3,): how far (21, 3) world joints are right of, below and behind a label on the skin; NaN where lost.
+
+    Joints that are labelled by proportion, and labels where nothing was read, are left out.
+    """
+    T_camera_world, lens = invert_rigid(camera.require_pose()), camera.intrinsics
+    shifts = {}
+    for name, (column, row) in person.joints.items():
+        skin_m = skin_depth_m(depth_m, (column, row))
         if name in BY_PROPORTION or not np.isfinite(skin_m):
             continue
-        x, y, z = transform_points(T_camera_world, table.position_m[row, JOINT_INDEX[name]])
-        if not (np.isfinite(z) and -IN_FRONT_M < z - skin_m < BEHIND_M):
-            distances[name] = float("inf")
-            continue
-        right, down = lens.fx * x / z + lens.cx - column, lens.fy * y / z + lens.cy - image_row
-        distances[name] = float(np.hypot(right / lens.fx, down / lens.fy) * skin_m)
-    return distances
+        x, y, z = transform_points(T_camera_world, joints_m[JOINT_INDEX[name]])
+        right, down = x / z + (lens.cx - column) / lens.fx, y / z + (lens.cy - row) / lens.fy
+        shifts[name] = np.array([right * skin_m, down * skin_m, z - skin_m])
+    return shifts
 
 
 def apart_m(one: LabelledPerson, other: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> dict[str, float]:

@@ -154,7 +154,7 @@ def _compared(person: str, frames: Frames, recording: Recording, results: Path) 
         outcome.tracked += lost < TRACKED
         outcome.unsaid += bool(lost == 1.0 and not _has_reason(run, frame))
         if lost < 1.0:
-            outcome.off_m += off_m(own, table, row, depth_m, camera).values()
+            outcome.off_m += off_m(own, table.position_m[row], depth_m, camera).values()
     return outcome
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -44,17 +46,36 @@ def test_repeated_measurements_are_those_of_bland_and_altman_2007_to_the_printed
     assert (f"{found.lower.value:.6f}", f"{found.upper.value:.6f}") == ("-1.339457", "2.543790")
 
 
+def blood_pressure() -> tuple[np.ndarray, np.ndarray]:
+    """Systolic blood pressure, mmHg, (85, 3) each by an observer and by a machine: Bland and Altman 1999, Table 1.
+
+    As the R package R4HCR 0.1 gives it (MIT License; NOTICE).
+    """
+    cells = np.loadtxt(Path(__file__).parent / "blood_pressure.csv", delimiter=",", skiprows=1)
+    return cells[:, :3], cells[:, 6:]
+
+
 def test_single_measurements_are_those_of_bland_and_altman_1999_to_the_printed_digit():
-    """85 subjects with the printed mean and standard deviation: the limits, and the interval of the bias."""
-    raw = np.random.default_rng(0).normal(size=85)
-    difference = -16.29 + 19.61 * (raw - raw.mean()) / raw.std(ddof=1)
-    found = limits_of_agreement(difference, np.arange(85))
+    """The first measurements of both in 85 subjects."""
+    observer, machine = blood_pressure()
+    found = limits_of_agreement(observer[:, 0] - machine[:, 0], np.arange(85))
+    assert (f"{found.bias.value:.2f}", f"{found.sd:.2f}") == ("-16.29", "19.61")
     assert (f"{found.lower.value:.1f}", f"{found.upper.value:.1f}") == ("-54.7", "22.1")
     assert (f"{found.bias.low:.1f}", f"{found.bias.high:.1f}") == ("-20.5", "-12.1")
     # their interval of a limit, -61.9 to -47.5, is symmetric; recovered variances give nearly the same
     assert found.lower.low == pytest.approx(-61.9, abs=1.0)
     assert found.lower.high == pytest.approx(-47.5, abs=1.0)
     assert found.within_sd is None
+
+
+def test_three_measurements_by_each_are_those_of_bland_and_altman_1999_to_the_printed_digit():
+    """They are not made in pairs, so that each of the observer's goes with each of the machine's."""
+    observer, machine = blood_pressure()
+    assert f"{observer.var(axis=1, ddof=1).mean():.3f}" == "37.408"
+    assert f"{machine.var(axis=1, ddof=1).mean():.3f}" == "83.141"
+    found = limits_of_agreement((observer[:, :, None] - machine[:, None]).ravel(), np.repeat(np.arange(85), 9))
+    assert (f"{found.bias.value:.2f}", f"{found.sd:.2f}") == ("-15.62", "20.95")
+    assert (f"{found.lower.value:.2f}", f"{found.upper.value:.2f}") == ("-56.68", "25.44")
 
 
 def test_peak_flow_is_that_of_bland_and_altman_1986_to_the_printed_digit():

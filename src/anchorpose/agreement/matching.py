@@ -90,11 +90,11 @@ def _match(
         given_deg = _resampled(reference.time_s, reference.degrees, at_s)
         return Match(results, reference, clock, None, joints, theirs_m, axes, ours, None, given_deg)
     try:
-        placement = place(joints.position_m, theirs_m, axes, given)
+        placement = place(joints.position_m, joints.sigma_m, theirs_m, axes, given)
         clock = _clock_of_positions(joints, axes, reference, placement, clock)
         at_s = clock.reference_time_s(joints.time_s)
         theirs_m = _resampled(reference.time_s, reference.centres.position_m, at_s)
-        placement = place(joints.position_m, theirs_m, axes, given)
+        placement = place(joints.position_m, joints.sigma_m, theirs_m, axes, given)
     except DegenerateGeometry:
         raise NoCommonMovement("the joints that both have do not determine a frame") from None
     theirs_m = moved(placement.T_world_reference, theirs_m)

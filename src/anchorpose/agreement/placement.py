@@ -25,9 +25,16 @@ LEAST_FRAMES: Final = 10
 FARTHEST: Final = 4.0
 """Distances beyond so many times the typical one weigh less: there one of the two systems has lost the joint."""
 
-PRIOR_FRAMES: Final = 200.0
-"""How strongly offsets are held to zero, in frames (of ``MOST_FRAMES``). Markers slide with the posture, which looks
-like another frame: simulated laboratories (benchmarks/laboratory.py) were 4 mm off with 30, and 2 mm with 200."""
+TURN_PRIOR_FRAMES: Final = 15.0
+SHIFT_PRIOR_FRAMES: Final = 300.0
+"""How strongly offsets are held to zero, in frames (of ``MOST_FRAMES``). The first suits offsets of some millimetres,
+and gives the frame's rotation. Markers also slide with the posture, which looks like another place of the frame: its
+place is taken with the second. In 26 simulated laboratories (benchmarks/laboratory.py) one value for both gave a
+rotation off by 0.15 degrees (root mean square) and a place off by 2 mm, or 0.2 degrees and 1 mm; two give 0.15 and 1.
+"""
+
+ERROR_M: Final = 0.005
+"""What the reference, and a sigma that is too small, may add to the stated sigma of a joint."""
 
 MOST_FRAMES: Final = 1000
 """Neighbouring frames say the same, so that a long recording is thinned to about so many."""
@@ -77,23 +84,45 @@ def segment_axes(position_m: np.ndarray) -> np.ndarray:
     return axes
 
 
-def place(ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, given: np.ndarray | None = None) -> Placement:
+def place(
+    ours_m: np.ndarray, sigma_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, given: np.ndarray | None = None
+) -> Placement:
     """The reference's frame and the offsets of its definitions, from joints (n, 21, 3) of the same times.
 
-    axes (n, 21, 3, 3): ``segment_axes`` of ours. given: T_world_reference where it is known; only the offsets are found
-    then. Raises DegenerateGeometry where the common joints do not determine a frame.
+    sigma_m (n, 21): of ours; axes (n, 21, 3, 3): ``segment_axes`` of ours. given: T_world_reference where it is known;
+    only the offsets are found then. Raises DegenerateGeometry where the common joints do not determine a frame.
     """
-    both = np.isfinite(ours_m).all(axis=2) & np.isfinite(theirs_m).all(axis=2)
-    both[:, both.sum(axis=0) < LEAST_FRAMES] = False
-    T, offset = _fit(ours_m, theirs_m, axes, both, given)
+    weight = _weights(ours_m, sigma_m, theirs_m)
+    both = weight > 0
+    T = _frame(ours_m, theirs_m, axes, weight) if given is None else given
+    offset = _fit(ours_m, theirs_m, axes, weight, TURN_PRIOR_FRAMES, T)[1]
     joints = np.flatnonzero(both.any(axis=0))
     left = residual(ours_m, moved(T, theirs_m), axes, offset)[both]
     typical = float(np.median(np.linalg.norm(left[np.isfinite(left).all(axis=1)], axis=1)))
     sigma = (np.nan, np.nan)
     if given is None and len(joints) > 3:
-        others = [_fit(ours_m, theirs_m, axes, both & (np.arange(JOINT_COUNT) != joint), None)[0] for joint in joints]
+        others = [_frame(ours_m, theirs_m, axes, weight * (np.arange(JOINT_COUNT) != joint)) for joint in joints]
         sigma = _spread(T, others, ours_m[both].mean(axis=0))
     return Placement(T, offset, *sigma, typical)
+
+
+def _weights(ours_m: np.ndarray, sigma_m: np.ndarray, theirs_m: np.ndarray) -> np.ndarray:
+    """(n, 21) of mean 1, 0 where a joint is not common: an inferred joint says less about the frame."""
+    both = np.isfinite(ours_m).all(axis=2) & np.isfinite(theirs_m).all(axis=2) & np.isfinite(sigma_m)
+    both[:, both.sum(axis=0) < LEAST_FRAMES] = False
+    weight = np.where(both, 1.0 / (np.where(both, sigma_m, 0.0) ** 2 + ERROR_M**2), 0.0)
+    return weight / weight[both].mean() if both.any() else weight
+
+
+def _frame(ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """T_world_reference: its rotation with freer offsets, and the place of the body's middle with tighter ones."""
+    turned, placed = (
+        _fit(ours_m, theirs_m, axes, weight, prior)[0] for prior in (TURN_PRIOR_FRAMES, SHIFT_PRIOR_FRAMES)
+    )
+    middle = theirs_m[weight > 0].mean(axis=0)
+    T = turned.copy()
+    T[:3, 3] = moved(placed, middle) - turned[:3, :3] @ middle
+    return T
 
 
 def moved(T_target_source: np.ndarray, position_m: np.ndarray) -> np.ndarray:
@@ -107,24 +136,30 @@ def residual(ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, offset_
 
 
 def _fit(
-    ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, both: np.ndarray, given: np.ndarray | None
+    ours_m: np.ndarray,
+    theirs_m: np.ndarray,
+    axes: np.ndarray,
+    joint_weight: np.ndarray,
+    prior_frames: float,
+    given: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Frame and offsets together, by Gauss-Newton: where a person turns, the two are distinct."""
-    known = both & np.isfinite(axes).all(axis=(2, 3))
+    known = (joint_weight > 0) & np.isfinite(axes).all(axis=(2, 3))
     every = max(1, len(known) // MOST_FRAMES)
     known[np.arange(len(known)) % every != 0] = False
     frame, joint = np.nonzero(known)
     joints, column = np.unique(joint, return_inverse=True)
-    source, target, own = theirs_m[frame, joint], ours_m[frame, joint], axes[frame, joint]
+    source, target, own, certain = (values[frame, joint] for values in (theirs_m, ours_m, axes, joint_weight))
     T = fit_rigid_transform(source, target) if given is None else given
     offset = np.zeros((len(joints), 3))
     for _ in range(ROUNDS):
         placed = moved(T, source)
         left = target - placed - np.einsum("kij,kj->ki", own, offset[column])
         far = np.linalg.norm(left, axis=1)
-        weight = np.minimum(1.0, FARTHEST * np.median(far) / np.maximum(far, 1e-9)) ** 2
+        weight = certain * np.minimum(1.0, FARTHEST * np.median(far) / np.maximum(far, 1e-9)) ** 2
         centre = placed.mean(axis=0)
-        turn, shift, change = _step(left, placed - centre, own, (column, weight), offset, given is None)
+        use = (column, weight, prior_frames * float(weight.mean()))
+        turn, shift, change = _step(left, placed - centre, own, use, offset, given is None)
         offset += change
         T = _turned(T, turn, shift, centre)
         if max(np.abs(turn).max(), np.abs(shift).max(), np.abs(change).max()) < 1e-6:
@@ -138,16 +173,16 @@ def _step(
     left: np.ndarray,
     lever: np.ndarray,
     own: np.ndarray,
-    use: tuple[np.ndarray, np.ndarray],
+    use: tuple[np.ndarray, np.ndarray, float],
     offset: np.ndarray,
     frame_too: bool,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rotation vector and shift of the frame, and change of the offsets (j, 3).
 
     left (k, 3): what is unexplained; lever (k, 3): the reference's points about their centre; own (k, 3, 3): segment
-    axes; use: which offset each point belongs to, and its weight.
+    axes; use: which offset each point belongs to, its weight, and the weight of each offset's prior.
     """
-    (column, weight), count = use, len(offset)
+    (column, weight, prior), count = use, len(offset)
     jacobian = np.zeros((len(left), 3, 6))
     x, y, z = lever.T
     jacobian[:, 0, 1], jacobian[:, 0, 2], jacobian[:, 1, 0] = z, -y, -z
@@ -157,14 +192,12 @@ def _step(
     weighted = weight[:, None, None] * jacobian
     matrix[:6, :6] = np.einsum("kia,kib->ab", weighted, jacobian)
     right[:6] = np.einsum("kia,ki->a", weighted, left)
-    # an offset is expected to be about as large as an error, and neighbouring frames have the same errors
-    prior = PRIOR_FRAMES * np.bincount(column, weight, count) / np.bincount(column, None, count)
     for j in range(count):
         mine, at = column == j, slice(6 + 3 * j, 9 + 3 * j)
         cross = np.einsum("kia,kib->ab", weighted[mine], own[mine])
         matrix[:6, at], matrix[at, :6] = cross, cross.T
-        matrix[at, at] = (weight[mine].sum() + prior[j]) * np.eye(3)
-        right[at] = np.einsum("kib,ki->b", weight[mine][:, None, None] * own[mine], left[mine]) - prior[j] * offset[j]
+        matrix[at, at] = (weight[mine].sum() + prior) * np.eye(3)
+        right[at] = np.einsum("kib,ki->b", weight[mine][:, None, None] * own[mine], left[mine]) - prior * offset[j]
     free = slice(None) if frame_too else slice(6, None)
     step = np.zeros(len(right))
     step[free] = np.linalg.solve(matrix[free, free], right[free])

@@ -6,6 +6,7 @@ are the moments at which a movement begins and ends, not a force: they are some 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
@@ -73,7 +74,7 @@ def _in_run(paths: dict[str, np.ndarray], time_s: np.ndarray, first: int) -> lis
     speed = {side: np.linalg.norm(np.gradient(path, time_s, axis=0), axis=1) for side, path in paths.items()}
     found = []
     for side, other in (("left", "right"), ("right", "left")):
-        for run in unbroken_runs(speed[side] > RESTS_M_PER_S, time_s):
+        for run in _whole(unbroken_runs(speed[side] > RESTS_M_PER_S, time_s), paths[side][:, 1]):
             inside = run.start > 0 and run.stop < len(time_s)  # foot off and strike were both seen
             fast = speed[side][run].max() >= MOVES_M_PER_S
             rests = np.median(speed[other][run]) < np.median(speed[side][run]) / 2.0
@@ -82,6 +83,19 @@ def _in_run(paths: dict[str, np.ndarray], time_s: np.ndarray, first: int) -> lis
                 length_m = _length(paths[side], paths[other], swing)
                 found.append(Step(side, slice(first + swing.start, first + swing.stop), length_m))
     return found
+
+
+def _whole(runs: Iterable[slice], height_m: np.ndarray) -> list[slice]:
+    """Runs with a pause in the air between them are one swing: the ankle is higher there than where it rested."""
+    whole = list[slice]()
+    for run in runs:
+        if whole:
+            before = whole[-1]
+            rested_m = max(height_m[max(before.start - 1, 0)], height_m[min(run.stop, len(height_m) - 1)])
+            if height_m[before.stop : run.start].min(initial=np.inf) > rested_m + AWAY_M:
+                run = slice(whole.pop().start, run.stop)
+        whole.append(run)
+    return whole
 
 
 def _length(path_m: np.ndarray, other_m: np.ndarray, swing: slice) -> float | None:
