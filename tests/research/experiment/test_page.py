@@ -141,7 +141,7 @@ def test_figures_tables_pictures_and_limits_are_in_the_page(page: str) -> None:
     assert page.count("<svg") == 10
     assert page.count("src='data:image/png") == 2
     assert "loose end" in page
-    for text in ("result1_same_frames.csv", "radius 0.1", "--config experiment.toml", "paper-7", "0.9 s", "result2"):
+    for text in ("result1.csv", "radius 0.1", "--config experiment.toml", "paper-7", "0.9 s", "result2"):
         assert text in page, text
 
 
