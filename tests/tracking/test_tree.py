@@ -61,8 +61,7 @@ def test_what_a_match_costs_beside_its_distance_counts(seed):
     expected = brute_force(matches, positions, predicted, 0.15, costs)
     assert result.score == pytest.approx([score for score, _ in expected], abs=1e-5)
     assert result.subset.tolist() == [subset for _, subset in expected]
-    without = best_branches(matches, positions, predicted, config)
-    assert (result.match != without.match).any()
+    assert (result.score >= best_branches(matches, positions, predicted, config).score - 1e-6).all()
 
 
 def test_a_node_none_of_whose_matches_is_near_the_prediction_is_missed():

@@ -22,6 +22,7 @@ from anchorpose.body.registration import Registration, posterior
 from anchorpose.body.skin_points import Body, PosedPoints, pose_points
 from anchorpose.body.tips import anchor_points
 from anchorpose.geodesics.anchors import ANCHOR_NAMES
+from anchorpose.geodesics.seen import SeenGeodesics
 from anchorpose.research.experiment.config import Form
 from anchorpose.tracker.association import GlobalHypothesis, pairs_of, part_motion, parts_by_icp
 from anchorpose.tracker.observation import Observation
@@ -64,10 +65,11 @@ class PaperTracker(PatientTracker):
         joints = joints_of_parts(self.points.asset, self.body.mesh, T_next_now @ now.transforms)
         pose = pose_from_joints(self.body, pose, joints)
         if self.way.own_surface:
-            pose = bring_limbs_back(self.body, pose, self.window[1])
+            pose = bring_limbs_back(self.body, pose, self.window[1].geodesics)
         return posterior(self.body, pose, predicted, self.window[1].evidence, config)
 
 
+FAR_M: Final = 1000.0  # a scale at which no row loses weight
 FILTER_STEPS: Final = 4  # of Gauss and Newton: an iterated extended Kalman filter; it settles in three
 
 
@@ -89,7 +91,7 @@ def filter_matches(
     pairs = pairs_of(now, hypothesis, window, T_next_now)
     if len(pairs) == 0:
         return predicted
-    rows = pairs if robust else replace(pairs, scale_m=np.full(len(pairs), np.inf))
+    rows = pairs if robust else replace(pairs, scale_m=np.full(len(pairs), FAR_M))
     expected, pose = (predicted.pose, predicted.information), predicted.pose
     for _ in range(FILTER_STEPS):
         pose = damped_step(body, pose, rows, expected, config.rows_per_observation)
@@ -105,7 +107,7 @@ HELD_SIGMA_M: Final = 0.01  # of the skin of all other parts, which stays
 HELD_EVERY: Final = 4  # of their skin points
 
 
-def bring_limbs_back(body: Body, pose: Pose, seen: Observation) -> Pose:
+def bring_limbs_back(body: Body, pose: Pose, seen: SeenGeodesics) -> Pose:
     """The pose with every limb moved whose hand or foot the frame shows elsewhere (``own_surface.match_skin``).
 
     The rest of the body stays where it is.
@@ -115,12 +117,12 @@ def bring_limbs_back(body: Body, pose: Pose, seen: Observation) -> Pose:
     if not bones:
         return pose
     numbers, part = [body.points.asset.bone(name) for name in bones], body.points.part
-    matches, tips = match_skin(body, seen.geodesics), anchor_points(body.points)
+    matches, tips = match_skin(body, seen), anchor_points(body.points)
     own = np.isin(part[matches.point], numbers)
     point = np.concatenate([matches.point[own], tips[lost]])
     places = np.concatenate([seen.whole.points_m[matches.node[own]].astype(np.float64), seen.anchors.position_m[lost]])
     others = np.flatnonzero(~np.isin(part, _with_fingers(body, numbers)))[::HELD_EVERY]
-    stay = place_constraints(others, pose_points(body, pose).points_m[others], HELD_SIGMA_M, np.inf)
+    stay = place_constraints(others, pose_points(body, pose).points_m[others], HELD_SIGMA_M, FAR_M)
     for scale_m in BACK_SCALES_M:
         rows = join([place_constraints(point, places, BACK_SIGMA_M, scale_m), stay])
         pose = damped_step(body, pose, rows, None, 1.0)
