@@ -47,7 +47,8 @@ class Costs:
         if method.family is Family.TRACKER:
             return factor * frames * self.own_s
         tracked = min(config.segments, frames // config.segment_frames) * config.segment_frames
-        return factor * tracked * (len(task.forms) * self.frame_s + own_s)
+        times = len(task.forms) if method.own_surface else 1  # its mesh depends on the pose, so forms share nothing
+        return factor * tracked * (len(task.forms) * self.frame_s + times * own_s)
 
     def making(self, clip: Clip) -> float:
         """Seconds to simulate a clip and to find its reference."""

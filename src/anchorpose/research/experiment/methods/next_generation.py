@@ -10,7 +10,7 @@ from functools import partial
 from typing import Final
 
 import numpy as np
-from scipy.spatial.distance import cdist
+from numba import njit
 
 from anchorpose.association.hypotheses import HypothesisConfig, Matcher, anchor_subsets
 from anchorpose.geodesics.anchors import ANCHOR_NAMES
@@ -76,16 +76,13 @@ def _associate(setting: NextSetting) -> Associate:
 
         def find(nodes: np.ndarray) -> np.ndarray:
             match = np.empty((len(nodes), len(subsets)), np.int32)
+            per2 = (setting.anchor_sigma_m**-2, setting.place_sigma_m**-2)
             for first in range(0, len(nodes), ROWS):
                 chosen = nodes[first : first + ROWS]
-                off2 = _off2(source[chosen], following.descriptor, setting.anchor_sigma_m)
-                base = local(chosen) + _moved2(now, following, chosen, setting.place_sigma_m)
-                rows = np.arange(len(chosen))
-                for number, subset in enumerate(subsets):
-                    total = base + off2[subset].sum(axis=0)
-                    best = total.argmin(axis=1)
-                    match[first : first + ROWS, number] = best
-                    matcher.cost_m[chosen, number] = setting.cost_m * np.sqrt(total[rows, best])
+                seen = (source[chosen], now.surface.points_m[chosen])
+                others = (following.descriptor, following.surface.points_m)
+                match[first : first + ROWS], total = most_similar(local(chosen), seen, others, subsets, per2)
+                matcher.cost_m[chosen] = setting.cost_m * np.sqrt(total)
             return match
 
         matcher = Matcher(find, len(now.surface), subsets)
@@ -100,16 +97,41 @@ def _local(source: np.ndarray, target: np.ndarray, sigma: float, nodes: np.ndarr
     return np.asarray(np.minimum(apart2 / np.float32(sigma**2), np.float32(MOST_SHOT)))
 
 
-def _moved2(now: Observation, following: Observation, nodes: np.ndarray, sigma_m: float) -> np.ndarray:
-    """(k, n) float32: squared distances from each node to each of the other frame, in deviations, at most ``MOST``."""
-    away = cdist(now.surface.points_m[nodes], following.surface.points_m, "sqeuclidean")
-    return np.minimum(away / sigma_m**2, MOST).astype(np.float32)
+@njit(cache=True)
+def most_similar(
+    local: np.ndarray,
+    seen: tuple[np.ndarray, np.ndarray],
+    others: tuple[np.ndarray, np.ndarray],
+    subsets: np.ndarray,
+    per2: tuple[float, float],
+) -> tuple[np.ndarray, np.ndarray]:
+    """(k, s) int32 most similar node of the other frame under each subset, and (k, s) float32 its squared deviations.
 
-
-def _off2(source: np.ndarray, target: np.ndarray, sigma_m: float) -> np.ndarray:
-    """(5, k, n) float32: squared differences of the distances to each anchor, in deviations, at most ``MOST``."""
-    off = (source.T[:, :, None] - target.T[:, None, :]) / np.float32(sigma_m)
-    return np.nan_to_num(np.minimum(off * off, MOST), nan=MOST, posinf=MOST).astype(np.float32)
+    local (k, n): those of the signatures; seen: distances to the anchors (k, 5) and places (k, 3) of the nodes, others
+    (n, 5) and (n, 3); per2: what squared metres of either are divided by. A distance counts ``MOST`` at most, and so
+    much where it is unknown. The lower node of equals.
+    """
+    match = np.zeros((len(local), len(subsets)), np.int32)
+    total = np.full((len(local), len(subsets)), np.inf, np.float32)
+    distance, place, each = others[0], others[1], np.empty(seen[0].shape[1], np.float32)
+    for node in range(len(local)):
+        for other in range(len(place)):
+            base = np.float32(0.0)
+            for axis in range(3):
+                off = seen[1][node, axis] - place[other, axis]
+                base += off * off
+            base = local[node, other] + min(base * np.float32(per2[1]), np.float32(MOST))
+            for anchor in range(len(each)):
+                off = seen[0][node, anchor] - distance[other, anchor]
+                off2 = off * off * np.float32(per2[0])
+                each[anchor] = off2 if off2 < MOST else np.float32(MOST)  # never less where it is NaN
+            for s in range(len(subsets)):
+                apart2 = base
+                for anchor in subsets[s]:
+                    apart2 += each[anchor]
+                if apart2 < total[node, s]:
+                    total[node, s], match[node, s] = apart2, other
+    return match, total
 
 
 def jitter_m(now: Observation, following: Observation, local: partial[np.ndarray]) -> np.ndarray:
