@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.body.anchor_limbs import contradicted_by
+from anchorpose.body.anchor_limbs import CONTRADICTED_M, contradicted_by
 from anchorpose.body.belief import PoseBelief
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import join, place_constraints
@@ -100,7 +100,7 @@ def filter_matches(
     return PoseBelief(pose, np.linalg.inv(hessian), hessian - range_information(body.points, pose))
 
 
-LOST_M: Final = 0.10  # from the end of a limb to where the frame shows it: twice the paper's bound on an anchor
+HANDS: Final = np.array(["Hand" in name for name in ANCHOR_NAMES])
 BACK_SCALES_M: Final = (0.5, 0.5, 0.3, 0.15)  # of each step: a limb comes from far at first
 BACK_SIGMA_M: Final = 0.05  # of a match of the own surface
 HELD_SIGMA_M: Final = 0.01  # of the skin of all other parts, which stays
@@ -108,11 +108,11 @@ HELD_EVERY: Final = 4  # of their skin points
 
 
 def bring_limbs_back(body: Body, pose: Pose, seen: SeenGeodesics) -> Pose:
-    """The pose with every limb moved whose hand or foot the frame shows elsewhere (``own_surface.match_skin``).
+    """The pose with every arm moved whose hand the frame shows elsewhere (``own_surface.match_skin``).
 
     The rest of the body stays where it is.
     """
-    lost = contradicted_by(body, pose, seen.anchors, LOST_M)
+    lost = contradicted_by(body, pose, seen.anchors, CONTRADICTED_M) & HANDS
     bones = [bone for chain in CHAINS for bone in chain.bones if lost[ANCHOR_NAMES.index(chain.joints[0])]]
     if not bones:
         return pose

@@ -34,7 +34,7 @@ class AnchorSetting:
 
 GATES: Final = tuple(
     GateConfig(anchor_bound_m=anchor, surface_bound_per_m=surface, search_radius_m=ANYWHERE_M)
-    for anchor, surface in product((0.02, 0.05, 0.03, 0.012), (0.01, 0.005))
+    for anchor, surface in product((0.05, 0.03, 0.08, 0.02), (0.01, 0.005))
 )
 
 
