@@ -65,10 +65,13 @@ def paper_config(motions: Path, form: Form = Form.REFINED) -> TrackConfig:
 def paper_run(recording: Recording, movements: Path, form: Form = Form.REFINED, stride: int = 1) -> Run:
     """All that is known before the first frame is tracked, with the configuration of ``paper_config``.
 
-    stride: only every so many frames of the recording are looked at.
+    stride: only every so many frames of the recording are looked at. Over more than one the patient is expected where
+    they were: reference movements say nothing about a second ahead, and are too short at such a rate.
     """
     config = paper_config(movements, form)
-    motions = load_motions(config.motion_file, recording.rate_hz / stride, config.motion)
+    if stride > 1:
+        config = replace(config, motion=MotionConfig(rule=MotionRule.STANDSTILL))
+    motions = load_motions(config.motion_file, recording.rate_hz, config.motion)
     return Run(prepare_room(recording, config), config, motions)
 
 

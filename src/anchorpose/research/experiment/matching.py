@@ -58,7 +58,7 @@ class Matches:
 def take_window(frame: int, reference: Reference, run: Run, stride: int = 1) -> Window | None:
     """The window from a frame on; None where the patient was not found in it or is not seen in the next.
 
-    stride: frames from one observation to the next; the run's movements must have been loaded for it.
+    stride: frames from one observation to the next, of ``paper_run`` too.
     """
     recording = run.room.recording
     count = len(recording.streams[0].files)
