@@ -17,6 +17,7 @@ from anchorpose.recording.reader import read_frame
 from anchorpose.research.experiment.clips import Clip, draw_hole_frames, plan_clips
 from anchorpose.research.experiment.config import ExperimentConfig, Form, Scene, quick
 from anchorpose.research.experiment.correspondence import REGIONS, Skin
+from anchorpose.research.experiment.costs import measure_costs
 from anchorpose.research.experiment.framework import paper_run
 from anchorpose.research.experiment.matching import Window, draw_some, score, take_window, truth_of
 from anchorpose.research.experiment.method import NO_SUBSET, Family, Method, load_methods
@@ -247,6 +248,20 @@ def test_a_question_over_other_gaps_or_forms_is_another_one(plan: Plan, prepared
     assert not paths(Kind.MATCHED) & paths(Kind.MATCHED, gaps_s=(0.1, 0.3))
     assert paths(Kind.TRACKED) == paths(Kind.TRACKED, gaps_s=(0.1, 0.3))
     assert not paths(Kind.TRACKED) & paths(Kind.TRACKED, forms=tuple(Form))
+
+
+def test_costs_are_measured_on_this_machine_and_grow_with_the_work(plan: Plan) -> None:
+    clip = plan_clips(CONFIG, None)[0]
+    costs = measure_costs(plan, clip)
+    assert set(costs.method_s) == {"nearest", "none"}
+    assert 0.01 < costs.frame_s < 10.0
+    assert 0.0 <= costs.method_s["none"] < costs.method_s["nearest"] < costs.frame_s
+    tracked, matched = (
+        next(task for task in plan.tasks(clip) if task.kind is kind and task.method.key == "nearest")
+        for kind in (Kind.TRACKED, Kind.MATCHED)
+    )
+    assert costs.of(replace(tracked, forms=tuple(Form)), CONFIG) > costs.of(tracked, CONFIG)
+    assert costs.of(replace(matched, pairs=8), CONFIG) == pytest.approx(8 * costs.of(matched, CONFIG))
 
 
 def test_a_plan_made_by_another_program_is_refused(plan: Plan) -> None:

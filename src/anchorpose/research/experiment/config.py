@@ -28,8 +28,9 @@ class Scene(StrEnum):
 class Form(StrEnum):
     """What the framework makes of the matches.
 
-    Rejection is not in the paper: the track tree gives up a node at ``TreeConfig.missed_cost_m``, and a part's motion
-    is fitted with Cauchy's weights. Both make gross errors of the matches free.
+    Rejection is not in the paper: the track tree gives up a node at ``TreeConfig.missed_cost_m``, a part's motion is
+    fitted with Cauchy's weights, and a pose that explains too little of the frame is left for the predicted one. All of
+    it makes gross errors of the matches free.
     """
 
     REFINED = "surface"  # parts follow their matches, then the surface (ICP); bad matches are rejected

@@ -66,7 +66,10 @@ class PaperTracker(PatientTracker):
         pose = pose_from_joints(self.body, pose, joints)
         if self.way.own_surface:
             pose = bring_limbs_back(self.body, pose, self.window[1].geodesics)
-        return posterior(self.body, pose, predicted, self.window[1].evidence, config)
+        found = posterior(self.body, pose, predicted, self.window[1].evidence, config)
+        if not robust and not found.found:  # a pose that explains too little is rejected too, for the predicted one
+            return Registration(replace(predicted, pose=pose), found.explained, True)
+        return found
 
 
 FAR_M: Final = 1000.0  # a scale at which no row loses weight
