@@ -29,7 +29,7 @@ def seen_of_raised() -> SeenGeodesics:
 def test_a_lost_arm_comes_back_and_the_rest_stays() -> None:
     wrong = standing(RightArm=(-15.0, 0.0, 25.0), RightForeArm=(0.0, -30.0, 20.0))
     before = joint_errors_m(BODY, wrong, RAISED)
-    assert before[LEFT_ARM].mean() > 0.2
+    assert before[LEFT_ARM].max() > 0.2
     back = bring_limbs_back(BODY, wrong, seen_of_raised())
     after = joint_errors_m(BODY, back, RAISED)
     assert after[LEFT_ARM].max() < 0.07

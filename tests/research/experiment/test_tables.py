@@ -11,11 +11,12 @@ import pytest
 from experiment_builder import ABLATED, METHODS, make_results, method
 
 from anchorpose.joints import JOINT_COUNT
-from anchorpose.research.experiment.config import ExperimentConfig, Scene
+from anchorpose.research.experiment.config import ExperimentConfig, Form, Scene
 from anchorpose.research.experiment.method import Family
+from anchorpose.research.experiment.page.form_tables import form_tables
 from anchorpose.research.experiment.page.matching_tables import matching_tables, time_tables
 from anchorpose.research.experiment.page.page_text import settings_csv
-from anchorpose.research.experiment.page.selection import Matching, Tracking
+from anchorpose.research.experiment.page.selection import HANDS, MOVED_MM, Matching, Tracking
 from anchorpose.research.experiment.page.tables import Column, Estimate, Row, Table, Unit, csv_text, format_estimate
 from anchorpose.research.experiment.page.tracking_tables import tracking_tables
 from anchorpose.research.experiment.results import ExperimentResults, Tracked
@@ -40,7 +41,8 @@ def results_of(*runs: Tracked, methods=(FAST, SLOW)) -> ExperimentResults:
 
 
 def tables(results: ExperimentResults) -> dict[str, Table]:
-    return {one.key: one for one in (*tracking_tables(results), *matching_tables(results), *time_tables(results))}
+    every = (*tracking_tables(results), *form_tables(results), *matching_tables(results), *time_tables(results))
+    return {one.key: one for one in every}
 
 
 def table(results: ExperimentResults, key: str) -> Table:
@@ -164,6 +166,57 @@ def test_matches_are_given_overall_by_region_and_as_a_curve() -> None:
     assert found["princeton_mm"].value("fpfh", "300").mean == pytest.approx((skin <= 300).mean())
     share = skin / (1000 * 1.7)
     assert found["princeton_height"].value("fpfh", "0.17").mean == pytest.approx((share <= 0.17).mean())
+
+
+def test_forms_are_told_apart_and_this_projects_tracker_is_the_same_in_all() -> None:
+    gross = replace(tracked("anchors", np.array([40.0, 50.0])), form=Form.MATCHES_ALL)
+    own = method("own", "anchorpose", Family.TRACKER)
+    results = results_of(
+        tracked("anchors", np.array([10.0, 12.0])), gross, tracked("own", np.array([5.0, 7.0])), methods=(FAST, own)
+    )
+    forms = table(results, "forms")
+    assert forms.value("anchors", "surface 0").mean == 11.0
+    assert forms.value("anchors", "matches-all 0").mean == 45.0
+    assert forms.value("own", "matches-all 0").mean == forms.value("own", "surface 0").mean == 6.0
+    assert table(results, "result1").value("anchors", "0").mean == 11.0
+
+
+def test_without_hands_is_without_hands_and_wrists() -> None:
+    run = tracked("anchors", np.array([10.0, 12.0]))
+    run.error_mm[:, HANDS] = 500.0
+    results = results_of(run)
+    assert len(HANDS) == 4
+    assert table(results, "body").value("anchors", "0").mean == 11.0
+    assert table(results, "forms_body").value("anchors", "surface 0").mean == 11.0
+    assert table(results, "result1").value("anchors", "0").mean > 100.0
+    assert table(results, "median").value("anchors", "0").mean == 12.0
+
+
+def test_the_next_generation_is_compared_with_every_row_in_the_same_frames() -> None:
+    nextg = method("next", "next", Family.PROPOSED)
+    results = results_of(
+        tracked("next", np.array([8.0, 9.0, 99.0])), tracked("anchors", np.array([10.0, 13.0])), methods=(FAST, nextg)
+    )
+    minus = table(results, "next_joints")
+    assert minus.value("anchors", "surface 0").mean == -3.0
+    assert [one.key for one in minus.methods] == ["anchors"]
+
+
+def test_matches_over_longer_gaps_and_of_nodes_that_moved_stand_apart() -> None:
+    results = make_results(recordings=2)
+    found = tables(results)
+    chosen = [one for one in results.matched if (one.method, one.gap_s, one.hole_m) == ("fpfh", 1.0, 0.15)]
+    every = np.concatenate([one.every_mm for one in chosen])
+    moved = np.concatenate([one.every_mm[one.moved_mm > MOVED_MM] for one in chosen])
+    assert len(moved) < len(every)
+    assert found["gaps_median"].value("fpfh", "1 0.15").mean == pytest.approx(np.nanmedian(every))
+    assert found["moved_mean"].value("fpfh", "1 0.15").mean == pytest.approx(np.nanmean(moved))
+    assert found["gaps_within"].value("fpfh", "1 0.15").mean == pytest.approx((every < 50.0).mean())
+    pairs = [(one, other) for one in results.matched for other in results.matched
+             if one.method == "next" and other.method == "fpfh" and one.recording == other.recording
+             and one.gap_s == other.gap_s == 1.0 and one.hole_m == other.hole_m == 0.15]  # fmt: skip
+    less = np.mean([np.nanmean(one.every_mm) - np.nanmean(other.every_mm) for one, other in pairs])
+    assert found["next_matches"].value("fpfh", "1 0.15").mean == pytest.approx(less)
 
 
 def test_a_method_without_direct_matches_answers_with_the_tree() -> None:
