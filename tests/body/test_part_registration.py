@@ -126,8 +126,9 @@ def register(
     surface: Surface,
     predicted: np.ndarray = IDENTITY,
     iterations: int = ITERATIONS,
+    robust: bool = True,
 ) -> PartRegistration:
-    return register_parts(Oriented(points_m, normals), part, matched_m, surface, predicted, iterations)
+    return register_parts(Oriented(points_m, normals), part, matched_m, surface, predicted, iterations, robust)
 
 
 def test_pairs_that_are_a_few_centimetres_off_are_refined_on_the_surface():
@@ -155,6 +156,9 @@ def test_a_third_of_the_pairs_may_be_another_limbs():
     pairs[::3] += [0.0, 0.3, 0.2]
     found = register(nodes, normals, np.ones(len(nodes), int), pairs, surface, iterations=0)
     np.testing.assert_allclose(found.T_next_now[1], T, atol=5e-3)
+    every = register(nodes, normals, np.ones(len(nodes), int), pairs, surface, iterations=0, robust=False)
+    np.testing.assert_allclose(every.T_next_now[1], fit_rigid_transform(nodes, pairs))
+    assert np.abs(every.T_next_now[1] - T).max() > 0.05
 
 
 def test_a_body_that_has_strayed_from_the_surface_is_brought_back_without_a_pair():

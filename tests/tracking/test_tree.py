@@ -17,7 +17,7 @@ def small_tree(seed: int, nodes: int = 6, subsets: int = 4, depth: int = 3):
     return matches, positions, rng.uniform(0, 0.3, (nodes, depth, 3)).astype(np.float32)
 
 
-def brute_force(matches, positions, predicted, missed_cost):
+def brute_force(matches, positions, predicted, missed_cost, costs=None):
     """Every branch, spelled out: (score, first subset or -1) of the best of each source node."""
     depth, subsets = len(matches), matches[0].shape[1]
     best = []
@@ -27,6 +27,7 @@ def brute_force(matches, positions, predicted, missed_cost):
             for branch in product(range(subsets), repeat=length):
                 node, score = source, 0.0
                 for level, subset in enumerate(branch):
+                    score += 0.0 if costs is None else float(costs[level][node, subset])
                     node = matches[level][node, subset]
                     if node < 0:
                         break
@@ -49,6 +50,18 @@ def test_the_best_branch_is_that_of_brute_force(seed, depth):
         found = matches[0][source, subset] if subset >= 0 else -1
         assert result.match[source] == found
         assert (result.subset[source] < 0) == (subset < 0)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_what_a_match_costs_beside_its_distance_counts(seed):
+    matches, positions, predicted = small_tree(seed)
+    costs = [np.random.default_rng(seed).uniform(0, 0.1, level.shape).astype(np.float32) for level in matches]
+    config = TreeConfig(missed_cost_m=0.15, max_branches=10**6)
+    result = best_branches(matches, positions, predicted, config, costs)
+    expected = brute_force(matches, positions, predicted, 0.15, costs)
+    assert result.score == pytest.approx([score for score, _ in expected], abs=1e-5)
+    assert result.subset.tolist() == [subset for _, subset in expected]
+    assert (result.score >= best_branches(matches, positions, predicted, config).score - 1e-6).all()
 
 
 def test_a_node_none_of_whose_matches_is_near_the_prediction_is_missed():

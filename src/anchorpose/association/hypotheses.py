@@ -137,6 +137,7 @@ class Matcher:
         """find: the matches (k, s) of some nodes (k,), whatever others are asked for with them; subsets (s, n_s)."""
         self.subsets = subsets
         self.match = np.full((node_count, len(subsets)), -1, np.int32)  # as in Hypotheses, -1 also where not yet asked
+        self.cost_m = np.zeros((node_count, len(subsets)), np.float32)  # of each match beside its distance, metres
         self._asked = np.zeros(node_count, dtype=bool)
         self._find = find
 

@@ -64,12 +64,14 @@ def register_parts(
     surface: Surface,
     T_predicted: np.ndarray,
     iterations: int = ITERATIONS,
+    robust: bool = True,
 ) -> PartRegistration:
     """tau-hat = ICP(tau, phi): pairs of the global hypothesis start each part, the nearest nodes end it.
 
     skin: points of the body's skin in frame t; part (n,): their bone index; matched_m (n, 3): where the tree puts them
     in t+1, NaN where it found nothing; surface: that of t+1; T_predicted (b, 4, 4): predicted motion of each part;
-    iterations: of ICP after the pairs. The skin is registered, not the last frame's nodes, whose error would add up.
+    iterations: of ICP after the pairs; robust: whether pairs that do not fit lose their influence.
+    The skin is registered, not the last frame's nodes, whose error would add up.
     A part of which too little is seen keeps its prediction and reports it.
     """
     tree = cKDTree(surface.points_m)
@@ -77,7 +79,7 @@ def register_parts(
     for bone in np.unique(part):
         own = part == bone
         paired = own & np.isfinite(matched_m).all(axis=1)
-        T = _fit_pairs(skin.places_m[paired], matched_m[paired], T_predicted[bone])
+        T = _fit_pairs(skin.places_m[paired], matched_m[paired], T_predicted[bone], robust)
         registered[bone] = T is not None
         transforms[bone] = T_predicted[bone] if T is None else T
         for _ in range(iterations):
@@ -88,15 +90,17 @@ def register_parts(
     return PartRegistration(transforms, registered)
 
 
-def _fit_pairs(skin_m: np.ndarray, matched_m: np.ndarray, T_predicted: np.ndarray) -> np.ndarray | None:
+def _fit_pairs(skin_m: np.ndarray, matched_m: np.ndarray, T_predicted: np.ndarray, robust: bool) -> np.ndarray | None:
     """The motion that the pairs agree on, starting from the prediction; None where they do not determine one.
 
-    Reweighted by Cauchy's function of the residual over its median: mismatches have no influence.
+    robust: reweighted by Cauchy's function of the residual over its median: mismatches have no influence.
     """
     if len(skin_m) < LEAST_PAIRS:
         return None
     T = T_predicted
     try:
+        if not robust:
+            return fit_rigid_transform(skin_m, matched_m)
         for _ in range(PAIR_ROUNDS):
             residual = np.linalg.norm(transform_points(T, skin_m) - matched_m, axis=1)
             scale = max(float(np.median(residual)), LEAST_SCALE_M)

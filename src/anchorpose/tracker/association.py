@@ -86,21 +86,23 @@ def global_hypothesis(
     on_body = part >= 0
     chosen, nodes, point, part = chosen[on_body], nodes[on_body], point[on_body], part[on_body]
     places = carried(body, pose, predicted, nodes, part)
-    tree = best_branches(_reached(chosen, links), [seen.surface.points_m for seen in window[1:]], places, config.tree)
+    matches, costs = _reached(chosen, links)
+    tree = best_branches(matches, [seen.surface.points_m for seen in window[1:]], places, config.tree, costs)
     matched = np.full((len(chosen), 3), np.nan)
     found = tree.match >= 0
     matched[found] = window[1].surface.points_m[tree.match[found]]
     return GlobalHypothesis(chosen, part, point, matched, places, tree)
 
 
-def _reached(chosen: np.ndarray, links: Sequence[Matcher]) -> list[np.ndarray]:
-    """The matches of the chosen nodes, then, level by level, with those of the nodes that the level before leads to."""
+def _reached(chosen: np.ndarray, links: Sequence[Matcher]) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """The matches of the chosen nodes, then, level by level, with those of the nodes that the level before leads to;
+    and what each match costs."""
     matches = [links[0].ask(chosen)]
     for link_ in links[1:]:
         before = matches[-1]
         link_.ask(before[before >= 0])
         matches.append(link_.match)
-    return matches
+    return matches, [links[0].cost_m[chosen], *(link_.cost_m for link_ in links[1:])]
 
 
 def carried(body: Body, pose: Pose, predicted: Sequence[Pose], nodes_m: np.ndarray, part: np.ndarray) -> np.ndarray:
@@ -125,13 +127,20 @@ def held_by(
     window: Sequence[Observation],
     T_next_now: np.ndarray,
 ) -> Constraints:
-    """Rows for the registration: the tree's pairs, carried from node to the skin point beside it, and the anchors."""
+    """Rows for the registration: the tree's pairs and the anchors."""
+    pairs = pairs_of(now, hypothesis, window, T_next_now)
+    return join([pairs, anchor_constraints(points, window[1].anchors, ANCHOR_SIGMA_M)])
+
+
+def pairs_of(
+    now: PosedPoints, hypothesis: GlobalHypothesis, window: Sequence[Observation], T_next_now: np.ndarray
+) -> Constraints:
+    """The tree's pairs as rows, carried from the node to the skin point beside it."""
     found = np.isfinite(hypothesis.matched_m).all(axis=1)
     point, part = hypothesis.point[found], hypothesis.part[found]
     nodes = window[0].surface.points_m[hypothesis.node[found]].astype(np.float64)
     beside = np.einsum("mij,mj->mi", T_next_now[part, :3, :3], now.points_m[point] - nodes)
-    pairs = place_constraints(point, hypothesis.matched_m[found] + beside, PAIR_SIGMA_M, 3.0 * PAIR_SIGMA_M)
-    return join([pairs, anchor_constraints(points, window[1].anchors, ANCHOR_SIGMA_M)])
+    return place_constraints(point, hypothesis.matched_m[found] + beside, PAIR_SIGMA_M, 3.0 * PAIR_SIGMA_M)
 
 
 def parts_by_icp(
@@ -140,6 +149,7 @@ def parts_by_icp(
     window: Sequence[Observation],
     T_predicted: np.ndarray,
     iterations: int,
+    robust: bool = True,
 ) -> np.ndarray:
     """(b, 4, 4) T_next_now of every part by the paper's ICP; parts without evidence keep their prediction.
 
@@ -151,4 +161,5 @@ def parts_by_icp(
     beside = skin - window[0].surface.points_m[hypothesis.node]
     along = beside - (beside * normals).sum(axis=1, keepdims=True) * normals
     matched = hypothesis.matched_m + np.einsum("mij,mj->mi", T_predicted[part, :3, :3], along)
-    return register_parts(Oriented(skin, normals), part, matched, window[1].surface, T_predicted, iterations).T_next_now
+    skin_points, surface = Oriented(skin, normals), window[1].surface
+    return register_parts(skin_points, part, matched, surface, T_predicted, iterations, robust).T_next_now

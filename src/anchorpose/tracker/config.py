@@ -29,7 +29,6 @@ class Method(StrEnum):
 
     ARTICULATED = "articulated"  # all parts at once, joined, on the learnt body
     PARTS = "parts"  # the paper's own: every part by itself, from frame to frame
-    PAIRS = "pairs"  # the same by the pairs alone, without registering parts to the surface
 
 
 @settings

@@ -304,8 +304,7 @@ class PatientTracker:
         config = self.config.registration
         now = pose_points(self.body, self.belief.pose)
         T_predicted = part_motion(now.transforms, pose_points(self.body, pose).transforms)
-        iterations = 0 if self.config.method is Method.PAIRS else ITERATIONS
-        T_next_now = parts_by_icp(now, hypothesis, list(self.window), T_predicted, iterations)
+        T_next_now = parts_by_icp(now, hypothesis, list(self.window), T_predicted, ITERATIONS)
         joints = joints_of_parts(self.points.asset, self.body.mesh, T_next_now @ now.transforms)
         pose = pose_from_joints(self.body, pose, joints)
         return posterior(self.body, pose, predicted, self.window[1].evidence, config)

@@ -48,31 +48,43 @@ class TrackResult:
 
 
 def best_branches(
-    matches: Sequence[np.ndarray], positions_m: Sequence[np.ndarray], predicted_m: np.ndarray, config: TreeConfig
+    matches: Sequence[np.ndarray],
+    positions_m: Sequence[np.ndarray],
+    predicted_m: np.ndarray,
+    config: TreeConfig,
+    costs_m: Sequence[np.ndarray] | None = None,
 ) -> TrackResult:
     """Score every branch R = sum of ed(node, predicted node) over the levels and keep the best of each source node.
 
     matches: level l holds (n_l, s_l) int, the match in surface l + 1 of each node of surface l under each subset, -1 =
     missed; surface 0 is the source, and levels may know different numbers of subsets. positions_m: level l holds the
     (n_(l+1), 3) nodes of surface l + 1, world.
-    predicted_m (m, depth, 3): where each source node should be, level by level; NaN = unknown.
+    predicted_m (m, depth, 3): where each source node should be, level by level; NaN = unknown. costs_m: as matches,
+    (n_l, s_l) metres that a match adds to its distance, such as how unlike the two nodes are; None = nothing.
     A missed node has no children: its branch ends and pays ``missed_cost_m`` for each level left, and every branch may
     be given up at that price. Branch and bound: children by distance, a branch is left as soon as it cannot win; so the
     optimum is exact unless the tree is pruned. Ties go to the lower subset.
     Raises ValueError where the shapes do not fit or a match points outside its surface.
     """
     _check(matches, positions_m, predicted_m)
+    costs = [np.zeros(level.shape, np.float32) for level in matches] if costs_m is None else costs_m
     first = np.cumsum([0, *(len(level) for level in matches)]).astype(np.int64)
     first_node = np.cumsum([0, *(len(level) for level in positions_m)]).astype(np.int64)
-    levels = _Levels(_as_wide(matches), first, np.concatenate(positions_m).astype(np.float32, copy=False), first_node)
+    levels = _Levels(
+        _as_wide(matches),
+        _as_wide(costs, np.float32),
+        first,
+        np.concatenate(positions_m).astype(np.float32, copy=False),
+        first_node,
+    )
     predicted = np.ascontiguousarray(predicted_m, dtype=np.float32)
     match, score, subset, pruned = _search(levels, predicted, np.float32(config.missed_cost_m), config.max_branches)
     return TrackResult(match, score, subset, _support(matches[0], match, score), pruned)
 
 
-def _as_wide(matches: Sequence[np.ndarray]) -> np.ndarray:
-    """(sum of n_l, widest s_l) int32: all levels, missed where a level has fewer subsets."""
-    wide = np.full((sum(map(len, matches)), max(level.shape[1] for level in matches)), -1, dtype=np.int32)
+def _as_wide(matches: Sequence[np.ndarray], dtype: type = np.int32) -> np.ndarray:
+    """(sum of n_l, widest s_l): all levels, missed where a level has fewer subsets."""
+    wide = np.full((sum(map(len, matches)), max(level.shape[1] for level in matches)), -1, dtype=dtype)
     row = 0
     for level in matches:
         wide[row : row + len(level), : level.shape[1]] = level
@@ -102,21 +114,30 @@ def _check(matches: Sequence[np.ndarray], positions_m: Sequence[np.ndarray], pre
 
 @njit(cache=True)
 def _children(
-    row: np.ndarray, nodes: np.ndarray, target: np.ndarray, node: np.ndarray, cost: np.ndarray, subset: np.ndarray
+    row: np.ndarray,
+    extra: np.ndarray,
+    nodes: np.ndarray,
+    target: np.ndarray,
+    node: np.ndarray,
+    cost: np.ndarray,
+    subset: np.ndarray,
 ) -> int:
-    """Distinct children by rising distance to ``target`` (insertion sort, stable); returns how many."""
+    """Distinct children by rising distance to ``target`` plus extra cost (insertion sort, stable); returns how many.
+
+    Of the subsets that lead to the same child, the one with the least extra cost counts, the lower one of equals.
+    """
     count = 0
     for s in range(len(row)):
         child = row[s]
         if child < 0:
             continue
-        known = False
-        for k in range(count):
-            known = known or node[k] == child
-        if known:
+        cheaper = False
+        for k in range(len(row)):
+            cheaper = cheaper or (row[k] == child and (extra[k] < extra[s] or (extra[k] == extra[s] and k < s)))
+        if cheaper:
             continue
         d_x, d_y, d_z = nodes[child, 0] - target[0], nodes[child, 1] - target[1], nodes[child, 2] - target[2]
-        distance = np.float32(np.sqrt(d_x * d_x + d_y * d_y + d_z * d_z))
+        distance = np.float32(np.sqrt(d_x * d_x + d_y * d_y + d_z * d_z)) + extra[s]
         place = count
         while place > 0 and cost[place - 1] > distance:
             node[place], cost[place], subset[place] = node[place - 1], cost[place - 1], subset[place - 1]
@@ -127,9 +148,11 @@ def _children(
 
 
 class _Levels(NamedTuple):
-    """All levels end to end: matches (sum of n_l, s) int32, rows of level l from first[l]; positions_m likewise."""
+    """All levels end to end: matches (sum of n_l, s) int32, rows of level l from first[l]; costs_m and positions_m
+    likewise."""
 
     matches: np.ndarray
+    costs_m: np.ndarray
     first: np.ndarray
     positions_m: np.ndarray
     first_node: np.ndarray
@@ -209,6 +232,7 @@ def _open_level(levels: _Levels, branch: _Branch, level: int, row: int, target: 
     """List the children of the node in a row of the matches, nearest to ``target`` first."""
     nodes = levels.positions_m[levels.first_node[level] : levels.first_node[level + 1]]
     branch.following[level] = 0
+    matches, extra = levels.matches[row], levels.costs_m[row]
     branch.children[level] = _children(
-        levels.matches[row], nodes, target, branch.node[level], branch.cost[level], branch.subset[level]
+        matches, extra, nodes, target, branch.node[level], branch.cost[level], branch.subset[level]
     )

@@ -25,9 +25,7 @@ PNG_HEAD = b"\x89PNG\r\n\x1a\n"
 def tables() -> list[Table]:
     results = make_results(
         recordings=2,
-        scenes=dict.fromkeys(
-            (Scene.MATCHES, Scene.LOOSE, Scene.REAL, Scene.CLINIC), (METHODS[0], METHODS[-1], *ABLATED)
-        ),
+        scenes=dict.fromkeys((Scene.LOOSE, Scene.REAL, Scene.CLINIC), (METHODS[0], METHODS[-1], *ABLATED)),
     )
     return [*tracking_tables(results), *matching_tables(results), *time_tables(results)]
 
@@ -42,9 +40,9 @@ def test_all_figures_are_drawn_from_a_whole_outcome(tables: list[Table]) -> None
 
 
 def test_the_same_tables_give_the_same_bytes_whatever_was_drawn_before(tables: list[Table]) -> None:
-    few = [table for table in tables if table.key in ("result1_same_frames", "times")]
+    few = [table for table in tables if table.key in ("result1", "times")]
     once = draw_all(few)
-    draw_all([table for table in tables if table.key == "sd1_same_frames"])
+    draw_all([table for table in tables if table.key == "sd1"])
     assert draw_all(few) == once
     assert "<dc:date>" not in once[0].svg
 
@@ -52,7 +50,7 @@ def test_the_same_tables_give_the_same_bytes_whatever_was_drawn_before(tables: l
 def test_a_readers_own_settings_change_nothing(tables: list[Table]) -> None:
     import matplotlib as mpl
 
-    few = [table for table in tables if table.key == "result1_same_frames"]
+    few = [table for table in tables if table.key == "result1"]
     plain = draw_all(few)
     with mpl.rc_context({"font.size": 20.0, "axes.grid": False, "lines.linewidth": 9.0}):
         assert draw_all(few) == plain

@@ -13,7 +13,6 @@ import pytest
 
 CONFIG = """
 recordings = 2
-sampled_recordings = 2
 seconds = 1.5
 holes_m = [0.0, 0.15]
 scenes = ["paper"]

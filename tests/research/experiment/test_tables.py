@@ -11,16 +11,17 @@ import pytest
 from experiment_builder import ABLATED, METHODS, make_results, method
 
 from anchorpose.joints import JOINT_COUNT
-from anchorpose.research.experiment.config import ExperimentConfig, Scene
+from anchorpose.research.experiment.config import ExperimentConfig, Form, Scene
 from anchorpose.research.experiment.method import Family
+from anchorpose.research.experiment.page.form_tables import form_tables
 from anchorpose.research.experiment.page.matching_tables import matching_tables, time_tables
 from anchorpose.research.experiment.page.page_text import settings_csv
-from anchorpose.research.experiment.page.selection import Matching, Tracking
+from anchorpose.research.experiment.page.selection import HANDS, MOVED_MM, Matching, Tracking
 from anchorpose.research.experiment.page.tables import Column, Estimate, Row, Table, Unit, csv_text, format_estimate
 from anchorpose.research.experiment.page.tracking_tables import tracking_tables
 from anchorpose.research.experiment.results import ExperimentResults, Tracked
 
-FAST = method("anchors", "fast", Family.PROPOSED, sampled=False)
+FAST = method("anchors", "fast", Family.PROPOSED)
 SLOW = method("fpfh", "slow", Family.LOCAL)
 
 
@@ -40,7 +41,8 @@ def results_of(*runs: Tracked, methods=(FAST, SLOW)) -> ExperimentResults:
 
 
 def tables(results: ExperimentResults) -> dict[str, Table]:
-    return {one.key: one for one in (*tracking_tables(results), *matching_tables(results), *time_tables(results))}
+    every = (*tracking_tables(results), *form_tables(results), *matching_tables(results), *time_tables(results))
+    return {one.key: one for one in every}
 
 
 def table(results: ExperimentResults, key: str) -> Table:
@@ -53,32 +55,30 @@ def test_methods_are_compared_in_the_frames_that_all_of_them_ran_on() -> None:
         tracked("anchors", np.concatenate([easy, hard])), tracked("fpfh", np.full(3, 20.0)),
         tracked("anchors", hard, "paper-2"),
     )  # fmt: skip
-    same, everything = table(results, "result1_same_frames"), table(results, "result1_all_frames")
+    same = table(results, "result1")
     assert same.value("anchors", "0").mean == 10.0
     assert same.value("fpfh", "0").mean == 20.0
     assert "3 frames" in same.note
-    assert everything.value("anchors", "0").mean == pytest.approx((30 + 1200) / 15)
-    assert [one.key for one in everything.methods] == ["anchors"]
 
 
-def test_the_same_frames_are_listed_by_size_of_hole_too() -> None:
+def test_the_are_listed_by_size_of_hole_too() -> None:
     results = results_of(
         tracked("anchors", np.array([1.0, 2.0])), tracked("fpfh", np.array([5.0, 5.0])),
         tracked("anchors", np.array([3.0, 9.0]), hole_m=0.15), tracked("fpfh", np.array([5.0]), hole_m=0.15, first=2),
     )  # fmt: skip
-    same = table(results, "result1_same_frames")
+    same = table(results, "result1")
     assert same.value("anchors", "0").mean == 1.5
     assert same.value("anchors", "0.15").mean == 9.0
 
 
 def test_a_method_that_tracked_nothing_takes_no_frames_from_the_others() -> None:
     results = results_of(tracked("anchors", np.array([7.0])), methods=(FAST, SLOW))
-    assert table(results, "result1_same_frames").value("anchors", "0").mean == 7.0
+    assert table(results, "result1").value("anchors", "0").mean == 7.0
 
 
 def test_a_method_without_a_single_frame_takes_none_from_the_others_either() -> None:
     results = results_of(tracked("anchors", np.array([7.0])), tracked("fpfh", np.empty(0)))
-    assert table(results, "result1_same_frames").value("anchors", "0").mean == 7.0
+    assert table(results, "result1").value("anchors", "0").mean == 7.0
     assert table(results, "times").value("anchors", "track").mean == 1.0
 
 
@@ -88,37 +88,37 @@ def test_the_deviation_is_over_frames_of_the_frames_mean() -> None:
     run.error_mm[:, 0] += 5.0  # joints that differ from each other within a frame count for nothing
     run.error_mm[:, 1] -= 5.0
     results = results_of(run)
-    assert table(results, "sd1_all_frames").value("anchors", "0").mean == pytest.approx(error.std())
+    assert table(results, "sd1").value("anchors", "0").mean == pytest.approx(error.std())
 
 
 def test_per_joint_all_sizes_count_alike() -> None:
     first, second = tracked("anchors", np.array([10.0, 20.0])), tracked("anchors", np.array([60.0, 70.0]), hole_m=0.15)
     first.error_mm[:, 4] = [1.0, np.nan]
     results = results_of(first, second)
-    means, deviations = table(results, "result2_all_frames"), table(results, "sd2_all_frames")
+    means, deviations = table(results, "result2"), table(results, "sd2")
     assert means.value("anchors", "Neck").mean == 40.0
     assert means.value("anchors", "Head").mean == pytest.approx(np.mean([1.0, 60.0, 70.0]))
     assert deviations.value("anchors", "Neck").mean == pytest.approx(np.std([10, 20, 60, 70]))
 
 
-def test_what_a_hole_costs_is_given_for_the_same_frames() -> None:
+def test_what_a_hole_costs_is_given_for_the() -> None:
     hidden = np.array([True, False, True])
     without, with_hole = np.array([10.0, 100.0, 30.0]), np.array([20.0, 100.0, 60.0])
     results = results_of(
         tracked("anchors", np.append(without, 999.0)), tracked("anchors", with_hole, hole_m=0.15, occluded=hidden)
     )
-    assert table(results, "ratio_all_frames").value("anchors", "0.15").mean == pytest.approx(180 / 140)
-    assert table(results, "ratio_occluded_all_frames").value("anchors", "0.15").mean == pytest.approx(2.0)
-    assert table(results, "result1_occluded_all_frames").value("anchors", "0.15").mean == 40.0
+    assert table(results, "ratio").value("anchors", "0.15").mean == pytest.approx(180 / 140)
+    assert table(results, "ratio_occluded").value("anchors", "0.15").mean == pytest.approx(2.0)
+    assert table(results, "result1_occluded").value("anchors", "0.15").mean == 40.0
 
 
 def test_joints_without_an_error_are_counted_and_not_taken_for_zero() -> None:
     run = tracked("anchors", np.array([10.0, 10.0]))
     run.error_mm[0, :] = np.nan
     results = results_of(run)
-    assert table(results, "known_all_frames").value("anchors", "0").mean == 0.5
-    assert table(results, "result1_all_frames").value("anchors", "0").mean == 10.0
-    assert table(results, "sd1_all_frames").value("anchors", "0").mean == 0.0
+    assert table(results, "known").value("anchors", "0").mean == 0.5
+    assert table(results, "result1").value("anchors", "0").mean == 10.0
+    assert table(results, "sd1").value("anchors", "0").mean == 0.0
 
 
 def test_frames_may_come_in_any_order_but_not_twice() -> None:
@@ -133,7 +133,7 @@ def test_frames_may_come_in_any_order_but_not_twice() -> None:
 def test_the_ablation_has_all_forms_of_the_own_tracker_and_the_comparisons_have_one() -> None:
     results = make_results(scenes={Scene.CLINIC: (METHODS[0], METHODS[-1], *ABLATED)}, recordings=2)
     assert [one.key for one in table(results, "ablation").methods] == ["own", *(one.key for one in ABLATED)]
-    scenes = table(results, "scenes_same_frames")
+    scenes = table(results, "scenes")
     assert not {one.key for one in scenes.methods} & {one.key for one in ABLATED}
     assert np.isfinite(scenes.value("own", "clinic 0").mean)
     assert np.isnan(scenes.value("fpfh", "clinic 0").mean)
@@ -144,15 +144,15 @@ def test_real_recordings_are_listed_by_size_of_hole_too() -> None:
         tracked("anchors", np.array([4.0]), scene=Scene.REAL),
         tracked("anchors", np.array([6.0]), hole_m=0.15, scene=Scene.REAL),
     )
-    by_size = table(results, "real_by_size_same_frames")
+    by_size = table(results, "real_by_size")
     assert [by_size.value("anchors", key).mean for key in ("0", "0.15")] == [4.0, 6.0]
-    assert "result1_same_frames" not in [one.key for one in tracking_tables(results)]
+    assert "result1" not in [one.key for one in tracking_tables(results)]
 
 
 def test_matches_are_given_overall_by_region_and_as_a_curve() -> None:
     results = make_results(recordings=3)
     found = tables(results)
-    matched = [one for one in results.matched if one.method == "fpfh"]
+    matched = [one for one in results.matched if one.method == "fpfh" and one.gap_s == 0.1]
     together = np.concatenate([one.direct_mm for one in matched])
     overall = found["matching"]
     assert overall.value("fpfh", "direct mean").mean == pytest.approx(np.nanmean(together))
@@ -168,10 +168,62 @@ def test_matches_are_given_overall_by_region_and_as_a_curve() -> None:
     assert found["princeton_height"].value("fpfh", "0.17").mean == pytest.approx((share <= 0.17).mean())
 
 
+def test_forms_are_told_apart_and_this_projects_tracker_is_the_same_in_all() -> None:
+    gross = replace(tracked("anchors", np.array([40.0, 50.0])), form=Form.MATCHES_ALL)
+    own = method("own", "anchorpose", Family.TRACKER)
+    results = results_of(
+        tracked("anchors", np.array([10.0, 12.0])), gross, tracked("own", np.array([5.0, 7.0])), methods=(FAST, own)
+    )
+    forms = table(results, "forms")
+    assert forms.value("anchors", "surface 0").mean == 11.0
+    assert forms.value("anchors", "matches-all 0").mean == 45.0
+    assert forms.value("own", "matches-all 0").mean == forms.value("own", "surface 0").mean == 6.0
+    assert table(results, "result1").value("anchors", "0").mean == 11.0
+
+
+def test_without_hands_is_without_hands_and_wrists() -> None:
+    run = tracked("anchors", np.array([10.0, 12.0]))
+    run.error_mm[:, HANDS] = 500.0
+    results = results_of(run)
+    assert len(HANDS) == 4
+    assert table(results, "body").value("anchors", "0").mean == 11.0
+    assert table(results, "forms_body").value("anchors", "surface 0").mean == 11.0
+    assert table(results, "result1").value("anchors", "0").mean > 100.0
+    assert table(results, "median").value("anchors", "0").mean == 12.0
+
+
+def test_the_next_generation_is_compared_with_every_row_in_the_same_frames() -> None:
+    nextg = method("next", "next", Family.PROPOSED)
+    results = results_of(
+        tracked("next", np.array([8.0, 9.0, 99.0])), tracked("anchors", np.array([10.0, 13.0])), methods=(FAST, nextg)
+    )
+    minus = table(results, "next_joints")
+    assert minus.value("anchors", "surface 0").mean == -3.0
+    assert [one.key for one in minus.methods] == ["anchors"]
+
+
+def test_matches_over_longer_gaps_and_of_nodes_that_moved_stand_apart() -> None:
+    results = make_results(recordings=2)
+    found = tables(results)
+    chosen = [one for one in results.matched if (one.method, one.gap_s, one.hole_m) == ("fpfh", 1.0, 0.15)]
+    every = np.concatenate([one.every_mm for one in chosen])
+    moved = np.concatenate([one.every_mm[one.moved_mm > MOVED_MM] for one in chosen])
+    assert len(moved) < len(every)
+    assert found["gaps_median"].value("fpfh", "1 0.15").mean == pytest.approx(np.nanmedian(every))
+    assert found["moved_mean"].value("fpfh", "1 0.15").mean == pytest.approx(np.nanmean(moved))
+    assert found["gaps_within"].value("fpfh", "1 0.15").mean == pytest.approx((every < 50.0).mean())
+    pairs = [(one, other) for one in results.matched for other in results.matched
+             if one.method == "next" and other.method == "fpfh" and one.recording == other.recording
+             and one.gap_s == other.gap_s == 1.0 and one.hole_m == other.hole_m == 0.15]  # fmt: skip
+    less = np.mean([np.nanmean(one.every_mm) - np.nanmean(other.every_mm) for one, other in pairs])
+    assert found["next_matches"].value("fpfh", "1 0.15").mean == pytest.approx(less)
+
+
 def test_a_method_without_direct_matches_answers_with_the_tree() -> None:
     results = make_results(recordings=2)
     found = tables(results)
-    by_tree = np.concatenate([one.tree_mm[one.region == 1] for one in results.matched if one.method == "anchors"])
+    matched = [one for one in results.matched if one.method == "anchors" and one.gap_s == 0.1]
+    by_tree = np.concatenate([one.tree_mm[one.region == 1] for one in matched])
     assert np.isnan(found["matching"].value("anchors", "direct mean").mean)
     assert found["matching_by_region"].value("anchors", "trunk").mean == pytest.approx(np.nanmedian(by_tree))
     assert found["princeton_mm"].value("anchors", "500").mean > 0.9

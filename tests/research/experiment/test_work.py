@@ -15,8 +15,9 @@ from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.reader import read_frame
 from anchorpose.research.experiment.clips import Clip, draw_hole_frames, plan_clips
-from anchorpose.research.experiment.config import ExperimentConfig, Scene, quick
+from anchorpose.research.experiment.config import ExperimentConfig, Form, Scene, quick
 from anchorpose.research.experiment.correspondence import REGIONS, Skin
+from anchorpose.research.experiment.costs import measure_costs
 from anchorpose.research.experiment.framework import paper_run
 from anchorpose.research.experiment.matching import Window, draw_some, score, take_window, truth_of
 from anchorpose.research.experiment.method import NO_SUBSET, Family, Method, load_methods
@@ -200,14 +201,16 @@ def test_a_segment_starts_where_the_pose_is_known_and_is_whole() -> None:
 
 
 def test_tracking_begins_at_the_given_pose_and_leaves_its_frame_out(prepared: PreparedClip, plan: Plan) -> None:
-    run = paper_run(prepared.recording, plan.movements)
+    runs = {form: paper_run(prepared.recording, plan.movements, form) for form in (Form.REFINED, Form.MATCHES_ALL)}
     nearest = next(method for method in plan.methods if method.key == "nearest")
-    track = track_segments(nearest, None, prepared.reference, run, prepared.starts, 5)
-    again = track_segments(nearest, None, prepared.reference, run, prepared.starts, 5)
+    track = track_segments(nearest, None, prepared.reference, runs, prepared.starts, 5)
+    again = track_segments(nearest, None, prepared.reference, runs, prepared.starts, 5)
     np.testing.assert_array_equal(track.joints_m, again.joints_m)
     assert track.frame.tolist() == [1, 2, 3, 4, 6, 7, 8, 9]
-    error = np.linalg.norm(track.joints_m - prepared.truth_m[track.frame], axis=2)
-    assert 0.0 < error.mean() < 0.04
+    error = np.linalg.norm(track.joints_m - prepared.truth_m[track.frame], axis=3)
+    assert error.shape == (2, 8, 21)
+    assert (error.mean(axis=(1, 2)) < 0.04).all()
+    assert error[0].mean() != error[1].mean()
 
 
 def test_every_answer_is_kept_and_asked_once(
@@ -223,7 +226,7 @@ def test_every_answer_is_kept_and_asked_once(
     for task in tasks:
         arrays = read(task.path)
         if task.kind is Kind.TRACKED:
-            assert arrays["error_mm"].shape == (4, 21)  # one segment of the sample
+            assert arrays["error_mm"].shape == (2, 4, 21)  # two forms, one segment
             assert arrays["occluded"].any() == (task.hole_m > 0)
     monkeypatch.setattr(
         "anchorpose.research.experiment.work.simulate_recording", None
@@ -237,21 +240,28 @@ def test_another_question_has_another_answer(plan: Plan, prepared: PreparedClip)
     assert not ours & theirs
 
 
-def test_a_sampled_method_is_asked_anew_where_the_sample_changes_also_with_matches_alone(plan: Plan) -> None:
-    config = replace(ExperimentConfig(recordings=1, sampled_recordings=1), scenes=(Scene.MATCHES,))
-    anchors = load_methods(("anchors",))
-    ones, others = (
-        {
-            task.path
-            for clip in plan_clips(config, None)
-            for task in replace(
-                plan, config=replace(config, sampled_segments=n), methods=anchors, settings={"anchors": None}
-            ).tasks(clip)
-        }
-        for n in (1, 3)
+def test_a_question_over_other_gaps_or_forms_is_another_one(plan: Plan, prepared: PreparedClip) -> None:
+    def paths(kind: Kind, **changed: object) -> set[Path]:
+        other = replace(plan, config=replace(plan.config, **changed))  # type: ignore[arg-type]
+        return {task.path for task in other.tasks(prepared.clip) if task.kind is kind}
+
+    assert not paths(Kind.MATCHED) & paths(Kind.MATCHED, gaps_s=(0.1, 0.3))
+    assert paths(Kind.TRACKED) == paths(Kind.TRACKED, gaps_s=(0.1, 0.3))
+    assert not paths(Kind.TRACKED) & paths(Kind.TRACKED, forms=tuple(Form))
+
+
+def test_costs_are_measured_on_this_machine_and_grow_with_the_work(plan: Plan) -> None:
+    clip = plan_clips(CONFIG, None)[0]
+    costs = measure_costs(plan, clip)
+    assert set(costs.method_s) == {"nearest", "none"}
+    assert 0.01 < costs.frame_s < 10.0
+    assert 0.0 <= costs.method_s["none"] < costs.method_s["nearest"] < costs.frame_s
+    tracked, matched = (
+        next(task for task in plan.tasks(clip) if task.kind is kind and task.method.key == "nearest")
+        for kind in (Kind.TRACKED, Kind.MATCHED)
     )
-    assert len(ones) == 2
-    assert not ones & others
+    assert costs.of(replace(tracked, forms=tuple(Form)), CONFIG) > costs.of(tracked, CONFIG)
+    assert costs.of(replace(matched, pairs=8), CONFIG) == pytest.approx(8 * costs.of(matched, CONFIG))
 
 
 def test_a_plan_made_by_another_program_is_refused(plan: Plan) -> None:
@@ -261,15 +271,26 @@ def test_a_plan_made_by_another_program_is_refused(plan: Plan) -> None:
         spec.plan()
 
 
-def test_slow_methods_run_on_the_sample_only(plan: Plan) -> None:
+def test_every_method_runs_on_every_recording_and_the_forms_are_compared_at_both_ends(plan: Plan) -> None:
     methods = load_methods(())
-    config = ExperimentConfig(recordings=4, sampled_recordings=1)
+    config = ExperimentConfig(recordings=2, holes_m=(0.0, 0.09, 0.15))
     whole = replace(plan, config=config, methods=methods, settings={m.key: m.settings[0] for m in methods})
-    first, *others = [clip for clip in plan_clips(config, None) if clip.scene is Scene.PAPER]
-    assert {a.method.key for a in whole.tasks(first)} >= {"anchors", "fpfh", "own"}
-    for clip in others:
-        assert {a.method.key for a in whole.tasks(clip)} == {"anchors", "own"}
-        assert {a.kind for a in whole.tasks(clip)} == {Kind.TRACKED}
+    for clip in [clip for clip in plan_clips(config, None) if clip.scene is Scene.PAPER]:
+        tasks = [task for task in whole.tasks(clip) if task.kind is Kind.TRACKED]
+        assert {task.method.key for task in tasks} == {method.key for method in methods}
+        assert {task.hole_m for task in tasks if task.forms == tuple(Form)} == {0.0, 0.15}
+        assert all(task.forms == (Form.REFINED,) for task in tasks if task.hole_m == 0.09 or task.method.key == "own")
+
+
+def test_windows_over_a_longer_gap_compare_frames_farther_apart(plan: Plan, prepared: PreparedClip) -> None:
+    window = take_window(0, prepared.reference, paper_run(prepared.recording, plan.movements, stride=5), 5)
+    assert window is not None
+    assert [int(seen.frame_set.frame) for seen in window.observations] == [0, 5, 10]
+    assert prepared.skin is not None
+    truth = truth_of(window, prepared.skin)
+    near = take_window(0, prepared.reference, paper_run(prepared.recording, plan.movements))
+    assert near is not None
+    assert truth.moved_mm.mean() > truth_of(near, prepared.skin).moved_mm.mean()
 
 
 def test_training_samples_are_all_kinds_of_movement_and_as_many_as_asked(tmp_path: Path) -> None:
@@ -325,7 +346,8 @@ def test_every_method_is_named_once_and_says_where_it_comes_from() -> None:
     methods = load_methods(())
     keys = [method.key for method in methods]
     assert len(set(keys)) == len(keys)
-    assert {"anchors", "anchors-no-tree", "anchors-dijkstra", "fpfh", "shot", "shape-context", "rops", "hks", "si-hks",
+    assert {"anchors", "anchors-no-tree", "anchors-dijkstra", "anchors-filter", "next", "fpfh", "shot",
+            "shape-context", "rops", "hks", "si-hks",
             "wks", "gmds", "mesh-hog", "ld-sift", "own"} <= set(keys)  # fmt: skip
     assert all(m.source for m in methods if m.family not in (Family.NONE, Family.TRACKER))
     assert all(len({repr(s) for s in method.settings}) == len(method.settings) for method in methods)
@@ -354,7 +376,8 @@ def test_a_method_can_come_from_a_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "wrong",
     [{"recordings": 0}, {"holes_m": (0.15,)}, {"holes_m": (0.0, 0.5)}, {"segment_frames": 1}, {"seconds": 0.1},
-     {"training_seed": 501}, {"hole_share": 0.0}, {"resamples": 0}, {"training_samples": 0}, {"fps": 0.0}],
+     {"training_seed": 501}, {"hole_share": 0.0}, {"resamples": 0}, {"training_samples": 0}, {"fps": 0.0},
+     {"gaps_s": (0.25,)}, {"forms": ()}],
 )  # fmt: skip
 def test_an_experiment_that_cannot_be_made_is_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(ValueError, match=r"must|are|have|should"):
@@ -387,6 +410,6 @@ def test_a_folder_without_reference_skeletons_is_refused(tmp_path: Path) -> None
 
 def test_a_clip_is_simulated_or_real() -> None:
     clips = plan_clips(ExperimentConfig(recordings=2, scene_recordings=1), None)
-    assert len(clips) == 2 + 10 + 4
+    assert len(clips) == 2 + 4
     assert all(isinstance(clip, Clip) and clip.simulation is not None for clip in clips)
-    assert {clip.scene for clip in clips if clip.holes_are_cut} == {Scene.PAPER, Scene.MATCHES, Scene.LOOSE}
+    assert {clip.scene for clip in clips if clip.holes_are_cut} == {Scene.PAPER, Scene.LOOSE}

@@ -10,10 +10,10 @@ from typing import Any, Final
 from anchorpose.batch.cluster import Place
 from anchorpose.batch.engine import Job, run_jobs
 from anchorpose.research.experiment.clips import Clip
+from anchorpose.research.experiment.costs import Costs
 from anchorpose.research.experiment.plan import PlanSpec, Task
 from anchorpose.research.experiment.work import work_on
 
-MAKING_S: Final = 0.35  # on one core per frame and camera: to simulate it and to track the reference
 BESIDE: Final = "pictures"
 
 Progress = Callable[[float, float], None]
@@ -22,10 +22,11 @@ Progress = Callable[[float, float], None]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """Part of an experiment: clips, and the plan of their tasks."""
+    """Part of an experiment: clips, the plan of their tasks, and what these cost."""
 
     spec: PlanSpec
     clips: tuple[Clip, ...]
+    costs: Costs
 
     def tasks(self) -> list[Task]:
         """The tasks of all clips."""
@@ -34,7 +35,16 @@ class Part:
 
     def left_s(self) -> float:
         """Seconds on one core for the open tasks and the recordings that they need."""
-        return _left_s(self.tasks())
+        return self.cost_s(self.tasks())
+
+    def cost_s(self, tasks: list[Task]) -> float:
+        """Seconds on one core for those of the tasks that are open, and their recordings."""
+        by_clip: dict[str, float] = {}
+        for task in tasks:
+            if not task.done:
+                known = by_clip.get(task.clip.name, self.costs.making(task.clip))
+                by_clip[task.clip.name] = known + self.costs.of(task, self.spec.config)
+        return sum(by_clip.values())
 
 
 def do(
@@ -46,15 +56,15 @@ def do(
     return value, None where it fails, is the second result.
     """
     tasks = part.tasks()
-    left_s = _left_s(tasks)
+    left_s = part.cost_s(tasks)
     open_clips = {task.clip.name for task in tasks if not task.done}
-    clips = sorted((c for c in part.clips if c.name in open_clips), key=_making_s, reverse=True)
+    clips = sorted((c for c in part.clips if c.name in open_clips), key=part.costs.making, reverse=True)
     logs = part.spec.cache / "logs"
     jobs = [Job(clip.name, partial(_work, clip, part.spec), logs / f"{clip.name}.log") for clip in clips]
     if beside is not None:
         jobs.insert(0, Job(BESIDE, beside, logs / f"{BESIDE}.log"))
     failed, shown = list[str](), None
-    for outcome in run_jobs(jobs, Place(processes), lambda: progress(left_s - _left_s(tasks), left_s + after_s)):
+    for outcome in run_jobs(jobs, Place(processes), lambda: progress(left_s - part.cost_s(tasks), left_s + after_s)):
         if outcome.why is not None:
             failed.append(f"{outcome.name}: {outcome.why}")
         elif outcome.name == BESIDE:
@@ -64,15 +74,3 @@ def do(
 
 def _work(clip: Clip, spec: PlanSpec) -> None:
     work_on(clip, spec.plan())
-
-
-def _left_s(tasks: list[Task]) -> float:
-    by_clip: dict[str, float] = {}
-    for task in tasks:
-        if not task.done:
-            by_clip[task.clip.name] = by_clip.get(task.clip.name, _making_s(task.clip)) + task.cost_s
-    return sum(by_clip.values())
-
-
-def _making_s(clip: Clip) -> float:
-    return 10.0 if clip.simulation is None else 5.0 + MAKING_S * clip.simulation.frames * clip.simulation.cameras

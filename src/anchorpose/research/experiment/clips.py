@@ -34,14 +34,9 @@ class Clip:
     folder: Path | None = None
 
     @property
-    def drawn_by(self) -> str:
-        """The name that seeds its holes, segments and windows; the paper's scene and ``MATCHES`` share them."""
-        return self.name.replace(Scene.MATCHES, Scene.PAPER)
-
-    @property
     def holes_are_cut(self) -> bool:
         """Whether holes are cut; other scenes have their own occluders."""
-        return self.scene in (Scene.PAPER, Scene.MATCHES, Scene.LOOSE, Scene.REAL)
+        return self.scene in (Scene.PAPER, Scene.LOOSE, Scene.REAL)
 
 
 def plan_clips(config: ExperimentConfig, real: Path | None) -> list[Clip]:
@@ -63,7 +58,7 @@ def real_clips(folder: Path) -> list[Clip]:
 
 def simulation_of(scene: Scene, seed: int, config: ExperimentConfig) -> SimulationConfig:
     """The settings of a simulated recording."""
-    if scene in (Scene.PAPER, Scene.MATCHES):
+    if scene is Scene.PAPER:
         return presets.single(seed, config.seconds, config.fps)
     alone = presets.single(seed, config.scene_seconds, config.fps)
     crowded = presets.clinic(seed, config.scene_seconds, config.fps)

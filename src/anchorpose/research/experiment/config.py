@@ -15,10 +15,9 @@ PAPER_HOLES_M: Final = (0.0, 0.03, 0.06, 0.09, 0.12, 0.15)
 
 
 class Scene(StrEnum):
-    """A kind of recording, or of tracking it; all but the first are beyond the paper."""
+    """A kind of recording; all but the first are beyond the paper."""
 
     PAPER = "paper"  # one person, one front camera, no occluder but the holes
-    MATCHES = "matches-alone"  # the same recordings; parts follow their matches without being refined on the surface
     LOOSE = "loose"  # the same in clothes twice as loose
     FRAME = "frame"  # one front camera, a standing frame's bars before the patient
     CLINIC_FRONT = "clinic-front"  # the frame, and two therapists who hold and move, one front camera
@@ -26,9 +25,33 @@ class Scene(StrEnum):
     REAL = "real"  # recordings that the user gives, with reference skeletons
 
 
+class Form(StrEnum):
+    """What the framework makes of the matches.
+
+    Rejection is not in the paper: the track tree gives up a node at ``TreeConfig.missed_cost_m``, a part's motion is
+    fitted with Cauchy's weights, and a pose that explains too little of the frame is left for the predicted one. All of
+    it makes gross errors of the matches free.
+    """
+
+    REFINED = "surface"  # parts follow their matches, then the surface (ICP); bad matches are rejected
+    REFINED_ALL = "surface-all"  # the same, nothing rejected
+    MATCHES = "matches"  # parts follow their matches alone; bad matches are rejected
+    MATCHES_ALL = "matches-all"  # the same, nothing rejected
+
+    @property
+    def refined(self) -> bool:
+        """Whether parts are registered to the surface after their matches."""
+        return self in (Form.REFINED, Form.REFINED_ALL)
+
+    @property
+    def rejects(self) -> bool:
+        """Whether bad matches are rejected."""
+        return self in (Form.REFINED, Form.MATCHES)
+
+
 @settings
 class ExperimentConfig:
-    """The paper's experiment by default: 3,000 test frames, six sizes of hole, all methods.
+    """The paper's experiment by default: 20 recordings, six sizes of hole, all methods on the same frames.
 
     The paper's samples are not a video: 200 of them contain slow and fast movements of all limbs, so they are about a
     tenth of a second apart. Here the frame rate is ten per second.
@@ -41,13 +64,13 @@ class ExperimentConfig:
     holes_m: tuple[float, ...] = PAPER_HOLES_M
     hole_share: Annotated[Positive, Field(le=1)] = 0.5  # of the frames, drawn at random
     segment_frames: Annotated[Count, Field(ge=2)] = 10  # from one given pose: methods start again each second
-    sampled_recordings: Count = 10  # those that slow methods run on, and that matches are compared on
-    sampled_segments: Count = 1  # of each of these, drawn at random, for slow methods
-    windows: Count = 2  # moments of each recording and size of hole at which matches are compared with the truth
-    scenes: tuple[Scene, ...] = (Scene.PAPER, Scene.MATCHES, Scene.LOOSE, Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)
+    segments: Count = 6  # of each recording, drawn at random, the same for every method: 1,080 frames with the default
+    gaps_s: tuple[Positive, ...] = (0.1, 0.3, 1.0, 1.5)  # between the two frames whose matches are compared
+    windows: Count = 2  # moments of each recording, size of hole and gap at which matches are compared with the truth
+    forms: Annotated[tuple[Form, ...], Field(min_length=1)] = tuple(Form)  # the first at every size of hole
+    scenes: tuple[Scene, ...] = (Scene.PAPER, Scene.LOOSE, Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)
     scene_recordings: Count = 3  # of each scene beyond the paper's
     scene_seconds: Positive = 6.0
-    scene_segments: Count = 2  # as sampled_segments, in these
     methods: tuple[str, ...] = ()  # keys, or paths of Python files with METHODS; none: all
     ablation: bool = True  # of anchorpose's own tracker, in the scenes beyond the paper's
     training_seed: int = 401  # of the recordings that settings are chosen and movements are taken from
@@ -67,20 +90,24 @@ class ExperimentConfig:
                 raise ValueError(f"holes_m are 0 or {SMALLEST_HOLE_M} to {LARGEST_HOLE_M}, got {radius_m}")
         if 0.0 not in self.holes_m:
             raise ValueError("holes_m must contain 0, for comparison")
-        seeds = range(
-            self.first_seed, self.first_seed + max(self.recordings, self.sampled_recordings, self.scene_recordings)
-        )
+        if any(abs(self.fps * gap_s - self.stride(gap_s)) > 1e-6 or self.stride(gap_s) < 1 for gap_s in self.gaps_s):
+            raise ValueError(f"gaps_s must be whole numbers of frames at {self.fps:g} per second, got {self.gaps_s}")
+        seeds = range(self.first_seed, self.first_seed + max(self.recordings, self.scene_recordings))
         if set(seeds) & set(range(self.training_seed, self.training_seed + self.training_recordings)):
             raise ValueError("the recordings to test and to train on have seeds in common; move first_seed")
 
-    def segments(self, scene: Scene) -> int:
-        """Number of segments of each simulated recording of a scene."""
-        seconds = self.seconds if scene in (Scene.PAPER, Scene.MATCHES) else self.scene_seconds
-        return round(seconds * self.fps) // self.segment_frames
+    def stride(self, gap_s: float) -> int:
+        """Frames from one to the next that its matches are compared with."""
+        return round(gap_s * self.fps)
+
+    def segments_of(self, scene: Scene) -> int:
+        """Number of segments that methods run on in each simulated recording of a scene."""
+        seconds = self.seconds if scene is Scene.PAPER else self.scene_seconds
+        return min(self.segments, round(seconds * self.fps) // self.segment_frames)
 
     def seeds(self, scene: Scene) -> range:
         """Seeds of the test recordings of a scene."""
-        count = {Scene.PAPER: self.recordings, Scene.MATCHES: self.sampled_recordings}.get(scene, self.scene_recordings)
+        count = self.recordings if scene is Scene.PAPER else self.scene_recordings
         return range(self.first_seed, self.first_seed + count)
 
 
@@ -91,7 +118,10 @@ def quick() -> ExperimentConfig:
         seconds=1.5,
         holes_m=(0.0, 0.15),
         segment_frames=5,
+        segments=1,
+        gaps_s=(0.1,),
         windows=1,
+        forms=(Form.REFINED, Form.MATCHES_ALL),
         scenes=(Scene.PAPER,),
         ablation=False,
         training_recordings=1,

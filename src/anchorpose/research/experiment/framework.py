@@ -20,6 +20,8 @@ from anchorpose.body.skin_points import FittedShape, body_points, build_body
 from anchorpose.errors import AnchorposeError
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.recording.recording import FrameSet, Recording
+from anchorpose.research.experiment.config import Form
+from anchorpose.research.experiment.paper_tracker import PaperTracker, Way
 from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.tracker.config import FollowConfig, Method, TrackConfig
 from anchorpose.tracker.following import follow_patient
@@ -32,7 +34,9 @@ from anchorpose.tracker.run import Run
 from anchorpose.tracker.start import Start
 from anchorpose.tracking.motion import MotionConfig, MotionRule
 from anchorpose.tracking.motion_file import load_motions
+from anchorpose.tracking.tree import TreeConfig
 
+NEVER_M = 1000.0  # no branch of the tree is ever so far from its prediction that it is given up
 ANYWHERE_M = 10.0  # every node may be matched with every other, as in the paper
 ALL_NODES = (
     100_000  # the tree starts from every node: it takes all of them to distinguish a random method from a good one
@@ -41,14 +45,14 @@ PAPER_GATE = GateConfig(anchor_bound_m=0.05, surface_bound_per_m=0.01, search_ra
 """The paper's bound on the anchors; the paper does not give its "linear function increasing with distance"."""
 
 
-def paper_config(motions: Path, refined: bool = True) -> TrackConfig:
+def paper_config(motions: Path, form: Form = Form.REFINED) -> TrackConfig:
     """Meshes of the depth images with their holes; prediction by the best sub-list; each part registered by itself.
 
-    motions: the file of the training samples' movements. refined: whether parts that follow their matches are then
-    registered to the surface; otherwise the pose rests on the matches alone.
+    motions: the file of the training samples' movements.
     """
     return TrackConfig(
-        method=Method.PARTS if refined else Method.PAIRS,
+        method=Method.PARTS,
+        tree=TreeConfig() if form.rejects else TreeConfig(missed_cost_m=NEVER_M),
         surface=SurfaceConfig(by_body=False),
         hypotheses=HypothesisConfig(trusted_only=False),
         gate=PAPER_GATE,
@@ -58,31 +62,41 @@ def paper_config(motions: Path, refined: bool = True) -> TrackConfig:
     )
 
 
-def paper_run(recording: Recording, movements: Path, refined: bool = True) -> Run:
-    """All that is known before the first frame is tracked, with the configuration of ``paper_config``."""
-    config = paper_config(movements, refined)
+def paper_run(recording: Recording, movements: Path, form: Form = Form.REFINED, stride: int = 1) -> Run:
+    """All that is known before the first frame is tracked, with the configuration of ``paper_config``.
+
+    stride: only every so many frames of the recording are looked at. Over more than one the patient is expected where
+    they were: reference movements say nothing about a second ahead, and are too short at such a rate.
+    """
+    config = paper_config(movements, form)
+    if stride > 1:
+        config = replace(config, motion=MotionConfig(rule=MotionRule.STANDSTILL))
     motions = load_motions(config.motion_file, recording.rate_hz, config.motion)
     return Run(prepare_room(recording, config), config, motions)
 
 
-def start_at(frame: int, frame_set: FrameSet, reference: Reference, run: Run) -> PatientTracker:
+def start_at(
+    frame: int, frame_set: FrameSet, reference: Reference, run: Run, way: Way | None = None, stride: int = 1
+) -> PaperTracker:
     """A tracker of the patient from a frame (position in the recording) on, in which the pose is given.
 
-    The joints in the frames before are given too, as far back as there is no gap: the motion dynamics need a past.
+    The joints in the frames before, every ``stride``-th, are given too, as far back as there is no gap: the motion
+    dynamics need a past.
     """
+    way = way or Way()
     pose = reference.pose(frame)
     choice = PatientChoice(pose.root_m[[0, 2]], "was tracked before anything was removed", True)
     first = observe_first(frame_set, choice, 1.7, run)
     belief = _confident(vague_belief(pose))
     start = Start(first, reference.shape, belief, 1.0)
-    unnamed = PatientTracker(run, start)
+    unnamed = PaperTracker(run, start, way)
     expected = unnamed.expect(pose)
     isolated = isolate_again(first, expected, first, run)
     seen = observe(frame_set, isolated, expected, unnamed.height_m, run)
-    tracker = PatientTracker(run, replace(start, observation=seen))
+    tracker = PaperTracker(run, replace(start, observation=seen), way)
     lost = np.flatnonzero(~reference.found[:frame])
-    since = max(lost[-1] + 1 if len(lost) else 0, frame - run.config.follow.history + 1)
-    tracker.history.extendleft(reference.joints_m[since:frame][::-1])
+    since = max(lost[-1] + 1 if len(lost) else 0, frame - stride * (run.config.follow.history - 1))
+    tracker.history.extendleft(reference.joints_m[since:frame][::-1][stride - 1 :: stride])
     return tracker
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -17,9 +17,9 @@ from anchorpose.body.pose import Pose
 from anchorpose.geodesics.anchors import anchor_descriptor
 from anchorpose.geodesics.center import center_field
 from anchorpose.geodesics.extrema import geodesic_extrema
-from anchorpose.recording.reader import read_frames
+from anchorpose.recording.reader import read_frame
 from anchorpose.research.experiment.correspondence import Skin, TruePlaces
-from anchorpose.research.experiment.framework import Reference, start_at
+from anchorpose.research.experiment.framework import NEVER_M, Reference, start_at
 from anchorpose.research.experiment.method import Family, Method
 from anchorpose.tracker.association import GlobalHypothesis, global_hypothesis
 from anchorpose.tracker.config import TrackConfig
@@ -30,9 +30,11 @@ from anchorpose.tracker.run import Run
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Window:
-    """frame: position of the first observation; poses: the predicted poses of those after the first."""
+    """frame: position of the first observation; stride: frames from one to the next; poses: the predicted poses of
+    those after the first."""
 
     frame: int
+    stride: int
     tracker: PatientTracker
     observations: tuple[Observation, ...]
     poses: tuple[Pose, ...]
@@ -44,28 +46,33 @@ class Matches:
     """A method's matches of the m nodes of a window's first frame: nodes of the second, -1 = no match.
 
     direct (m,): its only hypothesis, -1 where it has several; links: the hypotheses of each pair of frames; tree: the
-    choice of the track tree, for its ``node`` only: those on the body.
+    choice of the track tree, for its ``node`` only: those on the body; every: that of a tree that gives no node up.
     """
 
     direct: np.ndarray
     links: tuple[Matcher, ...]
     tree: GlobalHypothesis
+    every: GlobalHypothesis
 
 
-def take_window(frame: int, reference: Reference, run: Run) -> Window | None:
-    """The window from a frame on; None where the patient was not found in it or is not seen in the next."""
+def take_window(frame: int, reference: Reference, run: Run, stride: int = 1) -> Window | None:
+    """The window from a frame on; None where the patient was not found in it or is not seen in the next.
+
+    stride: frames from one observation to the next, of ``paper_run`` too.
+    """
     recording = run.room.recording
     count = len(recording.streams[0].files)
-    if not reference.found[frame] or frame + 1 >= count:
+    if not reference.found[frame] or frame + stride >= count:
         return None
-    frames = list(read_frames(recording, frame, min(frame + 1 + run.config.follow.look_ahead, count)))
-    tracker = start_at(frame, frames[0], reference, run)
+    seen = range(frame, min(frame + 1 + stride * run.config.follow.look_ahead, count), stride)
+    frames = [read_frame(recording, number) for number in seen]
+    tracker = start_at(frame, frames[0], reference, run, stride=stride)
     for frame_set in frames[1:]:
         tracker.step(frame_set, only_look=True)
     if tracker.next_hypothesis() is None:
         return None
     poses = tracker.predict(len(tracker.window) - 1)
-    return Window(frame, tracker, tuple(tracker.window), tuple(poses), run.config)
+    return Window(frame, stride, tracker, tuple(tracker.window), tuple(poses), run.config)
 
 
 def match_window(method: Method, setting: object, window: Window) -> Matches:
@@ -77,11 +84,15 @@ def match_window(method: Method, setting: object, window: Window) -> Matches:
     links = tuple(associate(now, after, config) for now, after in pairwise(seen))
     hypotheses = links[0].all().match
     tracker = window.tracker
-    tree = global_hypothesis(tracker.body, tracker.belief.pose, window.poses[: len(links)], seen, links, config)
+    never = replace(config, tree=replace(config.tree, missed_cost_m=NEVER_M))
+    tree, every = (
+        global_hypothesis(tracker.body, tracker.belief.pose, window.poses[: len(links)], seen, links, how)
+        for how in (config, never)
+    )
     direct = (
         hypotheses[:, 0] if not method.several and hypotheses.shape[1] == 1 else np.full(len(hypotheses), -1, np.int32)
     )
-    return Matches(direct, links, tree)
+    return Matches(direct, links, tree, every)
 
 
 def draw_some(frames: Sequence[int], wanted: int, seed: int) -> list[int]:
@@ -99,8 +110,10 @@ class MatchErrors:
     """As ``results.Matched`` has them, over m compared nodes."""
 
     region: np.ndarray
+    moved_mm: np.ndarray
     direct_mm: np.ndarray
     tree_mm: np.ndarray
+    every_mm: np.ndarray
     direct_skin_mm: np.ndarray
     tree_skin_mm: np.ndarray
     mirrored: np.ndarray
@@ -110,33 +123,38 @@ class MatchErrors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """The compared nodes of a window: node (m,) of the first frame, and the true place of each in the second."""
+    """The compared nodes of a window: node (m,) of the first frame, how far it moves, its true place in the second."""
 
     skin: Skin
     node: np.ndarray
+    moved_mm: np.ndarray
     places: TruePlaces
 
 
 def truth_of(window: Window, skin: Skin) -> Truth:
     """The nodes whose place is seen in the next frame too, at most ``COMPARED``; the same for every method."""
     now, after = (seen.surface.points_m.astype(np.float64) for seen in window.observations[:2])
-    places = skin.follow(now, window.frame, window.frame + 1, after)
+    places = skin.follow(now, window.frame, window.frame + window.stride, after)
     seen = np.flatnonzero(places.seen)
     rng = np.random.default_rng(np.random.SeedSequence(window.frame, spawn_key=(17,)))
     chosen = np.sort(rng.choice(seen, size=min(COMPARED, len(seen)), replace=False))
-    return Truth(skin, chosen, TruePlaces(places.vertex[chosen], places.place_m[chosen], places.seen[chosen]))
+    moved_mm = (1000.0 * np.linalg.norm(places.place_m[chosen] - now[chosen], axis=1)).astype(np.float32)
+    return Truth(skin, chosen, moved_mm, TruePlaces(places.vertex[chosen], places.place_m[chosen], places.seen[chosen]))
 
 
 def score(method: Method, setting: object, window: Window, truth: Truth) -> MatchErrors:
     """The errors of the method's matches in a window."""
     matches = match_window(method, setting, window)
-    direct, tree = (_matched(matches, window, truth, by_tree) for by_tree in (False, True))
-    skin, frame = truth.skin, window.frame + 1
+    direct = _matched(matches, window, truth)
+    tree, every = (_chosen(one, window, truth) for one in (matches.tree, matches.every))
+    skin, frame = truth.skin, window.frame + window.stride
     chosen = np.where(np.isfinite(direct).all(axis=1, keepdims=True), direct, tree)
     return MatchErrors(
         region=skin.region[truth.places.vertex].astype(np.int8),
+        moved_mm=truth.moved_mm,
         direct_mm=_straight_mm(direct, truth),
         tree_mm=_straight_mm(tree, truth),
+        every_mm=_straight_mm(every, truth),
         direct_skin_mm=_skin_mm(direct, truth, frame),
         tree_skin_mm=_skin_mm(tree, truth, frame),
         mirrored=_mirrored(chosen, truth, frame),
@@ -160,12 +178,15 @@ def _seconds(method: Method, setting: object, window: Window) -> float:
     return time.process_time() - start
 
 
-def _matched(matches: Matches, window: Window, truth: Truth, by_tree: bool) -> np.ndarray:
-    """(m, 3) matched positions of the compared nodes, NaN without a match."""
-    if by_tree:
-        place = np.full((len(window.observations[0].surface), 3), np.nan)
-        place[matches.tree.node] = matches.tree.matched_m
-        return place[truth.node]
+def _chosen(tree: GlobalHypothesis, window: Window, truth: Truth) -> np.ndarray:
+    """(m, 3) positions that a tree chose for the compared nodes, NaN without a match."""
+    place = np.full((len(window.observations[0].surface), 3), np.nan)
+    place[tree.node] = tree.matched_m
+    return place[truth.node]
+
+
+def _matched(matches: Matches, window: Window, truth: Truth) -> np.ndarray:
+    """(m, 3) positions of the compared nodes' only hypotheses, NaN without one."""
     found = np.full((len(truth.node), 3), np.nan)
     node = matches.direct[truth.node]
     found[node >= 0] = window.observations[1].surface.points_m[node[node >= 0]]

@@ -6,12 +6,11 @@ import hashlib
 import importlib
 import importlib.util
 import pkgutil
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 
@@ -28,7 +27,10 @@ PROPOSED: Final = "anchors"
 OWN: Final = "own"
 """Key of this project's tracker; the other methods of its family are its ablation."""
 
-CACHED_FRAMES: Final = 8  # frames whose descriptors are kept: twice the look-ahead
+NEXT: Final = "next"
+"""Key of its next generation, the paper's future work."""
+
+CACHED: Final = 48  # frames whose descriptors, and pairs whose matches are kept: those of a segment, for all its forms
 
 
 class Family(StrEnum):
@@ -48,9 +50,9 @@ class Method:
     """A method and its settings, of which the training recordings choose one.
 
     associate: makes the association of two frames from a setting; None for a complete tracker. configure: other changes
-    to the framework's configuration (for a tracker: to the defaults). sampled: slow or less important, so it runs on a
-    random sample of the segments. frame_ms: approximate time of a frame of 2,000 nodes on one core, to estimate the
-    duration of an experiment. several: it makes several hypotheses per node, among which only the tree can choose.
+    to the framework's configuration (for a tracker: to the defaults). frame_ms: approximate time of a frame of 2,000
+    nodes on one core, to estimate the duration of an experiment. several: it makes several hypotheses per node, among
+    which only the tree can choose. filtered, own_surface: see ``paper_tracker.Way``.
     content: digest of the file that it comes from; empty for those of the package.
     """
 
@@ -61,8 +63,9 @@ class Method:
     settings: tuple[Any, ...] = (None,)
     associate: Callable[[Any], Associate] | None = None
     configure: Callable[[TrackConfig, Any], TrackConfig] = lambda config, setting: config
-    sampled: bool = True
     several: bool = False
+    filtered: bool = False
+    own_surface: bool = False
     content: str = ""
     frame_ms: float = 100.0
 
@@ -98,17 +101,41 @@ def by_descriptor(describe: Callable[[Observation, Any], np.ndarray]) -> Callabl
 
 
 def cached_per_frame(describe: Callable[[Observation], np.ndarray]) -> Callable[[Observation], np.ndarray]:
-    """The same function, computed once for each frame of the look-ahead."""
-    recent: deque[tuple[Observation, np.ndarray]] = deque(maxlen=CACHED_FRAMES)
+    """The same function, computed once for frames that show the same."""
+    recent: dict[bytes, np.ndarray] = {}
 
     def described(seen: Observation) -> np.ndarray:
-        for known, descriptor in recent:
-            if known is seen:
-                return descriptor
-        recent.append((seen, describe(seen)))
-        return recent[-1][1]
+        return _kept(recent, _content(seen), lambda: describe(seen))
 
     return described
+
+
+def cached_per_pair(associate: Associate) -> Associate:
+    """The same association, made once for two frames that show the same, whatever the form of the framework."""
+    recent: dict[bytes, Matcher] = {}
+
+    def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
+        return _kept(recent, _content(now) + _content(following), lambda: associate(now, following, config))
+
+    return pair
+
+
+Kept = TypeVar("Kept")
+
+
+def _kept(recent: dict[bytes, Kept], key: bytes, make: Callable[[], Kept]) -> Kept:
+    """What is known under a key; the oldest is forgotten."""
+    if key not in recent:
+        recent[key] = make()
+        if len(recent) > CACHED:
+            del recent[next(iter(recent))]
+    return recent[key]
+
+
+def _content(seen: Observation) -> bytes:
+    """A digest of the surface and the anchors of a frame."""
+    arrays = (seen.surface.points_m, seen.whole.points_m, seen.whole.ring, seen.anchors.node)
+    return hashlib.sha256(b"".join(np.ascontiguousarray(one).tobytes() for one in arrays)).digest()
 
 
 NO_SUBSET: Final = np.empty((1, 0), np.int64)

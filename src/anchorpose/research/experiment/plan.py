@@ -18,7 +18,7 @@ import numpy as np
 
 from anchorpose.errors import AnchorposeError
 from anchorpose.research.experiment.clips import Clip
-from anchorpose.research.experiment.config import ExperimentConfig, Scene
+from anchorpose.research.experiment.config import ExperimentConfig, Form, Scene
 from anchorpose.research.experiment.method import Family, Method, load_methods
 from anchorpose.research.experiment.methods.references import ABLATED
 from anchorpose.versions import code_digest, versions
@@ -33,6 +33,7 @@ PRESENTING: Final = (
     "research/experiment/page/",
     "research/experiment/pictures/",
     "research/experiment/clip_jobs.py",
+    "research/experiment/costs.py",
     "research/experiment/run.py",
     "viewer/",
     "viewing.py",
@@ -75,9 +76,6 @@ def experiment_code() -> str:
     return code_digest(PRESENTING)
 
 
-FRAMEWORK_MS: Final = 90.0  # per frame in the framework without the method: isolation to registration
-OWN_MS: Final = 150.0  # per frame of this project's tracker, learning included
-COST_FACTOR = {Scene.CLINIC_FRONT: 1.5, Scene.CLINIC: 3.0}  # therapists; three cameras
 ABLATION_SCENES: Final = (Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)  # holes alone are too easy for an ablation
 TUNING_HOLE_M: Final = 0.12  # in half of the training windows: a setting must work with and without a hole
 
@@ -91,7 +89,10 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Task:
-    """A method on a clip with a size of hole; path: of its result; cost_s: approximate time on one core."""
+    """A method on a clip with a size of hole; path: of its result.
+
+    forms: of the framework, those that joints are tracked in; pairs: of frames, whose matches are compared.
+    """
 
     kind: Kind
     clip: Clip
@@ -99,7 +100,8 @@ class Task:
     method: Method
     setting: object
     path: Path
-    cost_s: float
+    forms: tuple[Form, ...]
+    pairs: int
 
     @property
     def done(self) -> bool:
@@ -146,55 +148,47 @@ class Plan:
         """Number of moments of each recording and size of hole at which matches are compared."""
         return self.config.training_windows if self.training else self.config.windows
 
+    @property
+    def gaps_s(self) -> tuple[float, ...]:
+        """Between the two frames whose matches are compared; settings are chosen on the shortest."""
+        return self.config.gaps_s[:1] if self.training else self.config.gaps_s
+
     def holes(self, clip: Clip) -> tuple[float, ...]:
-        """Sizes of hole of the clip; for matches alone and loose clothes only the smallest and the largest."""
+        """Sizes of hole of the clip; for loose clothes only the smallest and the largest."""
         if self.training:
             return (0.0, TUNING_HOLE_M)
-        if clip.scene in (Scene.MATCHES, Scene.LOOSE):
+        if clip.scene is Scene.LOOSE:
             return tuple(sorted({0.0, max(self.config.holes_m)}))
         return self.config.holes_m if clip.holes_are_cut else (0.0,)
 
+    def forms(self, clip: Clip, hole_m: float, method: Method) -> tuple[Form, ...]:
+        """The forms of the framework: all of them in the paper's scene with no hole and the largest, else the first."""
+        every = self.config.forms
+        ends = (0.0, max(self.config.holes_m))
+        compared = clip.scene is Scene.PAPER and hole_m in ends and method.family is not Family.TRACKER
+        return every if compared else every[:1]
+
     def methods_on(self, clip: Clip) -> tuple[Method, ...]:
-        """All methods, slow ones only within the sample; in some scenes also the ablation of this project's tracker."""
+        """All methods; in some scenes also the ablation of this project's tracker."""
         own = any(method.family is Family.TRACKER for method in self.methods)
         ablated = own and self.config.ablation and clip.scene in ABLATION_SCENES
-        methods = tuple(method for method in self.methods if self.in_sample(clip) or not method.sampled)
-        if clip.scene is Scene.MATCHES:
-            return tuple(method for method in methods if method.associate is not None)
-        return (*methods, *(ABLATED if ablated else ()))
+        return (*self.methods, *(ABLATED if ablated else ()))
 
     def has_windows(self, clip: Clip) -> bool:
         """Whether matches are compared with the truth: in the paper's scene, as in the paper."""
-        return clip.scene is Scene.PAPER and self.in_sample(clip)
-
-    def in_sample(self, clip: Clip) -> bool:
-        """Whether slow methods run on it: those with the first seeds."""
-        if clip.scene is not Scene.PAPER or clip.simulation is None:
-            return True
-        return clip.simulation.seed < self.config.first_seed + self.config.sampled_recordings
+        return clip.scene is Scene.PAPER
 
     def reference(self, clip: Clip) -> Path:
         """The file of a clip's reference."""
         return self.store.path("reference", identity(clip))
 
     def _task(self, kind: Kind, clip: Clip, hole_m: float, method: Method, setting: object) -> Task:
-        config = self.config
-        how = (config.hole_share, config.segment_frames, self.windows, self.movements_digest)
-        drawn = (config.sampled_segments, config.scene_segments) if is_sampled(method, clip) else ()
-        alone = (Scene.MATCHES,) if clip.scene is Scene.MATCHES else ()
-        what = (identity(clip), clip.drawn_by, hole_m, method.key, method.content, setting)
-        path = self.store.path(kind, *what, *how, *drawn, *alone)
-        return Task(kind, clip, hole_m, method, setting, path, self._cost_s(kind, clip, method))
-
-    def _cost_s(self, kind: Kind, clip: Clip, method: Method) -> float:
-        config, factor = self.config, COST_FACTOR.get(clip.scene, 1.0)
-        frames = 40 if clip.simulation is None else clip.simulation.frames  # a real recording is not open yet
-        if kind is Kind.MATCHED:
-            return factor * self.windows * 3 * method.frame_ms / 1000.0
-        if method.family is Family.TRACKER:
-            return factor * frames * OWN_MS / 1000.0
-        segments = sampled_segments(clip, config) if is_sampled(method, clip) else frames // config.segment_frames
-        return factor * segments * config.segment_frames * (FRAMEWORK_MS + 1.3 * method.frame_ms) / 1000.0
+        config, forms = self.config, self.forms(clip, hole_m, method)
+        how = (config.hole_share, config.segment_frames, config.segments, self.movements_digest)
+        of_kind = (self.windows, self.gaps_s) if kind is Kind.MATCHED else forms
+        what = (identity(clip), hole_m, method.key, method.content, setting)
+        path = self.store.path(kind, *what, *how, *of_kind)
+        return Task(kind, clip, hole_m, method, setting, path, forms, self.windows * len(self.gaps_s))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -226,16 +220,6 @@ class PlanSpec:
             ResultStore(self.cache),
             self.training,
         )
-
-
-def is_sampled(method: Method, clip: Clip) -> bool:
-    """Whether the method runs on some of the clip's segments only."""
-    return method.sampled or clip.scene is Scene.MATCHES
-
-
-def sampled_segments(clip: Clip, config: ExperimentConfig) -> int:
-    """How many segments of a clip the slow methods run on."""
-    return config.sampled_segments if clip.scene in (Scene.PAPER, Scene.MATCHES) else config.scene_segments
 
 
 def identity(clip: Clip) -> str:

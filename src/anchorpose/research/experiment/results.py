@@ -13,17 +13,18 @@ from typing import Final
 import numpy as np
 
 from anchorpose.joints import JOINT_COUNT
-from anchorpose.research.experiment.config import ExperimentConfig, Scene
+from anchorpose.research.experiment.config import ExperimentConfig, Form, Scene
 from anchorpose.research.experiment.method import Method
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tracked:
-    """One method on one recording with one size of hole (0: none).
+    """One method on one recording with one size of hole (0: none), in one form of the framework.
 
     frame (f,) int64: positions in the recording, without the frames whose pose was given. occluded (f,) bool: the frame
     has a hole. error_mm (f, 21): distance from the truth, or from the reference skeleton of a real recording; NaN where
-    either has no joint. seconds: on one core, in total.
+    either has no joint. seconds: on one core, in total, NaN in
+    forms that use the descriptors of another.
     """
 
     scene: Scene
@@ -34,6 +35,7 @@ class Tracked:
     occluded: np.ndarray
     error_mm: np.ndarray
     seconds: float
+    form: Form = Form.REFINED
 
     def __post_init__(self) -> None:
         if self.error_mm.shape != (len(self.frame), JOINT_COUNT) or self.occluded.shape != self.frame.shape:
@@ -42,11 +44,12 @@ class Tracked:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matched:
-    """One method's matches between one frame and the next of a simulated recording.
+    """One method's matches between two frames of a simulated recording, ``gap_s`` apart.
 
-    Over m nodes of the first frame whose place is seen in the next: region (m,) int8 index into ``REGIONS``; direct_mm,
-    tree_mm (m,): straight distance of the match from that place, without and with the track tree, NaN without a match
-    (all of direct_mm where a method has several hypotheses); direct_skin_mm, tree_skin_mm: the same along the skin;
+    Over m nodes of the first frame whose place is seen in the other: region (m,) int8 index into ``REGIONS``; moved_mm
+    (m,): how far that place is from the node; direct_mm, tree_mm, every_mm (m,): straight distance of the match from
+    that place, without the track tree, with it, and with a tree that gives no node up, NaN without a match (all of
+    direct_mm where a method has several hypotheses); direct_skin_mm, tree_skin_mm: the same along the skin;
     mirrored (m,) bool: the direct match, or without one the tree's, lies on the same part of the other side, such as
     the other hand. occluded: either frame has a hole. nodes: of the first frame. describe_s: seconds on one core for
     two frames' descriptors, anchors included, and the matches between them. body_m: standing height, to express
@@ -68,6 +71,9 @@ class Matched:
     nodes: int
     describe_s: float
     body_m: float
+    gap_s: float
+    moved_mm: np.ndarray
+    every_mm: np.ndarray
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,8 +90,12 @@ class TriedSetting:
 
 @dataclass(frozen=True, slots=True)
 class PaperTimes:
-    """Seconds on one core for a mesh at every pixel and for its five geodesic fields, as measured in the paper."""
+    """Seconds on one core for a mesh at every pixel and for its five geodesic fields, as measured in the paper.
 
+    image: the size of the depth image, and how near the person is, so that the mesh is as large as the paper's.
+    """
+
+    image: str
     nodes: int
     edges: int
     mesh_s: float

@@ -15,10 +15,11 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.errors import InputError
+from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.research.experiment.clip_jobs import Part, Progress, do
 from anchorpose.research.experiment.clips import Clip, plan_clips, simulation_of
 from anchorpose.research.experiment.config import ExperimentConfig, Scene
+from anchorpose.research.experiment.costs import Costs, duration, measure_costs, usual_costs
 from anchorpose.research.experiment.method import Method, load_methods
 from anchorpose.research.experiment.methods.references import ABLATED
 from anchorpose.research.experiment.page.page import write_results
@@ -33,6 +34,7 @@ from anchorpose.research.experiment.results import (
     capped_mean_mm,
     choose,
 )
+from anchorpose.research.experiment.work import PER_NODE
 from anchorpose.simulate.clinic import draw_clinic
 from anchorpose.simulate.config import Speed
 from anchorpose.tracking.motion_file import ReferenceClips, write_motions
@@ -106,13 +108,14 @@ def run_experiment(
         raise InputError(real, "contains no recording folder with a skeleton.npz", "check the folder")
     trainers = tuple(training_clips(config))
     spec = _untuned_plan(out / CACHE, trainers, config)
-    training = Part(replace(spec, training=True), trainers if config.tuned else ())
-    testing = Part(replace(spec, chosen=_chosen(_tried(training, methods))), tuple(clips))
+    costs = _costs(spec, clips, trainers, processes, report)
+    training = Part(replace(spec, training=True), trainers if config.tuned else (), costs)
+    testing = Part(replace(spec, chosen=_chosen(_tried(training, methods))), tuple(clips), costs)
     left_s = training.left_s() + testing.left_s()
-    report(f"About {_duration(left_s / processes)} on {processes} cores.")
+    report(f"About {duration(left_s / processes)} on {processes} cores.")
     failed, _ = do(training, processes, progress, testing.left_s())
     tried = _tried(training, methods)
-    testing = Part(replace(spec, chosen=_chosen(tried)), tuple(clips))
+    testing = Part(replace(spec, chosen=_chosen(tried)), tuple(clips), costs)
     more, shown = do(testing, processes, progress, 0.0, partial(show, out, testing.spec, trainers))
     report("Writing tables, figures and the page.")
     tracked, matched = _collect(testing.tasks())
@@ -122,6 +125,25 @@ def run_experiment(
     results = ExperimentResults(config, (*methods, *ablated), tried, tracked, matched, times, sentences, real)
     write_results(results, out)
     return results
+
+
+LONG_S: Final = 1800.0  # a longer run is worth a minute for an exact estimate
+
+
+def _costs(
+    spec: PlanSpec, clips: Sequence[Clip], trainers: Sequence[Clip], processes: int, report: Callable[[str], None]
+) -> Costs:
+    """What the tasks cost: measured on this machine where much is left to do."""
+    usual = usual_costs(load_methods(spec.config.methods))
+    left_s = Part(spec, tuple(clips), usual).left_s()
+    if left_s / processes < LONG_S:
+        return usual
+    report("Measuring how long every method takes here.")
+    try:
+        return measure_costs(spec.plan(), trainers[0])
+    except AnchorposeError as error:
+        report(f"Not measured: {error}")
+        return usual
 
 
 def _require_matplotlib() -> None:
@@ -189,8 +211,9 @@ def _collect(tasks: Sequence[Task]) -> tuple[tuple[Tracked, ...], tuple[Matched,
             continue
         arrays, who = read(task.path), (task.clip.scene, task.clip.name, task.hole_m, task.method.key)
         if task.kind is Kind.TRACKED:
-            seconds = float(arrays["seconds"])
-            tracked.append(Tracked(*who, arrays["frame"], arrays["occluded"], arrays["error_mm"], seconds))
+            for number, (form, error_mm) in enumerate(zip(task.forms, arrays["error_mm"], strict=True)):
+                seconds = float(arrays["seconds"]) if number == 0 else np.nan
+                tracked.append(Tracked(*who, arrays["frame"], arrays["occluded"], error_mm, seconds, form))
             continue
         matched += _windows_of(task, arrays)
     return tuple(tracked), tuple(matched)
@@ -207,18 +230,9 @@ def _windows_of(task: Task, arrays: dict[str, np.ndarray]) -> Iterator[Matched]:
             task.method.key,
             frame,
             bool(arrays["occluded"][number]) and task.hole_m > 0,
-            region=arrays["region"][own],
-            direct_mm=arrays["direct_mm"][own],
-            tree_mm=arrays["tree_mm"][own],
-            direct_skin_mm=arrays["direct_skin_mm"][own],
-            tree_skin_mm=arrays["tree_skin_mm"][own],
-            mirrored=arrays["mirrored"][own].astype(bool),
+            **{name: arrays[name][own] for name in PER_NODE},
             nodes=int(arrays["nodes"][number]),
             describe_s=float(arrays["describe_s"][number]),
             body_m=float(arrays["body_m"]),
+            gap_s=float(arrays["gap_s"][number]),
         )
-
-
-def _duration(seconds: float) -> str:
-    minutes = max(1, round(seconds / 60))
-    return f"{minutes} minutes" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"

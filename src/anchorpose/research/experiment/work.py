@@ -6,7 +6,7 @@ A method runs on segments in the paper's framework; this project's tracker runs 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,7 +21,7 @@ from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
 from anchorpose.recording.reader import open_recording, read_frames
 from anchorpose.recording.recording import Recording
 from anchorpose.research.experiment.clips import Clip, cut_holes, draw_hole_frames
-from anchorpose.research.experiment.config import Scene
+from anchorpose.research.experiment.config import Form
 from anchorpose.research.experiment.correspondence import Skin
 from anchorpose.research.experiment.framework import (
     NoReference,
@@ -30,13 +30,15 @@ from anchorpose.research.experiment.framework import (
     from_arrays,
     in_its_world,
     make_reference,
+    paper_config,
     paper_run,
     start_at,
     to_arrays,
 )
 from anchorpose.research.experiment.matching import MatchErrors, Truth, Window, draw_some, score, take_window, truth_of
-from anchorpose.research.experiment.method import Family, Method
-from anchorpose.research.experiment.plan import Kind, Plan, Task, is_sampled, read, sampled_segments
+from anchorpose.research.experiment.method import Family, Method, cached_per_pair
+from anchorpose.research.experiment.paper_tracker import Way
+from anchorpose.research.experiment.plan import Kind, Plan, Task, read
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.threads import one_thread
@@ -46,7 +48,8 @@ from anchorpose.tracker.run import Run
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackedJoints:
-    """frame (f,) positions in the recording; joints_m (f, 21, 3) world, NaN where lost; seconds on one core."""
+    """frame (f,) positions in the recording; joints_m (forms, f, 21, 3) world, NaN where lost; seconds on one core, of
+    the first form."""
 
     frame: np.ndarray
     joints_m: np.ndarray
@@ -59,34 +62,41 @@ def segment_starts(frames: int, length: int, found: np.ndarray) -> list[int]:
 
 
 def track_segments(
-    method: Method, setting: object, reference: Reference, run: Run, starts: Sequence[int], length: int
+    method: Method, setting: object, reference: Reference, runs: Mapping[Form, Run], starts: Sequence[int], length: int
 ) -> TrackedJoints:
-    """The method in the framework, started again at each start; the first frames themselves are left out."""
+    """The method in each form of the framework, started again at each start; the first frames are left out.
+
+    All forms use the same descriptors and matches where they see the same.
+    """
     if method.associate is None:
         raise ValueError(f"{method.key} has no association that the framework could use")
-    began, frames, joints = time.process_time(), list[np.ndarray](), list[np.ndarray]()
+    associate = cached_per_pair(method.associate(setting))
+    frames, seconds = [np.zeros(0, np.int64)], 0.0
+    joints: dict[Form, list[np.ndarray]] = {form: [np.zeros((0, JOINT_COUNT, 3))] for form in runs}
     for start in starts:
-        own = replace(run, config=method.configure(run.config, setting), associate=method.associate(setting))
-        sets = list(read_frames(run.room.recording, start, start + length))
-        tracker = start_at(start, sets[0], reference, own)
-        joints.append(follow_segment(tracker, sets[1:]))
-        frames.append(np.arange(start + 1, start + len(sets)))
-    if not frames:
-        return TrackedJoints(np.zeros(0, np.int64), np.zeros((0, 21, 3)), 0.0)
-    return TrackedJoints(np.concatenate(frames), np.concatenate(joints), time.process_time() - began)
+        for number, (form, run) in enumerate(runs.items()):
+            began = time.process_time()
+            own = replace(run, config=method.configure(run.config, setting), associate=associate)
+            sets = list(read_frames(run.room.recording, start, start + length))
+            way = Way(form=form, filtered=method.filtered, own_surface=method.own_surface)
+            joints[form].append(follow_segment(start_at(start, sets[0], reference, own, way), sets[1:]))
+            seconds += time.process_time() - began if number == 0 else 0.0
+        frames.append(np.arange(start + 1, start + length))
+    together = np.stack([np.concatenate(joints[form]) for form in runs])
+    return TrackedJoints(np.concatenate(frames), together, seconds)
 
 
 def track_whole(method: Method, setting: object, recording: Recording) -> TrackedJoints:
     """This project's tracker on the whole recording: it finds the patient and learns the body itself.
 
-    The joints are those of its pose, also where it calls them lost.
+    It is the same in every form. The joints are those of its pose, also where it calls them lost.
     """
     began, frames = time.process_time(), np.arange(len(recording.streams[0].files))
     try:
         joints = make_reference(recording, method.configure(TrackConfig(), setting)).joints_m
     except NoReference:
-        joints = np.full((len(frames), 21, 3), np.nan)
-    return TrackedJoints(frames, joints, time.process_time() - began)
+        joints = np.full((len(frames), JOINT_COUNT, 3), np.nan)
+    return TrackedJoints(frames, joints[None], time.process_time() - began)
 
 
 SURE = 1.0  # confidence of a reference joint that counts
@@ -140,7 +150,7 @@ class PreparedClip:
     @property
     def seed(self) -> int:
         """The seed of all random draws for this recording, from its name."""
-        return crc32(self.clip.drawn_by.encode())
+        return crc32(self.clip.name.encode())
 
 
 def work_on(clip: Clip, plan: Plan) -> None:
@@ -186,7 +196,7 @@ def _prepare(clip: Clip, folder: Path, truth: Path, plan: Plan) -> PreparedClip:
         joints = joints[recording.streams[0].frame]
     else:
         joints, skin = simulated_joints(truth), Skin(clip.simulation)
-    in_hole = draw_hole_frames(frames, config.hole_share, crc32(clip.drawn_by.encode()), starts)
+    in_hole = draw_hole_frames(frames, config.hole_share, crc32(clip.name.encode()), starts)
     return PreparedClip(clip, recording, reference, joints, in_hole, tuple(starts), skin)
 
 
@@ -206,63 +216,78 @@ def with_holes(prepared: PreparedClip, hole_m: float) -> Iterator[tuple[Recordin
 def _run_tasks(
     tasks: Sequence[Task], prepared: PreparedClip, recording: Recording, cut: np.ndarray, plan: Plan
 ) -> None:
-    run = paper_run(recording, plan.movements, refined=prepared.clip.scene is not Scene.MATCHES)
-    cache = _WindowCache(prepared, plan, run)
+    cache = _WindowCache(prepared, plan, recording)
     for task in tasks:
         if task.kind is Kind.MATCHED:
-            known = cache.windows(task.method.configure(run.config, task.setting))
+            known = cache.windows(task.method, task.setting)
             scores = [score(task.method, task.setting, window, truth) for window, truth in known]
-            plan.store.write(task.path, _matched_arrays([window.frame for window, _ in known], scores, prepared, cut))
-    length = plan.config.segment_frames
+            plan.store.write(task.path, _matched_arrays([window for window, _ in known], scores, prepared, cut, plan))
+    runs = {form: paper_run(recording, plan.movements, form) for form in Form}
     for task in tasks:
-        if task.kind is not Kind.TRACKED:
-            continue
-        if task.method.family is Family.TRACKER:
-            track = _evaluated(track_whole(task.method, task.setting, recording), prepared, length)
-        else:
-            chosen = prepared.starts
-            if is_sampled(task.method, prepared.clip):
-                chosen = tuple(draw_some(chosen, sampled_segments(prepared.clip, plan.config), prepared.seed))
-            track = track_segments(task.method, task.setting, prepared.reference, run, chosen, length)
-        plan.store.write(task.path, _tracked_arrays(track, prepared, cut))
+        if task.kind is Kind.TRACKED:
+            track = _track(task, prepared, recording, runs, plan)
+            plan.store.write(task.path, _tracked_arrays(track, prepared, cut))
+
+
+def _track(
+    task: Task, prepared: PreparedClip, recording: Recording, runs: Mapping[Form, Run], plan: Plan
+) -> TrackedJoints:
+    length, chosen = plan.config.segment_frames, _segments(prepared, plan)
+    if task.method.family is Family.TRACKER:
+        return _evaluated(track_whole(task.method, task.setting, recording), chosen, length)
+    wanted = {form: runs[form] for form in task.forms}
+    return track_segments(task.method, task.setting, prepared.reference, wanted, chosen, length)
+
+
+def _segments(prepared: PreparedClip, plan: Plan) -> list[int]:
+    """The starts of the segments that every method runs on, drawn at random."""
+    return draw_some(prepared.starts, plan.config.segments, prepared.seed)
 
 
 class _WindowCache:
     """The windows of a recording, shared by all methods with the same kind of mesh."""
 
-    def __init__(self, prepared: PreparedClip, plan: Plan, run: Run) -> None:
-        self.prepared, self.run = prepared, run
-        self.frames = window_frames(prepared, plan)
+    def __init__(self, prepared: PreparedClip, plan: Plan, recording: Recording) -> None:
+        self.prepared, self.plan, self.recording = prepared, plan, recording
         self.taken: dict[SurfaceConfig, list[tuple[Window, Truth]]] = {}
 
-    def windows(self, config: TrackConfig) -> list[tuple[Window, Truth]]:
-        """The windows on meshes of this configuration, with the true correspondence."""
-        skin, run = self.prepared.skin, replace(self.run, config=replace(self.run.config, surface=config.surface))
-        if skin is not None and config.surface not in self.taken:
-            found = [take_window(frame, self.prepared.reference, run) for frame in self.frames]
-            self.taken[config.surface] = [(window, truth_of(window, skin)) for window in found if window is not None]
-        return self.taken.get(config.surface, [])
+    def windows(self, method: Method, setting: object) -> list[tuple[Window, Truth]]:
+        """The windows on the meshes of a method, with the true correspondence, gap by gap."""
+        skin = self.prepared.skin
+        surface = method.configure(paper_config(self.plan.movements), setting).surface
+        if skin is not None and surface not in self.taken:
+            found = [window for gap_s in self.plan.gaps_s for window in self._of_gap(gap_s, surface)]
+            self.taken[surface] = [(window, truth_of(window, skin)) for window in found]
+        return self.taken.get(surface, [])
+
+    def _of_gap(self, gap_s: float, surface: SurfaceConfig) -> Iterator[Window]:
+        stride = self.plan.config.stride(gap_s)
+        run = paper_run(self.recording, self.plan.movements, stride=stride)
+        run = replace(run, config=replace(run.config, surface=surface))
+        for frame in window_frames(self.prepared, self.plan, stride):
+            window = take_window(frame, self.prepared.reference, run, stride)
+            if window is not None:
+                yield window
 
 
-def window_frames(prepared: PreparedClip, plan: Plan) -> list[int]:
+def window_frames(prepared: PreparedClip, plan: Plan, stride: int = 1) -> list[int]:
     """The first frames of the windows, the same for every size of hole; a hole, if cut, is in one of the two frames."""
     found, hole = prepared.reference.found, prepared.in_hole
-    here = np.arange(len(found) - 1)
-    touched = hole[:-1] | hole[1:] if prepared.clip.holes_are_cut else np.ones(len(here), bool)
-    return draw_some(here[touched & found[:-1]].tolist(), plan.windows, prepared.seed)
+    here = np.arange(max(len(found) - stride, 0))
+    touched = hole[:-stride] | hole[stride:] if prepared.clip.holes_are_cut else np.ones(len(here), bool)
+    return draw_some(here[touched & found[:-stride]].tolist(), plan.windows, prepared.seed)
 
 
-def _evaluated(track: TrackedJoints, prepared: PreparedClip, length: int) -> TrackedJoints:
-    """Only the frames that the other methods track: not their given frames, nor those after the last segment."""
-    kept = np.zeros(len(prepared.truth_m), bool)
-    for start in prepared.starts:
+def _evaluated(track: TrackedJoints, starts: Sequence[int], length: int) -> TrackedJoints:
+    """Only the frames that the other methods track: those of the segments but for the given ones."""
+    kept = np.zeros(len(track.frame), bool)
+    for start in starts:
         kept[start + 1 : start + length] = True
-    chosen = kept[track.frame]
-    return TrackedJoints(track.frame[chosen], track.joints_m[chosen], track.seconds)
+    return TrackedJoints(track.frame[kept], track.joints_m[:, kept], track.seconds)
 
 
 def _tracked_arrays(track: TrackedJoints, prepared: PreparedClip, cut: np.ndarray) -> dict[str, object]:
-    error_mm = 1000.0 * np.linalg.norm(track.joints_m - prepared.truth_m[track.frame], axis=2)
+    error_mm = 1000.0 * np.linalg.norm(track.joints_m - prepared.truth_m[track.frame], axis=3)
     return {
         "frame": track.frame,
         "occluded": cut[track.frame],
@@ -272,17 +297,24 @@ def _tracked_arrays(track: TrackedJoints, prepared: PreparedClip, cut: np.ndarra
 
 
 def _matched_arrays(
-    frames: Sequence[int], scores: Sequence[MatchErrors], prepared: PreparedClip, cut: np.ndarray
+    windows: Sequence[Window], scores: Sequence[MatchErrors], prepared: PreparedClip, cut: np.ndarray, plan: Plan
 ) -> dict[str, object]:
     """The nodes of all windows one after another; window (m,): the window of each."""
     height_m = np.nan if prepared.skin is None else prepared.skin.clinic.patient.person.height_m
-    each = ("region", "direct_mm", "tree_mm", "direct_skin_mm", "tree_skin_mm", "mirrored")
+    gap_of = {plan.config.stride(gap_s): gap_s for gap_s in plan.gaps_s}
     return {
-        **{name: np.concatenate([getattr(one, name) for one in scores]) for name in each if scores},
+        **{name: np.concatenate([getattr(one, name) for one in scores]) for name in PER_NODE if scores},
         "window": np.repeat(np.arange(len(scores)), [len(one.region) for one in scores]),
-        "frame": np.array(frames, np.int64),
+        "frame": np.array([window.frame for window in windows], np.int64),
+        "gap_s": np.array([gap_of[window.stride] for window in windows]),
         "nodes": np.array([one.nodes for one in scores], np.int64),
         "describe_s": np.array([one.describe_s for one in scores]),
-        "occluded": np.array([cut[frame : frame + 2].any() for frame in frames], bool),
+        "occluded": np.array([cut[[window.frame, window.frame + window.stride]].any() for window in windows], bool),
         "body_m": height_m,
     }
+
+
+PER_NODE = (
+    "region", "moved_mm", "direct_mm", "tree_mm", "every_mm", "direct_skin_mm", "tree_skin_mm", "mirrored",
+)  # fmt: skip
+"""Arrays of a stored task of matches with an entry per compared node."""

@@ -29,7 +29,7 @@ from anchorpose.research.features.spectral_signatures import (
 from anchorpose.surface.mesh import faces
 from anchorpose.tracker.observation import Observation
 
-RADII_M = (0.15, 0.05, 0.10, 0.20, 0.30)
+RADII_M = (0.20, 0.15, 0.05, 0.10, 0.30)
 
 
 def _fpfh(seen: Observation, config: FpfhConfig) -> np.ndarray:
@@ -72,9 +72,14 @@ def _both(
     describe: Callable[[Observation, Any], np.ndarray],
     setting: Callable[[float, int], DescriptorSetting],
     frame_ms: float,
+    first_m: float = RADII_M[0],
 ) -> tuple[Method, Method]:
-    """The descriptor with the best of all settings, and with the usual radius, to show the effect of tuning."""
-    chosen = tuple(setting(radius, variant) for radius in RADII_M for variant in (0, 1))
+    """The descriptor with the best of all settings, and with the usual radius, to show the effect of tuning.
+
+    first_m: the radius that is tried first, and taken where nothing is tuned.
+    """
+    radii = sorted(RADII_M, key=lambda radius: radius != first_m)
+    chosen = tuple(setting(radius, variant) for radius in radii for variant in (0, 1))
     associate = by_descriptor(describe)
     return (
         Method(key=key, title=title, family=Family.LOCAL, source=source, settings=chosen, associate=associate,
@@ -94,20 +99,20 @@ LOCAL = (
     *_both(
         "shot", "SHOT", "Tombari et al. 2010, doi:10.1007/978-3-642-15558-1_26", _shot,
         lambda radius, variant: DescriptorSetting(
-            config=ShotConfig(radius_m=radius, z_by_normal=(False, True)[variant])
+            config=ShotConfig(radius_m=radius, z_by_normal=(True, False)[variant])
         ), 120.0,
     ),
     *_both(
         "shape-context", "3D shape context", "Frome et al. 2004, doi:10.1007/978-3-540-24672-5_18", _shape_context,
         lambda radius, variant: DescriptorSetting(
             config=ContextSetting(config=ShapeContextConfig(radius_m=radius), unit_length=(True, False)[variant])
-        ), 350.0,
+        ), 350.0, 0.30,
     ),
     *_both(
         "rops", "RoPS", "Guo et al. 2013, doi:10.1007/s11263-013-0627-y", _rops,
         lambda radius, variant: DescriptorSetting(
             config=RopsConfig(radius_m=radius), metric=(Metric.MANHATTAN, Metric.EUCLIDEAN)[variant]
-        ), 250.0,
+        ), 250.0, 0.30,
     ),
 )  # fmt: skip
 
@@ -130,8 +135,8 @@ MESH = (
             DescriptorSetting(
                 config=MeshHogConfig(radius_m=radius, function=function, spread=spread), metric=Metric.HELLINGER
             )
-            for function in ScalarFunction
-            for radius, spread in ((0.20, 0.3), (0.10, 0.3), (0.20, 0.5))
+            for function in reversed(ScalarFunction)
+            for radius, spread in ((0.20, 0.5), (0.20, 0.3), (0.10, 0.3))
         ),
         associate=by_descriptor(_mesh_hog),
         frame_ms=150.0,
@@ -144,7 +149,7 @@ MESH = (
         settings=tuple(
             DescriptorSetting(config=LdSiftConfig(radius_m=radius, beyond=beyond), metric=Metric.HELLINGER)
             for beyond in Beyond
-            for radius in (0.15, 0.10, 0.20)
+            for radius in (0.20, 0.15, 0.10)
         ),
         associate=by_descriptor(_ld_sift),
         frame_ms=150.0,
@@ -200,15 +205,15 @@ def _spectral_method(
 SPECTRAL = (
     _spectral_method(
         "hks", "heat kernel signature", "Sun et al. 2009, doi:10.1111/j.1467-8659.2009.01515.x", hks,
-        (HksConfig(), HksConfig(scaled=False), HksConfig(scaled=False, range_m2=(1e-3, 0.03))), (True, False),
+        (HksConfig(scaled=False), HksConfig(), HksConfig(scaled=False, range_m2=(1e-3, 0.03))), (False, True),
     ),
     _spectral_method(
         "si-hks", "scale-invariant HKS", "Bronstein and Kokkinos 2010, doi:10.1109/CVPR.2010.5539838", si_hks,
-        (SiHksConfig(), SiHksConfig(frequencies=12)), (False,),
+        (SiHksConfig(frequencies=12), SiHksConfig()), (False,),
     ),
     _spectral_method(
         "wks", "wave kernel signature", "Aubry et al. 2011, doi:10.1109/ICCVW.2011.6130444", wks,
-        (WksConfig(), WksConfig(width_steps=3.0)), (True, False),
+        (WksConfig(width_steps=3.0), WksConfig()), (False, True),
     ),
 )  # fmt: skip
 

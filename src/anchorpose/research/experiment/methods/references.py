@@ -98,7 +98,7 @@ def _own(key: str, title: str, config: TrackConfig) -> Method:
     def configure(_framework: TrackConfig, _setting: Any) -> TrackConfig:
         return config
 
-    return Method(key=key, title=title, family=Family.TRACKER, source="", configure=configure, sampled=False)
+    return Method(key=key, title=title, family=Family.TRACKER, source="", configure=configure)
 
 
 OWN_TRACKER = (_own(OWN, "anchorpose", TrackConfig()),)

@@ -60,13 +60,13 @@ NOTE = "All sizes of hole together, every method on the same frames. The propose
 RESULT2 = FigureSpec(
     "result2",
     f"The paper’s “result2”: mean error of each joint (r_i). {NOTE}",
-    ("result2_same_frames",),
+    ("result2",),
     lambda tables: _draw_by_joint(tables, "mean error (mm)"),
 )
 SD2 = FigureSpec(
     "sd2",
     f"The paper’s “sd2”: standard deviation of each joint’s error. {NOTE}",
-    ("sd2_same_frames",),
+    ("sd2",),
     lambda tables: _draw_by_joint(tables, "standard deviation (mm)"),
 )
 BY_JOINT_FIGURES = (RESULT2, SD2)
@@ -90,20 +90,20 @@ def _draw_by_size(tables: Sequence[Table], what: str) -> Any:
 RESULT1 = FigureSpec(
     "result1",
     f"The paper’s “result1”: mean error of all joints (r_or) by size of hole. {SAME}",
-    ("result1_same_frames",),
+    ("result1",),
     lambda tables: _draw_by_size(tables, "mean joint error (mm)"),
 )
 SD1 = FigureSpec(
     "sd1",
     f"The paper’s “sd1”: standard deviation over frames of a frame’s mean error, by size of hole. {SAME}",
-    ("sd1_same_frames",),
+    ("sd1",),
     lambda tables: _draw_by_size(tables, "standard deviation (mm)"),
 )
 OTHERS = tuple(
     FigureSpec(
         f"{scene}_by_size",
         f"Beyond the paper: mean error of all joints by size of hole in the scene “{scene}”. {SAME}",
-        (f"{scene}_by_size_same_frames",),
+        (f"{scene}_by_size",),
         lambda tables: _draw_by_size(tables, "mean joint error (mm)"),
     )
     for scene in OTHER_HOLES
@@ -154,7 +154,7 @@ RATIO_FIGURES = (
         "ratio",
         f"Mean joint error with the largest hole over that without, in the same frames. Dashed: {CONSTANT}, the limit "
         "for “almost constant” in the claims.",
-        ("ratio_same_frames", "ratio_occluded_same_frames"),
+        ("ratio", "ratio_occluded"),
         _draw_ratio,
     ),
 )
@@ -206,7 +206,7 @@ SCENES_FIGURES = (
         "scenes",
         "Beyond the paper: mean joint error by scene; with the largest hole where holes are cut. Within a panel, every "
         "method on the same frames.",
-        ("scenes_same_frames",),
+        ("scenes",),
         _draw_scenes,
     ),
     FigureSpec(

@@ -10,6 +10,7 @@ from markupsafe import Markup
 
 from anchorpose.research.experiment.page.drawing import DrawnFigure
 from anchorpose.research.experiment.page.figures import draw_all
+from anchorpose.research.experiment.page.form_tables import form_tables
 from anchorpose.research.experiment.page.matching_claims import MatchingClaims, paper_times
 from anchorpose.research.experiment.page.matching_tables import matching_tables, paper_time_lines, time_tables
 from anchorpose.research.experiment.page.page_parts import (
@@ -39,7 +40,10 @@ from anchorpose.results.web_page import render_page
 
 NO_DATA = "<p class='hint'>No data: nothing of this was run.</p>"
 
-UNFOLDED = ("result1_same_frames", "matching", "times", "scenes_same_frames", "ablation")
+UNFOLDED = (
+    "result1", "forms", "forms_body", "next_joints", "gaps_within", "moved_within", "matching", "times", "scenes",
+    "ablation",
+)  # fmt: skip
 """Tables that are open from the start."""
 
 MORE = tuple(f"{scene}_by_size" for scene in OTHER_HOLES)
@@ -61,7 +65,7 @@ def compose_page(
 
     def part(drawn: Sequence[str], listed: Sequence[str], pictures: Sequence[str] = ()) -> str:
         images = [drawing_html(figure) for key in drawn for figure in figures if figure.key == key]
-        rows = [table_html(table, table.key in UNFOLDED) for table in tables if _root(table) in listed]
+        rows = [table_html(table, table.key in UNFOLDED) for table in tables if table.key in listed]
         return "".join([*images, pictures_html(shown, pictures), *rows]) or NO_DATA
 
     parts = {
@@ -70,8 +74,15 @@ def compose_page(
         "run": run_html(results),
         "tracking": part(
             ("result1", "sd1", "ratio", "result2", "sd2"),
-            ("result1", "sd1", "result1_occluded", "known", "ratio", "ratio_occluded", "result2", "sd2"),
+            ("result1", "median", "body", "sd1", "result1_occluded", "known", "ratio", "ratio_occluded", "result2",
+             "sd2"),
             ("tracked", "hypotheses", "regions"),
+        ),
+        "forms": part((), ("forms", "forms_median", "forms_body", "next_joints", "next_body")),
+        "gaps": part(
+            (),
+            ("gaps_within", "gaps_median", "gaps_mean", "moved_within", "moved_median", "moved_mean", "next_matches",
+             "next_matches_rejected", "next_matches_moved"),
         ),
         "matching": part(
             ("matching", "princeton"),
@@ -87,10 +98,6 @@ def compose_page(
     title = "The paper’s experiment, repeated"
     package = "anchorpose.research.experiment.page"
     return render_page(package, "page.html", title=title, **{name: Markup(html) for name, html in parts.items()})
-
-
-def _root(table: Table) -> str:
-    return table.key.removesuffix("_all_frames").removesuffix("_same_frames")
 
 
 def _paper_times(results: ExperimentResults) -> str:
@@ -113,7 +120,9 @@ def write_results(results: ExperimentResults, out: Path) -> None:
     shows the pictures of ``out / pictures``. Raises MissingPackage without matplotlib and InputError for unusable
     captions, both before anything is written.
     """
-    tables = [*tracking_tables(results), *matching_tables(results), *time_tables(results)]
+    tables = [
+        *tracking_tables(results), *form_tables(results), *matching_tables(results), *time_tables(results)
+    ]  # fmt: skip
     claims, figures, shown = judge_claims(results), draw_all(tables), read_pictures(out)
     page = compose_page(results, tables, claims, figures, shown)
     _write_tables(tables, results, out / TABLES_FOLDER)

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
-from anchorpose.research.experiment.config import Scene
+from anchorpose.joints import JOINT_NAMES
+from anchorpose.research.experiment.config import Form, Scene
 from anchorpose.research.experiment.method import OWN, Family, Method
 from anchorpose.research.experiment.results import MISSED_MM, ExperimentResults, Matched, Tracked
 
@@ -35,13 +37,27 @@ def frame_means(error_mm: np.ndarray) -> np.ndarray:
     return means
 
 
-class Tracking:
-    """All tracked frames by scene, method and size of hole; recordings in the order of their names."""
+HANDS: Final = tuple(index for index, name in enumerate(JOINT_NAMES) if name.startswith(("Hand", "Wrist")))
+"""Hands and wrists: they move most, and their errors are most of every mean over all joints."""
 
-    def __init__(self, results: ExperimentResults) -> None:
+
+def without_hands(error_mm: np.ndarray) -> np.ndarray:
+    """(f, 17) the errors (f, 21) of the other joints."""
+    return np.delete(error_mm, HANDS, axis=1)
+
+
+class Tracking:
+    """All frames tracked in one form, by scene, method and size of hole; recordings in the order of their names.
+
+    This project's tracker is the same in every form.
+    """
+
+    def __init__(self, results: ExperimentResults, form: Form = Form.REFINED) -> None:
+        own = {method.key for method in results.methods if method.family is Family.TRACKER}
         self._runs: dict[tuple[Scene, str, float], dict[str, Tracked]] = defaultdict(dict)
         for run in sorted(results.tracked, key=lambda run: run.recording):
-            self._runs[run.scene, run.method, run.hole_m][run.recording] = _in_order(run)
+            if run.form is form or run.method in own:
+                self._runs[run.scene, run.method, run.hole_m][run.recording] = _in_order(run)
 
     def holes(self, scene: Scene) -> list[float]:
         """The sizes of hole in a scene, in metres; 0 is none."""
@@ -112,10 +128,10 @@ def left_out(results: ExperimentResults) -> tuple[int, int]:
     """Number of segments of the simulated recordings without a known pose to start from, and of all segments."""
     config, ran = results.config, dict[tuple[Scene, str], int]()
     for run in results.tracked:
-        if run.scene not in (Scene.REAL, Scene.MATCHES):
+        if run.scene is not Scene.REAL:
             segments = len(run.frame) // (config.segment_frames - 1)
             ran[run.scene, run.recording] = max(segments, ran.get((run.scene, run.recording), 0))
-    wanted = sum(config.segments(scene) for scene, _ in ran)
+    wanted = sum(config.segments_of(scene) for scene, _ in ran)
     return wanted - sum(ran.values()), wanted
 
 
@@ -131,12 +147,14 @@ WindowKey = tuple[str, float, int]
 
 
 class Matching:
-    """All matches of the paper's scene, in the windows that all methods have."""
+    """All matches of the paper's scene over one gap, in the windows that all methods have."""
 
-    def __init__(self, results: ExperimentResults) -> None:
+    def __init__(self, results: ExperimentResults, gap_s: float | None = None) -> None:
+        """gap_s: None for the shortest."""
+        gap_s = min(results.config.gaps_s) if gap_s is None else gap_s
         self._matched: dict[str, dict[WindowKey, Matched]] = defaultdict(dict)
         for match in results.matched:
-            if match.scene is Scene.PAPER:
+            if match.scene is Scene.PAPER and match.gap_s == gap_s:
                 self._matched[match.method][match.recording, match.hole_m, match.frame] = match
         self.methods = [method for method in results.methods if method.key in self._matched]
         self._direct = {method.key for method in self.methods if not method.several}
@@ -170,6 +188,19 @@ def direct_mm(match: Matched) -> np.ndarray:
 def tree_mm(match: Matched) -> np.ndarray:
     """The same after the track tree."""
     return match.tree_mm
+
+
+def every_mm(match: Matched) -> np.ndarray:
+    """After a tree that gives no node up."""
+    return match.every_mm
+
+
+def of_moved(take: Callable[[Matched], np.ndarray]) -> Callable[[Matched], np.ndarray]:
+    """The same for the nodes that moved by more than ``MOVED_MM`` only: most nodes hardly do."""
+    return lambda match: take(match)[match.moved_mm > MOVED_MM]
+
+
+MOVED_MM: Final = 30.0
 
 
 def penalised_mm(match: Matched) -> np.ndarray:

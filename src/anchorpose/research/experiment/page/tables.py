@@ -145,13 +145,6 @@ class Unit(StrEnum):
     SECONDS = "s"
 
 
-class Frames(StrEnum):
-    """The frames of a table."""
-
-    ALL = "all frames"  # for the methods that ran on all of them
-    SAME = "same frames"  # only those that all methods ran on: for comparing methods
-
-
 @dataclass(frozen=True, slots=True)
 class Column:
     """key: in files; label: for readers, with the unit where that is not the table's subject."""

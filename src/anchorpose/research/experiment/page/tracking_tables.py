@@ -10,98 +10,97 @@ import numpy as np
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.research.experiment.config import Scene
 from anchorpose.research.experiment.method import Method
-from anchorpose.research.experiment.page.selection import Kept, Tracking, ablated, compared, frame_means
+from anchorpose.research.experiment.page.selection import (
+    Kept,
+    Tracking,
+    ablated,
+    compared,
+    frame_means,
+    without_hands,
+)
 from anchorpose.research.experiment.page.tables import (
     Column,
     Estimate,
-    Frames,
     Row,
     Table,
     Unit,
     deviation_over,
     mean_over,
+    median_over,
     ratio_of,
 )
 from anchorpose.research.experiment.results import ExperimentResults
 
 Groups = list[np.ndarray]
+Summary = Callable[[Groups], Estimate]
 
-ALL_NOTE = (
-    "All frames, for the methods that ran on all of them. Not comparable with sampled methods, which ran on other "
-    "frames."
-)
 SAME_NOTE = "The same frames for every method: those that all methods below ran on."
+BODY_NOTE = "Without hands and wrists, which are most of every mean over all joints."
 
-OTHER_HOLES = (Scene.MATCHES, Scene.LOOSE, Scene.REAL)
+OTHER_HOLES = (Scene.LOOSE, Scene.REAL)
 """Scenes beyond the paper's in which holes are cut too."""
 
 
 def tracking_tables(results: ExperimentResults) -> list[Table]:
-    """Tables of the paper's scene, of all scenes and of the ablation, on the same frames and on all frames."""
+    """Tables of the paper's scene, of all scenes and of the ablation."""
     tracking = Tracking(results)
-    tables = []
-    for frames in (Frames.SAME, Frames.ALL):  # comparisons first
-        tables += [*_paper_tables(results, tracking, frames), _scene_table(results, tracking, frames)]
-        tables += [_other_holes(results, tracking, frames, scene) for scene in OTHER_HOLES]
+    tables = [*_paper_tables(results, tracking), _scene_table(results, tracking)]
+    tables += [_other_holes(results, tracking, scene) for scene in OTHER_HOLES]
     tables.append(_ablation_table(results, tracking))
     return [table for table in tables if table.rows]
 
 
-def _paper_tables(results: ExperimentResults, tracking: Tracking, frames: Frames) -> list[Table]:
-    scene, resamples = Scene.PAPER, results.config.resamples
-    methods = _methods(results, tracking, scene, frames)
-    kept = tracking.shared(scene, methods) if frames is Frames.SAME else None
+def _paper_tables(results: ExperimentResults, tracking: Tracking) -> list[Table]:
+    resamples = results.config.resamples
+    methods = tracking.ran(Scene.PAPER, compared(results.methods))
+    kept = tracking.shared(Scene.PAPER, methods)
     mean = partial(mean_over, resamples=resamples)
+    median = partial(median_over, resamples=resamples)
     deviation = partial(deviation_over, resamples=resamples)
-    by_size = partial(_by_size, tracking, methods, kept)
+    by_size = partial(by_size_rows, tracking, methods, kept)
     by_joint = partial(_by_joint, tracking, methods, kept)
-    note = _note(frames, methods, kept)
+    note = note_on(kept)
     return [
-        _table("result1", "Mean joint error by size of hole, mm (r_or)", "hole_m", frames, note, by_size(mean)),
-        _table("sd1", "Standard deviation over frames of a frame’s mean error, mm", "hole_m", frames, note,
-               by_size(lambda groups: deviation([frame_means(group) for group in groups]))),
-        _table("result1_occluded", "Mean joint error by size of hole, mm, only frames with a hole", "hole_m", frames,
-               note, by_size(mean, occluded=True)),
-        _table("known", "Share of joints with an error", "hole_m", frames,
-               f"{note} Joints that a method or the reference lacks do not count in any mean.",
-               by_size(lambda groups: mean([np.isfinite(group).astype(float) for group in groups]), unit=Unit.SHARE)),
-        _table("ratio", "Mean error with a hole over that without, in the same frames", "hole_m", frames, note,
-               _ratios(tracking, methods, kept, resamples, False)),
-        _table("ratio_occluded", "Mean error with a hole over that without, only frames with a hole", "hole_m", frames,
-               note, _ratios(tracking, methods, kept, resamples, True)),
-        _table("result2", "Mean error by joint over all sizes of hole, mm (r_i)", "joint", frames, note,
-               by_joint(mean)),
-        _table("sd2", "Standard deviation of the error by joint over all sizes of hole, mm", "joint", frames, note,
-               by_joint(deviation)),
+        Table("result1", "Mean joint error by size of hole, mm (r_or)", "hole_m", note, by_size(mean)),
+        Table("median", "Median joint error by size of hole, mm", "hole_m", note, by_size(median)),
+        Table("body", "Mean error of the joints but hands and wrists by size of hole, mm", "hole_m",
+              f"{note} {BODY_NOTE}", by_size(of_body(mean))),
+        Table("sd1", "Standard deviation over frames of a frame’s mean error, mm", "hole_m", note,
+              by_size(lambda groups: deviation([frame_means(group) for group in groups]))),
+        Table("result1_occluded", "Mean joint error by size of hole, mm, only frames with a hole", "hole_m", note,
+              by_size(mean, occluded=True)),
+        Table("known", "Share of joints with an error", "hole_m",
+              f"{note} Joints that a method or the reference lacks do not count in any mean.",
+              by_size(lambda groups: mean([np.isfinite(group).astype(float) for group in groups]), unit=Unit.SHARE)),
+        Table("ratio", "Mean error with a hole over that without, in the same frames", "hole_m", note,
+              _ratios(tracking, methods, kept, resamples, False)),
+        Table("ratio_occluded", "Mean error with a hole over that without, only frames with a hole", "hole_m", note,
+              _ratios(tracking, methods, kept, resamples, True)),
+        Table("result2", "Mean error by joint over all sizes of hole, mm (r_i)", "joint", note, by_joint(mean)),
+        Table("sd2", "Standard deviation of the error by joint over all sizes of hole, mm", "joint", note,
+              by_joint(deviation)),
     ]  # fmt: skip
 
 
-def _other_holes(results: ExperimentResults, tracking: Tracking, frames: Frames, scene: Scene) -> Table:
+def of_body(summarise: Summary) -> Summary:
+    """The same of the joints but hands and wrists."""
+    return lambda groups: summarise([without_hands(group) for group in groups])
+
+
+def note_on(kept: Kept) -> str:
+    """What a reader must know about the frames of a table."""
+    sizes = {hole for _, hole in kept}
+    count = sum(len(chosen) for chosen in kept.values()) // max(len(sizes), 1)
+    return f"{SAME_NOTE} {count} frames for each size of hole."
+
+
+def _other_holes(results: ExperimentResults, tracking: Tracking, scene: Scene) -> Table:
     """The paper's "result1" in another scene."""
-    methods = _methods(results, tracking, scene, frames)
-    kept = tracking.shared(scene, methods) if frames is Frames.SAME else None
-    rows = _by_size(tracking, methods, kept, partial(mean_over, resamples=results.config.resamples), scene=scene)
-    title = f"Mean joint error by size of hole, mm, scene “{scene}”"
-    return _table(f"{scene}_by_size", title, "hole_m", frames, _note(frames, methods, kept), rows)
-
-
-def _methods(results: ExperimentResults, tracking: Tracking, scene: Scene, frames: Frames) -> list[Method]:
-    ran = tracking.ran(scene, compared(results.methods))
-    return ran if frames is Frames.SAME else [method for method in ran if not method.sampled]
-
-
-def _table(key: str, title: str, across: str, frames: Frames, note: str, rows: Sequence[Row]) -> Table:
-    form = frames.value.replace(" ", "_")
-    return Table(f"{key}_{form}", f"{title}: {frames.value}", across, note, tuple(rows))
-
-
-def _note(frames: Frames, methods: Sequence[Method], kept: Kept | None) -> str:
-    if frames is Frames.ALL or kept is None:
-        return ALL_NOTE
-    count = sum(len(chosen) for chosen in kept.values())
-    sampled = ", ".join(method.title for method in methods if method.sampled)
-    drawn = f" Drawn at random for {sampled}." if sampled else ""
-    return f"{SAME_NOTE} {count} frames of all sizes together.{drawn}"
+    methods = tracking.ran(scene, compared(results.methods))
+    kept = tracking.shared(scene, methods)
+    rows = by_size_rows(tracking, methods, kept, partial(mean_over, resamples=results.config.resamples), scene=scene)
+    return Table(f"{scene}_by_size", f"Mean joint error by size of hole, mm, scene “{scene}”", "hole_m",
+                 note_on(kept), rows)  # fmt: skip
 
 
 def hole_column(hole_m: float, unit: Unit = Unit.MM) -> Column:
@@ -109,33 +108,32 @@ def hole_column(hole_m: float, unit: Unit = Unit.MM) -> Column:
     return Column(f"{hole_m:g}", f"{hole_m:.2f} m" if hole_m else "none", unit)
 
 
-def _by_size(
+def by_size_rows(
     tracking: Tracking,
     methods: Sequence[Method],
-    kept: Kept | None,
-    summarise: Callable[[Groups], Estimate],
+    kept: Kept,
+    summarise: Summary,
     occluded: bool = False,
     unit: Unit = Unit.MM,
     scene: Scene = Scene.PAPER,
-) -> list[Row]:
-    return [
+) -> tuple[Row, ...]:
+    """A row for every method and size of hole of a scene."""
+    return tuple(
         Row(method, hole_column(hole, unit),
             summarise(list(tracking.errors(scene, method.key, hole, kept, occluded).values())))
         for method in methods
         for hole in tracking.holes(scene)
         if hole > 0 or not occluded
-    ]  # fmt: skip
+    )  # fmt: skip
 
 
-def _by_joint(
-    tracking: Tracking, methods: Sequence[Method], kept: Kept | None, summarise: Callable[[Groups], Estimate]
-) -> list[Row]:
+def _by_joint(tracking: Tracking, methods: Sequence[Method], kept: Kept, summarise: Summary) -> tuple[Row, ...]:
     rows = []
     for method in methods:
         together = list(errors_of_all_sizes(tracking, method.key, kept).values())
         for index, name in enumerate(JOINT_NAMES):
             rows.append(Row(method, Column(name, name), summarise([errors[:, index] for errors in together])))
-    return rows
+    return tuple(rows)
 
 
 def errors_of_all_sizes(tracking: Tracking, method: str, kept: Kept | None = None) -> dict[str, np.ndarray]:
@@ -148,14 +146,14 @@ def errors_of_all_sizes(tracking: Tracking, method: str, kept: Kept | None = Non
 
 
 def _ratios(
-    tracking: Tracking, methods: Sequence[Method], kept: Kept | None, resamples: int, occluded: bool
-) -> list[Row]:
-    return [
+    tracking: Tracking, methods: Sequence[Method], kept: Kept, resamples: int, occluded: bool
+) -> tuple[Row, ...]:
+    return tuple(
         Row(method, hole_column(hole, Unit.RATIO), ratio_to_none(tracking, method.key, hole, resamples, occluded, kept))
         for method in methods
         for hole in tracking.holes(Scene.PAPER)
         if hole > 0
-    ]
+    )
 
 
 def ratio_to_none(
@@ -166,20 +164,18 @@ def ratio_to_none(
     return ratio_of([with_hole for with_hole, _ in pairs], [without for _, without in pairs], resamples)
 
 
-def _scene_table(results: ExperimentResults, tracking: Tracking, frames: Frames) -> Table:
+def _scene_table(results: ExperimentResults, tracking: Tracking) -> Table:
     rows, all_methods = [], compared(results.methods)
     for method in all_methods:
         for scene in Scene:
-            methods = _methods(results, tracking, scene, frames)
-            if method not in methods:
-                continue
-            kept = tracking.shared(scene, methods) if frames is Frames.SAME else None
-            rows += _in_scene(tracking, scene, method, kept, results.config.resamples)
-    note = ALL_NOTE if frames is Frames.ALL else f"{SAME_NOTE} Scene by scene."
-    return _table("scenes", "Mean joint error by scene, mm", "scene", frames, note, rows)
+            methods = tracking.ran(scene, all_methods)
+            if method in methods:
+                kept = tracking.shared(scene, methods)
+                rows += _in_scene(tracking, scene, method, kept, results.config.resamples)
+    return Table("scenes", "Mean joint error by scene, mm", "scene", f"{SAME_NOTE} Scene by scene.", tuple(rows))
 
 
-def _in_scene(tracking: Tracking, scene: Scene, method: Method, kept: Kept | None, resamples: int) -> list[Row]:
+def _in_scene(tracking: Tracking, scene: Scene, method: Method, kept: Kept, resamples: int) -> list[Row]:
     """Without a hole and, where holes are cut, with the largest."""
     holes = tracking.holes(scene)
     return [

@@ -142,8 +142,9 @@ def measure_times(frame: int, reference: Reference, run: Run) -> PaperTimes | No
         return patient_surface(views, run.room.cameras, None, fine)
 
     surface = mesh()
-    sources = _five(surface)
+    sources, camera = _five(surface), run.room.cameras[0]
     return PaperTimes(
+        image=f"{camera.width} x {camera.height}",
         nodes=len(surface),
         edges=len(edges(surface)),
         mesh_s=_median_s(mesh),
@@ -173,30 +174,43 @@ def _median_s(work: Callable[[], object]) -> float:
 def show(out: Path, spec: PlanSpec, trainers: Sequence[Clip]) -> tuple[PaperTimes | None, tuple[str, ...]]:
     """Write ``out / pictures``, empty where nothing can be shown; returns times, and a sentence per failed recording.
 
-    The last training recording is taken, whose movements are the fastest; if that fails, the one before.
+    The times are of another image, see ``_paper_size_times``. The last training recording is taken, whose movements are
+    the fastest; if that fails, the one before.
     """
-    plan, times, failed = spec.plan(), None, list[str]()
+    plan, failed, shown = spec.plan(), list[str](), False
     with whole_or_nothing(out / "pictures", ("*",)) as folder, one_thread():
         for clip in reversed(trainers):
             try:
-                times = _show_one(folder.parent / folder.name, plan, clip)
+                if not shown:
+                    _show_one(folder.parent / folder.name, plan, clip)
+                    shown = True
+                return _paper_size_times(plan, clip), tuple(failed)
             except AnchorposeError as error:
                 failed.append(f"{clip.name} is not shown: {error}")
-                continue
-            break
-    return times, tuple(failed)
+    return None, tuple(failed)
 
 
-def _show_one(folder: Path, plan: Plan, clip: Clip) -> PaperTimes | None:
+def _show_one(folder: Path, plan: Plan, clip: Clip) -> None:
     middle = sorted(plan.config.holes_m)[len(plan.config.holes_m) // 2]
     with prepare_clip(clip, plan) as prepared, with_holes(prepared, middle) as (holed, cut):
-        if not prepared.starts:
-            return None
-        times = measure_times(prepared.starts[0], prepared.reference, paper_run(prepared.recording, plan.movements))
         frame = _moving_frame(prepared, cut)
         if prepared.skin is not None and frame is not None:
             write_pictures(folder, prepared, holed, frame, plan)
-    return times
+
+
+PAPER_SIZE: Final = "azure-kinect"  # sees a person with as many pixels as the paper's mesh has nodes
+
+
+def _paper_size_times(plan: Plan, clip: Clip) -> PaperTimes | None:
+    """The times on an image in which a person is as large as in the paper's, for which a finer camera looks on."""
+    if clip.simulation is None:
+        return None
+    seconds = (plan.config.segment_frames + 1) / plan.config.fps
+    finer = replace(clip.simulation, sensor=PAPER_SIZE, seconds=seconds)
+    with prepare_clip(replace(clip, name=f"{clip.name}, finer", simulation=finer), plan) as prepared:
+        if not prepared.starts:
+            return None
+        return measure_times(prepared.starts[0], prepared.reference, paper_run(prepared.recording, plan.movements))
 
 
 def _moving_frame(prepared: PreparedClip, cut: np.ndarray) -> int | None:

@@ -33,7 +33,7 @@ SHORT: Final = dict(zip(ANCHOR_NAMES, ("head", "left hand", "right hand", "left 
 
 def name_subset(subset: np.ndarray) -> str:
     """The anchors of a subset (n_s,), in words."""
-    return ", ".join(SHORT[ANCHOR_NAMES[anchor]] for anchor in subset)
+    return ", ".join(SHORT[ANCHOR_NAMES[anchor]] for anchor in subset if anchor >= 0)
 
 
 def hypothesis_pictures(view: View, moment: Moment, method: Method, setting: object) -> list[Picture]:

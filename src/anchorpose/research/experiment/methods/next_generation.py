@@ -1,0 +1,168 @@
+"""The paper's future work: anchors with a local descriptor, which say different things about where a node is.
+
+A local descriptor tells neighbours apart and confuses places far from each other; distances to anchors do the opposite.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Final
+
+import numpy as np
+from numba import njit
+
+from anchorpose.association.hypotheses import HypothesisConfig, Matcher, anchor_subsets
+from anchorpose.geodesics.anchors import ANCHOR_NAMES
+from anchorpose.research.experiment.framework import NEVER_M
+from anchorpose.research.experiment.method import NEXT, Family, Method, cached_per_frame
+from anchorpose.research.features.shot import ShotConfig, shot
+from anchorpose.surface.surface import SurfaceConfig
+from anchorpose.tracker.association import Associate
+from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.observation import Observation
+from anchorpose.tracking.tree import TreeConfig
+
+SHOT: Final = ShotConfig(radius_m=0.20, z_by_normal=True)  # as chosen for SHOT alone
+MOST: Final = 9.0  # squared deviations: a distance that an occlusion changed counts no more, nor does an unknown one
+MOST_SHOT: Final = 18.0  # of a signature: a hole beside a node changes it
+GIVEN_UP_M: Final = 0.30  # a hand at 3 m/s is so far off its prediction, and its descriptor shows it all the same
+ROWS: Final = 500  # source nodes that are compared at once: 4 MB per anchor for 2,000 of the other frame
+SUBSET: Final = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NextSetting:
+    """anchor_sigma_m: of a distance to an anchor; shot_sigma: of the distance of two signatures, which are of unit
+    length; place_sigma_m: of where a node goes, since most of the skin hardly moves; cost_m: what a branch of the tree
+    pays per deviation of its nodes' descriptors."""
+
+    anchor_sigma_m: float = 0.04
+    shot_sigma: float = 0.15
+    place_sigma_m: float = 0.03
+    cost_m: float = 0.01
+
+
+SETTINGS: Final = (
+    NextSetting(),
+    NextSetting(cost_m=0.02),
+    NextSetting(anchor_sigma_m=0.03),
+    NextSetting(shot_sigma=0.2),
+    NextSetting(place_sigma_m=0.06),
+    NextSetting(place_sigma_m=0.1),
+)
+
+
+def _configure(config: TrackConfig, setting: NextSetting) -> TrackConfig:
+    """Holes in the mesh are closed with the expected body, as in this project's tracker."""
+    tree = config.tree if config.tree.missed_cost_m == NEVER_M else TreeConfig(missed_cost_m=GIVEN_UP_M)
+    hypotheses = HypothesisConfig(trusted_only=False)
+    return replace(config, surface=SurfaceConfig(), hypotheses=hypotheses, tree=tree)
+
+
+def _signatures(seen: Observation) -> np.ndarray:
+    """(n, 352), zero where undefined: then unlike everything."""
+    return np.nan_to_num(shot(seen.surface.points_m, seen.surface.normals, SHOT))
+
+
+def _associate(setting: NextSetting) -> Associate:
+    signatures = cached_per_frame(_signatures)
+
+    def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
+        subsets = anchor_subsets(now.anchors.found & following.anchors.found, SUBSET)
+        subsets = subsets if len(subsets) else np.empty((1, 0), np.int64)
+        local = partial(_local, signatures(now), signatures(following), setting.shot_sigma)
+        source = now.descriptor - jitter_m(now, following, local)
+
+        def find(nodes: np.ndarray) -> np.ndarray:
+            match = np.empty((len(nodes), len(subsets)), np.int32)
+            per2 = (setting.anchor_sigma_m**-2, setting.place_sigma_m**-2)
+            for first in range(0, len(nodes), ROWS):
+                chosen = nodes[first : first + ROWS]
+                seen = (source[chosen], now.surface.points_m[chosen])
+                others = (following.descriptor, following.surface.points_m)
+                match[first : first + ROWS], total = most_similar(local(chosen), seen, others, subsets, per2)
+                matcher.cost_m[chosen] = setting.cost_m * np.sqrt(total)
+            return match
+
+        matcher = Matcher(find, len(now.surface), subsets)
+        return matcher
+
+    return pair
+
+
+def _local(source: np.ndarray, target: np.ndarray, sigma: float, nodes: np.ndarray) -> np.ndarray:
+    """(k, n) float32: squared distances of signatures of unit length, in deviations, at most ``MOST_SHOT``."""
+    apart2 = np.maximum(2.0 - 2.0 * source[nodes] @ target.T, 0.0)
+    return np.asarray(np.minimum(apart2 / np.float32(sigma**2), np.float32(MOST_SHOT)))
+
+
+@njit(cache=True)
+def most_similar(
+    local: np.ndarray,
+    seen: tuple[np.ndarray, np.ndarray],
+    others: tuple[np.ndarray, np.ndarray],
+    subsets: np.ndarray,
+    per2: tuple[float, float],
+) -> tuple[np.ndarray, np.ndarray]:
+    """(k, s) int32 most similar node of the other frame under each subset, and (k, s) float32 its squared deviations.
+
+    local (k, n): those of the signatures; seen: distances to the anchors (k, 5) and places (k, 3) of the nodes, others
+    (n, 5) and (n, 3); per2: what squared metres of either are divided by. A distance counts ``MOST`` at most, and so
+    much where it is unknown. The lower node of equals.
+    """
+    match = np.zeros((len(local), len(subsets)), np.int32)
+    total = np.full((len(local), len(subsets)), np.inf, np.float32)
+    distance, place, each = others[0], others[1], np.empty(seen[0].shape[1], np.float32)
+    for node in range(len(local)):
+        for other in range(len(place)):
+            base = np.float32(0.0)
+            for axis in range(3):
+                off = seen[1][node, axis] - place[other, axis]
+                base += off * off
+            base = local[node, other] + min(base * np.float32(per2[1]), np.float32(MOST))
+            for anchor in range(len(each)):
+                off = seen[0][node, anchor] - distance[other, anchor]
+                off2 = off * off * np.float32(per2[0])
+                each[anchor] = off2 if off2 < MOST else np.float32(MOST)  # never less where it is NaN
+            for s in range(len(subsets)):
+                apart2 = base
+                for anchor in subsets[s]:
+                    apart2 += each[anchor]
+                if apart2 < total[node, s]:
+                    total[node, s], match[node, s] = apart2, other
+    return match, total
+
+
+def jitter_m(now: Observation, following: Observation, local: partial[np.ndarray]) -> np.ndarray:
+    """(5,) float32 metres, e_1: the anchors' own movement adds the same to the distance of every node.
+
+    It is the median difference between nodes and their matches by the local descriptor alone; 0 for an anchor that is
+    not reached in both frames.
+    """
+    jitter = np.zeros(len(ANCHOR_NAMES), np.float32)
+    if len(now.surface) == 0 or len(following.surface) == 0:
+        return jitter
+    some = np.arange(0, len(now.surface), 1 + len(now.surface) // ROWS)
+    with np.errstate(invalid="ignore"):
+        off = now.descriptor[some] - following.descriptor[local(some).argmin(axis=1)]
+    for anchor, column in enumerate(off.T):
+        known = column[np.isfinite(column)]
+        jitter[anchor] = np.median(known) if len(known) else 0.0
+    return jitter
+
+
+METHODS = (
+    Method(
+        key=NEXT,
+        title="next generation: anchors with SHOT",
+        family=Family.PROPOSED,
+        source="Li and Burdick, Section VI (future work)",
+        settings=SETTINGS,
+        associate=_associate,
+        configure=_configure,
+        several=True,
+        own_surface=True,
+        frame_ms=350.0,
+    ),
+)

@@ -1,0 +1,141 @@
+"""The patient in the paper's framework: how a pose follows from the matches (Section IV)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from anchorpose.body.anchor_limbs import CONTRADICTED_M, contradicted_by
+from anchorpose.body.belief import PoseBelief
+from anchorpose.body.config import RegistrationConfig
+from anchorpose.body.constraints import join, place_constraints
+from anchorpose.body.fit import damped_step, pose_equations, range_information
+from anchorpose.body.inverse_kinematics import pose_from_joints
+from anchorpose.body.limb_proposals import CHAINS
+from anchorpose.body.own_surface import match_skin
+from anchorpose.body.part_registration import ITERATIONS, joints_of_parts
+from anchorpose.body.pose import Pose
+from anchorpose.body.registration import Registration, posterior
+from anchorpose.body.skin_points import Body, PosedPoints, pose_points
+from anchorpose.body.tips import anchor_points
+from anchorpose.geodesics.anchors import ANCHOR_NAMES
+from anchorpose.geodesics.seen import SeenGeodesics
+from anchorpose.research.experiment.config import Form
+from anchorpose.tracker.association import GlobalHypothesis, pairs_of, part_motion, parts_by_icp
+from anchorpose.tracker.observation import Observation
+from anchorpose.tracker.patient import PatientTracker
+from anchorpose.tracker.run import Run
+from anchorpose.tracker.start import Start
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Way:
+    """What a method does beside its association, and the form of the framework.
+
+    filtered: the pose follows the matches by a Kalman filter, not part by part. own_surface: limbs whose ends are seen
+    elsewhere are brought back by matching the body's own surface.
+    """
+
+    form: Form = Form.REFINED
+    filtered: bool = False
+    own_surface: bool = False
+
+
+class PaperTracker(PatientTracker):
+    """The patient in the paper's framework."""
+
+    def __init__(self, run: Run, start: Start, way: Way) -> None:
+        self.way = way
+        super().__init__(run, start)
+
+    def _register_parts(self, hypothesis: GlobalHypothesis, pose: Pose, predicted: PoseBelief) -> Registration:
+        config, form, robust = self.config.registration, self.way.form, self.way.form.rejects
+        now, window = pose_points(self.body, self.belief.pose), list(self.window)
+        if self.way.filtered:
+            predicted = filter_matches(self.body, now, hypothesis, window, predicted, config, robust)
+            pose = predicted.pose
+            if not form.refined:
+                return Registration(predicted, 1.0, True)
+            hypothesis = replace(hypothesis, matched_m=np.full_like(hypothesis.matched_m, np.nan))
+        T_predicted = part_motion(now.transforms, pose_points(self.body, pose).transforms)
+        T_next_now = parts_by_icp(now, hypothesis, window, T_predicted, ITERATIONS if form.refined else 0, robust)
+        joints = joints_of_parts(self.points.asset, self.body.mesh, T_next_now @ now.transforms)
+        pose = pose_from_joints(self.body, pose, joints)
+        if self.way.own_surface:
+            pose = bring_limbs_back(self.body, pose, self.window[1].geodesics)
+        found = posterior(self.body, pose, predicted, self.window[1].evidence, config)
+        if not robust and not found.found:  # a pose that explains too little is rejected too, for the predicted one
+            return Registration(replace(predicted, pose=pose), found.explained, True)
+        return found
+
+
+FAR_M: Final = 1000.0  # a scale at which no row loses weight
+FILTER_STEPS: Final = 4  # of Gauss and Newton: an iterated extended Kalman filter; it settles in three
+
+
+def filter_matches(
+    body: Body,
+    now: PosedPoints,
+    hypothesis: GlobalHypothesis,
+    window: Sequence[Observation],
+    predicted: PoseBelief,
+    config: RegistrationConfig,
+    robust: bool,
+) -> PoseBelief:
+    """The belief after the update of an iterated extended Kalman filter, the paper's alternative (Section III).
+
+    The state is the pose; h is where the skin point beside each matched node is, in that pose. Without matches the
+    belief is the prediction. robust: distant matches count less.
+    """
+    T_next_now = part_motion(now.transforms, pose_points(body, predicted.pose).transforms)
+    pairs = pairs_of(now, hypothesis, window, T_next_now)
+    if len(pairs) == 0:
+        return predicted
+    rows = pairs if robust else replace(pairs, scale_m=np.full(len(pairs), FAR_M))
+    expected, pose = (predicted.pose, predicted.information), predicted.pose
+    for _ in range(FILTER_STEPS):
+        pose = damped_step(body, pose, rows, expected, config.rows_per_observation)
+    posed = pose_points(body, pose)
+    hessian = pose_equations(body, pose, posed, rows, expected, config.rows_per_observation).hessian
+    return PoseBelief(pose, np.linalg.inv(hessian), hessian - range_information(body.points, pose))
+
+
+HANDS: Final = np.array(["Hand" in name for name in ANCHOR_NAMES])
+BACK_SCALES_M: Final = (0.5, 0.5, 0.3, 0.15)  # of each step: a limb comes from far at first
+BACK_SIGMA_M: Final = 0.05  # of a match of the own surface
+HELD_SIGMA_M: Final = 0.01  # of the skin of all other parts, which stays
+HELD_EVERY: Final = 4  # of their skin points
+
+
+def bring_limbs_back(body: Body, pose: Pose, seen: SeenGeodesics) -> Pose:
+    """The pose with every arm moved whose hand the frame shows elsewhere (``own_surface.match_skin``).
+
+    The rest of the body stays where it is.
+    """
+    lost = contradicted_by(body, pose, seen.anchors, CONTRADICTED_M) & HANDS
+    bones = [bone for chain in CHAINS for bone in chain.bones if lost[ANCHOR_NAMES.index(chain.joints[0])]]
+    if not bones:
+        return pose
+    numbers, part = [body.points.asset.bone(name) for name in bones], body.points.part
+    matches, tips = match_skin(body, seen), anchor_points(body.points)
+    own = np.isin(part[matches.point], numbers)
+    point = np.concatenate([matches.point[own], tips[lost]])
+    places = np.concatenate([seen.whole.points_m[matches.node[own]].astype(np.float64), seen.anchors.position_m[lost]])
+    others = np.flatnonzero(~np.isin(part, _with_fingers(body, numbers)))[::HELD_EVERY]
+    stay = place_constraints(others, pose_points(body, pose).points_m[others], HELD_SIGMA_M, FAR_M)
+    for scale_m in BACK_SCALES_M:
+        rows = join([place_constraints(point, places, BACK_SIGMA_M, scale_m), stay])
+        pose = damped_step(body, pose, rows, None, 1.0)
+    return pose
+
+
+def _with_fingers(body: Body, bones: Sequence[int]) -> list[int]:
+    """The bones and all that hang on them."""
+    found = list(bones)
+    for bone, parent in enumerate(body.points.asset.bone_parents):
+        if parent in found and bone not in found:
+            found.append(bone)
+    return found

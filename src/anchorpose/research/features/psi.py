@@ -1,0 +1,133 @@
+"""The paper's match of a node: the middle of psi, the nodes whose distances to some anchors are alike (Section IV).
+
+On a limb psi is a band that ends at the outline, where the sensor stops seeing the skin. Its average then lies too far
+inside: no node at the outline would ever be a match. The unclipped middle is where psi's distances are those of the
+node: position is regressed on distance over psi (least squares). Where nothing clips psi both are the same.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numba import njit
+
+from anchorpose.association.hypotheses import GateConfig, anchor_subsets
+
+NONE: Final = -1  # fills up a subset of fewer anchors
+RIDGE_M2: Final = 0.002**2  # along which psi's distances hardly vary, its middle stays
+FEWEST: Final = 8  # nodes of psi from which a regression over three distances is determined
+
+
+def subsets_with_pieces(source: np.ndarray, target: np.ndarray, found: np.ndarray, size: int) -> np.ndarray:
+    """(s, size): the subsets of the found anchors (5,) bool, and the anchors of each piece that fewer than size reach.
+
+    source (n, 5), target (m, 5): the distances of two frames, not finite where a piece is not reached from an anchor.
+    Behind a cut no subset of that size has a distance; the anchors that are left are then the only subset.
+    """
+    whole = anchor_subsets(found, size)
+    reached = [row for table in (source, target) for row in np.unique(np.isfinite(table) & found, axis=0)]
+    few = sorted({tuple(np.flatnonzero(row)) for row in reached if 0 < row.sum() < min(size, found.sum())})
+    filled = [[*anchors, *[NONE] * (whole.shape[1] - len(anchors))] for anchors in few]
+    return np.concatenate([whole, np.array(filled, np.int64).reshape(len(filled), whole.shape[1])])
+
+
+def match_by_psi(
+    source: np.ndarray, target: np.ndarray, places_m: np.ndarray, subsets: np.ndarray, gate: GateConfig, unclipped: bool
+) -> np.ndarray:
+    """(k, s) int32: the node of psi nearest to its middle under each subset, -1 where psi is empty.
+
+    source (k, 5), target (n, 5) metres; places_m (n, 3) of the target nodes; subsets of ``subsets_with_pieces``. A
+    filled-up subset applies only where the node or its match is reached from these anchors alone.
+    """
+    known = subsets != NONE
+    distance = np.where(known, source[:, np.where(known, subsets, 0)], 0.0)
+    bound = gate.anchor_bound_m + gate.surface_bound_per_m * distance.sum(axis=2) / known.sum(axis=1)
+    bits = (1 << np.arange(source.shape[1])).astype(np.int64)
+    reached = [(np.isfinite(table) @ bits).astype(np.int64) for table in (source, target)]
+    only = np.where(known.all(axis=1), NONE, (np.where(known, 1 << np.maximum(subsets, 0), 0)).sum(axis=1))
+    return _match_all(
+        source.astype(np.float64), target.astype(np.float64), places_m.astype(np.float64), subsets, bound**2,
+        reached[0], reached[1], only, unclipped,
+    )  # fmt: skip
+
+
+@njit(cache=True)
+def _match_all(
+    source: np.ndarray,
+    target: np.ndarray,
+    places: np.ndarray,
+    subsets: np.ndarray,
+    limit2: np.ndarray,
+    reached: np.ndarray,
+    target_reached: np.ndarray,
+    only: np.ndarray,
+    unclipped: bool,
+) -> np.ndarray:
+    """As ``match_by_psi``; reached: a bit per anchor; only (s,): the bits of a filled-up subset, -1 for others."""
+    match = np.full((len(source), len(subsets)), -1, np.int32)
+    psi, offset = np.empty(len(target), np.int64), np.empty((len(target), subsets.shape[1]))
+    for node in range(len(source)):
+        for s in range(len(subsets)):
+            alone = only[s] >= 0 and reached[node] != only[s]
+            size = 0
+            for other in range(len(target)):
+                if alone and target_reached[other] != only[s]:
+                    continue
+                apart2 = 0.0
+                for k in range(subsets.shape[1]):
+                    anchor = subsets[s, k]
+                    offset[size, k] = target[other, anchor] - source[node, anchor] if anchor >= 0 else 0.0
+                    apart2 += offset[size, k] ** 2
+                    if not apart2 < limit2[node, s]:
+                        break
+                psi[size] = other
+                size += apart2 < limit2[node, s]
+            if size:
+                match[node, s] = _middle(places, psi[:size], offset[:size], unclipped)
+    return match
+
+
+@njit(cache=True)
+def _middle(places: np.ndarray, psi: np.ndarray, offset: np.ndarray, unclipped: bool) -> int:
+    """The node of psi (m,) nearest to its middle; offset (m, a): its distances less those of the source node."""
+    middle = np.zeros(3)
+    for m in range(len(psi)):
+        middle += places[psi[m]]
+    middle /= len(psi)
+    if unclipped and len(psi) >= FEWEST:
+        middle -= _shift(places, psi, offset, middle)
+    best, nearest = psi[0], np.inf
+    for m in range(len(psi)):
+        away = 0.0
+        for axis in range(3):
+            away += (places[psi[m], axis] - middle[axis]) ** 2
+        if away < nearest:
+            nearest, best = away, psi[m]
+    return best
+
+
+@njit(cache=True)
+def _shift(places: np.ndarray, psi: np.ndarray, offset: np.ndarray, middle: np.ndarray) -> np.ndarray:
+    """(3,) metres from where psi's distances are those of the node to the average position: the regression's line."""
+    anchors = offset.shape[1]
+    mean = np.zeros(anchors)
+    for m in range(len(psi)):
+        mean += offset[m]
+    mean /= len(psi)
+    spread, pull = np.zeros((anchors, anchors)), np.zeros((anchors, 3))
+    for m in range(len(psi)):
+        for a in range(anchors):
+            off = offset[m, a] - mean[a]
+            for b in range(anchors):
+                spread[a, b] += off * (offset[m, b] - mean[b])
+            for axis in range(3):
+                pull[a, axis] += off * (places[psi[m], axis] - middle[axis])
+    for a in range(anchors):
+        spread[a, a] += RIDGE_M2 * len(psi)
+    slope = np.linalg.solve(spread, pull)
+    shift = np.zeros(3)
+    for a in range(anchors):
+        for axis in range(3):
+            shift[axis] += slope[a, axis] * mean[a]
+    return shift

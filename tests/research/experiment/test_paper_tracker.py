@@ -1,0 +1,46 @@
+"""What methods of the comparison may change in the framework: lost limbs, the filter, and rejection."""
+
+from __future__ import annotations
+
+import numpy as np
+from body_builder import FRONT, LEFT, adult_body, joint_errors_m, seen_body, standing
+
+from anchorpose.geodesics.anchors import anchor_descriptor, find_anchors
+from anchorpose.geodesics.seen import SeenGeodesics
+from anchorpose.joints import JOINT_INDEX
+from anchorpose.research.experiment.config import Form
+from anchorpose.research.experiment.framework import NEVER_M, paper_config
+from anchorpose.research.experiment.paper_tracker import bring_limbs_back
+from anchorpose.tracking.tree import TreeConfig
+
+BODY = adult_body()
+RAISED = standing(LeftArm=(30.0, 0.0, 0.0), RightArm=(-15.0, 0.0, 25.0), RightForeArm=(0.0, -30.0, 20.0))
+LEFT_ARM = [JOINT_INDEX[f"{name}Left"] for name in ("Elbow", "Wrist", "Hand")]
+REST = [index for index in range(len(JOINT_INDEX)) if index not in LEFT_ARM]
+
+
+def seen_of_raised() -> SeenGeodesics:
+    surface = seen_body(RAISED, BODY, (FRONT, LEFT)).surface
+    height_m = float(np.ptp(BODY.mesh.vertices[:, 1]))
+    anchors = find_anchors(surface, np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]), height_m)
+    return SeenGeodesics(surface, anchors, anchor_descriptor(surface, anchors))
+
+
+def test_a_lost_arm_comes_back_and_the_rest_stays() -> None:
+    wrong = standing(RightArm=(-15.0, 0.0, 25.0), RightForeArm=(0.0, -30.0, 20.0))
+    before = joint_errors_m(BODY, wrong, RAISED)
+    assert before[LEFT_ARM].max() > 0.2
+    back = bring_limbs_back(BODY, wrong, seen_of_raised())
+    after = joint_errors_m(BODY, back, RAISED)
+    assert after[LEFT_ARM].max() < 0.07
+    assert np.linalg.norm(BODY.joints(back) - BODY.joints(wrong), axis=1)[REST].max() < 0.03
+
+
+def test_a_pose_that_the_anchors_confirm_is_left_alone() -> None:
+    assert bring_limbs_back(BODY, RAISED, seen_of_raised()) is RAISED
+
+
+def test_without_rejection_the_tree_gives_no_node_up(tmp_path) -> None:
+    costs = {form: paper_config(tmp_path / "m.npz", form).tree.missed_cost_m for form in Form}
+    assert {costs[form] for form in Form if form.rejects} == {TreeConfig().missed_cost_m}
+    assert {costs[form] for form in Form if not form.rejects} == {NEVER_M}
