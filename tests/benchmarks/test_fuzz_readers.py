@@ -18,7 +18,6 @@ import sources_builder as build
 
 from anchorpose.errors import InputError
 
-
 QUICK = ("npy", "record3d")
 
 
@@ -70,7 +69,8 @@ def test_a_process_that_hangs_or_crashes_ends_with_the_number_of_its_file(tmp_pa
             "from pathlib import Path\n"
             "faulthandler.register(signal.SIGALRM, chain=True); f.LONGEST_S = 1; real = f.outcome\n"
             f"f.outcome = lambda *given: {what}\n"
-            "path = Path(sys.argv[2]) / 'state'; f.State(next=7).save(path); f.run_reader('npy', 9, path.parent, path)\n"
+            "path = Path(sys.argv[2]) / 'state'; f.State(next=7).save(path)\n"
+            "f.run_reader('npy', 9, path.parent, path)\n"
         )
         folder = tmp_path / what
         folder.mkdir()
@@ -81,7 +81,15 @@ def test_a_process_that_hangs_or_crashes_ends_with_the_number_of_its_file(tmp_pa
 
 
 def test_every_reader_runs_and_a_run_that_was_stopped_goes_on(tmp_path):
-    program = [sys.executable, fuzz_readers.__file__, "--state", str(tmp_path / "states"), "--reader", *QUICK, "--files"]
+    program = [
+        sys.executable,
+        fuzz_readers.__file__,
+        "--state",
+        str(tmp_path / "states"),
+        "--reader",
+        *QUICK,
+        "--files",
+    ]
     for files in (3, 5):
         done = subprocess.run([*program, str(files)], check=False, capture_output=True, text=True, timeout=100)
         assert done.returncode == 0, done.stdout + done.stderr

@@ -271,7 +271,7 @@ def test_times_that_repeat_are_left_out_and_a_clock_set_back_is_refused(monkeypa
 @pytest.mark.parametrize("times", [[0.0, 33.333, 66.667], [0.0, 1e12], [1e15, 1e15 + 1 / 30], [0.0, 5e-5, 1e-4]])
 def test_times_that_no_recording_may_have_are_refused_by_the_name_of_the_source(monkeypatch, tmp_path, times):
     """They were written, and the recording was refused when it was tracked."""
-    with pytest.raises(InputError, match="/f: the clock of c .*record or export it again"):
+    with pytest.raises(InputError, match=r"/f: the clock of c .*record or export it again"):
         convert_made(monkeypatch, tmp_path, MadeSource(tmp_path / "f", times))
     assert not (tmp_path / "out").exists()
 
