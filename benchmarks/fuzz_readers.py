@@ -5,19 +5,17 @@
 Each file is damaged in its own way (flipped bits, cut, zeroed, a piece doubled or taken out, lengths exchanged) and
 converted.
 Counted are recordings, refusals in one sentence, and faults, each with the number of its file, which --first repeats:
-another error, a crash of native code, more than 10 s or 1 GB for one file, a folder left half-written, an image written
-that cannot be read or, from a file that was only cut, one that was not recorded. With --state, a run that was stopped
-goes on where it ended, and counts add up.
+another error, a crash of native code, more than 10 s of the processor or 1 GB for one file, a folder left half-written,
+an image written that cannot be read or, from a file that was only cut, one that was not recorded. With --state, a run
+that was stopped goes on where it ended, and counts add up.
 """
 
 from __future__ import annotations
 
 import argparse
-import faulthandler
 import random
 import resource
 import shutil
-import signal
 import sys
 import tempfile
 import time
@@ -35,7 +33,7 @@ import azure_builder
 import bags_builder
 import sources_builder
 import vendor_bags_builder
-from fuzz_recordings import SAVED_EVERY, State, describe, load_state, run_apart
+from fuzz_recordings import SAVED_EVERY, State, describe, limit_time, load_state, name_place_of_death, run_apart
 
 from anchorpose.errors import InputError
 from anchorpose.recording.reader import open_recording
@@ -204,14 +202,14 @@ def run_reader(name: str, stop: int, folder: Path, path: Path) -> None:
         shutil.rmtree(bad.parent, ignore_errors=True)
         shutil.rmtree(out, ignore_errors=True)
         cut = damaged_copy(good, bad.parent, random.Random(f"{name} {state.next}"))
-        signal.alarm(LONGEST_S)
-        start = time.perf_counter()
+        start = time.process_time()
+        limit_time(LONGEST_S)
         try:
             state.count(outcome(bad, out, whole if cut else None))
         except Exception as error:
             state.fault(name, error)
-        signal.alarm(0)
-        state.end_case(time.perf_counter() - start)
+        limit_time(0)
+        state.end_case(time.process_time() - start)
         if state.next % SAVED_EVERY == 0:
             state.save(path)
     state.save(path)
@@ -227,8 +225,7 @@ def main() -> None:
     parser.add_argument("--here", type=Path, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.here is not None:
-        faulthandler.enable()
-        faulthandler.register(signal.SIGALRM, chain=True)  # then ends the process, also within native code
+        name_place_of_death()
         run_reader(given.reader[0], given.first + given.files, given.here, given.state)
         return
     faults = 0

@@ -5,8 +5,8 @@
 A case is a small recording with damaged bytes, extreme or foreign values, pipes, devices and links in place of files,
 times of other units, images and meshes that lie about their size, thousands of cameras. It is opened, and everything
 that a run reads first is read. Counted are recordings, refusals in one sentence, and faults, each with the number of
-its case, which --first repeats: another error, a crash of native code, more than 30 s or 2 GB. With --state, a run that
-was stopped goes on where it ended, and counts add up.
+its case, which --first repeats: another error, a crash of native code, more than 30 s of the processor or 2 GB. With
+--state, a run that was stopped goes on where it ended, and counts add up.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ from anchorpose.recording.pairing import find_gaps
 from anchorpose.recording.reader import input_files, open_recording, read_frames
 
 LONGEST_S, MOST_BYTES = 30, 2 << 30
+BY_THE_CLOCK = 20  # times as long, since other programs may have the processor; for what waits without working
 SAVED_EVERY = 500  # cases
 
 
@@ -76,6 +77,19 @@ def load_state(path: Path) -> State:
     return State(**json.loads(path.read_text())) if path.exists() else State()
 
 
+def limit_time(seconds: int) -> None:
+    """The process ends after so much processor time, or where it waits much longer; 0: it may go on."""
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+    signal.alarm(BY_THE_CLOCK * seconds)
+
+
+def name_place_of_death() -> None:
+    """A process that ends by ``limit_time`` or a crash says where it is, also within native code."""
+    faulthandler.enable()
+    for number in (signal.SIGALRM, signal.SIGPROF):
+        faulthandler.register(number, chain=True)
+
+
 def outcome(folder: Path) -> str:
     """ "read" or "refused"; whatever else happens is an error, or a refusal of another form (ValueError)."""
     try:
@@ -108,14 +122,14 @@ def run_cases(state: State, stop: int, folder: Path, path: Path) -> None:
         shutil.copytree(good, bad)
         ways = spoil(bad, number)
         (folder / "number").write_text(f"{number} {ways}")
-        signal.alarm(LONGEST_S)
-        start = time.perf_counter()
+        start = time.process_time()
+        limit_time(LONGEST_S)
         try:
             state.count(outcome(bad))
         except Exception as error:
             state.fault(ways, error)
-        signal.alarm(0)
-        state.end_case(time.perf_counter() - start)
+        limit_time(0)
+        state.end_case(time.process_time() - start)
         if state.next % SAVED_EVERY == 0:
             state.save(path)
     state.save(path)
@@ -159,8 +173,7 @@ def main() -> None:
     parser.add_argument("--here", type=Path, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.here is not None:
-        faulthandler.enable()
-        faulthandler.register(signal.SIGALRM, chain=True)  # then ends the process, also within native code
+        name_place_of_death()
         run_cases(load_state(given.state), given.cases, given.here, given.state)
         return
     with tempfile.TemporaryDirectory() as folder:
