@@ -1,23 +1,21 @@
 """Damaged files of every format that `anchorpose convert` reads: what becomes of each.
 
-    .venv/bin/python benchmarks/fuzz_readers.py [--files 10000] [--reader NAME...] [--first NUMBER]
+    .venv/bin/python benchmarks/fuzz_readers.py [--files 10000] [--reader NAME...] [--first NUMBER] [--state FOLDER]
 
 Each file is damaged in its own way (flipped bits, cut, zeroed, a piece doubled or taken out, lengths exchanged) and
 converted.
 Counted are recordings, refusals in one sentence, and faults, each with the number of its file, which --first repeats:
-another error, a crash of native code, more than 10 s or 1 GB for one file, a folder left half-written, an image written
-that cannot be read or, from a file that was only cut, one that was not recorded.
+another error, a crash of native code, more than 10 s of the processor or 1 GB for one file, a folder left half-written,
+an image written that cannot be read or, from a file that was only cut, one that was not recorded. With --state, a run
+that was stopped goes on where it ended, and counts add up.
 """
 
 from __future__ import annotations
 
 import argparse
-import faulthandler
 import random
 import resource
 import shutil
-import signal
-import subprocess
 import sys
 import tempfile
 import time
@@ -35,6 +33,7 @@ import azure_builder
 import bags_builder
 import sources_builder
 import vendor_bags_builder
+from fuzz_recordings import SAVED_EVERY, State, describe, limit_time, load_state, name_place_of_death, run_apart
 
 from anchorpose.errors import InputError
 from anchorpose.recording.reader import open_recording
@@ -153,8 +152,11 @@ def converted(path: Path, out: Path) -> Converted:
 
 
 def depth_images(recording: Path) -> list[bytes]:
-    """The grey values of all images of a recording that opens."""
-    open_recording(recording)
+    """The grey values of all images of a recording that opens, or is refused only since its images are noise."""
+    try:
+        open_recording(recording)
+    except InputError as error:
+        require("measured nothing from first to last" in str(error), f"what was written is refused: {error}")
     files = sorted(recording.glob("*/depth/*.png"))
     return [cv2.imread(str(file), cv2.IMREAD_UNCHANGED).tobytes() for file in files]
 
@@ -183,34 +185,34 @@ def require(right: bool, otherwise: str) -> None:
         raise Fault(otherwise)
 
 
-def run_reader(name: str, files: range, folder: Path, at: Path) -> None:
-    """at: a file that always holds the number of the case, for a crash to be found again."""
+def run_reader(name: str, stop: int, folder: Path, path: Path) -> None:
+    """Files up to ``stop`` in this process; path: where the state is kept."""
     convert_module.one_thread = nullcontext  # to find the libraries takes longer than so small a conversion
-    good, path, out = folder / "good", folder / "bad" / "in", folder / "out"
+    state, good, bad, out = load_state(path), folder / "good", folder / "bad" / "in", folder / "out"
+    shutil.rmtree(good, ignore_errors=True)
+    shutil.rmtree(out, ignore_errors=True)
     good.mkdir()
     READERS[name](good / "in")
     converted(good / "in", out)
-    whole, counts, longest_s = depth_images(out), {"read": 0, "refused": 0, "faults": 0}, 0.0
+    whole = depth_images(out)
     limit = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() + MOST_BYTES
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
-    for number in files:
-        at.write_text(str(number))
-        shutil.rmtree(path.parent, ignore_errors=True)
+    while state.next < stop:
+        (folder / "number").write_text(f"{state.next} {name}")
+        shutil.rmtree(bad.parent, ignore_errors=True)
         shutil.rmtree(out, ignore_errors=True)
-        cut = damaged_copy(good, path.parent, random.Random(f"{name} {number}"))
-        signal.alarm(LONGEST_S)
-        start = time.perf_counter()
+        cut = damaged_copy(good, bad.parent, random.Random(f"{name} {state.next}"))
+        start = time.process_time()
+        limit_time(LONGEST_S)
         try:
-            counts[outcome(path, out, whole if cut else None)] += 1
+            state.count(outcome(bad, out, whole if cut else None))
         except Exception as error:
-            counts["faults"] += 1
-            print(f"{name}: file {number}: {type(error).__name__}: {error}"[:500], flush=True)
-        longest_s = max(longest_s, time.perf_counter() - start)
-        signal.alarm(0)
-    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    counted = ", ".join(f"{count} {what}" for what, count in counts.items())
-    print(f"{name}: {counted}, longest {longest_s:.2f} s, {peak_mb:.0f} MB")
-    sys.exit(counts["faults"] > 0)
+            state.fault(name, error)
+        limit_time(0)
+        state.end_case(time.process_time() - start)
+        if state.next % SAVED_EVERY == 0:
+            state.save(path)
+    state.save(path)
 
 
 def main() -> None:
@@ -219,23 +221,24 @@ def main() -> None:
     parser.add_argument("--files", type=int, default=10000)
     parser.add_argument("--reader", nargs="*", choices=READERS, default=list(READERS))
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--state", type=Path)
     parser.add_argument("--here", type=Path, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.here is not None:
-        faulthandler.enable()
-        faulthandler.register(signal.SIGALRM, chain=True)  # then ends the process, also within native code
-        run_reader(given.reader[0], range(given.first, given.first + given.files), given.here, given.here / "number")
+        name_place_of_death()
+        run_reader(given.reader[0], given.first + given.files, given.here, given.state)
         return
     faults = 0
-    for name in given.reader:
-        with tempfile.TemporaryDirectory() as folder:
-            again = ["--files", str(given.files), "--first", str(given.first), "--reader", name, "--here", folder]
-            done = subprocess.run([sys.executable, __file__, *again], check=False)
-            if done.returncode:
-                faults += 1
-                print(
-                    f"{name}: exit {done.returncode}, last at file {(Path(folder) / 'number').read_text()}", flush=True
-                )
+    with tempfile.TemporaryDirectory() as folder:
+        states = given.state or Path(folder)
+        states.mkdir(exist_ok=True)
+        for name in given.reader:
+            path, stop = states / f"{name}.json", given.first + given.files
+            if not path.exists():
+                State(next=given.first).save(path)
+            state = run_apart([__file__, "--files", str(stop), "--reader", name], path, stop)
+            print(f"{name}: {describe(state)}", flush=True)
+            faults += len(state.faults)
     sys.exit(faults > 0)
 
 

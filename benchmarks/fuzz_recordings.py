@@ -5,8 +5,8 @@
 A case is a small recording with damaged bytes, extreme or foreign values, pipes, devices and links in place of files,
 times of other units, images and meshes that lie about their size, thousands of cameras. It is opened, and everything
 that a run reads first is read. Counted are recordings, refusals in one sentence, and faults, each with the number of
-its case, which --first repeats: another error, a crash of native code, more than 30 s or 2 GB. With --state, a run that
-was stopped goes on where it ended, and counts add up.
+its case, which --first repeats: another error, a crash of native code, more than 30 s of the processor or 2 GB. With
+--state, a run that was stopped goes on where it ended, and counts add up.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ from anchorpose.recording.pairing import find_gaps
 from anchorpose.recording.reader import input_files, open_recording, read_frames
 
 LONGEST_S, MOST_BYTES = 30, 2 << 30
+BY_THE_CLOCK = 20  # times as long, since other programs may have the processor; for what waits without working
 SAVED_EVERY = 500  # cases
 
 
@@ -48,6 +49,22 @@ class State:
     longest_s: float = 0.0
     largest_mb: float = 0.0
 
+    def count(self, found: str) -> None:
+        """A case that ended as it must: "read" or "refused"."""
+        self.read += found == "read"
+        self.refused += found == "refused"
+
+    def fault(self, ways: str, error: Exception) -> None:
+        """The case that is tried now did what it must not do."""
+        self.faults.append(f"case {self.next} ({ways}): {type(error).__name__}: {error}"[:500])
+        print(self.faults[-1], flush=True)
+
+    def end_case(self, seconds: float) -> None:
+        """The next case is tried."""
+        self.longest_s = max(self.longest_s, round(seconds, 3))
+        self.largest_mb = max(self.largest_mb, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
+        self.next += 1
+
     def save(self, path: Path) -> None:
         """Whole or not at all."""
         partial = path.with_suffix(".partial")
@@ -58,6 +75,19 @@ class State:
 def load_state(path: Path) -> State:
     """The state of a run that was stopped, or of one that begins."""
     return State(**json.loads(path.read_text())) if path.exists() else State()
+
+
+def limit_time(seconds: int) -> None:
+    """The process ends after so much processor time, or where it waits much longer; 0: it may go on."""
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+    signal.alarm(BY_THE_CLOCK * seconds)
+
+
+def name_place_of_death() -> None:
+    """A process that ends by ``limit_time`` or a crash says where it is, also within native code."""
+    faulthandler.enable()
+    for number in (signal.SIGALRM, signal.SIGPROF):
+        faulthandler.register(number, chain=True)
 
 
 def outcome(folder: Path) -> str:
@@ -92,37 +122,46 @@ def run_cases(state: State, stop: int, folder: Path, path: Path) -> None:
         shutil.copytree(good, bad)
         ways = spoil(bad, number)
         (folder / "number").write_text(f"{number} {ways}")
-        signal.alarm(LONGEST_S)
-        start = time.perf_counter()
+        start = time.process_time()
+        limit_time(LONGEST_S)
         try:
-            found = outcome(bad)
-            state.read += found == "read"
-            state.refused += found == "refused"
+            state.count(outcome(bad))
         except Exception as error:
-            state.faults.append(f"case {number} ({ways}): {type(error).__name__}: {error}"[:500])
-            print(state.faults[-1], flush=True)
-        signal.alarm(0)
-        state.longest_s = max(state.longest_s, round(time.perf_counter() - start, 3))
-        state.largest_mb = max(state.largest_mb, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
-        state.next += 1
+            state.fault(ways, error)
+        limit_time(0)
+        state.end_case(time.process_time() - start)
         if state.next % SAVED_EVERY == 0:
             state.save(path)
     state.save(path)
 
 
-def run_apart(path: Path, stop: int) -> State:
-    """All cases in processes of their own: one that crashes or hangs ends at its case, which is a fault."""
+def run_apart(program: list[str], path: Path, stop: int) -> State:
+    """All cases in processes of their own: one that crashes or hangs ends at its case, which is a fault.
+
+    program: this file or ``fuzz_readers.py``, with how many cases it is to try.
+    """
     with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "number").write_text("")
         while (state := load_state(path)).next < stop:
-            again = [sys.executable, __file__, "--cases", str(stop), "--state", str(path), "--here", folder]
-            code = subprocess.run(again, check=False).returncode
+            code = subprocess.run(
+                [sys.executable, *program, "--state", str(path), "--here", folder], check=False
+            ).returncode
+            number, _, ways = (Path(folder) / "number").read_text().partition(" ")
+            if code and not number:
+                sys.exit(f"it failed before the first case: exit code {code}")
             if code:
-                number, _, ways = (Path(folder) / "number").read_text().partition(" ")
                 state = load_state(path)
                 state.faults.append(f"case {number} ({ways}): the process ended with {code}")
                 state.next = int(number) + 1  # what it did since the state was last saved is not counted
                 state.save(path)
     return load_state(path)
+
+
+def describe(state: State) -> str:
+    """Counts, faults and what the worst case cost."""
+    tried = state.read + state.refused + len(state.faults)
+    counts = f"{tried} cases: {state.read} read, {state.refused} refused, {len(state.faults)} faults"
+    return "\n".join([*state.faults, f"{counts}; longest {state.longest_s:.2f} s, {state.largest_mb:.0f} MB"])
 
 
 def main() -> None:
@@ -134,20 +173,15 @@ def main() -> None:
     parser.add_argument("--here", type=Path, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.here is not None:
-        faulthandler.enable()
-        faulthandler.register(signal.SIGALRM, chain=True)  # then ends the process, also within native code
+        name_place_of_death()
         run_cases(load_state(given.state), given.cases, given.here, given.state)
         return
     with tempfile.TemporaryDirectory() as folder:
-        path = given.state or Path(folder) / "state.json"
+        path, stop = given.state or Path(folder) / "state.json", given.first + given.cases
         if not path.exists():
             State(next=given.first).save(path)
-        state = run_apart(path, given.first + given.cases)
-    print(*state.faults, sep="\n")
-    print(
-        f"{state.next} cases: {state.read} read, {state.refused} refused, {len(state.faults)} faults; "
-        f"longest {state.longest_s:.2f} s, {state.largest_mb:.0f} MB"
-    )
+        state = run_apart([__file__, "--cases", str(stop)], path, stop)
+    print(describe(state))
     sys.exit(bool(state.faults))
 
 

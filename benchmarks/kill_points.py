@@ -22,6 +22,7 @@ from tempfile import TemporaryDirectory
 
 from anchorpose.pipeline import TrackConfig, track_recording
 from anchorpose.results.unfinished import unfinished_results
+from anchorpose.tracker import passes
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -32,7 +33,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--smooth", action="store_true")
     parser.add_argument("--stop", type=int, help="track the frames before this one")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument(
+        "--block", type=int, default=passes.BLOCK, help="frames that are stored at once: few of a short one"
+    )
     options = parser.parse_args(arguments)
+    passes.BLOCK = options.block  # type: ignore[misc]  # children are forked, and have it, too
     config = replace(TrackConfig(), smooth=options.smooth, stop=options.stop)
     with TemporaryDirectory() as work:
         whole, killed = Path(work) / "whole", Path(work) / "killed"

@@ -147,17 +147,13 @@ def open_view(results: Path) -> Cost:
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
         assert child.stdout is not None
         address = child.stdout.readline().split()[-1]
-        for name in ("", "description", "motion", *PIECES):
+        for name in ("", "description", "overview", "motion?first=0&count=512"):
             with urlopen(address + name) as answer:
                 answer.read()
         seconds = time.perf_counter() - began
         child.send_signal(signal.SIGINT)
         child.stdout.read()
         return Cost(_ended(child, began, "view").megabytes, seconds)
-
-
-PIECES: Final[tuple[str, ...]] = ()
-"""What the page fetches of the frames around the first, beside ``motion``."""
 
 
 def _ended(child: Any, began: float, name: str) -> Cost:

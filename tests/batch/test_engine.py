@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import time
 from collections.abc import Iterator
@@ -16,10 +17,14 @@ import pytest
 from distributed import Client, LocalCluster
 
 from anchorpose.batch import cluster as place_of_work
-from anchorpose.batch import engine
+from anchorpose.batch import engine, run
 from anchorpose.batch.cluster import Place, connected
 from anchorpose.batch.engine import Job, run_jobs
+from anchorpose.batch.sessions import find_sessions
+from anchorpose.cli.track import TrackOptions
 from anchorpose.errors import AnchorposeError
+from anchorpose.simulate.config import single
+from anchorpose.simulate.write import simulate_recording
 
 BUILDERS = str(Path(batch_stub.__file__).parent)
 
@@ -72,19 +77,19 @@ def test_what_fails_fails_alone_with_its_sentence(tmp_path: Path) -> None:
     assert outcomes["alone"].value == ("1", "1")
 
 
+def kill_a_worker(client: Client, name: str) -> None:
+    """The one that holds this job, before it is done."""
+    for address, keys in client.processing().items():
+        if any(key.startswith(f"{name}-") for key in keys):
+            os.kill(client.run(os.getpid, workers=[address])[address], signal.SIGKILL)
+            return
+    raise AssertionError(f"no worker holds {name}")
+
+
 def test_a_worker_killed_twice_repeats_its_own_session_only(tmp_path: Path, monkeypatch) -> None:
     go = tmp_path / "go"
     names = ["a", "b", "c", "d"]
     jobs = [Job(name, partial(batch_stub.wait_for, tmp_path, name, go)) for name in names]
-
-    def kill_a_worker(client: Client, name: str) -> None:
-        """The one that holds this job, before it is done."""
-        wait_until(lambda: lines(tmp_path / name))
-        for address, keys in client.processing().items():
-            if any(key.startswith(f"{name}-") for key in keys):
-                os.kill(client.run(os.getpid, workers=[address])[address], signal.SIGKILL)
-                return
-        raise AssertionError(f"no worker holds {name}")
 
     def disturb(clients: list[Client]) -> None:
         wait_until(lambda: clients and lines(tmp_path / "a") and lines(tmp_path / "b"))
@@ -104,6 +109,39 @@ def test_a_worker_killed_twice_repeats_its_own_session_only(tmp_path: Path, monk
     assert sorted(outcome.name for outcome in outcomes if outcome.why is None) == names
     assert {name: len(lines(tmp_path / name)) for name in names} == {"a": 2, "b": 2, "c": 1, "d": 1}
     assert (tmp_path / "a.stopped").exists()  # the child of a killed worker ends, as by a signal
+
+
+@pytest.mark.slow
+def test_four_real_sessions_on_two_workers_are_all_done_though_a_worker_is_killed_twice(
+    tmp_path: Path, monkeypatch
+) -> None:
+    simulate_recording(tmp_path / "made", single(5, 2.0, 8.0), lambda done, total: None)
+    names = ["a", "b", "c", "d"]
+    for name in names:
+        shutil.copytree(tmp_path / "made" / "recording", tmp_path / "in" / name)
+    out, patience_s = tmp_path / "out", 600.0
+
+    def learnt(name: str) -> bool:
+        """Whether the session is half-way: the body is learnt, no frame is tracked."""
+        return (out / "sessions" / f".{name}.unfinished" / "journal" / "learnt").exists()
+
+    def disturb(clients: list[Client]) -> None:
+        for name in ("a", "b"):
+            wait_until(lambda name=name: clients and learnt(name), patience_s)
+            kill_a_worker(clients[0], name)
+            wait_until(lambda name=name: len(lines(tmp_path / name)) == 2, patience_s)
+
+    monkeypatch.setattr(run, "track_session", partial(batch_stub.track_counted, tmp_path))
+    with known_client(monkeypatch) as clients:
+        thread = Thread(target=disturb, args=(clients,), daemon=True)
+        thread.start()
+        sessions = find_sessions([str(tmp_path / "in" / name) for name in names], TrackOptions())
+        rows = run.run_batch(sessions, out, Place(workers=2), lambda done, total: None)
+        thread.join()
+    assert [(row.session, row.state) for row in rows] == [(name, "done") for name in names]
+    assert [len(lines(tmp_path / name)) for name in names] == [2, 2, 1, 1]
+    for table in ("joints.parquet", "angles.parquet", "people.parquet"):  # the same recording, disturbed and not
+        assert len({(out / "sessions" / name / table).read_bytes() for name in names}) == 1
 
 
 def test_workers_hold_no_results(tmp_path: Path, monkeypatch) -> None:

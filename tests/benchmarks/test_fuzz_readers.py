@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -17,6 +18,8 @@ import fuzz_readers
 import sources_builder as build
 
 from anchorpose.errors import InputError
+
+QUICK = ("npy", "record3d")
 
 
 def refuse(*, elsewhere: bool = False, remedy: str = "record again", leave: bool = False):
@@ -61,20 +64,40 @@ def test_an_image_that_was_not_recorded_is_a_fault(tmp_path):
 
 
 def test_a_process_that_hangs_or_crashes_ends_with_the_number_of_its_file(tmp_path):
-    for what, code in (("time.sleep(9)", -14), ("os.abort()", -6)):
+    ends = {"time.sleep(9)": signal.SIGALRM, "spin()": signal.SIGPROF, "os.abort()": signal.SIGABRT}
+    for what, number in ends.items():
         script = (
-            "import faulthandler, os, signal, sys, time; sys.path.insert(0, sys.argv[1]); import fuzz_readers as f\n"
+            "import os, sys, time; sys.path.insert(0, sys.argv[1]); import fuzz_readers as f\n"
             "from pathlib import Path\n"
-            "faulthandler.register(signal.SIGALRM, chain=True); f.LONGEST_S = 1; real = f.outcome\n"
+            "import fuzz_recordings; fuzz_recordings.BY_THE_CLOCK = 1 if 'sleep' in sys.argv[2] else 60\n"
+            "f.name_place_of_death(); f.LONGEST_S = 1\n"
+            "def spin():\n    while True: pass\n"
             f"f.outcome = lambda *given: {what}\n"
-            "f.run_reader('npy', range(7, 9), Path(sys.argv[2]), Path(sys.argv[2]) / 'number')\n"
+            "path = Path(sys.argv[2]) / 'state'; f.State(next=7).save(path)\n"
+            "f.run_reader('npy', 9, path.parent, path)\n"
         )
         folder = tmp_path / what
         folder.mkdir()
         paths = [str(Path(fuzz_readers.__file__).parent), str(folder)]
         done = subprocess.run([sys.executable, "-c", script, *paths], check=False, capture_output=True, timeout=60)
-        assert done.returncode == code
-        assert (folder / "number").read_text() == "7"
+        assert done.returncode == -number
+        assert (folder / "number").read_text() == "7 npy"
+
+
+def test_every_reader_runs_and_a_run_that_was_stopped_goes_on(tmp_path):
+    program = [
+        sys.executable,
+        fuzz_readers.__file__,
+        "--state",
+        str(tmp_path / "states"),
+        "--reader",
+        *QUICK,
+        "--files",
+    ]
+    for files in (3, 5):
+        done = subprocess.run([*program, str(files)], check=False, capture_output=True, text=True, timeout=100)
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert [line.split(":")[:2] for line in done.stdout.splitlines()] == [[k, f" {files} cases"] for k in QUICK]
 
 
 def test_a_cut_is_known_as_one():

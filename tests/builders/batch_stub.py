@@ -7,6 +7,8 @@ import signal
 import time
 from pathlib import Path
 
+from anchorpose.batch.sessions import Session
+from anchorpose.batch.tracking import track_session
 from anchorpose.errors import InputError
 
 
@@ -39,6 +41,12 @@ def wait_for(folder: Path, name: str, until: Path) -> int:
         (folder / f"{name}.stopped").touch()
         raise
     return count
+
+
+def track_counted(folder: Path, session: Session, results: Path) -> bool:
+    """Tracks a session, and notes that it was begun."""
+    note(folder, session.name)
+    return track_session(session, results)
 
 
 def threads() -> tuple[str | None, str | None]:

@@ -268,6 +268,14 @@ def test_times_that_repeat_are_left_out_and_a_clock_set_back_is_refused(monkeypa
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("times", [[0.0, 33.333, 66.667], [0.0, 1e12], [1e15, 1e15 + 1 / 30], [0.0, 5e-5, 1e-4]])
+def test_times_that_no_recording_may_have_are_refused_by_the_name_of_the_source(monkeypatch, tmp_path, times):
+    """They were written, and the recording was refused when it was tracked."""
+    with pytest.raises(InputError, match=r"/f: the clock of c .*record or export it again"):
+        convert_made(monkeypatch, tmp_path, MadeSource(tmp_path / "f", times))
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_file_that_ends_early_is_kept_as_far_as_it_goes(tmp_path):
     grey = noise(10)
     np.save(tmp_path / "a.npy", grey)

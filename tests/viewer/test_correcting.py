@@ -34,7 +34,7 @@ def test_a_joint_is_moved_by_keys_saved_and_undone(viewer: Any, server: ViewerSe
     for _ in range(knee + 1):
         viewer.keyboard.press("]")
     before = viewer.evaluate(
-        f"Array.from(anchorpose.frames.skeleton.at(0).joints.subarray({3 * knee}, {3 * knee + 3}))"
+        f"Array.from(anchorpose.rows.at(0).joints.subarray({3 * knee}, {3 * knee + 3}))"
     )
     for key in ("e", "ArrowRight", "ArrowRight", "Shift+ArrowRight", "ArrowUp", "Enter"):
         viewer.keyboard.press(key)

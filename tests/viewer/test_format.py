@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -30,11 +31,22 @@ from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
 from anchorpose.lens import Intrinsics
 from anchorpose.recording.recording import Clock
 from anchorpose.results.kinematics.joint_angles import joint_angles
-from anchorpose.results.tables import JointTable
+from anchorpose.results.stored_frames import StoredFrames
+from anchorpose.results.tables import JOINTS, JointTable
 from anchorpose.surface.mesh import build_surface
 from anchorpose.viewer import payloads
 from anchorpose.viewer.depth_frames import DepthFrames, clocks_of_run, shade
-from anchorpose.viewer.payloads import motion_payload, pack, points_payload, rays_payload, surface_payload, unpack
+from anchorpose.viewer.overview import overview_of
+from anchorpose.viewer.payloads import (
+    curves_payload,
+    motion_payload,
+    overview_payload,
+    pack,
+    points_payload,
+    rays_payload,
+    surface_payload,
+    unpack,
+)
 from anchorpose.viewer.review import APART_S, Review, open_review, worst_frames
 
 
@@ -168,20 +180,42 @@ def test_frames_that_there_are_not_are_refused(depth_frames: DepthFrames) -> Non
     assert len(unpack(points_payload(depth_frames, FRAMES - 1, 8, room=False))[0]["counts"]) == 1
 
 
+@pytest.mark.parametrize("payload", [motion_payload, curves_payload])
+def test_rows_that_there_are_not_are_refused(review: Review, payload: Callable[[Review, int, int], bytes]) -> None:
+    for first, count in ((-1, 2), (FRAMES, 1), (0, 0), (0, 100_000)):
+        with pytest.raises(ValueError, match="there are no frames"):
+            payload(review, first, count)
+
+
 def test_the_tables_arrive_whole_with_gaps_as_gaps(review: Review) -> None:
-    _, arrays = unpack(motion_payload(review))
+    meta, arrays = unpack(motion_payload(review, 0, FRAMES))
+    assert meta == {"first": 0}
     lost = np.isnan(arrays["joints"]).any(axis=(1, 2))
     assert np.flatnonzero(lost).tolist() == [LOST_FRAME]
     assert np.isnan(arrays["poses"][LOST_FRAME]).all()
     assert np.isnan(arrays["angles"][LOST_FRAME]).all()
-    assert np.isnan(arrays["matched"][0])
-    kept = ~lost
-    assert np.allclose(arrays["joints"][kept], review.joints.position_m[kept], atol=1e-6)
+    kept, joints = ~lost, review.joints.rows(0, FRAMES)
+    assert np.allclose(arrays["joints"][kept], joints.position_m[kept], atol=1e-6)
     column = review.angles.names.index("knee_flexion_left")
-    expected = joint_angles(review.joints)
+    expected = joint_angles(joints)
     there = expected.names.index("knee_flexion_left")
     assert np.allclose(arrays["angles"][kept, column], expected.degrees[kept, there], atol=1e-3)
     assert np.isnan(arrays["anchors"][0, 1:]).all()
+    _, some = unpack(motion_payload(review, 29, 3))
+    assert all(np.array_equal(some[name], arrays[name][29:32], equal_nan=True) for name in arrays)
+
+
+def test_all_frames_at_a_glance(review: Review) -> None:
+    meta, arrays = unpack(overview_payload(review))
+    joints = review.joints.rows(0, FRAMES)
+    assert np.array_equal(arrays["frame"], joints.frame)
+    assert np.array_equal(arrays["time_s"], joints.time_s)
+    assert np.array_equal(arrays["lost"], joints.lost.sum(axis=1))
+    assert arrays["lost"][LOST_FRAME] == len(JOINT_NAMES)
+    assert np.array_equal(arrays["observed"], (joints.state_code == 0).sum(axis=1))
+    places = joints.position_m[~joints.lost]
+    assert np.allclose(meta["middle_m"], np.median(places, axis=0))
+    assert meta["lowest_m"] == places[:, 1].min()
 
 
 @pytest.mark.parametrize(("influences", "off_m"), [(7, 1e-5), (payloads.INFLUENCES, 0.005)])
@@ -215,7 +249,7 @@ def test_results_without_a_body_have_no_skin() -> None:
 def test_frames_to_check_name_what_is_wrong_and_lie_apart(review: Review) -> None:
     share = review.matched_share.copy()
     share[22] = 0.4
-    found = worst_frames(review.joints, share, review.run["dropped"])
+    found = worst_frames(review.overview, share, review.run["dropped"])
     told = {frame.position: frame.reason for frame in reversed(found)}
     assert found[0].position == LOST_FRAME
     assert told[LOST_FRAME] == "all joints lost"
@@ -225,14 +259,15 @@ def test_frames_to_check_name_what_is_wrong_and_lie_apart(review: Review) -> Non
     assert unsure[0].position == UNSURE_FRAME
     assert unsure[0].joint == JOINT_INDEX["HandRight"]
     assert unsure[0].reason == "HandRight: sigma 200 mm"
-    assert np.diff(sorted(review.joints.time_s[frame.position] for frame in unsure)).min() >= APART_S
+    assert np.diff(sorted(review.overview.time_s[frame.position] for frame in unsure)).min() >= APART_S
 
 
 def test_some_lost_joints_are_named() -> None:
     frame = make_frame(0, 0.0, standing_joints(), lost=("WristLeft", "HandLeft"))
     state_code = np.array([[6 if name in ("WristLeft", "HandLeft") else 0 for name in JOINT_NAMES]], np.int8)
     table = JointTable(np.array([0]), np.array([0.0]), frame.position_m[None], state_code, frame.sigma_m[None])
-    assert worst_frames(table, np.array([np.nan]), [])[0].reason == "lost: WristLeft, HandLeft"
+    stored = StoredFrames(JOINTS, Path("joints.parquet"), table.frame, table.time_s, JOINT_NAMES, np.zeros(1), table)
+    assert worst_frames(overview_of(stored), np.array([np.nan]), [])[0].reason == "lost: WristLeft, HandLeft"
 
 
 def test_clocks_are_those_that_the_run_used() -> None:
@@ -266,6 +301,6 @@ def test_results_without_some_tables_are_looked_at_without_them(tmp_path: Path) 
         (results / f"{name}.parquet").unlink()
     found = open_review(results, None)
     assert found.poses is None
-    assert set(unpack(motion_payload(found))[1]).isdisjoint({"poses", "anchors"})
+    assert set(unpack(motion_payload(found, 0, 5))[1]).isdisjoint({"poses", "anchors"})
     shorter = replace(found, run={**found.run, "association": {"matched_share": [0.5]}})
     assert np.isnan(shorter.matched_share).all()  # of other frames: nothing is known

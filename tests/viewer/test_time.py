@@ -80,10 +80,7 @@ def test_scrubbing_moves_everything_in_step(viewer: Any) -> None:
     before = viewer.locator("#charts .cursor").evaluate("e => e.style.transform")
     viewer.locator("#scrub").fill("40")
     assert viewer.locator("#charts .cursor").evaluate("e => e.style.transform") != before
-    knee = viewer.evaluate(
-        "anchorpose.motion.angles[40 * anchorpose.description.angles.length"
-        " + anchorpose.description.angles.indexOf('knee_flexion_left')]"
-    )
+    knee = viewer.evaluate("anchorpose.rows.at(40).angles[anchorpose.description.angles.indexOf('knee_flexion_left')]")
     shown = viewer.locator(".chart", has_text="knee flexion").inner_text()
     assert f"left {knee:.0f}°" in shown
 

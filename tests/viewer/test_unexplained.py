@@ -14,7 +14,7 @@ from viewer_page import opened, position
 
 from anchorpose.errors import InputError
 from anchorpose.results.explained import EXPLAINED_FILE
-from anchorpose.viewer.payloads import motion_payload, unpack
+from anchorpose.viewer.payloads import overview_payload, unpack
 from anchorpose.viewer.review import describe, open_review
 from anchorpose.viewer.server import ViewerServer
 
@@ -65,7 +65,7 @@ def test_the_page_is_given_the_moments_and_how_well_each_frame_is_explained(fold
          "the left arm lies in front of what a camera sees: 45 %"),
         (THROUGH, "the right leg lies in front of what a camera sees: 62 %"),
     ]  # fmt: skip
-    _, arrays = unpack(motion_payload(review))
+    _, arrays = unpack(overview_payload(review))
     assert np.flatnonzero(arrays["unexplained"] >= 1.0).tolist() == [BARE, THROUGH]
     assert np.flatnonzero(np.isnan(arrays["unexplained"])).tolist() == [LOST_FRAME]
     assert arrays["unexplained"][BARE] == pytest.approx(620.0 / 80.0)

@@ -53,7 +53,7 @@ def read_stream_image(recording: Recording, camera: int, position: int) -> Depth
     Raises InputError where the file was replaced since the recording was opened.
     """
     stream = recording.streams[camera]
-    listed = None if stream.listed is None else stream.listed[position]
+    listed = None if stream.listed is None else FileStamp(*stream.listed[position].item())
     return _read(stream.files[position], recording.cameras[camera], listed, judged=True)
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator
+from dataclasses import astuple
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +16,9 @@ from anchorpose.recording.depth_image import read_depth_image, read_measured_ima
 from anchorpose.recording.document import read_document
 from anchorpose.recording.equipment_file import equipment_files, read_equipment
 from anchorpose.recording.pairing import pair_frames
-from anchorpose.recording.recording import DepthStream, FrameSet, Recording
+from anchorpose.recording.recording import DepthStream, FolderFiles, FrameSet, Recording
 from anchorpose.recording.recording_file import RecordingDocument
-from anchorpose.recording.regular_file import is_there, list_file
+from anchorpose.recording.regular_file import STAMP, is_there, list_file, reason
 from anchorpose.recording.subject import UNKNOWN
 from anchorpose.recording.timestamps import SHORTEST_STEP_S, find_duplicates, read_timestamps, times_from_rate
 from anchorpose.recording.usable_cameras import without_dead_cameras
@@ -115,45 +117,51 @@ def _open_stream(folder: Path, fps: float | None) -> DepthStream:
         time_s = times_from_rate(numbers, fps)
     else:
         raise InputError(path, "there is no such file", 'add it, or write the camera\'s "fps" into recording.json')
-    kept = tuple(files[number] for number in numbers.tolist())
-    listed = tuple(list_file(file) for file in kept)
+    kept = FolderFiles(folder / "depth", tuple(files[number] for number in numbers.tolist()))
+    listed = np.fromiter((astuple(list_file(file)) for file in kept), STAMP, len(kept))
     return DepthStream(
         files=kept,
         time_s=time_s,
         frame=numbers,
-        duplicate=find_duplicates(kept, [stamp.size for stamp in listed]),
+        duplicate=find_duplicates(kept, listed["size"].tolist()),
         repeated=repeated,
         fps=fps,
         listed=listed,
     )
 
 
-def _number_files(folder: Path) -> dict[int, Path]:
+def _number_files(folder: Path) -> dict[int, str]:
+    """The names of a camera's depth images by their numbers."""
     if not folder.is_dir():
         raise InputError(folder, "there is no such folder", "put the camera's depth images there")
-    files: dict[int, Path] = {}
-    for file in sorted(folder.glob("*.png")):
-        if file.name.startswith("."):  # left behind by a file browser
+    files: dict[int, str] = {}
+    try:
+        names = sorted(os.listdir(folder))
+    except OSError as error:
+        raise InputError(folder, f"cannot be read ({reason(error)})", "check its permissions") from None
+    for name in names:
+        stem, dot, ending = name.rpartition(".")
+        if ending != "png" or not dot or name.startswith("."):  # left behind by a file browser
             continue
-        if not re.fullmatch(r"[0-9]{1,9}", file.stem):
+        if not re.fullmatch(r"[0-9]{1,9}", stem):
             remedy = "name the depth images 000000.png, 000001.png and so on"
-            raise InputError(file, "is not named by its frame number", remedy)
-        if int(file.stem) in files:
-            raise InputError(file, f"has the same number as {files[int(file.stem)].name}", "remove one of the two")
-        files[int(file.stem)] = file
+            raise InputError(folder / name, "is not named by its frame number", remedy)
+        if int(stem) in files:
+            raise InputError(folder / name, f"has the same number as {files[int(stem)]}", "remove one of the two")
+        files[int(stem)] = name
     if not files:
         raise InputError(folder, "holds no depth images", "put the camera's depth images 000000.png and so on there")
     return files
 
 
-def _check_same_frames(folder: Path, path: Path, files: dict[int, Path], times: dict[int, float]) -> None:
+def _check_same_frames(folder: Path, path: Path, files: dict[int, str], times: dict[int, float]) -> None:
     for frame in times:
         if frame not in files:
             missing = folder / "depth" / f"{frame:06d}.png"
             raise InputError(missing, "there is no such file", f"add it or remove its row from {path.name}")
-    for frame, file in files.items():
+    for frame, name in files.items():
         if frame not in times:
-            raise InputError(path, f"has no row for {file.name}", f"add the row {frame},<time> or remove the image")
+            raise InputError(path, f"has no row for {name}", f"add the row {frame},<time> or remove the image")
 
 
 def _require_usable(camera: Camera, stream: DepthStream) -> None:
@@ -178,15 +186,14 @@ def _read_background(folder: Path, camera: Camera) -> np.ndarray | None:
     return image.depth_m
 
 
-def input_files(recording: Recording) -> tuple[Path, ...]:
+def input_files(recording: Recording) -> Iterator[Path]:
     """Every file that was read for ``recording``, depth images included, in a fixed order."""
     document = recording.folder / "recording.json"
-    files = [document]
+    yield document
     equipment = read_document(document, RecordingDocument).equipment
     if equipment:
-        files += equipment_files(recording.folder / equipment)
+        yield from equipment_files(recording.folder / equipment)
     for camera, stream in zip(recording.cameras, recording.streams, strict=True):
         beside = (recording.folder / camera.name / name for name in ("timestamps.csv", "background.png"))
-        files += [path for path in beside if is_there(path)]
-        files += stream.files
-    return tuple(files)
+        yield from (path for path in beside if is_there(path))
+        yield from stream.files

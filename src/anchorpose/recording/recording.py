@@ -5,26 +5,48 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import overload
 
 import numpy as np
 
 from anchorpose.camera import Camera
 from anchorpose.recording.equipment import EquipmentModel
-from anchorpose.recording.regular_file import FileStamp
 from anchorpose.recording.subject import UNKNOWN, Subject
+
+
+@dataclass(frozen=True, slots=True)
+class FolderFiles(Sequence[Path]):
+    """Files of one folder by their names: as paths, the 324,000 of an hour would take a fifth of a gigabyte."""
+
+    folder: Path
+    names: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @overload
+    def __getitem__(self, place: int) -> Path: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> FolderFiles: ...
+
+    def __getitem__(self, place: int | slice) -> Path | FolderFiles:
+        return (
+            FolderFiles(self.folder, self.names[place]) if isinstance(place, slice) else self.folder / self.names[place]
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthStream:
     """The depth images of one camera, in the order of time."""
 
-    files: tuple[Path, ...]
+    files: Sequence[Path]
     time_s: np.ndarray  # (n,) float64, strictly increasing; the camera's own clock, or the reference once aligned
     frame: np.ndarray  # (n,) int64, the number in the file's name
     duplicate: np.ndarray | None = None  # (n,) bool, equal to the image before; None where this was not checked
     repeated: int = 0  # files left out because their time is that of the file before
     fps: float | None = None  # as recording.json states it
-    listed: tuple[FileStamp, ...] | None = None  # of each file when it was listed; None where this was not kept
+    listed: np.ndarray | None = None  # (n,) ``STAMP`` of each file when it was listed; None where this was not kept
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

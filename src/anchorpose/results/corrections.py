@@ -58,10 +58,12 @@ def reviewed_recording(
     lines = sorted(
         f"{path} {digest}\n"
         for path, digest in inputs_sha256
-        if path.endswith("/timestamps.csv") or Path(path).parent.name == "depth"
+        if path.endswith("/timestamps.csv") or path.split("/")[-2:-1] == ["depth"]
     )
-    digest = hashlib.sha256("".join(lines).encode()).hexdigest()
-    return ReviewedRecording(name, digest, T_world_camera, clocks or {}, floor_height_m)
+    whole = hashlib.sha256()
+    for line in lines:
+        whole.update(line.encode())
+    return ReviewedRecording(name, whole.hexdigest(), T_world_camera, clocks or {}, floor_height_m)
 
 
 def recording_of_run(run: dict[str, Any]) -> ReviewedRecording:

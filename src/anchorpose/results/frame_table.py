@@ -150,8 +150,12 @@ class FrameTable(Generic[Frames]):
         The file is read in pieces: memory holds little more than the arrays.
         """
         with opened_parquet(path, self.schema()) as file:
-            metadata = file.schema_arrow.metadata
-            names, columns = self._read_columns(path, file)
+            return self.assemble(path, file, pieces(file), file.metadata.num_rows)
+
+    def assemble(self, path: Path, file: Any, some: Iterable[pa.Table], rows: int, known: Sequence[str] = ()) -> Frames:
+        """As ``read``, of some pieces of the open file with so many rows; known: the things, where another piece named
+        them."""
+        names, columns = self._read_columns(path, some, rows, known or self.names or ())
         count = max(len(names), 1)
         order = self._order(path, columns, names)
         first = slice(None, None, count) if order is None else order[::count]
@@ -161,16 +165,18 @@ class FrameTable(Generic[Frames]):
         for name, array in columns.items():
             columns[name] = (array if order is None else array[order]).reshape(*shape, *array.shape[1:])
         own_names = {"names": names} if self.thing and self.names is None else {}
-        return self.arrays(**index, **columns, **own_names, **self._text(path, metadata))
+        return self.arrays(**index, **columns, **own_names, **self._text(path, file.schema_arrow.metadata))
 
-    def _read_columns(self, path: Path, file: Any) -> tuple[tuple[str, ...], dict[str, np.ndarray]]:
+    def _read_columns(
+        self, path: Path, some: Iterable[pa.Table], rows: int, known: Sequence[str]
+    ) -> tuple[tuple[str, ...], dict[str, np.ndarray]]:
         """The things' names, and (rows, ...) frame, time_s, thing (its index in the names) and the columns' values.
 
         Space is taken at once for as many rows as the file states: growing arrays would leave holes in the memory.
         """
-        rows, names, start = file.metadata.num_rows, dict.fromkeys(self.names or ()), 0
+        names, start = dict.fromkeys(known), 0
         columns = dict[str, np.ndarray]()
-        for piece in pieces(file):
+        for piece in some:
             if self.names is None and self.thing is not None:  # in the order in which they first appear
                 names |= dict.fromkeys(piece[self.thing].unique().to_pylist())
             for name, part in self._parts(path, piece, names):

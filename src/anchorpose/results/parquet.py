@@ -98,9 +98,9 @@ def opened_parquet(path: Path, schema: pa.Schema | None = None) -> Iterator[Any]
         yield file
 
 
-def pieces(file: Any, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
-    """The rows of an open file in their order, at most ``ROWS_AT_ONCE`` at a time; columns: None for all."""
-    for group in range(file.num_row_groups):  # over all groups at once, pyarrow would hold more of them
+def pieces(file: Any, columns: Sequence[str] | None = None, groups: Sequence[int] | None = None) -> Iterator[pa.Table]:
+    """The rows of an open file in their order, at most ``ROWS_AT_ONCE`` at a time; columns, groups: None for all."""
+    for group in range(file.num_row_groups) if groups is None else groups:  # one by one: pyarrow would hold several
         for batch in file.iter_batches(ROWS_AT_ONCE, row_groups=[group], columns=columns, use_threads=False):
             yield pa.Table.from_batches([batch])
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from anchorpose.errors import InputError
 from anchorpose.recording.depth_image import decode_grey_png
-from anchorpose.recording.timestamps import MOST_REPEATED
+from anchorpose.recording.timestamps import MOST_REPEATED, read_timestamps
 from anchorpose.sources.plan import CameraPlan
 
 _HEADER: Final = "frame,time_s"
@@ -59,7 +59,9 @@ class CameraWriter:
 
     def note(self, source: Path) -> str:
         """How many images were left out for their times; empty for none. Raises InputError, naming ``source``, where
-        these are too many."""
+        these are too many, or where those that are left cannot be seconds."""
+        if self.written:
+            self._require_times(source)
         left_out = self.given - self.written
         if left_out == 0:
             return ""
@@ -68,6 +70,13 @@ class CameraWriter:
             remedy = "the device's clock was set back or is too coarse: record again"
             raise InputError(source, sentence, remedy)
         return f"{self.folder.name}: {sentence}; their images were left out."
+
+    def _require_times(self, source: Path) -> None:
+        try:
+            read_timestamps(self.folder / "timestamps.csv")
+        except InputError as error:
+            remedy = "the file is damaged, or its clock has another unit: record or export it again"
+            raise InputError(source, f"the clock of {self.folder.name} {error.problem}", remedy) from None
 
 
 def encode_grey(grey: np.ndarray) -> bytes:

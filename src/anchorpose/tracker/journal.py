@@ -58,11 +58,13 @@ class Journal:
         return Journal(folder, self.shared)
 
     def write(self, name: str, value: object) -> None:
-        """Stores a value."""
-        payload = io.BytesIO()
-        _Pickler(payload, self.shared).dump(value)
-        data = payload.getvalue()
-        write_whole(self.folder / name, DIGEST(data).digest() + data)
+        """Stores a value; it is in memory once more, not several times."""
+        stored = io.BytesIO()
+        stored.write(bytes(DIGEST_BYTES))
+        _Pickler(stored, self.shared).dump(value)
+        with stored.getbuffer() as data:
+            data[:DIGEST_BYTES] = DIGEST(data[DIGEST_BYTES:]).digest()
+            write_whole(self.folder / name, data)
 
     def read(self, name: str) -> Any:
         """The value of this name; raises KeyError where none is stored, InputError where the file is damaged."""
@@ -71,10 +73,11 @@ class Journal:
             data = path.read_bytes()
         except FileNotFoundError:
             raise KeyError(name) from None
-        digest, payload = data[:DIGEST_BYTES], data[DIGEST_BYTES:]
-        if DIGEST(payload).digest() != digest:
+        if DIGEST(memoryview(data)[DIGEST_BYTES:]).digest() != data[:DIGEST_BYTES]:
             raise InputError(path, "is damaged", "begin the run again, with --overwrite")
-        return _Unpickler(io.BytesIO(payload), self.shared).load()
+        stored = io.BytesIO(data)
+        stored.seek(DIGEST_BYTES)
+        return _Unpickler(stored, self.shared).load()
 
     def once(self, name: str, make: Callable[[], Item]) -> Item:
         """What is stored under this name; made, stored and read back where nothing is."""
@@ -111,7 +114,7 @@ def _block_name(number: int) -> str:
     return f"{number:06d}.frames"
 
 
-def write_whole(path: Path, data: bytes) -> None:
+def write_whole(path: Path, data: bytes | memoryview) -> None:
     """Writes a file so that it holds all of ``data`` or what it held before, also after a power cut.
 
     Raises InputError where the folder is gone or the disk is full.

@@ -6,7 +6,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
+from anchorpose.body.evidence import Evidence
 from anchorpose.body.learning import REACHES_M, REFINING_M, learn_body, most_different
+from anchorpose.body.pose import Pose
 from anchorpose.body.shape_prior import ShapeBelief
 from anchorpose.body.skin_points import FittedShape, body_points
 from anchorpose.body.standing_off import standing_off
@@ -20,6 +22,16 @@ from anchorpose.tracker.run import Run
 from anchorpose.tracker.start import LEAST_EXPLAINED
 
 CANDIDATES: Final = 2  # times as many frames are kept of a window as it is learnt from: those with different poses are
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Seen:
+    """What is kept of a frame until its window is learnt from: a whole estimate is three times as large."""
+
+    time_s: float
+    pose: Pose
+    shape: FittedShape
+    evidence: Evidence
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,51 +79,52 @@ def _learn_on(stretch: Stretch, before: LearntPatient | None, longest_s: float, 
     """What is known after one more stretch; before: after those before it."""
     learning, learnt = run.config.learning, before
     interval_s = learning.window_s / learning.frame_count / CANDIDATES
-    kept, began_s = list[Estimate](), None
+    kept, began_s = list[_Seen](), None
     known, so_far_s = (None, 0.0) if before is None else (before.shape, before.seconds)
     for estimate, tracker in follow_openly(run, stretch.frames, stretch.choice, known):
         time_s = estimate.frame_set.time_s
         began_s = time_s if began_s is None and before is not None else began_s  # who is not found is not waited for
         if began_s is not None and abs(time_s - began_s) > longest_s:
             break
-        if not _shows_body(estimate, run):
+        seen = _seen(estimate, run)
+        if seen is None:
             continue
         if not learning.own_shape:
-            return before or _fixed(estimate, run)
+            return before or _fixed(seen.shape, run)
         began_s = time_s if began_s is None else began_s
-        if kept and _apart_s(kept[0], estimate) > learning.window_s:
-            learnt, kept = _learn_more(learnt, kept, so_far_s + abs(kept[-1].frame_set.time_s - began_s), run), []
+        if kept and _apart_s(kept[0], seen) > learning.window_s:
+            learnt, kept = _learn_more(learnt, kept, so_far_s + abs(kept[-1].time_s - began_s), run), []
             if tracker is not None:
                 tracker.use_shape(learnt.shape)
-        if not kept or _apart_s(kept[-1], estimate) >= interval_s - 1e-6:
-            kept.append(estimate)
+        if not kept or _apart_s(kept[-1], seen) >= interval_s - 1e-6:
+            kept.append(seen)
     if began_s is None or not kept:
         return learnt
-    return _learn_more(learnt, kept, so_far_s + abs(kept[-1].frame_set.time_s - began_s), run)
+    return _learn_more(learnt, kept, so_far_s + abs(kept[-1].time_s - began_s), run)
 
 
-def _shows_body(estimate: Estimate, run: Run) -> bool:
-    """Whether a frame may be learnt from: a body explains it, and no reviewer has marked it as unusable."""
-    if estimate.belief is None or estimate.shape is None or estimate.explained < LEAST_EXPLAINED:
-        return False
-    return run.room.review.why_unusable(estimate.frame_set.frame) is None
+def _seen(estimate: Estimate, run: Run) -> _Seen | None:
+    """None where no body explains the frame, or a reviewer has marked it as unusable."""
+    if estimate.belief is None or estimate.shape is None or estimate.observation is None:
+        return None
+    if estimate.explained < LEAST_EXPLAINED or run.room.review.why_unusable(estimate.frame_set.frame) is not None:
+        return None
+    return _Seen(estimate.frame_set.time_s, estimate.belief.pose, estimate.shape, estimate.observation.evidence)
 
 
-def _fixed(estimate: Estimate, run: Run) -> LearntPatient:
+def _fixed(shape: FittedShape, run: Run) -> LearntPatient:
     """The body of the first pose, where nothing is to be learnt."""
-    if estimate.shape is None:
-        raise ValueError("the frame has no body")
     beliefs = known_beliefs(run.room.recording.subject, run.config)
-    fixed = replace(likeliest(beliefs, estimate.shape), shape=estimate.shape)
+    fixed = replace(likeliest(beliefs, shape), shape=shape)
     return LearntPatient(fixed, fixed, 0.0)
 
 
-def _apart_s(one: Estimate, other: Estimate) -> float:
+def _apart_s(one: _Seen, other: _Seen) -> float:
     """Time between two frames; the learning pass may go backward."""
-    return abs(other.frame_set.time_s - one.frame_set.time_s)
+    return abs(other.time_s - one.time_s)
 
 
-def _learn_more(learnt: LearntPatient | None, kept: Sequence[Estimate], seconds: float, run: Run) -> LearntPatient:
+def _learn_more(learnt: LearntPatient | None, kept: Sequence[_Seen], seconds: float, run: Run) -> LearntPatient:
     """What is known after one more window; seconds: how long the patient was followed for it, from the beginning."""
     with run.stage("body shape"):
         if learnt is None:
@@ -120,10 +133,10 @@ def _learn_more(learnt: LearntPatient | None, kept: Sequence[Estimate], seconds:
         return replace(learnt, belief=belief, seconds=seconds)
 
 
-def _learn_first(seconds: float, kept: Sequence[Estimate], run: Run) -> LearntPatient:
+def _learn_first(seconds: float, kept: Sequence[_Seen], run: Run) -> LearntPatient:
     """What is known after the first window; the images win where what is stated about the patient contradicts them."""
     subject, config = run.room.recording.subject, run.config
-    shape = next(estimate.shape for estimate in kept if estimate.shape)
+    shape = kept[0].shape
 
     def learnt(stated: Subject) -> ShapeBelief:
         prior = likeliest(known_beliefs(stated, config), shape)
@@ -139,17 +152,14 @@ def _learn_first(seconds: float, kept: Sequence[Estimate], run: Run) -> LearntPa
     return LearntPatient(belief, belief, seconds, why)
 
 
-def _learn(
-    known: ShapeBelief, kept: Sequence[Estimate], count: int, reaches_m: Sequence[float], run: Run
-) -> ShapeBelief:
+def _learn(known: ShapeBelief, kept: Sequence[_Seen], count: int, reaches_m: Sequence[float], run: Run) -> ShapeBelief:
     """The belief after the most different frames of a window, ``count`` of them."""
-    beliefs = [estimate.belief for estimate in kept if estimate.belief]
-    chosen = most_different(body_points(), [belief.pose for belief in beliefs], count)
+    chosen = most_different(body_points(), [seen.pose for seen in kept], count)
     return learn_body(
         body_points(),
         known.shape,
-        [beliefs[place].pose for place in chosen],
-        [seen.evidence for place in chosen if (seen := kept[place].observation) is not None],
+        [kept[place].pose for place in chosen],
+        [kept[place].evidence for place in chosen],
         known,
         run.config.registration,
         reaches_m,

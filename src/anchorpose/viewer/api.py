@@ -13,7 +13,16 @@ from anchorpose.results.run_record import as_json
 from anchorpose.viewer.correction_file import CorrectionFile, valid_corrections
 from anchorpose.viewer.depth_frames import DepthFrames
 from anchorpose.viewer.hypotheses import HypothesisWorker
-from anchorpose.viewer.payloads import body_skin, motion_payload, pack, points_payload, rays_payload, surface_payload
+from anchorpose.viewer.payloads import (
+    body_skin,
+    curves_payload,
+    motion_payload,
+    overview_payload,
+    pack,
+    points_payload,
+    rays_payload,
+    surface_payload,
+)
 from anchorpose.viewer.responses import BYTES, Response, json_response
 from anchorpose.viewer.review import Review, describe
 
@@ -32,7 +41,9 @@ class ViewerApi:
             "description": lambda query: json_response(
                 {**describe(self.review), "who": self.who, "corrections_file": self.corrections.path.name}
             ),
-            "motion": lambda query: Response(motion_payload(self.review), BYTES),
+            "overview": lambda query: Response(overview_payload(self.review), BYTES),
+            "motion": lambda query: self._rows(motion_payload, query),
+            "curves": lambda query: self._rows(curves_payload, query),
             "rays": lambda query: Response(rays_payload(self._depth_frames()), BYTES),
             "body": lambda query: self._body(),
             "points": self._points,
@@ -62,6 +73,9 @@ class ViewerApi:
             raise ValueError("there is no recording; start the viewer with it")
         return self.review.depth_frames
 
+    def _rows(self, payload: Callable[[Review, int, int], bytes], query: Mapping[str, str]) -> Response:
+        return Response(payload(self.review, int(query["first"]), int(query["count"])), BYTES)
+
     def _points(self, query: Mapping[str, str]) -> Response:
         first, count = int(query["first"]), int(query["count"])
         return Response(points_payload(self._depth_frames(), first, count, query.get("room") == "1"), BYTES)
@@ -87,7 +101,7 @@ class ViewerApi:
         position, frames = int(body["position"]), self._depth_frames()
         if not 0 <= position < len(frames.frame):
             raise ValueError(f"there is no frame {position}")
-        place = self.review.joints.position_m[position, JOINT_INDEX["SpineBase"]]
+        place = self.review.joints.rows(position, position + 1).position_m[0, JOINT_INDEX["SpineBase"]]
         xz_m = (float(place[0]), float(place[2])) if np.isfinite(place).all() else None
         self.worker.start(position, frames.recording, int(frames.frame[position]), xz_m)
         return json_response(as_json(self.worker.status))

@@ -21,7 +21,7 @@ from anchorpose.results.corrections_file import (
     write_corrections,
 )
 from anchorpose.results.run_record import as_json
-from anchorpose.results.tables import JointTable
+from anchorpose.viewer.overview import Overview
 
 PATIENCE_S: Final = 10.0
 """A change takes milliseconds: a program that holds the lock this long is stuck."""
@@ -60,9 +60,9 @@ class CorrectionFile:
     world.
     """
 
-    def __init__(self, path: Path, initial: Corrections, joints: JointTable) -> None:
+    def __init__(self, path: Path, initial: Corrections, overview: Overview) -> None:
         self.path, self.initial = path, initial
-        self._time_s = dict(zip(joints.frame.tolist(), joints.time_s.tolist(), strict=True))
+        self._time_s = dict(zip(overview.frame.tolist(), overview.time_s.tolist(), strict=True))
         self.current()
 
     def current(self) -> Corrections:

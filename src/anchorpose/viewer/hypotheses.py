@@ -16,8 +16,6 @@ from anchorpose.errors import AnchorposeError
 from anchorpose.geodesics.anchors import ANCHOR_NAMES
 from anchorpose.recording.recording import Recording
 from anchorpose.threads import one_thread
-from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.inspection import inspect_frame
 from anchorpose.viewer.payloads import pack
 from anchorpose.viewer.responses import describe_error
 
@@ -124,6 +122,11 @@ def hypotheses_of(
     the subset on the best branch, -1 where none; asked (m,) uint8: whether the track tree follows the node.
     meta: subsets [[anchor names]]; frames [this, next].
     """
+    from anchorpose.tracker.config import (
+        TrackConfig,  # the tracker is a second of imports: in the process that needs it
+    )
+    from anchorpose.tracker.inspection import inspect_frame
+
     found = inspect_frame(recording, frame, replace(TrackConfig(), patient_xz_m=patient_xz_m), False, tick)
     if found.next is None or found.observation is None:
         return b"", (*found.account, "There are no hypotheses: the patient was not found here, or no frame follows.")

@@ -1,4 +1,4 @@
-"""What the page fetches, as bytes: the tables at once, points and surfaces some frames at a time, the learnt body.
+"""What the page fetches, as bytes: all frames at a glance; tables, points, surfaces some frames at a time; the body.
 
 Arrays travel in one piece: a short JSON head that says where each array lies, then the arrays.
 """
@@ -19,6 +19,7 @@ from anchorpose.body.segments import load_body_asset
 from anchorpose.results.explained import unexplained
 from anchorpose.viewer.depth_frames import DepthFrames
 from anchorpose.viewer.review import Review
+from anchorpose.viewer.thinned_curves import thin_curves
 
 MAGIC: Final = b"APV1"
 ALIGNED: Final = 8  # bytes: typed arrays of a browser begin at a multiple of their item's size
@@ -67,35 +68,68 @@ def _up(place: int) -> int:
 
 MILLIMETRES: Final = 1000.0
 MOST_FRAMES: Final = 32  # in one answer
+MOST_ROWS: Final = 512  # frames of the tables in one answer: some hundred kilobytes
 
 
-def motion_payload(review: Review) -> bytes:
-    """All tables: one row per frame of the results, NaN where unknown, metres, world frame.
+def overview_payload(review: Review) -> bytes:
+    """One row per frame of the results: time_s (n,) float64, frame (n,) int32, observed and lost (n,) uint8, the number
+    of joints in these states, and where the results have it unexplained (n,), as in ``results.explained.unexplained``.
 
-    joints (n, 21, 3), sigma (n, 21), state (n, 21) uint8 of ``JointState``, angles, angle_sigma, angle_state
-    (n, a), matched (n,), and where the results have them poses (n, 21, 7: head, quaternion w x y z), anchors
-    (n, 5, 4: place, sigma) and unexplained (n,), as in ``results.explained.unexplained``.
+    meta: middle_m, the patient's median position, and lowest_m, the height of the lowest joint; null where unknown.
     """
-    joints, angles = review.joints, review.angles
+    overview = review.overview
     arrays: dict[str, np.ndarray] = {
-        "time_s": joints.time_s.astype(np.float64),
-        "frame": joints.frame.astype(np.int32),
+        "time_s": overview.time_s.astype(np.float64),
+        "frame": overview.frame.astype(np.int32),
+        "observed": overview.observed,
+        "lost": overview.lost.sum(axis=1).astype(np.uint8),
+    }
+    if review.explained is not None:
+        arrays["unexplained"] = unexplained(review.explained).astype(np.float32)
+    middle = None if overview.middle_m is None else overview.middle_m.tolist()
+    return pack({"middle_m": middle, "lowest_m": overview.lowest_m}, arrays)
+
+
+def motion_payload(review: Review, first: int, count: int) -> bytes:
+    """The tables' frames from row ``first`` on, NaN where unknown, metres, world frame.
+
+    joints (n, 21, 3), sigma (n, 21), state (n, 21) uint8 of ``JointState``, angles, angle_sigma, angle_state (n, a),
+    and where the results have them poses (n, 21, 7: head, quaternion w x y z) and anchors (n, 5, 4: place, sigma).
+    """
+    rows = _rows(len(review.overview.frame), first, count, MOST_ROWS)
+    joints, angles = review.joints.rows(rows.start, rows.stop), review.angles.rows(rows.start, rows.stop)
+    arrays: dict[str, np.ndarray] = {
         "joints": joints.position_m.astype(np.float32),
         "sigma": joints.sigma_m.astype(np.float32),
         "state": joints.state_code.astype(np.uint8),
         "angles": angles.degrees.astype(np.float32),
         "angle_sigma": angles.sigma_deg.astype(np.float32),
         "angle_state": angles.state_code.astype(np.uint8),
-        "matched": review.matched_share.astype(np.float32),
     }
     if review.poses is not None:
-        arrays["poses"] = np.concatenate([review.poses.head_m, review.poses.quaternion], axis=2).astype(np.float32)
+        poses = review.poses.rows(rows.start, rows.stop)
+        arrays["poses"] = np.concatenate([poses.head_m, poses.quaternion], axis=2).astype(np.float32)
     if review.anchors is not None:
-        found = review.anchors
+        found = review.anchors.rows(rows.start, rows.stop)
         arrays["anchors"] = np.concatenate([found.position_m, found.sigma_m[..., None]], axis=2).astype(np.float32)
-    if review.explained is not None:
-        arrays["unexplained"] = unexplained(review.explained).astype(np.float32)
-    return pack({}, arrays)
+    return pack({"first": first}, arrays)
+
+
+def curves_payload(review: Review, first: int, count: int) -> bytes:
+    """The angle curves of the frames from row ``first`` on, as many points as can be drawn: ``ThinnedCurves``."""
+    frames = len(review.overview.frame)
+    rows = _rows(frames, first, count, frames)
+    curves = thin_curves(review.angles, rows.start, rows.stop)
+    return pack(
+        {},
+        {
+            "start": curves.start,
+            "row": curves.row,
+            "degrees": curves.degrees,
+            "sigma": curves.sigma_deg,
+            "state": curves.state,
+        },
+    )
 
 
 def rays_payload(depth_frames: DepthFrames) -> bytes:
@@ -109,7 +143,7 @@ def points_payload(depth_frames: DepthFrames, first: int, count: int, room: bool
     Frame by frame, camera by camera; meta counts has one list per frame with one count per camera. A point in the
     world is ``T_world_camera @ (ray x, ray y, 1) * grey * depth_scale``.
     """
-    frames = [depth_frames.points(position, room) for position in _range(depth_frames, first, count)]
+    frames = [depth_frames.points(position, room) for position in _rows(len(depth_frames.frame), first, count)]
     meta: dict[str, Any] = {
         "first": first,
         "counts": [[len(camera) for camera in cameras] for cameras, _ in frames],
@@ -124,7 +158,7 @@ def surface_payload(depth_frames: DepthFrames, first: int, count: int) -> bytes:
 
     meta counts has [vertices, faces] of each frame; a frame's faces count from its own first vertex.
     """
-    frames = [depth_frames.surface(position) for position in _range(depth_frames, first, count)]
+    frames = [depth_frames.surface(position) for position in _rows(len(depth_frames.frame), first, count)]
     meta = {"first": first, "counts": [[len(vertices), len(faces)] for vertices, faces in frames]}
     limits = np.iinfo(np.int16)
     vertices_mm = np.rint(MILLIMETRES * np.concatenate([vertices for vertices, _ in frames]))
@@ -137,11 +171,11 @@ def surface_payload(depth_frames: DepthFrames, first: int, count: int) -> bytes:
     )
 
 
-def _range(depth_frames: DepthFrames, first: int, count: int) -> range:
-    """Raises ValueError for frames that do not exist."""
-    if not (0 <= first < len(depth_frames.frame) and 1 <= count <= MOST_FRAMES):
+def _rows(frames: int, first: int, count: int, most: int = MOST_FRAMES) -> range:
+    """Raises ValueError for frames that do not exist, or more than ``most``."""
+    if not (0 <= first < frames and 1 <= count <= most):
         raise ValueError(f"there are no frames {first} to {first + count - 1}")
-    return range(first, min(first + count, len(depth_frames.frame)))
+    return range(first, min(first + count, frames))
 
 
 INFLUENCES: Final = 4  # bones per point on the graphics card; the others move no point by more than 5 mm

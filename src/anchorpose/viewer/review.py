@@ -13,37 +13,34 @@ from anchorpose.errors import InputError
 from anchorpose.geodesics.anchors import ANCHOR_NAMES
 from anchorpose.joints import JOINT_NAMES, LIMBS, JointState
 from anchorpose.results.explained import EXPLAINED_FILE, ExplainedTable, read_explained, worst_moments
+from anchorpose.results.frame_table import FrameTable
 from anchorpose.results.frame_time import worst_rows
-from anchorpose.results.poses import POSES_FILE, PoseTable, read_poses
+from anchorpose.results.poses import POSES, PoseTable
 from anchorpose.results.records import CONTACTS_FILE, Contact, read_contacts
 from anchorpose.results.run_document import read_run
 from anchorpose.results.run_record import RUN_FILE, as_json
-from anchorpose.results.tables import (
-    ANCHORS_FILE,
-    ANGLES_FILE,
-    JOINTS_FILE,
-    AnchorTable,
-    AngleTable,
-    JointTable,
-    read_anchors,
-    read_angles,
-    read_joints,
-)
+from anchorpose.results.stored_frames import StoredFrames, open_frames
+from anchorpose.results.tables import ANCHORS, ANGLES, JOINTS, AnchorTable, AngleTable, JointTable
 from anchorpose.viewer.depth_frames import DepthFrames, open_depth_frames
+from anchorpose.viewer.overview import Overview, overview_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Review:
-    """poses, anchors, explained: None in results of a release that did not keep them. depth_frames: None without a
-    recording."""
+    """overview: of all frames; of joints, angles, poses and anchors some frames are read at a time.
+
+    poses, anchors, explained: None in results of a release that did not keep them. depth_frames: None without a
+    recording.
+    """
 
     name: str
     run: dict[str, Any]
-    joints: JointTable
-    angles: AngleTable
+    overview: Overview
+    joints: StoredFrames[JointTable]
+    angles: StoredFrames[AngleTable]
     contacts: tuple[Contact, ...]
-    poses: PoseTable | None
-    anchors: AnchorTable | None
+    poses: StoredFrames[PoseTable] | None
+    anchors: StoredFrames[AnchorTable] | None
     explained: ExplainedTable | None
     depth_frames: DepthFrames | None
 
@@ -59,15 +56,11 @@ class Review:
 
 def open_review(results: Path, recording: Path | None) -> Review:
     """Raises InputError where the results cannot be read, or the recording is not the one they were made of."""
-    joints = read_joints(results / JOINTS_FILE)
-    run = read_run(results / RUN_FILE)
-    poses = read_poses(results / POSES_FILE) if (results / POSES_FILE).exists() else None
-    anchors = read_anchors(results / ANCHORS_FILE) if (results / ANCHORS_FILE).exists() else None
+    joints, run = open_frames(JOINTS, results / JOINTS.file), read_run(results / RUN_FILE)
+    poses, anchors = (_if_there(table, results) for table in (POSES, ANCHORS))
     explained = read_explained(results / EXPLAINED_FILE) if (results / EXPLAINED_FILE).exists() else None
-    angles = read_angles(results / ANGLES_FILE)
-    tables: dict[str, AngleTable | PoseTable | AnchorTable | ExplainedTable | None] = {
-        POSES_FILE: poses, ANCHORS_FILE: anchors, EXPLAINED_FILE: explained, ANGLES_FILE: angles,
-    }  # fmt: skip
+    angles = open_frames(ANGLES, results / ANGLES.file)
+    tables = {POSES.file: poses, ANCHORS.file: anchors, EXPLAINED_FILE: explained, ANGLES.file: angles}
     for file, table in tables.items():
         if table is not None and not np.array_equal(table.frame, joints.frame):
             raise InputError(results / file, "has other frames than joints.parquet", "track the recording again")
@@ -75,6 +68,7 @@ def open_review(results: Path, recording: Path | None) -> Review:
     return Review(
         name=results.resolve().name,
         run=run,
+        overview=overview_of(joints),
         joints=joints,
         angles=angles,
         contacts=contacts,
@@ -83,6 +77,11 @@ def open_review(results: Path, recording: Path | None) -> Review:
         explained=explained,
         depth_frames=None if recording is None else open_depth_frames(recording, results, run, joints.frame),
     )
+
+
+def _if_there(table: FrameTable[Any], results: Path) -> StoredFrames[Any] | None:
+    path = results / table.file
+    return open_frames(table, path) if path.exists() else None
 
 
 def describe(review: Review) -> dict[str, Any]:
@@ -98,7 +97,7 @@ def describe(review: Review) -> dict[str, Any]:
         "anchors": list(ANCHOR_NAMES),
         "angles": list(review.angles.names),
         "contacts": [{**as_json(contact), "state": contact.state} for contact in review.contacts],
-        "worst": as_json(worst_frames(review.joints, review.matched_share, review.run.get("dropped", []))),
+        "worst": as_json(worst_frames(review.overview, review.matched_share, review.run.get("dropped", []))),
         "unexplained": None if review.explained is None else as_json(unexplained_frames(review.explained)),
         "dropped": review.run.get("dropped", []),
         "patient": {
@@ -163,7 +162,7 @@ def unexplained_frames(table: ExplainedTable) -> tuple[WorstFrame, ...]:
 
 
 def worst_frames(
-    joints: JointTable, matched_share: np.ndarray, dropped: Sequence[dict[str, Any]]
+    overview: Overview, matched_share: np.ndarray, dropped: Sequence[dict[str, Any]]
 ) -> tuple[WorstFrame, ...]:
     """Frames to check: lost joints first, then unusable depth images, few matches, and the largest sigma.
 
@@ -171,43 +170,42 @@ def worst_frames(
     away, and so on.
     """
     return (
-        *_lost(joints),
-        *_dropped(joints, dropped),
-        *_unmatched(joints, matched_share),
-        *_uncertain(joints),
+        *_lost(overview),
+        *_dropped(overview, dropped),
+        *_unmatched(overview, matched_share),
+        *_uncertain(overview),
     )
 
 
-def _lost(joints: JointTable) -> list[WorstFrame]:
-    count = joints.lost.sum(axis=1)
+def _lost(overview: Overview) -> list[WorstFrame]:
+    count = overview.lost.sum(axis=1)
     found = []
-    for position in _apart(np.where(count > 0, count.astype(float), np.nan), joints.time_s):
-        names = [JOINT_NAMES[joint] for joint in np.flatnonzero(joints.lost[position])]
+    for position in _apart(np.where(count > 0, count.astype(float), np.nan), overview.time_s):
+        names = [JOINT_NAMES[joint] for joint in np.flatnonzero(overview.lost[position])]
         reason = "all joints lost" if len(names) == len(JOINT_NAMES) else f"lost: {', '.join(names)}"
         found.append(WorstFrame(position, reason, None))
     return found
 
 
-def _dropped(joints: JointTable, dropped: Sequence[dict[str, Any]]) -> list[WorstFrame]:
-    rows = {int(number): row for row, number in enumerate(joints.frame)}
+def _dropped(overview: Overview, dropped: Sequence[dict[str, Any]]) -> list[WorstFrame]:
+    rows = {int(number): row for row, number in enumerate(overview.frame)}
     known = [drop for drop in dropped if drop["frame"] in rows]
     return [WorstFrame(rows[drop["frame"]], drop["why"], None) for drop in known[:MOST_OF_A_KIND]]
 
 
-def _unmatched(joints: JointTable, share: np.ndarray) -> list[WorstFrame]:
+def _unmatched(overview: Overview, share: np.ndarray) -> list[WorstFrame]:
     few = np.where(share < FEW_MATCHED, 1.0 - share, np.nan)
     return [
         WorstFrame(row, f"{100 * share[row]:.0f} % of the points found again in the next frame", None)
-        for row in _apart(few, joints.time_s)
+        for row in _apart(few, overview.time_s)
     ]
 
 
-def _uncertain(joints: JointTable) -> list[WorstFrame]:
-    worst = np.where(np.isnan(joints.sigma_m), -np.inf, joints.sigma_m).max(axis=1)
+def _uncertain(overview: Overview) -> list[WorstFrame]:
     found = []
-    for row in _apart(np.where(np.isfinite(worst), worst, np.nan), joints.time_s):
-        joint = int(np.nanargmax(joints.sigma_m[row]))
-        found.append(WorstFrame(row, f"{JOINT_NAMES[joint]}: sigma {1000 * joints.sigma_m[row, joint]:.0f} mm", joint))
+    for row in _apart(overview.worst_sigma_m, overview.time_s):
+        joint, sigma_m = int(overview.worst_joint[row]), overview.worst_sigma_m[row]
+        found.append(WorstFrame(row, f"{JOINT_NAMES[joint]}: sigma {1000 * sigma_m:.0f} mm", joint))
     return found
 
 

@@ -11,7 +11,7 @@ export class Figure {
     Object.assign(this, { canvas, description, view: null });
     this.count = description.joints.length;
     this.base = description.joints.indexOf("SpineBase");
-    this.motion = { joints: new Float32Array(3 * this.count), sigma: new Float32Array(this.count), state: new Uint8Array(this.count) };
+    this.newest = { joints: new Float32Array(3 * this.count), sigma: new Float32Array(this.count), states: new Uint8Array(this.count) };
     const draw = () => { this.view?.draw(); requestAnimationFrame(draw); };
     draw();
   }
@@ -26,9 +26,9 @@ export class Figure {
   }
 
   take({ joints_m: joints, sigma_m: sigma, state }) {
-    joints.forEach((place, i) => this.motion.joints.set(place.map((value) => value ?? NaN), 3 * i));
-    this.motion.sigma.set(sigma.map((value) => value ?? NaN));
-    this.motion.state.set(state);
+    joints.forEach((place, i) => this.newest.joints.set(place.map((value) => value ?? NaN), 3 * i));
+    this.newest.sigma.set(sigma.map((value) => value ?? NaN));
+    this.newest.states.set(state);
     const place = joints[this.base];
     if (place.includes(null)) return;
     if (!this.view) this.begin(place, joints);
@@ -39,7 +39,7 @@ export class Figure {
   begin([x, y, z], joints) {
     const floor = Math.min(...joints.map((place) => place[1] ?? Infinity)) - 0.03; // the sole below the foot's joint
     this.view = new View(this.canvas, [x, Math.max(y, floor + 0.9), z], floor);
-    this.skeleton = new SkeletonLayer(this.description, this.motion, this.view, SIZE);
+    this.skeleton = new SkeletonLayer(this.description, { at: () => this.newest }, this.view, SIZE);
     this.view.scene.add(this.skeleton.group);
   }
 

@@ -32,7 +32,7 @@ void main() {
 }`;
 
 export class BodyLayer {
-  constructor({ arrays }, poses, view) {
+  constructor({ arrays }, rows, view) {
     const geometry = new BufferGeometry();
     geometry.setAttribute("position", new BufferAttribute(arrays.vertices, 3));
     geometry.setAttribute("normal", new BufferAttribute(arrays.normals, 3));
@@ -42,7 +42,7 @@ export class BodyLayer {
     const each = (Kind) => Array.from({ length: 21 }, () => new Kind());
     const rest = each(Vector3).map((head, i) => head.fromArray(arrays.heads, 3 * i));
     this.uniforms = { rest: { value: rest }, place: { value: each(Vector3) }, turn: { value: each(Vector4) }, tint: { value: null } };
-    this.poses = poses;
+    this.rows = rows;
     this.mesh = new Mesh(geometry, new ShaderMaterial({
       vertexShader: VERTEX, fragmentShader: FRAGMENT, uniforms: this.uniforms, transparent: true,
     }));
@@ -52,11 +52,11 @@ export class BodyLayer {
   }
 
   set(position) {
-    const first = position * 21 * 7;
-    this.mesh.visible = !Number.isNaN(this.poses[first]);
+    const poses = this.rows.at(position)?.poses;
+    this.mesh.visible = Boolean(poses) && !Number.isNaN(poses[0]);
     if (!this.mesh.visible) return;
     for (let bone = 0; bone < 21; bone++) {
-      const [x, y, z, qw, qx, qy, qz] = this.poses.subarray(first + 7 * bone, first + 7 * bone + 7);
+      const [x, y, z, qw, qx, qy, qz] = poses.subarray(7 * bone, 7 * bone + 7);
       this.uniforms.place.value[bone].set(x, y, z);
       this.uniforms.turn.value[bone].set(qx, qy, qz, qw);
     }

@@ -1,5 +1,7 @@
 // The angle curves: left and right of a joint in one chart, with the band of 1.96 sigma; inferred parts are pale.
+// Drawn are points that the server chose of the frames shown (thinned_curves.py); values are read from the frame itself.
 
+import { getArrays } from "./api.js";
 import { prepared, seekable } from "./axis.js";
 import { css, themed } from "./theme.js";
 
@@ -18,8 +20,8 @@ export function paired(names) {
 }
 
 export class Curves {
-  constructor(box, names, motion, axis, playback) {
-    Object.assign(this, { box, motion, axis, playback, count: names.length });
+  constructor(box, names, { motion, rows, axis, playback, say }) {
+    Object.assign(this, { box, motion, rows, axis, playback, say, shown: null, asked: null });
     this.charts = paired(names).map((chart) => this.chart(chart));
     this.cursor = document.createElement("div");
     this.cursor.className = "cursor";
@@ -42,17 +44,39 @@ export class Curves {
     return { element, canvas, lines, values };
   }
 
-  value(name, row, column) { return this.motion[name][row * this.count + column]; }
-
   draw() {
     if (!this.box.clientWidth) return; // the panel is hidden
-    for (const chart of this.charts) this.drawChart(chart);
-    this.move();
+    const [first, last] = this.axis.range(), range = `${first} ${last}`;
+    if (this.shown?.range === range) {
+      for (const chart of this.charts) this.drawChart(chart);
+      this.move();
+    } else if (this.asked !== range) this.fetch(first, last, range);
+  }
+
+  /** Fetches the points of the frames that are to be shown, and draws them; the curves before them stay so long. */
+  async fetch(first, last, range) {
+    this.asked = range;
+    try {
+      const { arrays } = await getArrays("curves", { first, count: last - first + 1 });
+      if (this.asked === range) this.shown = { range, ...arrays };
+    } catch (error) {
+      this.say(error.message);
+    }
+    if (this.asked !== range) return; // another range was asked for meanwhile
+    this.asked = null;
+    if (this.shown?.range === range) this.draw();
+  }
+
+  /** The points of one angle: frame, degrees, sigma, state. */
+  points(column) {
+    const [from, to] = this.shown.start.subarray(column, column + 2);
+    const [row, degrees, sigma, state] = ["row", "degrees", "sigma", "state"].map((name) => this.shown[name].subarray(from, to));
+    return { row, degrees, sigma, state };
   }
 
   drawChart({ canvas, lines }) {
-    const { context, width, height } = prepared(canvas, HEIGHT), [first, last] = this.axis.range();
-    const [low, high] = this.limits(lines, first, last);
+    const { context, width, height } = prepared(canvas, HEIGHT), curves = lines.map(({ column }) => this.points(column));
+    const [low, high] = this.limits(curves);
     const x = (row) => LEFT + this.axis.share(this.motion.time_s[row]) * (width - LEFT);
     const y = (degrees) => 4 + ((high - degrees) / (high - low)) * (height - 14);
     context.clearRect(0, 0, width, height);
@@ -61,26 +85,26 @@ export class Curves {
     context.beginPath();
     context.rect(LEFT, 0, width - LEFT, height);
     context.clip();
-    lines.forEach(({ side, column }, i) => {
+    lines.forEach(({ side }, i) => {
       context.strokeStyle = context.fillStyle = css(side === "r" ? "right" : "left");
-      this.band(context, column, first, last, x, y);
+      this.band(context, curves[i], x, y);
       context.setLineDash(side === "r" ? [6, 4] : []);
-      for (const seen of [false, true]) this.line(context, column, first, last, x, y, seen);
-      this.inferredStrip(context, column, first, last, x, height - 4 * (lines.length - i));
+      for (const seen of [false, true]) this.line(context, curves[i], x, y, seen);
+      this.inferredStrip(context, curves[i], x, height - 4 * (lines.length - i));
     });
     context.restore();
   }
 
-  /** The range of all frames shown, with their bands; a wide band is cut so that one frame does not set the scale. */
-  limits(lines, first, last) {
+  /** The range of all points shown, with their bands; a wide band is cut so that one frame does not set the scale. */
+  limits(curves) {
     let low = Infinity, high = -Infinity;
-    for (const { column } of lines) {
-      for (let row = first; row <= last; row++) {
-        const degrees = this.value("angles", row, column), sigma = Math.min(this.value("angle_sigma", row, column), 15);
-        if (Number.isNaN(degrees)) continue;
-        low = Math.min(low, degrees - 1.96 * (sigma || 0));
-        high = Math.max(high, degrees + 1.96 * (sigma || 0));
-      }
+    for (const { degrees, sigma } of curves) {
+      degrees.forEach((value, k) => {
+        if (Number.isNaN(value)) return;
+        const band = 1.96 * (Math.min(sigma[k], 15) || 0);
+        low = Math.min(low, value - band);
+        high = Math.max(high, value + band);
+      });
     }
     if (low > high) return [0, 90];
     const pad = Math.max(0, LEAST_DEG - (high - low)) / 2;
@@ -104,65 +128,66 @@ export class Curves {
     }
   }
 
-  /** Runs of rows for which a test holds. */
-  runs(first, last, test) {
+  /** Runs of points for which a test holds. */
+  runs(count, test) {
     const found = [];
-    for (let row = first; row <= last; row++) {
-      if (!test(row)) continue;
+    for (let k = 0; k < count; k++) {
+      if (!test(k)) continue;
       const open = found[found.length - 1];
-      if (open && open[1] === row - 1) open[1] = row; else found.push([row, row]);
+      if (open && open[1] === k - 1) open[1] = k; else found.push([k, k]);
     }
     return found;
   }
 
-  band(context, column, first, last, x, y) {
+  band(context, { row, degrees, sigma }, x, y) {
     context.globalAlpha = 0.18;
-    for (const [from, to] of this.runs(first, last, (row) => !Number.isNaN(this.value("angle_sigma", row, column)))) {
+    for (const [from, to] of this.runs(row.length, (k) => !Number.isNaN(sigma[k]))) {
       context.beginPath();
-      for (let row = from; row <= to; row++) context.lineTo(x(row), y(this.value("angles", row, column) + 1.96 * this.value("angle_sigma", row, column)));
-      for (let row = to; row >= from; row--) context.lineTo(x(row), y(this.value("angles", row, column) - 1.96 * this.value("angle_sigma", row, column)));
+      for (let k = from; k <= to; k++) context.lineTo(x(row[k]), y(degrees[k] + 1.96 * sigma[k]));
+      for (let k = to; k >= from; k--) context.lineTo(x(row[k]), y(degrees[k] - 1.96 * sigma[k]));
       context.fill();
     }
     context.globalAlpha = 1;
   }
 
-  line(context, column, first, last, x, y, seen) {
+  line(context, { row, degrees, state }, x, y, seen) {
     context.globalAlpha = seen ? 1 : 0.4;
     context.lineWidth = seen ? 2 : 1.5;
-    const known = (row) => !Number.isNaN(this.value("angles", row, column));
-    const wanted = (row) => known(row) && (this.value("angle_state", row, column) === 0) === seen;
-    for (const [from, to] of this.runs(first, last, wanted)) {
+    const known = (k) => k >= 0 && k < row.length && !Number.isNaN(degrees[k]);
+    for (const [from, to] of this.runs(row.length, (k) => known(k) && (state[k] === 0) === seen)) {
       context.beginPath();
-      const begin = !seen && from > first && known(from - 1) ? from - 1 : from; // pale parts connect to their neighbours
-      const end = !seen && to < last && known(to + 1) ? to + 1 : to;
-      for (let row = begin; row <= end; row++) context.lineTo(x(row), y(this.value("angles", row, column)));
-      if (begin === end) context.lineTo(x(begin) + 1.5, y(this.value("angles", begin, column)));
+      const begin = !seen && known(from - 1) ? from - 1 : from; // pale parts connect to their neighbours
+      const end = !seen && known(to + 1) ? to + 1 : to;
+      for (let k = begin; k <= end; k++) context.lineTo(x(row[k]), y(degrees[k]));
+      if (begin === end) context.lineTo(x(row[begin]) + 1.5, y(degrees[begin]));
       context.stroke();
     }
     context.globalAlpha = 1;
   }
 
   /** A strip below the curve where this angle is inferred, for those who cannot distinguish pale from full. */
-  inferredStrip(context, column, first, last, x, top) {
+  inferredStrip(context, { row, state }, x, top) {
     context.globalAlpha = 0.75;
-    for (const [from, to] of this.runs(first, last, (row) => this.value("angle_state", row, column) > 0)) {
-      context.fillRect(x(from), top, Math.max(1.5, x(Math.min(to + 1, last)) - x(from)), 2.5);
+    for (const [from, to] of this.runs(row.length, (k) => state[k] > 0)) {
+      const end = row[Math.min(to + 1, row.length - 1)];
+      context.fillRect(x(row[from]), top, Math.max(1.5, x(end) - x(row[from])), 2.5);
     }
     context.globalAlpha = 1;
   }
 
   move() {
-    const row = this.playback.position, share = this.axis.share(this.motion.time_s[row]);
+    const { position } = this.playback, share = this.axis.share(this.motion.time_s[position]), row = this.rows.at(position);
     this.cursor.hidden = share < 0 || share > 1;
     this.cursor.style.transform = `translateX(${LEFT + share * (this.box.clientWidth - LEFT) - 1}px)`;
     for (const { lines, values } of this.charts) lines.forEach((line, i) => { values[i].textContent = this.inWords(line, row); });
   }
 
   inWords({ side, column }, row) {
-    const degrees = this.value("angles", row, column), sigma = this.value("angle_sigma", row, column);
     const name = { l: "left ", r: "right ", "": "" }[side];
+    if (!row) return `${name}…`; // it is being fetched
+    const degrees = row.angles[column], sigma = row.angleSigma[column];
     if (Number.isNaN(degrees)) return `${name}lost`;
     const band = Number.isNaN(sigma) ? "" : ` ± ${(1.96 * sigma).toFixed(0)}`;
-    return `${name}${degrees.toFixed(0)}°${band}${this.value("angle_state", row, column) > 0 ? " inferred" : ""}`;
+    return `${name}${degrees.toFixed(0)}°${band}${row.angleState[column] > 0 ? " inferred" : ""}`;
   }
 }

@@ -11,14 +11,14 @@ import { DotLayer, SkeletonLayer } from "./skeleton.js";
 const FRAMES = 8, AHEAD = 4, AHEAD_AT_REST = 12, MOST_BYTES = 384 * 1024 * 1024;
 
 export class Frames {
-  constructor(description, motion, view, playback, say) {
-    Object.assign(this, { description, motion, view, playback });
+  constructor(description, rows, view, playback, say) {
+    Object.assign(this, { description, rows, view, playback });
     const frames = description.frames, chunked = (name, query) => new Chunks({
       load: (first, count, signal) => getArrays(name, { first, count, ...query() }, signal),
       frames, size: FRAMES, mostBytes: MOST_BYTES, arrived: () => this.set(), failed: (error) => say(error.message),
     });
-    this.skeleton = new SkeletonLayer(description, motion, view);
-    this.anchors = motion.anchors ? new DotLayer(description.anchors.length, view, "anchor", 11) : null;
+    this.skeleton = new SkeletonLayer(description, rows, view);
+    this.anchors = description.has.anchors ? new DotLayer(description.anchors.length, view, "anchor", 11) : null;
     this.corrected = new DotLayer(description.joints.length + 2, view, "cursor", 12);
     view.scene.add(this.skeleton.group, this.corrected.points);
     if (this.anchors) view.scene.add(this.anchors.points);
@@ -38,7 +38,7 @@ export class Frames {
       this.view.scene.add(this.points.group);
     }
     if (this.description.has.body) {
-      this.body = new BodyLayer(await getArrays("body"), this.motion.poses, this.view);
+      this.body = new BodyLayer(await getArrays("body"), this.rows, this.view);
       this.view.scene.add(this.body.mesh);
     }
     this.set();
@@ -51,7 +51,8 @@ export class Frames {
   }
 
   set() {
-    const { position, direction, playing } = this.playback, { shown } = this;
+    const { position, direction, playing } = this.playback, { shown } = this, row = this.rows.at(position);
+    this.rows.want(position, playing ? direction : 1);
     this.skeleton.group.visible = Boolean(shown.skeleton);
     this.skeleton.set(position);
     if (this.equipment) this.equipment.visible = shown.equipment;
@@ -61,10 +62,11 @@ export class Frames {
     }
     if (this.anchors) {
       this.anchors.points.visible = shown.anchors;
-      this.anchors.set(this.anchorDots(position));
+      this.anchors.set(this.anchorDots(row));
     }
     const clouds = shown.patient || shown.others || shown.equipment || shown.room;
     this.missing = !this.setPart(this.pictures, this.points, clouds, position, playing ? direction : 1);
+    this.missing ||= row === null;
     if (this.points) this.points.show(shown);
     if (this.surface) this.missing = !this.setPart(this.sheets, this.surface, shown.surface, position, playing ? direction : 1) || this.missing;
     this.view.invalidate();
@@ -84,11 +86,10 @@ export class Frames {
     return held ? held.chunk.meta.problems[held.row] : [];
   }
 
-  anchorDots(position) {
-    const count = this.description.anchors.length, start = 4 * count * position;
+  anchorDots(row) {
     return this.description.anchors.map((_, i) => {
-      const place = this.motion.anchors.subarray(start + 4 * i, start + 4 * i + 3);
-      return Number.isNaN(place[0]) ? null : { place, shape: 2, radius: 5 };
+      const place = row?.anchors.subarray(4 * i, 4 * i + 3);
+      return !place || Number.isNaN(place[0]) ? null : { place, shape: 2, radius: 5 };
     });
   }
 

@@ -12,6 +12,7 @@ import { PatientNamer } from "./naming.js";
 import { Pace } from "./pace.js";
 import { JointCard, WorstList, layerList, presetButtons, tabs } from "./panels.js";
 import { Playback } from "./playback.js";
+import { Rows } from "./rows.js";
 import { View } from "./scene.js";
 import { Signing } from "./signing.js";
 import { Hypotheses } from "./spots.js";
@@ -23,12 +24,14 @@ const LOADING = "Loading … (the very first surface takes a few seconds more)";
 const say = (sentence) => { element("status").textContent = sentence; };
 
 async function start() {
-  const [description, { arrays: motion }] = await Promise.all([getJson("description"), getArrays("motion")]);
+  const [description, { arrays: motion, meta }] = await Promise.all([getJson("description"), getArrays("overview")]);
+  const rows = new Rows(description.frames, say);
+  await rows.begin();
   document.title = `${description.name}: anchorpose viewer`;
   element("title").textContent = description.name;
   element("subtitle").textContent = `of ${description.recording}, ${description.frames} frames`;
-  const playback = new Playback(motion.time_s), view = new View(element("scene"), ...middleOf(motion));
-  const frames = new Frames(description, motion, view, playback, say);
+  const playback = new Playback(motion.time_s), view = new View(element("scene"), ...middleOf(meta));
+  const frames = new Frames(description, rows, view, playback, say);
   const signing = new Signing(element("sign"), description.who);
   const corrections = new Corrections(description, motion, playback, signing, {
     markIn: element("mark-in"), markOut: element("mark-out"), markSave: element("mark-save"), markState: element("mark-state"),
@@ -38,9 +41,9 @@ async function start() {
   element("corrections-command").replaceChildren(...["anchorpose", "track", `"${description.recording}"`, "-o", "NEW-RESULTS",
     "--corrections", `"${description.corrections_file}"`].flatMap((word) => [Object.assign(document.createElement("span"), { textContent: word }), " "]));
   const axis = new Axis(motion.time_s, playback);
-  const curves = new Curves(element("charts"), description.angles, motion, axis, playback);
+  const curves = new Curves(element("charts"), description.angles, { motion, rows, axis, playback, say });
   const timeline = new Timeline(element("timeline"), description, motion, axis, playback, corrections);
-  const card = new JointCard(element("joint-card"), description, frames.skeleton, playback);
+  const card = new JointCard(element("joint-card"), description, frames.skeleton, rows, playback);
   let mover = null;
   const redraw = () => {
     const corrected = corrections.jointsAt(playback.position);
@@ -52,7 +55,7 @@ async function start() {
   frames.show(layers.state);
   await frames.loadOnce();
   mover = new JointMover({
-    view, playback, skeleton: frames.skeleton, points: frames.points, corrections, signing, description, motion, say, redraw,
+    view, playback, skeleton: frames.skeleton, rows, points: frames.points, corrections, signing, description, motion, say, redraw,
     elements: Object.fromEntries(["select", "edit", "snap", "moving", "moved", "sigma", "save", "cancel"].map((name) => [name, element(`joint-${name}`)])),
   });
   const namer = new PatientNamer({
@@ -77,14 +80,15 @@ async function start() {
   listKeys(element("key-list"), keys);
   listen(keys, () => document.querySelector("dialog[open]") !== null);
   transport({ playback, axis, worst, motion });
-  canvasClicks(view, frames, mover, namer);
+  canvasClicks(view, frames, rows, mover, namer);
   for (const button of document.querySelectorAll("[data-close]")) button.addEventListener("click", () => button.closest("dialog").close());
   element("help-button").addEventListener("click", help);
   notices(description);
   playback.addEventListener("moved", () => { redraw(); say(frames.problems().join(" ")); });
+  rows.addEventListener("arrived", () => { redraw(); curves.move(); });
   corrections.addEventListener("changed", redraw);
   await corrections.load();
-  window.anchorpose = { playback, view, frames, mover, namer, corrections, hypotheses, motion, description };
+  window.anchorpose = { playback, view, frames, mover, namer, corrections, hypotheses, motion, rows, curves, timeline, description };
   const pace = new Pace(playback, (share) => { if (frames.points) { frames.points.detail = share; frames.set(); } });
   let waiting = null; // since when something that belongs on the screen has been missing
   const draw = (now) => {
@@ -101,17 +105,8 @@ async function start() {
   document.documentElement.dataset.ready = "yes";
 }
 
-/** The patient's median position, and the height of the floor below it. */
-function middleOf({ joints }) {
-  const median = (axis) => {
-    const found = [];
-    for (let i = axis; i < joints.length; i += 3) if (!Number.isNaN(joints[i])) found.push(joints[i]);
-    return found.length ? found.sort((a, b) => a - b)[found.length >> 1] : 0;
-  };
-  let floor = Infinity;
-  for (let i = 1; i < joints.length; i += 3) if (joints[i] < floor) floor = joints[i];
-  return [[median(0), median(1), median(2)], Number.isFinite(floor) ? floor - 0.04 : 0];
-}
+/** The middle of the view, and the height of the floor below it: of the patient's median position and lowest joint. */
+const middleOf = ({ middle_m: middle, lowest_m: lowest }) => [middle ?? [0, 0, 0], lowest === null ? 0 : lowest - 0.04];
 
 function layersOf({ has, equipment }) {
   const labelled = has.people;
@@ -160,21 +155,20 @@ function transport({ playback, axis, worst, motion }) {
 }
 
 /** A click that did not turn the view selects the joint under it, puts the joint being moved on the surface, or names the patient. */
-function canvasClicks(view, frames, mover, namer) {
+function canvasClicks(view, frames, rows, mover, namer) {
   let down = null;
   view.canvas.addEventListener("pointerdown", (event) => { down = [event.offsetX, event.offsetY]; });
   view.canvas.addEventListener("pointerup", ({ offsetX: x, offsetY: y }) => {
     if (!down || Math.hypot(x - down[0], y - down[1]) > 4) return;
     if (namer.active) namer.clicked(x, y);
     else if (mover.snapping) mover.clicked(x, y);
-    else if (!mover.active) mover.choose(nearestJoint(view, frames.skeleton, frames.playback.position, x, y));
+    else if (!mover.active) mover.choose(nearestJoint(view, rows.at(frames.playback.position)?.joints ?? [], x, y));
   });
 }
 
-function nearestJoint(view, skeleton, position, x, y) {
-  const { joints } = skeleton.at(position);
+function nearestJoint(view, joints, x, y) {
   let best = null, nearest = 16;
-  for (let i = 0; i < skeleton.count; i++) {
+  for (let i = 0; i < joints.length / 3; i++) {
     const seen = Number.isNaN(joints[3 * i]) ? null : view.project(joints.subarray(3 * i, 3 * i + 3));
     const away = seen ? Math.hypot(seen[0] - x, seen[1] - y) : Infinity;
     if (away < nearest) [best, nearest] = [i, away];

@@ -6,8 +6,8 @@ import { TransformControls } from "../three/TransformControls.js";
 const STEP_M = 0.005, FINE_STEP_M = 0.001;
 
 export class JointMover {
-  constructor({ view, playback, skeleton, points, corrections, signing, description, motion, elements, say, redraw }) {
-    Object.assign(this, { view, playback, skeleton, points, corrections, signing, description, motion, elements, say, redraw });
+  constructor({ view, playback, skeleton, rows, points, corrections, signing, description, motion, elements, say, redraw }) {
+    Object.assign(this, { view, playback, skeleton, rows, points, corrections, signing, description, motion, elements, say, redraw });
     this.place = new Object3D();
     view.scene.add(this.place);
     this.active = false;
@@ -45,17 +45,18 @@ export class JointMover {
     this.choose(((this.joint ?? (count > 0 ? -1 : 0)) + count + all) % all);
   }
 
-  /** Where the joint is now: corrected or tracked; null where it is lost. */
+  /** Where the joint is now: corrected or tracked; null where it is lost, or its frame is being fetched. */
   now() {
     const corrected = this.corrections.jointsAt(this.playback.position).find(({ joint }) => joint === this.description.joints[this.joint]);
     if (corrected) return corrected.position_m;
-    const { joints } = this.skeleton.at(this.playback.position);
-    const found = Array.from(joints.subarray(3 * this.joint, 3 * this.joint + 3));
+    const row = this.rows.at(this.playback.position);
+    const found = row ? Array.from(row.joints.subarray(3 * this.joint, 3 * this.joint + 3)) : [NaN];
     return Number.isNaN(found[0]) ? null : found;
   }
 
   begin() {
     this.playback.pause();
+    if (!this.rows.at(this.playback.position)) return this.say("This frame is being loaded.");
     if (this.joint === null) this.choose(Number(this.elements.select.value));
     const start = this.now();
     this.start = new Vector3(...(start ?? this.view.controls.target.toArray()));
@@ -66,7 +67,7 @@ export class JointMover {
     this.elements.moving.hidden = false;
     this.view.canvas.focus({ preventScroll: true });
     this.changed();
-    if (!start) this.say("This joint is lost in this frame: it starts in the middle of the view.");
+    return start ? null : this.say("This joint is lost in this frame: it starts in the middle of the view.");
   }
 
   changed() {

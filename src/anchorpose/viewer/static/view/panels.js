@@ -85,15 +85,15 @@ export function presetButtons(box, presets) {
 }
 
 export class JointCard {
-  constructor(card, description, skeleton, playback) {
-    Object.assign(this, { card, description, skeleton, playback });
+  constructor(card, description, skeleton, rows, playback) {
+    Object.assign(this, { card, description, skeleton, rows, playback });
   }
 
   show(corrected) {
-    const joint = this.skeleton.chosen;
-    this.card.hidden = joint === null;
-    if (joint === null) return;
-    const { joints, sigma, states } = this.skeleton.at(this.playback.position);
+    const joint = this.skeleton.chosen, row = this.rows.at(this.playback.position);
+    this.card.hidden = joint === null || row === null;
+    if (this.card.hidden) return;
+    const { joints, sigma, states } = row;
     const place = Array.from(joints.subarray(3 * joint, 3 * joint + 3), (value) => value.toFixed(3)).join(", ");
     const lost = Number.isNaN(joints[3 * joint]);
     const rows = [["joint", this.description.joints[joint]], ["state", this.description.states[states[joint]].replaceAll("_", " ")]];

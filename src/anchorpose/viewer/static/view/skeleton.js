@@ -140,12 +140,12 @@ class LimbLayer {
 }
 
 export class SkeletonLayer {
-  /** size: of dots and limbs on the screen, 1 as in the viewer. */
-  constructor({ joints, limbs, states }, motion, view, size = 1) {
+  /** rows: at(position) has joints, sigma and states of a frame, or null; size: of dots and limbs, 1 as in the viewer. */
+  constructor({ joints, limbs, states }, rows, view, size = 1) {
     this.size = size;
     this.count = joints.length;
     this.lost = states.indexOf("lost");
-    this.motion = motion;
+    this.rows = rows;
     this.chosen = null;
     this.limbs = new LimbLayer(limbs, view, size);
     this.dots = new DotLayer(this.count, view, "joint", 10);
@@ -153,17 +153,13 @@ export class SkeletonLayer {
     this.group.add(this.limbs.mesh, this.dots.points);
   }
 
-  at(position) {
-    const start = position * this.count;
-    return {
-      joints: this.motion.joints.subarray(3 * start, 3 * (start + this.count)),
-      sigma: this.motion.sigma.subarray(start, start + this.count),
-      states: this.motion.state.subarray(start, start + this.count),
-    };
-  }
-
   set(position) {
-    const { joints, sigma, states } = this.at(position);
+    const row = this.rows.at(position);
+    if (!row) {
+      this.group.visible = false;
+      return;
+    }
+    const { joints, sigma, states } = row;
     this.limbs.set(joints, states);
     this.dots.set(Array.from(states, (state, i) => state === this.lost ? null : {
       place: joints.subarray(3 * i, 3 * i + 3), shape: state === 0 ? 0 : 1, radius: 5.5 * this.size, halo: 1.96 * sigma[i], chosen: i === this.chosen,

@@ -10,7 +10,6 @@ export class Timeline {
   constructor(canvas, description, motion, axis, playback, corrections) {
     Object.assign(this, { canvas, description, motion, axis, playback, corrections });
     this.joints = description.joints.length;
-    this.lost = description.states.indexOf("lost");
     this.touches = [...new Set(description.contacts.map(named))];
     this.moments = description.unexplained ?? [];
     const rows = ["joints", ...(motion.unexplained ? ["not explained"] : []), "marked, corrected", ...this.touches];
@@ -73,34 +72,43 @@ export class Timeline {
     }
   }
 
+  /** What is drawn of frames: one after the other, or where several share a pixel, once, worst as worse(a, b) has it. */
+  columns(value, worse, draw) {
+    const [first, last] = this.axis.range(), times = this.motion.time_s;
+    const shown = (row) => Math.floor(this.x(times[row]));
+    for (let row = first; row <= last; row++) {
+      const from = row;
+      let worst = value(row);
+      while (row < last && shown(row + 1) === shown(from)) worst = worse(worst, value(++row));
+      const x = this.x(times[from]);
+      draw(worst, x, this.x(times[Math.min(row + 1, times.length - 1)]) - x);
+    }
+  }
+
   /** A column per frame: the shares of the joints that are observed (from below), inferred, lost. */
   states(context) {
-    const [first, last] = this.axis.range(), inner = ROW - 3;
-    for (let row = first; row <= last; row++) {
-      const states = this.motion.state.subarray(row * this.joints, (row + 1) * this.joints);
-      const lost = states.filter((state) => state === this.lost).length / this.joints;
-      const seen = states.filter((state) => state === 0).length / this.joints;
-      const x = this.x(this.motion.time_s[row]), next = this.motion.time_s[Math.min(row + 1, this.motion.time_s.length - 1)];
-      const wide = Math.max(1, this.x(next) - x + 0.5), top = TOP + 1;
+    const inner = ROW - 3, { observed, lost } = this.motion;
+    const worse = (a, b) => ({ lost: Math.max(a.lost, b.lost), seen: Math.min(a.seen, b.seen) });
+    this.columns((row) => ({ lost: lost[row] / this.joints, seen: observed[row] / this.joints }), worse, (share, x, width) => {
+      const wide = Math.max(1, width + 0.5), top = TOP + 1;
       context.fillStyle = css("lost");
-      context.fillRect(x, top, wide, inner * lost);
+      context.fillRect(x, top, wide, inner * share.lost);
       context.fillStyle = css("inferred");
-      context.fillRect(x, top + inner * lost, wide, inner * (1 - lost - seen));
+      context.fillRect(x, top + inner * share.lost, wide, inner * (1 - share.lost - share.seen));
       context.fillStyle = css("observed");
-      context.fillRect(x, top + inner * (1 - seen), wide, inner * seen);
-    }
+      context.fillRect(x, top + inner * (1 - share.seen), wide, inner * share.seen);
+    });
   }
 
   /** A bar where the body does not explain the frame, the higher the worse; the worst moments by their numbers. */
   unexplained(context) {
-    const [first, last] = this.axis.range(), inner = ROW - 3, times = this.motion.time_s, bottom = this.top("not explained") + 1 + inner;
+    const inner = ROW - 3, times = this.motion.time_s, bottom = this.top("not explained") + 1 + inner;
     context.fillStyle = css("unexplained");
-    for (let row = first; row <= last; row++) {
-      const value = this.motion.unexplained[row];
-      if (!(value >= 1)) continue; // also where it is not known
-      const x = this.x(times[row]), high = inner * Math.min(1, value / FULL);
-      context.fillRect(x, bottom - high, Math.max(2, this.x(times[Math.min(row + 1, times.length - 1)]) - x + 0.5), high);
-    }
+    const known = (row) => this.motion.unexplained[row] || 0; // NaN where it is not known
+    this.columns(known, Math.max, (value, x, width) => {
+      const high = inner * Math.min(1, value / FULL);
+      if (value >= 1) context.fillRect(x, bottom - high, Math.max(2, width + 0.5), high);
+    });
     context.textAlign = "center";
     context.font = "bold 10px system-ui, sans-serif";
     [...this.moments.entries()].reverse().forEach(([i, { position }]) => { // the worst on top
@@ -163,9 +171,9 @@ export class Timeline {
   }
 
   inWords() {
-    const all = this.motion.state, share = (test) => ((100 * all.filter(test).length) / all.length).toFixed(0);
+    const { observed, lost } = this.motion, share = (counts) => ((100 * counts.reduce((sum, count) => sum + count, 0)) / (this.joints * counts.length)).toFixed(0);
     const wrong = this.motion.unexplained?.filter((value) => value >= 1).length;
-    return `Over time: ${share((state) => state === 0)} % of the joints observed, ${share((state) => state === this.lost)} % lost; `
+    return `Over time: ${share(observed)} % of the joints observed, ${share(lost)} % lost; `
       + (wrong === undefined ? "" : `${wrong} frames that the body does not explain; `)
       + `${this.description.contacts.length} contacts${this.touches.length ? `: ${this.touches.join(", ")}` : ""}`;
   }
