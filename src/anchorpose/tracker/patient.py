@@ -31,7 +31,7 @@ from anchorpose.tracker.association import GlobalHypothesis, global_hypothesis, 
 from anchorpose.tracker.bystanders import WALKING
 from anchorpose.tracker.config import Method
 from anchorpose.tracker.estimate import Estimate, estimate_of
-from anchorpose.tracker.isolating import isolate, isolate_again, step_of, walked
+from anchorpose.tracker.isolating import isolate
 from anchorpose.tracker.limb_watch import LimbWatch, cheaper, explained_by, is_doubtful
 from anchorpose.tracker.observation import Expectation, Isolated, Observation, gather, observe, see_anchors, see_surface
 from anchorpose.tracker.rivals import Rival, follow_rivals
@@ -42,10 +42,8 @@ from anchorpose.tracker.start import Start
 from anchorpose.tracker.window import Window
 from anchorpose.tracking.motion import predict_joints
 
-IN_VIEW: Final = (
-    0.25  # of the joints within an image: of who walks out of it past the camera, a hip is there the longest
-)
-SEE_AGAIN_M: Final = 0.03  # skin expected this far from where it was when the frame came in: half a forearm's width
+IN_VIEW: Final = 0.25  # of the joints within an image: of who walks out past the camera, a hip is there the longest
+SEE_AGAIN_M: Final = 0.03  # skin expected this far from where it was for an earlier tree: half a forearm's width
 
 
 class PatientTracker:
@@ -58,7 +56,7 @@ class PatientTracker:
         self.history: deque[np.ndarray] = deque(maxlen=self.config.follow.history)
         self.belief = self._corrected(start.belief, start.observation)
         self.history.append(self.body.joints(self.belief.pose))
-        self.window = Window([start.observation], run)
+        self.window = Window(start.observation, run)
         self.ahead: list[Pose] = []
         self.pace = PATIENT_PACE
         self.last = LastSeen(start.observation, start.belief.pose.root_m)
@@ -74,20 +72,12 @@ class PatientTracker:
         of the first frame after the last estimated one, once its whole look-ahead is in the window; else None.
         """
         if frame_set is not None:
-            # predict: scaled motion dynamics say where the body will be (Section IV-C)
-            expected = self.expect(self.predict(len(self.window))[-1])
-            # isolate: which pixels are the patient's, which are others', the equipment's and the room's
-            isolated = isolate(frame_set, expected, self.window[-1], self.run)
-            # surface: one mesh of all cameras, cut where the body touches itself, closed where it is hidden
-            surface = see_surface(isolated, expected, self.run)
-            # anchors: head, hands and feet, from the picture (Definition 2)
-            anchors = see_anchors(surface, expected, self.height_m, self.run)
-            self.window.append(gather(frame_set, expected, isolated, surface, anchors, self.run))
+            self.window.append(frame_set)
         enough = 2 if frame_set is None else 1 + self.config.follow.look_ahead
         if only_look or len(self.window) < enough:
             return None
-        # the second frame of the window is estimated now, by a prediction from the frame before it
-        poses, elapsed_s = self._look_ahead(), self._elapsed_s()
+        # predict, isolate, surface, anchors: what the second frame of the window shows; it is estimated now
+        poses, elapsed_s = self._observe_until(1), self._elapsed_s()
         # register: the body, all parts at once, to all that is seen of the patient; where that leaves the frame
         # unexplained, also to the matches of the track tree (Section IV-D); then limbs are looked for again
         registration, hypothesis = self._register(poses, elapsed_s)
@@ -102,7 +92,7 @@ class PatientTracker:
 
     def search(self) -> Search:
         """The search that begins where the patient was lost."""
-        return Search(self.window[-1], self.last, left=self.has_left or not self._in_view)
+        return Search(self.window.seen[-1], self.last, left=self.has_left or not self._in_view)
 
     @property
     def has_left(self) -> bool:
@@ -135,8 +125,8 @@ class PatientTracker:
         """The tree's best branch from this frame to the next; None without a next frame that shows the patient."""
         if len(self.window) < 2:
             return None
-        poses = self._look_ahead()
-        return self._search_tree(poses) if len(self.window[1].surface) else None
+        self._observe_until(1)
+        return self._search_tree() if len(self.window[1].surface) else None
 
     def _estimate(self, registration: Registration, seen: Observation, hypothesis: GlobalHypothesis | None) -> Estimate:
         """The estimate of a frame; notes of it what the next frames need besides the pose."""
@@ -172,27 +162,38 @@ class PatientTracker:
                     self.ahead.append(pose)
         return self.ahead[:steps]
 
-    def _look_ahead(self) -> list[Pose]:
-        """Predicted poses of the window's later frames; the next frame is observed again where that may change it.
+    def _observe_until(self, last: int) -> list[Pose]:
+        """Predicted poses of the window's later frames, once its frames up to number ``last`` are observed.
 
-        Its pose is now predicted from the frame before. Where the patient is expected at another place than when the
-        frame came in, the people are separated again, and the patient's surface is built again.
+        The next frame may be observed already, for the tree of the frame before. It is observed again where the
+        patient is now expected at another place.
         """
-        poses = self.predict(len(self.window) - 1)
-        expected, before, seen = self.expect(poses[0]), self.window[1].expected, self.window[1]
-        step = step_of(expected, walked(self.window[0], seen.pieces, self.run), seen.pieces, self.run)
-        self.pace = WALKING if step.any() else PATIENT_PACE
-        if step.any():
-            self.ahead = [replace(pose, root_m=pose.root_m + step) for pose in self.ahead]
-            poses = self.ahead[: len(poses)]
-            expected = self.expect(poses[0])
-        if before is None or expected.apart_m(before) > SEE_AGAIN_M:
-            self._see_again(expected)
-        return poses
+        if len(self.window.seen) > 1:
+            expected, before = self.expect(self.predict(1)[0]), self.window[1].expected
+            if before is None or expected.apart_m(before) > SEE_AGAIN_M:
+                self.window.replace_next(self._observe(1))
+        while len(self.window.seen) <= last:
+            self.window.see(self._observe(len(self.window.seen)))
+        return self.predict(len(self.window) - 1)
 
-    def _see_again(self, expected: Expectation) -> None:
-        isolated = isolate_again(self.window[1], expected, self.window[0], self.run)
-        self.window.replace_next(observe(self.window[1].frame_set, isolated, expected, self.height_m, self.run))
+    def _observe(self, number: int) -> Observation:
+        """What the frame with a number in the window shows, those before it being observed."""
+        frame_set, before = self.window.frames[number], self.window[number - 1]
+        # predict: scaled motion dynamics say where the body will be (Section IV-C)
+        expected = self.expect(self.predict(number)[-1])
+        # isolate: which pixels are the patient's, which are others', the equipment's and the room's
+        isolated, step = isolate(frame_set, expected, before, self.run)
+        if step.any():
+            moved = [replace(pose, root_m=pose.root_m + step) for pose in self.ahead[number - 1 :]]
+            self.ahead[number - 1 :] = moved
+            expected = expected.moved(step)
+        if number == 1:
+            self.pace = WALKING if step.any() else PATIENT_PACE
+        # surface: one mesh of all cameras, cut where the body touches itself, closed where it is hidden
+        surface = see_surface(isolated, expected, self.run)
+        # anchors: head, hands and feet, from the picture (Definition 2)
+        anchors = see_anchors(surface, expected, self.height_m, self.run)
+        return gather(frame_set, expected, isolated, surface, anchors, self.run)
 
     def _observe_next(self, isolated: Isolated, pose: Pose) -> Observation:
         """The next frame with other labels, and the patient expected in a pose."""
@@ -240,10 +241,11 @@ class PatientTracker:
             self.history.clear()
         return corrected
 
-    def _search_tree(self, poses: list[Pose]) -> GlobalHypothesis:
+    def _search_tree(self) -> GlobalHypothesis:
         """The best branch: the chain of matches over the look-ahead that agrees best with the prediction."""
+        poses = self._observe_until(len(self.window) - 1)
         with self.run.stage("association"):
-            window, links = list(self.window), self.window.matchers()
+            window, links = list(self.window.seen), self.window.matchers()
             return global_hypothesis(self.body, self.belief.pose, poses, window, links, self.config)
 
     def _register(self, poses: list[Pose], elapsed_s: float) -> tuple[Registration, GlobalHypothesis | None]:
@@ -254,7 +256,7 @@ class PatientTracker:
         with self.run.stage("registration"):
             if self.config.method is Method.ARTICULATED:
                 return self._register_body(poses, predicted, elapsed_s)
-            hypothesis = self._search_tree(poses)
+            hypothesis = self._search_tree()
             return self._register_parts(hypothesis, poses[0], predicted), hypothesis
 
     def _register_body(
@@ -264,7 +266,7 @@ class PatientTracker:
         always, hypothesis = self.config.hypotheses.always, None
         found = Registration(predicted, 0.0, False) if always else self._fit(predicted, no_constraints())
         if always or self._leaves_doubt(found):
-            hypothesis = self._search_tree(poses)
+            hypothesis = self._search_tree()
             held = self._fit(predicted, self._held(hypothesis, poses[0]))
             found = cheaper(self.body, found, held, self.window[1], self.run)
         if not found.found:
@@ -296,7 +298,7 @@ class PatientTracker:
         """Where the tree's matches and the anchors hold the body."""
         now = pose_points(self.body, self.belief.pose)
         T_predicted = part_motion(now.transforms, pose_points(self.body, pose).transforms)
-        return held_by(self.points, now, hypothesis, list(self.window), T_predicted)
+        return held_by(self.points, now, hypothesis, list(self.window.seen), T_predicted)
 
     def _register_parts(self, hypothesis: GlobalHypothesis, pose: Pose, predicted: PoseBelief) -> Registration:
         """The paper's own way: every part by itself, from frame to frame."""
@@ -304,7 +306,7 @@ class PatientTracker:
         now = pose_points(self.body, self.belief.pose)
         T_predicted = part_motion(now.transforms, pose_points(self.body, pose).transforms)
         iterations = 0 if self.config.method is Method.PAIRS else ITERATIONS
-        T_next_now = parts_by_icp(now, hypothesis, list(self.window), T_predicted, iterations)
+        T_next_now = parts_by_icp(now, hypothesis, list(self.window.seen), T_predicted, iterations)
         joints = joints_of_parts(self.points.asset, self.body.mesh, T_next_now @ now.transforms)
         pose = pose_from_joints(self.body, pose, joints)
         return posterior(self.body, pose, predicted, self.window[1].evidence, config)

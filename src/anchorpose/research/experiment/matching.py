@@ -65,7 +65,7 @@ def take_window(frame: int, reference: Reference, run: Run) -> Window | None:
     if tracker.next_hypothesis() is None:
         return None
     poses = tracker.predict(len(tracker.window) - 1)
-    return Window(frame, tracker, tuple(tracker.window), tuple(poses), run.config)
+    return Window(frame, tracker, tuple(tracker.window.seen), tuple(poses), run.config)
 
 
 def match_window(method: Method, setting: object, window: Window) -> Matches:
