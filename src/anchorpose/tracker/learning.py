@@ -48,8 +48,9 @@ def learn_patient(run: Run, frames: Iterable[FrameSet]) -> LearntPatient | None:
     interval_s = learning.window_s / learning.frame_count / CANDIDATES
     learnt: LearntPatient | None = None
     kept, began_s = list[Estimate](), None
-    choice = room.initial_frame.choice if room.initial_frame else None
-    for estimate, tracker in follow_openly(run, frames, choice, None):
+    initial = room.initial_frame
+    choice, begin = (initial.choice, initial.start) if initial else (None, None)
+    for estimate, tracker in follow_openly(run, frames, choice, None, begin):
         time_s = estimate.frame_set.time_s
         if began_s is not None and abs(time_s - began_s) > learning.longest_s:
             break
