@@ -12,6 +12,7 @@ import numpy as np
 from anchorpose.body.belief import PATIENT_PACE, UNSEEN_S, PoseBelief
 from anchorpose.body.body_map import map_body
 from anchorpose.body.constraints import Constraints, no_constraints
+from anchorpose.body.explained import Explanation
 from anchorpose.body.inverse_kinematics import (
     CorrectedJoints,
     apply_corrections,
@@ -57,7 +58,8 @@ class PatientTracker:
         self.belief = self._corrected(start.belief, start.observation)
         self.history.append(self.body.joints(self.belief.pose))
         self.window = Window(start.observation, run)
-        self.ahead: list[Pose] = []
+        self.ahead: list[Pose] = []  # predicted
+        self.joints_ahead = np.empty((0, 0, 3))
         self.pace = PATIENT_PACE
         self.last = LastSeen(start.observation, start.belief.pose.root_m)
         self.watch = LimbWatch(run)
@@ -149,21 +151,19 @@ class PatientTracker:
         return self.run.room.review.corrected(seen.frame_set.frame)
 
     def predict(self, steps: int) -> list[Pose]:
-        """The next poses by scaled motion dynamics: those of the whole look-ahead, once a registered frame."""
+        """The next poses by scaled motion dynamics; each is fitted to its predicted joints when it is asked for."""
         with self.run.stage("prediction"):
             if not self.ahead:
                 config = self.config
-                joints = predict_joints(
-                    np.array(self.history), config.follow.look_ahead, self.run.motions, config.motion
-                ).joints_m
-                pose = self.belief.pose
-                for joints_m in joints:
-                    pose = pose_from_joints(self.body, pose, joints_m)
-                    self.ahead.append(pose)
+                history, ahead = np.array(self.history), config.follow.look_ahead
+                self.joints_ahead = predict_joints(history, ahead, self.run.motions, config.motion).joints_m
+            for joints_m in self.joints_ahead[len(self.ahead) : steps]:
+                pose = self.ahead[-1] if self.ahead else self.belief.pose
+                self.ahead.append(pose_from_joints(self.body, pose, joints_m))
         return self.ahead[:steps]
 
     def _observe_until(self, last: int) -> list[Pose]:
-        """Predicted poses of the window's later frames, once its frames up to number ``last`` are observed.
+        """Predicted poses of the window's later frames up to number ``last``, which then are observed.
 
         The next frame may be observed already, for the tree of the frame before. It is observed again where the
         patient is now expected at another place.
@@ -174,7 +174,7 @@ class PatientTracker:
                 self.window.replace_next(self._observe(1))
         while len(self.window.seen) <= last:
             self.window.see(self._observe(len(self.window.seen)))
-        return self.predict(len(self.window) - 1)
+        return self.predict(last)
 
     def _observe(self, number: int) -> Observation:
         """What the frame with a number in the window shows, those before it being observed."""
@@ -184,8 +184,8 @@ class PatientTracker:
         # isolate: which pixels are the patient's, which are others', the equipment's and the room's
         isolated, step = isolate(frame_set, expected, before, self.run)
         if step.any():
-            moved = [replace(pose, root_m=pose.root_m + step) for pose in self.ahead[number - 1 :]]
-            self.ahead[number - 1 :] = moved
+            later = self.predict(self.config.follow.look_ahead)[number - 1 :]
+            self.ahead[number - 1 :] = [replace(pose, root_m=pose.root_m + step) for pose in later]
             expected = expected.moved(step)
         if number == 1:
             self.pace = WALKING if step.any() else PATIENT_PACE
@@ -265,17 +265,21 @@ class PatientTracker:
         """All parts at once, joined, on the learnt body."""
         always, hypothesis = self.config.hypotheses.always, None
         found = Registration(predicted, 0.0, False) if always else self._fit(predicted, no_constraints())
-        if always or self._leaves_doubt(found):
+        explanation = explained_by(self.body, found, self.window[1])
+        if always or self._leaves_doubt(found, explanation):
             hypothesis = self._search_tree()
             held = self._fit(predicted, self._held(hypothesis, poses[0]))
             found = cheaper(self.body, found, held, self.window[1], self.run)
+            explanation = explained_by(self.body, found, self.window[1])
         if not found.found:
             watched = self.watch.look_for_whole(self.body, found, predicted, self.window[1])
         else:
             best, self.rivals = follow_rivals(
                 self.body, found, self.rivals, self.window[1].evidence, elapsed_s, self.config.registration
             )
-            watched = self.watch.look(self.body, best, predicted, self.window, self._observe_next)
+            if best is not found:
+                explanation = explained_by(self.body, best, self.window[1])
+            watched = self.watch.look(self.body, best, explanation, predicted, self.window, self._observe_next)
             watched = replace(watched, moved=watched.moved or best is not found)
         if watched.moved:
             self.history.clear()  # the limbs moved as other ones
@@ -287,12 +291,11 @@ class PatientTracker:
         seen, config = self.window[1], self.config.registration
         return register(self.body, predicted, seen.evidence, held, config, self.feet.rows(seen.frame_set.time_s))
 
-    def _leaves_doubt(self, found: Registration) -> bool:
+    def _leaves_doubt(self, found: Registration, explanation: Explanation) -> bool:
         """Whether the geodesic matches are asked: the body does not explain the frame without them."""
         if self.config.registration.held_steps == 0:
             return False
-        seen = self.window[1]
-        return not found.found or is_doubtful(self.body, found, explained_by(self.body, found, seen), seen)
+        return not found.found or is_doubtful(self.body, found, explanation, self.window[1])
 
     def _held(self, hypothesis: GlobalHypothesis, pose: Pose) -> Constraints:
         """Where the tree's matches and the anchors hold the body."""
