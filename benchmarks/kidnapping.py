@@ -62,7 +62,7 @@ class Past:
 def fork(tracker: PatientTracker) -> PatientTracker:
     """A tracker in the same state; what no tracker changes (run, body, observations) is shared."""
     shared = [tracker.run, tracker.config, tracker.points, tracker.shape, tracker.body, tracker.map]
-    shared += [tracker.belief, tracker.last.seen, tracker.first, *tracker.window]
+    shared += [tracker.belief, tracker.last.seen, tracker.first, *tracker.window.seen, *tracker.window.frames]
     return copy.deepcopy(tracker, {id(value): value for value in shared})
 
 
@@ -82,22 +82,21 @@ def kidnap(tracker: PatientTracker, past: Past, spoil: Spoil) -> PatientTracker:
 
 
 def _look_again(kidnapped: PatientTracker, past: Past, poses: list[Pose]) -> None:
-    """What the last frames and those of the window show with the wrong pose in mind."""
+    """What the last frames show with the wrong pose in mind."""
     before = past.seen[0]
     for seen, pose in zip(list(past.seen)[1:], poses[1 - len(past.seen) :], strict=True):
         before = _seen_with(kidnapped, seen.frame_set, pose, before)
-    window = [before]
-    ahead = kidnapped.predict(len(kidnapped.window) - 1)
-    for seen, pose in zip(list(kidnapped.window)[1:], ahead, strict=True):
-        window.append(_seen_with(kidnapped, seen.frame_set, pose, window[-1]))
     if kidnapped.last.seen is kidnapped.window[0]:
-        kidnapped.last = replace(kidnapped.last, seen=window[0])
-    kidnapped.window = Window(window, kidnapped.run)
+        kidnapped.last = replace(kidnapped.last, seen=before)
+    window = Window(before, kidnapped.run)
+    for frame_set in list(kidnapped.window.frames)[1:]:
+        window.append(frame_set)
+    kidnapped.window = window
 
 
 def _seen_with(tracker: PatientTracker, frame_set: FrameSet, pose: Pose, before: Observation) -> Observation:
     expected = tracker.expect(pose)
-    isolated = isolate(frame_set, expected, before, tracker.run)
+    isolated, _ = isolate(frame_set, expected, before, tracker.run)
     return observe(frame_set, isolated, expected, tracker.height_m, tracker.run)
 
 

@@ -1,13 +1,10 @@
-"""What a frame costs: python benchmarks/speed.py --cameras 1 3 --seconds 20
+"""What start-up and a frame cost: python benchmarks/speed.py --cameras 1 3 --seconds 6 --before OLD/src
 
-Whether memory grows: python benchmarks/speed.py --recording FOLDER --minutes 10 [--smooth], which goes forward and
-backward through a short recording for so long, and compares the first minute with all of it.
-
-A recording is simulated (or given: --recording FOLDER) and tracked three times as a whole process held to one core:
-once to compile and to warm the disk, then its first third, then all of it. What the longer run takes more, divided by
-the frames it has more, is the price of a frame; what is left of the shorter one is start-up, which the room, the clocks
-and learning the body take. Times are the processor's, so that what else the machine does counts little; on an idle
-machine they are those of the clock. Peak memory of both runs tells whether it grows with the recording.
+A recording is simulated (or given: --recording FOLDER, as ``simulate`` writes it) and tracked in a process of its own,
+on one thread, with the true body, so that learning is left out: the room (clocks, empty room, everybody in the sampled
+frames, where to begin), then all frames, stored as ``track`` stores them. --before: the same with the package of
+another ``src`` folder, for example of the commit before, just after; the ratios are to it. Seconds are the processor's:
+they grow with what else the machine does, the ratios hardly. Errors are those of all frames but the first second's.
 """
 
 from __future__ import annotations
@@ -15,113 +12,125 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import resource
+import subprocess
 import sys
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
-from live import play_longer
 
-from anchorpose.body.config import LearningConfig
-from anchorpose.recording.reader import open_recording
+from anchorpose.body.skin_points import FittedShape, body_points, even_clothes
+from anchorpose.calibration.clocks import ClockConfig
+from anchorpose.pipeline import TrackConfig
 from anchorpose.simulate import config as presets
 from anchorpose.simulate.write import simulate_recording
+from anchorpose.threads import one_thread
+from anchorpose.track_inputs import UserInputs, read_inputs
+from anchorpose.tracker.journal import Journal
+from anchorpose.tracker.passes import plan_route, track_on
+from anchorpose.tracker.preparation import prepare_room
+from anchorpose.tracker.run import Run, Stopwatch
+from anchorpose.tracking.motion_file import load_motions
 
 ONE_THREAD: Final = dict.fromkeys(("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 SCENES: Final = {1: presets.single, 3: presets.clinic}
-STARTING: Final = ("calibration and background", "first pose", "body shape", "results")
-"""Stages that a recording pays once, however long it is."""
+SOURCE: Final = Path(__file__).resolve().parents[1] / "src"
+CLOTHING_M: Final = 0.007  # of a simulated person
+SKIP_S: Final = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class Run:
-    """One tracked recording: processor seconds in all and by stage, frames, peak memory in MB."""
+def measure(simulated: Path, warm: bool) -> dict[str, Any]:
+    """Seconds of the room, then of each stage from the second frame on; errors of the joints; warm: of two frames."""
+    began, watch = time.process_time(), Stopwatch(time.process_time)
+    config = TrackConfig(stop=2, clocks=ClockConfig(estimate=False)) if warm else TrackConfig()
+    inputs = read_inputs(simulated / "recording", config, UserInputs(None, None))
+    room = prepare_room(inputs.recording, config)
+    room_s = time.process_time() - began
+    motions = load_motions(config.motion_file, inputs.recording.rate_hz, config.motion)
+    ticks = list[float]()
 
-    seconds: float
-    stages: dict[str, float]
-    frames: int
-    peak_mb: float
+    def tick() -> None:
+        if not ticks:
+            watch.seconds.clear()  # the first pose is found
+        ticks.append(time.process_time())
 
-
-def track(recording: Path, results: Path, stop: int, smooth: bool) -> Run:
-    """``anchorpose track`` as a process of its own on one core; raises RuntimeError where it fails."""
-    command = "from anchorpose.cli import main; main()"
-    arguments = [sys.executable, "-c", command, "track", str(recording), "-o", str(results), "--stop", str(stop)]
-    arguments += ["--smooth"] if smooth else []
-    began = time.perf_counter()
-    child = os.fork()
-    if child == 0:
-        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-        os.execve(sys.executable, arguments, os.environ | ONE_THREAD)
-    _, status, used = os.wait4(child, 0)
-    if status != 0:
-        raise RuntimeError(f"tracking {recording} failed")
-    seconds = used.ru_utime + used.ru_stime
-    share = seconds / (time.perf_counter() - began)  # of the clock's seconds, in which run.json has the stages
-    timings = json.loads((results / "run.json").read_text())["timings"]
-    stages = {entry["stage"]: share * entry["seconds"] for entry in timings}
-    return Run(seconds, stages, stop, used.ru_maxrss / 1024)
-
-
-def measure(recording: Path, results: Path, short_s: float | None = None, smooth: bool = False) -> tuple[Run, Run]:
-    """The first third, or the first ``short_s``, and the whole, after a run that compiles what is not compiled yet."""
-    time_s = open_recording(recording).streams[0].time_s
-    frames = len(time_s)
-    part = frames // 3 if short_s is None else int(np.searchsorted(time_s, time_s[0] + short_s))
-    if part == frames or time_s[part] - time_s[0] < LearningConfig().window_s:
-        raise SystemExit(f"{recording} is too short: its first part must hold the seconds that the body is learnt from")
-    track(recording, results / "warm", min(frames, 20), smooth)
-    return track(recording, results / "part", part, smooth), track(recording, results / "whole", frames, smooth)
-
-
-def report(part: Run, whole: Run) -> str:
-    """The price of a frame, by stage, as Markdown."""
-    more = whole.frames - part.frames
-    price = (whole.seconds - part.seconds) / more
-    rows = {
-        stage: 1000.0 * (seconds - part.stages.get(stage, 0.0)) / more
-        for stage, seconds in whole.stages.items()
-        if stage not in STARTING
+    run, route = Run(room, config, motions, watch), plan_route(room, config, tick)
+    with np.load(simulated / "truth/truth.npz") as truth, TemporaryDirectory() as folder:
+        own = np.zeros(body_points().asset.shape_count - len(truth["shape_coefficients"]))
+        shape = FittedShape(np.append(truth["shape_coefficients"], own), even_clothes(CLOTHING_M))
+        shared = {"run": run, "room": room, "points": body_points(), "asset": body_points().asset}
+        records = [tracked.record.joints for tracked in track_on(route, run, shape, Journal(Path(folder), shared))]
+        seconds = time.process_time() - ticks[0]
+        late = [joints for joints in records if joints.time_s >= SKIP_S]
+        off = np.array([joints.position_m - truth["joints"][joints.frame] for joints in late]).reshape(-1, 21, 3)
+    sigma = np.array([joints.sigma_m for joints in late]).reshape(-1, 21)
+    stages = {**watch.seconds, "reading, storing, the rest": seconds - sum(watch.seconds.values())}
+    return {
+        "room_s": room_s,
+        "clock_frames": room.clocks.frames_read,
+        "frames": len(ticks) - 1,
+        "stages": stages,
+        "mean_mm": 1e3 * float(np.nanmean(np.linalg.norm(off, axis=2))) if late else None,
+        "in_band": 100.0 * float((np.abs(off) < 1.96 * sigma[:, :, None]).mean()) if late else None,
+        "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
     }
-    rest = 1000.0 * price - sum(rows.values())
-    lines = ["| stage | ms a frame |", "|---|--:|"]
-    lines += [f"| {stage} | {ms:.1f} |" for stage, ms in rows.items()]
-    lines += [f"| reading, writing, the rest | {rest:.1f} |", f"| **a frame** | **{1000.0 * price:.1f}** |"]
-    lines.append(f"\nstart-up {part.seconds - price * part.frames:.1f} s; whole run {whole.seconds:.1f} s")
-    lines.append(
-        f"peak memory {part.peak_mb:.0f} MB for {part.frames} frames, {whole.peak_mb:.0f} MB for {whole.frames}"
-    )
+
+
+def run_with(source: Path, simulated: Path) -> dict[str, Any]:
+    """``measure`` in a process of its own with the package in ``source``, once its kernels are compiled."""
+    environment = os.environ | ONE_THREAD | {"PYTHONPATH": str(source)}
+    command = [sys.executable, __file__, "--child", str(simulated)]
+    subprocess.run([*command, "--warm"], env=environment, check=True, stdout=subprocess.DEVNULL)
+    done = subprocess.run(command, env=environment, check=True, stdout=subprocess.PIPE, text=True)
+    return dict(json.loads(done.stdout))
+
+
+def report(now: dict[str, Any], before: dict[str, Any] | None) -> str:
+    """The price of a frame by stage, then start-up, as Markdown; the ratios to another version where there is one."""
+
+    def row(title: str, *values: float) -> str:
+        ratio = "" if before is None or not values[1] else f"{values[0] / values[1]:.2f}"
+        return f"| {title} | {' | '.join([*(f'{value:.1f}' for value in values), ratio])} |"
+
+    runs = [now] if before is None else [now, before]
+    lines = [f"| ms a frame | now | {'before | ' * (len(runs) - 1)}ratio |", "|---|" + "--:|" * (len(runs) + 1)]
+    for stage in now["stages"]:
+        lines.append(row(stage, *(1e3 * one["stages"].get(stage, 0.0) / one["frames"] for one in runs)))
+    lines.append(row("**a frame**", *(1e3 * sum(one["stages"].values()) / one["frames"] for one in runs)))
+    lines.append(row("room, s", *(one["room_s"] for one in runs)))
+    lines.append(row("depth images read for the clocks", *(one["clock_frames"] for one in runs)))
+    lines.append(row("mean error, mm", *(one["mean_mm"] for one in runs)))
+    lines.append(row("in 95 % band, %", *(one["in_band"] for one in runs)))
+    lines.append(row("peak memory, MB", *(one["peak_mb"] for one in runs)))
     return "\n".join(lines)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cameras", type=int, nargs="+", choices=list(SCENES), default=list(SCENES))
-    parser.add_argument("--seconds", type=float, default=20.0, help="length of the recording, at 15 pictures a second")
+    parser.add_argument("--seconds", type=float, default=6.0, help="length of the recording, at 15 pictures a second")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--recording", type=Path, help="a recording folder instead of simulated ones")
-    parser.add_argument("--minutes", type=float, help="so long, forward and backward through that recording")
-    parser.add_argument("--smooth", action="store_true", help="track with --smooth")
+    parser.add_argument("--recording", type=Path, nargs="*", help="simulated recordings instead: recording and truth")
+    parser.add_argument("--before", type=Path, help="src folder of another version")
+    parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
+    parser.add_argument("--warm", action="store_true", help=argparse.SUPPRESS)
     chosen = parser.parse_args()
+    if chosen.child is not None:
+        with one_thread():
+            print(json.dumps(measure(chosen.child, chosen.warm)))
+        return
     with TemporaryDirectory() as folder:
-        if chosen.recording is not None:
-            recording, short_s = chosen.recording, None
-            if chosen.minutes is not None:
-                recording, short_s = Path(folder) / "longer", 60.0
-                play_longer(chosen.recording, recording, 60.0 * chosen.minutes)
-            print(report(*measure(recording, Path(folder), short_s, chosen.smooth)))
-            return
-        for cameras in chosen.cameras:
-            out = Path(folder) / str(cameras)
-            simulate_recording(out, SCENES[cameras](chosen.seed, chosen.seconds))
-            print(
-                f"\n{cameras} camera{'s' if cameras > 1 else ''}\n\n{report(*measure(out / 'recording', out))}",
-                flush=True,
-            )
+        simulated = chosen.recording or [Path(folder) / str(cameras) for cameras in chosen.cameras]
+        for cameras, out in zip(chosen.cameras, simulated, strict=False):
+            if chosen.recording is None:
+                simulate_recording(out, SCENES[cameras](chosen.seed, chosen.seconds))
+        for out in simulated:
+            now = run_with(SOURCE, out)
+            before = None if chosen.before is None else run_with(chosen.before, out)
+            print(f"\n{out.name}\n\n{report(now, before)}", flush=True)
 
 
 if __name__ == "__main__":

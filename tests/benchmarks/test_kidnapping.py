@@ -59,8 +59,8 @@ def here(tmp_path_factory) -> MidRecording:
 
 
 def left_hand_expected(tracker: PatientTracker) -> np.ndarray:
-    """(w, 3) where the left hand was expected in the frames of the window."""
-    return np.array([seen.expected.anchors_m[LEFT_HAND_ANCHOR] for seen in tracker.window])
+    """(w, 3) where the left hand was expected in the observed frames of the window."""
+    return np.array([seen.expected.anchors_m[LEFT_HAND_ANCHOR] for seen in tracker.window.seen])
 
 
 def test_a_fork_goes_on_exactly_as_the_tracker_and_leaves_it_alone(here):
@@ -71,7 +71,7 @@ def test_a_fork_goes_on_exactly_as_the_tracker_and_leaves_it_alone(here):
     by_other = [again.step(frame_set).joints_m for frame_set in ahead]
     np.testing.assert_array_equal(by_fork, by_other)
     assert here.tracker.belief is before
-    assert [seen.frame_set.frame for seen in here.tracker.window] == list(range(here.read - 3, here.read))
+    assert [frame_set.frame for frame_set in here.tracker.window.frames] == list(range(here.read - 3, here.read))
 
 
 def test_a_kidnapped_tracker_is_wrong_and_as_sure_as_before(here):
@@ -90,7 +90,7 @@ def test_its_past_and_what_it_has_looked_at_are_wrong_alike(here):
     moved_m = np.linalg.norm(np.array(kidnapped.history) - np.array(tracker.history), axis=2)
     assert moved_m[:, HAND].min() > 0.15
     assert moved_m[:, HEAD].max() < 1e-9
-    assert [s.frame_set.frame for s in kidnapped.window] == [s.frame_set.frame for s in tracker.window]
+    assert list(kidnapped.window.frames) == list(tracker.window.frames)
     away_m = np.linalg.norm(left_hand_expected(kidnapped) - left_hand_expected(tracker), axis=1)
     assert away_m.min() > 0.15
     assert kidnapped.window[0] is not tracker.window[0]

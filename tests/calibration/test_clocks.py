@@ -9,6 +9,7 @@ import pytest
 from moving_room import FRONT, LEFT, MovingRoom, standing
 from room_builder import unposed
 
+from anchorpose.calibration import clocks
 from anchorpose.calibration.clock_fit import PairLag, fit_clocks
 from anchorpose.calibration.clock_signal import MotionSignal, motion_signal, pose_level, signal_lags
 from anchorpose.calibration.clock_surfaces import make_clip, surface_lag
@@ -99,13 +100,25 @@ def test_clocks_are_found_whatever_their_epoch(room, epoch_s):
     assert found.sigma_s < 0.005
 
 
+def test_time_stamps_of_one_clock_are_confirmed_without_signals(room, monkeypatch):
+    same = MovingRoom(room.cameras, (Clock(), Clock(ahead_s=0.004)), seconds=8.5)
+    asked = []
+    monkeypatch.setattr(clocks, "rough_lags", lambda frames, *_: asked.append(frames) or [None, None])
+    found = estimate_clocks(same, LEVELS, ClockConfig()).cameras[1]
+    assert asked == []
+    assert found.source is ClockSource.SURFACES
+    assert found.clock.ahead_s == pytest.approx(0.004, abs=0.005)
+    estimate_clocks(room, LEVELS, ClockConfig())  # half a second apart: the surfaces show no lag of one clock
+    assert len(asked) == 1
+
+
 def test_where_nobody_moves_no_clock_is_touched():
     still = MovingRoom((FRONT, LEFT), (Clock(), Clock(ahead_s=0.2)), scene=standing, seconds=3.0)
-    clocks = estimate_clocks(still, LEVELS, ClockConfig())
-    assert clocks.cameras[1].clock == Clock()
-    assert clocks.cameras[1].source is ClockSource.KEPT
-    assert clocks.cameras[1].doubt in (NoClock.NO_MOTION, NoClock.UNSURE)
-    assert "used as it is" in clock_notes(clocks)[0]
+    found = estimate_clocks(still, LEVELS, ClockConfig())
+    assert found.cameras[1].clock == Clock()
+    assert found.cameras[1].source is ClockSource.KEPT
+    assert found.cameras[1].doubt in (NoClock.NO_MOTION, NoClock.UNSURE)
+    assert "used as it is" in clock_notes(found)[0]
 
 
 def test_with_a_few_frames_no_clock_is_estimated_and_nothing_is_read():
@@ -115,9 +128,9 @@ def test_with_a_few_frames_no_clock_is_estimated_and_nothing_is_read():
 
 
 def test_clocks_that_are_not_to_be_estimated_are_not_mentioned(room):
-    clocks = estimate_clocks(room, LEVELS, ClockConfig(estimate=False))
-    assert clocks.cameras[1].clock == Clock()
-    assert clock_notes(clocks) == ()
+    found = estimate_clocks(room, LEVELS, ClockConfig(estimate=False))
+    assert found.cameras[1].clock == Clock()
+    assert clock_notes(found) == ()
 
 
 def lags_of(ahead_s, drift, noise_s, seed=0):

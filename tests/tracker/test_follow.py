@@ -21,7 +21,7 @@ from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker.config import FollowConfig, Method, TrackConfig
 from anchorpose.tracker.estimate import Estimate, nobody_found
-from anchorpose.tracker.following import FIRST_PAUSE, follow_patient
+from anchorpose.tracker.following import FIRST_PAUSE, Follower, follow_patient
 from anchorpose.tracker.frame_record import label_pictures
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room
@@ -293,6 +293,17 @@ def test_a_stage_inside_another_is_not_counted_twice():
     with watch.stage("outer"), watch.stage("inner"):
         pass
     assert watch.seconds == {"inner": 2.0, "outer": 5.0}
+
+
+def test_the_look_ahead_is_looked_at_only_where_the_tree_asks_for_it(course):
+    follower = Follower(Run(course.room, CONFIG), course.room.initial_frame.choice, course.shape)
+    frames = read_frames(course.room.recording)
+    while follower.tracker is None or len(follower.tracker.window) < 1 + CONFIG.follow.look_ahead:
+        list(follower.step(next(frames)))
+    window = follower.tracker.window
+    assert len(window.seen) == 1
+    assert follower.tracker.next_hypothesis().predicted_m.shape[1] == CONFIG.follow.look_ahead
+    assert [seen.frame_set for seen in window.seen] == list(window.frames)
 
 
 def test_no_more_frames_are_held_than_the_look_ahead_needs(course):

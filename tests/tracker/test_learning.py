@@ -48,7 +48,7 @@ class Pass:
     found: tuple[bool, ...] = (True,) * 3  # whether the patient is found in each stretch
 
     def follow(self, *given: object) -> Iterator[tuple[SimpleNamespace, SimpleNamespace]]:
-        *_, known = given
+        *_, known, _start = given
         self.begun.append(known)
         there = self.found[len(self.begun) - 1]
         for number in range(1000):
@@ -89,7 +89,7 @@ class Pass:
         monkeypatch.setattr(learning, "follow_openly", self.follow)
         monkeypatch.setattr(learning, "learn_body", self.learn)
         run = Run(room, replace(TrackConfig(), learning=config or LearningConfig()))
-        return learn_patient(run, [Stretch(None, [])] * stretches)
+        return learn_patient(run, [Stretch(None, None, [])] * stretches)
 
 
 @pytest.mark.parametrize("step_s", [0.1, -0.1])

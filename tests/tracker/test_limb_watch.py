@@ -73,7 +73,7 @@ def watch_frames(monkeypatch, areas_m2: list[float]) -> None:
     watch = LimbWatch(SimpleNamespace(config=TrackConfig()))
     for area in areas_m2:
         monkeypatch.setattr(limb_watch, "explained_by", lambda *_, area=area: explained(area))
-        watched = watch.look(BODY, FOUND, FOUND.belief, [None, seen()], None)
+        watched = watch.look(BODY, FOUND, explained(area), FOUND.belief, [None, seen()], None)
         assert watched.registration is FOUND
         assert not watched.moved
 

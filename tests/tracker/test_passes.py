@@ -18,7 +18,7 @@ def begins(
     """Position of the first and the second frame of each stretch, where the patient is seen in some frames, best first;
     one frame per second for ten minutes."""
     recording = SimpleNamespace(streams=[SimpleNamespace(files=range(600), time_s=np.arange(600.0))])
-    initial = tuple(SimpleNamespace(frame=frame, choice=frame) for frame in seen)
+    initial = tuple(SimpleNamespace(frame=frame, choice=frame, start=None) for frame in seen)
     room = SimpleNamespace(recording=recording, initial_frames=initial, initial_frame=initial[0] if seen else None)
     monkeypatch.setattr(passes.Route, "frame", lambda _, position: position)
     route = plan_route(room, config or TrackConfig(), lambda: None)

@@ -134,6 +134,12 @@ def rough_lags(frames: FrameCache, levels: Sequence[Level | None], busiest_s: Se
     return rough
 
 
+def stamped_lags(frames: FrameCache) -> list[RoughLag | None]:
+    """No lag of each camera whose time stamps and the first camera's may be of one clock; None for others."""
+    stamped = [_from_stamps(frames, camera) for camera in range(1, len(frames.cameras))]
+    return [REFERENCE, *(found[0] if found else None for found in stamped)]
+
+
 def _blocks(times_s: np.ndarray, busiest_s: Sequence[float]) -> list[float]:
     """Middles of the blocks for the signals: the busiest, none reaching beyond the recording, all different."""
     low, high = times_s[0] + BLOCK_S / 2, times_s[-1] - BLOCK_S / 2

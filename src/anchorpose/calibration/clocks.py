@@ -14,16 +14,18 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.calibration.clock_fit import ClockFit, fit_clocks
+from anchorpose.calibration.clock_fit import ClockFit, PairLag, fit_clocks
 from anchorpose.calibration.clock_lags import (
     LEAST_FRAMES,
     LEAST_WINDOWS,
+    REACH_S,
     WINDOW_S,
     FrameCache,
     RoughLag,
     busiest_times,
     fine_lags,
     rough_lags,
+    stamped_lags,
 )
 from anchorpose.calibration.clock_signal import Level, pose_level
 from anchorpose.calibration.floor import FloorPlane, floor_of_room
@@ -33,6 +35,11 @@ from anchorpose.recording.recording import Clock, Recording, align_clocks
 from anchorpose.settings import settings
 
 WINDOWS: Final = 10  # over the whole recording: a drift shows between its ends, and some windows show little
+SPREAD: Final = 3  # every third window is compared first: they span the recording
+CONFIRMING: Final = 4  # windows whose lags show whether the time stamps are right to a tenth of a second
+AGREEING: Final = 0.75  # of these windows, and of their lags, that have to agree
+APART_S: Final = 0.01  # their scatter: 1 to 5 ms about right rough lags, 20 to 70 ms where nothing fits
+ENOUGH_S: Final = 0.002  # at either end of the recording: 1 mm of a limb that moves by half a metre a second
 PLACES: Final = 4  # sampled in each tenth of the recording, to find where much moves
 SIGNAL_SIGMA_S: Final = 0.03  # of the lags from signals, on simulated clinics
 WORST_SIGMA_S: Final = 0.008  # at either end of the recording: half of the usual time between paired frames
@@ -144,11 +151,50 @@ def estimate_clocks(source: DepthFrames, levels: Sequence[Level | None], config:
     span_s = (float(frames.times_s[0][0]), float(frames.times_s[0][-1]))
     windows = int(np.clip((span_s[1] - span_s[0]) / WINDOW_S, 1, WINDOWS))
     busy = busiest_times(frames, span_s, windows, PLACES)
-    rough = rough_lags(frames, levels, [at_s for at_s, _ in sorted(busy, key=lambda place: -place[1])])
-    lags = fine_lags(frames, rough, [time_s for time_s, _ in busy])
-    fit = fit_clocks(lags, count) if lags else None
+    times_s = [time_s for first in range(SPREAD) for time_s, _ in busy[first::SPREAD]]
+    rough, lags = stamped_lags(frames), list[PairLag]()
+    if None not in rough:
+        lags = fine_lags(frames, rough, times_s[:CONFIRMING])
+    if not _is_confirmed(lags, count):  # the time stamps are not those of one clock, or too little moves in common view
+        rough = rough_lags(frames, levels, [at_s for at_s, _ in sorted(busy, key=lambda place: -place[1])])
+        lags = fine_lags(frames, rough, times_s[:CONFIRMING])
+    fit = _fit(frames, rough, lags, times_s[CONFIRMING:], span_s)
     others = (_camera_clock(k, source.cameras[k].name, rough[k], fit, span_s) for k in range(1, count))
     return Clocks((_reference(source.cameras), *others), fit.residual_s if fit is not None else None, frames.read_count)
+
+
+def _is_confirmed(lags: Sequence[PairLag], count: int) -> bool:
+    """Whether the lags of the first windows show that rough lags are right; about wrong ones they are anywhere."""
+    fit = fit_clocks(lags, count) if lags else None
+    if fit is None or not _agree(fit, lags):
+        return False
+    windows = [len({lag.at_s for lag in fit.used if camera in (lag.first, lag.second)}) for camera in range(count)]
+    return min(windows) >= AGREEING * CONFIRMING and bool((np.abs(fit.ahead_s) < REACH_S / 2).all())
+
+
+def _agree(fit: ClockFit, lags: Sequence[PairLag]) -> bool:
+    """Whether nearly all lags are those of one set of clocks, which are all known."""
+    known = bool(np.isfinite(fit.ahead_s).all())
+    return known and len(fit.used) >= AGREEING * len(lags) and fit.residual_s <= APART_S
+
+
+def _fit(
+    frames: FrameCache,
+    rough: Sequence[RoughLag | None],
+    lags: Sequence[PairLag],
+    left_s: Sequence[float],
+    span_s: tuple[float, float],
+) -> ClockFit | None:
+    """The clocks by the lags of the first windows, and of as many of those left as they need; None without lags."""
+    fit = fit_clocks(lags, len(rough)) if lags else None
+    for at_s in left_s:
+        if fit is not None and _agree(fit, lags):
+            sigmas_s = [fit.sigma_s(camera, time_s) for camera in range(1, len(rough)) for time_s in span_s]
+            if max(sigmas_s) < ENOUGH_S:
+                break
+        lags = [*lags, *fine_lags(frames, rough, [at_s])]
+        fit = fit_clocks(lags, len(rough)) if lags else None
+    return fit
 
 
 def _kept(cameras: Sequence[Camera], doubt: NoClock) -> Clocks:

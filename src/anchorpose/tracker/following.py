@@ -17,7 +17,6 @@ from anchorpose.tracker.search import Search
 from anchorpose.tracker.start import NoStart, Start, find_start
 
 FIRST_PAUSE, LONGEST_PAUSE = 5, 15  # frames between searches that fail, doubled each time: one costs thirty frames
-UNSEEN = "the patient was not seen any more"
 
 
 def follow_patient(
@@ -82,7 +81,8 @@ class Follower:
             yield estimate
         if tracker.has_left or tracker.last.gone_s > self.run.config.follow.lost_after_s:
             self._search, self._known, self.tracker = tracker.search(), tracker.shape, None
-            yield from (nobody_found(seen.frame_set, UNSEEN, seen) for seen in list(tracker.window)[1:])
+            for waiting in list(tracker.window.frames)[1:]:
+                yield from self.step(waiting)
 
     def _look(self, frame_set: FrameSet) -> Estimate:
         """The first estimate of the patient where the patient is found in this frame, else a lost frame."""

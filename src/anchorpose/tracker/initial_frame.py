@@ -22,7 +22,7 @@ from anchorpose.tracker.patient_choice import GIVEN_M, Patient, choose_patient, 
 from anchorpose.tracker.room import InitialFrame, Room
 from anchorpose.tracker.run import Run
 from anchorpose.tracker.sighting import SeenPerson, Sighting
-from anchorpose.tracker.start import NoStart, find_start, quality
+from anchorpose.tracker.start import NoStart, Start, find_start, quality
 
 CROWDED_M: Final = 1.0  # from axis to axis: an outstretched arm and half a trunk
 MERGED: Final = 0.5  # weight of a frame with fewer people than usual: two who stand close may be taken for one
@@ -99,13 +99,19 @@ def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:
     if all(one.alone for one in candidates):
         return room
 
+    found = dict[int, Start]()
+
     def explained(candidate: InitialFrame) -> float:
         frame_set = without_other_places(read_frame(room.recording, candidate.frame), room.scenes)
         start = find_start(frame_set, Run(room, config), candidate.choice, None)
-        return 0.0 if isinstance(start, NoStart) else quality(start)
+        if isinstance(start, NoStart):
+            return 0.0
+        found[candidate.frame] = start
+        return quality(start)
 
     best = best_of(candidates, explained)
-    return replace(room, initial_frames=(best, *(one for one in candidates if one is not best)))
+    others = (one for one in candidates if one is not best)
+    return replace(room, initial_frames=(replace(best, start=found.get(best.frame)), *others))
 
 
 def best_of(candidates: Sequence[InitialFrame], explained: Callable[[InitialFrame], float]) -> InitialFrame:

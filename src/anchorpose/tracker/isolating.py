@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
 from itertools import compress
 
 import numpy as np
@@ -55,24 +54,26 @@ def isolate_first(frame_set: FrameSet, choice: PatientChoice, run: Run) -> Isola
     return _isolated(pieces, views, empty_memory(), bystanders, 0.0, run)
 
 
-def isolate(frame_set: FrameSet, expected: Expectation, before: Observation, run: Run) -> Isolated:
-    """Who is who where the patient is expected at a place, and the bystanders where they were in the frame before."""
+def isolate(frame_set: FrameSet, expected: Expectation, before: Observation, run: Run) -> tuple[Isolated, np.ndarray]:
+    """Who is who where the patient is expected at a place, and the bystanders where they were in the frame before.
+
+    Returns also how far (3,), over the ground, from the expected place the frame shows the patient; 0 where they agree.
+    """
     with run.stage("isolation"):
         pieces = find_all_pieces(frame_set, run.room.scenes)
         memory = walked(before, pieces, run)
+        step = step_of(expected, memory, pieces, run)
     elapsed_s = frame_set.time_s - before.frame_set.time_s  # negative in a backward pass
-    expected = placed(expected, memory, pieces, run)
+    expected = expected.moved(step) if step.any() else expected
     others = bystanders_placed(before.bystanders, memory, pieces, run.room.cameras, elapsed_s)
-    views = _separated(pieces, expected, memory, others, elapsed_s, elapsed_s, run)
+    apart = _not_in(others, expected.skin.points_m.mean(axis=0))
+    views = _separated(pieces, expected, memory, apart, elapsed_s, elapsed_s, run)
     bystanders = see_bystanders(others, views, elapsed_s, run)
-    return _isolated(pieces, views, memory, bystanders, elapsed_s, run)
+    return _isolated(pieces, views, memory, bystanders, elapsed_s, run), step
 
 
 def _not_in(bystanders: Bystanders, place_m: np.ndarray) -> Bystanders:
-    """Those who do not stand in the patient, who is at a place (3,): nobody does, so these were fitted to the patient.
-
-    The bodies are from when the frame came in, with the patient predicted over the whole look-ahead.
-    """
+    """Those who do not stand in the patient, who is at a place (3,): who does was fitted to the patient's surface."""
     apart = [
         np.linalg.norm((one.belief.pose.root_m - place_m)[[0, 2]]) > IN_EACH_OTHER_M for one in bystanders.followed
     ]
@@ -81,21 +82,8 @@ def _not_in(bystanders: Bystanders, place_m: np.ndarray) -> Bystanders:
 
 def walked(before: Observation, pieces: Sequence[Pieces | None], run: Run) -> BystanderMemory:
     """The memory of a frame with everybody where the next one's pixels (``pieces``) show them to have walked."""
-    return _walked(before.memory, tuple(pieces), run)
-
-
-@lru_cache(maxsize=2)  # the same pair of frames is asked for when one comes in, is estimated, and is isolated again
-def _walked(memory: BystanderMemory, pieces: tuple[Pieces | None, ...], run: Run) -> BystanderMemory:
+    memory = before.memory
     return memory.moved(find_steps(memory.seen_last, pieces, run.room.cameras))
-
-
-def placed(expected: Expectation, memory: BystanderMemory, pieces: Sequence[Pieces | None], run: Run) -> Expectation:
-    """What was expected, moved over the ground to where the patient is seen, if that is elsewhere."""
-    step = step_of(expected, memory, pieces, run)
-    if not step.any():
-        return expected
-    skin = replace(expected.skin, points_m=expected.skin.points_m + step.astype(np.float32))
-    return replace(expected, skin=skin, anchors_m=expected.anchors_m + step)
 
 
 def step_of(expected: Expectation, memory: BystanderMemory, pieces: Sequence[Pieces | None], run: Run) -> np.ndarray:

@@ -19,7 +19,7 @@ from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import follow_openly
 from anchorpose.tracker.prior_shape import contradiction, known_beliefs, likeliest
 from anchorpose.tracker.run import Run
-from anchorpose.tracker.start import LEAST_EXPLAINED
+from anchorpose.tracker.start import LEAST_EXPLAINED, Start
 
 CANDIDATES: Final = 2  # times as many frames are kept of a window as it is learnt from: those with different poses are
 
@@ -55,10 +55,12 @@ class LearntPatient:
 class Stretch(NamedTuple):
     """A part of the recording that the body is learnt from: where the patient is in its first frame, and its frames.
 
-    choice: None where nobody is to be looked for. frames: in the order of time or against it.
+    choice: None where nobody is to be looked for. start: the patient as already found in the first frame, if so.
+    frames: in the order of time or against it.
     """
 
     choice: PatientChoice | None
+    start: Start | None
     frames: Iterable[FrameSet]
 
 
@@ -81,7 +83,8 @@ def _learn_on(stretch: Stretch, before: LearntPatient | None, longest_s: float, 
     interval_s = learning.window_s / learning.frame_count / CANDIDATES
     kept, began_s = list[_Seen](), None
     known, so_far_s = (None, 0.0) if before is None else (before.shape, before.seconds)
-    for estimate, tracker in follow_openly(run, stretch.frames, stretch.choice, known):
+    begin = stretch.start if before is None else None  # with the body of the first pose, not with the learnt one
+    for estimate, tracker in follow_openly(run, stretch.frames, stretch.choice, known, begin):
         time_s = estimate.frame_set.time_s
         began_s = time_s if began_s is None and before is not None else began_s  # who is not found is not waited for
         if began_s is not None and abs(time_s - began_s) > longest_s:

@@ -54,12 +54,19 @@ class LimbWatch:
         self.left_uncovered_m2 = 0.0  # by the last search that found nothing: much more is worth another one
         self.claim_wait = 0  # frames until limbs may be looked for among other people's pixels
 
-    def look(self, body: Body, found: Registration, predicted: PoseBelief, window: Window, observe: Observe) -> Watched:
+    def look(
+        self,
+        body: Body,
+        found: Registration,
+        explanation: Explanation,
+        predicted: PoseBelief,
+        window: Window,
+        observe: Observe,
+    ) -> Watched:
         """The registration of the window's next frame, with limbs found again where it leaves seen skin uncovered or
-        a limb covers nothing."""
+        a limb covers nothing. explanation: of that frame, by the registered pose."""
         self.search_wait, self.claim_wait = self.search_wait - 1, self.claim_wait - 1
         watched = Watched(found)
-        explanation = explained_by(body, found, window[1])
         waiting = self.search_wait >= 0 and explanation.uncovered_m2 < MORE * self.left_uncovered_m2
         if is_doubtful(body, found, explanation, window[1]) and not waiting:
             watched = self._search(body, watched, predicted, explanation, window[1])

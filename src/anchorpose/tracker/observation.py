@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -41,6 +41,11 @@ class Expectation:
     def apart_m(self, other: Expectation) -> float:
         """How far the skin is moved between two expectations, nine tenths of it less."""
         return float(np.quantile(np.linalg.norm(self.skin.points_m - other.skin.points_m, axis=1), 0.9))
+
+    def moved(self, step: np.ndarray) -> Expectation:
+        """The same at another place; step (3,) metres, world."""
+        skin = replace(self.skin, points_m=self.skin.points_m + step.astype(np.float32))
+        return replace(self, skin=skin, anchors_m=self.anchors_m + step)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

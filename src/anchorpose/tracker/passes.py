@@ -69,8 +69,8 @@ class Route:
             if tracked and len(chosen) < STRETCHES and min(away_s) > STRETCHES_APART_S:
                 chosen.append(other)
         if not chosen:
-            return (Stretch(None, self.frames(max(self.forward, self.backward, key=len))),)
-        return tuple(Stretch(one.choice, self.frames(self._longer_side(one.frame))) for one in chosen)
+            return (Stretch(None, None, self.frames(max(self.forward, self.backward, key=len))),)
+        return tuple(Stretch(one.choice, one.start, self.frames(self._longer_side(one.frame))) for one in chosen)
 
     def _longer_side(self, position: int) -> Sequence[int]:
         """Positions from one to the end that is farther away."""

@@ -12,6 +12,7 @@ import numpy as np
 from anchorpose.body.belief import PATIENT_PACE, UNSEEN_S, PoseBelief
 from anchorpose.body.body_map import map_body
 from anchorpose.body.constraints import Constraints, no_constraints
+from anchorpose.body.explained import Explanation
 from anchorpose.body.inverse_kinematics import (
     CorrectedJoints,
     apply_corrections,
@@ -31,7 +32,7 @@ from anchorpose.tracker.association import GlobalHypothesis, global_hypothesis, 
 from anchorpose.tracker.bystanders import WALKING
 from anchorpose.tracker.config import Method
 from anchorpose.tracker.estimate import Estimate, displaced, estimate_of
-from anchorpose.tracker.isolating import isolate, isolate_again, step_of, walked
+from anchorpose.tracker.isolating import isolate
 from anchorpose.tracker.limb_watch import LimbWatch, cheaper, explained_by, is_doubtful
 from anchorpose.tracker.observation import Expectation, Isolated, Observation, gather, observe, see_anchors, see_surface
 from anchorpose.tracker.rivals import Rival, follow_rivals
@@ -42,10 +43,8 @@ from anchorpose.tracker.start import Start
 from anchorpose.tracker.window import Window
 from anchorpose.tracking.motion import predict_joints
 
-IN_VIEW: Final = (
-    0.25  # of the joints within an image: of who walks out of it past the camera, a hip is there the longest
-)
-SEE_AGAIN_M: Final = 0.03  # skin expected this far from where it was when the frame came in: half a forearm's width
+IN_VIEW: Final = 0.25  # of the joints within an image: of who walks out past the camera, a hip is there the longest
+SEE_AGAIN_M: Final = 0.03  # skin expected this far from where it was for an earlier tree: half a forearm's width
 
 
 class PatientTracker:
@@ -58,8 +57,9 @@ class PatientTracker:
         self.history: deque[np.ndarray] = deque(maxlen=self.config.follow.history)
         self.belief = self._corrected(start.belief, start.observation)
         self.history.append(self.body.joints(self.belief.pose))
-        self.window = Window([start.observation], run)
-        self.ahead: list[Pose] = []
+        self.window = Window(start.observation, run)
+        self.ahead: list[Pose] = []  # predicted
+        self.joints_ahead = np.empty((0, 0, 3))
         self.pace = PATIENT_PACE
         self.last = LastSeen(start.observation, start.belief.pose.root_m)
         self.watch = LimbWatch(run)
@@ -74,20 +74,12 @@ class PatientTracker:
         of the first frame after the last estimated one, once its whole look-ahead is in the window; else None.
         """
         if frame_set is not None:
-            # predict: scaled motion dynamics say where the body will be (Section IV-C)
-            expected = self.expect(self.predict(len(self.window))[-1])
-            # isolate: which pixels are the patient's, which are others', the equipment's and the room's
-            isolated = isolate(frame_set, expected, self.window[-1], self.run)
-            # surface: one mesh of all cameras, cut where the body touches itself, closed where it is hidden
-            surface = see_surface(isolated, expected, self.run)
-            # anchors: head, hands and feet, from the picture (Definition 2)
-            anchors = see_anchors(surface, expected, self.height_m, self.run)
-            self.window.append(gather(frame_set, expected, isolated, surface, anchors, self.run))
+            self.window.append(frame_set)
         enough = 2 if frame_set is None else 1 + self.config.follow.look_ahead
         if only_look or len(self.window) < enough:
             return None
-        # the second frame of the window is estimated now, by a prediction from the frame before it
-        poses, elapsed_s = self._look_ahead(), self._elapsed_s()
+        # predict, isolate, surface, anchors: what the second frame of the window shows; it is estimated now
+        poses, elapsed_s = self._observe_until(1), self._elapsed_s()
         # register: the body, all parts at once, to all that is seen of the patient; where that leaves the frame
         # unexplained, also to the matches of the track tree (Section IV-D); then limbs are looked for again
         registration, hypothesis = self._register(poses, elapsed_s)
@@ -102,7 +94,7 @@ class PatientTracker:
 
     def search(self) -> Search:
         """The search that begins where the patient was lost."""
-        return Search(self.window[-1], self.last, left=self.has_left or not self._in_view)
+        return Search(self.window.seen[-1], self.last, left=self.has_left or not self._in_view)
 
     @property
     def has_left(self) -> bool:
@@ -135,8 +127,8 @@ class PatientTracker:
         """The tree's best branch from this frame to the next; None without a next frame that shows the patient."""
         if len(self.window) < 2:
             return None
-        poses = self._look_ahead()
-        return self._search_tree(poses) if len(self.window[1].surface) else None
+        self._observe_until(1)
+        return self._search_tree() if len(self.window[1].surface) else None
 
     def _estimate(self, registration: Registration, seen: Observation, hypothesis: GlobalHypothesis | None) -> Estimate:
         """The estimate of a frame; notes of it what the next frames need besides the pose."""
@@ -160,40 +152,49 @@ class PatientTracker:
         return self.run.room.review.corrected(seen.frame_set.frame)
 
     def predict(self, steps: int) -> list[Pose]:
-        """The next poses by scaled motion dynamics: those of the whole look-ahead, once a registered frame."""
+        """The next poses by scaled motion dynamics; each is fitted to its predicted joints when it is asked for."""
         with self.run.stage("prediction"):
             if not self.ahead:
                 config = self.config
-                joints = predict_joints(
-                    np.array(self.history), config.follow.look_ahead, self.run.motions, config.motion
-                ).joints_m
-                pose = self.belief.pose
-                for joints_m in joints:
-                    pose = pose_from_joints(self.body, pose, joints_m)
-                    self.ahead.append(pose)
+                history, ahead = np.array(self.history), config.follow.look_ahead
+                self.joints_ahead = predict_joints(history, ahead, self.run.motions, config.motion).joints_m
+            for joints_m in self.joints_ahead[len(self.ahead) : steps]:
+                pose = self.ahead[-1] if self.ahead else self.belief.pose
+                self.ahead.append(pose_from_joints(self.body, pose, joints_m))
         return self.ahead[:steps]
 
-    def _look_ahead(self) -> list[Pose]:
-        """Predicted poses of the window's later frames; the next frame is observed again where that may change it.
+    def _observe_until(self, last: int) -> list[Pose]:
+        """Predicted poses of the window's later frames up to number ``last``, which then are observed.
 
-        Its pose is now predicted from the frame before. Where the patient is expected at another place than when the
-        frame came in, the people are separated again, and the patient's surface is built again.
+        The next frame may be observed already, for the tree of the frame before. It is observed again where the
+        patient is now expected at another place.
         """
-        poses = self.predict(len(self.window) - 1)
-        expected, before, seen = self.expect(poses[0]), self.window[1].expected, self.window[1]
-        step = step_of(expected, walked(self.window[0], seen.pieces, self.run), seen.pieces, self.run)
-        self.pace = WALKING if step.any() else PATIENT_PACE
-        if step.any():
-            self.ahead = [replace(pose, root_m=pose.root_m + step) for pose in self.ahead]
-            poses = self.ahead[: len(poses)]
-            expected = self.expect(poses[0])
-        if before is None or expected.apart_m(before) > SEE_AGAIN_M:
-            self._see_again(expected)
-        return poses
+        if len(self.window.seen) > 1:
+            expected, before = self.expect(self.predict(1)[0]), self.window[1].expected
+            if before is None or expected.apart_m(before) > SEE_AGAIN_M:
+                self.window.replace_next(self._observe(1))
+        while len(self.window.seen) <= last:
+            self.window.see(self._observe(len(self.window.seen)))
+        return self.predict(last)
 
-    def _see_again(self, expected: Expectation) -> None:
-        isolated = isolate_again(self.window[1], expected, self.window[0], self.run)
-        self.window.replace_next(observe(self.window[1].frame_set, isolated, expected, self.height_m, self.run))
+    def _observe(self, number: int) -> Observation:
+        """What the frame with a number in the window shows, those before it being observed."""
+        frame_set, before = self.window.frames[number], self.window[number - 1]
+        # predict: scaled motion dynamics say where the body will be (Section IV-C)
+        expected = self.expect(self.predict(number)[-1])
+        # isolate: which pixels are the patient's, which are others', the equipment's and the room's
+        isolated, step = isolate(frame_set, expected, before, self.run)
+        if step.any():
+            later = self.predict(self.config.follow.look_ahead)[number - 1 :]
+            self.ahead[number - 1 :] = [replace(pose, root_m=pose.root_m + step) for pose in later]
+            expected = expected.moved(step)
+        if number == 1:
+            self.pace = WALKING if step.any() else PATIENT_PACE
+        # surface: one mesh of all cameras, cut where the body touches itself, closed where it is hidden
+        surface = see_surface(isolated, expected, self.run)
+        # anchors: head, hands and feet, from the picture (Definition 2)
+        anchors = see_anchors(surface, expected, self.height_m, self.run)
+        return gather(frame_set, expected, isolated, surface, anchors, self.run)
 
     def _observe_next(self, isolated: Isolated, pose: Pose) -> Observation:
         """The next frame with other labels, and the patient expected in a pose."""
@@ -241,10 +242,11 @@ class PatientTracker:
             self.history.clear()
         return corrected
 
-    def _search_tree(self, poses: list[Pose]) -> GlobalHypothesis:
+    def _search_tree(self) -> GlobalHypothesis:
         """The best branch: the chain of matches over the look-ahead that agrees best with the prediction."""
+        poses = self._observe_until(len(self.window) - 1)
         with self.run.stage("association"):
-            window, links = list(self.window), self.window.matchers()
+            window, links = list(self.window.seen), self.window.matchers()
             return global_hypothesis(self.body, self.belief.pose, poses, window, links, self.config)
 
     def _register(self, poses: list[Pose], elapsed_s: float) -> tuple[Registration, GlobalHypothesis | None]:
@@ -255,7 +257,7 @@ class PatientTracker:
         with self.run.stage("registration"):
             if self.config.method is Method.ARTICULATED:
                 return self._register_body(poses, predicted, elapsed_s)
-            hypothesis = self._search_tree(poses)
+            hypothesis = self._search_tree()
             return self._register_parts(hypothesis, poses[0], predicted), hypothesis
 
     def _register_body(
@@ -264,17 +266,21 @@ class PatientTracker:
         """All parts at once, joined, on the learnt body."""
         always, hypothesis = self.config.hypotheses.always, None
         found = Registration(predicted, 0.0, False) if always else self._fit(predicted, no_constraints())
-        if always or self._leaves_doubt(found):
-            hypothesis = self._search_tree(poses)
+        explanation = explained_by(self.body, found, self.window[1])
+        if always or self._leaves_doubt(found, explanation):
+            hypothesis = self._search_tree()
             held = self._fit(predicted, self._held(hypothesis, poses[0]))
             found = cheaper(self.body, found, held, self.window[1], self.run)
+            explanation = explained_by(self.body, found, self.window[1])
         if not found.found:
             watched = self.watch.look_for_whole(self.body, found, predicted, self.window[1])
         else:
             best, self.rivals = follow_rivals(
                 self.body, found, self.rivals, self.window[1].evidence, elapsed_s, self.config.registration
             )
-            watched = self.watch.look(self.body, best, predicted, self.window, self._observe_next)
+            if best is not found:
+                explanation = explained_by(self.body, best, self.window[1])
+            watched = self.watch.look(self.body, best, explanation, predicted, self.window, self._observe_next)
             watched = replace(watched, moved=watched.moved or best is not found)
         if watched.moved:
             self.history.clear()  # the limbs moved as other ones
@@ -286,25 +292,24 @@ class PatientTracker:
         seen, config = self.window[1], self.config.registration
         return register(self.body, predicted, seen.evidence, held, config, self.feet.rows(seen.frame_set.time_s))
 
-    def _leaves_doubt(self, found: Registration) -> bool:
+    def _leaves_doubt(self, found: Registration, explanation: Explanation) -> bool:
         """Whether the geodesic matches are asked: the body does not explain the frame without them."""
         if self.config.registration.held_steps == 0:
             return False
-        seen = self.window[1]
-        return not found.found or is_doubtful(self.body, found, explained_by(self.body, found, seen), seen)
+        return not found.found or is_doubtful(self.body, found, explanation, self.window[1])
 
     def _held(self, hypothesis: GlobalHypothesis, pose: Pose) -> Constraints:
         """Where the tree's matches and the anchors hold the body."""
         now = pose_points(self.body, self.belief.pose)
         T_predicted = part_motion(now.transforms, pose_points(self.body, pose).transforms)
-        return held_by(self.points, now, hypothesis, list(self.window), T_predicted)
+        return held_by(self.points, now, hypothesis, list(self.window.seen), T_predicted)
 
     def _register_parts(self, hypothesis: GlobalHypothesis, pose: Pose, predicted: PoseBelief) -> Registration:
         """The paper's own way: every part by itself, from frame to frame."""
         config = self.config.registration
         now = pose_points(self.body, self.belief.pose)
         T_predicted = part_motion(now.transforms, pose_points(self.body, pose).transforms)
-        T_next_now = parts_by_icp(now, hypothesis, list(self.window), T_predicted, ITERATIONS)
+        T_next_now = parts_by_icp(now, hypothesis, list(self.window.seen), T_predicted, ITERATIONS)
         joints = joints_of_parts(self.points.asset, self.body.mesh, T_next_now @ now.transforms)
         pose = pose_from_joints(self.body, pose, joints)
         return posterior(self.body, pose, predicted, self.window[1].evidence, config)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -21,6 +21,9 @@ from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
 from anchorpose.recording.recording import Clock, Recording
 from anchorpose.results.corrections import Corrections, JointCorrection
 
+if TYPE_CHECKING:
+    from anchorpose.tracker.start import Start
+
 UP = np.array([0.0, 1.0, 0.0])
 NOBODY_SEEN: Final = "nobody was seen in the sampled frames"
 FACING = np.array([1.0, 0.0, 0.0])  # design: X of the world is the way the patient faces
@@ -31,7 +34,8 @@ class InitialFrame:
     """A frame (position in the recording) that shows the patient, and where the patient stands in it.
 
     score: 0 to 1, by how well the patient is seen there, and how far from others; whole: 0 to 1, the patient's visible
-    surface relative to the usual one; alone: nobody is there to be confused with.
+    surface relative to the usual one; alone: nobody is there to be confused with; start: the patient as found there,
+    None where no body was fitted yet.
     """
 
     frame: int
@@ -39,6 +43,7 @@ class InitialFrame:
     score: float
     whole: float
     alone: bool
+    start: Start | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

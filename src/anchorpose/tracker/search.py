@@ -146,6 +146,8 @@ def _is_strip(view: View, camera: Camera) -> bool:
 
 def _reach_m(patient: np.ndarray, depth_m: np.ndarray, focal_px: float) -> float:
     """How far the patient's pixels reach from column 0, in metres; infinite where column 0 does not cut them off."""
+    if not patient[:, : int(np.ceil(BORDER * patient.shape[1]))].any():
+        return float("inf")
     rows = np.flatnonzero(patient.any(axis=1))
     first_px = (depth_m[rows] > 0).argmax(axis=1)
     at_border = (patient[rows].argmax(axis=1) == first_px) & (first_px < BORDER * patient.shape[1])

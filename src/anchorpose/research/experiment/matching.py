@@ -72,7 +72,7 @@ def take_window(frame: int, reference: Reference, run: Run, stride: int = 1) -> 
     if tracker.next_hypothesis() is None:
         return None
     poses = tracker.predict(len(tracker.window) - 1)
-    return Window(frame, stride, tracker, tuple(tracker.window), tuple(poses), run.config)
+    return Window(frame, stride, tracker, tuple(tracker.window.seen), tuple(poses), run.config)
 
 
 def match_window(method: Method, setting: object, window: Window) -> Matches:

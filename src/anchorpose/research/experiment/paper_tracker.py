@@ -53,7 +53,7 @@ class PaperTracker(PatientTracker):
 
     def _register_parts(self, hypothesis: GlobalHypothesis, pose: Pose, predicted: PoseBelief) -> Registration:
         config, form, robust = self.config.registration, self.way.form, self.way.form.rejects
-        now, window = pose_points(self.body, self.belief.pose), list(self.window)
+        now, window = pose_points(self.body, self.belief.pose), list(self.window.seen)
         if self.way.filtered:
             predicted = filter_matches(self.body, now, hypothesis, window, predicted, config, robust)
             pose = predicted.pose
