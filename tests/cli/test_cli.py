@@ -164,7 +164,7 @@ def test_report_makes_the_page_again(tmp_path, capsys):
         (["track", "somewhere", "-o", "out", "--patient", "1,2,3"], "two numbers"),
         (["track", "somewhere", "-o", "out", "--patient", "nan,1"], "two numbers"),
         (["track", "somewhere", "-o", "out", "--patient", "0.1,1@soon"], "the number of a frame"),
-        (["track", "somewhere", "-o", "out", "--start", "-1"], "start must not be negative"),
+        (["track", "somewhere", "-o", "out", "--start", "-1"], "--start"),
         (["track", "somewhere"], "--output"),
         (["trak"], 'Did you mean "track"'),
         (["simulate", "out", "--preset", "ward"], "clinic"),

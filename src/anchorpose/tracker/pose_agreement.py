@@ -29,6 +29,7 @@ from anchorpose.recording.recording import FrameSet
 # of the people are seen past; of the people 0.30 to 0.75 where a camera is 5 cm to the side
 SOME_OF_ROOM, MUCH_OF_ROOM = 0.08, 0.30
 SOME_OF_PEOPLE, MUCH_OF_PEOPLE = 0.15, 0.40
+ROOM_ALONE: Final = 0.6  # where nobody's outline confirms it: cameras that draw edges out had 0.19 with right poses
 ROOM_M, PEOPLE_M = 0.05, 0.04  # along the ray: edges, and people who move while cameras take turns
 SIGMAS: Final = 2.0  # of both cameras' depth on people, where that is more; empty rooms are means of frames
 LEAST_SHARED: Final = 500  # points that both cameras see
@@ -125,8 +126,10 @@ def doubt_of(pair: CameraPair, clocks_known: bool) -> PoseDoubt | None:
         )
     if not (past.of_room > SOME_OF_ROOM or past.of_people > SOME_OF_PEOPLE):
         return None
-    refuted = past.of_room > MUCH_OF_ROOM or (clocks_known and past.of_people > MUCH_OF_PEOPLE)
-    return PoseDoubt(DoubtSource.CAMERAS, past.cameras, f"cameras {names} {past.measured}", ROOM_M, refuted)
+    much_of_room = MUCH_OF_ROOM if np.isfinite(past.of_people) else ROOM_ALONE
+    refuted = past.of_room > much_of_room or (clocks_known and past.of_people > MUCH_OF_PEOPLE)
+    off_m = PEOPLE_M if past.of_people > SOME_OF_PEOPLE else float("nan")  # at least; a room's edges measure nothing
+    return PoseDoubt(DoubtSource.CAMERAS, past.cameras, f"cameras {names} {past.measured}", off_m, refuted)
 
 
 def _of_pair(one: int, other: int, scenes: Sequence[Scene], moments: Sequence[Sequence[Pieces | None]]) -> SeenPast:

@@ -30,7 +30,8 @@ OWN: Final = "own"
 NEXT: Final = "next"
 """Key of its next generation, the paper's future work."""
 
-CACHED: Final = 48  # frames whose descriptors, and pairs whose matches are kept: those of a segment, for all its forms
+CACHED_FRAMES: Final = 12  # whose descriptors are kept, 32 MB each for the largest: those of the look-ahead, and more
+CACHED_PAIRS: Final = 24  # whose matches are kept: those of a segment, for all its forms
 
 
 class Family(StrEnum):
@@ -105,7 +106,7 @@ def cached_per_frame(describe: Callable[[Observation], np.ndarray]) -> Callable[
     recent: dict[bytes, np.ndarray] = {}
 
     def described(seen: Observation) -> np.ndarray:
-        return _kept(recent, _content(seen), lambda: describe(seen))
+        return _kept(recent, CACHED_FRAMES, _content(seen), lambda: describe(seen))
 
     return described
 
@@ -115,7 +116,8 @@ def cached_per_pair(associate: Associate) -> Associate:
     recent: dict[bytes, Matcher] = {}
 
     def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
-        return _kept(recent, _content(now) + _content(following), lambda: associate(now, following, config))
+        key = _content(now) + _content(following)
+        return _kept(recent, CACHED_PAIRS, key, lambda: associate(now, following, config))
 
     return pair
 
@@ -123,11 +125,11 @@ def cached_per_pair(associate: Associate) -> Associate:
 Kept = TypeVar("Kept")
 
 
-def _kept(recent: dict[bytes, Kept], key: bytes, make: Callable[[], Kept]) -> Kept:
-    """What is known under a key; the oldest is forgotten."""
+def _kept(recent: dict[bytes, Kept], most: int, key: bytes, make: Callable[[], Kept]) -> Kept:
+    """What is known under a key; of more than ``most`` the oldest is forgotten."""
     if key not in recent:
         recent[key] = make()
-        if len(recent) > CACHED:
+        if len(recent) > most:
             del recent[next(iter(recent))]
     return recent[key]
 

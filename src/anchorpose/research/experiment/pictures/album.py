@@ -174,8 +174,8 @@ def _median_s(work: Callable[[], object]) -> float:
 def show(out: Path, spec: PlanSpec, trainers: Sequence[Clip]) -> tuple[PaperTimes | None, tuple[str, ...]]:
     """Write ``out / pictures``, empty where nothing can be shown; returns times, and a sentence per failed recording.
 
-    The times are of another image, see ``_paper_size_times``. The last training recording is taken, whose movements are
-    the fastest; if that fails, the one before.
+    The times are of another image, see ``_paper_size_times``; none where nothing is tuned, in a mere check. The last
+    training recording is taken, whose movements are the fastest; if that fails, the one before.
     """
     plan, failed, shown = spec.plan(), list[str](), False
     with whole_or_nothing(out / "pictures", ("*",)) as folder, one_thread():
@@ -203,7 +203,7 @@ PAPER_SIZE: Final = "azure-kinect"  # sees a person with as many pixels as the p
 
 def _paper_size_times(plan: Plan, clip: Clip) -> PaperTimes | None:
     """The times on an image in which a person is as large as in the paper's, for which a finer camera looks on."""
-    if clip.simulation is None:
+    if clip.simulation is None or not plan.config.tuned:
         return None
     seconds = (plan.config.segment_frames + 1) / plan.config.fps
     finer = replace(clip.simulation, sensor=PAPER_SIZE, seconds=seconds)
