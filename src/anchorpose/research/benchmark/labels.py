@@ -1,4 +1,4 @@
-"""Labels of people made by eye in real depth images: read, compared with each other, and with tracked joints."""
+"""Labels of people made by eye in real depth images: read, compared with each other, and with joints."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.results.tables import JointTable
 
-FOLDER: Final = Path(__file__).parent / "labels"
 LABELLERS: Final = ("first", "second")
 PATCH_PX: Final = 3  # around a label: the depth of the skin that it was set on
 IN_FRONT_M, BEHIND_M = 0.10, 0.35  # of that skin: where a joint beneath it may be
@@ -37,9 +36,9 @@ class LabelledPerson:
 Frames = dict[int, tuple[LabelledPerson, ...]]
 
 
-def read_labels(recording: str, labeller: str) -> Frames:
-    """Frame number to the people in it, as one of ``LABELLERS`` saw them."""
-    document = json.loads((FOLDER / f"{recording}.{labeller}.json").read_text(encoding="utf-8"))
+def read_labels(folder: Path, recording: str, labeller: str) -> Frames:
+    """Frame number to the people in it, as one of ``LABELLERS`` saw them. folder: benchmarks/labels."""
+    document = json.loads((folder / f"{recording}.{labeller}.json").read_text(encoding="utf-8"))
     return {int(frame): tuple(_person(entry) for entry in entries) for frame, entries in document["frames"].items()}
 
 
@@ -69,10 +68,10 @@ def place_of(person: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> np.
     return np.mean(found, axis=0) if found else None
 
 
-def off_m(person: LabelledPerson, table: JointTable, row: int, depth_m: np.ndarray, camera: Camera) -> dict[str, float]:
-    """How far each labelled joint that can be seen is from the tracked one across the line of sight.
+def off_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, camera: Camera) -> dict[str, float]:
+    """How far each labelled joint that can be seen is from that of ``joints_m`` (21, 3) across the line of sight.
 
-    inf where it is lost, or before or far behind the skin that the label was set on; left out where nothing was read.
+    inf where it is NaN, or before or far behind the skin that the label was set on; left out where nothing was read.
     """
     T_camera_world, lens = invert_rigid(camera.require_pose()), camera.intrinsics
     distances = {}
@@ -80,7 +79,7 @@ def off_m(person: LabelledPerson, table: JointTable, row: int, depth_m: np.ndarr
         skin_m = skin_depth_m(depth_m, (column, image_row))
         if name in BY_PROPORTION or not np.isfinite(skin_m):
             continue
-        x, y, z = transform_points(T_camera_world, table.position_m[row, JOINT_INDEX[name]])
+        x, y, z = transform_points(T_camera_world, joints_m[JOINT_INDEX[name]])
         if not (np.isfinite(z) and -IN_FRONT_M < z - skin_m < BEHIND_M):
             distances[name] = float("inf")
             continue

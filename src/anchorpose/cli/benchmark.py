@@ -1,0 +1,196 @@
+"""``anchorpose benchmark``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from cyclopts import App, Parameter
+
+from anchorpose.errors import AnchorposeError, InputError
+
+if TYPE_CHECKING:
+    from anchorpose.research.benchmark.real import RealScore
+    from anchorpose.research.benchmark.score import Score
+
+benchmark = App(name="benchmark", help="A public benchmark of association and tracking, for methods of any kind.")
+
+
+@benchmark.command
+def make(
+    out: Path,
+    /,
+    *,
+    part: Literal["development", "test", "all"] = "all",
+    recordings: int | None = None,
+    processes: int | None = None,
+) -> int:
+    """Simulate the benchmark's recordings, and compare them with the reference by hashes of their content.
+
+    The whole set takes some minutes and 0.8 GB. The same command continues after a stop. The exit code is 1 where a
+    recording is not byte by byte that of the reference; docs/benchmark.md says what that means for scores.
+
+    Parameters
+    ----------
+    out
+        The folder to write, or that of an earlier run.
+    part
+        development: to develop a method on. test: what leader board figures are of.
+    recordings
+        Only so many recordings of each kind, the first ones.
+    processes
+        How many recordings are simulated at once; by default as many as there are cores.
+    """
+    from anchorpose.cli.console import progress_bar
+    from anchorpose.research.benchmark.make import make_benchmark
+    from anchorpose.research.benchmark.plan import Part, groups_of
+
+    for name, number in (("--recordings", recordings), ("--processes", processes)):
+        if number is not None and number < 1:
+            raise AnchorposeError(f"{name} is {number}; give 1 or more.")
+    groups = [group for each in Part if part in ("all", each) for group in groups_of(each, recordings)]
+    with progress_bar("Simulating") as progress:
+        made = make_benchmark(out, groups, processes, progress)
+    for sentence in made.other_bytes:
+        print(f"{sentence}.")
+    count = sum(len(group.recordings) for group in made.groups)
+    print(f"{out}: {count} recordings, of which {count - len(made.other_bytes)} have the bytes of the reference.")
+    return int(bool(made.other_bytes))
+
+
+@benchmark.command
+def score(
+    answers: Path,
+    folder: Path | None = None,
+    /,
+    *,
+    part: Literal["development", "test"] = "test",
+    against: Path | None = None,
+    real: Path | None = None,
+    labels: Path | None = None,
+    json: Annotated[Path | None, Parameter(name="--json")] = None,
+) -> None:
+    """Score anybody's answers, print the figures with a row for the leader board, and write them as JSON.
+
+    Parameters
+    ----------
+    answers
+        A folder with answers.json, and joints or matches as CSV or Parquet; docs/benchmark.md describes them.
+    folder
+        The folder made by 'anchorpose benchmark make'. Not needed with --real.
+    part
+        Which recordings to score on.
+    against
+        Another folder of answers: the differences between the two with 95 % intervals over recordings.
+    real
+        A folder of real recordings instead: real.csv of the answers is compared with labels made by eye.
+    labels
+        With --real: the folder of labels, benchmarks/labels of the repository.
+    json
+        The file to write; by default score.json (with --real real.json) in the folder of answers.
+    """
+    from anchorpose.results.folder import write_text_whole
+
+    if real is not None:
+        document = _real(answers, real, labels)
+    elif folder is None:
+        raise InputError(answers, "can be scored only with the recordings", "name the benchmark's folder after it")
+    else:
+        document = _simulated(answers, folder, part, against)
+    import json as text
+
+    target = json or answers / ("score.json" if real is None else "real.json")
+    write_text_whole(target, text.dumps(document, indent=1, allow_nan=False) + "\n")
+    print(f"All figures are in {target}.")
+
+
+def _simulated(answers: Path, folder: Path, part: str, against: Path | None) -> dict[str, Any]:
+    from anchorpose.research.benchmark.answers import read_answers
+    from anchorpose.research.benchmark.make import open_benchmark
+    from anchorpose.research.benchmark.plan import Part
+    from anchorpose.research.benchmark.score import as_document, compare, score_answers
+
+    made = open_benchmark(folder)
+    one = score_answers(made, read_answers(answers, made), Part(part))
+    document = as_document(one)
+    if not one.tasks:
+        raise InputError(answers, f"answers nothing of the part {part}", "give --part, or make those recordings")
+    _print_score(one)
+    if against is not None:
+        other = score_answers(made, read_answers(against, made), Part(part))
+        document["against"] = {"method": other.method, "differences": compare(one, other)}
+        _print_differences(document["against"])
+    print(document["row"])
+    return document
+
+
+def _real(answers: Path, real: Path, labels: Path | None) -> dict[str, Any]:
+    from anchorpose.research.benchmark.real import score_real
+    from anchorpose.results.run_record import as_json
+
+    if labels is None:
+        raise InputError(real, "needs the labels", "add --labels with benchmarks/labels of the repository")
+    found = score_real(answers, real, labels)
+    _print_table(("", "labels", "missing %", "median mm", "within 50 mm %", "within 100 mm %"), _real_rows(found))
+    return {"recordings": as_json(found)}
+
+
+def _real_rows(found: tuple[RealScore, ...]) -> list[tuple[object, ...]]:
+    return [
+        (one.recording, one.labels, _share(one.missing_share), one.median_mm, _share(one.within_50mm),
+         _share(one.within_100mm))
+        for one in found
+    ]  # fmt: skip
+
+
+def _print_score(found: Score) -> None:
+    from anchorpose.research.benchmark.score import MatchScore
+
+    head = ("", "asked", "missing %", "mean mm", "median mm", "within 50 mm %", "in 1.96 sigma %")
+    rows, moved = list[tuple[object, ...]](), list[tuple[object, ...]]()
+    for task, one in found.tasks.items():
+        if isinstance(one, MatchScore):
+            rows.append((task, one.nodes, _share(one.missing_share), None, one.median_mm,
+                         _share(one.within_50mm), None))  # fmt: skip
+            moved.append((f"{task}, moved", one.moved_nodes, None, None, one.moved_median_mm,
+                          _share(one.moved_within_50mm), None))  # fmt: skip
+        else:
+            rows.append((task, one.joint_frames, _share(one.missing_share), one.mean_mm, one.median_mm,
+                         _share(one.within_50mm), _share(one.coverage_95)))  # fmt: skip
+    _print_table(head, [*rows, *moved])
+    if found.elsewhere:
+        print(f"{found.elsewhere} rows are about recordings that are not in this folder; they were not scored.")
+    for sentence in found.other_bytes:
+        print(f"{sentence}: its figures are not those of the reference.")
+
+
+def _print_differences(against: dict[str, Any]) -> None:
+    rows = [
+        (task, *(_interval(each[name], scale) for name, scale in (("mm", 1.0), ("within_50mm", 100.0))))
+        for task, each in against["differences"].items()
+    ]
+    _print_table((f"minus {against['method']}", "mm (95 %)", "within 50 mm, % (95 %)"), rows)
+
+
+def _interval(estimate: dict[str, Any], scale: float) -> str:
+    mean, low, high = (None if estimate[name] is None else scale * estimate[name] for name in ("mean", "low", "high"))
+    if mean is None:
+        return "–"
+    return f"{mean:+.1f}" if low is None else f"{mean:+.1f} ({low:+.1f} to {high:+.1f})"
+
+
+def _share(share: float | None) -> float | None:
+    return None if share is None else 100.0 * share
+
+
+def _print_table(head: tuple[str, ...], rows: list[tuple[object, ...]]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(*head)
+    table.columns[0].no_wrap = True
+    for row in rows:
+        table.add_row(
+            *("–" if cell is None else f"{cell:.1f}" if isinstance(cell, float) else str(cell) for cell in row)
+        )
+    Console().print(table)
