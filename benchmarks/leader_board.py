@@ -12,7 +12,9 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
 from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Final
 
@@ -22,8 +24,6 @@ from pyarrow.csv import write_csv
 from scipy.spatial import cKDTree
 
 from anchorpose.association.hypotheses import anchor_subsets, match_hypotheses
-from anchorpose.batch.cluster import Place
-from anchorpose.batch.engine import Job, run_jobs
 from anchorpose.geodesics.anchors import ANCHOR_NAMES, anchor_descriptor, find_anchors
 from anchorpose.joints import JOINT_COUNT, JOINT_NAMES
 from anchorpose.pipeline import TrackConfig, track_recording
@@ -133,19 +133,20 @@ def match_rows(benchmark: Benchmark, part: Part, method: str) -> Iterator[pa.Tab
         print(f"{method}: {group.name}", flush=True)
 
 
-def track(recording: Path, results: Path) -> None:
-    """One recording, unless it has been tracked."""
+def track(recording: Path, results: Path) -> str:
+    """One recording, unless it has been tracked; returns what to print."""
     if not (results / RUN_FILE).exists():
         results.mkdir(parents=True, exist_ok=True)
         track_recording(recording, results, TrackConfig(), lambda done, total: None)
+    return str(recording)
 
 
 def joint_rows(benchmark: Benchmark, part: Part, results: Path, processes: int | None) -> Iterator[pa.Table]:
     """The tracker's joints with their sigma, recording by recording."""
     names = [name for group in benchmark.groups if group.part is part for name in group.recordings.values()]
-    jobs = [Job(name.replace("/", "-"), partial(track, benchmark.folder / name, results / name)) for name in names]
-    for outcome in run_jobs(jobs, Place(processes)):
-        print(outcome.name, outcome.why or f"{outcome.seconds:.0f} s", flush=True)
+    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+        for done in pool.map(track, [benchmark.folder / name for name in names], [results / name for name in names]):
+            print(f"tracker: {done}", flush=True)
     for name in names:
         table = read_joints(results / name / JOINTS_FILE)
         place = table.position_m.reshape(-1, 3)

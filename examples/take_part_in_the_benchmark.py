@@ -1,9 +1,9 @@
-"""Takes part in the association tasks of the benchmark without any code of anchorpose: numpy and scipy only.
+"""Takes part in the association tasks of the benchmark without any code of this project: numpy and scipy only.
 
 python examples/take_part_in_the_benchmark.py BENCHMARK ANSWERS [--part test]
 
-The first frame's nodes are moved onto the second's as a sheet that bends: each node goes to the node nearest to where it
-is, all displacements are averaged over their neighbours, and again, over fewer and fewer neighbours.
+The first frame's nodes are moved onto the second's as a sheet that bends: each node goes to the node nearest to where
+it is, all displacements are averaged over their neighbours, and again, over fewer and fewer neighbours.
 """
 
 from __future__ import annotations

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from cyclopts import App, Parameter
 
 from anchorpose.errors import AnchorposeError, InputError
-
-if TYPE_CHECKING:
-    from anchorpose.research.benchmark.real import RealScore
-    from anchorpose.research.benchmark.score import Score
 
 benchmark = App(name="benchmark", help="A public benchmark of association and tracking, for methods of any kind.")
 
@@ -89,6 +85,8 @@ def score(
     json
         The file to write; by default score.json (with --real real.json) in the folder of answers.
     """
+    import json as text
+
     from anchorpose.results.folder import write_text_whole
 
     if real is not None:
@@ -97,8 +95,6 @@ def score(
         raise InputError(answers, "can be scored only with the recordings", "name the benchmark's folder after it")
     else:
         document = _simulated(answers, folder, part, against)
-    import json as text
-
     target = json or answers / ("score.json" if real is None else "real.json")
     write_text_whole(target, text.dumps(document, indent=1, allow_nan=False) + "\n")
     print(f"All figures are in {target}.")
@@ -112,14 +108,18 @@ def _simulated(answers: Path, folder: Path, part: str, against: Path | None) -> 
 
     made = open_benchmark(folder)
     one = score_answers(made, read_answers(answers, made), Part(part))
-    document = as_document(one)
     if not one.tasks:
         raise InputError(answers, f"answers nothing of the part {part}", "give --part, or make those recordings")
-    _print_score(one)
+    document = as_document(one)
+    _print_figures(document["method"], {task: figures for task, figures in document["tasks"].items() if figures})
     if against is not None:
         other = score_answers(made, read_answers(against, made), Part(part))
-        document["against"] = {"method": other.method, "differences": compare(one, other)}
-        _print_differences(document["against"])
+        document["against"] = {"method": other.answers.method, "differences": compare(one, other)}
+        _print_figures(f"minus {other.answers.method}, 95 %", document["against"]["differences"])
+    if one.answers.elsewhere:
+        print(f"{one.answers.elsewhere} rows are about recordings that are not in {folder}; they were not scored.")
+    for sentence in one.other_bytes:
+        print(f"{sentence}: its figures are not those of the reference.")
     print(document["row"])
     return document
 
@@ -130,67 +130,21 @@ def _real(answers: Path, real: Path, labels: Path | None) -> dict[str, Any]:
 
     if labels is None:
         raise InputError(real, "needs the labels", "add --labels with benchmarks/labels of the repository")
-    found = score_real(answers, real, labels)
-    _print_table(("", "labels", "missing %", "median mm", "within 50 mm %", "within 100 mm %"), _real_rows(found))
-    return {"recordings": as_json(found)}
+    found: dict[str, Any] = as_json(score_real(answers, real, labels))
+    _print_figures("", found)
+    return {"recordings": found}
 
 
-def _real_rows(found: tuple[RealScore, ...]) -> list[tuple[object, ...]]:
-    return [
-        (one.recording, one.labels, _share(one.missing_share), one.median_mm, _share(one.within_50mm),
-         _share(one.within_100mm))
-        for one in found
-    ]  # fmt: skip
-
-
-def _print_score(found: Score) -> None:
-    from anchorpose.research.benchmark.score import MatchScore
-
-    head = ("", "asked", "missing %", "mean mm", "median mm", "within 50 mm %", "in 1.96 sigma %")
-    rows, moved = list[tuple[object, ...]](), list[tuple[object, ...]]()
-    for task, one in found.tasks.items():
-        if isinstance(one, MatchScore):
-            rows.append((task, one.nodes, _share(one.missing_share), None, one.median_mm,
-                         _share(one.within_50mm), None))  # fmt: skip
-            moved.append((f"{task}, moved", one.moved_nodes, None, None, one.moved_median_mm,
-                          _share(one.moved_within_50mm), None))  # fmt: skip
-        else:
-            rows.append((task, one.joint_frames, _share(one.missing_share), one.mean_mm, one.median_mm,
-                         _share(one.within_50mm), _share(one.coverage_95)))  # fmt: skip
-    _print_table(head, [*rows, *moved])
-    if found.elsewhere:
-        print(f"{found.elsewhere} rows are about recordings that are not in this folder; they were not scored.")
-    for sentence in found.other_bytes:
-        print(f"{sentence}: its figures are not those of the reference.")
-
-
-def _print_differences(against: dict[str, Any]) -> None:
-    rows = [
-        (task, *(_interval(each[name], scale) for name, scale in (("mm", 1.0), ("within_50mm", 100.0))))
-        for task, each in against["differences"].items()
-    ]
-    _print_table((f"minus {against['method']}", "mm (95 %)", "within 50 mm, % (95 %)"), rows)
-
-
-def _interval(estimate: dict[str, Any], scale: float) -> str:
-    mean, low, high = (None if estimate[name] is None else scale * estimate[name] for name in ("mean", "low", "high"))
-    if mean is None:
-        return "–"
-    return f"{mean:+.1f}" if low is None else f"{mean:+.1f} ({low:+.1f} to {high:+.1f})"
-
-
-def _share(share: float | None) -> float | None:
-    return None if share is None else 100.0 * share
-
-
-def _print_table(head: tuple[str, ...], rows: list[tuple[object, ...]]) -> None:
+def _print_figures(title: str, rows: dict[str, dict[str, Any]]) -> None:
+    """One column per recording or task: a row for every figure, shares in per cent."""
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(*head)
-    table.columns[0].no_wrap = True
-    for row in rows:
-        table.add_row(
-            *("–" if cell is None else f"{cell:.1f}" if isinstance(cell, float) else str(cell) for cell in row)
-        )
+    table = Table(title, *rows)
+    for name in next(iter(rows.values()), {}):
+        share = "share" in name or "within" in name or "coverage" in name
+        values = [figures[name] for figures in rows.values()]
+        scaled = [100.0 * value if share and value is not None else value for value in values]
+        cells = ["–" if v is None else f"{v:.1f}" if isinstance(v, float) else str(v) for v in scaled]
+        table.add_row(f"{name}, %" if share else name, *cells)
     Console().print(table)

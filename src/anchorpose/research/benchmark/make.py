@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 from zlib import crc32
 
 import cv2
@@ -64,7 +64,9 @@ class Benchmark:
 def make_benchmark(
     out: Path, groups: Sequence[Group], processes: int | None, progress: Callable[[int, int], None]
 ) -> Benchmark:
-    """Simulate the groups into a folder; what an earlier run has finished there is kept.
+    """Simulate the groups into a folder, and take the fingerprints of all that is there.
+
+    What an earlier run has finished is kept, so that the same call checks a benchmark.
 
     Raises InputError where the folder is neither empty nor a benchmark of this version.
     """
@@ -80,8 +82,7 @@ def make_benchmark(
             raise AnchorposeError(f"{outcome.name} could not be made: {outcome.why}")
         progress(done, len(jobs))
     made = [group for group in ALL_GROUPS if (out / group.name).is_dir()]
-    found = {name: mark for group in made for name, mark in _marks(out / group.name / DOCUMENT).items()}
-    _write_document(out, found)
+    _write_document(out, {name: fingerprint(out / name) for group in made for name in group.recordings.values()})
     rows = [f"{p.task},{p.name},{p.first},{p.second}" for group in made for p in group.pairs]
     write_text_whole(out / "pairs.csv", "\n".join(["task,pair,first,second", *rows]) + "\n")
     return open_benchmark(out)
@@ -121,7 +122,7 @@ def reference() -> dict[str, Fingerprint]:
 
 
 def make_group(group: Group, out: Path) -> None:
-    """Everything of one seed: recordings, nodes, the true matches in the format of answers, joints, fingerprints."""
+    """Everything of one seed: recordings, true joints, nodes, and their true matches in the format of answers."""
     with one_thread(), whole_or_nothing(out / group.name) as work:
         simulated = work / "simulated"
         simulate_recording(simulated, group.simulation)
@@ -131,8 +132,6 @@ def make_group(group: Group, out: Path) -> None:
         if not group.is_clinic:
             _from_single(group, work, open_recording(work / names[0]), simulated / "truth" / "labels")
         shutil.rmtree(simulated)
-        marks = {name: asdict(fingerprint(work / Path(name).name)) for name in group.recordings.values()}
-        (work / DOCUMENT).write_text(json.dumps(marks, indent=1) + "\n", encoding="utf-8")
 
 
 def _from_single(group: Group, work: Path, recording: Recording, labels: Path) -> None:
@@ -228,8 +227,3 @@ def _read_document(folder: Path) -> dict[str, Fingerprint]:
         return {str(name): Fingerprint(**mark) for name, mark in document["recordings"].items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(path, f"is not a benchmark's ({error})", remedy) from None
-
-
-def _marks(path: Path) -> dict[str, Fingerprint]:
-    marks: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    return {name: Fingerprint(**mark) for name, mark in marks.items()}

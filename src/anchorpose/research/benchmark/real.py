@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -15,7 +15,7 @@ from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
 from anchorpose.recording.reader import open_recording, read_frame
 from anchorpose.research.benchmark.answers import PLACE, check_places, read_table
 from anchorpose.research.benchmark.labels import LABELLERS, off_m, read_labels
-from anchorpose.research.benchmark.score import FAR_MM, WITHIN_MM
+from anchorpose.research.benchmark.score import Asked, TaskScore, summarise
 
 FILE: Final = "real.csv"
 COLUMNS: Final = {"recording": pa.string(), "person": pa.string(), "frame": pa.int64(), "joint": pa.string(), **PLACE}
@@ -24,46 +24,25 @@ Joints = dict[tuple[str, str, int], np.ndarray]
 """By recording, person and frame: (21, 3) metres in the frame of the recording's first camera, NaN where missing."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RealScore:
-    """One recording, both labellers' labels of people in plain view. missing_share: of ``labels``, those of joints
-    without a position or not at the labelled person's depth; shares within are of all labels, millimetres of the rest,
-    across the line of sight."""
+def score_real(answers: Path, recordings: Path, labels: Path) -> dict[str, TaskScore]:
+    """By recording that has labels and is in the user's folder: distances across the line of sight, both labellers.
 
-    recording: str
-    labels: int
-    missing_share: float
-    median_mm: float | None
-    within_50mm: float
-    within_100mm: float
-
-
-def score_real(answers: Path, recordings: Path, labels: Path) -> tuple[RealScore, ...]:
-    """Every recording that has labels and is in the user's folder; raises InputError where there is none."""
-    joints = _read(answers / FILE)
+    A joint that is not at the labelled person's depth counts as missing. Raises InputError where no recording is there.
+    """
+    joints, scores = _read(answers / FILE), dict[str, TaskScore]()
     names = sorted({path.name.split(".")[0] for path in labels.glob("*.first.json")})
-    present = [name for name in names if (recordings / name / "recording.json").is_file()]
     unknown = sorted({name for name, _, _ in joints} - set(names))
     if unknown:
         raise InputError(answers / FILE, f"names the recording '{unknown[0]}'", f"use {', '.join(names)}")
-    scores = []
-    for name in present:
-        off_mm = 1000.0 * np.array(list(_distances(name, joints, recordings / name, labels)))
-        known = off_mm[np.isfinite(off_mm)]
-        if len(off_mm):
-            scores.append(
-                RealScore(
-                    recording=name,
-                    labels=len(off_mm),
-                    missing_share=1.0 - len(known) / len(off_mm),
-                    median_mm=float(np.median(known)) if len(known) else None,
-                    within_50mm=float((off_mm <= WITHIN_MM).mean()),
-                    within_100mm=float((off_mm <= FAR_MM).mean()),
-                )
-            )
+    for name in (name for name in names if (recordings / name / "recording.json").is_file()):
+        off_m = np.array(list(_distances(name, joints, recordings / name, labels)))
+        no = np.zeros(len(off_m), bool)
+        if len(off_m):
+            error_mm = np.where(np.isfinite(off_m), 1000.0 * off_m, np.nan)
+            scores[name] = summarise([Asked(error_mm, no, no, np.full((len(no), 3), np.nan))])
     if not scores:
-        raise InputError(recordings, "has no recording with labels", f"it needs folders such as {names[:1]}")
-    return tuple(scores)
+        raise InputError(recordings, "has no recording with labels", f"it needs folders such as {', '.join(names[:2])}")
+    return scores
 
 
 def _distances(name: str, joints: Joints, folder: Path, labels: Path) -> Iterator[float]:

@@ -5,9 +5,9 @@ What was not answered is counted by itself, and lies outside of every share.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -21,191 +21,144 @@ from anchorpose.results.run_record import as_json
 from anchorpose.results.truth import read_truth
 from anchorpose.results.uncertainty import NORMAL_95
 
-WITHIN_MM: Final = 50.0
-FAR_MM: Final = 100.0
+WITHIN_MM, FAR_MM = 50.0, 100.0
 RESAMPLES: Final = 2000
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MatchScore:
-    """Matches of nodes that are seen in both frames; None where there is nothing to take a figure of.
+class Asked(NamedTuple):
+    """All that a task asks about one recording: m nodes that are seen in both frames, or joints with a known truth.
 
-    missing_share: of ``nodes``, those without a row; none_share: said to have no match. Millimetres are along the body,
-    of the matches given; shares within 50 mm are of all nodes. hidden_none_share: of nodes that are on the body and not
-    seen in the second frame, those said to have no match.
+    error_mm (m,): NaN without an answer. none (m,) bool: answered that there is no match. moved (m,) bool: nodes that
+    moved. within (m, 3): 1 or 0 for each axis with the truth in 1.96 sigma or not, NaN where no sigma is given.
+    """
+
+    error_mm: np.ndarray
+    none: np.ndarray
+    moved: np.ndarray
+    within: np.ndarray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TaskScore:
+    """Figures of one task; None where there is nothing to take one of.
+
+    missing_share: of what was asked, without an answer; none_share: answered that there is no match. Shares within a
+    distance are of all that was asked, millimetres of what was answered. coverage_95: of the axes with a sigma.
     """
 
     recordings: int
-    nodes: int
+    asked: int
     missing_share: float
     none_share: float
-    median_mm: float | None
-    within_50mm: float
-    moved_nodes: int
-    moved_median_mm: float | None
-    moved_within_50mm: float | None
-    hidden_nodes: int
-    hidden_none_share: float | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class JointScore:
-    """Joints in frames. missing_share: of ``joint_frames``, those without a position; millimetres are of the others,
-    shares within 50 and 100 mm of all. coverage_95: of the axes of joints with a sigma, those with the truth within
-    1.96 sigma; sigma_share: of the positions, those with a sigma."""
-
-    recordings: int
-    joint_frames: int
-    missing_share: float
     mean_mm: float | None
     median_mm: float | None
     p95_mm: float | None
     within_50mm: float
     within_100mm: float
-    sigma_share: float | None
+    moved: int
+    moved_median_mm: float | None
+    moved_within_50mm: float | None
     coverage_95: float | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Score:
-    """tasks: those with any answer; errors_mm: of each task by group, NaN where missing, for comparisons."""
+    """tasks: those with any answer; asked: what they asked, by task and group."""
 
-    method: str
-    source: str
+    answers: Answers
     part: Part
     other_bytes: tuple[str, ...]
-    elsewhere: int
-    tasks: Mapping[str, MatchScore | JointScore]
-    errors_mm: Mapping[str, Mapping[str, np.ndarray]]
+    tasks: Mapping[str, TaskScore]
+    asked: Mapping[str, Mapping[str, Asked]]
 
 
 def score_answers(benchmark: Benchmark, answers: Answers, part: Part) -> Score:
     """Every task of a part that the answers take part in: all of its recordings in the folder count."""
     groups = [group for group in benchmark.groups if group.part is part]
-    tasks, errors = dict[str, MatchScore | JointScore](), dict[str, dict[str, np.ndarray]]()
-    matched = [group for group in groups if group.pairs]
-    by_gap = _matches(benchmark, answers, matched)
-    for task in TASKS:
-        if task in GAPS and by_gap.get(task):
-            errors[task] = {name: np.concatenate([one.error_mm for one in each]) for name, each in by_gap[task].items()}
-            tasks[task] = _match_score(by_gap[task])
-        names = {group.name: group.recordings[task] for group in groups if task in group.recordings}
-        if any(name in answers.joints for name in names.values()):
-            found = {group.name: _joints(benchmark, answers, group, task) for group in groups if group.name in names}
-            errors[task] = {name: one.error_mm for name, one in found.items()}
-            tasks[task] = _joint_score(list(found.values()))
+    asked: dict[str, dict[str, Asked]] = {}
+    for group in groups:
+        tasks = [task for task in TASKS if _takes_part(answers, groups, task)]
+        for task, one in (*_matches(benchmark, answers, group, tasks), *_joints(benchmark, answers, group, tasks)):
+            asked.setdefault(task, {})[group.name] = one
+    scores = {task: summarise(list(asked[task].values())) for task in TASKS if task in asked}
     other = tuple(said for said in benchmark.other_bytes if said.startswith(part))
-    return Score(answers.method, answers.source, part, other, answers.elsewhere, tasks, errors)
+    return Score(answers, part, other, scores, asked)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Matched:
-    """The seen nodes of a pair: error_mm, match, moved (m,); none_hidden: of the hidden nodes, said to have none."""
-
-    error_mm: np.ndarray
-    match: np.ndarray
-    moved: np.ndarray
-    none_hidden: np.ndarray
+def _takes_part(answers: Answers, groups: Sequence[Group], task: str) -> bool:
+    if task in GAPS:
+        return any((task, pair.name) in answers.matches for group in groups for pair in group.pairs)
+    return any(group.recordings.get(task) in answers.joints for group in groups)
 
 
-def _matches(benchmark: Benchmark, answers: Answers, groups: list[Group]) -> dict[str, dict[str, list[_Matched]]]:
-    """By task and group, for tasks that have any answer."""
-    taken = {task for task, _ in answers.matches}
-    found: dict[str, dict[str, list[_Matched]]] = {task: {} for task in GAPS if task in taken}
-    for group in groups if any((p.task, p.name) in answers.matches for g in groups for p in g.pairs) else ():
-        skin = Skin(group.simulation)
-        for pair in group.pairs:
-            if pair.task in taken:
-                truth = truth_of(benchmark.folder / group.name, pair, skin)
-                match = answers.matches.get((pair.task, pair.name), np.full(len(truth.first_m), NO_ROW, np.int64))
-                seen = truth.places.seen
-                one = _Matched(
-                    truth.error_mm(match)[seen], match[seen], truth.moved[seen], match[truth.hidden] == NO_MATCH
-                )
-                found[pair.task].setdefault(group.name, []).append(one)
-    return found
+def _matches(benchmark: Benchmark, answers: Answers, group: Group, tasks: Sequence[str]) -> Iterable[tuple[str, Asked]]:
+    """The association tasks on a group."""
+    skin, found = Skin(group.simulation), dict[str, list[Asked]]()
+    for pair in (pair for pair in group.pairs if pair.task in tasks):
+        truth = truth_of(benchmark.folder / group.name, pair, skin)
+        match = answers.matches.get((pair.task, pair.name), np.full(len(truth.first_m), NO_ROW))
+        unknown = np.full((len(match), 3), np.nan)
+        every = Asked(truth.error_mm(match), match == NO_MATCH, truth.moved, unknown)
+        found.setdefault(pair.task, []).append(Asked(*(column[truth.places.seen] for column in every)))
+    return [(task, _together(each)) for task, each in found.items()]
 
 
-def _match_score(by_group: Mapping[str, list[_Matched]]) -> MatchScore:
-    every = [one for each in by_group.values() for one in each]
-    error, match, moved, hidden = (
-        np.concatenate([getattr(one, name) for one in every]) for name in ("error_mm", "match", "moved", "none_hidden")
-    )
-    return MatchScore(
-        recordings=len(by_group),
-        nodes=len(error),
-        missing_share=float((match == NO_ROW).mean()),
-        none_share=float((match == NO_MATCH).mean()),
-        median_mm=_median(error),
-        within_50mm=float((error <= WITHIN_MM).mean()),
-        moved_nodes=int(moved.sum()),
-        moved_median_mm=_median(error[moved]),
-        moved_within_50mm=float((error[moved] <= WITHIN_MM).mean()) if moved.any() else None,
-        hidden_nodes=len(hidden),
-        hidden_none_share=float(hidden.mean()) if len(hidden) else None,
-    )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Joints:
-    """Of m joints with a known truth: error_mm, NaN where missing; within (m, 3): axes in 1.96 sigma; has_sigma."""
-
-    error_mm: np.ndarray
-    within: np.ndarray
-    has_sigma: np.ndarray
-
-
-def _joints(benchmark: Benchmark, answers: Answers, group: Group, task: str) -> _Joints:
+def _joints(benchmark: Benchmark, answers: Answers, group: Group, tasks: Sequence[str]) -> Iterable[tuple[str, Asked]]:
+    """The tracking tasks on a group."""
     truth_m = read_truth(group.truth(benchmark.folder)).position_m
-    known, answer = np.isfinite(truth_m).all(axis=2), answers.joints.get(group.recordings[task])
-    if answer is None:
-        nothing = np.zeros(int(known.sum()), bool)
-        return _Joints(np.full(len(nothing), np.nan), np.zeros((len(nothing), 3), bool), nothing)
-    away_m = (answer.position_m - truth_m)[known]
-    sigma_m = answer.sigma_m[known]
-    error_mm = 1000.0 * np.linalg.norm(away_m, axis=1)
-    return _Joints(error_mm, np.abs(away_m) <= NORMAL_95 * sigma_m[:, None], np.isfinite(sigma_m * error_mm))
+    known = np.isfinite(truth_m).all(axis=2)
+    for task in (task for task in group.recordings if task in tasks):
+        answer, none = answers.joints.get(group.recordings[task]), np.zeros(int(known.sum()), bool)
+        position_m = np.full_like(truth_m, np.nan) if answer is None else answer.position_m
+        sigma_m = np.full(known.shape, np.nan) if answer is None else answer.sigma_m
+        away_m, limit_m = (position_m - truth_m)[known], NORMAL_95 * sigma_m[known][:, None]
+        within = np.where(np.isfinite(away_m + limit_m), np.abs(away_m) <= limit_m, np.nan)
+        yield task, Asked(1000.0 * np.linalg.norm(away_m, axis=1), none, none, within)
 
 
-def _joint_score(every: list[_Joints]) -> JointScore:
-    error, within, has_sigma = (
-        np.concatenate([getattr(one, name) for one in every]) for name in ("error_mm", "within", "has_sigma")
-    )
-    given = error[np.isfinite(error)]
-    return JointScore(
-        recordings=len(every),
-        joint_frames=len(error),
-        missing_share=1.0 - len(given) / len(error),
+def _together(each: Sequence[Asked]) -> Asked:
+    return Asked(*(np.concatenate(columns) for columns in zip(*each, strict=True)))
+
+
+def summarise(each: Sequence[Asked]) -> TaskScore:
+    """The figures of a task over its recordings."""
+    error, none, moved, within = _together(each)
+    given, covered = error[np.isfinite(error)], within[np.isfinite(within)]
+    moved_error = error[moved]
+    return TaskScore(
+        recordings=len(each),
+        asked=len(error),
+        missing_share=float((np.isnan(error) & ~none).mean()),
+        none_share=float(none.mean()),
         mean_mm=float(given.mean()) if len(given) else None,
-        median_mm=_median(error),
+        median_mm=float(np.median(given)) if len(given) else None,
         p95_mm=float(np.percentile(given, 95)) if len(given) else None,
         within_50mm=float((error <= WITHIN_MM).mean()),
         within_100mm=float((error <= FAR_MM).mean()),
-        sigma_share=float(has_sigma.sum() / len(given)) if len(given) else None,
-        coverage_95=float(within[has_sigma].mean()) if has_sigma.any() else None,
+        moved=len(moved_error),
+        moved_median_mm=float(np.nanmedian(moved_error)) if np.isfinite(moved_error).any() else None,
+        moved_within_50mm=float((moved_error <= WITHIN_MM).mean()) if len(moved_error) else None,
+        coverage_95=float(covered.mean()) if len(covered) else None,
     )
 
 
-def _median(error_mm: np.ndarray) -> float | None:
-    given = error_mm[np.isfinite(error_mm)]
-    return float(np.median(given)) if len(given) else None
-
-
-def compare(one: Score, other: Score) -> dict[str, Any]:
+def compare(one: Score, other: Score) -> dict[str, dict[str, Any]]:
     """``one`` minus ``other``, by task, with 95 % intervals by the bootstrap over recordings, drawn in pairs.
 
     mm: mean distance where both have an answer, negative where ``one`` is nearer; within_50mm: share of everything that
     was asked, positive where ``one`` is better.
     """
-    compared = dict[str, Any]()
-    for task in (task for task in one.errors_mm if task in other.errors_mm):
-        pairs = [(mine, other.errors_mm[task][name]) for name, mine in one.errors_mm[task].items()]
+    compared = {}
+    for task in (task for task in TASKS if task in one.asked and task in other.asked):
+        pairs = [(mine.error_mm, other.asked[task][name].error_mm) for name, mine in one.asked[task].items()]
         shares = [(a <= WITHIN_MM).astype(float) - (b <= WITHIN_MM) for a, b in pairs]
+        figures = {"mm": mean_over([a - b for a, b in pairs], RESAMPLES), "within_50mm": mean_over(shares, RESAMPLES)}
         compared[task] = {
-            "mm": as_json(mean_over([a - b for a, b in pairs], RESAMPLES)),
-            "within_50mm": as_json(mean_over(shares, RESAMPLES)),
+            f"{name}{end}": getattr(figure, field)
+            for name, figure in figures.items()
+            for end, field in (("", "mean"), ("_low", "low"), ("_high", "high"))
         }
-    return compared
+    return as_json(compared)
 
 
 def as_document(score: Score) -> dict[str, Any]:
@@ -213,35 +166,31 @@ def as_document(score: Score) -> dict[str, Any]:
     return {
         "format": "anchorpose-benchmark-score",
         "version": VERSION,
-        "method": score.method,
-        "source": score.source,
+        "method": score.answers.method,
+        "source": score.answers.source,
         "part": score.part,
         "other_bytes": list(score.other_bytes),
-        "rows_elsewhere": score.elsewhere,
+        "rows_elsewhere": score.answers.elsewhere,
         "tasks": {task: as_json(score.tasks.get(task)) for task in TASKS},
         "row": leader_board_row(score),
     }
 
 
 def leader_board_row(score: Score) -> str:
-    """A row of the table of docs/benchmark.md: the method; per cent within 50 mm, all / moved, by gap; mean joint error
-    by hole and in clinics, with the share that is missing; per cent in 1.96 sigma."""
-    cells = [score.method]
-    for task in GAPS:
+    """A row of the table of docs/benchmark.md: per cent within 50 mm, all / moved, by gap; mean joint error by hole and
+    in clinics, with the share that is missing; per cent in 1.96 sigma in clinics."""
+    cells = [score.answers.method]
+    for task in (*GAPS, *TRACKING, CLINIC):
         one = score.tasks.get(task)
-        moved = one.moved_within_50mm if isinstance(one, MatchScore) else None
-        cells.append(f"{100 * one.within_50mm:.1f} / {_percent(moved)}" if isinstance(one, MatchScore) else "–")
-    cells += [_joint_cell(score.tasks.get(task)) for task in (*TRACKING, CLINIC)]
+        if one is None:
+            cells.append("–")
+        elif task in GAPS:
+            cells.append(f"{100 * one.within_50mm:.1f} / {_percent(one.moved_within_50mm)}")
+        else:
+            missing = f" ({100 * one.missing_share:.1f} % missing)" if one.missing_share >= 0.0005 else ""
+            cells.append(("–" if one.mean_mm is None else f"{one.mean_mm:.1f}") + missing)
     clinic = score.tasks.get(CLINIC)
-    cells.append(_percent(clinic.coverage_95) if isinstance(clinic, JointScore) else "–")
-    return "| " + " | ".join(cells) + " |"
-
-
-def _joint_cell(one: MatchScore | JointScore | None) -> str:
-    if not isinstance(one, JointScore):
-        return "–"
-    mean = "–" if one.mean_mm is None else f"{one.mean_mm:.1f}"
-    return mean if one.missing_share < 0.0005 else f"{mean} ({100 * one.missing_share:.1f} % missing)"
+    return "| " + " | ".join([*cells, _percent(None if clinic is None else clinic.coverage_95)]) + " |"
 
 
 def _percent(share: float | None) -> str:

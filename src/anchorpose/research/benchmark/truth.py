@@ -47,11 +47,6 @@ class PairTruth:
         moved: np.ndarray = np.linalg.norm(self.places.place_m - self.first_m, axis=1) > MOVED_M
         return moved
 
-    @property
-    def hidden(self) -> np.ndarray:
-        """(n,) bool: nodes on the body whose place is not seen in the second frame."""
-        return np.isfinite(self.places.place_m).all(axis=1) & ~self.places.seen
-
     def nearest(self) -> np.ndarray:
         """(n,) int: the node nearest to each true place, -1 where it is not seen: the best possible answer."""
         best, seen = np.full(len(self.first_m), -1, np.int64), self.places.seen
