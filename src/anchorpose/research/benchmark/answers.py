@@ -127,13 +127,13 @@ def _row(index: int) -> str:
 
 def _codes(path: Path, name: str, values: np.ndarray, known: Sequence[str]) -> np.ndarray:
     """(rows,) index of each text in ``known``; raises InputError for another."""
-    texts, first, inverse = np.unique(values.astype(str), return_index=True, return_inverse=True)
+    texts = pa.array(values, pa.string()).dictionary_encode()
     place = {text: index for index, text in enumerate(known)}
-    codes = np.array([place.get(text, -1) for text in texts.tolist()], np.int64)
+    codes = np.array([place.get(text, -1) for text in texts.dictionary.to_pylist()], np.int64)[texts.indices.to_numpy()]
     if (codes < 0).any():
-        row = int(first[codes < 0].min())
+        row = int(np.flatnonzero(codes < 0)[0])
         raise InputError(path, f"names the unknown {name} '{values[row]}' in {_row(row)}", f"use one like '{known[0]}'")
-    return codes[inverse]
+    return codes
 
 
 def _refuse(path: Path, wrong: np.ndarray, problem: str, remedy: str) -> None:
@@ -144,9 +144,11 @@ def _refuse(path: Path, wrong: np.ndarray, problem: str, remedy: str) -> None:
 
 def _repeated(*keys: np.ndarray) -> np.ndarray:
     """(rows,) bool: an earlier row has the same keys."""
-    table = np.column_stack(keys)
-    again = np.ones(len(table), bool)
-    again[np.unique(table, axis=0, return_index=True)[1]] = False
+    one = np.zeros(len(keys[0]), np.int64)
+    for key in keys:
+        one = np.unique(one, return_inverse=True)[1] * (key.max(initial=0) + 1) + key
+    again = np.ones(len(one), bool)
+    again[np.unique(one, return_index=True)[1]] = False
     return again
 
 
@@ -185,6 +187,7 @@ def _read_matches(path: Path, benchmark: Benchmark) -> tuple[dict[tuple[str, str
     pairs = {pair.name: pair for group in ALL_GROUPS for pair in group.pairs if pair.task == next(iter(GAPS))}
     task, pair = (_codes(path, n, table[n], names) for n, names in (("task", list(GAPS)), ("pair", list(pairs))))
     node, match = table["node"], table["match"]
+    _refuse(path, node < 0, "has a node below 0", "count nodes from 0")
     _refuse(path, _repeated(task, pair, node), "repeats an earlier row", "give each node of a pair once")
     present = {(one.task, one.name): one for group in benchmark.groups for one in group.pairs}
     found, absent, sizes = dict[tuple[str, str], np.ndarray](), 0, dict[str, int]()
@@ -196,7 +199,7 @@ def _read_matches(path: Path, benchmark: Benchmark) -> tuple[dict[tuple[str, str
             continue
         first, second = _sizes(benchmark.folder, present[key], sizes)
         wrong = np.zeros(len(node), bool)
-        wrong[rows] = (node[rows] < 0) | (node[rows] >= first) | (match[rows] < NO_MATCH) | (match[rows] >= second)
+        wrong[rows] = (node[rows] >= first) | (match[rows] < NO_MATCH) | (match[rows] >= second)
         _refuse(path, wrong, f"{key[1]} has {first} nodes, and {second} in its second frame: no such node",
                 "count from 0, and leave match empty where there is none")  # fmt: skip
         found[key] = np.full(first, NO_ROW, np.int64)

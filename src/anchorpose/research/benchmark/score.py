@@ -93,8 +93,9 @@ def _takes_part(answers: Answers, groups: Sequence[Group], task: str) -> bool:
 
 def _matches(benchmark: Benchmark, answers: Answers, group: Group, tasks: Sequence[str]) -> Iterable[tuple[str, Asked]]:
     """The association tasks on a group."""
-    skin, found = Skin(group.simulation), dict[str, list[Asked]]()
-    for pair in (pair for pair in group.pairs if pair.task in tasks):
+    pairs, found = [pair for pair in group.pairs if pair.task in tasks], dict[str, list[Asked]]()
+    skin = Skin(group.simulation) if pairs else None
+    for pair in pairs if skin is not None else ():
         truth = truth_of(benchmark.folder / group.name, pair, skin)
         match = answers.matches.get((pair.task, pair.name), np.full(len(truth.first_m), NO_ROW))
         unknown = np.full((len(match), 3), np.nan)
