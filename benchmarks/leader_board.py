@@ -2,9 +2,10 @@
 
 BENCHMARK was made by `anchorpose benchmark make`. Each method gets a folder of answers in OUT, which `anchorpose
 benchmark score` scores. tracker: `anchorpose track` with its defaults; results are kept in OUT/results, and a second
-run goes on there. anchors: the paper's feature, one hypothesis from all anchors found in both frames, the middle of
-psi; anchors-similar: the node of the most similar distances to them instead; shot: SHOT over 20 cm; nearest: the node
-nearest in place; best: the true matches, which nodes 7 mm apart cannot better.
+run goes on there. anchors: the paper's feature with subsets of three anchors, the middle of psi for each, of which the
+nearest in place is taken (its tree needs a prediction of the pose, which two frames do not give); anchors-one: one
+hypothesis of all anchors found in both frames; anchors-similar: the node of the most similar distances to these; shot:
+SHOT over 20 cm; nearest: the node nearest in place; best: the true matches.
 """
 
 from __future__ import annotations
@@ -44,7 +45,8 @@ UP, FACING = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
 NEAR_M: Final = 0.03  # from a node that the mesh lacks to the one that stands for it
 TITLES: Final = {
     "tracker": "anchorpose track",
-    "anchors": "anchor geodesics, middle of psi (as proposed, no tree)",
+    "anchors": "anchor geodesics, subsets of three, the nearest in place",
+    "anchors-one": "anchor geodesics, one hypothesis",
     "anchors-similar": "anchor geodesics, most similar node",
     "shot": "SHOT, 20 cm",
     "nearest": "nearest in place",
@@ -83,14 +85,17 @@ Match = Callable[[Frame, Frame], np.ndarray]
 """(m,) node of the second mesh for each node of the first, -1 = none."""
 
 
-def by_anchors(first: Frame, second: Frame, similar: bool) -> np.ndarray:
+def by_anchors(first: Frame, second: Frame, size: int, similar: bool = False) -> np.ndarray:
     source, target = (anchor_descriptor(frame.surface, frame.anchors) for frame in (first, second))
-    subsets = anchor_subsets(first.anchors.found & second.anchors.found, len(ANCHOR_NAMES))
+    subsets = anchor_subsets(first.anchors.found & second.anchors.found, size)
     if len(subsets) == 0:
         return np.full(len(source), NO_MATCH)
     if similar:
         return nearest_descriptor(source[:, subsets[0]], target[:, subsets[0]])
-    return match_hypotheses(source, second.surface, target, subsets, config=PAPER_GATE).match[:, 0]
+    match = match_hypotheses(source, second.surface, target, subsets, config=PAPER_GATE).match
+    away_m = np.linalg.norm(second.surface.points_m[match] - first.surface.points_m[:, None], axis=2)
+    chosen = np.where(match < 0, np.inf, away_m).argmin(axis=1)
+    return np.take_along_axis(match, chosen[:, None], axis=1)[:, 0]
 
 
 def by_shot(first: Frame, second: Frame) -> np.ndarray:
@@ -101,8 +106,9 @@ def by_shot(first: Frame, second: Frame) -> np.ndarray:
 
 
 ON_MESH: Final[dict[str, Match]] = {
-    "anchors": partial(by_anchors, similar=False),
-    "anchors-similar": partial(by_anchors, similar=True),
+    "anchors": partial(by_anchors, size=3),
+    "anchors-one": partial(by_anchors, size=len(ANCHOR_NAMES)),
+    "anchors-similar": partial(by_anchors, size=len(ANCHOR_NAMES), similar=True),
     "shot": by_shot,
 }
 

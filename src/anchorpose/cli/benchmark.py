@@ -138,13 +138,14 @@ def _real(answers: Path, real: Path, labels: Path | None) -> dict[str, Any]:
 def _print_figures(title: str, rows: dict[str, dict[str, Any]]) -> None:
     """One column per recording or task: a row for every figure, shares in per cent."""
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Column, Table
 
-    table = Table(title, *rows)
+    table = Table(Column(title, no_wrap=True, min_width=24), *rows)
     for name in next(iter(rows.values()), {}):
         share = "share" in name or "within" in name or "coverage" in name
         values = [figures[name] for figures in rows.values()]
         scaled = [100.0 * value if share and value is not None else value for value in values]
         cells = ["–" if v is None else f"{v:.1f}" if isinstance(v, float) else str(v) for v in scaled]
-        table.add_row(f"{name}, %" if share else name, *cells)
+        if any(value is not None for value in values):
+            table.add_row(f"{name}, %" if share else name, *cells)
     Console().print(table)
