@@ -45,7 +45,7 @@ def make(
         if number is not None and number < 1:
             raise AnchorposeError(f"{name} is {number}; give 1 or more.")
     groups = [group for each in Part if part in ("all", each) for group in groups_of(each, recordings)]
-    with progress_bar("Simulating") as progress:
+    with progress_bar("Simulating", at_once=False) as progress:
         made = make_benchmark(out, groups, processes, progress)
     for sentence in made.other_bytes:
         print(f"{sentence}.")
@@ -140,7 +140,7 @@ def _print_figures(title: str, rows: dict[str, dict[str, Any]]) -> None:
     from rich.console import Console
     from rich.table import Column, Table
 
-    table = Table(Column(title, no_wrap=True, min_width=24), *rows)
+    table = Table(Column(no_wrap=True, min_width=24), *rows, title=title)
     for name in next(iter(rows.values()), {}):
         share = "share" in name or "within" in name or "coverage" in name
         values = [figures[name] for figures in rows.values()]

@@ -268,7 +268,6 @@ def test_holes_are_in_the_same_frames_and_grow_with_their_size(made):
 
 
 def test_the_reference_has_the_true_joints_that_the_simulator_makes(monkeypatch):
-    monkeypatch.undo()
     monkeypatch.setattr(plan, "SECONDS", 6.0)
     text = (Path(make.__file__).parent / make.REFERENCE).read_text()
     known = json.loads(text)["recordings"]

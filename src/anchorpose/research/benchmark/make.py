@@ -217,7 +217,9 @@ def _write_document(out: Path, found: dict[str, Fingerprint]) -> None:
 
 def _read_document(folder: Path) -> dict[str, Fingerprint]:
     path = folder / DOCUMENT
-    remedy = "give a folder made by 'anchorpose benchmark make'"
+    remedy = "give a folder made by 'anchorpose benchmark make', or to make one, an empty one"
+    if not path.is_file():
+        raise InputError(path, "there is no such file", remedy)
     try:
         document = parse_json(path.read_bytes())
         if document["format"] != FORMAT:

@@ -94,8 +94,10 @@ def _takes_part(answers: Answers, groups: Sequence[Group], task: str) -> bool:
 def _matches(benchmark: Benchmark, answers: Answers, group: Group, tasks: Sequence[str]) -> Iterable[tuple[str, Asked]]:
     """The association tasks on a group."""
     pairs, found = [pair for pair in group.pairs if pair.task in tasks], dict[str, list[Asked]]()
-    skin = Skin(group.simulation) if pairs else None
-    for pair in pairs if skin is not None else ():
+    if not pairs:
+        return []
+    skin = Skin(group.simulation)
+    for pair in pairs:
         truth = truth_of(benchmark.folder / group.name, pair, skin)
         match = answers.matches.get((pair.task, pair.name), np.full(len(truth.first_m), NO_ROW))
         unknown = np.full((len(match), 3), np.nan)
