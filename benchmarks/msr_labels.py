@@ -24,17 +24,18 @@ from typing import Final
 import cv2
 import numpy as np
 from label_frames import depth_of, in_picture, render
-from real_labels import LABELLERS, LabelledPerson, apart_m, off_m, read_label_set, shift_m
 
 from anchorpose.body.asset import stored_asset
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES
 from anchorpose.recording.reader import open_recording
+from anchorpose.research.benchmark.labels import LABELLERS, LabelledPerson, apart_m, off_m, read_label_set, shift_m
 from anchorpose.results.run_document import read_run
 from anchorpose.results.run_record import RUN_FILE
 from anchorpose.results.tables import JOINTS_FILE, read_joints
 
 NAME: Final = "msr_action3d"
+FOLDER: Final = Path(__file__).parent / "labels"
 AGREED_M: Final = 0.03  # a third of a hand's length: where labellers are closer, neither has taken another place
 HAND: Final = "Hand"
 REACHES_MM: Final = (60, 100)
@@ -85,7 +86,7 @@ class Row:
 
 def read_frames(data: Path, tracks: Path | None) -> Iterator[Frame]:
     """All labelled frames; our joints are NaN where a sequence was not tracked."""
-    first, second = (read_label_set(NAME, labeller) for labeller in LABELLERS)
+    first, second = (read_label_set(FOLDER, NAME, labeller) for labeller in LABELLERS)
     for sequence, frames in first.items():
         recording = open_recording(data / sequence)
         camera = replace(recording.cameras[0], T_world_camera=np.eye(4))

@@ -18,7 +18,12 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from real_labels import (
+
+from anchorpose.camera import Camera
+from anchorpose.pipeline import TrackConfig, track_recording
+from anchorpose.recording.reader import open_recording, read_frame
+from anchorpose.recording.recording import Recording
+from anchorpose.research.benchmark.labels import (
     LABELLERS,
     Frames,
     LabelledPerson,
@@ -29,17 +34,13 @@ from real_labels import (
     trunk_pixel,
     within,
 )
-
-from anchorpose.camera import Camera
-from anchorpose.pipeline import TrackConfig, track_recording
-from anchorpose.recording.reader import open_recording, read_frame
-from anchorpose.recording.recording import Recording
 from anchorpose.results.run_document import read_run
 from anchorpose.results.run_record import RUN_FILE
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 from anchorpose.threads import one_thread
 from anchorpose.tracker.preparation import settle
 
+FOLDER: Final = Path(__file__).parent / "labels"
 RECORDINGS: Final = (
     "people_in_line",
     "iit_rehab_room",
@@ -100,7 +101,7 @@ def main() -> None:
 
 def _recording(folder: Path, results: Path) -> None:
     recording = open_recording(folder)
-    labels = {labeller: read_labels(folder.name, labeller) for labeller in LABELLERS}
+    labels = {labeller: read_labels(FOLDER, folder.name, labeller) for labeller in LABELLERS}
     camera = settle(recording, TrackConfig()).calibration.cameras[0]
     together = Outcome()
     for person in _people(labels[LABELLERS[0]]):

@@ -12,18 +12,18 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 from label_frames import draw_frames
-from msr_labels import NAME, Frame, rows_of
-from real_labels import LABELLERS, LabelledPerson, read_label_set
+from msr_labels import FOLDER, NAME, Frame, rows_of
 
 from anchorpose.camera import Camera
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
 from anchorpose.lens import Intrinsics
+from anchorpose.research.benchmark.labels import LABELLERS, LabelledPerson, read_label_set
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "msr_action3d"
 
 
 def test_both_labelled_the_same_60_frames_twelve_of_each_subject():
-    first, second = (read_label_set(NAME, labeller) for labeller in LABELLERS)
+    first, second = (read_label_set(FOLDER, NAME, labeller) for labeller in LABELLERS)
     frames = {(sequence, number) for sequence, of in first.items() for number in of}
     assert frames == {(sequence, number) for sequence, of in second.items() for number in of}
     assert Counter(sequence.split("_")[1] for sequence, _ in frames) == {f"s0{k}": 12 for k in range(1, 6)}
@@ -34,7 +34,7 @@ def test_both_labelled_the_same_60_frames_twelve_of_each_subject():
 
 @pytest.mark.skipif(not DATA.is_dir(), reason=f"{DATA} is not there")
 def test_the_labelled_frames_are_drawn_again_from_the_data():
-    labelled = {(sequence, number) for sequence, of in read_label_set(NAME, "first").items() for number in of}
+    labelled = {(sequence, number) for sequence, of in read_label_set(FOLDER, NAME, "first").items() for number in of}
     assert set(draw_frames(DATA)) == labelled
 
 

@@ -30,6 +30,7 @@ VERBS = (
     "inspect",
     "motions",
     "verify",
+    "benchmark",
 )
 
 

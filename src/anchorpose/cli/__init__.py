@@ -12,6 +12,7 @@ from cyclopts import App, CycloptsError, Parameter
 
 from anchorpose import __version__
 from anchorpose.cli.batch import batch
+from anchorpose.cli.benchmark import benchmark
 from anchorpose.cli.calibrate import calibrate
 from anchorpose.cli.check import check
 from anchorpose.cli.convert import convert
@@ -58,7 +59,7 @@ app = App(
 )
 for _verb in (
     demo, simulate, convert, check, calibrate, track, evaluate, measure, verify, report, reliability, view, export,
-    inspect, equipment, motions, record, live, batch, experiment,
+    inspect, equipment, motions, record, live, batch, experiment, benchmark,
 ):  # fmt: skip
     app.command(_verb)
 

@@ -29,6 +29,7 @@ PRESENTING: Final = (
     "exports/",
     "pages/",
     "report/",
+    "research/benchmark/",
     "research/experiment/results.py",
     "research/experiment/page/",
     "research/experiment/pictures/",

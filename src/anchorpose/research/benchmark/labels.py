@@ -1,4 +1,4 @@
-"""Labels of people made by eye in real depth images: read, compared with each other, and with tracked joints."""
+"""Labels of people made by eye in real depth images: read, compared with each other, and with joints."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.results.tables import JointTable
 
-FOLDER: Final = Path(__file__).parent / "labels"
 LABELLERS: Final = ("first", "second")
 PATCH_PX: Final = 3  # around a label: the depth of the skin that it was set on
 IN_FRONT_M, BEHIND_M = 0.10, 0.35  # of that skin: where a joint beneath it may be
@@ -39,18 +38,18 @@ class LabelledPerson:
 Frames = dict[int, tuple[LabelledPerson, ...]]
 
 
-def read_labels(recording: str, labeller: str) -> Frames:
-    """Frame number to the people in it, as one of ``LABELLERS`` saw them."""
-    return _frames(_document(recording, labeller)["frames"])
+def read_labels(folder: Path, recording: str, labeller: str) -> Frames:
+    """Frame number to the people in it, as one of ``LABELLERS`` saw them. folder: benchmarks/labels."""
+    return _frames(_document(folder, recording, labeller)["frames"])
 
 
-def read_label_set(name: str, labeller: str) -> dict[str, Frames]:
+def read_label_set(folder: Path, name: str, labeller: str) -> dict[str, Frames]:
     """Recording to its labelled frames, from a file that holds several recordings."""
-    return {recording: _frames(frames) for recording, frames in _document(name, labeller)["recordings"].items()}
+    return {recording: _frames(frames) for recording, frames in _document(folder, name, labeller)["recordings"].items()}
 
 
-def _document(name: str, labeller: str) -> dict[str, Any]:
-    document: dict[str, Any] = json.loads((FOLDER / f"{name}.{labeller}.json").read_text(encoding="utf-8"))
+def _document(folder: Path, name: str, labeller: str) -> dict[str, Any]:
+    document: dict[str, Any] = json.loads((folder / f"{name}.{labeller}.json").read_text(encoding="utf-8"))
     return document
 
 

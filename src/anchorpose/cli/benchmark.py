@@ -1,0 +1,151 @@
+"""``anchorpose benchmark``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from cyclopts import App, Parameter
+
+from anchorpose.errors import AnchorposeError, InputError
+
+benchmark = App(name="benchmark", help="A public benchmark of association and tracking, for methods of any kind.")
+
+
+@benchmark.command
+def make(
+    out: Path,
+    /,
+    *,
+    part: Literal["development", "test", "all"] = "all",
+    recordings: int | None = None,
+    processes: int | None = None,
+) -> int:
+    """Simulate the benchmark's recordings, and compare them with the reference by hashes of their content.
+
+    The whole set takes some minutes and 0.8 GB. The same command continues after a stop. The exit code is 1 where a
+    recording is not byte by byte that of the reference; docs/benchmark.md says what that means for scores.
+
+    Parameters
+    ----------
+    out
+        The folder to write, or that of an earlier run.
+    part
+        development: to develop a method on. test: what leader board figures are of.
+    recordings
+        Only so many recordings of each kind, the first ones.
+    processes
+        How many recordings are simulated at once; by default as many as there are cores.
+    """
+    from anchorpose.cli.console import progress_bar
+    from anchorpose.research.benchmark.make import make_benchmark
+    from anchorpose.research.benchmark.plan import Part, groups_of
+
+    for name, number in (("--recordings", recordings), ("--processes", processes)):
+        if number is not None and number < 1:
+            raise AnchorposeError(f"{name} is {number}; give 1 or more.")
+    groups = [group for each in Part if part in ("all", each) for group in groups_of(each, recordings)]
+    with progress_bar("Simulating", at_once=False) as progress:
+        made = make_benchmark(out, groups, processes, progress)
+    for sentence in made.other_bytes:
+        print(f"{sentence}.")
+    count = sum(len(group.recordings) for group in made.groups)
+    print(f"{out}: {count} recordings, of which {count - len(made.other_bytes)} have the bytes of the reference.")
+    return int(bool(made.other_bytes))
+
+
+@benchmark.command
+def score(
+    answers: Path,
+    folder: Path | None = None,
+    /,
+    *,
+    part: Literal["development", "test"] = "test",
+    against: Path | None = None,
+    real: Path | None = None,
+    labels: Path | None = None,
+    json: Annotated[Path | None, Parameter(name="--json")] = None,
+) -> None:
+    """Score anybody's answers, print the figures with a row for the leader board, and write them as JSON.
+
+    Parameters
+    ----------
+    answers
+        A folder with answers.json, and joints or matches as CSV or Parquet; docs/benchmark.md describes them.
+    folder
+        The folder made by 'anchorpose benchmark make'. Not needed with --real.
+    part
+        Which recordings to score on.
+    against
+        Another folder of answers: the differences between the two with 95 % intervals over recordings.
+    real
+        A folder of real recordings instead: real.csv of the answers is compared with labels made by eye.
+    labels
+        With --real: the folder of labels, benchmarks/labels of the repository.
+    json
+        The file to write; by default score.json (with --real real.json) in the folder of answers.
+    """
+    import json as text
+
+    from anchorpose.results.folder import write_text_whole
+
+    if real is not None:
+        document = _real(answers, real, labels)
+    elif folder is None:
+        raise InputError(answers, "can be scored only with the recordings", "name the benchmark's folder after it")
+    else:
+        document = _simulated(answers, folder, part, against)
+    target = json or answers / ("score.json" if real is None else "real.json")
+    write_text_whole(target, text.dumps(document, indent=1, allow_nan=False) + "\n")
+    print(f"All figures are in {target}.")
+
+
+def _simulated(answers: Path, folder: Path, part: str, against: Path | None) -> dict[str, Any]:
+    from anchorpose.research.benchmark.answers import read_answers
+    from anchorpose.research.benchmark.make import open_benchmark
+    from anchorpose.research.benchmark.plan import Part
+    from anchorpose.research.benchmark.score import as_document, compare, score_answers
+
+    made = open_benchmark(folder)
+    one = score_answers(made, read_answers(answers, made), Part(part))
+    if not one.tasks:
+        raise InputError(answers, f"answers nothing of the part {part}", "give --part, or make those recordings")
+    document = as_document(one)
+    _print_figures(document["method"], {task: figures for task, figures in document["tasks"].items() if figures})
+    if against is not None:
+        other = score_answers(made, read_answers(against, made), Part(part))
+        document["against"] = {"method": other.answers.method, "differences": compare(one, other)}
+        _print_figures(f"minus {other.answers.method}, 95 %", document["against"]["differences"])
+    if one.answers.elsewhere:
+        print(f"{one.answers.elsewhere} rows are about recordings that are not in {folder}; they were not scored.")
+    for sentence in one.other_bytes:
+        print(f"{sentence}: its figures are not those of the reference.")
+    print(document["row"])
+    return document
+
+
+def _real(answers: Path, real: Path, labels: Path | None) -> dict[str, Any]:
+    from anchorpose.research.benchmark.real import score_real
+    from anchorpose.results.run_record import as_json
+
+    if labels is None:
+        raise InputError(real, "needs the labels", "add --labels with benchmarks/labels of the repository")
+    found: dict[str, Any] = as_json(score_real(answers, real, labels))
+    _print_figures("", found)
+    return {"recordings": found}
+
+
+def _print_figures(title: str, rows: dict[str, dict[str, Any]]) -> None:
+    """One column per recording or task: a row for every figure, shares in per cent."""
+    from rich.console import Console
+    from rich.table import Column, Table
+
+    table = Table(Column(no_wrap=True, min_width=24), *rows, title=title)
+    for name in next(iter(rows.values()), {}):
+        share = "share" in name or "within" in name or "coverage" in name
+        values = [figures[name] for figures in rows.values()]
+        scaled = [100.0 * value if share and value is not None else value for value in values]
+        cells = ["–" if v is None else f"{v:.1f}" if isinstance(v, float) else str(v) for v in scaled]
+        if any(value is not None for value in values):
+            table.add_row(f"{name}, %" if share else name, *cells)
+    Console().print(table)

@@ -1,0 +1,231 @@
+"""Make the recordings of the benchmark, and compare them with the reference by their content."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from importlib.resources import files
+from pathlib import Path
+from typing import Final
+from zlib import crc32
+
+import cv2
+import numpy as np
+
+from anchorpose.batch.cluster import Place
+from anchorpose.batch.engine import Job, run_jobs
+from anchorpose.camera import transform_points
+from anchorpose.errors import AnchorposeError, InputError
+from anchorpose.recording.depth_image import read_depth_image
+from anchorpose.recording.json_text import parse_json
+from anchorpose.recording.reader import open_recording
+from anchorpose.recording.recording import Recording
+from anchorpose.research.benchmark.plan import ALL_GROUPS, GAPS, NODES, TRACKING, VERSION, Group
+from anchorpose.research.benchmark.truth import truth_of
+from anchorpose.research.experiment.clips import cut_holes, draw_hole_frames
+from anchorpose.research.experiment.correspondence import Skin
+from anchorpose.results.folder import whole_or_nothing, write_text_whole
+from anchorpose.results.truth import read_truth
+from anchorpose.simulate.render import PATIENT
+from anchorpose.simulate.write import simulate_recording
+from anchorpose.threads import one_thread
+
+DOCUMENT: Final = "benchmark.json"
+FORMAT: Final = "anchorpose-benchmark"
+REFERENCE: Final = "reference.json"  # beside this module: DOCUMENT of the whole set as made on Linux, x86-64
+HOLE_SHARE: Final = 0.5  # of the frames, as in the paper; never the first
+STEP: Final = 2  # every second row and column is a node, as in the tracker's mesh
+TRUTH_UNIT_M: Final = 1e-4  # true joints are compared to a tenth of a millimetre
+
+
+@dataclass(frozen=True, slots=True)
+class Fingerprint:
+    """depth: hash of all decoded depth images; truth: of the joints, rounded to 0.1 mm; readings: how many; mean_mm."""
+
+    depth: str
+    truth: str
+    readings: int
+    mean_mm: float
+
+
+@dataclass(frozen=True, slots=True)
+class Benchmark:
+    """A benchmark folder. groups: those that are in it; other_bytes: a sentence per recording unlike the reference."""
+
+    folder: Path
+    groups: tuple[Group, ...]
+    other_bytes: tuple[str, ...]
+
+
+def make_benchmark(
+    out: Path, groups: Sequence[Group], processes: int | None, progress: Callable[[int, int], None]
+) -> Benchmark:
+    """Simulate the groups into a folder, and take the fingerprints of all that is there.
+
+    What an earlier run has finished is kept, so that the same call checks a benchmark.
+
+    Raises InputError where the folder is neither empty nor a benchmark of this version.
+    """
+    if out.exists() and any(out.iterdir()):
+        _read_document(out)
+    else:
+        _write_document(out, {})
+    missing = [group for group in groups if not (out / group.name).is_dir()]
+    jobs = [Job(group.name.replace("/", "-"), partial(make_group, group, out)) for group in missing]
+    progress(0, len(jobs))
+    for done, outcome in enumerate(run_jobs(jobs, Place(processes)), 1):
+        if outcome.why is not None:
+            raise AnchorposeError(f"{outcome.name} could not be made: {outcome.why}")
+        progress(done, len(jobs))
+    made = [group for group in ALL_GROUPS if (out / group.name).is_dir()]
+    _write_document(out, {name: fingerprint(out / name) for group in made for name in group.recordings.values()})
+    rows = [f"{p.task},{p.name},{p.first},{p.second}" for group in made for p in group.pairs]
+    write_text_whole(out / "pairs.csv", "\n".join(["task,pair,first,second", *rows]) + "\n")
+    return open_benchmark(out)
+
+
+def open_benchmark(folder: Path) -> Benchmark:
+    """A folder that ``make_benchmark`` wrote; raises InputError for any other."""
+    found = _read_document(folder)
+    groups = tuple(group for group in ALL_GROUPS if set(group.recordings.values()) <= set(found))
+    if not groups:
+        raise InputError(folder, "holds no whole recording", "run 'anchorpose benchmark make' on it again")
+    for group in groups:
+        if _truth_hash(group.truth(folder)) != found[next(iter(group.recordings.values()))].truth:
+            raise InputError(group.truth(folder), "is not as it was made", "delete its folder and make it again")
+    return Benchmark(folder, groups, tuple(unlike_reference(found)))
+
+
+def unlike_reference(found: dict[str, Fingerprint]) -> list[str]:
+    """A sentence for each recording whose content is not that of the reference."""
+    known, sentences = reference(), list[str]()
+    for name, mark in found.items():
+        expected = known.get(name)
+        if expected is None or mark == expected:
+            continue
+        wrong = [what for what in ("depth", "truth") if getattr(mark, what) != getattr(expected, what)]
+        sentences.append(
+            f"{name}: its {' and '.join(wrong)} differ from the reference ({mark.readings} readings instead of "
+            f"{expected.readings}, {mark.mean_mm:.3f} mm on average instead of {expected.mean_mm:.3f})"
+        )
+    return sentences
+
+
+def reference() -> dict[str, Fingerprint]:
+    """The fingerprints of all recordings by name."""
+    document = json.loads(files(__package__).joinpath(REFERENCE).read_text(encoding="utf-8"))
+    return {name: Fingerprint(**mark) for name, mark in document["recordings"].items()}
+
+
+def make_group(group: Group, out: Path) -> None:
+    """Everything of one seed: recordings, true joints, nodes, and their true matches in the format of answers."""
+    with one_thread(), whole_or_nothing(out / group.name) as work:
+        simulated = work / "simulated"
+        simulate_recording(simulated, group.simulation)
+        names = [Path(name).name for name in group.recordings.values()]
+        (simulated / "recording").rename(work / names[0])
+        (simulated / "truth" / "truth.npz").rename(work / "truth.npz")
+        if not group.is_clinic:
+            _from_single(group, work, open_recording(work / names[0]), simulated / "truth" / "labels")
+        shutil.rmtree(simulated)
+
+
+def _from_single(group: Group, work: Path, recording: Recording, labels: Path) -> None:
+    """The copies with holes, all in the same frames, and the nodes of the frames of pairs with their true matches."""
+    camera, frames = recording.cameras[0].name, range(len(recording.streams[0].files))
+    seen = [patient_pixels(recording, labels / camera, frame) for frame in frames]
+    centre_m = np.array([points.mean(axis=0) for _, points in seen])
+    chosen = draw_hole_frames(len(frames), HOLE_SHARE, crc32(group.name.encode()), (0,))
+    for task, hole_m in TRACKING.items():
+        if hole_m > 0:
+            copy = work / Path(group.recordings[task]).name
+            cut_holes(recording, copy, centre_m, chosen, hole_m)
+            _without_links(copy)
+    (work / NODES).mkdir()
+    for frame in sorted({frame for pair in group.pairs for frame in (pair.first_frame, pair.second_frame)}):
+        _write_nodes(work / NODES / f"{frame:06d}.csv", *seen[frame])
+    _write_matches(group, work)
+
+
+def patient_pixels(recording: Recording, labels: Path, frame: int) -> tuple[np.ndarray, np.ndarray]:
+    """Row and column (n, 2) of the pixels that truly show the patient and have a reading; places (n, 3), world."""
+    camera = recording.cameras[0]
+    depth_m = read_depth_image(recording.streams[0].files[frame], camera).depth_m
+    label = cv2.imread(str(labels / f"{frame:06d}.png"), cv2.IMREAD_UNCHANGED)
+    if depth_m is None or label is None:
+        raise InputError(recording.folder, f"frame {frame} cannot be read", "make it again")
+    pixel = np.argwhere((label == PATIENT) & (depth_m > 0))
+    points = transform_points(camera.require_pose(), camera.back_project(depth_m)[tuple(pixel.T)].astype(np.float64))
+    return pixel, points
+
+
+def _without_links(folder: Path) -> None:
+    """Copies in place of links, so that the folder can be moved."""
+    for path in folder.rglob("*.png"):
+        if path.is_symlink():
+            source = path.resolve()
+            path.unlink()
+            shutil.copyfile(source, path)
+
+
+def _write_nodes(path: Path, pixel: np.ndarray, points_m: np.ndarray) -> None:
+    on_grid = (pixel % STEP == 0).all(axis=1)
+    table = np.column_stack([np.arange(on_grid.sum()), pixel[on_grid], points_m[on_grid]])
+    head, form = "node,row,column,x_m,y_m,z_m", ["%d", "%d", "%d", "%.4f", "%.4f", "%.4f"]
+    np.savetxt(path, table, form, delimiter=",", header=head, comments="")
+
+
+def _write_matches(group: Group, work: Path) -> None:
+    """The node nearest to each true place, in the format of answers."""
+    skin, rows = Skin(group.simulation), ["task,pair,node,match"]
+    for pair in group.pairs:
+        best = truth_of(work, pair, skin).nearest()
+        rows += [f"{pair.task},{pair.name},{node},{'' if match < 0 else match}" for node, match in enumerate(best)]
+    (work / "matches.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+
+
+def fingerprint(recording: Path) -> Fingerprint:
+    """Of a recording folder whose truth is beside it."""
+    digest, readings, total = hashlib.sha256(), 0, 0
+    for path in sorted(recording.glob("*/depth/*.png")):
+        depth = np.ascontiguousarray(cv2.imread(str(path), cv2.IMREAD_UNCHANGED), dtype="<u2")
+        digest.update(f"{path.relative_to(recording).as_posix()} {depth.shape}".encode() + depth.tobytes())
+        readings, total = readings + int((depth > 0).sum()), total + int(depth.sum(dtype=np.int64))
+    mean_mm = round(total / max(readings, 1), 3)
+    return Fingerprint(digest.hexdigest(), _truth_hash(recording.parent / "truth.npz"), readings, mean_mm)
+
+
+def _truth_hash(path: Path) -> str:
+    joints = np.rint(read_truth(path).position_m / TRUTH_UNIT_M).astype("<i4")
+    return hashlib.sha256(joints.tobytes()).hexdigest()
+
+
+def _write_document(out: Path, found: dict[str, Fingerprint]) -> None:
+    document = {
+        "format": FORMAT,
+        "version": VERSION,
+        "gaps": GAPS,
+        "recordings": {name: asdict(mark) for name, mark in found.items()},
+    }
+    out.mkdir(parents=True, exist_ok=True)
+    write_text_whole(out / DOCUMENT, json.dumps(document, indent=1) + "\n")
+
+
+def _read_document(folder: Path) -> dict[str, Fingerprint]:
+    path = folder / DOCUMENT
+    remedy = "give a folder made by 'anchorpose benchmark make', or to make one, an empty one"
+    if not path.is_file():
+        raise InputError(path, "there is no such file", remedy)
+    try:
+        document = parse_json(path.read_bytes())
+        if document["format"] != FORMAT:
+            raise ValueError("its format is another")
+        if document["version"] != VERSION:
+            raise InputError(path, f"is of version {document['version']}", f"make version {VERSION} in a new folder")
+        return {str(name): Fingerprint(**mark) for name, mark in document["recordings"].items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(path, f"is not a benchmark's ({error})", remedy) from None

@@ -1,0 +1,113 @@
+"""What the public benchmark consists of: recordings fixed by seeds, tasks, and the names that answers use."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Final
+
+from anchorpose.research.experiment.config import PAPER_HOLES_M
+from anchorpose.simulate import config as presets
+from anchorpose.simulate.config import SimulationConfig
+
+VERSION: Final = 1
+"""Grows with every change of recordings, tasks or scores: figures of two versions are not comparable."""
+
+SECONDS: Final = 6.0
+FPS: Final = 10.0  # the paper's samples are about a tenth of a second apart
+GAPS: Final = {"association-0.1s": 1, "association-0.3s": 3, "association-1s": 10, "association-1.5s": 15}
+"""Frames between the two frames of a pair, by task."""
+
+FIRST_FRAMES: Final = (4, 22, 40)  # of the pairs of a recording, the same for every gap
+CLINIC: Final = "clinic"
+NODES: Final = "nodes"
+TRACKING: Final = {f"tracking-{hole_m:.2f}m": hole_m for hole_m in PAPER_HOLES_M}
+"""Radius of the hole in metres, by task."""
+
+TASKS: Final = (*GAPS, *TRACKING, CLINIC)
+
+
+class Part(StrEnum):
+    """Which recordings: those to develop a method on, or those that leader board figures are of."""
+
+    DEVELOPMENT = "development"
+    TEST = "test"
+
+
+SEEDS: Final = {
+    Part.DEVELOPMENT: (range(7601, 7603), range(7651, 7652)),
+    Part.TEST: (range(7701, 7711), range(7751, 7755)),
+}
+"""Seeds of single recordings (one person, one camera) and of clinics; no setting of anchorpose was chosen on them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """Two frames whose nodes are to be matched; first and second: files of nodes, relative to the benchmark."""
+
+    task: str
+    name: str
+    first_frame: int
+    second_frame: int
+    first: str
+    second: str
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """What is made from one seed: a recording with its copies that have holes, or a clinic."""
+
+    part: Part
+    is_clinic: bool
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """The folder, relative to the benchmark."""
+        return f"{self.part}/{'clinic' if self.is_clinic else 'single'}-{self.seed}"
+
+    @property
+    def simulation(self) -> SimulationConfig:
+        """The settings of the simulator."""
+        preset = presets.clinic if self.is_clinic else presets.single
+        return preset(self.seed, SECONDS, FPS)
+
+    @property
+    def recordings(self) -> dict[str, str]:
+        """Task to the recording's folder, relative to the benchmark: the name that answers use."""
+        if self.is_clinic:
+            return {CLINIC: f"{self.name}/recording"}
+        return {task: f"{self.name}/hole-{round(100 * hole_m):03d}" for task, hole_m in TRACKING.items()}
+
+    @property
+    def pairs(self) -> tuple[Pair, ...]:
+        """The pairs of frames of the recording without holes."""
+        if self.is_clinic:
+            return ()
+        return tuple(
+            Pair(task, f"{self.name}/{first:06d}", first, first + gap, self.nodes(first), self.nodes(first + gap))
+            for task, gap in GAPS.items()
+            for first in FIRST_FRAMES
+        )
+
+    def nodes(self, frame: int) -> str:
+        """The file of a frame's nodes, relative to the benchmark."""
+        return f"{self.name}/{NODES}/{frame:06d}.csv"
+
+    def truth(self, benchmark: Path) -> Path:
+        """The file of the true joints."""
+        return benchmark / self.name / "truth.npz"
+
+
+def groups_of(part: Part, at_most: int | None = None) -> tuple[Group, ...]:
+    """The groups of a part; at_most: only so many of each kind, the first seeds."""
+    single, clinic = SEEDS[part]
+    return tuple(
+        Group(part, is_clinic, seed)
+        for is_clinic, seeds in ((False, single), (True, clinic))
+        for seed in seeds[:at_most]
+    )
+
+
+ALL_GROUPS: Final = tuple(group for part in Part for group in groups_of(part))

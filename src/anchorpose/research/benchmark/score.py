@@ -1,0 +1,200 @@
+"""Scores of answers, task by task, and the paired comparison of two.
+
+What was not answered is counted by itself, and lies outside of every share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from anchorpose.research.benchmark.answers import NO_MATCH, NO_ROW, Answers
+from anchorpose.research.benchmark.make import Benchmark
+from anchorpose.research.benchmark.plan import CLINIC, GAPS, TASKS, TRACKING, VERSION, Group, Part
+from anchorpose.research.benchmark.truth import truth_of
+from anchorpose.research.experiment.correspondence import Skin
+from anchorpose.research.experiment.page.tables import mean_over
+from anchorpose.results.run_record import as_json
+from anchorpose.results.truth import read_truth
+from anchorpose.results.uncertainty import NORMAL_95
+
+WITHIN_MM, FAR_MM = 50.0, 100.0
+RESAMPLES: Final = 2000
+
+
+class Asked(NamedTuple):
+    """All that a task asks about one recording: m nodes that are seen in both frames, or joints with a known truth.
+
+    error_mm (m,): NaN without an answer. none (m,) bool: answered that there is no match. moved (m,) bool: nodes that
+    moved. within (m, 3): 1 or 0 for each axis with the truth in 1.96 sigma or not, NaN where no sigma is given.
+    """
+
+    error_mm: np.ndarray
+    none: np.ndarray
+    moved: np.ndarray
+    within: np.ndarray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TaskScore:
+    """Figures of one task; None where there is nothing to take one of.
+
+    missing_share: of what was asked, without an answer; none_share: answered that there is no match. Shares within a
+    distance are of all that was asked, millimetres of what was answered. coverage_95: of the axes with a sigma.
+    """
+
+    recordings: int
+    asked: int
+    missing_share: float
+    none_share: float
+    mean_mm: float | None
+    median_mm: float | None
+    p95_mm: float | None
+    within_50mm: float
+    within_100mm: float
+    moved: int
+    moved_median_mm: float | None
+    moved_within_50mm: float | None
+    coverage_95: float | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Score:
+    """tasks: those with any answer; asked: what they asked, by task and group."""
+
+    answers: Answers
+    part: Part
+    other_bytes: tuple[str, ...]
+    tasks: Mapping[str, TaskScore]
+    asked: Mapping[str, Mapping[str, Asked]]
+
+
+def score_answers(benchmark: Benchmark, answers: Answers, part: Part) -> Score:
+    """Every task of a part that the answers take part in: all of its recordings in the folder count."""
+    groups = [group for group in benchmark.groups if group.part is part]
+    asked: dict[str, dict[str, Asked]] = {}
+    for group in groups:
+        tasks = [task for task in TASKS if _takes_part(answers, groups, task)]
+        for task, one in (*_matches(benchmark, answers, group, tasks), *_joints(benchmark, answers, group, tasks)):
+            asked.setdefault(task, {})[group.name] = one
+    scores = {task: summarise(list(asked[task].values())) for task in TASKS if task in asked}
+    other = tuple(said for said in benchmark.other_bytes if said.startswith(part))
+    return Score(answers, part, other, scores, asked)
+
+
+def _takes_part(answers: Answers, groups: Sequence[Group], task: str) -> bool:
+    if task in GAPS:
+        return any((task, pair.name) in answers.matches for group in groups for pair in group.pairs)
+    return any(group.recordings.get(task) in answers.joints for group in groups)
+
+
+def _matches(benchmark: Benchmark, answers: Answers, group: Group, tasks: Sequence[str]) -> Iterable[tuple[str, Asked]]:
+    """The association tasks on a group."""
+    pairs, found = [pair for pair in group.pairs if pair.task in tasks], dict[str, list[Asked]]()
+    if not pairs:
+        return []
+    skin = Skin(group.simulation)
+    for pair in pairs:
+        truth = truth_of(benchmark.folder / group.name, pair, skin)
+        match = answers.matches.get((pair.task, pair.name), np.full(len(truth.first_m), NO_ROW))
+        unknown = np.full((len(match), 3), np.nan)
+        every = Asked(truth.error_mm(match), match == NO_MATCH, truth.moved, unknown)
+        found.setdefault(pair.task, []).append(Asked(*(column[truth.places.seen] for column in every)))
+    return [(task, _together(each)) for task, each in found.items()]
+
+
+def _joints(benchmark: Benchmark, answers: Answers, group: Group, tasks: Sequence[str]) -> Iterable[tuple[str, Asked]]:
+    """The tracking tasks on a group."""
+    truth_m = read_truth(group.truth(benchmark.folder)).position_m
+    known = np.isfinite(truth_m).all(axis=2)
+    for task in (task for task in group.recordings if task in tasks):
+        answer, none = answers.joints.get(group.recordings[task]), np.zeros(int(known.sum()), bool)
+        position_m = np.full_like(truth_m, np.nan) if answer is None else answer.position_m
+        sigma_m = np.full(known.shape, np.nan) if answer is None else answer.sigma_m
+        away_m, limit_m = (position_m - truth_m)[known], NORMAL_95 * sigma_m[known][:, None]
+        within = np.where(np.isfinite(away_m + limit_m), np.abs(away_m) <= limit_m, np.nan)
+        yield task, Asked(1000.0 * np.linalg.norm(away_m, axis=1), none, none, within)
+
+
+def _together(each: Sequence[Asked]) -> Asked:
+    return Asked(*(np.concatenate(columns) for columns in zip(*each, strict=True)))
+
+
+def summarise(each: Sequence[Asked]) -> TaskScore:
+    """The figures of a task over its recordings."""
+    error, none, moved, within = _together(each)
+    given, covered = error[np.isfinite(error)], within[np.isfinite(within)]
+    moved_error = error[moved]
+    return TaskScore(
+        recordings=len(each),
+        asked=len(error),
+        missing_share=float((np.isnan(error) & ~none).mean()),
+        none_share=float(none.mean()),
+        mean_mm=float(given.mean()) if len(given) else None,
+        median_mm=float(np.median(given)) if len(given) else None,
+        p95_mm=float(np.percentile(given, 95)) if len(given) else None,
+        within_50mm=float((error <= WITHIN_MM).mean()),
+        within_100mm=float((error <= FAR_MM).mean()),
+        moved=len(moved_error),
+        moved_median_mm=float(np.nanmedian(moved_error)) if np.isfinite(moved_error).any() else None,
+        moved_within_50mm=float((moved_error <= WITHIN_MM).mean()) if len(moved_error) else None,
+        coverage_95=float(covered.mean()) if len(covered) else None,
+    )
+
+
+def compare(one: Score, other: Score) -> dict[str, dict[str, Any]]:
+    """``one`` minus ``other``, by task, with 95 % intervals by the bootstrap over recordings, drawn in pairs.
+
+    mm: mean distance where both have an answer, negative where ``one`` is nearer; within_50mm: share of everything that
+    was asked, positive where ``one`` is better.
+    """
+    compared = {}
+    for task in (task for task in TASKS if task in one.asked and task in other.asked):
+        pairs = [(mine.error_mm, other.asked[task][name].error_mm) for name, mine in one.asked[task].items()]
+        shares = [(a <= WITHIN_MM).astype(float) - (b <= WITHIN_MM) for a, b in pairs]
+        figures = {"mm": mean_over([a - b for a, b in pairs], RESAMPLES), "within_50mm": mean_over(shares, RESAMPLES)}
+        compared[task] = {
+            f"{name}{end}": getattr(figure, field)
+            for name, figure in figures.items()
+            for end, field in (("", "mean"), ("_low", "low"), ("_high", "high"))
+        }
+    return as_json(compared)
+
+
+def as_document(score: Score) -> dict[str, Any]:
+    """The score as JSON values; tasks without any answer are null."""
+    return {
+        "format": "anchorpose-benchmark-score",
+        "version": VERSION,
+        "method": score.answers.method,
+        "source": score.answers.source,
+        "part": score.part,
+        "other_bytes": list(score.other_bytes),
+        "rows_elsewhere": score.answers.elsewhere,
+        "tasks": {task: as_json(score.tasks.get(task)) for task in TASKS},
+        "row": leader_board_row(score),
+    }
+
+
+def leader_board_row(score: Score) -> str:
+    """A row of the table of docs/benchmark.md: per cent within 50 mm, all / moved, by gap; mean joint error by hole and
+    in clinics, with the share that is missing; per cent in 1.96 sigma in clinics."""
+    cells = [score.answers.method]
+    for task in (*GAPS, *TRACKING, CLINIC):
+        one = score.tasks.get(task)
+        if one is None:
+            cells.append("–")
+        elif task in GAPS:
+            cells.append(f"{100 * one.within_50mm:.1f} / {_percent(one.moved_within_50mm)}")
+        else:
+            missing = f" ({100 * one.missing_share:.1f} % missing)" if one.missing_share >= 0.0005 else ""
+            cells.append(("–" if one.mean_mm is None else f"{one.mean_mm:.1f}") + missing)
+    clinic = score.tasks.get(CLINIC)
+    return "| " + " | ".join([*cells, _percent(None if clinic is None else clinic.coverage_95)]) + " |"
+
+
+def _percent(share: float | None) -> str:
+    return "–" if share is None else f"{100 * share:.1f}"

@@ -1,0 +1,73 @@
+"""The true places of a frame's nodes in another frame, and the distance on the body of matches from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from anchorpose.errors import InputError
+from anchorpose.research.benchmark.plan import NODES, Pair
+from anchorpose.research.experiment.correspondence import Skin, TruePlaces
+
+MOVED_M = 0.03  # a node whose place changed by more counts as moved
+
+
+def read_nodes(path: Path) -> np.ndarray:
+    """(n, 3) places of a frame's nodes, metres, world. Raises InputError where the file is not as it was made."""
+    try:
+        table = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
+        if table.shape[1] != 6 or not np.array_equal(table[:, 0], np.arange(len(table))):
+            raise ValueError("its columns are others")
+    except (OSError, ValueError) as error:
+        raise InputError(path, f"is not a file of nodes ({error})", "make the benchmark again") from None
+    places: np.ndarray = table[:, 3:]
+    return places
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PairTruth:
+    """Of a pair: first_m (n, 3) and second_m (k, 3) nodes, world metres; places: the first nodes' in the second frame.
+
+    Nodes on the body whose place has no node near it in the second frame are hidden there; nodes off the body (flying
+    pixels) have no place.
+    """
+
+    skin: Skin
+    pair: Pair
+    first_m: np.ndarray
+    second_m: np.ndarray
+    places: TruePlaces
+
+    @property
+    def moved(self) -> np.ndarray:
+        """(n,) bool: nodes that are farther than ``MOVED_M`` away in the second frame."""
+        moved: np.ndarray = np.linalg.norm(self.places.place_m - self.first_m, axis=1) > MOVED_M
+        return moved
+
+    def nearest(self) -> np.ndarray:
+        """(n,) int: the node nearest to each true place, -1 where it is not seen: the best possible answer."""
+        best, seen = np.full(len(self.first_m), -1, np.int64), self.places.seen
+        best[seen] = cKDTree(self.second_m).query(self.places.place_m[seen])[1]
+        return best
+
+    def error_mm(self, match: np.ndarray) -> np.ndarray:
+        """(n,) distance along the skin of each match (-1 or less: none) from the true place; NaN without either.
+
+        At least the straight distance: both ends are known only to the nearest vertex of the skin.
+        """
+        error, known = np.full(len(match), np.nan), (match >= 0) & self.places.seen
+        matched = self.second_m[match[known]]
+        vertex = self.skin.vertex_at(matched, self.pair.second_frame)
+        along = self.skin.along_skin_m(vertex, self.places.vertex[known])
+        error[known] = 1000.0 * np.maximum(along, np.linalg.norm(matched - self.places.place_m[known], axis=1))
+        return error
+
+
+def truth_of(group: Path, pair: Pair, skin: Skin) -> PairTruth:
+    """The truth of a pair. group: the folder of its group; skin: of the group's simulation."""
+    first, second = (read_nodes(group / NODES / Path(name).name) for name in (pair.first, pair.second))
+    places = skin.follow(first, pair.first_frame, pair.second_frame, second)
+    return PairTruth(skin, pair, first, second, places)
