@@ -1,4 +1,4 @@
-"""Whether the memory of tracking grows with the recording: python benchmarks/memory.py RECORDING --minutes 10 [--smooth]
+"""Whether the memory of tracking grows: python benchmarks/memory.py RECORDING --minutes 10 [--smooth]
 
 Goes forward and backward through a short recording for so long, and tracks the first minute and all of it, each as a
 process of its own. Prints the peak memory of both. RECORDING: a folder as ``anchorpose simulate`` writes it.
