@@ -92,8 +92,7 @@ def test_surfaces_in_common_view_decide_and_without_them_what_is_seen_past(
     doubt = doubt_of(CameraPair(SeenPast(("front", "left"), of_room, of_people), off_m), clocks_known)
     assert (None if doubt is None else doubt.refuted) == refuted
     if doubt is not None:
-        unknown = 0.04 if of_people > 0.15 else np.nan
-        assert doubt.off_m == pytest.approx(unknown if off_m is None else off_m, nan_ok=True)
+        assert doubt.off_m == pytest.approx(np.nan if off_m is None else off_m, nan_ok=True)
 
 
 def test_people_are_no_evidence_where_a_camera_draws_their_outlines_out():

@@ -128,8 +128,8 @@ def doubt_of(pair: CameraPair, clocks_known: bool) -> PoseDoubt | None:
         return None
     much_of_room = MUCH_OF_ROOM if np.isfinite(past.of_people) else ROOM_ALONE
     refuted = past.of_room > much_of_room or (clocks_known and past.of_people > MUCH_OF_PEOPLE)
-    off_m = PEOPLE_M if past.of_people > SOME_OF_PEOPLE else float("nan")  # at least; a room's edges measure nothing
-    return PoseDoubt(DoubtSource.CAMERAS, past.cameras, f"cameras {names} {past.measured}", off_m, refuted)
+    sentence = f"cameras {names} {past.measured}"  # a share measures no distance, so sigma stays as it is
+    return PoseDoubt(DoubtSource.CAMERAS, past.cameras, sentence, float("nan"), refuted)
 
 
 def _of_pair(one: int, other: int, scenes: Sequence[Scene], moments: Sequence[Sequence[Pieces | None]]) -> SeenPast:
