@@ -33,9 +33,7 @@ def test_a_joint_is_moved_by_keys_saved_and_undone(viewer: Any, server: ViewerSe
     knee = viewer.evaluate("anchorpose.description.joints.indexOf('KneeLeft')")
     for _ in range(knee + 1):
         viewer.keyboard.press("]")
-    before = viewer.evaluate(
-        f"Array.from(anchorpose.rows.at(0).joints.subarray({3 * knee}, {3 * knee + 3}))"
-    )
+    before = viewer.evaluate(f"Array.from(anchorpose.rows.at(0).joints.subarray({3 * knee}, {3 * knee + 3}))")
     for key in ("e", "ArrowRight", "ArrowRight", "Shift+ArrowRight", "ArrowUp", "Enter"):
         viewer.keyboard.press(key)
     sign(viewer, "the knee is further forward")
