@@ -43,7 +43,7 @@ class InitialFrame:
     score: float
     whole: float
     alone: bool
-    start: Start | None = None
+    start: Start | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
