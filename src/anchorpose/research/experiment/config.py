@@ -117,7 +117,7 @@ def quick() -> ExperimentConfig:
         recordings=1,
         seconds=1.5,
         holes_m=(0.0, 0.15),
-        segment_frames=5,
+        segment_frames=4,
         segments=1,
         gaps_s=(0.1,),
         windows=1,
