@@ -16,7 +16,7 @@ joints.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -216,6 +216,17 @@ def print_worst(rows: list[Row]) -> list[Row]:
     return worst
 
 
+def print_heights(tracks: Path, sequences: Iterable[str]) -> None:
+    """What was learnt of the same person in each sequence."""
+    by_subject: dict[str, list[str]] = {}
+    for sequence in sequences:
+        body = read_run(tracks / sequence / RUN_FILE)["body"]
+        stated = f"{body['height_m']:.2f} ± {body['height_sigma_m']:.2f}"
+        by_subject.setdefault(sequence.split("_")[1], []).append(stated)
+    for subject, heights in sorted(by_subject.items()):
+        print(f"learnt height of {subject}, m: {', '.join(sorted(heights))}")
+
+
 def draw(frame: Frame) -> np.ndarray:
     """Labels (white and yellow crosses), ours (green) and the reference (red) over the depth image."""
     picture, box = render(frame.depth_m, frame.camera.intrinsics.fx)
@@ -252,6 +263,7 @@ def main() -> None:
         return
     rows = [row for frame in tracked for row in rows_of(frame, frame.ours_m)]
     print_table(rows, [row for frame in tracked for row in rows_of(frame, frame.reported_m)])
+    print_heights(chosen.results, (frame.sequence for frame in tracked))
     worst = print_worst(rows)
     if chosen.pictures:
         chosen.pictures.mkdir(parents=True, exist_ok=True)
