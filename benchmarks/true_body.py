@@ -38,6 +38,11 @@ class TrueBody:
         for vertex, faces in enumerate(around):
             self.around[vertex, : len(faces)] = faces
 
+    def move(self, skin_m: np.ndarray) -> None:
+        """The same skin in another frame."""
+        self.vertices = skin_m.astype(np.float64)
+        self.tree = cKDTree(self.vertices)
+
     def project(self, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The nearest place of each point: face (n,), coordinates (n, 3), distance (n,)."""
         points = points_m.astype(np.float64)
