@@ -213,8 +213,8 @@ def test_nodes_have_the_colour_of_their_subset_on_both_sides() -> None:
     assert len({line.get_marker() for line in drawn}) == len(drawn)
 
 
-def test_ten_subsets_have_ten_colours_and_markers() -> None:
-    assert len(set(hypotheses.COLOURS)) == len(set(hypotheses.MARKERS)) == 10
+def test_ten_subsets_and_two_behind_a_cut_have_colours_and_markers_of_their_own() -> None:
+    assert len(set(hypotheses.COLOURS)) == len(set(hypotheses.MARKERS)) == 12
 
 
 def test_every_possible_match_of_a_few_nodes_is_drawn_and_the_chosen_one_thick() -> None:

@@ -14,7 +14,7 @@ from anchorpose.association.hypotheses import Matcher
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.reader import read_frame
-from anchorpose.research.experiment.clips import Clip, draw_hole_frames, plan_clips
+from anchorpose.research.experiment.clips import Clip, draw_hole_frames, plan_clips, reference_joints
 from anchorpose.research.experiment.config import ExperimentConfig, Form, Scene, quick
 from anchorpose.research.experiment.correspondence import REGIONS, Skin
 from anchorpose.research.experiment.costs import measure_costs
@@ -27,7 +27,6 @@ from anchorpose.research.experiment.run import training_clips, write_movements
 from anchorpose.research.experiment.work import (
     PreparedClip,
     prepare_clip,
-    reference_joints,
     segment_starts,
     track_segments,
     window_frames,

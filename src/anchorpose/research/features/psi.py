@@ -2,7 +2,8 @@
 
 On a limb psi is a band that ends at the outline, where the sensor stops seeing the skin. Its average then lies too far
 inside: no node at the outline would ever be a match. The unclipped middle is where psi's distances are those of the
-node: position is regressed on distance over psi (least squares). Where nothing clips psi both are the same.
+node: position is regressed on distance over psi (least squares). Where nothing clips psi both are the same. It takes
+three anchors: two feet say how far along a leg a node is, and a regression on them would lead off the leg.
 """
 
 from __future__ import annotations
@@ -84,7 +85,7 @@ def _match_all(
                 psi[size] = other
                 size += apart2 < limit2[node, s]
             if size:
-                match[node, s] = _middle(places, psi[:size], offset[:size], unclipped)
+                match[node, s] = _middle(places, psi[:size], offset[:size], unclipped and only[s] < 0)
     return match
 
 

@@ -24,10 +24,10 @@ MISSED: Final = "#b8b8b8"
 COLOURS: Final = (
     *(as_hex(colour) for colour in (colours.ORANGE, colours.SKY, colours.GREEN, colours.YELLOW, colours.BLUE,
                                     colours.VERMILLION, colours.PURPLE, colours.BLACK)),
-    "#882255", "#999933",
+    "#882255", "#999933", "#117733", "#aa4499",
 )  # fmt: skip
-"""Okabe and Ito's, and two of Paul Tol's muted ones: ten subsets of three of five anchors."""
-MARKERS: Final = "os^vD<>PX*"
+"""Okabe and Ito's, and two of Paul Tol's muted ones: ten subsets of three of five anchors, and two behind a cut."""
+MARKERS: Final = "os^vD<>PX*ph"
 SHORT: Final = dict(zip(ANCHOR_NAMES, ("head", "left hand", "right hand", "left foot", "right foot"), strict=True))
 
 
