@@ -177,6 +177,7 @@ def print_table(rows: list[Row], as_reported: list[Row]) -> None:
     groups["**clearly seen**"] = clear
     groups[f"labellers within {1e3 * AGREED_M:.0f} mm"] = [row for row in clear if row.labellers < 1e3 * AGREED_M]
     groups["unclear to one or both"] = [row for row in rows if not row.clear]
+    groups["clearly seen, without feet"] = [row for row in clear if _kind(row.joint) != "Foot"]
     groups["all"] = rows
     reported = [row for row in as_reported if row.clear]
     groups["hands as reported"] = [row for row in reported if _kind(row.joint) == HAND]
