@@ -112,6 +112,20 @@ def test_feet_below_the_picture_are_out_of_view():
         assert found[name] == JointState.OBSERVED
 
 
+@pytest.mark.parametrize("cut", range(6))
+def test_no_joint_outside_the_picture_is_observed(cut):
+    """The lower border anywhere from the toes to the shank: skin above it may be seen, the joint is not."""
+    place = transform_points(invert_rigid(FRONT.require_pose()), BODY.joints(POSE))
+    row = FRONT.intrinsics.fy * place[:, 1] / place[:, 2] + FRONT.intrinsics.cy
+    foot, knee = (row[JOINT_NAMES.index(name)] for name in ("FootLeft", "KneeLeft"))
+    border = int(foot + (knee - foot) * cut / 10)
+    found = states(cameras=(replace(FRONT, height=border),))
+    outside = [name for name, at in zip(JOINT_NAMES, row, strict=True) if at > border + 4]
+    assert outside or cut == 0
+    assert {found[name] for name in outside} <= {JointState.OUT_OF_VIEW, JointState.HIDDEN_BY_SELF}
+    assert found["KneeLeft"] == JointState.OBSERVED
+
+
 def test_the_far_side_of_the_body_is_hidden_by_the_patient_himself():
     side = camera_at((0.0, 1.1, -2.4), (0.0, 0.9, 0.0))  # from the patient's left
     found = states(cameras=(side,))

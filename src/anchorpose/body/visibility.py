@@ -22,6 +22,7 @@ from anchorpose.lens import lens_array, pixel_of_ray
 JOINT_RADIUS_M: Final = 0.13  # skin that moves with the joint: half a shank
 TRUNK_RADIUS_M: Final = 0.22  # the spine lies at the back: so far to the skin of the belly
 LEAST_SEEN: Final = 0.2  # share of the skin around a joint, facing one camera, that must cover what is seen there
+MOST_OUTSIDE: Final = 0.5  # of that skin: with more, the joint itself lies outside the image
 GRAZING: Final = 0.25  # cosine below which skin is edge-on and hardly returns depth
 
 _TRUNK = ("Hips", "Spine")
@@ -107,7 +108,8 @@ def joint_states(
                 votes[joint, SkinReason.SELF] += 1.0
                 continue
             counts = np.bincount(reason[towards], minlength=SkinReason.PAST + 1)
-            observed[joint] |= counts[SkinReason.SEEN] >= LEAST_SEEN * len(towards)
+            inside = counts[SkinReason.OUTSIDE] <= MOST_OUTSIDE * len(towards)
+            observed[joint] |= inside and counts[SkinReason.SEEN] >= LEAST_SEEN * len(towards)
             possible[joint] |= counts[SkinReason.SEEN] + behind[towards].sum() >= LEAST_SEEN * len(towards)
             votes[joint] += counts / len(towards)
     votes[:, SkinReason.SEEN] = 0.0
