@@ -184,10 +184,9 @@ def test_a_scheduler_that_does_not_answer_is_one_sentence(monkeypatch) -> None:
         list(run_jobs([Job("a", batch_stub.threads)], Place(scheduler="tcp://127.0.0.1:9")))
 
 
-@pytest.mark.parametrize("wrong", [{"workers": 0}, {"scheduler": "fast"}])
-def test_places_that_make_no_sense_are_refused(wrong) -> None:
-    with pytest.raises(AnchorposeError, match="--"):
-        Place(**wrong)
+def test_a_scheduler_that_is_no_address_is_refused() -> None:
+    with pytest.raises(AnchorposeError, match="--scheduler"):
+        Place(scheduler="fast")
 
 
 def test_without_jobs_nothing_is_started(monkeypatch) -> None:

@@ -298,9 +298,11 @@ def test_a_stage_inside_another_is_not_counted_twice():
 def test_the_look_ahead_is_looked_at_only_where_the_tree_asks_for_it(course):
     follower = Follower(Run(course.room, CONFIG), course.room.initial_frame.choice, course.shape)
     frames = read_frames(course.room.recording)
-    while follower.tracker is None or len(follower.tracker.window) < 1 + CONFIG.follow.look_ahead:
+    while follower.tracker is None:
         list(follower.step(next(frames)))
     window = follower.tracker.window
+    while len(window) < 1 + CONFIG.follow.look_ahead:
+        follower.tracker.step(next(frames), only_look=True)
     assert len(window.seen) == 1
     assert follower.tracker.next_hypothesis().predicted_m.shape[1] == CONFIG.follow.look_ahead
     assert [seen.frame_set for seen in window.seen] == list(window.frames)

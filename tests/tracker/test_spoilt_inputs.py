@@ -62,6 +62,6 @@ def test_an_impossible_height_is_noted_and_not_used(simulated, tmp_path):
 
 
 def test_a_known_displacement_is_part_of_every_sigma():
-    found = replace(nobody_found(FrameSet(0, 0.0, (None,)), ""), sigma_m=np.full(21, 0.008))
+    found = replace(nobody_found(FrameSet(frame=0, time_s=0.0, depths_m=(None,)), ""), sigma_m=np.full(21, 0.008))
     assert displaced(found, 0.0) is found
     assert displaced(found, 0.03).sigma_m == pytest.approx(np.full(21, np.hypot(0.008, 0.03 / np.sqrt(3.0))))

@@ -57,13 +57,7 @@ _POSTURES: Final[tuple[_Turns, ...]] = (
 ALL_ROUND: Final = tuple(np.arange(8) * np.pi / 4)
 """Headings to try where it is not known which way a person faces, radians about the world's Y."""
 
-_ROUNDS: Final = (
-    ((0.45,), 16),
-    ((0.35,), 10),
-    ((0.28, 0.22), 4),
-    ((0.20, 0.15, 0.15), 2),
-    ((0.12, 0.12, 0.12, 0.10, 0.08, 0.08), 1),
-)
+_ROUNDS: Final = (((0.45, 0.35, 0.28, 0.25, 0.20), 9), ((0.20, 0.15, 0.15), 3), ((0.12, 0.12, 0.10, 0.08), 1))
 """The reach of each step, metres, and how many starts go on: most are given up early."""
 
 _FEW_NODES: Final = 250  # in all rounds but the last: enough to tell a back from a front
@@ -202,7 +196,7 @@ def likely_headings(body: Body, evidence: Evidence, config: RegistrationConfig, 
 
     Only the rounds that are cheap: that a body is right to a decimetre tells a back from a front.
     """
-    found = [heading for heading, _ in _roughly(body, evidence, config, _ROUNDS[:-2])]
+    found = [heading for heading, _ in _roughly(body, evidence, config, _ROUNDS[:-1])]
     return tuple(dict.fromkeys(found))[:count]
 
 
@@ -235,14 +229,14 @@ def _share_seen_past(body: Body, pose: Pose, evidence: Evidence) -> float:
 def _settle_roughly(
     body: Body, pose: Pose, evidence: Evidence, reaches_m: Sequence[float], config: RegistrationConfig
 ) -> tuple[Pose, float]:
-    """A few steps of registration, and how badly the pose before the last of them explains the nodes."""
-    for reach_m in reaches_m:
+    """A few steps of registration, and how badly the pose then explains the nodes."""
+    for reach_m in (*reaches_m, reaches_m[-1]):
         posed = pose_points(body, pose)
         rows = surface_constraints(posed, evidence.surface, evidence.cameras, reach_m, config)
         equations = pose_equations(body, pose, posed, rows, None, config.rows_per_observation)
-        pose = pose.moved(limited(solve_damped(equations)), body.points.moving)
+        settled, pose = pose, pose.moved(limited(solve_damped(equations)), body.points.moving)
     missing = min(len(evidence.surface), config.node_count) - len(rows)
-    return pose, equations.cost + missing * unexplained_node_cost(reaches_m[-1], config)
+    return settled, equations.cost + missing * unexplained_node_cost(reaches_m[-1], config)
 
 
 def _placed_roughly(body: Body, pose: Pose, evidence: Evidence) -> Pose:

@@ -7,7 +7,8 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import App, Parameter
 
-from anchorpose.errors import AnchorposeError, InputError
+from anchorpose.cli.limits import MOST_FRAMES, MOST_PROCESSES, between
+from anchorpose.errors import InputError
 
 benchmark = App(name="benchmark", help="A public benchmark of association and tracking, for methods of any kind.")
 
@@ -18,8 +19,8 @@ def make(
     /,
     *,
     part: Literal["development", "test", "all"] = "all",
-    recordings: int | None = None,
-    processes: int | None = None,
+    recordings: Annotated[int | None, between(1, MOST_FRAMES)] = None,
+    processes: Annotated[int | None, between(1, MOST_PROCESSES)] = None,
 ) -> int:
     """Simulate the benchmark's recordings, and compare them with the reference by hashes of their content.
 
@@ -41,9 +42,6 @@ def make(
     from anchorpose.research.benchmark.make import make_benchmark
     from anchorpose.research.benchmark.plan import Part, groups_of
 
-    for name, number in (("--recordings", recordings), ("--processes", processes)):
-        if number is not None and number < 1:
-            raise AnchorposeError(f"{name} is {number}; give 1 or more.")
     groups = [group for each in Part if part in ("all", each) for group in groups_of(each, recordings)]
     with progress_bar("Simulating", at_once=False) as progress:
         made = make_benchmark(out, groups, processes, progress)
