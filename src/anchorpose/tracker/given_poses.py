@@ -28,7 +28,7 @@ REMEDY: Final = (
     "find the poses with 'anchorpose calibrate RECORDING --ignore-given' and track with --calibration, or correct "
     "camera_to_world"
 )
-TURN: Final = "turn its images by 180 degrees, or give camera_to_world as the camera stands"
+TURN: Final = "turn its images by 180 degrees, or give camera_to_world as the camera stands, null where that is unknown"
 MOVED: Final = "the cameras agree with each other, so it stands elsewhere than equipment.json has it"
 
 
