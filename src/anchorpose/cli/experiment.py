@@ -26,7 +26,7 @@ def experiment(
     """Repeat the paper's comparison: every method in one tracking framework, with tables, figures and a page.
 
     Takes about eleven hours on two cores; the estimate at the start is measured on your machine. Stop it at any time:
-    the same command continues from there. --quick shows in two minutes that everything works.
+    the same command continues from there. --quick shows in four minutes that everything works.
 
     Parameters
     ----------
