@@ -236,6 +236,6 @@ def _unstated(room: Room, learnt: LearntPatient) -> dict[CoveredPart, float]:
 def _standing_off_note(part: CoveredPart, away_m: float) -> str:
     where, off_mm = part.replace("_", " "), 1000 * away_m
     return (
-        f"what is seen of the patient's {where} stands {off_mm:.0f} mm off the learnt body, more than clothes do, so "
-        f'joints there are less certain: if a brace covers it, add "covered": ["{part}"] to "subject" in recording.json'
+        f"what is seen of the patient's {where} is {off_mm:.0f} mm off a human one, more than clothes are, so joints "
+        f'there are less certain: if a brace covers it, add "covered": ["{part}"] to "subject" in recording.json'
     )

@@ -9,6 +9,7 @@ import pytest
 from body_builder import asset
 
 from anchorpose.body.learning import bone_lengths
+from anchorpose.body.segments import SIDES
 from anchorpose.body.shape_prior import adult_belief
 from anchorpose.body.skin_points import CLOTHES, FittedShape, even_clothes, skin_points
 from anchorpose.body.standing_off import BONE_SHARE, JOINT_SHARE, standing_off, standing_off_sigma_m
@@ -40,7 +41,41 @@ def test_a_braced_shank_is_named_and_its_joints_are_less_certain(sign):
     assert not [name for name in found if name.endswith("right") or "arm" in name]
     sigma = standing_off_sigma_m(points, shape)
     assert sigma[JOINT_INDEX["AnkleLeft"]] == pytest.approx(JOINT_SHARE * found["shank_left"])
-    assert {JOINT_NAMES[k] for k in np.flatnonzero(sigma)} <= {"HipLeft", "KneeLeft", "AnkleLeft"}
+    assert {JOINT_NAMES[k] for k in np.flatnonzero(sigma)} <= {"HipLeft", "KneeLeft", "AnkleLeft", "FootLeft"}
+
+
+def with_girth(**deviations: float) -> FittedShape:
+    """The mean adult with some limbs thicker or thinner, in deviations among people."""
+    coefficients = np.zeros(asset().shape_count)
+    for name, value in deviations.items():
+        segment, side = name.rsplit("_", 1)
+        coefficients[asset().own_row(f"{segment}_girth_{side}")] = value
+    return FittedShape(coefficients, even_clothes(0.006))
+
+
+def test_a_limb_much_thicker_than_the_other_is_named():
+    found = standing_off(skin_points(asset()), with_girth(shank_left=4.0, shank_right=0.3))
+    assert list(found) == ["shank_left"]
+    assert 0.012 < found["shank_left"] < 0.030  # 36 % of a radius of 50 mm is 18 mm
+
+
+@pytest.mark.parametrize(
+    "girths",
+    [
+        {"shank_left": -3.0, "shank_right": -0.5, "thigh_left": -2.5},  # one leg wasted: the other is a healthy one
+        {f"{segment}_{side}": 2.2 for segment in ("upper_arm", "forearm", "thigh", "shank") for side in SIDES},  # heavy
+        {"forearm_right": 1.5},
+    ],
+)
+def test_thin_and_heavy_people_stand_off_nothing(girths):
+    assert standing_off(skin_points(asset()), with_girth(**girths)) == {}
+
+
+def test_braces_on_both_sides_are_thicker_than_people_are():
+    assert set(standing_off(skin_points(asset()), with_girth(shank_left=4.0, shank_right=4.0))) == {
+        "shank_left",
+        "shank_right",
+    }
 
 
 def test_the_bone_under_it_is_less_certain_and_no_other():

@@ -66,6 +66,10 @@ class BodyAsset:
         """Index of a bone."""
         return self.bone_names.index(name)
 
+    def own_row(self, name: str) -> int:
+        """Index among all shape coefficients of a direction of a person's own, by its name in ``own_names``."""
+        return self.common_count + self.own_names.index(name)
+
     def main_bone(self) -> np.ndarray:
         """(v,) int: the bone that moves each vertex most; the vertex's body part."""
         return self.skin_bones[np.arange(len(self.skin_bones)), self.skin_weights.argmax(axis=1)]

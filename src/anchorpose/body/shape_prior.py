@@ -12,7 +12,8 @@ from scipy.linalg import block_diag
 from anchorpose.body.asset import BodyAsset
 from anchorpose.body.segments import END_SIGMA, GIRTH_SIGMA, LENGTH_SIGMA, SIDES
 from anchorpose.body.shape_rows import FreeShape
-from anchorpose.body.skin_points import CLOTHES, OFFSETS, PATCHES, FittedShape, even_clothes
+from anchorpose.body.skin_points import CLOTHES, OFFSETS, PATCHES, FittedShape, even_clothes, skin_points
+from anchorpose.body.standing_off import patches_of
 
 CLOTHING_MEAN_M: Final = 0.006  # clothes are some millimetres thick
 CLOTHING_SIGMA_M: Final = 0.003
@@ -114,10 +115,10 @@ class ShapeBelief:
 
     def covering(self, asset: BodyAsset, parts: Sequence[str]) -> ShapeBelief:
         """The same where orthoses or other equipment of unknown thickness cover some segments."""
-        names = [name for part in parts for name in _directions_of(part)]
-        rows = np.array([asset.common_count + asset.own_names.index(name) for name in names], dtype=np.int64)
         wider = np.ones(len(self.mean))
-        wider[rows] = COVERED
+        for part in parts:
+            wider[[asset.own_row(name) for name in _directions_of(part)]] = COVERED
+            wider[self.free.coefficients + len(CLOTHES) + patches_of(skin_points(asset), part)] = COVERED
         shoes = [part for part in parts if part.startswith("foot")]
         wider[self.free.coefficients + list(CLOTHES).index("shoes")] = COVERED if shoes else 1.0
         return replace(self, prior=self.prior / np.outer(wider, wider))

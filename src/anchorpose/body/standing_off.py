@@ -1,6 +1,7 @@
-"""Segments on which what is seen stands off the learnt body by more than clothes do: an orthosis, a cast, a bandage.
+"""Segments that are not as human segments are: what is seen stands off the learnt body, or the limb is too thick.
 
-There the body model does not fit, however well it was learnt: bones and joints of such a segment are less certain.
+An orthosis, a cast, a bandage, a skirt: there the body model does not fit, however well it was learnt, and bones and
+joints of such a segment are less certain.
 """
 
 from __future__ import annotations
@@ -17,21 +18,48 @@ from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.subject import CoveredPart
 
 LEAST_M: Final = 0.015  # at 95 of 100 skin points: 0.010 at most on ten people without braces, 0.021 to 0.040 with one
-JOINT_SHARE: Final = 1.0 / 3.0  # of it, by which the joints at both ends may be off along an axis
+TOO_THICK: Final = 2.0  # deviations of girth above the other side: 0.9 at most without braces, 2.9 to 6.7 with
+ORDINARY: Final = 0.5  # deviations up to which the other side is a measure of how thick this one should be
+JOINT_SHARE: Final = 0.5  # of it, by which the joints of the segment may be off along an axis
 BONE_SHARE: Final = 0.5  # of it, by which the length between them may be
 
 _LIMBS: Final = {
-    "upper_arm": ("Arm", ("Shoulder", "Elbow")), "forearm": ("ForeArm", ("Elbow", "Wrist")),
-    "thigh": ("UpLeg", ("Hip", "Knee")), "shank": ("Leg", ("Knee", "Ankle")),
+    "upper_arm": ("Arm", ("Shoulder", "Elbow")), "forearm": ("ForeArm", ("Elbow", "Wrist", "Hand")),
+    "thigh": ("UpLeg", ("Hip", "Knee")), "shank": ("Leg", ("Knee", "Ankle", "Foot")),
 }  # fmt: skip
-"""The bone of each segment, and the joints at its ends."""
+"""The bone of each segment, and the joints that it carries: those at its ends, and of what hangs on it alone."""
 
 
 def standing_off(points: SkinPoints, shape: FittedShape) -> dict[CoveredPart, float]:
-    """Segments, named as in ``subject.covered``, and how far what is seen stands off there, metres."""
-    off_m = np.abs(points.covered[:, len(CLOTHES) :] @ shape.offset_m[len(CLOTHES) :])
-    found = {name: float(np.percentile(off_m[mine], 95)) for name, mine in _points_of(points).items()}
-    return {name: away_m for name, away_m in found.items() if away_m > LEAST_M}
+    """Segments, named as in ``subject.covered``, and how far what is seen stands off a human one there, metres."""
+    found = dict[CoveredPart, float]()
+    for name, mine in points_of_segments(points).items():
+        own = len(CLOTHES) + patches_of(points, name)  # those of the next segment would spill over the joint
+        off_m = np.abs(points.covered[np.ix_(mine, own)] @ shape.offset_m[own])
+        away_m, thicker = float(np.percentile(off_m, 95)), _thicker(points.asset, shape, name)
+        if thicker > TOO_THICK:
+            found[name] = max(away_m, thicker * _unit_of_girth_m(points, name))
+        elif away_m > LEAST_M:
+            found[name] = away_m
+    return found
+
+
+def _thicker(asset: BodyAsset, shape: FittedShape, name: CoveredPart) -> float:
+    """By how many deviations a limb is thicker than the other side's, or than limbs of people are."""
+    if name == "trunk":
+        return 0.0
+    segment, side = name.rsplit("_", 1)
+    left, right = (float(shape.coefficients[asset.own_row(f"{segment}_girth_{each}")]) for each in SIDES)
+    own, other = (left, right) if side == SIDES[0] else (right, left)
+    return own - min(max(other, 0.0), ORDINARY)
+
+
+@cache
+def _unit_of_girth_m(points: SkinPoints, name: CoveredPart) -> float:
+    """How far one deviation of a limb's girth moves its skin."""
+    segment, side = name.rsplit("_", 1)
+    moved = points.asset.vertex_basis[points.asset.own_row(f"{segment}_girth_{side}"), points.vertex]
+    return float(np.linalg.norm(moved[points_of_segments(points)[name]], axis=1).mean())
 
 
 def standing_off_sigma_m(points: SkinPoints, shape: FittedShape) -> np.ndarray:
@@ -51,12 +79,22 @@ def _joints_of(name: CoveredPart) -> tuple[int, ...]:
 
 
 @cache
-def _points_of(points: SkinPoints) -> dict[CoveredPart, np.ndarray]:
+def points_of_segments(points: SkinPoints) -> dict[CoveredPart, np.ndarray]:
     """(p,) bool by segment: the skin points that move with it."""
     bones: dict[CoveredPart, tuple[str, ...]] = {"trunk": TRUNK}
     for segment, (bone, _) in _LIMBS.items():
         bones |= {f"{segment}_{side}": (f"{side.capitalize()}{bone}",) for side in SIDES}  # type: ignore[misc]
     return {name: np.isin(points.part, _rows(points.asset, chosen)) for name, chosen in bones.items()}
+
+
+@cache
+def patches_of(points: SkinPoints, part: str) -> np.ndarray:
+    """(k,) the patches that lie more on a segment than off it; none of hands, feet and head."""
+    mine = points_of_segments(points).get(part)  # type: ignore[call-overload]
+    patches = points.covered[:, len(CLOTHES) :]
+    if mine is None:
+        return np.zeros(0, dtype=np.int64)
+    return np.flatnonzero(patches[mine].sum(axis=0) > 0.5 * patches.sum(axis=0))
 
 
 def _rows(asset: BodyAsset, names: tuple[str, ...]) -> list[int]:
