@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 import shutil
 import sys
 from pathlib import Path
@@ -13,6 +14,22 @@ import stand_in_pipeline
 from recording_builder import HEIGHT, WIDTH, camera_entry, edit_json, write_picture, write_recording, write_timestamps
 
 from anchorpose.cli import main
+from anchorpose.errors import DegenerateGeometry, InputError, MissingPackage
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        InputError(Path("a/recording.json"), "it is empty", "record again"),
+        MissingPackage("The viewer", "starlette", "viewer"),
+        DegenerateGeometry("three points on a line"),
+    ],
+)
+def test_errors_come_whole_out_of_a_worker_process(error):
+    again = pickle.loads(pickle.dumps(error))
+    assert type(again) is type(error)
+    assert str(again) == str(error)
+    assert vars(again) == vars(error)
 
 
 @pytest.fixture(autouse=True)

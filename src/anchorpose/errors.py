@@ -3,10 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 
 class AnchorposeError(Exception):
     """An error that the user can correct; the command line prints it and exits with 2."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _made_again, (type(self), self.args, self.__dict__)  # worker processes hand errors on
+
+
+def _made_again(kind: type[AnchorposeError], args: tuple[object, ...], fields: dict[str, object]) -> AnchorposeError:
+    error = kind.__new__(kind)
+    error.args = args
+    error.__dict__.update(fields)
+    return error
 
 
 class InputError(AnchorposeError):

@@ -9,9 +9,10 @@ import pytest
 from moving_room import FRONT, LEFT, MovingRoom, standing
 from room_builder import unposed
 
-from anchorpose.calibration import clocks
+from anchorpose.calibration import clock_lags, clocks
 from anchorpose.calibration.clock_fit import PairLag, fit_clocks
-from anchorpose.calibration.clock_signal import MotionSignal, motion_signal, pose_level, signal_lags
+from anchorpose.calibration.clock_lags import FrameCache
+from anchorpose.calibration.clock_signal import MotionSignal, SignalLag, motion_signal, pose_level, signal_lags
 from anchorpose.calibration.clock_surfaces import make_clip, surface_lag
 from anchorpose.calibration.clocks import ClockConfig, ClockSource, NoClock, clock_notes, estimate_clocks
 from anchorpose.recording.recording import Clock
@@ -100,8 +101,9 @@ def test_clocks_are_found_whatever_their_epoch(room, epoch_s):
     assert found.sigma_s < 0.005
 
 
-def test_time_stamps_of_one_clock_are_confirmed_without_signals(room, monkeypatch):
-    same = MovingRoom(room.cameras, (Clock(), Clock(ahead_s=0.004)), seconds=8.5)
+@pytest.mark.parametrize("seconds", [5.0, 8.5])
+def test_time_stamps_of_one_clock_are_confirmed_without_signals(room, monkeypatch, seconds):
+    same = MovingRoom(room.cameras, (Clock(), Clock(ahead_s=0.004)), seconds=seconds)
     asked = []
     monkeypatch.setattr(clocks, "rough_lags", lambda frames, *_: asked.append(frames) or [None, None])
     found = estimate_clocks(same, LEVELS, ClockConfig()).cameras[1]
@@ -110,6 +112,21 @@ def test_time_stamps_of_one_clock_are_confirmed_without_signals(room, monkeypatc
     assert found.clock.ahead_s == pytest.approx(0.004, abs=0.005)
     estimate_clocks(room, LEVELS, ClockConfig())  # half a second apart: the surfaces show no lag of one clock
     assert len(asked) == 1
+
+
+@pytest.mark.parametrize(
+    ("ahead_s", "signal_s", "expected_s"),
+    [(0.004, 0.8, 0.0), (AHEAD_S, AHEAD_S, AHEAD_S)],
+    ids=["time stamps are right", "the signal is right"],
+)
+def test_signals_however_certain_do_not_overrule_surfaces(room, monkeypatch, ahead_s, signal_s, expected_s):
+    taken = MovingRoom(room.cameras, (Clock(), Clock(ahead_s=ahead_s)))
+    certain = SignalLag(signal_s, peak=0.95, second=0.1)
+    assert certain.is_certain
+    monkeypatch.setattr(clock_lags, "_best_lags", lambda *_: [certain])
+    middle_s = float(np.mean(taken.times_s[0]))
+    found = clock_lags.rough_lags(FrameCache(taken), LEVELS, [middle_s - 0.5, middle_s + 0.5])
+    assert found[1].lag_s == expected_s
 
 
 def test_where_nobody_moves_no_clock_is_touched():

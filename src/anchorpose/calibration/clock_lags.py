@@ -117,8 +117,8 @@ def _motion(frames: FrameCache, time_s: float) -> float:
 
 
 def rough_lags(frames: FrameCache, levels: Sequence[Level | None], busiest_s: Sequence[float]) -> list[RoughLag | None]:
-    """The lag of each camera from signals; where they are not certain, the surfaces choose among their best lags and
-    the lag of the time stamps. None where neither gives one."""
+    """The lag of each camera from signals; the surfaces choose between a certain one and the lag of the time stamps,
+    or, where none is certain, among the best of them all. None where neither gives one."""
     same = [level if all(other is not None for other in levels) else None for level in levels]
     rough: list[RoughLag | None] = [REFERENCE, *[None] * (len(levels) - 1)]
     possible = [_from_stamps(frames, camera) for camera in range(len(levels))]
@@ -129,8 +129,12 @@ def rough_lags(frames: FrameCache, levels: Sequence[Level | None], busiest_s: Se
             found = [RoughLag(lag.lag_s, at_s, certain=lag.is_certain) for lag in lags]
             rough[camera] = found[0] if found and found[0].certain else None
             possible[camera] += found
-    for camera in (camera for camera, found in enumerate(rough) if found is None):
-        rough[camera] = _best_by_surfaces(frames, camera, possible[camera], busiest_s[:LEAST_WINDOWS])
+    for camera in range(1, len(rough)):
+        certain, stamped = rough[camera], _from_stamps(frames, camera)
+        if certain is None:
+            rough[camera] = _best_by_surfaces(frames, camera, possible[camera], busiest_s[:LEAST_WINDOWS])
+        elif stamped and abs(certain.lag_s) > REACH_S:
+            rough[camera] = _best_by_surfaces(frames, camera, [*stamped, certain], busiest_s[:LEAST_WINDOWS]) or certain
     return rough
 
 

@@ -153,23 +153,29 @@ def estimate_clocks(source: DepthFrames, levels: Sequence[Level | None], config:
     busy = busiest_times(frames, span_s, windows, PLACES)
     times_s = [time_s for first in range(SPREAD) for time_s, _ in busy[first::SPREAD]]
     rough, lags = stamped_lags(frames), list[PairLag]()
+    first_s = times_s[:CONFIRMING]
     if None not in rough:
-        lags = fine_lags(frames, rough, times_s[:CONFIRMING])
-    if not _is_confirmed(lags, count):  # the time stamps are not those of one clock, or too little moves in common view
+        lags = fine_lags(frames, rough, first_s)
+    if not _is_confirmed(
+        lags, count, len(first_s)
+    ):  # the time stamps are not those of one clock, or too little moves in common view
         rough = rough_lags(frames, levels, [at_s for at_s, _ in sorted(busy, key=lambda place: -place[1])])
-        lags = fine_lags(frames, rough, times_s[:CONFIRMING])
+        lags = fine_lags(frames, rough, first_s)
     fit = _fit(frames, rough, lags, times_s[CONFIRMING:], span_s)
     others = (_camera_clock(k, source.cameras[k].name, rough[k], fit, span_s) for k in range(1, count))
     return Clocks((_reference(source.cameras), *others), fit.residual_s if fit is not None else None, frames.read_count)
 
 
-def _is_confirmed(lags: Sequence[PairLag], count: int) -> bool:
-    """Whether the lags of the first windows show that rough lags are right; about wrong ones they are anywhere."""
+def _is_confirmed(lags: Sequence[PairLag], count: int, tried: int) -> bool:
+    """Whether the lags of the first windows show that rough lags are right; about wrong ones they are anywhere.
+
+    tried: windows that the lags were looked for in; a short recording has two.
+    """
     fit = fit_clocks(lags, count) if lags else None
     if fit is None or not _agree(fit, lags):
         return False
     windows = [len({lag.at_s for lag in fit.used if camera in (lag.first, lag.second)}) for camera in range(count)]
-    return min(windows) >= AGREEING * CONFIRMING and bool((np.abs(fit.ahead_s) < REACH_S / 2).all())
+    return min(windows) >= max(LEAST_WINDOWS, AGREEING * tried) and bool((np.abs(fit.ahead_s) < REACH_S / 2).all())
 
 
 def _agree(fit: ClockFit, lags: Sequence[PairLag]) -> bool:
