@@ -22,7 +22,7 @@ from anchorpose.tracker.sighting import SeenPerson, Sighting
 
 STAYS_M: Final = 0.40  # from a person's usual place: a step, or the way from a seat to standing
 HUMAN: Final = 0.60  # of a person's nodes explained by a body: furniture and two people in one have less
-POSSIBLE: Final = 0.5  # of the frames in which no camera sees past the body; a wheelchair that is pushed has fewer
+POSSIBLE: Final = 0.25  # of the frames in which no camera sees past the body; who squats in a sling had 0.4
 HELP_M: Final = 1.2  # from pelvis to pelvis: an outstretched arm's length and a step
 FACES: Final = 0.7  # cosine: within 45 degrees
 ASIDE_M: Final = 0.4  # from where the cameras look: 0.7 votes less; cameras are aimed by eye
@@ -139,12 +139,18 @@ def _usual_place(seen: Sequence[SeenPerson]) -> np.ndarray:
 
 
 def _is_human(seen: Sequence[SeenPerson | None]) -> bool:
-    """Whether a body explains most of the person, and no camera sees past it, where bodies were fitted."""
+    """Whether a body explains most of the person, and cameras do not nearly always see past it, where bodies were
+    fitted."""
     bodies = [one.body for one in seen if one is not None and one.body is not None]
-    if not bodies:
-        return True
-    explained, possible = zip(*((body.explained, body.possible) for body in bodies), strict=True)
-    return float(np.median(explained)) >= HUMAN and float(np.mean(possible)) >= POSSIBLE
+    return not bodies or (
+        float(np.median([body.explained for body in bodies])) >= HUMAN and _share_possible(seen) >= POSSIBLE
+    )
+
+
+def _share_possible(seen: Sequence[SeenPerson | None]) -> float:
+    """Of the frames with a body, those in which no camera sees past it, with one more for what chance does."""
+    possible = [one.body.possible for one in seen if one is not None and one.body is not None]
+    return (1.0 + sum(possible)) / (1.0 + len(possible))
 
 
 def _candidate(
@@ -162,6 +168,7 @@ def _candidate(
         + 0.5 * np.log(np.median([one.person.area_m2 for one, _ in there]))
         + faced
         + 0.5 * np.mean([_turned_to_camera(one, cameras) for one, _ in there])
+        + np.log(_share_possible(seen))
         - np.log1p((_aside_m(place, cameras) / ASIDE_M) ** 2)
         - np.log1p((beyond_m / OUTSIDE_M) ** 2)
     )
