@@ -39,7 +39,8 @@ class Estimate:
     observation and shape are None where nobody was searched for or found. matched_share: share of the nodes with a
     match in this frame, None where nothing was matched (the first frame, nothing seen). explanation: how well the pose
     explains the depth images, None where lost. why_lost: why every joint is lost, empty where one is not. poor: why
-    cameras' depth images are too poor for joints, none where they are not.
+    cameras' depth images are too poor for joints, none where they are not. moved: limbs are elsewhere than the frames
+    before said.
     """
 
     frame_set: FrameSet
@@ -54,6 +55,7 @@ class Estimate:
     explanation: Explanation | None = None
     why_lost: str = ""
     poor: tuple[PoorDepth, ...] = ()
+    moved: bool = False
 
 
 def nobody_found(

@@ -20,6 +20,7 @@ from anchorpose.tracker.following import Follower
 from anchorpose.tracker.frame_record import FrameRecord, label_pictures, record_of, smoothed_record
 from anchorpose.tracker.journal import Blocks, Journal
 from anchorpose.tracker.learning import LearntPatient, Stretch, learn_patient
+from anchorpose.tracker.looking_back import Passed, look_back
 from anchorpose.tracker.room import Room, held_joints
 from anchorpose.tracker.run import Run
 from anchorpose.tracker.smoothed_explanation import explain_smoothed
@@ -127,13 +128,16 @@ def track_on(route: Route, run: Run, shape: FittedShape | None, journal: Journal
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _PassState:
-    """How far a pass has come: frames read, blocks stored, and what goes on from there, None at the end of the pass.
+    """How far a pass has come: frames read, blocks and frames stored, and what goes on from there, None at its end.
 
-    turned: where a pass the other way begins, once this one has ended; seconds: spent in each stage so far.
+    waiting: frames that are not in a block yet, for later ones may show a limb that was lost in them; turned: where a
+    pass the other way begins, once this one has ended; seconds: spent in each stage so far.
     """
 
     frames: int
     blocks: int
+    stored: int
+    waiting: list[Passed]
     follower: Follower | None
     turned: Start | None
     seconds: dict[str, float]
@@ -154,7 +158,7 @@ class _Passes:
         if self.run.config.smooth and self.body is not None:
             self._both_ways(name, positions, self.body)
         else:
-            self._follow(name, positions, self._start, self._tracked)
+            self._follow(name, positions, self._start, self._tracked, 0 if self.body is None else BLOCK)
 
     def stored(self, name: str, backward: bool = False) -> Iterator[TrackedFrame]:
         """The frames of a side, once it is done, in the order of the pass or against it."""
@@ -224,8 +228,12 @@ class _Passes:
         positions: Sequence[int],
         begin: Callable[[], Start | None],
         keep: Callable[[Estimate], Any],
+        wait: int = 0,
     ) -> Start | None:
-        """One pass, from where the journal has it to its end; returns the start of a pass the other way."""
+        """One pass, from where the journal has it to its end; returns the start of a pass the other way.
+
+        wait: frames that a limb which is found again may still change.
+        """
         journal, blocks = self.journal.inside(name), self._blocks(name)
         initial = self.run.room.initial_frame
         try:
@@ -234,19 +242,28 @@ class _Passes:
             self.route.skip(state.frames)
         except KeyError:
             choice = None if initial is None else initial.choice
-            state = _PassState(0, 0, Follower(self.run, choice, self.shape, begin()), None, {})
+            state = _PassState(0, 0, 0, [], Follower(self.run, choice, self.shape, begin()), None, {})
         while state.follower is not None:
             some = positions[state.frames : state.frames + BLOCK]
             frames, ends = state.frames + len(some), state.frames + len(some) == len(positions)
-            kept, last = list[Any](), None
+            waiting, last = state.waiting, None
             for last in self._estimates(state.follower, some, ends):
-                kept.append(keep(last))
+                if wait and last.moved:
+                    waiting = look_back(last, waiting, self.route.frame, self.run, keep)
+                waiting.append(self._passed(positions[state.stored + len(waiting)], last, keep))
             turned = turn_round(last, self.run.config) if ends and last is not None else None
-            blocks.write(state.blocks, kept)
-            follower = None if ends else state.follower
-            journal.write("state", _PassState(frames, state.blocks + 1, follower, turned, self.run.stopwatch.seconds))
+            done = len(waiting) if ends else max(0, len(waiting) - wait)
+            blocks.write(state.blocks, [one.kept for one in waiting[:done]])
+            follower, seconds = None if ends else state.follower, self.run.stopwatch.seconds
+            stored, left = state.stored + done, waiting[done:]
+            journal.write("state", _PassState(frames, state.blocks + 1, stored, left, follower, turned, seconds))
             state = journal.read("state")
         return state.turned
+
+    def _passed(self, position: int, estimate: Estimate, keep: Callable[[Estimate], Any]) -> Passed:
+        usable = self.run.room.review.why_unusable(estimate.frame_set.frame) is None
+        result = None if self.body is None else pass_result(self.body, estimate, (), usable)
+        return Passed(position, result, keep(estimate))
 
     def _estimates(self, follower: Follower, positions: Sequence[int], ends: bool) -> Iterator[Estimate]:
         for frame_set in self.route.frames(positions):

@@ -64,6 +64,7 @@ class PatientTracker:
         self.last = LastSeen(start.observation, start.belief.pose.root_m)
         self.watch = LimbWatch(run)
         self.rivals: tuple[Rival, ...] = ()  # poses that explain the last frames almost as well
+        self.moved = False  # limbs are elsewhere than the frames before the last one said
         self.feet = StandingFeet(self.points)
         self.first = self._estimate(Registration(self.belief, start.explained, True), start.observation, None)
 
@@ -85,7 +86,8 @@ class PatientTracker:
         registration, hypothesis = self._register(poses, elapsed_s)
         # estimate: joints by the rule J, their states and their uncertainty
         following = self._move_on(registration, elapsed_s)
-        return self._estimate(replace(registration, belief=self.belief), following, hypothesis)
+        estimate = self._estimate(replace(registration, belief=self.belief), following, hypothesis)
+        return replace(estimate, moved=self.moved)
 
     def finish(self) -> Iterator[Estimate]:
         """The estimates of the frames still in the window, with what look-ahead is left."""
@@ -251,7 +253,7 @@ class PatientTracker:
 
     def _register(self, poses: list[Pose], elapsed_s: float) -> tuple[Registration, GlobalHypothesis | None]:
         """The pose of the second frame of the window, the predicted one where nothing is seen; the tree where asked."""
-        predicted = self.belief.later(poses[0], elapsed_s, self.pace)
+        predicted, self.moved = self.belief.later(poses[0], elapsed_s, self.pace), False
         if not len(self.window[1].surface):
             return Registration(predicted, 0.0, False), None
         with self.run.stage("registration"):
@@ -282,6 +284,7 @@ class PatientTracker:
                 explanation = explained_by(self.body, best, self.window[1])
             watched = self.watch.look(self.body, best, explanation, predicted, self.window, self._observe_next)
             watched = replace(watched, moved=watched.moved or best is not found)
+        self.moved = watched.moved
         if watched.moved:
             self.history.clear()  # the limbs moved as other ones
         self.rivals = self.rivals if watched.rivals is None else watched.rivals

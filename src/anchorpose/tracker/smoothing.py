@@ -192,7 +192,7 @@ def _smoothed_stretches(time_s: np.ndarray, mixed: PassCourse, held: np.ndarray,
 def _weights_of_back(there: PassCourse, back: PassCourse, lost_sigma_m: float) -> np.ndarray:
     """(t, PARTS) share of the second pass in trunk and limbs: by information where the two agree, else 0 or 1."""
     apart_m = np.nan_to_num(np.linalg.norm(there.joints_m - back.joints_m, axis=2))
-    costs = np.array([_JOINT_COST[way.state_code] for way in (there, back)])
+    costs = np.array([joint_costs(way) for way in (there, back)])
     variance = np.array([_known_sigma(way, lost_sigma_m) ** 2 for way in (there, back)])
     weight = np.zeros((len(apart_m), PARTS))
     split = np.zeros(len(apart_m), dtype=bool)
@@ -200,7 +200,7 @@ def _weights_of_back(there: PassCourse, back: PassCourse, lost_sigma_m: float) -
         own = np.isin(LIMB_OF_JOINTS, part)
         distance, cost = apart_m[:, own].max(axis=1), costs[:, :, own].sum(axis=2)
         agree = distance < (APART_M if part else TRUNK_APART_M)
-        chosen = _course(np.where(agree, 0.0, cost), distance)
+        chosen = cheapest_course(np.where(agree, 0.0, cost), distance)
         spread = variance[:, :, own].mean(axis=2)
         weight[:, part] = np.where(agree, spread[0] / spread.sum(axis=0), chosen)
         if part == 0:
@@ -213,7 +213,12 @@ def _known_sigma(course: PassCourse, lost_sigma_m: float) -> np.ndarray:
     return np.where(np.isnan(course.sigma_m), lost_sigma_m, course.sigma_m)
 
 
-def _course(cost: np.ndarray, distance_m: np.ndarray) -> np.ndarray:
+def joint_costs(course: PassCourse) -> np.ndarray:
+    """(t, 21) how little is seen of each joint at its place."""
+    return np.asarray(_JOINT_COST[course.state_code])
+
+
+def cheapest_course(cost: np.ndarray, distance_m: np.ndarray) -> np.ndarray:
     """(t,) which of two ways, (2, t) cost, is the cheapest course through all frames (Viterbi 1967).
 
     Changing over costs more the farther the two are apart: limbs do not jump.

@@ -1,0 +1,81 @@
+"""Frames before a limb was found again: of two ways through them, the one that sees more."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JointState
+from anchorpose.tracker import looking_back
+from anchorpose.tracker.looking_back import AGREEING, Passed, look_back
+from anchorpose.tracker.smoothing import PassResult
+
+POSE = object()
+ARM = [JOINT_INDEX[name] for name in ("ElbowLeft", "WristLeft", "HandLeft")]
+
+
+def answer(arm_m=0.0, state=JointState.OBSERVED, pose=POSE) -> PassResult:
+    """All joints seen at the origin, but for an arm."""
+    joints_m, states = np.zeros((JOINT_COUNT, 3)), [JointState.OBSERVED] * JOINT_COUNT
+    joints_m[ARM] = arm_m
+    for joint in ARM:
+        states[joint] = state
+    return PassResult(pose, joints_m, np.full(JOINT_COUNT, 0.01), tuple(states))
+
+
+LOST_ARM = answer(0.4, JointState.HIDDEN_BY_PERSON)
+
+
+@pytest.fixture
+def seen_back(monkeypatch):
+    """look_back with given answers of the way back, the latest frame first; returns positions that were read, too."""
+
+    def run_it(before, back):
+        read, answers = [], iter(back)
+        tracker = SimpleNamespace(body=None, has_left=False, finish=lambda: iter(()))
+        tracker.step = lambda frame_set: SimpleNamespace(frame_set=frame_set, result=next(answers))
+        monkeypatch.setattr(looking_back, "turn_round", lambda *_: POSE)
+        monkeypatch.setattr(looking_back, "PatientTracker", lambda *_: tracker)
+        monkeypatch.setattr(looking_back, "pass_result", lambda body, estimate, labels, usable: estimate.result)
+        run = SimpleNamespace(config=None, room=SimpleNamespace(review=SimpleNamespace(why_unusable=lambda _: None)))
+
+        def frame(position):
+            read.append(position)
+            return SimpleNamespace(frame=position)
+
+        passed = [Passed(10 + k, result, "there") for k, result in enumerate(before)]
+        found = look_back(SimpleNamespace(), passed, frame, run, lambda _: "back")
+        assert [one.position for one in found] == [one.position for one in passed]
+        return [one.kept for one in found], read
+
+    return run_it
+
+
+def test_a_limb_that_was_lost_is_where_the_way_back_sees_it(seen_back):
+    kept, read = seen_back([answer()] * 10 + [LOST_ARM] * 4, [answer()] * 14)
+    assert kept == ["there"] * 10 + ["back"] * 4
+    assert read == list(range(23, 23 - 4 - AGREEING, -1))  # then both ways agree
+
+
+def test_where_the_way_back_sees_less_nothing_changes(seen_back):
+    assert seen_back([answer()] * 8, [LOST_ARM] * 8)[0] == ["there"] * 8
+
+
+def test_where_both_ways_see_as_much_nothing_changes(seen_back):
+    assert seen_back([answer()] * 5, [answer(0.4)] * 5)[0] == ["there"] * 5
+
+
+def test_frames_in_which_the_patient_is_lost_end_the_way_back(seen_back):
+    lost = answer(np.nan, JointState.LOST, pose=None)
+    kept, _ = seen_back([LOST_ARM, lost, LOST_ARM, LOST_ARM], [answer()] * 4)
+    assert kept == ["there", "there", "back", "back"]
+    kept, _ = seen_back([LOST_ARM] * 4, [answer(), answer(), lost, answer()])
+    assert kept == ["there", "there", "back", "back"]
+
+
+def test_without_a_start_all_stays(seen_back, monkeypatch):
+    monkeypatch.setattr(looking_back, "turn_round", lambda *_: None)
+    passed = [Passed(0, LOST_ARM, "there")]
+    assert look_back(SimpleNamespace(), passed, None, SimpleNamespace(config=None), None) == passed
