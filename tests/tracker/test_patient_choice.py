@@ -18,11 +18,12 @@ NO_IMAGES = (None, None)
 RAILS = EquipmentModel((Box("rails", np.array([0.0, 0.5, 1.0]), np.array([0.8, 0.05, 0.8]), np.eye(3)),))
 
 
-def one(x, z, facing=AHEAD, explained=0.95, area_m2=0.6) -> SeenPerson:
-    """A person whose surface lies 0.1 m before the pelvis."""
+def one(x, z, facing=AHEAD, explained=0.95, area_m2=0.6, possible=True) -> SeenPerson:
+    """A person whose surface lies 0.1 m before the pelvis; possible: no camera sees past the body."""
     facing = np.array(facing) / np.linalg.norm(facing)
     place = np.array([x, z], float)
-    return SeenPerson(Person(place + 0.1 * facing, 0.0, 1.7, area_m2, 5000), RoughBody(place, facing, explained, True))
+    body = RoughBody(place, facing, explained, possible)
+    return SeenPerson(Person(place + 0.1 * facing, 0.0, 1.7, area_m2, 5000), body)
 
 
 def towards(x, z) -> tuple[float, float]:
@@ -125,6 +126,25 @@ def test_who_is_seen_once_is_not_the_patient_however_hidden():
 def test_what_no_body_explains_is_not_human():
     cupboard = one(0, 0, explained=0.4, area_m2=1.2)
     assert chosen_place(times(8, cupboard, one(1.2, 0.5)))[0] == pytest.approx([1.2, 0.5])
+
+
+def seen_past(count, of, x=0.0, z=0.0, rival=(0.9, 0.0)) -> list[Sighting]:
+    """Somebody at a place whose body cameras see past in ``count`` frames, beside a rival."""
+    other = one(*rival, facing=towards(*rival))
+    return [Sighting(7, (one(x, z, possible=k >= count), other), (), NO_IMAGES) for k in range(of)]
+
+
+def test_a_patient_whose_squat_no_rough_body_fits_is_still_chosen():
+    assert chosen_place(seen_past(9, 16))[0] == pytest.approx([0, 0])
+
+
+def test_what_cameras_nearly_always_see_past_is_not_human():
+    assert chosen_place(seen_past(14, 16))[0] == pytest.approx([0.9, 0.0])
+
+
+def test_of_two_the_one_whom_cameras_do_not_see_past_is_likelier():
+    twins = [Sighting(7, (one(0, 0.3), one(0, -0.3, possible=k > 5)), (), NO_IMAGES) for k in range(12)]
+    assert chosen_place(twins)[0] == pytest.approx([0, 0.3])
 
 
 def test_without_anybody_human_the_likeliest_of_all_is_taken():
