@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JointState
 from anchorpose.tracker import looking_back
-from anchorpose.tracker.looking_back import AGREEING, Passed, look_back
+from anchorpose.tracker.looking_back import AGREEING, Passed, is_found_again, look_back
 from anchorpose.tracker.smoothing import PassResult
 
 POSE = object()
@@ -67,12 +68,35 @@ def test_where_both_ways_see_as_much_nothing_changes(seen_back):
     assert seen_back([answer()] * 5, [answer(0.4)] * 5)[0] == ["there"] * 5
 
 
-def test_frames_in_which_the_patient_is_lost_end_the_way_back(seen_back):
-    lost = answer(np.nan, JointState.LOST, pose=None)
-    kept, _ = seen_back([LOST_ARM, lost, LOST_ARM, LOST_ARM], [answer()] * 4)
-    assert kept == ["there", "there", "back", "back"]
-    kept, _ = seen_back([LOST_ARM] * 4, [answer(), answer(), lost, answer()])
-    assert kept == ["there", "there", "back", "back"]
+NOWHERE = np.full((JOINT_COUNT, 3), np.nan)
+LOST = PassResult(None, NOWHERE, NOWHERE[:, 0], (JointState.LOST,) * JOINT_COUNT)
+
+
+def test_a_patient_who_was_lost_is_where_the_way_back_sees_them(seen_back):
+    kept, _ = seen_back([answer()] * 6 + [LOST] * 5, [answer()] * 11)
+    assert kept == ["there"] * 6 + ["back"] * 5
+
+
+@pytest.mark.parametrize("nothing", [LOST, replace(answer(), states=(JointState.HIDDEN,) * JOINT_COUNT)])
+def test_the_way_back_ends_where_nothing_is_seen(seen_back, nothing):
+    kept, read = seen_back([LOST] * 5, [answer(), answer(), nothing, answer(), answer()])
+    assert kept == ["there", "there", "there", "back", "back"]
+    assert read == [14, 13, 12]
+
+
+@pytest.mark.parametrize(
+    ("moved", "before", "expected"),
+    [
+        (True, [answer()], True),
+        (False, [answer()], False),
+        (False, [answer(), LOST], True),
+        (False, [LOST, answer()], False),
+        (False, [], False),
+    ],
+)
+def test_what_is_found_again(moved, before, expected):
+    estimate = SimpleNamespace(moved=moved, belief=POSE)
+    assert is_found_again(estimate, [Passed(k, result, None) for k, result in enumerate(before)]) is expected
 
 
 def test_without_a_start_all_stays(seen_back, monkeypatch):

@@ -1,8 +1,8 @@
-"""The frames before a limb was found again, seen once more from there, against the order of the pass.
+"""The frames before a limb or the patient was found again, seen once more from there, against the order of the pass.
 
-A limb that was lost and is found again was somewhere in between, often in view, while the prediction had it elsewhere.
-From the frame that shows it the patient is tracked back until both ways agree. Each frame is then that of the way in
-which more of the body is seen at its place, so that images decide and no prediction does.
+Who was lost and is found again was somewhere in between, often in view, while the prediction was elsewhere. From the
+frame that shows it the patient is tracked back until both ways agree, or nothing is seen. Each frame is then that of
+the way in which more of the body is seen at its place, so that images decide and no prediction does.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from anchorpose.joints import JointState
 from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.patient import PatientTracker
@@ -33,6 +34,12 @@ class Passed:
     kept: Any
 
 
+def is_found_again(estimate: Estimate, before: Sequence[Passed]) -> bool:
+    """Whether an estimate has the patient or a limb where the frames before it had them not."""
+    lost = bool(before) and before[-1].result is not None and before[-1].result.pose is None
+    return estimate.moved or (lost and estimate.belief is not None)
+
+
 def look_back(
     found: Estimate,
     before: Sequence[Passed],
@@ -40,9 +47,9 @@ def look_back(
     run: Run,
     keep: Callable[[Estimate], Any],
 ) -> list[Passed]:
-    """The frames before one in which a limb was found again, in the order of the pass, some of them seen from there.
+    """The frames before one in which something was found again, in the order of the pass, some of them seen from there.
 
-    frame: reads the frame at a position. Frames in which the patient is lost, and those before them, stay as they are.
+    frame: reads the frame at a position.
     """
     start = turn_round(found, run.config)
     again = [] if start is None else _seen_again(PatientTracker(run, start), before, frame, run, keep)
@@ -51,8 +58,8 @@ def look_back(
     first = len(before) - len(again)
     there, back = (course_of([one.result for one in way if one.result], len(again)) for way in (before[first:], again))
     costs = np.array([joint_costs(way).sum(axis=1) for way in (there, back)])
-    apart_m = np.linalg.norm(there.joints_m - back.joints_m, axis=2).max(axis=1)
-    changed = (cheapest_course(costs, apart_m) == 1) & (apart_m >= APART_M)
+    apart_m = np.linalg.norm(there.joints_m - back.joints_m, axis=2).max(axis=1)  # NaN where the patient was lost
+    changed = (cheapest_course(costs, np.nan_to_num(apart_m)) == 1) & ~(apart_m < APART_M)
     chosen = [two if other else one for one, two, other in zip(before[first:], again, changed, strict=True)]
     return [*before[:first], *chosen]
 
@@ -64,13 +71,13 @@ def _seen_again(
     run: Run,
     keep: Callable[[Estimate], Any],
 ) -> list[Passed]:
-    """The last frames of ``before`` by the other way, in the order of the pass, back to where both ways agree."""
+    """The last frames of ``before`` by the other way, in the order of the pass, as far back as they show more."""
     again, agreeing = list[Passed](), 0
     estimates = _tracked_back(tracker, (frame(one.position) for one in reversed(before)))
     for one, estimate in zip(reversed(before), estimates, strict=False):
         usable = run.room.review.why_unusable(estimate.frame_set.frame) is None
         result = pass_result(tracker.body, estimate, (), usable)
-        if one.result is None or one.result.pose is None or result.pose is None:
+        if one.result is None or JointState.OBSERVED not in result.states:
             break
         again.append(Passed(one.position, result, keep(estimate)))
         apart_m = np.linalg.norm(result.joints_m - one.result.joints_m, axis=1).max()

@@ -20,7 +20,7 @@ from anchorpose.tracker.following import Follower
 from anchorpose.tracker.frame_record import FrameRecord, label_pictures, record_of, smoothed_record
 from anchorpose.tracker.journal import Blocks, Journal
 from anchorpose.tracker.learning import LearntPatient, Stretch, learn_patient
-from anchorpose.tracker.looking_back import Passed, look_back
+from anchorpose.tracker.looking_back import Passed, is_found_again, look_back
 from anchorpose.tracker.room import Room, held_joints
 from anchorpose.tracker.run import Run
 from anchorpose.tracker.smoothed_explanation import explain_smoothed
@@ -248,7 +248,7 @@ class _Passes:
             frames, ends = state.frames + len(some), state.frames + len(some) == len(positions)
             waiting, last = state.waiting, None
             for last in self._estimates(state.follower, some, ends):
-                if wait and last.moved:
+                if wait and is_found_again(last, waiting):
                     waiting = look_back(last, waiting, self.route.frame, self.run, keep)
                 waiting.append(self._passed(positions[state.stored + len(waiting)], last, keep))
             turned = turn_round(last, self.run.config) if ends and last is not None else None
