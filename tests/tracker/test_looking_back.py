@@ -10,7 +10,7 @@ import pytest
 
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JointState
 from anchorpose.tracker import looking_back
-from anchorpose.tracker.looking_back import AGREEING, Passed, is_found_again, look_back
+from anchorpose.tracker.looking_back import AGREEING, IN_VAIN, Passed, is_found_again, look_back
 from anchorpose.tracker.smoothing import PassResult
 
 POSE = object()
@@ -97,6 +97,12 @@ def test_the_way_back_ends_where_nothing_is_seen(seen_back, nothing):
 def test_what_is_found_again(moved, before, expected):
     estimate = SimpleNamespace(moved=moved, belief=POSE)
     assert is_found_again(estimate, [Passed(k, result, None) for k, result in enumerate(before)]) is expected
+
+
+def test_a_way_back_that_sees_no_more_ends_after_a_second(seen_back):
+    kept, read = seen_back([answer()] * 40, [answer(0.4)] * 40)
+    assert kept == ["there"] * 40
+    assert len(read) == IN_VAIN
 
 
 def test_without_a_start_all_stays(seen_back, monkeypatch):

@@ -18,10 +18,11 @@ from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.patient import PatientTracker
 from anchorpose.tracker.run import Run
-from anchorpose.tracker.smoothing import APART_M, PassResult, cheapest_course, course_of, joint_costs, pass_result
+from anchorpose.tracker.smoothing import APART_M, PassResult, cheapest_course, course_of, pass_result, seen_less
 from anchorpose.tracker.start import turn_round
 
 AGREEING: Final = 3  # frames in a row in which both ways have all joints in one place: they will not part again
+IN_VAIN: Final = 15  # frames in a row in which the way back sees no more of the body
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,7 +58,7 @@ def look_back(
         return list(before)
     first = len(before) - len(again)
     there, back = (course_of([one.result for one in way if one.result], len(again)) for way in (before[first:], again))
-    costs = np.array([joint_costs(way).sum(axis=1) for way in (there, back)])
+    costs = np.array([[seen_less(one.result) for one in way if one.result] for way in (before[first:], again)])
     apart_m = np.linalg.norm(there.joints_m - back.joints_m, axis=2).max(axis=1)  # NaN where the patient was lost
     changed = (cheapest_course(costs, np.nan_to_num(apart_m)) == 1) & ~(apart_m < APART_M)
     chosen = [two if other else one for one, two, other in zip(before[first:], again, changed, strict=True)]
@@ -72,7 +73,7 @@ def _seen_again(
     keep: Callable[[Estimate], Any],
 ) -> list[Passed]:
     """The last frames of ``before`` by the other way, in the order of the pass, as far back as they show more."""
-    again, agreeing = list[Passed](), 0
+    again, agreeing, in_vain = list[Passed](), 0, 0
     estimates = _tracked_back(tracker, (frame(one.position) for one in reversed(before)))
     for one, estimate in zip(reversed(before), estimates, strict=False):
         usable = run.room.review.why_unusable(estimate.frame_set.frame) is None
@@ -82,7 +83,8 @@ def _seen_again(
         again.append(Passed(one.position, result, keep(estimate)))
         apart_m = np.linalg.norm(result.joints_m - one.result.joints_m, axis=1).max()
         agreeing = agreeing + 1 if apart_m < APART_M else 0
-        if agreeing == AGREEING:
+        in_vain = in_vain + 1 if seen_less(result) >= seen_less(one.result) else 0
+        if agreeing == AGREEING or in_vain == IN_VAIN:
             break
     return again[::-1]
 

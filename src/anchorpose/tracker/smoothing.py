@@ -192,7 +192,7 @@ def _smoothed_stretches(time_s: np.ndarray, mixed: PassCourse, held: np.ndarray,
 def _weights_of_back(there: PassCourse, back: PassCourse, lost_sigma_m: float) -> np.ndarray:
     """(t, PARTS) share of the second pass in trunk and limbs: by information where the two agree, else 0 or 1."""
     apart_m = np.nan_to_num(np.linalg.norm(there.joints_m - back.joints_m, axis=2))
-    costs = np.array([joint_costs(way) for way in (there, back)])
+    costs = np.array([_JOINT_COST[way.state_code] for way in (there, back)])
     variance = np.array([_known_sigma(way, lost_sigma_m) ** 2 for way in (there, back)])
     weight = np.zeros((len(apart_m), PARTS))
     split = np.zeros(len(apart_m), dtype=bool)
@@ -213,9 +213,9 @@ def _known_sigma(course: PassCourse, lost_sigma_m: float) -> np.ndarray:
     return np.where(np.isnan(course.sigma_m), lost_sigma_m, course.sigma_m)
 
 
-def joint_costs(course: PassCourse) -> np.ndarray:
-    """(t, 21) how little is seen of each joint at its place."""
-    return np.asarray(_JOINT_COST[course.state_code])
+def seen_less(answer: PassResult) -> float:
+    """How little of the body is seen at its place: 0 where all joints are."""
+    return float(_JOINT_COST[[STATE_CODE[state] for state in answer.states]].sum())
 
 
 def cheapest_course(cost: np.ndarray, distance_m: np.ndarray) -> np.ndarray:
