@@ -10,7 +10,7 @@ import pytest
 
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JointState
 from anchorpose.tracker import looking_back
-from anchorpose.tracker.looking_back import AGREEING, IN_VAIN, Passed, is_found_again, look_back
+from anchorpose.tracker.looking_back import AGREEING, IN_VAIN, Passed, Waiting, look_back
 from anchorpose.tracker.smoothing import PassResult
 
 POSE = object()
@@ -84,19 +84,41 @@ def test_the_way_back_ends_where_nothing_is_seen(seen_back, nothing):
     assert read == [14, 13, 12]
 
 
+FAR = answer(0.5)
+
+
 @pytest.mark.parametrize(
-    ("moved", "before", "expected"),
+    ("moved", "before", "now", "expected"),
     [
-        (True, [answer()], True),
-        (False, [answer()], False),
-        (False, [answer(), LOST], True),
-        (False, [LOST, answer()], False),
-        (False, [], False),
+        (True, answer(), FAR, True),
+        (True, answer(), answer(0.05), False),  # a small correction
+        (False, answer(), FAR, False),  # a fast arm
+        (False, LOST, answer(), True),
+        (False, answer(), LOST, False),
+        (True, None, None, False),
     ],
 )
-def test_what_is_found_again(moved, before, expected):
-    estimate = SimpleNamespace(moved=moved, belief=POSE)
-    assert is_found_again(estimate, [Passed(k, result, None) for k, result in enumerate(before)]) is expected
+def test_what_is_found_again_is_looked_for_in_the_frames_before(monkeypatch, moved, before, now, expected):
+    asked = []
+    monkeypatch.setattr(looking_back, "look_back", lambda found, before, *_: asked.append(found) or list(before))
+    waiting = Waiting([Passed(0, before, "a")])
+    waiting.add(SimpleNamespace(moved=moved), Passed(1, now, "b"), None, None, None)
+    assert bool(asked) is expected
+    assert waiting.take_but(5) == []
+    assert waiting.take_but(1) == ["a"]
+    assert waiting.take_but(0) == ["b"]
+    assert waiting.frames == []
+
+
+def test_ways_back_that_change_nothing_become_rare(monkeypatch):
+    asked = []
+    monkeypatch.setattr(looking_back, "look_back", lambda found, before, *_: asked.append(len(before)) or list(before))
+    waiting = Waiting()
+    for k in range(200):
+        waiting.add(SimpleNamespace(moved=True), Passed(k, answer(0.5 * (k % 2)), k), None, None, None)
+    assert asked[0] == 1
+    assert len(asked) < 8
+    assert waiting.take_but(0) == list(range(200))
 
 
 def test_a_way_back_that_sees_no_more_ends_after_a_second(seen_back):

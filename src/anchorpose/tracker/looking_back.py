@@ -8,7 +8,7 @@ the way in which more of the body is seen at its place, so that images decide an
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
@@ -22,7 +22,9 @@ from anchorpose.tracker.smoothing import APART_M, PassResult, cheapest_course, c
 from anchorpose.tracker.start import turn_round
 
 AGREEING: Final = 3  # frames in a row in which both ways have all joints in one place: they will not part again
-IN_VAIN: Final = 15  # frames in a row in which the way back sees no more of the body
+IN_VAIN: Final = 10  # frames in a row in which the way back sees no more of the body
+ELSEWHERE_M: Final = 0.15  # from the frame before: a limb that was found again, and no small correction
+FIRST_PAUSE, LONGEST_PAUSE = 4, 64  # frames until the next way back, doubled where one changes nothing
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,10 +37,45 @@ class Passed:
     kept: Any
 
 
-def is_found_again(estimate: Estimate, before: Sequence[Passed]) -> bool:
-    """Whether an estimate has the patient or a limb where the frames before it had them not."""
-    lost = bool(before) and before[-1].result is not None and before[-1].result.pose is None
-    return estimate.moved or (lost and estimate.belief is not None)
+@dataclass(slots=True)
+class Waiting:
+    """The frames of a pass that are not stored yet, in its order; wait, pause: frames until the next way back."""
+
+    frames: list[Passed] = field(default_factory=list)
+    wait: int = 0
+    pause: int = FIRST_PAUSE
+
+    def add(
+        self,
+        estimate: Estimate,
+        passed: Passed,
+        frame: Callable[[int], FrameSet],
+        run: Run,
+        keep: Callable[[Estimate], Any],
+    ) -> None:
+        """The next frame; what it has found again is looked for in those before it. The rest as in ``look_back``."""
+        self.wait -= 1
+        if self.wait < 0 and self.frames and _is_found_again(estimate, passed.result, self.frames[-1].result):
+            seen = look_back(estimate, self.frames, frame, run, keep)
+            changed = any(one is not other for one, other in zip(seen, self.frames, strict=True))
+            self.pause = FIRST_PAUSE if changed else min(2 * self.pause, LONGEST_PAUSE)
+            self.frames, self.wait = seen, self.pause
+        self.frames.append(passed)
+
+    def take_but(self, left: int) -> list[Any]:
+        """What is to be stored of the first frames, which wait no longer; the last ``left`` go on waiting."""
+        count = max(0, len(self.frames) - left)
+        taken, self.frames = self.frames[:count], self.frames[count:]
+        return [one.kept for one in taken]
+
+
+def _is_found_again(estimate: Estimate, now: PassResult | None, before: PassResult | None) -> bool:
+    """Whether a frame has the patient, or a limb, where the frame before it had them not."""
+    if now is None or before is None or now.pose is None:
+        return False
+    if before.pose is None:
+        return True
+    return estimate.moved and bool(np.linalg.norm(now.joints_m - before.joints_m, axis=1).max() > ELSEWHERE_M)
 
 
 def look_back(

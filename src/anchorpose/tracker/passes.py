@@ -20,7 +20,7 @@ from anchorpose.tracker.following import Follower
 from anchorpose.tracker.frame_record import FrameRecord, label_pictures, record_of, smoothed_record
 from anchorpose.tracker.journal import Blocks, Journal
 from anchorpose.tracker.learning import LearntPatient, Stretch, learn_patient
-from anchorpose.tracker.looking_back import Passed, is_found_again, look_back
+from anchorpose.tracker.looking_back import Passed, Waiting
 from anchorpose.tracker.room import Room, held_joints
 from anchorpose.tracker.run import Run
 from anchorpose.tracker.smoothed_explanation import explain_smoothed
@@ -130,14 +130,14 @@ def track_on(route: Route, run: Run, shape: FittedShape | None, journal: Journal
 class _PassState:
     """How far a pass has come: frames read, blocks and frames stored, and what goes on from there, None at its end.
 
-    waiting: frames that are not in a block yet, for later ones may show a limb that was lost in them; turned: where a
+    waiting: frames that are not in a block yet, for later ones may show what was lost in them; turned: where a
     pass the other way begins, once this one has ended; seconds: spent in each stage so far.
     """
 
     frames: int
     blocks: int
     stored: int
-    waiting: list[Passed]
+    waiting: Waiting
     follower: Follower | None
     turned: Start | None
     seconds: dict[str, float]
@@ -242,27 +242,26 @@ class _Passes:
             self.route.skip(state.frames)
         except KeyError:
             choice = None if initial is None else initial.choice
-            state = _PassState(0, 0, 0, [], Follower(self.run, choice, self.shape, begin()), None, {})
+            state = _PassState(0, 0, 0, Waiting(), Follower(self.run, choice, self.shape, begin()), None, {})
         while state.follower is not None:
             some = positions[state.frames : state.frames + BLOCK]
             frames, ends = state.frames + len(some), state.frames + len(some) == len(positions)
             waiting, last = state.waiting, None
             for last in self._estimates(state.follower, some, ends):
-                if wait and is_found_again(last, waiting):
-                    waiting = look_back(last, waiting, self.route.frame, self.run, keep)
-                waiting.append(self._passed(positions[state.stored + len(waiting)], last, keep))
+                passed = self._passed(positions[state.stored + len(waiting.frames)], last, keep, wait)
+                waiting.add(last, passed, self.route.frame, self.run, keep)
             turned = turn_round(last, self.run.config) if ends and last is not None else None
-            done = len(waiting) if ends else max(0, len(waiting) - wait)
-            blocks.write(state.blocks, [one.kept for one in waiting[:done]])
+            done = waiting.take_but(0 if ends else wait)
+            blocks.write(state.blocks, done)
             follower, seconds = None if ends else state.follower, self.run.stopwatch.seconds
-            stored, left = state.stored + done, waiting[done:]
-            journal.write("state", _PassState(frames, state.blocks + 1, stored, left, follower, turned, seconds))
+            stored = state.stored + len(done)
+            journal.write("state", _PassState(frames, state.blocks + 1, stored, waiting, follower, turned, seconds))
             state = journal.read("state")
         return state.turned
 
-    def _passed(self, position: int, estimate: Estimate, keep: Callable[[Estimate], Any]) -> Passed:
+    def _passed(self, position: int, estimate: Estimate, keep: Callable[[Estimate], Any], wait: int) -> Passed:
         usable = self.run.room.review.why_unusable(estimate.frame_set.frame) is None
-        result = None if self.body is None else pass_result(self.body, estimate, (), usable)
+        result = None if self.body is None or not wait else pass_result(self.body, estimate, (), usable)
         return Passed(position, result, keep(estimate))
 
     def _estimates(self, follower: Follower, positions: Sequence[int], ends: bool) -> Iterator[Estimate]:
