@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from body_builder import asset, points, random_pose, standing
+from body_builder import adult_body, asset, points, random_pose, standing
 from scipy.spatial.transform import Rotation
 
 from anchorpose.body.kinematics import shape_body
 from anchorpose.body.pose import (
+    DEGREE,
     MOVING_BONES,
     POSE_SIZE,
+    Pose,
     descendants,
     hinge_axes,
     joint_range,
+    joint_range_at,
     moving_bones,
 )
 from anchorpose.joints import JOINT_INDEX
@@ -122,3 +125,35 @@ def test_an_elbow_at_its_limit_is_straight_and_bends_from_there(side):
 
     assert flexion(limit) < 1.0
     assert flexion(limit + np.radians(70.0)) == pytest.approx(70.0, abs=1.0)
+
+
+def arm_raised(side, degrees) -> Pose:
+    """An arm turned outwards from hanging straight down, in the plane of the body."""
+    rotations = np.tile(np.eye(3), (len(asset().bone_names), 1, 1))
+    along = asset().bone_heads[asset().bone(f"{side}ForeArm")] - asset().bone_heads[asset().bone(f"{side}Arm")]
+    outwards = -1.0 if side == "Left" else 1.0
+    wanted = np.array([0.0, -np.cos(degrees * DEGREE), outwards * np.sin(degrees * DEGREE)])
+    turned, _ = Rotation.align_vectors(wanted[None], along[None] / np.linalg.norm(along))
+    rotations[asset().bone(f"{side}Arm")] = turned.as_matrix()
+    return Pose(rotations, np.zeros(3))
+
+
+@pytest.mark.parametrize("side", ["Left", "Right"])
+def test_a_raised_arm_takes_its_shoulder_up_and_the_other_stays(side):
+    girdle = MOVING_BONES.index(f"{side}Shoulder")
+    rest = joint_range(asset()).mean
+    hanging, up = (joint_range_at(asset(), arm_raised(side, degrees)).mean for degrees in (20.0, 180.0))
+    assert hanging[girdle] == pytest.approx(rest[girdle])
+    assert np.linalg.norm(up[girdle]) == pytest.approx(30.0 * DEGREE)
+    pose = arm_raised(side, 180.0)
+    pose.rotations[asset().bone(f"{side}Shoulder")] = Rotation.from_rotvec(up[girdle]).as_matrix()
+    shoulder = JOINT_INDEX[f"Shoulder{side}"]
+    body = adult_body()
+    assert body.joints(pose)[shoulder, 1] > body.joints(arm_raised(side, 180.0))[shoulder, 1] + 0.05
+    others = np.delete(np.arange(len(MOVING_BONES)), [girdle, MOVING_BONES.index(_other(side))])
+    assert up[others] == pytest.approx(rest[others])
+
+
+def _other(side) -> str:
+    """The other side's girdle: its arm is as in the rest pose, which is raised a little."""
+    return "RightShoulder" if side == "Left" else "LeftShoulder"

@@ -10,7 +10,7 @@ from numba import njit
 from scipy.linalg.lapack import dposv
 
 from anchorpose.body.constraints import Constraints
-from anchorpose.body.pose import DEGREE, POSE_SIZE, JointRange, Pose, joint_range
+from anchorpose.body.pose import DEGREE, POSE_SIZE, JointRange, Pose, joint_range_at
 from anchorpose.body.pose_accumulation import accumulate_pose
 from anchorpose.body.shape_rows import FreeShape, accumulate_shape
 from anchorpose.body.skin_points import (
@@ -67,9 +67,8 @@ def pose_equations(
 
 def prior_equations(points: SkinPoints, pose: Pose, predicted: Predicted | None) -> NormalEquations:
     """The joint range, the hinge limits and, where there is one, the prediction."""
-    hessian, gradient, cost = _range_equations(
-        pose.rotation_vectors(points.moving), joint_range(points.asset), HINGE_LIMIT_SIGMA
-    )
+    ranges = joint_range_at(points.asset, pose)
+    hessian, gradient, cost = _range_equations(pose.rotation_vectors(points.moving), ranges, HINGE_LIMIT_SIGMA)
     if predicted is not None:
         expected, information = predicted
         away = expected.change_to(pose, points.moving)

@@ -129,6 +129,26 @@ def joint_range(asset: BodyAsset) -> JointRange:
     return JointRange(mean, whiten, hinge, limit)
 
 
+RAISED: Final = 30.0 * DEGREE  # an arm that is raised further takes the shoulder with it
+RHYTHM: Final = 0.2  # of the arm's turn beyond it: 30 degrees for an arm that points up (Inman et al. 1944)
+
+
+def joint_range_at(asset: BodyAsset, pose: Pose) -> JointRange:
+    """The joint range where the arms are as in a pose: the shoulder girdle goes up with a raised arm.
+
+    Its mean follows the arm and does not pull on it. Inman, Saunders and Abbott 1944 (J Bone Joint Surg 26:1).
+    """
+    ranges = joint_range(asset)
+    mean = ranges.mean.copy()
+    for side, way in (("Left", 1.0), ("Right", -1.0)):
+        girdle, arm, below = (asset.bone(f"{side}{name}") for name in ("Shoulder", "Arm", "ForeArm"))
+        along = asset.bone_heads[below] - asset.bone_heads[arm]
+        up = float((pose.rotations[girdle] @ pose.rotations[arm] @ along)[1] / np.linalg.norm(along))
+        raised = max(0.0, float(np.arccos(np.clip(-up, -1.0, 1.0))) - RAISED)
+        mean[MOVING_BONES.index(f"{side}Shoulder"), 0] = way * RHYTHM * raised
+    return ranges._replace(mean=mean)
+
+
 _LIMBS: Final = tuple(
     (f"{side}{part}", bones, tuple(f"{joint}{side}" for joint in joints))
     for side in ("Left", "Right")
