@@ -180,9 +180,9 @@ class _Handler(GuardedHandler):
         self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
         self.connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.close_connection = True  # the end of the stream is the end of the connection
-        self.send_head(HTTPStatus.OK, STREAM, {})
         newest = self.server.newest
-        seen, events = newest.begin()
+        seen, events = newest.begin()  # before the answer begins: what comes from then on is the client's
+        self.send_head(HTTPStatus.OK, STREAM, {})
         try:
             self.wfile.write(events)
             while not newest.ended:
