@@ -6,7 +6,7 @@ in front of something that a camera sees. The first is an area, the second a sha
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Final
@@ -75,17 +75,34 @@ def seen_past(
     points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> np.ndarray:
     """(PARTS,) as in ``Explanation``: what hides a limb says nothing about it, what is seen behind it does."""
-    limb, most = limb_of_points(points), np.full(PARTS, np.nan)
+    most = np.full(PARTS, np.nan)
+    for past, counted in _seen_past_counts(points, posed, views, cameras):
+        most = np.fmax(most, np.where(counted >= LEAST_FACING, past / np.maximum(counted, 1), np.nan))
+    return most
+
+
+def seen_past_by_all(
+    points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
+) -> np.ndarray:
+    """(PARTS,) the same share of each limb's skin in all cameras together: of a body whose direction is only roughly
+    right, the camera that shows its profile sees past more than the others."""
+    counts = [np.zeros((2, PARTS)), *(np.stack(one) for one in _seen_past_counts(points, posed, views, cameras))]
+    past, counted = np.sum(counts, axis=0)
+    return np.where(counted >= LEAST_FACING, past / np.maximum(counted, 1), np.nan)
+
+
+def _seen_past_counts(
+    points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """For each camera the skin points of each limb (PARTS,) that it sees past, and those that it may."""
+    limb = limb_of_points(points)
     for view, camera in zip(views, cameras, strict=True):
         if view is None:
             continue
         reason, facing = skin_reasons(posed, view, camera, COVERED_M)
         inside = facing & (reason != SkinReason.OUTSIDE) & (reason != SkinReason.HOLE)
-        counted = np.bincount(limb[inside], minlength=PARTS)
         past = np.bincount(limb[inside & (reason == SkinReason.PAST)], minlength=PARTS)
-        share = np.where(counted >= LEAST_FACING, past / np.maximum(counted, 1), np.nan)
-        most = np.fmax(most, share)
-    return most
+        yield past, np.bincount(limb[inside], minlength=PARTS)
 
 
 @cache

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from typing import Final
@@ -15,11 +16,11 @@ from anchorpose.body.constraints import surface_constraints
 from anchorpose.body.evidence import Evidence
 from anchorpose.body.explained import Explanation, limb_of_points, node_area_m2
 from anchorpose.body.fit import pose_equations
-from anchorpose.body.limb_proposals import uncovered_paths
+from anchorpose.body.limb_proposals import CHAINS, uncovered_paths
 from anchorpose.body.pose import LIMB_OF_JOINTS, TRUNK, Pose
 from anchorpose.body.skin_points import Body, PosedPoints, joint_jacobian, pose_points
 from anchorpose.body.standing_off import standing_off_sigma_m
-from anchorpose.joints import JOINT_INDEX, JOINT_NAMES
+from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, JointState
 
 WORTH_M2: Final = 0.004  # of uncovered skin: clothes and holds leave as much
 IN_REACH_M: Final = 0.45  # a shank or a forearm with its hand
@@ -131,6 +132,23 @@ def unexplained_sigma(
         mine = (limb_ends() == limb) & (limb != TRUNK) & (off_m < IN_REACH_M)
         sigma[mine] = np.hypot(sigma[mine], off_m[mine] / 2.0)
     return sigma
+
+
+def before_lost_ends(
+    joints_m: np.ndarray, states: Sequence[JointState], sigma_m: np.ndarray
+) -> tuple[tuple[JointState, ...], np.ndarray]:
+    """States and sigma_m (21,) of joints_m (21, 3), of wrists and ankles by what is seen of the hand or foot, too.
+
+    Where cameras see past the place of a hand, the forearm that puts it there may lie on another person's: its wrist is
+    not observed, and may be off by half of its distance from the elbow.
+    """
+    told, sigma = list(states), sigma_m.copy()
+    for chain in CHAINS:
+        end, before, middle = (JOINT_INDEX[name] for name in chain.joints)
+        if told[end] is JointState.LOST:
+            told[before] = JointState.HIDDEN if told[before] is JointState.OBSERVED else told[before]
+            sigma[before] = np.hypot(sigma[before], np.linalg.norm(joints_m[before] - joints_m[middle]) / 2.0)
+    return tuple(told), sigma
 
 
 @cache

@@ -18,7 +18,7 @@ from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration
 from anchorpose.body.sensor_noise import finest_patch_m, noise_covariance
 from anchorpose.body.skin_points import Body, FittedShape, PosedPoints, pose_points
-from anchorpose.body.uncertainty import joint_sigma, smeared_sigma, unexplained_sigma
+from anchorpose.body.uncertainty import before_lost_ends, joint_sigma, smeared_sigma, unexplained_sigma
 from anchorpose.body.visibility import joint_states
 from anchorpose.isolation.detail import DepthDetail
 from anchorpose.isolation.view import View
@@ -105,7 +105,7 @@ def estimate_of(
     sigma = contested_sigma(body, belief.pose, observation.pieces, evidence.views, sigma)
     sigma = _smeared_sigma(body, belief.pose, observation, sigma, config)
     poor = poor_depth(posed, evidence.views, evidence.cameras, _details(observation), config.visibility.reach_m)
-    found = _states(body, posed, explanation, evidence, poor, config)
+    found, sigma = before_lost_ends(joints, _states(body, posed, explanation, evidence, poor, config), sigma)
     states = tuple(
         JointState.HIDDEN if joint in placed and state is JointState.LOST else state
         for joint, state in enumerate(found)

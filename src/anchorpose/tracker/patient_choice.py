@@ -18,11 +18,12 @@ from scipy.optimize import linear_sum_assignment
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.rotations import unit
-from anchorpose.tracker.sighting import SeenPerson, Sighting
+from anchorpose.tracker.bystanders import MOST_TRUNK_PAST
+from anchorpose.tracker.sighting import RoughBody, SeenPerson, Sighting
 
 STAYS_M: Final = 0.40  # from a person's usual place: a step, or the way from a seat to standing
 HUMAN: Final = 0.60  # of a person's nodes explained by a body: furniture and two people in one have less
-POSSIBLE: Final = 0.25  # of the frames in which no camera sees past the body; who squats in a sling had 0.4
+MOST_PAST: Final = 0.4  # of a trunk that cameras see past: a lunge has 0.25 of its rough body, an arm taken for one 0.5
 HELP_M: Final = 1.2  # from pelvis to pelvis: an outstretched arm's length and a step
 FACES: Final = 0.7  # cosine: within 45 degrees
 ASIDE_M: Final = 0.4  # from where the cameras look: 0.7 votes less; cameras are aimed by eye
@@ -139,18 +140,19 @@ def _usual_place(seen: Sequence[SeenPerson]) -> np.ndarray:
 
 
 def _is_human(seen: Sequence[SeenPerson | None]) -> bool:
-    """Whether a body explains most of the person, and cameras do not nearly always see past it, where bodies were
-    fitted."""
-    bodies = [one.body for one in seen if one is not None and one.body is not None]
-    return not bodies or (
-        float(np.median([body.explained for body in bodies])) >= HUMAN and _share_possible(seen) >= POSSIBLE
-    )
+    """Whether a body explains most of the person, and cameras do not see past its trunk, where bodies were fitted."""
+    bodies = _bodies(seen)
+    explained = float(np.median([body.explained for body in bodies])) if bodies else 1.0
+    return explained >= HUMAN and _seen_past(seen) <= MOST_PAST
 
 
-def _share_possible(seen: Sequence[SeenPerson | None]) -> float:
-    """Of the frames with a body, those in which no camera sees past it, with one more for what chance does."""
-    possible = [one.body.possible for one in seen if one is not None and one.body is not None]
-    return (1.0 + sum(possible)) / (1.0 + len(possible))
+def _seen_past(seen: Sequence[SeenPerson | None]) -> float:
+    """Median share of the trunk that cameras see past; 0 without a body."""
+    return float(np.median([body.past for body in _bodies(seen)] or [0.0]))
+
+
+def _bodies(seen: Sequence[SeenPerson | None]) -> list[RoughBody]:
+    return [one.body for one in seen if one is not None and one.body is not None]
 
 
 def _candidate(
@@ -168,7 +170,7 @@ def _candidate(
         + 0.5 * np.log(np.median([one.person.area_m2 for one, _ in there]))
         + faced
         + 0.5 * np.mean([_turned_to_camera(one, cameras) for one, _ in there])
-        + np.log(_share_possible(seen))
+        - np.log1p((_seen_past(seen) / MOST_TRUNK_PAST) ** 2)
         - np.log1p((_aside_m(place, cameras) / ASIDE_M) ** 2)
         - np.log1p((beyond_m / OUTSIDE_M) ** 2)
     )

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.body.evidence import Evidence
-from anchorpose.body.explained import seen_past
+from anchorpose.body.explained import seen_past_by_all
 from anchorpose.body.pose import TRUNK
 from anchorpose.body.skin_points import pose_points
 from anchorpose.isolation.people import FAINT, PatientChoice, People, Person, find_people
@@ -36,12 +36,17 @@ _ACROSS: Final = (("HipLeft", "HipRight"), ("ShoulderLeft", "ShoulderRight"))
 @dataclass(frozen=True, slots=True, eq=False)
 class RoughBody:
     """place_xz_m (2,): the pelvis; facing_xz (2,): unit vector from the back to the front; explained: 0 to 1, share of
-    the person's nodes that the body accounts for; possible: no camera sees past the trunk."""
+    the person's nodes that the body accounts for; past: 0 to 1, share of the trunk's skin that cameras see past."""
 
     place_xz_m: np.ndarray
     facing_xz: np.ndarray
     explained: float
-    possible: bool
+    past: float
+
+    @property
+    def possible(self) -> bool:
+        """Whether cameras do not see past the trunk; rough bodies are a few centimetres off."""
+        return self.past <= MOST_TRUNK_PAST
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -189,6 +194,6 @@ def _rough_body(evidence: Evidence) -> RoughBody | None:
     body, found = person
     joints = body.joints(found.belief.pose)
     across = sum(unit(joints[JOINT_INDEX[right]] - joints[JOINT_INDEX[left]]) for left, right in _ACROSS)
-    past = seen_past(body.points, pose_points(body, found.belief.pose), evidence.views, evidence.cameras)
-    possible = bool(np.nan_to_num(past[TRUNK]) <= MOST_TRUNK_PAST)
-    return RoughBody(joints[0, [0, 2]], unit(np.cross(UP, across)[[0, 2]]), found.explained, possible)
+    posed = pose_points(body, found.belief.pose)
+    past = float(np.nan_to_num(seen_past_by_all(body.points, posed, evidence.views, evidence.cameras)[TRUNK]))
+    return RoughBody(joints[0, [0, 2]], unit(np.cross(UP, across)[[0, 2]]), found.explained, past)

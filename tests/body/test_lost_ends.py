@@ -1,0 +1,45 @@
+"""A wrist whose hand is not where it puts it is not called seen, and says that it may be far off."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from body_builder import adult_body, joints_of, standing
+
+from anchorpose.body.uncertainty import before_lost_ends
+from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JointState
+
+JOINTS_M = joints_of(adult_body(), standing())
+SIGMA_M = np.full(JOINT_COUNT, 0.01)
+
+
+def told(**states: JointState):
+    """States and sigma of joints that are all observed but those named."""
+    every = [JointState.OBSERVED] * JOINT_COUNT
+    for name, state in states.items():
+        every[JOINT_INDEX[name]] = state
+    return before_lost_ends(JOINTS_M, every, SIGMA_M)
+
+
+@pytest.mark.parametrize(
+    ("end", "before", "middle"), [("HandLeft", "WristLeft", "ElbowLeft"), ("FootRight", "AnkleRight", "KneeRight")]
+)
+def test_the_joint_before_a_lost_end_is_hidden_and_covers_half_of_its_segment(end, before, middle):
+    states, sigma = told(**{end: JointState.LOST})
+    length_m = np.linalg.norm(JOINTS_M[JOINT_INDEX[before]] - JOINTS_M[JOINT_INDEX[middle]])
+    assert states[JOINT_INDEX[before]] is JointState.HIDDEN
+    assert sigma[JOINT_INDEX[before]] == pytest.approx(np.hypot(0.01, length_m / 2.0))
+    others = np.arange(JOINT_COUNT) != JOINT_INDEX[before]
+    np.testing.assert_array_equal(sigma[others], SIGMA_M[others])
+
+
+def test_what_hides_the_joint_stays_the_reason():
+    states, _ = told(HandLeft=JointState.LOST, WristLeft=JointState.HIDDEN_BY_PERSON)
+    assert states[JOINT_INDEX["WristLeft"]] is JointState.HIDDEN_BY_PERSON
+
+
+@pytest.mark.parametrize("state", [one for one in JointState if one is not JointState.LOST])
+def test_an_end_that_is_only_out_of_sight_says_nothing(state):
+    states, sigma = told(HandRight=state)
+    assert states[JOINT_INDEX["WristRight"]] is JointState.OBSERVED
+    np.testing.assert_array_equal(sigma, SIGMA_M)
