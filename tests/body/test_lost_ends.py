@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from body_builder import adult_body, joints_of, standing
 
-from anchorpose.body.uncertainty import before_lost_ends
+from anchorpose.body.uncertainty import before_lost_ends, lost_ends
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JointState
 
 JOINTS_M = joints_of(adult_body(), standing())
@@ -18,7 +18,7 @@ def told(**states: JointState):
     every = [JointState.OBSERVED] * JOINT_COUNT
     for name, state in states.items():
         every[JOINT_INDEX[name]] = state
-    return before_lost_ends(JOINTS_M, every, SIGMA_M)
+    return before_lost_ends(JOINTS_M, every, SIGMA_M, lost_ends(every))
 
 
 @pytest.mark.parametrize(
@@ -43,3 +43,11 @@ def test_an_end_that_is_only_out_of_sight_says_nothing(state):
     states, sigma = told(HandRight=state)
     assert states[JOINT_INDEX["WristRight"]] is JointState.OBSERVED
     np.testing.assert_array_equal(sigma, SIGMA_M)
+
+
+@pytest.mark.parametrize("then", JointState)
+def test_a_lost_hand_stays_lost_until_it_is_seen(then):
+    hand = JOINT_INDEX["HandLeft"]
+    every = [JointState.OBSERVED] * JOINT_COUNT
+    every[hand] = then
+    assert (hand in lost_ends(every, frozenset({hand}))) == (then is not JointState.OBSERVED)

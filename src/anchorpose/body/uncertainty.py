@@ -134,10 +134,19 @@ def unexplained_sigma(
     return sigma
 
 
+def lost_ends(states: Sequence[JointState], before: frozenset[int] = frozenset()) -> frozenset[int]:
+    """Hands and feet (joints) past whose place cameras see, or saw in a frame before, and that were not seen since."""
+    return frozenset(
+        end
+        for end in (JOINT_INDEX[chain.joints[0]] for chain in CHAINS)
+        if states[end] is JointState.LOST or (end in before and states[end] is not JointState.OBSERVED)
+    )
+
+
 def before_lost_ends(
-    joints_m: np.ndarray, states: Sequence[JointState], sigma_m: np.ndarray
+    joints_m: np.ndarray, states: Sequence[JointState], sigma_m: np.ndarray, lost: frozenset[int]
 ) -> tuple[tuple[JointState, ...], np.ndarray]:
-    """States and sigma_m (21,) of joints_m (21, 3), of wrists and ankles by what is seen of the hand or foot, too.
+    """States and sigma_m (21,) of joints_m (21, 3), of wrists and ankles by lost hands and feet (``lost_ends``), too.
 
     Where cameras see past the place of a hand, the forearm that puts it there may lie on another person's: its wrist is
     not observed, and may be off by half of its distance from the elbow.
@@ -145,7 +154,7 @@ def before_lost_ends(
     told, sigma = list(states), sigma_m.copy()
     for chain in CHAINS:
         end, before, middle = (JOINT_INDEX[name] for name in chain.joints)
-        if told[end] is JointState.LOST:
+        if end in lost:
             told[before] = JointState.HIDDEN if told[before] is JointState.OBSERVED else told[before]
             sigma[before] = np.hypot(sigma[before], np.linalg.norm(joints_m[before] - joints_m[middle]) / 2.0)
     return tuple(told), sigma

@@ -18,7 +18,7 @@ from anchorpose.body.pose import Pose
 from anchorpose.body.registration import Registration
 from anchorpose.body.sensor_noise import finest_patch_m, noise_covariance
 from anchorpose.body.skin_points import Body, FittedShape, PosedPoints, pose_points
-from anchorpose.body.uncertainty import before_lost_ends, joint_sigma, smeared_sigma, unexplained_sigma
+from anchorpose.body.uncertainty import before_lost_ends, joint_sigma, lost_ends, smeared_sigma, unexplained_sigma
 from anchorpose.body.visibility import joint_states
 from anchorpose.isolation.detail import DepthDetail
 from anchorpose.isolation.view import View
@@ -40,7 +40,7 @@ class Estimate:
     match in this frame, None where nothing was matched (the first frame, nothing seen). explanation: how well the pose
     explains the depth images, None where lost. why_lost: why every joint is lost, empty where one is not. poor: why
     cameras' depth images are too poor for joints, none where they are not. moved: limbs are elsewhere than the frames
-    before said.
+    before said. ends: hands and feet that are lost, as in ``lost_ends``.
     """
 
     frame_set: FrameSet
@@ -56,6 +56,7 @@ class Estimate:
     why_lost: str = ""
     poor: tuple[PoorDepth, ...] = ()
     moved: bool = False
+    ends: frozenset[int] = frozenset()
 
 
 def nobody_found(
@@ -84,11 +85,13 @@ def estimate_of(
     config: TrackConfig,
     corrected: CorrectedJoints | None = None,
     rivals: Sequence[Rival] = (),
+    ends: frozenset[int] = frozenset(),
 ) -> Estimate:
     """Joints by the rule J, their states from the depth images, their sigma from the posterior.
 
     corrected: joints whose place a reviewer gave. Where the images contradict it they are hidden, not lost, and their
     sigma is at least their distance from that place. rivals: other poses that explain the images almost as well.
+    ends: lost hands and feet of the frame before.
     """
     placed = () if corrected is None else corrected.joint.tolist()
     belief = registration.belief
@@ -105,7 +108,9 @@ def estimate_of(
     sigma = contested_sigma(body, belief.pose, observation.pieces, evidence.views, sigma)
     sigma = _smeared_sigma(body, belief.pose, observation, sigma, config)
     poor = poor_depth(posed, evidence.views, evidence.cameras, _details(observation), config.visibility.reach_m)
-    found, sigma = before_lost_ends(joints, _states(body, posed, explanation, evidence, poor, config), sigma)
+    shown = _states(body, posed, explanation, evidence, poor, config)
+    ends = lost_ends(shown, ends)
+    found, sigma = before_lost_ends(joints, shown, sigma, ends)
     states = tuple(
         JointState.HIDDEN if joint in placed and state is JointState.LOST else state
         for joint, state in enumerate(found)
@@ -128,6 +133,7 @@ def estimate_of(
         explanation,
         TOO_UNCERTAIN if lost.all() else "",
         tuple(one for one in poor if one is not None),
+        ends=ends,
     )
 
 

@@ -66,6 +66,7 @@ class PatientTracker:
         self.rivals: tuple[Rival, ...] = ()  # poses that explain the last frames almost as well
         self.moved = False  # limbs are elsewhere than the frames before the last one said
         self.feet = StandingFeet(self.points)
+        self.ends: frozenset[int] = frozenset()  # hands and feet that were lost and not seen since
         self.first = self._estimate(Registration(self.belief, start.explained, True), start.observation, None)
 
     def step(self, frame_set: FrameSet | None, only_look: bool = False) -> Estimate | None:
@@ -140,7 +141,8 @@ class PatientTracker:
             honoured = corrected
             if corrected is not None and contradicted(self.body, registration.belief, corrected):
                 honoured = None
-            estimate = estimate_of(self.body, registration, seen, share, self.config, honoured, self.rivals)
+            estimate = estimate_of(self.body, registration, seen, share, self.config, honoured, self.rivals, self.ends)
+            self.ends = estimate.ends
             estimate = displaced(estimate, self.run.room.calibration.displaced_m)
             posed = pose_points(self.body, self.belief.pose)
             self.skin_sigma_m = skin_sigma(self.body, posed, self.belief.covariance, self.config.uncertainty)
