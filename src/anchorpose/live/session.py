@@ -7,6 +7,7 @@ sight; from then on every newest frame is tracked, and what comes while one is w
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -29,7 +30,7 @@ from anchorpose.live.source import LiveSource
 from anchorpose.recording.reader import open_recording, read_frame
 from anchorpose.recording.recording import Recording, align_clocks
 from anchorpose.results.unfinished import begin_journal, end_journal
-from anchorpose.threads import one_thread
+from anchorpose.threads import camera_threads, one_thread
 from anchorpose.track_inputs import TrackInputs, UserInputs, read_inputs
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.following import Follower
@@ -95,7 +96,7 @@ def track_live(
         intake.add(recorder.put)
     session = _Session(intake, about, Journal(begin_journal(results, f"live {time.time_ns()}", {})), options, say, stop)
     try:
-        with one_thread():
+        with one_thread(), camera_threads(min(len(intake.cameras), os.cpu_count() or 1)):
             prepared, backlog = session.prepare()
             follower = session.begin(prepared, Outputs(outputs), with_labels=recorder is not None)
             session.follow(follower, backlog)

@@ -73,7 +73,7 @@ def drop_flying_pixels(depth_m: np.ndarray, slope: float, spread: float, min_sup
     return _supported(depth, np.float32(slope), np.float32(spread), min_support, *extent(depth > 0))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def extent(mask: np.ndarray) -> tuple:
     """(top, bottom, left, right), past the last, of the True entries of (height, width) bool; all 0 without any."""
     height, width = mask.shape
@@ -97,7 +97,7 @@ def extent(mask: np.ndarray) -> tuple:
     return top, bottom, left, right
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _span(depth: np.ndarray, row: int, left: int, right: int) -> tuple:
     """(first, last), past the last, of the positive entries of a row between two columns; (right, right) for none."""
     while left < right and not depth[row, left] > 0:
@@ -177,7 +177,7 @@ def _add_tap(
         weights[at + k] += weight
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _supported(
     depth: np.ndarray, slope: Any, spread: Any, min_support: int, top: int, bottom: int, left: int, right: int
 ) -> np.ndarray:
@@ -201,7 +201,7 @@ def _supported(
     return kept
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _count_tap(
     depth: np.ndarray, row: Any, i: Any, at: Any, there: Any, count: Any, limit: np.ndarray, support: np.ndarray
 ) -> None:

@@ -149,7 +149,7 @@ def _with_border(ring: np.ndarray, dropped: np.ndarray) -> np.ndarray:
     return stay
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _pair_corners(
     nodes: Nodes, begin: int, end: int, grid: Grid, camera: Pinhole, eyes: np.ndarray, max_apart: np.float32
 ) -> np.ndarray:
@@ -185,7 +185,7 @@ def _pair_corners(
     return pairs[:count].copy()
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _far_on_body(landmarks: np.ndarray, one: int, other: int) -> bool:
     """Whether two skin points are too far apart on the body to be the same; -1 is unknown and never is."""
     if one < 0 or other < 0 or one == other:
@@ -193,7 +193,7 @@ def _far_on_body(landmarks: np.ndarray, one: int, other: int) -> bool:
     return bool(geodesic_lower_bound(landmarks, one, other) > MAX_ON_BODY_M)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _one_skin(nodes: Nodes, p: int, q: int, max_apart: np.float32) -> bool:
     """Whether two nodes are near, in each other's tangent planes, and turned alike."""
     points, normals = nodes.points_m, nodes.normals
@@ -208,7 +208,7 @@ def _one_skin(nodes: Nodes, p: int, q: int, max_apart: np.float32) -> bool:
     return bool(near and cosine >= MIN_COSINE)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _squareness(nodes: Nodes, p: int, q: int, eye: np.ndarray) -> np.float32:
     """Readings that a camera at a place (3,) has for each square metre of skin at p and q, up to a constant."""
     points, normals = nodes.points_m, nodes.normals

@@ -63,7 +63,7 @@ def _seen_through(expected: ExpectedSkin, depths_m: Sequence[np.ndarray], camera
     return absent
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _mark_seen_through(skin: np.ndarray, camera: Pinhole, depth: np.ndarray, absent: np.ndarray) -> None:
     """Mark in ``absent`` (k,) the skin points in front of what the camera reads."""
     for k in range(len(skin)):
@@ -94,7 +94,7 @@ class Paths(NamedTuple):
     straight: np.ndarray
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _place_hidden(seen: Seen, pairs: np.ndarray, absent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """place (k,): the new node of each skin point, -1 for none; shown (k,): the piece of mesh that shows it, -1 none.
 
@@ -130,7 +130,7 @@ def _place_hidden(seen: Seen, pairs: np.ndarray, absent: np.ndarray) -> tuple[np
     return place, shown
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _link_hidden(seen: Seen, paths: Paths, place: np.ndarray, shown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(m, 2) links among new nodes and from the rim to them; (m,) float32 their lengths.
 
@@ -158,7 +158,7 @@ def _link_hidden(seen: Seen, paths: Paths, place: np.ndarray, shown: np.ndarray)
     return found[:count].copy(), length[:count].copy()
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _apart(points: np.ndarray, a: Any, others: np.ndarray, b: int) -> np.float32:
     squared = np.float32(0.0)
     for axis in range(3):

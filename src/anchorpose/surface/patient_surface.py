@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from anchorpose.surface.joins import join_pieces, join_rest
 from anchorpose.surface.mesh import build_surface
 from anchorpose.surface.shown_skin import assign_skin, find_ambiguous_skin
 from anchorpose.surface.surface import ExpectedSkin, Surface, SurfaceConfig
+from anchorpose.threads import for_each_camera
 
 
 def patient_surface(
@@ -30,11 +32,11 @@ def patient_surface(
     cut, and nothing hidden is added.
     """
     config = config or SurfaceConfig()
-    pairs = list(zip(views, cameras, strict=True))
     if expected is None or not config.by_body:
-        return fuse([_bridged_mesh(view, camera, config) for view, camera in pairs], cameras, None, config)
-    ambiguous = find_ambiguous_skin(expected)
-    meshes = [_cut_mesh(view, camera, expected, ambiguous, config) for view, camera in pairs]
+        bridged = [_bridged_mesh(view, camera, config) for view, camera in zip(views, cameras, strict=True)]
+        return fuse(bridged, cameras, None, config)
+    cut = partial(_cut_mesh, expected=expected, ambiguous=find_ambiguous_skin(expected), config=config)
+    meshes = for_each_camera(cut, views, cameras)
     surface = fuse(meshes, cameras, expected, config)
     whole = add_hidden_skin(surface, expected, [view.depth_m for view in views], cameras)
     return join_rest(whole, config.max_join_m)
