@@ -123,6 +123,16 @@ def test_who_is_seen_once_is_not_the_patient_however_hidden():
     assert chosen_place(sightings, cameras=(FRONT,))[0] == pytest.approx([0, 0.45])
 
 
+def test_a_patient_who_is_seen_now_as_one_and_now_as_two_is_one_person():
+    """Two halves of a patient share the frames; the helper is there in all of them."""
+    helper = one(0.6, 0.0, facing=towards(0.6, 0.0))
+    halves = [(one(0.0, 0.04),), (one(0.0, -0.04),), (one(0.0, 0.04), one(0.0, -0.04))]
+    sightings = [Sighting(7, (*halves[k % 3], helper), (), NO_IMAGES) for k in range(12)]
+    place, patient = chosen_place(sightings)
+    assert place == pytest.approx([0, 0], abs=0.05)
+    assert sum(seen is not None for seen in patient.seen) == 12
+
+
 def test_what_no_body_explains_is_not_human():
     cupboard = one(0, 0, explained=0.4, area_m2=1.2)
     assert chosen_place(times(8, cupboard, one(1.2, 0.5)))[0] == pytest.approx([1.2, 0.5])

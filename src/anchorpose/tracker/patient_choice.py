@@ -22,6 +22,7 @@ from anchorpose.tracker.bystanders import MOST_TRUNK_PAST
 from anchorpose.tracker.sighting import RoughBody, SeenPerson, Sighting
 
 STAYS_M: Final = 0.40  # from a person's usual place: a step, or the way from a seat to standing
+SAME_M: Final = 0.15  # between the pelvises of two people who stand as close as they can, twice as much
 HUMAN: Final = 0.60  # of a person's nodes explained by a body: furniture and two people in one have less
 MOST_PAST: Final = 0.4  # of a trunk that cameras see past: a lunge has 0.25 of its rough body, an arm taken for one 0.5
 HELP_M: Final = 1.2  # from pelvis to pelvis: an outstretched arm's length and a step
@@ -48,7 +49,7 @@ class Candidate:
     @property
     def place_xz_m(self) -> np.ndarray:
         """(2,) where the person usually is."""
-        return _usual_place([one for one in self.seen if one is not None])
+        return _usual_place(self.seen)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,7 +108,7 @@ def find_candidates(
     sightings: Sequence[Sighting], equipment: EquipmentModel | None, cameras: Sequence[Camera]
 ) -> list[Candidate]:
     """Everybody who was seen, with their votes; people without a human body only where nobody has one."""
-    members = _followed(sightings)
+    members = _joined(_followed(sightings))
     human = [seen for seen in members if _is_human(seen)]
     return [_candidate(seen, sightings, equipment, cameras) for seen in human or members]
 
@@ -117,7 +118,7 @@ def _followed(sightings: Sequence[Sighting]) -> list[list[SeenPerson | None]]:
     members = list[list[SeenPerson | None]]()
     for number, sighting in enumerate(sightings):
         people = sighting.people
-        places = [_usual_place([one for one in seen if one is not None]) for seen in members]
+        places = [_usual_place(seen) for seen in members]
         away = np.array([[np.linalg.norm(one.place_xz_m - place) for place in places] for one in people])
         away = away.reshape(len(people), len(places))
         known = {
@@ -135,8 +136,21 @@ def _followed(sightings: Sequence[Sighting]) -> list[list[SeenPerson | None]]:
     return members
 
 
-def _usual_place(seen: Sequence[SeenPerson]) -> np.ndarray:
-    return np.asarray(np.median([one.place_xz_m for one in seen], axis=0))
+def _joined(members: Sequence[list[SeenPerson | None]]) -> list[list[SeenPerson | None]]:
+    """Appearances in one another's place are one person's: who squats is seen now as one, now as two."""
+    joined = list[list[SeenPerson | None]]()
+    for seen in sorted(members, key=lambda one: -sum(person is not None for person in one)):
+        place = _usual_place(seen)
+        same = next((one for one in joined if np.linalg.norm(_usual_place(one) - place) < SAME_M), None)
+        if same is None:
+            joined.append(list(seen))
+        else:
+            same[:] = [one or other for one, other in zip(same, seen, strict=True)]
+    return joined
+
+
+def _usual_place(seen: Sequence[SeenPerson | None]) -> np.ndarray:
+    return np.asarray(np.median([one.place_xz_m for one in seen if one is not None], axis=0))
 
 
 def _is_human(seen: Sequence[SeenPerson | None]) -> bool:
@@ -162,7 +176,7 @@ def _candidate(
     cameras: Sequence[Camera],
 ) -> Candidate:
     there = [(one, sighting) for one, sighting in zip(seen, sightings, strict=True) if one is not None]
-    place = _usual_place([one for one, _ in there])
+    place = _usual_place(seen)
     faced = float(np.mean([_faced_by(one, sighting) for one, sighting in there]))
     beyond_m = 0.0 if equipment is None else outside_m(place, equipment)
     votes = (
