@@ -111,7 +111,7 @@ def _turning_point(array: np.ndarray) -> float:
     return float(radius[back[0]]) if len(back) else WIDEST
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _radial(radius: float, lens: np.ndarray) -> float:
     """How far from the axis a ray falls, in focal lengths, by the radial coefficients alone."""
     k = lens[_K:]
@@ -125,7 +125,7 @@ def _radial(radius: float, lens: np.ndarray) -> float:
     return radius * above / below if below > 0.0 else -1.0
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def pixel_of_ray(x: float, y: float, lens: np.ndarray) -> tuple[float, float]:
     """Column and row of a ray, far outside of every image beyond the lens's valid radius. lens: ``lens_array``."""
     if lens[_KIND] == _PLAIN:
@@ -147,7 +147,7 @@ def pixel_of_ray(x: float, y: float, lens: np.ndarray) -> tuple[float, float]:
     return lens[0] * u + lens[2], lens[1] * v + lens[3]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def project(points: np.ndarray, lens: np.ndarray) -> np.ndarray:
     """(n, 3) camera points to (n, 2) column and row; NaN behind the camera and beyond the lens's valid radius."""
     pixels = np.full((len(points), 2), np.nan)
@@ -170,7 +170,7 @@ def rays_of_pixels(lens: Intrinsics, width: int, height: int) -> np.ndarray:
     return _rays(array, radius, seen, width, height)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _rays(lens: np.ndarray, radius: np.ndarray, seen: np.ndarray, width: int, height: int) -> np.ndarray:
     """Newton's method from the ray that the radial coefficients alone give."""
     rays = np.full((height, width, 2), np.nan)
@@ -188,7 +188,7 @@ def _rays(lens: np.ndarray, radius: np.ndarray, seen: np.ndarray, width: int, he
     return rays
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _solve(x: float, y: float, column: float, row: float, lens: np.ndarray) -> tuple[float, float, bool]:
     """The ray of a pixel from a guess, and whether it is one."""
     for _ in range(_STEPS):

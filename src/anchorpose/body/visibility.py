@@ -142,7 +142,7 @@ def skin_reasons(posed: PosedPoints, view: View, camera: Camera, reach_m: float)
     return reason, _turned_to(posed.points_m, posed.normals, camera.position_m, GRAZING)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def pixels_of(
     points: np.ndarray, projection: Projection, height: int, width: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -169,7 +169,7 @@ def pixels_of(
     return column, row, depth
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _read(
     column: np.ndarray, row: np.ndarray, far: np.ndarray, labels: np.ndarray, depth: np.ndarray, reach: float
 ) -> np.ndarray:
@@ -192,7 +192,7 @@ def _read(
     return reason
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _turned_to(points: np.ndarray, normals: np.ndarray, eye: np.ndarray, grazing: float) -> np.ndarray:
     """(p,) bool: skin that the eye sees at a cosine above ``grazing``."""
     facing = np.empty(len(points), np.bool_)

@@ -106,7 +106,7 @@ def foreground(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None
     return without_flying_pixels(depth_m, mask, model.jump_limit)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _sigmas_nearer(depth: np.ndarray, room: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     """How many sigmas each reading is before the room; 1e3 where the room is unknown, -1e3 without a reading."""
     nearer = np.empty_like(depth)

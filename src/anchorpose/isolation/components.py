@@ -50,7 +50,7 @@ def without_flying_pixels(depth_m: np.ndarray, mask: np.ndarray, limit: JumpLimi
     return _supported(depth_m, mask, limit.square, limit.slope)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _root(parent: np.ndarray, node: int) -> int:
     while parent[node] != node:
         parent[node] = parent[parent[node]]
@@ -58,7 +58,7 @@ def _root(parent: np.ndarray, node: int) -> int:
     return node
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _label(depth: np.ndarray, mask: np.ndarray, square: float, slope: float) -> tuple[np.ndarray, int]:
     """Union-find; the smallest index of a piece is its root, so it comes first."""
     height, width = depth.shape
@@ -96,7 +96,7 @@ def _label(depth: np.ndarray, mask: np.ndarray, square: float, slope: float) -> 
     return labels, count
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _supported(depth: np.ndarray, mask: np.ndarray, square: float, slope: float) -> np.ndarray:
     height, width = depth.shape
     kept = np.zeros((height, width), dtype=np.bool_)
@@ -108,7 +108,7 @@ def _supported(depth: np.ndarray, mask: np.ndarray, square: float, slope: float)
     return kept
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _has_support(depth: np.ndarray, mask: np.ndarray, row: int, column: int, square: float, slope: float) -> bool:
     height, width = depth.shape
     z = depth[row, column]

@@ -76,7 +76,7 @@ def sort_likelihood(likelihood: OwnershipLikelihood) -> LikelihoodGrid:
     return LikelihoodGrid(likelihood.points_m[order], likelihood.owner[order], weight, penalty, start, origin, around)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _spread_owners(around: np.ndarray, cell: np.ndarray, owner: np.ndarray) -> None:
     """Enter every point's owner in its own and the 26 cells around; all points keep one cell off the lower border."""
     before = np.full(3, -1, np.int64)
@@ -111,7 +111,7 @@ def decide_ownership(
     return _decide(grid, places_m, compared, gate, least_lead)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _decide(
     grid: LikelihoodGrid, places: np.ndarray, compared: np.ndarray, gate: float, least_lead: float
 ) -> np.ndarray:

@@ -67,7 +67,7 @@ class _Queue(NamedTuple):
     owner: np.ndarray
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _push(queue: _Queue, used: int, bucket: int, pixel: int, owner: int) -> int:
     """Add an entry to a bucket; returns how many entries were ever added."""
     queue.pixel[used], queue.owner[used], queue.after[used] = pixel, owner, queue.head[bucket]
@@ -75,7 +75,7 @@ def _push(queue: _Queue, used: int, bucket: int, pixel: int, owner: int) -> int:
     return used + 1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _grow(surface: _Surface, owner: np.ndarray, crease_cost: float) -> None:
     """Dijkstra's algorithm with a ring of buckets; costs are whole steps."""
     ring = DEEPEST + 2
@@ -109,7 +109,7 @@ def _grow(surface: _Surface, owner: np.ndarray, crease_cost: float) -> None:
         level += 1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _beside_open(surface: _Surface, owner: np.ndarray, pixel: int) -> bool:
     """Whether any of a pixel's four neighbours is foreground without an owner."""
     height, width = surface.number.shape
@@ -122,7 +122,7 @@ def _beside_open(surface: _Surface, owner: np.ndarray, pixel: int) -> bool:
     return False
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _step(surface: _Surface, owner: np.ndarray, pixel: int, d_r: int, d_c: int, crease_cost: float) -> tuple[int, int]:
     """The pixel beside one in a direction, -1 where growing cannot go there, and the cost in steps."""
     depth = surface.depth
@@ -140,7 +140,7 @@ def _step(surface: _Surface, owner: np.ndarray, pixel: int, d_r: int, d_c: int, 
     return other, 1 + min(int(crease_cost * max(valley - CREASE_SIGMAS, 0.0)), DEEPEST)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _valley(index: np.ndarray, depth: np.ndarray, r: int, c: int, d_r: int, d_c: int) -> float:
     """How far the surface at a pixel lies behind the middle of its two neighbours along a direction, metres."""
     height, width = index.shape
@@ -152,7 +152,7 @@ def _valley(index: np.ndarray, depth: np.ndarray, r: int, c: int, d_r: int, d_c:
     return depth[r, c] - 0.5 * (depth[r1, c1] + depth[r2, c2])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _contacts(surface: _Surface, owner: np.ndarray, size_per_m: np.ndarray, count: int) -> np.ndarray:
     """See ``smooth_contact_m``; size_per_m (n,): width of a pixel over its depth."""
     index, depth = surface.number, surface.depth

@@ -28,6 +28,7 @@ from anchorpose.isolation.smear import smeared
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.recording.recording import FrameSet
+from anchorpose.threads import each
 
 SMALLEST_PIECE_M2: Final = 0.0005  # a piece smaller than a fingertip is not a person
 FEET_M: Final = 0.3  # an ankle's height, and what a removed floor takes with it
@@ -133,10 +134,11 @@ def set_scene(camera: Camera, background: BackgroundModel, equipment: EquipmentM
 
 def find_all_pieces(frame_set: FrameSet, scenes: Sequence[Scene]) -> list[Pieces | None]:
     """The pieces of all cameras at one moment; None where a camera has no frame."""
-    return [
-        None if depth is None else find_pieces(depth, scene, frame_set.time_s)
-        for depth, scene in zip(frame_set.depths_m, scenes, strict=True)
-    ]
+
+    def pieces_of(depth_m: np.ndarray | None, scene: Scene) -> Pieces | None:
+        return None if depth_m is None else find_pieces(depth_m, scene, frame_set.time_s)
+
+    return each(pieces_of, frame_set.depths_m, scenes)
 
 
 def find_pieces(depth_m: np.ndarray, scene: Scene, time_s: float | None = None) -> Pieces:
@@ -193,7 +195,7 @@ def _first_labels(
     return labels
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _nearness(depth: np.ndarray, room: np.ndarray, sigma: np.ndarray, gate: float) -> np.ndarray:
     """NO_READING, BACKGROUND, or CLUTTER for what is in front of the room, yet may be flying."""
     labels = np.zeros(depth.shape, np.uint8)
@@ -218,7 +220,7 @@ def _empty_around(depth_m: np.ndarray, people: np.ndarray, camera: Camera) -> np
     return empty
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _areas(depth: np.ndarray, piece: np.ndarray, count: int, focal: float) -> np.ndarray:
     """(count + 1,) square metres of each piece, if it faces the camera."""
     area = np.zeros(count + 1)
@@ -229,7 +231,7 @@ def _areas(depth: np.ndarray, piece: np.ndarray, count: int, focal: float) -> np
     return area
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _listed(
     depth: np.ndarray, piece_of: np.ndarray, renumbered: np.ndarray, rays: np.ndarray, T: np.ndarray, focal: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

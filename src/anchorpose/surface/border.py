@@ -16,6 +16,7 @@ from numba import njit
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface.denoise import extent
 from anchorpose.surface.surface import Surface
+from anchorpose.threads import each
 
 REACH_PX = 5  # from an edge to the nodes that it marks: two nodes, and the pixels that a depth edge loses
 SEARCH_PX = 3  # across the lost or mixed pixels of an edge
@@ -41,10 +42,11 @@ def border(surface: Surface, views: Sequence[View]) -> np.ndarray:
     A camera without a node of the surface is skipped; a hidden node is ``INSIDE``.
     """
     kind = np.zeros(len(surface), np.uint8)
-    for camera in np.unique(surface.camera[: surface.seen_count]):
+    cameras = np.unique(surface.camera[: surface.seen_count])
+    for camera, of_pixels in zip(cameras, each(lambda k: _border_of_pixels(views[k]), cameras), strict=True):
         seen = surface.camera == camera
         row, column = surface.pixel[seen].T
-        kind[seen] = _border_of_pixels(views[camera])[row, column]
+        kind[seen] = of_pixels[row, column]
     return kind
 
 
@@ -67,7 +69,7 @@ def _border_of_pixels(view: View) -> np.ndarray:
     return whole
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _supported(kind: np.ndarray, spots: np.ndarray) -> np.ndarray:
     """Edge pixels that have others of their kind, or of a higher one, beside them; spots (k,): where any kind is."""
     height, width = kind.shape
@@ -86,7 +88,7 @@ def _supported(kind: np.ndarray, spots: np.ndarray) -> np.ndarray:
     return kept
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _within_reach(kind: np.ndarray, spots: np.ndarray, disc: np.ndarray) -> np.ndarray:
     """The highest kind within a disc (odd, odd) of each pixel; edges are few, so each is spread by itself."""
     height, width = kind.shape
@@ -100,7 +102,7 @@ def _within_reach(kind: np.ndarray, spots: np.ndarray, disc: np.ndarray) -> np.n
     return near
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _edge_kinds(depth: np.ndarray, labels: np.ndarray) -> np.ndarray:
     """What each patient pixel meets within ``SEARCH_PX`` in eight directions.
 
@@ -146,7 +148,7 @@ def _edge_kinds(depth: np.ndarray, labels: np.ndarray) -> np.ndarray:
     return kinds
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _surrounded(depth: np.ndarray, labels: np.ndarray, row: int, col: int, nearest: float) -> bool:
     """Whether the patient is all around a pixel, nowhere nearer than that: so it is for most pixels."""
     surrounded = True
@@ -183,7 +185,7 @@ def _holes(labels: np.ndarray) -> np.ndarray | None:
     return hole.view(np.uint8)[component] if hole.any() else None
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _rims(component: np.ndarray, labels: np.ndarray, rim: np.ndarray, disc: np.ndarray, count: int) -> tuple:
     """(count,) pixels of the rim (r,) within a disc (5, 5) of each component, and how many of them are patient."""
     height, width = component.shape

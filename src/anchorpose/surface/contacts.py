@@ -24,7 +24,7 @@ SHOWN_NEAR_M: Any = np.float32(0.06)  # ... where both nodes are as near as that
 SHOWN_OFF_M: Any = np.float32(0.02)  # ... and to its plane: along the skin the prediction may be half a limb off
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def decide_candidates(mesh: MeshArrays, candidates: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
     """(n,) int32: the one of two candidates (n, 2) int32 that each node shows; -1 = no candidate.
 
@@ -83,7 +83,7 @@ def cut_contacts(surface: Surface, expected: ExpectedSkin) -> Surface:
     return replace(surface, ring=ring)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _cut(mesh: MeshArrays, skin: np.ndarray, expected: SkinArrays, least_step: np.float32) -> np.ndarray:
     """The ring without the edges of contacts; skin (n,) int32 of ``Surface``."""
     points, normals, ring = mesh.points_m, mesh.normals, mesh.ring
@@ -123,7 +123,7 @@ def _cut(mesh: MeshArrays, skin: np.ndarray, expected: SkinArrays, least_step: n
     return ring
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _near_skin(points: np.ndarray, node: Any, skin: SkinArrays, under: int) -> bool:
     """Whether a node lies at the skin point that it shows."""
     squared, along = np.float32(0.0), np.float32(0.0)
@@ -134,7 +134,7 @@ def _near_skin(points: np.ndarray, node: Any, skin: SkinArrays, under: int) -> b
     return bool(squared < SHOWN_NEAR_M * SHOWN_NEAR_M and abs(along) < SHOWN_OFF_M)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _steps(points: np.ndarray, normals: np.ndarray, p: int, q: int, least_step: np.float32) -> bool:
     """Whether an edge leaves the skin of either end steeply."""
     apart2, from_p, from_q = np.float32(0.0), np.float32(0.0), np.float32(0.0)
@@ -146,7 +146,7 @@ def _steps(points: np.ndarray, normals: np.ndarray, p: int, q: int, least_step: 
     return bool(max(abs(from_p), abs(from_q)) > least_step * np.sqrt(apart2))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def crease(points: np.ndarray, normals: np.ndarray, p: int, q: int) -> np.float32:
     """By how much the skin folds inwards from p to q: the turn of the normal, radians, positive if concave."""
     apart2, turn = np.float32(0.0), np.float32(0.0)

@@ -73,7 +73,7 @@ def drop_flying_pixels(depth_m: np.ndarray, slope: float, spread: float, min_sup
     return _supported(depth, np.float32(slope), np.float32(spread), min_support, *extent(depth > 0))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def extent(mask: np.ndarray) -> tuple:
     """(top, bottom, left, right), past the last, of the True entries of (height, width) bool; all 0 without any."""
     height, width = mask.shape
@@ -97,7 +97,7 @@ def extent(mask: np.ndarray) -> tuple:
     return top, bottom, left, right
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _span(depth: np.ndarray, row: int, left: int, right: int) -> tuple:
     """(first, last), past the last, of the positive entries of a row between two columns; (right, right) for none."""
     while left < right and not depth[row, left] > 0:
@@ -126,7 +126,7 @@ def _differences(depth: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.nd
     return abs(near - 2.0 * z + far) / z**2, abs(far - z) / z, abs(far - z) / z**2
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 def _bilateral(
     depth: np.ndarray, reach: Any, spatial: np.ndarray, top: int, bottom: int, left: int, right: int
 ) -> np.ndarray:
@@ -152,7 +152,7 @@ def _bilateral(
     return smooth
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 def _add_tap(
     depth: np.ndarray,
     row: Any,
@@ -177,7 +177,7 @@ def _add_tap(
         weights[at + k] += weight
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _supported(
     depth: np.ndarray, slope: Any, spread: Any, min_support: int, top: int, bottom: int, left: int, right: int
 ) -> np.ndarray:
@@ -201,7 +201,7 @@ def _supported(
     return kept
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _count_tap(
     depth: np.ndarray, row: Any, i: Any, at: Any, there: Any, count: Any, limit: np.ndarray, support: np.ndarray
 ) -> None:

@@ -45,7 +45,7 @@ def bridge_pairs(
     return _facing_pairs(index, hidden, points_m, normals, step, longest, -(-MARGIN_PX // step), float(max_width_m))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _facing_pairs(
     index: np.ndarray,
     hidden: np.ndarray,
@@ -87,7 +87,7 @@ def _facing_pairs(
     return pairs[:count].copy()
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _belong(points: np.ndarray, normals: np.ndarray, p: int, q: int, max_width: float) -> bool:
     """Whether two nodes are near enough, look the same way and each lies near the tangent plane of the other."""
     width2, from_p, from_q, turn = 0.0, 0.0, 0.0, 0.0

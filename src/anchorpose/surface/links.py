@@ -47,7 +47,7 @@ def add_links(
     return _compress(surface.link_start, surface.link_node, surface.link_length_m, pairs, length_m, count)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _compress(
     own_start: np.ndarray,
     own_node: np.ndarray,
@@ -96,7 +96,7 @@ def pieces(surface: Surface) -> np.ndarray:
     return _connected_pieces(surface.arrays)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _connected_pieces(mesh: MeshArrays) -> np.ndarray:
     """``pieces``, compiled; the root of a piece is its first node.
 
@@ -123,7 +123,7 @@ def _connected_pieces(mesh: MeshArrays) -> np.ndarray:
     return piece
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def unite(root: np.ndarray, one: Any, other: Any) -> None:
     """Join the sets of two nodes under the smaller root; root (n,) int32: a union-find forest."""
     one, other = find_root(root, one), find_root(root, other)
@@ -133,7 +133,7 @@ def unite(root: np.ndarray, one: Any, other: Any) -> None:
         root[one] = other
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def find_root(root: np.ndarray, node: Any) -> Any:
     """The root of a node's set; shortens the path to it. Nodes are int64 here and above: one compilation."""
     while root[node] != node:

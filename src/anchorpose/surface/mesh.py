@@ -160,7 +160,7 @@ def _large_pieces(surface: Surface, patch_m2: np.ndarray, min_piece_m2: float) -
     return np.bincount(piece, weights=patch_m2)[piece] >= min_piece_m2
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _link_ring(
     depth: np.ndarray, index: np.ndarray, pixel: np.ndarray, ring: np.ndarray, step: int, slope: float, spread: float
 ) -> np.ndarray:

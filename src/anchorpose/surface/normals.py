@@ -56,7 +56,7 @@ def _window(depth: np.ndarray, rays: np.ndarray, margin: int) -> tuple[Window, i
     return window, top, left
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _plane_normals(
     window: Window, pixel: np.ndarray, top: int, left: int, radius: int, slope: Any, spread: Any
 ) -> np.ndarray:
@@ -91,13 +91,13 @@ def _plane_normals(
     return normals
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _tap_weight(i: int, j: int, radius: int) -> Any:
     """Weight of a neighbour i rows and j columns away; 0 beyond the window, whose odd rows are taken two by two."""
     return np.float32(1.0 - (i**2 + j**2) / (2.0 * (radius + 1) ** 2)) if j <= radius else np.float32(0.0)
 
 
-@njit(cache=True, fastmath={"contract", "nsz"})
+@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
 def _add_taps(
     window: Window,
     sums: np.ndarray,
@@ -137,7 +137,7 @@ def _add_taps(
         sums[SVW + k] += wva * ia + wvb * ib
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _solve(window: Window, sums: np.ndarray, row: Any, at: Any, count: Any) -> None:
     """Plane a u + b v + c = 1 / z in the camera's own rays; NaN where the pixels seen are one, or a line of them."""
     _, inverse, u, v = window

@@ -15,6 +15,7 @@ from anchorpose.surface.joins import join_pieces, join_rest
 from anchorpose.surface.mesh import build_surface
 from anchorpose.surface.shown_skin import assign_skin, find_ambiguous_skin
 from anchorpose.surface.surface import ExpectedSkin, Surface, SurfaceConfig
+from anchorpose.threads import each
 
 
 def patient_surface(
@@ -30,11 +31,11 @@ def patient_surface(
     cut, and nothing hidden is added.
     """
     config = config or SurfaceConfig()
-    pairs = list(zip(views, cameras, strict=True))
     if expected is None or not config.by_body:
-        return fuse([_bridged_mesh(view, camera, config) for view, camera in pairs], cameras, None, config)
+        bridged = each(lambda view, camera: _bridged_mesh(view, camera, config), views, cameras)
+        return fuse(bridged, cameras, None, config)
     ambiguous = find_ambiguous_skin(expected)
-    meshes = [_cut_mesh(view, camera, expected, ambiguous, config) for view, camera in pairs]
+    meshes = each(lambda view, camera: _cut_mesh(view, camera, expected, ambiguous, config), views, cameras)
     surface = fuse(meshes, cameras, expected, config)
     whole = add_hidden_skin(surface, expected, [view.depth_m for view in views], cameras)
     return join_rest(whole, config.max_join_m)

@@ -24,7 +24,7 @@ def pinhole(camera: Camera) -> Pinhole:
     return Pinhole(T_camera_world, lens_array(camera.intrinsics))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def into_camera(camera: Pinhole, points: np.ndarray, k: int) -> tuple[np.float32, np.float32, np.float32]:
     """Row and column in pixels of one point, and its depth; NaN behind the camera and beyond the lens."""
     T_camera_world, lens = camera.T_camera_world, camera.lens

@@ -71,7 +71,7 @@ class SkinGrid(NamedTuple):
     span_m: float
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _candidates(
     mesh: MeshArrays, pixel: np.ndarray, skin: SkinArrays, ambiguous: np.ndarray, grid: SkinGrid
 ) -> np.ndarray:
@@ -115,7 +115,7 @@ def _candidates(
     return found
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _measure(mesh: MeshArrays, n: int, place: np.ndarray, first: Any, last: Any, squared: np.ndarray) -> None:
     """How far a node is off some skin points, squared, along their normals counting more; inf if turned too far.
 
@@ -133,7 +133,7 @@ def _measure(mesh: MeshArrays, n: int, place: np.ndarray, first: Any, last: Any,
         squared[spot] = away if cosine > MIN_COSINE else np.float32(np.inf)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _window(pixel: np.ndarray, n: int, reach_px: Any, grid: SkinGrid) -> tuple[int, int, int, int]:
     """(top, bottom, left, right), past the last, of the cells within some pixels of a node."""
     row, col, away = int(pixel[n, 0]), int(pixel[n, 1]), int(reach_px) + 1
@@ -142,7 +142,7 @@ def _window(pixel: np.ndarray, n: int, reach_px: Any, grid: SkinGrid) -> tuple[i
     return top, min(bottom, grid.rows), left, min(right, grid.cols)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _sort_into_cells(skin: SkinArrays, camera: Pinhole, rows: int, cols: int) -> SkinGrid:
     """The skin points that face the camera and fall into its depth frame."""
     points, normals = skin.points_m, skin.normals
@@ -175,7 +175,7 @@ def _sort_into_cells(skin: SkinArrays, camera: Pinhole, rows: int, cols: int) ->
     return SkinGrid(start, which, place, rows, cols, NARROWEST * nearest / max(lens[0], lens[1]))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _beside_far_skin(place: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
     """(k,) bool: ``find_ambiguous_skin`` for skin points sorted by their second coordinate.
 

@@ -153,7 +153,7 @@ class ExpectedSkin:
         )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def geodesic_lower_bound(landmarks: np.ndarray, a: Any, b: Any) -> np.float32:
     """Lower bound of the distance of two skin points along the body's mesh, by the triangle inequality.
 
